@@ -1,6 +1,6 @@
 """The referee of constrained multibody dynamics: problems with exact references, solvers, metrics, verdicts.
 
-All that a problem, a solver or a notebook needs is here; what stands below (``mbsbench.harness`` and the rest) may
+All that a problem, a solver or a notebook needs is here; the packages below (``mbsbench.harness`` and the rest) may
 change. Names are loaded when they are first used.
 """
 
@@ -60,9 +60,9 @@ if TYPE_CHECKING:
     from .solvers.formulations.compiled.public import equations as equations
     from .solvers.formulations.compiled.public import project as project
 
-machine.pin()  # before NumPy loads, where it has not yet
+machine.pin_arithmetic()  # before NumPy loads, if it has not yet
 
-_HOMES = {  # the same list for the interpreter, which loads none before it is asked for
+_HOMES = {  # the names above for the interpreter, which loads each on first use
     "api": ("Results", "Run", "load", "scipy", "solve"),
     "catalogue.functions": ("StepFailed", "rhs", "step"),
     "catalogue.options": ("Parameter", "option"),
@@ -82,12 +82,14 @@ _HOMES = {  # the same list for the interpreter, which loads none before it is a
     "solvers.formulations.compiled.public": ("accelerations", "equations", "project"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
-__all__ = sorted(_HOME)  # noqa: PLE0605
+__all__ = sorted(_HOME)  # noqa: PLE0605  made of the names above, so that no list is kept twice
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name in ("Problem", "make_problem"):  # the first that a notebook may show; solve and load do so themselves
+        import_module(".notebook", __name__)
     home = _HOME[name]
     path = f".{home}" if home.startswith(("api", "solvers.")) else f".harness.{home}"
     found = import_module(path, __name__)

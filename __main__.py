@@ -1,4 +1,4 @@
-"""``python -m mbsbench``: the command line, where the command ``mbsbench`` is not on the path."""
+"""Run the command line by ``python -m mbsbench``, for when the command ``mbsbench`` is not on the path."""
 
 from .cli.__main__ import command_line
 

@@ -1,19 +1,16 @@
-"""``mbsbench.solve`` and ``mbsbench.load``: runs in a notebook or script, measured by the code that measures all runs.
+"""Provide ``mbsbench.solve`` and ``mbsbench.load``: runs in a notebook or script, measured as all runs are.
 
-``solve`` runs in this process: what the solver raises is raised here, and no limit on memory or time ends it.
+``solve`` runs in this process: an exception of the solver is raised here, and no limit on memory or time ends it.
 """
 
 import dataclasses
 import json
 import math
-import sys
 import tempfile
-import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,65 +18,68 @@ from threadpoolctl import threadpool_limits
 
 from .harness import machine
 from .harness.catalogue import registry
-from .harness.catalogue.options import nearest
+from .harness.catalogue.options import suggest_name
+from .harness.confined_paths import ConfinedPath
 from .harness.execution.job import Job
-from .harness.execution.kept_series import series_of
+from .harness.execution.kept_series import build_series
 from .harness.execution.measuring import Outcome, judge_handover
+from .harness.execution.progress_line import ProgressLine, ProgressSpool
 from .harness.execution.run_file import read_run, write_run
 from .harness.execution.warmup import runs_to_warm, warm
 from .harness.execution.worker import solve as solve_here
 from .harness.mechanics.consistency import check_start
 from .harness.mechanics.moving_rows import check_lengths
-from .harness.mechanics.state import States
 from .harness.metrics.measure import measure
-from .harness.places import Place
 from .harness.results import environment, store
-from .harness.results.codes import code_of
+from .harness.results.codes import digest_run_code
+from .harness.results.naming import format_name
 from .harness.results.records import RunRecord
 from .harness.results.series import Series, write_series
-from .harness.results.words import error_words, why
+from .harness.results.words import error_words
 from .harness.suites.spec import RunSpec, check_step, step_control
 from .harness.types import Problem, Solver, Status, Trajectory
+from .notebook import show_results, show_run
 
 if TYPE_CHECKING:
-    import numpy as np
     import pandas as pd
     from matplotlib.figure import Figure
 
-EVERY = 3.0  # [s] between two lines on how far a solve has come
-PLOTTED = ("energy", "phi", "phi-dot", "step", "position")  # plots of the reports, by name
+PLOTTED = ("energy", "phi", "phi-dot", "step", "position")  # those of the reports' plots that Run.plot draws
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Run:
-    """A run: its record, its series over time and, unless it is read from a results folder, its trajectory."""
+    """A run: its record, its time histories and, unless it was read from a results folder, its trajectory."""
 
     record: RunRecord
     trajectory: Trajectory | None = None
-    kept: Series | Path | None = None  # its series, or the results folder that has them
-    given: Problem | None = None  # the problem that was solved; None takes that of the catalogue
+    kept: Series | Path | None = None  # its series, or the results folder that holds it
+    given: Problem | None = None  # the problem that was solved; None for that of the catalogue
 
     @property
     def status(self) -> Status:
-        """The status, after the motion was judged."""
+        """The status that the harness gave the run when it judged the motion, not the one that the solver claimed."""
         return Status(self.record.status)
 
     @cached_property
     def problem(self) -> Problem:
-        """The problem that was solved."""
+        """The problem that was solved; made from the catalogue by the record's parameters if it was not given."""
         return self.given or registry.make_problem(self.record.problem, json.loads(self.record.problem_parameters))
 
     @cached_property
     def series(self) -> Series | None:
-        """Scalars over time by name: ``run.series["energy_error"]`` at ``run.series["t"]``; None if refused."""
+        """Scalars over time by name: ``run.series["energy_error"]`` at ``run.series["t"]``; None without any step."""
         if isinstance(self.kept, Path):
-            return store.series_of(self.kept, self.record)
+            return store.read_run_series(self.kept, self.record)
         if self.kept is None and self.trajectory is not None:
-            return series_of(self.problem, self.trajectory, measure(self.problem, self.trajectory))
+            return build_series(self.problem, self.trajectory, measure(self.problem, self.trajectory))
         return self.kept
 
     def save(self, path: str | Path) -> None:
-        """Write the file that ``mbsbench solve`` writes; ``load`` reads it."""
+        """Write the run to an NPZ file, as ``mbsbench solve`` does; ``load`` reads it.
+
+        Raise ValueError if the run has no trajectory (refused, or read from a results folder), or for another suffix.
+        """
         if self.trajectory is None:
             raise ValueError(f"{self.record.case} has no trajectory to save: {_explain_missing(self.record)}")
         if Path(path).suffix != ".npz":
@@ -87,11 +87,24 @@ class Run:
         measured = measure(self.problem, self.trajectory)
         write_run(Path(path), Outcome(self.record, self.problem, self.trajectory, measured))
 
-    def plot(self) -> "Figure":
-        """Energy error, constraint norms, position error (where the exact motion is known) and step over time."""
-        if self.series is None:
-            raise ValueError(f"{self.record.case} has no series to plot: {_explain_missing(self.record)}")
-        return _draw_figure(self.record, self.series)
+    def plot(self, *others: "Run") -> "Figure":
+        """Plot energy error, constraint norms, position error and step over time, with ``others`` of the same problem.
+
+        Each line is named by its solver and setting. The position error needs a reference. Raise ValueError for a run
+        without time histories, or with other parameters of the problem than this one; end times may differ.
+        """
+        drawn = []
+        for run in (self, *others):
+            if not isinstance(run, Run):
+                raise ValueError(f"plot takes runs (got {_describe_kind(run)})")
+            if run.series is None:
+                raise ValueError(f"{run.record.case} has no series to plot: {_explain_missing(run.record)}")
+            if _describe_motion(run) != _describe_motion(self):
+                raise ValueError(
+                    f"plot takes runs of one problem (got {_describe_motion(self)} and {_describe_motion(run)})"
+                )
+            drawn.append((run.record, run.series))
+        return _draw_figure(drawn)
 
     def __repr__(self) -> str:
         r = self.record
@@ -101,34 +114,29 @@ class Run:
         return f"<Run {r.case}: {', '.join([r.status, *(words if r.steps else [r.message])])}>"
 
     def _repr_html_(self) -> str:
-        """A table for a notebook, with the reasons why the run is no success."""
-        r = self.record
-        drift = "" if math.isnan(r.energy_drift_max_J) else f"{r.energy_drift_max_J:.3g} J"
-        cpu = "" if math.isnan(r.cpu_median_s) else f"{r.cpu_median_s:.3g} s"
-        reasons = "" if self.status is Status.SUCCESS else "; ".join(why(r))
-        reached = f"{r.t_reached_s:g} of {r.t_end_s:g} s in {r.steps} steps"
-        rows = {"status": r.status, "because": reasons, "reached": reached, "energy drift": drift,
-                "error": error_words(r), "CPU time": cpu}  # fmt: skip
-        cells = "".join(f"<tr><th>{name}</th><td>{escape(said)}</td></tr>" for name, said in rows.items() if said)
-        return f"<table><caption>{escape(r.case)}</caption>{cells}</table>"
+        return show_run(self.record)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Results:
-    """The runs of a results folder."""
+    """The runs read from a results folder."""
 
     folder: Path
     runs: tuple[Run, ...]
-    unreadable: tuple[store.Unreadable, ...]  # files that are damaged or of another version, with the reason
+    unreadable: tuple[store.UnreadableFile, ...]  # damaged files or files of another version, with the reason
 
     def table(self) -> "pd.DataFrame":
-        """One row a run, the columns of ``RunRecord``."""
+        """Return one row per run, with the columns of ``RunRecord``."""
         return store.table(run.record for run in self.runs)
 
     def __repr__(self) -> str:
         count = {str(s): sum(run.status is s for run in self.runs) for s in Status}
         words = ", ".join(f"{n} {status}" for status, n in count.items() if n)
         return f"<Results {self.folder}: {len(self.runs)} runs{f' ({words})' if words else ''}>"
+
+    def _repr_html_(self) -> str:
+        unreadable = {item.path.name: item.why for item in self.unreadable}
+        return show_results(str(self.folder), [run.record for run in self.runs], unreadable)
 
 
 def solve(
@@ -143,9 +151,15 @@ def solve(
     t_end: float | None = None,
     **options: Any,
 ) -> Run:
-    """Run ``solver`` (a name, a class marked ``@solver``, or an instance of one) on ``problem`` and measure its motion.
+    """Run ``solver`` on ``problem`` in this process, and measure and judge its motion.
 
-    Without ``dt`` [s] or ``rtol`` the problem's step or 1e-8. The solver stops itself at ``cpu_limit`` [s].
+    ``solver`` is a name, a class marked ``@solver``, or an instance of one; ``options`` are the solver's own. Without
+    ``dt`` [s] or ``rtol`` the problem's step or 1e-8 is used; ``max_step`` [s] bounds the steps under error control,
+    ``t_end`` [s] replaces the problem's end time. The solver stops itself after ``max_steps``, and at ``cpu_limit``
+    [s].
+
+    A run that fails is returned with its status and its steps; a wrong call raises ValueError, a fault in the solver
+    whatever it raises.
     """
     _warn_of_own_bits()
     variant = _resolve_problem(problem, t_end)
@@ -153,71 +167,51 @@ def solve(
     entry, made = _resolve_solver(solver, options, variant, list(given))
     steps = step_control(entry.name, entry.control, variant, {k: v for k, v in given.items() if v is not None})
     check_step(steps.dt if dt is not None else None, variant.t_end)
-    control = dataclasses.replace(steps, cpu_limit=cpu_limit, spool=_Progress(variant) if _is_watched() else None)
     limits: dict[str, Any] = {"cpu_limit": cpu_limit or math.inf, "memory": math.inf}
     spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), entry.changed_options(made), **limits)
     if cpu_limit is not None:  # compile before its clock starts
         warm(runs_to_warm([spec]))
-    job = Job(spec, Path(), "", code_of(variant.name, entry.name), environment.commit())
-    with threadpool_limits(1):
-        handover = solve_here(variant, made, control)
+    job = Job(spec, Path(), "", digest_run_code(variant.name, entry.name), environment.commit())
+    with threadpool_limits(1), ProgressLine() as line:
+        spool = ProgressSpool(variant, line) if line.watched else None
+        handover = solve_here(variant, made, dataclasses.replace(steps, cpu_limit=cpu_limit, spool=spool))
     outcome = judge_handover(job, variant, handover)
     record, trajectory, m = dataclasses.replace(outcome.record, stderr=""), outcome.trajectory, outcome.measured
-    series = None if trajectory is None or m is None else series_of(variant, trajectory, m)
+    series = None if trajectory is None or m is None else build_series(variant, trajectory, m)
     return Run(record, trajectory, series, variant)
 
 
-class _Progress:
-    """Prints how far a solve has come, where somebody watches; it keeps no steps."""
-
-    def __init__(self, problem: Problem) -> None:
-        self.rows, self._problem, self._last = 0, problem, time.monotonic()
-
-    def due(self) -> bool:
-        """Whether it is time for another line."""
-        return time.monotonic() - self._last > EVERY
-
-    def take(self, t: "np.ndarray | list[float]", states: States) -> None:
-        """Print where the motion is."""
-        self.rows, self._last = self.rows + len(t), time.monotonic()
-        if len(t):
-            sys.stderr.write(f"{self._problem.name}: t = {t[-1]:.4g} of {self._problem.t_end:g} s\n")
-
-
-def _is_watched() -> bool:
-    """Whether this is a notebook or a terminal, not a script whose output goes to a file."""
-    return "ipykernel" in sys.modules or bool(sys.stderr and sys.stderr.isatty())
-
-
 def load(path: str | Path, problem: Problem | None = None) -> Run | Results:
-    """The run in an NPZ file, or the runs of a results folder, given by its path or its name in ``results/local``.
+    """Load the run in an NPZ file, or the runs of a results folder, given by its path or its name in ``results/local``.
 
-    A problem that is not in the catalogue has to be given again: its file names it only.
+    A ``problem`` that is not in the catalogue has to be passed again: the file only names it. Raise ValueError if
+    ``path`` is neither.
     """
     if Path(path).suffix == ".npz":
         record, trajectory = read_run(Path(path))
         return Run(record, trajectory, given=problem)
     for folder in (Path(path), store.LOCAL / path):
-        if (Place(folder) / "runs").is_folder():
+        if (ConfinedPath(folder) / "runs").is_folder():
             loaded = store.load(folder, check_series=False)
             return Results(folder, tuple(Run(r, kept=folder) for r in loaded.records), loaded.unreadable)
     raise ValueError(f"{path} is neither an .npz file nor a results folder")
 
 
 def scipy(method: str, **options: Any) -> Solver:
-    """The strong form by a method of scipy: RK23, RK45, DOP853, Radau, BDF or LSODA."""
+    """Return a solver of the strong form, Eq. (65), by a method of scipy: RK23, RK45, DOP853, Radau, BDF or LSODA."""
     return registry.make_solver("scipy_strong_form", {"method": method, **options})
 
 
 @cache
 def _warn_of_own_bits() -> None:
-    """Say once where NumPy was loaded before this package, too early for the pin of its arithmetic."""
+    """Warn once if runs have the bits of this processor, e.g. as NumPy was loaded before it could be pinned."""
     if words := machine.explain_deviations():
         remedy = ": import mbsbench before numpy and numba" if machine.variables() else ""
         warnings.warn(words + remedy, stacklevel=3)
 
 
 def _resolve_problem(given: str | Problem, t_end: float | None) -> Problem:
+    """Return the problem of that name, or the given one with its start checked; ``t_end`` [s] replaces its end time."""
     if t_end is not None and not 0.0 < t_end < math.inf:
         raise ValueError(f"t_end must be a finite number > 0 [s] (got {t_end!r})")
     changes: dict[str, Any] = {} if t_end is None else {"t_end": float(t_end)}
@@ -233,13 +227,16 @@ def _resolve_problem(given: str | Problem, t_end: float | None) -> Problem:
 def _resolve_solver(
     given: "str | Solver | type[Solver]", options: Mapping[str, Any], variant: Problem, controls: list[str]
 ) -> tuple[registry.SolverEntry, Solver]:
-    """The solver, with its entry: a class or an instance need not be in the catalogue."""
+    """Return the solver with its catalogue entry; a class or an instance need not be in the catalogue.
+
+    Raise ValueError for an unknown option; ``controls`` are the arguments of ``solve``, to be suggested in its place.
+    """
     if not isinstance(given, str | type):
         if options:
             raise ValueError(f"give the options to {type(given).__name__}(...) (got {', '.join(options)})")
         return registry.solver_entry(type(given)), given
     if isinstance(given, str):
-        entry = registry.entry_of("solver", given, registry.solvers())
+        entry = registry.find_entry("solver", given, registry.solvers())
     else:
         entry = registry.solver_entry(given)
     known = registry.problems().get(variant.name)
@@ -247,38 +244,55 @@ def _resolve_solver(
         if known and key in known.parameters and key not in entry.parameters:
             raise ValueError(f"{key} is a parameter of the problem: make_problem({variant.name!r}, {{{key!r}: ...}})")
         if key not in entry.parameters:
-            raise ValueError(f"solver {entry.name} has no option {key!r}{nearest(key, [*entry.parameters, *controls])}")
+            raise ValueError(
+                f"solver {entry.name} has no option {key!r}{suggest_name(key, [*entry.parameters, *controls])}"
+            )
     return entry, entry.make_solver(options)
 
 
-def _draw_figure(record: RunRecord, series: Series) -> "Figure":
-    """Drawn by the reports, from a results folder with this run alone."""
-    from .reports.model.motion import motion_of
+def _draw_figure(given: list[tuple[RunRecord, Series]]) -> "Figure":
+    """Draw these runs as the reports do: write them to a temporary results folder and plot from there."""
+    from .reports.model.motion import read_curves
     from .reports.model.results import read_results
     from .reports.plots.laws import Drawing, errors, laws
     from .reports.plots.lines import all_lines, shared_options
     from .reports.plots.paper import figure, style
-    from .reports.plots.spec import looks
+    from .reports.plots.spec import choose_styles
 
     with tempfile.TemporaryDirectory() as place:
         folder = store.create(Path(place))
-        place = f"series/{record.run_id}.npz"
-        digest = write_series(Place(folder) / place, series)
-        store.write_record(folder, dataclasses.replace(record, series=place, series_sha256=digest, stderr=""))
+        for k, (record, series) in enumerate(given):
+            name = f"{k}"  # one run may be given twice, e.g. before and after its solver was changed
+            place = f"series/{name}.npz"
+            digest = write_series(ConfinedPath(folder) / place, series)
+            kept = dataclasses.replace(
+                record, run_id=name, settings_id=name, series=place, series_sha256=digest, stderr=""
+            )
+            store.write_record(folder, kept)
         results = read_results(folder)
-        (run,) = results.runs
-        motions = {record.run_id: motion_of(run, results.series(run))}
-        drawing = Drawing([run], all_lines([run], shared_options([run])), motions)
+        runs = sorted(results.runs, key=lambda run: int(run.record.run_id))
+        motions = {run.record.run_id: read_curves(run, results.series(run)) for run in runs}
+    drawing = Drawing(runs, all_lines(runs, shared_options(runs)), motions)
     chapters = [c for c in (laws(drawing), errors(drawing)) if c]
     with style():
-        return figure([p for c in chapters for p in c.plots if p.name in PLOTTED], looks([record.solver]))
+        return figure(
+            [p for c in chapters for p in c.plots if p.name in PLOTTED], choose_styles({r.solver for r, _ in given})
+        )
+
+
+def _describe_motion(run: Run) -> str:
+    """Name the problem with its parameters except the end time: runs that agree in this may share a plot."""
+    parameters = json.loads(run.record.problem_parameters)
+    return format_name(run.record.problem, {k: v for k, v in parameters.items() if k != "t_end"})
 
 
 def _explain_missing(record: RunRecord) -> str:
+    """Explain why the run of a record has no trajectory or time histories."""
     if record.status == Status.REFUSED:
         return f"refused, {record.message}"
     return "it is a run of a results folder" if record.series else f"{record.status}, {record.message}"
 
 
 def _describe_kind(given: object) -> str:
+    """Name the type of a wrong argument in an error message; a function or class is to be called first."""
     return "a function: call it" if callable(given) else type(given).__name__

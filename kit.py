@@ -1,7 +1,7 @@
-"""``mbsbench.kit``: an engine's own tests step its model of our problems and get pass or fail (docs/engines.md).
+"""Check an engine's model of our problems, stepped by the engine's own tests (``mbsbench.kit``, docs/engines.md).
 
-``kit.check(case, motion, order=..., precision=...)`` for each of ``kit.CASES``; in a terminal
-``python -m mbsbench.kit FILE.py:FUNCTION [CASE ...]``.
+Call ``kit.check(case, motion, order=..., precision=...)`` for each of ``kit.CASES``, or in a terminal ``python -m
+mbsbench.kit FILE.py:FUNCTION [CASE ...]``.
 """
 
 import argparse
@@ -11,13 +11,13 @@ from pathlib import Path
 
 from .harness.kit.cases import CASES
 from .harness.kit.model import Model
-from .harness.kit.verdict import UNIT, EngineFailure, Passed, check
+from .harness.kit.verdict import UNIT, EngineFailure, PassedCheck, check
 
-__all__ = ["CASES", "EngineFailure", "Model", "Passed", "check"]
+__all__ = ["CASES", "EngineFailure", "Model", "PassedCheck", "check"]
 
 
 def main() -> int:
-    """Check an engine from a terminal: 0 where all cases pass, 1 where one fails, 2 for a wrong call."""
+    """Check an engine from a terminal; return 0 if all cases pass, 1 if one fails, 2 for a wrong call."""
     parser = argparse.ArgumentParser("python -m mbsbench.kit", description="Check an engine's motion on our cases.")
     parser.add_argument("motion", metavar="FILE.py:FUNCTION", help="yields r, q, v, omega of all bodies, step by step")
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)} (default: all)")
@@ -39,10 +39,10 @@ def main() -> int:
             passed = check(case, getattr(module, function), order=given.order, precision=given.precision, dt=given.dt)
             law, share = max(passed.shares.items(), key=lambda x: x[1])
             words = f"at most {share:.2g} of what is allowed ({law}); rounding alone: {passed.rounding:.2g} m"
-            print(f"{case}: passed, {words}")  # noqa: T201
+            print(f"{case}: passed, {words}")  # noqa: T201  its output is the answer
         except EngineFailure as error:
             failed += 1
-            print(error)  # noqa: T201
+            print(error)  # noqa: T201  its output is the answer
         except ValueError as error:
             parser.error(f"{case}: {error}")
     return int(failed > 0)

@@ -1,1 +1,1 @@
-"""The subcommands, one file each."""
+"""Define the subcommands, one file each."""

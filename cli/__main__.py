@@ -1,4 +1,4 @@
-"""``mbsbench``, the command line. Exit code 0: done, 1: a run or gate failed, 2: wrong call (one line)."""
+"""Run ``mbsbench``, the command line; exit code 0: done, 1: a run or gate failed, 2: wrong call (one line)."""
 
 import contextlib
 import io
@@ -8,11 +8,11 @@ import sys
 from importlib import import_module
 from typing import NoReturn
 
-if not hasattr(os, "fork"):  # before the imports below fail, one by one, on what Windows does not have
+if not hasattr(os, "fork"):  # before the imports below fail one by one on modules that Windows lacks
     sys.exit("error: mbsbench runs solvers in forked processes, which Windows does not have: use WSL")
 
 from ..harness import machine
-from ..harness.catalogue.options import nearest
+from ..harness.catalogue.options import suggest_name
 from ..harness.sandbox.isolation import end_with
 from .commands import add_commands
 from .parser import UsageError, top_parser
@@ -22,17 +22,20 @@ INTERRUPTED = {
     "gate": "interrupted; nothing was judged",
 }
 OWN_MESSAGE = ("solve",)
-JUDGING = ("gate",)  # whose exit code 0 is a verdict
+JUDGING = ("gate",)  # commands whose exit code 0 is a verdict
 
 os.environ.update(machine.THREADS)  # before NumPy is loaded, which reads them once
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Parse and run a subcommand; returns the exit code. Without one, or with --help, the list of commands: 0."""
+    """Parse and run a subcommand; return the exit code.
+
+    Without a subcommand, or with --help, the list of commands is printed and 0 returned.
+    """
     words = sys.argv[1:] if arguments is None else arguments
     command = ""
-    if "--native" in words:  # now: NumPy reads its environment when a command loads it
-        machine.unpin()
+    if "--native" in words:  # before a command loads NumPy, which reads its environment once
+        machine.unpin_arithmetic()
     try:
         parser, commands = top_parser()
         add_commands(commands)
@@ -45,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
             sys.stdout.write(describe_version(words[1:]))
             return 0
         if words[0] not in commands.choices:
-            raise UsageError(f"no command is called {words[0]!r}{nearest(words[0], list(commands.choices))}")
+            raise UsageError(f"no command is called {words[0]!r}{suggest_name(words[0], list(commands.choices))}")
         parsed = parser.parse_args(words)
         command = parsed.command
         return int(import_module(f".{command}", __package__).run(parsed))
@@ -62,16 +65,16 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _explain(error: Exception) -> tuple[int, str]:
-    """Exit code and words of an error that is the user's, or the machine's; any other is raised."""
-    if isinstance(error, ValueError):  # UsageError, FileError, and those of the registry
+    """Return exit code and message of an error caused by the user or the machine; raise any other."""
+    if isinstance(error, ValueError):  # UsageError, FileError, and errors of the registry
         return 2, str(error)
-    if isinstance(error, OSError):  # a full disk, a folder that may only be read, a name too long, a link in results
+    if isinstance(error, OSError):  # a full disk, a read-only folder, a name too long, a link in results
         where = f"{error.filename}: " if error.filename is not None else ""
         return 2, f"{where}{error.strerror or error}"
     if isinstance(error, RecursionError):
         return 2, "a file is nested too deeply to be read"
     from ..harness.execution.pool import PoolError  # here: it takes half a second, which --help does not need
-    from ..harness.sandbox.apart import NotBegunError
+    from ..harness.sandbox.forked_process import NotBegunError
 
     if isinstance(error, PoolError | NotBegunError):
         return 1, str(error)
@@ -79,11 +82,12 @@ def _explain(error: Exception) -> tuple[int, str]:
 
 
 def _exit_on_signal(number: int, frame: object) -> NoReturn:
-    raise SystemExit(128 + number)  # through every ``finally``: child processes end, no file is left half-written
+    """Raise SystemExit with the exit code that a shell gives for a signal."""
+    raise SystemExit(128 + number)  # runs every ``finally``: child processes end, no file stays half-written
 
 
 def command_line() -> NoReturn:
-    """The command ``mbsbench``."""
+    """Run the command ``mbsbench`` and exit."""
     signal.signal(signal.SIGTERM, _exit_on_signal)
     _open_streams()
     for stream in (sys.stdout, sys.stderr):
@@ -94,6 +98,7 @@ def command_line() -> NoReturn:
 
 
 def _run_main() -> int:
+    """Run ``main`` and flush its output; return its exit code, or that of a closed pipe if the reader has gone."""
     code = main()
     try:
         sys.stdout.flush()
@@ -103,7 +108,10 @@ def _run_main() -> int:
 
 
 def _judge_apart() -> int:
-    """Run the command in a child: what it loads of others may leave by ``os._exit(0)``, which is no verdict."""
+    """Run the command in a child process and return its exit code, or 1 if the child ended without reporting one.
+
+    Code of others that the command loads may call ``os._exit(0)``, which would pass for a verdict.
+    """
     sys.stdout.flush()
     read, write = os.pipe()
     parent = os.getpid()
@@ -111,11 +119,11 @@ def _judge_apart() -> int:
     if not child:
         os.close(read)
         end_with(parent, signal.SIGTERM)
-        os.write(write, bytes([_run_main() & 255]))  # what is registered for the end of the process comes after it
+        os.write(write, bytes([_run_main() & 255]))  # before handlers registered for the end of the process
         return 0
     os.close(write)
-    os.set_blocking(read, False)  # a process that it left may hold the other end
-    for name in (signal.SIGINT, signal.SIGTERM):  # a terminal sends the first to the child, too, which ends in order
+    os.set_blocking(read, False)  # a process left behind may hold the other end
+    for name in (signal.SIGINT, signal.SIGTERM):  # a terminal sends SIGINT to the child, too, which ends in order
         signal.signal(name, lambda number, frame: _pass_on(child, number))
     status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     with contextlib.suppress(BlockingIOError):
@@ -127,24 +135,25 @@ def _judge_apart() -> int:
 
 
 def _pass_on(child: int, number: int) -> None:
+    """Pass a SIGTERM on to the child; a SIGINT of the terminal reaches it without help."""
     if number == signal.SIGTERM:
         with contextlib.suppress(ProcessLookupError):
             os.kill(child, number)
 
 
 def _open_streams() -> None:
-    """Open what a caller has closed of standard input, output and error, so that no file of ours takes their place."""
+    """Open those of stdin, stdout and stderr that the caller closed, so that no other file takes their descriptors."""
     for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(descriptor)
         except OSError:
-            opened = os.open(os.devnull, os.O_RDWR)  # the lowest that is free
+            opened = os.open(os.devnull, os.O_RDWR)  # takes the lowest free descriptor
             os.set_inheritable(opened, True)
             setattr(sys, name, os.fdopen(opened, "r" if descriptor == 0 else "w", closefd=False))
 
 
 def _leave_pipe() -> int:
-    """Let nothing more be written into the pipe whose reader is gone; return the exit code of a closed pipe."""
+    """Redirect standard output away from the closed pipe; return the exit code of a closed pipe."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     return 128 + signal.SIGPIPE
 

@@ -1,4 +1,4 @@
-"""``advise``: the cheapest solver and setting that meet an error on a problem, from runs made now or earlier."""
+"""Find the cheapest solver and setting that meet an error on a problem, from new or earlier runs (``advise``)."""
 
 import argparse
 import json
@@ -11,10 +11,10 @@ from pathlib import Path
 from rich.text import Text
 
 from ..harness.catalogue import registry
-from ..harness.catalogue.mechanism import Mechanism
-from ..harness.execution.costs import expect, select_quick
+from ..harness.catalogue.mechanism import MechanismFile
+from ..harness.execution.costs import predict_times, select_quick
 from ..harness.execution.runner import Request
-from ..harness.races.cheapest import Candidate, cost_of, rank
+from ..harness.races.cheapest import Candidate, compute_cost, rank
 from ..harness.reference.computation import is_computable
 from ..harness.results import store
 from ..harness.results.naming import format_name
@@ -25,7 +25,7 @@ from ..harness.suites.suite import Suite
 from ..harness.types import Problem
 from .arguments import UsageError, count_jobs, load_problem, parse_assignments
 from .commands import CONTROL
-from .progress import announce, run_watched
+from .progress import announce_suite, run_watched
 from .terminal import (
     Column,
     error_console,
@@ -39,13 +39,18 @@ from .terminal import (
 from .version import ADD_ENGINES
 
 ROUNDS = 6
-TYPICAL = 3  # settings of a solver that are tried until it meets the error, of at most ROUNDS
-LARGE = 0.1  # of the reach: what is off by more is called inaccurate
-OWN = 3.0  # times the stated error of the reference: nothing is judged below
+TYPICAL = 3  # typical number of settings, of at most ROUNDS, until a solver meets the error
+LARGE = 0.1  # fraction of the reach: larger errors are called inaccurate
+OWN = 3.0  # least error that is judged, in units of the reference's stated error
 COLUMNS = (
-    Column("solver", right=False), Column("setting", right=False), Column("motion error [m]"), Column("CPU [s]"),
-    Column("factor"), Column("steps", rank=1), Column("why not", fold=True, rank=2),
-)  # fmt: skip
+    Column("solver", right=False),
+    Column("setting", right=False),
+    Column("motion error [m]"),
+    Column("CPU [s]"),
+    Column("factor"),
+    Column("steps", rank=1),
+    Column("why not", fold=True, rank=2),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -54,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     error, budget = arguments.error, arguments.budget
     problem = make_problem(name, parameters)
     for solver in arguments.solver:
-        registry.entry_of("solver", solver, registry.solvers())
+        registry.find_entry("solver", solver, registry.solvers())
     options = _read_options(arguments)
     if arguments.results:
         candidates = _read_candidates(arguments.results, problem, error, arguments.solver)
@@ -67,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _read_options(arguments: argparse.Namespace) -> dict[str, str]:
-    """Return the options of --set, checked."""
+    """Return the solver options given by --set, after checking that the one solver takes them."""
     options = parse_assignments(arguments.set, "--set")
     if options and (len(arguments.solver) != 1 or arguments.results):
         raise UsageError("--set is for the runs of one --solver: name it, and leave --from out")
@@ -80,17 +85,22 @@ def _read_options(arguments: argparse.Namespace) -> dict[str, str]:
 
 
 def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float, size: int, *, quiet: bool) -> None:
-    """Run settings, a round of all solvers at a time; before, one of those that are there at once."""
+    """Run settings of the candidates in rounds, each choosing its next one; the runs are added to the candidates.
+
+    A first round is of the solvers that need no compilation. The search ends when no candidate has a next setting,
+    after ``ROUNDS``, or when the CPU time of all runs divided by ``size`` exceeds ``budget`` [s]. Raise UsageError
+    without a reference.
+    """
     problem = candidates[0].problem
     is_known = not problem.literal_start and is_computable(problem.system)
-    if not is_known and problem.reference() is None:  # asked only where needed: it may take seconds to compute
+    if not is_known and problem.reference() is None:  # evaluated last: a reference may take seconds to compute
         raise UsageError(f"{problem.name} has no reference: no error is known; compare solvers with mbsbench run")
     first = [s for c in candidates if (s := c.next_spec()) is not None]
     quick = select_quick(first)
     early = [c for c in candidates if c.solver in quick]
     rounds = [*([early] if 0 < len(early) < len(candidates) else []), *[candidates] * ROUNDS]
     if not quiet:
-        announce(describe_plan(first, size), error_console())
+        announce_suite(describe_plan(first, size), error_console())
     with tempfile.TemporaryDirectory() as place:
         for k, chosen in enumerate(rounds):
             asked = {s.settings_id: (c, s) for c in chosen if (s := c.next_spec()) is not None}
@@ -108,14 +118,14 @@ def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float
 
 
 def describe_plan(first: Sequence[RunSpec], size: int) -> str:
-    """Return what will be done, and how long it takes here."""
-    one = expect(first, size)
+    """Describe how many settings will be run, and how long that takes here; ``first`` are the runs of one round."""
+    one = predict_times(first, size)
     whole = replace(one, loading=ROUNDS * one.loading, runs={k: TYPICAL * x for k, x in one.runs.items()})
     return f"{plural(len(first), 'solver')}, up to {ROUNDS} settings of each, {size} at a time: {whole.words}"
 
 
 def _print_so_far(ranked: list[Candidate], of: int, *, first: bool) -> None:
-    """Print the first table, then how it got better, on standard error."""
+    """Print on standard error how many of ``of`` solvers meet the error: the first time a table, then the cheapest."""
     meeting = [c for c in ranked if c.best]
     words = f"so far {len(meeting)} of {plural(of, 'solver')} meet it"
     if first and meeting:
@@ -126,12 +136,15 @@ def _print_so_far(ranked: list[Candidate], of: int, *, first: bool) -> None:
 
 
 def _cpu_without_code(r: RunRecord) -> float:
-    """CPU time [s] of a run's process, which no machine's empty cache makes longer."""
+    """Return the CPU time of a run's process without compilation, which depends on the cache [s]."""
     return r.cpu_process_s - (0.0 if math.isnan(r.code_s) else r.code_s)
 
 
 def _read_candidates(folder: Path, problem: Problem, error: float, solvers: list[str]) -> list[Candidate]:
-    """A candidate for each solver with its options that ran the problem in ``folder``."""
+    """Return a candidate for each solver and its options that ran this problem in the results ``folder``.
+
+    Only ``solvers`` are considered, or all if there are none; raise UsageError if no run is found.
+    """
     parameters = json.loads(json.dumps(dict(problem.parameters), default=list))
     found: dict[tuple[str, str], list[RunRecord]] = {}
     for r in store.newest(store.load(folder, check_series=False).records):
@@ -144,6 +157,10 @@ def _read_candidates(folder: Path, problem: Problem, error: float, solvers: list
 
 
 def _report(candidates: list[Candidate], error: float, *, as_json: bool) -> int:
+    """Print the ranked candidates as a table or as JSON; return 0 if one meets the error [m], else 1.
+
+    Raise UsageError if the error is too small to be judged by the reference.
+    """
     own = max((r.reference_own_error_judged_m for c in candidates for r in c.runs if r.reference), default=0.0)
     if OWN * own > error:
         raise UsageError(f"--error must be at least {OWN * own:.2g} m: the reference's own is {own:.2g} m")
@@ -152,9 +169,21 @@ def _report(candidates: list[Candidate], error: float, *, as_json: bool) -> int:
     if as_json:
         for c in candidates:
             r = c.best or c.closest
-            print_json({"solver": c.solver, "case": r.case, "meets": bool(c.best), "status": r.status, "dt_s": r.dt_s,
-                        "rtol": r.rtol, "motion_error_m": r.motion_error_judged_m, "cpu_s": r.cpu_median_s,
-                        "steps": r.steps, "reach_m": r.length_scale_m, "why_not": c.why_not})  # fmt: skip
+            print_json(
+                {
+                    "solver": c.solver,
+                    "case": r.case,
+                    "meets": bool(c.best),
+                    "status": r.status,
+                    "dt_s": r.dt_s,
+                    "rtol": r.rtol,
+                    "motion_error_m": r.motion_error_judged_m,
+                    "cpu_s": r.cpu_median_s,
+                    "steps": r.steps,
+                    "reach_m": r.length_scale_m,
+                    "why_not": c.why_not,
+                }
+            )
     else:
         below = [f"cheapest: {best.case}" if best else "no solver meets it", "factors of CPU time below 1.5 say little"]
         below += [*_describe_reach(candidates, error), *_describe_settings(candidates)]
@@ -164,7 +193,7 @@ def _report(candidates: list[Candidate], error: float, *, as_json: bool) -> int:
 
 
 def _describe_reach(candidates: list[Candidate], error: float) -> list[str]:
-    """Return a line on what share of the motion the error is; a large one asks for nothing."""
+    """Return a line with the error [m] as a percentage of the farthest motion of a body; it warns if that is large."""
     reach = max((r.length_scale_m for c in candidates for r in c.runs if r.length_scale_m > 0.0), default=0.0)
     if not reach:
         return []
@@ -174,21 +203,26 @@ def _describe_reach(candidates: list[Candidate], error: float) -> list[str]:
 
 
 def _describe_settings(candidates: list[Candidate]) -> list[str]:
-    """Return a line where engines run a mechanism's file with settings that are not the file's."""
+    """Return a line on where an engine's settings come from, if the problem is the user's mechanism file; else none."""
     names = [c.solver for c in candidates if "settings" in registry.solvers()[c.solver].parameters]
     made = getattr(registry.problems().get(candidates[0].problem.name), "make", None) if candidates else None
-    if not (names and isinstance(getattr(made, "__self__", None), Mechanism)):
+    if not (names and isinstance(getattr(made, "__self__", None), MechanismFile)):
         return []
     asked = candidates[0].options.get("settings")
     if asked is not None:
         return [f"{names[0]} with settings={asked}"]
     (name, *_) = names
-    return [f"{name} here has this project's settings, not your file's: --solver {name} --set settings=file takes "
-            f"those, settings=default those it ships with; mbsbench list {name} explains them"]  # fmt: skip
+    return [
+        f"{name} here has this project's settings, not your file's: --solver {name} --set settings=file takes "
+        f"those, settings=default those it ships with; mbsbench list {name} explains them"
+    ]
 
 
 def _list_missing(candidates: list[Candidate]) -> list[str]:
-    """Return a line for all engines that are not installed, and one for each package that solvers of ours lack."""
+    """Return a line for all engines that are not installed, and one per package that other solvers lack.
+
+    ``candidates`` are those whose every run reported a missing package.
+    """
     names = {c.solver: registry.solvers()[c.solver].make.__module__.split(".") for c in candidates}
     engines = [name for name, module in names.items() if "engines" in module]
     lines = [f"not installed: {', '.join(engines)}; {ADD_ENGINES}"] if engines else []
@@ -200,13 +234,22 @@ def _list_missing(candidates: list[Candidate]) -> list[str]:
 
 
 def _list_rows(candidates: list[Candidate]) -> list[tuple[Text | str, ...]]:
-    """A row for each, with factors of the cost of the first."""
+    """Return a row of ``COLUMNS`` for each candidate, with CPU time relative to the first."""
     best = candidates[0].best if candidates else None
     rows: list[tuple[Text | str, ...]] = []
     for c in candidates:
         r = c.best or c.closest
-        factor = number(cost_of(r)[0] / cost_of(best)[0], 2) if c.best and best else ""
+        factor = number(compute_cost(r)[0] / compute_cost(best)[0], 2) if c.best and best else ""
         name = Text(format_name(c.solver, c.options), "" if c.best else status_style(r.status))
-        rows.append((name, f"{c.control}={c.setting(r):g}", number(r.motion_error_judged_m), number(r.cpu_median_s, 2),
-                     factor, str(r.steps), c.why_not))  # fmt: skip
+        rows.append(
+            (
+                name,
+                f"{c.control}={c.setting(r):g}",
+                number(r.motion_error_judged_m),
+                number(r.cpu_median_s, 2),
+                factor,
+                str(r.steps),
+                c.why_not,
+            )
+        )
     return rows

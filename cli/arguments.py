@@ -1,4 +1,4 @@
-"""Arguments that subcommands share, and the values they stand for."""
+"""Define arguments that subcommands share, and convert their values."""
 
 import argparse
 import math
@@ -14,29 +14,29 @@ RESULTS = "results folder: a path, or a name in results/local/"
 
 
 def add_results(p: argparse.ArgumentParser) -> None:
-    """The argument RESULTS."""
+    """Add the argument RESULTS."""
     words = f"{RESULTS} (default: the newest)"
     p.add_argument("results", nargs="?", default="latest", type=find_results, metavar="RESULTS", help=words)
 
 
 def add_jobs(p: argparse.ArgumentParser) -> None:
-    """The option --jobs."""
+    """Add the option --jobs."""
     words = "parallel processes (default: all cores; use 1 for reliable timings)"
     p.add_argument("--jobs", type=positive_int, metavar="N", help=words)
 
 
 def add_plugin(p: argparse.ArgumentParser, words: str = "file that adds problems or solvers") -> None:
-    """The option --plugin."""
+    """Add the option --plugin."""
     p.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help=f"{words}; may be repeated")
 
 
 def add_file(p: argparse.ArgumentParser, *names: str, words: str, metavar: str = "FILE", **how: Any) -> None:
-    """An option of a file to write."""
+    """Add an option that names a file to write."""
     p.add_argument(*names, type=writable_file, metavar=metavar, help=words, **how)
 
 
 def add_problem(p: argparse.ArgumentParser) -> None:
-    """The argument PROBLEM, and the options --problem-set and --t-end."""
+    """Add the argument PROBLEM, and the options --problem-set and --t-end."""
     words = "name of a problem (see mbsbench list), or an MJCF, URDF, SDFormat or USD file (docs/your-own-problem.md)"
     p.add_argument("problem", metavar="PROBLEM", help=words)
     add_set(p, "--problem-set", "problem parameter")
@@ -44,12 +44,12 @@ def add_problem(p: argparse.ArgumentParser) -> None:
 
 
 def add_set(p: argparse.ArgumentParser, option: str, words: str) -> None:
-    """An option of K=V."""
+    """Add an option that takes K=V."""
     p.add_argument(option, action="append", default=[], metavar="K=V", help=f"{words}; may be repeated")
 
 
 def parse_assignments(given: Sequence[str], what: str) -> dict[str, str]:
-    """``["k=v", ...]`` as a dict; each key once."""
+    """Parse ``["k=v", ...]`` into a dict; raise UsageError for a repeated key."""
     out: dict[str, str] = {}
     for text in given:
         key, equals, value = text.partition("=")
@@ -63,22 +63,25 @@ def parse_assignments(given: Sequence[str], what: str) -> dict[str, str]:
 
 
 def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
-    """Load the named plugins, each first in a process of its own; their full names."""
+    """Load the named plugins, each first in a process of its own that may crash; return their full names."""
     if not paths:
         return ()
     from ..harness.catalogue import mechanism_files, plugins, registry  # here, as below: --help needs none of them
-    from ..harness.sandbox.trial import try_apart
+    from ..harness.sandbox.trial import try_in_process
     from .terminal import error_console
 
     for path in paths:
-        try_apart(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
+        try_in_process(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
         if mechanism_files.is_mechanism(path):
-            error_console().print(registry.problems()[mechanism_files.name_of(path)].doc)
+            error_console().print(registry.problems()[mechanism_files.choose_name(path)].doc)
     return tuple(plugins.resolve_plugin(p) for p in paths)
 
 
 def load_problem(arguments: argparse.Namespace) -> tuple[str, dict[str, Any], tuple[str, ...]]:
-    """The name of the problem asked for, which a file of a mechanism adds, its parameters, and all plugins, loaded."""
+    """Load the plugins; return the problem's name, its parameters as given and the plugins' full names.
+
+    The problem may be the file of a mechanism, which is loaded as a plugin.
+    """
     from ..harness.catalogue import mechanism_files
 
     given, file = arguments.problem, mechanism_files.is_mechanism(arguments.problem)
@@ -88,24 +91,24 @@ def load_problem(arguments: argparse.Namespace) -> tuple[str, dict[str, Any], tu
         if "t_end" in parameters:
             raise UsageError("t_end is given twice, by --t-end and --problem-set")
         parameters["t_end"] = arguments.t_end
-    return mechanism_files.name_of(given) if file else given, parameters, loaded
+    return mechanism_files.choose_name(given) if file else given, parameters, loaded
 
 
 def check_not_installed(path: Path, option: str) -> None:
-    """Committed files are changed in a checkout; those of an installed package stay as they are."""
+    """Raise UsageError if ``path`` is a file of an installed package, which must not change."""
     if path.resolve().is_relative_to(ROOT) and not is_checkout():
         raise UsageError(f"{path.name} is part of the installed package; give another place with {option}")
 
 
 def add_running(p: argparse.ArgumentParser) -> None:
-    """Options of the commands that run a suite."""
+    """Add the options of commands that run a suite."""
     add_jobs(p)
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/<suite>-<time>)")
     add_plugin(p)
 
 
 def find_results(name: str) -> Path:
-    """The results folder at a path, or of that name in results/local/."""
+    """Return the results folder at a path, or of that name in results/local/; UsageError if there is none."""
     from ..harness.results import store
 
     for path in (Path(name), store.LOCAL / name):
@@ -119,14 +122,14 @@ def find_results(name: str) -> Path:
 
 
 def positive_int(text: str) -> int:
-    """A whole number > 0 from the command line."""
+    """Parse a whole number > 0 from the command line."""
     if not text.isdecimal() or int(text) < 1:
         raise UsageError(f"must be a whole number > 0 (got {text!r})")
     return int(text)
 
 
 def positive_float(text: str, name: str = "") -> float:
-    """A finite number > 0 from the command line; ``name`` where no option has it."""
+    """Parse a finite number > 0 from the command line; ``name`` is for values that no option names."""
     try:
         value = float(text)
     except ValueError:
@@ -137,7 +140,7 @@ def positive_float(text: str, name: str = "") -> float:
 
 
 def duration(text: str) -> float:
-    """Days, hours or weeks from the command line [s]."""
+    """Parse hours, days or weeks from the command line [s]."""
     hours = {"h": 1.0, "d": 24.0, "w": 168.0}.get(text[-1:], 0.0)
     number = text[:-1]
     if not hours or not number.isdecimal() or len(number) > 6:
@@ -146,13 +149,13 @@ def duration(text: str) -> float:
 
 
 def count_jobs(given: int | None) -> int:
-    """Number of processes: as given, else one a core."""
+    """Return the number of processes: as given, else one per core."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return given or cores
 
 
 def writable_file(given: str) -> Path:
-    """A file that can be written: known before the run, so that no hour of computing is lost to a missing folder."""
+    """Return the path of a file that can be written; raise UsageError before anything runs if it cannot."""
     out = Path(given)
     probe = out.parent / f".{out.name}.{os.getpid()}.probe"
     try:

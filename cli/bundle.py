@@ -1,12 +1,12 @@
-"""``bundle``: a results folder as one file that anybody can check."""
+"""Write a results folder as one file that anybody can check (``bundle``)."""
 
 import argparse
 
 from ..harness.bundle.archive import write_archive
 from ..harness.bundle.contents import list_contents
 from ..harness.results import store
-from .again import find_brief, solved_again
 from .arguments import UsageError, count_jobs, load_plugins
+from .full_series import find_brief, provide_full_series
 from .terminal import console, plural, print_json, print_unreadable
 
 
@@ -19,7 +19,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"{folder} holds no results")
     plugins = load_plugins(arguments.plugin)
     lacking = find_brief(folder, records) if arguments.lossless else []
-    with solved_again(folder, lacking, count_jobs(arguments.jobs), plugins, lossless=True) as again:
+    with provide_full_series(folder, lacking, count_jobs(arguments.jobs), plugins, lossless=True) as again:
         files = write_archive(out, list_contents(folder, records, lossless=arguments.lossless, again=again))
     size = out.stat().st_size
     if arguments.json:

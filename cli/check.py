@@ -1,4 +1,4 @@
-"""``check``: solver and problem requirements, tested on a plugin or on an entry of the catalogue."""
+"""Test the requirements on a solver or problem, of a plugin or of the catalogue (``check``)."""
 
 import argparse
 import tempfile
@@ -7,9 +7,9 @@ from pathlib import Path
 from rich.text import Text
 
 from ..harness.catalogue import plugins, registry
-from ..harness.catalogue.options import nearest
+from ..harness.catalogue.options import suggest_name
 from ..harness.conformance.problem import check_problem
-from ..harness.conformance.solver import check_solver, suite_of
+from ..harness.conformance.solver import check_solver, make_suite
 from ..harness.execution.runner import Request
 from ..harness.results.findings import Finding
 from .arguments import UsageError, count_jobs, load_plugins
@@ -35,6 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print(findings: list[Finding], name: str) -> None:
+    """Print the findings on one entry as a table, the reason and remedy of each failure, and the number met."""
     out = console()
     out.print(Text(name, "bold"))
     print_findings(findings)
@@ -48,22 +49,27 @@ def _print(findings: list[Finding], name: str) -> None:
 
 
 def resolve_entries(given: str) -> tuple[tuple[str, ...], list[str]]:
-    """The plugin and the problems and solvers it adds, problems first; or the catalogue's entry of that name."""
+    """Return the loaded plugins, and the names of the problems and solvers that ``given`` stands for, problems first.
+
+    The name of a catalogue entry stands for itself and loads nothing. A plugin (a file or an entry point) is loaded and
+    stands for what it adds. Raise UsageError if it adds nothing or is unknown.
+    """
     before = {*registry.problems(), *registry.solvers()}
     if given in before:
         return (), [given]
     if not plugins.is_file(given) and given not in (points := plugins.entry_points()):
         known = [*sorted(before), *points, *(p.name for p in Path().glob("*.py"))]
-        raise UsageError(f"unknown solver, problem or plugin {given!r}{nearest(given, known)}")
+        raise UsageError(f"unknown solver, problem or plugin {given!r}{suggest_name(given, known)}")
     loaded = load_plugins([given])
     names = [n for n in (*sorted(registry.problems()), *sorted(registry.solvers())) if n not in before]
     if not names:
-        raise UsageError(f"{given} adds no problem or solver{nearest(given, sorted(before))}")
+        raise UsageError(f"{given} adds no problem or solver{suggest_name(given, sorted(before))}")
     return loaded, names
 
 
 def _check_solver(name: str, plugins: tuple[str, ...], size: int, *, quiet: bool) -> list[Finding]:
+    """Run the suite that tests a solver, ``size`` runs at a time, in a temporary folder; return the findings."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "run"
-        loaded, _ = run_watched(Request(suite_of(name, plugins), folder, size), quiet=quiet, resumable=False)
+        loaded, _ = run_watched(Request(make_suite(name, plugins), folder, size), quiet=quiet, resumable=False)
         return check_solver(name, folder, loaded.records)

@@ -1,4 +1,4 @@
-"""``claim``: one claim of the paper: its two verdicts, why, the settings; or its runs alone, made and judged."""
+"""Show one claim of the paper with its verdicts and settings, or make and judge its runs (``claim``)."""
 
 import argparse
 from collections.abc import Iterator
@@ -6,15 +6,15 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from ..harness.catalogue.options import nearest
+from ..harness.catalogue.options import suggest_name
+from ..harness.confined_paths import ConfinedPath
 from ..harness.execution.runner import Request, last_folder, new_folder
-from ..harness.places import Place
 from ..harness.referee import judge as judging
 from ..harness.referee.claims.count import judge
 from ..harness.referee.claims.register import Register, read_register
 from ..harness.referee.currency import code_now
 from ..harness.results import store
-from ..harness.results.judgements.claims import Claim
+from ..harness.results.judgements.claims import JudgedClaim
 from ..harness.results.judgements.files import FOLDER, PUBLISHED, format_judgement, read_claims
 from ..harness.suites.suite import Suite
 from ..reports.model import claim_words
@@ -24,11 +24,11 @@ from .terminal import console, error_console
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the claim; return 1 if the verdicts of runs made now differ from the published ones, else 0."""
+    """Print the claim; return 1 if the verdicts on new runs differ from the published ones, else 0."""
     register = read_register()
     known = {c.id: c for c in register.claims}
     if arguments.claim not in known:
-        raise UsageError(f"unknown claim {arguments.claim!r}{nearest(arguments.claim, list(known))}")
+        raise UsageError(f"unknown claim {arguments.claim!r}{suggest_name(arguments.claim, list(known))}")
     alone = replace(register, claims=(known[arguments.claim],))
     for name in ("out", "jobs"):
         if getattr(arguments, name) and not arguments.make:
@@ -57,19 +57,20 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _warn(words: str) -> None:
+    """Print ``words`` on standard error; nothing if they are empty."""
     if words:
         error_console().print(words, highlight=False)
 
 
-def _read_claim(arguments: argparse.Namespace, published: Claim | None) -> Claim:
-    """The claim as judged in RESULTS, or as published."""
+def _read_claim(arguments: argparse.Namespace, published: JudgedClaim | None) -> JudgedClaim:
+    """Return the claim as judged in RESULTS, else as published; raise UsageError if there is no verdict."""
     again = f"mbsbench claim {arguments.claim} --run makes its runs"
     if not arguments.results:
         if published is None:
             raise UsageError(f"nothing is published on {arguments.claim}; {again}")
         return published
     folder = find_results(arguments.results)
-    found = {c.id: c for c in read_claims(Place(folder) / FOLDER) or ()}.get(arguments.claim)
+    found = {c.id: c for c in read_claims(ConfinedPath(folder) / FOLDER) or ()}.get(arguments.claim)
     if found is None:
         raise UsageError(
             f"{folder} holds no verdict on {arguments.claim}: mbsbench judge {folder} --partial, or {again}"
@@ -77,8 +78,8 @@ def _read_claim(arguments: argparse.Namespace, published: Claim | None) -> Claim
     return found
 
 
-def _run_claim(arguments: argparse.Namespace, register: Register) -> Claim:
-    """Its runs, those of an earlier start kept, and the verdict on them."""
+def _run_claim(arguments: argparse.Namespace, register: Register) -> JudgedClaim:
+    """Make the claim's runs, keeping those of an earlier start, and return the verdict on them."""
     specs, name = judging.select_needed(register), f"claim-{arguments.claim}"
     folder = Path(arguments.out) if arguments.out else last_folder(name) or new_folder(name)
     request = Request(Suite(name, "the runs of one claim", specs, ""), folder, count_jobs(arguments.jobs), resume=True)
@@ -86,25 +87,26 @@ def _run_claim(arguments: argparse.Namespace, register: Register) -> Claim:
         loaded, watcher = run_watched(request, quiet=arguments.json)
         watcher.finish(folder, loaded)
     records = loaded.records if specs else ()
-    return judge(register, judging.list_tried(), records, partial(store.series_of, folder))[0]
+    return judge(register, judging.list_tried(), records, partial(store.read_run_series, folder))[0]
 
 
-def _describe_claim(c: Claim, runs: int) -> Iterator[str]:
+def _describe_claim(c: JudgedClaim, runs: int) -> Iterator[str]:
+    """Yield the lines that explain a judged claim to a reader; ``runs`` is the number of runs that its map selects."""
     yield f"{c.id}: {c.claim}"
     figures = f", Fig. {claim_words.figures(c)}" if c.figure else ""
     yield f"the paper{f', Sect. {c.section}' if c.section[:1].isdigit() else ''}{figures}: “{c.quote}”"
-    for where, f in claim_words.sides(c):
-        yield f"{where}: {'; '.join(filter(None, (claim_words.verdict(f), claim_words.share(f))))}"
+    for where, f in claim_words.list_sides(c):
+        yield f"{where}: {'; '.join(filter(None, (claim_words.verdict(f), claim_words.format_share(f))))}"
     if words := claim_words.control(c):
         yield f"control: {words}"
-    if words := claim_words.by_solver(c):
+    if words := claim_words.format_by_solver(c):
         yield f"by solver: {words}"
     for k, t in enumerate(c.tests):
         number = f"{claim_words.format_measured(t)}; band: {claim_words.band(t)} ({claim_words.metric(t)})"
         yield f"{'and' if k else 'measured'}: {number}"
     if c.missing:
         yield f"missing: {claim_words.describe_missing(c)}"
-    if words := claim_words.because(c):
+    if words := claim_words.explain_verdicts(c):
         yield f"why: {words}"
     for name, values in c.settings.items():
         yield f"tried with {claim_words.spell_out(name)}: {', '.join(claim_words.value(name, v) for v in values)}"

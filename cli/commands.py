@@ -1,4 +1,4 @@
-"""The subcommands and their arguments, in the order of --help; what runs a command is in its own file, loaded then."""
+"""Define the subcommands and their arguments, in the order of --help; a command's own file is loaded when it runs."""
 
 import argparse
 from pathlib import Path
@@ -25,37 +25,73 @@ from .arguments import (
 CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
 FILTERS = ("problem", "solver", "status", "label")
 SORTS = {"drift": "energy_drift_max_J", "error": "position_error", "phi": "phi_max", "cpu": "cpu_min_s"}
-COMPUTING = (  # take --native
-    "solve", "run", "check", "try", "advise", "ensemble", "fuzz", "referee", "shadow", "claim", "gate", "submit",
-)  # fmt: skip
+COMPUTING = (  # commands that take --native
+    "solve",
+    "run",
+    "check",
+    "try",
+    "advise",
+    "ensemble",
+    "fuzz",
+    "referee",
+    "shadow",
+    "claim",
+    "gate",
+    "submit",
+)
 NATIVE = "compute as this processor does it fastest; else the same bits on every processor with AVX2"
-CHANGES = 40  # shown by diff
+CHANGES = 40  # changes shown by diff
 SHELLS = ("bash", "zsh", "fish")
-TRUTH = "rkmk_dop853"  # compiled once for all starts
-SEED = 1  # the same sample every time, unless --seed says otherwise
+TRUTH = "rkmk_dop853"  # its code is compiled once for all starts
+SEED = 1  # a fixed default, so that samples repeat
 MEANING = {
     "euler": "axes of Euler angles (phi, theta, psi or roll, pitch, yaw) in the order of their columns; small: fixed; "
     "none: leave them out",
-    "length": "unit of positions, and of velocities per second", "time": "unit of t",
+    "length": "unit of positions, and of velocities per second",
+    "time": "unit of t",
     "angle": "unit of Euler angles, and of angular velocities per second",
     "quaternion": "order of quaternions without letters",
-    "rotation": "what quaternions and matrices take to what", "omega": "frame of angular velocities",
-}  # fmt: skip
+    "rotation": "what quaternions and matrices take to what",
+    "omega": "frame of angular velocities",
+}
 
 
 def add_commands(commands: Any) -> None:
     """Add the parser of every subcommand."""
     for add in (
-        _add_list, _add_solve, _add_run, _add_show, _add_report, _add_check, _add_try, _add_advise, _add_ensemble,
-        _add_fuzz, _add_referee, _add_shadow, _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff,
-        _add_merge, _add_bundle, _add_remeasure, _add_clean, _add_submit, _add_ladder, _add_history, _add_figures,
+        _add_list,
+        _add_solve,
+        _add_run,
+        _add_show,
+        _add_report,
+        _add_check,
+        _add_try,
+        _add_advise,
+        _add_ensemble,
+        _add_fuzz,
+        _add_referee,
+        _add_shadow,
+        _add_export,
+        _add_judge,
+        _add_claim,
+        _add_gate,
+        _add_verify,
+        _add_diff,
+        _add_merge,
+        _add_bundle,
+        _add_remeasure,
+        _add_clean,
+        _add_submit,
+        _add_ladder,
+        _add_history,
+        _add_figures,
         _add_completion,
-    ):  # fmt: skip
+    ):
         add(commands)
 
 
 def subcommand(commands: Any, name: str, summary: str, json: str = "") -> argparse.ArgumentParser:
-    """A parser with ``summary``, listed up to its semicolon; ``json``: what --json prints."""
+    """Add and return a command's parser with ``summary``, listed up to its semicolon; ``json``: what --json prints."""
     description = f"{summary[0].upper()}{summary[1:]}."
     p: argparse.ArgumentParser = commands.add_parser(name, help=summary.partition(";")[0], description=description)
     p.set_defaults(command=name)
@@ -226,7 +262,7 @@ def _add_referee(commands: Any) -> None:
 
 
 def _add_reading(p: argparse.ArgumentParser) -> None:
-    """How the columns of a file are read."""
+    """Add the options that define how the columns of a file are read."""
     p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; without a header ours, in order")
     for name, choices in CHOICES.items():
         words = f"{MEANING[name]} (default: {getattr(Reading, name)})"

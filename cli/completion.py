@@ -1,4 +1,4 @@
-"""``completion``: the script by which a shell completes commands, options, and names of problems and solvers."""
+"""Print the script by which a shell completes commands, options and names (``completion``)."""
 
 import argparse
 import shlex
@@ -17,11 +17,11 @@ PLACES = {  # where each shell looks for the script
 FILES = ("FILE", "FILE.py", "FILE.py|ENGINE", "FILE.toml", "FILE.jsonl", "RUN.npz", "RUN|FILE", "B.zip", "CASE.json")
 FOLDERS = ("DIR", "OUT")
 RESULTS = ("RESULTS", "BEFORE", "AFTER")
-ENTRIES = ("problem", "solver", "truth")  # options whose NAME is that of a problem or solver
+ENTRIES = ("problem", "solver", "truth")  # options whose NAME is a problem or solver
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the script, and in its first lines where it goes."""
+    """Print the script; its first lines say where to save it."""
     import shtab
 
     parser, commands = top_parser()
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _names_or_files(names: list[str]) -> dict[str, Any]:
-    """Complete by ``names`` and the files of the folder, among which may be a mechanism, a solver or a suite."""
+    """Return what completes an argument: ``names``, and files here, which may be a mechanism, a solver or a suite."""
     import shtab
 
     return dict(shtab.cmd(f"printf '%s\\n' {shlex.join(names)}; ls 2>/dev/null"))

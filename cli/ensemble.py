@@ -1,4 +1,4 @@
-"""``ensemble``: the clouds of solvers against the true cloud."""
+"""Compare the clouds of solvers with the true cloud (``ensemble``)."""
 
 import argparse
 from collections.abc import Sequence
@@ -7,8 +7,8 @@ from dataclasses import asdict, replace
 from rich.text import Text
 
 from ..harness.catalogue import registry
-from ..harness.ensemble.clouds import Cloud, Code, Ensemble, make_ensemble, run_cloud
-from ..harness.ensemble.verdict import ALL_C, NO_DIFFERENCE, Comparison, compare_clouds, judge
+from ..harness.ensemble.clouds import Cloud, ConfiguredSolver, Ensemble, make_ensemble, run_cloud
+from ..harness.ensemble.verdict import ALL_C, NO_DIFFERENCE, CloudComparison, compare_clouds, judge
 from ..harness.execution.costs import expect_solves
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.spec import RunSpec, step_control
@@ -18,13 +18,25 @@ from .commands import CONTROL
 from .terminal import Column, error_console, number, plural, print_json, print_table
 
 TRUE_RTOL = 1e-10
-PERFECT = "truth"  # the true code with other members: what a perfect solver gets
-SHOWN = 3  # failures with a line each
+PERFECT = "truth"  # the reference solver with other members: the score of a perfect solver
+SHOWN = 3  # most failures printed
 COLUMNS = (
-    Column("t [s]"), Column("solver", right=False), Column("quantity", right=False), Column("score"), Column("excess"),
-    Column("by chance"), Column("p"), Column("flatness", rank=1), Column("p(ranks)"), Column("spread"),
-    Column("error/spread", rank=2), Column("bias", rank=1), Column("+-", rank=1), Column("error"), Column("missing"),
-)  # fmt: skip
+    Column("t [s]"),
+    Column("solver", right=False),
+    Column("quantity", right=False),
+    Column("score"),
+    Column("excess"),
+    Column("by chance"),
+    Column("p"),
+    Column("flatness", rank=1),
+    Column("p(ranks)"),
+    Column("spread"),
+    Column("error/spread", rank=2),
+    Column("bias", rank=1),
+    Column("+-", rank=1),
+    Column("error"),
+    Column("missing"),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -52,34 +64,46 @@ def run(arguments: argparse.Namespace) -> int:
     verdicts = [judge(rows) for rows in found]
     _print(found, verdicts, as_json=arguments.json)
     if arguments.html:
-        from ..reports.ensemble import Scored, write_page
+        from ..reports.ensemble import ScoredCloud, write_page
 
         title = f"{name}: {plural(n, 'start')}, spread {arguments.spread:g}"
-        write_page(arguments.html, title, e, (same, other), [
-            Scored(cloud, rows, verdict) for cloud, rows, verdict in zip(clouds, found[1:], verdicts[1:], strict=True)
-        ], perfect)  # fmt: skip
+        write_page(
+            arguments.html,
+            title,
+            e,
+            (same, other),
+            [
+                ScoredCloud(cloud, rows, verdict)
+                for cloud, rows, verdict in zip(clouds, found[1:], verdicts[1:], strict=True)
+            ],
+            perfect,
+        )
         error_console().print(f"page: {arguments.html}")
     return 1 if any(v != NO_DIFFERENCE for v in verdicts[1:]) else 0
 
 
-def _make_code(problem: Problem, solver: str, given: dict[str, str]) -> Code:
-    """A solver with those of the settings that it takes."""
-    entry = registry.entry_of("solver", solver, registry.solvers())
+def _make_code(problem: Problem, solver: str, given: dict[str, str]) -> ConfiguredSolver:
+    """Return a solver at its default options with those of the ``given`` step controls that apply to it."""
+    entry = registry.find_entry("solver", solver, registry.solvers())
     others = {"dt": ("rtol", "max_step"), "rtol": ("dt",)}[entry.control]
     control = step_control(solver, entry.control, problem, {k: v for k, v in given.items() if k not in others})
     setting = f"{entry.control}={getattr(control, entry.control):g}"
-    return Code(solver, setting, registry.make_solver(solver), control)
+    return ConfiguredSolver(solver, setting, registry.make_solver(solver), control)
 
 
-def _prefer_own_code(problem: Problem, code: Code) -> Code:
-    """With code made for the mechanism, where the solver can: thousands of members pay for it."""
-    if "code" not in registry.entry_of("solver", code.name, registry.solvers()).parameters:
+def _prefer_own_code(problem: Problem, code: ConfiguredSolver) -> ConfiguredSolver:
+    """Return the solver with code generated for the mechanism, if it can: this pays for thousands of members."""
+    if "code" not in registry.find_entry("solver", code.name, registry.solvers()).parameters:
         return code
     solver = registry.make_solver(code.name, {"code": "mechanism"})
     return code if solver.refuses(problem, code.control) else replace(code, solver=solver)
 
 
-def _run(e: Ensemble, code: Code, members: range, jobs: int, is_needed: bool = False) -> Cloud:
+def _run(e: Ensemble, code: ConfiguredSolver, members: range, jobs: int, is_needed: bool = False) -> Cloud:
+    """Run the solver from the starts numbered ``members``; print its CPU time and failures, and return its cloud.
+
+    Raise UsageError if the cloud ``is_needed`` (it is the truth) and no member reached the end.
+    """
     cloud = run_cloud(e, code, members, jobs)
     if is_needed and len(cloud.failures) == len(members):
         raise UsageError(f"no true motion by {code.name}: {cloud.failures[0]}; give another --truth")
@@ -93,15 +117,27 @@ def _run(e: Ensemble, code: Code, members: range, jobs: int, is_needed: bool = F
     return cloud
 
 
-def _print(found: Sequence[list[Comparison]], verdicts: Sequence[str], *, as_json: bool) -> None:
+def _print(found: Sequence[list[CloudComparison]], verdicts: Sequence[str], *, as_json: bool) -> None:
+    """Print the comparison of each cloud with the true one by time and quantity, and the verdict on each solver."""
     rows = []
     for c in sorted((c for own in found for c in own), key=lambda c: (c.t_s, c.quantity != ALL_C, c.quantity)):
         if as_json:
             plain = asdict(c) | {"ranks": c.ranks and c.ranks._asdict() | {"counts": c.ranks.counts.tolist()}}
             print_json(plain)
         flat, p = (c.ranks.statistic, c.ranks.p) if c.ranks else (float("nan"), float("nan"))
-        numbers = (c.score, c.excess, c.chance, c.p_score, flat, p, c.spread, c.error_of_mean, c.bias, c.bias_error,
-                   c.error)  # fmt: skip
+        numbers = (
+            c.score,
+            c.excess,
+            c.chance,
+            c.p_score,
+            flat,
+            p,
+            c.spread,
+            c.error_of_mean,
+            c.bias,
+            c.bias_error,
+            c.error,
+        )
         head = (f"{c.t_s:g}", f"{c.solver} {c.setting}", f"{c.quantity} [{c.unit}]")
         rows.append((*head, *(number(x) for x in numbers), str(c.missing or "")))
     if not as_json:

@@ -1,4 +1,4 @@
-"""``export``: a problem with all its numbers, for a code that is to solve it."""
+"""Print a problem with all its numbers, for another code to solve (``export``)."""
 
 import argparse
 

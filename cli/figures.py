@@ -1,4 +1,4 @@
-"""``figures``: publication figures and tables of a results folder, or the paper's own figures from it."""
+"""Write publication figures and tables of a results folder, or the paper's own figures (``figures``)."""
 
 import argparse
 
@@ -9,7 +9,7 @@ from .terminal import console
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write them and print where they are."""
+    """Write the figures and print their paths."""
     folder = arguments.results
     if arguments.paper and arguments.name:
         raise UsageError("--name is for figures of your own; those of --paper have the paper's names")
@@ -19,7 +19,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     font = find_font(arguments.font, arguments.font_size)
     out = console()
-    with store.in_use(folder):
+    with store.hold_folder(folder):
         if arguments.paper:
             paper.command(folder, arguments.only, load_suite("paper").specs, out.print, font=font)
         else:

@@ -1,4 +1,4 @@
-"""Findings as one table: verdict, quantity, measured, required, and where it was found."""
+"""Print findings as one table: verdict, quantity, measured, required, and where found."""
 
 from collections.abc import Iterable
 
@@ -8,27 +8,40 @@ from ..harness.results.findings import Finding, Verdict
 from .terminal import Column, print_json, print_table
 
 STYLE = {
-    Verdict.MET: "green", Verdict.FAILED: "bold red", Verdict.OPEN: "", Verdict.XPASS: "yellow", Verdict.XFAIL: "cyan",
-}  # fmt: skip
+    Verdict.MET: "green",
+    Verdict.FAILED: "bold red",
+    Verdict.OPEN: "",
+    Verdict.XPASS: "yellow",
+    Verdict.XFAIL: "cyan",
+}
 COLUMNS = (
-    Column("", right=False), Column("of", fold=True, least=12), Column("quantity", right=False, fold=True, least=20),
-    Column("measured", right=False, fold=True), Column("required", right=False, fold=True, least=12, rank=1),
+    Column("", right=False),
+    Column("of", fold=True, least=12),
+    Column("quantity", right=False, fold=True, least=20),
+    Column("measured", right=False, fold=True),
+    Column("required", right=False, fold=True, least=12, rank=1),
     Column("found", fold=True, rank=2),
-)  # fmt: skip
+)
 
 
 def print_findings(findings: Iterable[Finding], *below: str, json: bool = False) -> None:
-    """One row a finding, without columns that say nothing, or one JSON object a finding."""
+    """Print one row per finding, without empty columns, or one JSON object per finding."""
     found = list(findings)
     if json:
         for f in found:
             print_json(f.as_plain())
         return
     rows = [
-        (Text(f.verdict, STYLE[f.verdict]), f.subject, f.measured.quantity, f.measured.text, f.required.text,
-         "" if f.measured.words == f.measured.text else f.measured.words)
+        (
+            Text(f.verdict, STYLE[f.verdict]),
+            f.subject,
+            f.measured.quantity,
+            f.measured.text,
+            f.required.text,
+            "" if f.measured.words == f.measured.text else f.measured.words,
+        )
         for f in found
-    ]  # fmt: skip
+    ]
     hidden = {1} if len({f.subject for f in found}) < 2 else set()
     shown = [k for k in range(len(COLUMNS)) if k not in hidden and (k < 2 or any(row[k] for row in rows))]
     print_table([COLUMNS[k] for k in shown], [[row[k] for k in shown] for row in rows], *below)

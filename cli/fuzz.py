@@ -1,4 +1,4 @@
-"""``fuzz``: random mechanisms in several forms; what a code answers differently or wrongly is shrunk and written."""
+"""Run solvers on random mechanisms in several forms; shrink and write confirmed deviations (``fuzz``)."""
 
 import argparse
 from dataclasses import replace
@@ -7,49 +7,51 @@ from pathlib import Path
 from ..harness.catalogue import registry
 from ..harness.execution.costs import describe_command
 from ..harness.execution.runner import new_folder
-from ..harness.fuzz.campaign import Settings, run_campaign
+from ..harness.fuzz.campaign import CampaignSettings, run_campaign
 from ..harness.fuzz.cases import NONE, read_case, write_cases, write_page
 from ..harness.fuzz.log import (
     COLUMNS,
     Trial,
     append_trial,
     ask_second_route,
-    code_of,
+    digest_solver,
     read_trials,
     write_summary,
-)  # fmt: skip
-from ..harness.fuzz.oracle import FINDINGS, SHOWN, Kind, Outcome, Verdict
+)
+from ..harness.fuzz.oracle import FINDINGS, SHOWN, Behaviour, OracleOutcome, OracleVerdict
 from ..harness.fuzz.presenting import Form
 from ..harness.fuzz.report import choose, describe
 from .arguments import UsageError, count_jobs, load_plugins, parse_assignments
-from .progress import announce
+from .progress import announce_suite
 from .terminal import Column, console, error_console, plural, print_json, print_table
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do the trials that are not in the folder; count, shrink and write all; return 1 if one is confirmed, else 0."""
+    """Run the trials that the folder lacks; count, shrink and write all; return 1 if one is confirmed, else 0."""
     load_plugins(arguments.plugin)
     for name in arguments.solvers:
-        registry.entry_of("solver", name, registry.solvers())
+        registry.find_entry("solver", name, registry.solvers())
     if arguments.repeat:
         return _repeat(arguments)
     options = parse_assignments(arguments.set, "--set")
     names = list(dict.fromkeys(arguments.solvers))
     for name in names:
-        registry.make_solver(name, options)  # says no to what it does not take
-    form = Form.of(parse_assignments(arguments.form, "--form")) if arguments.form else None
-    settings = Settings(arguments.seed, arguments.floor, options, form)
+        registry.make_solver(name, options)  # raises for options that it does not take
+    form = Form.parse(parse_assignments(arguments.form, "--form")) if arguments.form else None
+    settings = CampaignSettings(arguments.seed, arguments.floor, options, form)
     folder = Path(arguments.out) if arguments.out else new_folder("fuzz")
-    done = {trial.key for trial in read_trials(folder) if trial.code == code_of(trial.outcome.solver)}
+    done = {trial.key for trial in read_trials(folder) if trial.code == digest_solver(trial.outcome.solver)}
     numbers = range(arguments.first, arguments.first + arguments.mechanisms)
     pairs = [(n, s) for n in numbers for s in ([names[n % len(names)]] if arguments.in_turns else names)]
-    left = [(n, s) for n, s in pairs if Trial(settings, "", Outcome(s, Kind.SOUND, number=n)).key not in done]
+    left = [
+        (n, s) for n, s in pairs if Trial(settings, "", OracleOutcome(s, Behaviour.SOUND, number=n)).key not in done
+    ]
     jobs, before = count_jobs(arguments.jobs), len(pairs) - len(left)
     kept = f", {before} already done" if before else ""
     time_needed = f": {describe_command('fuzz', len(left), jobs)}, and what has to be compiled" if left else ""
-    announce(f"{plural(len(pairs), 'trial')}{kept}, {jobs} at a time{time_needed}", error_console())
+    announce_suite(f"{plural(len(pairs), 'trial')}{kept}, {jobs} at a time{time_needed}", error_console())
     for outcome in run_campaign(settings, left, jobs):
-        append_trial(folder, Trial(settings, code_of(outcome.solver), outcome))
+        append_trial(folder, Trial(settings, digest_solver(outcome.solver), outcome))
         if outcome.kind in SHOWN and not arguments.json:
             error_console().print(describe(outcome))
     for trial in read_trials(folder):
@@ -60,13 +62,15 @@ def run(arguments: argparse.Namespace) -> int:
     cases = choose(trials, arguments.shrink)
     write_cases(folder, cases)
     write_page(folder)
-    confirmed = counts["all"][Verdict.CONFIRMED]
+    confirmed = counts["all"][OracleVerdict.CONFIRMED]
     if arguments.json:
         print_json({"counts": counts, "cases": [c.name for c in cases], "confirmed": confirmed, "out": str(folder)})
         return 1 if confirmed else 0
     shown = [n for n in COLUMNS if counts["all"][n]]
-    print_table([Column("solver", right=False), *map(Column, shown)],
-                [[name, *(str(of[n]) for n in shown)] for name, of in counts.items()])  # fmt: skip
+    print_table(
+        [Column("solver", right=False), *map(Column, shown)],
+        [[name, *(str(of[n]) for n in shown)] for name, of in counts.items()],
+    )
     for case in cases:
         console().print(f"{describe(case.outcome)}; bodies: {len(case.mechanism.bodies)}; {case.evidence or NONE}")
     console().print(f"{plural(confirmed, 'confirmed deviation')}: {folder / 'README.md'}")
@@ -74,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _repeat(arguments: argparse.Namespace) -> int:
-    """Examine a case again; 1 if the deviation is still there."""
+    """Examine the solver on a stored case again and print the outcome; return 1 if the deviation persists, else 0."""
     case = read_case(Path(arguments.repeat))
     if len(arguments.solvers) != 1:
         raise UsageError(f"--repeat takes one solver (got {', '.join(arguments.solvers)})")

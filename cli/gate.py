@@ -1,4 +1,4 @@
-"""``gate``: run a short suite and compare it with the committed thresholds."""
+"""Run a short suite and compare it with the committed thresholds (``gate``)."""
 
 import argparse
 import contextlib
@@ -22,20 +22,20 @@ from ..harness.gate.baseline import FOLDER, parse_thresholds, read_thresholds, w
 from ..harness.gate.check import (
     STATES,
     WORST,
-    Judged,
+    GateFindings,
     describe_contradiction,
     judge,
     select_judged,
     tighten_bounds,
 )
 from ..harness.gate.files import JUNIT_BEGUN, MARKDOWN_BEGUN, annotate, as_plain, junit, markdown
-from ..harness.gate.rounding import Repeat, cores_here, repeat_run
-from ..harness.gate.spread import Sample, find_unstable, widen_by_spread
+from ..harness.gate.rounding import Repeat, list_core_types, repeat_run
+from ..harness.gate.spread import SpreadSample, find_unstable, widen_by_spread
 from ..harness.gate.thresholds import Thresholds, propose_bounds
 from ..harness.results import codes, store
 from ..harness.results.findings import Finding, Verdict
 from ..harness.results.history import GATES, make_rows, write_rows
-from ..harness.results.provenance import stamp_of
+from ..harness.results.provenance import read_environment
 from ..harness.results.records import RunRecord
 from ..harness.results.reproduce import REFEREED
 from ..harness.suites.spec import RunSpec
@@ -47,6 +47,10 @@ from .progress import run_watched, warn_of_own_bits
 from .terminal import console, error_console, plural, print_json
 
 COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#", re.MULTILINE)  # not in a string
+REMEDY = (
+    "mend what moved, or, where a number should have moved, add --update: it prints tighter and new bounds as a diff, "
+    "with --loosen wider ones, too"
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -54,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check_call(arguments)
     for file, words in ((arguments.junit, JUNIT_BEGUN), (arguments.markdown, MARKDOWN_BEGUN)):
         if file:
-            write_text(file, words)  # before anything foreign is loaded: a gate cut short has no verdict
+            write_text(file, words)  # before plugins are loaded: an interrupted gate leaves no verdict
     suite = _files(arguments) or load_suite(arguments.suite or "ci", load_plugins(arguments.plugin))
     path = Path(arguments.thresholds) if arguments.thresholds else FOLDER / f"{suite.name}.toml"
     if arguments.spread is not None and (arguments.spread < 1 or arguments.loosen or suite.name == REFEREED):
@@ -69,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
         warn_of_own_bits()
     name, stamp, records = _results(arguments, suite)
     of_files = suite.name == REFEREED  # whose results are no result of this code: the newest file counts
-    code = None if arguments.any_code or of_files else partial(codes.code_of, plugins=suite.plugins)
+    code = None if arguments.any_code or of_files else partial(codes.digest_run_code, plugins=suite.plugins)
     judged = select_judged(records, code)
     specs: Sequence[RunSpec | RunRecord] = judged if of_files else suite.specs
     if arguments.update:
@@ -89,6 +93,8 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(as_plain(result, suite.name))
     else:
         _print(result, everything=arguments.all)
+        if not result.is_open:
+            error_console().print(REMEDY, soft_wrap=True, highlight=False)
     if os.environ.get("GITHUB_ACTIONS") == "true":
         for line in annotate(result, suite.name):
             error_console().print(line)
@@ -102,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check_call(arguments: argparse.Namespace) -> None:
-    """Raise UsageError for options that do not go together, before anything is read."""
+    """Raise UsageError for options that cannot be combined, before a file is read; find the folder of --results."""
     arguments.results = arguments.results and find_results(arguments.results)
     if arguments.any_code and not arguments.results:
         raise UsageError("--any-code needs --results; a suite that is run now is of this code")
@@ -115,7 +121,7 @@ def _check_call(arguments: argparse.Namespace) -> None:
 
 
 def _files(arguments: argparse.Namespace) -> Suite | None:
-    """A suite without runs of its own for a results folder of files that ``referee`` judged; None for any other."""
+    """Return a suite without runs if --results names a folder of files judged by ``referee``; else None."""
     if arguments.results is None or arguments.suite is not None:
         return None
     records = _load(arguments.results)
@@ -125,7 +131,10 @@ def _files(arguments: argparse.Namespace) -> Suite | None:
 
 
 def _load(results: Path) -> tuple[RunRecord, ...]:
-    """The records of a results folder; a damaged one might be the newest of its run, so none may be."""
+    """Return the records of a results folder; raise UsageError if one is damaged or contradicts itself.
+
+    A damaged file might be a run's newest result, so that the others cannot stand for it.
+    """
     loaded = store.load(results)
     if loaded.unreadable:
         n, first = len(loaded.unreadable), loaded.unreadable[0]
@@ -138,20 +147,24 @@ def _load(results: Path) -> tuple[RunRecord, ...]:
 
 
 def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[str, Any], tuple[RunRecord, ...]]:
-    """Name and stamp of the results folder, and its records."""
+    """Run the suite, unless --results names a folder; return the folder's name, its stamp and its records."""
     if arguments.results:
         folder = arguments.results
-        return folder.resolve().name, stamp_of(folder), _load(folder)
+        return folder.resolve().name, read_environment(folder), _load(folder)
     with tempfile.TemporaryDirectory() as place:
         name = new_folder(suite.name).name
         folder = Path(arguments.out) if arguments.out else Path(place) / name
         request = Request(suite, folder, count_jobs(arguments.jobs), keep=series_to_keep(suite))
         loaded, _ = run_watched(request, quiet=arguments.json)
-        return name, stamp_of(folder), loaded.records
+        return name, read_environment(folder), loaded.records
 
 
-def _print(result: Judged, *, everything: bool) -> None:
-    """Print the worst last, where a log of CI is read first, and before it the causes of what follows from them."""
+def _print(result: GateFindings, *, everything: bool) -> None:
+    """Print findings, the worst last, where a log of CI is read first; consequences are only counted.
+
+    ``everything`` also prints findings that passed unmoved, and the consequences: bounds that failed only because their
+    run did not end as expected.
+    """
     implied = [] if everything else result.consequences
     shown = [f for f in (result.findings if everything else result.notable) if f not in implied]
     print_findings(map(_say_before, sorted(shown, key=lambda f: WORST.index(f.verdict), reverse=True)))
@@ -165,7 +178,7 @@ def _print(result: Judged, *, everything: bool) -> None:
 
 
 def _say_before(f: Finding) -> Finding:
-    """The finding with the baseline, and the reason where it did not pass, in words."""
+    """Return the finding with words on its change from the baseline and, if it did not pass, on why it is bounded."""
     value, was = f.measured.value, f.before
     change = "missing" if math.isnan(value) else f"x {value / was:.3g}" if was else f"{value - was:+.3g}"
     words = [] if math.isnan(was) else [f"was {was:.3g} ({change})"]
@@ -173,18 +186,19 @@ def _say_before(f: Finding) -> Finding:
     return dataclasses.replace(f, measured=dataclasses.replace(f.measured, words="; ".join(words)))
 
 
-def _samples(arguments: argparse.Namespace, suite: Suite, judged: Sequence[RunRecord]) -> dict[str, list[Sample]]:
-    """The record of each of the suite's runs and those of its repeats, by case; those of a core type apart.
+def _samples(arguments: argparse.Namespace, suite: Suite, judged: Sequence[RunRecord]) -> dict[str, list[SpreadSample]]:
+    """Repeat the suite's runs with moved starts and other arithmetic; return all records by case, unmoved ones first.
 
-    What a later round repeats as it was, kernels with a start that is not moved, is one sample.
+    ``judged`` are the unmoved runs. Each type of core runs by itself. A repeat identical to one of an earlier round,
+    such as other kernels with an unmoved start, is one sample.
     """
     known = {r.settings_id: r for r in judged}
     repeats: dict[str, dict[str, Repeat]] = {}
-    samples: dict[str, list[Sample]] = {}
+    samples: dict[str, list[SpreadSample]] = {}
     for spec in suite.specs:
         if spec.settings_id in known:
-            samples[spec.case] = [Sample("", known[spec.settings_id])]
-            for repeat in repeat_run(spec, arguments.spread, cores_here()):
+            samples[spec.case] = [SpreadSample("", known[spec.settings_id])]
+            for repeat in repeat_run(spec, arguments.spread, list_core_types()):
                 repeats.setdefault(repeat.core, {}).setdefault(repeat.spec.settings_id, repeat)
     for core in repeats.values():
         own = tuple(core.values())
@@ -195,13 +209,14 @@ def _samples(arguments: argparse.Namespace, suite: Suite, judged: Sequence[RunRe
             loaded, _ = run_watched(request, quiet=False, pool=pool)
         of = {r.settings_id: r for r in loaded.records}
         for r in own:
-            samples[r.case].append(Sample(r.kind, of[r.spec.settings_id]))
+            samples[r.case].append(SpreadSample(r.kind, of[r.spec.settings_id]))
     return samples
 
 
 def _update(path: Path, thresholds: Thresholds, *, write: bool) -> int:
+    """Print the proposed thresholds as a diff, or ``write`` them to ``path``; return 0."""
     new = write_thresholds(thresholds)
-    parse_thresholds(new, path)  # nothing is written that the gate could not read
+    parse_thresholds(new, path)  # checked first, so that the gate can read what is written
     before = path.read_text(encoding="utf-8") if path.exists() else ""
     out = console()
     if write:

@@ -1,4 +1,4 @@
-"""``history``: each run over results folders and commits, those whose status changed first."""
+"""Show each run over results folders and commits, those whose status changed first (``history``)."""
 
 import argparse
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.text import Text
 
-from ..harness.catalogue.options import nearest
+from ..harness.catalogue.options import suggest_name
 from ..harness.files import FileError
 from ..harness.results.history import find_histories, merge_rows, read_folder, read_rows, write_rows
 from ..harness.results.rows import METRICS, Row
@@ -14,17 +14,21 @@ from .arguments import UsageError, find_results
 from .terminal import Column, error_console, number, plural, print_json, print_table, sparkline
 
 COLUMNS = (
-    Column("case", fold=True, least=30), Column("results", rank=4), Column("first", rank=2),
-    Column("last"), Column("history", right=False), Column("CPU ratio", rank=3),
+    Column("case", fold=True, least=30),
+    Column("results", rank=4),
+    Column("first", rank=2),
+    Column("last"),
+    Column("history", right=False),
+    Column("CPU ratio", rank=3),
     Column("last status", right=False, rank=1),
-)  # fmt: skip
+)
 WIDTH = 16  # characters of a sparkline
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print one line per run; 1 if something could not be read."""
+    """Print one line per run; return 1 if a file could not be read, else 0."""
     if arguments.metric not in METRICS:
-        raise UsageError(f"unknown metric {arguments.metric!r}{nearest(arguments.metric, list(METRICS))}")
+        raise UsageError(f"unknown metric {arguments.metric!r}{suggest_name(arguments.metric, list(METRICS))}")
     rows, unreadable = _load_rows(arguments.source)
     problem, solver = arguments.problem, arguments.solver
     rows = [r for r in rows if problem in (None, "", r.problem) and solver in (None, "", r.solver)]
@@ -41,7 +45,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _load_rows(sources: list[str]) -> tuple[Sequence[Row], list[str]]:
-    """The rows, and which files could not be read; a file that was named must be readable."""
+    """Return one row per run and results folder, of the given or all histories, and the files that could not be read.
+
+    A named file that cannot be read raises FileError.
+    """
     if sources:
         files = [Path(s) for s in sources if s.endswith(".jsonl")]
         folders = [find_results(s) for s in sources if not s.endswith(".jsonl")]
@@ -59,6 +66,7 @@ def _load_rows(sources: list[str]) -> tuple[Sequence[Row], list[str]]:
 
 
 def _print_rows(rows: Sequence[Row], metric: str) -> None:
+    """Print one line per run: first and last value of the metric, a sparkline, CPU ratio and last status."""
     by_run: dict[str, list[Row]] = {}
     for r in rows:
         by_run.setdefault(r.settings_id, []).append(r)

@@ -1,13 +1,13 @@
-"""``ladder``: a page of all bundles of submissions in a folder."""
+"""Write a page of all bundles of submissions in a folder (``ladder``)."""
 
 import argparse
 from pathlib import Path
 
-from ..harness.catalogue.options import nearest
+from ..harness.catalogue.options import suggest_name
 from ..harness.files import parse_toml, read_text
 from ..harness.ladder.bundling import read_entry, require_checker
 from ..harness.ladder.closing import FILE, read_closing
-from ..harness.ladder.ranking import INDEPENDENT, LABELS, Row, rank_entries
+from ..harness.ladder.ranking import INDEPENDENT, LABELS, RankedEntry, rank_entries
 from .arguments import UsageError
 from .terminal import console, print_json
 
@@ -41,22 +41,32 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if any(r.forged for r in rows) else 0
 
 
-def _describe(r: Row, *, trial: bool) -> dict[str, object]:
+def _describe(r: RankedEntry, *, trial: bool) -> dict[str, object]:
+    """Return an entry of the ranking as plain data for --json; ``trial``: the ladder is not closed yet."""
     return {
-        "file": r.file, "solver": r.solver, "label": r.label, "rank": r.rank or None, "points": r.points,
-        "solved": r.solved, "false": r.false, "cpu_s": r.cost.value, "leads": r.leads, "fenced": r.fenced,
-        "trial": trial, "removed": list(r.forged),
-    }  # fmt: skip
+        "file": r.file,
+        "solver": r.solver,
+        "label": r.label,
+        "rank": r.rank or None,
+        "points": r.points,
+        "solved": r.solved,
+        "false": r.false,
+        "cpu_s": r.cost.value,
+        "leads": r.leads,
+        "fenced": r.fenced,
+        "trial": trial,
+        "removed": list(r.forged),
+    }
 
 
 def _read_labels(path: Path, bundles: list[str]) -> dict[str, str]:
-    """Return the label of each of the bundles that has one; without the file, none has."""
+    """Return the labels of bundles by file name; empty without the file, UsageError for an unknown bundle or label."""
     if not path.exists():
         return {}
     labels = parse_toml(read_text(path, "labels"), LABEL_FILE)
     for name, label in labels.items():
         if name not in bundles:
-            raise UsageError(f"{LABEL_FILE}: there is no bundle {name!r} in {path.parent}{nearest(name, bundles)}")
+            raise UsageError(f"{LABEL_FILE}: there is no bundle {name!r} in {path.parent}{suggest_name(name, bundles)}")
         if label not in LABELS:
             raise UsageError(f"{LABEL_FILE}: the label of {name} must be one of {', '.join(LABELS)} (got {label!r})")
     return labels

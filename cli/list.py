@@ -1,4 +1,4 @@
-"""``list``: the names of problems, solvers and suites; all of one kind; or one entry with its options."""
+"""List problems, solvers and suites, all of one kind, or one entry with its options (``list``)."""
 
 import argparse
 import contextlib
@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..harness.cache import ROOT, cache_folder
-from ..harness.catalogue.options import nearest
+from ..harness.catalogue.options import suggest_name
 from ..harness.files import FileError, parse_json, read_text, to_json, write_text
-from ..harness.results.naming import text_of
+from ..harness.results.naming import format_exactly
 from .arguments import load_plugins
 from .parser import UsageError
 
@@ -22,22 +22,25 @@ if TYPE_CHECKING:
     from ..harness.catalogue.options import Parameter
 
 REFERENCE = {
-    "proved": "its own exact motion, with a proved error", "formula": "its own exact motion, its rounding estimated",
+    "proved": "its own exact motion, with a proved error",
+    "formula": "its own exact motion, its rounding estimated",
     "own": "its own exact motion, none from this start",
+    "hinged": "the closed form of one body on a fixed hinge, its error from that of data within their rounding",
     "certified": "its own certified integration: two routes, their difference bounds it",
-    "computed": "computed by two formulations until they agree", "none": "none, the system is too large to compute one",
-}  # fmt: skip
+    "computed": "computed by two formulations until they agree",
+    "none": "none, the system is too large to compute one",
+}
 STEP = {
     "dt": "dt [s] (fixed step, default: the problem's)",
     "rtol": "rtol (default {rtol:g}), max_step [s] (default: none)",
 }
 LIMITS = "max_steps (default 10000000); cpu_limit [s] (default: none)"
-SHAPING = ("problems", "solvers", "harness")  # folders whose code the catalogue is made from
+SHAPING = ("problems", "solvers", "harness")  # folders whose code defines the catalogue
 Entry = Mapping[str, Any]
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print an overview, all of one kind, or one entry."""
+    """Print an overview, all of one kind, or one entry; UsageError for an unknown name."""
     load_plugins(arguments.plugin)
     plain = describe_catalogue(plugins=True) if arguments.plugin else load_catalogue()
     name = arguments.name
@@ -47,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         known = [*KINDS, *(e["name"] for kind in KINDS for e in plain[kind])]
         plain = {**plain, **{kind: [e for e in plain[kind] if e["name"] == name] for kind in KINDS}}
         if not any(plain[kind] for kind in KINDS):
-            raise UsageError(f"no problem or solver is called {name!r}{nearest(name, known)}")
+            raise UsageError(f"no problem or solver is called {name!r}{suggest_name(name, known)}")
     from .terminal import print_json, table_console  # here: JSON and a wrong name need no tables
 
     if arguments.json:
@@ -63,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 KINDS = ("problems", "solvers")
 CONTROLS = {"dt": "Solvers with a fixed step dt", "rtol": "Solvers with a tolerance rtol"}
-WIDTH = 80  # of the overview, at most
+WIDTH = 80  # largest width of the overview
 
 
 def print_overview(plain: Entry, out: "Console") -> None:
@@ -94,14 +97,20 @@ def print_kind(plain: Entry, kind: str) -> None:
         columns = (Column("problem", right=False), Column("T [s]", rank=1), summary)
         rows = [(p["name"], f"{p['t_end_s']:g}" if p["t_end_s"] else "", p["doc"]) for p in plain[kind]]
     else:
-        columns = (Column("solver", right=False), Column("step", right=False), Column("order", rank=1), summary)
-        rows = [(s["name"], s["control"], "" if s["order"] is None else f"{s['order']:g}", s["doc"])
-                for s in plain[kind]]  # fmt: skip
+        columns = (
+            Column("solver", right=False),
+            Column("step", right=False),
+            Column("order", rank=1),
+            summary,
+        )
+        rows = [
+            (s["name"], s["control"], "" if s["order"] is None else f"{s['order']:g}", s["doc"]) for s in plain[kind]
+        ]
     print_table(columns, rows)
 
 
 def print_one(plain: Entry, out: "Console") -> None:
-    """The one entry, with what every problem has too."""
+    """Print the only entry of ``plain`` with its options; for a problem also the parameters that every problem has."""
     for p in plain["problems"]:
         _print_problem(p, plain, out)
         out.print("parameters of every problem", style="dim")
@@ -114,13 +123,16 @@ def print_one(plain: Entry, out: "Console") -> None:
 
 
 def _print_problem(p: Entry, plain: Entry, out: "Console") -> None:
+    """Print a problem: what it tests, its source, its end time, its reference and its own parameters."""
     from rich.markup import escape
 
     tests = f"  tests: {', '.join(p['tests'])}" if p["tests"] else ""
     out.print(f"[bold cyan]{p['name']}[/bold cyan]  {escape(p['doc'])}[dim]{tests}[/dim]")
-    facts = [f"source: {p['section']}{' of the paper' * p['section'].startswith('Sect.')}" if p["section"] else "",
-             f"simulated time: {p['t_end_s']:g} s" if p["t_end_s"] else "",
-             f"reference: {REFERENCE[p['reference']]}" if p["reference"] else ""]  # fmt: skip
+    facts = [
+        f"source: {p['section']}{' of the paper' * p['section'].startswith('Sect.')}" if p["section"] else "",
+        f"simulated time: {p['t_end_s']:g} s" if p["t_end_s"] else "",
+        f"reference: {REFERENCE[p['reference']]}" if p["reference"] else "",
+    ]
     if any(facts):
         out.print(escape(f"  {'; '.join(filter(None, facts))}"), style="dim")
     common = {o["name"] for o in plain["every_problem"]}
@@ -128,6 +140,7 @@ def _print_problem(p: Entry, plain: Entry, out: "Console") -> None:
 
 
 def _print_solver(s: Entry, plain: Entry, out: "Console") -> None:
+    """Print a solver: its name in the paper, its order, its step control and its options."""
     from rich.markup import escape
 
     label = escape(f"[{s['paper_label']}]  ") if s["paper_label"] else ""
@@ -138,6 +151,7 @@ def _print_solver(s: Entry, plain: Entry, out: "Console") -> None:
 
 
 def _print_options(out: "Console", options: Sequence[Entry]) -> None:
+    """Print a table of options or parameters: name, default, unit and meaning with the choices."""
     from rich.markup import escape
     from rich.table import Table
 
@@ -147,20 +161,20 @@ def _print_options(out: "Console", options: Sequence[Entry]) -> None:
     for o in options:
         unit = escape(f"[{o['unit']}]") if o.get("unit") else ""
         choices = f": {' | '.join(map(str, o['choices']))}" if o.get("choices") else ""
-        table.add_row(f"  {o['name']}", escape(text_of(o["default"])), unit, escape(o["doc"] + choices))
+        table.add_row(f"  {o['name']}", escape(format_exactly(o["default"])), unit, escape(o["doc"] + choices))
     if table.row_count:
         out.print(table)
     out.print()
 
 
 def load_catalogue() -> dict[str, Any]:
-    """``describe_catalogue`` of our own entries, kept in a file until code changes: importing them takes seconds."""
+    """Return ``describe_catalogue`` without plugins, cached in a file until code changes: imports take seconds."""
     path = cache_folder("catalogue", ROOT / "results" / "local") / f"{_digest_code()}.json"
     with contextlib.suppress(FileError):
         found: dict[str, Any] = parse_json(read_text(path, "the catalogue"), str(path))
         return found
     found = describe_catalogue(plugins=False)
-    with contextlib.suppress(OSError):  # without a place to keep it, it is made again
+    with contextlib.suppress(OSError):  # if it cannot be stored, it is made again next time
         path.parent.mkdir(parents=True, exist_ok=True)
         for old in path.parent.glob("*.json"):
             old.unlink(missing_ok=True)
@@ -169,7 +183,7 @@ def load_catalogue() -> dict[str, Any]:
 
 
 def _digest_code() -> str:
-    """Digest of the code behind the catalogue, and of the interpreter."""
+    """Return the digest of the code behind the catalogue and of the interpreter."""
     digest = hashlib.sha256(sys.version.encode())
     for folder in SHAPING:
         for path in sorted((ROOT / folder).rglob("*.py")):
@@ -180,7 +194,7 @@ def _digest_code() -> str:
 
 
 def describe_catalogue(*, plugins: bool) -> dict[str, Any]:
-    """Describe problems, solvers and suites, JSON-able; ``plugins``: those of loaded plugins, too."""
+    """Describe problems, solvers and suites as plain data; ``plugins`` adds those of loaded plugins."""
     from ..harness.catalogue import registry
     from ..harness.suites.includes import suite_names
     from ..harness.suites.spec import DEFAULT_RTOL
@@ -198,36 +212,44 @@ def describe_catalogue(*, plugins: bool) -> dict[str, Any]:
         if plugins or registry.is_own_problem(p.name)
     ]
     solvers = [
-        {**{k: getattr(s, k) for k in ("name", "paper_label", "doc", "control")},
-         "order": _read_order(s.name), "options": _plain_options(s.parameters)}
+        {
+            **{k: getattr(s, k) for k in ("name", "paper_label", "doc", "control")},
+            "order": _read_order(s.name),
+            "options": _plain_options(s.parameters),
+        }
         for s in registry.solvers().values()
         if plugins or registry.is_own_solver(s.name)
-    ]  # fmt: skip
+    ]
     return {
-        "problems": problems, "solvers": solvers, "suites": suite_names(), "traits": list(Trait),
-        "every_problem": _plain_options(registry.COMMON_PARAMETERS), "rtol": DEFAULT_RTOL,
-    }  # fmt: skip
+        "problems": problems,
+        "solvers": solvers,
+        "suites": suite_names(),
+        "traits": list(Trait),
+        "every_problem": _plain_options(registry.COMMON_PARAMETERS),
+        "rtol": DEFAULT_RTOL,
+    }
 
 
 def _describe(name: str) -> dict[str, Any]:
-    """Section, time and source of the reference of the problem with its defaults.
+    """Return section, end time and kind of reference of the problem of that name, with its default parameters.
 
-    Empty where it cannot be made, which is for ``check`` to say.
+    The values are empty if the problem cannot be made, which ``check`` reports.
     """
     from ..harness.catalogue import registry
-    from ..harness.reference.computation import Source, source_of
-    from ..harness.types import kind_of
+    from ..harness.reference.computation import Source, describe_source
+    from ..harness.types import classify_reference
 
     with contextlib.suppress(Exception):
         problem = registry.make_problem(name)
-        source = source_of(problem)
+        source = describe_source(problem)
         own = problem.reference() if source is Source.OWN else None
-        kind = source if own is None else kind_of(own)
+        kind = source if own is None else classify_reference(own)
         return {"section": problem.section, "t_end_s": problem.t_end, "reference": str(kind)}
     return {"section": "", "t_end_s": None, "reference": None}
 
 
 def _read_order(name: str) -> float | None:
+    """Return the order that a solver declares at its default options; None if it declares none."""
     from ..harness.catalogue import registry
 
     order = registry.read_declaration(registry.make_solver(name))[1]
@@ -235,6 +257,7 @@ def _read_order(name: str) -> float | None:
 
 
 def _plain_options(parameters: "Mapping[str, tuple[Any, Parameter]]") -> list[dict[str, Any]]:
+    """Return options as plain data: name, default, and of the rest (unit, meaning, choices) those that are stated."""
     return [
         {"name": k, "default": default, **{n: v for n, v in dataclasses.asdict(p).items() if v not in (None, ())}}
         for k, (default, p) in parameters.items()

@@ -1,4 +1,4 @@
-"""``merge``: the results folders of shards into one."""
+"""Merge results folders, such as those of shards, into one (``merge``)."""
 
 import argparse
 from pathlib import Path

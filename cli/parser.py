@@ -1,12 +1,12 @@
-"""The parser of the command line: every wrong call is answered in one line."""
+"""Parse the command line; every wrong call is answered in one line."""
 
 import argparse
 from typing import Any, NoReturn
 
-from ..harness.catalogue.options import nearest
+from ..harness.catalogue.options import suggest_name
 
 WORDS = "Benchmark of integrators for constrained multibody dynamics: run, measure, judge, report."
-GROUPS = {  # of commands, in the order of --help
+GROUPS = {  # groups of commands, in the order of --help
     "run": "solve run advise ensemble",
     "look": "list show report figures history",
     "put yours in": "check try fuzz referee shadow export submit ladder",
@@ -18,13 +18,14 @@ MORE = "mbsbench COMMAND --help explains a command; docs/glossary.md explains th
 
 
 class UsageError(ValueError):
-    """A wrong call: one line, exit code 2."""
+    """A wrong call, reported in one line with exit code 2."""
 
 
 class Groups(argparse.HelpFormatter):
-    """The commands under the headings of ``GROUPS``, each with its summary."""
+    """A help formatter that lists the commands under the headings of ``GROUPS``, each with its summary."""
 
     def _format_action(self, action: argparse.Action) -> str:
+        """Return the help on one argument, where commands are listed by group and those of no group last."""
         if not isinstance(action, argparse._SubParsersAction):
             return super()._format_action(action)
         entries = {a.dest: a for a in action._get_subactions()}
@@ -32,29 +33,35 @@ class Groups(argparse.HelpFormatter):
         rest = [name for name in entries if not any(name in own for own in grouped.values())]
         parts = [(title, [n for n in own if n in entries]) for title, own in [*grouped.items(), ("more", rest)]]
         self._indent()
-        lines = [line for title, own in parts if own
-                 for line in (f"  {title}:\n", *(self._format_action(entries[n]) for n in own))]  # fmt: skip
+        lines = [
+            line
+            for title, own in parts
+            if own
+            for line in (f"  {title}:\n", *(self._format_action(entries[n]) for n in own))
+        ]
         self._dedent()
         return "".join(lines)
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse with its errors in one line; an unknown option is answered with the nearest one of its command.
+    """An argparse parser with errors in one line; for an unknown option it names the nearest one of the command.
 
-    No option may be shortened: ``--native`` is looked for before there is a parser.
+    Options cannot be abbreviated: ``--native`` is looked for before there is a parser.
     """
 
     def __init__(self, *arguments: Any, **given: Any) -> None:
+        """Create the parser with abbreviated options switched off."""
         super().__init__(*arguments, **{"allow_abbrev": False, **given})
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """Parse the arguments; raise UsageError for an unknown option, with the nearest known one."""
         found, left = super().parse_known_args(args, namespace)
         for name in (word.partition("=")[0] for word in left if word.startswith("--")):
-            self.error(f"unknown option {name}{nearest(name, list(self._option_string_actions))}")
+            self.error(f"unknown option {name}{suggest_name(name, list(self._option_string_actions))}")
         return found, left
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        """The value of an argument; what its type complains about begins with the argument where it says ``must``."""
+        """Return the converted value; an error that begins with ``must`` is prefixed with the argument's name."""
         if not callable(action.type):
             return super()._get_value(action, arg_string)  # type: ignore[misc]
         try:
@@ -64,11 +71,12 @@ class Parser(argparse.ArgumentParser):
             raise UsageError(f"{name} {error}" if str(error).startswith("must") else str(error)) from None
 
     def error(self, message: str) -> NoReturn:
+        """Raise UsageError in place of printing the usage and ending the process."""
         raise UsageError(f"{message} (see {self.prog} --help)")
 
 
 def top_parser() -> tuple[Parser, Any]:
-    """The parser of ``mbsbench``, and what its commands are added to."""
+    """Return the parser of ``mbsbench``, and the object that commands are added to."""
     parser = Parser(prog="mbsbench", description=WORDS, epilog=MORE, formatter_class=Groups)
     parser.add_argument(
         "--version", action="store_true", help="print the version, and what a report of a fault needs to say"

@@ -1,4 +1,4 @@
-"""Progress of a suite: on a terminal a bar, the time left, the worst drift and the running runs; else plain lines."""
+"""Show the progress of a suite: on a terminal a bar with time left and worst drift, else plain lines."""
 
 import math
 import time
@@ -12,114 +12,130 @@ from rich.live import Live
 from rich.text import Text
 
 from ..harness import machine
-from ..harness.execution.costs import Expectation, expect
-from ..harness.execution.eta import PREPARING, Estimate, describe_wait, in_words
+from ..harness.execution.costs import Expectation, predict_times
 from ..harness.execution.job import Job
 from ..harness.execution.pool import LocalPool
+from ..harness.execution.remaining_time import PREPARING, RemainingTime, describe_wait, format_duration
 from ..harness.execution.runner import Executor, Request, run_suite
 from ..harness.results.records import RunRecord
-from ..harness.results.store import Loaded, Unreadable
-from ..harness.results.words import comparison_words, why
+from ..harness.results.store import LoadedResults, UnreadableFile
+from ..harness.results.words import comparison_words, list_reasons
 from ..harness.sandbox.isolation import describe_lacking
 from ..harness.suites.spec import RunSpec
 from ..harness.types import Status
 from .terminal import Console, error_console, list_unreadable, plural, status_style
 
-LISTED = 50  # at most so many runs that were not started
+LISTED = 50  # most runs listed that were not started
 BAR = 30  # characters
-SHOWN = 8  # at most so many running runs
-PATIENCE = 3.0  # [s] of compilation and references until they are mentioned
-EVERY = 30.0  # [s] between two progress lines where there is no bar
+SHOWN = 8  # most running runs shown
+PATIENCE = 3.0  # [s] of compilation or references after which they are mentioned
+EVERY = 30.0  # [s] between two progress lines without a bar
 
 
-class Watch:
-    """Prints one line per finished run, and keeps the status lines at the bottom of a terminal."""
+class ProgressDisplay:
+    """An observer that prints one line per finished run and keeps status lines at the bottom of a terminal."""
 
     def __init__(
-        self, console: Console, live: Live | None, size: int = 1, *, resumable: bool = True, announces: bool = True,
-        here: bool = True, budget: str = "",
-    ) -> None:  # fmt: skip
-        self.budget = budget  # words on the limit of a command that runs several suites within one
+        self,
+        console: Console,
+        live: Live | None,
+        size: int = 1,
+        *,
+        resumable: bool = True,
+        announces: bool = True,
+        here: bool = True,
+        budget: str = "",
+    ) -> None:
+        self.budget = budget  # words on the limit of a command that runs several suites
         self.console, self.live, self.size, self.resumable = console, live, size, resumable
-        self.here = here  # whether runs are run on this machine, whose pace is known
-        self.announces = announces  # what will be done; a command that runs several suites does so itself
-        self.total = self.before = self.done = 0
-        self.opened = self.reported = time.monotonic()
+        self.here = here  # True if runs are on this machine, whose speed is known
+        self.announces = announces  # True to announce the suite; a command with several suites does so itself
+        self.total = self.before = self.done = 0  # runs of the suite, finished earlier, finished now
+        self.opened = self.reported = time.monotonic()  # start of the display, and of the last progress line
         self.begun = math.inf  # when the first run began
         self.waiting: dict[str, Job] = {}
-        self.running: dict[str, tuple[Job, float]] = {}
-        self.estimate, self.once = Estimate({}), 0.0
-        self.warming = False  # no run has begun
-        self.compiling = False  # and not mentioned yet
-        self.worst = (0.0, "")
+        self.running: dict[str, tuple[Job, float]] = {}  # each with its start (time.monotonic)
+        self.estimate, self.once = RemainingTime({}), 0.0  # once: [s] to compile kernels and compute references
+        self.warming = False  # True while no run has begun
+        self.compiling = False  # True while the wait for the first run is not mentioned
+        self.worst = (0.0, "")  # largest energy drift relative to its energy scale, and its run
         self.left = 0  # runs not started because of total_limit
-        self.set_aside: tuple[Unreadable, ...] = ()  # before any run began
+        self.set_aside: tuple[UnreadableFile, ...] = ()  # before any run began
 
-    def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
+    def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[UnreadableFile, ...]) -> None:
+        """Print how many runs there are and how long they take here, and the unreadable files that are set aside.
+
+        ``waiting`` are the runs without a result, of ``total`` in the suite.
+        """
         self.total, self.before = total, total - len(waiting)
         self.waiting = {job.id: job for job in waiting}
         self.warming = bool(waiting)
-        further = bool(self.before) and not self.resumable  # a later stage of the same command
+        further = bool(self.before) and not self.resumable  # True for a later stage of the same command
         self.compiling = self.warming and not further
-        expected = expect([job.spec for job in waiting], self.size, waiting[0].suite if waiting else "")
-        self.estimate, self.once = Estimate(expected.runs), expected.once
+        expected = predict_times([job.spec for job in waiting], self.size, waiting[0].suite if waiting else "")
+        self.estimate, self.once = RemainingTime(expected.runs), expected.once
         kept = f", {self.before} already done" if self.before else ""
         if self.announces and not further:
             where = f"; results in {folder}" if self.resumable else ""
             time_needed = describe_time(expected) if self.here else ""
-            announce(f"{plural(total, 'run')}{kept}{time_needed}{where}", self.console)
+            announce_suite(f"{plural(total, 'run')}{kept}{time_needed}{where}", self.console)
         self.set_aside = unreadable
         for line in list_unreadable("set aside", [(item.path.name, item.why) for item in unreadable]):
             self._say(line)
-        self.tick()
+        self.on_tick()
 
     def on_start(self, job: Job) -> None:
+        """Count a run among the running ones."""
         self.compiling = self.warming = False
         self.begun = min(self.begun, time.monotonic())
         self.waiting.pop(job.id, None)
         self.running[job.id] = (job, time.monotonic())
-        self.tick()
+        self.on_tick()
 
     def on_end(self, job: Job, record: RunRecord) -> None:
+        """Print how a run ended and why, learn from its time, and keep the largest energy drift."""
         begun = self.running.pop(job.id, None)
         self.done += 1
         if begun and record.wall_s > 0.0:
-            self.estimate.learn(job.spec, time.monotonic() - begun[1])
+            self.estimate.note_time(job.spec, time.monotonic() - begun[1])
         relative = record.energy_drift_max_J / record.energy_scale_J
         if record.status != Status.REFUSED and relative > self.worst[0]:
             self.worst = (relative, job.spec.case)
         words = f"{record.status:<14} {record.wall_s:6.1f} s  {job.spec.case}"
         if record.status not in (Status.SUCCESS, Status.REFUSED):
-            because = why(record)
+            because = list_reasons(record)
             words += f"  ({because[0]}{f', and {len(because) - 1} more' if because[1:] else ''})"
         elif record.status == Status.SUCCESS and (compared := comparison_words(record)):
             words += f"  ({compared})"
-        if record.missing_package and not self.announces:  # the command itself names what is not installed
+        if record.missing_package and not self.announces:  # the command itself names missing packages
             return
         count = f"[{self.before + self.done}/{self.total}]"
         self._say(f"{count} {words}", status_style(record.status))
-        self.tick()
+        self.on_tick()
 
     def on_warmup(self, times: dict[str, float], references: dict[str, float]) -> None:
+        """Print each compilation and each reference, by name and time [s], that took longer than ``PATIENCE``."""
         for done, spent in (("compiled", times), ("reference computed", references)):
             for name, seconds in spent.items():
                 if seconds > PATIENCE:
                     self._say(f"{done} in {seconds:.0f} s, not counted in any run: {name}")
 
-    def tick(self) -> None:
+    def on_tick(self) -> None:
+        """Draw the status lines of a terminal anew; without one, print a line of progress every ``EVERY`` seconds."""
         now = time.monotonic()
         if self.compiling and now - self.opened > PATIENCE:
             self.compiling = False
-            if self.once > PATIENCE:  # else it is loading, which every start does
+            if self.once > PATIENCE:  # otherwise the time is that of loading, as at every start
                 self._say(describe_wait(PREPARING, now - self.opened, self.once))
         if self.live is not None:
-            self.live.update(Group(*self.foot(now)), refresh=True)
+            self.live.update(Group(*self.format_status(now)), refresh=True)
         elif now - self.reported > EVERY and self.running:
             self.reported = now
             drift = f"; largest energy drift: {self.drift()}" if self.worst[1] else ""
             self._say(f"    {self.count()}{drift}")
 
     def on_stop(self, left: Sequence[Job], limit: float) -> None:
+        """Print that a time limit [s] ended the suite, and the runs ``left`` that were not started."""
         self.left = len(left)
         reached = self.budget or f"the suite's total_limit of {limit:.3g} s"
         self._say(f"stopped at {reached}", "yellow")
@@ -130,8 +146,8 @@ class Watch:
             again = "; --resume runs them" if self.resumable else ""
             self._say(f"{plural(len(left), 'run')} not started, without a result{again}{more}")
 
-    def finish(self, folder: Path, loaded: Loaded) -> None:
-        """The last lines: how many runs have which status, and where they are."""
+    def finish(self, folder: Path, loaded: LoadedResults) -> None:
+        """Print the last lines: the number of runs by status, and the path of the results."""
         counted = Counter(r.status for r in loaded.records)
         words = ", ".join(f"{n} {status}" for status, n in counted.most_common())
         spent = time.monotonic() - self.opened
@@ -140,14 +156,14 @@ class Watch:
         if self.worst[1]:
             out.print(f"largest energy drift: {self.drift()}")
 
-    def foot(self, now: float) -> list[Text]:
-        """The status lines, none wider than the terminal."""
+    def format_status(self, now: float) -> list[Text]:
+        """Return the status lines at ``now`` (of time.monotonic): a bar, the worst drift, the running runs."""
         full = round(self.estimate.share_done(self._list_running(), self._list_waiting()) * BAR)
         lines = [Text.assemble(("━" * full, "green"), ("─" * (BAR - full), "dim"), f" {self.count()}")]
         if self.worst[1]:
             lines.append(Text(f"worst drift: {self.drift()}"))
         for job, since in list(self.running.values())[:SHOWN]:
-            of = in_words(now - since + self.estimate.rest(job.spec, now - since))
+            of = format_duration(now - since + self.estimate.estimate_remaining(job.spec, now - since))
             lines.append(Text(f"  {now - since:.0f} s of about {of}: {job.spec.case}", "dim"))
         if self.warming:
             lines.append(Text(f"  {describe_wait(PREPARING, now - self.opened, self.once)}", "dim"))
@@ -156,60 +172,74 @@ class Watch:
         return lines
 
     def count(self) -> str:
-        """The number of finished runs, the share of the work that is done, and the time left."""
+        """Return words on the finished runs, the fraction of the work that is done, and the time left."""
         running, waiting = self._list_running(), self._list_waiting()
         words = f"{self.before + self.done} of {plural(self.total, 'run')}"
         if not (running or waiting):
             return words
         share, left = (f(running, waiting) for f in (self.estimate.share_done, self._estimate_left))
-        return f"{words}, {100.0 * share:.0f} % of the work, about {in_words(left)} left"
+        return f"{words}, {100.0 * share:.0f} % of the work, about {format_duration(left)} left"
 
     def _estimate_left(self, running: Sequence[tuple[RunSpec, float]], waiting: Sequence[RunSpec]) -> float:
+        """Return the wall time that the running and the waiting runs still take [s]."""
         return self.estimate.estimate_left(running, waiting, self.size)
 
     def _list_running(self) -> list[tuple[RunSpec, float]]:
+        """Return the running runs, each with the wall time since its start [s]."""
         now = time.monotonic()
         return [(job.spec, now - since) for job, since in self.running.values()]
 
     def _list_waiting(self) -> list[RunSpec]:
+        """Return the runs that were not started yet."""
         return [job.spec for job in self.waiting.values()]
 
     def drift(self) -> str:
-        """The largest so far."""
+        """Return words on the largest energy drift so far, relative to its run's energy scale, with the run."""
         return f"{self.worst[0]:.2g} of the energy scale, {self.worst[1]}"
 
     def _say(self, words: str, style: str = "") -> None:
+        """Print a line above the status lines."""
         self.console.print(Text(words, style), highlight=False, soft_wrap=True)
 
 
 def warn_of_own_bits() -> None:
-    """Print a line where runs of this machine will not have the bits that they have elsewhere, unless natively."""
+    """Print a line if runs on this machine do not agree bit for bit with those on others."""
     if words := machine.explain_deviations():
         error_console().print(words)
 
 
-def announce(words: str, out: Console) -> None:
-    """Print what a command will do, before it does it, and what this machine lacks for that."""
+def announce_suite(words: str, out: Console) -> None:
+    """Print what a command will do, before it does it, and what this system lacks to confine runs."""
     for line in filter(None, (words, describe_lacking())):
         out.print(Text(line), highlight=False, soft_wrap=True)
 
 
 def describe_time(expected: Expectation) -> str:
-    """Return the words on how long runs will take here, after their number; none where nothing is to be run."""
+    """Describe how long runs will take here, to be added to a line; empty if there is nothing to run."""
     return f", {expected.jobs} at a time: {expected.words}" if expected.runs else ""
 
 
 def run_watched(
-    request: Request, *, quiet: bool, resumable: bool = True, announces: bool = True, here: bool = True,
-    budget: str = "", pool: Callable[..., Executor] = LocalPool,
-) -> tuple[Loaded, Watch]:  # fmt: skip
-    """Run a suite under a ``Watch`` on standard error, with status lines on a terminal; ``quiet``: without a word.
+    request: Request,
+    *,
+    quiet: bool,
+    resumable: bool = True,
+    announces: bool = True,
+    here: bool = True,
+    budget: str = "",
+    pool: Callable[..., Executor] = LocalPool,
+) -> tuple[LoadedResults, ProgressDisplay]:
+    """Run a suite with progress on standard error, unless ``quiet``; return its results and the display.
 
-    What is not ``resumable`` has a folder that is of no use to the user or is named elsewhere, and perhaps a
-    ``budget``, in words; runs that are not run ``here`` but on a cluster take an unknown time.
+    On a terminal there are status lines. A suite that is not ``resumable`` has a temporary folder or one named
+    elsewhere. ``announces=False``: the command itself said what it will run. ``here=False``: runs are on a cluster and
+    take an unknown time. ``budget`` names in words the limit of the command that ends the suite, in place of the
+    suite's own.
     """
     console = Console(quiet=quiet, stderr=True)
     plain = quiet or not console.is_terminal or console.is_dumb_terminal
     with nullcontext() if plain else Live(console=console, auto_refresh=False, transient=True) as live:
-        watcher = Watch(console, live, request.jobs, resumable=resumable, announces=announces, here=here, budget=budget)
+        watcher = ProgressDisplay(
+            console, live, request.jobs, resumable=resumable, announces=announces, here=here, budget=budget
+        )
         return run_suite(request, watcher, pool), watcher

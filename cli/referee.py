@@ -1,4 +1,4 @@
-"""``referee``: the motion that any other code computed, from a file, judged by the code that judges all runs."""
+"""Judge the motion in a file that any other code computed, as all runs are judged (``referee``)."""
 
 import argparse
 import json
@@ -14,9 +14,9 @@ from ..harness.foreign.conventions import CHOICES, Reading
 from ..harness.foreign.judge import FileSettings, judge_file, list_tables, open_results
 from ..harness.results import store
 from ..harness.results.records import RunRecord
-from ..harness.results.words import judged_error, why
+from ..harness.results.words import judged_error, list_reasons
 from ..harness.sandbox.trial import make_problem
-from ..harness.text import printable
+from ..harness.text import escape_text
 from ..harness.types import Status, StepControl
 from .arguments import UsageError, load_problem
 from .solve import as_plain, summarize
@@ -24,9 +24,12 @@ from .terminal import Column, console, number, print_json, print_table, status_s
 
 INACCURATE = 3  # exit code
 COLUMNS = (
-    Column("case", fold=True), Column("status", right=False), Column("position error [m]"),
-    Column("energy drift [J]", rank=1), Column("accurate until [s]", rank=2),
-)  # fmt: skip
+    Column("case", fold=True),
+    Column("status", right=False),
+    Column("position error [m]"),
+    Column("energy drift [J]", rank=1),
+    Column("accurate until [s]", rank=2),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -60,6 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _exit_code(one: RunRecord | FileError) -> int:
+    """Return the exit code for one file: 0 success, 3 inaccurate, 1 any other status, 2 not judged."""
     if isinstance(one, FileError):
         return 2
     codes = {Status.SUCCESS: 0, Status.INACCURATE: INACCURATE}
@@ -67,7 +71,10 @@ def _exit_code(one: RunRecord | FileError) -> int:
 
 
 def parse_settings(arguments: argparse.Namespace, first: Path) -> FileSettings:
-    """How files are read, and by which name they go."""
+    """Return how files are read, and under which solver name; by default that of the first file.
+
+    The name gets the suffix ``_file`` where it is a catalogued solver's.
+    """
     reading = Reading(**{name: getattr(arguments, name) for name in CHOICES})
     columns = tuple(c.strip() for c in (arguments.columns or "").split(",") if c.strip())
     if len({"=" in c for c in columns}) > 1:
@@ -83,11 +90,13 @@ def parse_settings(arguments: argparse.Namespace, first: Path) -> FileSettings:
 
 
 def _find_folder(name: str) -> Path:
+    """Return the results folder of that name in results/local/, else the path itself."""
     local = store.LOCAL / name
     return local if store.is_results(local) else Path(name)
 
 
 def _print_files(paths: list[Path], judged: list[RunRecord | FileError], folder: Path | None) -> None:
+    """Print the record of the one file in full, or a row for each of several, with the reasons below."""
     below = [] if folder is None else [f"written to         {folder}"]
     if len(judged) == 1 and isinstance(judged[0], RunRecord):
         for line in summarize(judged[0]) + below:
@@ -99,8 +108,8 @@ def _print_files(paths: list[Path], judged: list[RunRecord | FileError], folder:
             below.insert(0, f"not judged: {r}")
             rows.append((str(path), Text("not judged", "bold red"), "-", "-", "-"))
             continue
-        below += [f"{r.case}: {'; '.join(why(r))}"] if r.status != Status.SUCCESS else []
-        below += [f"{r.case}: {printable(n)}" for n in json.loads(r.notes)]
+        below += [f"{r.case}: {'; '.join(list_reasons(r))}"] if r.status != Status.SUCCESS else []
+        below += [f"{r.case}: {escape_text(n)}" for n in json.loads(r.notes)]
         until = number(r.accurate_until_s) if not math.isnan(r.accurate_until_s) else "-"
         numbers = (number(judged_error(r, "position_error", "m")), number(r.energy_drift_max_J), until)
         rows.append((r.case, Text(r.status, status_style(r.status)), *numbers))

@@ -1,20 +1,20 @@
-"""``remeasure``: finished runs measured again by the laws of this code."""
+"""Measure finished runs again by the laws of this code (``remeasure``)."""
 
 import argparse
 
-from ..harness.execution.again import name_run
-from ..harness.execution.remeasure import find_outdated, measure_again
+from ..harness.execution.full_series import name_run
+from ..harness.execution.remeasure import find_outdated, replace_outdated
 from ..harness.execution.runner import Request
 from ..harness.results import store
 from .arguments import UsageError, count_jobs, load_plugins
-from .progress import announce, run_watched
+from .progress import announce_suite, run_watched
 from .terminal import console, error_console, plural, print_json, print_unreadable
 
-NAMED = 20  # runs that are left as they are, in a list
+NAMED = 20  # most runs listed that stay unchanged
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure what other code has measured; return 1 if a run is left as it was, else 0."""
+    """Measure again the runs that other code measured; return 1 if a run stays unchanged, else 0."""
     folder, plugins = arguments.results, load_plugins(arguments.plugin)
     loaded = store.load(folder)
     records = store.newest(loaded.records)
@@ -23,12 +23,15 @@ def run(arguments: argparse.Namespace) -> int:
     outdated = find_outdated(records, plugins)
 
     def solve(request: Request) -> None:
+        """Run a suite as ``replace_outdated`` requests it, with progress."""
         run_watched(request, quiet=arguments.json, resumable=False, announces=False)
 
     seconds = sum(r.cpu_process_s for r in outdated if r.cpu_process_s > 0.0)
     took = f", which took {seconds:.2g} s of CPU time" if seconds else ""
-    announce(f"{plural(len(outdated), 'run')} of {folder} to be solved once more and measured{took}", error_console())
-    done = measure_again(folder, outdated, count_jobs(arguments.jobs), solve, plugins)
+    announce_suite(
+        f"{plural(len(outdated), 'run')} of {folder} to be solved once more and measured{took}", error_console()
+    )
+    done = replace_outdated(folder, outdated, count_jobs(arguments.jobs), solve, plugins)
     same = len(records) - len(outdated)
     if arguments.json:
         left = {r.run_id: why for r, why in done.left}

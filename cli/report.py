@@ -1,17 +1,17 @@
-"""``report``: the web pages of a results folder, or the comparison of two."""
+"""Write the web pages of a results folder, or the comparison of two (``report``)."""
 
 import argparse
 
+from ..harness.confined_paths import ConfinedPath
 from ..harness.execution.costs import describe_command
-from ..harness.places import Place
 from ..harness.results import store
 from .arguments import UsageError, find_results
-from .progress import announce
+from .progress import announce_suite
 from .terminal import console, error_console, plural
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write it and print where it is."""
+    """Write the report of one results folder, or the comparison of two; print its path and return 0."""
     if len(arguments.results) > 2:
         raise UsageError(f"report takes one results folder, or two to compare (got {len(arguments.results)})")
     folders = [find_results(name) for name in arguments.results]
@@ -22,20 +22,22 @@ def run(arguments: argparse.Namespace) -> int:
     from ..reports.site import write_site
 
     to_come = ""
-    with store.in_use(folders[-1]):
+    with store.hold_folder(folders[-1]):
         if len(folders) == 1:
             results = read_results(folders[0])
             size = len(results.runs)
-            announce(f"pages of {plural(size, 'run')}: {describe_command('report', size)}", error_console())
-            index = write_site(results, Place(folders[0]) / "report")
+            announce_suite(f"pages of {plural(size, 'run')}: {describe_command('report', size)}", error_console())
+            index = write_site(results, ConfinedPath(folders[0]) / "report")
             if results.to_come:
-                to_come = (f"{results.to_come} of {results.suite_runs} runs of the suite are still to come; "
-                           "the open page says when a report with more has replaced it")  # fmt: skip
+                to_come = (
+                    f"{results.to_come} of {results.suite_runs} runs of the suite are still to come; "
+                    "the open page says when a report with more has replaced it"
+                )
         elif arguments.out is None:
-            index = write_compare(folders[0], folders[1], Place(folders[1]) / "report")
+            index = write_compare(folders[0], folders[1], ConfinedPath(folders[1]) / "report")
         else:
             arguments.out.mkdir(parents=True, exist_ok=True)
-            index = write_compare(folders[0], folders[1], Place(arguments.out))
+            index = write_compare(folders[0], folders[1], ConfinedPath(arguments.out))
     console().print(f"report: {index}")
     if to_come:
         console().print(to_come)

@@ -1,4 +1,4 @@
-"""``run``: a suite into a results folder, with progress."""
+"""Run a suite into a results folder, with progress (``run``)."""
 
 import argparse
 from collections import Counter
@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..harness.execution.begun import WHY as FOREIGN
-from ..harness.execution.costs import expect
+from ..harness.execution.costs import predict_times
 from ..harness.execution.pool import LocalPool
 from ..harness.execution.runner import Executor, Request, last_folder, list_waiting, new_folder
+from ..harness.execution.started_runs import WHY as FOREIGN
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.suites.suite import load_suite
@@ -18,11 +18,11 @@ from .keeping import series_to_keep
 from .progress import describe_time, run_watched, warn_of_own_bits
 from .terminal import console, error_console, list_unreadable, number, plural, print_json
 
-LISTED = 8  # solvers with a key that they do not take
+LISTED = 8  # most solvers listed with keys that they do not take
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run; 0 whatever the statuses are, 1 if a limit left runs out or something else wrote records."""
+    """Run the suite; return 0 whatever the statuses, 1 if a limit left out runs or other code wrote records."""
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     folder = Path(arguments.out) if arguments.out else None
     if folder is None and arguments.resume:
@@ -38,10 +38,17 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"--only must be a suite that {suite.name} includes: {known} (got {arguments.only!r})")
     target, part = folder or new_folder(suite.name), parse_shard(arguments.shard)
     request = Request(
-        suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.only, arguments.limit, part,
-        arguments.lossless, is_newest=arguments.out is None,
+        suite,
+        target,
+        count_jobs(arguments.jobs),
+        arguments.resume,
+        arguments.only,
+        arguments.limit,
+        part,
+        arguments.lossless,
+        is_newest=arguments.out is None,
         keep=None if arguments.lossless else series_to_keep(suite),
-    )  # fmt: skip
+    )
     if arguments.dry_run:
         return _explain(request, as_json=arguments.json)
     if arguments.cluster is None:
@@ -67,9 +74,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _explain(request: Request, *, as_json: bool) -> int:
-    """Print the runs that would be run, how long each will take here, and all of them; return 0."""
+    """Print the runs that the request would make and how long each takes here; return 0."""
     waiting = list_waiting(request)
-    expected = expect(waiting, request.jobs, request.suite.name)
+    expected = predict_times(waiting, request.jobs, request.suite.name)
     if as_json:
         runs = [{"case": s.case, "seconds": expected.runs[s.settings_id]} for s in waiting]
         whole = {"seconds": expected.seconds, "once_s": expected.once, "jobs": expected.jobs}
@@ -85,18 +92,18 @@ def _explain(request: Request, *, as_json: bool) -> int:
 
 
 def _describe_whole(request: Request, *, here: bool) -> str:
-    """Return the words on the whole suite of which a part is run first: how many runs, and how long all take here."""
+    """Describe the number of runs of the whole suite, and their time here, when a part of it is run first."""
     waiting = list_waiting(replace(request, only=None))
-    time_needed = describe_time(expect(waiting, request.jobs, request.suite.name)) if here else ""
+    time_needed = describe_time(predict_times(waiting, request.jobs, request.suite.name)) if here else ""
     return f"{request.suite.name}: {plural(len(waiting), 'run')}{time_needed}; now those of {request.only}"
 
 
 def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple[str, ...]) -> list[str]:
-    """Replace CPU times by those of turns; what could not be timed, also printed."""
+    """Measure the CPU times again, runs taking turns, and store them; print and return the runs that were not timed."""
     from ..harness.races.in_turns import time_in_turns
 
     error_console().print(f"timing in turns, {turns} times each")
-    with store.in_use(folder):
+    with store.hold_folder(folder):
         _, failures = time_in_turns(folder, records, turns, plugins)
         store.write_table(folder, store.load(folder, check_series=False).records)
     for line in failures:
@@ -105,13 +112,13 @@ def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple
 
 
 def describe_not_combined(rest: Sequence[str]) -> str:
-    """Return a line on solvers and the keys of their groups that they do not take."""
+    """Return a line on the solvers of a suite's groups that do not take a key of their group, as ``rest`` has them."""
     more = f", and {len(rest) - LISTED} more" if rest[LISTED:] else ""
     return f"not combined: {', '.join(rest[:LISTED])}{more}"
 
 
 def choose_executor(address: str | None) -> Callable[..., Executor]:
-    """Local processes, or the cluster at ``address``."""
+    """Return what makes the executor of jobs: local processes, or the workers of the cluster at ``address``."""
     if address is None:
         return LocalPool
     from ..harness.execution.cluster import DaskPool
@@ -120,7 +127,7 @@ def choose_executor(address: str | None) -> Callable[..., Executor]:
 
 
 def parse_shard(given: str | None) -> tuple[int, int]:
-    """``"2/5"`` as (2, 5)."""
+    """Parse ``"2/5"`` into (2, 5), the second of five parts of a suite; None is the whole, (1, 1)."""
     if given is None:
         return 1, 1
     k, _, n = given.partition("/")

@@ -1,12 +1,12 @@
-"""``shadow``: the true motion nearest to a computed one, and the modified energy of a fixed-step method."""
+"""Find the true motion nearest to a computed one, and the modified energy of a fixed-step method (``shadow``)."""
 
 import argparse
 import json
 import tempfile
 from pathlib import Path
 
-from ..harness.execution.again import rebuild_spec
 from ..harness.execution.costs import describe_command
+from ..harness.execution.full_series import rebuild_spec
 from ..harness.execution.run_file import read_run
 from ..harness.execution.solve_file import solve_to_file
 from ..harness.foreign.judge import read_trajectory
@@ -15,24 +15,26 @@ from ..harness.results.findings import state
 from ..harness.results.records import RunRecord
 from ..harness.results.shadows import keep_nearest
 from ..harness.sandbox.trial import make_problem
-from ..harness.shadow.findings import describe_energy, describe_shadow, nearest_of
+from ..harness.shadow.findings import describe_energy, describe_shadow, summarise_nearest
 from ..harness.shadow.modified_energy import find_modified_energy
 from ..harness.shadow.shadow import find_shadow
 from ..harness.types import Problem, Trajectory
 from .arguments import UsageError, find_results, load_plugins, load_problem
 from .findings import print_findings
-from .progress import announce
+from .progress import announce_suite
 from .referee import parse_settings
 from .show import find_run
 from .terminal import console, error_console, plural
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the findings; return 0 where a shadow is found over the whole time within a tenth of the reach, else 1."""
+    """Print the findings; return 0 if a shadow is found over the whole time within a tenth of the reach, else 1."""
     title, problem, trajectory, run = _read_motion(arguments)
     steps, bodies = len(trajectory.t) - 1, problem.system.nb
     time_needed = describe_command("shadow", steps * bodies)
-    announce(f"{plural(steps, 'step')}, bodies: {bodies}: {time_needed}, more where no motion is near", error_console())
+    announce_suite(
+        f"{plural(steps, 'step')}, bodies: {bodies}: {time_needed}, more where no motion is near", error_console()
+    )
     shadow = find_shadow(problem, trajectory, arguments.t_end)
     found = describe_shadow(shadow)
     good = all(f.holds for f in found)
@@ -43,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         modified = None
         found.append(state("modified energy", f"not computed: {error}"))
     if run is not None:
-        keep_nearest(*run, nearest_of(shadow, modified))
+        keep_nearest(*run, summarise_nearest(shadow, modified))
     print_findings(found, *([] if arguments.json else [title]), json=arguments.json)
     if arguments.html:
         from ..reports.shadow import write_page
@@ -58,7 +60,10 @@ Motion = tuple[str, Problem, Trajectory, tuple[Path, RunRecord] | None]
 
 
 def _read_motion(arguments: argparse.Namespace) -> Motion:
-    """A title, the problem and its motion, from a file, or by repeating a run, which comes with its folder."""
+    """Return a title, the problem and its motion from a file or a run solved again, and that run's folder and record.
+
+    Folder and record are None for a file.
+    """
     path = Path(arguments.motion)
     if arguments.problem is not None:
         name, parameters, _ = load_problem(arguments)
@@ -71,12 +76,13 @@ def _read_motion(arguments: argparse.Namespace) -> Motion:
         raise UsageError(f"{path} does not name its problem; give it with --problem")
     folder = find_results(arguments.results)
     record = find_run(store.load(folder, check_series=False).records, arguments.motion, folder)
-    with tempfile.TemporaryDirectory() as place:  # a results folder keeps thinned poses alone
+    with tempfile.TemporaryDirectory() as place:  # a results folder keeps thinned poses only
         again = Path(place) / "run.npz"
         solve_to_file(rebuild_spec(record), again, None)
         return *_read_run(again), (folder, record)
 
 
 def _read_run(path: Path) -> tuple[str, Problem, Trajectory]:
+    """Return case, problem and trajectory of the run in an NPZ file."""
     record, trajectory = read_run(path)
     return record.case, make_problem(record.problem, json.loads(record.problem_parameters)), trajectory

@@ -1,4 +1,4 @@
-"""``show``: a results folder as a table on the terminal, or one of its runs in detail."""
+"""Show a results folder as a table on the terminal, or one of its runs in detail (``show``)."""
 
 import argparse
 import csv
@@ -14,29 +14,29 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from ..harness.catalogue.options import nearest
-from ..harness.execution.again import name_run
+from ..harness.catalogue.options import suggest_name
+from ..harness.execution.full_series import name_run
 from ..harness.files import FileError
 from ..harness.results import records, store
-from ..harness.results.provenance import stamp_of
-from ..harness.results.records import COLUMNS, RunRecord, reasons_of
+from ..harness.results.provenance import read_environment
+from ..harness.results.records import COLUMNS, RunRecord, parse_reasons
 from ..harness.results.reproduce import write_command
 from ..harness.results.series import OTHER, POSES
-from ..harness.results.store import Unreadable
+from ..harness.results.store import UnreadableFile
 from ..harness.results.words import (
+    describe_breach,
     error_until,
     error_words,
     judged_error,
+    list_reasons,
     status_words,
-    why,
-    words_of,
     words_of_ending,
-)  # fmt: skip
-from ..harness.text import printable
+)
+from ..harness.text import escape_text
 from ..harness.types import Status
-from .again import solved_again
 from .arguments import UsageError, load_plugins
 from .commands import FILTERS, SORTS
+from .full_series import provide_full_series
 from .terminal import (
     Column,
     console,
@@ -52,26 +52,34 @@ from .terminal import (
 )
 
 SERIES = {  # name in the series file: label
-    "energy_error": "|dE| [J]", "position_error": "error [m]", "orientation_error": "error [rad]",
-    "phi_norm": "|phi| [m]", "phi_dot_norm": "|phi'| [m/s]", "dt": "step [s]",
-}  # fmt: skip
+    "energy_error": "|dE| [J]",
+    "position_error": "error [m]",
+    "orientation_error": "error [rad]",
+    "phi_norm": "|phi| [m]",
+    "phi_dot_norm": "|phi'| [m/s]",
+    "dt": "step [s]",
+}
 SETTINGS = ("label", "section", "suite", "dt_s", "rtol", "max_step_s", "max_steps", "t_end_s", "cpu_limit_s")
 NOT_NUMBERS = {*SETTINGS, "schema", "exit_code", "signal", "memory_limit_MB"}
 LAST = 5  # lines of standard error
 SPARK = 12  # characters of the energy error over time
 PREFIX = 7  # characters of the run_id in the table
-RUN_ID = re.compile(r"[0-9a-f]{4,16}")  # or its first digits
-NAMED = 4  # runs in a message
+RUN_ID = re.compile(r"[0-9a-f]{4,16}")  # full, or its first digits
+NAMED = 4  # most runs named in a message
 SHOWN = {
-    "energy_drift_max_J": Column("|dE| [J]"), "position_error": Column("error [m]", rank=2),
-    "error_until": Column("error to [s]", rank=2), "orientation_error": Column("error [rad]", rank=4),
+    "energy_drift_max_J": Column("|dE| [J]"),
+    "position_error": Column("error [m]", rank=2),
+    "error_until": Column("error to [s]", rank=2),
+    "orientation_error": Column("error [rad]", rank=4),
     "phi_max": Column("|phi| [m]", rank=5),
-    "phi_dot_max": Column("|phi'| [m/s]", rank=6), "cpu_min_s": Column("CPU [s]", rank=3),
-}  # fmt: skip
+    "phi_dot_max": Column("|phi'| [m/s]", rank=6),
+    "cpu_min_s": Column("CPU [s]", rank=3),
+}
 ERRORS: dict[str, Callable[[RunRecord], float]] = {  # as in the reports
-    "position_error": lambda r: judged_error(r, "position_error", "m"), "error_until": error_until,
+    "position_error": lambda r: judged_error(r, "position_error", "m"),
+    "error_until": error_until,
     "orientation_error": lambda r: judged_error(r, "orientation_error", "rad"),
-}  # fmt: skip
+}
 
 
 def show_run(folder: Path, record: RunRecord, command: str) -> None:
@@ -80,19 +88,19 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
     ending = words_of_ending(record)
     out.print(Text(record.case, "bold"))
     out.print(Text.assemble((status_words(record), status_style(record.status)), f": {ending}" if ending else ""))
-    for reason in reasons_of(record.wrong_because):
-        out.print(Text(f"  because: {words_of(reason)}"))
+    for reason in parse_reasons(record.wrong_because):
+        out.print(Text(f"  because: {describe_breach(reason)}"))
     if error := error_words(record):
         out.print(Text(f"error {error}"))
     for words in json.loads(record.notes):
-        out.print(Text(f"  note: {printable(words)}"))
+        out.print(Text(f"  note: {escape_text(words)}"))
     _print_heading(out, "Settings")
     for name, value in _list_settings(record).items():
         out.print(Text(f"  {name:<18} {value}"))
     _print_series(out, folder, record)
     _print_heading(out, "Measured")
     _print_numbers(out, record)
-    if native := store.native_of(folder, record):
+    if native := store.read_stderr(folder, record):
         _print_heading(out, f"Standard error (last lines of {record.stderr})")
         for line in native.splitlines()[-LAST:]:
             out.print(Text("  " + line))
@@ -101,12 +109,15 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
 
 
 def print_steps(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> None:
-    """Print every step as CSV, each number with all its digits; solved again where the results keep envelopes."""
-    series = store.series_of(folder, record, poses=False)
+    """Print every step as CSV with full precision; the run is solved again if its results keep envelopes.
+
+    Raise UsageError if it has no steps, FileError if it has more than a series file holds.
+    """
+    series = store.read_run_series(folder, record, poses=False)
     if series is None:
         raise UsageError(f"{name_run(record)} has no steps")
     lacking = [record] if series.envelopes or len(series["t"]) <= record.steps else []
-    with solved_again(folder, lacking, 1, plugins, lossless=False) as again:
+    with provide_full_series(folder, lacking, 1, plugins, lossless=False) as again:
         series = again.get(record.run_id, series)
     rows = len(series["t"])
     if rows <= record.steps:
@@ -118,6 +129,7 @@ def print_steps(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> No
 
 
 def _list_settings(r: RunRecord) -> dict[str, str]:
+    """Return problem, solver and settings of a record by name, without those that were not set."""
     out = {"problem": _assign(r.problem, r.problem_parameters), "solver": _assign(r.solver, r.solver_options)}
     for name in SETTINGS:
         value = getattr(r, name)
@@ -127,13 +139,15 @@ def _list_settings(r: RunRecord) -> dict[str, str]:
 
 
 def _assign(name: str, text: str) -> str:
+    """Join a name and its parameters, given as JSON text: ``chain links=6``."""
     return " ".join([name, *(f"{k}={json.dumps(v)}" for k, v in json.loads(text).items())])
 
 
 def _print_series(out: Console, folder: Path, record: RunRecord) -> None:
+    """Print a sparkline over time and the range of each of ``SERIES`` that the run recorded."""
     _print_heading(out, f"Over time, 0 to {record.t_end_s:g} s (one bar is a factor of ten; * marks where it stopped)")
     try:
-        series = store.series_of(folder, record)
+        series = store.read_run_series(folder, record)
     except FileError as error:
         out.print(Text(f"  unreadable: {error}"))
         return
@@ -151,6 +165,7 @@ def _print_series(out: Console, folder: Path, record: RunRecord) -> None:
 
 
 def _print_numbers(out: Console, record: RunRecord) -> None:
+    """Print every measured number of a record that is known, with its meaning; then invariants and observables."""
     rows = []
     for c in COLUMNS:
         value = getattr(record, c.name)
@@ -159,11 +174,16 @@ def _print_numbers(out: Console, record: RunRecord) -> None:
     for name in ("invariant_drifts", "observable_errors"):
         for key, entry in json.loads(getattr(record, name)).items():
             rows.append((f"  {name[:-1]}: {key}", f"{_read_entry(entry, 'max'):.6g}", f"{entry.get('unit', '')}, max"))
-    columns = (Column("  column", fold=True), Column("value"), Column("meaning", fold=True, least=20))
+    columns = (
+        Column("  column", fold=True),
+        Column("value"),
+        Column("meaning", fold=True, least=20),
+    )
     out.print(fit_table(columns, rows, out.width))
 
 
 def _read_entry(entry: Any, key: str) -> float:
+    """Return a number of an invariant or observable in a record's JSON; NaN if it is missing or no number."""
     try:
         return float(entry[key])
     except (TypeError, KeyError, ValueError):
@@ -171,14 +191,15 @@ def _read_entry(entry: Any, key: str) -> float:
 
 
 def _print_heading(out: Console, words: str) -> None:
+    """Print a heading with an empty line above it."""
     out.print(Text(f"\n{words}", "bold"))
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print it; 1 if a file in it could not be read."""
+    """Print the results; return 1 if a file could not be read, else 0."""
     folder = arguments.results
     loaded = store.load(folder, check_series=arguments.json)
-    plugins = [p for p in stamp_of(folder).get("plugins", []) if isinstance(p, str)]
+    plugins = [p for p in read_environment(folder).get("plugins", []) if isinstance(p, str)]
     if arguments.steps:
         if arguments.run_name is None or arguments.json:
             raise UsageError("--steps prints the steps of one RUN as CSV: give it, and no --json")
@@ -199,7 +220,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _select_runs(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[RunRecord]:
-    """Filtered, sorted, limited; UsageError where a filter matches no run."""
+    """Return the filtered, sorted and limited runs; raise UsageError if a filter matches no run."""
     if arguments.run_name is not None:
         return [find_run(found, arguments.run_name, arguments.results)]
     chosen = list(found)
@@ -210,20 +231,20 @@ def _select_runs(found: Sequence[RunRecord], arguments: argparse.Namespace) -> l
         wanted, known = given.split(","), sorted({str(getattr(r, name)) for r in found})
         for word in wanted:
             if word not in known:
-                raise UsageError(f"--{name}: no run has {name} {word!r}{nearest(word, known)}")
+                raise UsageError(f"--{name}: no run has {name} {word!r}{suggest_name(word, known)}")
         chosen = [r for r in chosen if getattr(r, name) in wanted]
     if arguments.sort is not None:
         key = SORTS.get(arguments.sort, arguments.sort)
         numeric = [c.name for c in records.COLUMNS if c.type in (float, int)]
         if key not in numeric and key not in ERRORS:
-            raise UsageError(f"--sort: unknown column {key!r}{nearest(key, [*SORTS, *numeric])}")
+            raise UsageError(f"--sort: unknown column {key!r}{suggest_name(key, [*SORTS, *numeric])}")
         size = {r.run_id: abs(_read_column(r, key)) for r in chosen}
         chosen.sort(key=lambda r: math.inf if math.isnan(size[r.run_id]) else -size[r.run_id])
     return chosen[: arguments.limit]
 
 
 def find_run(found: Sequence[RunRecord], given: str, folder: Path) -> RunRecord:
-    """Return the run of ``folder`` with that run_id, its first digits, or that case."""
+    """Return the run of ``folder`` with that run_id, its first digits, or that case; UsageError if not exactly one."""
     match = [r for r in found if given in (r.run_id, r.case)]
     match = match or [r for r in found if given and r.run_id.startswith(given)]
     if not match:
@@ -234,9 +255,9 @@ def find_run(found: Sequence[RunRecord], given: str, folder: Path) -> RunRecord:
 
 
 def _name_others(found: Sequence[RunRecord], given: str, folder: Path) -> str:
-    """Return where a run_id is found, or some that are here; for a case the nearest one."""
+    """Describe which other folder has a run_id, or else some that ``folder`` has; for a case, the nearest one."""
     if not RUN_ID.fullmatch(given):
-        return nearest(given, [r.case for r in found][:500])[:200]
+        return suggest_name(given, [r.case for r in found][:500])[:200]
     beside = (p for p in folder.resolve().parent.iterdir() if p.resolve() != folder.resolve())
     if where := next((p for p in sorted(beside) if any((p / "runs").glob(f"{given}*.json"))), None):
         return f": it is of {where.name}"
@@ -245,32 +266,38 @@ def _name_others(found: Sequence[RunRecord], given: str, folder: Path) -> str:
     return f", which has {', '.join(some) or 'none'}{more}"
 
 
-def _draw_energy(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> str:
-    """The energy error over time."""
+def _draw_energy(folder: Path, record: RunRecord, unreadable: list[UnreadableFile]) -> str:
+    """Draw the energy error of a run over time; empty without a series. A damaged file is added to ``unreadable``."""
     try:
-        series = store.series_of(folder, record)
+        series = store.read_run_series(folder, record)
     except FileError as error:
-        unreadable.append(Unreadable(folder / record.series, str(error)))
+        unreadable.append(UnreadableFile(folder / record.series, str(error)))
         return ""
     return "" if series is None else timeline(*series.points("energy_error"), record.t_end_s, SPARK)
 
 
 def _read_column(r: RunRecord, name: str) -> float:
+    """Return a number by which runs are shown or sorted: an error as the reports judge it, or a field of the record."""
     return ERRORS[name](r) if name in ERRORS else float(getattr(r, name))
 
 
 def _print_runs(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
+    """Print a row for each run with a sparkline of its energy error, and the reasons of those that did not succeed."""
     columns = [
-        Column("run", rank=1, right=False), Column("case", fold=True), Column("status", right=False),
-        Column("steps", rank=7), next(iter(SHOWN.values())), Column("dE over time", right=False),
+        Column("run", rank=1, right=False),
+        Column("case", fold=True),
+        Column("status", right=False),
+        Column("steps", rank=7),
+        next(iter(SHOWN.values())),
+        Column("dE over time", right=False),
         *list(SHOWN.values())[1:],
-    ]  # fmt: skip
+    ]
     rows: list[tuple[Text | str, ...]] = []
     for r, spark in zip(chosen, sparks, strict=True):
         first, *rest = [number(_read_column(r, name)) for name in SHOWN]
         status = Text(r.status, status_style(r.status))
         rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, spark, *rest))
     failed = [r for r in chosen if r.status != Status.SUCCESS]
-    below = [f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(why(r))}" for r in failed]
+    below = [f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(list_reasons(r))}" for r in failed]
     success = f"{plural(len(chosen), 'run')}, {len(chosen) - len(failed)} success"
     print_table(columns, rows, *below, f"{success}; `mbsbench show RESULTS RUN` shows one")

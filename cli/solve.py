@@ -1,4 +1,4 @@
-"""``solve``: one run from the shell, as an NPZ file."""
+"""Solve one problem with one solver from the shell and write an NPZ file (``solve``)."""
 
 import argparse
 import itertools
@@ -12,11 +12,11 @@ from typing import Any
 
 from ..harness.catalogue import registry
 from ..harness.results.records import RunRecord
-from ..harness.results.words import accurate_until, error_words, status_words, why, words_of_ending
+from ..harness.results.words import error_words, format_accurate_times, list_reasons, status_words, words_of_ending
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.shape import LONGEST
 from ..harness.suites.spec import RunSpec, check_step, make_spec
-from ..harness.text import printable
+from ..harness.text import escape_text
 from ..harness.types import Problem, Status
 from .arguments import UsageError, load_problem, parse_assignments, positive_float, writable_file
 from .commands import CONTROL
@@ -24,11 +24,11 @@ from .terminal import console, error_console
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check everything, run, write; 0 for a motion that reaches its end and keeps all laws."""
+    """Check everything, run and write; return 0 if the motion reaches its end and keeps all laws."""
     name, parameters, _ = load_problem(arguments)
     given = parse_assignments(arguments.set, "--set")
     control = {k: given.pop(k) for k in CONTROL if k in given}
-    if arguments.solver not in registry.solvers():  # before the problem is made: that can take a while
+    if arguments.solver not in registry.solvers():  # before the problem is made, which can take a while
         registry.make_solver(arguments.solver)
     problem = make_problem(name, parameters)
     limit = control.pop("cpu_limit", None)
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def find_free(stem: str) -> Path:
-    """Return the first of STEM.npz, STEM-2.npz, ... that is not there: a motion is overwritten only by its name."""
+    """Return the first of STEM.npz, STEM-2.npz, ... that does not exist, since only --out overwrites a file."""
     names = itertools.chain([f"{stem}.npz"], (f"{stem}-{k}.npz" for k in itertools.count(2)))
     return next(Path(name) for name in names if not os.path.lexists(name))
 
@@ -62,17 +62,28 @@ def find_free(stem: str) -> Path:
 def _solve(
     arguments: argparse.Namespace, spec: RunSpec, wall: float | None, problem: Problem, out: Path, *, is_kept: bool
 ) -> int:
-    """Run, write ``out`` and print the numbers; 0 for a lawful motion, else 1."""
-    from ..harness.execution import solve_file
+    """Run, write ``out`` and print the numbers; return 0 if the motion keeps all laws, else 1.
 
-    output, messages, replaced = console(), error_console(), out.exists()
+    ``wall`` is the time limit [s]; ``is_kept`` is False if ``out`` is a temporary file, which no message names.
+    """
+    from ..harness.execution import solve_file
+    from ..harness.execution.progress_line import ProgressLine
+
+    output, messages, replaced, progress = console(), error_console(), out.exists(), ProgressLine()
 
     def report(words: str, end: str) -> None:
-        if not arguments.json and (end == "\n" or messages.is_terminal):  # a pipe gets whole lines alone
-            messages.print(words, end=end)
+        """Print a message of the run: one that ends in a newline stays, any other is replaced by the next."""
+        if arguments.json:
+            return
+        if end == "\n":
+            progress.erase()
+            messages.print(words)
+        else:
+            progress.show(words)
 
     try:
-        record, native = solve_file.solve_to_file(spec, out, wall, report, problem)
+        with progress:
+            record, native = solve_file.solve_to_file(spec, out, wall, report, problem)
     except (KeyboardInterrupt, SystemExit):
         messages.print(f"interrupted; nothing was written{f' to {out}' * is_kept}")
         raise
@@ -97,13 +108,13 @@ def _solve(
 
 
 def find_last_message(native: str) -> str:
-    """Return the last line of a standard error that is no continuation: of a warning the words, not the code below."""
+    """Return the last line of standard error that is not indented: a warning's message, not the code below it."""
     lines = native.splitlines()
     return next((line for line in reversed(lines) if line and not line[0].isspace()), lines[-1])
 
 
 def find_nearest(problem: Problem, path: Path) -> dict[str, Any]:
-    """The nearest true motion to that in a file of ``solve``, in words and numbers."""
+    """Describe in words and numbers the true motion nearest to a file's; in words alone if none is found."""
     from ..harness.execution.run_file import read_run
     from ..harness.shadow.findings import summarize_shadow
     from ..harness.shadow.shadow import find_shadow
@@ -115,7 +126,7 @@ def find_nearest(problem: Problem, path: Path) -> dict[str, Any]:
 
 
 def as_plain(r: RunRecord) -> dict[str, Any]:
-    """Numbers for machines: null for what does not exist, ``"inf"`` for what has no bound."""
+    """Return the numbers of a record as a dict for JSON: null if missing, ``"inf"`` if unbounded."""
     from ..harness.execution.run_file import SUMMARY
 
     numbers = {"case": r.case, **{name: getattr(r, name) for name in SUMMARY}, "cpu_s": r.cpu_min_s}
@@ -124,23 +135,24 @@ def as_plain(r: RunRecord) -> dict[str, Any]:
 
 
 def _jsonable(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Replace NaN by None and infinities by the texts ``inf`` and ``-inf``, which JSON can hold."""
     return {k: None if str(v) == "nan" else str(v) if v in (math.inf, -math.inf) else v for k, v in numbers.items()}
 
 
 def summarize(r: RunRecord) -> list[str]:
-    """A record on one screen."""
-    said = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *why(r)]) if w)
+    """Return the lines that summarise a record on one screen: status and reasons, drift, errors, CPU time, notes."""
+    said = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *list_reasons(r)]) if w)
     out = [r.case, f"{'status':<18} {status_words(r)}" + (f": {said}" if said else "")]
     if not math.isnan(r.t_reached_s):
         out.append(f"t reached          {r.t_reached_s:.9g} s of {r.t_end_s:g} s in {r.steps} steps")
-    if not math.isnan(r.energy_drift_max_J):  # a file may hold positions alone
+    if not math.isnan(r.energy_drift_max_J):  # a file may hold positions only
         out.append(f"energy drift       {r.energy_drift_max_J:.3e} J (scale {r.energy_scale_J:.3g} J)")
     if not math.isnan(r.phi_max):
         out.append(f"|phi|, |phi_dot|   {r.phi_max:.3e} m, {r.phi_dot_max:.3e} m/s")
     if error := error_words(r):
         out.append(f"error              {error}")
-        out.append(f"accurate until     {', '.join(accurate_until(r))} of the reach of {r.length_scale_m:.3g} m")
+        out.append(f"accurate until     {', '.join(format_accurate_times(r))} of the reach of {r.length_scale_m:.3g} m")
     if r.cpu_min_s > 0.0 or (r.steps and not math.isnan(r.cpu_min_s)):
         set_up = "" if math.isnan(r.setup_s) else f" (set-up {r.setup_s:.3g} s)"
         out.append(f"CPU time           {r.cpu_min_s:.3g} s{set_up}")
-    return out + [f"note               {printable(n)}" for n in json.loads(r.notes)]
+    return out + [f"note               {escape_text(n)}" for n in json.loads(r.notes)]

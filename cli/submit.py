@@ -1,4 +1,4 @@
-"""``submit``: a solver on hidden instances, and the bundle of its results."""
+"""Run a solver on hidden instances and bundle its results (``submit``)."""
 
 import argparse
 
@@ -9,7 +9,7 @@ from ..harness.ladder.instances import KINDS, STEPS
 from ..harness.ladder.ranking import rank_entries
 from ..harness.ladder.submission import CPU_LIMIT, REPEATS, read_submission, run_submission
 from .arguments import writable_file
-from .progress import announce
+from .progress import announce_suite
 from .terminal import console, error_console, plural, print_json
 
 UNFENCED = (
@@ -20,7 +20,7 @@ TRIED = "trial: without the value of a ladder (--value), which is published once
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run it and write the bundle; return 1 if a success was claimed falsely or nothing is solved, else 0."""
+    """Run the submission and write the bundle; return 1 if a success is false or nothing is solved, else 0."""
     submission = read_submission(arguments.submission)
     if arguments.digest:
         print_json({"digest": submission.digest}) if arguments.json else console().print(submission.digest)
@@ -34,8 +34,10 @@ def run(arguments: argparse.Namespace) -> int:
         error_console().print(TRIED)
     folder = new_folder(f"submit-{submission.name}")
     runs = len(KINDS) * len(STEPS[submission.control])
-    announce(f"{plural(runs, 'run')}, {REPEATS} times each, then measured: at most {CPU_LIMIT:g} s of CPU each time",
-             error_console())  # fmt: skip
+    announce_suite(
+        f"{plural(runs, 'run')}, {REPEATS} times each, then measured: at most {CPU_LIMIT:g} s of CPU each time",
+        error_console(),
+    )
     for r in run_submission(submission, arguments.value, folder):
         if not arguments.json:
             setting = r.dt_s if r.control == "dt" else r.rtol
@@ -43,10 +45,17 @@ def run(arguments: argparse.Namespace) -> int:
     write_bundle(folder, out)
     (row,) = rank_entries([(read_entry(out), "")])
     if arguments.json:
-        print_json({
-            "file": str(out), "digest": submission.digest, "points": row.points, "solved": row.solved,
-            "false": row.false, "fenced": row.fenced, "trial": trial,
-        })  # fmt: skip
+        print_json(
+            {
+                "file": str(out),
+                "digest": submission.digest,
+                "points": row.points,
+                "solved": row.solved,
+                "false": row.false,
+                "fenced": row.fenced,
+                "trial": trial,
+            }
+        )
     else:
         marks = "; trial" * trial + "; not fenced" * (not row.fenced)
         if row.forged:

@@ -1,4 +1,4 @@
-"""``try``: one screen and one page on a solver of one's own."""
+"""Try a solver of one's own: one screen and one page of findings (``try``)."""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -7,21 +7,21 @@ from typing import Any
 
 from ..harness.catalogue import registry
 from ..harness.conformance import assessment
-from ..harness.execution.eta import in_words
+from ..harness.execution.remaining_time import format_duration
 from ..harness.execution.runner import Request, new_folder
 from ..harness.results import store
 from ..harness.results.findings import state
 from ..harness.results.records import RunRecord
 from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite
-from ..harness.types import EndedBy
+from ..harness.types import EndCause
 from .arguments import UsageError, count_jobs, load_plugins
 from .check import resolve_entries
 from .findings import print_findings
-from .progress import announce, run_watched
+from .progress import announce_suite, run_watched
 from .terminal import console, error_console
 
-NET = 10.0  # times the CPU time that is left: a stage that takes longer on the wall is ended
+NET = 10.0  # wall time at which a stage is ended, in units of the CPU time left
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -36,22 +36,26 @@ def run(arguments: argparse.Namespace) -> int:
     folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
 
     if not arguments.json:
-        most = in_words(arguments.budget / jobs)
+        most = format_duration(arguments.budget / jobs)
         plan = f"runs within {arguments.budget:g} s of CPU time (--budget), {jobs} at a time: at most about {most}"
-        announce(f"{solver}: {plan}, and what has to be compiled", error_console())
+        announce_suite(f"{solver}: {plan}, and what has to be compiled", error_console())
 
     def run_stage(specs: Sequence[RunSpec], rest: float, resume: bool) -> Sequence[RunRecord] | None:
+        """Run one stage, ended when the budget left (``rest`` [s] of CPU time) is long over.
+
+        Return the records so far, or None if runs were left out or stopped by that limit.
+        """
         suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins, total_limit=NET * rest)
         request = Request(suite, folder, jobs, resume=resume)
         words = (
             f"the budget of {arguments.budget:g} s (--budget), of which {max(rest, 0.0):.2g} s were left for these runs"
         )
         loaded, watcher = run_watched(request, quiet=arguments.json, resumable=False, announces=False, budget=words)
-        cut = watcher.left or any(r.ended_by == EndedBy.TOTAL_LIMIT for r in loaded.records)
+        cut = watcher.left or any(r.ended_by == EndCause.TOTAL_LIMIT for r in loaded.records)
         return None if cut else loaded.records
 
     specs = assessment.run_stages(solver, arguments.budget, run_stage)
-    records = [r for r in store.load(folder).records if r.ended_by != EndedBy.TOTAL_LIMIT]
+    records = [r for r in store.load(folder).records if r.ended_by != EndCause.TOTAL_LIMIT]
     orders = assessment.certify_ladders(solver, folder, records)
     have = {r.settings_id for r in records}
     left = [s for s in specs if s.settings_id not in have]
@@ -71,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _write_pages(arguments: argparse.Namespace, folder: Path, *tried: Any) -> Iterator[str]:
-    """Write the pages asked for, of what was ``tried``, and say where they are."""
+    """Write the requested pages and yield lines with their paths; ``tried``: solver, summary, findings, orders."""
     if arguments.html:
         from ..reports.trial import write_page
 

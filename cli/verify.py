@@ -1,15 +1,15 @@
-"""``verify``: repeat a sample of finished runs on this machine and compare."""
+"""Repeat a sample of finished runs on this machine and compare (``verify``)."""
 
 import argparse
 import random
 import tempfile
 from pathlib import Path
 
-from ..harness.execution.again import rebuild_spec
+from ..harness.execution.full_series import rebuild_spec
 from ..harness.execution.runner import Request
 from ..harness.results import store
 from ..harness.results.comparison import compare, is_repeatable
-from ..harness.results.provenance import find_differences, same_platform, stamp_of
+from ..harness.results.provenance import find_differences, read_environment, same_platform
 from ..harness.results.reproduce import REFEREED
 from ..harness.suites.suite import Suite
 from .arguments import UsageError, count_jobs, load_plugins
@@ -19,7 +19,10 @@ from .terminal import console, print_unreadable
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Return 0 if the sample agrees: bit for bit on the same code and platform, else within platform differences."""
+    """Repeat the sample; return 0 if it agrees, else 1.
+
+    Runs on the same code and platform must agree bit for bit, others within platform differences.
+    """
     folder = arguments.results
     plugins = load_plugins(arguments.plugin)
     loaded = store.load(folder)
@@ -33,11 +36,11 @@ def run(arguments: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as place:
         request = Request(suite, Path(place) / "run", count_jobs(arguments.jobs))
         again, _ = run_watched(request, quiet=arguments.json, resumable=False)
-        stamps = stamp_of(folder), stamp_of(Path(place) / "run")
+        stamps = read_environment(folder), read_environment(Path(place) / "run")
     found = compare(sample, again.records)
     codes = {r.settings_id: r.code for r in again.records}
     exact = same_platform(*stamps) and all(r.code == codes.get(r.settings_id) for r in sample)
-    good = found.same if exact else found.alike
+    good = found.is_identical if exact else found.alike
     show_comparison(found, [d for d in find_differences(*stamps) if d.what != "suite"], json=arguments.json)
     if arguments.json:
         return 0 if good else 1

@@ -1,4 +1,4 @@
-"""``--version``: what decides numbers and times here, to be pasted into a report of a fault."""
+"""Describe what determines numbers and times here, for a bug report (``--version``)."""
 
 import os
 import platform
@@ -11,14 +11,16 @@ from ..harness.cache import ROOT, list_caches
 from ..harness.results import environment
 from .parser import UsageError
 
-PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "scikit-sundae")  # whose code is in the numbers of runs
-ENGINES = ("mujoco-core", "exudyn", "pin", "drake", "dartpy")  # of `make engines`, beside us in one environment
+# packages whose code affects the numbers of runs
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "scikit-sundae")
+# engines of `make engines`, installed in the same environment
+ENGINES = ("mujoco-core", "exudyn", "pin", "drake", "dartpy")
 ADD_ENGINES = "add engines: make engines, or outside a checkout pip install 'mbsbench[engines]'"
 VERBOSE = "--verbose"
 
 
 def describe_version(options: Sequence[str]) -> str:
-    """Return the lines to print; ``options`` may hold --verbose, which adds where things are kept."""
+    """Return the lines to print; ``options`` may hold --verbose, which adds the paths of caches and results."""
     if unknown := [word for word in options if word != VERBOSE]:
         raise UsageError(f"--version takes {VERBOSE} alone (got {unknown[0]!r})")
     commit = environment.commit()
@@ -43,6 +45,7 @@ def describe_version(options: Sequence[str]) -> str:
 
 
 def _versions(names: Sequence[str]) -> str:
+    """List those of the named packages that are installed, with their versions: ``numpy 2.1.0, scipy 1.14.1``."""
     found = []
     for name in names:
         try:

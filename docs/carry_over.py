@@ -1,11 +1,11 @@
-"""Carry published results over to the present code: ``python docs/carry_over.py PARENT`` (a commit); say what differs.
+"""Carry published results over to the present code, ``python docs/carry_over.py PARENT`` (a commit); list differences.
 
-A change of names, types or places changes every digest and no number. This makes suite ``ci`` whole, and a hundred runs
-of suite ``referee`` drawn by the hash of PARENT with one more of each problem, solver and engine not drawn, by the code
-of PARENT and by the present one, under the same pinned arithmetic. Solvers of which all statuses and all measured
-numbers are equal bit for bit are noted with the digests of both in ``results/published/carried.json``: what was
-published of the one is published of the other. The others are named: what is published of them is to be made anew.
-Costs are no part of it: they are those of the code that was timed.
+A change of names, types or places changes every digest and no number. This runs suite ``ci``, and a hundred runs of
+suite ``referee`` drawn by the hash of PARENT with one more of each problem, solver and engine not drawn, by the code of
+PARENT and by the present one, with the same pinned arithmetic. Solvers for which all statuses and all measured numbers
+are equal bit for bit are noted with both digests in ``results/published/carried.json``: what was published for the old
+code is then published for the new one. The others are named: their published results must be made again. Costs are
+excluded: they are those of the code that was timed.
 """
 
 import json
@@ -18,7 +18,7 @@ from typing import Any
 
 from mbsbench.harness import machine
 from mbsbench.harness.files import to_json
-from mbsbench.harness.referee.carried import FILE, Generation, carry, present, read_carried
+from mbsbench.harness.referee.carried import FILE, Generation, add_generation, digest_present_code, read_carried
 from mbsbench.harness.results.comparison import compare, is_repeatable
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.store import load, newest
@@ -37,8 +37,10 @@ def main(parent: str) -> int:
         there.mkdir()
         (there / "mbsbench").symlink_to(ROOT)
         digests = [_make_runs(tree, Path(place) / f"{tree.name}-runs", commit) for tree in (before, there)]
-        found = [[r for r in newest(load(Path(place) / f"{tree.name}-runs").records) if is_repeatable(r)]
-                 for tree in (before, there)]  # fmt: skip
+        found = [
+            [r for r in newest(load(Path(place) / f"{tree.name}-runs").records) if is_repeatable(r)]
+            for tree in (before, there)
+        ]
         comparison = compare(*found)
     cases = {c.case for c in comparison.changes} | {*comparison.only_before, *comparison.only_after}
     differing = sorted({r.solver for r in (*found[0], *found[1]) if r.case in cases})
@@ -57,7 +59,7 @@ def main(parent: str) -> int:
     shown = f"{len(equal)} runs of suites ci and referee, bit for bit, and the verdicts on them"
     solvers, problems = {r.solver for r in equal}, {r.problem for r in equal}
     old = Generation(**digests[0], commit=commit, shown=shown)
-    FILE.write(to_json(carry(old, present(), read_carried(), solvers, problems)) + "\n")
+    FILE.write(to_json(add_generation(old, digest_present_code(), read_carried(), solvers, problems)) + "\n")
     _say(f"carried over from {commit[:8]}: {shown}")
     if differing:
         _say(f"not carried over, {len(cases)} runs differ: {', '.join(differing)}")
@@ -65,12 +67,13 @@ def main(parent: str) -> int:
 
 
 def _make_runs(tree: Path, folder: Path, seed: str) -> dict[str, Any]:
-    """Make the runs with the package in ``tree``, in processes of their own; its digests."""
+    """Make the runs with the package in ``tree``, in separate processes; return its digests."""
     _say(f"runs by the code {tree.name} the change")
     env = {**os.environ, **machine.THREADS, **machine.variables(), "PYTHONPATH": str(tree)}
-    for name in (machine.NATIVE, machine.CORE):  # both codes compute as everywhere
+    for name in (machine.NATIVE, machine.CORE):  # both codes use the pinned arithmetic
         env.pop(name, None)
-    call = (sys.executable, str(Path(__file__).with_name("carry_over_runs.py")), str(folder), seed)
+    script = tree / "mbsbench" / "docs" / "carry_over_runs.py"  # the tree's own: names differ between trees
+    call = (sys.executable, str(script), str(folder), seed)
     done = subprocess.run(call, cwd=tree, env=env, stdout=subprocess.PIPE, check=True, text=True)
     digests: dict[str, Any] = json.loads(done.stdout)
     return digests

@@ -1,6 +1,6 @@
-"""The runs by which ``carry_over.py`` compares two states of the code: ``python carry_over_runs.py FOLDER SEED``.
+"""Make the runs by which ``carry_over.py`` compares two states of the code: ``python carry_over_runs.py FOLDER SEED``.
 
-A file of its own: it runs with the package of either state, and imports nothing that one of them may lack.
+This is a separate file because it runs with the package of either state, and imports nothing that one may lack.
 """
 
 import json
@@ -21,11 +21,11 @@ DRAWN = 100
 
 
 def main(folder: Path, seed: str) -> None:
-    """Make suite ``ci`` and a hundred runs of ``referee``; print the digests of the code and the verdicts on claims."""
+    """Run suite ``ci`` and a hundred runs of ``referee``; print the digests of the code and the verdicts on claims."""
     known = sorted(load_suite("referee").specs, key=lambda s: s.settings_id)
     random.Random(seed).shuffle(known)
     drawn = [*load_suite("ci").specs, *known[:DRAWN]]
-    for name in ("problem", "solver"):  # one of each, engines too: else it could not be carried over
+    for name in ("problem", "solver"):  # one of each, engines too: others could not be carried over
         met = {getattr(s, name) for s in drawn}
         others = [*known, *load_suite("bench_engines").specs]
         drawn += {getattr(s, name): s for s in others if getattr(s, name) not in met}.values()
@@ -35,7 +35,7 @@ def main(folder: Path, seed: str) -> None:
     digests = {"solvers": here.solvers, "problems": here.problems, "measuring": here.measuring}
     claims = judge_results(folder, read_register())["claims"]
     verdicts = {c.id: [c.verdicts, *([f.holds, f.settings, f.rows] for f in c.findings)] for c in claims}
-    sys.stdout.write(json.dumps({**digests, "judging": here.of(*JUDGING), "verdicts": verdicts}))
+    sys.stdout.write(json.dumps({**digests, "judging": here.digest_modules(*JUDGING), "verdicts": verdicts}))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Tables of docs/joints-and-forces.md, and pictures of joints: arrows along and about the axes that one leaves free.
+"""Write tables of docs/joints-and-forces.md, and pictures of joints: arrows along and about the axes that are free.
 
-Both come from the declarations. Pictures are read off the rows: body i stands on the ground at the origin, the axis of
-the joint is z, ``across`` is x, and a motion is free where its column of A is zero. ``make joints`` writes all.
+Both come from the declarations. Pictures are computed from the rows: body i stands on the ground at the origin, the
+axis of the joint is z, ``across`` is x, and a motion is free where its column of A is zero. ``make joints`` writes all.
 """
 
 import mbsbench  # noqa: F401  before NumPy: it pins the arithmetic
@@ -24,26 +24,31 @@ HEAD = 8.0  # [px]
 
 
 def drawn() -> list[JointDeclaration]:
-    """The kinds with a picture: those of a pair, of which every freedom is one motion along or about an axis."""
+    """Return the kinds with a picture: those of a pair whose every freedom is one motion along or about an axis."""
     return [one for one in DECLARED.values() if not one.count.moving]
 
 
 def free_motions(kind: JointDeclaration) -> np.ndarray:
-    """Which of the six motions of body i are free: along x, y, z, about x, y, z."""
+    """Return which of the six motions of body i are free: along x, y, z, about x, y, z."""
     x, z, o = np.eye(3)[0], np.eye(3)[2], np.zeros(3)
     joint = Joint(
-        0, o, s_j=-z if kind.length else o, kind=kind.name, length=1.0 if kind.length else 0.0,
+        0,
+        o,
+        s_j=-z if kind.length else o,
+        kind=kind.name,
+        length=1.0 if kind.length else 0.0,
         axis_i=(x if kind.frame is axis_alone else z) if "i" in kind.axes else None,
         axis_j=z if "j" in kind.axes else None,
-        across_i=x if kind.across else None, across_j=x if kind.across else None,
-    )  # fmt: skip
+        across_i=x if kind.across else None,
+        across_j=x if kind.across else None,
+    )
     system = assemble([RigidBody(1.0, np.eye(3))], [joint])
     start = State(np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
     return np.all(np.abs(constraint_jacobian(system, start).toarray()) < 1e-12, axis=0)
 
 
 def picture(kind: JointDeclaration) -> str:
-    """As SVG."""
+    """Return the picture as SVG."""
     free, e = free_motions(kind), np.eye(3)
     parts = [_path(np.stack((-e[k], e[k])), "#999", 1) for k in range(3)]
     for k in range(3):
@@ -59,7 +64,7 @@ def picture(kind: JointDeclaration) -> str:
 
 
 def _arrow(points: np.ndarray, colour: str) -> list[str]:
-    """A line with a head at either end."""
+    """Return a line with a head at either end."""
     heads = []
     for tip, before in ((points[0], points[1]), (points[-1], points[-2])):
         along = (tip - before) @ VIEW.T
@@ -76,12 +81,12 @@ def _path(points: np.ndarray, colour: str, width: int) -> str:
 
 
 def name(kind: JointDeclaration) -> str:
-    """Of the file."""
+    """Return the name of the file."""
     return f"{kind.name.replace(' ', '-')}.svg"
 
 
 def given(kind: JointDeclaration) -> str:
-    """What the user gives, in words."""
+    """Return what the user gives, in words."""
     points = "" if kind.count == Count(axis=kind.count.axis) else "points"
     axes = {"": "", "i": f"`axis_i`, {kind.note}", "j": "`axis_j`", "ij": "the axis in both bodies"}[kind.axes]
     if kind.axes == "ij" and kind.frame is axis_alone:
@@ -93,10 +98,10 @@ def given(kind: JointDeclaration) -> str:
 
 
 def tables() -> dict[str, list[str]]:
-    """Lines of each table, by what its first comment in the page says."""
+    """Return the lines of each table, by the name in its first comment in the page."""
     joints = ["| | `kind` | rows | given | leaves free |", "|---|---|---|---|---|"]
     moving = ["| `kind` | rows | given | leaves free |", "|---|---|---|---|"]
-    forces = ["| force | push on body i, its opposite on j | energy |", "|---|---|---|"]
+    forces = ["| force | load on body i, the opposite on j | energy |", "|---|---|---|"]
     for kind in DECLARED.values():
         words = f"`{kind.name}` | {kind.equation.replace('|', chr(92) + '|')} | {given(kind)} | {kind.leaves} |"
         if kind.count.moving:
@@ -108,7 +113,7 @@ def tables() -> dict[str, list[str]]:
 
 
 def page(text: str) -> str:
-    """``text`` with its tables as the declarations have them."""
+    """Return ``text`` with its tables made from the declarations."""
     for what, lines in tables().items():
         start = f"<!-- {what}: written by make joints -->\n"
         before, after = text.split(start)

@@ -1,8 +1,8 @@
-"""Pictures of the README and of docs/judging.md, from the newest or given results; the loop from two runs made here.
+"""Draw pictures of the README and of docs/judging.md, from the newest or given results; the loop from two new runs.
 
-``make pictures`` writes all. Each states the digest of the code of its runs, which a test compares with the code there.
-From results with engines it also writes a false success of each into results/published/engines, for pages without,
-if the pictures are those of the pages.
+``make pictures`` writes all. Each states the digest of the code of its runs, which a test compares with the present
+code. From results with engines it also writes a false success of each into results/published/engines, for pages without
+engines, if the pictures are those of the pages.
 """
 
 import mbsbench  # noqa: F401  before NumPy: it pins the arithmetic
@@ -18,25 +18,25 @@ from pathlib import Path
 import numpy as np
 
 from mbsbench import solve
-from mbsbench.harness.places import Place
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.harness.referee.carried import list_equal
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.results.store import LOCAL, write_record
 from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import ALLOWED, Law
-from mbsbench.reports.mechanism.segments import mechanism_of, view_of
-from mbsbench.reports.mechanism.stage import load_poses, segments_at
+from mbsbench.reports.mechanism.segments import choose_view, read_mechanism
+from mbsbench.reports.mechanism.stage import load_poses, place_segments
 from mbsbench.reports.mechanism.theatre.scene import stored_exact
 from mbsbench.reports.model.catalogue import code_of_others, is_engine
 from mbsbench.reports.model.frontier import Frontier, frontiers
-from mbsbench.reports.model.results import Results, read_results
-from mbsbench.reports.model.variants import broadest
+from mbsbench.reports.model.results import StoredResults, read_results
+from mbsbench.reports.model.variants import find_plain_label
 from mbsbench.reports.model.words import join_words, number, seconds
 from mbsbench.reports.pages.runs.overview import ENGINES, false_successes
 from mbsbench.reports.plots.paper import save
-from mbsbench.reports.plots.spec import looks
-from mbsbench.reports.publication import figures_of
+from mbsbench.reports.plots.spec import choose_styles
+from mbsbench.reports.publication import list_figures
 
 LABEL, PROBLEM, ENERGY = "recommended", "chain", "chain-recommended-energy"
 COSTS, SUITE, TARGET = "costs", "bench_engines", 1e-3  # [m, rad]
@@ -45,8 +45,8 @@ ROLES = (
     ("gc_weak_form", 1e-3, None, "ODE-GC of the paper, dt = 1 ms"),
     ("ida_index3", None, 1e-5, "SUNDIALS IDA, rtol = 1e-5"),
 )
-END = 1.2  # [s] of the motion; at 1.3 the step of IDA on index 3 goes under, and rounding decides where it leads
-SECONDS, HELD = 6, 0.85  # [s] of the loop; the share that moves
+END = 1.2  # [s] of the motion; at 1.3 s the step of IDA on index 3 underflows, and rounding decides what follows
+SECONDS, HELD = 6, 0.85  # [s] of the loop; fraction of it in which the picture moves
 FRAMES, COUNTS = 60, 24
 ROWS = (-13, 24, -29)  # [px] of labels beside their dots
 WIDTH, HEIGHT, ROOM, LETTER = 880, 330, 16, 8.0  # [px]
@@ -57,24 +57,24 @@ STYLE = (
 
 
 def digest(codes: Iterable[str]) -> str:
-    """Of the code that runs were made with."""
+    """Return the digest of the code that runs were made with."""
     return hashlib.sha256(" ".join(sorted(set(codes))).encode()).hexdigest()[:16]
 
 
 def codes_now() -> list[str]:
-    """List the same of the code that is there, for the runs of the suite ``SUITE``, and of all code of equal bits."""
+    """List this digest for the present code and the runs of suite ``SUITE``, and for all code of equal bits."""
     specs = load_suite(SUITE).specs
-    return [digest(g.code_of(s.problem, s.solver) for s in specs) for g in list_equal()]
+    return [digest(g.digest_run_code(s.problem, s.solver) for s in specs) for g in list_equal()]
 
 
 def draw_results(folder: Path, out: Path) -> None:
-    """CPU time for an error with engines, and the energy errors on the chain."""
+    """Draw the CPU time for an error with engines, and the energy errors on the chain."""
     results = read_results(folder, check_series=False)
     variant = next((v for v in results.variants if v.title == PROBLEM), None)
     if variant is None:
         raise SystemExit(f"error: {folder} holds no runs of the chain: make engines bench")
-    draw = next(draw for name, _, _, draw in figures_of(results, variant) if name == ENERGY)
-    (path,) = save(draw, Place(out), PROBLEM, ("svg",))
+    draw = next(draw for name, _, _, draw in list_figures(results, variant) if name == ENERGY)
+    (path,) = save(draw, ConfinedPath(out), PROBLEM, ("svg",))
     code = digest(r.record.code for r in results.runs)
     for place, text in ((path, path.read_text(encoding="utf-8")), (out / f"{COSTS}.svg", draw_costs(results))):
         place.write_text(f"{text}<!-- code of its runs: {code} -->\n", encoding="utf-8")
@@ -84,9 +84,9 @@ OWN = Path(__file__).resolve().parent / "images"
 
 
 def publish_engines(folder: Path) -> None:
-    """The worst false success of each engine, where there is one."""
+    """Publish the worst false success of each engine, where there is one."""
     results = read_results(folder, check_series=False)
-    cards, _ = false_successes(results, broadest(results))
+    cards, _ = false_successes(results, find_plain_label(results))
     (ENGINES / "runs").mkdir(parents=True, exist_ok=True)
     for old in (ENGINES / "runs").glob("*.json"):
         old.unlink()
@@ -94,12 +94,12 @@ def publish_engines(folder: Path) -> None:
         write_record(ENGINES, replace(run.record, series="", stderr=""))
 
 
-def draw_costs(results: Results) -> str:
-    """A line of dots for each problem that an engine ran: solvers by CPU time at one error, engines by name."""
+def draw_costs(results: StoredResults) -> str:
+    """Draw a line of dots for each problem that an engine ran: solvers by CPU time at one error, engines by name."""
     found = [f for f in frontiers(results) if f.target == TARGET and any(map(is_engine, _solvers(f)))]
     last: dict[str, Frontier] = {}
     for f in found:
-        last[f.variant.partition("[")[0]] = f  # the spatial one of the pendulum's two
+        last[f.variant.partition("[")[0]] = f  # of the two pendulums the spatial one
     factors = [p.factor for f in last.values() for p in f.places if is_engine(p.run.record.solver)]
     costs = [p.cpu_s for f in last.values() for p in f.places] or [1.0]
     low = math.floor(math.log10(min(costs)))
@@ -128,13 +128,15 @@ def _solvers(f: Frontier) -> list[str]:
 
 
 def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> Iterator[str]:
-    """The dots of a problem; names in the row of ``ROWS`` that has room, from the left; then who does not get there."""
-    own, ends = looks(_solvers(f)), [0.0] * len(ROWS)
+    """Yield the dots of a problem, names in the row of ``ROWS`` that has room, then who does not reach the error."""
+    own, ends = choose_styles(_solvers(f)), [0.0] * len(ROWS)
     for k, p in enumerate(f.places):
         name, at = p.run.record.solver, x(p.cpu_s)
         said = _named(name) or (name if k == 0 else "")
-        yield (f'<circle cx="{at:.1f}" cy="{y}" r="{5 if said else 3}" fill="{own[name].colour}" '
-               f'opacity="{1 if said else 0.45}"><title>{name} {seconds(p.cpu_s)}</title></circle>')  # fmt: skip
+        yield (
+            f'<circle cx="{at:.1f}" cy="{y}" r="{5 if said else 3}" fill="{own[name].colour}" '
+            f'opacity="{1 if said else 0.45}"><title>{name} {seconds(p.cpu_s)}</title></circle>'
+        )
         if said:
             words = f"{said} {'≤ ' * p.bound}{seconds(p.cpu_s)}"
             wide = LETTER * len(words)
@@ -142,9 +144,10 @@ def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> 
             row = min(range(len(ROWS)), key=lambda r: max(ends[r] - best, 0.0))
             start = min(max(ends[row], best), right - wide + 30.0)
             ends[row] = start + wide + 12.0
-            if start > at:  # a label that made room for the one before
-                yield (f'<path d="M{at:.1f} {y}L{start - 3:.1f} {y + ROWS[row] - 5}" '
-                       f'stroke="currentColor" opacity="0.5"/>')  # fmt: skip
+            if start > at:  # the label was moved to leave room for the one before: draw a line to its dot
+                yield (
+                    f'<path d="M{at:.1f} {y}L{start - 3:.1f} {y + ROWS[row] - 5}" stroke="currentColor" opacity="0.5"/>'
+                )
             yield _text(round(start), y + ROWS[row], words)
     missed = [_named(s) for s in f.missed if _named(s)]
     if missed:
@@ -156,20 +159,20 @@ def _named(solver: str) -> str:
 
 
 def draw_loop() -> str:
-    """The chain falling, exact and by two solvers, with how far off each is, as an SVG that moves by itself."""
+    """Draw the falling chain, exact and by two solvers, with the error of each, as an animated SVG."""
     runs = [solve(PROBLEM, name, t_end=END, dt=dt, rtol=rtol) for name, dt, rtol, _ in ROLES]
     series = [run.series for run in runs if run.series is not None]
-    bodies, exact = mechanism_of(series[0]), stored_exact(series[0])
+    bodies, exact = read_mechanism(series[0]), stored_exact(series[0])
     if bodies is None or exact is None:
         raise SystemExit(f"error: {runs[0]} kept no poses")
     t = np.linspace(0.0, END, FRAMES)
-    view = view_of(bodies)
-    moving = [segments_at(bodies, exact, t, view)]
-    moving += [segments_at(bodies, load_poses(s), t, view) for s in series]
+    view = choose_view(bodies)
+    moving = [place_segments(bodies, exact, t, view)]
+    moving += [place_segments(bodies, load_poses(s), t, view) for s in series]
     low, high = np.min(moving[0], axis=(0, 1, 2)), np.max(moving[0], axis=(0, 1, 2))
     scale = (HEIGHT - 2 * ROOM) / (high - low)[1]
     corner = np.array([ROOM - scale * low[0], HEIGHT - ROOM + scale * low[1]])
-    colours = ["", *(looks([name])[name].colour for name, *_ in ROLES)]
+    colours = ["", *(choose_styles([name])[name].colour for name, *_ in ROLES)]
     parts = [_path(corner + scale * lines * [1.0, -1.0], colour) for lines, colour in zip(moving, colours, strict=True)]
     left = round(ROOM + scale * (high - low)[0] + 2 * ROOM)
     parts.append(_text(left, 50, f"exact: a chain of 15 links falls for {END:g} s"))
@@ -186,7 +189,7 @@ def _svg(height: int, parts: Iterable[str]) -> str:
 
 
 def _path(frames: np.ndarray, colour: str) -> str:
-    """A mechanism that moves; ``frames`` are segments [px] over time."""
+    """Return a moving mechanism; ``frames`` are segments [px] over time."""
     ways = ["".join(f"M{a:.0f} {b:.0f}L{c:.0f} {d:.0f}" for a, b, c, d in f.reshape(-1, 4)) for f in frames]
     look = (
         f'fill="none" stroke="{colour or "currentColor"}" stroke-width="{2.5 if colour else 5}" stroke-linecap="round"'
@@ -195,7 +198,7 @@ def _path(frames: np.ndarray, colour: str) -> str:
 
 
 def _count(x: int, y: int, r: RunRecord, series: Series, colour: str) -> list[str]:
-    """How far off a run is, a text for each part of the time; the last one stays."""
+    """Return the error of a run as a text for each part of the time; the last one stays."""
     times = np.linspace(0.0, END, COUNTS)
     off = np.interp(times, series["t"], 1e3 * series["position_error"])
     out = []
@@ -210,7 +213,7 @@ def _count(x: int, y: int, r: RunRecord, series: Series, colour: str) -> list[st
 
 
 def _moved(name: str, values: Sequence[str], mode: str) -> str:
-    """An attribute over the loop; the last value is held."""
+    """Animate an attribute over the loop; the last value is held."""
     at = ";".join(f"{t:.3f}" for t in (*np.linspace(0.0, HELD, len(values)), 1.0))
     way = f'values="{";".join((*values, values[-1]))}" keyTimes="{at}" calcMode="{mode}"'
     return f'<animate attributeName="{name}" dur="{SECONDS}s" repeatCount="indefinite" {way}/>'

@@ -1,7 +1,7 @@
-"""The tables of docs/engines.md: results of suites ``engine_defaults`` and ``frontier``, elements that engines take.
+"""Write the tables of docs/engines.md: results of suites ``engine_defaults`` and ``frontier``, elements of engines.
 
 python docs/list_engines.py RESULTS        # of either suite: writes results/published/engines and the page
-python docs/list_engines.py                # writes the page from what is published and what the adapters declare
+python docs/list_engines.py                # writes the page from published data and declarations of adapters
 """
 
 import json
@@ -15,10 +15,10 @@ from typing import Any
 from mbsbench.harness.catalogue.registry import engines, make_solver
 from mbsbench.harness.mechanics.joints import KINDS
 from mbsbench.reports.model.catalogue import is_engine
-from mbsbench.reports.model.frontier import EQUAL, Frontier, broad, doubt_of, engines_first, frontiers
-from mbsbench.reports.model.results import Run, read_results
+from mbsbench.reports.model.frontier import EQUAL, Frontier, classify_doubt, engines_first, frontiers, select_broad
+from mbsbench.reports.model.results import StoredRun, read_results
 from mbsbench.reports.pages.judged.engines import TARGET, Contest, contests, describe_budget, list_packages
-from mbsbench.solvers.engines.export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken
+from mbsbench.solvers.engines.export.engine import LOADS, SPRINGS, TORSIONS, VARYING, SupportedElements
 
 HERE = Path(__file__).resolve().parent
 PAGE, FOLDER = HERE / "engines.md", HERE.parent / "results" / "published" / "engines"
@@ -26,15 +26,17 @@ PUBLISHED, COSTS = FOLDER / "contests.json", FOLDER / "frontier.json"
 TABLES, FRONTIER, ELEMENTS = (
     re.compile(rf"(?<=<!-- made from {source} by list_engines\.py -->\n).*?(?=<!-- end -->)", re.DOTALL)
     for source in (
-        r"results/published/engines/contests\.json", r"results/published/engines/frontier\.json", "solvers/engines"
+        r"results/published/engines/contests\.json",
+        r"results/published/engines/frontier\.json",
+        "solvers/engines",
     )
-)  # fmt: skip
+)
 SHOWN = (1e-3, 1e-6, 1e-9, 1e-11)  # errors of the frontier on the page
 SAME = {"drake_adaptive": "drake"}  # one column for both
 
 
 def publish(folder: Path) -> None:
-    """Both runs of every pair, or the frontier, and where they were made."""
+    """Publish both runs of every pair, or the frontier, and where they were made."""
     results = read_results(folder)
     e = results.environment
     commits = {run.record.commit for run in results.runs}
@@ -45,7 +47,7 @@ def publish(folder: Path) -> None:
     if found := contests(results):
         text |= {"budget": describe_budget(found), "target": TARGET, "contests": [_of(contest) for contest in found]}
     else:
-        text["rows"] = [_costs(f) for f in engines_first(broad(results, frontiers(results)))]
+        text["rows"] = [_costs(f) for f in engines_first(select_broad(results, frontiers(results)))]
     (PUBLISHED if found else COSTS).write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
 
 
@@ -53,32 +55,52 @@ def _costs(f: Frontier) -> dict[str, Any]:
     first = f.places[0]
     engine = next(((p.run.record.solver, p.factor) for p in f.places if is_engine(p.run.record.solver)), None)
     return {
-        "variant": f.variant, "error": f.target, "unit": f.unit, "below_reference": f.is_below_reference,
-        "cheapest": first.run.record.solver, "settings": first.run.settings(), "cpu_s": first.cpu_s,
-        "spread": first.spread, "repeats": first.run.record.repeats, "next": f.places[1].factor, "engine": engine,
+        "variant": f.variant,
+        "error": f.target,
+        "unit": f.unit,
+        "below_reference": f.is_below_reference,
+        "cheapest": first.run.record.solver,
+        "settings": first.run.settings(),
+        "cpu_s": first.cpu_s,
+        "spread": first.spread,
+        "repeats": first.run.record.repeats,
+        "next": f.places[1].factor,
+        "engine": engine,
         "reach": len(f.places),
-    }  # fmt: skip
+    }
 
 
 def _of(contest: Contest) -> dict[str, Any]:
-    pairs = {pair.who: {"shipped": _run(contest, pair.shipped), "best": _run(contest, pair.best)}
-             for pair in contest.pairs}  # fmt: skip
+    pairs = {
+        pair.who: {"shipped": _run(contest, pair.shipped), "best": _run(contest, pair.best)} for pair in contest.pairs
+    }
     made = [run for run in contest.variant.runs if run.status != "refused"]
-    return {"problem": contest.variant.runs[0].record.problem, "unit": contest.measure.unit, "pairs": pairs,
-            "settings": sorted({f"{run.record.solver} {json.dumps(run.options)}" for run in made})}  # fmt: skip
+    return {
+        "problem": contest.variant.runs[0].record.problem,
+        "unit": contest.measure.unit,
+        "pairs": pairs,
+        "settings": sorted({f"{run.record.solver} {json.dumps(run.options)}" for run in made}),
+    }
 
 
-def _run(contest: Contest, run: Run | None) -> dict[str, Any] | None:
+def _run(contest: Contest, run: StoredRun | None) -> dict[str, Any] | None:
     if run is None:
         return None
-    numbers = {"error": contest.error(run), "energy_J": run.record.energy_drift_max_J, "gap": run.record.phi_max,
-               "cpu_s": run.record.cpu_median_s}  # fmt: skip
-    return {"settings": run.settings(), "status": run.status,
-            **{name: None if math.isnan(value) else value for name, value in numbers.items()}}  # fmt: skip
+    numbers = {
+        "error": contest.error(run),
+        "energy_J": run.record.energy_drift_max_J,
+        "gap": run.record.phi_max,
+        "cpu_s": run.record.cpu_median_s,
+    }
+    return {
+        "settings": run.settings(),
+        "status": run.status,
+        **{name: None if math.isnan(value) else value for name, value in numbers.items()},
+    }
 
 
 def tables() -> str:
-    """How many reach the target; errors by contestant and problem; the cheapest code of each problem."""
+    """Return how many reach the target; errors by contestant and problem; the cheapest code of each problem."""
     if not PUBLISHED.exists():
         return "No run of this code is published; `python docs/list_engines.py RESULTS` writes its tables here.\n"
     found = json.loads(PUBLISHED.read_text(encoding="utf-8"))
@@ -87,18 +109,24 @@ def tables() -> str:
     target = found["target"]
     shipped, tuned = (_total(every, which, target) for which in ("shipped", "best"))
     lines = [
-        fill(f"Commit {found['commit'][:8]}, {found['runs']} runs, {found['budget']}. Within {target:g} m or rad over "
-             f"one second: **{shipped[0]} of {shipped[1]} as shipped, {tuned[0]} of {tuned[1]} tuned**."
-             f"{_made_by(found)}", 138),
-        "", "Largest error [m, rad] as shipped, and of the best of the budget; CPU time of the latter.", "",
-        "| | " + " | ".join(problems) + " |", "|---" * (1 + len(problems)) + "|",
-    ]  # fmt: skip
+        fill(
+            f"Commit {found['commit'][:8]}, {found['runs']} runs, {found['budget']}. Within {target:g} m or rad over "
+            f"one second: **{shipped[0]} of {shipped[1]} as shipped, {tuned[0]} of {tuned[1]} tuned**."
+            f"{_made_by(found)}",
+            98,
+        ),
+        "",
+        "Largest error [m, rad] as shipped, and of the best of the budget; CPU time of the latter.",
+        "",
+        "| | " + " | ".join(problems) + " |",
+        "|---" * (1 + len(problems)) + "|",
+    ]
     names = sorted({who for one in every for who in one["pairs"]})
     lines += [f"| `{who}` | " + " | ".join(_cell(one["pairs"].get(who)) for one in every) + " |" for who in names]
     words = (
         f"The cheapest runs within {target:g}, each contestant with the best of its settings. ≈: the next takes less "
     )
-    lines += ["", fill(f"{words}than {EQUAL:g} times as long: which is cheaper is not decided.", 138), ""]
+    lines += ["", fill(f"{words}than {EQUAL:g} times as long: which is cheaper is not decided.", 98), ""]
     lines += ["| problem | cheapest | next | cheapest engine |", "|---|---|---|---|"]
     for one in every:
         best = {who: pair["best"] for who, pair in one["pairs"].items() if _within(pair["best"], target)}
@@ -116,7 +144,7 @@ def _made_by(found: dict[str, Any]) -> str:
 
 
 def frontier_table() -> str:
-    """A row a variant, with the cheapest code at each error; those where an engine leads first."""
+    """Return a row for each variant, with the cheapest code at each error; those where an engine leads come first."""
     lead = "**The frontier** (`mbsbench run frontier`)"
     if not COSTS.exists():
         return f"{lead}: no run of it is published; `python docs/list_engines.py RESULTS` writes its table here.\n"
@@ -130,7 +158,7 @@ def frontier_table() -> str:
         f"the spread. †: below the stated error of the reference.{_made_by(found)}"
     )
     heads = [f"{error:.0e}".replace("e-0", "e-") for error in SHOWN]
-    lines = [fill(words, 138), "", "| | " + " | ".join(heads) + " |", "|---" * (1 + len(SHOWN)) + "|"]
+    lines = [fill(words, 98), "", "| | " + " | ".join(heads) + " |", "|---" * (1 + len(SHOWN)) + "|"]
     for variant in dict.fromkeys(row["variant"] for row in found["rows"]):
         lines.append(f"| {variant} | " + " | ".join(_place(at.get((variant, error))) for error in SHOWN) + " |")
     return "\n".join(lines) + "\n"
@@ -142,19 +170,24 @@ def _place(row: dict[str, Any] | None) -> str:
     engine = f"{row['engine'][1]:.2g}" if row["engine"] else "–"
     bold = "**" if row["engine"] and row["engine"][1] <= 1.0 else ""
     words = f"{bold}`{row['cheapest']}`{bold} {_time(row['cpu_s'])}, {row['spread']:.2g}; {row['next']:.2g}, {engine}"
-    doubt = doubt_of(row["spread"], row["next"])
+    doubt = classify_doubt(row["spread"], row["next"])
     marks = (f"≈ {doubt}", doubt), ("†", row["below_reference"])
     return " ".join((words, *(mark for mark, holds in marks if holds)))
 
 
 def elements() -> str:
-    """Elements by engine, and why one is not taken."""
-    takes: dict[str, Taken] = {name: taken for name in engines() if name not in SAME
-                               and (taken := getattr(type(make_solver(name)), "takes", None))}  # fmt: skip
+    """Return the elements that each engine supports, and why one is not supported."""
+    takes: dict[str, SupportedElements] = {
+        name: taken
+        for name in engines()
+        if name not in SAME and (taken := getattr(type(make_solver(name)), "takes", None))
+    }
     names = [*map(str, KINDS), SPRINGS, TORSIONS, LOADS, VARYING]
     lines = ["| | " + " | ".join(f"`{who}`" for who in takes) + " |", "|---" * (1 + len(takes)) + "|"]
-    lines += [f"| {name} | " + " | ".join("yes" if name in of.elements else "–" for of in takes.values()) + " |"
-              for name in names]  # fmt: skip
+    lines += [
+        f"| {name} | " + " | ".join("yes" if name in of.elements else "–" for of in takes.values()) + " |"
+        for name in names
+    ]
     lines += ["", "Not taken; an element without a reason does not exist there.", ""]
     for who, of in takes.items():
         reasons: dict[str, list[str]] = {}
@@ -162,7 +195,7 @@ def elements() -> str:
             if name not in of.elements and name in of.lacks:
                 reasons.setdefault(of.lacks[name], []).append(name)
         said = "; ".join(f"{', '.join(what)} ({why})" for why, what in reasons.items())
-        lines.append(fill(f"- `{who}`: {said}.", 140, subsequent_indent="  "))
+        lines.append(fill(f"- `{who}`: {said}.", 100, subsequent_indent="  "))
     return "\n".join(lines) + "\n"
 
 

@@ -1,7 +1,4 @@
-"""The table of docs/questions.md, made from docs/questions.toml.
-
-python docs/list_questions.py
-"""
+"""Write the table of docs/questions.md from docs/questions.toml: ``python docs/list_questions.py``."""
 
 import re
 import tomllib
@@ -15,12 +12,12 @@ FIGURES = {"energy": r"energy drift +(\S+) J", "phi": r"\|phi_dot\| +(\S+) m", "
 
 
 def read_questions() -> list[dict[str, Any]]:
-    """All questions in the order of the page."""
+    """Return all questions in the order of the page."""
     return list(tomllib.loads(DATA.read_text(encoding="utf-8"))["question"])
 
 
 def read_figure(question: dict[str, Any], printed: str) -> float:
-    """The number that answers it, in what its command prints."""
+    """Return the number that answers a question from the output of its command."""
     found = re.search(FIGURES.get(question["figure"], question["figure"]), printed, re.MULTILINE)
     if found is None:
         raise ValueError(f"{question['command']}: expected {question['figure']} in:\n{printed}")
@@ -28,7 +25,7 @@ def read_figure(question: dict[str, Any], printed: str) -> float:
 
 
 def stated(question: dict[str, Any]) -> tuple[float, float]:
-    """The number of its answer, and half a unit of its last digit."""
+    """Return the number in its answer, and half a unit of its last digit."""
     text = question["value"].split()[0]
     mantissa, _, power = text.partition("e")
     digits = len(mantissa.partition(".")[2])
@@ -36,7 +33,7 @@ def stated(question: dict[str, Any]) -> tuple[float, float]:
 
 
 def table() -> str:
-    """A row a question: threads, answer, command; what is missing where it is not answered."""
+    """Return a row for each question: threads, answer, command, or what is missing where it is not answered."""
     rows = ["| question | answer | command |", "|---|---|---|"]
     for q in read_questions():
         links = ", ".join(f"[{t}](https://github.com/{t.replace('#', '/issues/')})" for t in q["threads"])

@@ -1,4 +1,4 @@
-"""The table in docs/judging.md: solvers and engines on the chain over 20 s, by error, shadow and ensemble.
+"""Write the table in docs/judging.md: solvers and engines on the chain over 20 s, by error, shadow and ensemble.
 
 python docs/list_shadows.py measure SOLVER ...    # runs them, into results/published/chaos.json
 python docs/list_shadows.py cloud N SOLVER ...    # scores their ensembles of N starts, into the same file
@@ -22,14 +22,14 @@ from scipy.stats import norm, spearmanr
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.clock import cpu_seconds
-from mbsbench.harness.ensemble.clouds import Code, make_ensemble, run_cloud
-from mbsbench.harness.ensemble.sampling import state_at
+from mbsbench.harness.ensemble.clouds import ConfiguredSolver, make_ensemble, run_cloud
+from mbsbench.harness.ensemble.sampling import interpolate_state
 from mbsbench.harness.ensemble.verdict import ALL_C, compare_clouds
 from mbsbench.harness.execution.run_file import read_run
 from mbsbench.harness.execution.solve_file import solve_to_file
-from mbsbench.harness.results.codes import code_of
+from mbsbench.harness.results.codes import digest_run_code
 from mbsbench.harness.results.environment import commit
-from mbsbench.harness.results.words import why, words_of_ending
+from mbsbench.harness.results.words import list_reasons, words_of_ending
 from mbsbench.harness.shadow.long_motion import load_long_motion
 from mbsbench.harness.shadow.modified_energy import find_modified_energy
 from mbsbench.harness.shadow.shadow import find_shadow
@@ -38,34 +38,41 @@ from mbsbench.harness.types import Problem, StepControl, Trajectory
 
 HERE = Path(__file__).resolve().parent
 PAGE, DATA = HERE / "judging.md", HERE.parent / "results" / "published" / "chaos.json"
-RUNS = HERE.parent / "results" / "local" / "chaos"  # kept: a motion is solved once by the same code
+RUNS = HERE.parent / "results" / "local" / "chaos"  # kept, so that a motion is solved once by the same code
 LOCK = RUNS / "lock"
 TABLE = re.compile(r"(?<=<!-- made from chaos\.json by list_shadows\.py -->\n).*(?=<!-- end -->)", re.DOTALL)
-LIMIT = 100.0  # [s] of CPU, of a run
-EARLY, LATE = 5.0, 20.0  # [s] of errors
+LIMIT = 100.0  # [s] of CPU for a run
+EARLY, LATE = 5.0, 20.0  # [s] times of errors
 SPREAD, SEED, SCORED = 1e-3, 1, (2.0, 20.0)
 TRUTH = "rkmk_dop853"
-SURE = 0.01  # p
-GOAL = 60.0  # [s] of CPU, of a shadow
+SURE = 0.01  # largest p of a bias that is printed in bold
+GOAL = 60.0  # [s] of CPU for a shadow
 SOUND = ("success", "inaccurate")
 
 
 def measure(problem: Problem, solver: str) -> dict[str, Any]:
-    """A row of the data."""
+    """Return a row of the data."""
     spec = make_spec(problem, solver)
-    code = code_of(problem.name, solver)
+    code = digest_run_code(problem.name, solver)
     path = RUNS / f"{solver}-{code}.npz"
     if not path.exists():
         solve_to_file(spec, path, LIMIT)
     r, trajectory = read_run(path)
-    words = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *why(r)]) if w)
+    words = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *list_reasons(r)]) if w)
     setting = next(f"{k}={v:g}" for k in ("dt", "rtol") if (v := getattr(spec.control, k)) is not None)
     row = {
-        "solver": solver, "setting": setting, "status": r.status, "why": words,
-        "t_reached_s": r.t_reached_s, "cpu_s": r.cpu_min_s, "energy_drift_J": r.energy_drift_max_J,
-        "accurate_until_s": r.accurate_until_s, "accurate_until_1pct_s": r.accurate_until_1pct_s,
-        "code": code, "commit": commit(),
-    }  # fmt: skip
+        "solver": solver,
+        "setting": setting,
+        "status": r.status,
+        "why": words,
+        "t_reached_s": r.t_reached_s,
+        "cpu_s": r.cpu_min_s,
+        "energy_drift_J": r.energy_drift_max_J,
+        "accurate_until_s": r.accurate_until_s,
+        "accurate_until_1pct_s": r.accurate_until_1pct_s,
+        "code": code,
+        "commit": commit(),
+    }
     old = read().get("runs", {}).get(solver, {})
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} | {
         "error_m": measure_errors(problem, trajectory),
@@ -75,27 +82,27 @@ def measure(problem: Problem, solver: str) -> dict[str, Any]:
 
 
 def measure_modified_energy(problem: Problem, trajectory: Trajectory) -> float | None:
-    """Its swing, of the scale; None where it is not defined."""
+    """Return its range relative to the scale; None where it is not defined."""
     try:
         found = find_modified_energy(problem, trajectory)
     except ValueError:
         return None
-    return found.swing / found.scale
+    return found.energy_range / found.scale
 
 
 def measure_errors(problem: Problem, trajectory: Trajectory) -> dict[str, float]:
-    """[m] the largest of any C at two times."""
+    """Return the largest error of any C at two times [m]."""
     out = {}
     reference, far = problem.reference(), load_long_motion(problem.name)
     for t, true in ((EARLY, reference), (LATE, far)):
         if true is not None and true.horizon >= t <= trajectory.t[-1] * (1.0 + 1e-9):
             C = true.states(np.array([t])).r[0]
-            out[f"{t:g}"] = float(np.max(np.linalg.norm(state_at(trajectory.states, t).r - C, axis=1)))
+            out[f"{t:g}"] = float(np.max(np.linalg.norm(interpolate_state(trajectory.states, t).r - C, axis=1)))
     return out
 
 
 def describe(problem: Problem, trajectory: Trajectory) -> dict[str, Any]:
-    """Its shadow, or why none can be sought."""
+    """Return its shadow, or why none can be sought."""
     began = cpu_seconds()
     try:
         s = find_shadow(problem, trajectory)
@@ -105,43 +112,54 @@ def describe(problem: Problem, trajectory: Trajectory) -> dict[str, Any]:
     found = {"until_s": s.until, "glitch_s": s.glitch, "gap_m": s.gap, "cpu_s": cpu_seconds() - began}
     if s.until > 0.0:
         found |= {
-            "largest_m": float(np.max(C)), "rms_m": float(np.sqrt(np.mean(C**2))), "start_m": float(np.max(C[0])),
+            "largest_m": float(np.max(C)),
+            "rms_m": float(np.sqrt(np.mean(C**2))),
+            "start_m": float(np.max(C[0])),
             "start_m_s": float(np.max(np.linalg.norm(s.given.v[0] - s.true.v[0], axis=1))),
             "energy_shift_J": s.energy_shift,
-        }  # fmt: skip
+        }
     return without_nan(found)
 
 
 def without_nan(numbers: dict[str, Any]) -> dict[str, Any]:
-    """None where a number is not finite: JSON has no word for it."""
+    """Replace numbers that are not finite by None, since JSON cannot express them."""
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in numbers.items()}
 
 
 def score(problem: Problem, solvers: list[str], starts: int) -> dict[str, Any]:
-    """By solver: starts; excess and p of the energy score of all C and of the CRPS of the energy, at each time.
+    """Return for each solver its starts, and excess and p of two scores at each time.
 
-    All clouds have the same starts: part of their excess is that of this draw, which ``TRUTH`` shows.
+    The scores are the energy score of all C and the CRPS of the energy. All clouds have the same starts: part of their
+    excess is due to this draw, as ``TRUTH`` shows.
     """
     e = make_ensemble(problem, SPREAD, SEED, SCORED)
     true = registry.make_solver(TRUTH, {"code": "mechanism"})
-    code = Code(TRUTH, "", true, StepControl(rtol=1e-10))
+    code = ConfiguredSolver(TRUTH, "", true, StepControl(rtol=1e-10))
     same, other = (run_cloud(e, code, range(k * starts, (k + 1) * starts), 1) for k in range(2))
     out = {}
     for solver in solvers:
-        control = step_control(solver, registry.entry_of("solver", solver, registry.solvers()).control, problem, {})
-        cloud = run_cloud(e, Code(solver, "", registry.make_solver(solver), control), range(starts), 1)
+        control = step_control(solver, registry.find_entry("solver", solver, registry.solvers()).control, problem, {})
+        cloud = run_cloud(e, ConfiguredSolver(solver, "", registry.make_solver(solver), control), range(starts), 1)
         rows = [c for c in compare_clouds(e, cloud, same, other) if c.quantity in (ALL_C, "energy")]
         out[solver] = {"starts": starts} | {
-            f"{c.quantity} {c.t_s:g}": without_nan({"excess": c.excess, "p": c.p_score, "bias": c.bias,
-                                                    "spread": c.spread, "error": c.error, "missing": c.missing})
+            f"{c.quantity} {c.t_s:g}": without_nan(
+                {
+                    "excess": c.excess,
+                    "p": c.p_score,
+                    "bias": c.bias,
+                    "spread": c.spread,
+                    "error": c.error,
+                    "missing": c.missing,
+                }
+            )
             for c in rows
-        }  # fmt: skip
+        }
         keep("ensembles", out)
     return out
 
 
 def read() -> dict[str, dict[str, Any]]:
-    """The data."""
+    """Read the data."""
     return json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
 
 
@@ -155,29 +173,49 @@ def keep(part: str, rows: dict[str, Any]) -> None:
 
 
 def table() -> str:
-    """A row a solver: those with a shadow over the whole time first, the nearest on top."""
+    """Return a row for each solver: those with a shadow over the whole time first, the nearest on top."""
     data = read()
-    heads = ["solver", "status", "energy drift [J]", "accurate until [s]", "error at 5 s [m]", "at 20 s",
-             "shadow until [s]", "rms [mm]", "largest", "at the start", "gap [m]", "its CPU time [s]",
-             "modified energy"]  # fmt: skip
+    heads = [
+        "solver",
+        "status",
+        "energy drift [J]",
+        "accurate until [s]",
+        "error at 5 s [m]",
+        "at 20 s",
+        "shadow until [s]",
+        "rms [mm]",
+        "largest",
+        "at the start",
+        "gap [m]",
+        "its CPU time [s]",
+        "modified energy",
+    ]
     clouds = data.get("ensembles", {})
     heads += ["starts", "excess of all C at 2 s [m]", "bias of energy at 20 s [J]"] if clouds else []
     rows = [f"| {' | '.join(heads)} |", "|---|---|" + "--:|" * (len(heads) - 2)]
     for r in sorted(data["runs"].values(), key=rank):
         s, cloud = r["shadow"], clouds.get(r["solver"], {})
         cells = [
-            f"`{r['solver']}` {r['setting']}", r["status"], number(r["energy_drift_J"]), number(r["accurate_until_s"]),
-            *(number(r["error_m"].get(f"{t:g}")) for t in (EARLY, LATE)), number(s.get("until_s")),
+            f"`{r['solver']}` {r['setting']}",
+            r["status"],
+            number(r["energy_drift_J"]),
+            number(r["accurate_until_s"]),
+            *(number(r["error_m"].get(f"{t:g}")) for t in (EARLY, LATE)),
+            number(s.get("until_s")),
             *(number(s.get(k), 1e3) for k in ("rms_m", "largest_m", "start_m")),
-            number(s.get("gap_m") if s.get("until_s") else None, digits=1), number(s.get("cpu_s")),
-            number(r["modified_energy"], digits=1), scored_starts(cloud), excess(cloud, clouds), bias(cloud, clouds),
-        ]  # fmt: skip
+            number(s.get("gap_m") if s.get("until_s") else None, digits=1),
+            number(s.get("cpu_s")),
+            number(r["modified_energy"], digits=1),
+            scored_starts(cloud),
+            excess(cloud, clouds),
+            bias(cloud, clouds),
+        ]
         rows.append(f"| {' | '.join(cells[: len(heads)])} |")
     return "\n".join(rows) + "\n"
 
 
 def page() -> str:
-    """What the table teaches, and the table."""
+    """Return what the table teaches, and the table."""
     data = read()
     rows = list(data["runs"].values())
     shadows = [r["shadow"] for r in rows if (r["shadow"].get("until_s") or 0.0) >= LATE]
@@ -206,28 +244,28 @@ def page() -> str:
             f"Ensembles: from the same starts, less the excess of `{TRUTH}` from these. In bold: a bias that chance "
             f"alone gives in less than one of {1 / SURE:.0f} cases; a cloud that blew up is too wide to show one."
         )
-    return f"{textwrap.fill(lesson, 138)}\n\n{table()}"
+    return f"{textwrap.fill(lesson, 98)}\n\n{table()}"
 
 
 def rank(row: dict[str, Any]) -> tuple[float, float]:
-    """By the time of the shadow, then by its distance."""
+    """Return the order by the time of the shadow, then by its distance."""
     s = row["shadow"]
     return -(s.get("until_s") or 0.0), s.get("rms_m") or math.inf
 
 
 def number(value: float | None, scale: float = 1.0, digits: int = 2) -> str:
-    """A dash where there is none."""
+    """Return a number, or a dash where there is none."""
     return "–" if value is None else f"{scale * value:.{digits}g}"
 
 
 def scored_starts(cloud: dict[str, Any]) -> str:
-    """How many, and how many of them did not reach the end."""
+    """Return how many starts there are, and how many of them did not reach the end."""
     missing = max((score["missing"] for score in cloud.values() if isinstance(score, dict)), default=0)
     return number(cloud.get("starts"), digits=4) + (f", {missing} missing" if missing else "")
 
 
 def excess(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
-    """Of all C at 2 s, less that of ``TRUTH`` from the same starts."""
+    """Return the excess of all C at 2 s, less that of ``TRUTH`` from the same starts."""
     score, own = (of.get(f"{ALL_C} 2", {}) for of in (cloud, clouds.get(TRUTH, {})))
     if score.get("excess") is None or own.get("excess") is None or cloud["starts"] != clouds[TRUTH]["starts"]:
         return "–"
@@ -235,7 +273,7 @@ def excess(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
 
 
 def bias(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
-    """Of the energy at 20 s; its standard error is that of two means, the second of ``TRUTH``."""
+    """Return the bias of the energy at 20 s; its standard error is that of two means, the second of ``TRUTH``."""
     score, true = (of.get("energy 20", {}) for of in (cloud, clouds.get(TRUTH, {})))
     if score.get("bias") is None or true.get("spread") is None:
         return "–"
@@ -245,7 +283,7 @@ def bias(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """One of the three."""
+    """Run one of the three commands."""
     problem = registry.make_problem("chain", {})
     RUNS.mkdir(parents=True, exist_ok=True)
     if sys.argv[1:2] == ["measure"]:

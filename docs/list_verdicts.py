@@ -1,4 +1,4 @@
-"""The verdict on each claim before and now, for the site; or writes what was published before into its data.
+"""Compare the verdict on each claim before and now, for the site; or write what was published before into its data.
 
     python docs/list_verdicts.py OLD.json      # git show COMMIT:results/published/claims.json
 
@@ -12,21 +12,21 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from mbsbench.harness.results.judgements.claims import Finding
+from mbsbench.harness.results.judgements.claims import ClaimFinding
 from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read_judgement
-from mbsbench.reports.model.claim_words import control, share, verdict
+from mbsbench.reports.model.claim_words import control, format_share, verdict
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "docs" / "decisions" / "verdicts.toml"
 
 
-def cell(finding: Finding | None) -> str:
-    """``reproduced if gain 0; for 39 of 76 tried``; a dash where there is no such setting."""
-    return "; ".join(filter(None, (verdict(finding), share(finding)))) if finding else "–"
+def cell(finding: ClaimFinding | None) -> str:
+    """Return text such as ``reproduced if gain 0; for 39 of 76 tried``; a dash where there is no such setting."""
+    return "; ".join(filter(None, (verdict(finding), format_share(finding)))) if finding else "–"
 
 
 def table() -> str:
-    """Every claim before and now; a reason stands where one is given."""
+    """Return every claim before and now, with a reason where one is given."""
     data = tomllib.loads(DATA.read_text(encoding="utf-8"))
     claims = {c.id: c for c in read_judgement(CLAIMS, PUBLISHED)}
     before, reasons = data.get("before", {}), data.get("reasons", {})
@@ -41,16 +41,20 @@ def table() -> str:
 
 
 def earlier(plain: Any) -> dict[str, str]:
-    """One cell a claim of a ``claims.json`` of schema 1, or of the present one."""
+    """Return one cell for each claim of a ``claims.json`` of schema 1, or of the present one."""
     if isinstance(plain, list):
         return {c["id"]: f"{c['verdict']} {c['because']['holds']} of {c['because']['settings']}" for c in plain}
     sides = (("", "paper"), ("beyond ", "beyond"))
-    return {c["id"]: ", ".join(f"{words}{f['verdict']} {f['holds']} of {f['settings']}" for words, k in sides
-                               if (f := c[k])) for c in plain["claims"]}  # fmt: skip
+    return {
+        c["id"]: ", ".join(
+            f"{words}{f['verdict']} {f['holds']} of {f['settings']}" for words, k in sides if (f := c[k])
+        )
+        for c in plain["claims"]
+    }
 
 
 def with_before(text: str, before: dict[str, str]) -> str:
-    """The data with another ``before``, in which it ends."""
+    """Return the data with another ``before``, which is its last part."""
     rows = "".join(f"{json.dumps(k)} = {json.dumps(v)}\n" for k, v in before.items())
     return text.partition("[before]\n")[0] + "[before]\n" + rows
 

@@ -1,4 +1,4 @@
-"""Hook of mkdocs.yml: the site has the files of the repository at their places, so that its links hold on both.
+"""Hook into mkdocs.yml: the site has the files of the repository at their places, so that its links hold on both.
 
 Pages are the Markdown of the top folder and of ``docs/``, the public names of ``mbsbench``, and the table of verdicts,
 which is made from ``results/published/claims.json``.
@@ -18,14 +18,16 @@ ROOT = Path(__file__).resolve().parents[1]
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)#\s]+)")
 TABLE = re.compile(r"(?<=<!-- verdicts -->\n).*?(?=<!-- end of verdicts -->)", re.DOTALL)
 TITLES = {  # of the pages on the public names
-    "api": "Runs and results", "catalogue": "Entries and their options", "types": "Problems, motions and their status",
+    "api": "Runs and results",
+    "catalogue": "Entries and their options",
+    "types": "Problems, motions and their status",
     "solvers": "Compiled equations",
-}  # fmt: skip
+}
 HIDDEN = {".py", ".toml", ".j2"}  # of docs/, unless a page links to it
 
 
 def on_files(given: Files, config: MkDocsConfig) -> Files:
-    """The pages, what is beside them in docs/, and each file of the repository that a page links to."""
+    """Return the pages, what is beside them in docs/, and each file of the repository that a page links to."""
     pages = [ROOT / "README.md", *sorted(p for p in ROOT.glob("*.md") if p.stem != "README")]
     pages += sorted((ROOT / "docs").rglob("*.md"))
     linked = {(p.parent / link).resolve() for p in pages for link in LINK.findall(p.read_text(encoding="utf-8"))}
@@ -42,7 +44,7 @@ def on_files(given: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(text: str, page: Page, **_: object) -> str:
-    """The text with its table of verdicts; a link to a folder leads to its first page."""
+    """Return the text with its table of verdicts; a link to a folder leads to its first page."""
     place = (ROOT / page.file.src_uri).parent
 
     def target(found: re.Match[str]) -> str:
@@ -54,7 +56,7 @@ def on_page_markdown(text: str, page: Page, **_: object) -> str:
 
 
 def _reference(part: str) -> str:
-    """The page of the public names that the modules of one ``part`` define."""
+    """Return the page of the public names that the modules of one ``part`` define."""
     text = [f"# {TITLES.get(part, part.capitalize())}\n"]
     for module, names in mbsbench._HOMES.items():
         path = module if part in ("api", "solvers") else f"harness.{module}"

@@ -1,1 +1,1 @@
-"""Runs problems through solvers, measures what comes back and judges it."""
+"""Run problems through solvers, measure the motions and judge them."""

@@ -1,7 +1,7 @@
-"""Folders that keep computed things between runs: in the checkout or, once installed, in the user's cache.
+"""Provide cache folders for computed results between runs: in the checkout or, if installed, in the user's cache.
 
 Nothing is written beside installed modules: that folder may be shared or read-only. Machine code and pickles are loaded
-from caches, so each is a folder of this user that no other may write to, and not a link; else it is not used.
+from caches, so that each must be a folder of this user that no other may write to, and not a link; else it is not used.
 """
 
 import contextlib
@@ -13,18 +13,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-CHOSEN = "MBSBENCH_CACHE"  # in the environment: a folder for all that is kept
+CHOSEN = "MBSBENCH_CACHE"  # environment variable: a folder for all caches
 LOCAL = "results/local"
-IN_CHECKOUT = {  # caches, and the folders that hold theirs in a checkout
-    "catalogue": LOCAL, "generated": "solvers/formulations/generated/__pycache__",
-    "laws": "harness/metrics/__pycache__", "machine": LOCAL, "references": LOCAL, "sources": LOCAL,
-    "user_forces": LOCAL, "warmed": LOCAL,
-}  # fmt: skip
+IN_CHECKOUT = {  # caches, and the folders that hold them in a checkout
+    "catalogue": LOCAL,
+    "generated": "solvers/formulations/generated/__pycache__",
+    "laws": "harness/metrics/__pycache__",
+    "machine": LOCAL,
+    "references": LOCAL,
+    "sources": LOCAL,
+    "user_forces": LOCAL,
+    "warmed": LOCAL,
+}
 
 
 @dataclass(frozen=True)
 class Cache:
-    """A folder of computed things, and how much it holds."""
+    """A cache folder and its size."""
 
     name: str
     folder: Path
@@ -32,30 +37,32 @@ class Cache:
 
 
 def list_caches() -> tuple[Cache, ...]:
-    """Every cache with its place and size, by name."""
+    """Return every cache with its folder and size, by name."""
     folders = {name: _choose_place(name, ROOT / place)[0] for name, place in sorted(IN_CHECKOUT.items())}
     return tuple(Cache(name, folder, _size_of(folder)) for name, folder in folders.items())
 
 
 def _size_of(folder: Path) -> int:
+    """Return the sum of the sizes of all files in a folder [bytes]."""
     return sum(p.lstat().st_size for p in folder.rglob("*") if p.is_file())
 
 
 def is_checkout() -> bool:
-    """Whether this is a checkout, not an installed package."""
+    """Return whether this is a checkout, not an installed package."""
     return (ROOT / "pyproject.toml").exists()
 
 
 def cache_folder(name: str, in_checkout: Path) -> Path:
-    """``in_checkout / name`` in a checkout; installed, ``mbsbench/name`` in ``$XDG_CACHE_HOME`` or ``~/.cache``.
+    """Make the folder of the cache ``name``, below ``in_checkout`` or in the user's cache, and return it.
 
-    Always ``name`` in ``$MBSBENCH_CACHE``, where that is set to an absolute path. It is made for this user alone. One
-    that others may write to is named in a line, and a private one is used, by all that this process starts, too.
+    The user's cache serves where this is no writable checkout: ``mbsbench/`` in ``$XDG_CACHE_HOME`` or ``~/.cache``;
+    ``$MBSBENCH_CACHE``, an absolute path, replaces all of these. The folder is made for this user alone. If others may
+    write to it, a warning names it, and a private folder is used instead, also by processes started from here.
     """
     folder, above = _choose_place(name, in_checkout)
     try:
         why = _make_private(folder, above)
-    except OSError:  # a full or read-only disk: nothing is kept
+    except OSError:  # a full or read-only disk: nothing is cached
         if above is None or _chosen():
             return folder
     else:
@@ -70,7 +77,7 @@ def cache_folder(name: str, in_checkout: Path) -> Path:
 
 
 def read_kept(path: Path, largest: int) -> bytes:
-    """The content of a file in a cache: OSError unless it is a file of this user, not a link, and not too large."""
+    """Read a file in a cache; raise OSError unless it is a regular file of this user and not too large."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         about = os.fstat(descriptor)
@@ -84,12 +91,13 @@ def read_kept(path: Path, largest: int) -> bytes:
 
 
 def _chosen() -> str:
+    """Return the folder in ``$MBSBENCH_CACHE``; empty if it is not set or no absolute path."""
     chosen = os.environ.get(CHOSEN, "")
     return chosen if os.path.isabs(chosen) else ""
 
 
 def _choose_place(name: str, in_checkout: Path) -> tuple[Path, Path | None]:
-    """The folder, and the one above it where that holds caches alone; a checkout holds the code that uses them, too."""
+    """Return the folder of the cache ``name``, and the one above it if that holds only caches; None in a checkout."""
     if chosen := _chosen():
         return Path(chosen) / name, Path(chosen)
     if is_checkout() and os.access(ROOT, os.W_OK):
@@ -100,24 +108,27 @@ def _choose_place(name: str, in_checkout: Path) -> tuple[Path, Path | None]:
 
 
 def _make_private(folder: Path, above: Path | None) -> str:
-    """Make the folder, and that ``above``, for this user alone; what is wrong with one that was there, or nothing.
+    """Make the folder, and that ``above``, for this user alone.
 
-    OSError where it cannot be made.
+    Return why an existing one is not safe, empty if all are; raise OSError if one cannot be made or written to.
     """
     (above or folder).parent.mkdir(parents=True, exist_ok=True)
     for place in filter(None, (above, folder)):
         try:
             place.mkdir(mode=0o700)
         except FileExistsError:
-            if why := _complain(place, chosen=place == above and bool(_chosen())):
+            if why := _explain_risk(place, chosen=place == above and bool(_chosen())):
                 return why
     if not os.access(folder, os.W_OK):
         raise OSError(f"{folder} is read-only")
     return ""
 
 
-def _complain(place: Path, *, chosen: bool) -> str:
-    """Why others could put something there; one that the user chose may be a link, or a place as /tmp is."""
+def _explain_risk(place: Path, *, chosen: bool) -> str:
+    """Return why others could write to the folder ``place``; empty if they cannot.
+
+    A folder ``chosen`` by the user (``$MBSBENCH_CACHE``) may be a link, belong to root, or be sticky like /tmp.
+    """
     about = place.stat() if chosen else place.lstat()
     if stat.S_ISLNK(about.st_mode):
         return f"{place} is a link"
@@ -131,7 +142,7 @@ def _complain(place: Path, *, chosen: bool) -> str:
 
 
 def _private_folder() -> Path:
-    """One for temporary files that is this user's alone: no home, a read-only one, or one that others may write to."""
+    """Return a private temporary folder, used if the home is missing, read-only, or writable by others."""
     own = Path(tempfile.gettempdir()) / f"mbsbench-{os.getuid()}"
     try:
         usable = not _make_private(own, None)

@@ -1,4 +1,4 @@
-"""CPU time of this process and of process trees, as fine under the sandbox's limits as without them."""
+"""Measure the CPU time of this process and of process trees, with the same resolution under the sandbox's limits."""
 
 import contextlib
 import encodings.ascii  # noqa: F401  here, or at the first look at /proc, which may be within a timed call
@@ -11,34 +11,34 @@ TICK = os.sysconf("SC_CLK_TCK")  # [1/s] unit of the times in /proc
 
 
 def cpu_seconds() -> float:
-    """User and system time of all threads [s].
+    """Return the CPU time of this process so far [s]: user and system time of all its threads.
 
-    Not ``time.process_time``: once a process has a limit on its CPU time (RLIMIT_CPU, as every run), Linux moves that
-    clock by ticks of 4 ms, and most runs of one body take less.
+    ``time.process_time`` does not serve: once a process has a limit on its CPU time (RLIMIT_CPU, as every run), Linux
+    advances that clock by ticks of 4 ms, and most runs of one body take less.
     """
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime
 
 
-_keepers: list[int] = []  # of this process, the last one counts: set once, right after a fork
+_keepers: list[int] = []  # the last one counts; set once, right after a fork
 
 
 def set_keeper(pid: int) -> None:
-    """The process above this one that takes over what is started here and loses its parent (``sandbox.isolation``)."""
+    """Set the ancestor process that adopts orphans of processes started here (``sandbox.isolation``)."""
     _keepers.append(pid)
 
 
 def cpu_seconds_of_tree() -> float:
-    """``cpu_seconds``, and the time [s] of all that this process has started."""
+    """Return the CPU time of this process and of all that it has started [s]."""
     return cpu_seconds() + cpu_seconds_of_others()
 
 
 def cpu_seconds_of_others() -> float:
-    """CPU time [s] of all that this process has started, in whatever session, to 10 ms each.
+    """Return the CPU time of all processes started from here, without this one, in whatever session, to 10 ms each [s].
 
-    Reading it takes 20 times as long as ``cpu_seconds``: time a call with both, ``cpu_seconds`` next to the call.
-    Finer clocks may count more of one of those: differences with them are cut at zero. What ends without anybody
-    having waited for it is not accounted by the system.
+    Reading it takes 20 times as long as ``cpu_seconds``: time a call with both, ``cpu_seconds`` next to the call. Finer
+    clocks may count more of one of those: differences with them are cut at zero. The system does not account for a
+    process that ends without being waited for.
     """
     root = _keepers[-1] if _keepers else os.getpid()
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -48,19 +48,19 @@ def cpu_seconds_of_others() -> float:
 
 
 def cpu_seconds_below(root: int) -> float:
-    """CPU time [s] of the process ``root`` and of all below it, those included that ended and were waited for."""
+    """Return the CPU time of the process ``root`` and all below it, including ended ones that were waited for [s]."""
     return sum(sum(_times(pid)) for pid in (root, *descendants(root)))
 
 
 def cpu_by_process(root: int) -> dict[int, float]:
-    """CPU time [s] of each process below ``root``, its own alone."""
+    """Return the CPU time of each process below ``root``, without its children [s], by process id."""
     return {pid: _times(pid)[0] for pid in descendants(root)}
 
 
 def descendants(root: int, spared: Collection[int] = ()) -> list[int]:
-    """All processes below ``root``, ended ones that nobody has waited for included; none without /proc.
+    """Return the ids of all processes below ``root``, including zombies; empty without /proc.
 
-    Without those ``spared`` and what is below them.
+    Processes in ``spared`` and those below them are left out.
     """
     found, new = list[int](), [root]
     while new:
@@ -72,7 +72,7 @@ def descendants(root: int, spared: Collection[int] = ()) -> list[int]:
 
 
 def _children(pid: int) -> Iterator[int]:
-    """Children of all threads of a process; a thread that ends meanwhile has none."""
+    """Yield the ids of a process's children, over all its threads; a thread that ends meanwhile has none."""
     with contextlib.suppress(OSError):
         for task in os.listdir(f"/proc/{pid}/task"):
             with contextlib.suppress(OSError):
@@ -80,7 +80,7 @@ def _children(pid: int) -> Iterator[int]:
 
 
 def _times(pid: int) -> tuple[float, float]:
-    """CPU time of a process [s]: its own, and that of its children that ended and that it waited for."""
+    """Return the CPU time [s] of a process and of its ended children that it waited for; zeros once it has ended."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
     except OSError:  # it has ended

@@ -3,7 +3,7 @@
 Making code takes tens of seconds with empty caches and milliseconds with full ones, and says nothing about a method.
 Our own functions that make code do so within ``making_code``; numba's events report what numba compiles or loads, for
 plugins as well. Each process adds up the time of its threads that make code and reports it to the parent that keeps its
-limits. The report is the child's own word; the parent bounds it by the CPU time that it has measured.
+limits. The report is not trusted: the parent bounds it by the CPU time that it has measured.
 """
 
 import contextlib
@@ -22,16 +22,16 @@ from typing import Any, TypeVar, cast
 
 from .clock import cpu_seconds
 
-CODE_LIMIT = 600.0  # [s] of CPU for the code of one run: all of ours, made anew, takes a tenth of that
+CODE_LIMIT = 600.0  # [s] CPU time for code generation in one run: that of all our own code takes a tenth of it
 PACKAGE = __name__.split(".")[0]
-UNSETTLED = 0.2  # [s] of making code: a collection takes up to as long
-SLOTS = 4  # nested processes that report to one page
-HARD = 5  # [s] between the limit at which the system asks a process to end, and that at which it ends it
+UNSETTLED = 0.2  # [s] of making code after which garbage is collected, which takes up to as long
+SLOTS = 4  # most nested processes that report to one page
+HARD = 5  # [s] between the soft limit, at which a process is asked to end, and the hard one
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class CodePage:
-    """Memory shared with a child and its children, to which each reports its time of making code in its own slot."""
+    """Memory shared with a child and its children, in which each reports its time of making code in its own slot."""
 
     def __init__(self) -> None:
         self._numbers = memoryview(mmap.mmap(-1, 16 * SLOTS)).cast("d")
@@ -39,16 +39,19 @@ class CodePage:
             self.report(slot, 0.0)
 
     def report(self, slot: int, seconds: float, since: float = -1.0) -> None:
-        """Report the time [s] of closed blocks, and the process's CPU time ``since`` which one is open (-1: none)."""
+        """Write to a slot how long [s] its process has made code in closed blocks, and ``since`` when a block is open.
+
+        ``since`` is the process's CPU time [s] when the block opened, -1 if none is open.
+        """
         self._numbers[2 * slot], self._numbers[2 * slot + 1] = seconds, since
 
     def read(self, slot: int) -> tuple[float, float]:
-        """Return what the process in ``slot`` reports, as it reports it."""
+        """Return the two numbers last reported to ``slot``, ``seconds`` and ``since`` of ``report``."""
         seconds, since = self._numbers[2 * slot : 2 * slot + 2].tolist()
         return seconds, since
 
     def is_making(self, first: int = 0) -> bool:
-        """Whether a process from slot ``first`` on makes code just now, or did so when it ended."""
+        """Return whether a process from slot ``first`` on makes code now, or did when it ended."""
         return any(self.read(slot)[1] >= 0.0 for slot in range(first, SLOTS))
 
 
@@ -58,14 +61,14 @@ class CodeReading:
     def __init__(self, page: CodePage, first: int = 0) -> None:
         """Read the slots from ``first`` on."""
         self.page, self.first = page, first
-        self._used = 0.0  # [s] at the last reading
-        self._open = dict[int, tuple[float, float]]()  # by slot: since when a block is open, and ``used`` before it
+        self._used = 0.0  # [s] CPU time at the last reading
+        self._open = dict[int, tuple[float, float]]()  # by slot: when the open block began, and ``used`` before it
 
     def seconds(self, used: float) -> float:
-        """Return the time [s] of making code by processes that have used ``used`` [s] of CPU time together.
+        """Return the CPU time of making code so far, of processes that have used ``used`` [s] of CPU time together [s].
 
-        Of an open block it counts what they have used since the reading before the block, and no more than since the
-        block's process was as old as it reports: ``used`` also holds what other processes used earlier.
+        Of an open block it counts the CPU time since the reading before the block, and at most since the block's
+        process was as old as it reports: ``used`` also holds what other processes used earlier.
         """
         total = 0.0
         for slot in range(self.first, SLOTS):
@@ -81,27 +84,27 @@ class CodeReading:
         return total
 
     def is_making(self) -> bool:
-        """Whether one of them makes code just now, or did so when it ended."""
+        """Return whether one of the processes read makes code now, or did when it ended."""
         return self.page.is_making(self.first)
 
 
 class _Thread(threading.local):
     """The blocks that a thread has open, and its CPU time when it opened the first."""
 
-    depth = 0
-    began = 0.0
+    depth = 0  # blocks open
+    began = 0.0  # [s]
 
 
 @dataclass
 class _Process:
     """The meter of this process."""
 
-    closed: float = 0.0  # [s] in blocks that are closed
-    below: float = 0.0  # [s] by processes that it has started
-    page: CodePage | None = None
-    slot: int = 0
+    closed: float = 0.0  # [s] in closed blocks
+    below: float = 0.0  # [s] by processes started from here
+    page: CodePage | None = None  # to which it reports, if any
+    slot: int = 0  # its slot there
     collected: float = 0.0  # [s] of ``closed`` whose garbage has been collected
-    soft_limit: int = 0  # [s] of CPU at which the system ends this process, code left out; 0: none
+    soft_limit: int = 0  # [s] CPU time without code at which the system ends this process; 0 for none
     lock: Any = field(default_factory=threading.Lock)
 
 
@@ -109,7 +112,7 @@ _thread, _process = _Thread(), _Process()
 
 
 def _start_anew() -> None:
-    """Set the meter of a forked child to zero, where its CPU time begins, too."""
+    """Set the meter of a forked child to zero, as its CPU time is."""
     global _thread, _process
     _thread, _process = _Thread(), _Process()
 
@@ -118,6 +121,7 @@ os.register_at_fork(after_in_child=_start_anew)
 
 
 def _open() -> None:
+    """Open a block of making code in this thread; of nested blocks only the outermost counts and moves the limit."""
     _thread.depth += 1
     if _thread.depth == 1:
         _thread.began = time.thread_time()
@@ -127,6 +131,7 @@ def _open() -> None:
 
 
 def _close() -> None:
+    """Close this thread's innermost block; at the outermost add its CPU time to the meter and report it."""
     if _thread.depth == 1:
         with _process.lock:
             _process.closed += time.thread_time() - _thread.began
@@ -137,14 +142,17 @@ def _close() -> None:
 
 
 def _check(space: dict[str, Any]) -> None:
-    """Raise RuntimeError unless the caller is of this package: a plugin returns ``setup_time`` instead."""
+    """Raise RuntimeError unless the caller, of the global names ``space``, is of this package.
+
+    A plugin could hide its own time otherwise; it returns ``setup_time`` instead.
+    """
     caller = str(space.get("__name__", ""))
     if caller.split(".")[0] != PACKAGE:
         raise RuntimeError(f"making_code is for {PACKAGE} itself: return setup_time instead (called by {caller})")
 
 
 class _MakingCode:
-    """Count CPU time as that of making code, not of the solver: ``with making_code:`` or ``@making_code``."""
+    """A context manager and decorator that counts CPU time as that of making code, not of the solver."""
 
     def __enter__(self) -> None:
         _check(sys._getframe(1).f_globals)
@@ -154,6 +162,7 @@ class _MakingCode:
         _close()
 
     def __call__(self, function: Function) -> Function:
+        """Return the function with its CPU time counted as that of making code; only for functions of this package."""
         _check(sys._getframe(1).f_globals)
 
         @wraps(function)
@@ -167,7 +176,7 @@ class _MakingCode:
 making_code = _MakingCode()
 
 
-def settle() -> None:
+def collect_garbage() -> None:
     """Collect the garbage of compilers as part of making code; otherwise it is collected in the time of a solver."""
     if _process.closed - _process.collected > UNSETTLED:
         with making_code:
@@ -176,17 +185,17 @@ def settle() -> None:
 
 
 def is_making_code() -> bool:
-    """Whether this thread is making code."""
+    """Return whether this thread is making code."""
     return _thread.depth > 0
 
 
 def code_seconds() -> float:
-    """Return the CPU time [s] of making code in this process so far."""
+    """Return the CPU time [s] of making code in this process so far, the block that this thread has open included."""
     return _process.closed + (time.thread_time() - _thread.began if _thread.depth else 0.0)
 
 
 def code_seconds_of_tree() -> float:
-    """Return the same with the time of processes below this one that ``add_code_below`` has added."""
+    """Return the CPU time of making code in this process and in those added by ``add_code_below`` [s]."""
     return code_seconds() + _process.below
 
 
@@ -207,24 +216,24 @@ def solver_seconds() -> float:
 
 @dataclass
 class Stopwatch:
-    """A watch, started when it is constructed, of CPU time of the solver and of making code."""
+    """A watch, started when constructed, of CPU time of the solver and of making code."""
 
     solver_began: float = field(default_factory=solver_seconds)
     code_began: float = field(default_factory=code_seconds)
 
     @property
     def solver(self) -> float:
-        """CPU time [s] without making code."""
+        """The CPU time without making code [s]."""
         return solver_seconds() - self.solver_began
 
     @property
     def code(self) -> float:
-        """CPU time [s] of making code."""
+        """The CPU time of making code [s]."""
         return code_seconds() - self.code_began
 
 
 def listen_to_numba() -> None:
-    """Count what numba compiles or loads from its cache, for plugins as well. The first call imports numba."""
+    """Count what numba compiles or loads from its cache, for plugins as well; the first call imports numba."""
     if _listening:
         return
     from numba.core import event
@@ -245,20 +254,23 @@ _listening: list[Any] = []
 
 
 def page_for_child() -> tuple[CodePage, int]:
-    """Return a page and a slot for a child of this process: the page to which this one itself reports, if any."""
+    """Return the page, and the slot in it, to which a child of this process reports its time of making code.
+
+    It is the page to which this process itself reports, with the next slot, or a new one.
+    """
     below = _process.slot + 1
     page, slot = (_process.page, below) if _process.page and below < SLOTS else (CodePage(), 0)
     page.report(slot, 0.0)
     return page, slot
 
 
-def report_to(page: CodePage, slot: int) -> None:
-    """Report to ``page`` what this process takes to make code from now on."""
+def report_code_time(page: CodePage, slot: int) -> None:
+    """Make this process report its time of making code to ``slot`` of ``page`` from now on."""
     _process.page, _process.slot = page, slot
 
 
 def leave_code_out_of(soft_limit: float) -> None:
-    """Let the system end this process at ``soft_limit`` [s] of CPU time, that of making code left out."""
+    """Set the CPU time at which the system ends this process, ``soft_limit`` [s], not counting that of making code."""
     _process.soft_limit = math.ceil(soft_limit - code_seconds())
     _move_limit(making=is_making_code())
 

@@ -1,4 +1,4 @@
-"""Files: their text read, TOML and JSON parsed, and written whole or not at all. Every refusal is one line."""
+"""Read text files, parse TOML and JSON, and write files atomically; every error is one line."""
 
 import math
 import os
@@ -10,31 +10,31 @@ from typing import Any
 
 import msgspec
 
-from .places import NotOwn, Place, partial_name, read_whole
+from .confined_paths import ConfinedPath, UnsafeFile, partial_name, read_whole
 
-LARGEST = 2**28  # [bytes] of a text in a results folder: the claims of the paper with all their maps take 2**23
+LARGEST = 2**28  # [bytes] of a text in a results folder: the paper's claims with all maps take 2**23
 
 
 class FileError(ValueError):
-    """A file that cannot be used; the message is one line with the place."""
+    """A file that cannot be used; the message is one line that names it."""
 
 
-def read_text(path: Path | Place, what: str) -> str:
-    """The text of ``path`` without a mark of its order of bytes; ``what`` says in the message what it should hold.
+def read_text(path: Path | ConfinedPath, what: str) -> str:
+    """Read the text of ``path`` without a byte-order mark; ``what`` names its expected content in messages.
 
-    NotOwn for a place that is a link.
+    Raise FileError if it cannot be read, UnsafeFile for a place in a results folder that is a link or the like.
     """
     try:
-        content = path.read(LARGEST) if isinstance(path, Place) else read_whole(path, LARGEST)
+        content = path.read(LARGEST) if isinstance(path, ConfinedPath) else read_whole(path, LARGEST)
         return content.decode("utf-8-sig")
-    except NotOwn:
+    except UnsafeFile:
         raise
     except (OSError, ValueError) as e:
         raise FileError(f"cannot read {what} {path}: {getattr(e, 'strerror', None) or e}") from None
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """The tables in ``text``; ``where`` names it in messages."""
+    """Parse TOML; ``where`` names the file in the message of a FileError."""
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -44,7 +44,7 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes, where: str) -> Any:
-    """The JSON value in ``text``; NaN, Infinity and numbers beyond float64 are no JSON."""
+    """Parse JSON; raise FileError, which names ``where``, also for NaN, Infinity and numbers beyond float64."""
     try:
         return msgspec.json.decode(text)
     except RecursionError:
@@ -54,25 +54,25 @@ def parse_json(text: str | bytes, where: str) -> Any:
 
 
 def to_json(value: Any, *, indent: int = 0) -> str:
-    """Strict JSON; a number that does not exist (NaN, infinite) is null."""
+    """Format strict JSON; a number that is NaN or infinite becomes null."""
     text = msgspec.json.encode(value, enc_hook=lambda x: x.tolist())  # arrays and scalars of numpy
     return (msgspec.json.format(text, indent=indent) if indent else text).decode()
 
 
 def exact(value: Any) -> Any:
-    """A value for JSON that is read back as it was: NaN and infinities as text, which ``float`` takes."""
+    """Return a value that JSON keeps exactly: NaN and infinities as text that ``float`` reads, all else unchanged."""
     return str(float(value)) if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def partial_of(path: Path, pid: int) -> Path:
-    """The file that process ``pid`` writes before it becomes ``path``."""
+def name_partial(path: Path, pid: int) -> Path:
+    """Return the file that process ``pid`` writes before it becomes ``path``."""
     return path.with_name(partial_name(path.name, pid))
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """A place to write what replaces ``path``, which the user named; nothing is left of it when the block fails."""
-    partial = partial_of(path, os.getpid())
+def write_atomically(path: Path) -> Iterator[Path]:
+    """Provide a path to write, whose file replaces ``path`` when the block ends; it is removed if the block fails."""
+    partial = name_partial(path, os.getpid())
     try:
         yield partial
         with partial.open("rb+") as file:
@@ -82,10 +82,10 @@ def whole(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-def write_text(path: Path | Place, text: str) -> None:
-    """Write whole or not at all."""
-    if isinstance(path, Place):
+def write_text(path: Path | ConfinedPath, text: str) -> None:
+    """Write a text atomically."""
+    if isinstance(path, ConfinedPath):
         path.write(text)
         return
-    with whole(path) as partial:
+    with write_atomically(path) as partial:
         partial.write_text(text, encoding="utf-8")

@@ -1,9 +1,9 @@
-"""Pin what of this machine decides the bits of a run, before NumPy loads, and describe what is in force.
+"""Pin what of this machine determines the bits of a run, before NumPy loads, and describe what is in force.
 
 Three libraries choose instructions by the processor: OpenBLAS its kernels, NumPy its loops, LLVM (numba, and our own
-code) what it compiles for. Each reads the environment once, when it loads. ``pin`` sets all three to what every
-processor with AVX2 has, so that all of them round alike; what is preset loses. ``MBSBENCH_NATIVE=1``, or ``--native``
-of a command, turns it off; ``MBSBENCH_CORE`` chooses other kernels of OpenBLAS, and nothing else.
+code) its target. Each reads the environment once, when it loads. ``pin_arithmetic`` sets all three to what every
+processor with AVX2 has, so that all of them round alike; preset values are overridden. ``MBSBENCH_NATIVE=1``, or
+``--native`` of a command, turns it off; ``MBSBENCH_CORE`` only chooses other kernels of OpenBLAS.
 docs/decisions/same-bits.md has the reasons and the measurements.
 """
 
@@ -24,56 +24,81 @@ from .cache import ROOT, cache_folder, read_kept
 
 LARGEST = 2**16  # [bytes] of the file with NumPy's names
 NATIVE = "MBSBENCH_NATIVE"
-CORE = "MBSBENCH_CORE"  # the pin with the kernels of this core type of OpenBLAS: only the rounding of BLAS is other
-ENABLED = "NPY_ENABLE_CPU_FEATURES"  # beside the names of what is disabled, NumPy refuses to load
-THREADS = dict.fromkeys((  # one thread: timings mean CPU time of one core, and results do not depend on how many
-    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS",
-    "NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS",
-), "1")  # fmt: skip
+CORE = "MBSBENCH_CORE"  # keeps the pin but takes the kernels of this OpenBLAS core type: only BLAS rounds differently
+ENABLED = "NPY_ENABLE_CPU_FEATURES"  # NumPy refuses to load if this is set beside disabled features
+THREADS = dict.fromkeys(
+    (  # one thread: timings are CPU time of one core, and results do not depend on the number
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "BLIS_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+        "NUMEXPR_NUM_THREADS",
+        "NUMBA_NUM_THREADS",
+    ),
+    "1",
+)
 
 
 class Target(NamedTuple):
-    """A processor that all those of one architecture are taken for."""
+    """A common processor that all those of one architecture are treated as."""
 
-    kernels: str  # OpenBLAS, by its name of a core type
-    compiled: str  # LLVM's name of a processor; its features are those that the name stands for
-    needs: frozenset[str]  # flags of /proc/cpuinfo without which the code would not run; abm: lzcnt
+    kernels: str  # OpenBLAS's name of a core type
+    compiled: str  # LLVM's name of a processor, which implies its features
+    needs: frozenset[str]  # flags of /proc/cpuinfo that the code needs; abm: lzcnt
     loops: frozenset[str]  # NumPy's names of the features that its loops may use
 
 
 TARGETS = {
     "x86_64": Target(
-        "Haswell", "haswell", frozenset(("avx2", "fma", "bmi1", "bmi2", "movbe", "abm", "f16c")),
-        frozenset(("SSE", "SSE2", "SSE3", "SSSE3", "SSE41", "SSE42", "POPCNT", "AVX", "F16C", "FMA3", "AVX2",
-                   "X86_V2", "X86_V3")),
+        "Haswell",
+        "haswell",
+        frozenset(("avx2", "fma", "bmi1", "bmi2", "movbe", "abm", "f16c")),
+        frozenset(
+            (
+                "SSE",
+                "SSE2",
+                "SSE3",
+                "SSSE3",
+                "SSE41",
+                "SSE42",
+                "POPCNT",
+                "AVX",
+                "F16C",
+                "FMA3",
+                "AVX2",
+                "X86_V2",
+                "X86_V3",
+            )
+        ),
     ),
     "aarch64": Target(
         "ARMV8", "generic", frozenset(("asimd",)), frozenset(("NEON", "NEON_FP16", "NEON_VFPV4", "ASIMD"))
     ),
-}  # fmt: skip
+}
 ASK = "import numpy; s = numpy.show_config('dicts')['SIMD Extensions']; print(*s['found'], *s.get('not found', ()))"
 NAMES = re.compile(r"[A-Z0-9_ ]*")
-_before: dict[str, str | None] = {}  # what ``pin`` found preset, for ``unpin``
+_before: dict[str, str | None] = {}  # values that ``pin_arithmetic`` found preset, for ``unpin_arithmetic``
 
 
-def pin() -> None:
-    """Set the environment of this process, and of all that it starts, so that runs have the same bits everywhere.
+def pin_arithmetic() -> None:
+    """Set the environment of this process and its children so that runs have the same bits everywhere.
 
-    Nothing changes for libraries that are loaded already: ``find_deviations`` names them.
+    Libraries that are loaded already do not change: ``find_deviations`` names them.
     """
     if os.environ.get(NATIVE) == "1":
         return
     for name, value in variables().items():
         if name.startswith("NUMBA_") and "numba" in sys.modules:
-            continue  # it compiles on as it began, but would read these, and keep that code under their name
+            continue  # it compiles as before, but would store that code under the names of these
         _before.setdefault(name, os.environ.get(name))
         os.environ[name] = value
     if variables():
         _before.setdefault(ENABLED, os.environ.pop(ENABLED, None))
 
 
-def unpin() -> None:
-    """Give back what ``pin`` found, here and in all that this process starts: before NumPy loads, or for children."""
+def unpin_arithmetic() -> None:
+    """Restore what ``pin_arithmetic`` found, here and for children; call it before NumPy loads."""
     os.environ[NATIVE] = "1"
     for name, value in _before.items():
         if value is None:
@@ -85,15 +110,16 @@ def unpin() -> None:
 
 @cache
 def variables() -> dict[str, str]:
-    """Return the environment variables of the pin; none where this processor cannot be taken for the common one."""
+    """Return the environment variables that pin the arithmetic, with values; empty if this processor cannot follow."""
     target = _target()
     if target is None:
         return {}
     return {
         "OPENBLAS_CORETYPE": os.environ.get(CORE) or target.kernels,
         "NPY_DISABLE_CPU_FEATURES": " ".join(_list_unwanted(target)),
-        "NUMBA_CPU_NAME": target.compiled, "NUMBA_CPU_FEATURES": "",
-    }  # fmt: skip
+        "NUMBA_CPU_NAME": target.compiled,
+        "NUMBA_CPU_FEATURES": "",
+    }
 
 
 def llvm_target() -> tuple[str, str]:
@@ -104,7 +130,7 @@ def llvm_target() -> tuple[str, str]:
 
 
 def numba_target() -> tuple[str, str]:
-    """Return name and features of the processor that numba compiles for, or will when it is loaded."""
+    """Return name and features of the processor that numba compiles for, or will when loaded."""
     config = sys.modules.get("numba.core.config")
     name = config.CPU_NAME if config else os.environ.get("NUMBA_CPU_NAME")
     features = config.CPU_FEATURES if config else os.environ.get("NUMBA_CPU_FEATURES")
@@ -113,20 +139,21 @@ def numba_target() -> tuple[str, str]:
 
 @cache
 def _host() -> tuple[str, str]:
+    """Return LLVM's name of this processor, and its features."""
     import llvmlite.binding as llvm
 
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
 def find_deviations() -> list[str]:
-    """Name each library of this process that does not keep to the pin; NumPy is loaded for it."""
+    """List in words each library of this process that does not follow the pin; NumPy is loaded for it."""
     target = _target()
     if target is None:
         return [f"this processor ({platform.machine()}, {platform.system()}) is none that the pin knows"]
     loops = sorted(set(list_features()) - target.loops)
     kernels = sorted({k for k in list_kernels() if k and k.lower() != target.kernels.lower()})
     cpu, pinned = llvm_target()[0], (target.compiled, "")
-    tunables = os.environ.get("GLIBC_TUNABLES", "")  # read before anything of ours: it cannot be pinned
+    tunables = os.environ.get("GLIBC_TUNABLES", "")  # read before any of our code runs: it cannot be pinned
     return [
         *([f"NumPy uses {', '.join(loops)}"] if loops else []),
         *([f"OpenBLAS uses kernels of {', '.join(kernels)}"] if kernels else []),
@@ -138,13 +165,13 @@ def find_deviations() -> list[str]:
 
 @cache
 def name_arithmetic() -> str:
-    """Return a name for the bits that this process computes, for what it keeps on disk: "" for those of the pin."""
+    """Return a digest that names the bits that this process computes, for its caches; empty for those of the pin."""
     found = find_deviations()
     return _digest("; ".join(found)) if found else ""
 
 
 def explain_deviations() -> str:
-    """Return a line for who computes here, if the bits are not those of the pin; "" where they are, and natively."""
+    """Return one line that says why the bits are not those of the pin; empty if they are, or if run natively."""
     found = [] if os.environ.get(NATIVE) == "1" else find_deviations()
     words = "these runs have the bits of this processor, not those that runs have everywhere"
     return f"{words} ({'; '.join(found)})" if found else ""
@@ -158,27 +185,33 @@ def list_kernels() -> list[str]:
 
 
 def list_features() -> list[str]:
-    """List the SIMD features in force in NumPy, of those that it chooses from while it runs."""
+    """List the SIMD features in force in NumPy, of those that it chooses from at run time."""
     import numpy
 
     return list(numpy.show_config(mode="dicts")["SIMD Extensions"]["found"])
 
 
 def describe() -> dict[str, Any]:
-    """Return what decides bits and times here, as ``environment.json`` has it.
+    """Return what determines bits and times here, as in ``environment.json``.
 
-    ``pinned``; NumPy's SIMD features, LLVM's processor, libc; the governor of the clock, turbo, and the load [1] of the
-    last minute. What the system does not tell is empty.
+    ``pinned``; NumPy's SIMD features, LLVM's processor, libc; the clock governor, turbo, and the load of the last
+    minute [1]. Facts that the system does not provide are empty.
     """
     governor = _read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").strip()
     libc = " ".join(platform.libc_ver()).strip() or platform.system()
     return {
-        "pinned": not find_deviations(), "simd": list_features(), "llvm": _describe_compilers(),
-        "libc": libc, "governor": governor, "turbo": _turbo(), "load": round(os.getloadavg()[0], 2),
-    }  # fmt: skip
+        "pinned": not find_deviations(),
+        "simd": list_features(),
+        "llvm": _describe_compilers(),
+        "libc": libc,
+        "governor": governor,
+        "turbo": _turbo(),
+        "load": round(os.getloadavg()[0], 2),
+    }
 
 
 def _describe_compilers() -> str:
+    """Return the processor that our code is compiled for, as LLVM names it, and that of numba if it differs."""
     ours, numba = (" ".join(filter(None, target)) for target in (llvm_target(), numba_target()))
     return ours if numba == ours else f"{ours}; numba: {numba}"
 
@@ -191,22 +224,24 @@ def cpu_model() -> str:
 
 @cache
 def _target() -> Target | None:
+    """Return the common processor that this one is treated as; None if it is unknown or lacks a needed feature."""
     target = TARGETS.get(platform.machine())
     return target if target and target.needs <= processor_flags() else None
 
 
 @cache
 def processor_flags() -> frozenset[str]:
-    """Flags of the processor as Linux lists them (``Features`` on arm64); none on other systems: nothing is pinned."""
+    """Return the processor's flags as Linux lists them (``Features`` on arm64); empty elsewhere: nothing is pinned."""
     lines = _read("/proc/cpuinfo").splitlines()
     return frozenset(next((x.partition(":")[2] for x in lines if x.startswith(("flags", "Features"))), "").split())
 
 
 def _list_unwanted(target: Target) -> tuple[str, ...]:
-    """NumPy's names of what it is to do without: it complains of names that its build does not choose from.
+    """Return NumPy's names of the features of this processor that ``target`` lacks, which are to be disabled.
 
-    So it is asked, in a process of its own as it reads the environment once, and its answer is kept for that build:
-    all names, since another processor of a cluster may read them. Of these, those that this processor has.
+    NumPy warns about names that its build does not know. It is therefore asked, in a process of its own as it reads the
+    environment once, and the answer is cached for that build: all names, since another processor of a cluster may read
+    them. Empty if NumPy cannot be asked.
     """
     flags = processor_flags()
     names = _read_names(kept := _kept_names())
@@ -222,11 +257,12 @@ def _list_unwanted(target: Target) -> tuple[str, ...]:
             kept.parent.mkdir(parents=True, exist_ok=True)
             write_text(kept, f"{names}\n{_digest(names)}\n")
     unwanted = set(names.split()) - target.loops
-    return tuple(sorted(n for n in unwanted if "avx512f" in flags or n.lower() in flags))  # all of x86-64 need AVX-512
+    # on x86-64 all unwanted features need AVX-512
+    return tuple(sorted(n for n in unwanted if "avx512f" in flags or n.lower() in flags))
 
 
 def _read_names(kept: Path) -> str | None:
-    """The names in a file that is whole, as its last line shows; else None: without them nothing would be pinned."""
+    """Return the names in a complete file, as its last line shows; else None, to ask NumPy again."""
     with contextlib.suppress(OSError, UnicodeDecodeError):
         names, _, digest = read_kept(kept, LARGEST).decode().rstrip("\n").rpartition("\n")
         return names if digest == _digest(names) else None
@@ -234,11 +270,12 @@ def _read_names(kept: Path) -> str | None:
 
 
 def _digest(text: str) -> str:
+    """Return a short digest of a text, 16 hexadecimal digits."""
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _kept_names() -> Path:
-    """The file with the names that this build of NumPy has, and their digest."""
+    """Return the file with the names of this build of NumPy and their digest."""
     spec = importlib.util.find_spec("numpy")
     built = Path(spec.origin).stat().st_mtime_ns if spec and spec.origin else 0
     parts = importlib.metadata.version("numpy"), str(built), ASK
@@ -247,12 +284,14 @@ def _kept_names() -> Path:
 
 
 def _turbo() -> str:
+    """Return ``on`` or ``off``, whether the processor may exceed its base clock; empty if the system does not say."""
     if (off := _read("/sys/devices/system/cpu/intel_pstate/no_turbo").strip()) in ("0", "1"):
         return "off" if off == "1" else "on"
     return {"1": "on", "0": "off"}.get(_read("/sys/devices/system/cpu/cpufreq/boost").strip(), "")
 
 
 def _read(path: str) -> str:
+    """Return the text of a file of the system; empty if it cannot be read."""
     try:
         return Path(path).read_text(encoding="utf-8", errors="replace")
     except OSError:

@@ -1,4 +1,4 @@
-"""Shapes of files: what a parser gives becomes a frozen struct, or is refused in one line with the place.
+"""Convert parsed files to frozen structs, or refuse them in one line that names the place.
 
 ::
 
@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import msgspec
 from msgspec import Meta
 
-from .catalogue.options import format_value, nearest
+from .catalogue.options import format_value, suggest_name
 from .files import FileError
 
 T = TypeVar("T")
@@ -28,17 +28,22 @@ Text = Annotated[str, Meta(pattern=r"\S", description="text, not blank")]
 Finite = Annotated[float, Meta(ge=-LARGEST, le=LARGEST, description="a finite number")]
 Positive = Annotated[float, Meta(gt=0.0, le=LARGEST, description="a finite number > 0")]
 WORDS = {
-    "str": "text", "int": "a whole number", "float": "a number", "bool": "true or false", "array": "a list",
-    "object": "a table", "null": "nothing",
-}  # fmt: skip
+    "str": "text",
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+    "null": "nothing",
+}
 
 
 class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Content of a file: typed, read-only, with no key but the fields."""
+    """The content of a file: typed, read-only, with no key but the fields."""
 
 
 def convert_shape(plain: Any, kind: type[T], where: str) -> T:
-    """``plain`` (tables, lists, numbers, text) as ``kind``, or FileError with the place below ``where``."""
+    """Convert ``plain`` (tables, lists, numbers, text) to ``kind``; raise FileError with the place below ``where``."""
     try:
         return msgspec.convert(plain, kind)
     except msgspec.ValidationError as e:
@@ -49,11 +54,15 @@ def convert_shape(plain: Any, kind: type[T], where: str) -> T:
 
 
 def _find_fault(plain: Any, kind: Any, said: str) -> list[str]:
-    """The place and what is wrong there: ``["runs 2", "label must be ..."]`` for ``... - at `$.runs[1].label```."""
+    """Return the place of a fault in ``plain``, a part an entry, and last what is wrong there.
+
+    ``["runs 2", "label must be ..."]`` for msgspec's message ``said``, which ends in ``at `$.runs[1].label```; ``kind``
+    is the type that was expected.
+    """
     words, _, path = said.partition(" - at `$")
     at: list[str] = []
     for field, index in re.findall(r"\.(\w+)|\[([\d.]+)\]", path):
-        if index == "...":  # the library does not say which entry of a table: the first that does not fit
+        if index == "...":  # the library does not name the entry of a table: take the first that does not fit
             kind = _part(kind, {})
             key, value, inside = next((k, v, e) for k, v in plain.items() if (e := _describe_misfit(v, kind)))
             return [*at, key, *_find_fault(value, kind, inside)]
@@ -65,15 +74,16 @@ def _find_fault(plain: Any, kind: Any, said: str) -> list[str]:
     if words.startswith("Object"):
         key = words.split("`")[1]
         known = sorted({k for option in _options(kind) for k in _fields(option)})
-        return [*at, f"unknown key {key!r}{nearest(key, known)}" if "unknown" in words else f"{key} is missing"]
+        return [*at, f"unknown key {key!r}{suggest_name(key, known)}" if "unknown" in words else f"{key} is missing"]
     if words.startswith("Invalid enum"):
-        return [*at[:-1], f"unknown {at[-1]} {plain!r}{nearest(str(plain), _choices(kind))}"]
+        return [*at[:-1], f"unknown {at[-1]} {plain!r}{suggest_name(str(plain), _choices(kind))}"]
     if not words.startswith("Expected") and "out of range" not in words:  # a rule between fields, of __post_init__
         return [*at, words]
     return [*at[:-1], " ".join([*at[-1:], _describe_type(words, plain, kind)])]
 
 
 def _describe_misfit(plain: Any, kind: Any) -> str:
+    """Return msgspec's message why ``plain`` does not fit the type ``kind``; empty if it fits."""
     try:
         msgspec.convert(plain, kind)
     except msgspec.ValidationError as e:
@@ -82,7 +92,7 @@ def _describe_misfit(plain: Any, kind: Any) -> str:
 
 
 def _describe_type(words: str, plain: Any, kind: Any) -> str:
-    """``must be a number > 0 (got -1)``."""
+    """Return what was expected and what came, ``must be a number > 0 (got -1)``, from msgspec's message ``words``."""
     got = format_value(plain)
     described = [m.description for o in (kind, *_options(kind)) for m in get_args(o)[1:] if isinstance(m, Meta)]
     if any(described):
@@ -96,20 +106,24 @@ def _describe_type(words: str, plain: Any, kind: Any) -> str:
 
 
 def _options(kind: Any) -> tuple[Any, ...]:
+    """Return the types of a union; a type that is none is its only option."""
     if get_origin(kind) is Annotated:
         kind = get_args(kind)[0]
     return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
 
 
 def _fields(kind: Any) -> dict[str, Any]:
-    """The fields of a struct or dataclass, as files call them."""
+    """Return the types of a struct's or dataclass's fields, by their names in files; empty for any other type."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return {f.encode_name: f.type for f in msgspec.structs.fields(kind)}
     return get_type_hints(kind, include_extras=True) if hasattr(kind, "__dataclass_fields__") else {}
 
 
 def _part(kind: Any, step: Any) -> Any:
-    """The type of a field (``step`` is its name), of a list's entries (0) or of a table's values ({})."""
+    """Return the type of a field (``step`` is its name), of a list's entries (``step`` 0) or of a table's values ({}).
+
+    ``Any`` where ``kind`` has no such part.
+    """
     for option in _options(kind):
         if isinstance(step, str) and step in _fields(option):
             return _fields(option)[step]
@@ -120,6 +134,7 @@ def _part(kind: Any, step: Any) -> Any:
 
 
 def _choices(kind: Any) -> list[str]:
+    """Return the values that an enumeration or a ``Literal`` allows, as text."""
     enums = [o for o in _options(kind) if isinstance(o, type) and issubclass(o, Enum)]
     literals = [c for o in _options(kind) if get_origin(o) is Literal for c in get_args(o)]
     return [str(c) for c in (*literals, *(member.value for e in enums for member in e))]

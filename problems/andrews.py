@@ -37,12 +37,14 @@ def andrews(
     beta: Annotated[float, Parameter("angle of the crank at the start", "rad", at_least=-0.3, at_most=0.3)] = -0.0620,
     drive: Annotated[float, Parameter("constant torque on the crank", "N m")] = 0.033,
 ) -> Problem:
-    """IFToMM A03: a planar mechanism of seven bodies and one freedom, driven to 1140 rad/s within 0.05 s."""
+    """Model IFToMM A03: seven bodies in a plane with one degree of freedom, driven to 1140 rad/s within 0.05 s."""
 
     def with_crank(x: np.ndarray) -> np.ndarray:
+        """Return all seven angles from the other six [rad]."""
         return np.append(beta, x)
 
     def gaps(x: np.ndarray) -> np.ndarray:
+        """Return by how much the loops are open [m] at six angles."""
         return _gaps(with_crank(x))
 
     q = with_crank(root(gaps, CLOSED, tol=1e-13).x)
@@ -50,9 +52,11 @@ def andrews(
     R = frames(angle)
 
     def body_coordinates(body: int, point: Float[np.ndarray, " 2"]) -> np.ndarray:
+        """Return a point of the plane from the body's C, in its frame [m]."""
         return R[body].T @ np.append(point - centre[body], 0.0)
 
     def hinge(name: str, i: int, j: int = GROUND) -> Joint:
+        """Return the hinge at a named point of the mechanism."""
         at = points[name]
         other = np.append(at, 0.0) if j == GROUND else body_coordinates(j, at)
         return Joint(i, body_coordinates(i, at), j, other, AXIS, OZ if j == GROUND else AXIS, name)
@@ -60,9 +64,17 @@ def andrews(
     names = ("OF", "FE", "BDE", "GE", "AG", "HE", "AH")
     bodies = [RigidBody(m, np.diag([0.5, 1.0, 0.5]) * I, n) for m, I, n in zip(MASS, INERTIA, names, strict=True)]
     joints = [
-        hinge("O", 0), hinge("F", 1, 0), hinge("E", 1, 2), hinge("E", 3, 2), hinge("E", 5, 2), hinge("B", 2),
-        hinge("G", 3, 4), hinge("A", 4), hinge("A", 6), hinge("H", 5, 6),
-    ]  # fmt: skip
+        hinge("O", 0),
+        hinge("F", 1, 0),
+        hinge("E", 1, 2),
+        hinge("E", 3, 2),
+        hinge("E", 5, 2),
+        hinge("B", 2),
+        hinge("G", 3, 4),
+        hinge("A", 4),
+        hinge("A", 6),
+        hinge("H", 5, 6),
+    ]
     spring = SpringDamper(2, body_coordinates(2, points["D"]), GROUND, (*C, 0.0), STIFFNESS, REST_LENGTH)
     rest = np.zeros((7, 3))
     F = body_coordinates(0, points["F"])
@@ -84,33 +96,44 @@ def andrews(
 
 
 def _crank(s: States) -> Float[np.ndarray, " nt"]:
-    """Angle of OF to OX [rad], continuous in time."""
+    """Return the angle of OF to OX [rad], continuous in time."""
     return np.unwrap(np.arctan2(s.R[:, 0, 1, 0], s.R[:, 0, 0, 0]))
 
 
 def _poses(q: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Angles (7,), centres (7, 2) and named points from (beta, Theta, gamma, phi, delta, Omega, eps) [rad]."""
+    """Return the bodies' angles (7,) [rad] and centres (7, 2) [m], and the mechanism's points by name.
+
+    ``q`` are the test set's angles (beta, Theta, gamma, phi, delta, Omega, eps) [rad].
+    """
     beta, Theta, gamma, phi, delta, Omega, eps = q
 
     def c(a: float) -> np.ndarray:
+        """Return the direction at the angle ``a`` to OX."""
         return np.array([np.cos(a), np.sin(a)])
 
     def s(a: float) -> np.ndarray:
+        """Return the direction at the angle ``a`` less pi/2 to OX."""
         return np.array([np.sin(a), -np.cos(a)])
 
     F, G, H = RR * c(beta), A + ZT * c(delta), A + U * s(eps)
     E, D = B + SS * s(gamma), B + SC * s(gamma) + SD * c(gamma)
-    centre = np.stack([
-        RA * c(beta), F - DA * c(beta + Theta), B + SA * s(gamma) + SB * c(gamma), G + (E_ - EA) * s(phi + delta),
-        A + TA * c(delta) - TB * s(delta),
-        H + (ZF - FA) * c(Omega + eps), A + UA * s(eps) - UB * c(eps),
-    ])  # fmt: skip
+    centre = np.stack(
+        [
+            RA * c(beta),
+            F - DA * c(beta + Theta),
+            B + SA * s(gamma) + SB * c(gamma),
+            G + (E_ - EA) * s(phi + delta),
+            A + TA * c(delta) - TB * s(delta),
+            H + (ZF - FA) * c(Omega + eps),
+            A + UA * s(eps) - UB * c(eps),
+        ]
+    )
     angle = np.array([beta, beta + Theta, gamma, phi + delta, delta, Omega + eps, eps])
     return angle, centre, {"O": O, "A": A, "B": B, "D": D, "E": E, "F": F, "G": G, "H": H}
 
 
 def _gaps(q: np.ndarray) -> np.ndarray:
-    """E by the three other ways less E on the body BDE [m], (6,)."""
+    """Return how far three loops are open (6,) [m]: the point E by the three other paths less E on the body BDE."""
     beta, Theta, _, phi, delta, Omega, eps = q
     p = _poses(q)[2]
     ways = (

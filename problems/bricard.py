@@ -23,7 +23,7 @@ from ..harness.types import Observable, Problem, Trait
 MASS, LENGTH, SIDE = 1.0, 1.0, 0.1  # [kg], [m], [m]
 THIN = 1e-7  # [kg m2] axial inertia of a thin rod
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [1, -1, 0], [1, -1, 1], [0, -1, 1], [0, 0, 1]]) * LENGTH
-AXES = np.eye(3)[[1, 2, 0, 1, 2, 0]]  # of the hinge at each point
+AXES = np.eye(3)[[1, 2, 0, 1, 2, 0]]  # axis of the hinge at each point
 
 
 @problem("bricard", tests=(Trait.REDUNDANT,))
@@ -33,7 +33,7 @@ def bricard(
     axial_inertia: Annotated[float, Parameter("inertia of a thin bar about its axis", "kg m2", above=0.0)] = THIN,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
-    """IFToMM A04: a closed loop of five bars and six hinges, one degree of freedom and one redundant row."""
+    """Model IFToMM A04: a closed loop of five bars and six hinges, one degree of freedom and one redundant row."""
     thick = section == "square"
     axial = MASS * SIDE**2 / 6.0 if thick else axial_inertia
     across = MASS * (LENGTH**2 + (SIDE**2 if thick else 0.0)) / 12.0
@@ -44,7 +44,7 @@ def bricard(
     joints += [Joint(k, near, k - 1, far, R[k].T @ AXES[k], R[k - 1].T @ AXES[k], f"P{k}") for k in range(1, 5)]
     joints += [Joint(4, far, GROUND, POINTS[5], R[4].T @ AXES[5], AXES[5], "P5")]
     rest = np.zeros((5, 3))
-    P3 = np.array(far)  # of the second bar
+    P3 = np.array(far)  # in the frame of the second bar
     return Problem(
         "bricard",
         assemble(bars, joints, (0.0, -gravity, 0.0)),
@@ -62,7 +62,7 @@ def bricard(
 
 
 def _frame(along: np.ndarray) -> np.ndarray:
-    """Body x along the bar, body z horizontal: far from the singularity of 3-1-3 angles."""
+    """Return R of a bar: body x along ``along``, body z horizontal, far from the singularity of 3-1-3 angles."""
     x = along / np.linalg.norm(along)
     z = np.array([1.0, 0.0, 0.0]) if abs(x[2]) > 0.5 else np.cross(x, [0.0, 0.0, 1.0])
     return np.stack((x, np.cross(z, x), z), axis=1)

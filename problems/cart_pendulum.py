@@ -16,8 +16,8 @@ from ..harness.mechanics.system import GROUND, Joint, RigidBody, assemble
 from ..harness.types import Invariant, Observable, Problem, Trait
 from .exact.planar import AXIS, OZ, frames, slender
 
-MASS, LENGTH, AXIAL = 0.5, 0.5, 1e-3  # [kg], [m], [kg m2] of a bar
-OX, ALONG = (1.0, 0.0, 0.0), (1.0, 0.0, 0.0)  # in space, and in the cart's frame
+MASS, LENGTH, AXIAL = 0.5, 0.5, 1e-3  # [kg], [m], [kg m2] mass, length and axial inertia of a bar
+OX, ALONG = (1.0, 0.0, 0.0), (1.0, 0.0, 0.0)  # in space and in the cart's frame
 
 
 @problem("cart_pendulum", tests=(Trait.CHAOTIC,))
@@ -28,7 +28,7 @@ def cart_pendulum(
     angle_2: Annotated[float, Parameter("angle of the second bar to OX at the start", "deg")] = 0.0,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
-    """Two bars on a cart: prismatic and revolute joints, chaotic motion in a plane."""
+    """Swing two bars on a cart: prismatic and revolute joints, chaotic motion in a plane."""
     bodies = [RigidBody(cart, 0.01 * np.eye(3), "cart"), *(slender(MASS, LENGTH, AXIAL, f"bar {k}") for k in (1, 2))]
     near, far = (-0.5 * LENGTH, 0.0, 0.0), (0.5 * LENGTH, 0.0, 0.0)
     centre = (0.0, 0.0, 0.0)

@@ -24,8 +24,8 @@ from .exact.certification import CertifiedMotion
 from .exact.linkage import Linkage
 from .exact.linkage_motion import linkage_motion, planar_angles
 
-ENERGY_ALLOWED = 1.0  # [J] the benchmark's rule
-SOUGHT = 8.0  # [s] the certificate of the default chain ends before
+ENERGY_ALLOWED = 1.0  # [J] rule of the benchmark
+SOUGHT = 8.0  # [s] the certificate of the default chain ends earlier
 
 
 @problem("chain", tests=(Trait.CHAOTIC,))
@@ -40,7 +40,7 @@ def chain(
     axial_inertia: Annotated[float, Parameter("inertia of a bar about its axis", "kg m2", at_least=0.0)] = 1e-4,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
-    """Bars with spherical joints, hinged at A and D, released from three separately static spans."""
+    """Swing a chain of bars on spherical joints, hinged at A and D, released from three separately static spans."""
     alpha = start_angles(links, span_ratio)
     transverse = mass * length**2 / 12.0
     bar = np.diag([axial_inertia, transverse, transverse])
@@ -78,9 +78,9 @@ def chain(
 
 
 def energy_of_mean(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """T of the mean velocity of each step, (q_m+1 - q_m)/dt under Eq. (66), plus the mean V of its ends [J].
+    """Return T of the mean velocity of each step, (q_m+1 - q_m)/dt under Eq. (66), plus the mean V of its ends [J].
 
-    Where Fig. 9a takes the energy is not printed: this is its reading between two nodes. The first value is E(0).
+    The paper does not print where Fig. 9a evaluates the energy; this value lies between two nodes. The first is E(0).
     """
     before = States(s.r[:-1], s.R[:-1], 0.5 * (s.v[:-1] + s.v[1:]), 0.5 * (s.Omega[:-1] + s.Omega[1:]))
     V = potential_energy(system, s)
@@ -88,10 +88,11 @@ def energy_of_mean(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt
 
 
 def start_angles(links: int, span_ratio: float) -> Float[np.ndarray, " links"]:
-    """Angles alpha [rad] to OX of three static spans of n bars: tan alpha_i = -((n+1)/2 - i) a.
+    """Return the angles alpha [rad] to OX of the bars of three static spans of n bars each.
 
-    The pull in the joints has a constant horizontal part and a vertical part that falls by m g a bar; a bar lies along
-    the mean of its two pulls. The closure of a span, sum cos alpha_i = ``span_ratio`` n, gives a.
+    tan alpha_i = -((n+1)/2 - i) a: the force in the joints has a constant horizontal part and a vertical part that
+    falls by m g per bar; a bar lies along the mean of its two joint forces. The closure of a span, sum cos alpha_i =
+    ``span_ratio`` n, gives a. Raise ValueError for numbers with which no span hangs.
     """
     n, rest = divmod(links, 3)
     if rest:
@@ -103,6 +104,7 @@ def start_angles(links: int, span_ratio: float) -> Float[np.ndarray, " links"]:
     lever = np.arange(1, n + 1) - 0.5 * (n + 1)
 
     def gap(a: float) -> float:
+        """Return sum cos alpha_i less ``span_ratio`` n for the steepness ``a``."""
         return float(np.sum(1.0 / np.hypot(1.0, lever * a))) - span_ratio * n
 
     steep = 1.0
@@ -113,20 +115,20 @@ def start_angles(links: int, span_ratio: float) -> Float[np.ndarray, " links"]:
 
 
 def centres(alpha: Float[np.ndarray, "*nt links"], length: float) -> Float[np.ndarray, "*nt links 3"]:
-    """Centres [m] of bars strung from A = 0 at angles ``alpha`` in OXY."""
+    """Return the centres of bars strung from A = 0 at angles ``alpha`` in OXY [m]."""
     bar = length * np.stack((np.cos(alpha), np.sin(alpha), np.zeros_like(alpha)), axis=-1)
     return np.cumsum(bar, axis=-2) - 0.5 * bar
 
 
 def bar_frames(alpha: Float[np.ndarray, "*nt links"]) -> Float[np.ndarray, "*nt links 3 3"]:
-    """R with body x along the bar and body y along OZ: 3-1-3 angles (alpha, pi/2, 0), far from their singularity."""
+    """Return R with body x along the bar and body y along OZ: 3-1-3 angles (alpha, pi/2, 0), far from singular."""
     turn = np.zeros((*alpha.shape, 3))
     turn[..., 2] = alpha
     return so3.exp(turn) @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 def _motion(link: Linkage, start: State) -> CertifiedMotion | None:
-    """The planar motion; None from a start that leaves the plane, or with too many links."""
+    """Return the certified planar motion from ``start``; None if it leaves the plane or has too many links."""
     planar = planar_angles(start, np.eye(3))
     return None if planar is None else linkage_motion(link, *planar, SOUGHT, partial(_bodies, link.length, start))
 
@@ -134,7 +136,7 @@ def _motion(link: Linkage, start: State) -> CertifiedMotion | None:
 def _bodies(
     length: float, start: State, alpha: Float[np.ndarray, "nt links"], rate: Float[np.ndarray, "nt links"]
 ) -> States:
-    """Bars at angles ``alpha`` [rad] turning at ``rate`` [rad/s]; each keeps its start's roll about its axis."""
+    """Return the states of bars at angles ``alpha`` [rad] and rates ``rate`` [rad/s]; each keeps its initial roll."""
     c, s, zero = np.cos(alpha), np.sin(alpha), np.zeros_like(alpha)
     bar = length * np.stack((c, s, zero), axis=-1)
     across = length * np.stack((-s * rate, c * rate, zero), axis=-1)

@@ -22,7 +22,7 @@ from .exact.closed_form import ClosedForm
 
 CRANK, ROD = 0.1, 0.3  # [m]
 MASS = (1.0, 1.5, 2.0)  # [kg] crank, rod, slider
-AXIAL = 1e-3  # [kg m2] of the bars about their axes
+AXIAL = 1e-3  # [kg m2] inertia of the bars about their axes
 X, Y, Z = np.eye(3)
 
 
@@ -34,13 +34,14 @@ def driven_slider_crank(
     wobble_rate: Annotated[float, Parameter("circular frequency of the wobble", "rad/s", at_least=0.0)] = 7.0,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
-    """Crank turned as a function of time, rod and slider: kinematics in closed form, drive torque by the solver."""
+    """Turn the crank as a function of time, with rod and slider: exact kinematics, drive torque by the solver."""
     angle = TimeFunction((0.5, rate), wobble, wobble_rate)
     end, half = np.array([0.5 * CRANK, 0.0, 0.0]), np.array([0.5 * ROD, 0.0, 0.0])
     bodies = [
-        planar.slender(MASS[0], CRANK, AXIAL, "crank"), planar.slender(MASS[1], ROD, AXIAL, "rod"),
+        planar.slender(MASS[0], CRANK, AXIAL, "crank"),
+        planar.slender(MASS[1], ROD, AXIAL, "rod"),
         RigidBody(MASS[2], 1e-3 * np.eye(3), "slider"),
-    ]  # fmt: skip
+    ]
     joints = [
         Joint(0, -end, GROUND, (0, 0, 0), Y, Z, "O"),
         Joint(1, -half, 0, end, name="B"),
@@ -51,6 +52,7 @@ def driven_slider_crank(
     numbers = angle.numbers()[None]
 
     def motion(t: Float[np.ndarray, " nt"]) -> States:
+        """Return the motion at ``t`` [s], from the crank's angle alone."""
         theta, theta_dot, _ = (a[:, 0] for a in values(numbers, t))
         cosine, sine = np.cos(theta), np.sin(theta)
         beta = -np.arcsin(CRANK / ROD * sine)

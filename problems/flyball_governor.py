@@ -37,9 +37,9 @@ def flyball_governor(
     rate: Annotated[float, Parameter("angular velocity of the shaft at the start", "rad/s")] = 2.0 * np.pi,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """IFToMM A05: a governor with prismatic slider and very stiff spring-dampers, three freedoms while symmetric."""
+    """Model IFToMM A05: a governor with a slider and very stiff spring-dampers, three degrees of freedom."""
     mass = BAR + point_mass
-    out = (0.5 * BAR + point_mass) * LENGTH / mass  # of C from the hinge
+    out = (0.5 * BAR + point_mass) * LENGTH / mass  # distance of C from the hinge
     across = ACROSS + BAR * (out - 0.5 * LENGTH) ** 2 + point_mass * (LENGTH - out) ** 2
     rod = np.diag([ALONG, across, across])
     bodies = [
@@ -84,6 +84,6 @@ def flyball_governor(
 
 
 def _dip(s: States) -> Float[np.ndarray, " nt"]:
-    """Angle of the first rod below the horizontal [rad]."""
+    """Return the angle alpha of the first rod below the horizontal [rad]."""
     along = s.R[:, 2, :, 0]
     return np.arctan2(-along[:, 2], np.hypot(along[:, 0], along[:, 1]))

@@ -28,8 +28,8 @@ ENERGY_ALLOWED = 1.0  # [J] Sect. 5.5
 AXIS = (0.0, 0.0, 1.0)  # joint axis in every bar: body z = OX; then 3-1-3 angles stay at theta = pi/2
 BAR_ALONG_Y = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # R of the horizontal bars
 PLANE = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # columns OY, OZ, and the normal OX
-PARALLEL = 1e-9  # [rad], [rad/s] the bars of a row, to the tolerance of a start
-SOUGHT = 20.0  # [s] for the certificate
+PARALLEL = 1e-9  # [rad], [rad/s] difference of parallel bars: the tolerance of a start
+SOUGHT = 20.0  # [s] duration to certify
 
 
 @problem("four_bar_grid", tests=(Trait.SINGULAR, Trait.REDUNDANT))
@@ -48,7 +48,7 @@ def four_bar_grid(
     mass_seed: Annotated[int, Parameter("seed of mass_spread", "", at_least=0)] = 0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Parallelogram cells of 3-D bars on revolute joints: redundant rows, one degree of freedom per row of cells."""
+    """Swing a grid of parallelogram cells on revolute joints: redundant rows, one degree of freedom per row."""
     nb = rows * (2 * columns + 1)
     spread = np.random.default_rng(mass_seed).uniform(-1.0, 1.0, nb)
     masses = mass * (1.0 + mass_spread * spread)
@@ -91,18 +91,19 @@ def four_bar_grid(
 def grid_states(
     angle: Float[np.ndarray, "nt rows"], rate: Float[np.ndarray, "nt rows"], columns: int, length: float
 ) -> States:
-    """Poses and velocities of all bars from the row angles [rad] about OX, 0 hanging, and their rates [rad/s].
+    """Return the states of all bars from the row angles about OX [rad], 0 hanging, and their rates [rad/s].
 
-    Bodies row by row, from the top: ``columns + 1`` verticals from left to right, then ``columns`` horizontals.
+    Bodies are ordered by rows from the top: ``columns + 1`` verticals from left to right, then ``columns`` horizontals.
     """
     nt, rows = angle.shape
     zero = np.zeros_like(angle)
-    along = length * np.stack((zero, np.sin(angle), -np.cos(angle)), axis=-1)  # (nt, rows, 3) down a vertical bar
+    # (nt, rows, 3), downwards along a vertical bar
+    along = length * np.stack((zero, np.sin(angle), -np.cos(angle)), axis=-1)
     across = length * np.stack((zero, np.cos(angle), np.sin(angle)), axis=-1)
     foot, foot_v = np.cumsum(along, axis=1), np.cumsum(rate[..., None] * across, axis=1)
     n = 2 * columns + 1
-    place = np.concatenate((np.arange(columns + 1.0), np.arange(columns) + 0.5))  # along OY, in bars
-    middle = np.where(np.arange(n) <= columns, 0.5, 0.0)[:, None]  # verticals: C half a bar above the foot
+    place = np.concatenate((np.arange(columns + 1.0), np.arange(columns) + 0.5))  # position along OY in bar lengths
+    middle = np.where(np.arange(n) <= columns, 0.5, 0.0)[:, None]  # verticals have C half a bar above the foot
     r = foot[:, :, None] - middle * along[:, :, None] + place[:, None] * np.array([0.0, length, 0.0])
     v = foot_v[:, :, None] - middle * (rate[..., None] * across)[:, :, None]
     R = np.empty((nt, rows, n, 3, 3))
@@ -117,17 +118,19 @@ def grid_states(
 
 
 def _bar(mass: float, length: float, axial_inertia: float, name: str) -> RigidBody:
+    """Return a slender bar along body x; ``axial_inertia`` is about that axis [kg m2]."""
     transverse = mass * length**2 / 12.0
     return RigidBody(mass, np.diag([axial_inertia, transverse, transverse]), name)
 
 
 def _names(rows: int, columns: int) -> list[str]:
+    """Return names of all bars, in the order of ``grid_states``: ``v1,0`` is a vertical, ``h1,0`` a horizontal."""
     across = [f"v{{0}},{j}" for j in range(columns + 1)] + [f"h{{0}},{j}" for j in range(columns)]
     return [name.format(i + 1) for i in range(rows) for name in across]
 
 
 def _joints(rows: int, columns: int, length: float) -> list[Joint]:
-    """Every bar at a node hinged to the vertical that ends there from above; the top row to the ground."""
+    """Return the joints: every bar at a node is hinged to the vertical from above, the top row to the ground."""
     n = 2 * columns + 1
     head, tail = (-0.5 * length, 0.0, 0.0), (0.5 * length, 0.0, 0.0)
     joints = [
@@ -137,7 +140,7 @@ def _joints(rows: int, columns: int, length: float) -> list[Joint]:
     for i in range(rows):
         for j in range(columns + 1):
             above = i * n + j
-            meeting = [(i * n + columns + j, tail)] if j > 0 else []  # horizontal from the left ends here
+            meeting = [(i * n + columns + j, tail)] if j > 0 else []  # the horizontal from the left ends here
             meeting += [(i * n + columns + 1 + j, head)] if j < columns else []
             meeting += [((i + 1) * n + j, head)] if i + 1 < rows else []
             joints += [
@@ -148,18 +151,22 @@ def _joints(rows: int, columns: int, length: float) -> list[Joint]:
 
 
 def _angle(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
-    """Angle of a vertical bar about OX [rad], continuous in time, from its direction (body x)."""
+    """Return the observable that is a vertical bar's angle about OX [rad], continuous in time."""
     return lambda s: np.unwrap(np.arctan2(s.R[:, body, 1, 0], -s.R[:, body, 2, 0]))
 
 
 def _rate(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
+    """Return the observable that is a vertical bar's rate about OX [rad/s]."""
     return lambda s: s.Omega[:, body, 2]
 
 
 def _motion(
     system: MultibodySystem, rows: int, columns: int, length: float, gravity: float, start: State
 ) -> CertifiedMotion | None:
-    """One rod a row; None if the bars of a row are not parallel, or with too many rows."""
+    """Return the certified motion from ``start``, as one rod a row.
+
+    None if the bars of a row are not parallel, the start leaves the plane, or there are too many rows.
+    """
     planar = planar_angles(start, PLANE)
     if planar is None:
         return None
@@ -175,4 +182,5 @@ def _motion(
 def _bodies(
     columns: int, length: float, angle: Float[np.ndarray, "nt rows"], rate: Float[np.ndarray, "nt rows"]
 ) -> States:
+    """Return the states of all bars from angles of the rods to OY [rad] and rates [rad/s]."""
     return grid_states(angle + 0.5 * np.pi, rate, columns, length)  # hanging is -pi/2 from OY

@@ -19,7 +19,7 @@ from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import MultibodySystem, RigidBody, assemble
 from ..harness.types import Invariant, Observable, Problem, ReferenceKind
-from .exact.balls import in_balls, nearest_rotation, vector
+from .exact.balls import nearest_rotation, run_in_balls, vector
 from .exact.one_body import pinned_motion
 from .exact.pinned_body import FINAL, PinnedBody, PinnedMotion
 from .exact.theta import UNIT
@@ -28,37 +28,37 @@ Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Thrown:
+class ThrownBody:
     """The parabola of C and the motion about it."""
 
     about_C: PinnedMotion
-    r0: Float[np.ndarray, " 3"]
-    v0: Float[np.ndarray, " 3"]
+    r0: Float[np.ndarray, " 3"]  # [m] C at the start
+    v0: Float[np.ndarray, " 3"]  # [m/s]
     gravity: Float[np.ndarray, " 3"]
     horizon: float = math.inf
 
     @property
     def route(self) -> str:
-        """The parabola's and that of the attitude."""
+        """The route of C and of the attitude."""
         return f"parabola of C and {self.about_C.route}"
 
     @property
     def kind(self) -> ReferenceKind:
-        """That of the attitude: the parabola is proved."""
+        """The kind of the attitude's motion; the parabola is proved."""
         return self.about_C.kind
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """The motion at ``t`` [s]."""
+        """Return the motion at ``t`` [s]."""
         s, t = self.about_C.states(t), np.asarray(t, dtype=np.longdouble)[:, None]
         r, v = self.r0 + self.v0 * t + self.gravity * t**2 / 2, self.v0 + self.gravity * t
         return States(r.astype(float)[:, None], s.R, v.astype(float)[:, None], s.Omega)
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Bound [m]: that of the attitude, and the rounding of C, in 64 bits and at last to float64."""
+        """Return a bound on the position error [m]: that of the attitude, and of C in 64 bits rounded to float64."""
         t = np.asarray(t, dtype=float)
         way = np.linalg.norm(self.r0) + np.linalg.norm(self.v0) * np.abs(t) + np.linalg.norm(self.gravity) * t**2
         r = self.r0 + self.v0 * t[:, None] + 0.5 * self.gravity * t[:, None] ** 2
-        rounding = FINAL * np.maximum.accumulate(np.linalg.norm(r, axis=1))  # no smaller later on
+        rounding = FINAL * np.maximum.accumulate(np.linalg.norm(r, axis=1))  # the bound does not decrease
         return self.about_C.error(t) + rounding + 8.0 * UNIT * way
 
 
@@ -71,7 +71,7 @@ def free_body(
     omega: Annotated[Triple, Parameter("initial Omega, body frame", "rad/s")] = (0.05, 6.0, 0.1),
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """A brick without joints, thrown so that it tumbles about its middle axis."""
+    """Throw a brick without joints so that it tumbles about its middle axis."""
     square = np.array(sides) ** 2
     body = RigidBody(mass, mass / 12.0 * np.diag(np.sum(square) - square), "brick")
     system = assemble([body], (), (0.0, 0.0, -gravity))
@@ -97,18 +97,20 @@ def free_body(
 
 
 def _rate(k: int, s: States) -> Float[np.ndarray, " nt"]:
+    """Return component k of Omega, body frame [rad/s]."""
     return s.Omega[:, 0, k]
 
 
 def _spin(system: MultibodySystem, k: int, s: States) -> Float[np.ndarray, " nt"]:
-    """Component of the angular momentum about C."""
+    """Return component k of the angular momentum about C, space frame [kg m2/s]."""
     at_C = States(np.zeros_like(s.r), s.R, np.zeros_like(s.v), s.Omega)
     return angular_momentum(system, at_C)[:, k]
 
 
-@in_balls
-def _motion(system: MultibodySystem, start: State) -> Thrown | None:
+@run_in_balls
+def _motion(system: MultibodySystem, start: State) -> ThrownBody | None:
+    """Return the exact motion from ``start``; None where Euler's top has no formula here (the separatrix)."""
     inertia, nowhere = system.inertia[0], np.zeros(3)
     body = PinnedBody(float(system.mass[0]), inertia, inertia, nowhere, nowhere, nowhere)
     about_C = pinned_motion(body, nearest_rotation(start.R[0]), vector(start.Omega[0]))
-    return None if about_C is None else Thrown(about_C, start.r[0], start.v[0], system.gravity)
+    return None if about_C is None else ThrownBody(about_C, start.r[0], start.v[0], system.gravity)

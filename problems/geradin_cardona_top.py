@@ -29,7 +29,7 @@ def geradin_cardona_top(
     omega_z: Annotated[float, Parameter("initial Omega_z", "rad/s")] = -4.61538,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Fast symmetric top on a pin, released with its axis horizontal."""
+    """Release a fast symmetric top on a pin with its axis horizontal."""
     system = assemble([RigidBody(MASS, INERTIA, "top")], [Joint(0, -ARM, name="O")], (0.0, 0.0, -gravity))
     Omega = np.array([0.0, spin, omega_z])
     return Problem(

@@ -33,7 +33,7 @@ def heavy_top(
     spin: Annotated[float, Parameter("initial Omega_z", "rad/s")] = 50.0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Lagrange top released at theta0 with spin about its axis; nutates between 20 and 138.93 deg."""
+    """Release a Lagrange top at theta0 with spin about its axis; it nutates between 20 and 138.93 deg."""
     about_C = inertia_transverse - mass * length**2
     if about_C <= 0.0:
         raise ValueError(
@@ -72,18 +72,18 @@ def heavy_top(
 
 
 def _nutation(s: States) -> Float[np.ndarray, " nt"]:
-    """Angle of the axis to OZ [deg]."""
+    """Return the angle of the axis to OZ [deg]."""
     axis = s.R[:, 0, :, 2]
     return np.rad2deg(np.arctan2(np.hypot(axis[:, 0], axis[:, 1]), axis[:, 2]))
 
 
 def _spin_rate(s: States) -> Float[np.ndarray, " nt"]:
-    """psi_dot = Omega_z - phi_dot cos(theta); NaN with the axis upright."""
+    """Return psi_dot = Omega_z - phi_dot cos(theta) [rad/s]; NaN with the axis upright."""
     return s.Omega[:, 0, 2] - _precession_rate(s) * s.R[:, 0, 2, 2]
 
 
 def _precession_rate(s: States) -> Float[np.ndarray, " nt"]:
-    """phi_dot = (Omega_x k_x + Omega_y k_y)/(k_x^2 + k_y^2), k = OZ in the body frame; NaN with the axis upright."""
+    """Return phi_dot = (Omega_x k_x + Omega_y k_y)/(k_x^2 + k_y^2), k = OZ in the body frame; NaN if upright."""
     k, Omega = s.R[:, 0, 2], s.Omega[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
         return (Omega[:, 0] * k[:, 0] + Omega[:, 1] * k[:, 1]) / (k[:, 0] ** 2 + k[:, 1] ** 2)

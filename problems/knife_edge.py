@@ -1,4 +1,4 @@
-"""A knife edge on an inclined plane: the textbook example of a row A(q) v = 0 without phi.
+"""Knife edge on an inclined plane: the textbook example of a row A(q) v = 0 without phi.
 
 A plate turns uniformly on a plane of 30 deg, its C on a blade along body x that does not slip sideways (Neimark and
 Fufaev 1972, Dynamics of Nonholonomic Systems; Bloch 2003, Nonholonomic Mechanics and Control, 1.6). X points down the
@@ -36,7 +36,7 @@ def knife_edge(
     rate: Annotated[float, Parameter("about the normal of the plane", "rad/s", above=0.0)] = 2.0,
     speed: Annotated[float, Parameter("speed along the blade at the start", "m/s")] = 0.5,
 ) -> Problem:
-    """A plate on a blade runs along a cycloid, across the slope."""
+    """Run a plate on a blade along a cycloid, across the slope."""
     down, w = float(GRAVITY * np.sin(np.deg2rad(slope))), rate
     joints = [
         Joint(0, (0, 0, 0), axis_j=(0, 0, 1), name="plane", kind="point on plane"),
@@ -45,6 +45,7 @@ def knife_edge(
     gravity = (down, 0.0, -GRAVITY * np.cos(np.deg2rad(slope)))
 
     def motion(t: Float[np.ndarray, " nt"]) -> States:
+        """Return the motion at ``t`` [s] by the module's equations."""
         along = speed + down / w * np.sin(w * t)
         x = speed * np.sin(w * t) / w + down * (1.0 - np.cos(2.0 * w * t)) / (4.0 * w**2)
         y = speed * (1.0 - np.cos(w * t)) / w + down * (t - np.sin(2.0 * w * t) / (2.0 * w)) / (2.0 * w)

@@ -25,8 +25,8 @@ from .exact.linkage_motion import linkage_motion, planar_angles
 from .exact.planar import AXIS, OZ, slender, states
 
 MASS, LENGTH, AXIAL = 1.0, 1.0, 1e-4  # [kg], [m], [kg m2] of every bar
-SOUGHT = 20.0  # [s] for the certificate
-PARALLEL = 1e-9  # [rad], [rad/s] the uprights, to the tolerance of a start
+SOUGHT = 20.0  # [s] duration to certify
+PARALLEL = 1e-9  # [rad], [rad/s] difference of parallel uprights: the tolerance of a start
 
 
 @problem("n_four_bar", tests=(Trait.SINGULAR, Trait.REDUNDANT))
@@ -36,7 +36,7 @@ def n_four_bar(
     speed: Annotated[float, Parameter("speed of B0 at the start, along OX", "m/s")] = 1.0,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
-    """IFToMM A02: N four-bar windows with one degree of freedom, which pass two singular positions a turn."""
+    """Model IFToMM A02: N four-bar windows with one degree of freedom and two singular positions per turn."""
     bars = [slender(MASS, LENGTH, AXIAL, f"upright {k}") for k in range(windows + 1)]
     bars += [slender(MASS, LENGTH, AXIAL, f"coupler {k}") for k in range(windows)]
     low, high = (-0.5 * LENGTH, 0.0, 0.0), (0.5 * LENGTH, 0.0, 0.0)
@@ -67,7 +67,7 @@ def n_four_bar(
 
 
 def _bodies(windows: int, angle: Float[np.ndarray, "nt 1"], rate: Float[np.ndarray, "nt 1"]) -> States:
-    """All bars from the angle of the uprights to OX [rad] and its rate."""
+    """Return all bars' states from the angle of the uprights to OX [rad] and its rate [rad/s]."""
     k, upright = np.arange(2 * windows + 1), np.arange(2 * windows + 1) <= windows
     up = LENGTH * np.stack((np.cos(angle), np.sin(angle)), axis=-1) * np.where(upright, 0.5, 1.0)[:, None]
     foot = np.where(upright, k, k - windows - 0.5) * LENGTH
@@ -77,7 +77,10 @@ def _bodies(windows: int, angle: Float[np.ndarray, "nt 1"], rate: Float[np.ndarr
 
 
 def _motion(windows: int, rod: Linkage, start: State) -> CertifiedMotion | None:
-    """One rod; None where the uprights are not parallel: a perturbed start may be on another branch."""
+    """Return the certified motion from ``start``, as one rod.
+
+    None unless the uprights are parallel, as the start may be on another branch, and planar.
+    """
     planar = planar_angles(start, np.eye(3))
     if planar is None or any(np.ptp(a[: windows + 1]) > PARALLEL for a in planar):
         return None

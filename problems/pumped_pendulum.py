@@ -29,11 +29,11 @@ from .exact import planar
 from .exact.certification import CertifiedMotion, certified_orbit
 
 LENGTH = 1.0  # [m], l
-RADIUS = 0.1  # [m] of the ball, which is solid
+RADIUS = 0.1  # [m] radius of the solid ball
 GRAVITY = 9.81  # [m/s2]
-SOUGHT, SPAN = 20.0, 0.25  # [s] the certificate and its chunks
-FASTEST = 20.0  # tuning; above, certifying so many periods takes longer than it is worth: no reference
-SAME = 1e-12  # of two starts: rounding of turned frames
+SOUGHT, SPAN = 20.0, 0.25  # [s] duration to certify, and its chunks
+FASTEST = 20.0  # largest tuning with a reference: above, certification takes too long
+SAME = 1e-12  # difference of equal starts: rounding of rotated frames
 
 
 @problem("pumped_pendulum", tests=(Trait.DRIVEN,))
@@ -44,7 +44,7 @@ def pumped_pendulum(
     amplitude: Annotated[float, Parameter("a, of the length", "m", at_least=0.0)] = 0.1,
     tuning: Annotated[float, Parameter("frequency w by that of small swings", "", above=0.0)] = 2.0,
 ) -> Problem:
-    """A ball on a rod whose length is driven at twice the frequency of its swings, which grow."""
+    """Drive the length of a ball's rod at twice the frequency of its swings, which grow."""
     length = TimeFunction((LENGTH,), amplitude, tuning * math.sqrt(GRAVITY / LENGTH))
     ball = RigidBody(mass, 0.4 * mass * RADIUS**2 * np.eye(3), "ball")
     rod = Joint(0, (0, 0, 0), name="rod", kind=MovingKind.DRIVEN_DISTANCE, motion=length)
@@ -68,7 +68,7 @@ def pumped_pendulum(
 
 
 def _ball(numbers: Float[np.ndarray, "1 7"], y: Float[np.ndarray, "nt 3"]) -> States:
-    """From (theta, theta', t)."""
+    """Return the states of the ball from theta [rad], theta' [rad/s] and t [s]; ``numbers`` are those of L(t)."""
     theta, rate, t = y.T
     L, L_dot, _ = (a[:, 0] for a in values(numbers, t))
     along, across = np.stack((np.sin(theta), -np.cos(theta)), axis=1), np.stack((np.cos(theta), np.sin(theta)), axis=1)
@@ -78,15 +78,20 @@ def _ball(numbers: Float[np.ndarray, "1 7"], y: Float[np.ndarray, "nt 3"]) -> St
 
 
 def _motion(numbers: Float[np.ndarray, "1 7"], own: State, theta: float, start: State) -> CertifiedMotion | None:
-    """None from another start: the ball may turn then, and leave the plane."""
+    """Return the certified motion from ``own``, the problem's start; None from another start.
+
+    There the ball may turn and leave the plane. ``theta`` [rad] is its angle, ``numbers`` are those of L(t).
+    """
     if max(float(np.max(np.abs(getattr(own, n) - getattr(start, n)))) for n in ("r", "R", "v", "Omega")) > SAME:
         return None
 
     def by_angle(y: np.ndarray) -> np.ndarray:
+        """Return the rates of (theta, theta', t): route 1."""
         L, L_dot, _ = (float(a[0, 0]) for a in values(numbers, y[2:]))
         return np.array([y[1], -(2.0 * L_dot * y[1] + GRAVITY * np.sin(y[0])) / L, 1.0])
 
     def by_position(z: np.ndarray) -> np.ndarray:
+        """Return the rates of (position, velocity, t): route 2."""
         x, v, g = z[:2], z[2:4], np.array([0.0, -GRAVITY])
         distance, L_ddot = float(np.linalg.norm(x)), float(values(numbers, z[4:])[2][0, 0])
         e = x / distance
@@ -94,6 +99,7 @@ def _motion(numbers: Float[np.ndarray, "1 7"], own: State, theta: float, start: 
         return np.concatenate((v, g + pull * e, [1.0]))
 
     def apart(y: np.ndarray, z: np.ndarray) -> float:
+        """Return the distance [m] of the two routes' balls."""
         return float(np.linalg.norm(_ball(numbers, y[None]).r[0, 0, :2] - z[:2]))
 
     y0, z0 = np.array([theta, 0.0, 0.0]), np.concatenate((own.r[0, :2], own.v[0, :2], [0.0]))

@@ -1,11 +1,13 @@
 """Mechanisms drawn at random: trees with loops, redundant joints, springs and loads, for stress and for fuzzing.
 
 Bodies of 1 to 2 kg in arbitrary poses hang in a tree on joints of arbitrary kinds; ``loops`` closes it by links of a
-fixed length, ``repeated`` declares joints a second time. All joints are closed where the bodies start, so every draw
-is a problem.
+fixed length, ``repeated`` declares joints a second time. All joints are closed at the start, so that every draw is a
+valid problem.
+
 ``size`` and ``mass`` scale a draw by Froude's law: lengths by size, times by sqrt(size), forces by mass, so that the
-motion stays the same one under gravity. A solver that is right at one size is so at all.
-Numbers: of the seed. Reference: computed.
+motion under gravity is similar. A solver that is right at one size is right at all.
+
+Numbers: drawn by the seed. Reference: computed.
 """
 
 from dataclasses import replace
@@ -24,8 +26,8 @@ from ..harness.mechanics.system import GROUND, Load, RigidBody, SpringDamper, as
 from ..harness.types import Observable, Problem
 
 KINDS = tuple(k for k in JointKind if k not in (JointKind.FIXED, JointKind.NORMAL))
-APART = 0.3  # [m] of the points of joints that slide
-Poses = tuple[Float[np.ndarray, "places 3"], Float[np.ndarray, "places 3 3"]]  # of all bodies, then of the ground
+APART = 0.3  # [m] distance between the points of sliding joints
+Poses = tuple[Float[np.ndarray, "places 3"], Float[np.ndarray, "places 3 3"]]  # poses of all bodies, then of the ground
 
 
 @problem("random_mechanism")
@@ -49,7 +51,7 @@ def random_mechanism(
     damping: Annotated[float, Parameter("damping over stiffness", "s", at_least=0.0)] = 0.02,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """A tree of bodies on joints of random kinds, with loops, redundant joints, springs and loads."""
+    """Draw a tree of bodies on joints of random kinds, with loops, redundant joints, springs and loads."""
     random = np.random.default_rng(mechanism_seed)
     if repeated > bodies:
         raise ValueError(f"repeated must be <= bodies = {bodies} (got {repeated})")
@@ -82,18 +84,26 @@ def random_mechanism(
         (0.0, 0.0, -gravity),
         [
             SpringDamper(
-                i, size * 0.3 * p[0], GROUND, size * (r[i] + p[1]) + away,
-                weight[i] / size * k, size, weight[i] / root * damping * k,
-            ) for i, p, k in ends
+                i,
+                size * 0.3 * p[0],
+                GROUND,
+                size * (r[i] + p[1]) + away,
+                weight[i] / size * k,
+                size,
+                weight[i] / root * damping * k,
+            )
+            for i, p, k in ends
         ],
         [
             replace(
-                f, force=weight[f.i] * np.asarray(f.force), torque=weight[f.i] * size * np.asarray(f.torque),
+                f,
+                force=weight[f.i] * np.asarray(f.force),
+                torque=weight[f.i] * size * np.asarray(f.torque),
                 point=size * np.asarray(f.point),
             )
             for f in pushes
         ],
-    )  # fmt: skip
+    )
     start = project(system, State(size * r[:-1] + away, R[:-1], root * v[0], v[1] / root), 0)
     return Problem(
         "random_mechanism",
@@ -111,29 +121,32 @@ def random_mechanism(
 
 
 def _place_joint(joint: Joint, size: float, away: Float[np.ndarray, " 3"]) -> Joint:
-    """``joint`` at this size; one to the ground ``away`` from the origin."""
+    """Return ``joint`` scaled by ``size``; points on the ground move ``away`` from the origin."""
     s_j = size * np.asarray(joint.s_j) + (away if joint.j == GROUND else 0.0)
     return replace(joint, s_i=size * np.asarray(joint.s_i), s_j=s_j, length=size * joint.length)
 
 
 def arbitrary_body(random: np.random.Generator) -> RigidBody:
-    """1 to 2 kg with a full inertia matrix."""
+    """Draw a body of 1 to 2 kg with a full inertia matrix."""
     a, Q = random.uniform(0.05, 0.1, 3), so3.exp(random.standard_normal(3))
     J = Q @ np.diag([a[1] + a[2], a[0] + a[2], a[0] + a[1]]) @ Q.T
     return RigidBody(random.uniform(1.0, 2.0), 0.5 * (J + J.T))
 
 
 def closed_joint(kind: JointKind, i: int, j: int, poses: Poses, random: np.random.Generator) -> Joint:
-    """A joint of this kind between two bodies, at an arbitrary place and closed in these poses."""
+    """Draw a joint of this kind between two bodies, at an arbitrary place and closed in these poses."""
     r, R = poses
     axis, x = so3.exp(random.standard_normal(3))[0], 0.5 * (r[i] + r[j]) + 0.3 * random.standard_normal(3)
     across = np.cross(axis, random.standard_normal(3))
     across /= np.linalg.norm(across)
     length = float(np.linalg.norm(r[i] - r[j])) + APART if kind == JointKind.DISTANCE else 0.0
     way = {
-        JointKind.CYLINDRICAL: APART * axis, JointKind.PRISMATIC: APART * axis, JointKind.ON_LINE: APART * axis,
-        JointKind.ON_PLANE: APART * across, JointKind.DISTANCE: length * axis,
-    }.get(kind, np.zeros(3))  # fmt: skip
+        JointKind.CYLINDRICAL: APART * axis,
+        JointKind.PRISMATIC: APART * axis,
+        JointKind.ON_LINE: APART * axis,
+        JointKind.ON_PLANE: APART * across,
+        JointKind.DISTANCE: length * axis,
+    }.get(kind, np.zeros(3))
     s_i, s_j = R[i].T @ (x + way - r[i]), R[j].T @ (x - r[j])
     axis_j = None if kind in (JointKind.SPHERICAL, JointKind.DISTANCE) else R[j].T @ axis
     alone = axis_j is None or kind in (JointKind.ON_LINE, JointKind.ON_PLANE)

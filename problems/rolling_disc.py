@@ -1,4 +1,4 @@
-"""A disc that rolls on a circle without slipping, leaning inwards: one row of position, two of velocities alone.
+"""Rolling disc on a circle without slip, leaning inwards: one row of position, two rows of velocities only.
 
 Numbers: Le Saux, Leine and Glocker 2005 (J. Nonlinear Sci. 15), Eqs. (5.8) to (5.12), as in the package cardillo,
 rolling_disc_DMS: m = 0.3048 kg, r = 0.05 m, circle of contact 0.5 m, leaning by 5 deg, J = m r^2 (1/4, 1/2, 1/4) about
@@ -36,7 +36,7 @@ def rolling_disc(
         float, Parameter("lean of the disc from the vertical, inwards", "deg", above=0.0, at_most=80.0)
     ] = 5.0,
 ) -> Problem:
-    """Steady rolling on a circle: gravity and gyroscopic torque in balance."""
+    """Roll a disc steadily on a circle, with gravity and gyroscopic torque in balance."""
     if radius >= circle:
         raise ValueError(f"radius must be below circle = {circle:g} m (got {radius:g})")
     rho, beta = radius / circle, np.deg2rad(lean)
@@ -47,6 +47,7 @@ def rolling_disc(
     contact = Joint(0, (0, 0, 0), GROUND, (0, 0, 0), (0, 1, 0), (0, 0, 1), "contact", MovingKind.ROLLING, length=radius)
 
     def motion(t: Float[np.ndarray, " nt"]) -> States:
+        """Return the steady motion at ``t`` [s]."""
         c, s, zero, one = np.cos(turn * t), np.sin(turn * t), np.zeros(len(t)), np.ones(len(t))
         out, ahead, up = (np.stack(a, axis=1) for a in ((c, s, zero), (-s, c, zero), (zero, zero, one)))
         axis, rise = cosine * out + sine * up, cosine * up - sine * out

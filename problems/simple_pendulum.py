@@ -40,7 +40,7 @@ def simple_pendulum(
     angle: Annotated[float, Parameter("angle of the rod to OX at the start", "deg")] = 180.0,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
-    """IFToMM A01: a point mass on a rod and a revolute joint, released horizontally."""
+    """Model IFToMM A01: a point mass on a rod and a revolute joint, released horizontally."""
     if gyration > 0.5 * length:
         raise ValueError(f"gyration must be <= length/2 = {0.5 * length:g} m (got {gyration:g})")
     gyration = gyration if support == "hinge" else 0.0
@@ -76,5 +76,8 @@ def simple_pendulum(
 
 
 def _in_plane(system: MultibodySystem, start: State) -> PinnedMotion | None:
-    """On a spherical joint from the start without the rounding that leaves the plane, which a hinge does not let it."""
+    """Return the motion on a spherical joint from the start without its rounding out of the plane.
+
+    A hinge does not let the body leave the plane.
+    """
     return one_body_motion(system, State(start.r, IN_PLANE * start.R, start.v, np.array(AXIS) * start.Omega))

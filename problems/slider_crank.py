@@ -24,7 +24,7 @@ MASS = (0.12, 0.5, 2.0)  # [kg] crank, rod, slider
 CRANK, ROD = np.diag([1e-4, 1e-4, 1e-5]), np.diag([4e-4, 4e-3, 4e-3])  # [kg m2] about C, rod along x
 SLIDER = 1e-4 * np.eye(3)  # [kg m2]
 X, Y, Z = np.eye(3)
-TURN = np.array([X, Z, -Y]).T  # of crank and slider: body y along Z, far from the singular 3-1-3 angles
+TURN = np.array([X, Z, -Y]).T  # frame of crank and slider: body y along Z, far from singular 3-1-3 angles
 
 
 @problem("slider_crank")
@@ -34,7 +34,7 @@ def slider_crank(
     rate: Annotated[float, Parameter("angular velocity of the crank at the start", "rad/s")] = 6.0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Crank, rod and slider: one freedom, on revolute, spherical, universal and prismatic joints."""
+    """Couple crank, rod and slider by revolute, spherical, universal and prismatic joints: one degree of freedom."""
     planar = variant == "planar"
     O = np.zeros(3) if planar else np.array([0.0, 0.1, 0.12])
     axis = Y if planar else X
@@ -65,7 +65,7 @@ def slider_crank(
     return Problem(
         "slider_crank",
         system,
-        _turning(system, State(r, R, rest, rest), TURN.T @ axis, rate),
+        _turn_crank(system, State(r, R, rest, rest), TURN.T @ axis, rate),
         t_end=5.0,
         dt=2e-3,
         section="",
@@ -79,8 +79,11 @@ def slider_crank(
     )
 
 
-def _turning(system: MultibodySystem, still: State, axis: np.ndarray, rate: float) -> State:
-    """The state in these poses whose crank turns at ``rate`` about ``axis`` (body): one freedom gives all rates."""
+def _turn_crank(system: MultibodySystem, still: State, axis: np.ndarray, rate: float) -> State:
+    """Return the state in the poses of ``still`` whose crank turns at ``rate`` [rad/s] about ``axis`` (its frame).
+
+    It is unique, as the mechanism has one degree of freedom.
+    """
     A = constraint_jacobian(system, still).toarray()
     motion = np.linalg.svd(A)[2][-1].reshape(3, 6)  # spans the null space of A
     motion *= rate / (motion[0, 3:] @ axis)

@@ -15,7 +15,7 @@ from ..harness.mechanics.state import State
 from ..harness.mechanics.system import RigidBody, SpringDamper, assemble
 from ..harness.types import Invariant, Observable, Problem
 
-RADIUS = 0.05  # [m] of the solid ball
+RADIUS = 0.05  # [m] radius of the solid ball
 HANGING = 1.0  # [m] length of the spring at rest under the weight
 GRAVITY = 9.81  # [m/s2]
 
@@ -29,7 +29,7 @@ def spring_pendulum(
     aside: Annotated[float, Parameter("distance of the start from the vertical, along OX", "m")] = 0.05,
     speed: Annotated[float, Parameter("at the start, along OZ", "m/s")] = 0.03,
 ) -> Problem:
-    """A ball on a spring without joints, in 2:1 resonance of bounce and swing."""
+    """Hang a ball on a spring without joints, in 2:1 resonance of bounce and swing."""
     stiffness = tuning**2 * mass * GRAVITY / HANGING
     rest_length = HANGING * (1.0 - 1.0 / tuning**2)
     ball = RigidBody(mass, 0.4 * mass * RADIUS**2 * np.eye(3), "ball")

@@ -20,11 +20,11 @@ from ..harness.mechanics.system import GROUND, Joint, Load, RigidBody, SpringDam
 from ..harness.types import Observable, Problem, Trait
 
 BASE, TOP, HEIGHT, DISC = 3.0, 1.0, 2.0, 0.05  # [m]
-OUTER, INNER, PART = 0.05, 0.03, 0.75  # [m] radii of the tube, the rod having the outer one; share of a leg's length
+OUTER, INNER, PART = 0.05, 0.03, 0.75  # [m] radii of the tube (the rod has the outer one); length of tube or rod / leg
 DENSITY = 76e3 / 9.81  # [kg/m3]
 ORDER = (6, 1, 2, 3, 4, 5)  # top point of each leg
 UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # body y of the disc along OZ
-SAG = 0.05  # [m] of the springs under the whole weight
+SAG = 0.05  # [m] sag of the springs under the whole weight
 
 
 @problem("stewart_platform", tests=(Trait.DRIVEN, Trait.DAMPED))
@@ -35,7 +35,7 @@ def stewart_platform(
     damping: Annotated[float, Parameter("damping of each leg", "N s/m", at_least=0.0)] = 500.0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Six legs of two bodies each on universal, cylindrical and spherical joints, from rest under a constant load."""
+    """Load a platform on six legs of two bodies each, on universal, cylindrical and spherical joints, from rest."""
     base = _ring(BASE, [120.0 * k + e for k in range(3) for e in (-2.5, 2.5)], 0.0)
     top = _ring(TOP, [60.0 + 120.0 * k + e for k in range(3) for e in (-10.0, 10.0)], HEIGHT)
     centre = np.array([0.0, 0.0, HEIGHT])
@@ -79,33 +79,33 @@ def stewart_platform(
         observables=(
             Observable("platform_x", "X_P", "m", lambda s: s.r[:, 0, 0]),
             Observable("platform_z", "Z_P", "m", lambda s: s.r[:, 0, 2]),
-            Observable("tilt", r"\theta_P", "rad", _tilt),
+            Observable("tilt", r"\theta_P", "rad", _measure_tilt),
         ),
     )
 
 
 def _ring(radius: float, degrees: list[float], height: float) -> Float[np.ndarray, "6 3"]:
-    """Points on a horizontal circle [m]."""
+    """Return six points on a horizontal circle about OZ [m], at these angles to OX."""
     angle = np.deg2rad(degrees)
     return np.stack((radius * np.cos(angle), radius * np.sin(angle), np.full(6, height)), axis=1)
 
 
 def _frame(along: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Body x along the leg, body z horizontal."""
+    """Return R of a leg in the direction ``along``: body x along it, body z horizontal."""
     z = np.cross(along, [0.0, 0.0, 1.0])
     z /= np.linalg.norm(z)
     return np.stack((along, np.cross(z, along), z), axis=1)
 
 
 def _cylinder(length: float, outer: float, inner: float, name: str) -> RigidBody:
-    """A tube along body x."""
+    """Return a steel tube along body x with these length and radii [m]."""
     mass = DENSITY * math.pi * (outer**2 - inner**2) * length
     square = outer**2 + inner**2
     across = mass * (3.0 * square + length**2) / 12.0
     return RigidBody(mass, np.diag([0.5 * mass * square, across, across]), name)
 
 
-def _tilt(s: States) -> Float[np.ndarray, " nt"]:
-    """Angle of the disc's axis to OZ [rad]."""
+def _measure_tilt(s: States) -> Float[np.ndarray, " nt"]:
+    """Return the angle of the disc's axis to OZ [rad]."""
     axis = s.R[:, 0, :, 1]
     return np.arctan2(np.hypot(axis[:, 0], axis[:, 1]), axis[:, 2])

@@ -32,7 +32,7 @@ def torque_free_body(
     angles: Annotated[Triple, Parameter("initial 3-1-3 angles", "deg")] = (0.0, 90.0, 0.0),
     omega: Annotated[Triple, Parameter("initial Omega, body frame", "rad/s")] = (1.0, 2.0, 3.0),
 ) -> Problem:
-    """Three equal crossed rods rotating freely about their fixed centre."""
+    """Rotate three equal crossed rods freely about their fixed centre."""
     inertia = rod_mass * rod_length**2 / 6.0 * np.diag(inertia_factors)
     system = assemble([RigidBody(3.0 * rod_mass, inertia, "rods")], [Joint(0, (0.0, 0.0, 0.0), name="O")])
     R = so3.euler313(*np.deg2rad(angles))
@@ -60,14 +60,16 @@ def torque_free_body(
 
 
 def _rate(k: int, s: States) -> Float[np.ndarray, " nt"]:
+    """Return component k of Omega, body frame [rad/s]."""
     return s.Omega[:, 0, k]
 
 
 def _momentum(system: MultibodySystem, k: int, s: States) -> Float[np.ndarray, " nt"]:
+    """Return component k of the angular momentum about O, space frame [kg m2/s]."""
     return angular_momentum(system, s)[:, k]
 
 
 def _axis_error(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """Angle of the angular momentum, which keeps its direction (with spherical inertia the axis), to the first one."""
+    """Return the angle of the angular momentum (the axis for spherical inertia) to its constant direction [rad]."""
     L = angular_momentum(system, s)
     return np.arctan2(np.linalg.norm(np.cross(L[0], L), axis=1), L @ L[0])  # exact to rounding for small angles

@@ -1,24 +1,28 @@
-"""The page of ``mbsbench ladder``: one file with all entries, their costs and their errors."""
+"""Write the page of ``mbsbench ladder``: one file with all entries, their costs and their errors."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from ..harness.ladder.ranking import TARGET, Row
-from .plots.spec import Axis, Plot, Trace, looks
+from ..harness.ladder.ranking import TARGET, RankedEntry
+from .plots.spec import Axis, Plot, Trace, choose_styles
 from .rendering import write_file
 from .trial import draw_chart
 
 
-def write_page(path: Path, rows: Sequence[Row], value: str | None = None) -> None:
-    """Write ``path``: the table of ``rows``, and error against CPU time; without the published ``value`` a trial."""
+def write_page(path: Path, rows: Sequence[RankedEntry], value: str | None = None) -> None:
+    """Write the table of ``rows`` and a chart of error against CPU time to ``path``.
+
+    The page says that it is a trial if the ladder's ``value``, which determines the instances, is not published yet.
+    """
     words = "Error against CPU time at each setting, with the same intervals."
-    charts = [draw_chart(words, [_plot(rows)], looks(r.solver for r in rows), columns=1)]
+    charts = [draw_chart(words, [_plot(rows)], choose_styles(r.solver for r in rows), columns=1)]
     write_file(path, "ladder.html", title="Ladder", rows=rows, target=TARGET, charts=charts, stamp="", value=value)
 
 
-def _plot(rows: Sequence[Row]) -> Plot:
+def _plot(rows: Sequence[RankedEntry]) -> Plot:
+    """Plot error against CPU time at each setting of every entry, as geometric means over instances with intervals."""
     traces = []
     for r in (r for r in rows if r.frontier):
         error = np.array([e for e, _ in r.frontier])

@@ -1,4 +1,4 @@
-"""Publication figures and tables of results in ``publication/``: a folder a problem, an index, the captions."""
+"""Write publication figures and tables of results into ``publication/``: a folder per problem, an index, captions."""
 
 import json
 from collections import Counter
@@ -12,19 +12,19 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from ..harness.places import Place
+from ..harness.confined_paths import ConfinedPath
 from .model.accuracy import measure_for
 from .model.floats import write_floats
-from .model.heat import Heat, heat
+from .model.heat import HeatMap, make_heat_map
 from .model.margin import LEVELS
-from .model.results import Results, Run, Variant, by_solver, read_results, slug
+from .model.results import StoredResults, StoredRun, Variant, group_by_solver, read_results, slug
 from .model.tables import write_tables
 from .plots.convergence import convergence_plots
 from .plots.fonts import DEFAULT_FONT, Font
 from .plots.laws import draw_runs, laws
-from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, figure, plain, save, scale, sheet, small
-from .plots.spec import Look, Plot, Trace, looks_in_print
-from .plots.work import plots_of
+from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, figure, note_size, save, scale, sheet, strip_math
+from .plots.spec import LineStyle, Plot, Trace, choose_print_styles
+from .plots.work import make_work_plots
 from .rendering import render
 
 FOLDER = "publication"
@@ -34,10 +34,10 @@ HEAT = (
     "Largest error over its limit: energy, constraints and motion of each solver at its finest step or tolerance. "
     "≈ inaccurate, × false success, ★ stopped at that part of the time."
 )
-MOST = 14  # lines in one figure; more are parted by solver
-LEAST = 2  # runs of a problem: with fewer there is nothing to compare
-MAP = 3 * MOST  # runs of one label, as many as solvers and engines once: more are a map, for tables and work alone
-ALONE = {"energy": ("energy",), "constraints": ("phi", "phi-dot"), "step": ("step",)}  # figures of one column
+MOST = 14  # most lines in one figure; more are split by solver
+LEAST = 2  # least number of runs of a problem, to have something to compare
+MAP = 3 * MOST  # runs of one label; more are a map of settings, for tables and work only
+ALONE = {"energy": ("energy",), "constraints": ("phi", "phi-dot"), "step": ("step",)}  # figures of one journal column
 WORK = (
     "Lower and further left is better. Lines join the steps or tolerances of the same settings; a run that stopped "
     "early (star) has the error up to there and is not comparable. Bars: spread of repeated timings. Zeros lie on the "
@@ -47,52 +47,64 @@ CONVERGENCE = (
     "Lines join the steps or tolerances of the same settings; a run that stopped early (star) has the error up to "
     "there and is not comparable. Zeros lie on the dotted line."
 )
-TRIANGLES = (  # where there are some
+TRIANGLES = (  # added to the caption if there are triangles
     "Triangles: slopes of the whole orders that at least three runs in a row follow to 0.2; the order stands beside."
 )
-COUNTED = {  # in captions, where a panel has it
+COUNTED = {  # added to the caption if a panel has this work
     "index-1 evaluations": "Index-1 evaluations: one unit for all solvers, an evaluation of the equations with its "
     "factorisation; one without counts half.",
     "evaluations": "Evaluations: residuals or right sides, as each solver counts its own.",
 }
-CROSS = "A cross marks a run that claims success and breaks a law."  # where there is one
-CLOCK = "CPU time: of the integration alone, on one machine{}."  # where a panel has it
-Printed = tuple[str, str, float, Callable[[], Figure]]  # name of the files, what is shown, width [in], how it is drawn
+CROSS = "A cross marks a run that claims success and breaks a law."  # added if there is a cross
+CLOCK = "CPU time: of the integration alone, on one machine{}."  # added if a panel has it
+Printed = tuple[str, str, float, Callable[[], Figure]]  # name of the files, caption, width [in], function that draws
 COLOURS = ("#86bde0", "#acd1ea", "#cde3f2", "#e4f0f7", "#f7f6f1", "#ffe2ac", "#f8a66a", "#b3123a")  # as in site.css
 ROW, HEAD = 0.25, 0.75  # [in]
 SIGNS = {"good": "", "inaccurate": "≈ ", "wrong": "× ", "failed": "★ ", "open": "not finished", "refused": "refused"}
 
 
 def command(
-    folder: Path, only: Sequence[str], tell: Callable[[str], None], names: Mapping[str, str] | None = None,
+    folder: Path,
+    only: Sequence[str],
+    tell: Callable[[str], None],
+    names: Mapping[str, str] | None = None,
     font: Font = DEFAULT_FONT,
-) -> list[Path]:  # fmt: skip
-    """The command ``mbsbench figures``; ``only`` are names of variants, or of problems that have none of that name.
+) -> list[Path]:
+    """Run ``mbsbench figures``: write figures and tables, and return their paths.
 
-    Solvers are called by ``names``, where they have one there; letters are those of ``font``.
+    ``only`` names variants, or problems if there is no variant of that name; empty for all. ``tell`` receives a line
+    per variant. Solvers are renamed by ``names``; letters have the ``font``. Raise ValueError for an unknown name.
     """
     results = read_results(Path(folder), check_series=False)
-    results, own = _rename_solvers(results, looks_in_print(results.solvers), names or {})
+    results, own = _rename_solvers(results, choose_print_styles(results.solvers), names or {})
     titles = {p.title for p in results.variants}
     known = titles | {p.problem for p in results.variants}
     unknown = [name for name in only if name not in known]
     if unknown:
         raise ValueError(f"no problem {unknown[0]!r} in these results; there are {', '.join(sorted(known))}")
     variants = [p for p in results.variants if p.title in only or p.problem in {*only} - titles or not only]
-    out, captions, files = Place(Path(folder)) / FOLDER, list[dict[str, Any]](), list[Path]()
+    out, captions, files = ConfinedPath(Path(folder)) / FOLDER, list[dict[str, Any]](), list[Path]()
 
-    def keep(printed: Printed, place: Place, problem: str = "") -> None:
+    def keep(printed: Printed, place: ConfinedPath, problem: str = "") -> None:
+        """Write a figure in ``place`` and add its files and its caption, for ``problem``, to those of the command."""
         name, caption, width, draw = printed
         made = save(draw, place, name, SUFFIXES, font)
         files.extend(made)
-        captions.append({"name": name, "caption": caption, "problem": problem, "width_mm": round(width * 25.4, 1),
-                         "files": [p.relative_to(out.path).as_posix() for p in made]})  # fmt: skip
+        captions.append(
+            {
+                "name": name,
+                "caption": caption,
+                "problem": problem,
+                "width_mm": round(width * 25.4, 1),
+                "files": [p.relative_to(out.path).as_posix() for p in made],
+            }
+        )
 
-    if picture := heat(results):
+    if picture := make_heat_map(results):
         keep((OVERVIEW, HEAT, DOUBLE, partial(heat_figure, picture)), out)
     for variant in variants:
         files += write_tables([variant], out / variant.slug)
-        for printed in figures_of(results, variant, own):
+        for printed in list_figures(results, variant, own):
             keep(printed, out / variant.slug, variant.title)
         maps = [label or "no label" for label, runs in variant.labels().items() if len(runs) > MAP]
         left = f"; too many for lines over time: {', '.join(maps)}" if maps else ""
@@ -108,9 +120,9 @@ def command(
 
 
 def _rename_solvers(
-    results: Results, own: Mapping[str, Look], names: Mapping[str, str]
-) -> tuple[Results, Mapping[str, Look]]:
-    """Return the results and looks with solvers called by ``names``."""
+    results: StoredResults, own: Mapping[str, LineStyle], names: Mapping[str, str]
+) -> tuple[StoredResults, Mapping[str, LineStyle]]:
+    """Return the results and line styles with solvers called by ``names``; ValueError for unknown or equal names."""
     for name in names:
         if name not in results.solvers:
             raise ValueError(f"--name: no solver {name!r} in these results; there are {', '.join(results.solvers)}")
@@ -122,16 +134,21 @@ def _rename_solvers(
 
 
 def describe_table(variant: Variant) -> str:
-    """Return the caption of its table."""
+    """Return the caption of a variant's table."""
     measure = measure_for(variant.runs)
     until = f"; errors up to {measure.until:.4g} s" if measure and measure.until is not None else ""
     return f"{variant.title}: largest errors and CPU time of each run{until}."
 
 
-def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | None = None) -> Iterator[Printed]:
-    """Work and step against error of all runs; then of every label the laws, each alone and together."""
-    own = own or looks_in_print(results.solvers)
-    if len(variant.runs) >= LEAST and (work := plots_of(variant)):
+def list_figures(
+    results: StoredResults, variant: Variant, own: Mapping[str, LineStyle] | None = None
+) -> Iterator[Printed]:
+    """Yield figures of work and step against error of all runs, then of each label's laws, one by one and together.
+
+    Labels with more than ``MAP`` runs get no figures over time; ``own`` are line styles by solver.
+    """
+    own = own or choose_print_styles(results.solvers)
+    if len(variant.runs) >= LEAST and (work := make_work_plots(variant)):
         kinds, cpu = {p.x.title for p in work}, results.environment.get("cpu")
         clock = CLOCK.format(f" ({cpu})" if isinstance(cpu, str) and cpu else "") if "CPU time" in kinds else ""
         counted = [words for kind, words in COUNTED.items() if kind in kinds]
@@ -152,11 +169,14 @@ def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | Non
             chapter = laws(drawing)
             plots = {p.name: p for p in chapter.plots} if chapter else {}
             empty = np.zeros(0)
-            unseen = [Trace(k.words, empty, empty, solver=k.run.record.solver, who=k.who, dash=k.dash)
-                      for k in drawing.lines if not drawing.motions[k.run.record.run_id].has_steps]  # fmt: skip
+            unseen = [
+                Trace(k.words, empty, empty, solver=k.run.record.solver, who=k.who, dash=k.dash)
+                for k in drawing.lines
+                if not drawing.motions[k.run.record.run_id].has_steps
+            ]
             draw = partial(figure, looks=own, unseen=unseen)
             title = f"{variant.title}, {label or 'all runs'}"
-            if len(divided) > 1:  # of the solvers in their order
+            if len(divided) > 1:  # name the solvers of each part, in order
                 ends = dict.fromkeys((part[0].record.solver, part[-1].record.solver))
                 title += f", figure {divided.index(part) + 1} of {len(divided)}: {' to '.join(ends)}"
             for name, panels in ALONE.items():
@@ -169,26 +189,28 @@ def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | Non
 
 
 def _cross(plots: Sequence[Plot]) -> str:
+    """Return the words that explain the cross of a false success; empty if no plot has one."""
     return CROSS if any("wrong" in (t.end, *t.ends) for p in plots for t in p.traces) else ""
 
 
 def _caption(title: str, plots: Sequence[Plot]) -> str:
+    """Return a caption: the title, then each panel's title with its caption, then the cross if there is one."""
     words = " ".join(f"{p.title}: {p.caption[0].lower()}{p.caption[1:]}" for p in plots)
     return " ".join(filter(None, (f"{title}. {words}", _cross(plots))))
 
 
-def parts(runs: Sequence[Run]) -> list[list[Run]]:
-    """Whole solvers together, as many lines as one figure can bear."""
-    out: list[list[Run]] = [[]]
-    for own in by_solver(runs).values():
+def parts(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
+    """Split runs into groups of at most ``MOST``, the lines of one figure, without splitting a solver's runs."""
+    out: list[list[StoredRun]] = [[]]
+    for own in group_by_solver(runs).values():
         if out[-1] and len(out[-1]) + len(own) > MOST:
             out.append([])
         out[-1] += own
     return out
 
 
-def heat_figure(heat: Heat) -> Figure:
-    """One row a solver, one column a problem; the number is the margin."""
+def heat_figure(heat: HeatMap) -> Figure:
+    """Draw one row per solver and one column per problem; numbers are errors as fractions of their limits."""
     out = sheet(DOUBLE, scale() * (ROW * len(heat.rows) + HEAD))
     ax = out.add_subplot()
     for y, row in enumerate(heat.rows):
@@ -197,15 +219,15 @@ def heat_figure(heat: Heat) -> Figure:
             ax.add_patch(Rectangle((x, y), 1.0, 1.0, facecolor=colour, edgecolor=PAPER, linewidth=1.0))
             if box is not None:
                 loud = box.level == len(LEVELS)
-                words = plain(f"{SIGNS[box.mark.kind]}{box.text}")
+                words = strip_math(f"{SIGNS[box.mark.kind]}{box.text}")
                 ink = PAPER if loud else INK
-                ax.text(x + 0.5, y + 0.53, words, ha="center", va="center", fontsize=small(), color=ink)
+                ax.text(x + 0.5, y + 0.53, words, ha="center", va="center", fontsize=note_size(), color=ink)
     ax.set(xlim=(0, len(heat.problems)), ylim=(len(heat.rows), 0))
     columns, rows = (np.arange(len(of)) + 0.5 for of in (heat.problems, heat.rows))
-    heads = ([plain(w) for w in (p.problem.replace("_", " "), p.parameters) if w] for p in heat.problems)
+    heads = ([strip_math(w) for w in (p.problem.replace("_", " "), p.parameters) if w] for p in heat.problems)
     ax.set_xticks(columns, ["\n".join(w.replace(" ", "\n", (len(w) - 1) // 14) for w in words) for words in heads])
-    names = ["\n".join(plain(k) for k in (row.solver, row.paper_label) if k) for row in heat.rows]
-    ax.set_yticks(rows, names, fontsize=small())
+    names = ["\n".join(strip_math(k) for k in (row.solver, row.paper_label) if k) for row in heat.rows]
+    ax.set_yticks(rows, names, fontsize=note_size())
     ax.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
     ax.spines[:].set_visible(False)
     ax.grid(visible=False)

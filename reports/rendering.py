@@ -1,4 +1,4 @@
-"""Templates of pages and of drawings inside them, and one page as a file of its own."""
+"""Render the templates of pages and of drawings inside them, and write a page as one file."""
 
 import math
 from functools import cache
@@ -14,31 +14,36 @@ from .model import words
 from .model.glossary import term
 
 FOLDER = Path(__file__).parent
-SORTED = 6  # digits of a number that a table sorts by
+SORTED = 6  # digits of a number used to sort a table
 
 
 @cache
 def environment() -> Environment:
-    """Text is escaped; templates know the functions of reports/model/words.py."""
-    out = Environment(loader=FileSystemLoader(FOLDER / "templates"), autoescape=True, undefined=StrictUndefined,
-                      trim_blocks=True, lstrip_blocks=True)  # fmt: skip
+    """Return the template environment, made once: text is escaped, functions of reports/model/words.py are known."""
+    out = Environment(
+        loader=FileSystemLoader(FOLDER / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     out.filters.update(px=lambda v: f"{v:.1f}", finite=math.isfinite)
-    out.tests["known"] = lambda v: v == v  # a number
+    out.tests["known"] = lambda v: v == v  # not NaN
     out.globals.update({k: f for k, f in vars(words).items() if isfunction(f)}, term=term, num=_entry, nan=math.nan)
     return out
 
 
 def render(template: str, **values: Any) -> str:
-    """A template with ``values``."""
+    """Render the template of that name in ``templates/`` with ``values``; a missing value raises."""
     return environment().get_template(template).render(values)
 
 
 def write_file(path: Path, template: str, **values: Any) -> None:
-    """Write a page that is one file, charts included."""
+    """Write a page as one file, charts included."""
     write_text(path, render(template, **values))
 
 
 def _entry(value: float | None, show: Any = words.number) -> Markup:
-    """A number as a table's entry that sorts by its value, with as many digits as sorting needs."""
+    """Return an HTML table cell that shows a number by ``show`` and sorts by its value; NaN and None sort as empty."""
     v = math.nan if value is None else float(value)
     return Markup('<td class="n" data-v="{}">{}</td>').format("" if v != v else f"{v:.{SORTED}g}", show(v))

@@ -1,39 +1,42 @@
-"""The report of results: a site in one folder that opens from disk, and its tables for papers."""
+"""Build the report of results: a site in one folder that opens from disk, and its tables for papers."""
 
 from pathlib import Path
 
-from ..harness.places import Place
-from .model.results import Results, read_results
+from ..harness.confined_paths import ConfinedPath
+from .model.results import StoredResults, read_results
 from .model.tables import write_tables
 from .pages.base import ASSETS, WRITTEN, Site, copy_assets, write_pages
 
 OURS = ("assets", "runs", "data", "tables", "badges")  # folders that a new report replaces
-KEPT = ("figures",)  # it may hold others' work
+KEPT = ("figures",)  # may hold files of other commands
 
 
 def build(results_folder: Path) -> Path:
-    """Write ``report/`` in the results folder; returns the path of its first page."""
+    """Write ``report/`` in the results folder; return the path of its first page."""
     results = read_results(Path(results_folder))
-    return write_site(results, Place(Path(results_folder)) / "report")
+    return write_site(results, ConfinedPath(Path(results_folder)) / "report")
 
 
-def write_site(results: Results, folder: Place) -> Path:
-    """All pages of the results into ``folder``; returns the path of the first."""
+def write_site(results: StoredResults, folder: ConfinedPath) -> Path:
+    """Write all pages of the results into ``folder``; return the path of the first."""
     _clear(folder)
     copy_assets(folder, sorted(path.name for path in ASSETS.iterdir()))
     site = Site(results, folder)
     write_pages(site)
     site.finish()
     write_tables(results.variants, folder / "tables")
-    site.data(WRITTEN, len(results.runs))  # the last: an open page of an earlier report looks for it
+    site.data(WRITTEN, len(results.runs))  # written last: an open page of an earlier report waits for it
     return folder.path / "index.html"
 
 
-def _clear(folder: Place) -> None:
-    """Remove what an earlier report left: pages of runs that no longer exist."""
+def _clear(folder: ConfinedPath) -> None:
+    """Remove the files of an earlier report, such as pages of runs that no longer exist.
+
+    A folder or page that is a link to elsewhere raises before anything is removed.
+    """
     pages = [name for name in folder.names() if name.endswith(".html")]
     for name in (*OURS, *KEPT, *pages):
-        (folder / name).is_there()  # NotOwn before anything is removed
+        (folder / name).is_there()  # raises NotOwn before anything is removed
     for name in OURS:
         (folder / name).remove_folder()
     for name in pages:

@@ -1,4 +1,4 @@
-"""The page of ``mbsbench try``: one file, with all findings and the charts of the reports behind them."""
+"""Write the page of ``mbsbench try``: one file with all findings and the charts behind them."""
 
 import base64
 import math
@@ -8,18 +8,18 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from ..harness.places import Place
+from ..harness.confined_paths import ConfinedPath
 from ..harness.results.findings import Finding
 from ..harness.results.judgements.runs import Order
 from .model.frontier import frontiers, of_most_problems
-from .model.results import Results, group_by, read_results, stamp
+from .model.results import StoredResults, group_by, read_results, stamp
 from .model.tracking import list_followed
-from .pages.judged.orders import by_case, fit_of, ladders, put_triangles
-from .pages.runs.solvers import card_of
+from .pages.judged.orders import find_fit_ends, ladders, put_triangles, sort_by_case
+from .pages.runs.solvers import describe_solver
 from .plots.laws import draw_runs, laws
 from .plots.paper import figure, save
-from .plots.spec import Look, Plot, Trace, looks
-from .plots.work import plots_of
+from .plots.spec import LineStyle, Plot, Trace, choose_styles
+from .plots.work import make_work_plots
 from .rendering import write_file
 
 ORDERS = (
@@ -32,19 +32,28 @@ QUANTITIES = ("position", "orientation", "energy", "reaction")
 def write_page(
     path: Path, folder: Path, solver: str, summary: str, findings: Sequence[Finding], orders: Sequence[Order]
 ) -> None:
-    """Write ``path``: the certificate card, findings, orders, energy over the long run, and work against error.
+    """Write the certificate card, findings, orders, energy over the long run and work against error to ``path``.
 
-    ``summary`` says in words how many of the findings are met.
+    ``summary`` states how many of the findings are met.
     """
     results = read_results(folder, check_series=False)
     follow = [f for variant in results.variants for f in list_followed(variant)]
-    card = card_of(solver, orders, (), follow, of_most_problems(frontiers(results)))
-    write_file(path, "trial.html", title=solver, summary=summary, findings=findings, card=card,
-               charts=list(_charts(results, orders)), stamp=stamp(results))  # fmt: skip
+    card = describe_solver(solver, orders, (), follow, of_most_problems(frontiers(results)))
+    write_file(
+        path,
+        "trial.html",
+        title=solver,
+        summary=summary,
+        findings=findings,
+        card=card,
+        charts=list(_charts(results, orders)),
+        stamp=stamp(results),
+    )
 
 
-def _charts(results: Results, orders: Sequence[Order]) -> Iterator[dict[str, str]]:
-    chart = partial(draw_chart, looks=looks(results.solvers))
+def _charts(results: StoredResults, orders: Sequence[Order]) -> Iterator[dict[str, str]]:
+    """Yield the charts of the page: ladders of steps by problem, the laws over the long run, work against error."""
+    chart = partial(draw_chart, looks=choose_styles(results.solvers))
     for title, ladder in group_by(orders, lambda o: o.variant).items():
         if plots := _orders(ladder):
             yield chart(f"{title}: {ORDERS}", plots)
@@ -52,29 +61,29 @@ def _charts(results: Results, orders: Sequence[Order]) -> Iterator[dict[str, str
         if found := laws(draw_runs(results, [run], [run])):
             yield chart(f"Over {run.record.t_reached_s:g} s of {run.variant}.", found.plots)
     for variant in results.variants:
-        if (runs := variant.labels().get("ladder", ())) and (plots := plots_of(replace(variant, runs=runs))):
+        if (runs := variant.labels().get("ladder", ())) and (plots := make_work_plots(replace(variant, runs=runs))):
             yield chart(f"{variant.title}: work against error. Lower and further left is better.", plots)
 
 
 def _orders(orders: Sequence[Order]) -> list[Plot]:
-    """The ladders of the certificates, each with the declared order through the finest end of its fit."""
+    """Plot the ladder of each certified quantity, with the declared order through the finest end of its fit."""
     plots = []
-    for o in by_case([o for o in orders if o.quantity in QUANTITIES]):
+    for o in sort_by_case([o for o in orders if o.quantity in QUANTITIES]):
         for plot in ladders([o]):
             declared = []
-            if (fit := fit_of(o)) and math.isfinite(o.declared):
+            if (fit := find_fit_ends(o)) and math.isfinite(o.declared):
                 x, y = fit
                 line = y[0] * (x / x[0]) ** o.declared
                 declared.append(Trace(f"declared: order {o.declared:g}", x, line, dash=1))
             whole = replace(plot, title=o.quantity, traces=(*plot.traces, *declared))
-            plots.append(put_triangles(whole, [o]))  # clear of the declared line, too
+            plots.append(put_triangles(whole, [o]))  # the triangle avoids the declared line, too
     return plots
 
 
-def draw_chart(caption: str, plots: Sequence[Plot], looks: Mapping[str, Look], columns: int = 2) -> dict[str, str]:
-    """Plots as one image, whose address holds it."""
+def draw_chart(caption: str, plots: Sequence[Plot], looks: Mapping[str, LineStyle], columns: int = 2) -> dict[str, str]:
+    """Draw plots as one image; return its ``caption``, and the ``image`` as a data URL."""
     with tempfile.TemporaryDirectory() as place:
         draw = partial(figure, plots, looks, columns=columns)
-        (file,) = save(draw, Place(Path(place)), "chart", ("svg",))
+        (file,) = save(draw, ConfinedPath(Path(place)), "chart", ("svg",))
         image = "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode()
         return {"caption": caption, "image": image}

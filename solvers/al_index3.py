@@ -33,13 +33,15 @@ class AlIndex3(ClosedMarch):
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Weights that plain steps do not have, and what all refuse."""
+        """Return why the problem is refused, or None: a regularisation with plain steps, or rows without phi."""
         return refuse_unused(self, "regularisation") or super().refuses(problem, control)
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
+        """Return generalised alpha's method as the trapezoidal rule with projections."""
         method = alpha_steps(problem, self.tolerance, beta=0.25, gamma=0.5, shift=self.regularisation, projected=True)
         return replace(method, code=self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate by the same steps in plain NumPy."""
         scheme = {"beta": 0.25, "gamma": 0.5, "projected": True}
         return run_plainly(generalized_alpha.integrate, problem, control, self.tolerance, **scheme)

@@ -29,9 +29,9 @@ class Dop853Joint:
     control: ClassVar[str] = "rtol"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Refuse large mechanisms that have many closed loops."""
+        """Return the refusal of a large mechanism with many closed loops, or None."""
         return refusal(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March with error control at ``control.rtol``."""
+        """Integrate with error control at ``control.rtol``."""
         return integrate(problem, control)

@@ -14,15 +14,15 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import Marched, Method, code_option, run_plainly
+from .formulations.compiled.host import MarchedSolver, Method, code_option, run_plainly
 from .formulations.methods.energy_momentum import mean_value_steps
-from .formulations.refusals import without_gradient
+from .formulations.refusals import refuse_without_gradient
 from .plain import energy_momentum
 
 
 @solver("energy_momentum")
 @dataclass(frozen=True)
-class EnergyMomentum(Marched):
+class EnergyMomentum(MarchedSolver):
     """Mean-value steps of fixed size that keep energy and momentum."""
 
     tolerance: float = option(
@@ -32,11 +32,13 @@ class EnergyMomentum(Marched):
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Moving rows and torsional springs, and mechanisms of which no code is made, where it is asked for."""
-        return without_gradient(problem.system) or super().refuses(problem, control)
+        """Return why the problem is refused, or None: rows and forces without discrete gradients, or no code made."""
+        return refuse_without_gradient(problem.system) or super().refuses(problem, control)
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
+        """Return the mean-value method with the solver's options."""
         return mean_value_steps(problem, self.tolerance, self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate by the same steps in plain NumPy."""
         return run_plainly(energy_momentum.integrate, problem, control, self.tolerance)

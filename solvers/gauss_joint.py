@@ -36,13 +36,13 @@ class GaussJoint:
 
     @property
     def order(self) -> float:
-        """Twice the number of stages."""
+        """Order of the method, twice the number of stages."""
         return 2.0 * self.stages
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Refuse rows without phi, and large mechanisms that have many closed loops."""
+        """Return the refusal of rows without phi, and of a large mechanism with many closed loops, or None."""
         return refusal(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March in steps of ``control.dt``."""
+        """Integrate with the fixed step ``control.dt``."""
         return integrate(problem, control, gauss_lobatto(self.stages))

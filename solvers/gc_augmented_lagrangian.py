@@ -44,13 +44,17 @@ class GcAugmentedLagrangian(GaugeChoices):
     accept: float = option(1e-3, "norm of Eq. (81) at which a singular step is accepted", "sqrt(J)", above=0.0)
     soft_penalty: float = option(0.1, "xi (omega dt)^2 of singular steps; indefinite above about 0.3", "", above=0.0)
     singular_turn: float = option(
-        0.005, "largest rotation of a body per step after the first singular configuration, because passages "
-        "amplify errors; 0: no limit", "rad", at_least=0.0,
-    )  # fmt: skip
+        0.005,
+        "largest rotation of a body per step after the first singular configuration, because passages "
+        "amplify errors; 0: no limit",
+        "rad",
+        at_least=0.0,
+    )
     correct_pose: str = option(
-        "redundant", "when poses are corrected to phi = 0 after each step: in redundant systems, never, or always",
+        "redundant",
+        "when poses are corrected to phi = 0 after each step: in redundant systems, never, or always",
         choices=("redundant", "never", "always"),
-    )  # fmt: skip
+    )
 
     name: ClassVar[str]
     variant: ClassVar[str] = "AL, "
@@ -60,12 +64,15 @@ class GcAugmentedLagrangian(GaugeChoices):
 
     @property
     def follows_paper(self) -> bool:
-        """Sect. 4.3: nested loop, mu_bar and lambda_bar, raised penalties, nothing accepted above the tolerance."""
+        """Flag of options as in Sect. 4.3 of the paper.
+
+        They are a nested loop, mu_bar and lambda_bar, raised penalties, and nothing accepted above the tolerance.
+        """
         loop = self.loop == "nested" and self.lambda_bar and self.penalty_growth > 1.0
         return super().follows_paper and loop and self.correct_pose == "never" and self.accept <= self.tolerance
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Only incompatible options."""
+        """Return why the options contradict each other, the problem or the step control, or None."""
         if self.loop != "nested" and (self.lambda_bar or self.penalty_growth > 1.0):
             return "lambda_bar and penalty_growth belong to the nested loop: set loop = nested"
         if self.loop == "nested" and self.code == "mechanism":
@@ -77,17 +84,24 @@ class GcAugmentedLagrangian(GaugeChoices):
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``; singular passages are in ``events``."""
         began = cpu_seconds()
-        with making_code:  # for ``passages``
-            import scipy.signal  # noqa: F401
+        with making_code:  # imported now for ``passages``, so that its time is set-up
+            import scipy.signal  # noqa: F401  for ``passages``
 
         redundant = problem.system.nrows - len(rows_to_keep(problem.system, problem.initial))
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)
         settings = self.settings(problem)._replace(
-            active=1, always_nested=self.loop == "nested", penalty=self.penalty,
-            max_augmentations=self.max_augmentations, accept=self.of_energy(self.accept, problem), closes_pose=correct,
-            soft=self.soft_penalty, lambda_bar=self.lambda_bar, growth=self.penalty_growth,
-            singular_turn=self.singular_turn or float("inf"), redundant=redundant > 0,
-        )  # fmt: skip
+            active=1,
+            always_nested=self.loop == "nested",
+            penalty=self.penalty,
+            max_augmentations=self.max_augmentations,
+            accept=self.of_energy(self.accept, problem),
+            closes_pose=correct,
+            soft=self.soft_penalty,
+            lambda_bar=self.lambda_bar,
+            growth=self.penalty_growth,
+            singular_turn=self.singular_turn or float("inf"),
+            redundant=redundant > 0,
+        )
         set_up = cpu_seconds() - began
         out = integrate_weak_form(problem, control, self, settings)
         if out.status is Status.REFUSED:

@@ -29,9 +29,10 @@ class GcComposed:
     """ODE-GC's reversible step of fixed size, composed to higher order."""
 
     composition: str = option(
-        "suzuki4", "Suzuki's five steps (order 4), Kahan and Li's nine (6) or seventeen (8), or plain (2)",
+        "suzuki4",
+        "Suzuki's five steps (order 4), Kahan and Li's nine (6) or seventeen (8), or plain (2)",
         choices=("suzuki4", "kahan_li6", "kahan_li8", "plain"),
-    )  # fmt: skip
+    )
     rate: float = option(0.0, RATE, "rad/s", at_least=0.0)
     direction: str = option("a", "c_R of Eq. (31), as in gc_weak_form", choices=CHOICES)
     tolerance: float = option(1e-12, "tolerance of test (80) in each sub-step", "sqrt(J)", above=0.0)
@@ -42,30 +43,34 @@ class GcComposed:
 
     @property
     def order(self) -> float:
-        """That of the composition."""
+        """Order of the composition."""
         return float(COMPOSITIONS[self.composition][1])
 
     @property
     def paper_label(self) -> str:
-        """The paper's method, beyond the paper."""
+        """Label in tables; the paper has no composed method."""
         return f"ODE-GC (composed, order {self.order:g})"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Other forces than gravity, other joints than pins, a direction that the joints do not have, too much code."""
+        """Return why the problem is refused, or None.
+
+        Causes: forces but gravity, joints but pins, directions that the joints do not have, and too much code.
+        """
         return refusal(problem.system) or self._step.refuses_direction(problem) or self._step.refuses_code(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March with the fixed step ``control.dt``."""
+        """Integrate with the fixed step ``control.dt``."""
         settings, gamma = self._step.settings(problem), COMPOSITIONS[self.composition][0]
         return integrate(problem, control, composed_steps(problem.system, settings, gamma, self.rate))
 
     @property
     def _step(self) -> GcWeakForm:
+        """Weak form's solver with the same options, of which the sub-steps are."""
         return GcWeakForm(direction=self.direction, tolerance=self.tolerance, code=self.code)
 
 
 def refusal(system: MultibodySystem) -> str | None:
-    """Why the simplified step alone cannot take the system, or None."""
+    """Return why the simplified step alone cannot take the system, or None."""
     if len(system.spring_k) or len(system.torsion_k) or len(system.load_i) or len(system.user_i):
         return SPRINGS
     return None if system.is_pinned else JOINTS

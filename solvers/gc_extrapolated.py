@@ -33,19 +33,23 @@ class GcExtrapolated:
 
     @property
     def paper_label(self) -> str:
-        """The paper's method, beyond the paper."""
+        """Label in tables; the paper has no extrapolated method."""
         return f"ODE-GC (extrapolated, order {2 * self.columns})"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Other forces than gravity, other joints than pins, a direction that the joints do not have, too much code."""
+        """Return why the problem is refused, or None.
+
+        Causes: forces but gravity, joints but pins, directions that the joints do not have, and too much code.
+        """
         return refusal(problem.system) or self._step.refuses_direction(problem) or self._step.refuses_code(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March with error control."""
+        """Integrate with error control at ``control.rtol``."""
         return integrate(
             problem, control, extrapolated_steps(problem.system, self._step.settings(problem), self.columns)
         )
 
     @property
     def _step(self) -> GcWeakForm:
+        """Weak form's solver with the same options, whose steps are extrapolated."""
         return GcWeakForm(direction=self.direction, tolerance=self.tolerance, code=self.code)

@@ -30,7 +30,10 @@ class GcWeakForm(GaugeChoices):
     has_plain: ClassVar[bool] = True
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Redundant rows, which make the Newton matrix singular, and incompatible options."""
+        """Return why the problem is refused, or None.
+
+        Causes: redundant rows, which make the Newton matrix singular, and options that contradict each other.
+        """
         reason = self.refuses_choice(problem, control)
         if reason is not None:
             return reason

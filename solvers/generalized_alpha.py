@@ -36,16 +36,23 @@ class GeneralizedAlpha(ClosedMarch):
 
     @property
     def _scheme(self) -> dict[str, Any]:
-        """Chung and Hulbert's parameters of ``rho_inf``."""
+        """Keyword arguments of the scheme: Chung and Hulbert's parameters of ``rho_inf``, and the form."""
         rho = self.rho_inf
         alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
         gamma = 0.5 + alpha_f - alpha_m
         beta = 0.25 * (gamma + 0.5) ** 2
-        return {"alpha_m": alpha_m, "alpha_f": alpha_f, "beta": beta, "gamma": gamma,
-                "stabilised": self.form == "stabilised"}  # fmt: skip
+        return {
+            "alpha_m": alpha_m,
+            "alpha_f": alpha_f,
+            "beta": beta,
+            "gamma": gamma,
+            "stabilised": self.form == "stabilised",
+        }
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
+        """Return generalised alpha's method with the solver's options."""
         return replace(alpha_steps(problem, self.tolerance, **self._scheme), code=self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate by the same steps in plain NumPy."""
         return run_plainly(generalized_alpha.integrate, problem, control, self.tolerance, **self._scheme)

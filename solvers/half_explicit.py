@@ -13,14 +13,14 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import WITH_PLAIN, Marched, Method, code_option, refuse_unused
+from .formulations.compiled.host import WITH_PLAIN, MarchedSolver, Method, code_option, refuse_unused
 from .formulations.methods.half_explicit import half_explicit_steps
 from .plain import half_explicit
 
 
 @solver("half_explicit")
 @dataclass(frozen=True)
-class HalfExplicit(Marched):
+class HalfExplicit(MarchedSolver):
     """Half-explicit steps of fixed size and order 4 on index 2, projected."""
 
     tolerance: float = option(
@@ -31,12 +31,14 @@ class HalfExplicit(Marched):
     order: ClassVar[float] = 4.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """The tolerance of an iteration that plain steps do not have, and what all refuse."""
+        """Return why the problem is refused, or None: a tolerance with plain steps, or no code of the mechanism."""
         return refuse_unused(self, "tolerance") or super().refuses(problem, control)
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
+        """Return the half-explicit method with the solver's options."""
         method = half_explicit_steps(self.tolerance)
         return replace(method, code=self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate by the same steps in plain NumPy."""
         return half_explicit.integrate(problem, control)

@@ -14,7 +14,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
-from .formulations.ida import Beginning, integrate
+from .formulations.ida import InitialValueProblem, integrate
 from .formulations.layout import Layout
 from .formulations.recording import Clock
 from .formulations.start import layout_for
@@ -31,15 +31,17 @@ class IdaIndex1(BaumgarteOptions):
     paper_label: ClassVar[str] = "DAE-FI"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """A missing package, and what all these solvers refuse."""
+        """Return why the problem is refused, or None: a missing package, or what all solvers of this kind refuse."""
         return not_installed() or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
+        """Integrate index 1 with Baumgarte's terms by IDA."""
         layout, notes = layout_for(problem, self.coordinates)
 
-        def begin(layout: Layout, at: Problem) -> Beginning:
+        def begin(layout: Layout, at: Problem) -> InitialValueProblem:
+            """Return the equations and consistent initial values at a state, on the constraint rows of ``layout``."""
             y, y_dot = self.start(layout, at)
             form = self.implicit(layout, self.form, self.alpha, self.beta)
-            return Beginning(form, y, y_dot, () if self.lambda_in_error_test else (layout.lam,))
+            return InitialValueProblem(form, y, y_dot, () if self.lambda_in_error_test else (layout.lam,))
 
         return integrate(problem, control, layout, begin, notes, clock)

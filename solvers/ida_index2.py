@@ -16,10 +16,10 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import ImplicitOptions
-from .formulations.ida import Beginning, integrate
-from .formulations.layout import Layout, Stabilised
+from .formulations.ida import InitialValueProblem, integrate
+from .formulations.layout import Layout, StabilisedLayout
 from .formulations.recording import Clock
-from .formulations.refusals import without_phi
+from .formulations.refusals import refuse_without_phi
 from .formulations.start import coordinates_and_velocities, layout_for, make_consistent
 from .formulations.sundials import not_installed
 
@@ -36,26 +36,31 @@ class IdaIndex2(ImplicitOptions):
     lambda_in_error_test: bool = option(False, "include the multipliers in the local error test")
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """An alpha that would do nothing, a missing package, rows without phi in form ggl, and what all refuse."""
+        """Return why the problem is refused, or None.
+
+        Causes: an alpha without effect, a missing package, rows without phi in form ggl, and what all refuse.
+        """
         if self.form == "ggl" and self.alpha != type(self).alpha:
             return f"alpha = {self.alpha:g} acts in form velocity only: form ggl holds phi = 0 itself"
-        reason = without_phi(problem.system) if self.form == "ggl" else None
+        reason = refuse_without_phi(problem.system) if self.form == "ggl" else None
         return not_installed() or reason or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
+        """Integrate index 2, in the form of the option, by IDA."""
         layout, notes = layout_for(problem, self.coordinates)
         rate = self.alpha if self.form == "velocity" else 0.0  # the row's derivative: phi_ddot + rate phi_dot
         if self.form == "ggl":
-            layout = Stabilised(layout.system, layout.chart, layout.kept)
+            layout = StabilisedLayout(layout.system, layout.chart, layout.kept)
 
-        def begin(layout: Layout, at: Problem) -> Beginning:
+        def begin(layout: Layout, at: Problem) -> InitialValueProblem:
+            """Return the equations and consistent initial values at a state, on the constraint rows of ``layout``."""
             plain = Layout(layout.system, layout.chart, layout.kept)
             y, y_dot = make_consistent(plain, coordinates_and_velocities(plain, at), rate / 2.0, 0.0, at.initial.t)
             multipliers = [layout.lam]
-            if isinstance(layout, Stabilised):
+            if isinstance(layout, StabilisedLayout):
                 y, y_dot = (np.concatenate((part, np.zeros(layout.k))) for part in (y, y_dot))
                 multipliers.append(layout.eta)
             form = self.implicit(layout, "both" if self.form == "ggl" else "velocity", self.alpha, 0.0)
-            return Beginning(form, y, y_dot, () if self.lambda_in_error_test else tuple(multipliers))
+            return InitialValueProblem(form, y, y_dot, () if self.lambda_in_error_test else tuple(multipliers))
 
         return integrate(problem, control, layout, begin, notes, clock)

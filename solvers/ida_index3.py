@@ -14,10 +14,10 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import ImplicitOptions
-from .formulations.ida import Beginning, integrate
+from .formulations.ida import InitialValueProblem, integrate
 from .formulations.layout import Layout
 from .formulations.recording import Clock
-from .formulations.refusals import without_phi
+from .formulations.refusals import refuse_without_phi
 from .formulations.start import coordinates_and_velocities, layout_for, make_consistent
 from .formulations.sundials import not_installed
 
@@ -36,16 +36,20 @@ class IdaIndex3(ImplicitOptions):
     paper_label: ClassVar[str] = "IDA index 3 (ADAMS/MotionSolve class)"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """A missing package, rows without phi, and what all these solvers refuse."""
-        return not_installed() or without_phi(problem.system) or super().refuses(problem, control)
+        """Return why the problem is refused, or None: a missing package, rows without phi, and what all refuse."""
+        return not_installed() or refuse_without_phi(problem.system) or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
+        """Integrate index 3, phi = 0, by IDA."""
         layout, notes = layout_for(problem, self.coordinates)
 
-        def begin(layout: Layout, at: Problem) -> Beginning:
+        def begin(layout: Layout, at: Problem) -> InitialValueProblem:
+            """Return the equations and consistent initial values at a state, on the constraint rows of ``layout``."""
             y, y_dot = make_consistent(layout, coordinates_and_velocities(layout, at), 0.0, 0.0, at.initial.t)
             velocities = () if self.velocities_in_error_test else (layout.u,)
             multipliers = () if self.lambda_in_error_test else (layout.lam,)
-            return Beginning(self.implicit(layout, "position", 0.0, 0.0), y, y_dot, (*velocities, *multipliers))
+            return InitialValueProblem(
+                self.implicit(layout, "position", 0.0, 0.0), y, y_dot, (*velocities, *multipliers)
+            )
 
         return integrate(problem, control, layout, begin, notes, clock, first_step=self.first_step)

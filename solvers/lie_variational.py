@@ -30,8 +30,10 @@ class LieVariational(ClosedMarch):
     order: ClassVar[float] = 2.0
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
+        """Return RATTLE's method with Moser and Veselov's discrete free body."""
         method = symplectic_steps(problem, COMPOSITIONS["plain"][0], self.tolerance, discrete=True)
         return replace(method, code=self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate by the same steps in plain NumPy."""
         return run_plainly(rattle.integrate, problem, control, self.tolerance, discrete=True)

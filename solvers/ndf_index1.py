@@ -10,7 +10,7 @@ the discrete equations are those of form fi of ``solvers.formulations.dae``.
 the same, but a Jacobian one step old then errs by dA M^-1 / dt: on the four-bar grid, where A M^-1 A^T has condition
 1.7e8, Newton's contraction goes from 5e-3 to 40 at a step of 1e-3 s, and a run from 127 to 10,281 steps.
 
-``accelerations="mass_matrix"`` is what ode15s is handed as E(y) y' = f(y), with E = [I 0 0; 0 M 0; 0 A 0] singular. The
+``accelerations="mass_matrix"`` is the form that ode15s takes, E(y) y' = f(y), E = [I 0 0; 0 M 0; 0 A 0] singular. The
 residual is that of form fi, written so; ode15s's default for such an E ("weak" dependence on the state) leaves
 d(E y')/dy out of Newton's matrix E / (gamma dt) - df/dy, and so does this form.
 
@@ -47,9 +47,10 @@ class NdfIndex1(BaumgarteOptions):
     """NDF (ode15s's class) on semi-explicit index 1 + Baumgarte."""
 
     accelerations: str = option(
-        "unknown", "accelerations as algebraic unknowns, eliminated by M^-1, or left in E(y) y' = f(y) as in ode15s",
+        "unknown",
+        "accelerations as algebraic unknowns, eliminated by M^-1, or left in E(y) y' = f(y) as in ode15s",
         choices=("unknown", "eliminated", "mass_matrix"),
-    )  # fmt: skip
+    )
 
     norm: str = option(
         "rms",
@@ -58,14 +59,15 @@ class NdfIndex1(BaumgarteOptions):
     )
 
     paper_label: ClassVar[str] = "DAE-SE"
-    rows_every: ClassVar[int] = 12  # steps, at the rows kept
+    rows_every: ClassVar[int] = 12  # steps between two checks of the rows in use
     scheme: ClassVar[Scheme] = Scheme(BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
+        """Integrate index 1 with Baumgarte's terms by scipy_dae's NDF or Radau, step by step."""
         layout, notes = layout_for(problem, self.coordinates)
         assert control.rtol is not None  # the catalogue has seen to it
         norm = root_mean_square if self.norm == "rms" else maximum
-        keep = self.accelerations != "mass_matrix"  # F = E(y) y' - f(y): without y', what is left of dF/dy is -df/dy
+        keep = self.accelerations != "mass_matrix"  # F = E(y) y' - f(y): without y', dF/dy reduces to -df/dy
         pieces = list[tuple[DaeSolver, ImplicitForm]]()
 
         def begin(layout: Layout, at: Problem) -> None:
@@ -80,7 +82,7 @@ class NdfIndex1(BaumgarteOptions):
 
         def advance() -> tuple[float, np.ndarray, np.ndarray]:
             t, y, reaction = _step(pieces[-1][0], rows.layout)
-            rows.look(t, y)
+            rows.update_rows(t, y)
             return t, y, reaction
 
         def count(steps: int) -> dict[str, int]:
@@ -94,12 +96,16 @@ class NdfIndex1(BaumgarteOptions):
                 "difference_evaluations": spent,
             }
 
-        in_use = lambda: (rows.layout, rows.notes)  # noqa: E731
+        in_use = lambda: (rows.layout, rows.notes)  # noqa: E731  read anew at each call
         reaction = layout.all_rows(y[layout.lam])
         return march(problem, control, layout, clock, advance, y, reaction, count, notes, in_use)
 
 
 def _step(ndf: DaeSolver, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:
+    """Take one step of scipy_dae's method, or raise ``StepFailure``.
+
+    Return its time [s], y and the reaction on all constraint rows.
+    """
     try:
         message = ndf.step()
     except (RuntimeError, np.linalg.LinAlgError) as error:  # SuperLU's "Factor is exactly singular"

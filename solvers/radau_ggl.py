@@ -28,9 +28,11 @@ class RadauGgl(ClosedMarch):
     control: ClassVar[str] = "rtol"
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
+        """Return the Radau method with the solver's options."""
         assert control.rtol is not None  # the catalogue has seen to it
         return radau_steps(problem, control.rtol, self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate by the same steps in plain NumPy."""
         assert control.rtol is not None
         return run_plainly(radau_ggl.integrate, problem, control, tolerance_for(control.rtol))

@@ -27,7 +27,7 @@ class RadauIndex1(NdfIndex1):
     scheme: ClassVar[Scheme] = Scheme(RadauDAE, radau, "solve_collocation_system", radau_newton, {})
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Refuse what ``ndf_index1`` refuses, and its other norm."""
+        """Return why the problem is refused, or None: another norm than the root mean square, or as ``ndf_index1``."""
         if self.norm != "rms":
             return "errors are measured in the root mean square only: norm = max is an option of ndf_index1"
         return super().refuses(problem, control)

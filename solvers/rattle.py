@@ -32,18 +32,20 @@ class Rattle(ClosedMarch):
 
     @property
     def order(self) -> float:
-        """2, or that of the composition."""
+        """Order of the method: 2, or that of the composition."""
         return float(COMPOSITIONS[self.composition][1])
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Rows without phi, and of plain steps compositions and changing steps."""
+        """Return why the problem is refused, or None: rows without phi, and options that plain steps do not have."""
         if self.code == "plain" and (self.composition != "plain" or self.rate):
             return "plain steps are those of order 2 of one size: leave out composition and rate"
         return super().refuses(problem, control)
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
+        """Return RATTLE's method, or a composition of it, with the solver's options."""
         method = symplectic_steps(problem, COMPOSITIONS[self.composition][0], self.tolerance, rate=self.rate)
         return replace(method, code=self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate by the same steps in plain NumPy."""
         return run_plainly(rattle.integrate, problem, control, self.tolerance)

@@ -33,4 +33,5 @@ class Rk45StrongForm(StrongOptions):
     paper_label: ClassVar[str] = "ODE-45"
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
+        """Integrate Eq. (65) by scipy's RK45."""
         return integrate(problem, control, RK45, self, self.lambda_in_error_test, clock=clock)

@@ -29,4 +29,5 @@ class ScipyStrongForm(StrongOptions):
     method: str = option("DOP853", "method of scipy.integrate", choices=tuple(METHODS))
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
+        """Integrate Eq. (65) by the scipy method of the option."""
         return integrate(problem, control, METHODS[self.method], self, lambda_in_test=False, clock=clock)

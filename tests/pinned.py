@@ -12,7 +12,7 @@ import pytest
 from mbsbench.harness import machine
 
 if "--native" in (*shlex.split(os.environ.get("PYTEST_ADDOPTS", "")), *sys.argv):
-    machine.unpin()
+    machine.unpin_arithmetic()
 
 
 def pytest_addoption(parser):

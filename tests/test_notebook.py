@@ -12,11 +12,14 @@ import numpy as np
 import pytest
 
 import mbsbench
-from mbsbench import Problem, Run, Status, load, make_problem, solve
+from mbsbench import Problem, Results, Run, Status, load, make_problem, solve
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.results.records import reasons_json
-from mbsbench.harness.results.words import error_words, why
+from mbsbench.harness.results.store import UnreadableFile
+from mbsbench.harness.results.words import error_words, list_reasons
 from mbsbench.harness.types import Law, Reason
+from mbsbench.notebook import FEW, LEFT
+from mbsbench.reports.plots.spec import choose_styles
 
 DOCS = Path(mbsbench.__file__).with_name("docs")
 SHORT = {"dt": 0.01, "t_end": 0.1}
@@ -50,7 +53,10 @@ def test_page_runs_block_by_block(tmp_path, monkeypatch, capsys):
     assert Path("top.png").stat().st_size > 10_000
     assert Path("work.pdf").stat().st_size > 5_000
     assert {line.get_label() for line in names["ax"].lines} == {
-        "gc_weak_form, heavy_top", "rk45_strong_form, heavy_top", "order 2"}  # fmt: skip
+        "gc_weak_form, heavy_top",
+        "rk45_strong_form, heavy_top",
+        "order 2",
+    }
     assert len(names["results"].runs) == len(names["table"]) == 3
     assert list(names["table"].status) == ["success"] * 3
 
@@ -71,8 +77,21 @@ def test_numbers_are_those_of_a_run_of_the_harness(tmp_path, run):
     problem = make_problem("torque_free_body", {"t_end": 0.1})
     spec = make_spec(problem, "gc_weak_form", control={"dt": 0.01})
     theirs = worker(Job(spec, store.create(tmp_path)))
-    same = ["settings_id", "case", "status", "paper_label", "declared_order", "steps", "counters", "energy_drift_max_J",
-            "phi_max", "position_error_max_m", "observable_errors", "invariant_drifts", "reference"]  # fmt: skip
+    same = [
+        "settings_id",
+        "case",
+        "status",
+        "paper_label",
+        "declared_order",
+        "steps",
+        "counters",
+        "energy_drift_max_J",
+        "phi_max",
+        "position_error_max_m",
+        "observable_errors",
+        "invariant_drifts",
+        "reference",
+    ]
     assert {k: getattr(run.record, k) for k in same} == {k: getattr(theirs, k) for k in same}
 
 
@@ -115,9 +134,11 @@ def test_parameters_are_keywords_or_a_table():
     assert by_table.parameters == by_name.parameters == {"spin": 60.0}
     assert make_problem("heavy_top", {"spin": 60.0}, t_end=0.5).parameters == {"spin": 60.0, "t_end": 0.5}
     for given, more, words in (
-        (("heavy_top",), {"spinn": 5.0}, "did you mean 'spin'"), (("heavy_top", 5.0), {}, "keywords or a table"),
-        (("heavy_top", {"spin": 1.0}), {"spin": 2.0}, "spin is given twice"), ((5,), {}, "takes the name"),
-    ):  # fmt: skip
+        (("heavy_top",), {"spinn": 5.0}, "did you mean 'spin'"),
+        (("heavy_top", 5.0), {}, "keywords or a table"),
+        (("heavy_top", {"spin": 1.0}), {"spin": 2.0}, "spin is given twice"),
+        ((5,), {}, "takes the name"),
+    ):
         with pytest.raises(ValueError, match=words):
             make_problem(*given, **more)
 
@@ -132,29 +153,73 @@ def test_a_step_longer_than_the_motion_is_a_mistake(capsys):
 
 
 def test_a_long_solve_says_how_far_it_is_where_somebody_watches(monkeypatch, capsys):
-    """Lines on standard error that only go up; a script is silent, and the motion is the same."""
-    import mbsbench.api as api
+    """One line on standard error that only goes up and is gone at the end; a script is silent, the motion the same."""
+    from mbsbench.harness.execution import progress_line
 
     silent = solve("torque_free_body", "gc_weak_form", dt=1e-4, t_end=1.0)
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(api, "EVERY", 0.0)
-    monkeypatch.setattr(api, "_is_watched", lambda: True)
+    monkeypatch.setattr(progress_line, "is_watched", lambda: True)
+    monkeypatch.setattr(progress_line, "QUIET", math.inf)  # however busy the machine
+    solve("torque_free_body", "gc_weak_form", dt=1e-4, t_end=1.0)
+    assert capsys.readouterr().err == ""  # over before anybody waits
+    monkeypatch.setattr(progress_line, "QUIET", 0.0)
+    monkeypatch.setattr(progress_line, "EVERY", 0.0)
     watched = solve("torque_free_body", "gc_weak_form", dt=1e-4, t_end=1.0)
-    lines = capsys.readouterr().err.splitlines()
-    times = [float(re.fullmatch(r"torque_free_body: t = (\S+) of 1 s", line)[1]) for line in lines]
+    first, *lines, last, end = capsys.readouterr().err.split("\r")
+    times = [float(re.fullmatch(r"torque_free_body: (\S+) of 1 s simulated *", line)[1]) for line in lines]
     assert len(times) > 1 and times == sorted(times) and times[-1] <= 1.0
+    assert first == end == "" and last == " " * len(lines[-1])
     assert np.array_equal(silent.trajectory.states.R, watched.trajectory.states.R)
 
 
+def find_cells(html: str) -> dict[str, str]:
+    """The rows of the first table of two columns, by their heads."""
+    return dict(re.findall(r"<tr><th[^>]*>([^<]*)</th><td[^>]*>([^<]*)</td></tr>", html.split("</table>")[0]))
+
+
 def test_a_notebook_shows_a_table_with_the_reasons(run):
-    """Status, error and CPU time as in the record; a run that is wrong says why; names are text, not markup."""
-    shown = run._repr_html_()
-    assert f"<td>{run.record.cpu_median_s:.3g} s</td>" in shown and "<td>success</td>" in shown
-    assert error_words(run.record) in shown and "because" not in shown
+    """Status, error and CPU time as in the record; a run that is wrong says why."""
+    cells = find_cells(run._repr_html_())
+    assert cells["status"] == "success" and cells["error"] == error_words(run.record) and "because" not in cells
+    assert cells["CPU time"] == f"{run.record.cpu_median_s:.3g} s"
     law = reasons_json([Reason(Law.ENERGY, 2.0, 1.0, "J")])
-    bad = dataclasses.replace(run.record, status="wrong", wrong_because=law, case="<b>")
-    shown = dataclasses.replace(run, record=bad)._repr_html_()
-    assert escape(why(bad)[0]) in shown and "&lt;b&gt;" in shown and "<b>" not in shown
+    bad = dataclasses.replace(run.record, status="wrong", wrong_because=law)
+    assert find_cells(dataclasses.replace(run, record=bad)._repr_html_())["because"] == escape(list_reasons(bad)[0])
+    refused = dataclasses.replace(run.record, status="refused", t_reached_s=math.nan)
+    assert "reached" not in find_cells(dataclasses.replace(run, record=refused)._repr_html_())
+
+
+def test_a_notebook_shows_problems_records_and_results(run):
+    """A problem its system and source; a record its run and all columns; results a row a run, and damaged files."""
+    problem = make_problem("heavy_top", spin=60.0)
+    cells = find_cells(problem._repr_html_())
+    assert cells["parameters"] == "spin = 60.0" and cells["system"] == "1 body, 1 joint, 3 rows of constraints"
+    assert problem.source in cells["source"] and "theta" in cells["observables"]
+    shown = run.record._repr_html_()
+    assert shown.startswith(run._repr_html_())
+    assert all(f"<td{LEFT}>{name}</td>" in shown for name in vars(run.record))
+    damaged = UnreadableFile(Path("runs/a.json"), "it is no JSON")
+    many = Results(Path("here"), (run,) * (FEW + 3), (damaged,))._repr_html_()
+    assert many.count(f"<td{LEFT}>{run.record.case}</td>") == FEW and "and 3 more" in many
+    assert f"here: {FEW + 3} runs ({FEW + 3} success)" in many and "it is no JSON" in many
+
+
+def test_names_and_messages_are_text_in_a_notebook(run):
+    """Files of others and plug-ins may hold markup and control characters; nothing asks for a script or a file."""
+    evil = "<script>alert(1)</script>\x1b[2J\u202e"
+    record = dataclasses.replace(run.record, case=evil, status="crashed", message=evil)
+    problem = dataclasses.replace(make_problem("heavy_top"), source=evil, parameters={evil: evil})
+    results = Results(Path(evil), (dataclasses.replace(run, record=record),), (UnreadableFile(Path(evil), evil),))
+    for shown in (x._repr_html_() for x in (record, results, results.runs[0], problem)):
+        assert "&lt;script&gt;" in shown
+        assert not re.search("<script|<img|<link|<style|src=|href=|http|\x1b|\u202e|colou?r", shown.lower())
+
+
+@pytest.mark.parametrize("name", ["Problem", "make_problem", "solve"])
+def test_a_problem_is_shown_whatever_is_imported_first(name):
+    """Its class lies below what shows it, which comes with the names by which a user gets at problems."""
+    words = f"from mbsbench import {name}; from mbsbench.harness.types import Problem; Problem._repr_html_"
+    subprocess.run([sys.executable, "-c", words], check=True)
 
 
 def test_plot_has_a_panel_for_each_quantity(run):
@@ -164,6 +229,26 @@ def test_plot_has_a_panel_for_each_quantity(run):
     own = solve(unknown, "gc_weak_form", **SHORT)
     assert own.record.problem == "mine" and own.record.position_error_max_m < 1e-9
     assert len([ax for ax in own.plot().axes if ax.axison]) == 5
+
+
+def test_runs_of_a_problem_share_a_plot(run):
+    """A line for each, named by solver and setting, in the colour that its solver has in reports."""
+    finer = solve("torque_free_body", "gc_weak_form", dt=0.005, t_end=0.1)
+    other = solve("torque_free_body", "rk45_strong_form", rtol=1e-6, t_end=0.1)
+    figure = run.plot(finer, other)
+    (legend,) = figure.legends
+    said = {
+        text.get_text(): line.get_color() for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
+    }
+    shown = choose_styles(["gc_weak_form", "rk45_strong_form"])
+    for words, solver in (("dt = 0.01 s", "gc_weak_form"), ("dt = 0.005 s", "gc_weak_form"), ("1e-06", "rk45")):
+        (name,) = [k for k in said if k.startswith(solver) and k.endswith(words)]
+        assert said[name] == shown[name.split(" ")[0].rstrip(",")].colour
+    assert len(run.plot(run).axes[0].lines) >= 2  # before and after a change of its solver, with equal settings
+    with pytest.raises(ValueError, match=r"runs of one problem \(got torque_free_body and heavy_top\)"):
+        run.plot(solve(*TOP, **SHORT))
+    with pytest.raises(ValueError, match=r"plot takes runs \(got RunRecord\)"):
+        run.plot(other.record)
 
 
 def test_problem_outside_the_catalogue_is_given_again(tmp_path, run):

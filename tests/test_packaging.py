@@ -42,7 +42,7 @@ def _data() -> list[Path]:
         pytest.skip("needs git and a checkout")
     files = [ROOT / line for line in git.stdout.splitlines() if not line.endswith(".py")]
     left_out = {f for patterns in SETUPTOOLS["exclude-package-data"].values() for p in patterns for f in ROOT.glob(p)}
-    return [f for f in [*files, ROOT / "requirements.lock"] if f.exists() and f not in left_out]
+    return [f for f in [*files, ROOT / "locks" / "requirements.lock"] if f.exists() and f not in left_out]
 
 
 def test_the_checker_is_in_the_wheel():
@@ -61,9 +61,12 @@ def test_the_wheel_stays_below_3_MB():
 def test_wheel_carries_modules_and_data(tmp_path):
     """Built from a copy of what is committed or about to be; the same files shape results there as here."""
     listed = subprocess.run(
-        ("git", "ls-files", "--cached", "--others", "--exclude-standard"), cwd=ROOT, capture_output=True, text=True,
+        ("git", "ls-files", "--cached", "--others", "--exclude-standard"),
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
         check=False,
-    )  # fmt: skip
+    )
     if listed.returncode:
         pytest.skip("needs git and a checkout")
     for name in listed.stdout.splitlines():
@@ -90,16 +93,20 @@ def test_wheel_carries_modules_and_data(tmp_path):
     assert not {n for n in inside - wanted if not n.split("/")[0].endswith(".dist-info")}
     code = "import mbsbench.harness.results.environment as e; print(e.code_digest(), e.commit() or 'no commit')"
     installed = subprocess.run(
-        (sys.executable, "-c", code), cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path / "installed")},
-        check=True, capture_output=True, text=True,
-    )  # fmt: skip
+        (sys.executable, "-c", code),
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path / "installed")},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     assert installed.stdout.strip() == f"{environment.code_digest()} no commit"
 
 
 def test_locks_carry_hashes_and_agree():
     """Each package of each lock is one of known files; what two of one environment name has one version."""
     known: dict[str, set[str]] = {}
-    for path in sorted(ROOT.glob("requirements*.lock")):
+    for path in sorted((ROOT / "locks").glob("requirements*.lock")):
         own: dict[str, set[str]] = {}
         for pin in re.split(r"\n(?=[A-Za-z0-9])", path.read_text(encoding="utf-8")):
             first, *rest = pin.splitlines()
@@ -125,6 +132,11 @@ def test_called_targets_are_in_the_makefile(path):
     called = set(re.findall(r"(?<![\w-])make ([a-z][a-z-]*)", path.read_text(encoding="utf-8")))
     assert called
     assert called <= TARGETS
+
+
+def test_the_workflow_of_the_wheel_has_the_same_limit():
+    (limit,) = re.findall(r"-lt (\d+)", (ROOT / ".github" / "workflows" / "wheel.yml").read_text(encoding="utf-8"))
+    assert int(limit) == LARGEST
 
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda p: p.name)

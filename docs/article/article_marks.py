@@ -1,4 +1,4 @@
-"""Marks of the article's source, as HTML and as LaTeX: *emphasis*, `code`, $equations$."""
+"""Convert marks of the article's source to HTML and to LaTeX: *emphasis*, `code`, $equations$."""
 
 import html
 import re
@@ -18,7 +18,7 @@ POWERS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 
 
 def as_html(text: str) -> str:
-    """Marks of a line of text."""
+    """Return a line of text with its marks in HTML."""
 
     def equation(m: re.Match[str]) -> str:
         own = m[0][1:-1]
@@ -31,7 +31,7 @@ def as_html(text: str) -> str:
 
 
 def as_latex(text: str) -> str:
-    """Marks of a line of text; equations stay as they are."""
+    """Return a line of text with its marks in LaTeX; equations are unchanged."""
 
     def plain(own: str) -> str:
         own = re.sub(r"([&%#_{}$])", r"\\\1", own).replace("~", r"\textasciitilde{}")

@@ -1,4 +1,4 @@
-"""The article from one source, as HTML and LaTeX; where pdflatex exists, as PDF.
+"""Build the article from one source, as HTML and LaTeX; where pdflatex exists, as PDF.
 
     python docs/article/build_article.py [FOLDER]      # make article
 
@@ -25,7 +25,7 @@ from article_marks import EQUATION, as_html, as_latex  # type: ignore[import-not
 from jinja2 import nodes
 from jinja2.ext import Extension
 
-from mbsbench.harness.places import Place
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.reports.model.words import number
 from mbsbench.reports.plots.paper import save
 
@@ -35,23 +35,37 @@ PLACES = re.compile(
     r"\b(?:Sect|Fig|Eq|Ref)s?\. \(?\d+(?:\.\d+)*[a-f]?\)?(?:(?:, | and | to )\(?\d+(?:\.\d+)*[a-f]?\)?)*"
 )
 NAMES_WITH_DIGITS = ("ODE-45", "four-bar", "index 1", "index 3", "index-1", "2022")  # methods, the year of the paper
-WORDS = re.compile(r"\b(?:three|four|five|six|seven|eight|nine|ten|eleven|twelve|\w+teen|twenty|thirty|forty|fifty|"
-                   r"dozen|hundred|thousand|million|per ?cent|thrice)s?\b", re.IGNORECASE)  # fmt: skip
+WORDS = re.compile(
+    r"\b(?:three|four|five|six|seven|eight|nine|ten|eleven|twelve|\w+teen|twenty|thirty|forty|fifty|"
+    r"dozen|hundred|thousand|million|per ?cent|thrice)s?\b",
+    re.IGNORECASE,
+)
 JINJA = re.compile(r"\{\{.*?\}\}|\{%.*?%\}|\{#.*?#\}", re.DOTALL)
 CODE = re.compile(r"`[a-z]\w*`")  # names of solvers and programs
 INDEX = re.compile(r"[_^]\{?-?\d+\}?")
-LATEX = dict(zip(("block_start_string", "block_end_string", "variable_start_string", "variable_end_string",
-                  "comment_start_string"), ("<%", "%>", "<<", ">>", "<#"), strict=True))  # fmt: skip
+LATEX = dict(
+    zip(
+        (
+            "block_start_string",
+            "block_end_string",
+            "variable_start_string",
+            "variable_end_string",
+            "comment_start_string",
+        ),
+        ("<%", "%>", "<<", ">>", "<#"),
+        strict=True,
+    )
+)
 RUN_LIMIT = 300  # [s] of one pass of pdflatex
 
 
 class Assert(Extension):
-    """``{% assert claim("x").verdict == "not reproduced" %}``: the sentence that follows needs it."""
+    """Fail the build where ``{% assert claim("x").verdict == "not reproduced" %}`` does not hold."""
 
     tags = {"assert"}  # noqa: RUF012  # as the base class has it
 
     def parse(self, parser: Any) -> nodes.Node:
-        """A call that fails where the condition does not hold."""
+        """Return a call that fails where the condition does not hold."""
         line = next(parser.stream).lineno
         call = self.call_method("_check", [parser.parse_expression()], lineno=line)
         return nodes.CallBlock(call, [], [], []).set_lineno(line)
@@ -63,7 +77,7 @@ class Assert(Extension):
 
 
 def show(value: Any) -> str:
-    """A value as the text has it; one without a finite number is a fault."""
+    """Return a value as the text has it; raise Fault for one without a finite number."""
     if isinstance(value, jinja2.Undefined):
         raise Fault(f"{value._undefined_name!r} is not in published results")
     if value is None:
@@ -76,16 +90,17 @@ def show(value: Any) -> str:
 
 
 def environment() -> jinja2.Environment:
-    """Placeholders with the names of the data, none undefined."""
-    found = jinja2.Environment(undefined=jinja2.StrictUndefined, finalize=show, extensions=[Assert], autoescape=False,
-                               trim_blocks=True)  # fmt: skip
+    """Return an environment with the names of the data as placeholders, none undefined."""
+    found = jinja2.Environment(
+        undefined=jinja2.StrictUndefined, finalize=show, extensions=[Assert], autoescape=False, trim_blocks=True
+    )
     found.globals = dict(data.NAMES)
     found.filters["measured"] = data.format_measured
     return found
 
 
 def check_source(text: str) -> None:
-    """No number is typed: neither in the prose, nor in an equation, nor as a literal in a placeholder."""
+    """Check that no number is typed: neither in the prose, nor in an equation, nor as a literal in a placeholder."""
 
     def blank(m: re.Match[str]) -> str:
         return re.sub(r"[^\n]", " ", m[0])
@@ -107,10 +122,11 @@ def check_source(text: str) -> None:
         for part in output.nodes:
             if isinstance(part, nodes.TemplateData):
                 continue
-            wrapped = nodes.Output([part])  # so that it is itself among what is found in it
+            wrapped = nodes.Output([part])  # ``find_all`` searches below a node: wrapped, the part itself is found too
             places = {id(c) for n in wrapped.find_all(nodes.Getitem) for c in n.find_all(nodes.Const)}
-            names = {id(c) for n in wrapped.find_all(nodes.Call) for c in n.find_all(nodes.Const)
-                     if isinstance(c.value, str)}  # fmt: skip
+            names = {
+                id(c) for n in wrapped.find_all(nodes.Call) for c in n.find_all(nodes.Const) if isinstance(c.value, str)
+            }
             for const in wrapped.find_all(nodes.Const):
                 if id(const) not in places | names:
                     raise at(part.lineno, f"the placeholder types {const.value!r} instead of naming a source")
@@ -119,12 +135,12 @@ def check_source(text: str) -> None:
 
 
 def at(line: int, words: str) -> Fault:
-    """A fault with its line in the source."""
+    """Return a fault with its line in the source."""
     return Fault(f"{SOURCE.name}:{line}: {words}")
 
 
 def fill(text: str) -> str:
-    """The text with its numbers."""
+    """Return the text with its numbers."""
     check_source(text)
     try:
         return environment().from_string(text).render()
@@ -135,7 +151,7 @@ def fill(text: str) -> str:
 
 @dataclass(frozen=True)
 class Block:
-    """A paragraph, heading, table or figure; ``name`` of a table or figure, whose text is the caption."""
+    """Hold a paragraph, heading, table or figure; ``name`` is that of a table or figure, whose text is the caption."""
 
     kind: str
     text: str
@@ -143,7 +159,7 @@ class Block:
 
 
 def blocks(text: str) -> list[Block]:
-    """The filled text in its parts, which blank lines separate."""
+    """Split the filled text into its parts at blank lines."""
     out = []
     for part in filter(None, (p.strip() for p in re.split(r"\n\s*\n", text))):
         mark, _, rest = part.partition(" ")
@@ -160,7 +176,7 @@ def blocks(text: str) -> list[Block]:
 
 
 def render(found: list[Block], template: str, marks: Callable[[str], str], **signs: str) -> str:
-    """The article in the format of a template; ``signs`` are those of its placeholders."""
+    """Return the article in the format of a template; ``signs`` are those of its placeholders."""
     page = jinja2.Environment(trim_blocks=True, autoescape=False, **signs)  # type: ignore[arg-type]  # marks escape
     page.filters["marks"] = marks
     text = (HERE / template).read_text(encoding="utf-8")
@@ -173,7 +189,7 @@ def build(folder: Path) -> list[Path]:
     found = blocks(fill(SOURCE.read_text(encoding="utf-8")))
     for block in found:
         if block.kind == "figure":
-            save(data.FIGURES[block.name], Place(folder), block.name, ("pdf", "svg"))
+            save(data.FIGURES[block.name], ConfinedPath(folder), block.name, ("pdf", "svg"))
     out = [folder / "article.html", folder / "article.tex"]
     out[0].write_text(render(found, "html.j2", as_html), encoding="utf-8")
     out[1].write_text(render(found, "latex.j2", as_latex, **LATEX), encoding="utf-8")
@@ -181,10 +197,11 @@ def build(folder: Path) -> list[Path]:
 
 
 def compile_latex(path: Path) -> Path:
-    """The PDF."""
+    """Return the path of the compiled PDF."""
     line = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", path.name]
-    done = subprocess.run(line, cwd=path.parent, capture_output=True, text=True, errors="replace", timeout=RUN_LIMIT,
-                          check=False)  # fmt: skip
+    done = subprocess.run(
+        line, cwd=path.parent, capture_output=True, text=True, errors="replace", timeout=RUN_LIMIT, check=False
+    )
     if done.returncode:
         raise Fault(f"pdflatex: {next((w for w in done.stdout.splitlines() if w.startswith('!')), 'it failed')}")
     return path.with_suffix(".pdf")

@@ -1,7 +1,7 @@
-"""Gyroscope in steady precession: a top on a spherical joint, its axis turning steadily about the vertical.
+"""Model a gyroscope in steady precession: a top on a spherical joint, its axis turning steadily about the vertical.
 
-Numbers: a disc of 1 kg and 0.1 m radius, 0.2 m from the joint; the inertia about C is that of a thin disc. The spin
-follows from the rate of precession: I3 w3 rate = m g l + I1 rate^2 cos(theta), I1 about the joint.
+The body is a thin disc of 1 kg and 0.1 m radius, 0.2 m from the joint. The spin follows from the rate of precession: I3
+w3 rate = m g l + I1 rate^2 cos(theta), I1 about the joint.
 """
 
 import math
@@ -32,7 +32,7 @@ E_3 = np.array([0.0, 0.0, 1.0])  # the axis in the body, the vertical in space
 
 @dataclass(frozen=True)
 class Precession:
-    """R(t) = exp(rate t e_Z) R(0) exp(spin t e_3), the joint at the origin."""
+    """Evaluate R(t) = exp(rate t e_Z) R(0) exp(spin t e_3), the joint at the origin."""
 
     start: State
     rate: float
@@ -41,7 +41,7 @@ class Precession:
     horizon: float = math.inf
 
     def states(self, t: np.ndarray) -> States:
-        """The motion."""
+        """Return the motion."""
         turn = so3.exp(self.rate * t[:, None] * E_3)
         R = turn @ self.start.R[0] @ so3.exp(self.spin * t[:, None] * E_3)
         r = turn @ self.start.r[0]
@@ -50,7 +50,7 @@ class Precession:
         return States(r[:, None], R[:, None], np.cross(self.rate * E_3, r)[:, None], Omega[:, None])
 
     def error(self, t: np.ndarray) -> np.ndarray:
-        """Rounding [m], of angles that grow."""
+        """Return the rounding [m] of angles that grow."""
         return 1e-15 * (1.0 + abs(self.spin) * np.abs(t)) * ARM
 
 
@@ -61,7 +61,7 @@ def gyroscope(
     rate: Annotated[float, Parameter("of the precession", "rad/s", above=0.0)] = 2.0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Disc on a spherical joint in steady precession."""
+    """Model a disc on a spherical joint in steady precession."""
     disc = RigidBody(MASS, np.diag([TRANSVERSE, TRANSVERSE, AXIAL]), "disc")
     system = assemble([disc], [Joint(0, (0.0, 0.0, -ARM), name="O")], (0.0, 0.0, -gravity))
     angle = math.radians(theta)
@@ -73,7 +73,7 @@ def gyroscope(
     start = State(r[None], R[None], np.cross(omega, r)[None], (R.T @ omega)[None])
 
     def exact(begin: State) -> Precession | None:
-        """For this start only: a perturbed one nutates."""
+        """Return the exact motion for this start only: a perturbed one nutates."""
         same = all(np.allclose(getattr(begin, f), getattr(start, f), atol=1e-12) for f in ("r", "R", "v", "Omega"))
         return Precession(begin, rate, spin) if same else None
 

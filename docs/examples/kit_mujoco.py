@@ -1,11 +1,11 @@
-"""MuJoCo steps the kit's cases from their MJCF."""
+"""Step the kit's cases in MuJoCo from their MJCF."""
 
 import mujoco
 import numpy as np
 
 
 def mujoco_motion(case, integrator="RK4", tight=True):
-    """RK4, or another integrator; without ``tight`` its loops are as soft as they come."""
+    """Step by RK4, or another integrator; without ``tight`` loops have MuJoCo's default stiffness."""
     model = mujoco.MjModel.from_xml_string(case.mjcf)
     model.opt.integrator, model.opt.tolerance = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}"), 1e-14
     if tight:  # loops as stiff as MuJoCo allows

@@ -1,4 +1,4 @@
-"""Pinocchio steps the kit's cases by semi-implicit Euler, the loop of most scripts: trees and loops, no springs."""
+"""Step the kit's cases in Pinocchio by semi-implicit Euler, the loop of most scripts: trees and loops, no springs."""
 
 import numpy as np
 import pinocchio as pin
@@ -8,7 +8,7 @@ WORLD, EYE, PROXIMAL = pin.LOCAL_WORLD_ALIGNED, np.eye(3), pin.ProximalSettings(
 
 
 def pinocchio_motion(case, change=lambda inertia: inertia):
-    """Accelerations of Pinocchio; ``change`` makes its inertias wrong."""
+    """Step by accelerations of Pinocchio; ``change`` makes its inertias wrong."""
     model, joint, centres, loops = pin.Model(), {-1: 0}, {}, pin.StdVec_RigidConstraintModel()
     model.gravity.linear = np.array(case.numbers["gravity"])
     for x in case.links:

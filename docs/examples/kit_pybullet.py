@@ -1,4 +1,4 @@
-"""PyBullet steps the kit's cases from their URDF, whose numbers it reads in 32 bits: trees."""
+"""Step the kit's cases in PyBullet from their URDF, whose numbers it reads in 32 bits: trees."""
 
 from pathlib import Path
 
@@ -12,11 +12,11 @@ if not p.isConnected():
 
 
 def pybullet_motion(case):
-    """Featherstone's algorithm of Bullet."""
+    """Step by Featherstone's algorithm of Bullet."""
     p.resetSimulation()
     p.setTimeStep(case.dt)
     p.setGravity(*case.numbers["gravity"])
-    Path(f"{case.name}.urdf").write_text(case.urdf)  # a name of its own: PyBullet caches files
+    Path(f"{case.name}.urdf").write_text(case.urdf)  # a separate name, because PyBullet caches files
     robot = p.loadURDF(f"{case.name}.urdf", useFixedBase=not case.floats, flags=p.URDF_USE_INERTIA_FROM_FILE)
     link = {p.getJointInfo(robot, j)[12].decode(): j for j in range(p.getNumJoints(robot))}
     for x in case.links:

@@ -1,4 +1,4 @@
-"""The files of a bundle, made from a results folder and what its problems say they keep: nothing is run anew."""
+"""List the files of a bundle from a results folder and the invariants of its problems, without running a solver."""
 
 import contextlib
 import hashlib
@@ -12,19 +12,19 @@ from typing import Any
 
 import numpy as np
 
+from ..confined_paths import ConfinedPath
 from ..files import FileError, exact, parse_json, read_text
 from ..mechanics.joints import KINDS
-from ..places import Place
 from ..results import store
 from ..results.records import COLUMNS, RunRecord, is_literal
-from ..results.selection import REACTION, STATE, select_states
+from ..results.selection import REACTIONS, STATE, select_states
 from ..results.series import Series
 from ..types import Status
 from .crate import METADATA, describe_crate
 from .invariants import describe_invariants
 from .table import make_table
 
-FORMAT, VERSION = "mbsbench bundle", 4
+FORMAT, VERSION = "mbsbench bundle", 5
 RUN_ID = re.compile(r"[0-9a-f]{8,64}")
 TEXT = re.compile(r"[a-z0-9_-]+\.toml|environment\.[0-9a-f]{12}\.json")  # of a results folder
 LOCAL = ("executable", "results_folder")  # of an environment: names of this machine
@@ -39,13 +39,13 @@ DRAWN = (
     "system_",
     "last_",
     "bundled_",
-)  # no rows along t
+)  # these series are no rows along t
 SORT = "system_joint_sort"
-ENERGY = "energy_error"  # of each state: no state tells the work done
+ENERGY = "energy_error"  # of each state: the work done does not follow from the state
 NUMBERS = ("gravity", "joint_i", "system_mass", "system_user_i", SORT, *(f"start_{name}" for name in STATE))
 Array = np.ndarray[Any, Any]
 NOTHING: Mapping[str, Series] = MappingProxyType({})
-FORCES = {  # follow the joints, as joints of one row: the names of their numbers
+FORCES = {  # listed after the joints, as joints of one row: names of their numbers
     "spring": {"i": "i", "j": "j", "s_i": "p_i", "s_j": "p_j", "length": "d0", "k": "k", "c": "c"},
     "torsion": {"i": "i", "j": "j", "u": "u", "n": "n", "length": "rest", "k": "k", "c": "c"},
     "load": {"i": "i", "s_i": "p", "u": "force", "w": "torque", "length": "follows", "motion": "factor"},
@@ -54,17 +54,19 @@ FORCES = {  # follow the joints, as joints of one row: the names of their number
 
 @dataclass
 class _Exact:
-    """Exact states of a problem at the times of all its runs, each kept once."""
+    """Collect exact states of a problem at the times of all its runs, each kept once."""
 
-    about: dict[str, Any]
-    at: dict[float, dict[str, Array]] = field(default_factory=dict)
+    about: dict[str, Any]  # every number of the problem
+    at: dict[float, dict[str, Array]] = field(default_factory=dict)  # by time [s]: r, R, v, Omega, stated error
 
     def add(self, series: Series, chosen: Array) -> None:
+        """Add the exact states beside a run at the times that ``chosen`` marks; known times stay."""
         for k in np.flatnonzero(chosen):
             state = {name: series[f"sample_{name}"][k] for name in (*STATE, "error")}
             self.at.setdefault(float(series["sample_t"][k]), state)
 
     def matrix(self) -> bytes:
+        """Return an NPY matrix of all states in the order of time, with the reference's stated error [m]."""
         times = sorted(self.at)
         stated, *states = (np.array([self.at[t][name] for t in times]) for name in ("error", *STATE))
         return _write_states(stated, np.array(times), *states)
@@ -73,9 +75,10 @@ class _Exact:
 def list_contents(
     folder: Path, records: Iterable[RunRecord], *, lossless: bool, again: Mapping[str, Series] = NOTHING
 ) -> Iterator[tuple[str, bytes]]:
-    """Name and content of each file of the bundle but the manifest, in order.
+    """Yield name and content of each file of the bundle except the manifest, in order.
 
-    ``again``: series of runs that were solved again, by run_id.
+    ``lossless`` bundles have every step of every run. ``again`` has the series of runs that were solved again, by
+    run_id.
     """
     records, files = sorted(records, key=lambda r: r.run_id), dict[str, tuple[str, int]]()
     for name, content in _list_data(folder, records, again, lossless=lossless):
@@ -87,6 +90,10 @@ def list_contents(
 def _list_data(
     folder: Path, records: Sequence[RunRecord], again: Mapping[str, Series], *, lossless: bool
 ) -> Iterator[tuple[str, bytes]]:
+    """Yield name and content of each file but the metadata; ``again`` and ``lossless`` as in ``list_contents``.
+
+    Raise FileError where a series is damaged, or has too few states for a lossless bundle.
+    """
     runs, exact_of = list[dict[str, Any]](), dict[str, _Exact]()
     codes = sorted({r.code for r in records})
     yield "bundle.json", _json({"format": FORMAT, "version": VERSION, "lossless": lossless, "codes": codes})
@@ -97,9 +104,9 @@ def _list_data(
         if not RUN_ID.fullmatch(record.run_id):
             raise FileError(f"{record.run_id!r} is no id of a run")
         run: dict[str, Any] = {"run_id": record.run_id, "problem": "", "states": "none", "peaks_s": {}, "arrays": {}}
-        run |= {"reaction": list[float](), "between": False}
+        run |= {"reactions": dict[str, list[float]](), "between": False}
         with _whole_series(record):
-            series = again.get(record.run_id) or store.series_of(folder, record)
+            series = again.get(record.run_id) or store.read_run_series(folder, record)
             if series is not None and "state_t" in series:
                 _check_arrays(record, series)
                 problem = _describe_problem(record, series)
@@ -113,9 +120,10 @@ def _list_data(
                     )
                 exact_of.setdefault(name, _Exact(problem)).add(series, exact_ones | lossless)
                 run["peaks_s"] = dict(series.peaks)
-                if "state_reaction" in series and REACTION in series.peaks:
-                    (at,) = np.flatnonzero(series["state_t"] == series.peaks[REACTION])
-                    run["reaction"] = series["state_reaction"][at].tolist()
+                for column in REACTIONS if "state_reaction" in series else ():
+                    if column in series.peaks:
+                        (at,) = np.flatnonzero(series["state_t"] == series.peaks[column])
+                        run["reactions"][column] = series["state_reaction"][at].tolist()
                 if np.any(chosen):
                     every = np.all(chosen) and len(chosen) == len(series["t"])
                     run["states"] = "every step" if every else "some steps"
@@ -134,7 +142,7 @@ def _list_data(
 
 @contextlib.contextmanager
 def _whole_series(record: RunRecord) -> Iterator[None]:
-    """FileError that names the run where its series holds arrays of other types or shapes than a run leaves."""
+    """Raise a FileError that names the run where its series holds arrays of other types or shapes than a run writes."""
     try:
         yield
     except FileError:
@@ -144,10 +152,12 @@ def _whole_series(record: RunRecord) -> Iterator[None]:
 
 
 def _check_arrays(record: RunRecord, series: Series) -> None:
-    """FileError unless states and exact states are there as they should be, and all numbers of the problem."""
+    """Raise FileError unless states, exact states and all numbers of the problem are present in the right shapes."""
     if "end_turns" in series and np.any(series["end_turns"]):
-        raise FileError(f"run {record.run_id}: its torsional springs turn beyond half a turn about rest, which states "
-                        "do not tell; leave it out")  # fmt: skip
+        raise FileError(
+            f"run {record.run_id}: its torsional springs turn beyond half a turn about rest, which "
+            "states do not record; leave it out"
+        )
     nb = len(series["system_mass"]) if "system_mass" in series else -1
     shape = {"t": (), "r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 3), "Omega": (nb, 3), "error": ()}
     whole = all(name in series for name in (*NUMBERS, "t", ENERGY)) and bool(
@@ -162,20 +172,20 @@ def _check_arrays(record: RunRecord, series: Series) -> None:
 
 
 def _energy_of_states(series: Series) -> Array:
-    """The energy error of each state; a file of every step has it in its rows."""
+    """Return the energy error [J] of each state; a series of every step has it in its rows only."""
     if f"state_{ENERGY}" in series:
         return series[f"state_{ENERGY}"]
     return series[ENERGY][np.searchsorted(series["t"], series["state_t"])]
 
 
 def _rows(series: Series) -> dict[str, Array]:
-    """All that the series holds along its times, and the reactions of its states."""
+    """Return the arrays with one number for each time ``t``, and the reactions of the states."""
     rows = {name: a for name, a in series.arrays.items() if not name.startswith(DRAWN) and a.shape == series["t"].shape}
     return rows | {name: a for name, a in series.arrays.items() if name == "state_reaction"}
 
 
 def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
-    """Every number of the problem of a run, from its series."""
+    """Return every number of the problem of a run, from its series."""
     plain = {"gravity": series["gravity"], **{k: a for k, a in series.arrays.items() if k.startswith("joint_")}}
     plain |= {k.removeprefix("system_"): a for k, a in series.arrays.items() if k.startswith("system_")}
     plain |= {k: a for k, a in series.arrays.items() if k.startswith("start_")}
@@ -183,20 +193,31 @@ def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
     kinds += [force for force in FORCES for _ in plain[f"{force}_i"]]
     plain = _add_forces(plain)
     return {
-        "problem": record.problem, "parameters": parse_json(record.problem_parameters, "parameters"),
-        "t_end_s": record.t_end_s, "literal_start": is_literal(record), "section": record.section,
-        "body_names": series.body_names, "joint_names": series.joint_names, "joint_kinds": kinds,
+        "problem": record.problem,
+        "parameters": parse_json(record.problem_parameters, "parameters"),
+        "t_end_s": record.t_end_s,
+        "literal_start": is_literal(record),
+        "section": record.section,
+        "body_names": series.body_names,
+        "joint_names": series.joint_names,
+        "joint_kinds": kinds,
         "not_serialised": [f"user force {k}" for k in range(len(plain["user_i"]))],
         "invariants": describe_invariants(record.problem, record.problem_parameters),
         "reference": {
-            "kind": series.reference, "route": record.reference, "horizon_s": exact(record.reference_horizon_s),
+            "kind": series.reference,
+            "route": record.reference,
+            "horizon_s": exact(record.reference_horizon_s),
         },
         "numbers": {name: a.tolist() for name, a in sorted(plain.items())},
-    }  # fmt: skip
+    }
 
 
 def _add_forces(plain: Mapping[str, Array]) -> dict[str, Array]:
-    """The numbers of a problem, its forces added to its joints."""
+    """Return the numbers of a problem, with its springs, torsional springs and loads appended to its joints.
+
+    A reader of the bundle then has one table of connections, in which ``FORCES`` names the columns that each kind
+    fills.
+    """
     own = {name: a for name, a in plain.items() if not name.startswith(tuple(f"{force}_" for force in FORCES))}
     own |= {f"joint_{key}": np.zeros(len(own["joint_i"])) for key in ("k", "c")}
     for force, names in FORCES.items():
@@ -206,20 +227,20 @@ def _add_forces(plain: Mapping[str, Array]) -> dict[str, Array]:
         for name in [name for name in own if name.startswith("joint_")]:
             rows = np.zeros((size, *own[name].shape[1:]))
             given = numbers.get(name.removeprefix("joint_"), rows)
-            rows[tuple(slice(n) for n in given.shape)] = given  # two normals of three
+            rows[tuple(slice(n) for n in given.shape)] = given  # a torsional spring fills two normals of three
             own[name] = np.concatenate([own[name], rows])
     return own
 
 
 def _write_states(stated: Array, *states: Array) -> bytes:
-    """A matrix: times, then each number of each body along them, and what is stated."""
+    """Return an NPY matrix: times, then each number of each body along them, then the stated error or energy error."""
     t, r, *_ = states
     bodies = np.concatenate([a.reshape(*r.shape[:2], -1) for a in states[1:]], axis=2)
     return _write_npy(np.concatenate([t[None], bodies.reshape(len(t), -1).T, stated[None]]))
 
 
 def _pack(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:
-    """Arrays as one vector, and where each begins: {name: [offset, shape]}."""
+    """Return arrays as one vector, and where each begins: {name: [offset, shape]}."""
     index, offset = dict[str, Any](), 0
     for name, a in arrays.items():
         index[name] = [offset, list(a.shape)]
@@ -228,15 +249,15 @@ def _pack(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:
 
 
 def _write_npy(a: Array) -> bytes:
-    """An NPY file with the same bytes from every version of NumPy."""
+    """Return an NPY file whose bytes do not depend on the version of NumPy."""
     head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {a.shape}, }}"
     head += " " * (-(len(head) + 11) % 64) + "\n"
     return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head.encode() + np.asarray(a, "<f8").tobytes()
 
 
 def _texts(folder: Path) -> Iterator[tuple[str, bytes]]:
-    """The suite of a results folder with those it includes, and its environments."""
-    here = Place(folder)
+    """Yield the suite of a results folder with the suites it includes, and its environments."""
+    here = ConfinedPath(folder)
     for name in filter(TEXT.fullmatch, here.names()):
         text = read_text(here / name, name)
         if name.startswith("environment."):
@@ -246,4 +267,5 @@ def _texts(folder: Path) -> Iterator[tuple[str, bytes]]:
 
 
 def _json(value: Any) -> bytes:
+    """Return a value as compact JSON, the same bytes on every machine; raise ValueError for NaN."""
     return json.dumps(value, sort_keys=True, allow_nan=False, separators=(",", ":")).encode()

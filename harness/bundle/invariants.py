@@ -1,4 +1,4 @@
-"""The invariants of a problem in numbers: which momentum or rate, along which direction of space or body."""
+"""Describe the invariants of a problem in numbers: which momentum or rate, along which direction of space or body."""
 
 import math
 from collections.abc import Iterator
@@ -15,15 +15,15 @@ from ..mechanics.motion import angular_momentum, linear_momentum
 from ..mechanics.state import States
 from ..types import Problem
 
-STATES, SEED, SAME = 8, 1, 1e-12  # arbitrary states at which an invariant is told from others; relative difference
+STATES, SEED, SAME = 8, 1, 1e-12  # random states at which invariants are compared; relative difference of equal ones
 
 
 @cache
 def describe_invariants(name: str, parameters: str) -> list[dict[str, Any]]:
-    """Each invariant of a problem: name, unit, and its quantity, which is left out where it is none of those here."""
+    """Return each invariant of a problem: name, unit, and quantity, which is absent where it has no form here."""
     try:
         problem = make_problem(name, parse_json(parameters, "parameters"))
-    except (ValueError, KeyError):  # a plugin's, which is not loaded, or of an older code
+    except (ValueError, KeyError):  # from a plugin that is not loaded, or from an older version of the code
         return []
     if not problem.invariants:
         return []
@@ -38,7 +38,7 @@ def describe_invariants(name: str, parameters: str) -> list[dict[str, Any]]:
 
 
 def _quantities(problem: Problem, s: States) -> Iterator[tuple[dict[str, Any], Float[np.ndarray, " nt"]]]:
-    """Components that may be kept: of momenta and spins along the home axes in space, of body rates along body axes."""
+    """Yield components that may be conserved: momenta and spins along home axes, rates of bodies along body axes."""
     system = problem.system
     spins = np.einsum("tbij,bjk,tbk->tbi", s.R, system.inertia, s.Omega)
     for e in problem.frame.T:
@@ -53,4 +53,5 @@ def _quantities(problem: Problem, s: States) -> Iterator[tuple[dict[str, Any], F
 
 
 def _is_same(a: np.ndarray, b: np.ndarray) -> bool:
+    """Return whether two series are equal to rounding, relative to the largest of ``b``."""
     return bool(np.max(np.abs(a - b)) <= SAME * max(float(np.max(np.abs(b))), math.ulp(1.0)))

@@ -1,4 +1,4 @@
-"""The table of a bundle: how runs ended, least errors and least costs, by problem and solver."""
+"""Tabulate how runs ended, with the least errors and least costs, by problem and solver."""
 
 import math
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from ..results.records import RunRecord
 from ..types import Status
 
 JUDGED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
-ACCURATE = 1e-3  # of the length of the motion: the error of which the least cost is told
+ACCURATE = 1e-3  # relative to the length of the motion: error within which the least cost is reported
 
 
 def make_table(records: Sequence[RunRecord]) -> list[dict[str, Any]]:
-    """A row a problem and solver, in their order."""
+    """Return a row for each problem and solver, in their order."""
     return [
         {"problem": key[0], "problem_parameters": key[1], "solver": key[2], **_count(list(runs))}
         for key, runs in groupby(sorted(records, key=_key), _key)
@@ -22,10 +22,16 @@ def make_table(records: Sequence[RunRecord]) -> list[dict[str, Any]]:
 
 
 def _key(r: RunRecord) -> tuple[str, str, str]:
+    """Return problem, parameters and solver of a run: runs that share them share a row of the table."""
     return r.problem, r.problem_parameters, r.solver
 
 
 def _count(runs: Sequence[RunRecord]) -> dict[str, Any]:
+    """Return how many runs ended with each judged status, the least motion error [m], and the least CPU time [s].
+
+    Errors are those of successes; times are those of successes within ``ACCURATE``. Both are infinite where there is
+    none.
+    """
     good = [r for r in runs if r.status == Status.SUCCESS and math.isfinite(r.motion_error_judged_m)]
     near = [r.cpu_median_s for r in good if r.motion_error_judged_m <= ACCURATE * r.length_scale_m]
     return {

@@ -1,1 +1,1 @@
-"""The catalogues: problems and solvers with their options, from this tree and from plugins."""
+"""Catalogue problems and solvers with their options, from this tree and from plugins."""

@@ -1,6 +1,6 @@
-"""A solver from one function: ``@step``, a step of fixed size, and ``@rhs``, accelerations that scipy integrates.
+"""Make solvers from one function: ``@step``, a step of fixed size, or ``@rhs``, accelerations that scipy integrates.
 
-Time, limits, recording, the spool and counters are here; the function knows the system and a state.
+The function gets the system and a state. Time, limits, recording, the spool and counters are handled here.
 """
 
 import dataclasses
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from ..code_meter import solver_seconds
 from ..mechanics.consistency import InconsistentStart
-from ..mechanics.counting import Count, counting
+from ..mechanics.counting import CallCount, collect_counts
 from ..mechanics.dynamics import Rates
 from ..mechanics.jacobian import independent_rows
 from ..mechanics.state import State, States
@@ -28,16 +28,18 @@ from .options import option
 from .registry import keyword_options, solver
 
 METHODS = {m.__name__: m for m in (si.RK23, si.RK45, si.DOP853, si.Radau, si.BDF, si.LSODA)}
+# from (t [s], state at t) to the next accepted step: its t [s], state, and reaction or None
 Advance = Callable[[float, State], tuple[float, State, np.ndarray | None]]
+# from (system, start) to the reason of a refusal, or None
 Refuses = Callable[[MultibodySystem, State], str | None]
 
 
 class StepFailed(Exception):
-    """Raise it in a step or an rhs that cannot go on: the run ends as ``diverged``, with its words as the reason."""
+    """Signal in a step or an rhs that it cannot continue: the run ends as ``diverged``, with the message as reason."""
 
 
-class Stop(Exception):
-    """Why a march cannot go on."""
+class MarchStopped(Exception):
+    """Signal that a march cannot continue, with the status and message of its motion."""
 
     def __init__(self, status: Status, message: str) -> None:
         super().__init__(message)
@@ -45,15 +47,21 @@ class Stop(Exception):
 
 
 def step(name: str, *, order: float = math.nan, refuses: Refuses | None = None) -> Callable[[Callable[..., Any]], type]:
-    """Mark ``(system, state, dt) -> state`` or ``-> (state, reaction)`` as a solver of fixed steps of that order.
+    """Return a decorator that turns a function ``(system, state, dt) -> state`` into a solver with fixed steps dt [s].
 
-    Keyword parameters annotated with a ``Parameter`` are its options.
+    The function may also return ``(state, reaction)``. Its keyword parameters annotated with a ``Parameter`` are
+    options of the solver ``name``. ``order`` is the power of dt with which its error falls (NaN: none is claimed).
+    ``refuses(system, state)`` returns why it cannot take a problem with this start, or None.
     """
     return lambda function: _solver_from(function, name, _Steps, {"order": order}, refuses)
 
 
 def rhs(name: str, *, refuses: Refuses | None = None) -> Callable[[Callable[..., Any]], type]:
-    """Mark ``(system, state) -> Rates`` as a solver with error control; its option ``method`` is one of scipy's."""
+    """Return a decorator that turns a function ``(system, state) -> Rates`` into a solver with error control.
+
+    The option ``method`` of the solver ``name`` is one of scipy's, which integrates the accelerations that the function
+    returns. ``refuses(system, state)`` returns why it cannot take a problem with this start, or None.
+    """
     return lambda function: _solver_from(function, name, _Rates, {}, refuses)
 
 
@@ -64,16 +72,26 @@ def _solver_from(
     declared: dict[str, Any],
     refuses: Refuses | None,
 ) -> type:
+    """Return a class, registered as solver ``name``, that integrates by the author's ``function``, as ``base`` does.
+
+    ``declared`` are further attributes of the class, such as its order. ``refuses`` is the author's, or None.
+    """
     own = keyword_options(f"solver {name}", function, len(base.TAKES))
     fields = [(k, type(default), option(default, p.doc, p.unit, **_limits(p))) for k, (default, p) in own.items()]
-    body = {**declared, "function": staticmethod(function), "refused": staticmethod(refuses or (lambda *_: None)),
-            "own": tuple(own), "__doc__": inspect.getdoc(function) or ""}  # fmt: skip
+    body = {
+        **declared,
+        "function": staticmethod(function),
+        "refused": staticmethod(refuses or (lambda *_: None)),
+        "own": tuple(own),
+        "__doc__": inspect.getdoc(function) or "",
+    }
 
     def solve(self: Any, problem: Problem, control: StepControl) -> Trajectory:
+        """Solve the problem as the base class does, by the author's function."""
         found: Trajectory = base.solve(self, problem, control)
         return found
 
-    solve.__wrapped__ = function  # type: ignore[attr-defined]  # whoever looks for the code finds the author's
+    solve.__wrapped__ = function  # type: ignore[attr-defined]  # ``inspect`` finds the author's code
     body["solve"] = solve
     made = dataclasses.make_dataclass(function.__name__, fields, bases=(base,), namespace=body, frozen=True)
     made.__module__ = function.__module__
@@ -81,12 +99,13 @@ def _solver_from(
 
 
 def _limits(p: Any) -> dict[str, Any]:
+    """Return the limits of a Parameter (choices, above, at_least, at_most) as keywords of ``option``."""
     return {k: v for k, v in vars(p).items() if k not in ("doc", "unit")}
 
 
 @dataclass(frozen=True)
 class _FromFunction:
-    """Fields that both have."""
+    """The fields and methods that both kinds of solvers made from a function share."""
 
     paper_label: ClassVar[str] = ""
     function: ClassVar[Any]
@@ -94,27 +113,30 @@ class _FromFunction:
     own: ClassVar[tuple[str, ...]]  # options of the function
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """The author's description."""
+        """Return why the author's ``refuses`` declines the problem; None if it accepts it, or if there is none."""
         found: str | None = self.refused(problem.system, problem.initial)
         return found
 
     def call(self, *arguments: Any) -> Any:
-        """The function with its options."""
+        """Call the author's function with ``arguments``, and with the options of this solver as keywords."""
         return self.function(*arguments, **{k: getattr(self, k) for k in self.own})
 
 
 @dataclass(frozen=True)
 class _Steps(_FromFunction):
+    """A solver by the author's function for one step."""
+
     TAKES: ClassVar[tuple[str, ...]] = ("system", "state", "dt")
     control: ClassVar[str] = "dt"
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Steps of ``control.dt``, the last one cut to end at ``t_end``."""
+        """Integrate with steps of ``control.dt``, the last one cut to end at ``t_end``."""
         dt = float(control.dt or math.nan)
         steps = max(1, math.ceil(problem.t_end / dt - 1e-9))
         done = 0
 
         def advance(t: float, s: State) -> tuple[float, State, np.ndarray | None]:
+            """Return time [s], state and reaction one step after ``t``; raise an error for an invalid result."""
             nonlocal done
             done += 1
             ahead = problem.t_end if done == steps else done * dt
@@ -127,21 +149,25 @@ class _Steps(_FromFunction):
                 raise ValueError(f"a step returned a state with t = 0 s at its end, t = {ahead:.6g} s; {REMEDY}")
             return ahead, state, reaction
 
-        return _march(problem, control, advance, None, lambda: {"rejected": 0})  # none is ever cut
+        # steps of fixed size are never rejected
+        return _march(problem, control, advance, None, lambda: {"rejected": 0})
 
 
 @dataclass(frozen=True)
 class _Rates(_FromFunction):
+    """A solver by the author's function for accelerations."""
+
     TAKES: ClassVar[tuple[str, ...]] = ("system", "state")
     control: ClassVar[str] = "rtol"
     method: str = option("DOP853", "method of scipy.integrate", choices=tuple(METHODS))
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Accepted steps of the method on (r, quaternion, v, Omega); atol = rtol."""
+        """Integrate (r, quaternion, v, Omega) and record the accepted steps of the method; atol equals rtol."""
         began, nb = solver_seconds(), problem.system.nb
         cuts = np.cumsum([3, 4, 3]) * nb
 
         def rates(s: State) -> Rates:
+            """Return the accelerations and reactions that the author's function gives; raise TypeError otherwise."""
             with step_from(s.t):
                 found = self.call(problem.system, s)
             if not isinstance(found, Rates):
@@ -149,10 +175,12 @@ class _Rates(_FromFunction):
             return found
 
         def state(t: float, y: Float[np.ndarray, " n"]) -> State:
+            """Return the state at ``t`` [s] from scipy's vector y of (r, quaternion, v, Omega)."""
             r, q, v, Omega = (a.reshape(nb, -1) for a in np.split(y, cuts))
             return State(r, Rotation.from_quat(q, scalar_first=True).as_matrix(), v, Omega, t)
 
         def y_dot(t: float, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+            """Return the time derivative of scipy's vector y at ``t`` [s], unless the CPU time is over."""
             _check_clock(control, began)
             d, q = rates(state(t, y)), y[cuts[0] : cuts[1]].reshape(nb, 4)
             turning = np.concatenate((np.zeros((nb, 1)), d.Omega), axis=1)
@@ -162,15 +190,16 @@ class _Rates(_FromFunction):
         q = Rotation.from_matrix(s.R).as_quat(scalar_first=True)
         y = np.concatenate([a.ravel() for a in (s.r, q, s.v, s.Omega)])
         limits: dict[str, Any] = {"rtol": control.rtol, "atol": control.rtol, "max_step": control.max_step or np.inf}
-        with counting(Count()) as begun:
+        with collect_counts(CallCount()) as begun:
             first = rates(s).reaction
             run = METHODS[self.method](y_dot, 0.0, y, problem.t_end, **limits)
 
         def advance(t: float, s: State) -> tuple[float, State, np.ndarray | None]:
+            """Return time, state and reaction after the next step that scipy accepts."""
             with np.errstate(all="ignore"):
                 said = run.step()
             if run.status == "failed":
-                raise Stop(Status.STEP_UNDERFLOW, str(said).rstrip(".").lower())
+                raise MarchStopped(Status.STEP_UNDERFLOW, str(said).rstrip(".").lower())
             here = state(run.t, run.y)
             return run.t, here, rates(here).reaction
 
@@ -178,34 +207,43 @@ class _Rates(_FromFunction):
 
 
 def _march(
-    problem: Problem, control: StepControl, advance: Advance, first: np.ndarray | None,
-    counters: Callable[[], dict[str, int]], begun: Count | None = None,
-) -> Trajectory:  # fmt: skip
-    """The motion; ``begun``: calls of ``accelerations`` made before, which replace evaluations counted otherwise."""
+    problem: Problem,
+    control: StepControl,
+    advance: Advance,
+    first: np.ndarray | None,
+    counters: Callable[[], dict[str, int]],
+    begun: CallCount | None = None,
+) -> Trajectory:
+    """March by ``advance`` from the problem's start to its end, and return the motion with all accepted steps.
+
+    ``first`` is the reaction at the start (None: unknown), ``counters()`` returns at the end what the method counted.
+    ``begun`` has the calls of ``accelerations`` before the first step; if there are any calls, their numbers replace
+    those of ``counters``. An error in a step becomes the status of the motion, which keeps the steps before it.
+    """
     began = solver_seconds()
     t, s = 0.0, problem.initial
     times, states, reactions = [t], [s], [first]
     status, message = Status.SUCCESS, "reached the end"
-    count = begun or Count()
+    count = begun or CallCount()
     try:
         while t < problem.t_end:
             if len(times) > control.max_steps:
-                raise Stop(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
+                raise MarchStopped(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
             _check_clock(control, began)
-            with counting(count):
+            with collect_counts(count):
                 t, s, reaction = advance(t, s)
             s = dataclasses.replace(s, t=t)
             if not all(np.all(np.isfinite(a)) for a in vars(s).values()):
-                raise Stop(Status.DIVERGED, "the state is no longer finite")
+                raise MarchStopped(Status.DIVERGED, "the state is no longer finite")
             times.append(t)
             states.append(s)
             reactions.append(reaction)
             if control.spool is not None and control.spool.due():
                 new = slice(control.spool.rows, None)
                 control.spool.take(times[new], _stack_states(states[new]))
-    except Stop as stop:
+    except MarchStopped as stop:
         status, message = stop.status, stop.message
-    except (StepFailed, InconsistentStart, ArithmeticError) as error:  # of a motion that has gone astray
+    except (StepFailed, InconsistentStart, ArithmeticError) as error:  # the motion has diverged
         status, message = Status.DIVERGED, str(error) or type(error).__name__
     except np.linalg.LinAlgError as error:
         redundant = describe_redundant_rows(problem) if "ingular" in str(error) else ""
@@ -216,30 +254,39 @@ def _march(
     none = np.full(problem.system.nrows, math.nan)
     known = [none if a is None else np.asarray(a, dtype=float) for a in reactions]
     return Trajectory(
-        np.array(times), _stack_states(states), status, message, {"steps": len(times) - 1, **counters(), **own},
-        reaction=None if all(a is None for a in reactions) else np.array(known), cpu_time=solver_seconds() - began,
-    )  # fmt: skip
+        np.array(times),
+        _stack_states(states),
+        status,
+        message,
+        {"steps": len(times) - 1, **counters(), **own},
+        reaction=None if all(a is None for a in reactions) else np.array(known),
+        cpu_time=solver_seconds() - began,
+    )
 
 
 def describe_redundant_rows(problem: Problem) -> str:
-    """Return what to do about redundant constraint rows, which make the saddle-point matrix singular; else nothing."""
+    """Return what to do about redundant constraint rows, which make a saddle-point matrix singular, or ""."""
     rows, rank = problem.system.nrows, len(independent_rows(problem.system, problem.initial))
     if rank == rows:
         return ""
-    return (f"{problem.name} has redundant rows ({rows} rows of rank {rank}): solve by least squares "
-            "(numpy.linalg.lstsq), as accelerations() does, or refuse such problems (refuses=)")  # fmt: skip
+    return (
+        f"{problem.name} has redundant rows ({rows} rows of rank {rank}): solve by least squares "
+        "(numpy.linalg.lstsq), as accelerations() does, or refuse such problems (refuses=)"
+    )
 
 
 def _check_clock(control: StepControl, began: float) -> None:
+    """Raise MarchStopped if the CPU time since ``began`` [s] exceeds the limit of ``control``."""
     if control.cpu_limit is not None and solver_seconds() - began > control.cpu_limit:
-        raise Stop(Status.STALLED, f"the CPU limit of {control.cpu_limit:g} s was reached")
+        raise MarchStopped(Status.STALLED, f"the CPU limit of {control.cpu_limit:g} s was reached")
 
 
 def _stack_states(states: list[State]) -> States:
+    """Return single states as the states of a motion, with time as the first axis."""
     return States(*(np.array([getattr(s, name) for s in states]) for name in ("r", "R", "v", "Omega")))
 
 
 def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Product of quaternions (nb, 4), w first."""
+    """Return the product of quaternions (nb, 4), w first."""
     w, u, x, v = p[:, :1], p[:, 1:], q[:, :1], q[:, 1:]
     return np.concatenate((w * x - np.sum(u * v, axis=1)[:, None], w * v + x * u + np.cross(u, v)), axis=1)

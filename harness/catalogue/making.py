@@ -1,4 +1,4 @@
-"""``make_problem`` of the public interface: parameters in a table or as keywords."""
+"""Provide ``make_problem`` of the public interface, with parameters in a table or as keywords."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,9 +8,10 @@ from . import registry
 
 
 def make_problem(name: str, parameters: Mapping[str, Any] | None = None, /, **more: Any) -> Problem:
-    """Return the problem ``name``, or of a mechanism's file, with its start checked.
+    """Return the problem ``name``, or the one in a mechanism's file, with its start checked.
 
-    Parameters, numbers or text, are keywords or a table: ``make_problem("heavy_top", spin=60.0)``.
+    Parameters, numbers or text, are keywords or a table: ``make_problem("heavy_top", spin=60.0)``. Raise ValueError if
+    they are invalid.
     """
     if not isinstance(name, str):
         raise ValueError(f"make_problem takes the name of a problem or of a mechanism's file (got {name!r:.40})")

@@ -1,8 +1,8 @@
-"""Files of mechanisms: MuJoCo's own parser and compiler read MJCF and URDF (extra ``engines``).
+"""Read files of mechanisms; MuJoCo's parser and compiler read MJCF and URDF (extra ``engines``).
 
-Meshes become points before the compiler sees them, so that their files need not be there while what refers to them
-stays. What URDF needs beside that is in module ``urdf``. SDFormat and USD have readers of their own (modules
-``sdformat`` and ``usd``).
+Meshes become points before the compiler sees them, so that their files may be missing while elements that refer to them
+stay. Module ``urdf`` has what URDF needs in addition. SDFormat and USD have separate readers (modules ``sdformat`` and
+``usd``).
 """
 
 import hashlib
@@ -15,104 +15,128 @@ from typing import Any
 
 import numpy as np
 
-from ..places import read_whole
+from ..confined_paths import read_whole
 from . import sdformat, urdf, usd
 from .closing import close_joints
 from .links import LinkMechanism
-from .mechanism import NO_INERTIA, CompiledMechanism, Mechanism, Omitted, find_joints, is_straight_spring
+from .mechanism import CompiledMechanism, MechanismFile, OmittedContents, find_joints, is_straight_spring, say_locked
+from .mujoco_bodies import group_bodies, settle_inertia
 from .mujoco_flags import apply_flags
 
+# file name extensions: read by MuJoCo's compiler, and by our readers
 COMPILED, SDFORMAT, USD = (".xml", ".mjcf", ".urdf"), (".sdf", ".world"), (".usd", ".usda", ".usdc", ".usdz")
 COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+# a file that an MJCF file includes or attaches
 INCLUDE = re.compile(rb"<(?:include|model)\b[^>]*?\bfile\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
-ROOT = re.compile(rb"<\s*([A-Za-z_][\w:.-]*)")  # of an XML file: its first tag behind declarations and comments
+ROOT = re.compile(rb"<\s*([A-Za-z_][\w:.-]*)")  # first tag of an XML file, after declarations and comments
 SUFFIXES = (*COMPILED, *SDFORMAT, *USD)
 
 
 def is_mechanism(name: str) -> bool:
-    """Whether ``name`` means a file of a mechanism."""
+    """Return whether ``name`` has the extension of a mechanism's file."""
     return Path(name).suffix.lower() in SUFFIXES
 
 
-def name_of(path: str | Path) -> str:
-    """The name of a file's problem, in letters that need no quotes."""
+def choose_name(path: str | Path) -> str:
+    """Return the name of a file's problem: that of the file, with characters that need no quotes."""
     return re.sub(r"[^\w+-]+", "_", Path(path).stem)
 
 
 def files(path: Path) -> tuple[Path, ...]:
-    """The file and those that it includes: all that a motion depends on (inertias of meshes are refused)."""
+    """Return the file and those that it includes, on which its motion depends; meshes have no part in it."""
     if path.suffix.lower() in USD:
         return usd.layers(path)
     found = [path]
     for here in found if path.suffix.lower() in COMPILED else ():
-        found += [p for p in _included(here, path) if p not in found]
+        found += [p for p in _list_included(here, path) if p not in found]
     return tuple(found)
 
 
-def _included(here: Path, top: Path) -> Iterator[Path]:
-    """Files that a file of MuJoCo's names, beside it or beside the first one, where MuJoCo looks for them."""
+def _list_included(here: Path, top: Path) -> Iterator[Path]:
+    """Yield the existing files that the MJCF file ``here`` names: beside it or, as in MuJoCo, beside the first file."""
     text = COMMENT.sub(b"", read_whole(here))
     for match in INCLUDE.finditer(text):
         name = (match[1] or match[2]).decode(errors="replace")
         yield from [p for p in (here.parent / name, top.parent / name) if p.is_file()][:1]
 
 
-def read(path: Path) -> Mechanism:
-    """The file, or ValueError in one line."""
+def read(path: Path) -> MechanismFile:
+    """Return the mechanism in a file in any of the formats (``SUFFIXES``).
+
+    Raise ValueError with a message of one line if it cannot be read, or if a joint or loop is not supported.
+    """
     if not path.is_file():
         raise ValueError("there is no such file")
     suffix = path.suffix.lower()
     out = _compile_file(path) if suffix in COMPILED else _read_links(path, sdformat if suffix in SDFORMAT else usd)
-    out.system()  # refuses joints and loops that are not taken over
+    out.system()  # raises ValueError for joints and loops that are not supported
     return out
 
 
 def _read_links(path: Path, reader: Any) -> LinkMechanism:
+    """Read a file by the ``Document`` of the module ``reader``, and close joints that rounding leaves open."""
     found = reader.Document(path)
     if not found.links:
         raise ValueError("nothing in it can move: no body is free or has a joint")
     joints = close_joints(found.joints)
-    return LinkMechanism(name_of(path), path, _digest(path), found.reader, found.links, joints, found.gravity,
-                         found.dt, {what: n for what, n in found.omitted.items() if n})  # fmt: skip
+    reader, omitted = found.reader + say_locked(found.locked), {what: n for what, n in found.omitted.items() if n}
+    return LinkMechanism(
+        choose_name(path), path, digest(path), reader, found.links, joints, found.gravity, found.dt, omitted
+    )
 
 
 def _compile_file(path: Path) -> CompiledMechanism:
+    """Read an MJCF or URDF file by MuJoCo's parser and compiler, without the files of meshes and textures.
+
+    Raise ValueError with a message of one line if MuJoCo or this reader refuses it.
+    """
     try:
         mj = importlib.import_module("mujoco")
     except ImportError:
         raise ValueError("MuJoCo reads such files and is not installed: pip install 'mbsbench[engines]'") from None
-    robot = urdf.Document(path) if _root(path) == b"robot" else None
+    root = _root(path)
+    robot = urdf.UrdfDocument(path) if root in (b"robot", b"") else None
     try:
-        spec = mj.MjSpec.from_string(robot.text) if robot and robot.text else mj.MjSpec.from_file(str(path))
+        spec = mj.MjSpec.from_string(robot.text) if robot else mj.MjSpec.from_file(str(path))
+        if robot and spec.compiler.inertiafromgeom == mj.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+            raise ValueError("inertiafromgeom is not taken over of a URDF: its inertias are those of its links")
+        if robot:
+            spec.compiler.fusestatic = robot.fuses  # which loses inertias of links without mass
         _without_looks(mj, spec)
-        for body in spec.bodies:  # slender rods and point masses
-            if body.explicitinertial and np.isnan(body.fullinertia[0]):
-                body.inertia = np.where(body.inertia == 0.0, NO_INERTIA, body.inertia)
-        with warnings.catch_warnings():  # about motions, which are not MuJoCo's here
+        for body in spec.bodies:
+            settle_inertia(mj, body)
+        with warnings.catch_warnings():  # warnings about motions, which are not computed by MuJoCo here
             warnings.simplefilter("ignore", UserWarning)
             model = spec.compile()
-    except ValueError as error:  # of MuJoCo, over several lines
+    except ValueError as error:  # MuJoCo's messages have several lines
         message = " ".join(str(error).split()).partition(" The static bodies of the spec were fused")[0]
         raise ValueError(robot.explain(message) if robot else message) from None
     apply_flags(mj, model)
-    if not set(model.body_weldid) - {0}:
-        raise ValueError("nothing in it can move: no body has a joint")
+    if not np.any(group_bodies(model)):
+        raise ValueError(f"nothing in it can move: {robot.at_rest if robot else 'no body has a joint'}")
     omitted = {what: n for what, n in _count_omitted(mj, model).items() if n}
     more = {} if robot is None else {what: n for what, n in robot.omitted.items() if n}
-    return CompiledMechanism(name_of(path), path, _digest(path), mj, model, omitted | more)
+    return CompiledMechanism(
+        choose_name(path), path, digest(path), mj, model, omitted | more, robot.locked if robot else 0
+    )
 
 
 def _root(path: Path) -> bytes:
+    """Return the tag of the first element of an XML file, such as ``robot`` or ``mujoco``; empty if there is none."""
     found = ROOT.search(COMMENT.sub(b"", read_whole(path)))
     return found[1] if found else b""
 
 
-def _digest(path: Path) -> str:
+def digest(path: Path) -> str:
+    """Return the first 12 hexadecimal digits of the SHA-256 of the file and of all that it includes."""
     return hashlib.sha256(b"\0".join(read_whole(p) for p in files(path))).hexdigest()[:12]
 
 
 def _without_looks(mj: Any, spec: Any) -> None:
-    """Meshes become points and textures are left out: their files need not be there; no inertia may come from them."""
+    """Replace meshes of a MuJoCo spec by points and remove textures, since their files may be missing.
+
+    Raise ValueError for flexible bodies, plugins, and moving bodies whose inertia is that of a mesh.
+    """
     if spec.flexes or spec.plugins:
         raise ValueError("flexible bodies and plugins of MuJoCo are not taken over")
     from_geoms = spec.compiler.inertiafromgeom
@@ -135,6 +159,7 @@ def _without_looks(mj: Any, spec: Any) -> None:
 
 
 def _moves(spec: Any, body: Any) -> bool:
+    """Return whether the body, or one of its ancestors, has a joint."""
     while body.name != spec.worldbody.name:
         if body.joints:
             return True
@@ -142,27 +167,31 @@ def _moves(spec: Any, body: Any) -> bool:
     return False
 
 
-def _count_omitted(mj: Any, m: Any) -> dict[Omitted, int]:
+def _count_omitted(mj: Any, m: Any) -> dict[OmittedContents, int]:
+    """Count by kind the contents of MuJoCo's model ``m`` that have no counterpart here; counts may be 0."""
     straight = sum(is_straight_spring(mj, m, k) for k in range(m.ntendon))
     ours = find_joints(mj, m)
     return {
-        Omitted.ACTUATORS: m.nu,
-        Omitted.COLLIDING: int(np.sum((m.geom_contype | m.geom_conaffinity) != 0)),
-        Omitted.LIMITS: int(np.sum(m.jnt_limited) + np.sum(m.tendon_limited)),
-        Omitted.STIFFNESS: _some(m.jnt_stiffness, m.jnt_stiffnesspoly)
+        OmittedContents.ACTUATORS: m.nu,
+        OmittedContents.COLLIDING: int(np.sum((m.geom_contype | m.geom_conaffinity) != 0)),
+        OmittedContents.LIMITS: int(np.sum(m.jnt_limited) + np.sum(m.tendon_limited)),
+        OmittedContents.STIFFNESS: _count_nonzero_rows(m.jnt_stiffness, m.jnt_stiffnesspoly)
         - len(ours.turning_springs)
         - len(ours.sliding_springs),
-        Omitted.DAMPING: _some(m.dof_damping, m.dof_dampingpoly)
+        OmittedContents.DAMPING: _count_nonzero_rows(m.dof_damping, m.dof_dampingpoly)
         - len(ours.turning_dampers)
         - len(ours.sliding_dampers),
-        Omitted.FRICTION: _some(m.dof_frictionloss) + _some(m.tendon_frictionloss),
-        Omitted.ARMATURE: _some(m.dof_armature) - len(ours.armatures) + _some(m.tendon_armature),
-        Omitted.LIFT: _some(m.body_gravcomp),
-        Omitted.FLUID: int(m.opt.density != 0.0 or m.opt.viscosity != 0.0),
-        Omitted.TENDONS: m.ntendon - straight,
+        OmittedContents.FRICTION: _count_nonzero_rows(m.dof_frictionloss) + _count_nonzero_rows(m.tendon_frictionloss),
+        OmittedContents.ARMATURE: _count_nonzero_rows(m.dof_armature)
+        - len(ours.armatures)
+        + _count_nonzero_rows(m.tendon_armature),
+        OmittedContents.LIFT: _count_nonzero_rows(m.body_gravcomp),
+        OmittedContents.FLUID: int(m.opt.density != 0.0 or m.opt.viscosity != 0.0),
+        OmittedContents.TENDONS: m.ntendon - straight,
+        OmittedContents.MOCAP: m.nmocap,
     }
 
 
-def _some(*values: np.ndarray) -> int:
-    """How many rows are not zero."""
+def _count_nonzero_rows(*values: np.ndarray) -> int:
+    """Count the indices k for which ``v[k]``, a number or a row, is not zero in at least one of the arrays."""
     return int(np.sum(np.any([np.any(np.atleast_2d(v.T) != 0.0, axis=0) for v in values], axis=0)))

@@ -1,6 +1,6 @@
-"""Flags of a model of MuJoCo: those that change which forces act or which rows hold are applied to its numbers.
+"""Apply the flags of a MuJoCo model that change which forces act or which rows hold to the numbers of the model.
 
-Every flag of MuJoCo's is in one of the lists; a flag of a later version that is set and in none is refused by name.
+Every flag of MuJoCo is in one of the lists; a set flag that is in none, as of a later version, is refused by name.
 """
 
 from typing import Any
@@ -8,24 +8,54 @@ from typing import Any
 SPRINGS = ("jnt_stiffness", "jnt_stiffnesspoly", "tendon_stiffness", "tendon_stiffnesspoly")
 DAMPERS = ("dof_damping", "dof_dampingpoly", "tendon_damping", "tendon_dampingpoly")
 OFF = {  # numbers that are zero where the flag is disabled
-    "SPRING": SPRINGS, "DAMPER": DAMPERS, "PASSIVE": (*SPRINGS, *DAMPERS),  # the last of MuJoCo before 3.3.7
+    "SPRING": SPRINGS,
+    "DAMPER": DAMPERS,
+    "PASSIVE": (*SPRINGS, *DAMPERS),  # PASSIVE: MuJoCo before 3.3.7
     "EQUALITY": ("eq_active0",),
-    "CONSTRAINT": ("eq_active0", "dof_frictionloss", "tendon_frictionloss", "jnt_limited", "tendon_limited",
-                   "geom_contype", "geom_conaffinity"),
-    "FRICTIONLOSS": ("dof_frictionloss", "tendon_frictionloss"), "LIMIT": ("jnt_limited", "tendon_limited"),
+    "CONSTRAINT": (
+        "eq_active0",
+        "dof_frictionloss",
+        "tendon_frictionloss",
+        "jnt_limited",
+        "tendon_limited",
+        "geom_contype",
+        "geom_conaffinity",
+    ),
+    "FRICTIONLOSS": ("dof_frictionloss", "tendon_frictionloss"),
+    "LIMIT": ("jnt_limited", "tendon_limited"),
     "CONTACT": ("geom_contype", "geom_conaffinity"),
-}  # fmt: skip
-READ = ("GRAVITY",)  # where the system is made
-WITHOUT_EFFECT = (  # on which forces act here: collisions, actuators and how MuJoCo computes
-    "CLAMPCTRL", "WARMSTART", "FILTERPARENT", "ACTUATION", "REFSAFE", "SENSOR", "MIDPHASE", "EULERDAMP", "AUTORESET",
-    "NATIVECCD", "ISLAND", "MULTICCD",
-)  # fmt: skip
-ENABLED = ("OVERRIDE", "ENERGY", "FWDINV", "INVDISCRETE", "SLEEP", "DIAGEXACT", "IPC", "SPECULATIVE", "MULTICCD",
-           "ISLAND")  # fmt: skip
+}
+READ = ("GRAVITY",)  # read where the system is created
+WITHOUT_EFFECT = (  # on the forces that act here: collisions, actuators and how MuJoCo computes
+    "CLAMPCTRL",
+    "WARMSTART",
+    "FILTERPARENT",
+    "ACTUATION",
+    "REFSAFE",
+    "SENSOR",
+    "MIDPHASE",
+    "EULERDAMP",
+    "AUTORESET",
+    "NATIVECCD",
+    "ISLAND",
+    "MULTICCD",
+)
+ENABLED = (  # flags to be enabled that change no force here
+    "OVERRIDE",
+    "ENERGY",
+    "FWDINV",
+    "INVDISCRETE",
+    "SLEEP",
+    "DIAGEXACT",
+    "IPC",
+    "SPECULATIVE",
+    "MULTICCD",
+    "ISLAND",
+)
 
 
 def apply_flags(mj: Any, m: Any) -> None:
-    """Set to zero what flags disable; ValueError of a flag that is not known."""
+    """Set the numbers of model ``m`` that its flags disable to zero; raise ValueError for a set flag unknown here."""
     for name in _flags(mj.mjtDisableBit, "mjDSBL_", m.opt.disableflags):
         if name not in (*OFF, *READ, *WITHOUT_EFFECT):
             raise ValueError(f"flag {name.lower()} is disabled, which is not taken over")
@@ -38,5 +68,9 @@ def apply_flags(mj: Any, m: Any) -> None:
 
 
 def _flags(bits: Any, prefix: str, given: int) -> list[str]:
-    return [name.removeprefix(prefix) for name, bit in bits.__members__.items()
-            if name.startswith(prefix) and int(given) & int(bit)]  # fmt: skip
+    """Return the names, without ``prefix``, of the flags whose bits are set in ``given``."""
+    return [
+        name.removeprefix(prefix)
+        for name, bit in bits.__members__.items()
+        if name.startswith(prefix) and int(given) & int(bit)
+    ]

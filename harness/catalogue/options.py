@@ -1,7 +1,7 @@
-"""Options of solvers and parameters of problems: a default, a unit, a sentence, and the values that make sense.
+"""Define options of solvers and parameters of problems: a default, a unit, a sentence, and the allowed values.
 
-A solver's option is a dataclass field made by ``option``; a problem's parameter is a keyword with
-``Annotated[float, Parameter(...)]``. Both are listed by ``mbsbench list`` and parsed from text here.
+A solver's option is a dataclass field made by ``option``; a problem's parameter is a keyword with ``Annotated[float,
+Parameter(...)]``. Both are listed by ``mbsbench list`` and parsed from text here.
 """
 
 import dataclasses
@@ -16,7 +16,7 @@ SWITCHES = {"true": True, "on": True, "1": True, "yes": True, "false": False, "o
 
 @dataclass(frozen=True)
 class Parameter:
-    """Meaning of a value, and the values that are allowed."""
+    """The meaning of a value, its unit, and the values that are allowed."""
 
     doc: str
     unit: str = ""
@@ -27,18 +27,18 @@ class Parameter:
 
 
 def option(default: Any, doc: str, unit: str = "", **limits: Any) -> Any:
-    """A dataclass field with its ``Parameter``."""
+    """Return a dataclass field for an option of a solver, with its ``Parameter``; ``limits`` are fields of that."""
     return dataclasses.field(default=default, metadata={"parameter": Parameter(doc, unit, **limits)})
 
 
-def nearest(name: str, known: Mapping[str, Any] | list[str]) -> str:
-    """A hint for a misspelt name: `` - did you mean 'x'?``, else the names there are."""
+def suggest_name(name: str, known: Mapping[str, Any] | list[str]) -> str:
+    """Return a hint for a misspelt name, `` - did you mean 'x'?``, or the known names if none is similar."""
     match = get_close_matches(name, list(known), n=1)
     return f" - did you mean {match[0]!r}?" if match else f" - known: {', '.join(known) or 'none'}"
 
 
 def format_value(value: Any) -> str:
-    """``value`` for a message, at most 40 characters; Python prints no whole number of more than 4300 digits."""
+    """Return ``value`` as text for a message, at most 40 characters, even for an integer that Python does not print."""
     try:
         return (str(value) if isinstance(value, int | float) else repr(value))[:40]
     except ValueError:
@@ -46,7 +46,7 @@ def format_value(value: Any) -> str:
 
 
 def read_value(name: str, given: Any, default: Any, parameter: Parameter) -> Any:
-    """``given`` (text or number) as the type of ``default``, within ``parameter``'s limits, or ValueError."""
+    """Return ``given`` (text or number) as the type of ``default``; raise ValueError if it is not allowed."""
     value = _as_type_of(default, given, name)
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     if parameter.choices and value not in parameter.choices:
@@ -54,18 +54,23 @@ def read_value(name: str, given: Any, default: Any, parameter: Parameter) -> Any
     low, least, most = parameter.above, parameter.at_least, parameter.at_most
     for number in value if isinstance(value, tuple) else (value,):
         wanted = (
-            "a finite number" if isinstance(number, float) and not math.isfinite(number)
-            else f"> {low:g}" if low is not None and not number > low
-            else f">= {least:g}" if least is not None and not number >= least
-            else f"<= {most:g}" if most is not None and not number <= most
+            "a finite number"
+            if isinstance(number, float) and not math.isfinite(number)
+            else f"> {low:g}"
+            if low is not None and not number > low
+            else f">= {least:g}"
+            if least is not None and not number >= least
+            else f"<= {most:g}"
+            if most is not None and not number <= most
             else ""
-        )  # fmt: skip
+        )
         if wanted:
             raise ValueError(f"{name} must be {wanted}{unit} (got {format_value(given)})")
     return value
 
 
 def _as_type_of(default: Any, given: Any, name: str) -> Any:
+    """Return ``given`` as the type of ``default``; raise ValueError, which names ``name``, if that is impossible."""
     wanted = "true or false"
     try:
         if isinstance(default, bool):

@@ -1,6 +1,6 @@
-"""Problems and solvers from outside the tree: a Python file, a mechanism's file, an entry point of a package.
+"""Load problems and solvers from outside the tree: a Python file, a mechanism's file, an entry point of a package.
 
-Each runs only because it was named: ``--plugin mysolver.py``, or ``--plugin NAME`` with NAME an entry point of the
+Each is loaded only because it was named: ``--plugin mysolver.py``, or ``--plugin NAME`` with NAME an entry point of the
 groups ``mbsbench.problems`` and ``mbsbench.solvers`` (its value a module, or a marked function or class in one).
 """
 
@@ -14,23 +14,23 @@ from types import ModuleType
 from typing import Any
 
 from . import mechanism_files
-from .options import nearest
+from .options import suggest_name
 
-GROUPS = ("mbsbench.problems", "mbsbench.solvers")
+GROUPS = ("mbsbench.problems", "mbsbench.solvers")  # groups of entry points
 
 
 def resolve_plugin(plugin: str, beside: Path = Path()) -> str:
-    """The full path of a file (found ``beside``), or the name of an entry point as it is."""
+    """Return the absolute path of a plugin's file, given relative to ``beside``, or an entry point's name unchanged."""
     return str((beside / plugin).resolve()) if is_file(plugin) else plugin
 
 
 def is_file(plugin: str) -> bool:
-    """Whether ``plugin`` means a file: names of entry points have no slash and no such ending."""
+    """Return whether ``plugin`` is a path: names of entry points have no slash and no ending of a file."""
     return "/" in plugin or plugin.endswith(".py") or mechanism_files.is_mechanism(plugin)
 
 
-def sources_of(plugin: str) -> tuple[Path, ...]:
-    """The files whose content a result depends on; none where there are none to be found."""
+def list_sources(plugin: str) -> tuple[Path, ...]:
+    """Return the files of a plugin on whose content a result depends; empty if none can be found."""
     if mechanism_files.is_mechanism(plugin):
         return mechanism_files.files(Path(plugin))
     if is_file(plugin):
@@ -40,13 +40,14 @@ def sources_of(plugin: str) -> tuple[Path, ...]:
 
 
 def load_plugin(plugin: str) -> Any:
-    """A module, a mechanism, or what an entry point names; whatever goes wrong on import is raised."""
+    """Return the module, the mechanism, or the object of an entry point; any error of the import is raised."""
     if mechanism_files.is_mechanism(plugin):
         return mechanism_files.read(Path(plugin))
     return _module(Path(plugin)) if is_file(plugin) else _entry_point(plugin).load()
 
 
 def _module(path: Path) -> ModuleType:
+    """Run a Python file as a module with a unique name, and return it; raise ValueError if it is no Python file."""
     name = f"mbsbench_plugin_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
     if not path.is_file():
         beside = get_close_matches(path.name, [p.name for p in path.parent.glob("*.py")], n=1)
@@ -61,12 +62,13 @@ def _module(path: Path) -> ModuleType:
 
 
 def entry_points() -> dict[str, importlib.metadata.EntryPoint]:
-    """Those of installed packages, by name; nothing is imported."""
+    """Return the entry points of installed packages by name; nothing is imported."""
     return {e.name: e for group in GROUPS for e in importlib.metadata.entry_points(group=group)}
 
 
 def _entry_point(name: str) -> importlib.metadata.EntryPoint:
+    """Return the entry point ``name`` of an installed package, not yet loaded; raise ValueError if there is none."""
     known = entry_points()
     if name not in known:
-        raise ValueError(f"no file and no entry point of {' or '.join(GROUPS)}{nearest(name, list(known))}")
+        raise ValueError(f"no file and no entry point of {' or '.join(GROUPS)}{suggest_name(name, list(known))}")
     return known[name]

@@ -1,13 +1,13 @@
-"""Joints and forces recognised from numbers: poses, velocities and accelerations of bodies in many states.
+"""Recognise joints and forces from numbers: poses, velocities and accelerations of bodies in many states.
 
-Seen from body j, body i has the rotation Q and its C is at d. A pair of bodies has, over all states::
+Seen from body j, body i has the rotation Q, and its C is at d. A pair of bodies has, in all states::
 
     a point in common      d + Q s_i = s_j             an axis in common      Q a_i = a_j
     normal axes            a_j . Q a_i = 0             a distance             |d - s_j| = L  (point masses)
 
-What these leave free is a kind of joint. Joints are added, those of most rows first, as long as each of them takes a
-freedom away. Forces are those of gravity and of springs and dampers, of joints and of point masses on one line, that
-explain the accelerations.
+The freedoms that these leave determine the kind of joint. Joints are added, those with most rows first, as long as each
+of them removes a degree of freedom. Forces are those of gravity and of springs and dampers, of joints and of point
+masses on one line, that explain the accelerations.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,27 +19,27 @@ from jaxtyping import Float
 
 from ..mechanics.jacobian import even_jacobian
 from ..mechanics.joints import ROWS, Joint, JointKind
-from ..mechanics.joints.frames import normals_of
+from ..mechanics.joints.frames import choose_normals
 from ..mechanics.state import State
 from ..mechanics.system import GROUND, RigidBody, SpringDamper, TorsionSpring, assemble
 from .mechanism import BEHIND, NEAR
 
-ROUNDING = 1e-12  # of sums, of the size of their terms
-RANK = 1e-7  # of the largest singular value of rows of length one
+ROUNDING = 1e-12  # rounding of sums, relative to the size of their terms
+RANK = 1e-7  # singular values of rows of unit length, relative to the largest, below which rows are dependent
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A state, the twists that the joints allow, and its accelerations."""
+    """A state of the bodies, the twists that the joints allow there, and the accelerations."""
 
     state: State
-    twists: Float[np.ndarray, "n d"]  # (r_dot [space], Omega [body]) of each body
-    acceleration: Float[np.ndarray, "nb 6"]
+    twists: Float[np.ndarray, "n d"]  # a column for each freedom: (r_dot [space], Omega [body]) of each body
+    acceleration: Float[np.ndarray, "nb 6"]  # (r_ddot [space], Omega_dot [body])
 
 
 @dataclass(frozen=True)
 class Forces:
-    """Gravity, and springs with dampers."""
+    """The recognised forces: gravity [m/s2, space], and linear and torsional springs with dampers."""
 
     gravity: Float[np.ndarray, " 3"]
     springs: tuple[SpringDamper, ...]
@@ -47,7 +47,11 @@ class Forces:
 
 
 def find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample]) -> tuple[list[Joint], list[Joint]]:
-    """Joints that leave the bodies no other freedom than the samples have, and all that hold; or ValueError."""
+    """Return joints that leave the bodies exactly the freedom of the samples, and all joints that hold.
+
+    The first list is a part of the second, without joints that follow from others. Raise ValueError if the samples have
+    less freedom than all joints leave.
+    """
     masses = [not np.any(b.inertia) for b in bodies]
     known = [j for i in range(len(bodies)) for k in range(GROUND, i) for j in _find_joints(bodies, samples, i, k)]
     chosen, rank = list[Joint](), 0
@@ -58,16 +62,21 @@ def find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample]) -> tuple
     free = 6 * len(bodies) - 3 * sum(masses) - samples[1].twists.shape[1]
     if rank != free:
         joints = ", ".join(f"{j.sort} {j.name}" for j in chosen) or "none"
-        raise ValueError(f"its bodies have {free - rank} restrictions more than the joints found ({joints}); of "
-                         "velocities alone, or of joints of no kind here")  # fmt: skip
+        raise ValueError(
+            f"its bodies have {free - rank} restrictions more than the joints found ({joints}); of "
+            "velocities alone, or of joints of no kind here"
+        )
     return chosen, known
 
 
 def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: Sequence[Sample]) -> Forces:
-    """Forces that give the accelerations of the samples, or ValueError; ``joints``: those that may have springs."""
+    """Return gravity, springs and dampers that give the accelerations of the samples; raise ValueError if none do.
+
+    Springs and dampers are searched along or about the axes of ``joints``.
+    """
     from scipy.optimize import nnls
 
-    needed, columns, terms = [], [], 0.0  # terms: what the forces needed are the sum of
+    needed, columns, terms = [], [], 0.0  # terms: size of the summands of the forces
     turning = [j for j in joints if j.sort in (JointKind.REVOLUTE, JointKind.CYLINDRICAL)]
     sliding = [j for j in joints if j.sort in (JointKind.PRISMATIC, JointKind.CYLINDRICAL, JointKind.ON_LINE)]
     for one in samples:
@@ -84,7 +93,7 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
         columns.append(np.array([one.twists.T @ f.ravel() for f in found]).T)
     A, b = np.concatenate(columns), np.concatenate(needed)
     rounding = ROUNDING * terms
-    if np.max(np.abs(b), initial=0.0) <= rounding:  # it moves by its inertia alone
+    if np.max(np.abs(b), initial=0.0) <= rounding:  # no applied force: it moves by its inertia only
         return Forces(np.zeros(3), (), ())
     signed = [0, 1, 2, *range(3, A.shape[1], 3)]  # stiffness and damping are never negative
     size = np.linalg.norm(A, axis=0)
@@ -98,7 +107,8 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
     rests = used[pushes + 1] & np.array([j.j not in points for j in (*turning, *sliding)], dtype=bool)
     by_gravity = used.copy()
     by_gravity[:3], by_gravity[pushes] = True, rests
-    for some in (by_gravity, used) if np.any(used[pushes] & ~rests) else (used,):  # pushes that gravity may replace
+    # gravity may explain what looks like a constant force
+    for some in (by_gravity, used) if np.any(used[pushes] & ~rests) else (used,):
         x = np.zeros(A.shape[1])
         x[some] = np.linalg.lstsq((A / size)[:, some], b, rcond=None)[0] / size[some]
         missing = np.abs(A @ x - b)
@@ -106,17 +116,22 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
         if explained:
             break
     if not explained:
-        raise ValueError("its forces are not gravity and linear springs and dampers of joints alone "
-                         f"({np.max(missing) / np.max(np.abs(b)):.2g} of the largest is left)")  # fmt: skip
+        raise ValueError(
+            "its forces are not gravity and linear springs and dampers of joints alone "
+            f"({np.max(missing) / np.max(np.abs(b)):.2g} of the largest is left)"
+        )
     parts = x[3:].reshape(-1, 3)
     torsions = [_torsion(j, samples[0].state, *p) for j, p in zip(turning, parts, strict=False) if np.any(p)]
-    springs = [_between_points(j, samples, *p) if j.j in points else _spring(j, *p)
-               for j, p in zip(sliding, parts[len(turning) :], strict=True) if np.any(p)]  # fmt: skip
+    springs = [
+        _between_points(j, samples, *p) if j.j in points else _spring(j, *p)
+        for j, p in zip(sliding, parts[len(turning) :], strict=True)
+        if np.any(p)
+    ]
     return Forces(x[:3], tuple(springs), tuple(torsions))
 
 
 def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int, j: int) -> Iterator[Joint]:
-    """Joints that hold between two bodies; a point mass is taken for i."""
+    """Yield the joints that hold between bodies i and j (j may be GROUND) in all samples; a point mass becomes i."""
     from scipy.linalg import null_space
 
     if j != GROUND and np.any(bodies[i].inertia) and not np.any(bodies[j].inertia):
@@ -131,7 +146,7 @@ def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int,
         return
     none = np.zeros(3)
     axes = null_space(np.concatenate([np.hstack((q, -np.eye(3))) for q in Q]), rcond=NEAR).T
-    s_i, s_j, met = _meet(Q, d, np.eye(3))
+    s_i, s_j, met = _find_meeting_points(Q, d, np.eye(3))
     match len(axes), met:
         case 3, True:
             e = np.eye(3)
@@ -148,7 +163,7 @@ def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int,
         case 3, False:
             ways, size, _ = np.linalg.svd((d - d[0]).T, full_matrices=False)
             if size[1] < NEAR * size[0]:
-                u = normals_of(ways[:, 0])[0]
+                u = choose_normals(ways[:, 0])[0]
                 yield Joint(i, none, j, d[0], Q[0].T @ ways[:, 0], ways[:, 0], name, JointKind.PRISMATIC, Q[0].T @ u, u)
                 return
             if size[2] < NEAR * size[0]:
@@ -157,8 +172,8 @@ def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int,
                 yield Joint(i, none, j, none, Q[0].T[:, a], np.eye(3)[b], name, JointKind.NORMAL)
         case 1, False:
             a_i, a_j = axes[0, :3], axes[0, 3:]
-            across = normals_of(a_j / np.linalg.norm(a_j))
-            s_i, s_j, met = _meet(Q, d, across)
+            across = choose_normals(a_j / np.linalg.norm(a_j))
+            s_i, s_j, met = _find_meeting_points(Q, d, across)
             if met:
                 length = np.linalg.norm(a_j)
                 yield Joint(i, s_i, j, s_j, a_i / length, a_j / length, name, JointKind.CYLINDRICAL)
@@ -170,9 +185,10 @@ def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int,
 
 
 def _of_point(d: Float[np.ndarray, "nt 3"], point: bool) -> Iterator[dict[str, Any]]:
-    """Joints of a point mass that is at ``d``, seen from a body or from another ``point``.
+    """Yield keywords of ``Joint`` for a point mass at positions ``d`` [m], seen from a body or from another point mass.
 
-    Two point masses on one line have that of springs between them, which holds neither.
+    ``point`` says that the other is a point mass. Two point masses that stay on one line get a joint for springs
+    between them, which constrains neither.
     """
     ways, size, _ = np.linalg.svd((d - d[0]).T, full_matrices=False)
     far = np.max(np.abs(d))
@@ -194,8 +210,11 @@ def _of_point(d: Float[np.ndarray, "nt 3"], point: bool) -> Iterator[dict[str, A
             yield {"s_j": s, "length": float(np.sqrt(x[0] + s @ s)), "kind": JointKind.DISTANCE}
 
 
-def _meet(Q: np.ndarray, d: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
-    """s_i and s_j with ways (d + Q s_i - s_j) = 0, and whether there are any."""
+def _find_meeting_points(Q: np.ndarray, d: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Return points s_i and s_j of two bodies that coincide along the directions ``ways``, and whether they exist.
+
+    They solve ways (d + Q s_i - s_j) = 0 in all samples, by least squares.
+    """
     A = np.concatenate([ways @ np.hstack((q, -np.eye(3))) for q in Q])
     b = -(d @ ways.T).ravel()
     x = np.linalg.lstsq(A, b, rcond=NEAR)[0]
@@ -203,17 +222,22 @@ def _meet(Q: np.ndarray, d: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _pose(s: State, b: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return position of C and rotation of body ``b``; zero and the identity for the ground."""
     return (np.zeros(3), np.eye(3)) if b == GROUND else (s.r[b], s.R[b])
 
 
 def _rank(bodies: Sequence[RigidBody], joints: Sequence[Joint], one: Sample) -> int:
+    """Return the rank of the constraint rows of ``joints`` in the state of one sample."""
     A = even_jacobian(assemble(bodies, joints), one.state).toarray()
     size = np.linalg.svd(A, compute_uv=False)
     return int(np.sum(size > RANK * size[0]))
 
 
 def _inertia_forces(bodies: Sequence[RigidBody], one: Sample) -> Float[np.ndarray, "nb 6"]:
-    """M a, and what turns the spin: a rigid body's m r_ddot, J Omega_dot + Omega x J Omega."""
+    """Return mass times acceleration with the gyroscopic torque of each body: force [N, space] and torque [N m, body].
+
+    These are m r_ddot and J Omega_dot + Omega x J Omega.
+    """
     out = np.zeros((len(bodies), 6))
     for b, (body, a, Omega) in enumerate(zip(bodies, one.acceleration, one.state.Omega, strict=True)):
         out[b] = [*(body.mass * a[:3]), *(body.inertia @ a[3:] + np.cross(Omega, body.inertia @ Omega))]
@@ -221,7 +245,10 @@ def _inertia_forces(bodies: Sequence[RigidBody], one: Sample) -> Float[np.ndarra
 
 
 def _measure_angle(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
-    """Angle of i about the axis since the start, its rate, and a torque of 1 N m about it on i, in body frames."""
+    """Return the angle [rad] of i about the axis since the start, its rate, and the wrenches of a torque of 1 N m on i.
+
+    A wrench is (force in space, torque in the body's frame) of each body; j has the opposite torque.
+    """
     (_, R_i), (_, R_j) = _pose(s, joint.i), _pose(s, joint.j)
     axis, e, u = _across(joint, start)
     now = R_j.T @ R_i @ u
@@ -235,7 +262,11 @@ def _measure_angle(joint: Joint, s: State, start: State) -> tuple[float, float, 
 
 
 def _slide(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
-    """Way of i along the axis, its rate, and a force of 1 N along it on i."""
+    """Return the displacement [m] of i along the axis, its rate, and the wrenches of a force of 1 N along it on i.
+
+    The displacement is that of the joint's points, so that ``start`` is not used; it is there for the signature of
+    ``_measure_angle``, whose wrenches are alike.
+    """
     (r_i, R_i), (r_j, R_j) = _pose(s, joint.i), _pose(s, joint.j)
     way = np.asarray(joint.axis_j)
     axis = R_j @ way
@@ -249,19 +280,25 @@ def _slide(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np
 
 
 def _across(joint: Joint, start: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the unit axis in j, a unit normal to it in j, and the vector of i equal to the normal at the start."""
     axis = np.asarray(joint.axis_j)
     axis = axis / np.linalg.norm(axis)
-    e = normals_of(axis)[0]
+    e = choose_normals(axis)[0]
     return axis, e, _pose(start, joint.i)[1].T @ _pose(start, joint.j)[1] @ e
 
 
 def _torsion(joint: Joint, start: State, push: float, k: float, c: float) -> TorsionSpring:
+    """Return the spring about the joint's axis with torque push - k angle - c rate on i; angle 0 is the start."""
     axis, e, u = _across(joint, start)
     rest = _rest(joint, push, k)
     return TorsionSpring(joint.i, u, joint.j, axis, e, k, rest, c, round(-rest / (2.0 * np.pi)))
 
 
 def _spring(joint: Joint, push: float, k: float, c: float) -> SpringDamper:
+    """Return the spring along the joint's axis with force push - k displacement - c rate on i.
+
+    It begins at a point of the axis far behind j, so that its length stays positive.
+    """
     rest = _rest(joint, push, k)
     far = BEHIND * (1.0 + abs(rest))
     behind = np.asarray(joint.s_j) - far * np.asarray(joint.axis_j)
@@ -269,15 +306,24 @@ def _spring(joint: Joint, push: float, k: float, c: float) -> SpringDamper:
 
 
 def _between_points(joint: Joint, samples: Sequence[Sample], push: float, k: float, c: float) -> SpringDamper:
-    """Of two point masses on one line, which have no point beside their own."""
+    """Return the spring of two point masses on one line with force push - k displacement - c rate on i.
+
+    It joins the masses themselves, which have no other points. Raise ValueError if it has a length at rest and the
+    masses pass each other.
+    """
     ways, rest = [_slide(joint, one.state, one.state)[0] for one in samples], _rest(joint, push, k)
     side = np.sign(ways[0])
     if rest and np.any(np.sign(ways) != side):
-        raise ValueError(f"the spring of {joint.name} has a length at rest, and its point masses pass each other")
+        raise ValueError(
+            f"the spring of joint {joint.name!r} has a length at rest, and its point masses pass each other"
+        )
     return SpringDamper(joint.i, joint.s_i, joint.j, joint.s_j, k, side * rest, c)
 
 
 def _rest(joint: Joint, push: float, k: float) -> float:
+    """Return the coordinate [m or rad] where the load push - k x vanishes; raise ValueError for a constant load."""
     if push and not k:
-        raise ValueError(f"a constant push along or about the axis of {joint.name}: gravity, springs and dampers only")
+        raise ValueError(
+            f"a constant load acts along or about the axis of joint {joint.name!r}: gravity, springs and dampers only"
+        )
     return push / k if k else 0.0

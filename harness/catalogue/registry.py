@@ -1,6 +1,6 @@
-"""The catalogues: public modules of ``problems/``, ``solvers/`` and ``solvers/engines/`` are entries, listed nowhere.
+"""Register problems and solvers: public modules of ``problems/``, ``solvers/`` and ``solvers/engines/``, unlisted.
 
-A problem file holds one function marked ``@problem``, a solver file one dataclass marked ``@solver``.
+A problem file has one function marked ``@problem``, a solver file one dataclass marked ``@solver``.
 """
 
 import dataclasses
@@ -29,14 +29,14 @@ from ..mechanics.user_forces import present_laws
 from ..text import check_text
 from ..types import Problem, Solver, Trait
 from . import mechanism_files, plugins
-from .mechanism import Mechanism
-from .options import Parameter, nearest, read_value
-from .turns import counts_turns
+from .mechanism import MechanismFile
+from .options import Parameter, read_value, suggest_name
+from .turns import keep_turns
 
 T = TypeVar("T")
-PROBLEMS, SOLVERS = ("problems",), ("solvers", "solvers/engines")
-_MARK, _TESTS = "__mbsbench_name__", "__mbsbench_tests__"
-MIRRORS = tuple(SPACE_AXES)
+PROBLEMS, SOLVERS = ("problems",), ("solvers", "solvers/engines")  # folders of our own entries
+_MARK, _TESTS = "__mbsbench_name__", "__mbsbench_tests__"  # attributes that the decorators set
+MIRRORS = tuple(SPACE_AXES)  # choices of the parameter ``mirror``
 
 COMMON_PARAMETERS: dict[str, tuple[Any, Parameter]] = {
     "t_end": (0.0, Parameter("simulated time; 0: the problem's own", "s", at_least=0.0)),
@@ -51,44 +51,45 @@ COMMON_PARAMETERS: dict[str, tuple[Any, Parameter]] = {
     "unit_mass": (1.0, Parameter("factor of all masses: another unit", "", at_least=1e-6, at_most=1e6)),
     "unit_time": (1.0, Parameter("factor of all times, dt included: another unit", "", at_least=1e-6, at_most=1e6)),
     "retrace": (False, Parameter("integrate back to the start with reversed velocities")),
-}
-# The last seven change the presentation, not the problem: the motion is transformed back before it is measured.
-PRESENTED = ("mirror", "duplicate", "renumber", "unit_length", "unit_mass", "unit_time")
+}  # their words on pages and the checks of symmetries: types/presentations.py
 
 
 @dataclass(frozen=True)
 class ProblemEntry:
-    """A catalogue entry: a function of parameters that makes a ``Problem``."""
+    """A problem of the catalogue: a function of parameters that creates a ``Problem``."""
 
     name: str
     make: Callable[..., Problem]
     parameters: Mapping[str, tuple[Any, Parameter]]  # default and meaning, the common ones included
     doc: str
-    tests: tuple[Trait, ...] = ()
+    tests: tuple[Trait, ...] = ()  # what it serves to test
 
 
 @dataclass(frozen=True)
 class SolverEntry:
-    """A catalogue entry: a dataclass of options that makes a ``Solver``."""
+    """A solver of the catalogue: a dataclass of options that creates a ``Solver``."""
 
     name: str
     make: Callable[..., Solver]
     parameters: Mapping[str, tuple[Any, Parameter]]
     doc: str
     paper_label: str  # of the default options
-    control: str
+    control: str  # dt or rtol: what its accuracy is set by
 
     def changed_options(self, solver: Solver) -> dict[str, Any]:
-        """The options of ``solver`` that differ from the defaults."""
+        """Return the options of ``solver`` that differ from the defaults."""
         return {k: v for k, (default, _) in self.parameters.items() if (v := getattr(solver, k)) != default}
 
     def make_solver(self, options: Mapping[str, Any] | None = None) -> Solver:
-        """The solver with ``options`` (numbers or text)."""
+        """Return the solver with ``options`` (numbers or text); raise ValueError if one is unknown or invalid."""
         return self.make(**_read("option", f"solver {self.name}", self.parameters, options or {}))
 
 
 def read_declaration(solver: Solver) -> tuple[str, float]:
-    """The paper's name of ``solver`` and the order in dt it claims (NaN: none); certificates hold it to that."""
+    """Return the paper's name of ``solver`` and the order in dt that it claims (NaN: none).
+
+    Raise TypeError if the order is not a number > 0 or NaN.
+    """
     label, order = getattr(solver, "paper_label", None), getattr(solver, "order", math.nan)
     where = f"solver {solver.name}"
     label = check_text(f"{where}: paper_label", label)
@@ -100,9 +101,13 @@ def read_declaration(solver: Solver) -> tuple[str, float]:
 
 
 def problem(name: str, tests: Sequence[Trait] = ()) -> Callable[[Callable[..., Problem]], Callable[..., Problem]]:
-    """Mark the function of a problem file; ``tests`` says what it is there to test."""
+    """Return a decorator that marks the function of a problem file as the problem ``name``.
+
+    ``tests`` says what the problem serves to test.
+    """
 
     def mark(function: Callable[..., Problem]) -> Callable[..., Problem]:
+        """Mark the function with the problem's name and tests, and return it."""
         setattr(function, _MARK, name)
         setattr(function, _TESTS, tuple(Trait(t) for t in tests))
         return function
@@ -111,80 +116,90 @@ def problem(name: str, tests: Sequence[Trait] = ()) -> Callable[[Callable[..., P
 
 
 def solver(name: str) -> Callable[[type], type]:
-    """Mark the dataclass of a solver file and name it."""
+    """Return a decorator that marks the dataclass of a solver file as the solver ``name``.
+
+    Its ``solve`` is wrapped by ``keep_turns``, unless its attribute ``own_angles`` says that it counts turns of
+    torsional springs itself.
+    """
 
     def mark(cls: Any) -> type:
+        """Mark the class with the solver's name, wrap its ``solve``, and return it."""
         setattr(cls, _MARK, name)
         cls.name = name
-        solve = getattr(cls, "solve", None)  # none, or no function, is refused later in a line
-        if isinstance(solve, FunctionType) and not getattr(cls, "own_angles", False):  # of engines: they count turns
-            cls.solve = counts_turns(solve)
+        solve = getattr(cls, "solve", None)  # a missing one, or one that is no function, is refused later in one line
+        # some engines count turns themselves
+        if isinstance(solve, FunctionType) and not getattr(cls, "own_angles", False):
+            cls.solve = keep_turns(solve)
         return cls  # type: ignore[no-any-return]
 
     return mark
 
 
 class _Catalogue(Mapping[str, T]):
-    """Entries by name. Our own are imported when they are asked for: all together take a second."""
+    """A mapping of names to entries. Our own are imported only when needed, since all together take a second."""
 
     def __init__(self, folders: Sequence[str], entry: Callable[[str, Any], T], of_plugins: Mapping[str, T]) -> None:
+        """Take entries from ``folders``, as ``entry`` makes them of a name and its marked object, and from plugins."""
         self._folders, self._entry, self._of_plugins = folders, entry, of_plugins
 
     def __getitem__(self, name: str) -> T:
         if name in self._of_plugins:
             return self._of_plugins[name]
-        return _own_entry(self._entry, _homes(*self._folders)[name], name)
+        return _own_entry(self._entry, _locate_entries(*self._folders)[name], name)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._of_plugins or name in _homes(*self._folders)
+        return name in self._of_plugins or name in _locate_entries(*self._folders)
 
     def __iter__(self) -> Iterator[str]:
-        return iter({**_homes(*self._folders), **self._of_plugins})
+        return iter({**_locate_entries(*self._folders), **self._of_plugins})
 
     def __len__(self) -> int:
         return len(list(iter(self)))
 
 
 def problems() -> Mapping[str, ProblemEntry]:
-    """All problems by name, those of loaded plugins included."""
+    """Return all problems by name, with those of loaded plugins."""
     return _Catalogue(PROBLEMS, _problem_entry, _plugin_problems)
 
 
 def solvers() -> Mapping[str, SolverEntry]:
-    """All solvers by name, those of loaded plugins included."""
+    """Return all solvers by name, with those of loaded plugins."""
     return _Catalogue(SOLVERS, _solver_entry, _plugin_solvers)
 
 
 def engines() -> Mapping[str, SolverEntry]:
-    """Other people's solvers, of ``solvers/engines/``."""
-    return {name: solvers()[name] for name in _homes(SOLVERS[1])}
+    """Return the solvers that run other people's code, those of ``solvers/engines/``, by name."""
+    return {name: solvers()[name] for name in _locate_entries(SOLVERS[1])}
 
 
-def entry_of(kind: str, name: str, known: Mapping[str, T]) -> T:
-    """The entry ``name`` of a catalogue of problems or solvers, or ValueError."""
+def find_entry(kind: str, name: str, known: Mapping[str, T]) -> T:
+    """Return the entry ``name`` of ``known``, problems or solvers (``kind``); raise ValueError if there is none."""
     if name not in known:
-        raise ValueError(f"unknown {kind} {name!r}{nearest(name, list(known))}")
+        raise ValueError(f"unknown {kind} {name!r}{suggest_name(name, list(known))}")
     return known[name]
 
 
 def is_own_problem(name: str) -> bool:
-    """Whether ``name`` is of ``problems/``, not of a plugin."""
-    return name in _homes(*PROBLEMS)
+    """Return whether ``name`` is a problem of ``problems/``, not of a plugin."""
+    return name in _locate_entries(*PROBLEMS)
 
 
 def is_own_solver(name: str) -> bool:
-    """Whether ``name`` is of ``solvers/``, not of a plugin."""
-    return name in _homes(*SOLVERS)
+    """Return whether ``name`` is a solver of ``solvers/``, not of a plugin."""
+    return name in _locate_entries(*SOLVERS)
 
 
 def is_own_class(cls: type) -> bool:
-    """Whether ``cls`` makes a solver of ``solvers/``; what it says of itself (``__module__``) may be forged."""
+    """Return whether ``cls`` is the very class of a solver of ``solvers/``; its ``__module__`` may be forged."""
     name = vars(cls).get(_MARK, "")
     return is_own_solver(name) and solvers()[name].make is cls
 
 
 def solver_entry(cls: type) -> SolverEntry:
-    """The entry of a class marked ``@solver`` that need not be in the catalogue, or ValueError."""
+    """Return the entry of a class marked ``@solver`` that need not be in the catalogue.
+
+    Raise ValueError if it is not marked, is no valid solver, or has the name of another solver of the catalogue.
+    """
     if _MARK not in vars(cls):
         raise ValueError(f"solver must be a name or a dataclass marked @solver (got {cls.__name__})")
     try:
@@ -198,26 +213,28 @@ def solver_entry(cls: type) -> SolverEntry:
 
 
 def import_seconds(name: str) -> tuple[float, float]:
-    """CPU times [s] that importing the plugin of this entry took in this process or before its fork; 0 for our own.
+    """Return the CPU times [s] of importing the plugin that defines this entry, and of compilation meanwhile.
 
-    The second is of what was compiled meanwhile, which the first is without.
+    The first excludes the second. Both are 0 for our own entries. The import may have taken place before a fork.
     """
     return _import_seconds.get(name, (0.0, 0.0))
 
 
 def load_plugin(plugin: Path | str) -> None:
-    """Add the entries of a file or entry point (module plugins), or ValueError; it runs only because it was named.
+    """Add the entries of a file or entry point (module plugins) to the catalogue; raise ValueError if that fails.
 
-    Unlike a file of ``problems/`` or ``solvers/`` it may mark several entries. A name of ours cannot be taken.
+    Unlike a file of ``problems/`` or ``solvers/`` it may define several entries. Names of our own entries are refused.
+    A plugin is loaded once; a mechanism's file is read again if it, or a file that it includes, has changed.
     """
     where = plugins.resolve_plugin(str(plugin))
-    if where in _plugin_files:
+    known = where in _plugin_files
+    if known and not _has_changed(where):
         return
     began, code_began = cpu_seconds_of_tree(), code_seconds()
     try:
         named = plugins.load_plugin(where)
         made: list[tuple[str, SolverEntry | ProblemEntry]]
-        if isinstance(named, Mechanism):
+        if isinstance(named, MechanismFile):
             made = [(named.name, _mechanism_entry(named))]
         else:
             found = _entries_of(named) if isinstance(named, ModuleType) else _marks_of([named])
@@ -225,11 +242,13 @@ def load_plugin(plugin: Path | str) -> None:
                 raise ValueError("it marks no @problem and no @solver")
             made = [(n, _solver_entry(n, o) if isinstance(o, type) else _problem_entry(n, o)) for n, o in found]
         taken = sorted({n for n, _ in made} & {*problems(), *solvers()})
-        if taken:
-            raise ValueError(f"the name {taken[0]!r} is taken")
-    except (Exception, SystemExit) as error:  # whatever a plugin does on import: reported in one line
+        if taken and not known:
+            raise ValueError(f"the name {taken[0]!r} is taken{_by(taken[0])}; rename {_what(named)}")
+    except (Exception, SystemExit) as error:  # a plugin may raise anything on import: reported in one line
         raise ValueError(f"plugin {where}: {error or type(error).__name__}") from error
     _plugin_files.add(where)
+    if isinstance(named, MechanismFile):
+        _mechanisms[where] = named.sha256
     code = code_seconds() - code_began
     spent = max(cpu_seconds_of_tree() - began - code, 0.0)
     _import_seconds.update({n: (spent, code) for n, _ in made})
@@ -237,23 +256,48 @@ def load_plugin(plugin: Path | str) -> None:
     _plugin_problems.update({n: e for n, e in made if isinstance(e, ProblemEntry)})
 
 
-_plugin_files: set[str] = set()  # the catalogue of this process, grown only by load_plugin
+def _by(name: str) -> str:
+    """Return by what a name is taken, as the end of a message: a mechanism's file, or an entry of the catalogue."""
+    others = [w for w in _mechanisms if w in _plugin_files and mechanism_files.choose_name(w) == name]
+    return f" by {others[0]}" if others else " by one of the catalogue"
+
+
+def _has_changed(where: str) -> bool:
+    """Return whether a mechanism's file has changed since it was read, or cannot be read any more."""
+    try:
+        return where in _mechanisms and mechanism_files.digest(Path(where)) != _mechanisms[where]
+    except (OSError, ValueError):
+        return True  # reading the file will report the error
+
+
+def _what(named: Any) -> str:
+    """Return what has to be renamed, for a message: the file of a mechanism, or the entry of a plugin."""
+    return "this file" if isinstance(named, MechanismFile) else "the entry"
+
+
+_mechanisms: dict[str, str] = {}  # digests of mechanisms' files as they were read
+_plugin_files: set[str] = set()  # the catalogue of this process, extended only by load_plugin
 _import_seconds: dict[str, tuple[float, float]] = {}
 _plugin_problems: dict[str, ProblemEntry] = {}
 _plugin_solvers: dict[str, SolverEntry] = {}
 
 
 @cache
-def _homes(*folders: str) -> Mapping[str, str]:
-    """The folder of each entry of ours; files bear the names of their entries."""
+def _locate_entries(*folders: str) -> Mapping[str, str]:
+    """Return the folder of each of our entries, by name; a file is named after its entry."""
     root = Path(__file__).resolve().parents[2]
-    found = {m.name: folder for folder in folders for m in pkgutil.iter_modules([str(root / folder)])
-             if not m.ispkg and not m.name.startswith("_")}  # fmt: skip
+    found = {
+        m.name: folder
+        for folder in folders
+        for m in pkgutil.iter_modules([str(root / folder)])
+        if not m.ispkg and not m.name.startswith("_")
+    }
     return dict(sorted(found.items()))
 
 
 @cache
 def _own_entry(entry: Callable[[str, Any], T], folder: str, name: str) -> T:
+    """Import a file of ``problems/`` or ``solvers/`` and return what ``entry`` makes of its one marked object."""
     loaded = importlib.import_module(f"...{folder.replace('/', '.')}.{name}", __package__)
     marked = _entries_of(loaded)
     if [n for n, _ in marked] != [name]:
@@ -262,19 +306,23 @@ def _own_entry(entry: Callable[[str, Any], T], folder: str, name: str) -> T:
 
 
 def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:
-    """The problem ``name``, or of a mechanism's file, with ``parameters`` (numbers or text), its start checked."""
+    """Return the problem ``name``, or the one in a mechanism's file, with ``parameters`` (numbers or text).
+
+    Its start is checked and, if asked, perturbed; it is rotated and given its presentation. Raise ValueError if
+    anything is invalid.
+    """
     if mechanism_files.is_mechanism(name):
         load_plugin(name)
-        name = mechanism_files.name_of(name)
-    entry = entry_of("problem", name, problems())
+        name = mechanism_files.choose_name(name)
+    entry = find_entry("problem", name, problems())
     values = _read("parameter", f"problem {name}", entry.parameters, parameters or {})
     made = entry.make(**{k: v for k, v in values.items() if k not in COMMON_PARAMETERS})
     check_start(made.system, made.initial, literal=made.literal_start)
     if values["perturb"] > 0.0:
         made = dataclasses.replace(made, initial=perturb(made.system, made.initial, values["perturb"], values["seed"]))
-    made = in_frame(made, so3.exp(np.array(values["rotation"])) @ _yaw(made.system, values["yaw"]))
-    presentation = Presentation(**{k: values[k] for k in PRESENTED})
-    presentation.system(made.system)  # says no to a joint that is not there
+    made = rotate_problem(made, so3.exp(np.array(values["rotation"])) @ _yaw(made.system, values["yaw"]))
+    presentation = Presentation(**{field.name: values[field.name] for field in dataclasses.fields(Presentation)})
+    presentation.system(made.system)  # raises an error for a joint that does not exist
     if values["retrace"] and made.system.is_timed:
         raise ValueError(f"problem {name}: retrace needs a system without functions of time; it has drives or loads")
     t_end = values["t_end"] or made.t_end
@@ -287,12 +335,12 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
 
 
 def make_solver(name: str, options: Mapping[str, Any] | None = None) -> Solver:
-    """The solver ``name`` with ``options`` (numbers or text)."""
-    return entry_of("solver", name, solvers()).make_solver(options)
+    """Return the solver ``name`` with ``options`` (numbers or text); raise ValueError if it or an option is unknown."""
+    return find_entry("solver", name, solvers()).make_solver(options)
 
 
-def in_frame(p: Problem, Q: np.ndarray) -> Problem:
-    """``p`` in a space rotated by ``Q``: ground points and axes, gravity and start; the reference follows."""
+def rotate_problem(p: Problem, Q: np.ndarray) -> Problem:
+    """Return ``p`` in a space rotated by ``Q``: ground points and axes, gravity, start and reference."""
     if np.array_equal(Q, np.eye(3)):
         return p
     start = rotate_states(States.one(p.initial), Q)[0]
@@ -300,7 +348,10 @@ def in_frame(p: Problem, Q: np.ndarray) -> Problem:
 
 
 def _turn_system(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
+    """Return the system with everything that is fixed in space rotated by ``Q``; frames of bodies stay as they are."""
+
     def turn(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """Return the vectors ``a`` rotated by Q where their ``ends`` are on the ground, the others as they are."""
         out: np.ndarray = np.where((ends == GROUND).reshape(-1, *[1] * (a.ndim - 1)), a @ Q.T, a)
         out.setflags(write=False)
         return out
@@ -320,32 +371,45 @@ def _turn_system(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
 
 
 def _yaw(system: MultibodySystem, angle: float) -> np.ndarray:
-    """Rotation by ``angle`` about the vertical (opposite to gravity; Z where there is none)."""
+    """Return the rotation by ``angle`` [rad] about the vertical, which is opposite to gravity, or Z without gravity."""
     g = float(np.linalg.norm(system.gravity))
     return so3.exp(angle * (-system.gravity / g if g > 0.0 else np.array([0.0, 0.0, 1.0])))
 
 
 def _read(what: str, of: str, known: Mapping[str, tuple[Any, Parameter]], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of all ``known`` parameters: those ``given``, parsed from numbers or text, or the defaults.
+
+    Raise ValueError for an unknown name or a value out of its limits; ``what`` and ``of`` name it in the message, such
+    as ``option`` and ``solver rattle``.
+    """
     for key in given:
         if key not in known:
-            raise ValueError(f"{of} has no {what} {key!r}{nearest(key, list(known))}")
+            raise ValueError(f"{of} has no {what} {key!r}{suggest_name(key, list(known))}")
     return {k: read_value(k, given[k], default, p) if k in given else default for k, (default, p) in known.items()}
 
 
 def _entries_of(module: ModuleType) -> list[tuple[str, Any]]:
+    """Return name and object of each problem and solver that a module itself defines."""
     return _marks_of([o for o in vars(module).values() if getattr(o, "__module__", None) == module.__name__])
 
 
 def _marks_of(objects: list[Any]) -> list[tuple[str, Any]]:
-    return [(vars(o)[_MARK], o) for o in objects if _MARK in getattr(o, "__dict__", {})]  # not of a base
+    """Return name and object of each of ``objects`` that is itself marked ``@problem`` or ``@solver``."""
+    # marks of a base class do not count
+    return [(vars(o)[_MARK], o) for o in objects if _MARK in getattr(o, "__dict__", {})]
 
 
 def _first_line(o: Any) -> str:
+    """Return the first line of an object's docstring; empty if it has none."""
     return (inspect.getdoc(o) or "").split("\n")[0]
 
 
 def keyword_options(where: str, function: Callable[..., Any], others: int = 0) -> dict[str, tuple[Any, Parameter]]:
-    """Default and meaning of the keywords of ``function`` after ``others`` positional arguments, or TypeError."""
+    """Return default and ``Parameter`` of each keyword of ``function`` after its first ``others`` parameters.
+
+    Raise TypeError, which names ``where``, unless all of them are keyword-only, annotated with a Parameter, and have a
+    default.
+    """
     own: dict[str, tuple[Any, Parameter]] = {}
     for p in list(inspect.signature(function).parameters.values())[others:]:
         notes = get_args(p.annotation)[1:] if get_origin(p.annotation) is Annotated else ()
@@ -357,16 +421,19 @@ def keyword_options(where: str, function: Callable[..., Any], others: int = 0) -
 
 
 def _problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
+    """Return the entry of a function marked ``@problem``, with its own and the common parameters."""
     own = keyword_options(f"problem {name}", function)
     tests = getattr(function, _TESTS)
     return ProblemEntry(name, function, {**own, **COMMON_PARAMETERS}, _first_line(function), tests)
 
 
-def _mechanism_entry(m: Mechanism) -> ProblemEntry:
+def _mechanism_entry(m: MechanismFile) -> ProblemEntry:
+    """Return the entry of a mechanism's file, with its own and the common parameters."""
     return ProblemEntry(m.name, m.problem, {**m.parameters(), **COMMON_PARAMETERS}, m.doc)
 
 
 def _solver_entry(name: str, cls: Any) -> SolverEntry:
+    """Return the entry of a class marked ``@solver``; raise TypeError if it lacks anything that a solver must have."""
     if not getattr(getattr(cls, "__dataclass_params__", None), "frozen", False):
         raise TypeError(f"solver {name}: {cls.__name__} must be a frozen dataclass (below @solver)")
     if not hasattr(cls, "paper_label"):

@@ -1,7 +1,7 @@
-"""A system of ``sympy.physics.mechanics`` as a problem: KanesMethod, LagrangesMethod or System, with numbers.
+"""Read a system of ``sympy.physics.mechanics`` as a problem: KanesMethod, LagrangesMethod or System, with numbers.
 
 Bodies and their poses are read from it; joints and forces are recognised from the motions that its equations give
-(module ``recognition``). The result is checked: its accelerations are those of the equations in random states.
+(module ``recognition``). The resulting system must have the accelerations of the equations in random states.
 """
 
 import importlib
@@ -22,20 +22,27 @@ from ..types import Problem
 from .mechanism import NEAR, T_END
 from .recognition import Sample, find_forces, find_joints
 
-SAME = 1e-10  # of the largest: accelerations
-STATES = 24  # in which poses are compared
-CLOSED = 1e-13  # of configuration constraints
-REACH = 0.3  # of random coordinates from the start [m or rad]
+SAME = 1e-10  # allowed difference of accelerations, relative to the largest
+STATES = 24  # sampled states from which joints and forces are recognised
+CLOSED = 1e-13  # tolerance of configuration constraints
+REACH = 0.3  # spread of random coordinates about the start [m or rad]
 
 
 def read_sympy(
-    method: Any, values: Mapping[Any, Any], start: Mapping[Any, float], *, t_end: float = T_END, dt: float = 1e-3,
-    name: str = "sympy", bodies: Sequence[Any] = (), origin: Any = None,
-) -> Problem:  # fmt: skip
-    """The problem of a KanesMethod, LagrangesMethod or System, or ValueError.
+    method: Any,
+    values: Mapping[Any, Any],
+    start: Mapping[Any, float],
+    *,
+    t_end: float = T_END,
+    dt: float = 1e-3,
+    name: str = "sympy",
+    bodies: Sequence[Any] = (),
+    origin: Any = None,
+) -> Problem:
+    """Return the problem of a KanesMethod, LagrangesMethod or System; raise ValueError if it cannot be represented.
 
-    ``values`` gives numbers for its symbols, ``start`` for its coordinates and, where they are not 0, its speeds.
-    A LagrangesMethod also needs its ``bodies``; ``origin`` is a point at rest, if no mass has a position to one.
+    ``values`` has numbers for its symbols, ``start`` for its coordinates and, if not 0, its speeds. A LagrangesMethod
+    also needs its ``bodies``; ``origin`` is a point at rest, needed if no such point has a position to the first mass.
     """
     for what, numbers in (("values", values), ("start", start)):
         _check_numbers(what, numbers)
@@ -64,6 +71,7 @@ def read_sympy(
 
 
 def _check_numbers(what: str, numbers: Any) -> None:
+    """Raise ValueError unless the argument called ``what`` is a dict with a finite number for each symbol."""
     if not isinstance(numbers, Mapping):
         raise ValueError(f"{what}: expected a dict of numbers by symbol (got {numbers!r})")
     for symbol, x in numbers.items():
@@ -77,7 +85,7 @@ def _check_numbers(what: str, numbers: Any) -> None:
 
 @dataclass(frozen=True)
 class _Equations:
-    """The equations in numbers: coordinates q and speeds u as they have them."""
+    """The equations of SymPy, evaluated in numbers at their coordinates q and speeds u."""
 
     given: Any
     values: dict[Any, Any]
@@ -86,7 +94,7 @@ class _Equations:
 
     @cached_property
     def method(self) -> Any:
-        """The equations that a System has made, or makes now."""
+        """The equations of motion; those of a System are formed first if necessary."""
         kind = type(self.given).__name__
         if kind not in ("System", "KanesMethod", "LagrangesMethod"):
             raise ValueError(f"expected a KanesMethod, a LagrangesMethod or a System of SymPy (got {kind})")
@@ -98,29 +106,33 @@ class _Equations:
 
     @cached_property
     def sm(self) -> tuple[Any, Any]:
+        """The modules ``sympy`` and ``sympy.physics.mechanics``, imported when needed."""
         return importlib.import_module("sympy"), importlib.import_module("sympy.physics.mechanics")
 
     @cached_property
     def q(self) -> list[Any]:
+        """Symbols of the coordinates."""
         return list(self.method.q)
 
     @cached_property
     def u(self) -> list[Any]:
+        """Symbols of the speeds."""
         return list(self.method.u)
 
     @property
     def is_lagrange(self) -> bool:
+        """True for a LagrangesMethod, whose speeds are the rates of its coordinates."""
         return hasattr(self.method, "coneqs")
 
     @cached_property
     def closing(self) -> Any:
-        """Constraints of coordinates."""
+        """The configuration constraints: a column of expressions in q that vanish where loops are closed."""
         found = self.method._hol_coneqs if self.is_lagrange else self.method._f_h
         return self.sm[0].Matrix(list(found))
 
     @cached_property
     def parts(self) -> tuple[Any, ...]:
-        """Bodies and particles of SymPy."""
+        """SymPy's bodies and particles except the ground; raise ValueError if they are not known."""
         found = self.own_bodies or tuple(getattr(self.given, "bodies", None) or ())
         if not found:
             raise ValueError("its bodies are not known: give bodies=[...], its RigidBody and Particle objects")
@@ -128,7 +140,7 @@ class _Equations:
 
     @cached_property
     def frame(self) -> Any:
-        """The frame at rest."""
+        """SymPy's frame at rest; raise ValueError if the equations do not name it."""
         for holder, slot in ((self.given, "frame"), (self.method, "_inertial"), (self.method, "inertial")):
             if (found := getattr(holder, slot, None)) is not None:
                 return found
@@ -136,7 +148,7 @@ class _Equations:
 
     @cached_property
     def bodies(self) -> list[RigidBody]:
-        """Masses, and inertias about C in the frames of the bodies."""
+        """The rigid bodies, with mass [kg] and inertia about C [kg m2, body], in the order of ``parts``."""
         out = []
         for b in self.parts:
             J = self.sm[0].zeros(3, 3) if self._is_point(b) else b.central_inertia.to_matrix(b.frame)
@@ -145,11 +157,15 @@ class _Equations:
         return out
 
     def _is_point(self, b: Any) -> bool:
+        """Return whether a part is a particle, which has a point and no frame of its own."""
         return not hasattr(b, "central_inertia")
 
     @cached_property
     def origin(self) -> Any:
-        """A point at rest to which the first mass has a position."""
+        """A point at rest: the one given, or the nearest with a position to the first mass.
+
+        Raise ValueError if there is none.
+        """
         if self.point is not None:
             return self.point
         if (fixed := getattr(self.given, "fixed_point", None)) is not None:
@@ -162,7 +178,10 @@ class _Equations:
         raise ValueError(f"no point at rest has a position to the mass of {self.parts[0].name}: give origin=O")
 
     def _compile(self, expressions: Any) -> Any:
-        """A function of the numbers q and u; ValueError names symbols without value."""
+        """Return a function of the numbers (*q, *u) that evaluates SymPy's ``expressions`` with the given values.
+
+        Raise ValueError if symbols have no value, which it names, or if time occurs explicitly.
+        """
         sp, me = self.sm
         names = sp.symbols(f"x:{len(self.q) + len(self.u)}", cls=sp.Dummy)
         matrix = sp.Matrix(expressions) if not hasattr(expressions, "shape") else expressions
@@ -179,7 +198,7 @@ class _Equations:
 
     @cached_property
     def _numbers(self) -> dict[str, Any]:
-        """Functions of (q, u): poses, their rates and accelerations, equations, constraints."""
+        """Functions of the numbers (*q, *u) by name; a matrix without rows has no function."""
         sp, me = self.sm
         t = me.dynamicsymbols._t
         x: list[Any] = []
@@ -197,36 +216,50 @@ class _Equations:
         restricted = sp.Matrix([*(m.coneqs if self.is_lagrange else m._k_nh * u + m._f_nh if len(m._k_nh) else [])])
         closing = self.closing
         made = {
-            "poses": poses, "slope": slope, "turning": turning, "q_dot": q_dot,
-            "bent": q_dot.jacobian(q) * q_dot, "along": q_dot.jacobian(u),
-            "mass": m.mass_matrix_full, "force": m.forcing_full,
-            "closing": closing, "opening": closing.jacobian(q) if len(closing) else sp.zeros(0, len(self.q)),
+            "poses": poses,  # C and R of each part: 12 numbers
+            "slope": slope,  # d poses / d q
+            "turning": turning,  # second derivative of poses where q_ddot = 0
+            "q_dot": q_dot,
+            "bent": q_dot.jacobian(q) * q_dot,  # q_ddot where u_dot = 0
+            "along": q_dot.jacobian(u),  # d q_dot / d u
+            "mass": m.mass_matrix_full,  # mass (q_dot, u_dot) = force
+            "force": m.forcing_full,
+            "closing": closing,  # 0 where loops are closed
+            # d closing / d q
+            "opening": closing.jacobian(q) if len(closing) else sp.zeros(0, len(self.q)),
+            # rows that vanish with each change of u that constraints allow
             "allowed": restricted.jacobian(u) if len(restricted) else sp.zeros(0, len(self.u)),
-        }  # fmt: skip
+        }
         return {k: self._compile(v) for k, v in made.items() if v.shape[0]}
 
     def _at(self, name: str, q: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
+        """Return the function ``name`` of ``_numbers`` at q and u (None: zero); without rows if it does not exist."""
         found = self._numbers.get(name)
         u = np.zeros(len(self.u)) if u is None else u
         return np.zeros((0, len(q))) if found is None else np.array(found(*q, *u), dtype=float)
 
     def _velocities(self, q: np.ndarray, q_dot: np.ndarray) -> tuple[np.ndarray, ...]:
-        """R, v, Omega and R_dot at rates of coordinates."""
+        """Return R, v [m/s, space], Omega [rad/s, body] and R_dot of all parts at coordinates q and rates q_dot."""
         x, x_dot = (a.reshape(-1, 12) for a in (self._at("poses", q), self._at("slope", q) @ q_dot))
         R, R_dot = (a[:, 3:].reshape(-1, 3, 3) for a in (x, x_dot))
         return R, x_dot[:, :3], _vee(np.swapaxes(R, 1, 2) @ R_dot), R_dot
 
     def state(self, q: np.ndarray, u: np.ndarray) -> State:
-        """Poses and velocities."""
+        """Return poses and velocities of all parts at coordinates q and speeds u."""
         R, v, Omega, _ = self._velocities(q, self._at("q_dot", q, u).ravel())
         return State(self._at("poses", q).reshape(-1, 12)[:, :3], R, v, Omega)
 
     def samples(self, start: Float[np.ndarray, " nq"]) -> list[Sample]:
-        """The start, closed, and random states about it."""
+        """Return up to ``STATES`` samples, the first at coordinates ``start``, the others at random ones near them.
+
+        All have closed loops and random speeds that the constraints allow. Raise ValueError if loops cannot be closed
+        at the first.
+        """
         from scipy.linalg import null_space
 
         random, out = np.random.default_rng(0), list[Sample]()
-        for reach in (0.0, *np.geomspace(REACH, 0.1 * REACH, 4 * STATES)):  # shorter, where a loop does not go so far
+        # closer to the start, where a loop does not reach so far
+        for reach in (0.0, *np.geomspace(REACH, 0.1 * REACH, 4 * STATES)):
             q = self._close_loops(start + reach * random.standard_normal(len(start)))
             if np.max(np.abs(self._at("closing", q)), initial=0.0) > CLOSED:
                 if not out:
@@ -240,6 +273,10 @@ class _Equations:
         return out
 
     def _sample(self, q: np.ndarray, u: np.ndarray, free: np.ndarray) -> Sample:
+        """Return the sample at q and u: poses and velocities, allowed twists, and accelerations by SymPy's equations.
+
+        The columns of ``free`` span the speeds that the constraints allow.
+        """
         nq, state = len(q), self.state(q, u)
         try:
             full = np.linalg.solve(self._at("mass", q, u), self._at("force", q, u).ravel())
@@ -258,6 +295,7 @@ class _Equations:
         return Sample(state, np.array(twists).reshape(-1, 6 * len(self.parts)).T, np.hstack((x_ddot[:, :3], spin)))
 
     def _close_loops(self, q: np.ndarray) -> np.ndarray:
+        """Return q after Newton's iteration to close the loops, which ends after 50 steps even if they are open."""
         for _ in range(50):
             gap = self._at("closing", q).ravel()
             if np.max(np.abs(gap), initial=0.0) < 0.1 * CLOSED:
@@ -267,4 +305,5 @@ class _Equations:
 
 
 def _vee(W: Float[np.ndarray, "nb 3 3"]) -> Float[np.ndarray, "nb 3"]:
+    """Return the vectors w of matrices W = hat(w); only the skew-symmetric part of each W counts."""
     return 0.5 * np.stack((W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]), axis=1)

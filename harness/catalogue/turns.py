@@ -1,8 +1,9 @@
-"""Solvers see springs within half a turn of rest: a motion that winds one further is integrated piece by piece.
+"""Integrate motions that wind a torsional spring beyond half a turn from rest, in pieces with shifted laws.
 
-A state does not tell how often a body has turned, so that a torsional spring's law holds within half a turn of an angle
-(``wound`` there). Where a motion leaves that, its rows up to there are right, and the solver goes on from the last of
-them with a law about the angle that the spring has there. A motion that stays within is the solver's own, bit for bit.
+A state does not show how often a body has turned, so that the law of a torsional spring holds only within half a turn
+of one angle. If a motion leaves that range, its rows before that are right, and the solver continues from the last of
+them with the law rewritten about the spring's angle there. A motion that stays within is returned as the solver
+returned it, bit for bit.
 """
 
 import functools
@@ -16,25 +17,30 @@ from jaxtyping import Float
 from ..mechanics.consistency import project
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
-from ..mechanics.time_functions import shift
+from ..mechanics.time_functions import shift_time
 from ..mechanics.torsion import count_right, wind
 from ..types import Problem, Status, StepControl, Trajectory
 
-AHEAD = 2.0  # times the last piece: how long the next one may be, as all behind the next turn is thrown away
-PIECES = 10_000
+AHEAD = 2.0  # greatest length of a piece relative to the last one, as all beyond the next turn is discarded
+PIECES = 10_000  # most pieces of a motion, each a solve with its own start: a spring may turn for ever
 
 Solve = Callable[[Any, Problem, StepControl], Trajectory]
 
 
-def counts_turns(solve: Solve) -> Solve:
-    """``solve`` with springs that keep their turns; the same function where it has them already."""
+def keep_turns(solve: Solve) -> Solve:
+    """Return a method ``solve`` that follows torsional springs through any number of turns.
+
+    It calls the given ``solve``, and calls it again for each further piece of the motion. A method that is wrapped
+    already is returned as it is.
+    """
     if getattr(solve, "counts_turns", False):
         return solve
 
     @functools.wraps(solve)
     def whole(self: Any, problem: Problem, control: StepControl) -> Trajectory:
+        """Solve the problem; continue in pieces if a torsional spring leaves half a turn."""
         found = solve(self, problem, control)
-        if not isinstance(found, Trajectory):  # its caller says so
+        if not isinstance(found, Trajectory):  # reported by the caller
             return found
         right = _count_right(problem.system, found)
         if right == len(found.t):
@@ -46,18 +52,25 @@ def counts_turns(solve: Solve) -> Solve:
 
 
 def _count_right(system: MultibodySystem, found: Trajectory) -> int:
-    """How many rows are those of the law."""
+    """Count the rows, from the start, for which the laws of torsional springs hold; all of a wrong-sized motion."""
     if found.states.nb != system.nb:
         return len(found.t)
     return count_right(system, np.asarray(found.t, dtype=float), found.states)
 
 
 def _go_on(
-    solve: Callable[[Problem, StepControl], Trajectory], problem: Problem, control: StepControl, found: Trajectory,
+    solve: Callable[[Problem, StepControl], Trajectory],
+    problem: Problem,
+    control: StepControl,
+    found: Trajectory,
     right: int,
-) -> Trajectory:  # fmt: skip
-    """The whole motion from its first ``right`` rows."""
-    parts, t = [_cut(found, right, 0.0)], float(found.t[right - 1])
+) -> Trajectory:
+    """Return the whole motion in pieces, of which the first ``right`` rows of ``found`` are the first.
+
+    Each further piece is solved from the end of the one before, with springs whose laws hold about their angles there.
+    If that is not possible the motion ends as stalled, or as the solver ended its last piece.
+    """
+    parts, t = [_cut_piece(found, right, 0.0)], float(found.t[right - 1])
     costs, system, last, span = [found], problem.system, found.states[right - 1], float(found.t[right - 1])
     status, message = Status.SUCCESS, found.message
     if len(system.user_i):
@@ -81,7 +94,7 @@ def _go_on(
         more = solve(piece, replace(alone, max_steps=steps_left))
         right = _count_right(here, more)
         costs.append(more)
-        parts.append(_cut(more, right, t))
+        parts.append(_cut_piece(more, right, t))
         t, last, span = t + float(more.t[right - 1]), more.states[right - 1], float(more.t[right - 1])
         if right == len(more.t) and more.status is not Status.SUCCESS:
             status, message = more.status, f"{more.message} (of a piece that ends at t = {t:.6g} s)"
@@ -90,33 +103,43 @@ def _go_on(
 
 
 def _whole_steps(span: float, dt: float | None) -> float:
+    """Return ``span`` [s] rounded up to whole steps ``dt`` [s], at least two; unchanged without a fixed step."""
     return span if dt is None else dt * max(2.0, np.ceil(span / dt - 1e-9))
 
 
 def _begin_at(system: MultibodySystem, t: float) -> MultibodySystem:
-    """The system whose clock is at zero at ``t`` [s]."""
+    """Return the system with functions of time shifted so that its time 0 is ``t`` [s]."""
     return replace(
-        system, joint_motion=_freeze(shift(system.joint_motion, t)), load_factor=_freeze(shift(system.load_factor, t))
+        system,
+        joint_motion=_freeze(shift_time(system.joint_motion, t)),
+        load_factor=_freeze(shift_time(system.load_factor, t)),
     )
 
 
 def _freeze(a: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Return a read-only copy of an array."""
     out = np.array(a)
     out.setflags(write=False)
     return out
 
 
-def _cut(found: Trajectory, rows: int, since: float) -> Trajectory:
-    """The first rows of a piece that begins at ``since`` [s]."""
+def _cut_piece(found: Trajectory, rows: int, since: float) -> Trajectory:
+    """Return the first ``rows`` rows of a piece that begins at ``since`` [s], with the times of the whole motion."""
     few = slice(0, rows)
     return replace(
-        found, t=np.asarray(found.t)[few] + since, states=found.states.at(few).with_times(found.t[few] + since),
+        found,
+        t=np.asarray(found.t)[few] + since,
+        states=found.states.at(few).with_times(found.t[few] + since),
         reaction=None if found.reaction is None else found.reaction[few],
         diagnostics={k: a[few] for k, a in found.diagnostics.items()},
-    )  # fmt: skip
+    )
 
 
 def _join(parts: list[Trajectory], costs: list[Trajectory], status: Status, message: str, t_end: float) -> Trajectory:
+    """Return all pieces as one motion with ``status`` and ``message``; a successful one ends at ``t_end`` [s] exactly.
+
+    ``costs`` are the pieces as solved, with discarded rows: their counters and CPU times are summed.
+    """
     rest = [_without_first(part) for part in parts[1:]]
     all_parts = [parts[0], *(part for part in rest if part is not None)]
     t = np.concatenate([part.t for part in all_parts])
@@ -128,21 +151,29 @@ def _join(parts: list[Trajectory], costs: list[Trajectory], status: Status, mess
     shared = [k for k in parts[0].diagnostics if all(k in p.diagnostics for p in all_parts)]
     words = f"a torsional spring turns on: integrated in {len(parts)} pieces of at most a turn"
     return replace(
-        parts[0], t=t, states=states.with_times(t), status=status, message=message, counters=counters,
+        parts[0],
+        t=t,
+        states=states.with_times(t),
+        status=status,
+        message=message,
+        counters=counters,
         reaction=None if any(r is None for r in reactions) else np.concatenate([r for r in reactions if r is not None]),
         diagnostics={k: np.concatenate([p.diagnostics[k] for p in all_parts]) for k in shared},
-        notes=(*parts[0].notes, words), cpu_time=sum(c.cpu_time for c in costs),
+        notes=(*parts[0].notes, words),
+        cpu_time=sum(c.cpu_time for c in costs),
         setup_time=sum(c.setup_time for c in costs),
-    )  # fmt: skip
+    )
 
 
 def _without_first(part: Trajectory) -> Trajectory | None:
-    """A later piece without its start, which is the end of the one before."""
+    """Return a later piece without its start, which is the end of the piece before; None if nothing is left."""
     if len(part.t) < 2:
         return None
     rows = slice(1, None)
     return replace(
-        part, t=part.t[rows], states=part.states.at(rows),
+        part,
+        t=part.t[rows],
+        states=part.states.at(rows),
         reaction=None if part.reaction is None else part.reaction[rows],
         diagnostics={k: a[rows] for k, a in part.diagnostics.items()},
-    )  # fmt: skip
+    )

@@ -1,1 +1,1 @@
-"""Requirements on solvers and problems (``check``), and the assessment of a solver (``try``): findings with numbers."""
+"""Test requirements on solvers and problems (``check``), and assess a solver (``try``), in findings with numbers."""

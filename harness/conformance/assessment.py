@@ -1,4 +1,4 @@
-"""The runs of ``try`` for a solver, and the findings on their results."""
+"""Plan the runs of ``try`` for a solver, and derive the findings on their results."""
 
 import json
 import math
@@ -17,18 +17,18 @@ from ..referee.certificates.orders import certify
 from ..results.findings import Finding, state
 from ..results.judgements.runs import Order
 from ..results.records import RunRecord
-from ..results.words import accurate_until, why
+from ..results.words import format_accurate_times, list_reasons, reaction_share
 from ..results.work import index_1_evaluations
 from ..sandbox.trial import make_problem
 from ..suites.spec import RunSpec, make_spec
-from ..types import Status, Trait
+from ..types import RIGHT_REACTION, Status, Trait
 from .presentations import LOOP, TREE, assess_symmetries, plan_symmetries
 
 QUANTITIES = ("position", "orientation", "energy", "reaction")
 ENDED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
-ABREAST = 6  # problems between two looks at the budget
-STEPS = 100  # of the problem's own step, on each problem
-LADDERS: Mapping[str, Mapping[str, Any]] = {  # spatial, loaded and spinning: every term counts
+ABREAST = 6  # problems between two checks of the budget
+STEPS = 100  # number of default steps run on each problem
+LADDERS: Mapping[str, Mapping[str, Any]] = {  # spatial, loaded and spinning, so that every term matters
     "spherical_pendulum": {"omega_x": 5.0, "omega_z": 3.0, "t_end": 1.0},
     "heavy_top": {"t_end": 0.2},
 }
@@ -38,21 +38,25 @@ VALUES = {
     ("spherical_pendulum", "rtol"): 10.0 ** -np.arange(3.0, 10.0),
     ("heavy_top", "rtol"): 10.0 ** -np.arange(3.0, 10.0),
 }
-FIELD = ("rkmk_dopri5", "ida_index1", "scipy_strong_form")  # compared with: kernels that are compiled in a minute
+# solvers compared with, whose kernels are compiled in a minute
+FIELD = ("rkmk_dopri5", "ida_index1", "scipy_strong_form")
 LINKS = (6, 12, 24, 48)
 SWING = {"omega_z": 0.1}
-PERIOD = 0.97  # [s] of that swing
+PERIOD = 0.97  # [s] period of that swing
 LONGEST = 300.0 * PERIOD
 LONG = {"dt": 0.01, "rtol": 1e-6}
 CLOCK = 5e-3  # [s] shorter runs say nothing about cost
-LINEAR = 1.5  # exponent of cost a step in bodies: more, and a chain of a hundred is out of reach
+LINEAR = 1.5  # exponent of the cost per step in bodies; above, a chain of a hundred takes too long
 
 
 Run = TypeVar("Run", RunRecord, RunSpec)
 
 
 def plan_runs(solver: str, wall: float) -> list[RunSpec]:
-    """All runs but the long one: ladders and symmetries first, then the problems."""
+    """Return all runs but the long one: ladders and symmetries first, then the problems.
+
+    ``wall`` [s] limits the CPU time of each.
+    """
     out = []
     for who in (solver, *FIELD):
         for name, parameters in LADDERS.items():
@@ -69,7 +73,7 @@ def plan_runs(solver: str, wall: float) -> list[RunSpec]:
 
 
 def plan_stages(solver: str, specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
-    """Stages in the order they are run: ladders, symmetries and growth, ladders of others, some problems at a time."""
+    """Return the stages in order: own ladders, symmetries and growth, ladders of other solvers, groups of problems."""
     own = [s for s in specs if s.solver == solver and s.label != "problems"]
     problems = [s for s in specs if s.label == "problems"]
     first = [s for s in own if s.label == "ladder"]
@@ -81,9 +85,9 @@ def plan_stages(solver: str, specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
 def run_stages(
     solver: str, budget: float, run_stage: Callable[[Sequence[RunSpec], float, bool], Sequence[RunRecord] | None]
 ) -> list[RunSpec]:
-    """Run stages until ``budget`` [s] of CPU time are spent; all runs that were planned.
+    """Run stages until ``budget`` [s] of CPU time is spent; return all runs that were planned.
 
-    ``run_stage`` takes all runs so far, the CPU time left [s], and whether some are done; None: it was cut short.
+    ``run_stage`` takes all runs so far, the CPU time left [s], and whether some are done; it returns None if cut short.
     """
     begun = _cpu_seconds()
     specs = plan_runs(solver, wall=min(20.0, budget / 6.0))
@@ -95,7 +99,8 @@ def run_stages(
         if records is None:
             break
         presented = [r for r in records if r.label == "symmetries" and r.solver == solver]
-        if not on_tree and presented and all(r.status == Status.REFUSED for r in presented):  # of redundant rows
+        # refused for redundant rows
+        if not on_tree and presented and all(r.status == Status.REFUSED for r in presented):
             on_tree = True
             stages.insert(0, plan_symmetries(solver, "random_mechanism", TREE, wall=min(20.0, budget / 6.0)))
             specs += stages[0]
@@ -108,12 +113,12 @@ def run_stages(
 
 
 def _cpu_seconds() -> float:
-    """CPU time of this process and of those that it has waited for, less what making code has taken [s]."""
+    """Return the CPU time of this process and its finished children, without compilation [s]."""
     return sum(os.times()[:4]) - code_seconds_of_tree()
 
 
 def plan_long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSpec | None:
-    """Swings of the pendulum for ``seconds`` of CPU time; None if they are too few for a long run."""
+    """Return a run of the pendulum for ``seconds`` of CPU time; None if that gives too few periods."""
     control = registry.solvers()[solver].control
     done = [r for r in _select(solver, records, "ladder") if r.problem == "spherical_pendulum" and r.steps]
     if not done:
@@ -131,14 +136,14 @@ def plan_long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> 
 
 
 def certify_ladders(solver: str, folder: Path, records: Sequence[RunRecord]) -> Sequence[Order]:
-    """The certificates of its ladders that can be measured."""
+    """Return the measurable certificates of the solver's ladders."""
     return [o for o in certify(folder, _select(solver, records, "ladder")) if o.is_measured]
 
 
 def assess(
     solver: str, folder: Path, records: Sequence[RunRecord], found: Sequence[Order], left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
-    """All findings, in the order of the page; ``found``: orders of its ladders, ``left``: runs left out."""
+    """Yield all findings in the order of the page; ``found`` are orders of its ladders, ``left`` runs left out."""
     ladder, rest = _select(solver, records, "ladder"), _select(solver, left, "ladder")
     yield from _assess_problems(_select(solver, records, "problems"))
     yield from _assess_orders(found, ladder, rest)
@@ -150,36 +155,54 @@ def assess(
 
 
 def _make_spec(
-    solver: str, problem: str, parameters: Mapping[str, Any], control: Mapping[str, Any], label: str, wall: float,
+    solver: str,
+    problem: str,
+    parameters: Mapping[str, Any],
+    control: Mapping[str, Any],
+    label: str,
+    wall: float,
     options: Mapping[str, Any] | None = None,
-) -> RunSpec:  # fmt: skip
+) -> RunSpec:
+    """Return the run of a solver on a problem with ``parameters``, at most ``wall`` [s] of CPU time.
+
+    ``control`` is its step or tolerance, ``label`` the group of runs that it belongs to, such as ``ladder``.
+    """
     return make_spec(make_problem(problem, parameters), solver, options, control, label=label, cpu_limit=wall)
 
 
 def _select(solver: str, runs: Sequence[Run], label: str) -> list[Run]:
+    """Return the runs of ``solver`` that have the ``label``."""
     return [r for r in runs if r.solver == solver and r.label == label]
 
 
 def _describe_cut(left: int, run: int) -> str:
+    """Report that nothing was determined: of its runs ``left`` were left out by the budget, and ``run`` made."""
     if not run:
         return "not determined: no run of it within the budget"
     return f"not determined: {left} of {left + run} runs of it are left out by the budget"
 
 
 def _assess_problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
+    """Yield how the solver ended on each problem of the catalogue; refused or too slow is not judged."""
     for r in sorted(runs, key=lambda r: r.problem):
-        open_ = r.status in (Status.REFUSED, Status.STALLED, Status.UNFINISHED)  # refused or slow: neither is wrong
-        if Trait.STIFF in registry.problems()[r.problem].tests:  # a warning for any method: the step may be too long
+        # neither a refusal nor slowness is wrong
+        open_ = r.status in (Status.REFUSED, Status.STALLED, Status.UNFINISHED)
+        if Trait.STIFF in registry.problems()[r.problem].tests:  # stiff: a step may be too long for any method
             open_ |= r.status in (Status.DIVERGED, Status.STEP_UNDERFLOW)
         good = None if open_ else r.status == Status.SUCCESS
-        said = "" if r.status == Status.SUCCESS else f": {'; '.join(why(r))}"
-        until = f", accurate to {accurate_until(r)[0].split(' (')[0]}" if accurate_until(r) and r.steps else ""
+        said = "" if r.status == Status.SUCCESS else f": {'; '.join(list_reasons(r))}"
+        until = (
+            f", accurate to {format_accurate_times(r)[0].split(' (')[0]}"
+            if format_accurate_times(r) and r.steps
+            else ""
+        )
         yield state(f"{r.problem}, {r.t_end_s:g} s", f"{r.status}{said}{until}", "success, or a reason", good)
 
 
 def _assess_orders(
     found: Sequence[Order], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
+    """Yield the measured orders of each ladder or, without any, why: runs that failed, or were left out."""
     for name in LADDERS:
         yield from (o.as_finding() for o in found if o.problem == name and o.quantity in QUANTITIES)
         if not any(o.problem == name for o in found):
@@ -188,7 +211,7 @@ def _assess_orders(
 
 
 def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Finding:
-    """Too slow only where every rung that did not end was; else the rungs that failed say why."""
+    """Explain a missing order: too slow only if every unfinished rung was slow, else by the rungs that failed."""
     ends = Counter(str(r.status or "unknown") for r in ladder if r.status not in ENDED)
     if not ladder or (left and not ends):
         return state(what, _describe_cut(left, len(ladder)), "a ladder")
@@ -200,13 +223,16 @@ def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Find
 
 
 def _assess_energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec]) -> Finding:
+    """Return how the energy [J] oscillates and drifts over many periods of a pendulum; this is not judged."""
     runs = _select(solver, records, "long")
     if not runs:
         words = _describe_cut(1, 0) if left else f"not determined: {PERIODS} periods would take longer than the budget"
         return state("energy over many periods", words)
     (d,) = analyse_drift(folder, runs)[:1]
     if not d.periods:
-        return state("energy over many periods", f"{d.verdict}: {'; '.join(why(runs[0])) or 'no periods'}", good=None)
+        return state(
+            "energy over many periods", f"{d.verdict}: {'; '.join(list_reasons(runs[0])) or 'no periods'}", good=None
+        )
     words = f"{d.verdict} over {d.periods} periods: oscillation {d.oscillation_J:.2g} J"
     trend = f", trend {d.trend_W:.2g} [{d.trend_low_W:.2g}, {d.trend_high_W:.2g}] W"
     return state("energy over many periods", words + trend)
@@ -215,6 +241,7 @@ def _assess_energy(solver: str, records: Sequence[RunRecord], folder: Path, left
 def _assess_laws(
     runs: Sequence[RunRecord], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
+    """Yield the largest violation of the joints on all problems, and the error of reactions on the ladders."""
     moved = [r for r in runs if r.steps and r.gap_share_max >= 0.0]
     if moved:
         worst = max(moved, key=lambda r: r.gap_share_max)
@@ -226,13 +253,13 @@ def _assess_laws(
         none = "none returned: not judged" if done else "not determined: no run of the ladders succeeded"
         yield state("reactions", none if ladder else _describe_cut(len(left), 0))
         return
-    r = min(known, key=lambda r: r.reaction_error_max_N / r.reaction_size_N)
-    share = r.reaction_error_max_N / r.reaction_size_N
-    good = True if share <= 0.05 else None if left else False  # a finer setting may have been left out
+    share = min(map(reaction_share, known))
+    good = True if share <= RIGHT_REACTION else None if left else False  # a finer setting may have been left out
     yield state("reactions at the finest setting", f"off by {100.0 * share:.2g} %", "5 %", good)
 
 
 def _assess_work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Finding]:
+    """Yield the least error on each ladder with its CPU time, and that of the fastest rival as accurate."""
     for name in LADDERS:
         sound = [r for r in records if r.label == "ladder" and r.problem == name and r.status == Status.SUCCESS]
         mine = [r for r in sound if r.solver == solver]
@@ -254,17 +281,20 @@ def _assess_work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSp
 
 
 def _describe_time(r: RunRecord) -> str:
+    """Return the CPU time of a run, such as ``0.12 s``; shorter than ``CLOCK`` it is not stated."""
     return f"{r.cpu_median_s:.2g} s" if r.cpu_median_s > CLOCK else f"less than {1e3 * CLOCK:g} ms"
 
 
 def _assess_symmetries(
     solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
+    """Yield the symmetries that the solver breaks, and how many it keeps."""
     runs, rest = _select(solver, records, "symmetries"), len(_select(solver, left, "symmetries"))
     yield from assess_symmetries(folder, runs, _describe_cut(rest, len(runs)))
 
 
 def _assess_growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Finding:
+    """Return how the CPU time of a step grows with the number of bodies of a chain: the exponent n^p."""
     done = sorted(
         (json.loads(r.problem_parameters).get("links", 15), r.cpu_median_s / r.steps) for r in runs if r.steps
     )

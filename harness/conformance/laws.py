@@ -1,6 +1,6 @@
-"""The laws that a problem and its exact motion must satisfy: each returns the number measured.
+"""Measure the laws that a problem and its exact motion must satisfy, one number per law.
 
-They are those of the full system in (r, R), which the problem's own formulas do not enter.
+They are laws of the full system in (r, R), independent of the problem's own formulas.
 """
 
 import dataclasses
@@ -16,24 +16,26 @@ from ..mechanics import motion, so3
 from ..mechanics.consistency import START_TOLERANCE, InconsistentStart, check_start
 from ..mechanics.dynamics import RANK
 from ..mechanics.jacobian import constraint_jacobian
+from ..mechanics.naming import name_joint
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..metrics.scales import Scales, scales
 from ..reference.computation import compute_reference, is_computable
-from ..results.findings import Finding, compare, fail, leave_open
+from ..results.findings import Finding, compare, leave_open, make_failure
 from ..types import Invariant, Observable, Problem, Reference
 
-FIELDS = ("r", "R", "v", "Omega")  # of a state
+FIELDS = ("r", "R", "v", "Omega")  # fields of a state
 SAMPLES = 21  # times along the reference
-SMALL = 1e-8  # of the problem's own scales: what is exact may be off by, its stated error apart
-DIFFERENCED = 1e-8  # the same for what is differenced: (step x rate)^6 is below 1e-12
-ROUNDED = 1e-12  # what rounding leaves of a smooth motion, before it is divided by a step
-DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0  # sixth order, of samples a step apart
+SMALL = 1e-8  # fraction of the problem's scales: error allowed for an exact motion, besides its stated error
+DIFFERENCED = 1e-8  # as SMALL, for derivatives from differences: (step x rate)^6 is below 1e-12
+ROUNDED = 1e-12  # rounding of a smooth motion, before division by a step
+# derivative of sixth order from samples a step apart
+DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 
 
 @dataclass(frozen=True)
 class Subject:
-    """The problem with what several requirements need of it."""
+    """A problem with the quantities that several requirements use."""
 
     name: str
 
@@ -44,17 +46,17 @@ class Subject:
 
     @cached_property
     def size(self) -> Scales:
-        """Scales that drifts are compared with."""
+        """The scales of length, energy and others that errors and drifts are compared with."""
         return scales(self.problem, self.reference)
 
     @cached_property
     def reference(self) -> Reference | None:
-        """Its exact motion."""
+        """The exact motion that the problem states itself; None if it states none."""
         return self.problem.reference()
 
     @cached_property
     def computed_reference(self) -> Reference | None:
-        """The motion that two formulations compute, which know nothing of the problem's own reference."""
+        """The motion computed by two formulations, independent of the problem's own; None if not computable."""
         p = self.problem
         end = p.t_end if self.reference is None else min(p.t_end, self.reference.horizon)
         known = is_computable(p.system) and not p.literal_start
@@ -62,54 +64,54 @@ class Subject:
 
     @cached_property
     def best_reference(self) -> Reference | None:
-        """Its own exact motion, else the computed one."""
+        """The problem's own exact motion, else the computed one; None if there is neither."""
         return self.reference if self.reference is not None else self.computed_reference
 
     @cached_property
     def t(self) -> np.ndarray:
-        """Times within the horizon of what is known."""
+        """The sample times [s] within the horizon of the best reference."""
         assert self.best_reference is not None
         return np.linspace(0.0, min(self.problem.t_end, self.best_reference.horizon), SAMPLES)
 
     @cached_property
     def best_states(self) -> States:
-        """The motion at ``t``."""
+        """The states of the best reference at the sample times ``t``."""
         assert self.best_reference is not None
         return self.best_reference.states(self.t)
 
     @cached_property
     def stated_error(self) -> np.ndarray:
-        """Stated error at ``t`` [m]."""
+        """The error that the best reference states at the sample times ``t`` [m]."""
         assert self.best_reference is not None
         return np.asarray(self.best_reference.error(self.t), dtype=float)
 
     @property
     def largest_error(self) -> float:
-        """Largest stated error [m]."""
+        """The largest stated error [m]; 0 where the stated ones are no numbers, which has a finding of its own."""
         own = self.stated_error
         return float(np.max(own)) if own.shape == self.t.shape and np.all(np.isfinite(own)) else 0.0
 
     @cached_property
     def rate(self) -> float:
-        """[rad/s] of the motion: how fast poses change, and with them what is made of them.
+        """The rate at which poses change [rad/s].
 
-        Bodies that turn little, as a point mass on a link, cross the motion's length at their speed.
+        Bodies that turn little, such as a point mass on a link, cross the motion's length at their speed.
         """
         crossing = float(np.max(np.linalg.norm(self.best_states.v, axis=-1))) / self.size.length
         return 1.0 / max(self.t[-1], 1e-9) + max(float(np.max(np.abs(self.best_states.Omega))), crossing)
 
     @property
     def allowed_share(self) -> float:
-        """The share of its scales by which an exact motion with that stated error may be off."""
+        """The error allowed for an exact motion with that stated error, as a fraction of its scales."""
         return SMALL + 100.0 * self.largest_error / self.size.length
 
     def allowed_difference(self, step: float) -> float:
-        """The allowed share for derivatives, taken from differences over ``step`` [s]."""
+        """Return the allowed fraction for derivatives taken from differences over ``step`` [s]."""
         return DIFFERENCED + (ROUNDED + 100.0 * self.largest_error / self.size.length) / (step * self.rate)
 
 
 def check_documentation(s: Subject) -> Finding:
-    """Docstring, a meaning for each parameter of its own, source and name."""
+    """Check docstring, a meaning for each parameter of its own, source and name."""
     entry = registry.problems()[s.name]
     own = {k: p for k, (_, p) in entry.parameters.items() if k not in registry.COMMON_PARAMETERS}
     missing = [] if entry.doc.strip() else ["the docstring of its function"]
@@ -121,7 +123,7 @@ def check_documentation(s: Subject) -> Finding:
 
 
 def check_initial_state(s: Subject) -> Finding:
-    """phi and phi_dot of the start vanish, as every solver checks before its first step."""
+    """Check that phi and phi_dot of the start vanish, as every solver does before its first step."""
     made = registry.problems()[s.name].make()
     try:
         check_start(made.system, made.initial)
@@ -135,7 +137,7 @@ def check_initial_state(s: Subject) -> Finding:
 
 
 def _count_freedom(made: Problem) -> str:
-    """Rows of its joints, their rank and degrees of freedom at the start: singular values of rows of length one."""
+    """Describe rows, their rank and degrees of freedom at the start, from singular values of normalised rows."""
     system = made.system
     A = constraint_jacobian(system, made.initial).toarray()
     length = np.linalg.norm(A, axis=1, keepdims=True)
@@ -144,14 +146,14 @@ def _count_freedom(made: Problem) -> str:
     words = f"{system.nrows} rows of rank {rank}: {6 * system.nb - rank} degrees of freedom at the start"
     if rank == system.nrows:
         return words
-    names = [system.joint_names[k] for k in find_redundant_joints(system, made.initial)]
+    names = [name_joint(system, k) for k in find_redundant_joints(system, made.initial)]
     return f"{words}; {system.nrows - rank} rows fewer in {', '.join(names)} would do"
 
 
 def find_redundant_joints(system: MultibodySystem, state: State) -> list[int]:
-    """The fewest joints, or nearly, that can lose all redundant rows: those of the others are independent.
+    """Return nearly the fewest joints that can lose all redundant rows, so that the other rows are independent.
 
-    Joints with few rows first, each is kept whose rows are independent of those kept before.
+    Joints are taken in order of their number of rows; each is kept whose rows are independent of those kept before.
     """
     A = constraint_jacobian(system, state).toarray()
     length = np.linalg.norm(A, axis=1, keepdims=True)
@@ -167,44 +169,46 @@ def find_redundant_joints(system: MultibodySystem, state: State) -> list[int]:
 
 
 def check_times(s: Subject) -> Finding:
-    """0 < dt <= t_end [s], finite."""
+    """Check that 0 < dt <= t_end [s], both finite."""
     p = s.problem
     good = all(math.isfinite(x) and x > 0.0 for x in (p.t_end, p.dt))
     return compare(p.t_end / p.dt if good else math.nan, "steps", 1.0, words=f"t_end = {p.t_end}, dt = {p.dt}")
 
 
 def check_energy_scale(s: Subject) -> Finding:
-    """T + V of the start and the scale of energy [J] are finite, the scale above zero."""
+    """Check that T + V of the start and the scale of energy [J] are finite, the scale above zero."""
     E = float(motion.energy(s.problem.system, States.one(s.problem.initial))[0])
     good = math.isfinite(E) and math.isfinite(s.size.energy) and s.size.energy > 0.0
     return compare(s.size.energy, "J", words=f"T + V = {E:.6g} J at the start", good=good)
 
 
 def check_scalars(s: Subject) -> Finding:
-    """Observables and invariants take states (nt,) at home to (nt,) finite numbers, equal for equal states."""
+    """Check that observables and invariants map states (nt,) to (nt,) finite numbers, equal for equal states."""
     p = s.problem
     scalars: list[Observable | Invariant] = [*p.observables, *p.invariants]
     for names in ([m.name for m in p.observables], [m.name for m in p.invariants]):
         if len(set(names)) < len(names) or not all(n.isidentifier() for n in names):
-            return fail(f"names must be different words of letters, digits and _ (got {', '.join(map(repr, names))})")
+            return make_failure(
+                f"names must be different words of letters, digits and _ (got {', '.join(map(repr, names))})"
+            )
     one = p.home(States.one(p.initial))
     many = States(*(np.repeat(getattr(one, f), 3, axis=0) for f in FIELDS))
     for m in scalars:
         if not isinstance(m.unit, str):
-            return fail(f"{m.name}: unit must be text (got {m.unit!r})")
+            return make_failure(f"{m.name}: unit must be text (got {m.unit!r})")
         values = np.asarray(m.of(many))
         if values.shape != (3,) or not np.all(np.isfinite(values)) or np.ptp(values) > 0.0:
             expected = "of three equal states expected three equal finite numbers"
-            return fail(f"{m.name}: {expected} (got {values.tolist()})")
+            return make_failure(f"{m.name}: {expected} (got {values.tolist()})")
     return compare(len(scalars), "tried") if scalars else leave_open("there are none")
 
 
 def check_repeatability(s: Subject) -> Finding:
-    """Made twice, start, masses and reference agree bit for bit."""
+    """Check that start, masses and reference agree bit for bit if the problem is made twice."""
     again = registry.make_problem(s.name)
     reference = again.reference()
     if (reference is None) != (s.reference is None):
-        return fail("the reference comes and goes")
+        return make_failure("the reference comes and goes")
     pairs = {f"initial {f}": (getattr(s.problem.initial, f), getattr(again.initial, f)) for f in FIELDS}
     pairs["masses"] = s.problem.system.mass, again.system.mass
     if reference is not None:
@@ -215,8 +219,8 @@ def check_repeatability(s: Subject) -> Finding:
 
 
 def check_turned(s: Subject) -> Finding:
-    """Observables of the start, seen from home, agree to 1e-9 in a frame turned by exp(0.3, -0.2, 0.5)."""
-    turned = registry.make_problem(s.name, {"rotation": (0.3, -0.2, 0.5)})  # checks the turned start
+    """Check that observables of the start agree to 1e-9 in a frame rotated by exp(0.3, -0.2, 0.5)."""
+    turned = registry.make_problem(s.name, {"rotation": (0.3, -0.2, 0.5)})  # checks the rotated start
     here = s.problem.observe(States.one(s.problem.initial))
     there = turned.observe(States.one(turned.initial))
     found = {}
@@ -228,18 +232,20 @@ def check_turned(s: Subject) -> Finding:
 
 
 def check_stated_error(s: Subject) -> Finding:
-    """The reference's error(t) [m] is finite, >= 0 and below a thousandth of the size; route and horizon are given."""
+    """Check that error(t) [m] is finite, >= 0 and below a thousandth of the size, and route and horizon are given."""
     assert s.reference is not None
     own = s.stated_error
     if own.shape != s.t.shape or not np.all(np.isfinite(own)) or np.any(own < 0.0):
-        return fail(f"error(t) must be {len(s.t)} finite numbers >= 0 for as many times (got {own.tolist()[:3]} ...)")
+        return make_failure(
+            f"error(t) must be {len(s.t)} finite numbers >= 0 for as many times (got {own.tolist()[:3]} ...)"
+        )
     good = bool(s.reference.route.strip()) and s.reference.horizon > 0.0
     words = f"route {s.reference.route!r}, horizon {s.reference.horizon:g} s"
     return compare(float(own.max()), "m", most=1e-3 * s.size.length, words=words, good=good)
 
 
 def check_reference_start(s: Subject) -> Finding:
-    """The reference begins with r, R, v (space) and Omega (body) of the start."""
+    """Check that the reference begins with r, R, v (space) and Omega (body) of the start."""
     p, rate, found = s.problem, s.rate, {}
     units = {"r": s.size.length, "R": 1.0, "v": s.size.length * rate, "Omega": rate}
     for name, unit in units.items():
@@ -249,7 +255,7 @@ def check_reference_start(s: Subject) -> Finding:
 
 
 def check_independent(s: Subject) -> Finding:
-    """Positions and angles (times radii of gyration) of the two motions differ by their stated errors at most."""
+    """Check that positions and angles (times radii of gyration) of the two motions agree to their stated errors."""
     if s.computed_reference is None:
         return leave_open("none can be computed for this system")
     t = s.t[s.t <= s.computed_reference.horizon]
@@ -262,7 +268,7 @@ def check_independent(s: Subject) -> Finding:
 
 
 def check_joints(s: Subject) -> Finding:
-    """phi [m] and R^T R - 1 vanish along the reference, to its stated error."""
+    """Check that phi [m] and R^T R - 1 vanish along the reference, to its stated error."""
     phi = float(np.max(np.abs(motion.constraint(s.problem.system, s.best_states)), initial=0.0))
     defect = float(np.max(so3.orthogonality_defect(s.best_states.R)))
     joints = phi / max(s.size.length, 1.0), f"reaches {phi:.3g}"
@@ -270,7 +276,7 @@ def check_joints(s: Subject) -> Finding:
 
 
 def check_energy(s: Subject) -> Finding:
-    """T + V [J] is constant along the reference, where no damper, no load and no drive acts."""
+    """Check that T + V [J] is constant along the reference, unless a damper, a load or a drive acts."""
     if not s.problem.system.is_conservative:
         return leave_open("a damper, a load or a drive acts")
     spread = float(np.ptp(motion.energy(s.problem.system, s.best_states)))
@@ -280,7 +286,7 @@ def check_energy(s: Subject) -> Finding:
 
 
 def check_invariants(s: Subject) -> Finding:
-    """Each invariant is constant along the motion, compared with the scale of its unit."""
+    """Check that each invariant is constant along the motion, relative to the scale of its unit."""
     if s.best_reference is None:
         return leave_open("no reference, and none can be computed")
     at_home, found = s.problem.home(s.best_states), {}
@@ -294,7 +300,7 @@ def check_invariants(s: Subject) -> Finding:
 
 
 def _compare_worst(found: Mapping[str, tuple[float, str]], most: float) -> Finding:
-    """The largest of some shares of their scales, by what they are of; NaN is the largest."""
+    """Return the finding on the largest of some relative errors, by name; NaN is the largest."""
     if not found:
         return leave_open("there are none")
     name = max(found, key=lambda k: (math.isnan(found[k][0]), found[k][0]))
@@ -303,7 +309,10 @@ def _compare_worst(found: Mapping[str, tuple[float, str]], most: float) -> Findi
 
 
 def _sample_around(s: Subject) -> tuple[list[States], float]:
-    """The reference around some of its times, a step apart, and the step [s]."""
+    """Return the reference at seven times a step apart around each of some sample times, and the step [s].
+
+    The seven are those of ``DIFFERENCE``; the fourth is the sample time itself.
+    """
     assert s.reference is not None
     step = min(1e-2 / s.rate, s.t[-1] / 100.0)
     t = s.t[3:-3:4]
@@ -311,7 +320,7 @@ def _sample_around(s: Subject) -> tuple[list[States], float]:
 
 
 def check_rates(s: Subject) -> Finding:
-    """dr/dt = v (space) and dR/dt = R hat(Omega) (body), from differences of sixth order."""
+    """Check dr/dt = v (space) and dR/dt = R hat(Omega) (body), by differences of sixth order."""
     near, step = _sample_around(s)
     r_dot, R_dot = (np.tensordot(DIFFERENCE, [getattr(x, f) for x in near], 1) / step for f in ("r", "R"))
     here = near[3]
@@ -325,7 +334,7 @@ def check_rates(s: Subject) -> Finding:
 
 
 def check_newton_euler(s: Subject) -> Finding:
-    """Newton and Euler: m dv/dt and J dOmega/dt + Omega x J Omega less what is applied are in the range of A^T."""
+    """Check that m dv/dt and J dOmega/dt + Omega x J Omega minus applied loads are in the range of A^T."""
     system = s.problem.system
     near, step = _sample_around(s)
     v_dot, W_dot = (np.tensordot(DIFFERENCE, [getattr(x, f) for x in near], 1) / step for f in ("v", "Omega"))

@@ -1,4 +1,4 @@
-"""Runs of a solver on one mechanism in many presentations, and the findings on the symmetries that it must keep."""
+"""Run a solver on one mechanism in many presentations, and find whether it keeps the symmetries that it must."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,34 +12,33 @@ from ..results.judgements.runs import Symmetry
 from ..results.records import RunRecord
 from ..sandbox.trial import make_problem
 from ..suites.spec import RunSpec, make_spec
+from ..types.presentations import PRESENTATIONS
 
-LOOP: Mapping[str, Any] = {"rows": 1, "columns": 1, "t_end": 0.2}  # of the grid: three bars, revolute joints
+LOOP: Mapping[str, Any] = {"rows": 1, "columns": 1, "t_end": 0.2}  # a grid of three bars on revolute joints
 TREE: Mapping[str, Any] = {"bodies": 3, "loops": 0, "springs": 0, "loads": 0, "t_end": 0.2}  # without redundant rows
-PRESENTED: tuple[Mapping[str, Any], ...] = (
-    {"yaw": 0.7}, {"rotation": (0.3, -0.5, 0.7)}, {"mirror": "X"}, {"renumber": 1}, {"duplicate": 1},
-    {"unit_length": 1024.0}, {"unit_mass": 1024.0}, {"unit_time": 8.0}, {"retrace": True},
-)  # fmt: skip
+PRESENTED: tuple[Mapping[str, Any], ...] = tuple({p.name: p.tried} for p in PRESENTATIONS)
 EXPECTED = "frames, mirror, units, numbering, time"
 
 
 def plan_symmetries(solver: str, problem: str, parameters: Mapping[str, Any], wall: float) -> list[RunSpec]:
-    """Return runs of a problem as it stands, finer, nudged, and in each presentation; ``wall`` [s] of CPU for each."""
+    """Return runs of a problem unchanged, finer, perturbed and in each presentation; ``wall`` [s] limits each."""
     entry = registry.solvers()[solver]
     base = {"dt": 0.01} if entry.control == "dt" else {"rtol": 1e-6}
     finer = {"dt": 0.005} if entry.control == "dt" else {"rtol": 1e-7}
 
     def spec(change: Mapping[str, Any], control: Mapping[str, float], options: Mapping[str, Any]) -> RunSpec:
+        """Return the run of the changed problem with this step or tolerance and these options."""
         made = make_problem(problem, {**parameters, **change})
         return make_spec(made, solver, options, control, label="symmetries", cpu_limit=wall)
 
     out = [spec({}, control, {}) for control in (base, finer)]
     if entry.control == "dt" and (tolerance := entry.parameters.get("tolerance")):
-        out.append(spec({}, base, {"tolerance": float(f"{0.1 * tolerance[0]:.6g}")}))  # what the bound is made of
+        out.append(spec({}, base, {"tolerance": float(f"{0.1 * tolerance[0]:.6g}")}))  # needed to compute the bound
     return out + [spec(change, base, {}) for change in ({"perturb": 1e-8}, *PRESENTED)]
 
 
 def assess_symmetries(folder: Path, runs: Sequence[RunRecord], none: str) -> Iterator[Finding]:
-    """Yield those that are broken, and how many hold; ``none``: why there may be nothing to compare."""
+    """Yield findings on broken symmetries and on how many hold; ``none`` explains why there may be none."""
     found = check_symmetries(folder, runs)
     if not found:
         yield state("symmetries", none, EXPECTED)
@@ -49,7 +48,7 @@ def assess_symmetries(folder: Path, runs: Sequence[RunRecord], none: str) -> Ite
 
 
 def _count_symmetries(found: Sequence[Symmetry], messages: Mapping[str, str]) -> Finding:
-    """Return how many of those hold that the solver did not refuse; not determined where it refused them all."""
+    """Return how many of the symmetries hold that the solver did not refuse; undetermined if it refused all."""
     taken = [s for s in found if s.verdict != "refused"]
     refused = Counter((s.problem, s.message or messages.get(s.settings_ids[0], "")) for s in found if s not in taken)
     words = "; ".join(f"{n} refused on {problem}: {why}" for (problem, why), n in refused.items())
@@ -57,5 +56,5 @@ def _count_symmetries(found: Sequence[Symmetry], messages: Mapping[str, str]) ->
         return state("symmetries", f"not determined: {words}", EXPECTED)
     kept = sum(s.verdict == "holds" for s in taken)
     counted = f"{kept} of {len(taken)} hold{words and f'; {words}'}"
-    good = True if kept == len(taken) else None  # what is broken is a finding of its own
+    good = True if kept == len(taken) else None  # a broken symmetry has a finding of its own
     return state("symmetries", counted, EXPECTED, good=good)

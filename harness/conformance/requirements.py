@@ -1,4 +1,4 @@
-"""Requirements on solvers and problems, and the findings on them."""
+"""Define requirements on solvers and problems, and assign findings to them."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -9,17 +9,17 @@ from ..results.findings import Finding, leave_open
 
 @dataclass(frozen=True)
 class Requirement:
-    """One requirement; those ``of_reference`` say nothing about a problem without one."""
+    """A requirement; one ``of_reference`` does not apply to a problem without a reference."""
 
     name: str
     why: str
     remedy: str
-    measure: Callable[[Any], Finding]
+    measure: Callable[[Any], Finding]  # of the evidence: a ``Subject`` or a solver's ``Evidence``
     of_reference: bool = False
 
 
 def assign_findings(subject: str, requirements: Sequence[Requirement], found: Iterable[Finding]) -> list[Finding]:
-    """Findings with their requirements; a failure whose cause was named before is left open: one cause, one line."""
+    """Return findings with their requirements; a failure with an earlier cause is left open, so that it counts once."""
     out, causes = list[Finding](), set[str]()
     for r, f in zip(requirements, found, strict=True):
         repeated = bool(f.cause) and not f.holds and f.cause in causes

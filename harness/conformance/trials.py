@@ -1,4 +1,4 @@
-"""Measurements on the records and series of a solver's runs, one a function."""
+"""Measure requirements on the records and series of a solver's runs, one function per requirement."""
 
 import itertools
 import json
@@ -10,51 +10,50 @@ import numpy as np
 
 from ..catalogue import registry
 from ..catalogue.functions import describe_redundant_rows
-from ..metrics.reactions import exact_moment_on_bodies, instants_to_compare, moment_on_bodies
-from ..reference.computation import reference_of
-from ..results.findings import Finding, compare, fail, leave_open
+from ..metrics.reactions import exact_loads_on_bodies, instants_to_compare, moment_on_bodies
+from ..reference.computation import find_reference
+from ..results.findings import Finding, compare, leave_open, make_failure
 from ..results.records import RunRecord
 from ..results.series import Series
-from ..results.words import why
-from ..types import Problem, Status
+from ..results.words import list_reasons, reaction_share
+from ..types import RIGHT_REACTION, Problem, Status
 
-WITHIN = 0.2  # of the declared order
-LEAST_ORDER = 0.8  # where none is declared: a first-order scheme may show a little less
+WITHIN = 0.2  # tolerance on the declared order
+LEAST_ORDER = 0.8  # least order if none is declared: a first-order scheme may show a little less
 SLOW = "too slow to be judged, not wrong: the run has {:g} s of CPU; look where the time goes, or for tiny steps"
 CRASHED = "correct what raised the error, at the file and line given, and check again"
-ROUNDED = 1e-11  # no order can be seen below
-ITERATED = 1e-8  # below, corrections that end at their tolerance may leave errors that no step makes smaller
-LOOSE_REACTION = 0.05  # of the largest: of first order, dt times the rate of the motion at the finest step
-REACTION_SEEN = 1e-7  # of the largest: below, differences of the reference show
-REACTION_ORDER = 1.5  # between that of reactions one step late, 1, and 2, the least of sound schemes of second order
-LOOSE_TORQUE = 0.01  # a hundred times what the integral over steps is off by
-LOOSE_STEP = 1e-6  # a step is a difference of rounded times
+ROUNDED = 1e-11  # error below which no order is observable
+ITERATED = 1e-8  # below, corrections that end at their tolerance may leave errors independent of the step
+REACTION_SEEN = 1e-7  # relative: below, errors of the reference's differences dominate
+REACTION_ORDER = 1.5  # between 1, of reactions one step late, and 2, the least of correct second-order schemes
+LOOSE_TORQUE = 0.01  # a hundred times the error of the integral over steps
+LOOSE_STEP = 1e-6  # relative: a step is a difference of rounded times
 
 
 @dataclass(frozen=True)
 class Evidence:
     """The records of a solver's runs by role, and their series."""
 
-    control: str
-    order: float  # declared by the solver with its default options, NaN if it declares none
+    control: str  # dt or rtol: what its accuracy is set by
+    order: float  # order declared by the solver with default options; NaN if none
     records: Mapping[str, RunRecord]
     series: Mapping[str, Series | None]
 
-    def of(self, roles: str) -> list[RunRecord]:
-        """The runs whose role begins with that word."""
+    def select_runs(self, roles: str) -> list[RunRecord]:
+        """Return the runs whose role begins with ``roles``."""
         return [r for role, r in self.records.items() if role.startswith(roles)]
 
     @property
     def runs_with_steps(self) -> list[RunRecord]:
-        """All runs of which the solver returned steps."""
+        """All runs for which the solver returned steps."""
         return [r for r in self.records.values() if r.claimed and r.steps]
 
 
 def check_endings(e: Evidence) -> Finding:
-    """Number of easy runs that neither succeed nor are refused."""
-    easy = [r for r in e.of("easy") if r.status != Status.UNFINISHED]
+    """Count easy runs that neither succeed nor are refused."""
+    easy = [r for r in e.select_runs("easy") if r.status != Status.UNFINISHED]
     bad = [r for r in easy if r.status not in (Status.SUCCESS, Status.REFUSED)]
-    open_ = [r for r in e.of("easy") if r.status == Status.UNFINISHED]
+    open_ = [r for r in e.select_runs("easy") if r.status == Status.UNFINISHED]
     cause = _cause_of_crash(bad[0]) if bad else ""
     words, remedy = _describe_first(bad or open_), CRASHED if cause else ""
     if bad and bad[0].status != Status.REFUSED and "ingular" in f"{cause} {words}":
@@ -65,31 +64,31 @@ def check_endings(e: Evidence) -> Finding:
 
 
 def check_accepts(e: Evidence) -> Finding:
-    """Number of easy runs that are neither refused nor crash."""
-    easy = e.of("easy")
+    """Count easy runs that are neither refused nor crash."""
+    easy = e.select_runs("easy")
     refused, crashed = ([r for r in easy if r.status == s] for s in (Status.REFUSED, Status.CRASHED))
     if crashed and len(refused) + len(crashed) == len(easy):
-        return fail(_describe_first(crashed), cause=_cause_of_crash(crashed[0]), remedy=CRASHED)
+        return make_failure(_describe_first(crashed), cause=_cause_of_crash(crashed[0]), remedy=CRASHED)
     taken = len(easy) - len(refused) - len(crashed)
     return compare(taken, f"of {len(easy)} runs taken", least=1, words=_describe_first(refused))
 
 
 def check_drives(e: Evidence) -> Finding:
-    """Whether the motion under a drive is a success; refused where the solver takes no drives."""
+    """Check that the motion under a drive is a success; left open if the solver refuses drives."""
     r = e.records["driven"]
     if r.status in (Status.REFUSED, Status.UNFINISHED):
         return leave_open(_describe_first([r]))
     if cause := _cause_of_crash(r):
-        return fail(_describe_first([r]), remedy=CRASHED, cause=cause)
+        return make_failure(_describe_first([r]), remedy=CRASHED, cause=cause)
     good = r.status == Status.SUCCESS
-    if not good and any(x.status not in (Status.SUCCESS, Status.REFUSED) for x in e.of("easy")):
+    if not good and any(x.status not in (Status.SUCCESS, Status.REFUSED) for x in e.select_runs("easy")):
         return leave_open("it fails without drives, too: see above")
     error = r.motion_error_max_m
     return compare(error, "m off the exact motion", words=r.case if good else _describe_first([r]), good=good)
 
 
 def check_refusals(e: Evidence) -> Finding:
-    """Number of refusals with fewer than two words."""
+    """Count refusals with fewer than two words."""
     if all(r.status == Status.CRASHED for r in e.records.values()):
         return leave_open("all its runs crashed")
     refused = [r for r in e.records.values() if r.status == Status.REFUSED]
@@ -100,16 +99,16 @@ def check_refusals(e: Evidence) -> Finding:
 
 
 def check_order(e: Evidence) -> Finding:
-    """The order in dt at the finest halving, the best if errors reach a floor; or how they fall with rtol."""
-    finer = e.of("finer")
+    """Measure the order in dt at the finest halving, the best if errors reach a floor; or the decrease with rtol."""
+    finer = e.select_runs("finer")
     if missing := _find_missing(*finer[1:]):
         return missing
-    finer = [r for r in finer if r.claimed == Status.SUCCESS]  # the first may be too coarse
+    finer = [r for r in finer if r.claimed == Status.SUCCESS]  # the first run may be too coarse
     errors = [max(r.position_error_max_m / r.length_scale_m, r.orientation_error_max_rad) for r in finer]
     at = ", ".join(f"{r.dt_s if e.control == 'dt' else r.rtol:g}" for r in finer)
     words = f"errors {', '.join(f'{x:.3g}' for x in errors)} (of the length, or rad) at {e.control} {at}"
     if not np.all(np.isfinite(errors)):
-        return fail(words)
+        return make_failure(words)
     seen = [x for x in errors if x >= ROUNDED]
     if len(seen) < 2:
         return leave_open(f"rounding alone: {words}")
@@ -125,8 +124,8 @@ def check_order(e: Evidence) -> Finding:
 
 
 def check_reaction_order(e: Evidence) -> Finding:
-    """The order of reactions in dt at the finest halving, or how their errors fall with rtol."""
-    finer = e.of("finer")
+    """Measure the order of reactions in dt at the finest halving, or the decrease of their errors with rtol."""
+    finer = e.select_runs("finer")
     if missing := _find_missing(*finer[1:]):
         return missing
     finer = [r for r in finer if r.claimed == Status.SUCCESS and math.isfinite(r.reaction_size_N)]
@@ -145,10 +144,10 @@ def check_reaction_order(e: Evidence) -> Finding:
 
 
 def check_gyroscopic_torque(e: Evidence) -> Finding:
-    """c of J Omega_dot = -c Omega x J Omega [N m], from its integral over the steps by least squares."""
+    """Measure c of J Omega_dot = -c Omega x J Omega [N m], by least squares on its integral over the steps."""
     r, series = e.records["spinning"], e.series["spinning"]
     if series is None or _find_missing(r):
-        return _find_missing(r) or fail("no series")
+        return _find_missing(r) or make_failure("no series")
     inertia = _problem_of(r).system.inertia[0]
     Omega = np.stack([series[f"obs_Omega_{a}"] for a in "xyz"], axis=1)
     momentum = Omega @ inertia
@@ -159,7 +158,7 @@ def check_gyroscopic_torque(e: Evidence) -> Finding:
 
 
 def check_reaction_shape(e: Evidence) -> Finding:
-    """Columns of reactions, of the first run where they are not the rows, or that come and go after the first step."""
+    """Count the columns of reactions, in the first run where they differ from the rows or are sometimes NaN."""
     out = leave_open("no reactions")
     for role, series in e.series.items():
         if series is not None and "frame_reaction" in series and out.holds:
@@ -172,41 +171,45 @@ def check_reaction_shape(e: Evidence) -> Finding:
 
 
 def check_reactions(e: Evidence) -> Finding:
-    """Error of the joint forces on a body over the largest exact one, at the finest step or tolerance."""
-    r = e.of("finer")[-1]
+    """Measure the error of the joint forces on a body relative to the largest exact one, at the finest setting."""
+    r = e.select_runs("finer")[-1]
     if missing := _find_missing(r):
         return missing
-    words = f"off by {r.reaction_error_max_N:.3g} N of {r.reaction_size_N:.3g} N: {r.case}"
-    known = math.isfinite(r.reaction_size_N)
-    share = r.reaction_error_max_N / r.reaction_size_N
-    return compare(share, "of the largest", -math.inf, LOOSE_REACTION, words if known else "no reactions", tested=known)
+    share = reaction_share(r)
+    known = not math.isnan(share)
+    words = f"off by {r.reaction_error_max_N:.3g} N of {r.reaction_size_N:.3g} N, {r.moment_error_max_Nm:.3g} N m of "
+    words = f"{words}{r.moment_size_Nm:.3g} N m: {r.case}" if known else "no reactions"
+    return compare(share, "of the largest", -math.inf, RIGHT_REACTION, words, tested=known)
 
 
 def check_moments(e: Evidence) -> Finding:
-    """Error of the joints' moment on a body about its C over the largest exact one."""
+    """Measure the error of the joints' moment on a body about C relative to the largest exact one."""
     r, series = e.records["easy hinge"], e.series["easy hinge"]
     if missing := _find_missing(r):
         return missing
     if series is None or "frame_reaction" not in series:
         return leave_open("no reactions")
     problem = _problem_of(r)
-    reference = reference_of(problem)
+    reference = find_reference(problem)
     assert reference is not None
     rows = instants_to_compare(series["frame_t"], reference.horizon)
-    rows = rows[np.all(np.isfinite(series["frame_reaction"][rows]), axis=1)]  # at the start a step has none
+    rows = rows[np.all(np.isfinite(series["frame_reaction"][rows]), axis=1)]  # there are none at the start
     if len(rows) == 0:
         return leave_open("no reactions of all rows")
+    exact = exact_loads_on_bodies(problem.system, reference.states(series["frame_t"][rows]))[..., 3:]
+    rows, exact = (a[np.isfinite(exact).all(axis=(1, 2))] for a in (rows, exact))
+    if len(rows) == 0:
+        return leave_open("reactions of the exact motion are ill-conditioned")
     t = series["frame_t"][rows]
-    exact = exact_moment_on_bodies(problem.system, reference.states, t)
     size = float(np.max(np.linalg.norm(exact, axis=-1)))
     off = moment_on_bodies(problem.system, series["frame_reaction"][rows], reference.states(t)) - exact
     worst = float(np.max(np.linalg.norm(off, axis=-1)))
     words = f"off by {worst:.3g} N m of {size:.3g} N m: {r.case}"
-    return compare(worst / size, "of the largest", -math.inf, LOOSE_REACTION, words)
+    return compare(worst / size, "of the largest", -math.inf, RIGHT_REACTION, words)
 
 
 def check_recording(e: Evidence) -> Finding:
-    """Steps recorded over steps counted."""
+    """Measure the ratio of recorded steps to counted steps."""
     shares = {r.case: r.steps / n for r in e.runs_with_steps if (n := json.loads(r.counters).get("steps", 0)) > 0}
     if not shares:
         return leave_open("it has no counter named steps")
@@ -215,7 +218,7 @@ def check_recording(e: Evidence) -> Finding:
 
 
 def check_step_limit(e: Evidence) -> Finding:
-    """The largest time between records over dt or max_step."""
+    """Measure the ratio of the largest time between records to dt or max_step."""
     limit, column = ("dt", "dt_s") if e.control == "dt" else ("max_step", "max_step_s")
     gaps = {r.case: gap for r in e.runs_with_steps if math.isfinite(gap := r.step_max_s / getattr(r, column))}
     if not gaps:
@@ -225,7 +228,7 @@ def check_step_limit(e: Evidence) -> Finding:
 
 
 def check_repeatability(e: Evidence) -> Finding:
-    """The largest difference between two runs of the same."""
+    """Measure the largest difference between two runs with the same settings."""
     (one, a), (two, b) = ((e.records[role], e.series[role]) for role in ("finer 1", "again"))
     cut = [r for r in (one, two) if r.status in (Status.STALLED, Status.UNFINISHED) or r.claimed == Status.STALLED]
     if cut:
@@ -233,7 +236,7 @@ def check_repeatability(e: Evidence) -> Finding:
     if a is None or b is None:
         if one.status == two.status:
             return leave_open(_describe_first([two]))
-        return fail(_describe_first([two]), cause=_cause_of_crash(two), remedy=CRASHED)
+        return make_failure(_describe_first([two]), cause=_cause_of_crash(two), remedy=CRASHED)
     if len(a["t"]) != len(b["t"]):
         return compare(abs(len(a["t"]) - len(b["t"])), "steps more", most=0)
     apart = max(float(np.max(np.abs(a[k] - b[k]))) for k in ("t", "end_r", "end_R", "end_v", "end_Omega"))
@@ -243,13 +246,16 @@ def check_repeatability(e: Evidence) -> Finding:
 def check_stop(
     role: str, *, least: float = 0, most: float = math.inf, itself: bool = True
 ) -> Callable[[Evidence], Finding]:
-    """Steps when it stopped ``itself``, or was stopped by whomever."""
+    """Return a check that the run of this ``role`` took from ``least`` to ``most`` steps before it was stopped.
+
+    With ``itself`` the solver must also have stopped itself: by returning ``stalled``.
+    """
 
     def measure(e: Evidence) -> Finding:
         r = e.records[role]
         good = r.claimed == Status.STALLED or not itself
         if cause := _cause_of_crash(r):
-            return fail(_describe_first([r]), remedy=CRASHED, cause=cause)
+            return make_failure(_describe_first([r]), remedy=CRASHED, cause=cause)
         return compare(
             r.steps, "steps", least, most, _describe_first([r]), good=good, tested=r.status != Status.REFUSED
         )
@@ -258,7 +264,10 @@ def check_stop(
 
 
 def _find_missing(*runs: RunRecord) -> Finding | None:
-    """The finding where a run did not reach its end; None where all did."""
+    """Return the finding where one of the runs did not reach its end: failed, or left open where all were refused.
+
+    Return None if all reached it.
+    """
     if all(r.status == Status.REFUSED for r in runs):
         return leave_open(_describe_first(runs))
     bad = [r for r in runs if r.claimed != Status.SUCCESS]
@@ -266,19 +275,21 @@ def _find_missing(*runs: RunRecord) -> Finding | None:
     if not bad:
         return None
     if cause := _cause_of_crash(bad[0]):
-        return fail(_describe_first(bad), remedy=CRASHED, cause=cause)
-    return fail(_describe_first(bad), remedy=SLOW.format(slow[0].cpu_limit_s) if slow else "")
+        return make_failure(_describe_first(bad), remedy=CRASHED, cause=cause)
+    return make_failure(_describe_first(bad), remedy=SLOW.format(slow[0].cpu_limit_s) if slow else "")
 
 
 def _cause_of_crash(r: RunRecord) -> str:
-    """Why a run crashed; empty for one that did not."""
-    return f"{r.ended_by}: {'; '.join(why(r))}" if r.status == Status.CRASHED else ""
+    """Return the cause of a run's crash; empty if it did not crash."""
+    return f"{r.ended_by}: {'; '.join(list_reasons(r))}" if r.status == Status.CRASHED else ""
 
 
 def _problem_of(r: RunRecord) -> Problem:
+    """Create the problem of a record's run."""
     return registry.make_problem(r.problem, json.loads(r.problem_parameters))
 
 
 def _describe_first(records: Sequence[RunRecord]) -> str:
-    found = [f"{r.case}: {r.status}: {'; '.join(why(r))}" for r in records]
+    """Return case, status and reasons of the first record, and how many others there are; empty for none."""
+    found = [f"{r.case}: {r.status}: {'; '.join(list_reasons(r))}" for r in records]
     return found[0] + (f" (and {len(found) - 1} more)" if found[1:] else "") if found else ""

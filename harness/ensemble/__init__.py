@@ -1,1 +1,1 @@
-"""Ensembles: the cloud of motions that a solver makes of many starts, against the true cloud."""
+"""Compare ensembles: the motions that a solver computes from many starts, against the true motions."""

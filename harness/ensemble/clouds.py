@@ -1,4 +1,4 @@
-"""Clouds: the motions of one code from starts drawn around a problem's, each in a process that may crash alone."""
+"""Compute clouds: motions of one solver from starts drawn around a problem's, in processes that may crash."""
 
 import dataclasses
 import math
@@ -17,9 +17,9 @@ from ..execution.worker import solve
 from ..mechanics.consistency import perturb
 from ..mechanics.motion import energy
 from ..mechanics.state import State, States
-from ..sandbox.apart import TICK, Apart
+from ..sandbox.forked_process import TICK, ForkedProcess
 from ..types import Observable, Problem, Solver, Status, StepControl
-from .sampling import state_at
+from .sampling import interpolate_state
 
 MEMORY = 8000.0  # [MB] of a process
 DRAWN = 120  # times of a picture
@@ -27,28 +27,31 @@ DRAWN = 120  # times of a picture
 
 @dataclass(frozen=True)
 class Ensemble:
-    """Starts: a normal change of every pose and velocity of relative size ``spread``, projected (``perturbed``)."""
+    """Define the starts: a normal change, of relative size ``spread``, of every pose and velocity, then projected.
 
-    problem: Problem  # until the last of ``at``
+    The change is that of ``mechanics.consistency.perturb``.
+    """
+
+    problem: Problem  # with t_end at the last of ``at``
     spread: float
     seed: int
     at: tuple[float, ...]  # [s] times of scores, increasing
-    observables: tuple[Observable, ...]  # functions of the state alone; energy is one
+    observables: tuple[Observable, ...]  # functions of the state alone, energy included
 
     def start(self, member: int) -> State:
-        """That of a member: the same in ensembles of any size."""
+        """Return the start of a member, which does not depend on the size of the ensemble."""
         seed = int(np.random.SeedSequence((self.seed, member)).generate_state(1)[0])
         return perturb(self.problem.system, self.problem.initial, self.spread, seed)
 
     @property
     def times(self) -> Float[np.ndarray, " nt"]:
-        """[s] of a picture."""
+        """Times [s] of the curves in pictures, from 0 to the last score."""
         return np.linspace(0.0, self.at[-1], DRAWN)
 
 
 @dataclass(frozen=True)
-class Code:
-    """A solver with its setting."""
+class ConfiguredSolver:
+    """Name a solver with its setting."""
 
     name: str  # of the solver
     setting: str
@@ -58,18 +61,18 @@ class Code:
 
 @dataclass(frozen=True)
 class Cloud:
-    """The members of a code; NaN where one is missing."""
+    """Hold the motions of all members by one solver; NaN where one is missing."""
 
-    code: Code
-    values: Float[np.ndarray, "n observables at"]
+    code: ConfiguredSolver
+    values: Float[np.ndarray, "n observables at"]  # at the times of scores
     C: Float[np.ndarray, "n at nb 3"]  # [m] centres of mass
-    drawn: Float[np.ndarray, "n observables nt"]
+    drawn: Float[np.ndarray, "n observables nt"]  # at the times of pictures
     failures: tuple[str, ...]  # a line for each member that did not reach the end
-    cpu_s: float  # of all members, without what it takes to make code
+    cpu_s: float  # of all members, without code generation
 
 
 def make_ensemble(problem: Problem, spread: float, seed: int, at: Sequence[float]) -> Ensemble:
-    """Starts around the problem's; observables that need a step as well as a state are left out."""
+    """Return an ensemble of starts around the problem's; observables that depend on more than the state are omitted."""
     if not at or min(at) <= 0.0 or list(at) != sorted(set(at)):
         raise ValueError(f"times of scores must be > 0 and increase (got {', '.join(map('{:g}'.format, at))})")
     parameters = {**problem.parameters, "t_end": at[-1]}
@@ -79,21 +82,22 @@ def make_ensemble(problem: Problem, spread: float, seed: int, at: Sequence[float
     pair = problem.home(_stack([plain.start(0), plain.start(1)]))
     last = pair.at(slice(1, 2))
     own = {
-        o.name: o for o in (*problem.observables, total)
-        if np.allclose(o.of(pair)[1:], o.of(last), rtol=1e-12, atol=1e-14)  # rounding
-    }  # fmt: skip
+        o.name: o
+        for o in (*problem.observables, total)
+        if np.allclose(o.of(pair)[1:], o.of(last), rtol=1e-12, atol=1e-14)  # differences by rounding
+    }
     return dataclasses.replace(plain, observables=tuple(own.values()))
 
 
-def run_cloud(ensemble: Ensemble, code: Code, members: Sequence[int], jobs: int) -> Cloud:
-    """Run ``members`` in ``jobs`` processes; one that crashes costs the member at work."""
+def run_cloud(ensemble: Ensemble, code: ConfiguredSolver, members: Sequence[int], jobs: int) -> Cloud:
+    """Run ``members`` in ``jobs`` processes; a crash loses only the member at work."""
     with tempfile.TemporaryDirectory() as place:
         left = [list(members[j::jobs]) for j in range(jobs)]
         active = {j: _begin(ensemble, code, own, Path(place)) for j, own in enumerate(left) if own}
         while active:
             time.sleep(TICK)
             for j, process in list(active.items()):
-                ended = process.look()
+                ended = process.check_end()
                 if ended is None:
                     continue
                 del active[j]
@@ -108,7 +112,9 @@ def run_cloud(ensemble: Ensemble, code: Code, members: Sequence[int], jobs: int)
         return Cloud(code, values, C, drawn, tuple(lines), sum(float(f["cpu_s"]) for f in read))
 
 
-def _begin(e: Ensemble, code: Code, members: Sequence[int], place: Path) -> Apart:
+def _begin(e: Ensemble, code: ConfiguredSolver, members: Sequence[int], place: Path) -> ForkedProcess:
+    """Start a process that runs ``members`` one after the other and writes a file for each into ``place``."""
+
     def target(send: Callable[[str], None]) -> None:
         listen_to_numba()
         for k in members:
@@ -116,14 +122,14 @@ def _begin(e: Ensemble, code: Code, members: Sequence[int], place: Path) -> Apar
             parts, failure = _run_member(e, code, k)
             _write(place, k, parts, failure, solver_seconds() - began)
 
-    return Apart(target, limit=1e8, memory=MEMORY, wall=math.inf)
+    return ForkedProcess(target, limit=1e8, memory=MEMORY, wall=math.inf)
 
 
 Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # values, C, drawn
 
 
-def _run_member(e: Ensemble, code: Code, member: int) -> tuple[Parts, str]:
-    """States reached, and why it did not reach more."""
+def _run_member(e: Ensemble, code: ConfiguredSolver, member: int) -> tuple[Parts, str]:
+    """Return the numbers of a member, NaN where it did not get, and why it did not reach the end (else empty)."""
     parts = _nothing(e)
     try:
         problem = dataclasses.replace(e.problem, initial=e.start(member))
@@ -135,16 +141,17 @@ def _run_member(e: Ensemble, code: Code, member: int) -> tuple[Parts, str]:
         if trajectory.status is not Status.SUCCESS:
             return parts, f"{trajectory.status}: {trajectory.message}"
         return parts, "" if np.all(np.isfinite(parts[0])) else "claims success, but does not reach the end"
-    except Exception as error:  # a member's own failure, kept as its result
+    except Exception as error:  # the failure of a member is its result
         return parts, f"{type(error).__name__}: {error}"
 
 
 def _sample(e: Ensemble, s: States, parts: Parts) -> None:
+    """Fill the arrays ``parts`` of a member with its motion ``s``, at the times that it reached."""
     values, C, drawn = parts
     reached = s.times[-1] * (1.0 + 1e-9)
     for k, t in enumerate(e.at):
         if t <= reached:
-            one = States.one(state_at(s, t))
+            one = States.one(interpolate_state(s, t))
             C[k] = one.r[0]
             values[:, k] = [o.of(e.problem.home(one))[0] for o in e.observables]
     after = np.minimum(np.searchsorted(s.times, e.times), len(s) - 1)
@@ -154,12 +161,14 @@ def _sample(e: Ensemble, s: States, parts: Parts) -> None:
 
 
 def _nothing(e: Ensemble) -> Parts:
+    """Return the arrays of a member of which nothing is known: all NaN."""
     n, nb = len(e.observables), e.problem.system.nb
     shapes = ((n, len(e.at)), (len(e.at), nb, 3), (n, DRAWN))
     return tuple(np.full(shape, np.nan) for shape in shapes)  # type: ignore[return-value]
 
 
 def _write(place: Path, member: int, parts: Parts, failure: str, cpu_s: float) -> None:
+    """Write the file of a member, completely or not at all: its numbers, its failure, its CPU time [s]."""
     values, C, drawn = parts
     whole = place / f"{member}.part.npz"
     np.savez(whole, values=values, C=C, drawn=drawn, failure=np.array(failure), cpu_s=np.array(cpu_s))
@@ -167,8 +176,10 @@ def _write(place: Path, member: int, parts: Parts, failure: str, cpu_s: float) -
 
 
 def _file(place: Path, member: int) -> Path:
+    """Return the file of a member."""
     return place / f"{member}.npz"
 
 
 def _stack(states: Sequence[State]) -> States:
+    """Return single states as the states of a motion."""
     return States(*(np.stack([getattr(s, name) for s in states]) for name in ("r", "R", "v", "Omega")))

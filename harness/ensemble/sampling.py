@@ -1,4 +1,4 @@
-"""A computed motion at given times: at its own steps, or between them by the Hermite polynomial of four of them."""
+"""Evaluate a computed motion at given times: at its own steps, or between them by a Hermite polynomial over four."""
 
 import numpy as np
 from jaxtyping import Float
@@ -7,12 +7,12 @@ from scipy.interpolate import KroghInterpolator
 from ..mechanics import so3
 from ..mechanics.state import State, States
 
-SAME = 1e-9  # relative to 1 s or t: steps so near are at t
-NODES = 4  # with both values and rates: degree 7
+SAME = 1e-9  # relative to 1 s or t: steps nearer than this are taken to be at t
+NODES = 4  # steps with values and rates: polynomial of degree 7
 
 
-def state_at(s: States, t: float) -> State:
-    """The state at ``t`` [s]; ValueError behind the last step."""
+def interpolate_state(s: States, t: float) -> State:
+    """Return the state at ``t`` [s]; raise ValueError beyond the last step."""
     times, near = s.times, SAME * max(1.0, t)
     k = int(np.argmin(np.abs(times - t)))
     if abs(times[k] - t) <= near:
@@ -32,7 +32,7 @@ def state_at(s: States, t: float) -> State:
 
 
 def _turn_rate(a: Float[np.ndarray, "nt nb 3"], Omega: Float[np.ndarray, "nt nb 3"]) -> np.ndarray:
-    """a_dot of R = R_k exp(a): Omega + a x Omega/2 + c a x (a x Omega), c = (1 - x/2 cot(x/2))/x^2, x = |a|."""
+    """Return a_dot of R = R_k exp(a): Omega + a x Omega/2 + c a x (a x Omega), c = (1 - x/2 cot(x/2))/x^2, x = |a|."""
     x = np.linalg.norm(a, axis=-1, keepdims=True)
     half = np.where(x < 0.01, 0.005, 0.5 * x)
     c = np.where(x < 0.01, 1.0 / 12.0 + x**2 / 720.0, (1.0 - half / np.tan(half)) / (2.0 * half) ** 2)

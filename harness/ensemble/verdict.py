@@ -1,4 +1,4 @@
-"""A solver's cloud against the true one: scores, ranks, spread, bias, and what the data show."""
+"""Compare a solver's cloud with the true one: scores, ranks, spread, bias, and what the data show."""
 
 import math
 from dataclasses import dataclass
@@ -8,15 +8,15 @@ import numpy as np
 from .clouds import Cloud, Ensemble
 from .scores import Ranks, compare, rank_histogram
 
-LEVEL = 0.05  # chance of finding a difference in a perfect solver, all its tests together
-FEWEST = 10  # members that a comparison takes
+LEVEL = 0.05  # probability of finding a difference in a perfect solver by any of its tests
+FEWEST = 10  # members that a comparison requires
 ALL_C = "all C"
 NO_DIFFERENCE = "no difference found"
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """One quantity at one time. ``score`` is the CRPS, or of all C the energy score by the rms over bodies."""
+class CloudComparison:
+    """Compare one quantity at one time; ``score`` is the CRPS or, for ``ALL_C``, the energy score, rms over bodies."""
 
     solver: str
     setting: str
@@ -27,23 +27,23 @@ class Comparison:
     missing: int
     error: float  # rms distance of members from the true ones with the same starts
     score: float = math.nan
-    excess: float = math.nan  # of the score over that of the truth: 0 on average for a perfect solver
+    excess: float = math.nan  # score minus that of the truth: 0 on average for a perfect solver
     chance: float = math.nan  # a perfect solver's excess stays below in 95 of 100 cases
     p_score: float = math.nan
-    spread: float = math.nan  # standard deviation, of all C rms
-    error_of_mean: float = math.nan  # rms distance of true draws from the mean, over what the spread lets expect
-    bias: float = math.nan  # mean less true mean, of all C its length
+    spread: float = math.nan  # standard deviation; rms for "all C"
+    error_of_mean: float = math.nan  # rms distance of true draws from the mean, relative to what the spread predicts
+    bias: float = math.nan  # mean less true mean; its length for "all C"
     bias_error: float = math.nan  # standard error of the bias
-    ranks: Ranks | None = None  # none of all C
+    ranks: Ranks | None = None  # None for "all C"
 
 
-def compare_clouds(e: Ensemble, cloud: Cloud, same: Cloud, other: Cloud) -> list[Comparison]:
+def compare_clouds(e: Ensemble, cloud: Cloud, same: Cloud, other: Cloud) -> list[CloudComparison]:
     """Compare a solver's ``cloud`` with two clouds of the truth: a row for each quantity at each time of ``e``.
 
     ``same`` are the true motions from the starts of ``cloud``, member by member, for errors; ``other`` are true motions
     from other starts, any number of them, by which it is scored. Quantities: the centres of mass of all bodies [m, rms
-    over bodies], then each observable of ``e`` [its unit]. Members that did not get so far are counted as missing;
-    with fewer than ``FEWEST`` left on either side all numbers but the error are NaN.
+    over bodies], then each observable of ``e`` [its unit]. Members that did not get so far are counted as missing; with
+    fewer than ``FEWEST`` left on either side all numbers but the error are NaN.
     """
     out = []
     for k, t in enumerate(e.at):
@@ -56,8 +56,12 @@ def compare_clouds(e: Ensemble, cloud: Cloud, same: Cloud, other: Cloud) -> list
     return out
 
 
-def judge(found: list[Comparison]) -> str:
-    """The verdict on all comparisons of a solver together."""
+def judge(found: list[CloudComparison]) -> str:
+    """Return the verdict on all comparisons of a solver together.
+
+    It is ``NO_DIFFERENCE``, or names the quantities that differ, or says that members are missing or too few. Each test
+    has the level ``LEVEL`` divided by the number of tests.
+    """
     missing = max(c.missing for c in found)
     tests = [(p, c) for c in found for p in (c.p_score, c.ranks.p if c.ranks else np.nan) if np.isfinite(p)]
     if not tests:
@@ -69,14 +73,18 @@ def judge(found: list[Comparison]) -> str:
 
 def _compare(
     e: Ensemble, cloud: Cloud, about: tuple[str, str, float], x: np.ndarray, same: np.ndarray, other: np.ndarray
-) -> Comparison:
+) -> CloudComparison:
+    """Return one row of ``compare_clouds``: ``about`` is its quantity, unit and time [s].
+
+    ``x`` are values of the solver's members, ``same`` true ones from the same starts, ``other`` true ones from others.
+    """
     quantity, unit, t = about
     there, paired, drawn = (np.isfinite(a.reshape(len(a), -1)).all(axis=1) for a in (x, same, other))
     error = _rms(x[there & paired] - same[there & paired])
     head = (cloud.code.name, cloud.code.setting, quantity, unit, t, int(np.sum(there)), int(np.sum(~there)), error)
     x, y = x[there], other[drawn]
     if min(len(x), len(y)) < FEWEST:
-        return Comparison(*head)
+        return CloudComparison(*head)
     found = compare(x, y, e.seed)
     n, m = len(x), len(y)
     own, true = (a - np.mean(a, axis=0) for a in (x, y))
@@ -87,9 +95,9 @@ def _compare(
     of_mean = _rms(y - np.mean(x, axis=0)) / wanted if wanted > 0.0 else np.nan
     bias_error = float(np.hypot(spread / np.sqrt(n), of_truth / np.sqrt(m)))
     ranks = rank_histogram(x, y) if x.ndim == 1 else None
-    return Comparison(*head, *found, float(spread), float(of_mean), bias, bias_error, ranks)
+    return CloudComparison(*head, *found, float(spread), float(of_mean), bias, bias_error, ranks)
 
 
 def _rms(a: np.ndarray) -> float:
-    """Root mean square of numbers, or of the lengths of points by rows."""
+    """Return the root mean square of numbers, or of the lengths of points by rows."""
     return float(np.sqrt(np.sum(a * a) / len(a))) if len(a) else float("nan")

@@ -1,1 +1,1 @@
-"""Runs it: processes, workers, a pool or a cluster, and the measuring of what they hand back."""
+"""Execute runs: processes, workers, a pool or a cluster, and the measuring of what the solvers return."""

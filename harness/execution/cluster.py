@@ -1,8 +1,8 @@
-"""Runs on other machines: an executor over Dask. Each Dask worker keeps a supervisor, as the local pool does.
+"""Execute runs on other machines by Dask; each thread of a worker runs them by a supervisor, as the local pool does.
 
-A worker runs a run in a folder of its own and sends the files back, so no file system need be shared. A worker that
-dies takes its supervisor's runs with it; Dask gives them to another. What is measured and judged is the same code:
-a worker with other code than this checkout's is refused.
+A worker executes a run in a temporary folder and returns the files, so no file system need be shared. If a worker dies,
+its supervisors' runs die too, and Dask assigns them to another. A worker whose code differs from this checkout's is
+refused, so that all runs are measured and judged by the same code.
 """
 
 import contextlib
@@ -23,43 +23,48 @@ from pathlib import Path
 from typing import Any
 
 from .. import machine
+from ..confined_paths import ConfinedPath
 from ..files import FileError
-from ..places import Place
 from ..results import codes, environment
 from ..results.records import RunRecord
 from ..results.series import LARGEST
-from ..results.store import PARTS, create, digest_of, read_record, record_in, remove_partial, write_record
+from ..results.store import PARTS, create, parse_record, read_digest, read_record, remove_partial, write_record
 from ..suites.spec import RunSpec
-from ..types import EndedBy
+from ..types import EndCause
 from .job import Job, cut_short
-from .pool import TICK, PoolError, TimeLimit, Unbegun
-from .protocol import Done, Lost, News, Start, Stop, Supervised, Warm, Warmed
+from .pool import TICK, PoolError, StartFailures, TimeLimit
+from .protocol import News, RunEnded, StartOrder, StopOrder, Supervised, SupervisorLost, WarmUpOrder, WarmUpTimes
 from .warmup import runs_to_warm
 
-PATIENCE = 60.0  # [s] without any worker
-AHEAD = 2  # runs sent out per thread of the cluster
+PATIENCE = 60.0  # [s] to wait without any worker
+# runs sent out per thread of the cluster: one leaves a thread idle between runs, more are lost on an interruption
+AHEAD = 2
 
 
 @dataclass
 class DaskPool:
-    """Runs jobs on the Dask cluster at ``address`` (``tcp://host:port``, or a scheduler file)."""
+    """Run jobs on the Dask cluster at ``address`` (``tcp://host:port``, or a scheduler file)."""
 
     address: str
     on_start: Callable[[Job], None] = lambda job: None
     on_end: Callable[[Job, str], None] = lambda job, sha256: None  # with the digest of its record
     tick: Callable[[], None] = lambda: None
     on_warmup: Callable[[dict[str, float]], None] = lambda times: None
-    _flying: dict[Any, Job] = field(default_factory=dict)
-    _unbegun: Unbegun = field(default_factory=Unbegun)
-    _foreign: list[str] = field(default_factory=list)
+    _flying: dict[Any, Job] = field(default_factory=dict)  # jobs sent out, by their Dask future
+    _unbegun: StartFailures = field(default_factory=StartFailures)
+    _foreign: list[str] = field(default_factory=list)  # files in runs' folders that are not of the run
 
     def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
-        """Run all ``jobs``; returns when each has a record, or at the limit, when those that had begun have one."""
+        """Run all ``jobs``; return when each has a record, or at the limit, when those that had begun have one.
+
+        Raise PoolError if the cluster or its workers are lost, or if runs have no valid result; finished runs are
+        stored.
+        """
         if not jobs:
             return
         client = _client(self.address)
-        limit = limit and limit.start()  # workers compile beside runs
-        ticket = secrets.token_hex(8)  # names this run to the workers, which may serve others after it
+        limit = limit and limit.start()  # workers compile while they run
+        ticket = secrets.token_hex(8)  # identifies this call to the workers, which may serve others after it
         try:
             waiting = list(jobs)[::-1]
             seen = time.monotonic()
@@ -71,12 +76,13 @@ class DaskPool:
                         f"no worker at {self.address} for {PATIENCE:g} s; finished runs are kept (--resume)"
                     )
                 if limit is not None and limit.is_over:
-                    waiting.clear()  # what has not begun returns without files; sent again for workers that join late
-                    client.run(stop_here, ticket)
+                    # a run that has not begun returns without files; the order is repeated for workers that join late
+                    waiting.clear()
+                    client.run(stop_ticket, ticket)
                 while waiting and len(self._flying) < AHEAD * threads:
                     job = waiting.pop()
                     self.on_start(job)
-                    future = client.submit(run_run, job.to_json(), ticket, key=f"{ticket}-{job.id}", retries=0)
+                    future = client.submit(run_job, job.to_json(), ticket, key=f"{ticket}-{job.id}", retries=0)
                     self._flying[future] = job
                 self._collect()
                 self.tick()
@@ -94,6 +100,10 @@ class DaskPool:
             raise PoolError(f"{foreign}; finished runs are kept, run again with --resume for the others")
 
     def _collect(self) -> None:
+        """Wait up to ``TICK`` [s] for a run to end; store and report each that has ended.
+
+        Raise PoolError if a worker cannot execute runs, for example because its code differs.
+        """
         import distributed
 
         if not self._flying:
@@ -107,7 +117,7 @@ class DaskPool:
             job = self._flying.pop(future)
             failed = future.exception()
             if failed is None:
-                sent: Sent = future.result()
+                sent: WorkerResult = future.result()
                 if sent.foreign:
                     self._foreign.append(f"{job.spec.case} wrote {', '.join(sent.foreign[:5])}")
                 if sent.unbegun:
@@ -117,15 +127,15 @@ class DaskPool:
                 self._unbegun.in_a_row = 0
                 digest = _store(job, sent.files)
             elif isinstance(failed, distributed.KilledWorker):
-                digest = digest_of(write_lost(job))
+                digest = read_digest(write_lost(job))
             else:
                 raise PoolError(f"a worker cannot execute runs: {failed}")
             self.on_end(job, digest)
 
 
 def write_lost(job: Job) -> RunRecord:
-    """Write the record of a run whose workers were lost."""
-    record = cut_short(job, EndedBy.WORKERS_LOST)
+    """Write the record of a run whose workers were lost, and return it."""
+    record = cut_short(job, EndCause.WORKERS_LOST)
     write_record(job.folder, record)
     return record
 
@@ -134,26 +144,26 @@ _stopped: set[str] = set()  # on a worker: tickets of runs that have met their l
 _serving: dict[str, list["_Supervisor"]] = {}  # on a worker: the supervisors that run a ticket's runs
 
 
-def stop_here(ticket: str) -> None:
-    """On a worker: end the runs of that run, and let no other of it begin."""
+def stop_ticket(ticket: str) -> None:
+    """End the runs of ``ticket`` on this worker, and let no other run of it begin."""
     _stopped.add(ticket)
     for supervisor in list(_serving.get(ticket, ())):
-        with contextlib.suppress(Lost):
-            supervisor.send(Stop())
+        with contextlib.suppress(SupervisorLost):
+            supervisor.send(StopOrder())
 
 
 def on_slurm(**options: Any) -> Any:
-    """A ``dask_jobqueue.SLURMCluster`` whose workers execute runs: one at a time each, one thread, from this checkout.
+    """Return a ``dask_jobqueue.SLURMCluster`` whose workers run one run at a time, on one thread, from this checkout.
 
-    ``options`` are its own: memory, walltime, queue, account, job_extra_directives; ``scale`` it, then give its
-    ``scheduler_address`` to ``--cluster``. A job that SLURM would refuse is a PoolError here; without this check the
-    cluster has no workers and gives no reason.
+    ``options`` are those of the cluster: memory, walltime, queue, account, job_extra_directives; ``scale`` it, then
+    give its ``scheduler_address`` to ``--cluster``. A job that SLURM would refuse raises PoolError here; without this
+    check the cluster has no workers and gives no reason.
     """
     try:
         from dask_jobqueue import SLURMCluster
     except ModuleNotFoundError:
-        raise PoolError("SLURM needs dask-jobqueue: pip install -r requirements-cluster.lock") from None
-    prologue = [f"cd {shlex.quote(str(environment.ROOT))}"]  # where ``harness`` is found
+        raise PoolError("SLURM needs dask-jobqueue: pip install -r locks/requirements-cluster.lock") from None
+    prologue = [f"cd {shlex.quote(str(environment.ROOT))}"]  # folder in which Python finds ``harness``
     prologue += [f"export {name}={value}" for name, value in machine.THREADS.items()]
     own = {"cores": 1, "processes": 1, "memory": "8GB", "walltime": "02:00:00", "python": sys.executable}
     prologue += options.pop("job_script_prologue", [])
@@ -168,10 +178,11 @@ def on_slurm(**options: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class Sent:
-    """What a worker sends of a run: its files by place in the folder, none if it was stopped before or has no result.
+class WorkerResult:
+    """The result of a run on a worker: the contents of its files, by path in the results folder.
 
-    ``unbegun`` says why it did not begin, ``foreign`` which files in its folder are not its own.
+    There are none if the run was stopped or has no record. ``unbegun`` says why the run could not begin; ``foreign``
+    lists files in its folder that the run did not write.
     """
 
     files: Mapping[str, bytes] = field(default_factory=dict)
@@ -179,16 +190,19 @@ class Sent:
     foreign: Sequence[str] = ()
 
 
-def run_run(text: str, ticket: str = "") -> Sent:
-    """On a worker: run the job and return what it left."""
+def run_job(text: str, ticket: str = "") -> WorkerResult:
+    """Run the job, given as JSON, on this worker and return the files it left; none if its ``ticket`` has been stopped.
+
+    Raise RuntimeError if the code or packages of this worker are not those of the job.
+    """
     job = Job.from_json(text)
     if ticket in _stopped:
-        return Sent()
-    here = codes.code_of(job.spec.problem, job.spec.solver, job.plugins)
+        return WorkerResult()
+    here = codes.digest_run_code(job.spec.problem, job.spec.solver, job.plugins)
     if here != job.code:
         raise RuntimeError(f"its code {here} is not the runner's {job.code}: use the same checkout and packages")
     with tempfile.TemporaryDirectory() as place:
-        own, stamp = _here()
+        own, stamp = _describe_worker()
         local = replace(job, folder=Path(place), environment=own)
         create(local.folder)
         supervisor = _supervisor()
@@ -198,29 +212,32 @@ def run_run(text: str, ticket: str = "") -> Sent:
         finally:
             _serving[ticket].remove(supervisor)
         if told.unbegun:
-            return Sent(unbegun=told.unbegun)
-        remove_partial(local.folder)  # of a process that was killed while it wrote
-        parts = {part: Place(local.folder) / part for part in PARTS}
+            return WorkerResult(unbegun=told.unbegun)
+        remove_partial(local.folder)  # files of a process that was killed while it wrote
+        parts = {part: ConfinedPath(local.folder) / part for part in PARTS}
         places = {f"{part}/{name}": place / name for part, place in parts.items() for name in place.names()}
         record = f"runs/{job.id}.json"
         foreign = [n for n, place in places.items() if place.name.partition(".")[0] != job.id]
         foreign += [n for n, place in places.items() if n == record and not _is_of(place, told)]
         if record in foreign or record not in places:
-            return Sent(foreign=foreign)
+            return WorkerResult(foreign=foreign)
         files = {n: place.read(LARGEST) for n, place in places.items() if n not in foreign}
-        return Sent({f"environment.{own}.json": stamp, **files}, foreign=foreign)
+        return WorkerResult({f"environment.{own}.json": stamp, **files}, foreign=foreign)
 
 
-def _is_of(place: Place, told: Done) -> bool:
-    """Whether the record is the one of which the supervisor told."""
+def _is_of(place: ConfinedPath, told: RunEnded) -> bool:
+    """Return whether the record at ``place`` is the one whose digest the supervisor reported."""
     with contextlib.suppress(FileError):
-        return digest_of(read_record(place)) == told.sha256
+        return read_digest(read_record(place)) == told.sha256
     return False
 
 
 @cache
-def _here() -> tuple[str, bytes]:
-    """How records name this worker's environment, and its stamp: that of a process as its runs have, not of Dask's."""
+def _describe_worker() -> tuple[str, bytes]:
+    """Return the identity of this worker's environment in records, and its stamp as JSON.
+
+    Both come from a new process, with the environment variables of a run.
+    """
     call = (sys.executable, "-m", "mbsbench.harness.results.environment")
     given = {**os.environ, **machine.THREADS}
     done = subprocess.run(call, cwd=environment.ROOT, env=given, stdout=subprocess.PIPE, check=True)
@@ -229,42 +246,51 @@ def _here() -> tuple[str, bytes]:
 
 
 def _store(job: Job, files: Mapping[str, bytes]) -> str:
-    """Write what a worker sent, the record last; return the digest of that."""
+    """Write the files that a worker sent into the job's folder, the record last; return the record's digest.
+
+    The digest is empty without a record. A stamp that is there already is kept. Raise PoolError if a file cannot be
+    written.
+    """
     for name in sorted(files, key=lambda n: n.startswith("runs/")):
-        place = Place(job.folder) / name
-        if name.startswith("environment.") and place.is_there():  # of a machine like ours: the runner's own, sealed
+        place = ConfinedPath(job.folder) / name
+        # of an identical machine: the runner's own stamp is sealed and stays
+        if name.startswith("environment.") and place.is_there():
             continue
         try:
             place.write(files[name])
-        except OSError as e:  # ours, not the cluster's
+        except OSError as e:  # an error of this machine, not of the cluster
             raise PoolError(f"cannot write to {job.folder}: {e.strerror or e}; finished runs are kept") from None
     name = f"{job.id}.json"
-    return digest_of(record_in(name, files[f"runs/{name}"])) if f"runs/{name}" in files else ""
+    return read_digest(parse_record(name, files[f"runs/{name}"])) if f"runs/{name}" in files else ""
 
 
 class _Supervisor(Supervised):
-    """A supervisor process of a worker's thread, one run at a time."""
+    """A supervisor process for one thread of a worker, which runs one run at a time."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.warm: list[RunSpec] = []
-        self.news: list[News] = []
+        self.warm: list[RunSpec] = []  # runs whose code is compiled
+        self.news: list[News] = []  # received, not yet read
 
-    def run(self, job: Job) -> Done:
-        """Return the news of the run's end: its record is stored, or it did not begin."""
+    def run(self, job: Job) -> RunEnded:
+        """Compile what the job needs, run it, and return the news of its end: a stored record, or why it did not begin.
+
+        Raise RuntimeError if the supervisor reports an error.
+        """
         specs = [c for c in runs_to_warm([job.spec]) if c not in self.warm]
-        self.send(Warm(specs, [job]))
-        while not (isinstance(warmed := self._answer(), Warmed) and warmed.over):
+        self.send(WarmUpOrder(specs, [job]))
+        while not (isinstance(warmed := self._answer(), WarmUpTimes) and warmed.over):
             pass
         self.warm += specs
-        self.send(Start(job))
-        while not isinstance(done := self._answer(), Done):
+        self.send(StartOrder(job))
+        while not isinstance(done := self._answer(), RunEnded):
             pass
         if done.error:
             raise RuntimeError(done.error)
         return done
 
     def _answer(self) -> News:
+        """Return the next news of the supervisor process, waiting for it if none has been received."""
         while not self.news:
             self.news += self.receive()
         return self.news.pop(0)
@@ -274,6 +300,7 @@ _of_thread = threading.local()
 
 
 def _supervisor() -> _Supervisor:
+    """Return the supervisor of this thread, a new one where it has none that is alive."""
     found = getattr(_of_thread, "supervisor", None)
     if found is None or found.process.poll() is not None:
         found = _of_thread.supervisor = _Supervisor()
@@ -281,10 +308,11 @@ def _supervisor() -> _Supervisor:
 
 
 def _client(address: str) -> Any:
+    """Return a client of the Dask cluster at ``address``; raise PoolError if there is no cluster with workers."""
     try:
         import distributed
     except ModuleNotFoundError:
-        raise PoolError("--cluster needs Dask: pip install -r requirements-cluster.lock") from None
+        raise PoolError("--cluster needs Dask: pip install -r locks/requirements-cluster.lock") from None
     where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
     if "scheduler_file" in where and not Path(address).is_file():
         raise PoolError(f"there is no scheduler file {address}")

@@ -1,4 +1,7 @@
-"""Values that ``refuses`` and ``solve`` may return; a breach costs one run and names the author's file and line."""
+"""Check what ``refuses`` and ``solve`` return, and derive the cost of a solve from CPU times.
+
+A breach fails one run, and its message names the line of the solver's author.
+"""
 
 import inspect
 import math
@@ -16,19 +19,20 @@ from ..catalogue.options import format_value
 from ..types import Problem, Solver, Status, StepControl, Trajectory
 from .presenting import PresentedSolver
 
-CLOCK = 0.05  # [s] by which readings of clocks may differ
-EXPLAINED = 0.5  # of the CPU time of a call without set-up, or of the first repeat
-SHORT = 0.02  # [s] of integration, below which a single timing scatters by more than codes differ
-GROUP = 1e-4  # [s] that are timed together at least: 100 times what the clock moves by (1 us)
-FEWEST = 3  # groups: fewer have no quartiles
+CLOCK = 0.05  # [s] by which two clocks may differ
+# fraction of a call that a stated time must explain; a repeat below it of the first has skipped work
+EXPLAINED = 0.5
+SHORT = 0.02  # [s] of integration below which a single timing scatters by more than codes differ
+GROUP = 1e-4  # [s] that a group of solves takes at least: 100 times the resolution of the clock (1 us)
+FEWEST = 3  # groups at least: fewer have no quartiles
 
 
 class Breach(TypeError):
-    """Something that a solver may not return."""
+    """Signal a value that a solver may not return."""
 
 
 def refusal(solver: Solver | PresentedSolver, problem: Problem, control: StepControl) -> str:
-    """Why the solver cannot take the problem; empty if it can."""
+    """Return why the solver cannot take the problem, empty if it can; raise Breach for any other answer."""
     given = solver.refuses(problem, control)
     if given is not None and not isinstance(given, str):
         raise Breach(f"refuses must return a reason or None (got {format_value(given)}){_at(solver, 'refuses')}")
@@ -36,7 +40,7 @@ def refusal(solver: Solver | PresentedSolver, problem: Problem, control: StepCon
 
 
 def check_trajectory(found: object, solver: Solver | PresentedSolver, problem: Problem) -> Trajectory:
-    """``found`` if it is a trajectory of the problem's bodies, of the types that it declares."""
+    """Return ``found`` if it is a trajectory of the problem's bodies with the declared types; else raise Breach."""
     where = _at(solver, "solve")
     if not isinstance(found, Trajectory):
         raise Breach(f"solve must return a Trajectory (got {type(found).__name__}){where}")
@@ -49,9 +53,10 @@ def check_trajectory(found: object, solver: Solver | PresentedSolver, problem: P
         if a is not None and getattr(a, "shape", None) != wanted:
             raise Breach(f"{name} must have the shape {wanted} (got {getattr(a, 'shape', format_value(a))}){where}")
     for name, value, kind, words in (
-        ("status", found.status, Status, "a Status"), ("message", found.message, str, "text"),
+        ("status", found.status, Status, "a Status"),
+        ("message", found.message, str, "text"),
         ("counters", found.counters, Mapping, "a mapping of whole numbers"),
-    ):  # fmt: skip
+    ):
         if not isinstance(value, kind):
             raise Breach(f"{name} must be {words} (got {format_value(value)}){where}")
     for name, count in found.counters.items():
@@ -63,26 +68,27 @@ def check_trajectory(found: object, solver: Solver | PresentedSolver, problem: P
 
 
 class Cost(NamedTuple):
-    """CPU time of a call [s]."""
+    """Hold the CPU time of one call [s], split into integration and set-up."""
 
     integration: float
-    set_up: float  # the rest of the call
-    code: float  # the part of set-up in which code was made
+    set_up: float  # CPU time of the call outside integration
+    code: float  # the part of set-up in which code was generated
 
     @property
     def call(self) -> float:
-        """Of all but code."""
+        """CPU time of all but code generation."""
         return self.integration + self.set_up - self.code
 
 
 def split_cost(claimed: Trajectory, spent: float, code: float, wall: float, solver: Solver | PresentedSolver) -> Cost:
-    """The cost of a call that took ``spent`` [s], of which the meter counts ``code`` as making code.
+    """Return the cost of a call that took ``spent`` [s] of CPU time and ``wall`` [s] of wall time.
 
-    Of a plugin all else counts as integration that it does not call set-up, which is shown beside it; what it calls
-    set-up may hold the making of code, or not: the larger of the two is left out. Solvers of ``solvers/`` time their
-    own integration; where that leaves most of the call unexplained, the call counts.
+    The meter counts ``code`` [s] of it as code generation. A plugin's integration is ``spent`` less ``code`` or the
+    set-up time that it states in ``claimed``, whichever is larger, as that may include code generation. Solvers of
+    ``solvers/`` time their own integration, which counts unless it leaves more than half of the call unexplained. Raise
+    Breach if a stated time exceeds the measured one.
     """
-    spent = max(spent, code)  # of a finer clock
+    spent = max(spent, code)  # ``code`` is measured by a finer clock
     own, set_up = float(claimed.cpu_time), float(claimed.setup_time)
     known = 0.0 if math.isnan(set_up) else set_up
     if not (math.isnan(own) or 0.0 <= own <= spent + CLOCK) or not 0.0 <= known <= max(spent, wall) + CLOCK:
@@ -95,16 +101,20 @@ def split_cost(claimed: Trajectory, spent: float, code: float, wall: float, solv
 
 
 def repeated_cost(times: Sequence[float]) -> Sequence[float]:
-    """The repeats that count: the first alone where a later one took less than half as long, having been prepared."""
+    """Return the CPU times [s] of repeats that count: all, or only the first where it has prepared the others.
+
+    It has prepared them if a later one took less than half as long.
+    """
     return times if min(times) >= EXPLAINED * times[0] - CLOCK else times[:1]
 
 
 def looped_cost(times: Sequence[float], solver: object, reading: float) -> Sequence[float]:
-    """The costs [s] of a loop that count: means over groups of solves that take ``GROUP`` together.
+    """Return the costs [s] of a solve that count: means over groups of a loop's ``times`` that take ``GROUP`` together.
 
-    The first solve warms up and does not count: it touches memory and code that the others find in the caches. Where
-    later ones of a plugin took less than half as long, nobody knows whether it was that or the answer was kept: the
-    first alone counts. ``reading`` [s] is what a reading of the clock adds to each solve.
+    The first solve warms up and does not count: it touches memory and code that the others find in the caches. If the
+    median of a plugin's later solves is less than half of it, warming up cannot be distinguished from a stored answer,
+    and only the first counts. ``reading`` [s] is the time that a reading of the clock adds to each solve; it is
+    subtracted.
     """
     first, later = times[0], times[1:]
     middle = statistics.median(later)
@@ -116,29 +126,44 @@ def looped_cost(times: Sequence[float], solver: object, reading: float) -> Seque
 
 
 def cost_columns(times: Sequence[float], repeats: int) -> dict[str, Any]:
-    """The columns of the costs [s] that count, of ``repeats`` solves. The quartiles of three are the outer two."""
+    """Return a record's columns of costs: ``repeats``, and minimum, quartiles, median and maximum of ``times`` [s].
+
+    ``times`` are those that count. The quartiles of three are the outer two.
+    """
     lower, middle, upper = (float(x) for x in np.quantile(times, [0.25, 0.5, 0.75], method="weibull"))
-    return {"repeats": repeats, "cpu_min_s": min(times), "cpu_q1_s": lower, "cpu_median_s": middle,
-            "cpu_q3_s": upper, "cpu_max_s": max(times)}  # fmt: skip
+    return {
+        "repeats": repeats,
+        "cpu_min_s": min(times),
+        "cpu_q1_s": lower,
+        "cpu_median_s": middle,
+        "cpu_q3_s": upper,
+        "cpu_max_s": max(times),
+    }
 
 
 def _is_ours(solver: object) -> bool:
+    """Return whether the solver, which may be wrapped in a presentation, is one of ``solvers/``."""
     made = solver.solver if isinstance(solver, PresentedSolver) else solver
     return registry.is_own_class(type(made))
 
 
-def raised_at(error: BaseException, solver: object) -> str:
-    """`` (mysolver.py:12)``: the last line of the solver's own file that the exception passed through."""
+def locate_error(error: BaseException, solver: object) -> str:
+    """Return the last line of the solver's own file that an exception passed through, such as `` (mysolver.py:12)``.
+
+    Empty if it passed through none.
+    """
     own = _code(solver, "solve")
     frames = [f for f in traceback.extract_tb(error.__traceback__) if own and f.filename == own.co_filename]
     return f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
 
 
 def _at(solver: object, method: str) -> str:
+    """Return where a method of the solver begins, such as `` (mysolver.py:12)``; empty if it is not in Python."""
     code = _code(solver, method)
     return f" ({Path(code.co_filename).name}:{code.co_firstlineno})" if code else ""
 
 
 def _code(solver: object, method: str) -> CodeType | None:
+    """Return the code object of a method as its author wrote it, below all wrappers; None if it has none."""
     made = solver.solver if isinstance(solver, PresentedSolver) else solver
     return getattr(inspect.unwrap(getattr(type(made), method, None) or len), "__code__", None)

@@ -1,8 +1,9 @@
-"""How long runs will take on this machine, before any of them has begun: ``expect``, for every command that says so.
+"""Estimate how long runs will take on this machine, before any of them has begun, for every command that reports it.
 
-A run of which a results folder of this place has the record takes what it took then. Of any other the time comes from
-``costs.toml``, what a step takes by solver and size of system on a quiet machine, times how much slower a short loop is
-here. What is compiled or computed once is remembered beside the caches that hold it: with empty ones it counts again.
+A run with a record in one of the newest local results folders is expected to take as long as it did then. For any other
+run the estimate (``predict_times``) comes from ``costs.toml``, which has set-up times and times per step by solver and
+size of system on an idle machine, multiplied by how much slower a short loop runs here. Compilation and references
+count only where the caches of this machine do not hold them (``WarmCaches``).
 """
 
 import contextlib
@@ -25,7 +26,7 @@ from ..catalogue import registry
 from ..files import FileError, parse_json, parse_toml, read_text, to_json, write_text
 from ..machine import llvm_target
 from ..mechanics.system import MultibodySystem
-from ..reference.computation import Source, source_of
+from ..reference.computation import Source, describe_source
 from ..results import store
 from ..results.codes import package_sources
 from ..results.naming import format_name
@@ -33,52 +34,54 @@ from ..shapes import Shape, convert_shape
 from ..suites.spec import RunSpec
 from ..types import Problem
 from .contract import SHORT
-from .eta import durations, in_words, schedule_end
+from .remaining_time import durations, format_duration, schedule_end
 from .warmup import ABREAST, list_motions, runs_to_warm
 
 TABLE = Path(__file__).with_name("costs.toml")
-SIZES = (4.0, 63.0, 455.0)  # bodies and rows of one body, the chain and the grid, at which the table was measured
-QUICK = 1.0  # [s] of compiling that nobody waits for
-SOON = 3.0  # [s] a run, if others are to wait for it
+# number of bodies plus constraint rows of the systems for which the table was measured: one body, the chain, the grid
+SIZES = (4.0, 63.0, 455.0)
+QUICK = 1.0  # [s] of compilation that is too short to be reported
+SOON = 3.0  # [s] most that a run may take to count as quick: other runs may wait for it
 TOLERANCE = 1e-8  # rtol at which the table counts steps
-SHARED = 6.2  # [s] of compiling that all solvers of index 1 share: the kernels of accelerations
-LAWS = "laws"  # the name under which compiled passes of measuring are remembered
-UNKNOWN_T, UNKNOWN_STEP = 10.0, 1e-3  # [s] simulated time and step of a plugin's problem, which is not made here
+SHARED = 6.2  # [s] of compilation that all solvers of index 1 share: the kernels of accelerations
+LAWS = "laws"  # name of the compiled measuring code in ``WarmCaches``
+# [s] simulated time and step assumed for a plugin's problem, which is not created here
+UNKNOWN_T, UNKNOWN_STEP = 10.0, 1e-3
 
 
 class SolverCost(Shape, frozen=True):
-    """The cost of a solver; three numbers are for the three ``SIZES``, -1 where it was not run."""
+    """Hold the measured costs of one solver; triples have a value for each of ``SIZES``, -1 where none was measured."""
 
-    compile_s: float  # [s] of CPU the first time
+    compile_s: float  # [s] of CPU at the first use
     setup_s: tuple[float, float, float]  # [s] a run
     step_us: tuple[float, float, float]  # [us] a step
-    steps: float = 0.0  # accepted, for each step of the problem's own length, at rtol = 1e-8
-    power: float = 0.0  # of 1 / rtol in the number of steps
+    steps: float = 0.0  # accepted steps at rtol = 1e-8 for each step of the problem's own size
+    power: float = 0.0  # exponent of 1 / rtol in the number of steps
 
 
 class Costs(Shape, frozen=True):
-    """The content of ``costs.toml``."""
+    """Hold the content of ``costs.toml``."""
 
     loop_s: float  # [s] of ``measure_loop`` on the machine of the table
     process_s: float  # [s] to start and end the processes of a run
-    store_s: float  # [s] from its record to the next run in its place: its files are written, its news told
+    store_s: float  # [s] from its record to the next run in its place: to write its files and report it
     load_s: float  # [s] to load the package and compiled code, before the first run
-    laws_s: float  # [s] of CPU to compile what measures
+    laws_s: float  # [s] of CPU to compile the measuring code
     reference_s: float  # [s] to compute a reference
     measure_s: float  # [s] to measure a short run
-    measure_us: tuple[float, float, float]  # [us] for each step more
-    commands: dict[str, tuple[float, float]]  # [s] of wall time of a command, and for each run, trial, step of a body
+    measure_us: tuple[float, float, float]  # [us] for each further step
+    commands: dict[str, tuple[float, float]]  # [s] of wall time of a command, and of each run, trial or step of a body
     solvers: dict[str, SolverCost]
 
 
 @functools.cache
 def read_costs(path: Path = TABLE) -> Costs:
-    """The table."""
+    """Read the table."""
     return convert_shape(parse_toml(read_text(path, "costs"), path.name), Costs, path.name)
 
 
 def measure_loop() -> float:
-    """Return the CPU time [s] of a short loop of Python and NumPy, the median of several: how fast a core is."""
+    """Return the CPU time [s] of a short loop of Python and NumPy, the median of several, to rate a core."""
     import numpy as np
 
     times, A = [], np.eye(6)
@@ -93,18 +96,18 @@ def measure_loop() -> float:
 
 @functools.cache
 def slowness(jobs: int) -> float:
-    """How many times longer than on the idle machine of the table a run takes here, ``jobs`` at a time.
+    """Return the factor by which runs take longer here, ``jobs`` in parallel, than on the idle machine of the table.
 
-    A core may be slower, and other processes may want it.
+    It covers a slower core and other processes that want the cores, and is measured once for each number of jobs.
     """
     cores = os.cpu_count() or 1
     return measure_loop() / read_costs().loop_s * max(1.0, (count_rivals() + jobs) / cores)
 
 
 def count_rivals() -> float:
-    """Return how many other processes want a core now, the median of five looks.
+    """Return the number of other processes that are running now, the median of five counts 20 ms apart.
 
-    Not the load of the last minute: after a first pass, or a build, that was our own.
+    The load of the last minute is no substitute: after a first pass, or a build, it was caused by this program.
     """
     looks = []
     for _ in range(5):
@@ -115,17 +118,21 @@ def count_rivals() -> float:
 
 
 def size_of(system: MultibodySystem) -> float:
-    """Bodies and rows."""
+    """Return the size of a system in the table of costs: the number of its bodies and constraint rows together."""
     return float(system.nb + system.nrows)
 
 
 def nearest_size(size: float) -> int:
-    """Which of ``SIZES`` is nearest, by ratio."""
+    """Return the index in ``SIZES`` of the nearest size, by ratio."""
     return min(range(len(SIZES)), key=lambda k: abs(math.log(size / SIZES[k])))
 
 
-def at_size(values: Sequence[float], size: float) -> float:
-    """Interpolate ``values`` at ``SIZES`` by powers; beyond the measured ones in proportion to the size."""
+def interpolate_by_size(values: Sequence[float], size: float) -> float:
+    """Interpolate ``values``, one for each of ``SIZES``, at ``size``, linearly in logarithms; 0 if none is known.
+
+    Values that are not positive are unknown and ignored. Above the largest known size the result grows in proportion to
+    ``size``, below the smallest it is constant.
+    """
     known = [(s, v) for s, v in zip(SIZES, values, strict=True) if v > 0.0]
     if not known:
         return 0.0
@@ -139,49 +146,60 @@ def at_size(values: Sequence[float], size: float) -> float:
 
 
 @dataclass(frozen=True)
-class Facts:
-    """What of a problem decides on the cost of its runs."""
+class CostFactors:
+    """Hold the properties of a problem that determine the cost of its runs."""
 
     t_end: float  # [s]
-    dt: float  # [s] its own step
-    size: float
+    dt: float  # [s] its default step
+    size: float  # number of bodies and constraint rows
     has_computed_reference: bool
 
 
-def _facts(spec: RunSpec, known: dict[str, Facts]) -> Facts:
+def _facts(spec: RunSpec, known: dict[str, CostFactors]) -> CostFactors:
+    """Return the cost factors of a spec's problem from ``known``, keyed by variant; compute and add missing ones.
+
+    A problem of a plugin is not created: it is assumed to be one body with a computed reference.
+    """
     name = format_name(spec.problem, spec.parameters)
     if name not in known:
-        known[name] = _facts_of(registry.make_problem(spec.problem, spec.parameters)) if _is_own(spec) else Facts(
-            float(spec.parameters.get("t_end", UNKNOWN_T)), UNKNOWN_STEP, SIZES[0], True
-        )  # fmt: skip
+        known[name] = (
+            _facts_of(registry.make_problem(spec.problem, spec.parameters))
+            if _is_own(spec)
+            else CostFactors(float(spec.parameters.get("t_end", UNKNOWN_T)), UNKNOWN_STEP, SIZES[0], True)
+        )
     return known[name]
 
 
 def _is_own(spec: RunSpec) -> bool:
+    """Return whether the problem is one of ``problems/``."""
     return registry.is_own_problem(spec.problem)
 
 
-def _facts_of(problem: Problem) -> Facts:
-    computed = source_of(problem) in (Source.CERTIFIED, Source.COMPUTED)
-    return Facts(problem.t_end, problem.dt, size_of(problem.system), computed)
+def _facts_of(problem: Problem) -> CostFactors:
+    """Return the properties of a problem that determine the costs of its runs."""
+    computed = describe_source(problem) in (Source.CERTIFIED, Source.COMPUTED)
+    return CostFactors(problem.t_end, problem.dt, size_of(problem.system), computed)
 
 
-def cost_of_run(spec: RunSpec, facts: Facts, costs: Costs) -> float:
-    """Return the wall time [s] of a run on the machine of the table: process, set-up, solver, measuring."""
-    measuring = costs.measure_s + _count_steps(spec, facts, costs) * at_size(costs.measure_us, facts.size) * 1e-6
-    set_up = at_size(_cost_of(spec, costs).setup_s, facts.size)
+def cost_of_run(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
+    """Return the wall time [s] of a run on the machine of the table: process, set-up, repeated solves and measuring."""
+    measuring = (
+        costs.measure_s + _count_steps(spec, facts, costs) * interpolate_by_size(costs.measure_us, facts.size) * 1e-6
+    )
+    set_up = interpolate_by_size(_cost_of(spec, costs).setup_s, facts.size)
     solve = cost_of_solve(spec, facts, costs)
     loop = spec.min_time if solve < SHORT else 0.0
     return costs.process_s + max(set_up + spec.repeats * solve, loop) + measuring
 
 
-def cost_of_solve(spec: RunSpec, facts: Facts, costs: Costs) -> float:
-    """Return the CPU time [s] of the solver on the machine of the table."""
-    step = at_size(_cost_of(spec, costs).step_us, facts.size) * 1e-6
+def cost_of_solve(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
+    """Return the CPU time [s] of one solve on the machine of the table, at most the run's limit."""
+    step = interpolate_by_size(_cost_of(spec, costs).step_us, facts.size) * 1e-6
     return min(_count_steps(spec, facts, costs) * step, spec.cpu_limit)
 
 
-def _count_steps(spec: RunSpec, facts: Facts, costs: Costs) -> float:
+def _count_steps(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
+    """Estimate the number of accepted steps of a run, at most the limit on steps."""
     solver, control = _cost_of(spec, costs), spec.control
     if control.dt is not None:
         return min(facts.t_end / control.dt, float(control.max_steps))
@@ -191,18 +209,25 @@ def _count_steps(spec: RunSpec, facts: Facts, costs: Costs) -> float:
 
 @functools.cache
 def _middle_of(names: tuple[str, ...]) -> SolverCost:
+    """Return median costs over the solvers ``names`` of the table; compilation counts as 0."""
     own = [s for name, s in read_costs().solvers.items() if name in names]
 
     def middle(values: Iterable[float]) -> float:
+        """Return the median of the positive values, as others are unknown; 0 if there are none."""
         return median([v for v in values if v > 0.0] or [0.0])
 
     setup, step = ([middle(getattr(s, name)[k] for s in own) for k in range(3)] for name in ("setup_s", "step_us"))
-    return SolverCost(0.0, (setup[0], setup[1], setup[2]), (step[0], step[1], step[2]),
-                      middle(s.steps for s in own), middle(s.power for s in own))  # fmt: skip
+    return SolverCost(
+        0.0,
+        (setup[0], setup[1], setup[2]),
+        (step[0], step[1], step[2]),
+        middle(s.steps for s in own),
+        middle(s.power for s in own),
+    )
 
 
 def _cost_of(spec: RunSpec, costs: Costs) -> SolverCost:
-    """The solver's cost; of one that the table does not know, the medians of those that are controlled as it is."""
+    """Return the solver's costs; for one missing in the table, medians over solvers with the same step control."""
     adaptive = spec.control.dt is None
     alike = tuple(name for name, s in costs.solvers.items() if (s.steps > 0.0) is adaptive)
     return costs.solvers.get(spec.solver) or _middle_of(alike)
@@ -210,42 +235,49 @@ def _cost_of(spec: RunSpec, costs: Costs) -> SolverCost:
 
 @dataclass(frozen=True)
 class Expectation:
-    """The wall times [s] that runs will take here, and what comes before the first."""
+    """Hold the expected wall times [s] of runs on this machine, and of the preparations before the first."""
 
     runs: Mapping[str, float]  # by ``settings_id``
     loading: float
-    once: float  # compiling kernels and computing references that no cache holds
+    once: float  # to compile kernels and compute references that no cache holds
     jobs: int  # at a time
 
     @property
     def seconds(self) -> float:
-        """From the call to the last result."""
+        """Wall time from the call to the last result [s]."""
         return self.loading + self.once + schedule_end([], list(self.runs.values()), self.jobs)
 
     @property
     def words(self) -> str:
-        """``about 9 min 20 s, of it 1 min 5 s to compile kernels and compute references, this once``."""
-        once = f", of it {in_words(self.once)} to compile kernels and compute references, this once"
-        return f"about {in_words(self.seconds)}{once * self.is_cold}"
+        """Text such as ``about 9 min 20 s, of it 1 min 5 s to compile kernels and compute references, this once``."""
+        once = f", of it {format_duration(self.once)} to compile kernels and compute references, this once"
+        return f"about {format_duration(self.seconds)}{once * self.is_cold}"
 
     @property
     def is_cold(self) -> bool:
-        """Whether something has to be compiled or computed that later calls find in the caches."""
+        """True if something has to be compiled or computed that later calls find in the caches."""
         return self.once >= QUICK
 
 
 def select_quick(specs: Sequence[RunSpec]) -> set[str]:
-    """Name the solvers of ``specs`` that need no code compiled first, and whose runs are known not to take long."""
-    prepared, costs, known = Prepared(), read_costs(), dict[str, Facts]()
+    """Return the solvers of ``specs`` that have a run shorter than ``SOON`` and need no long compilation.
+
+    Their code is cached, or compiled within ``QUICK``. Solvers that the table lacks are left out.
+    """
+    prepared, costs, known = WarmCaches(), read_costs(), dict[str, CostFactors]()
     own = [s for s in specs if s.solver in costs.solvers and cost_of_run(s, _facts(s, known), costs) < SOON]
-    return {s.solver for s in own if costs.solvers[s.solver].compile_s < QUICK or prepared.has(s.solver)}
+    return {s.solver for s in own if costs.solvers[s.solver].compile_s < QUICK or prepared.contains(s.solver)}
 
 
-def expect(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: Path | None = None) -> Expectation:
-    """Return what ``specs`` will take here, ``jobs`` at a time; nothing is run but a loop of some milliseconds."""
+def predict_times(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: Path | None = None) -> Expectation:
+    """Return the expected wall times of ``specs`` on this machine, ``jobs`` in parallel.
+
+    Times recorded in results folders of ``local`` take precedence, those of ``suite`` first. No run is executed; a loop
+    of some milliseconds is timed and the running processes are counted.
+    """
     costs, slow = read_costs(), slowness(jobs)
     earlier = durations(local or store.LOCAL, suite)
-    known: dict[str, Facts] = {}
+    known: dict[str, CostFactors] = {}
     own = {s.settings_id: earlier.get(s.settings_id) or slow * cost_of_run(s, _facts(s, known), costs) for s in specs}
     runs = {settings: seconds + slow * costs.store_s for settings, seconds in own.items()}
     if not specs:
@@ -254,40 +286,50 @@ def expect(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: Path | N
 
 
 def describe_command(name: str, count: int, jobs: int = 1) -> str:
-    """Return ``about 20 s``: what a command of the table takes here for ``count`` runs, trials or steps of bodies."""
+    """Return how long a command takes here for ``count`` runs, trials or steps, such as ``about 20 s``.
+
+    ``name`` is one of the commands of ``costs.toml``; ``jobs`` runs, trials or steps are done in parallel.
+    """
     start, each = read_costs().commands[name]
-    return f"about {in_words(max(1.0, slowness(jobs) * (start + each * count / jobs)))}"
+    return f"about {format_duration(max(1.0, slowness(jobs) * (start + each * count / jobs)))}"
 
 
 def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectation:
-    """Return the same for solving each spec a number of times, ``jobs`` at a time, without a process for each."""
-    costs, slow, known = read_costs(), slowness(jobs), dict[str, Facts]()
+    """Return the expected times of solving specs repeatedly in ``jobs`` parallel processes.
+
+    ``counted`` pairs each spec with its number of solves. Only solves, loading and code count: runs need no process of
+    their own, and are not measured.
+    """
+    costs, slow, known = read_costs(), slowness(jobs), dict[str, CostFactors]()
     runs = {s.settings_id: slow * n * cost_of_solve(s, _facts(s, known), costs) / jobs for s, n in counted}
     return Expectation(runs, slow * costs.load_s, slow * _cost_of_once([s for s, _ in counted], costs, known), 1)
 
 
-def _cost_of_once(specs: Sequence[RunSpec], costs: Costs, known: dict[str, Facts]) -> float:
-    """Wall time [s] to compile and compute what is not remembered: laws, references and solvers abreast."""
-    warm = Prepared()
+def _cost_of_once(specs: Sequence[RunSpec], costs: Costs, known: dict[str, CostFactors]) -> float:
+    """Return the wall time [s] to compile and compute, in parallel, all code and references that no cache holds."""
+    warm = WarmCaches()
     motions = [s for s in list_motions(specs) if _facts(s, known).has_computed_reference]
     named = (reference_name(format_name(s.problem, s.parameters)) for s in motions)
-    references = sum(costs.reference_s for name in named if not warm.has(name))
-    cold = dict.fromkeys(s.solver for s in runs_to_warm(specs) if not warm.has(s.solver))
+    references = sum(costs.reference_s for name in named if not warm.contains(name))
+    cold = dict.fromkeys(s.solver for s in runs_to_warm(specs) if not warm.contains(s.solver))
     compiled = [costs.solvers[name].compile_s for name in cold if name in costs.solvers]
     shared = SHARED if max(compiled, default=0.0) > SHARED else 0.0
     own = sum(c - shared if c > shared else c for c in compiled)
-    laws = 0.0 if warm.has(LAWS) else costs.laws_s
+    laws = 0.0 if warm.contains(LAWS) else costs.laws_s
     whole, longest = laws + references + shared + own, max([laws, min(references, costs.reference_s), *compiled])
     return max(whole / min(os.cpu_count() or 1, ABREAST), longest)
 
 
 def reference_name(variant: str) -> str:
-    """The name under which the reference of a problem with its parameters is remembered."""
+    """Return the name in ``WarmCaches`` of the reference of a ``variant``, a problem with its parameters."""
     return f"reference of {variant}"
 
 
-class Prepared:
-    """What the caches of this machine hold for this code, as far as was seen when it was made."""
+class WarmCaches:
+    """Record on disk which compiled code and references the caches of this machine hold.
+
+    Each name has a digest of the code behind it. The file is read once, when the object is created.
+    """
 
     def __init__(self) -> None:
         folder = cache_folder("warmed", ROOT / IN_CHECKOUT["warmed"])
@@ -297,12 +339,12 @@ class Prepared:
             found = parse_json(read_text(self.path, "what was compiled"), str(self.path))
             self.names = found if isinstance(found, dict) else {}
 
-    def has(self, name: str) -> bool:
-        """Whether it was compiled or computed by the code of today."""
+    def contains(self, name: str) -> bool:
+        """Return whether ``name``, a solver, a reference or ``LAWS``, is recorded for this code and processor."""
         return self.names.get(name) == _digest_for(name)
 
     def add(self, names: Iterable[str]) -> None:
-        """Remember; where nothing can be written, the next estimate is too long, and that is all."""
+        """Record ``names`` here and on disk; if the disk cannot be written, only the next estimate is too long."""
         new = {name: _digest_for(name) for name in names}
         if new.items() <= self.names.items():
             return
@@ -313,7 +355,7 @@ class Prepared:
 
 
 def _digest_for(name: str) -> str:
-    """The code that is compiled under a name, and the processor that it is compiled for."""
+    """Return a text that differs if the code behind a name of ``WarmCaches`` or the processor differs."""
     sources = package_sources()
     problem = name.removeprefix("reference of ").partition("[")[0]
     own = sources.measuring if name == LAWS else sources.solvers.get(name) or sources.problems.get(problem, "")

@@ -1,6 +1,6 @@
-"""The file that a solver's process hands over: its motion as plain arrays, and what it says about them.
+"""Write and read the file that a solver's process leaves: its motion as plain arrays, and its report.
 
-The file is read by a process that never ran the solver's code, and nothing in it is believed: sizes and types are
+The file is read by a process that never ran the solver's code, and nothing in it is trusted: sizes and types must be
 those of the problem, or the run has crashed.
 """
 
@@ -13,25 +13,26 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from ..confined_paths import ConfinedPath, confine_path
 from ..files import FileError, parse_json, to_json
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
-from ..places import Place, place_of
 from ..results.npz import read_npz, write_npz
 from ..shapes import Shape, convert_shape
-from ..types import EndedBy, Status, Trajectory
+from ..types import EndCause, Status, Trajectory
 from .contract import CLOCK
 
-LARGEST = 2**32  # [bytes] of all arrays together
+# [bytes] of all arrays together: 28 million steps of a body; it bounds the memory of the process that reads
+LARGEST = 2**32
 POSES = ("r", "R", "v", "Omega")
 Words = dict[str, Any]
 
 
 class SolverReport(Shape, frozen=True, kw_only=True):
-    """All that a solver's process reports beside the arrays."""
+    """Hold what a solver's process reports beside the arrays: status, message, costs, counters, events and notes."""
 
-    claimed: Status | None = None  # None: it raised
-    by: EndedBy = EndedBy.SOLVER
+    claimed: Status | None = None  # None: the solver raised
+    by: EndCause = EndCause.SOLVER
     message: str = ""
     missing_package: str = ""  # of a refusal
     paper_label: str = ""
@@ -44,36 +45,49 @@ class SolverReport(Shape, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Handover:
-    """The solver's report and the motion; no motion where the solver refused or raised."""
+    """Hold the solver's report and its motion; None where the solver refused or raised."""
 
     report: SolverReport
     trajectory: Trajectory | None
 
     @property
     def columns(self) -> dict[str, Any]:
-        """Columns of the record that only the solver's process knows."""
+        """Columns of the record that only the solver's process knows: costs, paper label and declared order."""
         cost = {name: float(value) for name, value in self.report.cost.items() if name in COST}
         repeats = {"repeats": int(cost.pop("repeats"))} if "repeats" in cost else {}
         label, order = self.report.paper_label, float(self.report.declared_order)
         return {"paper_label": label, "declared_order": order, **cost, **repeats}
 
 
-COST = (
-    "repeats", "cpu_min_s", "cpu_q1_s", "cpu_median_s", "cpu_q3_s", "cpu_max_s", "cpu_call_s", "setup_s", "code_s",
-    "cpu_import_s", "cpu_refuses_s",
-)  # fmt: skip
-HIDDEN = 1.0  # [s] of CPU, beside as much again as is accounted for: handing over takes less
+COST = (  # columns of the record that ``SolverReport.cost`` gives
+    "repeats",
+    "cpu_min_s",
+    "cpu_q1_s",
+    "cpu_median_s",
+    "cpu_q3_s",
+    "cpu_max_s",
+    "cpu_call_s",
+    "setup_s",
+    "code_s",
+    "cpu_import_s",
+    "cpu_refuses_s",
+)
+# [s] of CPU time that a process may take beyond twice what it reports: writing the file takes less
+HIDDEN = 1.0
 
 
-def write(path: Path | Place, handed: Handover) -> None:
-    """Whole or not at all; not compressed, for it is read at once and removed."""
+def write(path: Path | ConfinedPath, handed: Handover) -> None:
+    """Write the file, completely or not at all; uncompressed, because it is read at once and then removed."""
     arrays: dict[str, np.ndarray] = {}
     report, trajectory = handed.report, handed.trajectory
     if trajectory is not None:
         report = msgspec.structs.replace(
-            report, message=str(trajectory.message), counters={str(k): int(v) for k, v in trajectory.counters.items()},
-            events=tuple(map(dict, trajectory.events)), notes=tuple(trajectory.notes),
-        )  # fmt: skip
+            report,
+            message=str(trajectory.message),
+            counters={str(k): int(v) for k, v in trajectory.counters.items()},
+            events=tuple(map(dict, trajectory.events)),
+            notes=tuple(trajectory.notes),
+        )
         arrays = {"t": trajectory.t, **{k: getattr(trajectory.states, k) for k in POSES}}
         arrays |= {f"diag_{name}": values for name, values in trajectory.diagnostics.items()}
         if trajectory.reaction is not None:
@@ -84,12 +98,12 @@ def write(path: Path | Place, handed: Handover) -> None:
     write_npz(path, {"report": np.asarray(to_json(report)), **numbers}, compressed=False)
 
 
-def read(path: Path | Place, system: MultibodySystem, spent: float = math.inf) -> Handover | None:
-    """The motion handed over for ``system`` by a process that took ``spent`` [s] of CPU; None if nothing was.
+def read(path: Path | ConfinedPath, system: MultibodySystem, spent: float = math.inf) -> Handover | None:
+    """Return what a process left that took ``spent`` [s] of CPU to solve ``system``; None if there is no file.
 
-    FileError if it is not what it must be.
+    Raise FileError if the file does not have the required content, or reports more CPU time than ``spent``.
     """
-    if not place_of(path).is_own_file():
+    if not confine_path(path).is_own_file():
         return None
     try:
         arrays = dict(read_npz(path, LARGEST))
@@ -98,13 +112,14 @@ def read(path: Path | Place, system: MultibodySystem, spent: float = math.inf) -
         report = _with_hidden_cost(report, spent)
         return Handover(report, _trajectory(arrays, report, system) if "t" in arrays else None)
     except ValueError as error:
-        raise FileError(f"what the solver handed over cannot be used: {error}") from None
+        raise FileError(f"the arrays that the solver returned cannot be used: {error}") from None
 
 
 def _with_hidden_cost(report: SolverReport, spent: float) -> SolverReport:
-    """All the process took as its cost, and a note, where its own clocks account for less than half of that.
+    """Return the report with the cost of all ``spent`` [s] of CPU, and a note, if its process hides most of that time.
 
-    A report of a motion that leaves out any cost accounts for nothing: ours says all.
+    It does if ``spent`` exceeds twice the time on its own clocks by more than ``HIDDEN``. A report without one of the
+    costs accounts for no time, since our own code reports all of them. Refusals and exceptions stay as they are.
     """
     whole = not any(math.isnan(float(report.cost.get(name, math.nan))) for name in (*COST, "cpu_inside_s"))
     inside = float(report.cost["cpu_inside_s"]) if whole else 0.0
@@ -121,9 +136,10 @@ def _with_hidden_cost(report: SolverReport, spent: float) -> SolverReport:
 
 
 def _check_cost(cost: Mapping[str, float | str], spent: float) -> None:
-    """Raise FileError where a time that the solver's process has measured is below zero, or above all that it took.
+    """Raise FileError if a time measured by the solver's process is negative or exceeds the ``spent`` [s] that it took.
 
-    The import may be the work of the process that forked it; set-up contains the import and may be wall time.
+    Two may exceed it: the process that forked it may have done the import, and set-up, which contains the import, may
+    be wall time.
     """
     for name, value in cost.items():
         most = LARGEST if name in ("cpu_import_s", "setup_s", "repeats", "left_out") else spent + CLOCK
@@ -132,6 +148,7 @@ def _check_cost(cost: Mapping[str, float | str], spent: float) -> None:
 
 
 def _trajectory(arrays: dict[str, np.ndarray], report: SolverReport, system: MultibodySystem) -> Trajectory:
+    """Return the motion in the arrays; raise FileError where shapes or types are not those of ``system``."""
     nt, nb = len(np.atleast_1d(arrays["t"])), system.nb
     one = {"r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 3), "Omega": (nb, 3)}
     wanted = {"t": (nt,), **{k: (nt, *shape) for k, shape in one.items()}, "reaction": (nt, system.nrows)}
@@ -146,8 +163,16 @@ def _trajectory(arrays: dict[str, np.ndarray], report: SolverReport, system: Mul
     back = [arrays[f"returned_{k}"] for k in POSES if f"returned_{k}" in arrays]
     cost = report.cost
     return Trajectory(
-        arrays["t"], States(*(arrays[k] for k in POSES)), report.claimed, report.message, report.counters,
-        arrays.get("reaction"), {k[5:]: a for k, a in arrays.items() if k.startswith("diag_")}, report.events,
-        report.notes, float(cost.get("cpu_min_s", math.nan)), float(cost.get("setup_s", math.nan)),
+        arrays["t"],
+        States(*(arrays[k] for k in POSES)),
+        report.claimed,
+        report.message,
+        report.counters,
+        arrays.get("reaction"),
+        {k[5:]: a for k, a in arrays.items() if k.startswith("diag_")},
+        report.events,
+        report.notes,
+        float(cost.get("cpu_min_s", math.nan)),
+        float(cost.get("setup_s", math.nan)),
         State(back[0], back[1], back[2], back[3]) if len(back) == len(POSES) else None,
-    )  # fmt: skip
+    )

@@ -1,4 +1,4 @@
-"""The series file of a run: what is kept of its motion, of the exact motion beside it, and of its problem's numbers."""
+"""Select the content of a run's series file: its motion, the exact motion beside it, and its problem's numbers."""
 
 import hashlib
 import math
@@ -10,39 +10,57 @@ from scipy.spatial.transform import Rotation
 
 from ..mechanics.state import States
 from ..mechanics.torsion import count_turns, torsion
-from ..metrics.measure import Measured, count_covered, stated_error
-from ..metrics.peaks import find_peaks, steps_to_keep, times_between, times_of_scales, times_to_keep
+from ..metrics.measure import MeasuredSeries, count_covered, stated_error
+from ..metrics.peaks import find_peaks, interpolate_peak_times, steps_to_keep, times_of_scales, times_to_keep
 from ..metrics.periods import find_periods
 from ..metrics.reactions import largest_joint_force
 from ..metrics.thinning import frames_to_keep, rows_to_keep
-from ..reference.computation import ComputedReference, Source, reference_of, source_of
-from ..results.envelopes import FEW, envelope_of
+from ..reference.computation import ComputedReference, Source, describe_source, find_reference
+from ..results.envelopes import FEW, compute_envelope
 from ..results.packing import FINE
 from ..results.selection import leave_out_states
 from ..results.series import LARGEST, LAST, MARKS, Series
 from ..types import Problem, Reference, Status, Trajectory
 
-SERIES = ("energy", "energy_error", "phi_norm", "phi_dot_norm", "eq81_norm", "orthogonality", "position_error",
-          "orientation_error", "reference_own_error", "out_of_plane")  # fmt: skip
+SERIES = (  # fields of ``MeasuredSeries`` with a value for each step
+    "energy",
+    "energy_error",
+    "phi_norm",
+    "phi_dot_norm",
+    "eq81_norm",
+    "orthogonality",
+    "position_error",
+    "orientation_error",
+    "reference_own_error",
+    "out_of_plane",
+)
 TIMES = ("t", "dt")
-NEAR, TURNED = 0.005, 3.0  # of a body, a pixel: how far off drawn poses of a brief file are; so many times of a radian
-TAIL = 121  # last rows of what becomes an envelope, of a run that stopped: the atlas of failures looks at them
+# tolerance of drawn poses in a brief file: fraction of a body's size (a pixel), and as many times that in radians
+NEAR, TURNED = 0.005, 3.0
+TAIL = 121  # last rows kept beside an envelope for a run that stopped: the atlas of failures draws them
 EXACT_FRAMES = 600  # poses of the exact motion that are kept
-DRAWING = ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "gravity")  # of the system: what a drawing needs
+DRAWING = ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "gravity")  # arrays of the system that a drawing needs
 STATE = ("r", "R", "v", "Omega")
-STATE_BYTES, LARGEST_STATES = 288, LARGEST // 2  # of a body, with that of the exact motion; of a file
+# [bytes] of a body's state and exact state at one step, and of states in a file: runs with more are thinned anyway
+STATE_BYTES, LARGEST_STATES = 288, LARGEST // 2
 
 
-def series_of(
-    problem: Problem, trajectory: Trajectory, m: Measured, *, lossless: bool = False, keep: Sequence[str] | None = None
+def build_series(
+    problem: Problem,
+    trajectory: Trajectory,
+    m: MeasuredSeries,
+    *,
+    lossless: bool = False,
+    keep: Sequence[str] | None = None,
 ) -> Series:
-    """What the series file of a run holds: rows, poses and states thinned, peaks kept; ``lossless``: every step.
+    """Return the content of a run's series file: rows, poses and states, thinned so that peaks stay.
 
-    Of a run that is too long for a file the states are thinned all the same. With ``keep``, names or patterns of
-    series, the file is brief: of more than ``FEW`` rows these series and the times alone keep their rows, the others
-    become envelopes; poses are as many as a picture shows, and states those of peaks.
+    With ``lossless`` every step is kept. The states of a run that is too long for a file are thinned all the same. With
+    ``keep``, names or patterns of series, the file is brief: if it has more than ``FEW`` rows, only these series and
+    the times keep their rows and others become envelopes; it has as many poses as a picture shows, and states at peaks
+    only.
     """
-    reference, nb = reference_of(problem), problem.system.nb
+    reference, nb = find_reference(problem), problem.system.nb
     lossless = lossless and len(m.t) * (nb * STATE_BYTES + problem.system.nrows * 8) <= LARGEST_STATES
     brief = keep is not None and not lossless
     peaks = find_peaks(m, literal_start=problem.literal_start)
@@ -61,7 +79,7 @@ def series_of(
     units = {f"{p}_{o.name}": o.unit for o in problem.observables for p in ("obs", "ref")}
     units |= {"obs_joint_force": "N", "ref_joint_force": "N"}
     units |= {f"inv_{i.name}": i.unit for i in problem.invariants}
-    at = {name: float(m.t[k]) for name, k in peaks.items()} | times_between(m) | times_of_scales(m)
+    at = {name: float(m.t[k]) for name, k in peaks.items()} | interpolate_peak_times(m) | times_of_scales(m)
     arrays |= _poses(m.t, trajectory, span, near) | _exact(reference, m.t, span, near)
     arrays |= _turns(problem, trajectory)
     arrays |= _states(trajectory, steps, m.t) | _samples(reference, times_to_keep(m, steps))
@@ -69,18 +87,21 @@ def series_of(
         arrays = leave_out_states({**arrays, "state_energy_error": m.energy_error[steps]}, at)
     return Series(
         {**arrays, **_numbers(problem)},
-        tuple(trajectory.events), tuple(problem.system.body_names), tuple(problem.system.joint_names), units,
+        tuple(trajectory.events),
+        tuple(problem.system.body_names),
+        tuple(problem.system.joint_names),
+        units,
         {f"obs_{o.name}": o.symbol for o in problem.observables} | {"obs_joint_force": r"\max_j |F_j|"},
         at,
         _source(problem, reference),
-        {k: envelope_of(m.t, a) for k, a in left.items()},
+        {k: compute_envelope(m.t, a) for k, a in left.items()},
         digest_steps(trajectory),
         m.size.length if brief else math.nan,
-    )  # fmt: skip
+    )
 
 
 def digest_steps(trajectory: Trajectory) -> str:
-    """The sha256 of all that a solver returned at its accepted steps."""
+    """Return the sha256 of all that a solver returned for its steps: times, states, diagnostics and reactions."""
     s = trajectory.states
     returned = [trajectory.t, s.r, s.R, s.v, s.Omega, *(a for _, a in sorted(trajectory.diagnostics.items()))]
     if trajectory.reaction is not None:
@@ -91,8 +112,8 @@ def digest_steps(trajectory: Trajectory) -> str:
     return digest.hexdigest()
 
 
-def _series(problem: Problem, trajectory: Trajectory, m: Measured) -> dict[str, np.ndarray]:
-    """All series at every step."""
+def _series(problem: Problem, trajectory: Trajectory, m: MeasuredSeries) -> dict[str, np.ndarray]:
+    """Return all measured and returned series by name, each with a value for every step."""
     full: dict[str, np.ndarray | None] = {
         "t": m.t,
         "dt": np.insert(np.diff(m.t), 0, math.nan),
@@ -102,24 +123,29 @@ def _series(problem: Problem, trajectory: Trajectory, m: Measured) -> dict[str, 
         **{f"inv_{k}": a - a[0] for k, a in m.invariants.items()},
         **{f"diag_{k}": np.asarray(a, dtype=float) for k, a in trajectory.diagnostics.items()},
     }
-    if trajectory.reaction is not None:  # shown beside the observables; the references carry no reactions
+    if trajectory.reaction is not None:  # shown beside the observables; references have no reactions
         full["obs_joint_force"] = largest_joint_force(problem.system, np.asarray(trajectory.reaction, dtype=float))
         full["ref_joint_force"] = np.full(len(m.t), math.nan)
     return {k: a for k, a in full.items() if a is not None}
 
 
 def _select(full: Iterable[str], keep: Sequence[str]) -> set[str]:
-    """The times, and the series that ``keep`` names."""
+    """Return the names of the times, and of the series that match a name or pattern in ``keep``."""
     return {k for k in full if k in TIMES or any(fnmatchcase(k, pattern) for pattern in keep)}
 
 
 def _distances(full: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Observables less those of the reference: envelopes of both do not tell it."""
+    """Return observables less those of the reference, as ``away_<name>``; envelopes of both do not determine them."""
     names = (k.removeprefix("obs_") for k in full if k.startswith("obs_"))
     return {f"away_{n}": full[f"obs_{n}"] - full[f"ref_{n}"] for n in names if f"ref_{n}" in full}
 
 
 def _poses(t: np.ndarray, trajectory: Trajectory, span: float, near: float) -> dict[str, np.ndarray]:
+    """Return the poses that a picture needs and the state at the end, as arrays ``frame_...`` and ``end_...``.
+
+    ``span`` [m] of a body turns a rotation into a path. With ``near`` > 0, a fraction of ``span``, the file is brief:
+    chords between frames stay so close to the path. Otherwise (0) the reactions at the frames are kept as well.
+    """
     frames, end = frames_to_keep(t, trajectory.states.at, span, near=near), trajectory.states[-1]
     out = {
         **_compress_poses("frame", t[frames], trajectory.states.at(frames)),
@@ -131,7 +157,10 @@ def _poses(t: np.ndarray, trajectory: Trajectory, span: float, near: float) -> d
 
 
 def _turns(problem: Problem, trajectory: Trajectory) -> dict[str, np.ndarray]:
-    """The most whole turns that each torsional spring winds beyond half a turn about rest; nothing where none does."""
+    """Return by how many whole turns each torsional spring leaves half a turn about rest at most, as ``end_turns``.
+
+    Empty if no spring does.
+    """
     system, t = problem.system, np.asarray(trajectory.t, dtype=float)
     angles = count_turns(system, t, trajectory.states)
     if angles is None and not np.any(system.torsion_wound):
@@ -142,7 +171,10 @@ def _turns(problem: Problem, trajectory: Trajectory) -> dict[str, np.ndarray]:
 
 
 def _exact(reference: Reference | None, t: np.ndarray, span: float, near: float) -> dict[str, np.ndarray]:
-    """The exact motion as far as it is known and the run went; nothing without a reference."""
+    """Return poses of the exact motion as far as it is known and the run went; empty without a reference.
+
+    ``span`` and ``near`` thin them as in ``_poses``.
+    """
     known = t[: count_covered(reference, t)]
     if reference is None or len(known) < 2:
         return {}
@@ -152,6 +184,7 @@ def _exact(reference: Reference | None, t: np.ndarray, span: float, near: float)
 
 
 def _states(trajectory: Trajectory, steps: np.ndarray, t: np.ndarray) -> dict[str, np.ndarray]:
+    """Return times, states and, if any, reactions at ``steps`` as arrays ``state_...``; ``t`` [s] has all times."""
     out = _full("state", t[steps], trajectory.states.at(steps))
     if trajectory.reaction is not None:
         out["state_reaction"] = np.asarray(trajectory.reaction, dtype=float)[steps]
@@ -159,6 +192,7 @@ def _states(trajectory: Trajectory, steps: np.ndarray, t: np.ndarray) -> dict[st
 
 
 def _samples(reference: Reference | None, t: np.ndarray) -> dict[str, np.ndarray]:
+    """Return states of the reference at times ``t`` [s] with its stated error, as ``sample_...``; empty without one."""
     if reference is None or len(t) == 0:
         return {}
     return {
@@ -168,11 +202,12 @@ def _samples(reference: Reference | None, t: np.ndarray) -> dict[str, np.ndarray
 
 
 def _full(kind: str, t: np.ndarray, s: States) -> dict[str, np.ndarray]:
+    """Return times and states as arrays whose names begin with ``kind``."""
     return {f"{kind}_t": t, **{f"{kind}_{name}": getattr(s, name) for name in STATE}}
 
 
 def _numbers(problem: Problem) -> dict[str, np.ndarray]:
-    """Every number of the problem: those that a drawing needs by their own names."""
+    """Return every array of the problem's system and start; those that a drawing needs keep their names."""
     system = problem.system
     arrays = {k: a for k, a in vars(system).items() if isinstance(a, np.ndarray) and a.dtype != object}
     out = {k if k in DRAWING else f"system_{k}": a for k, a in arrays.items()}
@@ -183,17 +218,19 @@ def _numbers(problem: Problem) -> dict[str, np.ndarray]:
 
 
 def _source(problem: Problem, reference: Reference | None) -> str:
+    """Return the kind of the reference that the motion was compared with, a value of ``Source``."""
     if reference is None:
         return str(Source.NONE)
-    return str(Source.COMPUTED if isinstance(reference, ComputedReference) else source_of(problem))
+    return str(Source.COMPUTED if isinstance(reference, ComputedReference) else describe_source(problem))
 
 
 def _compress_poses(kind: str, t: np.ndarray, s: States) -> dict[str, np.ndarray]:
+    """Return times, and poses in float32 as positions and quaternions, as arrays whose names begin with ``kind``."""
     return {f"{kind}_t": t, f"{kind}_r": s.r.astype(np.float32), f"{kind}_q": _quaternions(s)}
 
 
 def _quaternions(s: States) -> np.ndarray:
-    """(nf, nb, 4) x, y, z, w; NaN where R is no rotation any more."""
+    """Return the orientations as quaternions (nf, nb, 4) x, y, z, w in float32; NaN where R is no longer a rotation."""
     R = s.R.reshape(-1, 3, 3)
     with np.errstate(all="ignore"):
         sound = np.isfinite(R).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(R)) > 0.0)

@@ -1,6 +1,7 @@
-"""A solver behind a presentation: it gets the presented system, its motion is returned in the problem's terms.
+"""Wrap a solver for a presentation: it solves the presented problem, and its motion is converted back.
 
-With ``retrace`` it is then sent back from where it ended, velocities reversed; where it arrives is kept.
+With ``retrace`` it is then started from the end with velocities reversed, and the state where it arrives is kept. "The
+problem's own terms" are the time, units and numbering of bodies and rows before it was presented.
 """
 
 import dataclasses
@@ -17,23 +18,27 @@ from ..types import Problem, Solver, Spool, Status, StepControl, Trajectory
 
 
 def present_solver(solver: Solver, problem: Problem) -> "Solver | PresentedSolver":
-    """``solver`` as it must be called on ``problem``: itself, unless the problem is presented in another way."""
+    """Return ``solver``, or a ``PresentedSolver`` around it if the problem is presented in another way or retraced."""
     plain = problem.presentation == Presentation() and not problem.retrace
     return solver if plain else PresentedSolver(solver)
 
 
 @dataclass(frozen=True)
 class PresentedSolver:
-    """``refuses`` and ``solve`` of a solver, both in terms of the problem as it stands."""
+    """A solver that is called with a problem in its own terms, and that solves it as it is presented."""
 
     solver: Solver
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Why the solver cannot take the presented problem."""
+        """Return why the solver cannot take the presented problem; None if it can."""
         return self.solver.refuses(*present_problem(problem, control))
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """There and, if the problem asks for it, back."""
+        """Solve the presented problem; return the motion in the problem's own terms.
+
+        With ``retrace``, solve back from the end, too, and keep as ``returned`` the state where that arrives, with
+        velocities reversed again; the costs of both add up. A way back that fails leaves only a note.
+        """
         began = solver_seconds()
         there = self._there(problem, control)
         if not problem.retrace or there.status is not Status.SUCCESS:
@@ -50,13 +55,14 @@ class PresentedSolver:
         return dataclasses.replace(there, returned=State(end.r, end.R, -end.v, -end.Omega), **cost)
 
     def _there(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Solve from the start to the end once, and return the motion in the problem's own terms."""
         return bring_home(self.solver.solve(*present_problem(problem, control)), problem)
 
 
 def bring_home(found: Trajectory, problem: Problem) -> Trajectory:
-    """The motion of the presented ``problem`` in its own terms."""
+    """Return a motion of the presented problem in the problem's own terms: its time, bodies, units and rows."""
     presentation, system = problem.presentation, problem.system
-    if presentation == Presentation() or found.states.nb != system.nb:  # of a wrong size: the caller tells
+    if presentation == Presentation() or found.states.nb != system.nb:  # of a wrong size, which the caller reports
         return found
     return dataclasses.replace(
         found,
@@ -67,26 +73,32 @@ def bring_home(found: Trajectory, problem: Problem) -> Trajectory:
 
 
 @dataclass
-class _SpoolAtHome:
-    """Hands steps over in the problem's own terms, as the spool's reader expects them."""
+class _PresentedSpool:
+    """A spool that passes on steps of a presented problem in the problem's own terms, as readers expect them."""
 
     spool: Spool
     problem: Problem
 
     @property
     def rows(self) -> int:
+        """Number of steps taken so far."""
         return self.spool.rows
 
     def due(self) -> bool:
+        """Return whether it is time to pass steps on."""
         return self.spool.due()
 
     def take(self, t: Float[np.ndarray, " nt"] | list[float], states: States) -> None:
+        """Pass steps on to the spool, converted to the problem's own terms."""
         presentation = self.problem.presentation
         self.spool.take(np.asarray(t) / presentation.unit_time, presentation.states_back(self.problem.system, states))
 
 
 def present_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepControl]:
-    """The problem and the steps as a solver gets them."""
+    """Return the problem and the step control as a solver gets them: mirrored, renumbered, in other units.
+
+    A spool is wrapped so that it receives steps in the problem's own terms.
+    """
     p = problem.presentation
     if p == Presentation():
         return problem, control
@@ -94,11 +106,18 @@ def present_problem(problem: Problem, control: StepControl) -> tuple[Problem, St
         name: value * p.unit_time for name in ("dt", "max_step") if (value := getattr(control, name)) is not None
     }
     if control.spool is not None:
-        changes["spool"] = _SpoolAtHome(control.spool, problem)
+        changes["spool"] = _PresentedSpool(control.spool, problem)
     seen = dataclasses.replace(
-        problem, system=p.system(problem.system), initial=p.state(problem.system, problem.initial),
-        t_end=problem.t_end * p.unit_time, dt=problem.dt * p.unit_time, presentation=Presentation(),
-        # in terms of the bodies as they stand: of no use to a solver
-        observables=(), invariants=(), reference_from=None, planar_normal=None,
-    )  # fmt: skip
+        problem,
+        system=p.system(problem.system),
+        initial=p.state(problem.system, problem.initial),
+        t_end=problem.t_end * p.unit_time,
+        dt=problem.dt * p.unit_time,
+        presentation=Presentation(),
+        # these refer to the original bodies, and a solver does not use them
+        observables=(),
+        invariants=(),
+        reference_from=None,
+        planar_normal=None,
+    )
     return seen, dataclasses.replace(control, **changes)

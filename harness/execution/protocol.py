@@ -1,4 +1,4 @@
-"""Messages between the runner and a supervisor process, one JSON line a message, and the runner's end of it."""
+"""Define the messages between a runner and a supervisor process, one JSON line each, and the runner's side of them."""
 
 import contextlib
 import os
@@ -17,38 +17,38 @@ from .job import Job
 
 
 class Message(msgspec.Struct, frozen=True, tag=True):
-    """One line."""
+    """A message that is sent as one line of JSON; each class is an order or a report."""
 
 
-class Warm(Message, frozen=True):
-    """Compile the solvers of ``specs``, compute the references of ``jobs``."""
+class WarmUpOrder(Message, frozen=True):
+    """An order to compile the solvers of ``specs`` and to compute the references of ``jobs``."""
 
     specs: list[RunSpec]
     jobs: list[Job]
 
 
-class Start(Message, frozen=True):
-    """Begin this run beside those that run."""
+class StartOrder(Message, frozen=True):
+    """An order to begin a run in parallel with those that are running."""
 
     job: Job
 
 
-class Stop(Message, frozen=True):
-    """End all runs: the suite has met its limit."""
+class StopOrder(Message, frozen=True):
+    """An order to end all runs, because the suite has reached its limit on time."""
 
 
-class Warmed(Message, frozen=True):
-    """How long each solver took to compile since the last news, and each reference to compute or to read [s]."""
+class WarmUpTimes(Message, frozen=True):
+    """A report of how long [s] solvers took to compile, and references to compute or read, since the last report."""
 
     times: dict[str, float]
     references: dict[str, float]
     over: bool = False  # runs may begin
 
 
-class Done(Message, frozen=True):
-    """A run is over. Its record is stored unless ``error`` or ``unbegun`` says why it could not be, or why none is.
+class RunEnded(Message, frozen=True):
+    """A report that a run has ended. Its record is stored unless ``error`` or ``unbegun`` says why there is none.
 
-    ``sha256`` is the digest of that record: what else stands in its place was written by somebody else.
+    ``sha256`` is the digest of that record: any other file in its place was written by something else.
     """
 
     run_id: str
@@ -58,35 +58,35 @@ class Done(Message, frozen=True):
 
 
 class CodeTime(Message, frozen=True):
-    """CPU time [s] that warm-up and the code of runs have taken so far, which no budget counts."""
+    """A report of the CPU time [s] of warm-up and code generation so far, which no limit on time counts."""
 
-    seconds: float
-
-
-Order = Warm | Start | Stop
-News = Warmed | Done | CodeTime
+    seconds: float  # since the supervisor began
 
 
-def line_of(message: Message) -> bytes:
-    """With its end of line."""
+Order = WarmUpOrder | StartOrder | StopOrder
+News = WarmUpTimes | RunEnded | CodeTime
+
+
+def encode_message(message: Message) -> bytes:
+    """Return a message as one line of JSON, with its end of line."""
     return msgspec.json.encode(message, enc_hook=str) + b"\n"
 
 
 class Reader:
-    """Messages of a ``kind`` from the chunks of a pipe."""
+    """A decoder of messages of type ``kind`` from the chunks that are read from a pipe."""
 
     def __init__(self, kind: Any) -> None:
         self.decoder = msgspec.json.Decoder(kind, dec_hook=lambda wanted, given: wanted(given))
         self.pending = b""
 
     def messages(self, chunk: bytes) -> list[Any]:
-        """Those that are whole now."""
+        """Return the messages that are complete with this chunk; keep the rest for the next call."""
         *lines, self.pending = (self.pending + chunk).split(b"\n")
         return [self.decoder.decode(line) for line in lines]
 
 
-class Lost(RuntimeError):
-    """The supervisor process has ended."""
+class SupervisorLost(RuntimeError):
+    """Signal that the supervisor process has ended, with its exit code, or minus the signal that ended it."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"the supervisor process ended with code {code}")
@@ -94,7 +94,7 @@ class Lost(RuntimeError):
 
 
 class Supervised:
-    """A supervisor process of our own, with further variables ``environ``: ``send`` it orders, ``receive`` its news."""
+    """A supervisor process, started with further variables ``environ``: ``send`` it orders, ``receive`` its news."""
 
     def __init__(self, environ: Mapping[str, str] | None = None) -> None:
         self.process = subprocess.Popen(
@@ -103,32 +103,36 @@ class Supervised:
             env={**os.environ, **THREADS, **(environ or {})},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            start_new_session=True,  # a signal to our group is for us: we close its input, and it ends what runs, whole
+            # a signal to our group must not reach it: this process closes its input, and it ends its runs itself
+            start_new_session=True,
         )
         self.reader = Reader(News)
 
     def send(self, order: Message) -> None:
-        """Send an order; to one that is gone nothing is sent, and ``receive`` says so once its last news is read."""
+        """Send an order; do nothing if the process has ended, which ``receive`` reports once all its news is read."""
         assert self.process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
-            self.process.stdin.write(line_of(order))
+            self.process.stdin.write(encode_message(order))
             self.process.stdin.flush()
 
     def receive(self, timeout: float | None = None) -> list[News]:
-        """Return news, none after ``timeout`` [s]; raise Lost if it is gone and all its news is read."""
+        """Return the news that arrives within ``timeout`` [s] (None: wait without limit), possibly none.
+
+        Raise SupervisorLost if the process has ended and all its news is read.
+        """
         assert self.process.stdout is not None
         ready, _, _ = select.select([self.process.stdout], [], [], timeout)
         if not ready:
             return []
         chunk = os.read(self.process.stdout.fileno(), 2**16)
         if not chunk:
-            raise Lost(self.process.wait())
+            raise SupervisorLost(self.process.wait())
         return self.reader.messages(chunk)
 
     def close(self) -> None:
-        """At the end of its input it kills what runs and leaves."""
+        """Close the input of the supervisor, whereupon it kills its runs and exits, and wait for its end."""
         assert self.process.stdin is not None and self.process.stdout is not None
-        with contextlib.suppress(OSError):  # it is gone, and what we had to say with it
+        with contextlib.suppress(OSError):  # it has ended, and unsent orders are lost with it
             self.process.stdin.close()
         self.process.wait()
         self.process.stdout.close()

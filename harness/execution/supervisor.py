@@ -1,8 +1,8 @@
-"""Forks one process a run, keeps its limits, and sees that every run ends as a record.
+"""Fork one process for each run, enforce its limits, and ensure that every run ends with a record.
 
 ``mbsbench.harness.execution.supervisor`` is the long-lived, single-threaded parent of the runs: orders come as lines on
-standard input, news go out as lines (module protocol). At the end of its input (the runner is gone) it kills what
-runs and leaves.
+standard input, news is written as lines (module protocol). At the end of its input (the runner has ended) it kills the
+runs in progress and exits.
 """
 
 import dataclasses
@@ -17,96 +17,103 @@ from functools import partial
 from ..catalogue import registry
 from ..clock import cpu_seconds_below
 from ..code_meter import listen_to_numba
+from ..confined_paths import ConfinedPath
 from ..files import FileError
-from ..places import Place
 from ..results import store
 from ..results.records import RunRecord
-from ..sandbox.apart import Ended, NotBegunError
-from ..sandbox.isolation import adopt_orphans, end_orphans, shut_out, trim
+from ..sandbox.forked_process import NotBegunError, ProcessEnd
+from ..sandbox.isolation import adopt_orphans, end_orphans, protect_process, trim_output
 from .job import Job
-from .protocol import CodeTime, Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
-from .run import SOLVING, Run, run_and_store, store_outcome, words_of
+from .protocol import CodeTime, Order, Reader, RunEnded, StartOrder, StopOrder, WarmUpOrder, WarmUpTimes, encode_message
+from .run import SOLVING, RunProcess, describe_error, run_and_store, store_outcome
 from .warmup import prepare
 
-POLL = 0.1  # [s]
-NEWS = 0.5  # [s] of CPU for code until it is told
+POLL = 0.1  # [s] between two checks of the limits; each wakes a process beside the timed ones
+NEWS = 0.5  # [s] of CPU time for warm-up and code generation after which it is reported again
 
 
 class Supervisor:
-    """The running runs. ``start`` one, ``step`` until it is done."""
+    """The runs in progress: ``start`` each, and call ``step`` until it has ended."""
 
     def __init__(self) -> None:
-        self.running: dict[int, Run] = {}  # by process
-        self.code_before = 0.0  # [s] of CPU in warm-up, and for code of runs that have ended
+        self.running: dict[int, RunProcess] = {}  # by process number
+        self.code_before = 0.0  # [s] of CPU in warm-up, and for code generation of runs that have ended
 
     def start(self, job: Job) -> None:
-        """Fork the process of the run."""
-        run = Run(job, lambda send: run_and_store(job, send), stderr=_own_stderr(job))
+        """Start a process for the run; ``step`` reports its end."""
+        run = RunProcess(job, lambda send: run_and_store(job, send), stderr=_own_stderr(job))
         self.running[run.pid] = run
 
-    def step(self, timeout: float = POLL, inputs: tuple[int, ...] = ()) -> Iterator[Done]:
-        """Wait up to ``timeout`` [s] for news or ``inputs``, keep the limits, and yield the runs that ended."""
+    def step(self, timeout: float = POLL, inputs: tuple[int, ...] = ()) -> Iterator[RunEnded]:
+        """Wait up to ``timeout`` [s] for runs or ``inputs``, enforce the limits, and yield the runs that have ended.
+
+        ``inputs`` are further descriptors that end the wait. Processes that ended runs have left behind are killed.
+        """
         ending = any(r.closed_at and time.monotonic() - r.closed_at < 1.0 for r in self.running.values())
         pipes = [r.pipe for r in self.running.values() if not r.closed_at]
         select.select([*pipes, *inputs], [], [], 0.002 if ending else timeout)
         for run in list(self.running.values()):
-            if (ended := run.look()) is not None:
+            if (ended := run.check_end()) is not None:
                 del self.running[run.pid]
                 self.code_before += ended.code_s
                 end_orphans(self.running)
                 if (done := self._finish(run, ended)) is not None:
                     yield done
 
-    def _finish(self, run: Run, ended: Ended) -> Done | None:
-        """See that the run has a record; None while the steps that it had kept are measured for it."""
+    def _finish(self, run: RunProcess, ended: ProcessEnd) -> RunEnded | None:
+        """Ensure that an ended run has a record, and return the news; None while its kept steps are being measured."""
         job = run.job
         try:
-            trim(_own_stderr(job))
-            record, stored = outcome_of(run, ended)
+            trim_output(_own_stderr(job))
+            record, stored = read_outcome(run, ended)
             if not stored:
                 store.write_record(job.folder, record)
-                if (more := run.salvage(record, partial(store_outcome, job))) is not None:
+                if (more := run.measure_partial(record, partial(store_outcome, job))) is not None:
                     self.running[more.pid] = more
                     return None
         except OSError as error:
-            return Done(job.id, error=f"cannot write to {job.folder}: {error.strerror or error}")
+            return RunEnded(job.id, error=f"cannot write to {job.folder}: {error.strerror or error}")
         except NotBegunError as error:
-            return Done(job.id, unbegun=str(error))
-        return Done(job.id, store.digest_of(record))
+            return RunEnded(job.id, unbegun=str(error))
+        return RunEnded(job.id, store.read_digest(record))
 
     @property
     def code_seconds(self) -> float:
-        """CPU time [s] that no budget counts."""
+        """CPU time [s] of warm-up and code generation so far, which no limit counts."""
         return self.code_before + sum(run.code_seconds for run in self.running.values())
 
     def stop(self) -> None:
-        """End every running run: the suite has met its limit. Each gets a record, with the steps it had kept."""
+        """End every running run, because the suite has reached its limit; each gets a record with the steps it kept."""
         for run in self.running.values():
             run.stop()
 
     def kill_all(self) -> None:
-        """End every running run, without records."""
+        """Kill every running run and wait for its end; no records are written."""
         for run in self.running.values():
             run.kill()
             os.waitpid(run.pid, 0)
 
 
-def _own_stderr(job: Job) -> Place:
-    """Where the process that measures writes what no solver wrote."""
+def _own_stderr(job: Job) -> ConfinedPath:
+    """Return the file for the standard error of a job's measuring process."""
     return job.spool.sibling(f"{job.id}.stderr")
 
 
-def outcome_of(run: Run, ended: Ended) -> tuple[RunRecord, bool]:
-    """The run's ``outcome``; where a solver wrote what is no record into its parent's pipe, that is left out."""
+def read_outcome(run: RunProcess, ended: ProcessEnd) -> tuple[RunRecord, bool]:
+    """Return the run's ``outcome``; ignore what a solver wrote into its parent's pipe without being a record."""
     try:
         return run.outcome(ended)
     except FileError:
-        return run.outcome(dataclasses.replace(ended, sent=f"{SOLVING} 1\n"))  # it began, or it could not have written
+        # it must have begun, since it has written
+        return run.outcome(dataclasses.replace(ended, sent=f"{SOLVING} 1\n"))
 
 
 def serve(orders: int, news: int) -> None:
-    """Take orders from the descriptor ``orders``, write to ``news``; leave at the end of the orders."""
-    shut_out()
+    """Carry out the orders from the descriptor ``orders`` and write news to ``news``; return at the end of orders.
+
+    Runs that are still in progress then are killed.
+    """
+    protect_process()
     adopt_orphans()
     supervisor, reader = Supervisor(), Reader(Order)
     told = 0.0
@@ -114,9 +121,9 @@ def serve(orders: int, news: int) -> None:
     try:
         while True:
             for done in list(supervisor.step(POLL if supervisor.running else 3600.0, (orders,))):
-                os.write(news, line_of(done))
+                os.write(news, encode_message(done))
             if supervisor.code_seconds > told + NEWS:
-                os.write(news, line_of(CodeTime(told := supervisor.code_seconds)))
+                os.write(news, encode_message(CodeTime(told := supervisor.code_seconds)))
             try:
                 chunk = os.read(orders, 2**16)
             except BlockingIOError:
@@ -125,23 +132,26 @@ def serve(orders: int, news: int) -> None:
                 return
             for order in reader.messages(chunk):
                 match order:
-                    case Warm(specs, jobs):
+                    case WarmUpOrder(specs, jobs):
                         before = cpu_seconds_below(os.getpid())
                         prepare(
-                            specs, jobs, lambda: _is_closed(orders),
-                            lambda times, references: os.write(news, line_of(Warmed(times, references))),
-                        )  # fmt: skip
+                            specs,
+                            jobs,
+                            lambda: _is_closed(orders),
+                            lambda times, references: os.write(news, encode_message(WarmUpTimes(times, references))),
+                        )
                         supervisor.code_before += cpu_seconds_below(os.getpid()) - before
-                        os.write(news, line_of(CodeTime(told := supervisor.code_seconds)))
-                        os.write(news, line_of(Warmed({}, {}, over=True)))
-                    case Stop():
+                        os.write(news, encode_message(CodeTime(told := supervisor.code_seconds)))
+                        os.write(news, encode_message(WarmUpTimes({}, {}, over=True)))
+                    case StopOrder():
                         supervisor.stop()
-                    case Start(job):
+                    case StartOrder(job):
                         try:
-                            job.stderr.parent.make()  # where something stands in its place, no run can be judged
+                            # fails where another file has this name: no run can be judged then
+                            job.stderr.parent.make_folder()
                         except OSError as error:
-                            why = f"cannot write to {job.folder}: {words_of(error)}"
-                            os.write(news, line_of(Done(job.id, error=why)))
+                            why = f"cannot write to {job.folder}: {describe_error(error)}"
+                            os.write(news, encode_message(RunEnded(job.id, error=why)))
                         else:
                             supervisor.start(job)
     finally:
@@ -149,14 +159,14 @@ def serve(orders: int, news: int) -> None:
 
 
 def _is_closed(descriptor: int) -> bool:
-    """Whether no one can write to this pipe any more."""
+    """Return whether no process can write to this pipe any more."""
     poll = select.poll()
     poll.register(descriptor, select.POLLHUP)
     return any(event & select.POLLHUP for _, event in poll.poll(0))
 
 
 def preload() -> None:
-    """Import what runs need, so that forks have it; freeze it, so that the collector does not copy its pages."""
+    """Import what runs need, so that forks inherit it; freeze it, so that the garbage collector copies no pages."""
     import gc
 
     listen_to_numba()
@@ -167,9 +177,9 @@ def preload() -> None:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the runner, which then closes our input
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the runner, which then closes our input
     answers = os.dup(1)
-    os.dup2(2, 1)  # nothing else may write into the answers
+    os.dup2(2, 1)  # standard output is reserved for news
     preload()
     sys.stdout.flush()
     serve(0, answers)

@@ -1,8 +1,8 @@
-"""Preparation before the clock starts: references not kept yet are computed, and kernels are compiled.
+"""Prepare runs before the clock starts: compute references that are not cached, and compile kernels.
 
-Each solver takes a few steps of one of its runs, whose result is thrown away. First in a forked process, which fills
-the compiler's cache on disk and may crash; then, if that went well, in the parent of all runs, so that every fork finds
-the compiled code in memory. Plugins are never run in the parent.
+Each solver takes a few steps of one of its runs, whose result is discarded. This happens first in a forked process,
+which fills the compiler's cache on disk and may crash; if that succeeds, then in the parent of all runs, so that every
+fork finds the compiled code in memory. Plugins are never run in the parent.
 """
 
 import contextlib
@@ -17,27 +17,28 @@ from dataclasses import dataclass
 
 from ..catalogue import registry
 from ..code_meter import CODE_LIMIT
-from ..metrics import passes
-from ..reference.computation import LARGEST, reference_of
+from ..reference.computation import LARGEST, find_reference
 from ..results.naming import format_name
-from ..sandbox.apart import TICK, Apart
+from ..sandbox.forked_process import TICK, ForkedProcess
 from ..suites.spec import RunSpec
 from ..types import Problem
+from ..types.presentations import PRESENTATIONS
 from .job import Job
 
-LIMIT = 600.0  # [s] for a solver, counted in no run, without making code
-MEMORY = 4000.0  # [MB]
-STEPS = 2  # of fixed size
-ABREAST = 1 + (os.cpu_count() or 1)  # processes: one may wait for kernels that another is compiling
-SHORT = 1e-3  # [s] of simulated time for error-controlled solvers
-STAND_INS = ("heavy_top", "spring_pendulum")  # for problems of plugins, which are not made here
+LIMIT = 600.0  # [s] of CPU to warm up a solver, without code generation; counted in no run
+MEMORY = 4000.0  # [MB] for each task of the preparation
+STEPS = 2  # steps of a warm-up run with a fixed step
+ABREAST = 1 + (os.cpu_count() or 1)  # tasks in parallel: one may wait for kernels that another is compiling
+SHORT = 1e-3  # [s] simulated time of a warm-up run with error control
+STAND_INS = ("heavy_top", "spring_pendulum")  # in place of problems of plugins, which are not created here
 
 
 def runs_to_warm(specs: Sequence[RunSpec], problem: Problem | None = None) -> list[RunSpec]:
-    """The first run of each solver of ``solvers/`` with the same options, in short, with and without springs.
+    """Return a short run for each combination of own solver, options, and with or without springs in ``specs``.
 
-    A kernel is compiled once for all systems; which kernels a run enters depends on its options and on springs, but not
-    on the value of a tolerance, a penalty or a gain that is not zero.
+    A kernel is compiled once for all systems. Which kernels a run enters depends on its options and on springs, but not
+    on the value of a tolerance, a penalty or a gain that is not zero. ``problem`` stands for the problem of its name,
+    which is then not created again.
     """
     first: dict[str, RunSpec] = {}
     sprung: dict[str, bool] = {}
@@ -53,7 +54,10 @@ def runs_to_warm(specs: Sequence[RunSpec], problem: Problem | None = None) -> li
 
 
 def _solvers_in_turn(specs: list[RunSpec]) -> list[RunSpec]:
-    """Each solver once, then each that is left once again: the options of one wait for the same kernels."""
+    """Return the specs reordered so that each solver comes once before any comes again.
+
+    Runs of one solver with different options need the same kernels: apart in time, the later ones find them compiled.
+    """
     counted = Counter[str]()
     turns = []
     for spec in specs:
@@ -63,21 +67,30 @@ def _solvers_in_turn(specs: list[RunSpec]) -> list[RunSpec]:
 
 
 def _made_here(spec: RunSpec) -> list[RunSpec]:
+    """Return the run itself or, as a plugin's problem is not created here, the same run of each of ``STAND_INS``."""
     if registry.is_own_problem(spec.problem):
         return [spec]
     return [dataclasses.replace(spec, problem=name, parameters={}) for name in STAND_INS]
 
 
 def _has_springs(spec: RunSpec, problem: Problem | None) -> bool:
+    """Return whether a run's problem has springs; False if it cannot be created.
+
+    ``problem``, if it has that name, is used instead of creating it.
+    """
     try:
         made = problem if problem and problem.name == spec.problem else None
         return len((made or registry.make_problem(spec.problem, spec.parameters)).system.spring_i) > 0
-    except Exception:  # its runs will show it
+    except Exception:  # its runs will report it
         return False
 
 
 def warm(specs: Sequence[RunSpec], made: Problem | None = None) -> dict[str, float]:
-    """Run each, on ``made`` if it is that problem; wall time [s] by solver, those that failed left out."""
+    """Solve each spec in this process, so that all code it needs is compiled and loaded here; ignore failures.
+
+    Specs of the problem ``made`` use it with their own ``t_end``. Return the wall times [s] by solver, without those
+    that failed.
+    """
     out = {}
     for spec in specs:
         began = time.monotonic()
@@ -90,23 +103,26 @@ def warm(specs: Sequence[RunSpec], made: Problem | None = None) -> dict[str, flo
             control = dataclasses.replace(spec.control, cpu_limit=LIMIT)
             if solver.refuses(problem, control) is None:
                 solver.solve(problem, control)
-        except Exception:  # its runs will show it
+        except Exception:  # its runs will report it
             continue
         out[spec.solver] = time.monotonic() - began
     return out
 
 
 def jobs_by_motion(jobs: Sequence[Job]) -> list[Job]:
-    """The first job of each motion."""
+    """Return the first job of each motion (``list_motions``): jobs with the same motion share a reference."""
     first = {spec.settings_id for spec in list_motions([job.spec for job in jobs])}
     return [job for job in jobs if job.spec.settings_id in first]
 
 
 def list_motions(specs: Sequence[RunSpec]) -> list[RunSpec]:
-    """The first run of each motion: of problems with equal parameters, those of the presentation aside."""
+    """Return the first run of each motion: of runs whose problem and parameters are equal.
+
+    Parameters of the presentation that are undone before a motion is measured make no difference.
+    """
     first: dict[str, RunSpec] = {}
     for spec in specs:
-        aside = (*registry.PRESENTED, "retrace")
+        aside = [p.name for p in PRESENTATIONS if p.undone]
         parameters = {k: v for k, v in spec.parameters.items() if k not in aside}
         first.setdefault(json.dumps([spec.problem, parameters], sort_keys=True, default=list), spec)
     return list(first.values())
@@ -114,7 +130,10 @@ def list_motions(specs: Sequence[RunSpec]) -> list[RunSpec]:
 
 @dataclass(frozen=True)
 class Task:
-    """A part of the preparation: ``apart`` in a process of its own; ``here`` once that has sent what times it took."""
+    """Define a part of the preparation: ``apart`` runs in a forked process, then ``here`` in this one.
+
+    ``here`` is called for each line that the forked process sent, hence not if that failed.
+    """
 
     apart: Callable[[Callable[[str], None]], object]  # sends the times [s] of solvers and of references, by name
     limit: float = LIMIT  # [s]
@@ -122,26 +141,29 @@ class Task:
 
 
 def prepare(
-    specs: Sequence[RunSpec], jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda: False,
+    specs: Sequence[RunSpec],
+    jobs: Sequence[Job],
+    unwanted: Callable[[], bool] = lambda: False,
     told: Callable[[dict[str, float], dict[str, float]], object] = lambda times, references: None,
-) -> None:  # fmt: skip
-    """Compile what measures and the solvers of ``specs``, and compute the references of ``jobs``; load the code here.
+) -> None:
+    """Compile the measuring code and solvers of ``specs``, compute references of ``jobs``, and load the code here.
 
-    Some at a time, each in a forked process, which fills the caches and may crash; ends when ``unwanted``. ``told`` is
-    called with the times [s] that solvers and references took, as soon as they are known. The first solver compiles the
-    kernels that others share, while references keep the others from compiling them too.
+    Each task runs in a forked process, ``ABREAST`` of them in parallel, which fills the caches and may crash. As each
+    ends, ``told`` is called with the wall times [s] by solver and by reference that it took. All are killed once
+    ``unwanted()``. The first solver compiles the kernels that others share; references come next, so that the others
+    find them compiled.
     """
-    solvers, laws = [_compile(spec) for spec in specs], Task(_load_laws, here=passes.load)
+    solvers, laws = [_compile(spec) for spec in specs], Task(_load_laws, here=_load_passes)
     waiting = [*solvers[:1], laws, *map(_compute, jobs), *solvers[1:]][::-1]
-    going = dict[Apart, Task]()  # one that hangs takes no other's time
+    going = dict[ForkedProcess, Task]()  # a task that hangs must not delay others
     try:
         while (waiting or going) and not unwanted():
             while waiting and len(going) < ABREAST:
                 task = waiting.pop()
-                going[Apart(task.apart, limit=task.limit, memory=MEMORY, code=CODE_LIMIT)] = task
+                going[ForkedProcess(task.apart, limit=task.limit, memory=MEMORY, code=CODE_LIMIT)] = task
             select.select([p.pipe for p in going if not p.closed_at], [], [], TICK)
             for process in list(going):
-                if (ended := process.look()) is not None:
+                if (ended := process.check_end()) is not None:
                     task = going.pop(process)
                     for line in ended.sent.splitlines():
                         told(*json.loads(line))
@@ -153,29 +175,39 @@ def prepare(
 
 
 def _compile(spec: RunSpec) -> Task:
-    """Compile a solver; one that fails is left to its runs."""
+    """Return the task that compiles a solver; a failure is left to its runs to report."""
 
     def apart(send: Callable[[str], None]) -> None:
+        """Compile the solver in a forked process, and send how long it took, unless it failed."""
         if times := warm([spec]):
             send(json.dumps([times, {}]))
 
     return Task(apart, here=lambda: warm([spec]))
 
 
-def _load_laws(send: Callable[[str], None]) -> None:
+def _load_passes() -> None:
+    """Load the compiled measuring code; imported here, so that commands that compile nothing do not import numba."""
+    from ..metrics import passes
+
     passes.load()
+
+
+def _load_laws(send: Callable[[str], None]) -> None:
+    """Load the compiled measuring code in a forked process, which fills the cache on disk, and send that it is done."""
+    _load_passes()
     send(json.dumps([{}, {}]))
 
 
 def _compute(job: Job) -> Task:
-    """Compute the reference of a run that is not kept yet; one that fails is left to its runs."""
+    """Return the task that computes a job's reference unless it is cached; a failure is left to the runs to report."""
 
     def apart(send: Callable[[str], None]) -> None:
+        """Compute the reference in a forked process, and send how long it took."""
         began = time.monotonic()
         with contextlib.suppress(Exception):
             for plugin in job.plugins:
                 registry.load_plugin(plugin)
-            reference_of(registry.make_problem(job.spec.problem, job.spec.parameters))
+            find_reference(registry.make_problem(job.spec.problem, job.spec.parameters))
         name = format_name(job.spec.problem, job.spec.parameters)
         send(json.dumps([{}, {name: time.monotonic() - began}]))
 

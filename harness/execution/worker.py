@@ -1,4 +1,4 @@
-"""The solver's side of a run: make the solver, ask it, let it solve, time it. Whatever it raises becomes a result."""
+"""Perform the solver's side of a run: create the solver, let it refuse or solve, time it. Exceptions become results."""
 
 import dataclasses
 import math
@@ -8,19 +8,19 @@ import traceback
 from typing import Any
 
 import numpy as np
-import scipy.linalg  # here what mechanics imports late: no run pays for it
+import scipy.linalg  # mechanics imports these late; imported here, no run is charged for them
 import scipy.sparse.linalg
-import scipy.spatial.transform  # noqa: F401
+import scipy.spatial.transform  # noqa: F401  before a solver is timed
 
 from ..catalogue import registry
 from ..clock import cpu_seconds, cpu_seconds_of_others, cpu_seconds_of_tree
-from ..code_meter import code_seconds_of_tree, listen_to_numba, settle, solver_seconds
+from ..code_meter import code_seconds_of_tree, collect_garbage, listen_to_numba, solver_seconds
 from ..files import exact
 from ..mechanics.motion import constraint_rate
 from ..mechanics.state import States
 from ..sandbox.isolation import is_full
 from ..sandbox.spool import FileSpool
-from ..types import EndedBy, NotInstalled, Problem, Solver, Status, StepControl, Trajectory
+from ..types import EndCause, NotInstalled, Problem, Solver, Status, StepControl, Trajectory
 from . import handover
 from .contract import (
     FEWEST,
@@ -28,46 +28,56 @@ from .contract import (
     Cost,
     check_trajectory,
     cost_columns,
+    locate_error,
     looped_cost,
-    raised_at,
     refusal,
     repeated_cost,
     split_cost,
-)  # fmt: skip
+)
 from .handover import Handover, SolverReport
 from .job import Job, first_line
 from .presenting import PresentedSolver, present_solver
 
-SOFT = 0.9  # of the limit on CPU time: there a solver is asked to stop itself and to hand back what it has
+SOFT = 0.9  # fraction of the limit on CPU time at which a solver is asked to stop and return what it has
 
-MOST = 1000  # solves of a loop: their median is known to 4 % of a standard deviation
-WAITED = 5.0  # wall time of a loop over its CPU time: a solver may wait for other processes
-READINGS = 1000  # of the clock, to time one
+MOST = 1000  # solves of a loop at most: their median is known to 4 % of a standard deviation
+WAITED = 5.0  # largest ratio of wall time to CPU time of a loop: a solver may wait for other processes
+READINGS = 1000  # readings of the clock by which one is timed
 
+# note of a run whose repeats are not counted
 FIRST = "repeats after the first took less than half its CPU time, as if prepared by it: the first alone counts"
 
 
 def hand_over(job: Job, soft: float = SOFT, problem: Problem | None = None) -> None:
-    """Solve, and write the outcome to ``job.handover``. The solver is asked to stop at ``soft`` of its limit."""
+    """Solve the job and write the outcome, a motion or the exception that ended it, to ``job.handover``.
+
+    The solver is asked to stop at the fraction ``soft`` of its limit on CPU time. ``problem`` is that of the job, if it
+    exists already. Raise OSError on a full disk, which is no result of the run.
+    """
     made: list[Solver] = []
     job.handover.remove_file(missing_ok=True)
     try:
-        handover.write(job.handover, _attempt(job, soft, made, problem))
+        handover.write(job.handover, _attempt_solve(job, soft, made, problem))
         return
-    except (Exception, SystemExit, KeyboardInterrupt) as error:  # the run's own failure, kept as its result
+    except (Exception, SystemExit, KeyboardInterrupt) as error:  # the failure of the run is its result
         if is_full(error):
             raise
         if not isinstance(error, MemoryError):
             traceback.print_exc()
             sys.stderr.flush()
         memory = isinstance(error, MemoryError) or "bad_alloc" in str(error)
-        by = EndedBy.MEMORY_LIMIT if memory else EndedBy.EXCEPTION
-        message = first_line(error) + "".join(raised_at(error, s) for s in made)
-    report = SolverReport(by=by, message=message)  # here the frames that filled the memory are gone
+        by = EndCause.MEMORY_LIMIT if memory else EndCause.EXCEPTION
+        message = first_line(error) + "".join(locate_error(error, s) for s in made)
+    report = SolverReport(by=by, message=message)  # the frames that filled the memory are released by now
     handover.write(job.handover, Handover(report, None))
 
 
-def _attempt(job: Job, soft: float, made: list[Solver], problem: Problem | None) -> Handover:
+def _attempt_solve(job: Job, soft: float, made: list[Solver], problem: Problem | None) -> Handover:
+    """Load plugins, create the solver and, unless given, the problem of a job, and solve; return the outcome.
+
+    The solver is also appended to ``made``, which the caller needs for its message if solving raises. It is asked to
+    stop at the fraction ``soft`` of its limit on CPU time.
+    """
     listen_to_numba()
     for plugin in job.plugins:
         registry.load_plugin(plugin)
@@ -80,8 +90,12 @@ def _attempt(job: Job, soft: float, made: list[Solver], problem: Problem | None)
 
 
 def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int = 1, min_time: float = 0.0) -> Handover:
-    """Ask the solver, solve; no trajectory where it refuses."""
-    listen_to_numba()  # before any clock: it may import numba
+    """Let the solver refuse or solve the problem; return its report and, unless it refused, its motion.
+
+    The first solve gives the motion. The problem is solved ``repeats`` times, a short solve for ``min_time`` [s], to
+    measure its CPU time.
+    """
+    listen_to_numba()  # before any reading of the clock: it may import numba
     began, code_began = cpu_seconds_of_tree(), code_seconds_of_tree()
     called = present_solver(solver, problem)
     label, order = registry.read_declaration(solver)
@@ -96,10 +110,11 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
         about["missing_package"] = reason.package if isinstance(reason, NotInstalled) else ""
         cost = {**before, "code_s": min(code, code_seconds_of_tree())}
         return Handover(SolverReport(claimed=Status.REFUSED, message=str(reason), cost=_exact(cost), **about), None)
-    settle()  # after imports and ``refuses`` of plugins
+    collect_garbage()  # imports and ``refuses`` of plugins must not affect the timing
     trajectory, cost = solve_repeatedly(called, problem, control, repeats, min_time)
     cost["setup_s"] += sum(before.values()) + code
-    cost["code_s"] = min(cost["code_s"] + code, code_seconds_of_tree())  # a fork finds what its parent has imported
+    # a fork inherits the modules that its parent has imported
+    cost["code_s"] = min(cost["code_s"] + code, code_seconds_of_tree())
     if cost.pop("left_out"):
         trajectory = dataclasses.replace(trajectory, notes=(*trajectory.notes, FIRST))
     if problem.literal_start:
@@ -110,19 +125,19 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
 
 
 def _exact(cost: dict[str, float]) -> dict[str, float | str]:
+    """Return costs in a form that JSON keeps, including NaN and infinity."""
     return {k: exact(v) for k, v in cost.items()}
 
 
 def solve_repeatedly(
     solver: Solver | PresentedSolver, problem: Problem, control: StepControl, repeats: int, min_time: float = 0.0
 ) -> tuple[Trajectory, dict[str, float]]:
-    """The first trajectory and the cost columns. Repeats stop when the next would pass the limit on CPU time.
+    """Return the first trajectory and the cost columns, with ``left_out``: whether only the first of several counts.
 
-    The first one counts. Later ones that take less than half of its time were prepared by it, and do not. Making code
-    counts in ``code_s`` and ``setup_s`` alone.
-
-    Where integration takes less than ``SHORT``, all calls take ``min_time`` [s] together with what is between them, and
-    ``looped_cost`` counts. Code that engines make in each call is part of that; code of the first call is not.
+    The problem is solved ``repeats`` times, while solves succeed and another fits into the limit on CPU time. If
+    integration takes less than ``SHORT``, it is solved until all calls have taken ``min_time`` [s] together, code that
+    engines generate in each call included, and ``looped_cost`` selects what counts, otherwise ``repeated_cost``. Code
+    generation of the first call counts in ``code_s`` and ``setup_s`` only.
     """
     listen_to_numba()
     first, cost = _solve_timed(solver, problem, control)
@@ -143,13 +158,17 @@ def solve_repeatedly(
     counted = looped_cost(times, solver, _reading_seconds()) if looped else repeated_cost(times)
     alone = len(counted) == 1 < len(times)
     return first, {
-        **cost_columns(counted, 1 if alone else len(times) - looped), "cpu_call_s": cost.call, "setup_s": cost.set_up,
-        "code_s": cost.code, "cpu_inside_s": cpu_seconds_of_tree(), "left_out": alone,
-    }  # fmt: skip
+        **cost_columns(counted, 1 if alone else len(times) - looped),
+        "cpu_call_s": cost.call,
+        "setup_s": cost.set_up,
+        "code_s": cost.code,
+        "cpu_inside_s": cpu_seconds_of_tree(),
+        "left_out": alone,
+    }
 
 
 def _reading_seconds() -> float:
-    """CPU time [s] of a reading of the solvers' clock: what lies between two of them contains that of one."""
+    """Return the CPU time [s] of one reading of the solvers' clock, which each difference of two readings includes."""
     began = cpu_seconds()
     for _ in range(READINGS):
         solver_seconds()
@@ -157,7 +176,7 @@ def _reading_seconds() -> float:
 
 
 def _solve_timed(solver: Solver | PresentedSolver, problem: Problem, control: StepControl) -> tuple[Trajectory, Cost]:
-    """A trajectory, and what its call cost, of all that took part."""
+    """Solve once; return the checked trajectory and the cost of the call in all processes that took part."""
     others, code, began, before = cpu_seconds_of_others(), code_seconds_of_tree(), time.monotonic(), cpu_seconds()
     found = solver.solve(problem, control)
     spent, wall = cpu_seconds() - before, time.monotonic() - began

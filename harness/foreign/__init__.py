@@ -1,1 +1,1 @@
-"""Motions computed by any other code: tables read, what they hold recognised and checked, judged like a run."""
+"""Judge motions computed by any other code: read tables, recognise and check their columns, judge them like runs."""

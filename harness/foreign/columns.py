@@ -1,8 +1,9 @@
-"""Columns recognised by name: time, and for each body position, orientation, velocity and angular velocity.
+"""Recognise columns by name: time, and for each body position, orientation, velocity and angular velocity.
 
-Arrays by name, ``r`` (nt, nb, 3) or (nt, 3 nb), or one column a number: ``r_x``, ``r2_x``, ``x2``, ``body2.r.x``,
-``q0`` to ``q3`` or ``qw`` to ``qz``, ``R11`` to ``R33``, ``phi``, ``theta``, ``psi``; bodies by number (from 1, or
-from 0) or by name. A unit in brackets, or in a row of units, is used or refused; a number in brackets is an index.
+Arrays have a name, ``r`` (nt, nb, 3) or (nt, 3 nb), or there is one column for each number: ``r_x``, ``r2_x``, ``x2``,
+``body2.r.x``, ``q0`` to ``q3`` or ``qw`` to ``qz``, ``R11`` to ``R33``, ``phi``, ``theta``, ``psi``. Bodies have a
+number (from 1, or from 0) or a name. A unit in brackets, or in a row of units, is applied, and refused if unknown; a
+number in brackets is an index.
 """
 
 import itertools
@@ -13,15 +14,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ..catalogue.options import nearest
+from ..catalogue.options import suggest_name
 from ..files import FileError
-from .conventions import ANGLES, LENGTHS, TIMES, Reading, factor_of
+from .conventions import ANGLES, LENGTHS, TIMES, Reading, find_factor
 from .tables import Table
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Names it goes by, and its components in the order of the array; the first names of a component are preferred."""
+    """The names of a quantity and of its components, in the order of the array; preferred names come first."""
 
     names: tuple[str, ...]
     components: tuple[tuple[str, ...], ...]
@@ -36,44 +37,56 @@ QUANTITIES = {
     ),
     "R": Quantity(("r", "rot", "rotation"), tuple((f"{i}{j}",) for i in "123" for j in "123"), "rotation matrix"),
     "E": Quantity(
-        ("", "euler", "angle", "e"), (("phi", "roll", "alpha", "1"), ("theta", "pitch", "beta", "2"),
-        ("psi", "yaw", "gamma", "3")), "Euler angles",
+        ("", "euler", "angle", "e"),
+        (("phi", "roll", "alpha", "1"), ("theta", "pitch", "beta", "2"), ("psi", "yaw", "gamma", "3")),
+        "Euler angles",
     ),
     "v": Quantity(("v", "vel", "velocity"), XYZ, "velocity of C"),
     "Omega": Quantity(("omega", "w"), XYZ, "angular velocity"),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
 class Quantities:
-    """Quantities in a table, (nt, nb, .) each, their resolution in the same shape, and unused columns.
+    """The quantities recognised in a table, (nt, nb, n) each, their resolution in the same shape, and unused columns.
 
-    Those in ``units`` are in SI already, from the unit that the file gives.
+    Those named in ``units`` are in SI units already; the others have the units that the user states.
     """
 
     t: Float[np.ndarray, " nt"]
-    quantities: Mapping[str, np.ndarray]
-    resolution: Mapping[str, np.ndarray]
-    unread: tuple[str, ...]
-    numbered: bool  # quaternions of columns 0 to 3, or an array: their order is not in the names
+    quantities: Mapping[str, np.ndarray]  # by name: r, q, R, E (Euler angles), v, Omega
+    resolution: Mapping[str, np.ndarray]  # half a unit of the last printed digit
+    unread: tuple[str, ...]  # names of columns not recognised
+    numbered: bool  # quaternions in columns 0 to 3, or in an array: names do not show their order
     units: Mapping[str, str] = field(default_factory=dict)
     angles: tuple[str, ...] = ()  # names of Euler angles in the order of their columns
     notes: tuple[str, ...] = ()
 
     def factor(self, name: str, how: Reading) -> float:
-        """SI units in one of the quantity: 1 where the file gives the unit, else by the options."""
+        """Return the SI value of one unit of ``name``, a quantity or ``t``: 1 if the file states a unit.
+
+        Otherwise it is that of the unit in ``how``.
+        """
         if name in self.units:
             return 1.0
-        return {"t": TIMES[how.time], "r": LENGTHS[how.length], "v": LENGTHS[how.length], "E": ANGLES[how.angle],
-                "Omega": ANGLES[how.angle]}[name]  # fmt: skip
+        return {
+            "t": TIMES[how.time],
+            "r": LENGTHS[how.length],
+            "v": LENGTHS[how.length],
+            "E": ANGLES[how.angle],
+            "Omega": ANGLES[how.angle],
+        }[name]
 
 
 def find_quantities(table: Table, body_names: tuple[str, ...], renamed: Mapping[str, str]) -> Quantities:
-    """The quantities of ``table``, or FileError naming what is missing; ``renamed``: our names by theirs."""
+    """Return the quantities of ``table``; raise FileError if time or positions are missing, or a column occurs twice.
+
+    ``renamed`` maps names in the file to ours.
+    """
     for asked in renamed:
         if asked not in table.columns:
-            raise FileError(f"{table.path}: no column {asked!r}{nearest(asked, list(table.columns))}")
-    theirs: dict[str, list[str]] = {}  # names in the file by ours
+            raise FileError(f"{table.path}: no column {asked!r}{suggest_name(asked, list(table.columns))}")
+    theirs: dict[str, list[str]] = {}  # maps our names to those in the file
     for k in table.columns:
         theirs.setdefault(_normalize_name(renamed.get(k, k)), []).append(k)
     columns = {ours: table.columns[k[-1]] for ours, k in theirs.items()}
@@ -134,7 +147,10 @@ def find_quantities(table: Table, body_names: tuple[str, ...], renamed: Mapping[
 
 
 def _read_units(table: Table, name: str, names: list[str]) -> tuple[str, list[float]]:
-    """The unit that the file gives a quantity, and what each of its columns is multiplied by; or FileError."""
+    """Return the unit that the file gives a quantity, and the SI value of each of its columns ``names``.
+
+    Empty if it gives none. Raise FileError for an unknown unit, or one that some of the columns lack.
+    """
     given = [table.units.get(k) or split_name(k)[1] for k in names]
     if table.angle and not any(given):
         given = [{"E": table.angle, "Omega": f"{table.angle}/s"}.get(name, "")] * len(names)
@@ -142,7 +158,7 @@ def _read_units(table: Table, name: str, names: list[str]) -> tuple[str, list[fl
         return "", []
     factors = list[float]()
     for k, unit in zip(names, given, strict=True):
-        if (factor := factor_of(unit, name)) is None:
+        if (factor := find_factor(unit, name)) is None:
             words = "time" if name == "t" else QUANTITIES[name].unit
             said = f"{unit!r} is not known as a unit of it" if unit else "it has no unit, others of it have one"
             raise FileError(
@@ -153,7 +169,11 @@ def _read_units(table: Table, name: str, names: list[str]) -> tuple[str, list[fl
 
 
 def _in_file_order(keys: list[str], known: list[str], table: Table) -> tuple[list[str], tuple[str, ...]]:
-    """Euler angles of each body in the order of their columns, with the names that the first body gives them."""
+    """Return the columns of Euler angles in their order in the file, body by body, and their names for the first body.
+
+    ``keys`` are the columns, three per body, ``known`` all columns. Raise FileError if the order differs between
+    bodies.
+    """
     bodies = [keys[k : k + 3] for k in range(0, len(keys), 3)]
     orders = {tuple(np.argsort([known.index(k) for k in body])) for body in bodies}
     if len(orders) > 1:
@@ -164,27 +184,30 @@ def _in_file_order(keys: list[str], known: list[str], table: Table) -> tuple[lis
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """The name of a column without its unit, and the unit in brackets; a number in brackets is an index."""
+    """Return the name of a column without its unit, and the unit in brackets.
+
+    A number in brackets stays as an index.
+    """
     bare = re.sub(r"[\[(]\s*(\d+(?:\s*,\s*\d+)*)\s*[\])]", lambda m: "_" + re.sub(r"\D", "", m[1]), name)
     units = re.findall(r"[\[(]([^\])]*)[\])]", bare)
     return re.sub(r"[\[(][^\])]*[\])]", "", bare).strip(), (units[-1].strip() if units else "")
 
 
 def _normalize_name(name: str) -> str:
-    """The name without units in brackets, punctuation and, but for a matrix R, capitals."""
+    """Return the name without units and punctuation, in lower case except for a matrix R."""
     plain = re.sub(r"[^0-9a-zA-Z]+", "_", split_name(name)[0]).strip("_")
     return plain if plain == "R" else plain.lower()
 
 
 def _name_arrays(name: str, quantity: Quantity, table: Table, renamed: Mapping[str, str]) -> Iterator[str]:
-    """Names of arrays that could be the whole quantity."""
+    """Yield the names of arrays in the table that may hold the quantity for all bodies."""
     known = {_normalize_name(renamed.get(k, k)) for k, a in table.columns.items() if a.ndim > 1}
     spelt = ("R", "rot", "rotation") if name == "R" else quantity.names
     return (k for k in spelt if k in known)
 
 
 def _reshape(a: np.ndarray, nb: int, width: int) -> np.ndarray:
-    """(nt, nb, width) of (nt, nb, width), (nt, nb width), (nt, 3, 3) and what MATLAB makes of them, (nt, width, nb)."""
+    """Return ``a``, of shape (nt, nb width), (nt, 3, 3) or MATLAB's (nt, width, nb), as (nt, nb, width)."""
     if a.ndim == 3 and a.shape[1:] == (width, nb) and nb != width:
         a = np.swapaxes(a, 1, 2)
     if a.ndim == 4 and a.shape[1:] == (3, 3, nb) and nb != 3:
@@ -193,20 +216,24 @@ def _reshape(a: np.ndarray, nb: int, width: int) -> np.ndarray:
 
 
 def _find_columns(quantity: Quantity, body_names: tuple[str, ...], known: set[str]) -> tuple[list[str], int]:
-    """The column of each component of each body, none unless all are there, and which names of components they have."""
+    """Return the columns of the components, body by body, and which of their alternative names they have (from 0).
+
+    No columns are returned unless all exist.
+    """
     nb = len(body_names)
     for first, k in itertools.product((1, 0), range(len(quantity.components[0]))):
         tags = [{str(b + first), _normalize_name(n)} | ({""} if nb == 1 else set()) for b, n in enumerate(body_names)]
         each = itertools.product(tags, (c[k] for c in quantity.components))
         keys = [next((s for s in _spell(quantity.names, *one) if s in known), "") for one in each]
-        if all(keys):
+        if all(keys) and len(set(keys)) == len(keys):  # in a file that counts from 0 ``body1`` is not the first
             return keys, k
     return [], 0
 
 
 def _spell(names: tuple[str, ...], tags: set[str], c: str) -> Iterator[str]:
+    """Yield all spellings of component ``c`` of a body with the numbers or names ``tags``, preferred names first."""
     for name, tag in itertools.product(names, sorted(tags)):
-        forms = [(name, tag, c), (f"{name}{tag}", c), (tag, name, c), (f"body{tag}", name, c)]
+        forms = [(name, tag, c), (f"{name}{tag}", c), (tag, name, c), (f"body{tag}", name, c), ("body", tag, name, c)]
         forms += [] if tag else [(f"{name}{c}",)]
         if not c[0].isdigit():
             forms += [

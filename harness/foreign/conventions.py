@@ -1,4 +1,4 @@
-"""Units, orders and frames that the columns of a file may have."""
+"""List the units, orders and frames that the columns of a file may have."""
 
 import math
 import re
@@ -7,20 +7,26 @@ from dataclasses import dataclass
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 TIMES = {"s": 1.0, "ms": 1e-3}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
-SEQUENCES = ("XYZ", "XZY", "YXZ", "ZXZ", "ZYX", "ZYZ")  # of axes that turn with the body; small: fixed in space
+SEQUENCES = ("XYZ", "XZY", "YXZ", "ZXZ", "ZYX", "ZYZ")  # of axes that turn with the body; in lower case: fixed in space
 OF_LENGTH = LENGTHS | {"km": 1e3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}  # in headers
 OF_TIME = TIMES | {"sec": 1.0, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0}
-OF_ANGLE = ANGLES | {"°": math.pi / 180.0, "degree": math.pi / 180.0, "degrees": math.pi / 180.0, "radian": 1.0,
-                     "radians": 1.0, "mrad": 1e-3}  # fmt: skip
-UNSAID = "unsaid"  # files with nothing but Euler angles are refused then
-NONE = ("", "-", "1", "--")  # a number without a unit
+OF_ANGLE = ANGLES | {
+    "°": math.pi / 180.0,
+    "degree": math.pi / 180.0,
+    "degrees": math.pi / 180.0,
+    "radian": 1.0,
+    "radians": 1.0,
+    "mrad": 1e-3,
+}
+UNSAID = "unsaid"  # default of ``euler``: files whose only orientations are Euler angles are refused
+NONE = ("", "-", "1", "--")  # spellings of no unit
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Units, orders and frames of columns; each field is an option of the command line."""
+    """The units, orders and frames in which columns are read; each field is an option of the command line."""
 
-    length: str = "m"  # of positions, and of velocities per second
+    length: str = "m"  # of positions, and per second of velocities
     time: str = "s"  # of t alone
     angle: str = "rad"  # of angles and angular velocities
     quaternion: str = "wxyz"
@@ -30,21 +36,35 @@ class Reading:
 
     @property
     def reads_euler(self) -> bool:
-        """Whether Euler angles are orientations."""
+        """True if Euler angles are read as orientations."""
         return self.euler not in (UNSAID, "none")
 
 
 CHOICES: dict[str, tuple[str, ...]] = {
-    "length": tuple(LENGTHS), "time": tuple(TIMES), "angle": tuple(ANGLES), "quaternion": ("wxyz", "xyzw"),
-    "rotation": ("body-to-space", "space-to-body"), "omega": ("body", "space"),
+    "length": tuple(LENGTHS),
+    "time": tuple(TIMES),
+    "angle": tuple(ANGLES),
+    "quaternion": ("wxyz", "xyzw"),
+    "rotation": ("body-to-space", "space-to-body"),
+    "omega": ("body", "space"),
     "euler": ("none", *SEQUENCES, *(x.lower() for x in SEQUENCES)),
-}  # fmt: skip
-OF_QUANTITY = {"t": (OF_TIME, False), "r": (OF_LENGTH, False), "E": (OF_ANGLE, False), "v": (OF_LENGTH, True),
-               "Omega": (OF_ANGLE, True), "q": ({}, False), "R": ({}, False)}  # fmt: skip
+}
+OF_QUANTITY = {  # units of a quantity, and whether they are per time
+    "t": (OF_TIME, False),
+    "r": (OF_LENGTH, False),
+    "E": (OF_ANGLE, False),
+    "v": (OF_LENGTH, True),
+    "Omega": (OF_ANGLE, True),
+    "q": ({}, False),
+    "R": ({}, False),
+}
 
 
-def factor_of(unit: str, quantity: str) -> float | None:
-    """A unit of a header in SI, where it is one of ``quantity``; 1 of a number without unit where it has none."""
+def find_factor(unit: str, quantity: str) -> float | None:
+    """Return the SI value of a unit in a header; None if it is no unit of ``quantity`` (t, r, q, R, E, v, Omega).
+
+    No unit counts as 1 for a quantity without a unit.
+    """
     known, per_time = OF_QUANTITY[quantity]
     spelt = unit.strip().replace(" ", "")
     if not known:
@@ -61,6 +81,6 @@ def factor_of(unit: str, quantity: str) -> float | None:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a field of a row says the unit of a column."""
+    """Return whether a field of a row is a unit, with or without brackets, or a spelling of no unit."""
     bare = text.strip().strip("[]()").strip()
-    return bare in NONE or any(factor_of(bare, quantity) is not None for quantity in OF_QUANTITY)
+    return bare in NONE or any(find_factor(bare, quantity) is not None for quantity in OF_QUANTITY)

@@ -1,4 +1,4 @@
-"""Whether another reading of a file follows the exact motion where the one asked for does not."""
+"""Find whether another reading of a file follows the exact motion where the requested one does not."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -6,24 +6,25 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..mechanics import so3
-from ..reference.computation import reference_of
+from ..reference.computation import find_reference
 from ..types import Problem
 from .columns import Quantities
 from .conventions import CHOICES, Reading
 from .reading import Motion, Origin, read_motion
 from .rows import begin_at_start
 
-OFF = 1e-2  # [rad], or of the largest angular velocity: closer motions are read as they are meant
-BETTER = 1e-2  # of what the reading asked for is off
-MOST = 400  # rows that are compared
+OFF = 1e-2  # [rad], or relative to the largest angular velocity: closer motions count as read as intended
+BETTER = 1e-2  # largest difference of a suggested reading, as a fraction of that of the requested one
+MOST = 400  # most rows that are compared, within a factor of two
 
 
 def suggest_reading(problem: Problem, found: Quantities, how: Reading, motion: Motion) -> list[str]:
-    """Return a note on the reading, other in one option, that follows the exact motion; none if none does.
+    """Return a note if a reading that differs in one option follows the exact motion and the requested one does not.
 
-    A start of no rotation looks the same transposed, in either frame, and about axes that turn or stay.
+    Empty without such a reading. The check of the start cannot find these: if it has no rotation, it looks the same
+    transposed, in either frame, and about axes that turn with the body or are fixed.
     """
-    reference = reference_of(problem)
+    reference = find_reference(problem)
     if reference is None:
         return []
     rows = np.flatnonzero((motion.t >= 0.0) & (motion.t <= reference.horizon))
@@ -34,8 +35,10 @@ def suggest_reading(problem: Problem, found: Quantities, how: Reading, motion: M
     before = _measure_off(motion, exact.R, exact.Omega, rows)
     if not before > OFF:
         return []
-    tried = [(_measure_off(begin_at_start(problem, read_motion(found, other)), exact.R, exact.Omega, rows), words)
-             for words, other in _list_others(found, how)]  # fmt: skip
+    tried = [
+        (_measure_off(begin_at_start(problem, read_motion(found, other)), exact.R, exact.Omega, rows), words)
+        for words, other in _list_others(found, how)
+    ]
     after, words = min(tried, default=(np.inf, ""))
     if not after < BETTER * before:
         return []
@@ -44,7 +47,10 @@ def suggest_reading(problem: Problem, found: Quantities, how: Reading, motion: M
 
 
 def _measure_off(motion: Motion, R: np.ndarray, Omega: np.ndarray, rows: np.ndarray) -> float:
-    """Return the largest angle [rad] from the exact rotations, or share from their rates; NaN where none is known."""
+    """Return the distance of a motion from exact rotations ``R`` and angular velocities ``Omega`` at these rows.
+
+    It is the larger of the angle [rad] and the relative difference of angular velocities; NaN if the file has neither.
+    """
     off = []
     if motion.R is not None:
         off.append(np.max(so3.angle_between(motion.R[rows], R)))
@@ -54,9 +60,12 @@ def _measure_off(motion: Motion, R: np.ndarray, Omega: np.ndarray, rows: np.ndar
 
 
 def _list_others(found: Quantities, how: Reading) -> Iterator[tuple[str, Reading]]:
-    """Yield readings that differ in one option on rotations, with the option."""
-    names = [n for n, key in (("rotation", ""), ("omega", "Omega"), ("euler", "E"), ("quaternion", "q"))
-             if not key or key in found.quantities]  # fmt: skip
+    """Yield readings that differ from ``how`` in one option on rotations, each as (option in words, reading)."""
+    names = [
+        n
+        for n, key in (("rotation", ""), ("omega", "Omega"), ("euler", "E"), ("quaternion", "q"))
+        if not key or key in found.quantities
+    ]
     for name in names:
         for value in CHOICES[name]:
             if value not in (getattr(how, name), "none"):

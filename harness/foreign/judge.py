@@ -1,4 +1,4 @@
-"""A file of any other code judged like a run: its record, its series, its place beside others in a results folder."""
+"""Judge a file of any other code like a run: make its record and series, and store them in a results folder."""
 
 import dataclasses
 import hashlib
@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from ..catalogue import registry
+from ..confined_paths import ConfinedPath
 from ..execution.job import Job
-from ..execution.kept_series import series_of
+from ..execution.kept_series import build_series
 from ..execution.measuring import judge_motion
 from ..files import FileError
 from ..mechanics.state import States
-from ..places import Place
-from ..reference.computation import reference_of
+from ..reference.computation import find_reference
 from ..results import environment, store
 from ..results.records import RunRecord
 from ..results.reproduce import REFEREED
@@ -30,31 +30,31 @@ from . import fmu
 from .checks import check_motion
 from .columns import Quantities, find_quantities
 from .conventions import Reading
-from .determinacy import Determined, find_determined, judge_again, measure_uncertainty
+from .determinacy import DeterminedQuantities, find_determined, judge_determined, measure_uncertainty
 from .hints import suggest_reading
-from .left_out import check_left_out
+from .omissions import check_left_out
 from .reading import Motion, Origin, perturb_roundings, read_motion
 from .rows import begin_at_start, check_euler, check_units, clean_rows
 from .tables import READERS, Table, read_table
 
-NAME = re.compile(r"[A-Za-z][\w.+-]*")
+NAME = re.compile(r"[A-Za-z][\w.+-]*")  # permitted names of a code
 WORDS = {"v": "velocities", "R": "orientations", "Omega": "angular velocities"}
 
 
 @dataclass(frozen=True)
 class FileSettings:
-    """Options of the user on how files are read."""
+    """The user's options on how files are read and recorded."""
 
-    name: str  # of the code
+    name: str  # name of the code that computed the motion
     reading: Reading = field(default_factory=Reading)
-    columns: tuple[str, ...] = ()  # OURS=THEIRS, or ours in order
-    control: StepControl | None = None  # None: the spacing of the rows stands for the step
-    tolerance: float | None = None  # of the start, in SI; None: the digits printed
+    columns: tuple[str, ...] = ()  # OURS=THEIRS, or our names in the order of columns
+    control: StepControl | None = None  # None: the spacing of the rows is used as the step
+    tolerance: float | None = None  # of the start, in SI; None: according to the printed digits
     label: str = REFEREED
 
 
 def list_tables(path: Path) -> list[Path]:
-    """The file, or all tables in a folder."""
+    """Return ``path`` if it is no folder, else all tables and FMUs in it; raise FileError if it has none."""
     if not path.is_dir():
         return [path]
     known = (*READERS, fmu.SUFFIX)
@@ -67,7 +67,11 @@ def list_tables(path: Path) -> list[Path]:
 def judge_file(
     problem: Problem, path: Path, given: FileSettings, folder: Path | None, *, several: bool = False
 ) -> RunRecord:
-    """The record of ``path``; with its series in ``folder``, if one is given. FileError where it cannot be judged."""
+    """Return the record of the motion in ``path``; raise FileError if it cannot be judged.
+
+    Record and series are also written to the results folder ``folder`` if it is given. With ``several`` the name of the
+    file becomes an option of its code, so that files of one code are different runs.
+    """
     if not NAME.fullmatch(given.name) or given.name in registry.solvers():
         raise FileError(f"the name must be letters, digits and . _ + -, and not that of a solver (got {given.name!r})")
     table, found, motion, notes = _read_file(problem, path, given)
@@ -80,7 +84,7 @@ def judge_file(
     spec = _make_spec(problem, path, given, trajectory, several=several)
     job = Job(spec, folder or Path(), REFEREED, _digest_file(table, given))
     record, m = judge_motion(job, problem, trajectory)
-    record, m = judge_again(record, m, known, unsure), known.blank_undetermined(m)
+    record, m = judge_determined(record, m, known, unsure), known.blank_undetermined(m)
     if hints := suggest_reading(problem, found, given.reading, motion):
         record = dataclasses.replace(record, notes=json.dumps([*json.loads(record.notes), *hints]))
     else:
@@ -89,21 +93,21 @@ def judge_file(
     record = dataclasses.replace(record, observable_errors=errors, invariant_drifts=drifts)
     if folder is None:
         return record
-    series = series_of(problem, trajectory, m)
+    series = build_series(problem, trajectory, m)
     drawn = {"R": ("frame_q", "end_R"), "v": ("end_v",), "Omega": ("end_Omega",)}
-    names = [x for k in missing for x in drawn[k]]  # those of the reference, in a picture of the file
+    names = [x for k in missing for x in drawn[k]]  # these would draw the reference as if it were the file
     none = {x: np.full_like(series.arrays[x], math.nan) for x in names}
     series = dataclasses.replace(series, arrays={**series.arrays, **none})
     place = f"series/{job.id}.npz"
-    digest = write_series(Place(folder) / place, series)
+    digest = write_series(ConfinedPath(folder) / place, series)
     record = dataclasses.replace(record, series=place, series_sha256=digest, series_rows=len(series["t"]))
-    store.admit(folder, record.run_id)
+    store.note_added(folder, record.run_id)
     store.write_record(folder, record)
     return record
 
 
 def read_trajectory(problem: Problem, path: Path, given: FileSettings) -> Trajectory:
-    """The motion in ``path``; FileError where poses or velocities are lacking."""
+    """Return the motion in ``path``; raise FileError if poses or velocities are missing."""
     _, _, motion, _ = _read_file(problem, path, given)
     if missing := [WORDS[k] for k in WORDS if motion.origin[k] is Origin.NONE]:
         raise FileError(
@@ -113,6 +117,10 @@ def read_trajectory(problem: Problem, path: Path, given: FileSettings) -> Trajec
 
 
 def _read_file(problem: Problem, path: Path, given: FileSettings) -> tuple[Table, Quantities, Motion, list[str]]:
+    """Return the table in a file, its recognised columns, the motion read from them, and notes for the record.
+
+    An FMU is run. Raise FileError if the file is not a motion of the problem from its start.
+    """
     positional = tuple(c for c in given.columns if "=" not in c)
     renamed = {
         theirs.strip(): ours.strip() for ours, _, theirs in (c.partition("=") for c in given.columns if "=" in c)
@@ -132,16 +140,17 @@ def _read_file(problem: Problem, path: Path, given: FileSettings) -> tuple[Table
 
 
 def open_results(folder: Path) -> Path:
-    """A results folder to add to; a new one is stamped like that of a suite."""
+    """Make a results folder, with a stamp like that of a suite, or open an existing one to add to; return it."""
     known = store.is_results(folder)
     store.create(folder)
     if not known:
-        stamp = environment.stamp(folder.name, REFEREED, 1, ())
-        (Place(folder) / "environment.json").write(json.dumps(stamp, indent=1))
+        stamp = environment.describe_environment(folder.name, REFEREED, 1, ())
+        (ConfinedPath(folder) / "environment.json").write(json.dumps(stamp, indent=1))
     return folder
 
 
 def _make_spec(problem: Problem, path: Path, given: FileSettings, trajectory: Trajectory, *, several: bool) -> RunSpec:
+    """Return the specification by which the motion is recorded; its step is given, or the median spacing of rows."""
     spacing = float(np.median(np.diff(trajectory.t))) if len(trajectory.t) > 1 else problem.dt
     control = given.control or StepControl(dt=float(f"{spacing:.6g}"))
     options = {"file": path.stem} if several else {}
@@ -149,13 +158,20 @@ def _make_spec(problem: Problem, path: Path, given: FileSettings, trajectory: Tr
 
 
 def _digest_file(table: Table, given: FileSettings) -> str:
-    """Digest of the file, how it was read, and the code that judges it; stands for the code in a run's address."""
+    """Return a digest of the file, how it was read, and the judging code.
+
+    It replaces the code's digest in the run's id.
+    """
     parts = (environment.code_digest(), table.sha256, repr(given.reading), repr(given.columns))
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
 def _build_trajectory(problem: Problem, motion: Motion, path: Path, missing: list[str]) -> Trajectory:
-    """The motion to judge, up to t_end; in place of what is ``missing`` stands the reference's, which is not judged."""
+    """Return the motion to judge, up to t_end; quantities in ``missing`` are taken from the reference.
+
+    A motion that stops being finite ends before that row and has diverged. Raise FileError if the file lacks the start
+    or the end.
+    """
     t = motion.t
     parts = {k: getattr(motion, k) for k in ("r", "R", "v", "Omega")}
     slack = 1e-6 * problem.t_end
@@ -176,11 +192,11 @@ def _build_trajectory(problem: Problem, motion: Motion, path: Path, missing: lis
         )
     t = np.array(t[:rows])
     if status is Status.SUCCESS:
-        t[-1] = problem.t_end  # printed
+        t[-1] = problem.t_end  # the time as printed may differ in its last digit
     if missing:
         exact = _reference_states(problem, t, path, missing)
         parts |= {k: getattr(exact, k) for k in missing}
-    for k, a in parts.items():  # the start was found to be the exact one, to the digits printed
+    for k, a in parts.items():  # the start was found to agree with the exact one to the printed digits
         parts[k] = np.concatenate((getattr(problem.initial, k)[None], a[1:rows]))
     return Trajectory(t, States(**parts), status, message, {"rows": rows - 1}, cpu_time=math.nan)
 
@@ -188,11 +204,12 @@ def _build_trajectory(problem: Problem, motion: Motion, path: Path, missing: lis
 def _measure_uncertainty(
     problem: Problem, found: Quantities, how: Reading, motion: Motion, given: Trajectory, path: Path, missing: list[str]
 ) -> Mapping[tuple[Law, str], float]:
-    """Uncertainty of laws where rates are differenced or digits are few; empty for a motion cut short."""
+    """Return how far each law moves where rates are differenced or digits are few; empty for a motion cut short."""
     if given.status is not Status.SUCCESS:
         return {}
 
     def read(table: Quantities, degree: int) -> list[Trajectory]:
+        """Return the motion read by splines of ``degree``, in a list; empty if it then lacks other quantities."""
         other = begin_at_start(problem, read_motion(table, how, degree))
         alike = all((getattr(other, k) is None) == (getattr(motion, k) is None) for k in ("R", "v", "Omega"))
         return [_build_trajectory(problem, other, path, missing)] if alike else []
@@ -204,8 +221,9 @@ def _measure_uncertainty(
 
 
 def _write_notes(
-    motion: Motion, missing: list[str], known: Determined, unsure: Mapping[tuple[Law, str], float]
+    motion: Motion, missing: list[str], known: DeterminedQuantities, unsure: Mapping[tuple[Law, str], float]
 ) -> list[str]:
+    """Return notes on what was differenced, what is missing and not judged, and how uncertain the energy is."""
     notes = []
     differenced = [WORDS[k] for k in ("v", "Omega") if motion.origin[k] is Origin.DIFFERENCED]
     if differenced:
@@ -223,14 +241,17 @@ def _write_notes(
     return notes
 
 
-def _drop_undetermined(extents: str, known: Determined) -> str:
-    """A column of errors or drifts by name, without the names that are not determined."""
+def _drop_undetermined(extents: str, known: DeterminedQuantities) -> str:
+    """Return ``extents``, a JSON column of errors or drifts, without the names that the file does not determine."""
     return json.dumps({k: x for k, x in json.loads(extents).items() if k not in known.open_names})
 
 
 def _reference_states(problem: Problem, t: np.ndarray, path: Path, missing: list[str]) -> States:
-    """The reference in place of what the file lacks."""
-    reference = reference_of(problem)
+    """Return the reference's states at times ``t`` [s], for quantities that the file lacks.
+
+    Raise FileError if the reference is missing or ends before.
+    """
+    reference = find_reference(problem)
     if reference is None or reference.horizon < t[-1] * (1.0 - 1e-9):
         lacks = " and ".join(WORDS[k] for k in missing)
         horizon = 0.0 if reference is None else reference.horizon

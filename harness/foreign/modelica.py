@@ -1,21 +1,21 @@
-"""Results of Modelica tools (Dymola, OpenModelica): names, and where the numbers of each are, in a MAT file."""
+"""Read results of Modelica tools (Dymola, OpenModelica) from a MAT file: variables with their values over time."""
 
 import re
 from collections.abc import Mapping
 
 import numpy as np
 
-SPELT = {"r_0": "r", "v_0": "v", "w_a": "omega", "Q": "q"}  # of the bodies of Modelica.Mechanics.MultiBody
+SPELT = {"r_0": "r", "v_0": "v", "w_a": "omega", "Q": "q"}  # our names of vectors in Modelica.Mechanics.MultiBody
 VECTOR = re.compile(r"^(.*?)\.?\b(r_0|v_0|w_a|Q)\[(\d)\]$")
 
 
 def is_result(found: Mapping[str, np.ndarray]) -> bool:
-    """Whether a MAT file is a result of Modelica."""
+    """Return whether the arrays of a MAT file are a result of a Modelica tool."""
     return {"Aclass", "name", "dataInfo"} <= {*found}
 
 
 def read_result(found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns by name; ``body.r_0[1]`` is ``body.r.x`` here. ValueError where the file does not fit itself."""
+    """Return columns (nt,) by name, with ``body.r_0[1]`` as ``body.r.x``; raise ValueError for an unknown layout."""
     kind = [str(x).strip() for x in np.atleast_1d(found["Aclass"])]
     if len(kind) < 4 or kind[0] != "Atrajectory" or kind[3] not in ("binTrans", "binNormal"):
         raise ValueError(f"not a result of Modelica that is known here (Aclass {', '.join(kind)})")
@@ -36,6 +36,7 @@ def read_result(found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _respell(name: str) -> str:
+    """Return a variable's name with the vectors of Modelica's bodies spelt as ours: ``body.r_0[1]`` is ``body.r.x``."""
     match = VECTOR.match(name)
     if match is None:
         return name

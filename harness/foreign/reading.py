@@ -1,4 +1,4 @@
-"""Poses and velocities in SI units from columns: units, order of quaternions, frames; missing rates are differenced."""
+"""Convert columns with units, orders and frames to poses and velocities in SI units; missing rates are differenced."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ from jaxtyping import Float
 from .columns import Quantities
 from .conventions import Reading
 
-SOUND = 0.01  # of the largest speed: differences of third and fifth degree must agree so far
-ROUNDING = 64.0 * np.finfo(float).eps  # of positions, over a step
-FEWEST = 8  # rows for a difference
+SOUND = 0.01  # relative to the largest speed: rates by splines of degree 3 and 5 must agree to this
+ROUNDING = 64.0 * np.finfo(float).eps  # relative rounding of a difference of positions
+FEWEST = 8  # rows required for differences
 
 
 class Origin(StrEnum):
-    """The origin of a quantity."""
+    """The origin of a quantity: the file, differences of its poses, or none."""
 
     FILE = "file"
     DIFFERENCED = "differenced"
@@ -25,7 +25,7 @@ class Origin(StrEnum):
 
 @dataclass(frozen=True)
 class Motion:
-    """Poses and velocities (nt, nb, .); None where neither the file nor differences give them."""
+    """Poses and velocities (nt, nb, n) in SI units; None where neither the file nor differences give them."""
 
     t: Float[np.ndarray, " nt"]
     r: Float[np.ndarray, "nt nb 3"]
@@ -36,7 +36,10 @@ class Motion:
 
 
 def read_motion(found: Quantities, how: Reading, degree: int = 5) -> Motion:
-    """Read the motion as ``how`` says; missing rates are those of splines of ``degree``."""
+    """Return the motion in SI units, from columns read as ``how`` says.
+
+    Missing rates are those of splines of ``degree`` (5 or 3) through the poses; None where the rows are too far apart.
+    """
     t, has = found.factor("t", how) * found.t, found.quantities
     r = found.factor("r", how) * has["r"]
     R = read_rotations(found, how)
@@ -51,7 +54,10 @@ def read_motion(found: Quantities, how: Reading, degree: int = 5) -> Motion:
 
 
 def read_rotations(found: Quantities, how: Reading) -> Float[np.ndarray, "nt nb 3 3"] | None:
-    """R, body to space; quaternions are normalised."""
+    """Return R, body to space, from quaternions, matrices or Euler angles; None if the file has none to read.
+
+    Quaternions are normalised; rotations of numbers that are not finite are NaN.
+    """
     from scipy.spatial.transform import Rotation  # here: --help shows the choices above
 
     if "q" in found.quantities:
@@ -77,7 +83,7 @@ def read_rotations(found: Quantities, how: Reading) -> Float[np.ndarray, "nt nb 
 def read_angular_velocities(
     found: Quantities, how: Reading, R: np.ndarray | None
 ) -> Float[np.ndarray, "nt nb 3"] | None:
-    """Omega [rad/s], body frame."""
+    """Return Omega [rad/s] in the body frame; None if the file has none, or has it in space without rotations."""
     if "Omega" not in found.quantities:
         return None
     given = found.factor("Omega", how) * found.quantities["Omega"]
@@ -87,14 +93,17 @@ def read_angular_velocities(
 
 
 def differentiate(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, "nt *more"], degree: int = 5) -> np.ndarray | None:
-    """da/dt by splines of ``degree``; None where those of 5 and 3 disagree: the rows are too far apart."""
+    """Return da/dt by splines of ``degree`` (5 or 3); None if both disagree, as for rows too far apart.
+
+    None also if there are fewer than ``FEWEST`` rows, or values that are not finite.
+    """
     from scipy.interpolate import make_interp_spline
 
     if len(t) < FEWEST or not np.all(np.isfinite(a)):
         return None
     fine, coarse = (make_interp_spline(t, a, k=k).derivative()(t) for k in (5, 3))
-    inside = slice(2, -2)  # the ends of a spline are poorer, and the start is known
-    rounding = ROUNDING * np.max(np.abs(a)) / np.min(np.diff(t))  # of what stays where it is
+    inside = slice(2, -2)  # a spline is less accurate at its ends, and the start is known
+    rounding = ROUNDING * np.max(np.abs(a)) / np.min(np.diff(t))  # of values that stay constant
     sound = np.max(np.abs(fine - coarse)[inside]) <= max(SOUND * np.max(np.abs(fine)), rounding)
     return {5: fine, 3: coarse}[degree] if sound else None
 
@@ -102,7 +111,7 @@ def differentiate(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, "nt *more"],
 def differentiate_rotations(
     t: Float[np.ndarray, " nt"], R: Float[np.ndarray, "nt nb 3 3"], degree: int = 5
 ) -> np.ndarray | None:
-    """Omega of hat(Omega) = R^T dR/dt, or None as in ``differentiate``."""
+    """Return Omega, body frame, from hat(Omega) = R^T dR/dt; None as in ``differentiate``."""
     R_dot = differentiate(t, R, degree)
     if R_dot is None:
         return None
@@ -111,7 +120,7 @@ def differentiate_rotations(
 
 
 def perturb_roundings(found: Quantities) -> Quantities:
-    """The table as it might as well have been printed: each number half a unit of its last digit off, at random."""
+    """Return the quantities with each number moved by its resolution, up or down at random with a fixed seed."""
     rng = np.random.default_rng(0)
     off = {k: a + found.resolution[k] * rng.choice((-1.0, 1.0), a.shape) for k, a in found.quantities.items()}
     return dataclasses.replace(found, quantities=off)

@@ -1,4 +1,4 @@
-"""Rows of a file that need a word: twice the same time at an event, gaps, a first row just behind the start."""
+"""Handle unusual rows of a file: a time that occurs twice at an event, gaps, a first row just after the start."""
 
 import dataclasses
 import re
@@ -14,13 +14,16 @@ from .columns import Quantities
 from .conventions import UNSAID, Reading
 from .reading import FEWEST, Motion
 
-GAPS = 0.05  # of the rows may be no numbers and are left out; beyond it the file has no motion there
-EVENTS = 0.1  # of the rows may have the time of another; more are times with too few digits
-LATE = 1.5  # of the spacing: so far behind the start a first row is one that was not written
+GAPS = 0.05  # largest fraction of rows without numbers that are left out; with more, none is
+EVENTS = 0.1  # largest fraction of rows that may repeat a time; more indicate times with too few digits
+LATE = 1.5  # relative to the spacing: a first row up to this time means that the start was not written
 
 
 def clean_rows(found: Quantities, how: Reading, path: Path) -> Quantities:
-    """The rows that are a motion, with notes; FileError where times do not increase."""
+    """Return the quantities without rows of gaps and of repeated times, with notes on them.
+
+    Raise FileError if times do not increase.
+    """
     found = _without_gaps(found)
     t = found.factor("t", how) * found.t
     twice = np.flatnonzero(np.diff(t) == 0.0)
@@ -39,7 +42,7 @@ def clean_rows(found: Quantities, how: Reading, path: Path) -> Quantities:
 
 
 def _rows_differ(found: Quantities, twice: np.ndarray) -> np.ndarray:
-    """Whether positions or orientations of two rows at one time differ by more than their digits."""
+    """Return, for each row in ``twice``, whether its pose differs from the next row's by more than their digits."""
     out = np.zeros(len(twice), dtype=bool)
     for name in found.quantities.keys() & {"r", "q", "R", "E"}:
         a, coarse = found.quantities[name], found.resolution[name]
@@ -49,7 +52,7 @@ def _rows_differ(found: Quantities, twice: np.ndarray) -> np.ndarray:
 
 
 def _without_gaps(found: Quantities) -> Quantities:
-    """The table without rows that are no numbers, where numbers follow: a run that ends so has diverged."""
+    """Return the quantities without rows of non-numbers that numbers follow; rows at the end stay: the run diverged."""
     finite = np.isfinite(found.t)
     for a in found.quantities.values():
         finite &= np.isfinite(a).reshape(len(a), -1).all(axis=1)
@@ -64,6 +67,7 @@ def _without_gaps(found: Quantities) -> Quantities:
 
 
 def _keep(found: Quantities, rows: np.ndarray, note: str) -> Quantities:
+    """Return the quantities at these rows alone, with one more note."""
     parts: dict[str, Any] = {
         name: {k: a[rows] for k, a in getattr(found, name).items()} for name in ("quantities", "resolution")
     }
@@ -71,22 +75,24 @@ def _keep(found: Quantities, rows: np.ndarray, note: str) -> Quantities:
 
 
 def is_late(t: np.ndarray) -> bool:
-    """Whether a file lacks the start alone: its first row is about one spacing behind it."""
+    """Return whether a file lacks only the start: its first row is about one spacing after t = 0."""
     return len(t) >= FEWEST and bool(0.0 < t[0] <= LATE * float(np.median(np.diff(t))))
 
 
 def begin_at_start(problem: Problem, motion: Motion) -> Motion:
-    """The motion with the problem's start before a late first row."""
+    """Return the motion with the problem's start put before a late first row; other motions are returned unchanged."""
     if not is_late(motion.t):
         return motion
     start = problem.initial
-    parts: dict[str, Any] = {k: a if (a := getattr(motion, k)) is None else np.concatenate((getattr(start, k)[None], a))
-             for k in ("r", "R", "v", "Omega")}  # fmt: skip
+    parts: dict[str, Any] = {
+        k: a if (a := getattr(motion, k)) is None else np.concatenate((getattr(start, k)[None], a))
+        for k in ("r", "R", "v", "Omega")
+    }
     return dataclasses.replace(motion, t=np.concatenate(([0.0], motion.t)), **parts)
 
 
-def reach_until(problem: Problem, t: float) -> dict[str, float]:
-    """How far each quantity may be from the start at ``t`` [s], by twice the rates there."""
+def bound_travel(problem: Problem, t: float) -> dict[str, float]:
+    """Return how far each quantity may be from the start at ``t`` [s], in SI units, from twice the rates there."""
     if t <= 0.0:
         return dict.fromkeys(("r", "R", "v", "Omega"), 0.0)
     start = problem.initial
@@ -97,10 +103,12 @@ def reach_until(problem: Problem, t: float) -> dict[str, float]:
 
 
 def check_euler(found: Quantities, how: Reading, path: Path) -> None:
-    """FileError where the axes of Euler angles, the only orientations, are not given or not those of their names."""
+    """Raise FileError if axes of Euler angles, the only orientations, are missing or contradict the columns' names."""
     if how.euler == UNSAID and "E" in found.quantities and not {"q", "R"} & found.quantities.keys():
-        remedy = ("--euler gives their axes in the order of the columns (ZXZ, ZYX and others; small letters: fixed in "
-                  "space), --euler none leaves them out")  # fmt: skip
+        remedy = (
+            "--euler gives their axes in the order of the columns (ZXZ, ZYX and others; small letters: fixed in "
+            "space), --euler none leaves them out"
+        )
         raise FileError(f"{path}: its orientations are Euler angles: {remedy}")
     if not how.reads_euler or not {*found.angles} <= {"roll", "pitch", "yaw"} or not found.angles:
         return
@@ -108,12 +116,14 @@ def check_euler(found: Quantities, how: Reading, path: Path) -> None:
     wanted = "".join(letters[k] for k in found.angles)
     if how.euler.lower() != wanted:
         both = " or ".join(x for x in (wanted, wanted.upper()))
-        raise FileError(f"{path}: its columns are {', '.join(found.angles)}, in this order, about {', '.join(wanted)}: "
-                        f"give --euler {both} (got {how.euler})")  # fmt: skip
+        raise FileError(
+            f"{path}: its columns are {', '.join(found.angles)}, in this order, about {', '.join(wanted)}: "
+            f"give --euler {both} (got {how.euler})"
+        )
 
 
 def check_units(found: Quantities, how: Reading, path: Path) -> None:
-    """FileError where an option contradicts a unit that the file gives."""
+    """Raise FileError if an option contradicts a unit that the file gives."""
     for name, option in (("t", "time"), ("r", "length"), ("v", "length"), ("E", "angle"), ("Omega", "angle")):
         asked, unit = getattr(how, option), found.units.get(name, "")
         spelt = re.split(r"[\W\d]", unit.replace("°", "deg"))[0]
@@ -122,18 +132,20 @@ def check_units(found: Quantities, how: Reading, path: Path) -> None:
 
 
 def say_norms(found: Quantities) -> list[str]:
-    """A note where quaternions are no unit quaternions."""
+    """Return a note, in a list, if norms of quaternions differ from 1 by more than their digits; else an empty list."""
     if "q" not in found.quantities:
         return []
     size = np.linalg.norm(found.quantities["q"], axis=-1)
     size, coarse = size[np.isfinite(size)], 8.0 * float(np.max(found.resolution["q"], initial=0.0))
     if not len(size) or np.max(np.abs(size - 1.0)) <= 1e-6 + coarse:
         return []
-    return [f"quaternions have norms of {np.min(size):.6g} to {np.max(size):.6g}: their directions were judged, their "
-            "norms are no rotations'"]  # fmt: skip
+    return [
+        f"quaternions have norms of {np.min(size):.6g} to {np.max(size):.6g}: their directions were judged, their "
+        "norms are no rotations'"
+    ]
 
 
 def describe_rest(t: np.ndarray, t_end: float) -> list[str]:
-    """A note on rows behind the end."""
+    """Return a note, in a list, on rows after ``t_end`` [s], which are not judged; else an empty list."""
     more = t[t > t_end * (1.0 + 1e-6)]
     return [f"not judged: rows behind t = {t_end:g} s ({len(more)}, to {more[-1]:.6g} s)"] if len(more) else []

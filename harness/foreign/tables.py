@@ -1,6 +1,6 @@
-"""Tables of numbers over time: text (module ``text_tables``), Parquet, NPZ and MAT, by name of column.
+"""Read tables of numbers over time by name of column: text (module ``text_tables``), Parquet, NPZ and MAT.
 
-Each column carries the precision it was printed with: a start can be compared with no more than that.
+Each column has the precision with which it was printed, which limits the comparison of a start.
 """
 
 import hashlib
@@ -14,8 +14,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from ..confined_paths import read_whole
 from ..files import FileError
-from ..places import read_whole
 from ..results.npz import read_npz
 from .modelica import is_result, read_result
 from .text_tables import read_text
@@ -23,19 +23,22 @@ from .text_tables import read_text
 
 @dataclass(frozen=True)
 class Table:
-    """Columns (nt, ...) by name; ``resolution``: half a unit of the last digit printed, of the same shape."""
+    """Columns (nt, ...) by name; ``resolution`` is half a unit of the last printed digit, in the same shape."""
 
     path: Path
     sha256: str
     columns: Mapping[str, np.ndarray]
     resolution: Mapping[str, np.ndarray]
-    units: Mapping[str, str] = field(default_factory=dict)  # of columns, where a row has them
-    angle: str = ""  # unit of all angles, where the file has one
+    units: Mapping[str, str] = field(default_factory=dict)  # by column, if the file has a row of units
+    angle: str = ""  # unit of all angles, if the file states one
     notes: tuple[str, ...] = ()
 
 
 def read_table(path: Path, names: tuple[str, ...] = (), renamed: Mapping[str, str] = MappingProxyType({})) -> Table:
-    """The table in ``path``, or FileError; ``names`` of a CSV without a header; ``renamed``: our names by theirs."""
+    """Return the table in a file of text, Parquet, NPZ or MAT; raise FileError if it cannot be read.
+
+    ``names`` are those of columns in text without a header; ``renamed`` maps names in the file to ours.
+    """
     try:
         content = read_whole(path)
     except OSError as error:
@@ -60,7 +63,10 @@ MOST = 2**30  # [bytes] of all arrays of a table
 
 
 def _arrays(found: Mapping[str, np.ndarray], renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
-    """Numeric arrays, the axis of time first; those of MATLAB may have it last."""
+    """Return the numeric arrays by name with time as first axis, and their resolution; raise ValueError without a time.
+
+    MATLAB's arrays may have time as last axis; arrays without that axis are left out.
+    """
     numeric = {k: np.asarray(a) for k, a in found.items() if np.asarray(a).dtype.kind in "fiu" and np.size(a) > 1}
     time = next((numeric[k] for k in numeric if renamed.get(k, k).lower() in ("t", "time")), None)
     if time is None:
@@ -81,16 +87,18 @@ def _arrays(found: Mapping[str, np.ndarray], renamed: Mapping[str, str]) -> tupl
 
 
 def _check_size(size: int) -> None:
-    """ValueError for more unpacked than is read: a small file may hold a long run of one number."""
+    """Raise ValueError for more than ``MOST`` unpacked bytes: a small file may expand to a very large array."""
     if size > MOST:
         raise ValueError(f"it unpacks to {size:,} bytes, more than {MOST:,}")
 
 
 def _npz(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
+    """Return the columns of an NPZ file and their resolution."""
     return _arrays(read_npz(content, MOST), renamed)
 
 
 def _mat(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
+    """Return the columns of a MAT file, which may be a result of Modelica, and their resolution."""
     from scipy.io import loadmat, whosmat
 
     if content[:10] == b"MATLAB 7.3":
@@ -98,7 +106,7 @@ def _mat(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
     try:
         sizes = [8 * math.prod(shape) for _, shape, _ in whosmat(io.BytesIO(content))]  # type: ignore[arg-type]
         found = loadmat(io.BytesIO(content)) if sum(sizes) <= MOST else {}  # type: ignore[arg-type]  # a file, too
-    except Exception as error:  # damaged ones end in errors of many kinds
+    except Exception as error:  # damaged files raise errors of many kinds
         raise ValueError(f"not a whole MAT file of version 7.2 or older: {error}") from None
     _check_size(sum(sizes))
     if is_result(found):
@@ -107,6 +115,7 @@ def _mat(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
 
 
 def _parquet(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
+    """Return the columns of a Parquet file and their resolution."""
     import pandas as pd
     from pyarrow import parquet  # type: ignore[import-untyped]
 
@@ -118,6 +127,8 @@ def _parquet(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Colum
 
 Reader = Callable[[bytes, Mapping[str, str]], tuple[Columns, Columns]]
 READERS: dict[str, Reader | None] = {  # none: text
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".sto", ".mot"), None), ".parquet": _parquet, ".npz": _npz,
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".sto", ".mot"), None),
+    ".parquet": _parquet,
+    ".npz": _npz,
     ".mat": _mat,
-}  # fmt: skip
+}

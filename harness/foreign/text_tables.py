@@ -1,6 +1,6 @@
-"""Tables in text as many tools write them: delimiters, decimal commas, titles, rows of units, Fortran's exponents.
+"""Read text tables as many tools write them: delimiters, decimal commas, titles, rows of units, Fortran's exponents.
 
-A format is found from the rows of numbers: the first pair of a delimiter and a decimal mark by which most of them are
+The format is found from the rows of numbers: it is the pair of a delimiter and a decimal mark by which most lines are
 numbers. Lines before them are titles, the header, and at most one row of units. OpenSim's files have lines up to
 ``endheader`` before that.
 """
@@ -18,15 +18,16 @@ COMMENT = "#%"
 SAMPLE = 200  # lines at either end from which the format and printed digits are read
 NUMBER = re.compile(r"[+-]?(\d*)\.?(\d*)(?:[eE]([+-]?\d+))?$")
 FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")
+# pairs of delimiter and decimal mark, in the order in which they are tried
 FORMATS = ((";", "."), ("\t", "."), (",", "."), ("", "."), (";", ","), ("\t", ","), ("", ","))  # "": blanks
 MISSING = ("", "na", "n/a", "null", "none", "nan(ind)", "-nan(ind)", "-nan", "1.#qnan", "-1.#ind")
-TINY = np.finfo(float).tiny
+TINY = np.finfo(float).tiny  # keeps logarithms finite
 SINGLE = 6e-8  # half a unit of the last place of float32
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """Columns by name, half a unit of the last digit printed, units by name, and what is said about the file."""
+    """Columns by name, half a unit of their last printed digit, their units by name, and notes about the file."""
 
     columns: dict[str, np.ndarray]
     resolution: dict[str, np.ndarray]
@@ -35,11 +36,14 @@ class TextTable:
     notes: tuple[str, ...] = ()
 
 
-Lines = list[tuple[int, str]]  # with their numbers in the file
+Lines = list[tuple[int, str]]  # lines with their numbers in the file
 
 
 def read_text(content: bytes, names: tuple[str, ...]) -> TextTable:
-    """The table, or ValueError in terms of its lines; ``names`` of columns without a header."""
+    """Return the table in the bytes of a text file; raise ValueError, which names the line, if it has none.
+
+    ``names`` are those of columns without a header.
+    """
     whole = [(k + 1, x) for k, x in enumerate(decode(content).splitlines()) if x.strip()]
     end = next((k for k, (_, x) in enumerate(whole) if x.strip().lower() == "endheader"), -1)
     angle = "deg" if any(re.sub(r"\s", "", x.lower()) == "indegrees=yes" for _, x in whole[: end + 1]) else ""
@@ -65,7 +69,7 @@ def read_text(content: bytes, names: tuple[str, ...]) -> TextTable:
 
 
 def decode(content: bytes) -> str:
-    """The text of a file: UTF-8 or UTF-16 by its mark, else UTF-8, else the characters of Windows."""
+    """Return the text of a file: UTF-16 or UTF-8 by its mark, else UTF-8 if valid, else the Windows character set."""
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return content.decode("utf-16")
     try:
@@ -76,25 +80,31 @@ def decode(content: bytes) -> str:
 
 @dataclass(frozen=True)
 class _Form:
-    """A delimiter, blanks if empty, and a decimal mark."""
+    """The delimiter (blanks if empty) and decimal mark by which a line is split into numbers."""
 
     delimiter: str
     decimal: str
 
     def fields(self, line: str, width: int = 0) -> list[str]:
-        """The fields of a line without quotes and without an empty one behind the last delimiter, beyond ``width``."""
+        """Split a line into fields without quotes, numbers spelt as in Python.
+
+        An empty field after the last delimiter, beyond ``width`` fields, is dropped.
+        """
         parts = line.split(self.delimiter) if self.delimiter else line.split()
         out = [FORTRAN.sub("e", f.strip().strip("\"'").strip().replace(self.decimal, ".")) for f in parts]
         return out[:-1] if self.delimiter and len(out) > max(1, width) and not out[-1] else out
 
     def names(self, line: str) -> list[str]:
-        """The fields of a header, as they stand there."""
+        """Split a line of the header into its fields, without quotes."""
         parts = line.split(self.delimiter) if self.delimiter else line.split()
         out = [f.strip().strip("\"'").strip() for f in parts]
         return out[:-1] if self.delimiter and len(out) > 1 and not out[-1] else out
 
     def numbers(self, rows: Lines, width: int) -> Float[np.ndarray, "nt n"]:
-        """All rows; ValueError naming the line and the field that is no number."""
+        """Return the numbers of all rows of ``width`` fields, NaN where they are missing.
+
+        Raise ValueError, naming line and field, if one is no number.
+        """
         text = [x for _, x in rows]
         if any(c in x for x in (text[0], text[-1]) for c in "\"'dD") or self.fields(text[0]) != self.names(text[0]):
             text = [",".join(self.fields(x, width)) for x in text]
@@ -108,6 +118,10 @@ class _Form:
         return out
 
     def _row(self, number: int, line: str, width: int) -> list[float]:
+        """Return the numbers of a line, NaN where they are missing.
+
+        Raise ValueError if it is not a row of ``width`` fields.
+        """
         found = self.fields(line, width)
         if len(found) != width:
             raise ValueError(f"line {number} has {len(found)} fields, expected {width}")
@@ -118,7 +132,10 @@ class _Form:
 
 
 def _find_format(sample: list[str]) -> tuple[str, str, int]:
-    """Delimiter, decimal mark and number of fields of most rows of numbers; no fields where no row is numbers."""
+    """Return delimiter, decimal mark and number of fields by which most lines of a sample are rows of numbers.
+
+    The number of fields is 0 if no line is such a row.
+    """
     best, most = ("", ".", 0), 0
     for delimiter, decimal in FORMATS:
         form = _Form(delimiter, decimal)
@@ -132,7 +149,7 @@ def _find_format(sample: list[str]) -> tuple[str, str, int]:
 
 
 def _is_row(fields: list[str], width: int) -> bool:
-    """Whether the fields are numbers, some of which may be missing."""
+    """Return whether there are ``width`` fields, all numbers or missing, and at least one number."""
     known = [is_number(f) for f in fields]
     return (
         len(fields) == width
@@ -144,11 +161,16 @@ def _is_row(fields: list[str], width: int) -> bool:
 def _read_header(
     form: _Form, before: Lines, width: int, remarks: list[str], names: tuple[str, ...]
 ) -> tuple[list[str], dict[str, str], list[str]]:
-    """Names of the columns, units of a row of units, and titles."""
+    """Return names of columns, their units if a row has them, and titles, from the lines ``before`` the rows.
+
+    ``remarks`` are comments, the last of which may be the header; ``names`` are given by the user. ``width`` is the
+    number of fields of a row, 0 without rows.
+    """
     if not before:
         if names:
             return list(names), {}, []
-        if remarks and len(form.names(remarks[-1])) == width:  # as numpy.savetxt and Exudyn write it
+        # header in a comment, as written by numpy.savetxt and Exudyn
+        if remarks and len(form.names(remarks[-1])) == width:
             return form.names(remarks[-1]), {}, []
         raise ValueError("it has no header: name its columns in order, --columns t,r_x,r_y,...")
     if not width:  # no rows
@@ -167,16 +189,16 @@ def _read_header(
 
 
 def is_number(text: str) -> bool:
-    """Whether a field is a number, or says that it is none."""
+    """Return whether a field is a number, including infinity and NaN."""
     match = NUMBER.fullmatch(text)
     return bool(match and (match[1] or match[2])) or text.lower() in ("nan", "inf", "-inf", "+inf", "infinity")
 
 
 def measure_resolution(values: Float[np.ndarray, " nt"], printed: list[str]) -> Float[np.ndarray, " nt"]:
-    """Half a unit of the last digit of ``values``: %f fixes the decimals of a column, %e and %g its digits.
+    """Return half a unit of the last digit of ``values``: %f fixes the decimals of a column, %e and %g its digits.
 
-    Whole numbers are exact: zeros of a planar motion, mostly. Numbers that float32 holds to all digits printed were
-    computed in it.
+    ``printed`` is a sample of the column's fields. Whole numbers are exact, for they are mostly zeros of a planar
+    motion. Numbers that float32 represents to all printed digits are taken to be computed in it.
     """
     digits, decimals = 1, 0
     for match in filter(None, map(NUMBER.fullmatch, printed)):

@@ -1,1 +1,1 @@
-"""Random mechanisms in several presentations: a code must give one answer to all, and the right one."""
+"""Test codes on random mechanisms in several presentations: all must have one answer, and the right one."""

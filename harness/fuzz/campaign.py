@@ -1,4 +1,4 @@
-"""All codes on all mechanisms, in processes of their own: one that crashes costs the mechanism at work."""
+"""Run all codes on all mechanisms, in separate processes: one that crashes loses only the mechanism at work."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -10,20 +10,23 @@ import numpy as np
 from ..catalogue import registry
 from ..code_meter import CODE_LIMIT
 from ..mechanics.presentation import SPACE_AXES, Presentation
-from ..sandbox.apart import TICK, Apart, Ended
+from ..sandbox.forked_process import TICK, ForkedProcess, ProcessEnd
 from .drawing import draw_mechanism
-from .mechanism import Mechanism
-from .oracle import FLOOR, Kind, Oracle, Outcome
+from .mechanism import RandomMechanism
+from .oracle import FLOOR, Behaviour, Oracle, OracleOutcome
 from .presenting import Form
 
-CHUNK, MEMORY, CPU = 80, 4000.0, 3.0  # pairs of a process, its [MB], and [s] of CPU time for a pair
+CHUNK, MEMORY, CPU = 80, 4000.0, 3.0  # pairs for a process, its memory [MB], and CPU time [s] for a pair
 UNITS = (1e-3, 0.1, 1.0, 10.0, 1e3)
 PARTS = ("split", "rotation", "mirror", "duplicate", "renumber", "units")
 Pair = tuple[int, str]  # number of the mechanism, solver
 
 
-def draw_form(seed: int, number: int, m: Mechanism) -> Form:
-    """How mechanism ``number`` is presented: mostly one change, sometimes several."""
+def draw_form(seed: int, number: int, m: RandomMechanism) -> Form:
+    """Draw the form in which mechanism ``number`` of a campaign is presented, the same one every time.
+
+    Mostly it has one change, sometimes several.
+    """
     random = np.random.default_rng((seed, number, 2**31))
     possible = [p for p in PARTS if p != "duplicate" or m.connections]
     several = random.random() < 0.25
@@ -43,22 +46,25 @@ def draw_form(seed: int, number: int, m: Mechanism) -> Form:
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What the trials of a campaign have in common; a form is drawn for each where none is given."""
+class CampaignSettings:
+    """Define what the trials of a campaign have in common; a form is drawn for each trial where none is given."""
 
     seed: int
-    floor: float = FLOOR
-    options: dict[str, str] = field(default_factory=dict)
+    floor: float = FLOOR  # fraction of the mechanism's size below which no deviation counts
+    options: dict[str, str] = field(default_factory=dict)  # options of the solvers
     form: Form | None = None
 
     def oracle(self, number: int) -> Oracle:
-        """Mechanism ``number`` in both forms."""
+        """Return the oracle of mechanism ``number``, which has it as drawn and in its form."""
         m = draw_mechanism(self.seed, number)
         return Oracle(m, self.form or draw_form(self.seed, number, m), self.floor)
 
 
-def run_campaign(settings: Settings, pairs: Sequence[Pair], jobs: int) -> Iterator[Outcome]:
-    """The outcomes, each as soon as it is there."""
+def run_campaign(settings: CampaignSettings, pairs: Sequence[Pair], jobs: int) -> Iterator[OracleOutcome]:
+    """Run the solver of each pair on its mechanism, in up to ``jobs`` processes; yield each outcome when it is known.
+
+    A pair that ends its process is crashed or failed, and the pairs after it go to another process.
+    """
     _warm(settings.seed, {solver for _, solver in pairs})
     waiting = [list(pairs[k : k + CHUNK]) for k in range(0, len(pairs), CHUNK)][::-1]
     active: list[_Chunk] = []
@@ -69,14 +75,14 @@ def run_campaign(settings: Settings, pairs: Sequence[Pair], jobs: int) -> Iterat
                 active.append(_Chunk(chunk, _begin(settings, chunk)))
             time.sleep(TICK)
             for one in list(active):
-                ended = one.process.look()
-                sent = (ended.sent if ended else one.process.hear()).split("\n")[one.done : -1]
+                ended = one.process.check_end()
+                sent = (ended.sent if ended else one.process.read_lines()).split("\n")[one.done : -1]
                 one.done += len(sent)
-                yield from (msgspec.json.decode(line, type=Outcome) for line in sent)
+                yield from (msgspec.json.decode(line, type=OracleOutcome) for line in sent)
                 if ended is None:
                     continue
                 active.remove(one)
-                if left := one.pairs[one.done :]:  # a code ended the process
+                if left := one.pairs[one.done :]:  # the code that was running ended the process
                     yield _crash(left[0], ended)
                     waiting += [left[1:]] if left[1:] else []
     finally:
@@ -87,15 +93,18 @@ def run_campaign(settings: Settings, pairs: Sequence[Pair], jobs: int) -> Iterat
 
 @dataclass
 class _Chunk:
-    """Pairs and the process at work on them; how many are ``done``."""
+    """Keep pairs and the process at work on them, and how many are ``done``."""
 
     pairs: list[Pair]
-    process: Apart
+    process: ForkedProcess
     done: int = 0
 
 
-def _begin(settings: Settings, chunk: Sequence[Pair]) -> Apart:
+def _begin(settings: CampaignSettings, chunk: Sequence[Pair]) -> ForkedProcess:
+    """Start the process that examines a chunk of pairs and sends each outcome as a line of JSON."""
+
     def target(send: Callable[[str], None]) -> None:
+        """Examine the pairs of the chunk one by one."""
         oracle, last = None, -1
         for number, solver in chunk:
             if oracle is None or number != last:
@@ -103,18 +112,21 @@ def _begin(settings: Settings, chunk: Sequence[Pair]) -> Apart:
             found = replace(oracle.examine(solver, registry.make_solver(solver, settings.options)), number=number)
             send(msgspec.json.encode(found).decode())
 
-    return Apart(target, limit=60.0 + CPU * len(chunk), memory=MEMORY, code=CODE_LIMIT)
+    return ForkedProcess(target, limit=60.0 + CPU * len(chunk), memory=MEMORY, code=CODE_LIMIT)
 
 
-def _crash(pair: Pair, ended: Ended) -> Outcome:
+def _crash(pair: Pair, ended: ProcessEnd) -> OracleOutcome:
+    """Return the outcome of a pair that ended its process: failed at a limit, else crashed."""
     what = "memory" if ended.over == "memory" else f"{ended.over or 'cpu'} time"
     words = f"over its limit of {what}" if ended.at_limit else ended.words
-    return Outcome(pair[1], Kind.FAILED if ended.at_limit else Kind.CRASHED, words=words, number=pair[0])
+    return OracleOutcome(
+        pair[1], Behaviour.FAILED if ended.at_limit else Behaviour.CRASHED, words=words, number=pair[0]
+    )
 
 
 def _warm(seed: int, solvers: Iterable[str]) -> None:
-    """Compile our kernels before all forks; other people's codes stay out of this process."""
+    """Compile the kernels of these solvers before all forks; foreign codes are not run in this process."""
     own = [s for s in solvers if registry.is_own_solver(s) and s not in registry.engines()]
-    oracle = Settings(seed).oracle(0)
+    oracle = CampaignSettings(seed).oracle(0)
     for solver in own:
         oracle.examine(solver)

@@ -1,4 +1,4 @@
-"""Findings on disk: cases that the command repeats (JSON), mechanisms for other codes (MJCF), and a page of all."""
+"""Write findings to disk: cases that the command repeats (JSON), mechanisms for other codes (MJCF), and a page."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
@@ -17,8 +17,8 @@ from ..files import read_text, write_text
 from ..mechanics.system import GROUND
 from ..types import Problem
 from .log import NOT_ASKED, SUMMARY
-from .mechanism import Mechanism
-from .oracle import FLOOR, Kind, Oracle, Outcome, Places, Verdict
+from .mechanism import RandomMechanism
+from .oracle import FLOOR, Behaviour, Oracle, OracleOutcome, OracleVerdict, Places
 from .presenting import Form
 
 WIDTH = 118
@@ -27,15 +27,16 @@ NONE = "No other route was asked, or none confirms it."
 
 @dataclass(frozen=True)
 class Case:
-    """A mechanism, its form, what a code does with them, and what other routes say of it; the cause, once known.
+    """Describe a mechanism, its form, what a code does with them, what other routes say of it, and the known cause.
 
-    ``ends``: places of the bodies at the end, exact and by form; ``notes`` of the code's run, its version among them.
+    ``ends`` has the places of the bodies at the end, exact and by form; ``notes`` are those of the code's run, with its
+    version.
     """
 
-    outcome: Outcome
-    mechanism: Mechanism
+    outcome: OracleOutcome
+    mechanism: RandomMechanism
     form: Form
-    verdict: Verdict | None = None
+    verdict: OracleVerdict | None = None
     evidence: str = ""
     options: dict[str, str] = field(default_factory=dict)
     floor: float = FLOOR
@@ -45,23 +46,23 @@ class Case:
 
     @property
     def name(self) -> str:
-        """That of its files."""
+        """Name of its files, without extension."""
         return f"{self.outcome.solver}-{self.outcome.number}"
 
     @property
     def drawings(self) -> dict[str, Form]:
-        """Files of the mechanism as drawn and in its form."""
+        """Names of the files with the mechanism as drawn and, if it is another, in its form; with those forms."""
         changed = {f"{self.name}-form.xml": self.form} if self.form != Form() else {}
         return {f"{self.name}.xml": Form(), **changed}
 
     @property
     def oracle(self) -> Oracle:
-        """To examine it again."""
+        """The oracle that examines the case again."""
         return Oracle(self.mechanism, self.form, self.floor)
 
 
 def write_cases(folder: Path, cases: Sequence[Case]) -> None:
-    """Write a case and a mechanism for each; a cause that is already written there stays."""
+    """Write for each case its JSON and its mechanism as MJCF; a cause that is already written there is kept."""
     folder.mkdir(parents=True, exist_ok=True)
     for case in cases:
         path = folder / f"{case.name}.json"
@@ -69,8 +70,8 @@ def write_cases(folder: Path, cases: Sequence[Case]) -> None:
         text = msgspec.json.format(msgspec.json.encode(replace(case, cause=cause)), indent=1).decode()
         write_text(path, text + "\n")
         for file, form in case.drawings.items():
-            with suppress(ValueError):  # joints that MJCF has not
-                write_text(folder / file, mjcf(form.present(case.oracle.problem)))
+            with suppress(ValueError):  # MJCF lacks some kinds of joints
+                write_text(folder / file, mjcf(form.present_problem(case.oracle.problem)))
 
 
 def write_page(folder: Path) -> None:
@@ -79,12 +80,12 @@ def write_page(folder: Path) -> None:
 
 
 def page(folder: Path) -> str:
-    """The counts in a sentence and a table, and a paragraph for each case."""
+    """Return the text of ``README.md``: counts in a sentence and a table, and a paragraph for each case."""
     summary = msgspec.json.decode(read_text(folder / SUMMARY, "summary"))
     of = summary["counts"]["all"]
     seeds = ", ".join(map(str, summary["seeds"]))
     who = f"{len(summary['counts']) - 1} codes on {summary['mechanisms']} mechanisms (seed {seeds})"
-    verdicts = ", ".join(f"{of[v]} {v}" for v in (*Verdict, NOT_ASKED))
+    verdicts = ", ".join(f"{of[v]} {v}" for v in (*OracleVerdict, NOT_ASKED))
     intro = (
         f"{of['trials']} trials of {who}: {of['deviations']} deviations, of which {verdicts}. A deviation is confirmed "
         "if two other routes agree on the true motion and the code is off it. Those shown are shrunk, and are "
@@ -103,16 +104,20 @@ def page(folder: Path) -> str:
 
 
 def _fill(text: str) -> str:
+    """Return the text in lines of at most ``WIDTH`` characters."""
     return fill(text, WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
 def _numbers(case: Case) -> str:
+    """Return in words the form and the steps of a case, and how far the answer is off."""
     o, m = case.outcome, case.mechanism
     where = f"Form: `{case.form}`, {m.steps} steps of {m.dt:g} s."
     if not o.limit:
         return f"{where} {o.words}"
     coarse, fine = o.deviation
-    what = "The answers differ" if o.kind is Kind.PRESENTATION else f"The answer (`{o.form}`) is off the true motion"
+    what = (
+        "The answers differ" if o.kind is Behaviour.PRESENTATION else f"The answer (`{o.form}`) is off the true motion"
+    )
     return (
         f"{where} {what} by {coarse:.3g} m, with half the step or the finer tolerance by {fine:.3g} m. The code's own "
         f"error, by that refinement, is {o.own:.2g} m."
@@ -120,7 +125,7 @@ def _numbers(case: Case) -> str:
 
 
 def _ends(case: Case) -> str:
-    """Places at the end in a sentence, and the notes of the run."""
+    """Return the places at the end in a sentence, and the notes of the run."""
     places = [f"{who} " + ", ".join(f"({x:.6g}, {y:.6g}, {z:.6g})" for x, y, z in at) for who, at in case.ends.items()]
     options = "".join(f", {name}={value}" for name, value in case.options.items())
     who = f"Run: {case.outcome.solver}{options}; {'; '.join(case.notes)}. " if case.notes else ""
@@ -130,7 +135,7 @@ def _ends(case: Case) -> str:
 
 
 def read_case(path: Path) -> Case:
-    """A case that was written, or ValueError."""
+    """Read a case from its file; raise ValueError if it is invalid."""
     try:
         return msgspec.json.decode(read_text(path, "case"), type=Case)
     except msgspec.MsgspecError as error:
@@ -138,7 +143,10 @@ def read_case(path: Path) -> Case:
 
 
 def mjcf(problem: Problem) -> str:
-    """The problem as MuJoCo's tree with cut joints, all digits printed; the keyframe ``start`` has its velocities."""
+    """Return the problem as MuJoCo's XML: a tree with cut joints, numbers with all digits, the start as a keyframe.
+
+    Raise ValueError if it has joints other than hinges and balls.
+    """
     s, start = problem.system, problem.initial
     if not s.is_pinned:
         raise ValueError("not written as MJCF: it has joints other than hinges and balls")
@@ -184,23 +192,28 @@ def mjcf(problem: Problem) -> str:
 
 
 def _table(counts: Mapping[str, Mapping[str, int]]) -> list[str]:
+    """Return the counts by solver as the lines of a Markdown table, without columns of zeros."""
     names = [name for name, number in counts["all"].items() if number]
     rows = [f"| {solver} | {' | '.join(str(of.get(n, 0)) for n in names)} |" for solver, of in counts.items()]
     return [f"| | {' | '.join(names)} |", f"|---|{'---|' * len(names)}", *rows]
 
 
-def _parts(m: Mechanism) -> str:
+def _parts(m: RandomMechanism) -> str:
+    """Return bodies, joints and springs of a mechanism in words."""
     joints = ", ".join(f"{c.kind} {_end(c.i)}-{_end(c.j)}" for c in m.connections) or "no joints"
     return f"{len(m.bodies)} bodies; {joints}; {len(m.springs)} springs."
 
 
 def _end(body: int) -> str:
+    """Return a body of a joint in words: ``ground``, or its number from 1."""
     return "ground" if body == GROUND else str(body + 1)
 
 
 def _name(body: int) -> str:
+    """Return the name of a body in the MJCF, numbered from 1."""
     return f"body {body + 1}"
 
 
 def _text(a: Sequence[float] | np.ndarray) -> str:
+    """Return numbers as an attribute of MJCF, with all digits."""
     return " ".join(repr(float(x)) for x in a)

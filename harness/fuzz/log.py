@@ -1,4 +1,4 @@
-"""Every trial of a campaign on disk, a line of JSON each: a campaign can be interrupted, continued and counted."""
+"""Keep every trial of a campaign on disk, a line of JSON each, so that it can be interrupted, continued and counted."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping
@@ -11,42 +11,45 @@ from ..catalogue import registry
 from ..code_meter import CODE_LIMIT
 from ..files import FileError, read_text, write_text
 from ..results.codes import package_sources
-from ..sandbox.apart import Apart
-from .campaign import MEMORY, Settings
-from .oracle import FINDINGS, Kind, Outcome, Verdict
+from ..sandbox.forked_process import ForkedProcess
+from .campaign import MEMORY, CampaignSettings
+from .oracle import FINDINGS, Behaviour, OracleOutcome, OracleVerdict
 
 NAME, SUMMARY = "trials.jsonl", "summary.json"
-CPU = 180.0  # [s] for the second route: a reference of an unlucky mechanism takes a minute
+CPU = 180.0  # [s] for the second route: the reference of a difficult mechanism takes a minute
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An outcome, the settings and the code it is of, and of a deviation what the second route says."""
+    """Keep an outcome, its settings and code and, for a deviation, what the second route says."""
 
-    settings: Settings
+    settings: CampaignSettings
     code: str  # digest of the solver; "" for plugins
-    outcome: Outcome
-    verdict: Verdict | None = None
+    outcome: OracleOutcome
+    verdict: OracleVerdict | None = None
     evidence: str = ""
 
     @property
     def key(self) -> tuple[str, int, str]:
-        """What it is a trial of, by whatever code; a later line with the same key replaces it."""
+        """The settings, mechanism and solver of the trial; a later line of the log with the same key replaces it.
+
+        The code of the solver is not part of it.
+        """
         return str(self.settings), self.outcome.number, self.outcome.solver
 
     @property
     def is_deviation(self) -> bool:
-        """Whether the second route is to be asked."""
+        """True if the code deviates by its outcome, so that the second route must be asked."""
         return self.outcome.kind in FINDINGS
 
 
-def code_of(solver: str) -> str:
-    """The digest of a solver's modules."""
+def digest_solver(solver: str) -> str:
+    """Return the digest of the code of a solver of the package; empty for one of a plugin."""
     return package_sources().solvers.get(solver, "")
 
 
 def read_trials(folder: Path) -> list[Trial]:
-    """All trials in ``folder``, each as its last line says; a last line that was cut off is taken away."""
+    """Read all trials in ``folder``, each from its last line; an incomplete last line is removed from the file."""
     path, trials = folder / NAME, {}
     text = read_text(path, "trials") if path.exists() else ""
     if text and not text.endswith("\n"):
@@ -62,27 +65,31 @@ def read_trials(folder: Path) -> list[Trial]:
 
 
 def append_trial(folder: Path, trial: Trial) -> None:
-    """Add a line."""
+    """Add a trial to the log in ``folder``, as a line of JSON."""
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / NAME).open("ab") as file:
         file.write(msgspec.json.encode(trial) + b"\n")
 
 
 def ask_second_route(trial: Trial) -> Trial:
-    """``trial`` of a deviation with its verdict, found in a process of its own."""
+    """Return a trial with the verdict of other routes on its deviation, which a separate process finds.
+
+    The verdict is undecidable if that process ends without one.
+    """
 
     def target(send: Callable[[str], None]) -> None:
+        """Let the oracle decide, and send verdict and evidence."""
         found, settings = trial.outcome, trial.settings
         oracle = settings.oracle(found.number)
         send(json.dumps(oracle.decide(found.solver, registry.make_solver(found.solver, settings.options))))
 
-    sent = Apart(target, limit=CPU, memory=MEMORY, code=CODE_LIMIT).wait().sent
-    verdict, evidence = json.loads(sent) if sent else (Verdict.UNDECIDABLE, "the second route did not answer")
-    return replace(trial, verdict=Verdict(verdict), evidence=evidence)
+    sent = ForkedProcess(target, limit=CPU, memory=MEMORY, code=CODE_LIMIT).wait().sent
+    verdict, evidence = json.loads(sent) if sent else (OracleVerdict.UNDECIDABLE, "the second route did not answer")
+    return replace(trial, verdict=OracleVerdict(verdict), evidence=evidence)
 
 
 def count_trials(trials: Iterable[Trial]) -> dict[str, dict[str, int]]:
-    """By solver: trials, those of each kind, deviations, and these by verdict; ``all`` are sums."""
+    """Count by solver trials, those of each behaviour, deviations, and deviations by verdict; ``all`` has the sums."""
     counts: dict[str, dict[str, int]] = {}
     for trial in trials:
         names = ["trials", str(trial.outcome.kind)]
@@ -95,15 +102,18 @@ def count_trials(trials: Iterable[Trial]) -> dict[str, dict[str, int]]:
 
 
 NOT_ASKED = "not asked"
-COLUMNS = ("trials", *map(str, Kind), "deviations", *map(str, Verdict), NOT_ASKED)
+COLUMNS = ("trials", *map(str, Behaviour), "deviations", *map(str, OracleVerdict), NOT_ASKED)
 
 
 def write_summary(folder: Path, trials: Iterable[Trial]) -> Mapping[str, Mapping[str, int]]:
-    """Write ``summary.json`` and return its counts."""
+    """Write ``summary.json`` of all trials to ``folder``, and return its counts by solver."""
     trials = list(trials)
     counts = count_trials(trials)
-    text = {"mechanisms": len({(t.settings.seed, t.outcome.number) for t in trials}),
-            "seeds": sorted({t.settings.seed for t in trials}), "counts": counts}  # fmt: skip
+    text = {
+        "mechanisms": len({(t.settings.seed, t.outcome.number) for t in trials}),
+        "seeds": sorted({t.settings.seed for t in trials}),
+        "counts": counts,
+    }
     folder.mkdir(parents=True, exist_ok=True)
     write_text(folder / SUMMARY, json.dumps(text, indent=1) + "\n")
     return counts

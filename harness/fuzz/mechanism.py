@@ -1,6 +1,7 @@
-"""A mechanism as plain numbers of its start in space, which any change leaves closed: points and axes are shared there.
+"""Define a mechanism by numbers of its start in space; joints share points and axes, so any change keeps it closed.
 
-What a joint or spring needs in the frames of bodies is computed from their poses; velocities are moved onto the joints.
+What a joint or spring needs in the frames of bodies is computed from their poses; velocities are projected onto the
+joints.
 """
 
 from dataclasses import dataclass, replace
@@ -19,61 +20,66 @@ from ..types import Problem
 Vec = tuple[float, float, float]
 ZERO: Vec = (0.0, 0.0, 0.0)
 TURN, LONGEST = 0.05, 0.01  # angle of a step [rad] and longest step [s]
-GOES_ON = 1e-6  # of A_dot v and speeds squared: in 2,000 mechanisms at most 2e-11 is left, or 0.005 and more
-RANK = 1e-9  # of the largest singular value of A
-FASTER = 2  # times the size of the mechanism: rates of a point mass are those of its arm
+# relative to A_dot v and speeds squared: in 2,000 mechanisms the residual is at most 2e-11, or at least 0.005
+GOES_ON = 1e-6
+RANK = 1e-9  # relative to the largest singular value of A
+FASTER = 2  # factor on the rates of springs, which are computed for point masses
 
 
 @dataclass(frozen=True)
-class Body:
-    """Mass [kg], inertia about C in the body's frame [kg m2], C [m], rotation vector, velocity of C, Omega."""
+class RandomBody:
+    """Hold mass [kg], inertia about C in the body's frame [kg m2], C [m], rotation vector, velocity of C, Omega."""
 
     mass: float
     inertia: tuple[Vec, Vec, Vec]
-    place: Vec
-    turn: Vec = ZERO
-    velocity: Vec = ZERO
-    spin: Vec = ZERO
+    place: Vec  # [m] C in space
+    turn: Vec = ZERO  # [rad] rotation vector, body to space
+    velocity: Vec = ZERO  # [m/s] of C, in space
+    spin: Vec = ZERO  # [rad/s] Omega, in the body
 
 
 @dataclass(frozen=True)
-class Connection:
-    """A joint of bodies i and j (-1: ground) at a point of space, with its axis; a distance has a second point."""
+class RandomJoint:
+    """Connect bodies i and j (-1: ground) by a joint at a point of space, with axis; a distance has a second point."""
 
     kind: JointKind
     i: int
     j: int
     point: Vec
     axis: Vec = (0.0, 0.0, 1.0)
-    far: Vec = ZERO
+    far: Vec = ZERO  # [m] the second point, if the joint keeps a distance
 
 
 @dataclass(frozen=True)
 class Spring:
-    """A spring-damper between points of space, carried by bodies i and j."""
+    """Connect points of space, carried by bodies i and j, by a spring-damper."""
 
     i: int
     j: int
     point_i: Vec
     point_j: Vec
-    stiffness: float
-    rest: float
-    damping: float = 0.0
+    stiffness: float  # [N/m]
+    rest: float  # [m] length without force
+    damping: float = 0.0  # [N s/m]
 
 
 @dataclass(frozen=True)
-class Mechanism:
-    """All of a random mechanism; ``t_end`` [s] are ``steps`` steps."""
+class RandomMechanism:
+    """Hold all of a random mechanism; ``t_end`` [s] is ``steps`` steps."""
 
-    bodies: tuple[Body, ...]
-    connections: tuple[Connection, ...] = ()
+    bodies: tuple[RandomBody, ...]
+    connections: tuple[RandomJoint, ...] = ()
     springs: tuple[Spring, ...] = ()
     gravity: Vec = (0.0, 0.0, -9.81)
-    dt: float = LONGEST
+    dt: float = LONGEST  # [s] step
     steps: int = 100
 
     def problem(self) -> Problem:
-        """As a problem, or ValueError where no start satisfies the joints, or no motion has its velocities."""
+        """Assemble the mechanism as a problem, with velocities that satisfy the joints.
+
+        Raise ValueError or InconsistentStart where no start satisfies the joints, or no motion has its
+        velocities.
+        """
         r = np.array([b.place for b in self.bodies] + [ZERO])
         R = so3.exp(np.array([b.turn for b in self.bodies] + [ZERO]))
         system = assemble(
@@ -101,29 +107,32 @@ class Mechanism:
 
     @property
     def size(self) -> float:
-        """Largest distance of two points that matter [m]."""
+        """Largest extent of centres of mass, joints and springs along an axis of space [m]."""
         points = [b.place for b in self.bodies]
         points += [c.point for c in self.connections] + [s.point_j for s in self.springs]
         return max(float(np.max(np.ptp(np.array(points), axis=0))), 0.1)
 
-    def choose_step(self) -> "Mechanism":
-        """With steps in which nothing turns by more than ``TURN``, by what moves and acts at the start."""
+    def choose_step(self) -> "RandomMechanism":
+        """Return the mechanism with steps in which nothing turns by more than ``TURN``, estimated at the start."""
         p = self.problem()
         rates = accelerations(p.system, p.initial)
         stiff = [s.stiffness / min(self.bodies[b].mass for b in (s.i, s.j) if b != GROUND) for s in self.springs]
         values = [
-            np.abs(p.initial.Omega), np.abs(p.initial.v) / self.size, np.sqrt(np.abs(rates.v_dot) / self.size),
-            np.sqrt(np.abs(rates.Omega_dot)), FASTER * np.sqrt(np.array(stiff)),
-        ]  # fmt: skip
+            np.abs(p.initial.Omega),
+            np.abs(p.initial.v) / self.size,
+            np.sqrt(np.abs(rates.v_dot) / self.size),
+            np.sqrt(np.abs(rates.Omega_dot)),
+            FASTER * np.sqrt(np.array(stiff)),
+        ]
         fastest = max(float(np.max(a, initial=0.0)) for a in values)
         return replace(self, dt=float(f"{min(LONGEST, TURN / max(fastest, 1e-9)):.2g}"))
 
 
 def _check_velocities(system: MultibodySystem, start: State) -> None:
-    """A v_dot = -A_dot v has to have a solution.
+    """Raise InconsistentStart unless A v_dot = -A_dot v has a solution.
 
-    Where two motions cross, as in a flat parallelogram, A loses rank, and A v = 0 holds for sums of their velocities
-    too, with which nothing moves: codes then differ as they like.
+    Where two motions cross, as in a flat parallelogram, A loses rank, and A v = 0 also holds for sums of their
+    velocities, with which nothing can move: any result of a code is then arbitrary.
     """
     e = equations(system, start)
     if not len(e.A):
@@ -134,7 +143,8 @@ def _check_velocities(system: MultibodySystem, start: State) -> None:
         raise InconsistentStart(f"no motion has the velocities of the start: A v_dot + A_dot v stays at {left:.2g}")
 
 
-def _joint(c: Connection, k: int, r: Float[np.ndarray, "places 3"], R: Float[np.ndarray, "places 3 3"]) -> Joint:
+def _joint(c: RandomJoint, k: int, r: Float[np.ndarray, "places 3"], R: Float[np.ndarray, "places 3 3"]) -> Joint:
+    """Return joint ``k`` with its arms and axes in the frames of its bodies, whose poses are ``r`` [m] and ``R``."""
     x = np.array(c.point)
     far = np.array(c.far) if c.kind == JointKind.DISTANCE else x
     ends = _to_body_frame(r, R, c.i, x), c.j, _to_body_frame(r, R, c.j, far)
@@ -154,6 +164,6 @@ def _joint(c: Connection, k: int, r: Float[np.ndarray, "places 3"], R: Float[np.
 def _to_body_frame(
     r: np.ndarray, R: np.ndarray, body: int, x: Float[np.ndarray, " 3"] | Vec
 ) -> Float[np.ndarray, " 3"]:
-    """A point of space in the frame of a body, from its C."""
+    """Return a point of space ``x`` [m] in the frame of a body, relative to its C."""
     out: np.ndarray = R[body].T @ (np.array(x) - r[body])
     return out

@@ -1,4 +1,4 @@
-"""Does a code give one answer to all forms of a mechanism, and the right one?
+"""Examine whether a code has one answer to all forms of a mechanism, and the right one.
 
 ``own`` is the code's own error: how far half the step (or a tolerance ``FINER`` times as small) moves its answer, in
 both forms together. A deviation counts beyond ``TIMES`` of it and ``floor`` of the size of the mechanism, with the
@@ -19,61 +19,61 @@ from ..mechanics.state import State
 from ..reference.computation import compute_reference, is_computable
 from ..shapes import LARGEST
 from ..types import Problem, Solver, Status, StepControl
-from .mechanism import Mechanism
+from .mechanism import RandomMechanism
 from .presenting import Form
 
 TIMES, FLOOR, FINER = 10.0, 1e-7, 32.0
-RTOL, CPU = 1e-7, 5.0  # of a code under error control; [s] for one motion
+RTOL, CPU = 1e-7, 5.0  # tolerance of a code with error control; [s] for one motion
 TRUTH, TRUE, NEARLY = "rkmk_dop853", 1e-12, 1e-10
-SECOND = "scipy_strong_form"  # shares no equation with the first beyond the rows
-AMPLIFIED = 1e3  # by which the answers of a worse code may differ more than those of the truth
+SECOND = "scipy_strong_form"  # shares no equation with the first except the constraint rows
+AMPLIFIED = 1e3  # factor by which the answers of a less accurate code may differ more than those of the truth
 
 
 Answer = tuple[State, ...]
 Places = tuple[tuple[float, ...], ...]  # of C of each body [m]
 
 
-class Kind(StrEnum):
-    """How a code does on a mechanism."""
+class Behaviour(StrEnum):
+    """Classify the behaviour of a code on a mechanism."""
 
-    SOUND = "sound"
+    SOUND = "sound"  # one answer, and no deviation from the true motion
     REFUSED = "refused"
     PARTLY_REFUSED = "refused in one form"
     FAILED = "failed"
-    ONE_SIDED = "failed in one form"
-    UNDECIDED = "undecided"
+    ONE_SIDED = "failed in one form"  # the true motion is known, and one form alone reaches the end
+    UNDECIDED = "undecided"  # the true motion is not known well enough
     PRESENTATION = "answer depends on the form"
     TRUTH = "converges to a wrong motion"
     CRASHED = "crashed"
 
 
-class Verdict(StrEnum):
-    """What other routes say of a deviation."""
+class OracleVerdict(StrEnum):
+    """Classify what other routes say of a deviation."""
 
-    CONFIRMED = "confirmed"  # they agree on the motion, and the code is off it
-    DISMISSED = "dismissed"  # they agree on the motion, and the code is on it
+    CONFIRMED = "confirmed"  # they agree on the motion, and the code differs from it
+    DISMISSED = "dismissed"  # they agree on the motion, and the code has it
     UNDECIDABLE = "not decidable"  # no reference, or the routes differ
 
 
-FINDINGS = (Kind.PRESENTATION, Kind.TRUTH)  # deviations
-SHOWN = (*FINDINGS, Kind.ONE_SIDED, Kind.CRASHED)
+FINDINGS = (Behaviour.PRESENTATION, Behaviour.TRUTH)  # deviations
+SHOWN = (*FINDINGS, Behaviour.ONE_SIDED, Behaviour.CRASHED)
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """How ``solver`` does on a mechanism in a form; lengths in m, with the coarse and with the fine step.
+class OracleOutcome:
+    """Describe how ``solver`` does on a mechanism in a form; lengths in m, with the coarse and with the fine step.
 
-    Lengths beyond all numbers are the largest: JSON has no infinity, and what is written must be read again.
+    Infinite lengths are replaced by the largest number: JSON has no infinity, and the file must be readable again.
     """
 
     solver: str
-    kind: Kind
+    kind: Behaviour
     form: Form = field(default_factory=Form)
-    words: str = ""
-    deviation: tuple[float, float] = (0.0, 0.0)
-    own: float = 0.0
-    limit: float = 0.0
-    number: int = -1
+    words: str = ""  # why it refused or failed
+    deviation: tuple[float, float] = (0.0, 0.0)  # [m] with the coarse and the fine step
+    own: float = 0.0  # [m] the code's own error: how far half the step moves its answer
+    limit: float = 0.0  # [m] beyond which a deviation counts; 0 if there was nothing to compare
+    number: int = -1  # number of the mechanism in its campaign
 
     def __post_init__(self) -> None:
         coarse, fine = (_finite(x) for x in self.deviation)
@@ -82,137 +82,157 @@ class Outcome:
 
     @property
     def strength(self) -> float:
-        """The deviation over its limit."""
+        """The smaller deviation, of coarse and fine step, over its limit; 0 without a limit."""
         return min(self.deviation) / self.limit if self.limit else 0.0
 
 
 @dataclass(frozen=True)
 class Oracle:
-    """A mechanism in two forms: as drawn, and in ``form``."""
+    """Hold a mechanism in two forms: as drawn, and in ``form``."""
 
-    mechanism: Mechanism
+    mechanism: RandomMechanism
     form: Form
     floor: float = FLOOR
 
     @cached_property
     def problem(self) -> Problem:
-        """As drawn."""
+        """The problem as drawn."""
         return self.mechanism.problem()
 
     @cached_property
-    def truth(self) -> tuple[State | None, float]:
-        """The end of the true motion, and how far its computations differ [m]; None if one failed."""
+    def true_motion(self) -> tuple[State | None, float]:
+        """The last state of the true motion, and how far its computations differ [m]; None, infinity if one fails."""
         solver = registry.make_solver(TRUTH)
-        ends = [_final_state(self._motion(solver, form, StepControl(rtol=rtol, cpu_limit=CPU)))
-                for form, rtol in ((Form(), TRUE), (Form(), NEARLY), (self.form, TRUE))]  # fmt: skip
+        ends = [
+            _final_state(self._motion(solver, form, StepControl(rtol=rtol, cpu_limit=CPU)))
+            for form, rtol in ((Form(), TRUE), (Form(), NEARLY), (self.form, TRUE))
+        ]
         if any(end is None for end in ends):
             return None, np.inf
         one, *others = (end for end in ends if end is not None)
-        return one, max(self.apart(one, other) for other in others)
+        return one, max(self.measure_distance(one, other) for other in others)
 
-    def apart(self, a: State, b: State) -> float:
-        """Largest distance of C, or angle times radius of gyration [m]."""
+    def measure_distance(self, a: State, b: State) -> float:
+        """Return the largest distance of two states over all bodies [m]: of C, or angle times radius of gyration."""
         turned = np.linalg.norm(a.R - b.R, axis=(1, 2)) / np.sqrt(2.0) * self.problem.system.gyration
         return float(max(np.max(np.linalg.norm(a.r - b.r, axis=1)), np.max(turned)))
 
-    def examine(self, name: str, solver: Solver | None = None) -> Outcome:
-        """The outcome for the solver ``name``, with its default options unless it is given."""
-        control = registry.entry_of("solver", name, registry.solvers()).control if solver is None else solver.control
+    def examine(self, name: str, solver: Solver | None = None) -> OracleOutcome:
+        """Solve the mechanism in both forms by the solver ``name``, with two steps each, and return how it behaves.
+
+        The solver has its default options unless it is given.
+        """
+        control = registry.find_entry("solver", name, registry.solvers()).control if solver is None else solver.control
         solver = registry.make_solver(name) if solver is None else solver
         steps = _steps(control, self.mechanism.dt)
         refused = self._refusal(solver, Form(), steps[0])
         if refused:
-            return Outcome(name, Kind.REFUSED, words=refused)
-        form, found = self.form, Outcome(name, Kind.SOUND, self.form)
+            return OracleOutcome(name, Behaviour.REFUSED, words=refused)
+        form, found = self.form, OracleOutcome(name, Behaviour.SOUND, self.form)
         if (refused := self._refusal(solver, form, steps[0])) and form.split:
             form = replace(form, weld="pinned")
             refused = self._refusal(solver, form, steps[0])
         if refused:
-            return replace(found, kind=Kind.PARTLY_REFUSED, words=refused, form=form)
+            return replace(found, kind=Behaviour.PARTLY_REFUSED, words=refused, form=form)
         found = replace(found, form=form)
         motions = [[self._motion(solver, f, step) for step in steps] for f in (Form(), form)]
         reached = [[_final_state(m) is not None for m in pair] for pair in motions]
         if not all(map(all, reached)):
-            words = next(m if isinstance(m, str) else "it claims success but does not reach the end"
-                         for pair in motions for m in pair if _final_state(m) is None)  # fmt: skip
+            words = next(
+                m if isinstance(m, str) else "it claims success but does not reach the end"
+                for pair in motions
+                for m in pair
+                if _final_state(m) is None
+            )
             alone = sorted(map(any, reached)) == [False, True] and sorted(map(all, reached)) == [False, True]
-            known = self.truth[1] <= self.floor * self.mechanism.size
-            return replace(found, kind=Kind.ONE_SIDED if alone and known else Kind.FAILED, words=words)
+            known = self.true_motion[1] <= self.floor * self.mechanism.size
+            return replace(found, kind=Behaviour.ONE_SIDED if alone and known else Behaviour.FAILED, words=words)
         ends = [[m[-1] for m in pair if not isinstance(m, str)] for pair in motions]
-        halves = [self.apart(*pair) for pair in ends]
-        true, spread = self.truth
-        between = self.apart(ends[0][0], ends[1][0]), self.apart(ends[0][1], ends[1][1])
+        halves = [self.measure_distance(*pair) for pair in ends]
+        true, spread = self.true_motion
+        between = self.measure_distance(ends[0][0], ends[1][0]), self.measure_distance(ends[0][1], ends[1][1])
         found = replace(found, deviation=between, own=sum(halves))
         if true is None or spread > self.floor * self.mechanism.size:
-            return replace(found, kind=Kind.UNDECIDED)
+            return replace(found, kind=Behaviour.UNDECIDED)
         floor = self.floor * self.mechanism.size + AMPLIFIED * spread
         found = replace(found, limit=TIMES * sum(halves) + floor)
         if min(between) > found.limit:
-            return replace(found, kind=Kind.PRESENTATION)
+            return replace(found, kind=Behaviour.PRESENTATION)
         for pair, half, which in zip(ends, halves, (Form(), form), strict=True):
-            off = self.apart(pair[0], true), self.apart(pair[1], true)
+            off = self.measure_distance(pair[0], true), self.measure_distance(pair[1], true)
             limit = TIMES * half + floor
             if min(off) > limit:
-                return replace(found, kind=Kind.TRUTH, deviation=off, own=half, limit=limit, form=which)
+                return replace(found, kind=Behaviour.TRUTH, deviation=off, own=half, limit=limit, form=which)
         return found
 
-    def answers(self, solver: Solver) -> tuple[dict[str, Places], tuple[str, ...]]:
-        """Where the exact motion ends, and by form that of ``solver`` with the fine step; its notes."""
+    def collect_answers(self, solver: Solver) -> tuple[dict[str, Places], tuple[str, ...]]:
+        """Return the places of C at the end of the motion, by form, and the notes of the solver's run.
+
+        They are those of ``solver`` with the fine step, in each form in which it succeeds, and of the true
+        motion (``exact``).
+        """
         fine, out = _steps(solver.control, self.mechanism.dt)[1], dict[str, Places]()
         notes: tuple[str, ...] = ()
-        if self.truth[0] is not None:
-            out["exact"] = _places(self.truth[0])
+        if self.true_motion[0] is not None:
+            out["exact"] = _places(self.true_motion[0])
         for form in dict.fromkeys((Form(), self.form)):
-            with np.errstate(all="ignore"), suppress(Exception):  # of code that is not ours: no answer
+            with np.errstate(all="ignore"), suppress(Exception):  # a foreign code may raise anything: no answer
                 found = form.solve(solver, self.problem, fine)
                 notes = notes or found.notes
                 if found.status is Status.SUCCESS:
                     out[str(form)] = _places(found.states[-1])
         return out, notes
 
-    def decide(self, name: str, solver: Solver | None = None) -> tuple[Verdict, str]:
-        """Whether other routes confirm a deviation of ``name``, and their evidence or why they cannot."""
+    def decide(self, name: str, solver: Solver | None = None) -> tuple[OracleVerdict, str]:
+        """Decide whether other routes confirm a deviation of the solver ``name``; return verdict and evidence.
+
+        The deviation is examined again first. If nothing can be decided, the evidence says why.
+        """
         solver = registry.make_solver(name) if solver is None else solver
         found = self.examine(name, solver)
-        if found.kind not in FINDINGS:  # a run that fails or is refused now shows nothing about the deviation
-            again = Verdict.DISMISSED if found.kind is Kind.SOUND else Verdict.UNDECIDABLE
+        if found.kind not in FINDINGS:  # a run that fails or is refused now says nothing about the deviation
+            again = OracleVerdict.DISMISSED if found.kind is Behaviour.SOUND else OracleVerdict.UNDECIDABLE
             return again, f"the deviation does not come back: {found.kind}"
         reference = _reference(self.problem)
         if reference is None:
-            return Verdict.UNDECIDABLE, "the second route states no error for the end of the motion"
+            return OracleVerdict.UNDECIDABLE, "the second route states no error for the end of the motion"
         end, sure, routes = reference
-        true = self.truth[0]
+        true = self.true_motion[0]
         assert true is not None
         other = _final_state(self._motion(registry.make_solver(SECOND), Form(), StepControl(rtol=1e-10, cpu_limit=CPU)))
-        second = np.inf if other is None else self.apart(other, end)
-        if sorted((sure, second, self.apart(true, end)))[1] > 0.1 * found.limit:  # the tested code may be one of them
-            return Verdict.UNDECIDABLE, "the other routes differ by more than a tenth of the limit"
+        second = np.inf if other is None else self.measure_distance(other, end)
+        # the second smallest, since the tested code may be one of them
+        if sorted((sure, second, self.measure_distance(true, end)))[1] > 0.1 * found.limit:
+            return OracleVerdict.UNDECIDABLE, "the other routes differ by more than a tenth of the limit"
         fine, off = _steps(solver.control, self.mechanism.dt)[1], {}
         for form in dict.fromkeys((Form(), found.form)):
             mine = _final_state(self._motion(solver, form, fine))
-            off[str(form)] = np.inf if mine is None else self.apart(mine, end)
-        others = {SECOND: second, TRUTH: self.apart(true, end)}
-        words = "; ".join(f"{who}: " + (f"{x:.2g} m" if np.isfinite(x) else "it does not reach the end")
-                          for who, x in (*off.items(), *others.items()))  # fmt: skip
+            off[str(form)] = np.inf if mine is None else self.measure_distance(mine, end)
+        others = {SECOND: second, TRUTH: self.measure_distance(true, end)}
+        words = "; ".join(
+            f"{who}: " + (f"{x:.2g} m" if np.isfinite(x) else "it does not reach the end")
+            for who, x in (*off.items(), *others.items())
+        )
         evidence = f"Distance from the reference ({routes}): {words}."
         if max(off.values()) == np.inf:
-            return Verdict.UNDECIDABLE, "the code does not reach the end again"
+            return OracleVerdict.UNDECIDABLE, "the code does not reach the end again"
         # two answers that differ by more than the limit cannot both be within 0.4 of it of the reference
-        return (Verdict.CONFIRMED if max(off.values()) > 0.4 * found.limit else Verdict.DISMISSED), evidence
+        return (OracleVerdict.CONFIRMED if max(off.values()) > 0.4 * found.limit else OracleVerdict.DISMISSED), evidence
 
     def _refusal(self, solver: Solver, form: Form, step: StepControl) -> str | None:
+        """Return why a solver refuses the problem in a form, also by an exception; None if it takes it."""
         try:
             reason = form.refuses(solver, self.problem, step)
-            return None if reason is None else str(reason)  # the log takes text alone
-        except Exception as error:  # of code that is not ours: a result
+            return None if reason is None else str(reason)  # the log holds text only
+        except Exception as error:  # a foreign code may raise anything: a result
             return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
     def _motion(self, solver: Solver, form: Form, step: StepControl) -> "Answer | str":
-        """The states of the bodies as drawn, or how it ended before the end."""
+        """Return the last state of the bodies as drawn, in a tuple, or in words why the end is not reached."""
         try:
             with np.errstate(all="ignore"):
                 found = form.solve(solver, self.problem, step)
-        except Exception as error:
+        except Exception as error:  # a solver may raise anything: an answer
             return f"{type(error).__name__}: {' '.join(str(error).split())}"
         last = found.states[-1]
         sound = all(np.all(np.isfinite(a)) for a in (last.r, last.R))
@@ -222,7 +242,10 @@ class Oracle:
 
 
 def _reference(problem: Problem) -> tuple[State, float, str] | None:
-    """The end of the motion by a route that is none of the solvers, its error [m], and the route in words."""
+    """Return the end of the motion by a route independent of the solvers, its error [m], and the route in words.
+
+    Return None if there is no such route, or it does not reach the end.
+    """
     start = problem.initial
     rates = accelerations(problem.system, start)
     if not any(map(np.any, (start.v, start.Omega, rates.v_dot, rates.Omega_dot))):
@@ -236,19 +259,25 @@ def _reference(problem: Problem) -> tuple[State, float, str] | None:
 
 
 def _places(end: State) -> Places:
+    """Return the positions of C of all bodies [m] as tuples."""
     return tuple(tuple(map(float, r)) for r in end.r)
 
 
 def _finite(length: float) -> float:
+    """Return a length, or the largest number that a file can hold if it is infinite or NaN."""
     return float(np.nan_to_num(length, nan=LARGEST))
 
 
 def _steps(control: str, dt: float) -> list[StepControl]:
-    """The coarse and the fine one."""
+    """Return the coarse and the fine control of a solver; ``control`` is what controls it, ``dt`` or ``rtol``.
+
+    ``dt`` is the coarse step [s].
+    """
     if control == "dt":
         return [StepControl(dt=step, cpu_limit=CPU) for step in (dt, 0.5 * dt)]
     return [StepControl(rtol=rtol, cpu_limit=CPU) for rtol in (RTOL, RTOL / FINER)]
 
 
 def _final_state(motion: "Answer | str") -> State | None:
+    """Return the last state of an answer; None for the words of a motion that did not reach its end."""
     return None if isinstance(motion, str) else motion[-1]

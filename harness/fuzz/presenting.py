@@ -1,9 +1,9 @@
-"""A problem presented otherwise: a body split into two welded ones, all of it turned, then ``mechanics.presentation``.
+"""Present a problem in another form: split a body into two welded ones, turn all, then ``mechanics.presentation``.
 
-``split`` takes half of the largest second moment of a body out of it, along its axis: so far apart are the centres of
-the two parts, and both are bodies that can exist. The first keeps the number, the second is the last body; every second
-joint and spring of the body goes with it. The weld is a fixed joint, or for codes that have none a hinge and a ball
-beside its axis, with two rows too many.
+``split`` takes half of the largest second moment out of a body, along its axis. This determines the distance of the
+centres of the two parts, and leaves both physically possible. The first keeps the number, the second is the last body;
+every second joint and spring of the body goes with it. The weld is a fixed joint or, for codes that have none, a hinge
+and a ball beside its axis, with two redundant rows.
 """
 
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from ..catalogue.registry import in_frame
+from ..catalogue.registry import rotate_problem
 from ..execution.presenting import PresentedSolver, present_problem
 from ..mechanics import so3
 from ..mechanics.joints import Joint, JointKind
@@ -23,14 +23,14 @@ from ..mechanics.system import MultibodySystem, RigidBody, assemble
 from ..types import Problem, Solver, StepControl, Trajectory
 
 Weld = Literal["fixed", "pinned"]
-SHARE = 0.4  # of the mass, to the first part
-TAKEN = 0.5  # of the largest second moment, by the distance of the parts
-ALIKE = 1e-6  # relative: below, a body has no inertia about an axis through the parts
+SHARE = 0.4  # fraction of the mass in the first part
+TAKEN = 0.5  # fraction of the largest second moment that the distance of the parts replaces
+ALIKE = 1e-6  # relative second moment below which a body has no extent: its parts share one centre
 
 
 @dataclass(frozen=True)
 class Form:
-    """How a problem is presented; the defaults leave it as it is."""
+    """Describe how a problem is presented; the defaults leave it unchanged."""
 
     split: int = 0  # body that is split, counted from 1; 0: none
     weld: Weld = "fixed"
@@ -38,8 +38,8 @@ class Form:
     plain: Presentation = field(default_factory=Presentation)
 
     @staticmethod
-    def of(words: Mapping[str, str]) -> "Form":
-        """The form of words like those of ``str(form)``, or ValueError."""
+    def parse(words: Mapping[str, str]) -> "Form":
+        """Return the form in words like those of ``str(form)``; raise ValueError if one is unknown or no number."""
         defaults, given = vars(Presentation()), dict(words)
         try:
             split = int(given.pop("split", "0"))
@@ -53,23 +53,26 @@ class Form:
             raise ValueError(f"a form has no {error.args[0]!r} (it has {known})") from None
 
     def problem(self, problem: Problem) -> Problem:
-        """``problem`` split and turned, with the rest of the form as its presentation."""
+        """Return ``problem`` with its body split and all turned; the rest of the form is noted as its presentation.
+
+        ``present_problem`` also applies that.
+        """
         bare = replace(problem, reference_from=None, observables=(), invariants=(), presentation=Presentation())
         if self.split:
             parts = _Parts(problem.system, self.split - 1)
             bare = replace(bare, system=parts.system(self.weld), initial=parts.state(problem.initial))
-        return replace(in_frame(bare, so3.exp(np.array(self.rotation))), presentation=self.plain)
+        return replace(rotate_problem(bare, so3.exp(np.array(self.rotation))), presentation=self.plain)
 
-    def present(self, problem: Problem) -> Problem:
-        """``problem`` as a code gets it."""
+    def present_problem(self, problem: Problem) -> Problem:
+        """Return ``problem`` in this form as a code gets it, with the presentation applied."""
         return present_problem(self.problem(problem), StepControl(dt=problem.dt))[0]
 
     def refuses(self, solver: Solver, problem: Problem, control: StepControl) -> str | None:
-        """Why ``solver`` cannot take this form of ``problem``, or None."""
+        """Return why ``solver`` cannot take this form of ``problem``; None if it can."""
         return PresentedSolver(solver).refuses(self.problem(problem), control)
 
     def solve(self, solver: Solver, problem: Problem, control: StepControl) -> Trajectory:
-        """The motion of the bodies of ``problem``, which the solver gets in this form; without reactions."""
+        """Solve ``problem`` in this form, and return the motion of its bodies as drawn, without reactions."""
         found = PresentedSolver(solver).solve(self.problem(problem), control)
         home = rotate_states(found.states, so3.exp(-np.array(self.rotation)))
         if self.split:
@@ -77,7 +80,7 @@ class Form:
         return replace(found, states=home, reaction=None)
 
     def parts(self) -> tuple["Form", ...]:
-        """Forms with one of the changes taken back, for each of them."""
+        """Return smaller forms, in each of which one of the changes is undone."""
         out = []
         if self.split:
             out.append(replace(self, split=0))
@@ -89,7 +92,7 @@ class Form:
         return tuple(out)
 
     def __str__(self) -> str:
-        """In the words of ``--problem-set``."""
+        """Return the form in words, as those of ``--problem-set``; ``as drawn`` if nothing is changed."""
         words = [f"split={self.split}", f"weld={self.weld}"] if self.split else []
         if any(self.rotation):
             words.append("rotation=" + ",".join(f"{x:.17g}" for x in self.rotation))
@@ -101,14 +104,14 @@ class Form:
 
 @dataclass(frozen=True)
 class _Parts:
-    """A body of a system in two parts."""
+    """Split body number ``body`` of the system ``whole`` into two parts."""
 
     whole: MultibodySystem
     body: int
 
     @property
     def way(self) -> Float[np.ndarray, " 3"]:
-        """From the C of the second part to that of the first, frame of the body."""
+        """Vector from the C of the second part to that of the first, in the frame of the body."""
         mass, J = self.whole.mass[self.body], self.whole.inertia[self.body]
         moments, axes = np.linalg.eigh(0.5 * np.trace(J) * np.eye(3) - J)
         largest = moments[2] if moments[2] > ALIKE * np.trace(J) else 0.0
@@ -117,11 +120,11 @@ class _Parts:
 
     @property
     def offsets(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-        """From the C of the body to those of the parts, frame of the body."""
+        """Vectors from the C of the body to those of the parts, in the frame of the body."""
         return (1.0 - SHARE) * self.way, -SHARE * self.way
 
     def system(self, weld: Weld) -> MultibodySystem:
-        """The parts, and their weld as the last joint (the last two, if it is pinned)."""
+        """Return the system with the body split; the weld of the parts is the last joint (two, if it is pinned)."""
         s, b, d = self.whole, self.body, self.way
         if len(s.user_i) or len(s.load_i):
             raise ValueError("split takes no system with loads or user forces")
@@ -129,8 +132,9 @@ class _Parts:
         parts = [RigidBody(share * s.mass[b], share * left) for share in (SHARE, 1.0 - SHARE)]
         welded = assemble(parts, self._weld(weld))
         changes: dict[str, Any] = {
-            "mass": np.append(s.mass, parts[1].mass), "inertia": np.concatenate((s.inertia, parts[1].inertia[None]))
-        }  # fmt: skip
+            "mass": np.append(s.mass, parts[1].mass),
+            "inertia": np.concatenate((s.inertia, parts[1].inertia[None])),
+        }
         changes["mass"][b], changes["inertia"][b] = parts[0].mass, parts[0].inertia
         for of, arm in (("joint", "joint_s"), ("spring", "spring_p")):
             ends = {e: np.array(getattr(s, f"{of}_{e}")) for e in "ij"}
@@ -151,7 +155,7 @@ class _Parts:
         return replace(s, **changes, body_names=names, joint_names=(*s.joint_names, *welded.joint_names))
 
     def state(self, state: State) -> State:
-        """Poses and velocities with those of the second part, the last body."""
+        """Return the state of the split system: poses and velocities of the parts, the second part as the last body."""
         both = [self._at(States.one(state), offset) for offset in self.offsets]
         r, v = (np.concatenate((getattr(state, n), getattr(both[1], n)[0])) for n in ("r", "v"))
         r[self.body], v[self.body] = both[0].r[0, 0], both[0].v[0, 0]
@@ -159,21 +163,21 @@ class _Parts:
         return State(r, R, v, Omega, state.t)
 
     def states_back(self, s: States) -> States:
-        """The body where its first part says."""
+        """Return the states of the system as it was, from those of the split one: the first part gives the body's."""
         at = self._at(s, -self.offsets[0])
         r, v = s.r[:, :-1].copy(), s.v[:, :-1].copy()
         r[:, self.body], v[:, self.body] = at.r[:, 0], at.v[:, 0]
         return States(r, s.R[:, :-1], v, s.Omega[:, :-1], s.t)
 
     def _at(self, s: States, offset: Float[np.ndarray, " 3"]) -> States:
-        """A point of the body, as a body of its own."""
+        """Return the states of a point of the body, ``offset`` [m] from its C in its frame, as of a separate body."""
         b = slice(self.body, self.body + 1)
         r = s.r[:, b] + s.R[:, b] @ offset
         v = s.v[:, b] + np.einsum("tbij,tbj->tbi", s.R[:, b], np.cross(s.Omega[:, b], offset))
         return States(r, s.R[:, b], v, s.Omega[:, b], s.t)
 
     def _weld(self, weld: Weld) -> list[Joint]:
-        """Joints that weld part 0 and part 1 at the C of the whole body."""
+        """Return the joints that weld part 0 and part 1 at the C of the whole body."""
         x, _, z = np.eye(3)
         at = [-offset for offset in self.offsets]
         if weld == "fixed":

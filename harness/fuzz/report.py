@@ -1,4 +1,4 @@
-"""Which deviations of a campaign are written: a few of each sort, shrunk, with the evidence of other routes."""
+"""Choose the deviations of a campaign to be written: a few of each sort, shrunk, with the evidence of other routes."""
 
 import json
 from collections import Counter
@@ -8,11 +8,11 @@ import msgspec
 
 from ..catalogue import registry
 from ..code_meter import CODE_LIMIT
-from ..sandbox.apart import Apart
-from .campaign import MEMORY, Settings
+from ..sandbox.forked_process import ForkedProcess
+from .campaign import MEMORY, CampaignSettings
 from .cases import Case
 from .log import Trial
-from .oracle import Outcome, Verdict
+from .oracle import OracleOutcome, OracleVerdict
 from .presenting import Form
 from .shrinking import shrink_outcome
 
@@ -20,9 +20,12 @@ CPU = 300.0  # [s] to shrink a case
 
 
 def choose(trials: Iterable[Trial], most: int) -> list[Case]:
-    """Up to ``most`` confirmed deviations of a sort (solver, kind, changes of the form), the clearest first, shrunk."""
+    """Choose confirmed deviations to be written, shrunk: up to ``most`` of each sort, the clearest first.
+
+    A sort is a solver, a behaviour and the changes of the form.
+    """
     counted, cases = Counter[str](), []
-    confirmed = (t for t in trials if t.verdict is Verdict.CONFIRMED)
+    confirmed = (t for t in trials if t.verdict is OracleVerdict.CONFIRMED)
     for trial in sorted(confirmed, key=lambda t: (t.outcome.solver, -t.outcome.strength, t.outcome.number)):
         found = trial.outcome
         sort = f"{found.solver} {found.kind} {_changes(found.form)}"
@@ -32,29 +35,31 @@ def choose(trials: Iterable[Trial], most: int) -> list[Case]:
     return cases
 
 
-def make_case(settings: Settings, found: Outcome) -> Case:
-    """``found`` shrunk and confirmed, in a process of its own; as it was where that one ends early."""
+def make_case(settings: CampaignSettings, found: OracleOutcome) -> Case:
+    """Return a deviation as a case, shrunk and confirmed in a separate process; not shrunk if that ends early."""
     first, options, floor = settings.oracle(found.number), settings.options, settings.floor
 
     def target(send: Callable[[str], None]) -> None:
+        """Shrink the deviation, confirm it, and send the case."""
         solver = registry.make_solver(found.solver, options)
         smallest, outcome = shrink_outcome(first, found, lambda o: o.examine(found.solver, solver))
         verdict, evidence = smallest.decide(found.solver, solver)
-        ends, notes = smallest.answers(solver)
+        ends, notes = smallest.collect_answers(solver)
         case = Case(outcome, smallest.mechanism, smallest.form, verdict, evidence, options, floor, "", ends, notes)
         send(msgspec.json.encode(case).decode())
 
-    if sent := Apart(target, limit=CPU, memory=MEMORY, code=CODE_LIMIT).wait().sent:
+    if sent := ForkedProcess(target, limit=CPU, memory=MEMORY, code=CODE_LIMIT).wait().sent:
         return msgspec.json.decode(sent, type=Case)
     return Case(found, first.mechanism, first.form, None, "", options, floor)
 
 
-def describe(o: Outcome) -> str:
-    """An outcome in a line."""
+def describe(o: OracleOutcome) -> str:
+    """Describe an outcome in a line: solver, mechanism, behaviour, form, and how far it is off."""
     numbers = f"{min(o.deviation):.2g} m, own error {o.own:.2g} m" if o.limit else o.words
     return f"{o.solver}, mechanism {o.number}: {o.kind} ({o.form}): {numbers}"
 
 
 def _changes(form: Form) -> str:
+    """Return which changes a form makes, as text: ``["rotation", "unit"]``."""
     given = [w.partition("=")[0] for w in str(form).split()]
     return json.dumps(sorted({w.partition("_")[0] for w in given}))

@@ -1,27 +1,30 @@
-"""Make a mechanism smaller while a code still does to it what it did: fewer parts, then simple numbers, less time."""
+"""Shrink a mechanism on which a code still behaves as before: fewer parts, then simple numbers, then less time."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from ..mechanics.joints import JointKind
 from ..mechanics.system import GROUND
-from .mechanism import ZERO, Body, Connection, Mechanism, Spring, Vec
-from .oracle import Oracle, Outcome
+from .mechanism import ZERO, RandomBody, RandomJoint, RandomMechanism, Spring, Vec
+from .oracle import Oracle, OracleOutcome
 from .presenting import Form
 
-MOST = 300  # trials
-CLEAR = 3.0  # times its limit: a deviation that is as large stays so
-FEWEST_STEPS = 4
+MOST = 300  # largest number of trials
+CLEAR = 3.0  # times its limit: a deviation that exceeds this must still do so
+FEWEST_STEPS = 4  # shorter runs make smaller cases, but show less of what differs
 BALL = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1))
-Case = tuple[Mechanism, Form]
+Case = tuple[RandomMechanism, Form]
 
 
 def shrink(case: Case, keeps_kind: Callable[[Case], bool], most: int = MOST) -> Case:
-    """The smallest case found for which ``keeps_kind`` holds, by taking every change that keeps it."""
+    """Return the smallest case found for which ``keeps_kind`` holds, by accepting every change that keeps it.
+
+    ``most`` limits how often it is asked.
+    """
     left, changed = most, True
     while changed:
         changed = False
-        for steps in (_smaller, _simpler):
+        for steps in (_list_smaller_cases, _list_simpler_cases):
             position = 0
             while left:
                 candidate = next((c for k, c in enumerate(steps(case)) if k == position), None)
@@ -36,15 +39,19 @@ def shrink(case: Case, keeps_kind: Callable[[Case], bool], most: int = MOST) -> 
 
 
 def shrink_outcome(
-    oracle: Oracle, found: Outcome, examine: Callable[[Oracle], Outcome], most: int = MOST
-) -> tuple[Oracle, Outcome]:
-    """The smallest mechanism and form with an outcome of the same kind."""
+    oracle: Oracle, found: OracleOutcome, examine: Callable[[Oracle], OracleOutcome], most: int = MOST
+) -> tuple[Oracle, OracleOutcome]:
+    """Return the smallest mechanism and form with an outcome of the same kind as ``found``, and that outcome.
+
+    ``examine`` returns the outcome of an oracle.
+    """
 
     def keeps_kind(case: Case) -> bool:
+        """Return whether the code behaves alike on a case, with a deviation as clear."""
         try:
             now = examine(Oracle(*case, oracle.floor))
             return now.kind == found.kind and now.strength >= min(CLEAR, found.strength)
-        except Exception:  # joints that no start satisfies, numbers that no code takes: not a smaller case
+        except Exception:  # no start satisfies the joints, or no code accepts the numbers: not a smaller case
             return False
 
     first = (oracle.mechanism, found.form)
@@ -53,14 +60,14 @@ def shrink_outcome(
     return smallest, replace(examine(smallest), number=found.number)
 
 
-def _smaller(case: Case) -> Iterator[Case]:
-    """One part less."""
+def _list_smaller_cases(case: Case) -> Iterator[Case]:
+    """Yield cases with one part less."""
     m, form = case
     yield from ((m, part) for part in form.parts())
     for b in range(len(m.bodies)):
         for grounded in (False, True):
             if len(m.bodies) > 1 and form.split != b + 1:
-                yield _without(m, b, grounded), _remove_from_form(form, m, b)
+                yield _remove_body(m, b, grounded), _remove_from_form(form, m, b)
     for k in range(len(m.springs)):
         yield replace(m, springs=m.springs[:k] + m.springs[k + 1 :]), form
     for k in range(len(m.connections)):
@@ -70,8 +77,8 @@ def _smaller(case: Case) -> Iterator[Case]:
         yield replace(m, steps=max(m.steps // 2, FEWEST_STEPS)), form
 
 
-def _simpler(case: Case) -> Iterator[Case]:
-    """Simpler numbers: of everything, then of one part."""
+def _list_simpler_cases(case: Case) -> Iterator[Case]:
+    """Yield cases with simpler numbers: of all parts together, then of one part."""
     m, form = case
     yield replace(m, gravity=ZERO), form
     yield replace(m, gravity=(0.0, 0.0, -10.0)), form
@@ -82,7 +89,7 @@ def _simpler(case: Case) -> Iterator[Case]:
         yield m, replace(form, plain=replace(form.plain, renumber=1))
     for digits in (1, 2):
         yield _round_numbers(m, digits), form
-    plainer: tuple[Callable[[Body], Body], ...] = (_at_rest, _align_body, _plain_mass)
+    plainer: tuple[Callable[[RandomBody], RandomBody], ...] = (_at_rest, _align_body, _plain_mass)
     for change in plainer:
         yield replace(m, bodies=tuple(map(change, m.bodies))), form
     for k, b in enumerate(m.bodies):
@@ -102,32 +109,38 @@ def _simpler(case: Case) -> Iterator[Case]:
             yield replace(m, connections=(*m.connections[:k], _rounded_joint(c, digits), *m.connections[k + 1 :])), form
 
 
-def _without(m: Mechanism, body: int, grounded: bool) -> Mechanism:
-    """Without a body and what hangs on it, or with the ground in its place."""
+def _remove_body(m: RandomMechanism, body: int, grounded: bool) -> RandomMechanism:
+    """Return the mechanism without a body and its joints and springs or, if ``grounded``, with ground in its place."""
 
     def at(b: int) -> int:
+        """Return the number that body ``b`` has afterwards."""
         return GROUND if b == body else b - (b > body)
 
     bodies = m.bodies[:body] + m.bodies[body + 1 :]
     connections = [
-        replace(c, i=at(c.i), j=at(c.j)) if at(c.i) != GROUND
+        replace(c, i=at(c.i), j=at(c.j))
+        if at(c.i) != GROUND
         else replace(c, i=at(c.j), j=at(c.i), point=c.far if c.kind == JointKind.DISTANCE else c.point, far=c.point)
-        for c in m.connections if _stays(c, body, grounded) and at(c.i) != at(c.j)
-    ]  # fmt: skip
+        for c in m.connections
+        if _stays(c, body, grounded) and at(c.i) != at(c.j)
+    ]
     springs = [
-        replace(s, i=at(s.i), j=at(s.j)) if at(s.i) != GROUND
+        replace(s, i=at(s.i), j=at(s.j))
+        if at(s.i) != GROUND
         else replace(s, i=at(s.j), j=at(s.i), point_i=s.point_j, point_j=s.point_i)
-        for s in m.springs if _stays(s, body, grounded) and at(s.i) != at(s.j)
-    ]  # fmt: skip
+        for s in m.springs
+        if _stays(s, body, grounded) and at(s.i) != at(s.j)
+    ]
     return replace(m, bodies=bodies, connections=tuple(connections), springs=tuple(springs))
 
 
-def _stays(part: Connection | Spring, body: int, grounded: bool) -> bool:
+def _stays(part: RandomJoint | Spring, body: int, grounded: bool) -> bool:
+    """Return whether a joint or spring stays when a body is removed."""
     return grounded or body not in (part.i, part.j)
 
 
-def _remove_from_form(form: Form, m: Mechanism, body: int) -> Form:
-    """``form`` of what is left without a body."""
+def _remove_from_form(form: Form, m: RandomMechanism, body: int) -> Form:
+    """Return ``form`` for what remains of mechanism ``m`` without a body, whose number others take."""
     split = form.split - (form.split > body + 1)
     again = form.plain.duplicate
     if again and body in (m.connections[again - 1].i, m.connections[again - 1].j):
@@ -136,50 +149,63 @@ def _remove_from_form(form: Form, m: Mechanism, body: int) -> Form:
 
 
 def _repeating(form: Form, left: int, joint: int) -> Form:
+    """Return the form for a mechanism without joint number ``joint``, of which ``left`` joints remain."""
     again = form.plain.duplicate
     again = min(max(again - (again > joint), 1), left) if again else 0
     return replace(form, plain=replace(form.plain, duplicate=again))
 
 
-def _at_rest(b: Body) -> Body:
+def _at_rest(b: RandomBody) -> RandomBody:
+    """Return the body without velocities."""
     return replace(b, velocity=ZERO, spin=ZERO)
 
 
-def _align_body(b: Body) -> Body:
+def _align_body(b: RandomBody) -> RandomBody:
+    """Return the body with its axes along those of space."""
     return replace(b, turn=ZERO)
 
 
-def _plain_mass(b: Body) -> Body:
+def _plain_mass(b: RandomBody) -> RandomBody:
+    """Return the body with a mass of 1 kg and the inertia of a ball."""
     return replace(b, mass=1.0, inertia=BALL)
 
 
-def _at(place: Vec) -> Callable[[Body], Body]:
+def _at(place: Vec) -> Callable[[RandomBody], RandomBody]:
+    """Return a function that moves a body's C to ``place`` [m]."""
     return lambda b: replace(b, place=place)
 
 
 def _near(x: Vec, digits: int) -> Vec:
+    """Return a vector rounded to a number of significant digits; tiny components become 0."""
     a, b, c = (float(f"{v:.{digits}g}") if abs(v) > 1e-12 else 0.0 for v in x)
     return a, b, c
 
 
-def _round_numbers(m: Mechanism, digits: int) -> Mechanism:
+def _round_numbers(m: RandomMechanism, digits: int) -> RandomMechanism:
+    """Return the mechanism with all numbers rounded to ``digits`` significant digits, its step to one."""
     return replace(
-        m, bodies=tuple(_rounded_body(b, digits) for b in m.bodies),
+        m,
+        bodies=tuple(_rounded_body(b, digits) for b in m.bodies),
         connections=tuple(_rounded_joint(c, digits) for c in m.connections),
-        springs=tuple(_rounded_spring(s, digits) for s in m.springs), gravity=_near(m.gravity, digits),
+        springs=tuple(_rounded_spring(s, digits) for s in m.springs),
+        gravity=_near(m.gravity, digits),
         dt=float(f"{m.dt:.1g}"),
-    )  # fmt: skip
+    )
 
 
-def _rounded_body(b: Body, digits: int) -> Body:
+def _rounded_body(b: RandomBody, digits: int) -> RandomBody:
     J = b.inertia
-    return Body(
-        float(f"{b.mass:.{digits}g}"), (_near(J[0], digits), _near(J[1], digits), _near(J[2], digits)),
-        _near(b.place, digits), _near(b.turn, digits), _near(b.velocity, digits), _near(b.spin, digits),
-    )  # fmt: skip
+    return RandomBody(
+        float(f"{b.mass:.{digits}g}"),
+        (_near(J[0], digits), _near(J[1], digits), _near(J[2], digits)),
+        _near(b.place, digits),
+        _near(b.turn, digits),
+        _near(b.velocity, digits),
+        _near(b.spin, digits),
+    )
 
 
-def _rounded_joint(c: Connection, digits: int) -> Connection:
+def _rounded_joint(c: RandomJoint, digits: int) -> RandomJoint:
     return replace(c, point=_near(c.point, digits), axis=_near(c.axis, digits), far=_near(c.far, digits))
 
 

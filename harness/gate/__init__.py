@@ -1,1 +1,1 @@
-"""Thresholds, and whether results keep them."""
+"""Define thresholds on the runs of a short suite, and check whether results keep them."""

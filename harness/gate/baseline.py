@@ -1,6 +1,8 @@
-"""The file of thresholds: TOML with a line for each run, grouped by problem; bounds that follow a rule are not stored.
+"""Read and write the file of thresholds: TOML with a line per run, grouped by problem.
 
-HEAD explains the cells of a line. A bound with a reason of its own has a line with the fields of ``Bound``.
+Bounds that follow a rule are not stored.
+
+HEAD explains the cells of a line. A bound with a reason of its own has a line with the fields of ``QuantityBound``.
 """
 
 import json
@@ -19,42 +21,47 @@ from ..files import FileError, parse_toml, read_text
 from ..results.environment import ROOT
 from ..shapes import Finite, Shape, convert_shape
 from . import thresholds as rules
-from .thresholds import Bound, Expectation, Spread, Threshold, Thresholds, Width
+from .thresholds import BoundWidth, ExpectedStatus, QuantityBound, Spread, Threshold, Thresholds
 
 FOLDER = ROOT / "results" / "baselines"
 HEAD = """\
 # Cells, v being the measured value: v (from v / width to v width; steps: v itself), l<v<u (from l to u),
 # v<u (at most u: rounding, or 5 v, left over by a stop test), - (no bound, or one under `bounds`)
 schema = 2"""
-HEADINGS = {
+HEADINGS = {  # columns of the table: metric, and its padded name without unit
     m: re.sub(r"(_error)?(_max)?(_J|_m|_rad|_N)?$", "", m).ljust(19 if "phi" in m else 10)
     for m in (*rules.UNITS, "steps")
 }
+# widths of a line, by the factor that stands in its first cell
 WIDTHS = {f"{w.factor:g}": w for w in (rules.FIXED_STEP, rules.ERROR_CONTROL)}
 
 
 class _Problem(Shape, frozen=True):
+    """The table of a problem in the file: a line of cells for each run, and bounds that fit no cell."""
+
     problem_fingerprint: Finite | None = None
     runs: dict[str, str] = field(default_factory=dict)
-    bounds: dict[str, dict[str, Bound]] = field(default_factory=dict)
+    bounds: dict[str, dict[str, QuantityBound]] = field(default_factory=dict)
 
 
 class _File(Shape, frozen=True):
+    """The content of the file of thresholds."""
+
     schema: Literal[2]
     suite: str
     columns: str = ""
     spread: Spread | None = None
-    status: tuple[Expectation, ...] = ()
+    status: tuple[ExpectedStatus, ...] = ()
     problem: dict[str, _Problem] = field(default_factory=dict)
 
 
 def read_thresholds(path: Path) -> Thresholds:
-    """The file, every entry checked."""
+    """Read a file of thresholds and check every entry; raise FileError if it is invalid."""
     return parse_thresholds(read_text(path, "thresholds"), path)
 
 
 def parse_thresholds(text: str, path: Path) -> Thresholds:
-    """The text of a thresholds file; ``path`` names it in messages."""
+    """Parse the text of a thresholds file; ``path`` names it in messages. Raise FileError if it is invalid."""
     file = convert_shape(parse_toml(text, str(path)), _File, str(path))
     bounds: list[Threshold] = []
     case = "bounds"
@@ -73,6 +80,7 @@ def parse_thresholds(text: str, path: Path) -> Thresholds:
 
 
 def _read_row(case: str, columns: list[str], cells: list[str]) -> list[Threshold]:
+    """Return the thresholds in the line of a run; ``columns`` are ``width`` and then a metric for each cell."""
     if len(cells) != len(columns) or columns[:1] != ["width"]:
         raise ValueError(f"{len(cells)} cells for {len(columns)} columns, of which the first must be width")
     rule = WIDTHS.get(cells[0])
@@ -82,7 +90,11 @@ def _read_row(case: str, columns: list[str], cells: list[str]) -> list[Threshold
     return [_read_cell(case, metric, cell, rule) for metric, cell in row if cell != "-"]
 
 
-def _read_cell(case: str, metric: str, cell: str, rule: Width) -> Threshold:
+def _read_cell(case: str, metric: str, cell: str, rule: BoundWidth) -> Threshold:
+    """Return the threshold that a cell means; ``rule`` is the width of its line, for a cell with one number.
+
+    Raise ValueError unless the cell has one of the forms in ``HEAD``.
+    """
     try:
         numbers = [msgspec.convert(x, Finite, strict=False) for x in cell.split("<")]
     except ValueError:
@@ -100,7 +112,7 @@ def _read_cell(case: str, metric: str, cell: str, rule: Width) -> Threshold:
 
 
 def write_thresholds(thresholds: Thresholds) -> str:
-    """The text of a thresholds file."""
+    """Return thresholds as the text of their file."""
     out = [HEAD, f"suite = {_toml(thresholds.suite)}", f"columns = {_toml(' '.join(['width', *HEADINGS]))}"]
     if thresholds.spread:
         out += ["", "[spread]", *(f"{key} = {_toml(value)}" for key, value in asdict(thresholds.spread).items())]
@@ -114,12 +126,16 @@ def write_thresholds(thresholds: Thresholds) -> str:
 
 
 def _names(case: str) -> tuple[str, str]:
-    """Problem and run, before and after the first space."""
+    """Split a case at its first space into the names of its problem and its run."""
     name, _, run = case.partition(" ")
     return name, run
 
 
 def _write_problem(table: str, runs: dict[str, dict[str, Threshold]]) -> list[str]:
+    """Return the lines of a problem's table: a line of cells for each run, then the bounds that fit no cell.
+
+    ``runs`` has the bounds of each run by metric; the fingerprint that all runs share is removed from it.
+    """
     prints = [bounds.get(rules.FINGERPRINT) for bounds in runs.values()]
     common = prints[0].value if prints[0] and all(b and b.tolerance is not None for b in prints) else None
     rows, special = [f"#{'width':>54}  {'  '.join(HEADINGS.values())}"], []
@@ -139,8 +155,8 @@ def _write_problem(table: str, runs: dict[str, dict[str, Threshold]]) -> list[st
     return ["", f"[{table}]", *shared, f"[{table}.runs]", *rows, *special]
 
 
-def _cell(b: Threshold, width: Width) -> str:
-    """The shortest cell that says ``b``, if one does."""
+def _cell(b: Threshold, width: BoundWidth) -> str:
+    """Return the shortest cell that stands for ``b`` in a line with this ``width``; empty if there is none."""
     value, lower, upper = (f"{x:.7g}" for x in (b.value, b.lower, b.upper))
     for cell in (value, f"{value}<{upper}", f"{lower}<{value}<{upper}") if b.metric in HEADINGS else ():
         with suppress(ValueError):
@@ -150,10 +166,11 @@ def _cell(b: Threshold, width: Width) -> str:
 
 
 def _fields(b: Threshold) -> str:
-    told = {f.name: v for f in fields(Bound) if (v := getattr(b, f.name)) != f.default and v == v}
+    """Return a bound that fits no cell as a line of TOML, without fields that have their default."""
+    told = {f.name: v for f in fields(QuantityBound) if (v := getattr(b, f.name)) != f.default and v == v}
     return f"{b.metric} = {{ {', '.join(f'{k} = {_toml(v)}' for k, v in told.items())} }}"
 
 
 def _toml(value: Any) -> str:
-    """A number, or a basic string: as in JSON, but without pairs of surrogates, and with DEL escaped."""
+    """Format a number or a text for TOML: as in JSON, but without surrogate pairs and with DEL escaped."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

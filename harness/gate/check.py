@@ -1,8 +1,8 @@
-"""The gate: records against thresholds. A missing run, an unjudged run and an empty run are failures.
+"""Compare records with thresholds, as the gate does; a missing, unjudged or empty run is a failure.
 
 States, worst first: FAIL > XPASS (expected to fail, and did not) > XFAIL (expected to fail, and did) > SKIP (a package
-that the caller named is not installed) > PASS. FAIL and XPASS close the gate: a threshold that has become wrong must be
-put right in the commit that makes it so. A run without its package fails, unless that package was named.
+that the caller named is not installed) > PASS. FAIL and XPASS close the gate: a threshold that no longer holds must be
+corrected in the commit that changes the result. A run without its package fails, unless that package was named.
 """
 
 import datetime
@@ -13,17 +13,17 @@ from dataclasses import dataclass, field
 
 from msgspec.structs import replace
 
-from ..results.findings import Finding, Measured, Required, Verdict
+from ..results.findings import Finding, MeasuredQuantity, RequiredLimits, Verdict
 from ..results.records import RunRecord
 from ..results.store import newest
-from ..results.words import comparison_words, why
+from ..results.words import comparison_words, list_reasons
 from ..suites.spec import RunSpec
-from ..types import EndedBy, Status
-from .thresholds import ERRORS, Expectation, Threshold, Thresholds, four_digits, propose_bounds
+from ..types import EndCause, Status
+from .thresholds import ERRORS, ExpectedStatus, Threshold, Thresholds, four_digits, propose_bounds
 
-CodeOf = Callable[[str, str], str]  # what a run of a problem and a solver is made by now
-STATUS, NONE = "status", "no threshold"  # of a run, beside the metrics that have bounds
-WORTH = 0.95  # of a bound: less is not worth a commit
+CodeOf = Callable[[str, str], str]  # digest of the code for a run of a problem and a solver
+STATUS, NONE = "status", "no threshold"  # names of findings that are not on a metric
+WORTH = 0.95  # a bound is lowered if the new one is below this fraction of it: less is not worth a commit
 UNBOUNDED = "no threshold for this run: propose one with gate --update"
 TWICE = "two runs of the suite have this name, and one of them would not be judged"
 NO_BOUNDS = "no threshold for this run, and none can be proposed: it was {}; fix it, or add a [[status]] entry"
@@ -34,50 +34,54 @@ ABSENT = "not measured here: {}"
 UNNAMED = "{}; without it, the other runs are judged with --without {}"
 SMALLER = "smaller than its lower bound: better than it was, or the run does less; if meant, --update --loosen takes it"
 REACHED_END = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
-ROUNDED = 1e-11  # in any of the metrics' units: below it, a change is the machine's
+ROUNDED = 1e-11  # in the unit of any metric: smaller changes are rounding, which differs between machines
 
 
 STATES = {
-    Verdict.FAILED: "FAIL", Verdict.XPASS: "XPASS", Verdict.XFAIL: "XFAIL", Verdict.OPEN: "SKIP", Verdict.MET: "PASS",
-}  # worst first  # fmt: skip
+    Verdict.FAILED: "FAIL",
+    Verdict.XPASS: "XPASS",
+    Verdict.XFAIL: "XFAIL",
+    Verdict.OPEN: "SKIP",
+    Verdict.MET: "PASS",
+}  # worst first
 WORST = list(STATES)
 
 
 def has_moved(f: Finding) -> bool:
-    """Whether a value has moved by 1 % and by more than rounding; one that was not measured has not."""
+    """Return whether a value changed by more than 1 % and more than rounding; False if it was not measured."""
     return abs(f.measured.value - f.before) > max(0.01 * abs(f.before), ROUNDED)
 
 
 @dataclass(frozen=True)
-class Judged:
-    """All findings of cases (``subject``), on a metric or the status: the worst first, of these the causes first."""
+class GateFindings:
+    """All findings of the gate, on metrics and statuses of cases: the worst first, causes before consequences."""
 
     findings: tuple[Finding, ...]
-    absent: Mapping[str, str] = field(default_factory=dict)  # package that is missing, by the case it leaves unmeasured
+    absent: Mapping[str, str] = field(default_factory=dict)  # missing package, by the case that it leaves unmeasured
 
     @property
     def verdict(self) -> Verdict:
-        """The worst; FAILED when nothing was judged."""
+        """The worst verdict; FAILED if nothing was judged."""
         return next((f.verdict for f in self.findings if f.is_tested), Verdict.FAILED)
 
     @property
     def is_open(self) -> bool:
-        """Nothing failed, and something was judged."""
+        """True if something was judged and nothing failed; failures that are expected do not count."""
         return self.verdict in (Verdict.XFAIL, Verdict.MET)
 
     @property
     def counts(self) -> dict[str, int]:
-        """Findings of each state, the worst first."""
+        """The number of findings in each state, the worst first."""
         return {state: sum(f.verdict is v for f in self.findings) for v, state in STATES.items()}
 
     @property
     def cases(self) -> int:
-        """Number of cases, those that were not measured included."""
+        """The number of cases, including those that were not measured."""
         return len({f.subject for f in self.findings})
 
     @property
     def headline(self) -> str:
-        """``open`` or ``CLOSED``, and of how many cases, where some were not measured."""
+        """The state ``open`` or ``CLOSED``; if some cases were not measured, with their number and packages."""
         word, n = "open" if self.is_open else "CLOSED", len(self.absent)
         if not n:
             return word
@@ -86,31 +90,34 @@ class Judged:
 
     @property
     def summary(self) -> str:
-        """The counts of what was judged, in words."""
+        """The counts of what was judged, in words, such as ``2 FAIL, 30 PASS``."""
         counted = {state: n for state, n in self.counts.items() if n and state != STATES[Verdict.OPEN]}
         return ", ".join(f"{n} {state}" for state, n in counted.items()) or "nothing was judged"
 
     @property
     def consequences(self) -> list[Finding]:
-        """Failed bounds of runs whose status failed too: their numbers are those of a run that was cut short."""
+        """The failed bounds of runs whose status failed too: numbers of a run that was cut short."""
         broken = _list_broken(self.findings)
         return [f for f in self.findings if f.verdict is Verdict.FAILED and _is_consequence(f, broken)]
 
     @property
     def notable(self) -> list[Finding]:
-        """Findings that did not pass, or have moved."""
+        """The findings that did not pass, and those whose value has moved; skipped ones are left out."""
         return [f for f in self.findings if f.verdict not in (Verdict.MET, Verdict.OPEN) or has_moved(f)]
 
 
 def select_judged(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[RunRecord, ...]:
-    """The newest result of each run: those that the code now gives, or all of them with None."""
+    """Return the newest record of each run: of those made by the present code, or of all if ``code`` is None."""
     return newest(tuple(r for r in records if code is None or code(r.problem, r.solver) == r.code))
 
 
 def describe_contradiction(record: RunRecord) -> str:
-    """Return what in a record cannot be true: a good motion that no solver claimed, or an end that is to come."""
+    """Describe what in a record cannot be true: a lawful motion without the solver's claim, or an end in the future.
+
+    Empty if nothing is contradictory.
+    """
     claimed, by = record.claimed or "nothing", record.ended_by
-    if Status(record.status).lawful and (claimed, by) != (Status.SUCCESS, EndedBy.SOLVER):
+    if Status(record.status).lawful and (claimed, by) != (Status.SUCCESS, EndCause.SOLVER):
         return f"{record.status}, though its solver claimed {claimed} and {by} ended it"
     latest = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=1)
     late = record.finished > latest.strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -123,11 +130,12 @@ def judge(
     thresholds: Thresholds,
     code: CodeOf | None = None,
     without: Collection[str] = (),
-) -> Judged:
-    """Every run's status and every threshold; runs without a threshold and thresholds without a run fail too.
+) -> GateFindings:
+    """Judge the status and all thresholds of every run, and return the findings.
 
-    With ``code``, a result of other code counts as missing; of several results of a run the newest is judged. A run
-    that was refused because a package is not installed is left out if the package is in ``without``, and fails if not.
+    A run without a threshold and a threshold without a run fail. With ``code``, a result of other code counts as
+    missing; of several results of a run the newest is judged. A run that was refused because a package is not installed
+    is skipped if the package is in ``without``, and fails otherwise.
     """
     by_settings = {r.settings_id: r for r in select_judged(records, code)}
     other = {r.settings_id for r in records} - {*by_settings}
@@ -164,38 +172,42 @@ def judge(
     found = [f for f in found if not (f.subject in cut and f.verdict is Verdict.MET)]  # zeros of a run without a step
 
     def order(f: Finding) -> tuple[int, bool, bool, str, str]:
+        """Return the sort key of a finding: the worst first, causes before consequences."""
         metric = f.measured.quantity
         return WORST.index(f.verdict), _is_consequence(f, broken), metric != STATUS, f.subject, metric
 
     ordered = sorted(found, key=order)
-    return Judged(tuple(ordered), {case: package for case, package in absent.items() if package in without})
+    return GateFindings(tuple(ordered), {case: package for case, package in absent.items() if package in without})
 
 
 def _list_broken(findings: Iterable[Finding]) -> set[str]:
-    """The cases whose status failed."""
+    """Return the cases whose status does not hold, as a set."""
     return {f.subject for f in findings if f.measured.quantity == STATUS and not f.holds}
 
 
 def _is_consequence(f: Finding, broken: Collection[str]) -> bool:
+    """Return whether a finding is on a metric of a run whose status failed; ``broken`` are the cases of such runs."""
     return f.subject in broken and f.measured.quantity not in (STATUS, NONE)
 
 
 def tighten_bounds(
     old: Thresholds, records: Sequence[RunRecord], proposed: Sequence[Threshold], *, loosen: bool
 ) -> Thresholds:
-    """``old`` with the bounds that ``proposed`` would tighten, and the new ones; wider ones only with ``loosen``."""
+    """Return ``old`` with the bounds that ``proposed`` adds or tightens.
+
+    With ``loosen`` also with those that it widens. With ``loosen``, bounds of cases without a record are dropped. A
+    threshold with a tolerance, or around several runs, changes only with ``loosen``.
+    """
     cases = {r.case for r in records}
     bounds = {(b.case, b.metric): b for b in old.bounds if b.case in cases or not loosen}
     for new in proposed:
         was = bounds.get((new.case, new.metric))
         if was is None:
             bounds[new.case, new.metric] = new
-        elif {new.tolerance, was.tolerance} != {
-            None
-        }:  # another value is neither better nor worse: it must be asked for
+        elif {new.tolerance, was.tolerance} != {None}:  # another value is neither better nor worse: only on request
             if loosen:
                 bounds[new.case, new.metric] = replace(new, reason=was.reason, expect=was.expect)
-        elif was.samples > 1:  # bounds around many runs, which one alone does not move unless asked for
+        elif was.samples > 1:  # bounds around many runs, which a single run moves only on request
             if loosen:
                 bounds[new.case, new.metric] = replace(new, expect=was.expect)
         elif (changed := _narrow(was, new, loosen=loosen)) is not None:
@@ -204,10 +216,10 @@ def tighten_bounds(
 
 
 def _narrow(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
-    """``was`` moved to the value of ``new``, with the bounds it has; None where there is nothing to be moved.
+    """Return the threshold ``was`` moved to the value of ``new``; None if it stays as it is.
 
-    A bound of the old that the new has not stays; a lower one moves only where the value has fallen below it and wider
-    bounds are asked for.
+    An upper end keeps its ratio to the value if that is wider than the new one, and rises only with ``loosen``; none is
+    added. A lower end is added if ``was`` has none; it falls only with ``loosen``, if the value is below it.
     """
     fallen = new.value < was.lower
     lower = was.lower if was.lower > -math.inf else new.lower
@@ -216,7 +228,7 @@ def _narrow(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None
     if was.upper == math.inf:
         return replace(was, value=new.value, lower=lower) if lower < was.lower else None
     wide = new.value * was.upper / was.value if was.value > 0.0 else 0.0
-    upper = four_digits(wide) if wide > 1.001 * new.upper else new.upper  # a width that has its reason stays
+    upper = four_digits(wide) if wide > 1.001 * new.upper else new.upper  # a width with a reason of its own stays
     if not loosen:
         upper = min(upper, was.upper)
     if upper < lower or not (loosen or upper < WORTH * was.upper or lower > was.lower):
@@ -225,35 +237,39 @@ def _narrow(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None
 
 
 def _finding(verdict: Verdict, case: str, metric: str, why: str = "", bound: str = "") -> Finding:
-    return Finding(Measured(metric), Required(words=bound, why=why), verdict, case)
+    """Return a finding without a number: ``bound`` is what was required, in words, and ``why`` the reason."""
+    return Finding(MeasuredQuantity(metric), RequiredLimits(words=bound, why=why), verdict, case)
 
 
-def _status(case: str, record: RunRecord | None, expected: Expectation | None, missing: str) -> Finding:
+def _status(case: str, record: RunRecord | None, expected: ExpectedStatus | None, missing: str) -> Finding:
+    """Return the finding on the status of a case; ``missing`` is the reason stated if it has no record."""
     wanted = expected.status if expected else Status.SUCCESS
     if record is None:
         return _finding(Verdict.FAILED, case, STATUS, missing)
     if record.status == wanted:
         verdict = Verdict.MET if wanted is Status.SUCCESS else Verdict.XFAIL
         return _finding(verdict, case, STATUS, expected.reason if expected else comparison_words(record), str(wanted))
-    words = f"{record.status}, expected {wanted}: {'; '.join(why(record))}"
+    words = f"{record.status}, expected {wanted}: {'; '.join(list_reasons(record))}"
     verdict = Verdict.XPASS if record.status == Status.SUCCESS else Verdict.FAILED
     return _finding(verdict, case, STATUS, words, str(wanted))
 
 
 def _bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
+    """Return the finding on one bound; ``missing`` is the reason stated if its case has no record."""
     value = math.nan if record is None else float(getattr(record, b.metric))
-    words, verdict = b.reason, Verdict.of(b.holds(value))
+    words, verdict = b.reason, Verdict.from_outcome(b.holds(value))
     if math.isnan(value):
         words, verdict = missing if record is None else f"not measured: the run was {record.status}", Verdict.FAILED
     elif value < b.lower and b.metric in ERRORS:
         words = f"{SMALLER}; {b.reason}"
     if b.expect == "fail" and not math.isnan(value):
         verdict = Verdict.XPASS if b.holds(value) else Verdict.XFAIL
-    required = Required(words=_range(b), why=words)
-    return Finding(Measured(b.metric, value, b.unit), required, verdict, b.case, before=b.value)
+    required = RequiredLimits(words=_range(b), why=words)
+    return Finding(MeasuredQuantity(b.metric, value, b.unit), required, verdict, b.case, before=b.value)
 
 
 def _range(b: Threshold) -> str:
+    """Return a bound in words, such as ``>= 1 and <= 2`` or ``= 100 exactly``."""
     if b.tolerance is not None:
         return f"= {b.value:.12g}" + (f" within {b.tolerance:g} of it" if b.tolerance else " exactly")
     low = f">= {b.lower:.3g}" if math.isfinite(b.lower) else ""

@@ -1,18 +1,18 @@
-"""The result of the gate for machines and reviewers: JUnit XML and annotations for CI, Markdown for a merge request."""
+"""Format the result of the gate: JUnit XML and annotations for CI, Markdown for a merge request."""
 
 import math
 import re
 from typing import Any
 from xml.etree import ElementTree
 
-from ..results.findings import Finding, Measured, Required, Verdict
-from .check import STATES, Judged, has_moved
+from ..results.findings import Finding, MeasuredQuantity, RequiredLimits, Verdict
+from .check import STATES, GateFindings, has_moved
 
-LEFT_OUT = {Verdict.XFAIL: "expected to fail: ", Verdict.OPEN: ""}
-NOT_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")  # what XML 1.0 cannot hold
+LEFT_OUT = {Verdict.XFAIL: "expected to fail: ", Verdict.OPEN: ""}  # verdicts that JUnit calls skipped, with a prefix
+NOT_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")  # characters that XML 1.0 cannot hold
 
 
-JUNIT_BEGUN = (  # of a gate that has no verdict yet
+JUNIT_BEGUN = (  # written for a gate that has no verdict yet
     '<?xml version="1.0" encoding="UTF-8"?>\n<testsuites tests="1" failures="1" errors="0" skipped="0">'
     '<testsuite name="gate" tests="1" failures="1" errors="0" skipped="0"><testcase classname="gate" name="verdict">'
     '<failure type="FAIL" message="not finished">the gate was ended before its verdict</failure></testcase>'
@@ -21,9 +21,12 @@ JUNIT_BEGUN = (  # of a gate that has no verdict yet
 MARKDOWN_BEGUN = "## Gate: not finished\n\nIt was ended before its verdict, or is still at work.\n"
 
 
-def junit(result: Judged, suite: str) -> str:
-    """One test case a finding; FAIL, XPASS are failures, XFAIL, SKIP are skipped; a gate that judged nothing fails."""
-    nothing = Finding(Measured("gate"), Required(why="nothing judged"), Verdict.FAILED, suite)
+def junit(result: GateFindings, suite: str) -> str:
+    """Return the result as JUnit XML with a test case for each finding.
+
+    FAIL and XPASS become failures, XFAIL and SKIP are skipped; a gate that judged nothing has one failure.
+    """
+    nothing = Finding(MeasuredQuantity("gate"), RequiredLimits(why="nothing judged"), Verdict.FAILED, suite)
     findings = result.findings if any(f.is_tested for f in result.findings) else (*result.findings, nothing)
     closed, skipped = sum(not f.holds for f in findings), sum(f.verdict in LEFT_OUT for f in findings)
     counts = {"tests": str(len(findings)), "failures": str(closed), "errors": "0", "skipped": str(skipped)}
@@ -41,8 +44,8 @@ def junit(result: Judged, suite: str) -> str:
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def markdown(result: Judged, suite: str) -> str:
-    """A headline and a table of what did not pass or has moved."""
+def markdown(result: GateFindings, suite: str) -> str:
+    """Return Markdown for a merge request: a headline, and a table of findings that did not pass or have moved."""
     out = [f"## Gate `{suite}`: {result.headline}", "", f"{result.summary}.", ""]
     if result.notable:
         out += ["| state | case | metric | measured | was | bound | unit | why |", "|---|---|---|---|---|---|---|---|"]
@@ -55,8 +58,8 @@ def markdown(result: Judged, suite: str) -> str:
     return "\n".join(out)
 
 
-def annotate(result: Judged, suite: str) -> list[str]:
-    """Return a workflow command of GitHub Actions for each case that closes the gate, with the first cause."""
+def annotate(result: GateFindings, suite: str) -> list[str]:
+    """Return an error command of GitHub Actions for each case that closes the gate, with its first cause."""
     closing: dict[str, list[Finding]] = {}
     for f in result.findings:
         if not f.holds:
@@ -69,26 +72,40 @@ def annotate(result: Judged, suite: str) -> list[str]:
 
 
 def _escape(text: str, more: str = "") -> str:
-    """Write characters that end a workflow command, or with ``more`` a property of one, as GitHub reads them."""
+    """Escape the characters that end a workflow command, and those in ``more``, which end a property of it."""
     return re.sub(f"[%\r\n{more}]", lambda found: f"%{ord(found[0]):02X}", text)
 
 
-def as_plain(result: Judged, suite: str) -> dict[str, Any]:
-    """The result as ``--json`` prints it."""
-    head = {"suite": suite, "open": result.is_open, "state": STATES[result.verdict], "counts": result.counts,
-            "cases": result.cases, "not_measured": dict(result.absent)}  # fmt: skip
+def as_plain(result: GateFindings, suite: str) -> dict[str, Any]:
+    """Return the result as a dict for ``--json``."""
+    head = {
+        "suite": suite,
+        "open": result.is_open,
+        "state": STATES[result.verdict],
+        "counts": result.counts,
+        "cases": result.cases,
+        "not_measured": dict(result.absent),
+    }
     return {**head, "findings": [_flatten(f) for f in result.findings]}
 
 
 def _flatten(f: Finding) -> dict[str, Any]:
+    """Return a finding as plain values by name, for ``--json`` and the table of Markdown."""
     return {
-        "state": STATES[f.verdict], "case": f.subject, "metric": f.measured.quantity, "measured": f.measured.value,
-        "value": f.before, "bound": f.required.words, "unit": f.measured.unit, "why": f.required.why,
+        "state": STATES[f.verdict],
+        "case": f.subject,
+        "metric": f.measured.quantity,
+        "measured": f.measured.value,
+        "value": f.before,
+        "bound": f.required.words,
+        "unit": f.measured.unit,
+        "why": f.required.why,
         "moved": has_moved(f),
-    }  # fmt: skip
+    }
 
 
 def _describe(f: Finding) -> str:
+    """Return state, metric, value, bound and earlier value of a finding; without a value, the reason."""
     if math.isnan(f.measured.value):
         return f"{STATES[f.verdict]}: {f.required.why}"
     number = f"{f.measured.value:.6g} {f.measured.unit}, bound {f.required.words}, was {f.before:.6g}"
@@ -96,8 +113,10 @@ def _describe(f: Finding) -> str:
 
 
 def _markdown(text: str) -> str:
+    """Return a text on one line, with the characters escaped that have a meaning in Markdown."""
     return re.sub(r"([\\|<>`*_\[\]])", r"\\\1", " ".join(text.split()))
 
 
 def _xml(text: str) -> str:
+    """Return a text with ``?`` in place of characters that XML cannot hold."""
     return NOT_XML.sub("?", text)

@@ -1,11 +1,11 @@
-"""Runs of a case changed by rounding alone: its start, its frame, its tolerance, and the kernels of its linear algebra.
+"""Repeat runs changed by rounding only: of the start, the frame, the tolerance, and the linear algebra kernels.
 
-Each moves what a run computes with by a few units in the last place, of whatever number, and nothing else: a start by
-``SIZE`` of its poses and velocities; the frame by ``SIZE`` [rad] about an arbitrary axis, so that numbers that were
-zero are not; a tolerance by ``OF_TOLERANCE`` of itself; a sum by its order, which BLAS chooses by the processor.
+Each change moves the numbers of a run by a few units in the last place: the start by ``SIZE`` of its poses and
+velocities; the frame by ``SIZE`` [rad] about a random axis, so that zeros become small numbers; the tolerance by
+``OF_TOLERANCE`` of itself; the order of sums by other BLAS kernels.
 
-A frame turned by a finite angle is no rounding: errors of ODE-GC (by c_R), of charts and of tolerances that hold for
-each component depend on the axes. It is a presentation, whose errors are compared elsewhere, and bounds none here.
+A frame turned by a finite angle is no rounding: errors of ODE-GC (by c_R), of charts and of tolerances per component
+depend on the axes. It is a presentation, whose errors are compared elsewhere, and sets no bounds here.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,38 +19,47 @@ from ..machine import CORE, processor_flags
 from ..suites.spec import RunSpec
 
 SIZE = 1e-15  # relative, and rad: four or five units in the last place
-OF_TOLERANCE = 1e-13  # hundreds of roundings: a step's size is a root of it; and far below what an error is known to
+OF_TOLERANCE = 1e-13  # hundreds of roundings, since a step's size is a root of it; far below the accuracy of an error
 START, FRAME, TOLERANCE = "start", "frame", "tolerance"
-CORES = {"Haswell": "avx2", "Zen": "avx2", "Sandybridge": "avx", "SkylakeX": "avx512vl"}  # and what a processor needs
+# core types, and the flags that they need
+CORES = {"Haswell": "avx2", "Zen": "avx2", "Sandybridge": "avx", "SkylakeX": "avx512vl"}
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """The run ``spec`` of a ``case``, changed by one kind of rounding, with the BLAS kernels of ``core``."""
+    """A run ``spec`` of a ``case``, changed by one kind of rounding, with the BLAS kernels of ``core``."""
 
     case: str
     kind: str
     spec: RunSpec
-    core: str = ""  # "": the harness's own
+    core: str = ""  # core type of OpenBLAS; empty for the kernels that the harness pins
 
     @property
     def environ(self) -> dict[str, str]:
-        """Variables of the processes that make it."""
-        return {CORE: self.core, "OPENBLAS_CORETYPE": self.core} if self.core else {}  # pinned, and natively
+        """The environment variables of its processes, by name."""
+        # the first is read by processes of the harness, the second by those without pinned kernels
+        return {CORE: self.core, "OPENBLAS_CORETYPE": self.core} if self.core else {}
 
 
-def cores_here() -> tuple[str, ...]:
-    """Core types of OpenBLAS whose kernels run on this processor."""
+def list_core_types() -> tuple[str, ...]:
+    """Return the core types of OpenBLAS whose kernels run on this processor."""
     return tuple(core for core, needed in CORES.items() if needed in processor_flags())
 
 
 def repeat_run(spec: RunSpec, times: int, cores: Sequence[str]) -> list[Repeat]:
-    """``times`` repeats, of each kind in turn; in each round after the first the kernels meet another start."""
+    """Return ``times`` repeats of a run, changed by each kind of rounding in turn.
+
+    Repeats with the BLAS kernels of ``cores`` have a perturbed start from the second round on, to differ from the
+    first.
+    """
     return list(islice(_rounds(spec, cores), times))
 
 
 def _rounds(spec: RunSpec, cores: Sequence[str]) -> Iterator[Repeat]:
-    """Repeats without end. A start that breaks the constraints on purpose is not moved, since it would be projected."""
+    """Yield repeats of a run without end.
+
+    A start that is perturbed already, or opens its joints on purpose, is not moved: that would project it.
+    """
     given = spec.parameters
     moves = not given.get("perturb") and not registry.make_problem(spec.problem, given).literal_start
     for seed in count(1):
@@ -67,4 +76,5 @@ def _rounds(spec: RunSpec, cores: Sequence[str]) -> Iterator[Repeat]:
 
 
 def _with_parameters(spec: RunSpec, changes: Mapping[str, object]) -> RunSpec:
+    """Return the run with these parameters of its problem replaced."""
     return replace(spec, parameters={**spec.parameters, **changes})

@@ -1,8 +1,8 @@
-"""How far rounding alone moves a run: bounds around the repeats that it changed.
+"""Widen bounds by how far rounding alone moves a run, as measured by repeats.
 
-One sample says little about a number that rounding moves: under error control it may change which steps are accepted,
-and at a fixed step that it changes next to nothing is to be measured. Bounds lie around all samples, by the width that
-they would have around one.
+One sample says little about a number that rounding moves: under error control it may change which steps are accepted;
+at a fixed step it should change next to nothing, which has to be measured. The new bounds enclose all samples by the
+width that they would have around one.
 """
 
 import math
@@ -19,15 +19,15 @@ from .thresholds import FINGERPRINT, FIXED_STEP, Spread, Threshold, Thresholds, 
 
 
 @dataclass(frozen=True)
-class Sample:
-    """A record of a case, and the kind of rounding that changed its run; "" for the run as it is."""
+class SpreadSample:
+    """A record of a case, and the kind of rounding that changed its run; empty for the unchanged run."""
 
     kind: str
     record: RunRecord
 
 
-def find_unstable(samples: Mapping[str, Sequence[Sample]]) -> dict[str, str]:
-    """Find the cases of which rounding decides the status, each with the kinds of rounding that lead to each status."""
+def find_unstable(samples: Mapping[str, Sequence[SpreadSample]]) -> dict[str, str]:
+    """Return the cases whose samples differ in status, with the kinds of rounding that lead to each, in words."""
     out = {}
     for case, found in samples.items():
         kinds: dict[str, Counter[str]] = {}
@@ -39,14 +39,15 @@ def find_unstable(samples: Mapping[str, Sequence[Sample]]) -> dict[str, str]:
 
 
 def _list_kinds(kinds: Mapping[str, int]) -> str:
+    """Return counted kinds of rounding in words, such as ``start, 2 x frame``."""
     return ", ".join(kind if n == 1 else f"{n} x {kind}" for kind, n in kinds.items())
 
 
-def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[Sample]]) -> Thresholds:
-    """Return ``old`` with bounds around all ``samples`` of a case where one leaves them, or those around another.
+def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[SpreadSample]]) -> Thresholds:
+    """Return ``old`` with bounds around all samples of a case, where its own or those of one sample exclude another.
 
-    Rounding has to explain it: it does if the value that was measured when the threshold was set lies within the new
-    bounds. Bounds of a case whose status rounding decides stay.
+    A bound stays if the value of its threshold is outside the new bounds, which rounding then does not explain, and if
+    rounding decides the status of its case.
     """
     unstable = find_unstable(samples)
     lawful = {c: found for c, found in samples.items() if c not in unstable and Status(found[0].record.status).lawful}
@@ -58,13 +59,17 @@ def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[Sample]]) ->
     return structs.replace(old, bounds=tuple(bounds), spread=_summarise(lawful) or old.spread)
 
 
-def _bounds_of(was: Threshold, s: Sample) -> list[Threshold]:
+def _bounds_of(was: Threshold, s: SpreadSample) -> list[Threshold]:
+    """Return the bound that one sample alone proposes for the metric of ``was``, as a list of at most one."""
     found = propose_bounds([replace(s.record, case=was.case)])
     return [b for b in found if b.metric == was.metric]
 
 
 def _widen_around(was: Threshold, found: Sequence[tuple[str, Threshold]], control: str) -> Threshold | None:
-    """Return ``was`` with the widest of its bounds in ``found``; None where bounds around any one hold of all."""
+    """Return ``was`` widened to all bounds in ``found``; None if bounds around each sample hold for all samples.
+
+    ``found`` are the bounds around each sample, with its kind of rounding; ``control`` is ``dt`` or ``rtol``.
+    """
     values = [b.value for _, b in found]
     bounds = (was,) if was.samples > 1 else (was, *(b for _, b in found))
     if was.tolerance is not None or all(b.holds(value) for b in bounds for value in values):
@@ -80,10 +85,10 @@ def _widen_around(was: Threshold, found: Sequence[tuple[str, Threshold]], contro
     )
 
 
-def _summarise(lawful: Mapping[str, Sequence[Sample]]) -> Spread | None:
-    """Summarise how often and by what runs were changed, and where that moved a number of a fixed-step run most.
+def _summarise(lawful: Mapping[str, Sequence[SpreadSample]]) -> Spread | None:
+    """Return the number and kinds of repeats, and the largest ratio by which rounding changed a number at a fixed step.
 
-    That is the largest value over the least, of numbers that have bounds by ``FIXED_STEP`` and measure no rounding.
+    The ratio is of the largest to the least value, of numbers with bounds by ``FIXED_STEP``. None without repeats.
     """
     kinds = sorted({s.kind for found in lawful.values() for s in found if s.kind})
     if not kinds:

@@ -1,1 +1,1 @@
-"""Checks for an engine's own tests: problems as numbers or files, tolerances derived from the exact motion."""
+"""Provide checks for the tests of an engine: problems as numbers or files, tolerances derived from the exact motion."""

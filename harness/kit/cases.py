@@ -1,6 +1,6 @@
-"""The problems of the kit: a catalogue problem with parameters, or a bar on a hinge with a spring, damper and torque.
+"""Define the cases of the kit: catalogue problems with parameters, and a bar on a hinge with spring, damper and torque.
 
-Of the bar, J theta'' + c theta' + k theta = a sin(w t), the motion is a formula.
+The bar obeys J theta'' + c theta' + k theta = a sin(w t), so that its motion is a formula.
 """
 
 import dataclasses
@@ -14,7 +14,7 @@ from jaxtyping import Float
 from ...problems.exact import planar
 from ...problems.exact.closed_form import ClosedForm
 from ..catalogue import registry
-from ..catalogue.options import nearest
+from ..catalogue.options import suggest_name
 from ..mechanics import so3
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, Joint, Load, TorsionSpring, assemble
@@ -47,9 +47,9 @@ STIFFNESS, DAMPING, FREQUENCY, ANGLE = 20.0, 0.5, 5.0, 0.5  # [N m/rad], [N m s/
 
 
 def make_case(name: str) -> Problem:
-    """The problem of a case."""
+    """Return the problem of a case."""
     if name not in CASES:
-        raise ValueError(f"unknown case {name!r}{nearest(name, list(CASES))}; there are {', '.join(CASES)}")
+        raise ValueError(f"unknown case {name!r}{suggest_name(name, list(CASES))}; there are {', '.join(CASES)}")
     problem, parameters = CASES[name]
     if not problem:
         return _hinge(name, **parameters)
@@ -58,45 +58,45 @@ def make_case(name: str) -> Problem:
 
 
 @dataclass(frozen=True)
-class Reframed:
-    """A motion of one body in body axes Q."""
+class ReframedMotion:
+    """Express the motion of one body in other body axes, turned by Q."""
 
     own: Reference
     Q: Float[np.ndarray, "3 3"]
 
     @property
     def route(self) -> str:
-        """That in the own axes."""
+        """Route of the reference in the original axes."""
         return self.own.route
 
     @property
     def horizon(self) -> float:
-        """That in the own axes [s]."""
+        """Horizon of the reference in the original axes [s]."""
         return self.own.horizon
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """The motion at ``t`` [s]."""
+        """Return the motion at ``t`` [s]."""
         s = self.own.states(t)
         return States(s.r, s.R @ self.Q, s.v, s.Omega @ self.Q, t)
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """That in the own axes [m]."""
+        """Return the stated error of the reference in the original axes [m]."""
         return self.own.error(t)
 
 
 def _reframe(p: Problem, Q: Float[np.ndarray, "3 3"]) -> Problem:
-    """The same motion of one free body, whose inertia then has products."""
+    """Return the problem with the axes of its one free body turned by Q, so that the inertia has products."""
     own, start = p.reference(), p.initial
     assert own is not None
     system = dataclasses.replace(p.system, inertia=Q.T @ p.system.inertia @ Q)
     turned = State(start.r, start.R @ Q, start.v, start.Omega @ Q)
     return dataclasses.replace(
-        p, system=system, initial=turned, observables=(), invariants=(), reference_from=lambda _: Reframed(own, Q)
+        p, system=system, initial=turned, observables=(), invariants=(), reference_from=lambda _: ReframedMotion(own, Q)
     )
 
 
 def _hinge(name: str, torque: float) -> Problem:
-    """A bar on a hinge about OZ, without gravity, from rest at ``ANGLE``; ``torque`` [N m] is the amplitude a."""
+    """Return a bar hinged about OZ, without gravity, from rest at ``ANGLE``; ``torque`` [N m] is the amplitude a."""
     half = np.array([0.5 * LENGTH, 0.0, 0.0])
     bar = planar.slender(MASS, LENGTH, AXIAL, "bar")
     joint = Joint(0, -half, GROUND, (0.0, 0.0, 0.0), planar.AXIS, planar.OZ, "O")
@@ -104,12 +104,15 @@ def _hinge(name: str, torque: float) -> Problem:
     spring = TorsionSpring(0, X, GROUND, Z, X, STIFFNESS, 0.0, DAMPING)
     drive = Load(0, torque=(0.0, 0.0, torque), factor=TimeFunction((), 1.0, FREQUENCY))
     system = assemble([bar], [joint], (0.0, 0.0, 0.0), torsions=[spring], loads=[drive] if torque else [])
-    exact = ClosedForm("closed form: damped oscillator", partial(_swing, torque), 1.0, FREQUENCY)
+    exact = ClosedForm("closed form: damped oscillator", partial(_evaluate_oscillation, torque), 1.0, FREQUENCY)
     return Problem(name, system, exact.start(), 2.0, 1e-2, "", "chosen", reference_from=exact.from_start)
 
 
-def _swing(torque: float, t: Float[np.ndarray, " nt"]) -> States:
-    """Re(z exp(s t)) of the free motion, and of the driven one in the phase of its torque."""
+def _evaluate_oscillation(torque: float, t: Float[np.ndarray, " nt"]) -> States:
+    """Return the states of the bar at ``t`` [s]; its torque has the amplitude ``torque`` [N m].
+
+    Its angle is Re(z exp(s t)) of the free motion plus the driven motion in phase with the torque.
+    """
     root = (-DAMPING + np.emath.sqrt(DAMPING**2 - 4.0 * ABOUT_HINGE * STIFFNESS)) / (2.0 * ABOUT_HINGE)
     lever = STIFFNESS - ABOUT_HINGE * FREQUENCY**2 + 1j * DAMPING * FREQUENCY
     driven = -1j * torque / lever  # theta = Re(driven exp(i w t))

@@ -1,4 +1,4 @@
-"""The kit's model for an engine: the problem as numbers, as MJCF or as URDF, and a step."""
+"""Define the model that the kit gives to an engine: the problem as numbers, as MJCF or as URDF, and a step."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from ...solvers.engines.export.plain import plain
+from ...solvers.engines.export.plain import flatten_tree
 from ...solvers.engines.export.tree import Kind, spanning_tree
 from ..foreign.description import describe_problem
 from ..mechanics.motion import load_in_space
@@ -23,7 +23,7 @@ FREE = Kind.FREE.name
 
 @dataclass(frozen=True)
 class Model:
-    """A problem for an engine. Bodies are in the order of ``numbers["bodies"]``, called ``body0``, ``body1``, ..."""
+    """Describe a problem to an engine, with bodies called ``body0``, ``body1``, ... in the order of its numbers."""
 
     name: str
     problem: Problem
@@ -43,15 +43,16 @@ class Model:
     def tree(self) -> dict[str, Any]:
         """Joint coordinates: ``limbs`` from the ground outwards, ``cuts`` that close loops, start and velocities."""
         system, start = self.problem.system, self.problem.initial
-        return plain(spanning_tree(system, start), system, start)
+        return flatten_tree(spanning_tree(system, start), system, start)
 
     @cached_property
     def links(self) -> list[dict[str, Any]]:
         """Bodies from the ground outwards, each with a frame at its joint that is parallel to the body at the start.
 
-        ``body``, ``parent`` (-1: the ground), ``kind`` (HINGE, SLIDE, BALL, FREE and others), ``axes``; ``at`` and
-        ``R_0``: the frame in that of the parent; ``centre``: C in it; ``mass``, ``inertia`` about C; ``speed`` of the
-        joint, of a free body v and omega, in the frame. Of a free body the frame is at C.
+        Each has ``body``, ``parent`` (-1: the ground), ``kind`` (HINGE, SLIDE, BALL, FREE and others) and ``axes``;
+        ``at`` and ``R_0``, the frame relative to that of the parent; ``centre``, the centre of mass C in the frame;
+        ``mass``, and ``inertia`` about C; ``speed`` of the joint or, for a free body, v and omega, in the frame. The
+        frame of a free body is at C.
         """
         arms, out, u = {GROUND: np.zeros(3)}, [], self.tree["start_velocity"]
         for x in self.tree["limbs"]:
@@ -60,18 +61,27 @@ class Model:
             speed = np.concatenate((x["R"].T @ own[:3], own[3:])) if free else own.copy()
             at = np.array(x["r"]) if free else x["s_parent"] - arms[x["parent"]]
             kept = {k: x[k] for k in ("body", "parent", "kind", "mass")}
-            out.append({**kept, "axes": [np.array(axis) for _, axis in x["moves"]], "at": at, "R_0": np.array(x["R_0"]),
-                        "centre": -arms[x["body"]], "inertia": np.array(x["inertia"]), "speed": speed})  # fmt: skip
+            out.append(
+                {
+                    **kept,
+                    "axes": [np.array(axis) for _, axis in x["moves"]],
+                    "at": at,
+                    "R_0": np.array(x["R_0"]),
+                    "centre": -arms[x["body"]],
+                    "inertia": np.array(x["inertia"]),
+                    "speed": speed,
+                }
+            )
         return out
 
     @cached_property
     def loops(self) -> list[tuple[int, np.ndarray, int, np.ndarray]]:
-        """Points that coincide and close loops: body, point in the frame of ``links``; body, point."""
+        """Coincident points that close loops: body, point in the frame of ``links``; body, point."""
         centre = {GROUND: np.zeros(3)} | {x["body"]: x["centre"] for x in self.links}
         return [(c["i"], c["s_i"] + centre[c["i"]], c["j"], c["s_j"] + centre[c["j"]]) for c in self.tree["cuts"]]
 
     def torques(self, t: float) -> Float[np.ndarray, "nb 3"]:
-        """Applied torques [N m, space] at ``t`` [s]; no case has forces."""
+        """Return the applied torques [N m, space] at ``t`` [s]; no case has forces."""
         system, out = self.problem.system, np.zeros((self.problem.system.nb, 3))
         here = States.one(self.problem.initial).with_times(np.array([t]))
         for k, body in enumerate(system.load_i):
@@ -80,7 +90,7 @@ class Model:
 
     @cached_property
     def mjcf(self) -> str:
-        """MuJoCo's format; cut joints are ``connect``, the key frame ``start`` has the velocities."""
+        """The problem in MuJoCo's format; cut joints are ``connect``, the key frame ``start`` has the velocities."""
         tree, system = self.tree, self.problem.system
         top = ET.Element("mujoco")
         ET.SubElement(top, "compiler", angle="radian")
@@ -101,16 +111,24 @@ class Model:
             for slides, axis in limb["moves"]:
                 spring = limb["torsion"] or {"stiffness": 0.0, "damping": 0.0, "rest_angle": 0.0}
                 ET.SubElement(
-                    part, "joint", type="slide" if slides else "hinge", pos=_text(limb["s_child"]), axis=_text(axis),
-                    stiffness=_text([spring["stiffness"]]), damping=_text([spring["damping"]]),
+                    part,
+                    "joint",
+                    type="slide" if slides else "hinge",
+                    pos=_text(limb["s_child"]),
+                    axis=_text(axis),
+                    stiffness=_text([spring["stiffness"]]),
+                    damping=_text([spring["damping"]]),
                     springref=_text([spring["rest_angle"]]),
-                )  # fmt: skip
+                )
         tendons = ET.SubElement(top, "tendon") if tree["springs"] else top
         for k, s in enumerate(tree["springs"]):
             cord = ET.SubElement(
-                tendons, "spatial", stiffness=_text([s["stiffness"]]), damping=_text([s["damping"]]),
+                tendons,
+                "spatial",
+                stiffness=_text([s["stiffness"]]),
+                damping=_text([s["damping"]]),
                 springlength=_text([s["rest_length"]]),
-            )  # fmt: skip
+            )
             for end in "ij":
                 ET.SubElement(parts[int(s[end])], "site", name=f"spring{k}{end}", pos=_text(s[f"p_{end}"]))
                 ET.SubElement(cord, "site", site=f"spring{k}{end}")
@@ -125,12 +143,12 @@ class Model:
 
     @property
     def floats(self) -> bool:
-        """Whether the first body hangs on nothing: the base of the URDF is that body then, else the ground."""
+        """True if the first body is free: it is the base of the URDF then, else the ground is."""
         return bool(self.tree["limbs"][0]["kind"] == FREE)
 
     @cached_property
     def urdf(self) -> str:
-        """URDF of the tree, with the joint ``spherical`` of Bullet; joints bear the names of their bodies."""
+        """URDF of the tree, with the joint ``spherical`` of Bullet; joints have the names of their bodies."""
         top = ET.Element("robot", name=self.name)
         if self.problem.system.torsion_k.size or self.tree["springs"]:
             raise ValueError(f"{self.name}: URDF has no springs; use the numbers or the MJCF")
@@ -158,8 +176,10 @@ class Model:
 
 
 def _text(numbers: Iterable[float]) -> str:
+    """Return numbers as text of an XML attribute, with all digits."""
     return " ".join(repr(float(x)) for x in numbers)
 
 
 def _quaternion(R: np.ndarray) -> str:
+    """Return a rotation matrix as the text of its quaternion w, x, y, z."""
     return _text(Rotation.from_matrix(R).as_quat(scalar_first=True))

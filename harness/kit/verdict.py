@@ -1,4 +1,4 @@
-"""Pass or fail: two runs of an engine, at a step and at half of it, against the exact motion.
+"""Pass or fail an engine by two runs, at a step and at half of it, against the exact motion.
 
 What a law may show at time t is the sum of three parts::
 
@@ -7,7 +7,7 @@ What a law may show at time t is the sum of three parts::
     step       2 max |x_dt - x_dt/2| / (2^p - 1): Richardson's estimate for order p, doubled for the next term
     reference  its stated error, and the rounding of this evaluation in float64
 
-An error that does not fall with the step as the order promises passes none of these. Beyond, the motion at the half
+An error that does not fall with the step as the order promises exceeds this sum. Beyond that, the motion at the half
 step must be one that the referee calls a success.
 """
 
@@ -23,33 +23,38 @@ from scipy.spatial.transform import Rotation
 from ..mechanics.state import States
 from ..metrics.measure import measure
 from ..metrics.summary import columns
-from ..metrics.verdict import doubts, inaccuracy
-from ..reference.computation import reference_of
+from ..metrics.verdict import inaccuracy, list_broken_laws
+from ..reference.computation import find_reference
 from ..types import Law, Problem, Reason, Status, Trajectory
 from .cases import make_case
 from .conditioning import evaluate_laws, measure_growth
 from .model import Model
 
 UNIT = {"float32": 2.0**-24, "float64": 2.0**-53}  # half a unit of the last digit
-DEVIATIONS = 3.0  # of the draws of ``conditioning``
-NEXT_TERM = 2.0  # of Richardson's estimate
-EVALUATION = 32.0  # roundings of laws from poses and velocities
+DEVIATIONS = 3.0  # standard deviations of the draws of ``conditioning``
+NEXT_TERM = 2.0  # factor on Richardson's estimate, for the next term of the error
+EVALUATION = 32.0  # roundings in the evaluation of laws from poses and velocities
 STEP = 2e-3  # [s]
+# (r, q, v, omega) at the start and after each step, as ``check`` describes them
 Motion = Iterable[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
 WORDS = {
-    Law.MOTION: ("error", "m"), Law.VELOCITY: ("error of velocities", "m/s"), Law.CONSTRAINT: ("closure", "m"),
-    Law.CONSTRAINT_RATE: ("closure of velocities", "m/s"), Law.ENERGY: ("energy", "J"), Law.FINITE: ("finite", ""),
+    Law.MOTION: ("error", "m"),
+    Law.VELOCITY: ("error of velocities", "m/s"),
+    Law.CONSTRAINT: ("closure", "m"),
+    Law.CONSTRAINT_RATE: ("closure of velocities", "m/s"),
+    Law.ENERGY: ("energy", "J"),
+    Law.FINITE: ("finite", ""),
     Law.START: ("start", ""),
-}  # fmt: skip
+}
 
 
 class EngineFailure(AssertionError):
-    """The motion of an engine is not that of the case; the message has a line for each law."""
+    """Signal that the motion of an engine is not that of the case; the message has a line for each violated law."""
 
 
 @dataclass(frozen=True)
-class Passed:
-    """A passed check: by law the largest value over what is allowed."""
+class PassedCheck:
+    """Report a passed check: for each law the largest value divided by its allowance."""
 
     case: str
     shares: dict[str, float]
@@ -58,8 +63,8 @@ class Passed:
 
 def check(
     case: str, motion: Callable[[Model], Motion], *, order: float = 1.0, precision: str = "float64", dt: float = STEP
-) -> Passed:
-    """Step an engine's model of ``case`` at ``dt`` [s] and ``dt / 2``; EngineFailure where its motion is wrong.
+) -> PassedCheck:
+    """Step an engine's model of ``case`` at ``dt`` [s] and ``dt / 2``; raise EngineFailure where its motion is wrong.
 
     ``motion(model)`` yields (r, q, v, omega) of all bodies at the start and after each step of ``model.dt``: centres of
     mass (nb, 3), quaternions (w, x, y, z) or matrices to space, velocities of the centres, angular velocities, all in
@@ -78,11 +83,11 @@ def check(
         raise EngineFailure("\n".join(lines))
     _, growth = _growth(case)
     ulps = DEVIATIONS + len(fine) - 1
-    return Passed(case, shares, UNIT[precision] * ulps * float(growth[Law.MOTION, ""][-1]))
+    return PassedCheck(case, shares, UNIT[precision] * ulps * float(growth[Law.MOTION, ""][-1]))
 
 
 def _run(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: int, unit: float) -> States:
-    """The motion as States; EngineFailure where it ends early, is not finite or starts elsewhere."""
+    """Return the motion as States; raise EngineFailure where it ends early, is not finite or starts elsewhere."""
     t = np.linspace(0.0, problem.t_end, steps + 1)
     rows = [
         tuple(np.array(part, dtype=float) for part in row)
@@ -122,7 +127,11 @@ def _run(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: 
 def _compare(
     case: str, problem: Problem, coarse: States, fine: States, order: float, unit: float
 ) -> tuple[list[Reason], dict[str, float]]:
-    """Laws broken at the half step, and the largest share of what is allowed of each law."""
+    """Return the laws broken at the half step, and for each law the largest value divided by its allowance.
+
+    ``coarse`` and ``fine`` are the motions at the step and at half of it, ``unit`` is the rounding of the engine's
+    numbers.
+    """
     t, steps = coarse.times, len(fine) - 1
     at_coarse = fine.at(slice(None, None, 2))
     exact, own = _exact(case, steps // 2)
@@ -134,7 +143,8 @@ def _compare(
         law, name = key
         vector = law in (Law.MOTION, Law.VELOCITY)
         halved = apart[key] if vector else laws["coarse"][key] - series
-        step = float(np.max(np.abs(halved))) * NEXT_TERM / (2.0**order - 1.0)  # transients last some steps, not a time
+        # the maximum over all times: transients last some steps, not a time
+        step = float(np.max(np.abs(halved))) * NEXT_TERM / (2.0**order - 1.0)
         roundings = unit * (DEVIATIONS + np.linspace(0.0, steps, len(t))) + EVALUATION * UNIT["float64"]
         rounding = roundings * np.interp(t, grown, growth[key])
         allowed = step + rounding + own * growth[key][-1] / growth[Law.MOTION, ""][0]
@@ -151,14 +161,15 @@ def _compare(
 
 @cache
 def _growth(case: str) -> tuple[np.ndarray, dict]:
+    """Return ``measure_growth`` of a case, computed once."""
     return measure_growth(make_case(case))
 
 
 @cache
 def _exact(case: str, steps: int) -> tuple[States, float]:
-    """The exact motion at equal steps and its stated error [m]."""
+    """Return the exact motion at equal steps and its stated error [m]."""
     problem = make_case(case)
-    reference = reference_of(problem)
+    reference = find_reference(problem)
     if reference is None or reference.horizon < problem.t_end * (1.0 - 1e-9):
         raise ValueError(f"case {case} has no reference up to {problem.t_end:g} s")
     t = np.linspace(0.0, problem.t_end, steps + 1)
@@ -166,19 +177,20 @@ def _exact(case: str, steps: int) -> tuple[States, float]:
 
 
 def _judge(problem: Problem, s: States, known: set[Law]) -> Iterator[Reason]:
-    """Why the referee would not call the motion a success, of laws not told yet."""
+    """Yield reasons why the referee would not call the motion a success, except for laws known to be broken."""
     start = problem.initial
     exact_start = {k: np.concatenate((getattr(start, k)[None], getattr(s, k)[1:])) for k in ("r", "R", "v", "Omega")}
     trajectory = Trajectory(s.times, States(**exact_start), Status.SUCCESS, "", {})
     m = measure(problem, trajectory)
     numbers = columns(problem, trajectory, m)
-    for r in doubts(problem, trajectory, m, numbers) or inaccuracy(m, numbers):
-        if r.law not in known and r.law is not Law.TRUNCATION:  # of differences over a step, which rounding drowns
+    for r in list_broken_laws(problem, trajectory, m, numbers) or inaccuracy(m, numbers):
+        # it compares differences over a step, which are below rounding
+        if r.law not in known and r.law is not Law.TRUNCATION:
             yield r
 
 
 def _describe(case: str, r: Reason) -> str:
-    """``top: energy is off by 172 J, allowed 1.7 J, first at t = 0.4 s``."""
+    """Return a line such as ``top: energy is off by 172 J, allowed 1.7 J, first at t = 0.4 s``."""
     words = r.name or WORDS.get(r.law, (str(r.law), ""))[0]
     when = "" if math.isnan(r.time_s) else f", first at t = {r.time_s:.4g} s"
     if math.isnan(r.value):

@@ -1,1 +1,1 @@
-"""Submissions: run on hidden instances, ranked by error against CPU time."""
+"""Rank submissions: run them on hidden instances and order them by error against CPU time."""

@@ -1,7 +1,7 @@
-"""The process that runs submissions blind: it gets numbers without names and never learns what they are.
+"""Run submissions in a process that gets problems as numbers without names, and never learns which they are.
 
-``python -m mbsbench.harness.ladder.blind`` forks a process a task. Tasks come as files, one path a line on standard
-input; how each process ended goes out as a line.
+``python -m mbsbench.harness.ladder.blind`` forks a process for each task. The paths of task files come one a line on
+standard input; how each process ended is written as a line of JSON.
 """
 
 import os
@@ -17,105 +17,115 @@ import numpy as np
 from ..cache import ROOT, cache_folder
 from ..catalogue import registry
 from ..code_meter import CODE_LIMIT
+from ..confined_paths import ConfinedPath
 from ..execution import handover, worker
-from ..execution.contract import raised_at
+from ..execution.contract import locate_error
 from ..execution.handover import Handover, SolverReport
 from ..execution.presenting import present_problem
 from ..execution.run import Send
-from ..places import Place
-from ..sandbox.apart import Apart, Ended
-from ..sandbox.isolation import shut_out
-from ..types import EndedBy, Problem, Solver, StepControl
+from ..sandbox.forked_process import ForkedProcess, ProcessEnd
+from ..sandbox.isolation import protect_process
+from ..types import EndCause, Problem, Solver, StepControl
 from .fence import keep_in_folder
 
 OUT = "outcome.npz"
-FENCED = "fenced"  # what a run's process sends once it is shut in
+FENCED = "fenced"  # what the process of a run sends once it is confined
 ANSWERS = (
     "problems",
     "harness/reference",
     "harness/ladder",
     "results",
     ".git",
-)  # of the package: what knows the motion
+)  # parts of the package that would reveal the motion
 ELSEWHERE = (
     cache_folder("references", ROOT / "results" / "local"),
     Path("results"),
-)  # kept references, and results of commands that were called from here
+)  # cached references, and results of commands called from the working directory
 HIDDEN = (*(ROOT.resolve() / name for name in ANSWERS), *(place.resolve() for place in ELSEWHERE))
 
 
 @dataclass(frozen=True)
-class Task:
-    """A presented problem without its name, what solves it, its limits, and where the outcome goes."""
+class BlindTask:
+    """A problem, as presented and without its name, with the solver, its limits, and where the outcome is written."""
 
     problem: Problem
     control: StepControl
     solver: str
     plugin: str  # a file; empty for a solver of the catalogue
     folder: Path  # the only place that it may write to; the outcome goes there
-    stderr: Place
+    stderr: ConfinedPath
     limit: float  # [s] of CPU time, import included
     memory: float  # [MB]
 
 
-def shut_in(folder: Path) -> bool:
-    """Before any code of a submission runs: let it work in ``folder`` and find no answers. False where it still can."""
+def confine_process(folder: Path) -> bool:
+    """Confine this process to ``folder`` and hide the answers from it, before code of a submission runs.
+
+    Return whether the system enforces all of it. The process also changes to that folder and caches there.
+    """
     os.chdir(folder)
     os.environ.update({"TMPDIR": str(folder), "NUMBA_CACHE_DIR": str(folder)})
-    if "numba" in sys.modules:  # it has read the environment; without a place it refuses @njit(cache=True)
+    if "numba" in sys.modules:  # it has read the environment already, and refuses @njit(cache=True) without a folder
         sys.modules["numba"].config.CACHE_DIR = str(folder)
     return keep_in_folder(folder, HIDDEN)
 
 
 def hide_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepControl]:
-    """``problem`` as it is presented, without a name, a source or a parameter that tells which it is."""
+    """Return a problem as presented and its step control, without any name, source or parameter that identifies it."""
     seen, steps = present_problem(problem, control)
     system = replace(seen.system, body_names=(), joint_names=())
     hidden = replace(seen, system=system, name="hidden", section="", source="", parameters={}, frame=np.eye(3), dt=0.0)
     return hidden, steps
 
 
-class Watched(Apart):
-    """A process whose tree is counted at each look: children that nobody waits for leave no other trace."""
+class WatchedProcess(ForkedProcess):
+    """A process whose children are counted at each check: those that nobody waits for leave no other trace."""
 
-    def look(self) -> Ended | None:
-        """None while it runs."""
+    def check_end(self) -> ProcessEnd | None:
+        """Return how the process ended, or None while it runs; count its children at once."""
         self._next = 0.0
-        return super().look()
+        return super().check_end()
 
 
-def attempt(task: Task, send: Send) -> None:
-    """Import the plugin, ask it, solve, and write the outcome; whatever is raised becomes one.
+def attempt_solve(task: BlindTask, send: Send) -> None:
+    """Confine this process, import the plugin, solve, and write the outcome; an exception is an outcome too.
 
-    The first line sent says whether the fence holds: it is written before anything of the submission is there to write.
+    The first line sent, by ``send``, says whether the confinement holds. It is sent before any code of the submission
+    could send lines.
     """
     made = list[Solver]()
-    send(FENCED if shut_in(task.folder) else "")
+    send(FENCED if confine_process(task.folder) else "")
     try:
         if task.plugin:
             registry.load_plugin(task.plugin)
         made.append(solver := registry.make_solver(task.solver))
         handed = worker.solve(task.problem, solver, task.control)
-    except Exception as error:
+    except Exception as error:  # an entry may raise anything: a result
         traceback.print_exc()
         message = f"{type(error).__name__}: {error}".split("\n")[0][:500]
-        report = SolverReport(by=EndedBy.EXCEPTION, message=message + "".join(raised_at(error, s) for s in made))
+        report = SolverReport(by=EndCause.EXCEPTION, message=message + "".join(locate_error(error, s) for s in made))
         handed = Handover(report, None)
     handover.write(task.folder / OUT, handed)
 
 
-def _run(task: Task) -> Ended:
-    """Leave making code out of the limit for solvers of the catalogue alone: a submission's meter is its own word."""
+def _run(task: BlindTask) -> ProcessEnd:
+    """Run a task in a process of its own, and return how that ended, with the first line that it sent.
+
+    The CPU limit includes code generation for a submission, whose own report of it cannot be trusted.
+    """
     code = 0.0 if task.plugin else CODE_LIMIT
-    ended = Watched(
-        lambda send: attempt(task, send), limit=task.limit, memory=task.memory, stderr=task.stderr, code=code
+    ended = WatchedProcess(
+        lambda send: attempt_solve(task, send), limit=task.limit, memory=task.memory, stderr=task.stderr, code=code
     ).wait()
-    return replace(ended, sent=ended.sent.partition("\n")[0])  # what follows is the submission's own
+    return replace(ended, sent=ended.sent.partition("\n")[0])  # later lines come from the submission
 
 
 def serve() -> None:
-    """Run the tasks whose files are named on standard input."""
-    shut_out()
+    """Run the tasks whose files are named on standard input, one after the other, and write how each process ended.
+
+    Each task file is removed afterwards.
+    """
+    protect_process()
     answers = os.dup(1)
     os.dup2(2, 1)
     for line in sys.stdin:

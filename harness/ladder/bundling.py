@@ -1,4 +1,4 @@
-"""The bundle of a submission: written from its results folder, and read as hostile data."""
+"""Write the bundle of a submission from its results folder, and read such bundles as untrusted data."""
 
 import hashlib
 import json
@@ -11,61 +11,67 @@ from pathlib import Path
 
 from ..bundle.archive import MANIFEST, write_archive
 from ..bundle.contents import list_contents
+from ..confined_paths import open_whole
 from ..execution.run import Send
 from ..files import FileError, parse_json, parse_toml
-from ..places import open_whole
 from ..results import records, store
 from ..results.environment import ROOT
 from ..results.records import RunRecord
-from ..sandbox.apart import Apart
-from ..text import printable
+from ..sandbox.forked_process import ForkedProcess
+from ..text import escape_text
 from ..types import Status
-from .closing import Closing
-from .instances import KINDS, STEPS, Instance, Kind, draw_instances
+from .closing import LadderClosing
+from .instances import KINDS, STEPS, Instance, InstanceKind, draw_instances
 
 CHECKER = ROOT / "checker" / "check_bundle.py"
 CHECK_LIMIT, CHECK_MEMORY = 60.0, 4000.0  # [s] of CPU time and [MB] for the checker
-ABOUT = ("submission", "digest", "seed")  # of its suite.toml
-CONTROL = {"dt": "dt_s", "rtol": "rtol"}  # columns of records
+ABOUT = ("submission", "digest", "seed")  # required keys of suite.toml
+CONTROL = {"dt": "dt_s", "rtol": "rtol"}  # columns of records by step control
 LARGEST_BUNDLE = 2**30  # [bytes] of all its files
 LARGEST = 2**26  # [bytes] of the suite and of all records together
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A bundle of the ladder: who, what was run, and why it is no entry (nothing: it is one)."""
+    """A bundle of the ladder: its solver and runs, and why it is no valid entry."""
 
     file: str
     solver: str
-    digest: str
-    seed: str
+    digest: str  # of the submission
+    seed: str  # the value that instances were drawn with
     records: tuple[RunRecord, ...]
-    forged: tuple[str, ...] = ()
-    fenced: bool = False  # whether its runs were kept from all that is not theirs, as who ran them says
+    forged: tuple[str, ...] = ()  # why it is no valid entry
+    fenced: bool = False  # whether its runs were confined, according to who ran them
 
 
 def write_bundle(folder: Path, path: Path) -> None:
-    """The results in ``folder`` as the lossless bundle ``path``."""
+    """Write the newest results of each run in ``folder`` as the lossless bundle ``path``."""
     write_archive(path, list_contents(folder, store.newest(store.load(folder).records), lossless=True))
 
 
-def read_entry(path: Path, kinds: tuple[Kind, ...] = KINDS, closing: Closing | None = None) -> Entry:
-    """What a bundle says, and where it cannot be believed: its manifest, its instances, its numbers, its seed."""
+def read_entry(path: Path, kinds: tuple[InstanceKind, ...] = KINDS, closing: LadderClosing | None = None) -> Entry:
+    """Return a bundle as an entry; it raises nothing, but states in ``forged`` why the entry is invalid.
+
+    Its manifest, instances, numbers and seed are checked, and with ``closing`` whether the ladder admits it. ``kinds``
+    are the problems that the ladder draws instances of.
+    """
     try:
         entry = _read_entry(path, kinds)
-    except Exception as error:  # a file of others may lead to any: it costs this entry, and no other
+    except Exception as error:  # a foreign file may raise anything, and must cost this entry alone
         words = " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
         entry = _no_entry(path, f"it is no bundle of a submission: {words}")
-    if closing and not entry.forged and (words := closing.complain(entry.digest, entry.seed)):
+    if closing and not entry.forged and (words := closing.explain_rejection(entry.digest, entry.seed)):
         return replace(entry, forged=(words,))
     return entry
 
 
 def _no_entry(path: Path, *why: str) -> Entry:
-    return Entry(printable(path.name), printable(path.stem), "", "", (), tuple(map(printable, why)))
+    """Return an entry without results for a file that is no valid bundle, with the reasons."""
+    return Entry(escape_text(path.name), escape_text(path.stem), "", "", (), tuple(map(escape_text, why)))
 
 
-def _read_entry(path: Path, kinds: tuple[Kind, ...]) -> Entry:
+def _read_entry(path: Path, kinds: tuple[InstanceKind, ...]) -> Entry:
+    """Return a bundle as an entry with all reasons against it; raise any exception if it is not a bundle."""
     with open_whole(path, LARGEST_BUNDLE) as file, zipfile.ZipFile(file) as archive:
         if found := _check_manifest(archive):
             return _no_entry(path, *found)
@@ -81,11 +87,11 @@ def _read_entry(path: Path, kinds: tuple[Kind, ...]) -> Entry:
     found += _check_instances(given, solver, draw_instances(digest, seed, kinds))
     found += check_bundle(path)
     fenced = about.get("fenced") is True
-    return Entry(printable(path.name), solver, digest, seed, given, tuple(map(printable, found)), fenced)
+    return Entry(escape_text(path.name), solver, digest, seed, given, tuple(map(escape_text, found)), fenced)
 
 
 def _check_manifest(archive: zipfile.ZipFile) -> list[str]:
-    """Where a bundle differs from its manifest, a line each."""
+    """Return a line for each file of a bundle that differs from its manifest, or one for a bundle that is malformed."""
     sizes = {m.filename: m.file_size for m in archive.infolist()}
     if len(sizes) != len(archive.infolist()) or MANIFEST not in sizes or sum(sizes.values()) > LARGEST_BUNDLE:
         return [f"a name twice, no {MANIFEST}, or more than {LARGEST_BUNDLE} bytes"]
@@ -96,11 +102,13 @@ def _check_manifest(archive: zipfile.ZipFile) -> list[str]:
 
 
 def _digest_member(archive: zipfile.ZipFile, name: str) -> str:
-    with archive.open(name) as member:  # in pieces: it may be as large as a bundle
+    """Return the sha256 of a file in a ZIP archive, in hexadecimal digits."""
+    with archive.open(name) as member:  # digested in pieces, since it may be as large as a bundle
         return hashlib.file_digest(member, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def _read(archive: zipfile.ZipFile, name: str) -> str:
+    """Return the text of a file in a ZIP archive; raise FileError if it is missing, too large, or not UTF-8."""
     if name not in archive.namelist():
         raise FileError(f"it has no {name}")
     if archive.getinfo(name).file_size > LARGEST:
@@ -112,7 +120,7 @@ def _read(archive: zipfile.ZipFile, name: str) -> str:
 
 
 def _check_numbers(r: RunRecord) -> str:
-    """What no run can have; empty for others."""
+    """Return in words what in a record no run of the ladder can have; empty if there is nothing."""
     if r.status not in set(Status):
         return f"no status {r.status!r}"
     if r.control not in STEPS or getattr(r, CONTROL[r.control]) not in STEPS[r.control]:
@@ -125,7 +133,10 @@ def _check_numbers(r: RunRecord) -> str:
 
 
 def _check_instances(given: tuple[RunRecord, ...], solver: str, drawn: tuple[Instance, ...]) -> list[str]:
-    """Every instance drawn must have been run at every setting, once, and no other."""
+    """Return a line for each way in which the records differ from one run per drawn instance and setting.
+
+    ``given`` are the records, ``solver`` the entry's, ``drawn`` the instances of its digest and seed.
+    """
     found = [f"{r.case}: a run of {r.solver}" for r in given if r.solver != solver]
     wanted = {(i.problem, json.dumps(dict(i.parameters), sort_keys=True)) for i in drawn}
     have = [(r.problem, json.dumps(json.loads(r.problem_parameters), sort_keys=True), r.dt_s, r.rtol) for r in given]
@@ -137,24 +148,30 @@ def _check_instances(given: tuple[RunRecord, ...], solver: str, drawn: tuple[Ins
 
 
 def require_checker() -> None:
-    """FileError where the checker is not there: without it no bundle can be believed."""
+    """Raise FileError if the independent checker is missing: no bundle can be trusted without it."""
     if not CHECKER.is_file():
         raise FileError(f"bundles cannot be ranked without the independent checker: {CHECKER} is missing; reinstall")
 
 
 def check_bundle(path: Path) -> list[str]:
-    """Where the independent checker disagrees with a bundle, which owes it the states of every success."""
+    """Return where the independent checker disagrees with a bundle, at most five lines; empty if it agrees.
+
+    The checker demands the states of every success. It runs in a process with limits; a run that exceeds them is a
+    disagreement.
+    """
     require_checker()
     line = (sys.executable, str(CHECKER), "--complete", str(path))
 
     def check(send: Send) -> None:
+        """Run the checker, and send its exit code and output."""
         done = subprocess.run(line, capture_output=True, text=True, check=False)
         send(json.dumps([done.returncode, (done.stdout or done.stderr)]))
 
-    ended = Apart(check, limit=CHECK_LIMIT, memory=CHECK_MEMORY).wait()
+    ended = ForkedProcess(check, limit=CHECK_LIMIT, memory=CHECK_MEMORY).wait()
     code, said = json.loads(ended.sent) if ended.sent else (ended.code, "")
     if code < 0 or not ended.sent:
         return [f"the checker {replace(ended, code=code).describe_limit(CHECK_LIMIT, CHECK_MEMORY) or ended.words}"]
     lines = said.strip().splitlines()
-    differing = [line for line in lines[1:] if not line.startswith(" ")][:5]  # the first line counts, indented ones add
+    # the first line has counts, indented lines have details
+    differing = [line for line in lines[1:] if not line.startswith(" ")][:5]
     return [] if code == 0 else differing or lines or ["it disagrees"]

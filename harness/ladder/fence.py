@@ -1,6 +1,6 @@
-"""What a submission may reach, as Linux keeps it: one folder to write to, no answers, no socket, no other process.
+"""Confine a submission by means of Linux: one folder to write to, no answers, no socket, no other process.
 
-landlock(7) keeps files and signals; what it leaves open is refused by number (``calls``).
+landlock(7) restricts files and signals; the calls that it leaves open are refused (module ``calls``).
 """
 
 import ctypes
@@ -17,20 +17,22 @@ WRITE, READ, TRUNCATE, REFER = 1 << 1, 1 << 2, 1 << 14, 1 << 13
 REMOVE_AND_MAKE = sum(1 << k for k in range(4, 13))  # folders, files, links, pipes, sockets, devices
 TCP = 0b11  # bind and connect
 NEW_USERS_AND_IPC = 0x10000000 | 0x08000000  # namespaces(7): keyrings, shared memory and queues of System V
-SIGNALS, ABSTRACT = 6, 1  # the first version that keeps signals in (``sandbox.isolation``), and abstract Unix sockets
-VERSIONS = ((3, TRUNCATE), (2, REFER), (1, READ | WRITE | REMOVE_AND_MAKE))  # the first that has the right
+SIGNALS, ABSTRACT = 6, 1  # the first version that restricts signals (``sandbox.isolation``); abstract Unix sockets
+VERSIONS = ((3, TRUNCATE), (2, REFER), (1, READ | WRITE | REMOVE_AND_MAKE))  # the first version that has the right
 
 
 class _Beneath(ctypes.Structure):
+    """The kernel's landlock_path_beneath_attr: rights below the folder with file descriptor ``parent``."""
+
     _pack_ = 1
     _fields_ = (("allowed", ctypes.c_uint64), ("parent", ctypes.c_int32))
 
 
 def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
-    """Let this process and all that it starts write below ``folder`` alone, and read no file below those ``hidden``.
+    """Confine this process and its children: they write below ``folder`` only, and read no file below ``hidden``.
 
-    Returns whether the system does all of it, signals to others (Linux 6.12 and later), sockets, attributes of files
-    and priorities of others included. Root must also lose its rights to a namespace of its own.
+    Return whether the system enforces all of it, including signals to other processes (Linux 6.12 and later), sockets,
+    attributes of files and priorities of other processes. Root must also lose its rights to a separate namespace.
     """
     if not sys.platform.startswith("linux"):
         return False
@@ -46,7 +48,7 @@ def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
     for place, allowed in places:
         try:
             parent = os.open(place, os.O_PATH)
-        except OSError:  # it has gone, or is not ours to read
+        except OSError:  # it was removed, or must not be read
             continue
         rule = _Beneath(allowed, parent)
         system(ADD_RULE, ruleset, BENEATH, ctypes.byref(rule), 0)
@@ -58,20 +60,23 @@ def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
 
 
 def _leave_memory_behind() -> bool:
-    """Share no memory of System V with processes before or after this one, and lose root's rights; False where not."""
+    """Move this process to namespaces without System V memory of others or root's rights.
+
+    Return False if that fails.
+    """
     user, group = os.getuid(), os.getgid()
     if ctypes.CDLL(None).unshare(NEW_USERS_AND_IPC):
         return False
     try:
         for name, line in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
             Path(f"/proc/self/{name}").write_text(line, encoding="ascii")
-    except OSError:  # a process whose memory is shut, or a system that gives no rights in a namespace
+    except OSError:  # a process that is not dumpable, or a system that gives no rights in a namespace
         return False
     return True
 
 
 def _all_but(hidden: Sequence[Path], folder: Path) -> Iterator[Path]:
-    """The places in ``folder`` that together hold all but those ``hidden``."""
+    """Yield the fewest paths below ``folder`` that together contain everything except ``hidden``."""
     for place in (folder / name for name in os.listdir(folder)):
         if any(h.is_relative_to(place) for h in hidden):
             if place not in hidden:

@@ -8,13 +8,16 @@ from jaxtyping import Bool, Float
 
 from .fixed_order import principal_axes, product
 
-NONE = 1e-14  # of the largest principal inertia: what rounding leaves of none
-STILL = 1e-9  # of the loads: what added inertia may take of them
-SHARE = 1e-2  # added, of a rod's other principal inertias, of m arm^2 of a point mass
+NONE = 1e-14  # share of the largest principal inertia below which an inertia is rounding of zero
+STILL = 1e-9  # share of the loads that added inertia may absorb
+SHARE = 1e-2  # added share of a rod's other principal inertias, or of m arm^2 for a point mass
 
 
 def principal(inertia: Float[np.ndarray, "nb 3 3"]) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, "nb 3"]]:
-    """Return principal inertias (nb, 3), their axes (columns, nb 3 3), and which are none."""
+    """Return principal inertias (nb, 3) [kg m2], their axes (columns, nb 3 3), and flags of those that are zero.
+
+    Zero to rounding is meant, ``NONE`` of the largest.
+    """
     values, axes = principal_axes(inertia)
     return values, axes, values <= NONE * values[:, 2:]
 
@@ -22,18 +25,28 @@ def principal(inertia: Float[np.ndarray, "nb 3 3"]) -> tuple[np.ndarray, np.ndar
 def compute_added_inertia(
     mass: Float[np.ndarray, " nb"], inertia: Float[np.ndarray, "nb 3 3"], arm: Float[np.ndarray, " nb"]
 ) -> Float[np.ndarray, "nb 3 3"]:
-    """About the axes without inertia; ``arm`` [m] is what the inertia of a point mass is measured by."""
+    """Compute the inertia [kg m2, body] to add about axes that have none; zero about all others.
+
+    ``arm`` [m] is the longest joint arm of each body: a point mass gets ``SHARE`` of m arm^2.
+    """
     values, axes, none = principal(inertia)
     size = SHARE * np.where(none[:, 2], mass * arm**2, values[:, 2])
     return product(axes * (none * size[:, None])[:, None, :], np.swapaxes(axes, 1, 2))
 
 
 def check_idle(
-    added: Float[np.ndarray, "nb 3 3"], arm: Float[np.ndarray, " nb"], f: Float[np.ndarray, "nb 6"],
+    added: Float[np.ndarray, "nb 3 3"],
+    arm: Float[np.ndarray, " nb"],
+    f: Float[np.ndarray, "nb 6"],
     Omega_dot: Float[np.ndarray, "nb 3"],
-) -> None:  # fmt: skip
-    """ValueError where the loads ``f`` accelerate added inertia: bodies do not have it. ``arm`` [m]: of forces."""
-    taken = np.max(np.abs(np.einsum("bij,bj->bi", added, Omega_dot)), initial=0.0)
+) -> None:
+    """Raise ValueError where the loads ``f`` accelerate added inertia, which then changes the motion.
+
+    ``f`` are forces [N, space] and torques [N m, body] on each body, ``Omega_dot`` [rad/s2] what they cause, ``arm``
+    [m] turns forces into moments.
+    """
+    taken = np.max(np.abs(np.einsum("bij,bj->bi", added, Omega_dot)), axis=1, initial=0.0)
     size = max(np.max(np.abs(f[:, :3]) * arm[:, None], initial=0.0), np.max(np.abs(f[:, 3:]), initial=0.0))
-    if taken > STILL * size:
-        raise ValueError("a body is accelerated about an axis without inertia: give it some there")
+    if np.max(taken, initial=0.0) > STILL * size:
+        body = int(np.argmax(taken))
+        raise ValueError(f"body {body} is accelerated about an axis without inertia: give it some there")

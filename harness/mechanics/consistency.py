@@ -5,6 +5,7 @@ import numpy as np
 from . import so3
 from .added_inertia import principal
 from .motion import constraint, constraint_rate, measure_gaps
+from .naming import name_joint
 from .state import State, States
 from .system import MultibodySystem
 
@@ -21,6 +22,7 @@ def check_start(
     """Raise unless poses are rotations and phi = phi_dot = 0, to ``START_TOLERANCE``; ``literal`` waives phi_dot.
 
     With ``any_root`` a joint may also be half a turn from the angle that it prescribes, where its row vanishes, too.
+    ``what`` names the state in the InconsistentStart that is raised.
     """
     for name in ("r", "R", "v", "Omega"):
         if not np.all(np.isfinite(getattr(state, name))):
@@ -39,18 +41,18 @@ def check_start(
         joint = int(np.searchsorted(system.row_start, row, side="right")) - 1
         if abs(constraint(system, one)[0, row]) <= START_TOLERANCE < phi:
             raise InconsistentStart(
-                f"{what} must satisfy the constraints: joint {system.joint_names[joint]!r} is half a turn from the "
+                f"{what} must satisfy the constraints: {name_joint(system, joint)} is half a turn from the "
                 "angle that it prescribes, where its row vanishes, too; turn body i by pi about the axis"
             )
         raise InconsistentStart(
             f"{what} must satisfy the constraints: expected |phi| and |phi_dot| < {START_TOLERANCE:g} "
-            f"(got |phi| = {phi:.6g}, |phi_dot| = {phi_dot:.6g}, most at joint {system.joint_names[joint]!r}"
+            f"(got |phi| = {phi:.6g}, |phi_dot| = {phi_dot:.6g}, most at {name_joint(system, joint)}"
             f"{_describe_gap(system, one, joint, row) if phi > START_TOLERANCE else ''})"
         )
 
 
 def _describe_gap(system: MultibodySystem, s: States, joint: int, row: int) -> str:
-    """Return what is open at a joint: its points are apart, or its axes differ; nothing of other rows."""
+    """Return in words what is open at a joint, its points or its axes; empty where ``row`` is neither."""
     phi, first = constraint(system, s)[0], int(system.row_start[joint])
     points, axis = system.joint_points[joint], system.axis_rows()
     if row < first + points:
@@ -62,7 +64,11 @@ def _describe_gap(system: MultibodySystem, s: States, joint: int, row: int) -> s
 
 
 def project(system: MultibodySystem, state: State, iterations: int = 20) -> State:
-    """The nearest consistent state: Gauss-Newton on phi, then velocities, both least change in the mass metric."""
+    """Return the state near ``state`` that satisfies the constraints, by least change in the mass metric.
+
+    Poses are projected first, by Gauss-Newton on phi, then velocities; raise InconsistentStart if that does not
+    succeed.
+    """
     r, R = state.r.copy(), state.R.copy()
     for _ in range(iterations):
         here = State(r, R, state.v, state.Omega, state.t)
@@ -79,11 +85,11 @@ def project(system: MultibodySystem, state: State, iterations: int = 20) -> Stat
 
 
 def perturb(system: MultibodySystem, state: State, size: float, seed: int) -> State:
-    """``state`` with a random change, projected back onto the constraints.
+    """Return ``state`` with a random change, projected back onto the constraints.
 
     ``size`` is relative: to 1 rad in orientation, to the largest joint arm (1 m without joints) in position, and to the
     largest speed or sqrt(g arm) in velocities; standard normal in each component, from ``seed``. A body without inertia
-    about an axis is not spun about it: where no joint is at work there, its spin must stay 0.
+    about an axis is not spun about it: where no joint acts there, its spin must stay 0.
     """
     random = np.random.default_rng(seed)
     arm = float(np.max(np.abs(system.joint_s_i), initial=0.0)) or 1.0
@@ -101,7 +107,7 @@ def perturb(system: MultibodySystem, state: State, size: float, seed: int) -> St
 
 
 def _with_inertia(system: MultibodySystem, Omega: np.ndarray) -> np.ndarray:
-    """The part about axes that have some."""
+    """Return Omega without its components about axes that have no inertia."""
     _, axes, none = principal(system.inertia)
     n = axes * none[:, None, :]
     out: np.ndarray = Omega - np.einsum("bik,bjk,bj->bi", n, n, Omega)
@@ -109,7 +115,7 @@ def _with_inertia(system: MultibodySystem, Omega: np.ndarray) -> np.ndarray:
 
 
 def _least_change(system: MultibodySystem, state: State, wanted: np.ndarray) -> np.ndarray:
-    """x (nb, 6) of least mass norm with A x = ``wanted``, redundant rows allowed: LSQR on the scaled A."""
+    """Return x (nb, 6) of least mass norm with A x = ``wanted``, redundant rows allowed: LSQR on the scaled A."""
     import scipy.sparse as sp
     import scipy.sparse.linalg as spl
 

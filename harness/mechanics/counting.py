@@ -12,20 +12,20 @@ T = TypeVar("T")
 
 
 @dataclass
-class Count:
-    """Calls since ``counting`` began; one within another is none of its own."""
+class CallCount:
+    """Calls since ``collect_counts`` began; a call within a counted call is not counted again."""
 
     evaluations: int = 0
     factorisations: int = 0
-    inside: bool = False
+    inside: bool = False  # True during a counted call
 
 
-_count: ContextVar[Count | None] = ContextVar("count", default=None)
+_count: ContextVar[CallCount | None] = ContextVar("count", default=None)
 
 
 @contextmanager
-def counting(count: Count) -> Iterator[Count]:
-    """Add the calls made within to ``count``."""
+def collect_counts(count: CallCount) -> Iterator[CallCount]:
+    """Add calls of counted functions within this context to ``count``."""
     token = _count.set(count)
     try:
         yield count
@@ -34,9 +34,14 @@ def counting(count: Count) -> Iterator[Count]:
 
 
 def count_calls(*, factorises: bool) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Count each call of the function as an evaluation, and as a factorisation if it ``factorises``."""
+    """Return a decorator that counts each call of a function as an evaluation, for ``collect_counts``.
+
+    With ``factorises`` it counts as a factorisation, too.
+    """
 
     def mark(function: Callable[P, T]) -> Callable[P, T]:
+        """Return the function with its calls counted."""
+
         @functools.wraps(function)
         def call(*arguments: P.args, **keywords: P.kwargs) -> T:
             count = _count.get()

@@ -1,4 +1,4 @@
-"""How a kind of joint or force is declared: its equations, once, on whatever calculates with numbers or records them.
+"""Declarations of kinds of joints and forces: equations written once, evaluated on numbers or recorded as symbols.
 
 Vectors are NumPy arrays of three scalars, which may be floats or recorded symbols; declarations use ``+ - * / @``, and
 ``np.sin``, ``np.cos``, ``np.sqrt``, ``np.arctan2`` of scalars. Nothing here knows who reads the equations.
@@ -10,17 +10,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-Scalar = Any  # a float, or what records operations on one
+Scalar = Any  # a float, or a symbol that records operations
 Vec = np.ndarray  # (3,) of scalars
 
 
 class Count(NamedTuple):
     """Rows of a joint."""
 
-    point: int = 0
-    line: int = 0
-    axis: int = 0
-    moving: int = 0
+    point: int = 0  # points coincide: 0 or 3
+    line: int = 0  # a point stays in a plane, or at a distance
+    axis: int = 0  # directions stay normal to each other
+    moving: int = 0  # drives, and rows that restrict velocities alone
 
 
 @dataclass(frozen=True)
@@ -33,16 +33,16 @@ class Pose:
     omega: Vec
 
     def at(self, s: Vec) -> Vec:
-        """The point ``s`` (from C, body frame) in space [m]."""
+        """Return the place in space [m] of the body's point ``s`` (from C, body frame)."""
         return self.r + self.R @ s
 
     def turn(self, u: Vec) -> Vec:
-        """The direction ``u`` of the body frame in space."""
+        """Return the direction in space of ``u``, given in the body frame."""
         out: Vec = self.R @ u
         return out
 
     def velocity(self, x: Vec) -> Vec:
-        """Velocity of the body's material point at ``x`` in space [m/s]."""
+        """Return the velocity of the body's material point at ``x`` in space [m/s]."""
         return self.v + cross(self.omega, x - self.r)
 
 
@@ -64,70 +64,70 @@ Rows = Callable[[Pose, Pose, Numbers], Sequence[Scalar] | Vec]
 
 @dataclass(frozen=True)
 class JointDeclaration:
-    """One kind of joint: what the user gives, its rows as equations, its sentences for the manual.
+    """A kind of joint: the user's input, its rows as equations, its sentences for the manual.
 
-    ``phi`` gives rows of poses (and of time, by ``Numbers.f``), ``rates`` the rows behind them that restrict velocities
+    ``phi`` gives rows of poses (and of time, by ``Numbers.f``), ``rates`` the rows after them that restrict velocities
     alone, as phi_dot. ``frame`` turns the user's directions into u, w and n.
     """
 
     name: str
-    number: int  # in ``MultibodySystem.joint_sort``: kept files depend on it
+    number: int  # number in ``MultibodySystem.joint_sort``: stored files depend on it
     count: Count
-    leaves: str  # free
+    leaves: str  # freedom that the joint leaves, for the manual
     equation: str  # for the manual
     phi: Rows = lambda i, j, p: ()
     rates: Rows = lambda i, j, p: ()
-    axes: str = ""  # "i", "j" or "ij": the directions that the user gives
+    axes: str = ""  # "i", "j" or "ij": bodies for which the user gives an axis
     across: bool = False  # whether across_i and across_j are given
-    length: str = ""  # what the length is, where the user gives one [m]
+    length: str = ""  # meaning of the length [m], where the user gives one
     motion: str = ""  # unit of the function of time, where the user gives one
     needs_motion: bool = True
-    given: str = ""  # the manual's words for what the user gives, where its fields do not say it
-    note: str = ""  # behind what the user must give, in an error message
+    given: str = ""  # the manual's words for the user's input, where the fields do not say it
+    note: str = ""  # appended to the required input in an error message
     frame: Callable[..., dict[str, np.ndarray]] | None = None
     turning: Sequence[bool] = field(default=())  # which rows have no unit; by default the axis rows
 
     @property
     def turns(self) -> tuple[bool, ...]:
-        """Which rows have no unit: their reactions are torques [N m]."""
+        """Flags of the joint's rows that have no unit, whose reactions are torques [N m]."""
         point, line, axis, moving = self.count
         return tuple(self.turning) or (False,) * (point + line) + (True,) * axis + (False,) * moving
 
     @property
     def is_holonomic(self) -> bool:
-        """Whether every row has a phi."""
+        """True if every row has a phi, none restricts velocities alone."""
         return self.rates is JointDeclaration.rates
 
 
 def cross(a: Vec, b: Vec) -> Vec:
-    """a x b"""
+    """Return a x b."""
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]], dtype=np.result_type(a, b)
     )
 
 
 def gap(i: Pose, j: Pose, p: Numbers) -> Vec:
-    """d: from the point of j to that of i [m]."""
+    """Return d = x_i - x_j in space, from the joint's point of body j to that of body i [m]."""
     return i.at(p.s_i) - j.at(p.s_j)
 
 
 def slides(i: Pose, j: Pose, p: Numbers, *ways: Vec) -> list[Scalar]:
-    """n . d of directions fixed in j [m]."""
+    """Return the rows n . d [m] for directions n fixed in body j; d is ``gap``."""
     d = gap(i, j, p)
     return [j.turn(n) @ d for n in ways]
 
 
 def tilts(i: Pose, j: Pose, *pairs: tuple[Vec, Vec]) -> list[Scalar]:
-    """u . n of directions fixed in i and in j [-]."""
+    """Return the rows u . n [-], zero where they are normal, for pairs of directions fixed in i and in j."""
     return [i.turn(u) @ j.turn(n) for u, n in pairs]
 
 
 def length(a: Vec) -> Scalar:
-    """|a|"""
+    """Return |a|."""
     return np.sqrt(a @ a)
 
 
-class Push(NamedTuple):
+class PointLoad(NamedTuple):
     """A force [N] at a point, and a torque [N m], on body i, all in space; the opposite acts on body j."""
 
     force: Vec
@@ -137,16 +137,17 @@ class Push(NamedTuple):
 
 @dataclass(frozen=True)
 class ForceDeclaration:
-    """One kind of applied force: the arrays of ``MultibodySystem`` it reads, and its push as an equation.
+    """A kind of applied force: the arrays of ``MultibodySystem`` it reads, and its push as an equation.
 
-    ``numbers`` are names and sizes of what the system holds as ``<name>_<number>``; ``factor`` is a function of time.
+    ``numbers`` are names and sizes of the arrays that the system holds as ``<name>_<number>``; ``factor`` is a function
+    of time.
     """
 
     name: str
     numbers: dict[str, tuple[int, ...]]
-    push: Callable[[Pose, Pose, Any], Push]
+    push: Callable[[Pose, Pose, Any], PointLoad]  # from both poses and the numbers
     equation: str  # for the manual
-    part: str  # what the user writes
+    part: str  # class that the user writes
     energy: str  # for the manual
     pair: bool = True  # whether it acts between two bodies; a load acts on one
     depends_on_velocity: bool = True

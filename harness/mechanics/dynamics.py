@@ -1,4 +1,4 @@
-"""Newton and Euler with joints, for whoever writes a solver: M a = f + A^T reaction, A a = -A_dot v.
+"""Newton and Euler with joints, for authors of solvers: M a = f + A^T reaction, A a = -A_dot v.
 
 Nothing here is used by the solvers and references of this package, which have their own equations.
 """
@@ -17,13 +17,13 @@ from .state import State, States
 from .system import MultibodySystem
 
 RANK = (
-    1e-6  # of the largest singular value of A M^-1/2 in rows of length one: redundant below, also off phi = 0 (Bricard)
+    1e-6  # share of the largest singular value of A M^-1/2, rows of length one: redundant below (Bricard: off phi = 0)
 )
 
 
 @dataclass(frozen=True)
 class Rates:
-    """How a state changes: ``advance`` follows it; ``A^T reaction`` is the load of the joints on the bodies."""
+    """Rates of a state, which ``advance`` follows; ``A^T reaction`` is the load of the joints on the bodies."""
 
     v: Float[np.ndarray, "nb 3"]  # [m/s] of C, space
     Omega: Float[np.ndarray, "nb 3"]  # [rad/s] body
@@ -44,7 +44,7 @@ class Equations:
 
 @count_calls(factorises=False)
 def equations(system: MultibodySystem, s: State) -> Equations:
-    """Return the equations that ``accelerations`` solves; ``A_dot_v`` is a difference of sixth order."""
+    """Evaluate M, A, A_dot v and f, the equations that ``accelerations`` solves; A_dot v by sixth-order differences."""
     M = np.zeros((system.nb, 6, 6))
     M[:, range(3), range(3)] = system.mass[:, None]
     M[:, 3:, 3:] = system.regular_inertia
@@ -53,10 +53,11 @@ def equations(system: MultibodySystem, s: State) -> Equations:
 
 @count_calls(factorises=True)
 def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray, " nrows"] | float = 0.0) -> Rates:
-    """Those of index 1 with A a + A_dot v = ``phi_ddot``; redundant rows share their load by least squares.
+    """Return the rates of a state, from index 1: M a = f + A^T reaction with A a + A_dot v = ``phi_ddot``.
 
-    With L L^T = M and B = A L^-T: x = L^T a is L^-1 f, without joints, and what B x = phi_ddot - A_dot v adds to it.
-    ValueError where a body is accelerated about an axis without inertia.
+    Redundant rows share their load by least squares. With L L^T = M and B = A L^-T: x = L^T a is L^-1 f, without
+    joints, plus the least correction that yields B x = phi_ddot - A_dot v. ValueError where a body is accelerated about
+    an axis without inertia.
     """
     e = equations(system, s)
     inverse = np.linalg.inv(np.linalg.cholesky(e.M))
@@ -75,14 +76,18 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
 
 
 def advance(s: State, rates: Rates, dt: float) -> State:
-    """``s`` after ``dt`` [s] at these rates: r + dt v, R exp(dt Omega), v + dt v_dot, Omega + dt Omega_dot."""
+    """Advance ``s`` by ``dt`` [s] at these rates: r + dt v, R exp(dt Omega), v + dt v_dot, Omega + dt Omega_dot."""
     return State(
-        s.r + dt * rates.v, s.R @ so3.exp(dt * rates.Omega), s.v + dt * rates.v_dot, s.Omega + dt * rates.Omega_dot,
+        s.r + dt * rates.v,
+        s.R @ so3.exp(dt * rates.Omega),
+        s.v + dt * rates.v_dot,
+        s.Omega + dt * rates.Omega_dot,
         s.t + dt,
-    )  # fmt: skip
+    )
 
 
 def _forces(system: MultibodySystem, s: State) -> np.ndarray:
+    """Return the applied forces [N, space] and torques about C less Omega x J Omega [N m, body], a row (6) a body."""
     f: np.ndarray = applied_loads(system, States.one(s))[0]
     f[:, 3:] -= so3.cross(s.Omega, np.einsum("bij,bj->bi", system.inertia, s.Omega))
     return f

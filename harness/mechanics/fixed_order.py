@@ -6,7 +6,7 @@ For numbers of set-up that enter a motion; NumPy's elementwise products and sums
 import numpy as np
 from jaxtyping import Float
 
-SWEEPS = 8  # of Jacobi's rotations over a matrix of three rows: converged to rounding after five
+SWEEPS = 8  # sweeps of Jacobi's rotations over a matrix of three rows: converged to rounding after five
 
 
 def product(A: Float[np.ndarray, "*stack m k"], B: Float[np.ndarray, "*stack k n"]) -> Float[np.ndarray, "*stack m n"]:
@@ -31,12 +31,12 @@ def dot(a: Float[np.ndarray, " k"], b: Float[np.ndarray, " k"]) -> float:
 
 
 def inverse(A: Float[np.ndarray, "*stack n n"]) -> Float[np.ndarray, "*stack n n"]:
-    """Return A^-1 of small matrices, inertias and tableaux: by factors with the largest pivot of each column."""
+    """Return the inverse of a small matrix or a stack of them, by elimination with the largest pivot of each column."""
     return np.array([_invert(one) for one in A.reshape(-1, *A.shape[-2:]).tolist()]).reshape(A.shape)
 
 
 def _invert(A: list[list[float]]) -> list[list[float]]:
-    """Eliminate row by row as LAPACK's unblocked routines do, each product rounded before it is subtracted."""
+    """Return A^-1 by rows: eliminate as LAPACK's unblocked routines do, rounding products before subtracting them."""
     n = len(A)
     rows = [[*row, *(float(i == k) for k in range(n))] for i, row in enumerate(A)]
     for k in range(n):
@@ -59,14 +59,14 @@ def _invert(A: list[list[float]]) -> list[list[float]]:
 def principal_axes(
     inertia: Float[np.ndarray, "*stack 3 3"],
 ) -> tuple[Float[np.ndarray, "*stack 3"], Float[np.ndarray, "*stack 3 3"]]:
-    """Return principal inertias, ascending, and axes by columns, by Jacobi's rotations."""
+    """Return principal inertias, ascending, and principal axes as columns, by Jacobi's rotations."""
     A = np.moveaxis(np.array(inertia, dtype=float), (-2, -1), (0, 1))
     V = np.array(np.broadcast_to(np.eye(3).reshape(3, 3, *[1] * (A.ndim - 2)), A.shape))
     for p, q in [(0, 1), (0, 2), (1, 2)] * SWEEPS:
         turning = A[p, q] != 0.0
         if not np.any(turning):
             continue
-        with np.errstate(over="ignore"):  # entries that are rounding beside the diagonal: no turn
+        with np.errstate(over="ignore"):  # entries that are rounding beside the diagonal need no rotation
             ratio = 0.5 * (A[q, q] - A[p, p]) / np.where(turning, A[p, q], 1.0)
             t = np.where(turning, np.copysign(1.0, ratio) / (np.abs(ratio) + np.sqrt(1.0 + ratio * ratio)), 0.0)
         c = 1.0 / np.sqrt(1.0 + t * t)

@@ -1,9 +1,9 @@
-"""Accelerations and reactions of index 1 at many states at once, with code that no solver uses: what judges a run.
+"""Accelerations and reactions of index 1 at many states at once, by code that no solver uses: runs are judged by it.
 
 M a = f + A^T reaction, A a = -A_dot v, unique in a and in A^T reaction where rows are redundant, too.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -17,16 +17,19 @@ from .motion import applied_loads, drift, row_parts
 from .state import States
 from .system import MultibodySystem
 
-CHUNK = 500  # instants whose A is held at once
+CHUNK = 500  # instants whose A is in memory at once
+TOGETHER = 2e6  # the same in entries of sparse rows
 DENSE = 3e6  # nrows^2 6 nb, at most, of dense algebra: beyond it sparse factors cost less
-REGULAR = 1e-10  # of the largest square of a row of B: above rounding, and refined away
-PASSES = 30  # of refinement at most
-SETTLED = 1e-13  # of L^T a: the last pass
+# share of the largest square of a row of B: rows that depend on each other to 3e-8 are refined within PASSES, where
+# 1e-10 left a third of the grid's load at 3e-7; rounding lets 0.4 % of what contradicts redundant rows enter loads
+REGULAR = 1e-14
+PASSES = 30  # passes of refinement at most
+SETTLED = 1e-13  # relative change of L^T a at which refinement ends
 INDEPENDENT = 1e-4  # least to largest part of a row that earlier rows leave: rounding is then below 1e-11
 
 
 class Index1(NamedTuple):
-    """NaN where a run is no longer finite, and where M is singular."""
+    """Solutions of index 1 at each time; NaN where a run is no longer finite, and where M is singular."""
 
     a: Float[np.ndarray, "nt nb 6"]  # (v_dot [space], Omega_dot [body])
     reaction: Float[np.ndarray, "nt nrows"]
@@ -34,14 +37,10 @@ class Index1(NamedTuple):
 
 
 def index_1(system: MultibodySystem, s: States) -> Index1:
-    """Accelerations, reactions and their loads on the bodies by index 1, at each time of ``s``."""
+    """Solve index 1 at each time of ``s``: accelerations, reactions of the rows, and their loads on the bodies."""
     n, nb, nrows = len(s), system.nb, system.nrows
     out = Index1(*(np.full(shape, np.nan) for shape in ((n, nb, 6), (n, nrows), (n, nb, 6))))
-    L = np.zeros((nb, 6, 6))  # of L L^T = M, with added inertia
-    L[:, range(3), range(3)] = np.sqrt(system.mass)[:, None]
-    L[:, 3:, 3:] = np.linalg.cholesky(system.regular_inertia)
-    inverse = np.linalg.inv(L)
-    few = 6.0 * nb * nrows**2 <= DENSE
+    inverse, few = _inverse_root(system), is_dense(system)
     for k in range(0, n, CHUNK):
         part = s.at(slice(k, k + CHUNK))
         f = applied_loads(system, part)
@@ -51,14 +50,42 @@ def index_1(system: MultibodySystem, s: States) -> Index1:
     return out
 
 
-def _dense(
-    system: MultibodySystem, s: States, inverse: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray, out: Index1
-) -> None:
+def is_dense(system: MultibodySystem) -> bool:
+    """Return whether a system is so small that dense matrices cost less than sparse ones."""
+    return 6.0 * system.nb * system.nrows**2 <= DENSE
+
+
+def _inverse_root(system: MultibodySystem) -> Float[np.ndarray, "nb 6 6"]:
+    """Return L^-1 with L L^T = M, by bodies; M includes added inertia."""
+    L = np.zeros((system.nb, 6, 6))
+    L[:, range(3), range(3)] = np.sqrt(system.mass)[:, None]
+    L[:, 3:, 3:] = np.linalg.cholesky(system.regular_inertia)
+    return np.linalg.inv(L)
+
+
+def _rows(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows nb 6"]:
+    """Return A at each time (nt, nrows, nb, 6), by bodies (r_dot [space], Omega [body])."""
     A = np.zeros((len(s), system.nrows, system.nb, 6))
     for body, rows, translation, rotation in row_parts(system, s):
         A[:, rows, body] += np.concatenate((translation, rotation), axis=-1)
+    return A
+
+
+def _weigh(system: MultibodySystem, inverse: np.ndarray, A: np.ndarray) -> Float[np.ndarray, "nt nrows m"]:
+    """Return B = A L^-T (nt, nrows, 6 nb) from A and ``inverse``, which is L^-1."""
     B = np.matmul(A.transpose(0, 2, 1, 3), np.swapaxes(inverse, -1, -2)).transpose(0, 2, 1, 3)
-    B = B.reshape(len(s), system.nrows, 6 * system.nb)
+    return B.reshape(len(A), system.nrows, 6 * system.nb)
+
+
+def _dense(
+    system: MultibodySystem, s: States, inverse: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray, out: Index1
+) -> None:
+    """Fill ``out`` with solutions by dense matrices, at all instants at once; those that are not finite stay NaN.
+
+    ``inverse`` is L^-1, ``f`` the applied loads less gyroscopic ones (nt, nb, 6).
+    """
+    A = _rows(system, s)
+    B = _weigh(system, inverse, A)
     good = np.all(np.isfinite(B), axis=(1, 2)) & np.all(np.isfinite(f), axis=(1, 2))
     good &= np.all(np.isfinite(A_dot_v), axis=1)
     found = _solve_saddle(inverse, B[good], f[good], A_dot_v[good])
@@ -70,53 +97,120 @@ def _dense(
 def _sparse(
     system: MultibodySystem, s: States, inverse: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray, out: Index1
 ) -> None:
-    """The same, one instant after the other; costs grow with what sparse factors hold."""
+    """Fill ``out`` with solutions by sparse factors, one instant after the other; those that are not finite stay NaN.
+
+    Arguments as of ``_dense``; the cost grows with the fill of the factors.
+    """
+    spread = sparse.block_diag(np.swapaxes(inverse, -1, -2), format="csr")
+    for k, (A, B, square) in enumerate(_sparse_rows(system, s, spread)):
+        if not all(np.all(np.isfinite(x)) for x in (A.data, f[k], A_dot_v[k])):
+            continue
+        a, reaction = _solved_sparsely(inverse, B, square, f[k], A_dot_v[k])
+        out.a[k], out.reaction[k], out.load[k] = a, reaction, (A.T @ reaction).reshape(-1, 6)
+
+
+def _sparse_rows(
+    system: MultibodySystem, s: States, weight: sparse.csr_array
+) -> Iterator[tuple[sparse.csr_array, sparse.csr_array, np.ndarray]]:
+    """Yield A, B = A ``weight`` and the sums of squares of B's rows at each time of ``s``."""
     parts = list(row_parts(system, s))
     row = np.concatenate([np.repeat(rows, 6) for _, rows, _, _ in parts])
     column = np.concatenate([np.ravel(6 * body[:, None] + np.arange(6)) for body, _, _, _ in parts])
     values = np.concatenate([np.concatenate(p[2:], axis=-1).reshape(len(s), -1) for p in parts], axis=1)
-    spread = sparse.block_diag(np.swapaxes(inverse, -1, -2), format="csr")
-    for k in range(len(s)):
-        if not all(np.all(np.isfinite(x[k])) for x in (values, f, A_dot_v)):
-            continue
-        A = sparse.csr_array((values[k], (row, column)), shape=(system.nrows, 6 * system.nb))
-        a, reaction = _solved_sparsely(inverse, (A @ spread).tocsr(), f[k], A_dot_v[k])
-        out.a[k], out.reaction[k], out.load[k] = a, reaction, (A.T @ reaction).reshape(-1, 6)
+    nrows, many = system.nrows, max(1, int(TOGETHER / max(1, len(row))))
+    for some in (values[k : k + many] for k in range(0, len(s), many)):
+        n = len(some)
+        every = (row + nrows * np.arange(n)[:, None]).ravel(), np.tile(column, n)
+        A = sparse.csr_array((some.ravel(), every), shape=(n * nrows, 6 * system.nb))
+        B = (A @ weight).tocsr()
+        square = np.asarray(B.multiply(B).sum(axis=1))
+        yield from ((A[k : k + nrows], B[k : k + nrows], square[k : k + nrows]) for k in range(0, n * nrows, nrows))
+
+
+def least_changes(
+    system: MultibodySystem, s: States, wanted: Float[np.ndarray, "nt nrows"], dependent: float
+) -> Float[np.ndarray, "nt nb 6"]:
+    """Return the least changes x of the poses (r [space], turn [body]) with A x = ``wanted`` at each time.
+
+    Least is sum m (|x_r|^2 + gyration^2 |x_turn|^2). Rows are scaled to one, so that metres and radians count alike;
+    singular values below the share ``dependent`` of the largest are left out, those of sparse rows gradually (a share
+    d^2 / (s^2 + d^2) of each).
+    """
+    weight = 1.0 / np.sqrt(system.mass)[:, None] * np.repeat([np.ones(system.nb), 1.0 / system.gyration], 3, 0).T
+    y = np.zeros((len(s), 6 * system.nb))
+    if is_dense(system):
+        for k in range(0, len(s), CHUNK):
+            B = (_rows(system, s.at(slice(k, k + CHUNK))) * weight).reshape(-1, system.nrows, 6 * system.nb)
+            size = np.linalg.norm(B, axis=2)
+            size[size == 0.0] = 1.0
+            y[k : k + CHUNK], _ = factor_rows(B / size[..., None], dependent)(wanted[k : k + CHUNK] / size)
+    else:
+        for k, (_, B, square) in enumerate(_sparse_rows(system, s, sparse.diags_array(weight.ravel()).tocsr())):
+            size = np.sqrt(square)
+            size[size == 0.0] = 1.0
+            S = (sparse.diags_array(1.0 / size) @ B).tocsr()
+            scaled, least = _least_sparsely(S, S.multiply(S).sum(axis=1), dependent**2, passes=1)
+            y[k], _ = least(wanted[k] / size / scaled)
+    return y.reshape(len(s), system.nb, 6) * weight
 
 
 def _solved_sparsely(
-    inverse: np.ndarray, B: sparse.csr_array, f: np.ndarray, A_dot_v: np.ndarray
+    inverse: np.ndarray, B: sparse.csr_array, square: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The least x with B x = c as B^T mu, by iterated regularisation: mu += (B B^T + e)^-1 (c - B B^T mu).
+    """Return accelerations (nb, 6) and reactions (nrows,) at one instant; ``square`` are the squares of B's rows."""
+    size, least = _least_sparsely(B, square)
+    x = np.einsum("bij,bj->bi", inverse, f).ravel()
+    more, mu = least((-A_dot_v - B @ x) / size)
+    return np.einsum("bji,bj->bi", inverse, (x + more).reshape(-1, 6)), mu / size
 
-    Redundant rows need no choice: what they leave open of mu is no part of B^T mu. The factor is that of
-    [[1, B^T], [B, -e]], which no square of B spoils.
+
+def _least_sparsely(
+    B: sparse.csr_array, square: np.ndarray, regular: float = REGULAR, passes: int = PASSES
+) -> tuple[float, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]]:
+    """Factor B = A L^-T; return its size, and a function that takes c to the least x with B x = size c, and to mu.
+
+    x = B^T mu / size. ``square`` are the sums of squares of B's rows. By iterated regularisation in at most ``passes``:
+    mu += (B B^T + e)^-1 (c - B B^T mu) with e = ``regular``. Redundant rows need no choice: the part of mu that they
+    leave open does not enter B^T mu. The factor is that of [[1, B^T], [B, -e]], which avoids squaring the condition of
+    B.
     """
     n = B.shape[1]
-    size = float(np.sqrt(np.max(B.multiply(B).sum(axis=1), initial=0.0))) or 1.0
-    S = B / size
+    size = float(np.sqrt(np.max(square, initial=0.0))) or 1.0
+    S: sparse.csr_array = (B / size).tocsr()
     St = S.T.tocsr()
-    KKT = sparse.block_array([[sparse.eye_array(n), St], [S, -REGULAR * sparse.eye_array(S.shape[0])]], format="csc")
-    factor = splu(KKT)
+    factor = splu(_bordered(S, St, regular))
 
     def least(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least x with B x = size c, and mu with x = B^T mu / size."""
         x, mu = np.zeros(n), np.zeros(len(c))
-        for _ in range(PASSES):
+        for _ in range(passes):
             step = factor.solve(np.append(-(x - St @ mu), c - S @ x))
             x, mu = x + step[:n], mu - step[n:]
             if not np.linalg.norm(step[:n]) > SETTLED * np.linalg.norm(x):
                 break
         return np.asarray(St @ mu), mu
 
-    x = np.einsum("bij,bj->bi", inverse, f).ravel()
-    more, mu = least((-A_dot_v - B @ x) / size)
-    return np.einsum("bji,bj->bi", inverse, (x + more).reshape(-1, 6)), mu / size
+    return size, least
 
 
-def factor_rows(B: Float[np.ndarray, "n k m"]) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """A function that takes c (n, k) to the least x (n, m) with B x = c, and to mu (n, k) with B^T mu = x.
+def _bordered(S: sparse.csr_array, St: sparse.csr_array, regular: float) -> sparse.csc_array:
+    """Return [[1, S^T], [S, -``regular``]] by columns: SciPy's ``block_array`` of it, in a tenth of its time."""
+    (k, n), rows = S.shape, S.sorted_indices()
+    before, after = St.indptr[:-1], rows.indptr[1:]  # the diagonal comes first in the left columns, last in the right
+    data = np.insert(St.data, before, 1.0), np.insert(rows.data, after, -regular)
+    indices = np.insert(n + St.indices, before, np.arange(n)), np.insert(rows.indices, after, n + np.arange(k))
+    start = St.indptr + np.arange(n + 1), St.nnz + n + after + np.arange(1, k + 1)
+    arrays = np.concatenate(data), np.concatenate(indices), np.concatenate(start)
+    return sparse.csc_array(arrays, shape=(n + k, n + k))
 
-    By QR where rows are far from dependent, by singular values, ten times as slow, elsewhere.
+
+def factor_rows(
+    B: Float[np.ndarray, "n k m"], dependent: float = 1e-9
+) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Factor B; return a function that takes c (n, k) to the least x (n, m) with B x = c, and to mu with B^T mu = x.
+
+    By QR where rows are far from dependent, by singular values, ten times as slow, elsewhere: those below the part
+    ``dependent`` of the largest are left out.
     """
     sure = np.zeros(len(B), dtype=bool)
     if 0 < B.shape[1] <= B.shape[2] and len(B):
@@ -124,9 +218,10 @@ def factor_rows(B: Float[np.ndarray, "n k m"]) -> Callable[[np.ndarray], tuple[n
         size = np.abs(np.diagonal(R, axis1=1, axis2=2))
         sure = np.min(size, axis=1) > INDEPENDENT * np.max(size, axis=1)
         Q, R = Q[sure], R[sure]
-    back = np.linalg.pinv(B[~sure], rcond=1e-9)
+    back = np.linalg.pinv(B[~sure], rcond=dependent)
 
     def apply(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least x with B x = c, and mu with B^T mu = x."""
         x, mu = np.zeros((len(B), B.shape[2])), np.zeros((len(B), B.shape[1]))
         if np.any(sure):
             y = np.linalg.solve(np.swapaxes(R, -1, -2), c[sure][:, :, None])
@@ -141,7 +236,7 @@ def factor_rows(B: Float[np.ndarray, "n k m"]) -> Callable[[np.ndarray], tuple[n
 def _solve_saddle(
     inverse: np.ndarray, B: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """From L^-1 by bodies, B = A L^-T, f and A_dot v."""
+    """Return accelerations (nt, nb, 6) and reactions (nt, nrows) from L^-1 by bodies, B = A L^-T, f and A_dot v."""
     x = np.einsum("bij,tbj->tbi", inverse, f).reshape(B.shape[::2])
     more, reaction = factor_rows(B)(-A_dot_v - times(B, x))
     return np.einsum("bji,tbj->tbi", inverse, (x + more).reshape(f.shape)), reaction

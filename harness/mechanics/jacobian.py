@@ -1,4 +1,4 @@
-"""The constraint Jacobian A of ``phi_dot = A v`` as a sparse matrix, and what its rank says about redundancy."""
+"""The constraint Jacobian A of ``phi_dot = A v`` as a sparse matrix, and the redundancy of its rows by its rank."""
 
 import numpy as np
 import scipy.linalg as sl
@@ -11,7 +11,7 @@ from .system import MultibodySystem
 
 
 def constraint_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
-    """A (nrows, 6 nb), columns per body (r_dot [space], Omega [body])."""
+    """Return A of phi_dot = A v + phi_t, sparse (nrows, 6 nb), columns per body (r_dot [space], Omega [body])."""
     rows: list[np.ndarray] = []
     columns: list[np.ndarray] = []
     values: list[np.ndarray] = []
@@ -25,10 +25,10 @@ def constraint_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
 
 
 def even_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
-    """A for velocities (r_dot, gyration Omega), all in m/s, its rows of length one: what a rank is to be read off.
+    """Return A for velocities (r_dot, gyration Omega), all in m/s, rows of unit length: its rank is that of the rows.
 
-    In metres and radians a row of an axis is 1e-10 of that of a point on an arm of 1e5 m; in masses a light body's
-    rows vanish beside a heavy one's. Neither says anything about rank.
+    In metres and radians a row of an axis is 1e-10 of that of a point on an arm of 1e5 m; in masses a light body's rows
+    vanish beside a heavy one's. Neither says anything about rank.
     """
     columns = np.repeat(np.stack((np.ones(system.nb), 1.0 / system.gyration), axis=1), 3, axis=1).ravel()
     A = constraint_jacobian(system, state) @ sp.diags_array(columns)
@@ -37,10 +37,10 @@ def even_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
 
 
 def independent_rows(system: MultibodySystem, state: State, rtol: float = 1e-9) -> Int[np.ndarray, " rank"]:
-    """A maximal set of independent constraint rows at ``state``, by QR with column pivoting of A^T, in row order.
+    """Return the numbers, ascending, of a maximal set of independent constraint rows at ``state``: pivoted QR of A^T.
 
-    ``rtol`` is relative to the largest pivot: rounding leaves about 1e-15, the smallest true pivot of the problems
-    here is above 1e-3 at the start.
+    ``rtol`` is relative to the largest pivot: rounding leaves about 1e-15, the smallest true pivot of the problems here
+    is above 1e-3 at the start.
     """
     if system.nrows == 0:
         return np.zeros(0, dtype=np.int64)
@@ -50,5 +50,5 @@ def independent_rows(system: MultibodySystem, state: State, rtol: float = 1e-9) 
 
 
 def singular_values(system: MultibodySystem, state: State) -> Float[np.ndarray, " k"]:
-    """Singular values of A, largest first."""
+    """Return the singular values of A, largest first."""
     return np.linalg.svd(constraint_jacobian(system, state).toarray(), compute_uv=False)

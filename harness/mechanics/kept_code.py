@@ -1,7 +1,7 @@
-"""Compiled laws kept on disk: the machine code of a C callback, by a digest of all that it was made from.
+"""Compiled laws stored on disk: the machine code of a C callback, by a digest of all that it was made from.
 
-Numba's own cache knows a function by its file and bytecode alone; a law may depend on numbers, arrays and functions
-outside it. All of them enter the digest, and a law with anything else outside is compiled in each process.
+Numba's own cache identifies a function by its file and bytecode alone; a law may depend on numbers, arrays and
+functions outside it. All of them enter the digest, and a law that refers to anything else is compiled in each process.
 """
 
 import contextlib
@@ -21,50 +21,53 @@ from ..cache import cache_folder, read_kept
 from ..code_meter import making_code
 from ..machine import numba_target
 
-LARGEST = 2**26  # [bytes] of a file
-LIBRARIES = ("numpy", "math", "cmath", "numba", "builtins", "operator")  # known by their names and versions
+LARGEST = 2**26  # [bytes] largest file that is read: it is held in memory before its seal is checked
+LIBRARIES = ("numpy", "math", "cmath", "numba", "builtins", "operator")  # identified by their names and versions
 
 
-class Unknown(Exception):
-    """Something that no digest can be made of."""
+class UndigestibleValue(Exception):
+    """A value that no digest can be made of."""
 
 
 @making_code
 def compile_callback(function: Callable[..., Any], returns: Any, *arguments: Any) -> Any:
-    """Numba's C callback of ``function``, from disk where it was compiled before."""
+    """Return ``function`` as numba's C callback, loaded from disk where it was compiled before.
+
+    ``returns`` and ``arguments`` are numba's types of its result and parameters.
+    """
     from numba.core.ccallback import CFunc
 
     callback = CFunc(function, (arguments, returns), {}, {})
-    with contextlib.suppress(Unknown):
-        key = digest_of(function, arguments, returns)
+    with contextlib.suppress(UndigestibleValue):
+        key = digest_callback(function, arguments, returns)
         root = Path(__file__).resolve().parents[2]
-        callback._cache = Kept(cache_folder("user_forces", root / "results" / "local") / f"{key}.pickle")
+        callback._cache = CallbackCache(cache_folder("user_forces", root / "results" / "local") / f"{key}.pickle")
     callback.compile()
     return callback
 
 
-class Kept:
+class CallbackCache:
     """Numba's interface of a cache, for one callback in one file.
 
-    A pickle, as numba makes it of types and machine code: no plain data would do. It can run code, as what is kept in
-    it does anyway, so only a file of this user is read, in a folder that no other may write to (``harness.cache``).
+    The file is a pickle, since numba's types and machine code have no plain form. It can run code, as its contents do
+    anyway, so only a file of this user is read, in a folder that no other may write to (``harness.cache``).
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
-        """The callback, or None where the file is not there or not whole."""
+        """Load the callback; None where the file is missing or incomplete."""
         from numba.core.compiler import CompileResult
 
         target_context.refresh()
         try:
             return CompileResult._rebuild(target_context, *pickle.loads(read_kept(self.path, LARGEST)))
-        except Exception:  # a file from elsewhere is as good as none: it is compiled anew
+        except Exception:  # a file of another version is ignored, and the law is compiled anew
             return None
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
-        """Write whole or not at all; code that refers to this process's memory is not kept."""
+        """Write the file whole or not at all; code that refers to this process's memory is not stored."""
         from numba.core.serialize import dumps
 
         if compiled.lifted or compiled.library.has_dynamic_globals:
@@ -76,8 +79,11 @@ class Kept:
             os.replace(file.name, self.path)
 
 
-def digest_of(function: Callable[..., Any], *more: object) -> str:
-    """Digest of bytecode, constants, closures, globals, versions and processor; ``Unknown`` where one has no digest."""
+def digest_callback(function: Callable[..., Any], *more: object) -> str:
+    """Return a digest of all that determines a callback's machine code; raise ``UndigestibleValue`` if there is none.
+
+    That is bytecode, constants, closures, globals, versions and processor, and ``more``.
+    """
     import llvmlite
     import llvmlite.binding as llvm
     import numba
@@ -92,7 +98,10 @@ def digest_of(function: Callable[..., Any], *more: object) -> str:
 
 
 def _parts(value: Any, seen: list[Any]) -> Iterator[str | bytes]:
-    """Everything that ``value`` is made of."""
+    """Yield everything that ``value`` is made of, as text or bytes; raise ``UndigestibleValue`` for other things.
+
+    ``seen`` are the functions yielded already, which may refer to themselves.
+    """
     if any(value is known for known in seen):
         yield f"seen {next(k for k, known in enumerate(seen) if known is value)}"
         return
@@ -122,14 +131,16 @@ def _parts(value: Any, seen: list[Any]) -> Iterator[str | bytes]:
     elif isinstance(value, (BuiltinFunctionType, np.ufunc, type)) and _home(value) in LIBRARIES:
         yield f"{getattr(value, '__module__', '')} {value.__name__}"
     else:
-        raise Unknown(type(value).__name__)
+        raise UndigestibleValue(type(value).__name__)
 
 
 def _home(value: Any) -> str:
+    """Return the top-level package that a function or type belongs to."""
     return "numpy" if isinstance(value, np.ufunc) else str(value.__module__).partition(".")[0]
 
 
 def _code(code: CodeType, names: dict[str, Any], seen: list[Any]) -> Iterator[str | bytes]:
+    """Yield bytecode, names and constants of a code object, with the values that ``names`` gives its globals."""
     yield code.co_code
     yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_argcount))
     for constant in code.co_consts:

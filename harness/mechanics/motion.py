@@ -19,14 +19,14 @@ from .torsion import torsion
 
 
 def kinetic_energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """T [J], Eq. (4) in body velocities."""
+    """Return T [J] of all bodies at each time, Eq. (4) in body velocities."""
     translation = np.einsum("b,tbi,tbi->t", system.mass, s.v, s.v)
     rotation = np.einsum("tbi,bij,tbj->t", s.Omega, system.inertia, s.Omega)
     return 0.5 * (translation + rotation)
 
 
 def potential_energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """V [J]: gravity (zero at the origin) and springs (zero at rest length or angle)."""
+    """Return V [J] at each time: of gravity (zero at the origin) and springs (zero at rest length or angle)."""
     V = -np.einsum("b,i,tbi->t", system.mass, system.gravity, s.r)
     for k in range(len(system.spring_k)):
         d, _ = spring_line(system, s, k)
@@ -37,12 +37,12 @@ def potential_energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " 
 
 
 def energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """T + V [J]."""
+    """Return the mechanical energy T + V [J] at each time."""
     return kinetic_energy(system, s) + potential_energy(system, s)
 
 
 def applied_loads(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb 6"]:
-    """Gravity, springs, dampers, loads, user forces on each body: force [N, space], torque about C [N m, body]."""
+    """Sum gravity, springs, dampers, loads, user forces on each body: force [N, space], torque about C [N m, body]."""
     out = np.zeros((len(s.r), system.nb + 1, 6))  # the last one is the ground
     out[:, :-1, :3] = system.mass[:, None] * system.gravity
     for k in range(len(system.spring_k)):
@@ -74,23 +74,24 @@ def applied_loads(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt n
 
 
 def user_loads(system: MultibodySystem, s: States) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """User forces: body, force at C and torque about it, in space (nt, 3)."""
+    """Yield for each body of a user force: the body, its force at C [N] and torque about it [N m], in space (nt, 3)."""
     for i, j, law in zip(system.user_i, system.user_j, system.user_law, strict=True):
         values = law.values(s, i, j)
         yield from ((body, values[:, e], values[:, 2 + e]) for e, body in enumerate((i, j)) if body != GROUND)
 
 
-REACH = 1e-2  # [rad] that bodies turn at most over a difference; its error is REACH^6 / 140 of the drift
+REACH = 1e-2  # [rad] bodies turn at most over a difference, whose error is REACH^6 / 140 of the drift
 DIFFERENCE = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
 PLACES = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)
 
 
 def drift(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
-    """The rate of phi_dot at constant velocities, A_dot v + (phi_t)_dot, by sixth-order differences of any rows."""
+    """Return A_dot v + (phi_t)_dot, the rate of phi_dot at constant velocities, by sixth-order differences."""
     rates = (float(np.max(np.abs(a), initial=1.0)) for a in (s.Omega, system.joint_motion[:, 5]))
     dt = REACH / max(rates)
 
     def ahead(h: float) -> States:
+        """Return the states after ``h`` [s] at constant velocities."""
         return States(s.r + h * s.v, s.R @ so3.exp(h * s.Omega), s.v, s.Omega, s.times + h, s.angles)
 
     shifted = (c * constraint_rate(system, ahead(x * dt)) for x, c in zip(PLACES, DIFFERENCE, strict=True))
@@ -99,42 +100,44 @@ def drift(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
 
 
 def _wrench(R: np.ndarray, force: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """(force [space], its torque about C [body]) of a force at the point ``p`` of a body."""
+    """Return (force [space], its torque about C [body]) for a force at the point ``p`` of a body."""
     return np.concatenate((force, so3.cross(p, np.einsum("tij,ti->tj", R, force))), axis=-1)
 
 
 def load_in_space(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Force and torque of a load in space (nt, 3)."""
+    """Return force [N] and torque [N m] of load ``k`` in space (nt, 3), at the times and poses of ``s``."""
     factor = values(system.load_factor[k : k + 1], s.times)[0]
     R = s.R[:, system.load_i[k]] if system.load_follows[k] else np.broadcast_to(np.eye(3), (len(s.r), 3, 3))
     return factor * (R @ system.load_force[k]), factor * (R @ system.load_torque[k])
 
 
 def linear_momentum(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt 3"]:
-    """sum m r_dot [kg m/s], space frame."""
+    """Return sum m r_dot [kg m/s], space frame."""
     return np.einsum("b,tbi->ti", system.mass, s.v)
 
 
 def angular_momentum(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt 3"]:
-    """sum (r x m r_dot + R J Omega) about the origin [kg m2/s], space frame."""
+    """Return sum (r x m r_dot + R J Omega) about the origin [kg m2/s], space frame."""
     orbital = np.einsum("b,tbi->ti", system.mass, so3.cross(s.r, s.v))
     return orbital + np.einsum("tbij,bjk,tbk->ti", s.R, system.inertia, s.Omega)
 
 
 def constraint(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
-    """phi: point and line rows [m], axis rows [-] (module ``joints``); 0 of rows that have none."""
+    """Return phi: point and line rows [m], axis rows [-] (module ``joints``); 0 for rows that have none."""
     return _rows(system, s, velocity=False)
 
 
 def measure_gaps(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
-    """phi where the assembly is the joint's own; where a row vanishes half a turn away, too, 2 |a| less |phi| there.
+    """Return phi as ``constraint``, but 2 less |phi| (its sign kept) for joints assembled half a turn away.
 
-    Driven angles, sin(theta - f), and the last row of fixed and prismatic joints, sin of the turn about the axis, are
-    such rows. The others have no second root, or one that is the same joint: the axis of a hinge is a line.
+    There a row vanishes as well: driven angles, sin(theta - f), and the last row of fixed and prismatic joints, the
+    sine of the turn about the axis. The others have no second root, or one that is the same joint: the axis of a hinge
+    is a line.
     """
     phi, push = constraint(system, s), evaluate_moving_rows(system, s)
     axis = system.axis_rows()
-    last = np.flatnonzero(np.append(axis.joint[:-2] == axis.joint[2:], [False, False]))  # first of three rows a joint
+    # first of the three axis rows of a joint
+    last = np.flatnonzero(np.append(axis.joint[:-2] == axis.joint[2:], [False, False]))
     joint = axis.joint[last]
     w, n = (
         turn_vectors(s, system.joint_i[joint], system.joint_w[joint]),
@@ -147,12 +150,12 @@ def measure_gaps(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nr
 
 
 def constraint_rate(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
-    """phi_dot = A v + phi_t: point and line rows [m/s], axis rows [1/s]."""
+    """Return phi_dot = A v + phi_t: point and line rows [m/s], axis rows [1/s]."""
     return _rows(system, s, velocity=True)
 
 
 def scaling_masses(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
-    """Diagonal of M_bar, Eq. (30), with c = a / (a . a): the weights of the norm of Eq. (81).
+    """Return the diagonal of M_bar, Eq. (30), with c = a / (a . a): the weights of the norm of Eq. (81).
 
     Unit: kg for point and line rows; for axis rows kg m2. Rows a are per body velocities (r_dot [space], Omega [body]).
     """
@@ -165,7 +168,10 @@ def scaling_masses(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt 
 
 
 def row_parts(system: MultibodySystem, s: States) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """A by pieces: bodies (m,), rows (m,), their parts on r_dot [space] and Omega [body] of these bodies (nt, m, 3)."""
+    """Yield A in pieces: bodies (m,), constraint rows (m,), and A's entries there for r_dot [space] and Omega [body].
+
+    The entries are (nt, m, 3) each; a body and row occur once at most in a piece.
+    """
     joints, point = system.point_rows()
     line, axis = system.line_rows(), system.axis_rows()
     push = evaluate_moving_rows(system, s)
@@ -195,26 +201,26 @@ def row_parts(system: MultibodySystem, s: States) -> Iterator[tuple[np.ndarray, 
 
 
 def constraint_energy_norm(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """sqrt(phi_dot^T M_bar phi_dot), Eq. (81) [sqrt(J)]."""
+    """Return the norm of Eq. (81), sqrt(phi_dot^T M_bar phi_dot) [sqrt(J)], at each time."""
     return np.sqrt(np.sum(scaling_masses(system, s) * constraint_rate(system, s) ** 2, axis=-1))
 
 
 def point_position(s: States, body: int, p: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "nt 3"]:
-    """Space position [m] of the point ``p`` of a body (from C, body frame); the ground is body -1."""
+    """Return the space position [m] of the point ``p`` of a body (from C, body frame); the ground is body -1."""
     if body == GROUND:
         return np.broadcast_to(np.asarray(p, dtype=float), (len(s.r), 3))
     return s.r[:, body] + s.R[:, body] @ p
 
 
 def point_velocity(s: States, body: int, p: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "nt 3"]:
-    """Space velocity [m/s] of the point ``p`` of a body."""
+    """Return the space velocity [m/s] of the point ``p`` of a body (from C, body frame); the ground is body -1."""
     if body == GROUND:
         return np.zeros((len(s.r), 3))
     return s.v[:, body] + np.einsum("tij,tj->ti", s.R[:, body], so3.cross(s.Omega[:, body], p))
 
 
 def spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """From the point of j to that of i of a spring [m], and its rate, in space (nt, 3)."""
+    """Return the vector from the point of j to that of i of spring ``k`` [m], and its rate [m/s], in space (nt, 3)."""
     i, j = system.spring_i[k], system.spring_j[k]
     d = point_position(s, i, system.spring_p_i[k]) - point_position(s, j, system.spring_p_j[k])
     d_dot = point_velocity(s, i, system.spring_p_i[k]) - point_velocity(s, j, system.spring_p_j[k])
@@ -222,7 +228,10 @@ def spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray,
 
 
 def _line_ways(system: MultibodySystem, s: States, line: LineRows, *, velocity: bool) -> tuple[np.ndarray, np.ndarray]:
-    """phi of the line rows (nt, m), or their rates, and the direction of their force: R_j n, or d / L."""
+    """Return phi of the line rows (nt, m), or phi_dot if ``velocity``, and the direction of their force (nt, m, 3).
+
+    The direction is R_j n, or d / L of a distance.
+    """
     if not len(line.row):
         return np.zeros((len(s.r), 0)), np.zeros((len(s.r), 0, 3))
     d, n = gaps(system, s, line.joint, velocity=False), turn_vectors(s, system.joint_j[line.joint], line.n)
@@ -237,6 +246,7 @@ def _line_ways(system: MultibodySystem, s: States, line: LineRows, *, velocity: 
 
 
 def _rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
+    """Return phi (nt, nrows), or phi_dot if ``velocity``, of all kinds of rows."""
     out = np.empty((len(s.r), system.nrows))
     joints, point = system.point_rows()
     out[:, point] = gaps(system, s, joints, velocity=velocity)

@@ -29,29 +29,30 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from . import so3
-from .ends import points, times, turn_vectors, with_ground
+from .ends import append_ground, points, times, turn_vectors
 from .joints import KINDS, Kind, MovingKind
+from .naming import name_joint
 from .state import States
 from .system import MultibodySystem
 from .time_functions import values
 
 
-class Push(NamedTuple):
+class MovingRowTerms(NamedTuple):
     """All moving rows; vectors in space."""
 
-    joint: Int[np.ndarray, " m"]
-    row: Int[np.ndarray, " m"]
+    joint: Int[np.ndarray, " m"]  # number of the joint
+    row: Int[np.ndarray, " m"]  # its number in phi
     phi: Float[np.ndarray, "nt m"]
-    phi_t: Float[np.ndarray, "nt m"]
-    force: Float[np.ndarray, "nt m 3"]
-    torque: Float[np.ndarray, "nt m 3"]
-    point: Float[np.ndarray, "nt m 3"]
+    phi_t: Float[np.ndarray, "nt m"]  # rate of phi at rest, by the function of time
+    force: Float[np.ndarray, "nt m 3"]  # on body i for a reaction of 1; the opposite on j
+    torque: Float[np.ndarray, "nt m 3"]  # likewise
+    point: Float[np.ndarray, "nt m 3"]  # [m] where the force acts
     along: Float[np.ndarray, "nt m"]  # cos(theta - f) of driven angles, 1 of the others
 
     def rate(self, system: MultibodySystem, s: States) -> Float[np.ndarray, "nt m"]:
-        """phi_dot."""
-        r, v = (with_ground(a, np.zeros(3)) for a in (s.r, s.v))
-        omega = with_ground(times(s.R, s.Omega), np.zeros(3))
+        """Return phi_dot of the moving rows (nt, m) at the velocities of ``s``."""
+        r, v = (append_ground(a, np.zeros(3)) for a in (s.r, s.v))
+        omega = append_ground(times(s.R, s.Omega), np.zeros(3))
         seen, spin = np.zeros((2, *self.force.shape))
         for ends, sign in ((system.joint_i, 1.0), (system.joint_j, -1.0)):
             b = ends[self.joint]
@@ -60,8 +61,8 @@ class Push(NamedTuple):
         return np.sum(self.force * seen + self.torque * spin, axis=-1) + self.phi_t
 
 
-def evaluate_moving_rows(system: MultibodySystem, s: States) -> Push:
-    """The moving rows at the times of ``s``."""
+def evaluate_moving_rows(system: MultibodySystem, s: States) -> MovingRowTerms:
+    """Evaluate phi, phi_t, force and torque of all moving rows at the times and poses of ``s``."""
     rows = system.moving_rows()
     joint = np.repeat(rows.joint, system.joint_moving[rows.joint])
     nt, m = len(s.r), len(joint)
@@ -82,27 +83,28 @@ def evaluate_moving_rows(system: MultibodySystem, s: States) -> Push:
                 at += 1
     else:
         row = np.zeros(0, dtype=np.int64)
-    return Push(joint, row, phi, phi_t, vectors[0], vectors[1], vectors[2], along)
+    return MovingRowTerms(joint, row, phi, phi_t, vectors[0], vectors[1], vectors[2], along)
 
 
-SAMPLES, MOST_SAMPLES = 200, 1e6  # of a function of time: in a period of its sine, and in all
+SAMPLES, MOST_SAMPLES = 200, 1e6  # samples of a function of time: in a period of its sine, and in all
 
 
 def check_lengths(system: MultibodySystem, t_end: float) -> None:
-    """ValueError unless driven distances stay above 0 up to ``t_end`` [s]: where points meet, d has no direction."""
+    """Raise ValueError unless driven distances stay above 0 up to ``t_end`` [s]: else d loses its direction."""
     for k in np.flatnonzero(system.joint_sort == KINDS.index(MovingKind.DRIVEN_DISTANCE)):
         numbers, swing = system.joint_motion[k].copy(), 0.0
         count = SAMPLES * abs(numbers[5]) * t_end / (2.0 * math.pi)
-        if count > MOST_SAMPLES:  # so many periods that the sine is at its least wherever the cubic is
+        if count > MOST_SAMPLES:  # so many periods that the sine is at its minimum wherever the cubic is
             swing, numbers[4], count = abs(numbers[4]), 0.0, 0.0
         t = np.linspace(0.0, t_end, 1000 + int(count))
         length, _, bend = (a[:, 0] for a in values(numbers[None], t))
         length = length - swing
-        low = ~(length > t[1] ** 2 / 8.0 * np.max(np.abs(bend)))  # by so much it may be less between two samples
+        # bound on how much lower it may be between two samples
+        low = ~(length > t[1] ** 2 / 8.0 * np.max(np.abs(bend)))
         if np.any(low):
             first = int(np.argmax(low))
             raise ValueError(
-                f"the driven distance of joint {system.joint_names[k]!r} must be above 0 m up to t_end = {t_end:g} s "
+                f"the driven distance of {name_joint(system, int(k))} must be above 0 m up to t_end = {t_end:g} s "
                 f"(got {length[first]:.3g} m at {t[first]:.3g} s)"
             )
 
@@ -111,33 +113,41 @@ Rows = list[tuple]  # (phi, phi_t, force, torque, point) of each row of a joint
 
 
 def _driven_position(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
+    """Return the row of a driven position, from ``here``: (x_i, x_j, u, n_1, n_2, n_3) in space.
+
+    Here and below f, f_dot are the values of the joint's function of time, ``length`` its radius [m] if it has one.
+    """
     x_i, x_j, _, n, _, _ = here
     return [(_dot(n, x_i - x_j) - f, -f_dot, n, 0.0, x_i)]
 
 
 def _driven_distance(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
+    """Return the row of a driven distance, |d| - f."""
     x_i, x_j = here[:2]
     distance = np.linalg.norm(x_i - x_j, axis=-1)
     return [(distance - f, -f_dot, (x_i - x_j) / distance[:, None], 0.0, x_i)]
 
 
 def _driven_angle(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
+    """Return the row of a driven angle, u . n(f)."""
     x_i, _, u = here[:3]
     n, dn = _turned_normal(here, f)
     return [(_dot(u, n), _dot(u, dn) * f_dot, 0.0, so3.cross(u, n), x_i)]
 
 
 def _turned_normal(here: list[np.ndarray], f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """n(f) and dn/df of a driven angle."""
+    """Return n(f) of a driven angle, the direction to which u is normal, and dn/df, in space."""
     n_1, n_2, cosine, sine = here[3], here[4], np.cos(f)[:, None], np.sin(f)[:, None]
     return n_1 * cosine + n_2 * sine, n_2 * cosine - n_1 * sine
 
 
 def _knife_edge(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
+    """Return the row of a knife edge, which has no phi."""
     return [(0.0, -f, here[2], 0.0, here[0])]
 
 
 def _rolling(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
+    """Return the three rows of a rolling disc of radius ``length``: height and slip of its lowest point."""
     centre, x_j, axis, n, t_1, t_2 = here
     down = n - _dot(n, axis)[:, None] * axis
     x = centre - length * down / np.linalg.norm(down, axis=-1, keepdims=True)
@@ -145,9 +155,10 @@ def _rolling(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: f
 
 
 def _rack(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
+    """Return the row of a rack and a pinion of radius ``length``, r theta - e . d within half a turn."""
     x_i, x_j, u, n_1, n_2 = here[:5]
     e, axis = -n_2, so3.cross(n_1, n_2)
-    ahead = so3.cross(axis, u)  # of u: where it goes
+    ahead = so3.cross(axis, u)  # direction in which u turns
     x = _dot(e, x_i - x_j)
     slip = np.arctan2(_dot(axis, so3.cross(e, u)), _dot(e, u)) - x / length
     phi = length * (np.remainder(slip + np.pi, 2.0 * np.pi) - np.pi)
@@ -160,7 +171,10 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 ROWS_OF: dict[Kind, Callable[..., Rows]] = {
-    MovingKind.DRIVEN_POSITION: _driven_position, MovingKind.DRIVEN_ANGLE: _driven_angle,
-    MovingKind.DRIVEN_DISTANCE: _driven_distance, MovingKind.KNIFE_EDGE: _knife_edge, MovingKind.ROLLING: _rolling,
+    MovingKind.DRIVEN_POSITION: _driven_position,
+    MovingKind.DRIVEN_ANGLE: _driven_angle,
+    MovingKind.DRIVEN_DISTANCE: _driven_distance,
+    MovingKind.KNIFE_EDGE: _knife_edge,
+    MovingKind.ROLLING: _rolling,
     "rack and pinion": _rack,
-}  # fmt: skip
+}

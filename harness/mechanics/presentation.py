@@ -1,4 +1,4 @@
-"""The same system presented otherwise: mirrored, a joint declared twice, bodies and joints renumbered, other units.
+"""Other presentations of a system: mirrored, a joint declared twice, bodies and joints renumbered, other units.
 
 A solver gets the presented system; its motion is transformed back before anything is measured, so that runs which
 differ only in their presentation can be compared directly. Order: mirror, duplicate, renumber, units.
@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from .joints import DECLARED, KINDS
 from .state import State, States
 from .system import GROUND, MultibodySystem
-from .time_functions import in_units
+from .time_functions import scale_units
 from .user_forces import BODY_MIRROR, present_laws
 
 SPACE_AXES = {"none": -1, "X": 0, "Y": 1, "Z": 2}
@@ -22,7 +22,7 @@ SPACE_AXES = {"none": -1, "X": 0, "Y": 1, "Z": 2}
 
 @dataclass(frozen=True)
 class Presentation:
-    """How a system is presented. The numbers of a length, a mass, a time are multiplied by the ``unit_`` factors."""
+    """A presentation of a system. The numbers of a length, a mass, a time are multiplied by the ``unit_`` factors."""
 
     mirror: str = "none"  # the plane through the origin of space with this normal
     duplicate: int = 0  # joint that is declared twice, counted from 1; 0: none
@@ -33,22 +33,22 @@ class Presentation:
 
     @property
     def speed(self) -> float:
-        """Factor of m/s."""
+        """Factor by which the numbers of speeds [m/s] are multiplied."""
         return self.unit_length / self.unit_time
 
     @property
     def force(self) -> float:
-        """Factor of N."""
+        """Factor by which the numbers of forces [N] are multiplied."""
         return self.unit_mass * self.unit_length / self.unit_time**2
 
     def system(self, s: MultibodySystem) -> MultibodySystem:
-        """``s`` as presented to a solver."""
+        """Return the system ``s`` as it is presented to a solver; raise ValueError if it has no joint ``duplicate``."""
         if self.duplicate > s.nj:
             raise ValueError(f"duplicate must be 0..{s.nj}, a joint of this system (got {self.duplicate})")
         return _in_units(_renumber(_repeat_joint(_mirror(s, self._space()), self.duplicate), *self._orders(s)), self)
 
     def state(self, s: MultibodySystem, state: State) -> State:
-        """A state of the system ``s`` as presented to a solver."""
+        """Return a state of the system ``s`` as it is presented to a solver."""
         bodies, _ = self._orders(s)
         m = _mirrored_states(States.one(state), self._space()).at(slice(None))
         return State(
@@ -60,7 +60,7 @@ class Presentation:
         )
 
     def states_back(self, s: MultibodySystem, presented: States) -> States:
-        """States of the presented system as states of the system ``s``."""
+        """Return a solver's states, of the presented system, as states of the system ``s``; inverts ``state``."""
         back = np.argsort(self._orders(s)[0])
         home = States(
             presented.r[:, back] / self.unit_length,
@@ -72,7 +72,10 @@ class Presentation:
         return _mirrored_states(home, self._space())
 
     def reaction_back(self, s: MultibodySystem, presented: Float[np.ndarray, "nt n"]) -> Float[np.ndarray, "nt nrows"]:
-        """Forces conjugate to phi of ``s``; a joint declared twice carries the sum of both."""
+        """Return a solver's reactions, of the presented system, as reactions of the rows of ``s`` [N, N m].
+
+        A joint declared twice carries the sum of both.
+        """
         _, joints = self._orders(s)
         repeated = _repeat_joint(s, self.duplicate)
         start = repeated.row_start
@@ -89,13 +92,14 @@ class Presentation:
         return home
 
     def _space(self) -> Float[np.ndarray, "3 3"]:
+        """Return the mirror of space as a diagonal matrix, the identity without one."""
         signs = np.ones(3)
         if self.mirror != "none":
             signs[SPACE_AXES[self.mirror]] = -1.0
         return np.diag(signs)
 
     def _orders(self, s: MultibodySystem) -> tuple[Int[np.ndarray, " nb"], Int[np.ndarray, " nj"]]:
-        """Old numbers of bodies and joints (the duplicate last) in their new order."""
+        """Return the numbers in ``s`` of bodies and of joints, the duplicate last, in their presented order."""
         nj = s.nj + (1 if self.duplicate else 0)
         if self.renumber == 0:
             return np.arange(s.nb), np.arange(nj)
@@ -104,36 +108,51 @@ class Presentation:
 
 
 def _mirror(s: MultibodySystem, S: np.ndarray) -> MultibodySystem:
+    """Return the system mirrored in space by ``S``, every body frame by ``BODY_MIRROR``, so that R stays a rotation."""
     if np.array_equal(S, np.eye(3)):
         return s
 
     def image(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """Return the mirror images of vectors fixed in the bodies ``ends``, or in the ground."""
         at_ground = (ends == GROUND).reshape(-1, *[1] * (a.ndim - 1))
         return _freeze(np.where(at_ground, a @ S, a @ BODY_MIRROR))
 
     def load_image(a: np.ndarray) -> np.ndarray:
+        """Return the mirror images of vectors that follow their bodies or are fixed in space."""
         return _freeze(np.where(s.load_follows[:, None], a @ BODY_MIRROR, a @ S))
 
     return dataclasses.replace(
-        s, inertia=_freeze(BODY_MIRROR @ s.inertia @ BODY_MIRROR), gravity=_freeze(S @ s.gravity),
-        joint_s_i=image(s.joint_s_i, s.joint_i), joint_s_j=image(s.joint_s_j, s.joint_j),
-        joint_u=image(s.joint_u, s.joint_i), joint_w=image(s.joint_w, s.joint_i), joint_n=image(s.joint_n, s.joint_j),
-        torsion_u=image(s.torsion_u, s.torsion_i), torsion_n=image(s.torsion_n, s.torsion_j),
-        spring_p_i=image(s.spring_p_i, s.spring_i), spring_p_j=image(s.spring_p_j, s.spring_j),
-        load_p=_freeze(s.load_p @ BODY_MIRROR), load_force=load_image(s.load_force),
+        s,
+        inertia=_freeze(BODY_MIRROR @ s.inertia @ BODY_MIRROR),
+        gravity=_freeze(S @ s.gravity),
+        joint_s_i=image(s.joint_s_i, s.joint_i),
+        joint_s_j=image(s.joint_s_j, s.joint_j),
+        joint_u=image(s.joint_u, s.joint_i),
+        joint_w=image(s.joint_w, s.joint_i),
+        joint_n=image(s.joint_n, s.joint_j),
+        torsion_u=image(s.torsion_u, s.torsion_i),
+        torsion_n=image(s.torsion_n, s.torsion_j),
+        spring_p_i=image(s.spring_p_i, s.spring_i),
+        spring_p_j=image(s.spring_p_j, s.spring_j),
+        load_p=_freeze(s.load_p @ BODY_MIRROR),
+        load_force=load_image(s.load_force),
         load_torque=_freeze(-load_image(s.load_torque)),  # a pseudovector
         user_law=present_laws(s.user_law, S),
-    )  # fmt: skip
+    )
 
 
 def _mirrored_states(s: States, S: np.ndarray) -> States:
-    """Its own inverse. Omega is a pseudovector: it turns the other way about the mirrored axis."""
+    """Return states mirrored in space by ``S``; the function is its own inverse.
+
+    Omega is a pseudovector and turns the other way.
+    """
     if np.array_equal(S, np.eye(3)):
         return s
     return States(s.r @ S, S @ s.R @ BODY_MIRROR, s.v @ S, -(s.Omega @ BODY_MIRROR), s.t)
 
 
 def _repeat_joint(s: MultibodySystem, joint: int) -> MultibodySystem:
+    """Return the system with ``joint``, counted from 1, declared again at the end; the system itself for 0."""
     if joint == 0:
         return s
     more: dict[str, Any] = {n: _freeze(np.concatenate((a, a[joint - 1 : joint]))) for n, a in _joint_arrays(s).items()}
@@ -142,47 +161,67 @@ def _repeat_joint(s: MultibodySystem, joint: int) -> MultibodySystem:
 
 
 def _renumber(s: MultibodySystem, bodies: np.ndarray, joints: np.ndarray) -> MultibodySystem:
+    """Return the system with bodies and joints in the order of these numbers."""
     if np.array_equal(bodies, np.arange(s.nb)) and np.array_equal(joints, np.arange(s.nj)):
         return s
     new = np.append(np.argsort(bodies), GROUND)  # new number of each body; the last entry, at -1, is the ground
     changes: dict[str, Any] = {n: _freeze(a[joints]) for n, a in _joint_arrays(s).items()}
     changes |= {n: _freeze(new[changes[n]]) for n in ("joint_i", "joint_j")}
     return dataclasses.replace(
-        s, **changes, mass=_freeze(s.mass[bodies]), inertia=_freeze(s.inertia[bodies]),
-        torsion_i=_freeze(new[s.torsion_i]), torsion_j=_freeze(new[s.torsion_j]),
-        spring_i=_freeze(new[s.spring_i]), spring_j=_freeze(new[s.spring_j]), load_i=_freeze(new[s.load_i]),
-        user_i=_freeze(new[s.user_i]), user_j=_freeze(new[s.user_j]),
+        s,
+        **changes,
+        mass=_freeze(s.mass[bodies]),
+        inertia=_freeze(s.inertia[bodies]),
+        torsion_i=_freeze(new[s.torsion_i]),
+        torsion_j=_freeze(new[s.torsion_j]),
+        spring_i=_freeze(new[s.spring_i]),
+        spring_j=_freeze(new[s.spring_j]),
+        load_i=_freeze(new[s.load_i]),
+        user_i=_freeze(new[s.user_i]),
+        user_j=_freeze(new[s.user_j]),
         body_names=tuple(s.body_names[b] for b in bodies) if s.body_names else (),
         joint_names=tuple(s.joint_names[j] for j in joints) if s.joint_names else (),
-    )  # fmt: skip
+    )
 
 
 def _joint_arrays(s: MultibodySystem) -> dict[str, np.ndarray]:
+    """Return the arrays of a system that have an entry a joint, by name."""
     return {n: a for n, a in vars(s).items() if n.startswith("joint_") and isinstance(a, np.ndarray)}
 
 
 def _in_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
+    """Return the system with all numbers converted to the units of ``p``."""
     L, M, T = p.unit_length, p.unit_mass, p.unit_time
     if L == M == T == 1.0:
         return s
-    units = {"m": L, "rad": 1.0, "m/s": L / T, "": 1.0}  # of the functions of time
+    units = {"m": L, "rad": 1.0, "m/s": L / T, "": 1.0}  # factors of the values of functions of time
     sizes = np.array([units[DECLARED[KINDS[k]].motion] for k in s.joint_sort])
     return dataclasses.replace(
-        s, joint_motion=_freeze(in_units(s.joint_motion, sizes, T)),
-        load_factor=_freeze(in_units(s.load_factor, 1.0, T)), mass=_freeze(s.mass * M),
+        s,
+        joint_motion=_freeze(scale_units(s.joint_motion, sizes, T)),
+        load_factor=_freeze(scale_units(s.load_factor, 1.0, T)),
+        mass=_freeze(s.mass * M),
         inertia=_freeze(s.inertia * (M * L**2)),
-        gravity=_freeze(s.gravity * (L / T**2)), joint_s_i=_freeze(s.joint_s_i * L),
-        joint_s_j=_freeze(s.joint_s_j * L), spring_p_i=_freeze(s.spring_p_i * L),
-        spring_p_j=_freeze(s.spring_p_j * L), spring_k=_freeze(s.spring_k * (M / T**2)),
-        torsion_k=_freeze(s.torsion_k * (M * L**2 / T**2)), torsion_c=_freeze(s.torsion_c * (M * L**2 / T)),
-        spring_d0=_freeze(s.spring_d0 * L), spring_c=_freeze(s.spring_c * (M / T)),
-        joint_length=_freeze(s.joint_length * L), load_p=_freeze(s.load_p * L),
-        load_force=_freeze(s.load_force * (M * L / T**2)), load_torque=_freeze(s.load_torque * (M * L**2 / T**2)),
+        gravity=_freeze(s.gravity * (L / T**2)),
+        joint_s_i=_freeze(s.joint_s_i * L),
+        joint_s_j=_freeze(s.joint_s_j * L),
+        spring_p_i=_freeze(s.spring_p_i * L),
+        spring_p_j=_freeze(s.spring_p_j * L),
+        spring_k=_freeze(s.spring_k * (M / T**2)),
+        torsion_k=_freeze(s.torsion_k * (M * L**2 / T**2)),
+        torsion_c=_freeze(s.torsion_c * (M * L**2 / T)),
+        spring_d0=_freeze(s.spring_d0 * L),
+        spring_c=_freeze(s.spring_c * (M / T)),
+        joint_length=_freeze(s.joint_length * L),
+        load_p=_freeze(s.load_p * L),
+        load_force=_freeze(s.load_force * (M * L / T**2)),
+        load_torque=_freeze(s.load_torque * (M * L**2 / T**2)),
         user_law=present_laws(s.user_law, np.eye(3), (L, M, T)),
-    )  # fmt: skip
+    )
 
 
 def _freeze(a: np.ndarray) -> np.ndarray:
+    """Return a read-only copy."""
     out = np.array(a)
     out.setflags(write=False)
     return out

@@ -8,11 +8,11 @@ SciPy is imported in functions, here and in this folder: commands that integrate
 import numpy as np
 from jaxtyping import Float
 
-NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of axes, in their cycle
+NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # the two axes that follow each, cyclically
 
 
 def hat(a: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
-    """The skew matrix with ``hat(a) b = a x b``."""
+    """Return the skew matrix with ``hat(a) b = a x b``."""
     a = np.asarray(a, dtype=float)
     out = np.zeros((*a.shape, 3))
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -a[..., 2], a[..., 1], -a[..., 0]
@@ -21,12 +21,12 @@ def hat(a: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a x b of vectors in the last axis: numpy's own, to the bit, takes nine times as long for one."""
+    """Return a x b for vectors in the last axis; NumPy's own, equal to the bit, takes nine times as long for one."""
     return a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
 
 
 def exp(rotation_vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
-    """Rotation by ``|a|`` [rad] about ``a`` (Rodrigues; scipy's series is exact at zero)."""
+    """Return the rotation by ``|a|`` [rad] about ``a`` (Rodrigues; SciPy's series is exact at zero)."""
     from scipy.spatial.transform import Rotation
 
     a = np.asarray(rotation_vector, dtype=float)
@@ -34,9 +34,9 @@ def exp(rotation_vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*b
 
 
 def log(R: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """Rotation vector [rad] of ``R``, or of the rotation nearest to it, length in [0, pi].
+    """Return the rotation vector [rad] of ``R``, or of the rotation nearest to it, length in [0, pi].
 
-    SciPy takes the nearest rotation by singular values, U V^T; the checker of bundles does the same by itself.
+    SciPy takes the nearest rotation by singular values, U V^T; the checker of bundles does the same on its own.
     """
     from scipy.spatial.transform import Rotation
 
@@ -46,7 +46,7 @@ def log(R: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3"]:
 def angular_velocity(
     a: Float[np.ndarray, "*batch 3"], rate: Float[np.ndarray, "*batch 3"]
 ) -> Float[np.ndarray, "*batch 3"]:
-    """Omega [rad/s, body] of R = exp(hat(a)) as the vector a changes at ``rate``: dexp(-a) rate.
+    """Return Omega [rad/s, body] of R = exp(hat(a)) as the vector a changes at ``rate``: dexp(-a) rate.
 
     1 - (1 - cos x)/x^2 hat(a) + (x - sin x)/x^3 hat(a)^2; by series where x = |a| < 0.1, error below 1e-14.
     """
@@ -67,14 +67,17 @@ def dexpinv(a: Float[np.ndarray, "*batch 3"], Omega: Float[np.ndarray, "*batch 3
     """
     x2 = np.sum(a * a, axis=-1, keepdims=True)
     x = np.sqrt(np.where(x2 < 1e-2, 1.0, x2))
-    h = np.where(x2 < 1e-2, 1.0 / 12.0 + x2 / 720.0 + x2**2 / 30240.0 + x2**3 / 1209600.0,
-                 (1.0 - 0.5 * x / np.tan(0.5 * x)) / x**2)  # fmt: skip
+    h = np.where(
+        x2 < 1e-2,
+        1.0 / 12.0 + x2 / 720.0 + x2**2 / 30240.0 + x2**3 / 1209600.0,
+        (1.0 - 0.5 * x / np.tan(0.5 * x)) / x**2,
+    )
     across = cross(a, Omega)
     return Omega + 0.5 * across + h * cross(a, across)
 
 
 def euler313(phi: float, theta: float, psi: float) -> Float[np.ndarray, "3 3"]:
-    """``R = R_Z(phi) R_X(theta) R_Z(psi)``: precession, nutation, spin [rad] (Sect. 5.1)."""
+    """Return ``R = R_Z(phi) R_X(theta) R_Z(psi)``: precession, nutation, spin [rad] (Sect. 5.1)."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_euler("ZXZ", [phi, theta, psi]).as_matrix()
@@ -83,7 +86,7 @@ def euler313(phi: float, theta: float, psi: float) -> Float[np.ndarray, "3 3"]:
 def angle_between(
     R: Float[np.ndarray, "*batch 3 3"], S: Float[np.ndarray, "*batch 3 3"]
 ) -> Float[np.ndarray, " *batch"]:
-    """Angle [rad] of the rotation that takes ``S`` to ``R``.
+    """Return the angle [rad] of the rotation that takes ``S`` to ``R``.
 
     From the chord ``|R - S|_F = 2 sqrt(2) sin(angle/2)``: exact to rounding for small angles, where the trace is not.
     """
@@ -92,5 +95,5 @@ def angle_between(
 
 
 def orthogonality_defect(R: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, " *batch"]:
-    """``|R^T R - I|_F``, zero on SO(3)."""
+    """Return how far R is from orthogonal, |R^T R - I|_F: zero on SO(3)."""
     return np.linalg.norm(np.swapaxes(R, -1, -2) @ R - np.eye(3), axis=(-2, -1))

@@ -1,4 +1,4 @@
-"""Poses and velocities of all bodies, coordinate-free: what every solver returns, whatever its coordinates."""
+"""Poses and velocities of all bodies, coordinate-free: the result of every solver, whatever its coordinates."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,13 @@ from jaxtyping import Float
 
 @dataclass(frozen=True)
 class State:
-    """One instant. ``r`` position of C and ``v`` its velocity in space, ``R`` body to space, ``Omega`` body frame."""
+    """A state at one instant: ``r``, ``v`` of C in space, ``R`` body to space, ``Omega`` in the body frame."""
 
     r: Float[np.ndarray, "nb 3"]  # [m]
     R: Float[np.ndarray, "nb 3 3"]
     v: Float[np.ndarray, "nb 3"]  # [m/s]
     Omega: Float[np.ndarray, "nb 3"]  # [rad/s]
-    t: float = 0.0  # [s], of which drives and loads may be functions
+    t: float = 0.0  # [s]; drives and loads may depend on it
 
     def __post_init__(self) -> None:
         nb = len(self.r)
@@ -35,7 +35,8 @@ class States:
     v: Float[np.ndarray, "nt nb 3"]
     Omega: Float[np.ndarray, "nt nb 3"]
     t: Float[np.ndarray, " nt"] | None = None  # [s]; without them all are at t = 0
-    angles: Float[np.ndarray, "nt m"] | None = None  # [rad] of torsional springs, where poses leave their turns open
+    # [rad] of torsional springs, where poses do not determine their whole turns
+    angles: Float[np.ndarray, "nt m"] | None = None
 
     def __post_init__(self) -> None:
         nt, nb = self.r.shape[:2]
@@ -46,16 +47,19 @@ class States:
 
     @property
     def times(self) -> Float[np.ndarray, " nt"]:
-        """``t``, always there."""
+        """The times ``t``, zeros where none are given."""
         assert self.t is not None
         return self.t
 
     def with_times(self, t: Float[np.ndarray, " nt"]) -> "States":
-        """The same poses and velocities at the times ``t``."""
+        """Return the same poses and velocities at the times ``t``."""
         return States(self.r, self.R, self.v, self.Omega, t, self.angles)
 
     def with_angles(self, angles: Float[np.ndarray, "nt m"]) -> "States":
-        """The same motion with angles of torsional springs, right but for less than half a turn."""
+        """Return the same motion with angles [rad] of torsional springs, right to less than half a turn.
+
+        They count the whole turns, which poses do not determine.
+        """
         return States(self.r, self.R, self.v, self.Omega, self.t, angles)
 
     def __len__(self) -> int:
@@ -70,23 +74,24 @@ class States:
         return self.r.shape[1]
 
     def at(self, index: np.ndarray | slice) -> "States":
-        """The rows ``index`` of time."""
+        """Return the motion at the rows of time that ``index`` picks, as NumPy would."""
         angles = None if self.angles is None else self.angles[index]
         return States(self.r[index], self.R[index], self.v[index], self.Omega[index], self.times[index], angles)
 
     @staticmethod
     def one(state: State) -> "States":
-        """A stack of one instant."""
+        """Return a stack of one instant, ``state``."""
         return States(state.r[None], state.R[None], state.v[None], state.Omega[None], np.array([state.t]))
 
 
 def rotate_states(s: States, Q: Float[np.ndarray, "3 3"]) -> States:
-    """The same motion in a space rotated by ``Q``; Omega, in the body frame, stays."""
-    R = (s.R.reshape(-1, 9) @ np.kron(Q, np.eye(3)).T).reshape(s.R.shape)  # Q R, of all at once
+    """Rotate the motion by ``Q`` in space; Omega, in the body frame, stays."""
+    R = (s.R.reshape(-1, 9) @ np.kron(Q, np.eye(3)).T).reshape(s.R.shape)  # Q R, for all at once
     return States(s.r @ Q.T, R, s.v @ Q.T, s.Omega, s.t, s.angles)
 
 
 def _check_and_freeze(self: object, shapes: dict[str, tuple[int, ...]]) -> None:
+    """Make the fields of a frozen dataclass read-only float arrays; raise ValueError unless they have these shapes."""
     for name, shape in shapes.items():
         array = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
         if array.shape != shape:

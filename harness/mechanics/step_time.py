@@ -1,6 +1,6 @@
-"""The time at which the step in progress began: a state that has lost its time is named, not evaluated at t = 0.
+"""The time at which the step in progress began, so that a state without its time is refused, not evaluated at t = 0.
 
-``State.t`` is 0 unless given, as that of a start is. A step that forgets it would follow drives and loads of t = 0.
+``State.t`` is 0 unless given, as for a start. A step that forgets it would follow drives and loads of t = 0.
 """
 
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ REMEDY = "pass the time on: State(r, R, v, Omega, t), or dataclasses.replace(sta
 
 @contextmanager
 def step_from(t: float) -> Iterator[None]:
-    """Tell ``check_time`` that what is evaluated within belongs to a step from ``t`` [s]."""
+    """Let ``check_time`` treat evaluations within this context as parts of a step from ``t`` [s]."""
     token = _begun.set(t)
     try:
         yield
@@ -24,7 +24,7 @@ def step_from(t: float) -> Iterator[None]:
 
 
 def check_time(s: State) -> None:
-    """Raise ValueError where a step that began later is evaluated at t = 0, the default."""
+    """Raise ValueError for a state with t = 0, the default, in a step that began later: its time was forgotten."""
     begun = _begun.get()
     if s.t == 0.0 < begun:
         raise ValueError(f"a state of the step from t = {begun:.6g} s has t = 0 s; {REMEDY}")

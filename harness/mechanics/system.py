@@ -1,4 +1,4 @@
-"""Bodies, joints and forces as plain arrays: what a system is, nothing about how it is solved.
+"""A multibody system as plain arrays of bodies, joints and forces; nothing about how it is solved.
 
 Velocities are ``v = (r_dot [space], Omega [body])`` per body; in them the mass matrix is the constant
 ``blockdiag(m I, J)``. Joints and their rows: module ``joints``. Body index -1 is the ground (r = 0, R = I).
@@ -25,12 +25,13 @@ from .joints import (
     MovingRows,
     Vector,
     directions,
-    normals_beside,
+    project_normals,
     select_rows,
     unit,
 )
-from .time_functions import ONE, varies
-from .user_forces import UserForce, laws_of
+from .naming import name_part
+from .time_functions import ONE, are_varying
+from .user_forces import UserForce, compile_laws
 
 GROUND = -1
 
@@ -48,59 +49,59 @@ class RigidBody:
 class MultibodySystem:
     """A system in arrays, all read-only. Built by ``assemble``; rows of phi are joint by joint (module ``joints``)."""
 
-    mass: Float[np.ndarray, " nb"]
-    inertia: Float[np.ndarray, "nb 3 3"]
+    mass: Float[np.ndarray, " nb"]  # [kg]
+    inertia: Float[np.ndarray, "nb 3 3"]  # [kg m2] about C, body frame
     gravity: Float[np.ndarray, " 3"]  # [m/s2], space frame
 
-    joint_i: Int[np.ndarray, " nj"]
-    joint_j: Int[np.ndarray, " nj"]
-    joint_s_i: Float[np.ndarray, "nj 3"]
-    joint_s_j: Float[np.ndarray, "nj 3"]
+    joint_i: Int[np.ndarray, " nj"]  # number of body i
+    joint_j: Int[np.ndarray, " nj"]  # number of body j; -1 is the ground
+    joint_s_i: Float[np.ndarray, "nj 3"]  # [m] point of the joint from C, in body i
+    joint_s_j: Float[np.ndarray, "nj 3"]  # [m] the same in body j
     joint_sort: Int[np.ndarray, " nj"]  # number in ``joints.KINDS``
     joint_points: Int[np.ndarray, " nj"]  # number of point rows: 0 or 3
     joint_lines: Int[np.ndarray, " nj"]  # number of line rows: 0 to 2
     joint_axes: Int[np.ndarray, " nj"]  # number of axis rows: 0 to 3
     joint_moving: Int[np.ndarray, " nj"]  # number of moving rows: 0, 1 or 3
     joint_u: Float[np.ndarray, "nj 3"]  # unit vectors; zero where no row reads them
-    joint_w: Float[np.ndarray, "nj 3"]
-    joint_n: Float[np.ndarray, "nj 3 3"]
-    joint_length: Float[np.ndarray, " nj"]
+    joint_w: Float[np.ndarray, "nj 3"]  # u and w in body i
+    joint_n: Float[np.ndarray, "nj 3 3"]  # n_1, n_2, n_3 in body j
+    joint_length: Float[np.ndarray, " nj"]  # [m] of a link, radius of a disc or pinion; else zero
     joint_motion: Float[np.ndarray, "nj 7"]  # numbers of a ``TimeFunction``; zero where time does not enter
 
     spring_i: Int[np.ndarray, " ns"]
     spring_j: Int[np.ndarray, " ns"]
-    spring_p_i: Float[np.ndarray, "ns 3"]
+    spring_p_i: Float[np.ndarray, "ns 3"]  # [m] ends from C, body frames
     spring_p_j: Float[np.ndarray, "ns 3"]
-    spring_k: Float[np.ndarray, " ns"]
-    spring_d0: Float[np.ndarray, " ns"]
-    spring_c: Float[np.ndarray, " ns"]
+    spring_k: Float[np.ndarray, " ns"]  # [N/m] stiffness
+    spring_d0: Float[np.ndarray, " ns"]  # [m] rest length
+    spring_c: Float[np.ndarray, " ns"]  # [N s/m] damping
 
     torsion_i: Int[np.ndarray, " nr"]
     torsion_j: Int[np.ndarray, " nr"]
     torsion_u: Float[np.ndarray, "nr 3"]  # unit vector in i
     torsion_n: Float[np.ndarray, "nr 2 3"]  # e, and axis x e, in j
-    torsion_k: Float[np.ndarray, " nr"]
-    torsion_rest: Float[np.ndarray, " nr"]
-    torsion_c: Float[np.ndarray, " nr"]
+    torsion_k: Float[np.ndarray, " nr"]  # [N m/rad] stiffness
+    torsion_rest: Float[np.ndarray, " nr"]  # [rad] angle of rest
+    torsion_c: Float[np.ndarray, " nr"]  # [N m s/rad] damping
     torsion_wound: Float[np.ndarray, " nr"]  # [rad] added to the angle within half a turn of rest
 
     load_i: Int[np.ndarray, " nl"]
-    load_p: Float[np.ndarray, "nl 3"]
-    load_force: Float[np.ndarray, "nl 3"]
-    load_torque: Float[np.ndarray, "nl 3"]
-    load_follows: Bool[np.ndarray, " nl"]
+    load_p: Float[np.ndarray, "nl 3"]  # [m] point from C, body frame
+    load_force: Float[np.ndarray, "nl 3"]  # [N] in space, or in the body where it follows
+    load_torque: Float[np.ndarray, "nl 3"]  # [N m] likewise
+    load_follows: Bool[np.ndarray, " nl"]  # True where the load turns with its body
     load_factor: Float[np.ndarray, "nl 7"]  # numbers of a ``TimeFunction``
 
     user_i: Int[np.ndarray, " nu"]
     user_j: Int[np.ndarray, " nu"]
-    user_law: Shaped[np.ndarray, " nu"]  # of ``user_forces.Law``
+    user_law: Shaped[np.ndarray, " nu"]  # objects ``user_forces.ForceLaw``
 
     body_names: tuple[str, ...] = ()
     joint_names: tuple[str, ...] = ()
 
     @property
     def added_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
-        """Inertia added about axes without any [kg m2]: 0 but for slender rods and point masses."""
+        """Inertia added about axes without any [kg m2]: 0 except for slender rods and point masses."""
         if not np.any(principal(self.inertia)[2]):
             return np.zeros_like(self.inertia)
         arm = np.zeros(self.nb + 1)  # the last one is the ground
@@ -113,12 +114,12 @@ class MultibodySystem:
 
     @property
     def regular_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
-        """That of the equations of motion, with added inertia: positive definite."""
+        """Inertia of the equations of motion [kg m2], with added inertia: positive definite."""
         return self.inertia + self.added_inertia
 
     @property
     def gyration(self) -> Float[np.ndarray, " nb"]:
-        """Radius of gyration [m], of ``regular_inertia``: what an angle is worth in metres."""
+        """Radius of gyration [m] of each body, of ``regular_inertia``, by which angles convert to metres."""
         return np.sqrt(np.einsum("bii->b", self.regular_inertia) / (2.0 * self.mass))
 
     @property
@@ -148,16 +149,16 @@ class MultibodySystem:
 
     @property
     def joint_revolute(self) -> Bool[np.ndarray, " nj"]:
-        """Which joints are revolute."""
+        """Flags of the revolute joints: three point rows and two axis rows."""
         return (self.joint_points == 3) & (self.joint_axes == 2)
 
     def joint_kind(self, k: int) -> Kind:
-        """Description of a joint."""
+        """Return the kind of joint ``k``."""
         return KINDS[self.joint_sort[k]]
 
     @property
     def is_pinned(self) -> bool:
-        """Whether all joints are spherical or revolute."""
+        """True if all joints are spherical or revolute."""
         return bool(np.all(self.joint_points == 3) and np.all(np.isin(self.joint_axes, (0, 2))))
 
     @property
@@ -168,46 +169,46 @@ class MultibodySystem:
 
     @property
     def is_timed(self) -> bool:
-        """Whether drives, loads or user forces are, or may be, functions of time."""
-        return bool(np.any(varies(self.joint_motion)) or np.any(self.load_factor != ONE) or len(self.user_i))
+        """True if drives, loads or user forces are, or may be, functions of time."""
+        return bool(np.any(are_varying(self.joint_motion)) or np.any(self.load_factor != ONE) or len(self.user_i))
 
     @property
     def is_holonomic(self) -> bool:
-        """Whether every row has a phi: no knife edge, no rolling disc."""
+        """True if every row has a phi: no knife edge, no rolling disc."""
         return all(DECLARED[kind].is_holonomic for kind in self.moving_rows().kind)
 
     def point_rows(self) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, "m 3"]]:
-        """Joints with point rows, and these rows of phi."""
+        """Return the joints that have point rows (m,), and the numbers in phi of these rows (m, 3)."""
         joint = np.flatnonzero(self.joint_points)
         return joint, self.row_start[joint][:, None] + np.arange(3)
 
     def line_rows(self) -> LineRows:
-        """All line rows, in the order of phi."""
+        """Return all line rows, in the order of phi."""
         joint, k = _number_rows(self.joint_lines)
         row = self.row_start[joint] + self.joint_points[joint] + k
         return LineRows(joint, row, self.joint_n[joint, k], self.joint_length[joint])
 
     def axis_rows(self) -> AxisRows:
-        """All axis rows, in the order of phi: (u, n_1), (u, n_2), (w, n_2)."""
+        """Return all axis rows, in the order of phi: (u, n_1), (u, n_2), (w, n_2)."""
         joint, k = _number_rows(self.joint_axes)
         row = self.row_start[joint] + self.joint_points[joint] + self.joint_lines[joint] + k
         u = np.where((k == 2)[:, None], self.joint_w[joint], self.joint_u[joint])
         return AxisRows(joint, row, u, self.joint_n[joint, np.minimum(k, 1)])
 
     def moving_rows(self) -> MovingRows:
-        """All joints with moving rows, which have no others."""
+        """Return all joints with moving rows, which have no other rows."""
         joint = np.flatnonzero(self.joint_moving)
         return MovingRows(joint, self.row_start[joint], tuple(KINDS[k] for k in self.joint_sort[joint]))
 
     @property
     def turning_rows(self) -> Int[np.ndarray, " m"]:
-        """Rows without unit, whose reactions are torques: axis rows and driven angles."""
+        """Numbers of the rows of phi without unit, whose reactions are torques [N m]: axis rows and driven angles."""
         turns = [turn for k in self.joint_sort for turn in DECLARED[KINDS[k]].turns]
         return np.flatnonzero(np.array(turns, dtype=bool))
 
 
 def _number_rows(count: Int[np.ndarray, " nj"]) -> tuple[np.ndarray, np.ndarray]:
-    """(joint, number within the joint) of ``count`` rows a joint."""
+    """Return for each row its joint, and its number within that joint; ``count`` is the number of rows a joint."""
     joint = np.repeat(np.arange(len(count)), count)
     return joint, np.arange(len(joint)) - np.repeat(np.cumsum(count) - count, count)
 
@@ -221,15 +222,18 @@ def assemble(
     torsions: Sequence[TorsionSpring] = (),
     user_forces: Sequence[UserForce] = (),
 ) -> MultibodySystem:
-    """Arrays from parts, or ValueError naming the invalid part."""
+    """Assemble the arrays of a system from its parts, or raise ValueError naming the invalid part."""
     for k, body in enumerate(bodies):
-        check_body(body.name or f"body {k + 1}", body.mass, body.inertia)
+        check_body(name_part("body", k, body.name), body.mass, body.inertia)
     groups: dict[str, Sequence[Joint | SpringDamper | TorsionSpring | UserForce]] = {
-        "joint": joints, "spring": springs, "torsion": torsions, "user force": user_forces,
-    }  # fmt: skip
+        "joint": joints,
+        "spring": springs,
+        "torsion": torsions,
+        "user force": user_forces,
+    }
     for kind, parts in groups.items():
         for k, part in enumerate(parts):
-            where = f"{kind} {k} ({name})" if (name := getattr(part, "name", "")) else f"{kind} {k}"
+            where = name_part(kind, k, getattr(part, "name", ""))
             check_ends(where, part.i, part.j, len(bodies))
             check_vectors(where, vars(part))
     check_vectors("the system", {"gravity": gravity})
@@ -245,7 +249,7 @@ def assemble(
             raise ValueError(f"load {k}: expected a body in 0..{len(bodies) - 1} (got {load.i})")
     single = [(k, one) for k, joint in enumerate(joints) for one in select_rows(k, joint)]  # k as the user counts
     vectors = [directions(k, joint) for k, joint in single]
-    names = tuple(joint.name or f"joint {k + 1}" for k, joint in single)
+    names = tuple(joint.name or f"joint {k}" for k, joint in single)
     joints = [joint for _, joint in single]
     counts = [ROWS[j.sort] for j in joints]
     for kind, given in (("body", [b.name for b in bodies]), ("joint", [j.name for j in joints])):
@@ -281,7 +285,7 @@ def assemble(
         torsion_u=freeze_array([unit(s.across_i, f"torsion {k}") for k, s in enumerate(torsions)], (len(torsions), 3)),
         torsion_n=freeze_array(
             [
-                normals_beside(unit(s.axis_j, f"torsion {k}"), s.across_j, f"torsion {k}")
+                project_normals(unit(s.axis_j, f"torsion {k}"), s.across_j, f"torsion {k}")
                 for k, s in enumerate(torsions)
             ],
             (len(torsions), 2, 3),
@@ -298,11 +302,12 @@ def assemble(
         load_factor=freeze_array([_factor(k, f) for k, f in enumerate(loads)], (len(loads), 7)),
         user_i=freeze_array([f.i for f in user_forces], (len(user_forces),), np.int64),
         user_j=freeze_array([f.j for f in user_forces], (len(user_forces),), np.int64),
-        user_law=laws_of(user_forces),
-        body_names=tuple(b.name or f"body {k + 1}" for k, b in enumerate(bodies)),
+        user_law=compile_laws(user_forces),
+        body_names=tuple(b.name or f"body {k}" for k, b in enumerate(bodies)),
         joint_names=names,
     )
 
 
 def _factor(k: int, load: Load) -> np.ndarray:
+    """Return the seven numbers of the factor of load ``k``, a function of time; those of 1 where it has none."""
     return ONE if load.factor is None else load.factor.numbers(f"load {k}")

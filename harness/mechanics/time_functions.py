@@ -2,7 +2,7 @@
 
     f(t) = c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p)
 
-Seven numbers (c_0, c_1, c_2, c_3, a, w, p) are what a system holds and what kernels and CasADi evaluate.
+A system stores seven numbers (c_0, c_1, c_2, c_3, a, w, p), which kernels and CasADi evaluate.
 """
 
 import math
@@ -17,7 +17,7 @@ NUMBERS = 7
 
 @dataclass(frozen=True)
 class TimeFunction:
-    """``polynomial`` holds up to four coefficients, the constant first; t in s."""
+    """A function of time; ``polynomial`` holds up to four coefficients, the constant first; t in s."""
 
     polynomial: Sequence[float] = ()
     amplitude: float = 0.0
@@ -25,7 +25,7 @@ class TimeFunction:
     phase: float = 0.0  # p [rad]
 
     def numbers(self, where: str = "function of time") -> Float[np.ndarray, " 7"]:
-        """As a system holds it, or ValueError."""
+        """Return the seven numbers that a system stores; raise ValueError naming ``where`` unless they are valid."""
         c = tuple(self.polynomial)
         if len(c) > 4:
             raise ValueError(f"{where}: polynomial takes up to four coefficients (got {len(c)})")
@@ -35,7 +35,10 @@ class TimeFunction:
         return out
 
     def integral(self, start: float = 0.0) -> "TimeFunction":
-        """The function with this rate and the value ``start`` at t = 0: what a drive of given speed follows."""
+        """Return the integral with the value ``start`` at t = 0: the position of a drive of this speed.
+
+        Raise ValueError for a cubic, whose integral has no such form.
+        """
         c = tuple(self.polynomial)
         if len(c) > 3 and c[3] != 0.0:
             raise ValueError("the integral of a cubic is no cubic: give a speed of three coefficients at most")
@@ -57,7 +60,7 @@ ONE = np.eye(NUMBERS)[0]  # f = 1
 def values(
     numbers: Float[np.ndarray, "m 7"], t: Float[np.ndarray, " nt"]
 ) -> tuple[Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m"]]:
-    """f, f_dot and f_ddot at the times ``t``."""
+    """Return f, f_dot and f_ddot of m functions, each row of ``numbers`` one, at the times ``t`` [s]."""
     c0, c1, c2, c3, a, w, p = numbers.T
     t = t[:, None]
     sine, cosine = a * np.sin(w * t + p), a * np.cos(w * t + p)
@@ -65,10 +68,10 @@ def values(
     return f, c1 + t * (2.0 * c2 + 3.0 * t * c3) + w * cosine, 2.0 * c2 + 6.0 * t * c3 - w * w * sine
 
 
-def in_units(
+def scale_units(
     numbers: Float[np.ndarray, "m 7"], value: float | Float[np.ndarray, " m"], time: float
 ) -> Float[np.ndarray, "m 7"]:
-    """The same functions where the numbers of values and of times are multiplied by these factors."""
+    """Return the numbers of the same functions with their values and times multiplied by these factors."""
     out = np.array(numbers)
     out[:, :5] *= np.broadcast_to(value, (len(out),))[:, None]
     out[:, :4] /= time ** np.arange(4.0)
@@ -76,13 +79,13 @@ def in_units(
     return out
 
 
-def varies(numbers: Float[np.ndarray, "m 7"]) -> np.ndarray:
-    """Which of the functions are not constant (m,)."""
+def are_varying(numbers: Float[np.ndarray, "m 7"]) -> np.ndarray:
+    """Return which of the functions are not constant (m,)."""
     return np.any(numbers[:, 1:4] != 0.0, axis=1) | ((numbers[:, 4] != 0.0) & (numbers[:, 5] != 0.0))
 
 
-def shift(numbers: Float[np.ndarray, "m 7"], t: float) -> Float[np.ndarray, "m 7"]:
-    """The functions f(t + .), as numbers again."""
+def shift_time(numbers: Float[np.ndarray, "m 7"], t: float) -> Float[np.ndarray, "m 7"]:
+    """Return the numbers of the functions f(t + .), which begin where f is at ``t`` [s]."""
     c = numbers[:, :4].T
     out = np.array(numbers, dtype=float)
     out[:, 0] = c[0] + t * (c[1] + t * (c[2] + t * c[3]))

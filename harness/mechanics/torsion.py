@@ -4,8 +4,8 @@
     m = (p u x b - q u x e) / (p^2 + q^2),  p = u . e, q = u . b:   theta_dot = m . (omega_i - omega_j)
 
 The torque on i is -(k (theta - theta_0) + c theta_dot) m, the opposite on j; m is the axis where u is normal to it.
-A pose tells the angle but for whole turns: it is taken within half a turn of theta_0, with what the system says that
-the spring is wound by there; ``follow_turns`` gives the states of a motion their angles from row to row.
+A pose determines the angle up to whole turns: it is taken within half a turn of theta_0, plus the angle by which the
+system winds the spring there; ``follow_turns`` gives the states of a motion their angles from row to row.
 """
 
 from dataclasses import replace
@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from .ends import times, turn_vectors, with_ground
+from .ends import append_ground, times, turn_vectors
 from .state import State, States
 from .system import MultibodySystem
 
@@ -21,13 +21,16 @@ from .system import MultibodySystem
 def torsion(
     system: MultibodySystem, s: States
 ) -> tuple[Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m 3"]]:
-    """theta - theta_0, theta_dot and m of all torsional springs."""
+    """Return theta - theta_0 [rad], theta_dot [rad/s] and m (space) of all torsional springs at each time.
+
+    Angles are within half a turn of rest, plus ``torsion_wound``, unless ``s`` has ``angles`` that count the turns.
+    """
     i, j = system.torsion_i, system.torsion_j
     u = turn_vectors(s, i, system.torsion_u)
     e, b = (turn_vectors(s, j, system.torsion_n[:, k]) for k in range(2))
     p, q = np.sum(u * e, axis=-1), np.sum(u * b, axis=-1)
     m = (p[..., None] * np.cross(u, b) - q[..., None] * np.cross(u, e)) / (p * p + q * q)[..., None]
-    omega = with_ground(times(s.R, s.Omega), np.zeros(3))
+    omega = append_ground(times(s.R, s.Omega), np.zeros(3))
     angle = np.arctan2(q, p) - system.torsion_rest
     wound = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
     wound = wound + system.torsion_wound
@@ -37,16 +40,16 @@ def torsion(
 
 
 def follow_turns(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> States:
-    """The motion with its springs' angles counted through all turns, where they leave half a turn about rest.
+    """Return the motion with its springs' angles counted through all turns; unchanged if none leaves half a turn.
 
-    From row to row an angle changes as its rates say, but for whole turns.
+    Half a turn about rest is meant. The rates at both ends of a step decide by how many whole turns an angle changes.
     """
     angles = count_turns(system, t, s)
     return s if angles is None else s.with_angles(angles)
 
 
 def count_turns(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> Float[np.ndarray, "nt m"] | None:
-    """theta - theta_0 at each row, counted from the first; None where no row leaves half a turn about rest."""
+    """Return theta - theta_0 [rad] at each row, counted from the first; None if none leaves half a turn about rest."""
     if not len(system.torsion_k) or len(t) < 2:
         return None
     with np.errstate(all="ignore"):
@@ -59,7 +62,10 @@ def count_turns(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States)
 
 
 def count_right(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> int:
-    """How many rows the system's own law holds for: until a spring with stiffness leaves half a turn about rest."""
+    """Count the rows of a motion, from its start, for which the angles that poses alone determine are right.
+
+    They are until a spring with stiffness leaves half a turn about the angle that the system's law is made for.
+    """
     angles = count_turns(system, t, s) if np.any(system.torsion_k) else None
     if angles is None:
         return len(t)
@@ -69,7 +75,7 @@ def count_right(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States)
 
 
 def wind(system: MultibodySystem, here: State) -> MultibodySystem:
-    """The same springs with laws that hold within half a turn of the angles that they have ``here``."""
+    """Return the system with springs of the same law, rewritten to hold within half a turn of their angles ``here``."""
     angle = torsion(system, States.one(here))[0][0]
     bare = replace(system, torsion_wound=np.zeros_like(angle))
     pose = torsion(bare, States.one(here))[0][0] + system.torsion_rest

@@ -25,7 +25,7 @@ from .state import States
 NUMBERS = 36  # r, R, v, Omega of two bodies, in this order
 SI = (1.0, 1.0, 1.0)
 POINTER = ctypes.POINTER(ctypes.c_double)
-BODY_MIRROR = np.diag([1.0, 1.0, -1.0])  # of every body frame, so that a mirrored R is a rotation again
+BODY_MIRROR = np.diag([1.0, 1.0, -1.0])  # mirror of every body frame, so that a mirrored R is a rotation again
 
 
 @dataclass(frozen=True)
@@ -38,16 +38,19 @@ class UserForce:
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
+class ForceLaw:
     """A user's law in the space and the units of a system: ``frame`` takes vectors of its space to the system's."""
 
     function: Callable[..., None]  # plain Python
     bodies: int  # 2, or 1 beside the ground
     frame: Float[np.ndarray, "3 3"]
-    units: tuple[float, float, float] = SI  # of the numbers of a length, a mass, a time
+    units: tuple[float, float, float] = SI  # factors of the numbers of a length, a mass, a time
 
     def build_function(self, compiled: Callable[[Any], Any] = lambda f: f) -> Callable[..., None]:
-        """The law as a function, every part of it made by ``compiled``."""
+        """Build the law as a function of the presented system's numbers, converted to the user's space and back.
+
+        ``compiled`` compiles the law and the conversion, as ``numba.njit`` does; by default they stay Python.
+        """
         law = compiled(self.function)
         L, M, T = self.units
         if self.units == SI and np.array_equal(self.frame, np.eye(3)):
@@ -58,6 +61,7 @@ class Law:
         force = M * L / T**2
 
         def in_si(t, r, R, v, Omega, F, moment):  # type: ignore[no-untyped-def]
+            """Convert the state to the user's space and SI, call the law, and convert its forces and moments back."""
             for e in range(n):
                 r[e] = np.dot(r[e] / L, back)
                 v[e] = np.dot(v[e] * (T / L), back)
@@ -73,13 +77,14 @@ class Law:
     @cached_property
     def entry(self) -> Any:
         """The compiled law behind a C signature, (t, NUMBERS, F and T of both bodies)."""
-        import numba  # half a second, which those without user forces need not wait
+        import numba  # takes half a second, which systems without user forces are spared
 
         law, double = self.build_function(numba.njit), numba.types.double
 
         def entry(t, state, load):  # type: ignore[no-untyped-def]
+            """Call the law with the state in C's memory, and write F and T there; NaN if it raises."""
             x, out, found = numba.carray(state, (NUMBERS,)), numba.carray(load, (4, 3)), np.zeros((4, 3))
-            out[:] = np.nan  # stays where the law raises an error, which C cannot hand on
+            out[:] = np.nan  # remains where the law raises an error, which C cannot pass on
             r, v, Omega = x[:6].reshape(2, 3), x[24:30].reshape(2, 3), x[30:].reshape(2, 3)
             law(t, r, x[6:24].reshape(2, 3, 3), v, Omega, found[:2], found[2:])
             out[:] = found
@@ -88,7 +93,7 @@ class Law:
         return compile_callback(entry, numba.types.void, double, pointer, pointer)
 
     def values(self, s: States, i: int, j: int) -> Float[np.ndarray, "nt 4 3"]:
-        """Forces on i and on j, then torques, at each time."""
+        """Return the forces on i and on j [N], then the torques [N m], in space, at each time of ``s``."""
         out, call = np.zeros((len(s), 4, 3)), self.entry.ctypes
         ends = [(s.r[:, b], s.R[:, b], s.v[:, b], s.Omega[:, b]) for b in (i, j) if b >= 0]
         rest = np.zeros((len(s), 3))
@@ -102,7 +107,7 @@ class Law:
 def present_laws(
     laws: Shaped[np.ndarray, " nu"], frame: Float[np.ndarray, "3 3"], units: tuple[float, float, float] = SI
 ) -> Shaped[np.ndarray, " nu"]:
-    """The same laws in a space turned or mirrored by ``frame``, and in other units on top."""
+    """Return the same laws in a space turned or mirrored by ``frame``, and in other units on top."""
     out = np.empty(len(laws), dtype=object)
     for k, law in enumerate(laws):
         L, M, T = (a * b for a, b in zip(law.units, units, strict=True))
@@ -111,33 +116,35 @@ def present_laws(
     return out
 
 
-def laws_of(forces: Sequence[UserForce]) -> Shaped[np.ndarray, " nu"]:
-    """Their compiled laws, each compiled once, or ValueError."""
-    made: dict[tuple[Callable[..., None], int], Law] = {}
+def compile_laws(forces: Sequence[UserForce]) -> Shaped[np.ndarray, " nu"]:
+    """Compile the law of each force, equal ones once; return them as ``ForceLaw``, or raise ValueError."""
+    made: dict[tuple[Callable[..., None], int], ForceLaw] = {}
     out = np.empty(len(forces), dtype=object)
     for k, force in enumerate(forces):
         function, bodies = getattr(force.law, "py_func", force.law), 1 + (force.j >= 0)
         if not isinstance(function, FunctionType):
             raise ValueError(f"{_describe_failure(k)}: it must be a function defined in Python (got {function!r:.80})")
         if (function, bodies) not in made:
-            made[function, bodies] = _compile_law(k, Law(function, bodies, np.eye(3)))
+            made[function, bodies] = _compile_law(k, ForceLaw(function, bodies, np.eye(3)))
         out[k] = made[function, bodies]
     out.setflags(write=False)
     return out
 
 
-def _compile_law(k: int, law: Law) -> Law:
+def _compile_law(k: int, law: ForceLaw) -> ForceLaw:
+    """Compile a law and return it; raise ValueError, which names user force ``k``, if numba cannot."""
     import numba
 
     if numba.config.DISABLE_JIT:
         raise ValueError(f"user force {k} needs numba's compiler: unset NUMBA_DISABLE_JIT")
     try:
         law.entry  # noqa: B018 - compiled here, where a mistake is the user's
-    except Exception as error:  # besides its own errors, Numba lets Python's through
+    except Exception as error:  # besides its own errors, Numba passes Python's on
         reason = textwrap.shorten(str(error), 200, placeholder=" ...") or type(error).__name__
         raise ValueError(f"{_describe_failure(k)}: {reason}") from None
     return law
 
 
 def _describe_failure(k: int) -> str:
+    """Return the beginning of the message that numba does not compile user force ``k``."""
     return f"user force {k}: numba does not compile law(t, r, R, v, Omega, F, T)"

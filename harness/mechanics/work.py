@@ -1,6 +1,7 @@
 """Work of dampers, loads, user forces and drives over recorded steps, and how well it is known.
 
-Nobody gives the motion between two recorded steps. It is taken in two ways, and the surer one counts in each step::
+The motion between two recorded steps is not recorded. It is reconstructed in two ways, and in each step the more
+certain one counts::
 
     cubic   through poses and velocities at both ends; its error is by how much two steps taken as one differ from them
     flow    from the recorded state on, by index 1 and the symmetric midpoint rule in n parts (Gragg), extrapolated in
@@ -20,25 +21,28 @@ from . import so3
 from .index1 import index_1
 from .motion import load_in_space, point_velocity, spring_line, user_loads
 from .moving_rows import evaluate_moving_rows
+from .projection import project_poses
 from .state import States
 from .system import MultibodySystem
 from .torsion import torsion
 
-NODES = 0.5 + 0.5 * np.array([-1.0, 0.0, 1.0]) * math.sqrt(0.6)  # of Gauss on (0, 1): the work of the cubic's damper
+# Gauss nodes on (0, 1): exact for the power of a damper along a cubic
+NODES = 0.5 + 0.5 * np.array([-1.0, 0.0, 1.0]) * math.sqrt(0.6)
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
-RESOLVED = 1.0  # [rad] of a drive, a load or a body over a step: beyond it three nodes cannot tell what they miss
-SURE = 0.1  # of the drift: work that is known better than that does not blur it
-DOUBLINGS = 10  # of the parts of a step
+RESOLVED = 1.0  # [rad] turn of a drive, a load or a body over a step, beyond which three nodes cannot bound their error
+SURE = 0.1  # share of the drift: work known better than that does not blur it
+DOUBLINGS = 10  # doublings of the parts of a step
 BLOCK = 10_000  # steps at a time
 STATES = 60_000  # evaluations of index 1 at most, the uncertain steps first
 
 
-def work(
+def compute_work(
     system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States, energy: Float[np.ndarray, " nt"]
 ) -> tuple[Float[np.ndarray, " nt"], Float[np.ndarray, " nt"], Bool[np.ndarray, " steps"]]:
-    """Work since the start [J] and its error, as exact as the drift of ``energy`` (T + V [J]) less work asks for.
+    """Return the work since the start [J] at each time, its error [J], and which steps are of unknown work.
 
-    Third: which steps are unknown.
+    As exact as judging the drift of ``energy`` (T + V [J]) needs. Over an unknown step the work counts as what the
+    energy changed by.
     """
     if system.is_conservative or len(t) < 2:
         return np.zeros(len(t)), np.zeros(len(t)), np.zeros(max(len(t) - 1, 0), dtype=bool)
@@ -62,7 +66,7 @@ def work(
             steps = uncertain[doubled[uncertain] == k]
             spent += len(steps) * (2 ** (k + 1) + 1)
             found, change = _extrapolate(columns, steps, int(k), _flow(system, s.at(steps), h[steps], 2 ** int(k + 1)))
-            change[angle[steps] > RESOLVED * 2**k] = np.inf  # whole periods look like none
+            change[angle[steps] > RESOLVED * 2**k] = np.inf  # whole periods in a part are aliased to none
             surer = change < error[steps]
             gained[steps[surer]], error[steps[surer]] = found[surer], change[surer]
             doubled[steps] += 1
@@ -73,7 +77,10 @@ def work(
 
 
 def _allowed_error(energy: np.ndarray, gained: np.ndarray) -> float:
-    """[J] the error that the work may have: a part of the drift, or rounding of the energy."""
+    """Return the error [J] that the work may have: a share of the drift, or rounding of the energy if that is more.
+
+    ``gained`` [J] is the work of each step.
+    """
     drift = energy - energy[0] - np.concatenate(([0.0], np.cumsum(gained)))
     known = np.isfinite(drift)
     rounding = np.finfo(float).eps * math.sqrt(len(energy)) * np.max(np.abs(energy[known]), initial=0.0)
@@ -81,7 +88,7 @@ def _allowed_error(energy: np.ndarray, gained: np.ndarray) -> float:
 
 
 def _fastest(system: MultibodySystem, s: States) -> np.ndarray:
-    """Largest rate of drives, loads and bodies over each step [rad/s]."""
+    """Return the largest rate of drives, loads and bodies over each step [rad/s]."""
     sines = [a[a[:, 4] != 0.0, 5] for a in (system.joint_motion, system.load_factor)]
     spin = np.max(np.linalg.norm(s.Omega, axis=2), axis=1, initial=0.0)
     return np.fmax(np.fmax(spin[:-1], spin[1:]), np.max(np.abs(np.concatenate(sines)), initial=0.0))
@@ -90,10 +97,14 @@ def _fastest(system: MultibodySystem, s: States) -> np.ndarray:
 def _along_cubics(
     system: MultibodySystem, s: States, h: np.ndarray, angle: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Work of each step along its cubic [J], and its error; infinite where none can be told."""
+    """Return the work of each step along its cubic [J], and its error [J]; infinite where none can be estimated.
+
+    ``angle`` [rad] is what bodies, drives and loads turn by over the step.
+    """
     gained, error = work_along_cubics(system, s, h), np.full(len(h), np.inf)
     n = len(h) - len(h) % 2
-    for first in {0, len(h) % 2} if n else ():  # pairs from the first step on; of an odd number also to the last
+    # pairs from the first step on; for an odd number also pairs that end with the last
+    for first in {0, len(h) % 2} if n else ():
         pairs = s.at(slice(first, first + n + 1, 2))
         twice = h[first : first + n : 2] + h[first + 1 : first + n : 2]
         apart = np.abs(
@@ -105,7 +116,7 @@ def _along_cubics(
 
 
 def work_along_cubics(system: MultibodySystem, s: States, h: np.ndarray) -> np.ndarray:
-    """Integral of the power along the cubic of each step of ``h`` [s], by Gauss (steps,) [J]."""
+    """Integrate the power along the cubic of each step of ``h`` [s], by Gauss (steps,) [J]."""
     out = np.zeros(len(h))
     for k in range(0, len(h), BLOCK):
         steps, ends = slice(k, k + BLOCK), s.at(slice(k, k + BLOCK + 1))
@@ -116,7 +127,7 @@ def work_along_cubics(system: MultibodySystem, s: States, h: np.ndarray) -> np.n
 
 
 def _flow(system: MultibodySystem, s: States, h: np.ndarray, parts: int) -> np.ndarray:
-    """Work over ``h`` [s] from each state on, by ``parts`` (even) of the symmetric midpoint rule, smoothed (Gragg)."""
+    """Return the work [J] over ``h`` [s] from each state, by the smoothed midpoint rule in ``parts`` (even; Gragg)."""
     dt = h / parts
     before, (rates, W_rate) = s, _rates(system, s)
     W_before, here, W = np.zeros(len(h)), _advance(s, s, rates, dt), dt * W_rate
@@ -130,21 +141,24 @@ def _flow(system: MultibodySystem, s: States, h: np.ndarray, parts: int) -> np.n
 
 
 def _rates(system: MultibodySystem, s: States) -> tuple[np.ndarray, np.ndarray]:
-    """Accelerations (nt, nb, 6) and power."""
-    found = index_1(system, s)
+    """Return accelerations (nt, nb, 6) and power [W] of index 1, at poses projected onto the constraints."""
+    found = index_1(system, project_poses(system, s))
     return found.a, power(system, s, found.reaction)
 
 
 def _advance(a: States, middle: States, rates: np.ndarray, dt: np.ndarray) -> States:
-    """``a`` after ``dt`` [s] at the velocities of ``middle`` and at ``rates``."""
+    """Advance ``a`` by ``dt`` [s] at the velocities of ``middle`` and at ``rates``."""
     x = dt[:, None, None]
-    with np.errstate(all="ignore"):  # what explodes is not finite, and its error says so
+    with np.errstate(all="ignore"):  # a motion that explodes is not finite, and its error says so
         R = a.R @ so3.exp(np.nan_to_num(x * middle.Omega, posinf=0.0, neginf=0.0))
     return States(a.r + x * middle.v, R, a.v + x * rates[..., :3], a.Omega + x * rates[..., 3:], a.times + dt, a.angles)
 
 
 def _extrapolate(columns: np.ndarray, steps: np.ndarray, k: int, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The best of Romberg's row ``k``, whose first entry was ``found``, and what it changed; ``columns`` keep it."""
+    """Extend Romberg's table by row ``k``, whose first entry is ``found``; return its last entry and the change.
+
+    ``columns`` store each step's last row. The change is from the last entry of the row before, infinite for the first.
+    """
     old, change = columns[steps], np.full(len(steps), np.inf)
     new = np.full_like(old, np.nan)
     new[:, 0] = found
@@ -159,7 +173,10 @@ def _extrapolate(columns: np.ndarray, steps: np.ndarray, k: int, found: np.ndarr
 def power(
     system: MultibodySystem, s: States, reaction: Float[np.ndarray, "nt nrows"] | None = None
 ) -> Float[np.ndarray, " nt"]:
-    """Power of dampers, loads, user forces and drives [W]: what changes T + V. ``reaction``: that of index 1."""
+    """Return the power of dampers, loads, user forces and drives [W], which changes T + V, at each time.
+
+    ``reaction`` is that of index 1, computed where it is not given.
+    """
     out = np.zeros(len(s.r))
     if np.any(system.joint_motion):
         out += drive_power(system, s, reaction)
@@ -182,13 +199,17 @@ def power(
 def drive_power(
     system: MultibodySystem, s: States, reaction: Float[np.ndarray, "nt nrows"] | None = None
 ) -> Float[np.ndarray, " nt"]:
-    """Power of drives [W], -reaction . phi_t with the reaction of index 1; NaN where a run is no longer finite."""
-    push, found = evaluate_moving_rows(system, s), index_1(system, s).reaction if reaction is None else reaction
+    """Return the power of drives [W], -reaction . phi_t; NaN where a run is not finite.
+
+    ``reaction`` is that of index 1, computed where it is not given.
+    """
+    push = evaluate_moving_rows(system, s)
+    found = index_1(system, project_poses(system, s)).reaction if reaction is None else reaction
     return -np.sum(found[:, push.row] * push.phi_t, axis=-1)
 
 
 def interpolate_steps(s: States, h: Float[np.ndarray, " steps"], x: float) -> States:
-    """The motion a part ``x`` into each step of ``h`` [s]: cubic in r, and in theta of R = R_0 exp(theta)."""
+    """Return the states at a share ``x`` of each step of ``h`` [s]: cubics in r and in theta of R = R_0 exp(theta)."""
     dt = h[:, None, None]
     r, v = _cubic(s.r[:-1], s.r[1:], s.v[:-1], s.v[1:], dt, x)
     turn = so3.log(np.swapaxes(s.R[:-1], -1, -2) @ s.R[1:])
@@ -198,7 +219,7 @@ def interpolate_steps(s: States, h: Float[np.ndarray, " steps"], x: float) -> St
 
 
 def _cubic(a: np.ndarray, b: np.ndarray, a_dot: np.ndarray, b_dot: np.ndarray, h: np.ndarray, x: float) -> tuple:
-    """Value and rate at x of the cubic from a to b over h with these rates at its ends."""
+    """Return value and rate at the share x of the cubic from a to b over h [s] with these rates at its ends."""
     bend = (b - a) / h - 0.5 * (a_dot + b_dot)  # the rate is a_dot (1 - x) + b_dot x + 6 bend x (1 - x)
     way = a_dot * (x - 0.5 * x * x) + b_dot * 0.5 * x * x + bend * x * x * (3.0 - 2.0 * x)
     return a + h * way, a_dot * (1.0 - x) + b_dot * x + 6.0 * bend * x * (1.0 - x)

@@ -1,4 +1,4 @@
-"""Slender rods and point masses: what the joints do about an axis n of a body with J n = 0, at the start and near it.
+"""Slender rods and point masses: how joints act about an axis n of a body with J n = 0, at the start and near it.
 
     decoupled  no row of A and no load acts about n, e.g. a point mass on links, a rod between ball joints on its axis:
                its spin has no equation and stays 0
@@ -17,20 +17,24 @@ from jaxtyping import Float
 from .added_inertia import principal
 from .consistency import START_TOLERANCE, InconsistentStart, perturb
 from .motion import applied_loads
+from .naming import name_body
 from .state import State, States
 from .system import MultibodySystem
 from .time_functions import ONE
 
-TURNS = 1e-6  # share of a velocity in n . Omega, by added inertia: below, less than 1e-12 is added there
-ACTS = 1e-9  # of a row of A, or of the loads: below, none acts about n
-NOISE = 1e-9  # of a direction, in its words
+TURNS = 1e-6  # share of a velocity in n . Omega, by added inertia: below it less than 1e-12 of the energy is added
+ACTS = 1e-9  # share of a row of A, or of the loads: below it none acts about n
+NOISE = 1e-9  # components of a direction that messages show as zero
 MOST_BODIES = 300  # a null space of their 1,800 velocities takes seconds, five of them are computed
-NEARBY = (0.1, 0.01)  # sizes of ``perturbed``: the second where a mechanism does not go as far as the first
-PLACES = (0.0, 0.21, 0.55, 1.0)  # in the simulated time: loads and drives may be functions of it
+NEARBY = (0.1, 0.01)  # sizes for ``perturb``: the second where a mechanism cannot go as far as the first
+PLACES = (0.0, 0.21, 0.55, 1.0)  # shares of the simulated time, on which loads and drives may depend
 
 
 def check_axes(system: MultibodySystem, start: State, t_end: float) -> None:
-    """ValueError where joints or loads turn an axis without inertia, or it spins at the start."""
+    """Raise ValueError where joints or loads turn a body about an axis without inertia, or it spins there at the start.
+
+    Loads and drives are examined up to ``t_end`` [s].
+    """
     _, axes, none = principal(system.inertia)
     if not np.any(none) or not _can_be_looked_at(system, start):
         return
@@ -57,7 +61,10 @@ def check_axes(system: MultibodySystem, start: State, t_end: float) -> None:
 
 
 def _can_be_looked_at(system: MultibodySystem, start: State) -> bool:
-    """Not what ``check_start`` refuses anyway."""
+    """Return whether the start can be examined: False for one that ``check_start`` refuses anyway.
+
+    Raise ValueError for a system that is too large.
+    """
     if system.nb > MOST_BODIES:
         raise ValueError(
             f"{system.nb} bodies, some of them without inertia about an axis: at most {MOST_BODIES}, since null spaces "
@@ -67,12 +74,12 @@ def _can_be_looked_at(system: MultibodySystem, start: State) -> bool:
 
 
 def _nearby(system: MultibodySystem, start: State, t_end: float) -> list[State]:
-    """Consistent states about the start, where drives have them at other times, too."""
+    """Return consistent states about the start, at several times where drives prescribe them."""
     out, driven = [], bool(np.any(system.joint_motion))
     for seed, place in enumerate(PLACES, 1):
         for size in NEARBY:
             then = dataclasses.replace(start, t=start.t + driven * size / NEARBY[0] * place * t_end)
-            if not (np.any(start.v) or np.any(start.Omega) or np.any(system.gravity)):  # dampers pull on what moves
+            if not (np.any(start.v) or np.any(start.Omega) or np.any(system.gravity)):  # dampers act only on what moves
                 then = dataclasses.replace(then, Omega=np.full((system.nb, 3), 1.0 / t_end))
             try:
                 out.append(perturb(system, then, size, seed))
@@ -83,7 +90,7 @@ def _nearby(system: MultibodySystem, start: State, t_end: float) -> list[State]:
 
 
 class _AllowedVelocities:
-    """Velocities that A allows at a state, whatever drives do, x in coordinates in which M is the identity."""
+    """Velocities that A allows at a state, for any rates of drives, x in coordinates in which M is the identity."""
 
     def __init__(self, system: MultibodySystem, s: State, axes: np.ndarray, none: np.ndarray, t_end: float) -> None:
         from .jacobian import constraint_jacobian
@@ -112,19 +119,20 @@ class _AllowedVelocities:
         )
         if not np.all(np.isfinite(loads)):
             b = int(np.argmax(~np.all(np.isfinite(loads), axis=(0, 2))))
-            raise ValueError(f"the loads on body {system.body_names[b]!r} must be finite numbers about the start")
+            raise ValueError(f"the loads on {name_body(system, b)} must be finite numbers about the start")
         own = np.max(np.linalg.norm(loads[:, :, :3], axis=2) * system.gyration, axis=0)
         own += np.max(np.abs(loads[:, :, 3:]), axis=(0, 2))
         torques = np.einsum("tbi,bij->tbj", loads[:, :, 3:], axes) / np.where(own > 0.0, own, 1.0)[:, None]
         self.acts = np.concatenate((B.reshape(len(B), nb, 6)[:, :, 3:], torques))
 
     def turns(self, b: int) -> Float[np.ndarray, "k d"]:
-        """n . Omega for the axes without inertia of a body, of each velocity."""
+        """Return n . Omega for the axes n without inertia of body ``b`` (k), for each allowed velocity (d)."""
         out: np.ndarray = self._x[b, 3:][self._none[b]]
         return out
 
 
 def _null_space(B: Float[np.ndarray, "nrows n"]) -> Float[np.ndarray, "n d"]:
+    """Return an orthonormal basis (columns) of the x with B x = 0."""
     import scipy.linalg as sl
 
     from .dynamics import RANK
@@ -138,6 +146,7 @@ def _null_space(B: Float[np.ndarray, "nrows n"]) -> Float[np.ndarray, "n d"]:
 
 
 def _about(system: MultibodySystem, b: int, n: np.ndarray) -> str:
+    """Return the beginning of a message: the body ``b`` has no inertia about the direction ``n`` of its frame."""
     n = n / n[np.argmax(np.abs(n))]
     n = np.where(np.abs(n) < NOISE, 0.0, n)
-    return f"body {system.body_names[b]!r} has no inertia about ({', '.join(f'{x:.3g}' for x in n + 0.0)}) of its frame"
+    return f"{name_body(system, b)} has no inertia about ({', '.join(f'{x:.3g}' for x in n + 0.0)}) of its frame"

@@ -1,1 +1,1 @@
-"""From a trajectory to numbers and a status."""
+"""Measures of a trajectory: its errors, how it keeps the laws, and the status that follows."""

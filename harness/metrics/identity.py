@@ -1,4 +1,4 @@
-"""A number that two problems share if all their numbers are the same."""
+"""Compute the fingerprint of a problem: a number that differs between problems if any of their numbers differ."""
 
 import hashlib
 from collections.abc import Iterator
@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from ..mechanics.user_forces import Law
+from ..mechanics.user_forces import ForceLaw
 from ..types import Problem
 
-LEAST = 1e-6  # of any unit: below it a number counts by its value, above by its digits
+LEAST = 1e-6  # in any unit: below it a number counts by its value, above by its digits
 GOLDEN = 0.6180339887498949  # its multiples, modulo 1, are all different
 
 
 def fingerprint(problem: Problem) -> float:
-    """Weighted sum of asinh(x / ``LEAST``) over masses, inertias, joints, forces, gravity, start and times.
+    """Return the weighted sum of asinh(x / ``LEAST``) over masses, inertias, joints, forces, gravity, start and times.
 
     A relative change of 1e-4 in any one number changes it by about as much, rounding by 1e-12.
     """
@@ -27,14 +27,14 @@ def fingerprint(problem: Problem) -> float:
 
 
 def _numbers(a: np.ndarray) -> np.ndarray:
-    """The array as it is; of user forces, numbers of each law."""
+    """Return the array as a flat list of numbers; a user force gives the numbers of its law."""
     if a.dtype != object:
         return np.asarray(a, dtype=float).ravel()
     return np.array([x for law in a for x in _law_numbers(law)], dtype=float)
 
 
-def _law_numbers(law: Law) -> Iterator[float]:
-    """Numbers of a law's code, then of its presentation."""
+def _law_numbers(law: ForceLaw) -> Iterator[float]:
+    """Yield numbers that stand for a user's force law: a digest of its code, its number of bodies, frame and units."""
     code = hashlib.sha256("\n".join(_value(law.function, set())).encode()).digest()
     yield float(int.from_bytes(code[:6]))
     yield float(law.bodies)
@@ -43,7 +43,10 @@ def _law_numbers(law: Law) -> Iterator[float]:
 
 
 def _function(f: FunctionType, seen: set[int]) -> Iterator[str]:
-    """All that decides what a function computes, as text that is the same in every process."""
+    """Yield text for a function's code, closure, defaults and the globals that it names; the same in every process.
+
+    ``seen`` holds the ids of functions that were already described, so that recursion ends.
+    """
     if id(f) in seen:  # it calls itself
         return
     seen.add(id(f))
@@ -54,15 +57,20 @@ def _function(f: FunctionType, seen: set[int]) -> Iterator[str]:
 
 
 def _code(code: CodeType, known: dict[str, Any], seen: set[int]) -> Iterator[str]:
+    """Yield the bytecode, constants and names of a code object as text, with the values of globals that it names."""
     yield code.co_code.hex()
     for constant in code.co_consts:
         yield from _code(constant, known, seen) if isinstance(constant, CodeType) else _value(constant, seen)
-    for name in code.co_names:  # global names and attributes
+    for name in code.co_names:  # names of globals and attributes
         yield name
         yield from _value(known.get(name), seen)
 
 
 def _value(x: Any, seen: set[int]) -> Iterator[str]:
+    """Yield text that identifies a constant, global or closure value, without addresses.
+
+    A class or an object of a type that is not listed here is identified by its name only.
+    """
     x = getattr(x, "py_func", x)  # compiled by Numba
     if isinstance(x, FunctionType):
         yield from _function(x, seen)
@@ -77,4 +85,4 @@ def _value(x: Any, seen: set[int]) -> Iterator[str]:
     elif x is None or isinstance(x, bool | int | float | complex | str | bytes | np.generic):
         yield repr(x)
     else:
-        yield getattr(x, "__name__", type(x).__name__)  # its text may hold an address
+        yield getattr(x, "__name__", type(x).__name__)  # its repr may contain an address

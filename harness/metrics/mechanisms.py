@@ -1,4 +1,4 @@
-"""The mechanisms of a system: bodies that joints or forces connect. Each is measured by its own sizes."""
+"""Split a system into mechanisms: groups of bodies that joints or forces connect, each measured by its own scales."""
 
 import dataclasses
 from typing import Any
@@ -11,12 +11,12 @@ from scipy.sparse.csgraph import connected_components
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 
-HOLDS = ("joint", "spring", "user")  # what can hold a body to a place
-TIES = (*HOLDS, "torsion")  # all parts with two ends; drives are joints
+HOLDS = ("joint", "spring", "user")  # parts that can tie a body to the ground
+TIES = (*HOLDS, "torsion")  # all parts that connect two bodies; drives are joints
 
 
 def mechanisms(system: MultibodySystem) -> list[Int[np.ndarray, " _"]]:
-    """Bodies of each; the ground connects none."""
+    """Return the numbers of the bodies of each mechanism; the ground alone does not connect bodies."""
     i, j = (np.concatenate([getattr(system, f"{kind}_{e}") for kind in TIES]) for e in "ij")
     both = (i != GROUND) & (j != GROUND)
     links = sp.coo_array((np.ones(np.sum(both)), (i[both], j[both])), shape=(system.nb, system.nb))
@@ -25,12 +25,12 @@ def mechanisms(system: MultibodySystem) -> list[Int[np.ndarray, " _"]]:
 
 
 def is_free(system: MultibodySystem) -> bool:
-    """Whether no joint, spring or user force holds anything to the ground."""
+    """Return whether no joint, spring or user force connects anything to the ground."""
     return all(GROUND not in ends for ends in (getattr(system, f"{kind}_j") for kind in HOLDS))
 
 
-def part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySystem:
-    """The system of these bodies alone, with all joints and forces at them."""
+def extract_part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySystem:
+    """Return the system of these bodies alone, with all joints and forces that act on them, and without names."""
     if len(bodies) == system.nb:
         return system
     new = np.full(system.nb + 1, GROUND)  # the last entry, at -1, is the ground
@@ -47,8 +47,8 @@ def part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySys
     return dataclasses.replace(system, **changes, body_names=(), joint_names=())
 
 
-def states_of(s: States, bodies: Int[np.ndarray, " n"]) -> States:
-    """The motion of these bodies."""
+def extract_states(s: States, bodies: Int[np.ndarray, " n"]) -> States:
+    """Return the motion of these bodies alone; unless they are all bodies, without the angles of torsional springs."""
     if len(bodies) == s.nb:
         return s
     # contiguous, as compiled laws take them: else they would compile once more
@@ -56,13 +56,13 @@ def states_of(s: States, bodies: Int[np.ndarray, " n"]) -> States:
     return States(r, R, v, Omega, s.t)
 
 
-def state_of(s: State, bodies: Int[np.ndarray, " n"]) -> State:
-    """The same at one instant."""
-    return states_of(States.one(s), bodies)[0]
+def extract_state(s: State, bodies: Int[np.ndarray, " n"]) -> State:
+    """Return the state of these bodies at one instant."""
+    return extract_states(States.one(s), bodies)[0]
 
 
-def without_common_motion(system: MultibodySystem, s: States) -> States:
-    """Positions and velocities relative to the centre of mass of all bodies."""
+def subtract_common_motion(system: MultibodySystem, s: States) -> States:
+    """Return the motion with positions and velocities relative to the common centre of mass."""
     share = system.mass / np.sum(system.mass)
     r, v = (np.einsum("b,tbi->ti", share, a)[:, None] for a in (s.r, s.v))
     return States(s.r - r, s.R, s.v - v, s.Omega, s.t)

@@ -1,8 +1,8 @@
-"""Laws, sizes and errors of a long motion in compiled passes over (t, body, joint): the same numbers to rounding.
+"""Compute laws, sizes and errors of a long motion in compiled loops over (t, body, joint), as NumPy does to rounding.
 
-What is computed is stated in numpy, batched over time, by ``mechanics.motion``, ``scales`` and ``rows``; tests compare
-both. numpy makes some forty arrays of all steps on the way, which costs ten times as much. One file, whose functions
-call none of another: numba's cache, which looks at the file alone, cannot be stale.
+The formulas are stated in NumPy, batched over time, by ``mechanics.motion``, ``scales`` and ``rows``; tests compare
+both. NumPy makes some forty temporary arrays over all steps, which costs ten times as much. No compiled function is
+imported from another file: numba's cache checks one file alone for changes.
 """
 
 import functools
@@ -31,10 +31,11 @@ INNER = {**JIT, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # called 
 
 
 def _sealed(function: Callable[P, T]) -> Callable[P, T]:
-    """Seal the files after a call that compiled: for arrays of another kind, such as read-only ones."""
+    """Wrap a compiled function so that a call that compiled, as for read-only arrays, seals the cache files."""
 
     @functools.wraps(function)
     def call(*given: P.args, **named: P.kwargs) -> T:
+        """Call the function, and seal the cache files if it was compiled."""
         before = _count_compiled()
         found = function(*given, **named)
         if _count_compiled() > before:
@@ -45,45 +46,58 @@ def _sealed(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def _count_compiled() -> int:
+    """Return how often functions of this file were compiled in this process instead of loaded from the cache."""
     passes = (_laws, _displacement, _speeds, _advance_rows, _are_rotations)
     return sum(one.stats.cache_misses.total() for one in passes)
 
 
 @_sealed
 def laws(system: MultibodySystem, s: States, metres: Float[np.ndarray, " nrows"]) -> tuple[np.ndarray, ...]:
-    """As ``measure`` lists them, (nt,) each; of systems without moving rows (``takes``)."""
+    """Return the seven arrays (nt,) of ``measure._laws``; only for systems that ``covers_rows`` accepts.
+
+    ``metres`` are the factors that turn constraint rows into metres.
+    """
     joint, row = system.point_rows()
     line, axis = system.line_rows(), system.axis_rows()
     out = np.zeros((7, len(s.r)))
     _laws(
-        s.r, s.R, s.v, s.Omega, system.gravity, system.mass, system.inertia,
+        s.r,
+        s.R,
+        s.v,
+        s.Omega,
+        system.gravity,
+        system.mass,
+        system.inertia,
         (system.spring_i, system.spring_j, system.spring_p_i, system.spring_p_j, system.spring_k, system.spring_d0),
         (system.joint_i, system.joint_j, system.joint_s_i, system.joint_s_j),
-        (joint, row[:, 0].copy()), (line.joint, line.row, line.n, line.length),
+        (joint, row[:, 0].copy()),
+        (line.joint, line.row, line.n, line.length),
         (axis.joint, axis.row, axis.u, axis.n, system.joint_w),
-        metres, out,
-    )  # fmt: skip
+        metres,
+        out,
+    )
     if len(system.torsion_k):
         out[0] += 0.5 * torsion(system, s)[0] ** 2 @ system.torsion_k
     return tuple(out)
 
 
-def takes(system: MultibodySystem) -> bool:
-    """Whether ``laws`` knows all its rows: functions of time and rows of velocities alone stay with numpy."""
+def covers_rows(system: MultibodySystem) -> bool:
+    """Return whether ``laws`` covers all rows of a system: moving and velocity-level rows stay with NumPy."""
     return not np.any(system.joint_moving)
 
 
 @functools.cache
 def load() -> None:
-    """Compile all passes, or load them from the cache, so that forked processes have them.
+    """Compile all functions of this file, or load them from the cache, once per process; forks inherit them.
 
-    Files that are not as they were left are made again; numba would end on them.
+    Cache files that are not as they were sealed are removed first: numba would crash on them.
     """
     remove_unsealed(KEPT, FILES)
     _run_all()
 
 
 def _run_all() -> None:
+    """Call each function once on a body at rest, which compiles it or loads it from the cache."""
     system = assemble([RigidBody(1.0, np.eye(3))], [], (0.0, 0.0, 0.0))
     r, R = np.zeros((2, 1, 3)), np.tile(np.eye(3), (2, 1, 1, 1))
     s = States(r, R, r, r)
@@ -96,22 +110,28 @@ def _run_all() -> None:
 
 @numba.njit(**INNER)
 def _dot(a, b):
+    """Return a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @numba.njit(**INNER)
 def _cross(a, b):
+    """Return a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @numba.njit(**INNER)
 def _minus(a, b):
+    """Return a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @numba.njit(**INNER)
 def _point(x, R, b, p):
-    """x + R p of a body, p of the ground; x is r, or zero for a direction."""
+    """Return x + R p for a point p of body ``b``, or p where b is the ground (-1).
+
+    ``x`` is the position of C, or zero if p is a direction.
+    """
     if b < 0:
         return p[0], p[1], p[2]
     return (
@@ -123,7 +143,10 @@ def _point(x, R, b, p):
 
 @numba.njit(**INNER)
 def _rate(x, R, W, b, p):
-    """x + R (Omega x p) of a body, zero of the ground."""
+    """Return the velocity x + R (Omega x p) of a point p of body ``b``, with Omega = W[b]; zero for the ground.
+
+    ``x`` is the velocity of C, or zero if p is a direction.
+    """
     if b < 0:
         return 0.0, 0.0, 0.0
     return _point(x, R, b, _cross(W[b], p))
@@ -131,7 +154,7 @@ def _rate(x, R, W, b, p):
 
 @numba.njit(**INNER)
 def _back(R, b, m):
-    """R^T m"""
+    """Return R^T m: the space vector ``m`` in the frame of body ``b``."""
     return (
         R[b, 0, 0] * m[0] + R[b, 1, 0] * m[1] + R[b, 2, 0] * m[2],
         R[b, 0, 1] * m[0] + R[b, 1, 1] * m[1] + R[b, 2, 1] * m[2],
@@ -141,13 +164,17 @@ def _back(R, b, m):
 
 @numba.njit(**INNER)
 def _spin(J, b, a):
-    """a . J a"""
+    """Return a . J a with the inertia J of body ``b``."""
     return a[0] * _dot(J[b, 0], a) + a[1] * _dot(J[b, 1], a) + a[2] * _dot(J[b, 2], a)
 
 
 @numba.njit(**INNER)
 def _add_row(sums, gap, open_, rate, unit, aa, aMa):
-    """Squares of phi and phi_dot, both again in metres, and the square of Eq. (81)."""
+    """Add a constraint row, in place, to five sums of squares: phi, phi_dot, both again in metres, and Eq. (81).
+
+    ``gap`` is phi, ``open_`` phi in the joint's own assembly (``motion.measure_gaps``), ``rate`` phi_dot, ``unit`` the
+    factor to metres; ``aa`` is a . a of the row a of A, and ``aMa`` is a . M a.
+    """
     sums[0] += gap * gap
     sums[1] += rate * rate
     sums[2] += (open_ * unit) ** 2
@@ -157,6 +184,10 @@ def _add_row(sums, gap, open_, rate, unit, aa, aMa):
 
 @numba.njit(**JIT)
 def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, out):
+    """Fill ``out`` (7, nt) with T + V, five norms of the constraint rows and the worst |R^T R - 1| at each time.
+
+    V is that of gravity and point-to-point springs; torsional springs are added by ``laws``.
+    """
     spring_i, spring_j, spring_p_i, spring_p_j, stiffness, rest = springs
     joint_i, joint_j, arm_i, arm_j = joints
     point_joint, point_row = points
@@ -238,7 +269,7 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
                     aa += _dot(x, x)
                     aMa += _spin(J, b, x)
             open_ = gap
-            if k > 1 and axis_joint[k - 2] == n:  # the row vanishes half a turn away, too (``motion.measure_gaps``)
+            if k > 1 and axis_joint[k - 2] == n:  # the row vanishes half a turn away as well (``motion.measure_gaps``)
                 wn = _dot(_point(zero, Rt, i, joint_w[n]), _point(zero, Rt, j, axis_n[k - 2]))
                 open_ = 2.0 - abs(gap) if wn < 0.0 else gap
             _add_row(sums, gap, open_, gap_dot, metres[axis_row[k]], aa, aMa)
@@ -249,7 +280,10 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
 
 @_sealed
 def displacement(mass: np.ndarray, moments: np.ndarray, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
-    """``scales.displacement`` with the second moments of the bodies' matter; ``b`` may be one instant."""
+    """Return ``scales.displacement`` [m] of each body; ``b`` may be one instant.
+
+    ``moments`` are the second moments of the bodies' matter [kg m2], body frame.
+    """
     out = np.empty(a.r.shape[:2])
     _displacement(mass, moments, a.r, a.R, b.r, b.R, out)
     return out
@@ -257,6 +291,7 @@ def displacement(mass: np.ndarray, moments: np.ndarray, a: States, b: States) ->
 
 @numba.njit(**JIT)
 def _displacement(mass, S, r_a, R_a, r_b, R_b, out):
+    """Fill ``out`` (nt, nb) with the root mean square distance [m] of a body's matter between two poses."""
     nt, nb = out.shape
     one = len(r_b) == 1
     for t in range(nt):
@@ -274,7 +309,7 @@ def _displacement(mass, S, r_a, R_a, r_b, R_b, out):
 
 @_sealed
 def speeds(mass: np.ndarray, inertia: np.ndarray, s: States) -> Float[np.ndarray, "nt nb"]:
-    """``scales.speeds``."""
+    """Return ``scales.speeds``: the root mean square speed of each body's matter [m/s]."""
     out = np.empty(s.r.shape[:2])
     _speeds(mass, inertia, s.v, s.Omega, out)
     return out
@@ -282,6 +317,7 @@ def speeds(mass: np.ndarray, inertia: np.ndarray, s: States) -> Float[np.ndarray
 
 @numba.njit(**JIT)
 def _speeds(mass, J, v, W, out):
+    """Fill ``out`` (nt, nb) with sqrt(2 T / m) of each body [m/s]."""
     nt, nb = out.shape
     for t in range(nt):
         for b in range(nb):
@@ -290,7 +326,10 @@ def _speeds(mass, J, v, W, out):
 
 @_sealed
 def advance_steps(h: Float[np.ndarray, " steps"], a: States, b: States) -> States:
-    """Poses at the end of each step by the mean velocities of its ends (``rows``); velocities are those means."""
+    """Advance the poses ``a`` over steps ``h`` [s] by the mean velocities of ``a`` and ``b``, as ``rows._advance``.
+
+    The states returned have the advanced poses and these mean velocities.
+    """
     out = tuple(np.empty_like(x) for x in (a.r, a.R, a.v, a.Omega))
     _advance_rows(h, a.r, a.R, a.v, a.Omega, b.v, b.Omega, *out)
     return States(*out)
@@ -298,6 +337,7 @@ def advance_steps(h: Float[np.ndarray, " steps"], a: States, b: States) -> State
 
 @numba.njit(**JIT)
 def _advance_rows(h, r, R, v_a, W_a, v_b, W_b, r_out, R_out, v_out, W_out):
+    """Fill the arrays ``*_out`` with the poses after each step ``h`` [s] and the mean velocities over it."""
     nt, nb = r.shape[:2]
     for t in range(nt):
         for b in range(nb):
@@ -324,12 +364,13 @@ def _advance_rows(h, r, R, v_a, W_a, v_b, W_b, r_out, R_out, v_out, W_out):
 
 @_sealed
 def are_rotations(R: Float[np.ndarray, "nt nb 3 3"]) -> bool:
-    """Whether all are finite and have a positive determinant."""
+    """Return whether det R is finite and positive everywhere; that R is orthogonal is not checked."""
     return bool(_are_rotations(R))
 
 
 @numba.njit(**JIT)
 def _are_rotations(R):
+    """Return whether det R is finite and positive of all bodies at all times."""
     for t in range(R.shape[0]):
         for b in range(R.shape[1]):
             A = R[t, b]

@@ -1,4 +1,4 @@
-"""When each reported maximum occurred: the steps whose full states a series keeps, so that all can be computed anew."""
+"""Find the steps at which reported maxima occur; a series keeps their full states, so that all can be computed anew."""
 
 from collections.abc import Iterator
 
@@ -6,17 +6,24 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..types import ACCURATE, Law
-from .measure import JOINTS, Measured, count_predictable
-from .reactions import STEP
+from .measure import JOINTS, MeasuredSeries, count_predictable
 from .scales import Scales
 
-EVEN, BODIES = 64, 512  # steps kept evenly, at most; fewer of a large system: states of so many bodies
-SHARES = {Law.ENERGY: "energy_share_max", Law.CONSTRAINT: "gap_share_max", Law.CONSTRAINT_RATE: "gap_rate_share_max",
-          Law.ORTHOGONALITY: "orthogonality_max"}  # fmt: skip
+EVEN, BODIES = 64, 512  # most evenly picked steps; most states of single bodies in them, for large systems
+SHARES = {  # columns with the largest residual of each law over its limit
+    Law.ENERGY: "energy_share_max",
+    Law.CONSTRAINT: "gap_share_max",
+    Law.CONSTRAINT_RATE: "gap_rate_share_max",
+    Law.ORTHOGONALITY: "orthogonality_max",
+}
 
 
-def find_peaks(m: Measured, *, literal_start: bool = False) -> dict[str, int]:
-    """The step of each maximum by the name of its column; of laws also where each first passes its limit."""
+def find_peaks(m: MeasuredSeries, *, literal_start: bool = False) -> dict[str, int]:
+    """Return the step at which each reported maximum occurs, by the name of its column.
+
+    For a law also the step at which it first exceeds its limit, as ``<column>:first``. With ``literal_start`` the
+    start, as printed, opens the joints, and laws on constraints are left out.
+    """
     found = {
         "energy_drift_max_J": _largest(m.energy_error),
         "phi_max": _largest(m.phi_norm),
@@ -36,19 +43,24 @@ def find_peaks(m: Measured, *, literal_start: bool = False) -> dict[str, int]:
     return found | dict(_against_reference(m))
 
 
-def _against_reference(m: Measured) -> Iterator[tuple[str, int]]:
-    """Places of the largest errors, over all compared steps and over those that are judged."""
+def _against_reference(m: MeasuredSeries) -> Iterator[tuple[str, int]]:
+    """Yield columns with their steps: the largest errors against the reference, and times at which limits are passed.
+
+    Each error has two columns: the largest over all compared steps, and over those that are judged.
+    """
     own = m.reference_own_error
     compared = 0 if own is None else int(np.sum(~np.isnan(own)))
     if own is None or compared == 0:
         return
     judged = max(count_predictable(m.t[:compared], own[:compared] / m.size.length), 1)
     for name, unit, error in (
-        ("motion_error", "m", m.motion_error), ("position_error", "m", m.position_error),
-        ("orientation_error", "rad", m.orientation_error), ("rate_error", "m_per_s", m.rate_error),
+        ("motion_error", "m", m.motion_error),
+        ("position_error", "m", m.position_error),
+        ("orientation_error", "rad", m.orientation_error),
+        ("rate_error", "m_per_s", m.rate_error),
         ("velocity_error", "m_per_s", m.velocity_error),
         ("angular_velocity_error", "rad_per_s", m.angular_velocity_error),
-    ):  # fmt: skip
+    ):
         assert error is not None  # with a reference
         yield f"{name}_judged_{unit}", _largest(error[:judged])
         yield f"{name}_max_{unit}", _largest(error[:compared])
@@ -61,49 +73,50 @@ def _against_reference(m: Measured) -> Iterator[tuple[str, int]]:
             yield name, int(np.argmax(above))
 
 
-def steps_to_keep(m: Measured, peaks: dict[str, int], nb: int, *, every: bool = False) -> Int[np.ndarray, " ns"]:
-    """Steps whose states are kept: every one, or ``peaks``, those that set scales, both ends, evenly picked pairs."""
+def steps_to_keep(m: MeasuredSeries, peaks: dict[str, int], nb: int, *, every: bool = False) -> Int[np.ndarray, " ns"]:
+    """Return the steps whose states are kept: all if ``every``, else ``peaks`` and evenly picked pairs.
+
+    The steps that set scales, the neighbours of times between steps and both ends are kept as well.
+    """
     nt = len(m.t)
     if every:
         return np.arange(nt)
     even = np.linspace(0, nt - 1, min(nt, EVEN, max(2, BODIES // max(nb, 1)))).round().astype(np.int64)
     of_sizes = [k for size in _sizes(m) for k in size.run_at]
-    around = np.searchsorted(m.t, list(times_between(m).values()), side="right") - 1
+    around = np.searchsorted(m.t, list(interpolate_peak_times(m).values()), side="right") - 1
     kept = np.unique(np.concatenate((even, even + 1, list(peaks.values()), of_sizes, around, around + 1, [0, nt - 1])))
     return kept[(kept >= 0) & (kept < nt)].astype(np.int64)
 
 
-def times_of_scales(m: Measured) -> dict[str, float]:
-    """[s] when the exact motion sets the scales of the system, numbered."""
+def times_of_scales(m: MeasuredSeries) -> dict[str, float]:
+    """Return the times [s] at which the exact motion sets the system's scales, named ``scale 1``, ``scale 2`` ..."""
     return {f"scale {k + 1}": at for k, at in enumerate(m.size.exact_at)}
 
 
-def times_between(m: Measured) -> dict[str, float]:
-    """[s] of maxima that are no step's own, by column."""
+def interpolate_peak_times(m: MeasuredSeries) -> dict[str, float]:
+    """Return, by column, the finite times [s] of the largest motion error between steps and largest joint loads."""
     found = {
         "motion_between_max_m": m.motion_between_s,
         "reaction_error_max_N": m.reaction_error_s,
         "reaction_size_N": m.reaction_size_s,
+        "moment_error_max_Nm": m.moment_error_s,
+        "moment_size_Nm": m.moment_size_s,
     }
     return {name: at for name, at in found.items() if np.isfinite(at)}
 
 
-def times_to_keep(m: Measured, steps: Int[np.ndarray, " ns"]) -> Float[np.ndarray, " n"]:
-    """Times at which the exact motion is kept: of ``steps``, and where it sets scales, lies between, or is differenced.
-
-    Forces of the exact motion come from seven of its states around their time.
-    """
+def times_to_keep(m: MeasuredSeries, steps: Int[np.ndarray, " ns"]) -> Float[np.ndarray, " n"]:
+    """Return the times [s] at which the exact motion is stored: those of ``steps``, of scales and of maxima."""
     t = m.t[steps]
     times = [t[t <= m.reference_horizon * (1.0 + 1e-12)], *(size.exact_at for size in _sizes(m))]
-    for name, at in times_between(m).items():
-        times.append(at + STEP * np.arange(-3.0, 4.0) if name.startswith("reaction") else np.array([at]))
-    return np.unique(np.concatenate(times))
+    return np.unique(np.concatenate([*times, np.array(list(interpolate_peak_times(m).values()))]))
 
 
-def _sizes(m: Measured) -> list[Scales]:
+def _sizes(m: MeasuredSeries) -> list[Scales]:
+    """Return the scales of the whole system, then those of each mechanism."""
     return [m.size, *(one.size for one in m.mechanisms)]
 
 
 def _largest(a: np.ndarray) -> int:
-    """The first that is not a number, if there is one."""
+    """Return the index of the largest |a|, or of the first NaN if there is one."""
     return int(np.argmax(np.abs(a)))

@@ -1,28 +1,38 @@
-"""The periods of a motion, by its most regular observable."""
+"""Find the periods of a motion from its most regular observable."""
 
 import math
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import variation
 
-PERIODS = 50  # fewer are no long run
-BAND = 0.1  # of the range of an observable, about its middle: it must cross all of it to count as a crossing
-UNEVEN = 0.2  # standard deviation of the periods over their mean: more is no period
+PERIODS = 50  # fewest periods, plus one, of a motion that counts as periodic
+BAND = 0.1  # share of an observable's range, about its middle, that a crossing must traverse
+UNEVEN = 0.2  # standard deviation of the periods over their mean, above which a motion is not periodic
 
 
 def find_periods(
     t: Float[np.ndarray, " nt"], observables: dict[str, Float[np.ndarray, " nt"]]
 ) -> Float[np.ndarray, " n"]:
-    """Times at which the most regular observable rises through its middle; none if no observable has enough periods."""
+    """Return the times [s] at which the most regular observable rises through its middle: where its periods begin.
+
+    ``observables`` are series by name. Empty if none is periodic with more than ``PERIODS`` periods.
+    """
     moving = [a for _, a in sorted(observables.items()) if np.all(np.isfinite(a)) and np.ptp(a) > 0.0]
-    found = [(variation(np.diff(marks)), marks) for a in moving if len(marks := _find_rises(t, a)) > PERIODS]
+    found = [(_variation(np.diff(marks)), marks) for a in moving if len(marks := _find_rises(t, a)) > PERIODS]
     uneven, best = min(found, key=lambda item: item[0], default=(math.inf, np.zeros(0)))
     return best if uneven <= UNEVEN else np.zeros(0)
 
 
+def _variation(periods: np.ndarray) -> float:
+    """Return the standard deviation of periods over their mean; importing scipy.stats would take half a second."""
+    return float(np.std(periods) / np.mean(periods))
+
+
 def _find_rises(t: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Rises through the middle of the range, each between a visit to the lower and to the upper edge of a band."""
+    """Return the times [s] at which a series rises through the middle of its range, crossing a band about it.
+
+    The band, ``BAND`` of the range wide, keeps small oscillations about the middle from counting as periods.
+    """
     low, high = np.quantile(a, (0.02, 0.98))
     middle, half = 0.5 * (low + high), 0.5 * BAND * (high - low)
     side = np.where(a > middle + half, 1, np.where(a < middle - half, -1, 0))

@@ -1,4 +1,4 @@
-"""Which rows of a long run to keep, so that a series file stays small and shows every peak."""
+"""Select the rows of a long run to store, so that its series file stays small and shows every peak."""
 
 from collections.abc import Callable
 
@@ -7,15 +7,20 @@ from jaxtyping import Float, Int
 
 from ..mechanics.state import States
 
+# rows of scalars in a file: more make it larger, fewer hide what lies between; the peaks are always kept
 MAX_ROWS = 100_000
+# poses, 18 numbers a body, so fewer than rows: more make files larger, fewer make drawn motions jump
 MAX_FRAMES = 2_000
-BLOCK, BODIES = 4096, 2**18  # at most so many rows at a time, and rows times bodies
-EVEN = 0.2  # of the frames
-FEWEST = 120  # frames of a motion however straight
+BLOCK, BODIES = 4096, 2**18  # rows at a time at most, and rows times bodies
+EVEN = 0.2  # share of the frames that is spread evenly in time
+FEWEST = 120  # fewest frames, even of a straight motion
 
 
 def rows_to_keep(nt: int, *peaks: Float[np.ndarray, " nt"], at_most: int = MAX_ROWS) -> Int[np.ndarray, " kept"]:
-    """All rows if ``nt <= at_most``, else per bucket its first and the ones where each of ``peaks`` is largest."""
+    """Return the rows of a series to store: all if ``nt <= at_most``, else both ends and rows of equal buckets.
+
+    Of each bucket its first row is kept, and for each series in ``peaks`` the row where |series| is largest.
+    """
     if nt <= at_most:
         return np.arange(nt)
     buckets = at_most // (1 + len(peaks))
@@ -30,15 +35,18 @@ def rows_to_keep(nt: int, *peaks: Float[np.ndarray, " nt"], at_most: int = MAX_R
 
 
 def frames_to_keep(
-    t: Float[np.ndarray, " nt"], states: Callable[[slice], States], size: float, at_most: int = MAX_FRAMES,
+    t: Float[np.ndarray, " nt"],
+    states: Callable[[slice], States],
+    size: float,
+    at_most: int = MAX_FRAMES,
     near: float = 0.0,
-) -> Int[np.ndarray, " nf"]:  # fmt: skip
-    """Rows that a drawing needs, the first and last too: a fifth even in time, the rest dense where the path is bent.
+) -> Int[np.ndarray, " nf"]:
+    """Return the rows that a drawing needs: both ends, a fifth even in time, the rest dense where paths are curved.
 
-    ``states`` of a slice of the rows. No more rows than chords take to stay within ``near`` of the path, of ``size``.
-
-    A chord over n rows is off the path by n^2 / 4 times what a row is off the chord of its neighbours: the sum of the
-    square roots counts the chords. ``size`` [m] of a body makes a turn a path.
+    ``states`` returns the states of a slice of rows; ``size`` [m] of a body turns a rotation into a displacement. At
+    most about ``at_most`` rows are kept; with ``near`` > 0, only as many as keep chords within ``near * size`` of the
+    path. A chord over n rows is off the path by n^2 / 4 times the distance of a row from the chord of its neighbours,
+    so that the sum of the square roots of these distances gives the number of chords.
     """
     if len(t) <= (at_most if near == 0.0 else FEWEST):
         return np.arange(len(t))
@@ -56,7 +64,7 @@ def frames_to_keep(
 
 
 def _off_chord(t: np.ndarray, s: States, size: float) -> Float[np.ndarray, " n"]:
-    """How far the body that is furthest is off the chord between the rows before and after [m], at most ``size``."""
+    """Return the largest distance [m] of a body from the chord between the rows before and after, at most ``size``."""
     u = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None, None]
     with np.errstate(all="ignore"):  # a motion may have blown up
         r = s.r[1:-1] - (1.0 - u) * s.r[:-2] - u * s.r[2:]

@@ -1,8 +1,8 @@
-"""Is a claimed success one? Limits on laws, and on the distance from the reference, each with its reason.
+"""Judge a claimed success: limits on laws and on the distance from the reference, each breach with its reason.
 
 A run that breaks a law is wrong. One that keeps them and is far from the reference is inaccurate: on a chaotic motion
-that is the fate of every fixed accuracy. All limits scale with what the motion reaches (module ``scales``), and are
-wide on purpose. The benchmark's own limit (``energy_allowed_J``) is not judged here.
+that happens at every fixed accuracy. All limits scale with what the motion reaches (module ``scales``), and are wide on
+purpose. The benchmark's own limit (``energy_allowed_J``) is not judged here.
 """
 
 import json
@@ -14,19 +14,24 @@ import numpy as np
 from jaxtyping import Float
 
 from ..types import ACCURATE, Law, Problem, Reason, Trajectory
-from .measure import JOINTS, Measured, largest
+from .measure import JOINTS, MeasuredSeries, find_largest
 
-INVARIANT = 0.10  # of its scale by unit (momentum: m v L), or of its start if that is larger
+INVARIANT = 0.10  # share of its scale by unit (momentum: m v L), or of its initial value if that is larger
 UNITS = {Law.ENERGY: "J", Law.CONSTRAINT: "m", Law.CONSTRAINT_RATE: "m/s", Law.ORTHOGONALITY: ""}
-KINEMATIC = 0.5  # of the path: rows of three steps a turn are off by 0.3, reversed velocities by 2
-BETWEEN = 0.5  # of the reach, between rows: 20 rows of the fastest motions here are off by 0.01
-RATE = 1.0  # of the speed: velocities are off by more than the fastest there is
-REACTION = 10.0  # of the largest exact joint force: off by another order of magnitude
+KINEMATIC = 0.5  # share of the path beyond the exact motion's: three steps a turn give 0.3, reversed velocities 2
+BETWEEN = 0.5  # share of the length scale, between steps: 20 steps of the fastest motions here are off by 0.01
+RATE = 1.0  # share of the speed scale: velocities are off by more than the fastest there is
+REACTION = 10.0  # multiple of the largest exact joint force or moment: another order of magnitude
 START = 1e-9  # [m], [m/s], relative to 1 + size: what the consistency check of problems allows
 
 
-def doubts(problem: Problem, trajectory: Trajectory, m: Measured, columns: Mapping[str, Any]) -> list[Reason]:
-    """Why a claimed success is wrong: the laws that it breaks."""
+def list_broken_laws(
+    problem: Problem, trajectory: Trajectory, m: MeasuredSeries, columns: Mapping[str, Any]
+) -> list[Reason]:
+    """Return a reason for each law that a claimed success breaks, so that it is wrong; empty if it keeps all.
+
+    ``m`` are the series measured, ``columns`` those of the record.
+    """
     size = m.size
     s, t = trajectory.states, m.t
     values = [a.reshape(len(t), -1) for a in (t, s.r, s.R, s.v, s.Omega)]
@@ -42,6 +47,7 @@ def doubts(problem: Problem, trajectory: Trajectory, m: Measured, columns: Mappi
         out.append(Reason(Law.START, moved, allowed, time_s=float(t[0])))
 
     def limit(law: Law, most: float, allowed: float, unit: str, series: np.ndarray | None, name: str = "") -> None:
+        """Append a reason to ``out`` if ``most`` exceeds ``allowed``, with the time when ``series`` first does."""
         if not math.isnan(most) and not most <= allowed:
             when = math.nan if series is None else _first(t, ~(np.abs(series) <= allowed))
             out.append(Reason(law, most, allowed, unit, when, name))
@@ -49,11 +55,12 @@ def doubts(problem: Problem, trajectory: Trajectory, m: Measured, columns: Mappi
     for one in m.mechanisms:
         for law, series in one.laws.items():
             if not (problem.literal_start and law in JOINTS):
-                limit(law, largest(series), one.size.limits[law], UNITS[law], series)
-    limit(Law.KINEMATIC, m.kinematic_defect, KINEMATIC, "", None)
+                limit(law, find_largest(series), one.size.limits[law], UNITS[law], series)
+    limit(Law.KINEMATIC, m.kinematic_defect - m.kinematic_exact, KINEMATIC, "", None)
     limit(Law.REACTION, m.reaction_error, REACTION * (m.reaction_size + size.energy / size.length), "N", None)
-    accurate = not inaccuracy(m, columns)  # else its errors are known, and told
-    for name, share in vars(m.truncation).items() if accurate else ():
+    limit(Law.MOMENT, m.moment_error, REACTION * (m.moment_size + size.energy), "N m", None)
+    accurate = not inaccuracy(m, columns)  # an inaccurate run's errors are known and reported as such
+    for name, share in m.truncation.shares.items() if accurate else ():
         words = f"the error of {name}, beside what steps of this length leave open,"
         limit(Law.TRUNCATION, share, 1.0, "", None, words)
     for name, drift in json.loads(columns["invariant_drifts"]).items():
@@ -67,17 +74,26 @@ def doubts(problem: Problem, trajectory: Trajectory, m: Measured, columns: Mappi
     return out
 
 
-def inaccuracy(m: Measured, columns: Mapping[str, Any]) -> list[Reason]:
-    """Why a motion that keeps all laws is inaccurate: its distance from the reference while that is predictable."""
+def inaccuracy(m: MeasuredSeries, columns: Mapping[str, Any]) -> list[Reason]:
+    """Return reasons why a motion that keeps all laws is inaccurate: its distance from the reference while predictable.
+
+    Empty if it is accurate, or if there is no reference. ``m`` are the series measured, ``columns`` those of the
+    record.
+    """
     if m.motion_error is None or m.rate_error is None:
         return []
     length, own = m.size.length, columns.get("reference_own_error_judged_m", 0.0)
     out = []
     for law, most, allowed, unit, series in (
-        (Law.MOTION, columns.get("motion_error_judged_m", math.nan), ACCURATE["accurate_until_s"] * length + own, "m",
-         m.motion_error),
+        (
+            Law.MOTION,
+            columns.get("motion_error_judged_m", math.nan),
+            ACCURATE["accurate_until_s"] * length + own,
+            "m",
+            m.motion_error,
+        ),
         (Law.VELOCITY, columns.get("rate_error_judged_m_per_s", math.nan), RATE * m.size.speed, "m/s", m.rate_error),
-    ):  # fmt: skip
+    ):
         if most > allowed:
             out.append(Reason(law, most, allowed, unit, _first(m.t, series > allowed)))
     if not out and m.motion_between > BETWEEN * length + own:
@@ -86,4 +102,5 @@ def inaccuracy(m: Measured, columns: Mapping[str, Any]) -> list[Reason]:
 
 
 def _first(t: Float[np.ndarray, " nt"], broken: np.ndarray) -> float:
+    """Return the first time [s] at which ``broken`` is true; NaN if it never is."""
     return float(t[np.argmax(broken)]) if np.any(broken) else math.nan

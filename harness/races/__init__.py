@@ -1,1 +1,1 @@
-"""Who is faster: the runs of a problem timed in turns, and the search for the cheapest setting that meets an error."""
+"""Compare the speed of solvers: time runs in turns, and search the cheapest setting that meets an error."""

@@ -1,6 +1,6 @@
-"""Paired timing: the finished runs of a problem once more, in turns (A B A B) in one process.
+"""Time the finished runs of a problem once more, in turns (A B A B) in one process.
 
-A machine that slows down slows all of them alike, so ratios of their CPU times can be quoted.
+A machine that slows down slows all of them by the same factor, so that ratios of their CPU times can be quoted.
 """
 
 import dataclasses
@@ -19,12 +19,12 @@ from ..execution.presenting import present_solver
 from ..execution.worker import solve_repeatedly
 from ..results import store
 from ..results.records import RunRecord
-from ..results.reproduce import control_of
-from ..sandbox.apart import Apart
+from ..results.reproduce import list_control
+from ..sandbox.forked_process import ForkedProcess
 from ..types import Status, StepControl
 
-WARM_STEPS = 3  # of a first, short run of each, which compiles and warms
-BUDGET = 60.0  # [s] of CPU time of a run in all turns: one that would take longer has fewer
+WARM_STEPS = 3  # of a first, short run of each, which compiles and fills caches
+BUDGET = 60.0  # [s] of CPU time of a run over all turns: one that would take longer has fewer turns
 MEMORY = 8000.0  # [MB] of the process
 LIMIT = 3600.0  # [s] of its CPU time
 
@@ -32,7 +32,11 @@ LIMIT = 3600.0  # [s] of its CPU time
 def time_in_turns(
     folder: Path, records: Iterable[RunRecord], turns: int, plugins: Sequence[str] = (), budget: float = BUDGET
 ) -> tuple[list[RunRecord], list[str]]:
-    """Replace the CPU times of finished runs in ``folder``; the records, and a line for each problem that failed."""
+    """Measure the CPU times of each problem's finished runs in turns, and write them into their records in ``folder``.
+
+    Return the new records, and a line for each problem whose timing failed. ``budget`` [s] of CPU time is for each
+    run over all turns.
+    """
     finished = (r for r in records if r.status in (Status.SUCCESS, Status.INACCURATE))
     timed, failures = list[RunRecord](), list[str]()
     for (problem, _), group in groupby(sorted(finished, key=_variant), key=_variant):
@@ -46,12 +50,15 @@ def time_in_turns(
 
 
 def take_turns(runs: Sequence[RunRecord], turns: int, budget: float = BUDGET) -> list[list[float]]:
-    """CPU times [s] of each run, in this process."""
+    """Solve each run of one problem in turns in this process, and return the CPU times [s] of each.
+
+    A run that would exceed ``budget`` [s] of CPU time has fewer turns.
+    """
     problem = registry.make_problem(runs[0].problem, json.loads(runs[0].problem_parameters))
     calls = []
     for r in runs:
         solver = present_solver(registry.make_solver(r.solver, json.loads(r.solver_options)), problem)
-        control = StepControl(**{k: v for k, v in control_of(r).items() if k != "cpu_limit"})
+        control = StepControl(**{k: v for k, v in list_control(r).items() if k != "cpu_limit"})
         short = dataclasses.replace(problem, t_end=min(problem.t_end, WARM_STEPS * (control.dt or problem.dt)))
         solver.solve(short, control)
         calls.append((solver, control))
@@ -64,23 +71,28 @@ def take_turns(runs: Sequence[RunRecord], turns: int, budget: float = BUDGET) ->
 
 
 def _variant(r: RunRecord) -> tuple[str, str]:
+    """Return the problem with its parameters, by which runs are grouped."""
     return r.problem, r.problem_parameters
 
 
 def _time_apart(
     runs: Sequence[RunRecord], turns: int, plugins: Sequence[str], budget: float
 ) -> tuple[list[list[float]], str]:
-    """``take_turns`` in a process of its own, since an engine may crash or print; the times, or why there are none."""
+    """Return the CPU times [s] of each run, as of ``take_turns`` in a separate process, and why it failed, or "".
+
+    It is separate since an engine may crash or print.
+    """
     with tempfile.TemporaryDirectory() as place:
         native = Path(place) / "stderr"
 
         def target(send: Callable[[str], None]) -> None:
+            """Take the turns in a folder of its own, and send the times."""
             for plugin in plugins:
                 registry.load_plugin(plugin)
-            os.chdir(place)  # engines leave files
+            os.chdir(place)  # engines may write files
             send(json.dumps(take_turns(runs, turns, budget)))
 
-        ended = Apart(target, limit=LIMIT, memory=MEMORY, wall=math.inf, stderr=native, code=CODE_LIMIT).wait()
+        ended = ForkedProcess(target, limit=LIMIT, memory=MEMORY, wall=math.inf, stderr=native, code=CODE_LIMIT).wait()
         if ended.code == 0 and ended.sent:
             return json.loads(ended.sent), ""
         last = native.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1:]
@@ -88,8 +100,10 @@ def _time_apart(
 
 
 def _replace_times(r: RunRecord, times: Sequence[float], runs: int) -> RunRecord:
+    """Return the record with these CPU times [s] as its costs, and a note; ``runs`` is how many took turns."""
     note = f"CPU times: {len(times)} turns in one process, {runs} runs of the problem in turns"
     return dataclasses.replace(
-        r, **cost_columns(times, len(times)),
+        r,
+        **cost_columns(times, len(times)),
         notes=json.dumps([*(n for n in json.loads(r.notes) if not n.startswith("CPU times: ")), note]),
-    )  # fmt: skip
+    )

@@ -1,3 +1,4 @@
-"""Judges results: the paper's claims, orders, drift, symmetries, work and false successes. The door is ``judge``; what
-it finds are the shapes of ``harness.results.judgements``.
+"""Judge results: the paper's claims, orders, drift, symmetries, work and false successes.
+
+The entry point is ``judge``; its findings have the types of ``harness.results.judgements``.
 """

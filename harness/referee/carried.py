@@ -1,9 +1,9 @@
-"""Published results carried over: later code that gives the same numbers, bit for bit, as runs by both have shown.
+"""Carry published results over to later code that gives the same numbers, bit for bit, as runs by both have shown.
 
-A digest changes with every name in the code. What is published stays true of code whose runs have the same bits:
+A digest changes with every name in the code. Published results stay valid for code whose runs have the same bits:
 ``docs/carry_over.py`` makes suite ``ci`` and a hundred runs of suite ``referee`` by an earlier commit and by the
-present code, judges both, and notes in ``results/published/carried.json`` the digests of both, of solvers whose runs
-are all equal; those of judging where all verdicts and counts are.
+present code, judges both, and records in ``results/published/carried.json`` the digests of both for solvers whose runs
+are all equal, and the digests of judging if all verdicts and counts are equal.
 """
 
 from collections.abc import Collection
@@ -12,10 +12,10 @@ from pathlib import Path
 
 import msgspec
 
+from ..confined_paths import ConfinedPath
 from ..files import parse_json, read_text
-from ..places import Place
 from ..results import codes
-from ..results.judgements.claims import Code
+from ..results.judgements.claims import CodeDigests
 from ..results.judgements.files import PUBLISHED
 from ..shapes import Shape, convert_shape
 from .currency import JUDGING
@@ -26,71 +26,85 @@ FILE = PUBLISHED / "carried.json"
 class Generation(Shape, frozen=True):
     """The digests of one state of the code."""
 
-    solvers: dict[str, str]
-    problems: dict[str, str]
-    measuring: str
-    judging: str = ""
+    solvers: dict[str, str]  # digest of the code of each solver, by its name
+    problems: dict[str, str]  # digest of the code of each problem, by its name
+    measuring: str  # digest of the code that runs solvers and measures motions
+    judging: str = ""  # digest of the code that judges claims; empty if not compared
     commit: str = ""
-    shown: str = ""  # the runs that had equal bits then and at the generation after it
+    shown: str = ""  # the runs with equal bits in this and the following generation
 
     def makes_same_runs(self, other: "Generation") -> bool:
-        """Whether all digests are equal that runs come from; judging them is another matter."""
+        """Return whether both states of the code have equal digests of all that runs depend on; judging may differ."""
         return all(getattr(self, k) == getattr(other, k) for k in ("solvers", "problems", "measuring"))
 
-    def includes(self, code: Code) -> bool:
-        """Whether published verdicts are of this code."""
+    def includes(self, code: CodeDigests) -> bool:
+        """Return whether ``code``, the digests that published verdicts record, are those of this state of the code.
+
+        The digest of judging may differ; solvers and problems that the verdicts do not use are not compared.
+        """
         parts = ((code.solvers, self.solvers), (code.problems, self.problems))
         return code.measuring == self.measuring and all(own.items() <= known.items() for own, known in parts)
 
-    def code_of(self, problem: str, solver: str) -> str:
-        """Return the digest that a run of that time has as its column ``code``."""
+    def digest_run_code(self, problem: str, solver: str) -> str:
+        """Return what the column ``code`` of a run by this code holds; empty for an unknown problem or solver."""
         known = self.solvers.get(solver), self.problems.get(problem)
         return codes.digest_run(known[0] or "", known[1] or "", self.measuring) if all(known) else ""
 
 
-class Carried(Shape, frozen=True):
-    """States of the code whose runs have equal bits: the newest, and those before it, the oldest first."""
+class CarriedCode(Shape, frozen=True):
+    """The states of the code whose runs have equal bits: the newest, and the earlier ones with the oldest first."""
 
     now: Generation
     before: tuple[Generation, ...] = ()
 
 
-def present() -> Generation:
-    """Return the digests of the code that is here."""
+def digest_present_code() -> Generation:
+    """Return the digests of the installed code as a generation, without its commit."""
     here = codes.package_sources()
-    return Generation(here.solvers, here.problems, here.measuring, here.of(*JUDGING))
+    return Generation(here.solvers, here.problems, here.measuring, here.digest_modules(*JUDGING))
 
 
-def read_carried(path: Place | Path = FILE) -> Carried | None:
-    """Read the file, or None where there is none; FileError where it is not as it should be."""
-    place = path if isinstance(path, Place) else Place(path.parent) / path.name
+def read_carried(path: ConfinedPath | Path = FILE) -> CarriedCode | None:
+    """Read ``carried.json``; return None if it does not exist, and raise FileError if it is invalid."""
+    place = path if isinstance(path, ConfinedPath) else ConfinedPath(path.parent) / path.name
     if not place.is_there():
         return None
-    return convert_shape(parse_json(read_text(place, "what was carried over"), place.name), Carried, place.name)
+    return convert_shape(parse_json(read_text(place, "what was carried over"), place.name), CarriedCode, place.name)
 
 
 @cache
 def list_equal() -> tuple[Generation, ...]:
-    """List the states of the code whose runs have the bits of the present one, which comes first."""
-    here, carried = present(), read_carried()
+    """List the states of the code whose runs have the same bits as runs of the present code, newest first.
+
+    The present state comes first; it is the only one if ``carried.json`` is missing or was written for other code.
+    """
+    here, carried = digest_present_code(), read_carried()
     if carried is None or not carried.now.makes_same_runs(here):
         return (here,)
     return (here, *reversed(carried.before))
 
 
 def is_of_this_code(problem: str, solver: str, code: str) -> bool:
-    """Whether a run with the digest ``code`` was made by this code, or by one with the same bits."""
-    return any(code == g.code_of(problem, solver) for g in list_equal())
+    """Return whether the present code, or an earlier state whose runs have the same bits, made a run of this digest.
+
+    ``code`` is the column of the run's record, ``problem`` and ``solver`` are its names.
+    """
+    return any(code == g.digest_run_code(problem, solver) for g in list_equal())
 
 
-def bring_forward(code: Code) -> Code:
-    """The digests of published verdicts, those of equal bits in the words of the present code."""
-    here = present()
+def bring_forward(code: CodeDigests) -> CodeDigests:
+    """Return the digests of published verdicts, those of earlier code with equal bits replaced by the present ones.
+
+    They are returned unchanged if no known state of the code made these verdicts. The digest of judging is replaced
+    only if all verdicts were shown to be equal, too.
+    """
+    here = digest_present_code()
     known = [g for g in list_equal() if g.includes(code)]
     if not known:
         return code
-    now = ({k: of.get(k, "") for k in own} for own, of in
-           ((code.solvers, here.solvers), (code.problems, here.problems)))  # fmt: skip
+    now = (
+        {k: of.get(k, "") for k in own} for own, of in ((code.solvers, here.solvers), (code.problems, here.problems))
+    )
     carried = read_carried()
     judges_alike = carried is not None and carried.now.judging == here.judging
     judging = here.judging if judges_alike and any(g.judging == code.judging for g in known) else code.judging
@@ -99,16 +113,25 @@ def bring_forward(code: Code) -> Code:
     )
 
 
-def carry(
-    before: Generation, after: Generation, known: Carried | None, solvers: Collection[str], problems: Collection[str]
-) -> Carried:
-    """Add a generation: what was equal to ``before`` is equal to ``after``, of these solvers and problems."""
+def add_generation(
+    before: Generation,
+    after: Generation,
+    known: CarriedCode | None,
+    solvers: Collection[str],
+    problems: Collection[str],
+) -> CarriedCode:
+    """Return the content of ``carried.json`` after runs by ``before`` and ``after`` were found equal bit for bit.
+
+    ``known`` is its present content; ``solvers`` and ``problems`` are the names whose runs were all equal, the only
+    ones that earlier states keep.
+    """
     older = known.before if known is not None and known.now.makes_same_runs(before) else ()
-    if known is not None and known.now.judging != before.judging:  # nobody compared their verdicts
+    if known is not None and known.now.judging != before.judging:  # their verdicts were not compared
         older = tuple(msgspec.structs.replace(g, judging="") for g in older)
-    return Carried(after, tuple(_restrict(g, solvers, problems) for g in (*older, before)))
+    return CarriedCode(after, tuple(_restrict(g, solvers, problems) for g in (*older, before)))
 
 
 def _restrict(g: Generation, solvers: Collection[str], problems: Collection[str]) -> Generation:
+    """Return the generation with the digests of these solvers and problems only."""
     own = {k: v for k, v in g.solvers.items() if k in solvers}
     return msgspec.structs.replace(g, solvers=own, problems={k: v for k, v in g.problems.items() if k in problems})

@@ -1,24 +1,26 @@
-"""False successes: runs whose solver claims success while a law or a symmetry contradicts it, and which mislead.
+"""Find false successes: runs that claim success while a law or a symmetry contradicts it, and that mislead.
 
-A presentation that changes digits below the run's own error is a finding about the method, no false success.
-
-Runs from a literal start are left out: it opens the joints, and what keeps to it breaks their law.
+A presentation that changes digits below the run's own error is a finding about the method, not a false success. Runs
+from a literal start are left out: it opens the joints, and a motion that keeps to it breaks their law.
 """
 
 import math
 from collections.abc import Iterable
 
 from ..results.judgements.runs import FalseSuccess, Symmetry
-from ..results.misleading import misleads
-from ..results.records import RunRecord, is_literal, reasons_of
+from ..results.misleading import is_misleading
+from ..results.records import RunRecord, is_literal, parse_reasons
 from ..types import Law, Reason, Status
 
-OUT_OF_PLANE = 0.01  # of the mechanism's size, where the motion is planar and predictable to the end
-JUDGED = 0.98  # of the time, judged against the reference: beyond it a planar chain may leave its plane
+OUT_OF_PLANE = 0.01  # fraction of the mechanism's size, for a motion that is planar and predictable to the end
+JUDGED = 0.98  # fraction of the time judged against the reference: beyond it a planar chain may leave its plane
 
 
 def find_false_successes(records: Iterable[RunRecord], symmetries: Iterable[Symmetry]) -> tuple[FalseSuccess, ...]:
-    """One a run: the reasons on its record, and the symmetries that it breaks."""
+    """Return one entry per run that claims success but breaks a law, leaves its plane, or breaks a symmetry.
+
+    The entry holds the reasons: those on the run's record, and those found here.
+    """
     broken: dict[str, list[Reason]] = {}
     records = list(records)
     error_of = {r.settings_id: r.motion_error_judged_m for r in records if r.judged_to_s >= JUDGED * r.t_end_s}
@@ -29,7 +31,7 @@ def find_false_successes(records: Iterable[RunRecord], symmetries: Iterable[Symm
     out = []
     for r in sorted(records, key=lambda r: (r.problem, r.solver, r.case)):
         because = (
-            *(reasons_of(r.wrong_because) if misleads(r) else ()),
+            *(parse_reasons(r.wrong_because) if is_misleading(r) else ()),
             *_find_out_of_plane(r),
             *broken.get(r.settings_id, ()),
         )
@@ -39,6 +41,10 @@ def find_false_successes(records: Iterable[RunRecord], symmetries: Iterable[Symm
 
 
 def _find_out_of_plane(r: RunRecord) -> tuple[Reason, ...]:
+    """Return the reason, in a tuple of one, if a run of a planar mechanism leaves its plane; else an empty tuple.
+
+    Motions that are not predictable to their end are not judged.
+    """
     away, allowed = r.out_of_plane_max_m, OUT_OF_PLANE * r.length_scale_m
     if math.isnan(away) or away <= allowed or not r.judged_to_s >= JUDGED * r.t_end_s:
         return ()

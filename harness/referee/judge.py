@@ -1,14 +1,14 @@
-"""All judgements of results, written to ``<results>/judgement/``, and what changed against the published ones."""
+"""Run all judgements of results, write them to ``<results>/judgement/``, and compare them with the published ones."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..places import Place
+from ..confined_paths import ConfinedPath
 from ..results import store
 from ..results.judgements import files
-from ..results.judgements.claims import Claim, Code
+from ..results.judgements.claims import CodeDigests, JudgedClaim
 from ..results.judgements.files import format_judgement
 from ..results.provisional import latest_of_each
 from ..results.records import RunRecord
@@ -20,22 +20,25 @@ from .certificates.orders import certify
 from .certificates.symmetries import check_symmetries
 from .certificates.work import collect_work
 from .claims.count import judge
-from .claims.maps import place, select
+from .claims.maps import read_dimensions, select
 from .claims.register import Register
 from .currency import describe_changes
 from .false_successes import find_false_successes
 
 WHOLE = "referee"  # the suite that everything is judged on
-SUITES = ("paper", "claims", "readings", "controls", "work")  # claims are tried on their runs; all are in ``referee``
+# claims are tried on the runs of these suites; all are in ``referee``
+SUITES = ("paper", "claims", "readings", "controls", "work")
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
-    (files.ORDERS.name, certify), (files.DRIFTS.name, analyse_drift), (files.SYMMETRIES.name, check_symmetries),
+    (files.ORDERS.name, certify),
+    (files.DRIFTS.name, analyse_drift),
+    (files.SYMMETRIES.name, check_symmetries),
     (files.WORK.name, collect_work),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
-class Change:
-    """A claim with other verdicts than before; empty where it was not judged."""
+class VerdictChange:
+    """A claim whose verdicts changed; a verdict is empty if the claim was not judged."""
 
     id: str
     before: str
@@ -43,10 +46,14 @@ class Change:
 
 
 def judge_results(folder: Path, register: Register, watch: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
-    """Every judgement by the name of its file; runs that a resumed folder holds twice count once."""
+    """Return every judgement on the results in ``folder`` by the name of its file, such as ``claims`` or ``drift``.
+
+    Runs that a resumed folder holds twice count once. ``watch`` is called with the name of each judgement as it
+    begins.
+    """
     records = latest_of_each(store.load(folder, check_series=False).records)
     watch("claims")
-    out: dict[str, Any] = {"claims": judge(register, list_tried(), records, lambda r: store.series_of(folder, r))}
+    out: dict[str, Any] = {"claims": judge(register, list_tried(), records, lambda r: store.read_run_series(folder, r))}
     for name, function in OTHERS:
         watch(name)
         out[name] = function(folder, records)
@@ -56,30 +63,34 @@ def judge_results(folder: Path, register: Register, watch: Callable[[str], None]
 
 
 def list_tried() -> tuple[RunSpec, ...]:
-    """The runs of the maps, each once."""
+    """Return the runs of all suites that claims are tried on, each once."""
     return tuple({c.settings_id: c for name in SUITES for c in load_suite(name).specs}.values())
 
 
 def select_needed(register: Register) -> tuple[RunSpec, ...]:
-    """The runs that the claims of ``register`` are tried on."""
-    places = [place(s) for s in list_tried()]
+    """Return the runs that the maps of the register's claims select, without which verdicts cannot be judged."""
+    places = [read_dimensions(s) for s in list_tried()]
     maps = {m.name: m for c in register.claims for m in (c.map, c.against, c.control) if m}.values()
     return tuple({p.spec.settings_id: p.spec for m in maps for p in select(places, m.over)}.values())
 
 
 def list_whole() -> tuple[RunSpec, ...]:
-    """The runs that verdicts are published from."""
+    """Return the runs that verdicts are published from: those of the suite ``referee``."""
     return load_suite(WHOLE).specs
 
 
 def find_missing(folder: Path, specs: Iterable[RunSpec]) -> list[RunSpec]:
-    """Runs that the results in ``folder`` lack."""
+    """Return those of the runs ``specs`` for which the results in ``folder`` hold no record."""
     held = {r.settings_id for r in store.load(folder, check_series=False).records}
     return [s for s in specs if s.settings_id not in held]
 
 
-def write_judgements(folder: Place, judged: dict[str, Any], code: Code) -> list[Path]:
-    """One file a judgement, each written whole; claims with digests of the code that they come from."""
+def write_judgements(folder: ConfinedPath, judged: dict[str, Any], code: CodeDigests) -> list[Path]:
+    """Write a file per judgement atomically, and return the paths.
+
+    ``judged`` is the result of ``judge_results``; claims are written with ``code``, the digests of the code they
+    come from.
+    """
     judged = {**judged, files.CLAIMS.name: files.add_code(judged[files.CLAIMS.name], code)}
     files_of = [folder / f"{name}.json" for name in judged]
     for file, found in zip(files_of, judged.values(), strict=True):
@@ -87,13 +98,19 @@ def write_judgements(folder: Place, judged: dict[str, Any], code: Code) -> list[
     return [file.path for file in files_of]
 
 
-def describe_outdated(folder: Place, now: Code) -> str:
-    """One line on what has changed since the verdicts in ``folder`` were published, with the commands; else empty."""
+def describe_outdated(folder: ConfinedPath, now: CodeDigests) -> str:
+    """Describe in one line what changed since the verdicts in ``folder`` were published; empty if nothing did.
+
+    The line gives the commands that renew them. ``now`` are the digests of the present code.
+    """
     return describe_changes(bring_forward(files.code_of_claims(folder)), now, WHOLE)
 
 
-def find_changes(before: Sequence[Claim], after: Sequence[Claim]) -> list[Change]:
-    """The claims of which a verdict differs, in the order of the register, those no longer judged last."""
+def find_changes(before: Sequence[JudgedClaim], after: Sequence[JudgedClaim]) -> list[VerdictChange]:
+    """Return the claims whose verdicts differ, in the order of the register.
+
+    Those that are no longer judged come last.
+    """
     old, new = ({c.id: c.verdicts for c in claims} for claims in (before, after))
-    out = [Change(k, old.get(k, ""), v) for k, v in new.items() if old.get(k, "") != v]
-    return out + [Change(k, v, "") for k, v in old.items() if k not in new]
+    out = [VerdictChange(k, old.get(k, ""), v) for k, v in new.items() if old.get(k, "") != v]
+    return out + [VerdictChange(k, v, "") for k, v in old.items() if k not in new]

@@ -1,4 +1,4 @@
-"""Motions that are computed because none is known in closed form, with their stated errors: ``reference_of``.
+"""Compute motions for which no closed form is known, with their stated errors: ``find_reference``.
 
-Below the solvers in the order of layers, so that no reference can use a contestant's code.
+In the order of layers this is below the solvers, so that no reference can use a contestant's code.
 """

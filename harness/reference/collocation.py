@@ -1,9 +1,9 @@
-"""Radau IIA collocation for stiff motions: implicit, L-stable, of order 2 s - 1 at the ends of s stages.
+"""Integrate stiff motions by Radau IIA collocation: implicit, L-stable, of order 2 s - 1 at the ends of s stages.
 
-Z = h A f(y + Z) by simplified Newton steps in the eigenvectors of A^-1 (Hairer, Wanner, Solving ODEs II, IV.8).
-Jacobians are differences: they decide how fast the steps converge, not where to. A step is as long as the highest
-Legendre coefficient of its polynomial allows, so that what lies between its ends is as exact as they are. Solvers
-share the family, with three stages on other equations, and none of this code.
+Z = h A f(y + Z) is solved by simplified Newton steps in the eigenvectors of A^-1 (Hairer, Wanner, Solving ODEs II,
+IV.8). Jacobians are differences: they decide how fast the iteration converges, not what to. A step is as long as the
+highest Legendre coefficient of its polynomial allows, so that its interior is as exact as its ends. Some solvers under
+test use the same family, with three stages on other equations, and none of this code.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,14 +19,15 @@ from scipy.special import roots_jacobi
 
 from .extrapolation import Rate
 
-SWEEPS = 12  # Newton steps
-SLOW = 0.05  # of the correction before: where corrections shrink by less, the next step has a new Jacobian
-ROUNDING = 1e-11  # of the units: below, corrections that do not shrink any more are rounding
-DIFFERENCE = 1e-7  # of the units
+SWEEPS = 12  # most Newton steps
+SLOW = 0.05  # ratio of corrections above which the next step gets a new Jacobian: less pays Jacobians, more pays sweeps
+ROUNDING = 1e-11  # relative to the units: smaller corrections that no longer shrink are rounding
+# change of an entry for the Jacobian, in its unit: this steers the iteration alone, not what it converges to
+DIFFERENCE = 1e-7
 
 
 class Step(NamedTuple):
-    """From ``t`` [s] on, ``h`` long; y(t + x h) = y + the sum of nested(x, s)_k F_k."""
+    """A step from ``t`` [s] of length ``h`` [s], with y(t + x h) = y + nested_products(x, s) F."""
 
     t: float
     h: float
@@ -34,36 +35,39 @@ class Step(NamedTuple):
     F: Float[np.ndarray, "s ny"]
 
     def states(self, x: Float[np.ndarray, " nx"]) -> Float[np.ndarray, "nx ny"]:
-        """At shares of the step."""
+        """Return the states (nx, ny) at fractions ``x`` of the step, 0 to 1; beyond 1 they extrapolate."""
         out: np.ndarray = self.y + nested_products(x, len(self.F)) @ self.F
         return out
 
     @property
     def end(self) -> Float[np.ndarray, " ny"]:
-        """The state at its end."""
+        """The state at the end of the step."""
         out: np.ndarray = self.y + self.F[0]
         return out
 
 
 class Method(NamedTuple):
-    """Constants of s stages, and the eigenvectors of A^-1, one of each conjugate pair."""
+    """The constants of Radau IIA with s stages, and the eigenvectors of A^-1, one of each conjugate pair."""
 
     nodes: Float[np.ndarray, " s"]
     inverse: Float[np.ndarray, "s s"]  # A^-1
-    values: Complex[np.ndarray, " m"]
-    to: Complex[np.ndarray, "m s"]
-    back: Complex[np.ndarray, "s m"]
-    polynomial: Float[np.ndarray, "s s"]  # Z to F
+    values: Complex[np.ndarray, " m"]  # eigenvalues of A^-1
+    to: Complex[np.ndarray, "m s"]  # from stages to eigenvectors
+    back: Complex[np.ndarray, "s m"]  # from eigenvectors to stages: take the real part
+    polynomial: Float[np.ndarray, "s s"]  # takes Z to F
 
 
 def nested_products(x: Float[np.ndarray, " nx"], s: int) -> Float[np.ndarray, "nx s"]:
-    """x, x (1 - x), x^2 (1 - x), ...: what DOP853's interpolant is made of."""
+    """Return x, x (1 - x), x^2 (1 - x), ... as s columns: the basis of DOP853's interpolant."""
     return np.cumprod(np.stack([x if k % 2 == 0 else 1.0 - x for k in range(s)], axis=1), axis=1)
 
 
 @cache
 def radau(s: int) -> Method:
-    """Radau IIA; the inner nodes are the zeros of a Jacobi polynomial, A integrates Legendre polynomials."""
+    """Return the constants of Radau IIA with ``s`` stages.
+
+    The inner nodes are the zeros of a Jacobi polynomial; A integrates Legendre polynomials.
+    """
     x = np.append(roots_jacobi(s - 1, 1.0, 0.0)[0], 1.0)
     P = legvander(x, s)
     before = np.concatenate((-np.ones((s, 1)), P[:, :-2]), axis=1)  # P_-1 such that the first integral is x + 1
@@ -76,7 +80,10 @@ def radau(s: int) -> Method:
 
 
 def jacobian(f: Rate, y: Float[np.ndarray, " ny"], units: Float[np.ndarray, " ny"]) -> Float[np.ndarray, "ny ny"]:
-    """df/dy by differences; zero in what has no unit, time, whose stages are known."""
+    """Return df/dy by differences of ``DIFFERENCE`` times the ``units`` of y's entries; ``f`` takes stacked states.
+
+    Columns of entries with an infinite unit (time) are zero: their stages are known.
+    """
     known = np.isfinite(units)
     change = DIFFERENCE * units[known]
     rates = f(y + np.concatenate((np.zeros((1, len(y))), np.diag(np.where(known, DIFFERENCE * units, 0.0))[known])))
@@ -87,21 +94,24 @@ def jacobian(f: Rate, y: Float[np.ndarray, " ny"], units: Float[np.ndarray, " ny
 
 @dataclass
 class Collocation:
-    """Steps of the autonomous y_dot = f(y); a motion that goes on, but for roundings, goes on with its last step."""
+    """The integration of the autonomous y_dot = f(y), with its last step, step size and Jacobian.
+
+    A further call of ``steps`` continues with these; its start may differ by rounding from the end of the last step.
+    """
 
     f: Rate
-    begin: Callable[[], None] = lambda: None  # before each step
-    s: int = 7
+    begin: Callable[[], None] = lambda: None  # called before each step
+    s: int = 7  # stages
     next_h: float = np.inf  # [s]
-    past: Step | None = None
-    J: np.ndarray | None = None
+    past: Step | None = None  # the last step, which predicts the next stages
+    J: np.ndarray | None = None  # Jacobian in use; None to compute a new one
 
     def steps(
         self, y: Float[np.ndarray, " ny"], span: float, tolerance: float, units: Float[np.ndarray, " ny"]
     ) -> Iterator[Step]:
-        """Accepted ones from ``y`` over ``span`` [s]; ArithmeticError if none is found.
+        """Yield accepted steps from ``y`` over ``span`` [s]; raise ArithmeticError if steps become too short.
 
-        ``tolerance`` [1] in ``units`` bounds the highest Legendre coefficient.
+        The highest Legendre coefficient of a step stays below ``tolerance`` times ``units``, the scales of y's entries.
         """
         method, t, solved, inverse = radau(self.s), 0.0, 0.0, np.zeros(0)
         while t < span:
@@ -137,7 +147,11 @@ class Collocation:
     def _stages(
         self, y: np.ndarray, h: float, inverse: np.ndarray, Z: np.ndarray, tolerance: float, units: np.ndarray
     ) -> tuple[np.ndarray, float]:
-        """Z, and the largest ratio of a correction to the one before; infinity where they do not converge."""
+        """Iterate the stages Z (s, ny) of a step from the guess ``Z``; return them and the slowest rate of convergence.
+
+        ``inverse`` holds the inverse matrix of a Newton step for each eigenvector (m, ny, ny). The rate is the largest
+        ratio of a correction to the one before; it is infinite if the iteration does not converge.
+        """
         method, slowest, before = radau(self.s), 0.0, np.inf
         for _ in range(SWEEPS):
             gap = self.f(y + Z) - method.inverse @ Z / h

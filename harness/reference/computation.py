@@ -1,10 +1,11 @@
-"""The reference of any problem: its own exact motion, else one computed by two routes that share no equation.
+"""Find the reference of any problem: its own exact motion, else one computed by two routes that share no equation.
 
-Newton and Euler in quaternions by DOP853, Lagrange in natural coordinates by extrapolation (modules ``newton_euler``,
-``directors``), where damping makes them stiff both by collocation. First at a wide tolerance; where they do not agree
-to ``AGREED`` of the reach to the end, at the rounding floor. The stated error is ten times the largest disagreement so
-far. The motion ends where that error passes ``WORST`` of the reach, where a route fails (a singular passage), or where
-``BUDGET`` is spent.
+Route 1 is Newton and Euler in quaternions by DOP853 (``newton_euler``), route 2 Lagrange in natural coordinates by
+extrapolation (``directors``); where damping makes them stiff, both use collocation. They start at a wide tolerance. If
+they do not agree to ``AGREED`` of the reach up to the end, they run again at the rounding floor; if that run does not
+reach the end, the first one continues. The stated error is ten times the largest disagreement so far. A reference ends
+where that error exceeds ``WORST`` of the reach, where a route fails (a singular passage), or where ``BUDGET`` is spent;
+``ends`` says which.
 """
 
 import hashlib
@@ -12,8 +13,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cache, partial
+from importlib import import_module
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import get_args, get_type_hints
 
 import numpy as np
@@ -21,7 +23,7 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from ..mechanics import added_inertia, fixed_order, time_functions, user_forces
-from ..mechanics.kept_code import Unknown, digest_of
+from ..mechanics.kept_code import UndigestibleValue, digest_callback
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..mechanics.torsion import count_right, torsion, wind
@@ -31,106 +33,149 @@ from .collocation import Collocation, jacobian
 from .director_rows import ROWS
 from .directors import Directors
 from .extrapolation import Rate, each
+from .moving_rows import PUSHES
 from .newton_euler import NewtonEuler
 from .orbit import Orbit, Pair, Piece
-from .pushes import PUSHES
 
-WORST, AGREED = 1e-3, 1e-10  # of the reach
-FAR = 1e-12  # of the distance from the origin, whose rounding no tolerance gets below
+WORST, AGREED = 1e-3, 1e-10  # stated errors as shares of the reach: the largest one; one that needs no second run
+FAR = 1e-12  # stated error, as a share of the distance from the origin, that no tolerance can undercut: rounding
 LEVELS = ((1e-11, 1e-10), (1e-13, 1e-13))  # tolerance of route 1, correction of route 2
 BUDGET = 4.0  # [s] by the cost model, not by the clock: the horizon must not depend on the machine and its load
-FEWEST = 300  # steps of route 2 that any budget pays, up to twice ``LARGEST``: of larger systems too little is known
-LARGEST = 40.0  # [s] by the cost model, for route 2 alone
+FEWEST = 300  # fewest steps of route 2 that any budget pays for
+LARGEST = 40.0  # [s] by the cost model: systems for which ``FEWEST`` steps of route 2 take longer get no reference
 DAMPED = 10.0  # evaluations of either explicit route over the time 1 / |eigenvalue|, measured on the governor
-INVERSE = 1.5e-9  # [s] for the matrices of a step by collocation, of n^3
+INVERSE = 1.5e-9  # [s] per n^3, for the matrices of a step by collocation
 CHUNK = 16  # steps of route 2 between two projections
-WINDING = 2.0  # [rad] by which a spring that has left half a turn may wind over a chunk, at the rate of its start
-TRIES = 12  # of a chunk whose step fails where springs wind by more than half a turn, each shorter than the last
-SHORT = 4  # the same where rows are redundant: those in use, chosen there, may come to depend on each other
+WINDING = 2.0  # [rad] that a spring beyond half a turn may wind over a chunk, at its rate at the chunk's start
+TRIES = 12  # most attempts, each shorter, at a chunk in which springs wind more than half a turn
+SPENT = "its budget of time is spent"
+PARTED = "from there on its routes differ by more than a thousandth of the reach, as of chaotic motions"
+SHORT = 4  # as CHUNK, where rows are redundant: the rows in use, chosen at its start, may become dependent
 
 
 @dataclass(frozen=True)
 class ComputedReference:
-    """The motion by route 1, its error by route 2."""
+    """A reference computed by two routes: its motion is that of route 1, its stated error follows from route 2."""
 
     orbit: Orbit
     first: NewtonEuler
 
     @property
     def route(self) -> str:
-        """Both routes with their methods."""
+        """The two routes and their methods, in words."""
         methods = ("Radau IIA, 7 nodes", "Radau IIA, 9 nodes") if self.orbit.stiff else ("DOP853", "extrapolation")
         return "computed: Newton-Euler ({}), agreeing with natural coordinates ({})".format(*methods)
 
     @property
+    def ends(self) -> str:
+        """The reason why the reference ends before its problem does; empty if it does not."""
+        return self.orbit.ends
+
+    @property
     def horizon(self) -> float:
-        """Up to here the error is stated [s]."""
+        """The time [s] up to which the motion is known and its error stated."""
         return self.orbit.horizon
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """The motion at ``t`` [s], up to the horizon."""
+        """Return the motion at ``t`` [s], up to the horizon."""
         return self.first.states(self.orbit(t)).with_times(np.asarray(t, dtype=float))
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Bound [m] on the position error of any body, and on angles times radii of gyration."""
+        """Return a bound [m] on the position error of any body, and on rotation errors times radii of gyration."""
         return self.orbit.error(t)
 
 
-def reference_of(problem: Problem) -> Reference | None:
-    """The problem's exact motion, else the computed one (from disk if known); None if too large or a literal start."""
+def find_reference(problem: Problem) -> Reference | None:
+    """Return a problem's exact motion, the closed form of a body on a hinge, or a motion computed or loaded from disk.
+
+    None if the system is too large to compute one, if the computation fails, or for a literal start, which opens the
+    joints.
+    """
     exact = problem.reference()
+    if exact is None and not problem.literal_start:
+        exact = _hinged().hinged_motion(problem.system, problem.initial, problem.t_end)
     known = exact is not None or problem.literal_start or not is_computable(problem.system)
     return exact if known else compute_reference(problem)
 
 
-class Source(StrEnum):
-    """Where the reference of a problem comes from."""
+@cache
+def _hinged() -> ModuleType:
+    """Return the module with the closed form of a body on a hinge.
 
-    OWN = "own"  # the problem's exact motion; None for some starts, then as if it had none
-    CERTIFIED = "certified"  # no formula: the problem's own integration by two routes of its own; None for some starts
+    It belongs to the problems and is imported by name.
+    """
+    return import_module("...problems.exact.hinged", __package__)
+
+
+def say_why_it_ends(reference: Reference | None) -> list[str]:
+    """Return a note on why a reference ends before its problem does, as a list of one; empty if it does not."""
+    ends = getattr(reference, "ends", "")
+    return [f"reference ends at {reference.horizon:.4g} s: {ends}"] if reference is not None and ends else []
+
+
+class Source(StrEnum):
+    """The origin of a problem's reference."""
+
+    OWN = "own"  # the problem's exact motion; it is missing for some starts, and then another source serves
+    CERTIFIED = "certified"  # the problem's own integration by two routes, no formula; missing for some starts
+    HINGED = "hinged"  # the closed form of one body on one fixed hinge
     COMPUTED = "computed"
     NONE = "none"  # too large, a start that opens its joints, or moving rows of a kind that the routes do not know
 
 
-def source_of(problem: Problem) -> Source:
-    """Without computing anything."""
+def describe_source(problem: Problem) -> Source:
+    """Return the origin of a problem's reference, without computing anything."""
     if problem.literal_start:
         return Source.NONE
     if problem.reference_from is not None:
         return Source.CERTIFIED if _is_integrated(problem.reference_from) else Source.OWN
+    if _hinged().is_hinged(problem.system):
+        return Source.HINGED
     return Source.COMPUTED if is_computable(problem.system) else Source.NONE
 
 
 def _is_integrated(reference_from: Callable[..., object]) -> bool:
-    """Whether what it is annotated to return has its motion on an ``Orbit``."""
+    """Return whether the reference that ``reference_from`` returns is an integrated orbit and no formula.
+
+    The annotated type of its result decides; nothing is computed.
+    """
     function = reference_from.func if isinstance(reference_from, partial) else reference_from
     returned = get_type_hints(function).get("return") if isinstance(function, FunctionType) else None
     return any(getattr(k, "__annotations__", {}).get("orbit") is Orbit for k in (returned, *get_args(returned)))
 
 
 def is_computable(system: MultibodySystem) -> bool:
-    """Whether the routes have its rows, and ``FEWEST`` steps fit the budget: up to about 60 bodies."""
+    """Return whether a reference can be computed: both routes know all rows, and ``FEWEST`` steps fit ``LARGEST``.
+
+    That holds for up to about 60 bodies.
+    """
     if not set(system.moving_rows().kind) <= PUSHES.keys() & ROWS.keys():
         return False
     return _fewest(system) < LARGEST
 
 
 def _fewest(system: MultibodySystem) -> float:
-    """[s] that ``FEWEST`` steps take."""
+    """Return the CPU time [s] of ``FEWEST`` steps of route 2, by the cost model."""
     return FEWEST * 72 * cost(system)[1]
 
 
 def cost(system: MultibodySystem) -> tuple[float, float]:
-    """[s] of CPU for an evaluation of one state by either route, measured at 1 to 55 bodies (docs/decisions)."""
+    """Return the CPU time [s] to evaluate one state by route 1, and by route 2, from a model.
+
+    The model was fitted to systems of 1 to 55 bodies (docs/decisions).
+    """
     n, nb = float(system.nrows), float(system.nb)
-    laws = 1e-4 * len(system.user_i)  # taken one by one, in Python
-    redundant = n > 6.0 * nb - 1.0  # to be known before any state is: chains of the catalogue have fewer rows
+    laws = 1e-4 * len(system.user_i)  # evaluated one by one, in Python
+    redundant = n > 6.0 * nb - 1.0  # decided before any state is known: chains of the catalogue have fewer rows
     first = 5e-5 + 7e-8 * nb * n + 3e-11 * n**3
     return first + laws, 2.5e-5 + 1.2e-7 * nb * n + (2.5e-10 if redundant else 5e-11) * n**3 + 0.25 * laws
 
 
 def compute_reference(problem: Problem) -> ComputedReference | None:
-    """The computed reference, whatever else is known of the motion; None if not even a first chunk succeeds."""
+    """Compute the reference by two routes, or load it from disk, even if the problem has an exact motion.
+
+    None if not even a first chunk succeeds. A computed reference is stored on disk.
+    """
     found = orbit.load_or_compute(
         _key(problem), lambda: _find_agreement(problem.system, problem.initial, problem.t_end)
     )
@@ -138,9 +183,9 @@ def compute_reference(problem: Problem) -> ComputedReference | None:
 
 
 def _key(problem: Problem) -> str | None:
-    """Digest of the system, the start, the time, and the code of this room and what its routes share: none is stale.
+    """Return a digest of the system, start, time and all code of the routes, so that no stored motion is stale.
 
-    None where a user's law depends on what no digest can be made of.
+    None if a user's force law depends on an object without a digest.
     """
     digest = hashlib.sha256(_code())
     digest.update(repr((problem.t_end, BUDGET)).encode())
@@ -150,14 +195,15 @@ def _key(problem: Problem) -> str | None:
     for a in (*arrays, start.r, start.R, start.v, start.Omega, np.array(start.t), *laws):
         digest.update(f"{a.shape}{a.dtype}".encode() + np.ascontiguousarray(a).tobytes())
     try:
-        digest.update("".join(digest_of(law.function, law.bodies) for law in s.user_law).encode())
-    except Unknown:
+        digest.update("".join(digest_callback(law.function, law.bodies) for law in s.user_law).encode())
+    except UndigestibleValue:
         return None
     return digest.hexdigest()
 
 
 @cache
 def _code() -> bytes:
+    """Return the text of all modules that the routes use."""
     here = sorted(Path(__file__).parent.glob("*.py"))
     shared = [Path(str(m.__file__)) for m in (added_inertia, fixed_order, time_functions, user_forces)]
     return b"".join(f.read_bytes() for f in (*here, *shared))
@@ -165,21 +211,26 @@ def _code() -> bytes:
 
 @dataclass
 class _Motion:
-    """Both routes on their way, in pieces; ``reach`` [m] is how far any body went or turned so far."""
+    """The integration of a motion by both routes, chunk by chunk, within a budget of CPU time.
+
+    ``reach`` [m] is the farthest that a body has moved so far: its C, or its rotation times its radius of gyration.
+    """
 
     system: MultibodySystem
     start: State
     t_end: float
-    left: float  # [s] of the budget
+    left: float  # [s] left of the budget
     first: NewtonEuler = field(init=False)
     second: Directors = field(init=False)
-    given: MultibodySystem = field(init=False)  # the system of both routes now
+    given: MultibodySystem = field(init=False)  # the system that both routes are set up for
     frequency: float = field(init=False)  # [rad/s] of drives and loads
     reach: float = 0.0
-    stiff: bool = False  # of the motion on its way
+    stiff: bool = False  # whether both routes use collocation
+    why: str = ""  # why the integration ended early, in words
 
     def __post_init__(self) -> None:
-        self.given = replace(self.system)  # none of which routes are made yet
+        """Set up both routes, and the sizes and frequencies that their tolerances and first steps depend on."""
+        self.given = replace(self.system)  # a copy, for which no routes are set up yet
         self._take(self.system)
         self.radius = self.system.gyration
         sines = [a[a[:, 4] != 0.0, 5] for a in (self.system.joint_motion, self.system.load_factor)]
@@ -187,7 +238,12 @@ class _Motion:
         self.size = float(max(np.max(self.radius), np.max(np.abs(self.system.joint_s_i), initial=0.0)))
 
     def pieces(self, tolerance: float, correction: float) -> Iterator[Piece]:
-        """Chunks of about ``CHUNK`` steps, both states made consistent after each; ends where a route fails."""
+        """Yield chunks of about ``CHUNK`` steps up to t_end.
+
+        After each, both states are projected onto the constraints. ``tolerance`` is that of route 1, ``correction``
+        that of route 2. If a route fails or the budget is spent, ``why`` is set and the chunks end. A chunk in which a
+        spring winds more than half a turn is repeated with a rewound spring.
+        """
         try:
             self._take(self.system)
             y, z = self.first.project_state(self.first.start(self.start)), self.second.start(self.start)
@@ -210,9 +266,10 @@ class _Motion:
                     if self.left < 0.0 or tries == TRIES or not np.any(self.given.torsion_k):
                         raise
                     piece = None
-                if piece is None or not self._holds(piece):  # a spring winds on: again, with a law about where it is
-                    tries, self.left = tries + 1, left  # the budget is for the motion, and tries are few
-                    span *= 0.25 * 0.5 ** (tries - 1)  # of which four times is tried
+                # a spring winds on: repeat with a law about its present angle
+                if piece is None or not self._holds(piece):
+                    tries, self.left = tries + 1, left  # failed tries, which are few, are not charged to the budget
+                    span *= 0.25 * 0.5 ** (tries - 1)  # the next chunk tries four times this
                     self._take(wind(self.given, self.first.states(y[None])[0]))
                     y, z = self.first.project_state(y), self.second.project_state(z)
                     first, second, pair = self._pair(y, z)
@@ -222,50 +279,71 @@ class _Motion:
                 self.reach = max(self.reach, self._apart(begin, self.first.states(piece.y[None])))
                 yield piece
                 y, z = self.first.project_state(piece.y), self.second.project_state(piece.z)
-        except (ArithmeticError, np.linalg.LinAlgError, ValueError):  # ValueError: LAPACK and SciPy on overflow
-            return
+        except (ArithmeticError, np.linalg.LinAlgError, ValueError) as error:  # ValueError: LAPACK, SciPy on overflow
+            self.why = SPENT if str(error) == SPENT else f"a route fails there ({str(error).rstrip('.').lower()})"
 
     def _chunk(
-        self, pair: Pair, routes: tuple[Collocation, Collocation] | None, at: tuple[float, np.ndarray, np.ndarray],
-        span: float, tolerances: tuple[float, float], units: tuple[np.ndarray, np.ndarray], most: int,
-    ) -> Piece:  # fmt: skip
+        self,
+        pair: Pair,
+        routes: tuple[Collocation, Collocation] | None,
+        at: tuple[float, np.ndarray, np.ndarray],
+        span: float,
+        tolerances: tuple[float, float],
+        units: tuple[np.ndarray, np.ndarray],
+        most: int,
+    ) -> Piece:
+        """Advance both routes by ``span`` [s] from ``at``, (t, y, z), and return the chunk.
+
+        By collocation if ``routes`` are given. ``units`` are the scales of y and z; ``most`` is the number of steps
+        with which route 2 begins.
+        """
         tolerance, correction = tolerances
         if routes:
             return orbit.stiff_chunk(pair, routes, at, span, tolerance, tolerance, units)
-        return orbit.chunk(pair, at, span, tolerance, correction, units, most)
+        return orbit.advance_routes(pair, at, span, tolerance, correction, units, most)
 
     def _take(self, given: MultibodySystem) -> None:
-        """Both routes of a system; the springs of ``given`` may be wound otherwise than at the start."""
+        """Set up and compile both routes for the system ``given``, unless they are set up for it already.
+
+        Its torsional springs may be rewound, so that their laws hold about other angles than at the start.
+        """
         if given is not self.given:
             self.given, self.first, self.second = given, NewtonEuler(given), Directors(given)
             self.first.compile()
             self.second.compile()
 
     def _pair(self, y: np.ndarray, z: np.ndarray) -> tuple[Rate, Rate, Pair]:
+        """Return the rates of both routes, which take their cost from the budget, and both as a pair from y and z."""
         c_first, c_second = cost(self.system)
         first, second = self._charge(self.first.rate, c_first), self._charge(self.second.rate, c_second)
         return first, second, Pair(first, second, y, z, self._disagreement, self.second.choose_rows)
 
     def _whole_law(self, y: np.ndarray) -> float:
-        """[s] over which springs that wind stay near the angles of their laws; endless as long as none does."""
+        """Return the time [s] over which rewound springs turn by ``WINDING`` at their present rate.
+
+        Infinite as long as no spring was rewound.
+        """
         if self.given is self.system:
             return np.inf
         rate = np.max(np.abs(torsion(self.given, self.first.states(y[None]))[1]), initial=0.0)
         return float(WINDING / rate) if rate > 0.0 else np.inf
 
     def _holds(self, piece: Piece) -> bool:
-        """Whether no torsional spring leaves half a turn about the angle that its law is made for."""
+        """Return whether all torsional springs stay within half a turn of the angle of their law over a chunk."""
         if not np.any(self.given.torsion_k):
             return True
         y, t = np.array([*(s[1] for s in piece.steps), piece.y]), np.array([*(s[0] for s in piece.steps), piece.t])
         return count_right(self.given, t, self.first.states(y)) == len(t)
 
     def share(self, of: float) -> float:
-        """A share of the reach so far [m]; of stiff systems the largest, for one level costs them the budget."""
+        """Return the fraction ``of`` times the reach so far [m], a limit on the stated error.
+
+        Stiff systems always have the limit ``WORST``: their budget pays for one run only.
+        """
         return (WORST if self.stiff else of) * self.reach
 
     def is_stiff(self, y: np.ndarray) -> bool:
-        """Whether damping keeps explicit steps so short that the budget does not pay them."""
+        """Return whether damping keeps explicit steps so short that the budget cannot pay for them."""
         s = self.system
         if not (np.any(s.spring_c) or np.any(s.torsion_c) or len(s.user_i)):
             return False
@@ -273,19 +351,29 @@ class _Motion:
         return len(LEVELS) * DAMPED * -float(np.min(np.linalg.eigvals(J).real)) * self.t_end * sum(cost(s)) > BUDGET
 
     def _collocations(self, first: Rate, second: Rate, n: int) -> tuple[Collocation, Collocation]:
-        """Of both routes; ``n`` is their size together."""
+        """Return the collocations of both routes.
+
+        Each step subtracts the cost of the matrices of ``n`` unknowns, those of both states, from the budget.
+        """
 
         def begin() -> None:
+            """Subtract the cost of a step's matrices from the budget, and let route 2 choose its rows anew."""
             self.left -= INVERSE * n**3 / 8.0
             self.second.choose_rows()
 
         return Collocation(each(first), begin), Collocation(second, begin, s=9)  # other nodes, other errors
 
     def _charge(self, rate: Callable[[np.ndarray], np.ndarray], each: float) -> Callable[[np.ndarray], np.ndarray]:
+        """Wrap ``rate`` so that each state evaluated takes ``each`` [s] from the budget.
+
+        The wrapped rate raises ArithmeticError if the budget is spent or a rate is not finite.
+        """
+
         def charged_rate(y: np.ndarray) -> np.ndarray:
+            """Return the rate, after subtracting its cost from the budget."""
             self.left -= each * (len(y) if y.ndim > 1 else 1)
             if self.left < 0.0:
-                raise ArithmeticError("the budget is spent")
+                raise ArithmeticError(SPENT)
             with np.errstate(all="ignore"):
                 out = rate(y)
             if not np.all(np.isfinite(out)):
@@ -295,16 +383,23 @@ class _Motion:
         return charged_rate
 
     def _disagreement(self, y: np.ndarray, z: np.ndarray) -> float:
-        """[m], with the constraint rows that route 1 dropped."""
+        """Return the distance [m] of both routes, or |phi| of the rows that route 1 leaves out, if that is larger."""
         apart = self._apart(self.first.states(y[None]), self.second.states(z[None]))
         return max(apart, self.first.violation(y))
 
     def _apart(self, a: States, b: States) -> float:
+        """Return the largest distance [m] of a body between two states: of its C, or by its rotation.
+
+        A rotation by theta counts as 2 sin(theta/2) times the radius of gyration.
+        """
         turned = self.radius * np.linalg.norm(a.R - b.R, axis=(-2, -1)) / np.sqrt(2.0)
         return float(np.max(np.maximum(np.linalg.norm(a.r - b.r, axis=-1), turned)))
 
     def _speeds(self, y: np.ndarray, speed: float, turn: float) -> tuple[float, float]:
-        """Largest speed [m/s] and rate [rad/s] so far, or those that the accelerations promise over the size."""
+        """Return the largest speed [m/s] and angular velocity [rad/s] so far, given those before: scales of the rates.
+
+        Lower bounds follow from present accelerations, the size of the system, t_end, and the frequency of drives.
+        """
         nb = self.system.nb
         v, a = y[7 * nb : -1], self.first.rate(y)[7 * nb : -1]
         speed = max(speed, float(np.max(np.abs(v[: 3 * nb]))), float(np.sqrt(np.max(np.abs(a[: 3 * nb])) * self.size)))
@@ -314,17 +409,65 @@ class _Motion:
         return speed, max(turn, speed / self.size)
 
 
+@dataclass
+class _Level:
+    """The motion at one pair of tolerances, which can be continued after its result so far has been examined."""
+
+    motion: _Motion
+    tolerances: tuple[float, float]  # of route 1, and correction of route 2
+    taken: list[Piece] = field(default_factory=list)  # chunks so far
+    found: Orbit | None = None  # the orbit returned last
+
+    def __post_init__(self) -> None:
+        """Create the generator of chunks, which computes none yet."""
+        self._pieces = self.motion.pieces(*self.tolerances)
+
+    def orbit(self, share: float) -> Orbit | None:
+        """Continue until the bound exceeds ``share`` of the reach.
+
+        Return, and keep, the part of the orbit below ``WORST``. None if no chunk succeeds.
+        """
+        motion = self.motion
+        with threadpool_limits(1):  # for matrices so small threads cost ten times what they save
+            found = orbit.join_chunks(self._all(), partial(motion.share, share))
+        if found is None:
+            return None
+        until = found.cut_at_bound(WORST * motion.reach)
+        why = "" if until.horizon == motion.t_end else PARTED if until.horizon < found.horizon else motion.why
+        ends = why or ("" if until.horizon == motion.t_end else PARTED)
+        self.found = replace(until, stiff=motion.stiff, ends=ends)
+        return self.found
+
+    def _all(self) -> Iterator[Piece]:
+        """Yield the chunks taken so far, then new ones."""
+        yield from tuple(self.taken)
+        for piece in self._pieces:
+            self.taken.append(piece)
+            yield piece
+
+
 def _find_agreement(system: MultibodySystem, start: State, t_end: float) -> Orbit | None:
-    """The orbit of the first level on which both routes agree to the end; else the one that reaches furthest."""
-    motion, best = _Motion(system, start, t_end, max(BUDGET, 2.0 * _fewest(system))), None
-    for level, (tolerance, correction) in enumerate(LEVELS):
-        share = WORST if level == len(LEVELS) - 1 else AGREED
-        with threadpool_limits(1):  # of matrices so small threads cost ten times what they save
-            found = orbit.orbit_of(motion.pieces(tolerance, correction), partial(motion.share, share))
+    """Return the orbit of the first level of tolerances at which both routes agree to the end, else the longest one.
+
+    The wide level pauses where its bound exceeds ``AGREED`` of the reach. If the narrow one does not reach the end
+    either, the wide one continues on a budget of its own, and serves ``beyond`` the narrow one. A level that its budget
+    ended is not continued. None if no level advances at all.
+    """
+    left, best, levels = max(BUDGET, 2.0 * _fewest(system)), None, list[_Level]()
+    for tolerances, share in zip((*LEVELS, LEVELS[0]), (AGREED, WORST, WORST), strict=True):
+        again = len(levels) == len(LEVELS)
+        if again and (best is not None and best.horizon == t_end):
+            break
+        level = levels[0] if again else _Level(_Motion(system, start, t_end, left), tolerances)
+        motion = level.motion
+        motion.left = max(motion.left, BUDGET) if again else motion.left
+        levels.append(level)
+        found, left = level.orbit(share), motion.left
         if found is None:
             continue
-        found = replace(found.until(WORST * motion.reach), stiff=motion.stiff)
-        if best is None or (found.horizon, -found.bound[-1]) > (best.horizon, -best.bound[-1]):
+        if again and best is not None and best.horizon > 0.0:
+            best = replace(best, beyond=found, ends=found.ends) if found.horizon > best.horizon else best
+        elif best is None or (found.horizon, -found.bound[-1]) > (best.horizon, -best.bound[-1]):
             best = found
         enough = max(AGREED * motion.reach, FAR * float(np.max(np.abs(start.r), initial=0.0)))
         if found.horizon == t_end and (found.bound[-1] < enough or motion.stiff):

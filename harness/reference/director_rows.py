@@ -1,7 +1,7 @@
-"""Route 2's moving rows: functions of positions and directors, which have no angular velocity and no cross product.
+"""Evaluate route 2's moving rows as functions of positions and directors, without angular velocity or cross product.
 
-A point of a body is a sum p . X of X = (r, d_1, d_2, d_3) with constant weights p = (1, s), a direction one with
-p = (0, u). Of the ground X = (0, e_1, e_2, e_3). Arrays are stacked along time.
+A point of a body is a sum p . X of X = (r, d_1, d_2, d_3) with constant weights p = (1, s), a direction one with p =
+(0, u). For the ground X = (0, e_1, e_2, e_3). Arrays are stacked along time.
 """
 
 from collections.abc import Callable
@@ -11,17 +11,17 @@ import numpy as np
 
 
 class Row(NamedTuple):
-    """phi, and J X_dot = ``speed``, J X_ddot = ``bend`` of both bodies' X."""
+    """A moving row: phi, its Jacobian J by the X of both bodies, and the required values of J X_dot and J X_ddot."""
 
     phi: np.ndarray | float  # (nt,)
     J_i: np.ndarray  # (nt, 4, 3)
-    J_j: np.ndarray
-    speed: np.ndarray  # (nt,)
-    bend: np.ndarray
+    J_j: np.ndarray  # likewise, of body j
+    speed: np.ndarray  # (nt,) J X_dot = speed
+    bend: np.ndarray  # (nt,) J X_ddot = bend
 
 
 class Joint(NamedTuple):
-    """Weights (4,) of the points and directions, and f, f_dot, f_ddot (nt,)."""
+    """The weights (4,) of a joint's points and directions, and its function of time with two derivatives (nt,)."""
 
     s_i: np.ndarray
     s_j: np.ndarray
@@ -35,6 +35,7 @@ Body = tuple[np.ndarray, np.ndarray]  # X and X_dot (nt, 4, 3)
 
 
 def _driven_position(i: Body, j: Body, p: Joint) -> list[Row]:
+    """Return the row phi = n . d - f of a driven position, as a list of one; d is the gap of the joint's points."""
     (X, X_dot), (Y, Y_dot) = i, j
     d, n = p.s_i @ X - p.s_j @ Y, p.n[0] @ Y
     bend = p.f[2] - 2.0 * dot(p.s_i @ X_dot - p.s_j @ Y_dot, p.n[0] @ Y_dot)
@@ -42,7 +43,7 @@ def _driven_position(i: Body, j: Body, p: Joint) -> list[Row]:
 
 
 def _driven_distance(i: Body, j: Body, p: Joint) -> list[Row]:
-    """(d . d - f^2) / 2."""
+    """Return the row phi = (d . d - f^2) / 2 of a driven distance, as a list of one."""
     f, f_dot, f_ddot = p.f
     d, d_dot = p.s_i @ i[0] - p.s_j @ j[0], p.s_i @ i[1] - p.s_j @ j[1]
     bend = f_dot**2 + f * f_ddot - dot(d_dot, d_dot)
@@ -50,7 +51,7 @@ def _driven_distance(i: Body, j: Body, p: Joint) -> list[Row]:
 
 
 def _driven_angle(i: Body, j: Body, p: Joint) -> list[Row]:
-    """u . n with weights of n that are functions of time."""
+    """Return the row phi = u . n(f) of a driven angle, as a list of one; the weights of n depend on time by f."""
     f, f_dot, f_ddot = p.f
     u, u_dot = p.u @ i[0], p.u @ i[1]
     ahead = np.cos(f)[:, None] * p.n[0] + np.sin(f)[:, None] * p.n[1]
@@ -63,11 +64,15 @@ def _driven_angle(i: Body, j: Body, p: Joint) -> list[Row]:
 
 
 def _knife_edge(i: Body, j: Body, p: Joint) -> list[Row]:
+    """Return the row u . (v_i - v_j) = f of a knife edge, which has no phi, as a list of one."""
     return [_slip(i, j, p.u @ i[0], p.u @ i[1], p.s_i @ i[0], p.s_i @ i[1], p.f[:2])]
 
 
 def _rolling(i: Body, j: Body, p: Joint) -> list[Row]:
-    """Height of the centre less L g, g^2 = 1 - w^2, w = n . axis; no slip at lowest point c - L (n - w axis) / g."""
+    """Return the three rows of a rolling disc of radius L: its height n . d - L g, and no slip at the lowest point.
+
+    That point is c - L (n - w axis) / g, with g^2 = 1 - w^2 and w = n . axis; it may not slip in two directions.
+    """
     (X, X_dot), (Y, Y_dot), L = i, j, p.length
     c, c_dot, a, a_dot = p.s_i @ X, p.s_i @ X_dot, p.u @ X, p.u @ X_dot
     d, d_dot = c - p.s_j @ Y, c_dot - p.s_j @ Y_dot
@@ -87,7 +92,10 @@ def _rolling(i: Body, j: Body, p: Joint) -> list[Row]:
 
 
 def _rack(i: Body, j: Body, p: Joint) -> list[Row]:
-    """r (q cos(x/r) - p sin(x/r)) with p, q the components of u along and across the rack, x the way: no angle."""
+    """Return the row r (q cos(x/r) - p sin(x/r)) of a rack and pinion, as a list of one; it contains no angle.
+
+    r is the radius of the pinion, x the travel along the rack; p, q are the components of u along and across the rack.
+    """
     (X, X_dot), (Y, Y_dot), r = i, j, p.length
     along_, across = -p.n[1], p.n[0]
     u, u_dot, e, e_dot, b, b_dot = p.u @ X, p.u @ X_dot, along_ @ Y, along_ @ Y_dot, across @ Y, across @ Y_dot
@@ -109,7 +117,10 @@ def _rack(i: Body, j: Body, p: Joint) -> list[Row]:
 def _slip(
     i: Body, j: Body, t: np.ndarray, t_dot: np.ndarray, x: np.ndarray, x_dot: np.ndarray, f: tuple[np.ndarray, ...]
 ) -> Row:
-    """t . (v_i - v_j) = f at the point x: a body's point there has the weights (1, d_a . (x - r))."""
+    """Return the row t . (v_i - v_j) = f[0] at the point x for a direction t; f[1] is the rate of f[0].
+
+    ``t_dot`` and ``x_dot`` are the rates of t and x. The body's material point at x has the weights (1, d_a . (x - r)).
+    """
     J: list[np.ndarray] = []
     seen, bend = np.zeros_like(x), np.zeros_like(x)
     for (X, X_dot), sign in ((i, 1.0), (j, -1.0)):
@@ -123,22 +134,26 @@ def _slip(
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a . b"""
+    """Return a . b along the last axis."""
     out: np.ndarray = np.sum(a * b, axis=-1)
     return out
 
 
 def outer(p: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """Derivative (nt, 4, 3) of ``way`` . (p . X)."""
+    """Return the derivative (nt, 4, 3) of ``way`` . (p . X) by X, for constant weights p (4,)."""
     return p[:, None] * way[:, None]
 
 
 def along(p: np.ndarray, X: np.ndarray) -> np.ndarray:
-    """p . X of weights (nt, 4) that change."""
+    """Return p . X (nt, 3) for weights p (nt, 4) that change with time."""
     return np.einsum("ta,tac->tc", p, X)
 
 
 ROWS: dict[str, Callable[[Body, Body, Joint], list[Row]]] = {
-    "driven position": _driven_position, "driven angle": _driven_angle, "driven distance": _driven_distance,
-    "knife edge": _knife_edge, "rolling disc": _rolling, "rack and pinion": _rack,
-}  # fmt: skip
+    "driven position": _driven_position,
+    "driven angle": _driven_angle,
+    "driven distance": _driven_distance,
+    "knife edge": _knife_edge,
+    "rolling disc": _rolling,
+    "rack and pinion": _rack,
+}

@@ -1,10 +1,10 @@
-"""Route 2: Lagrange's equations in natural coordinates, the position of C and the nine entries of R (directors).
+"""Evaluate route 2: Lagrange's equations in natural coordinates, the position of C and the columns of R (directors).
 
 The mass matrix is constant, rigidity is six constraints a body (d_a . d_b = delta_ab), and a pin is linear in the
-coordinates: no angular velocity, no cross product and no gyroscopic term appears anywhere. The rigidity is eliminated
-body by body; the joints by S = J H^-1 J^T, of redundant rows within the span of its eigenvectors at the start of a
-step, or beside H in one matrix where a principal inertia is small.
-States may be stacked along a first axis: extrapolation evaluates its columns together.
+coordinates: no angular velocity, no cross product and no gyroscopic term appears in the equations of motion. Rigidity
+is eliminated body by body, the joints by S = J H^-1 J^T; redundant rows are reduced to the range of S at the start of a
+step. Where a principal inertia is small, J and the mass matrix are solved as one matrix. States are stacked along the
+first axis, so that extrapolation evaluates its columns together.
 """
 
 from dataclasses import dataclass
@@ -16,27 +16,32 @@ from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 from ..mechanics.time_functions import values
 from .director_rows import ROWS, Joint, Row
-from .principal import in_principal_axes, is_light
+from .principal import is_light, rotate_to_principal_axes
 from .tape import Tape
 
-RANK = 1e-11  # of the largest eigenvalue of S, whose small ones are squares of singular values
-PAIRS = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)])  # of directors: the rigidity constraints
+RANK = 1e-11  # share of the largest eigenvalue of S below which one counts as zero; they are squares of singular values
+PAIRS = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)])  # pairs of directors: the rigidity constraints
 EVEN, SKEW = np.zeros((6, 3, 3)), np.zeros((3, 3, 3))
 for _k, (_a, _b) in enumerate(PAIRS):
     EVEN[_k, [_a, _b], [_b, _a]] = 0.5
 for _k in range(3):
     SKEW[_k, _k - 2, _k - 1], SKEW[_k, _k - 1, _k - 2] = 1.0, -1.0
+# most Newton steps: each doubles the correct digits, so two take a consistent start's 1e-9 to rounding
 SWEEPS = 5
 
 
 @dataclass
 class Directors:
-    """``rate`` of the states (24 nb + 1): per body r and the directors d_1, d_2, d_3, then their rates, then t."""
+    """The equations of route 2 for one system.
+
+    A vector (24 nb + 1) holds r and the directors d_1, d_2, d_3 of each body, then the rates of all these, then t.
+    """
 
     given: MultibodySystem
 
     def __post_init__(self) -> None:
-        self.system, self.axes = in_principal_axes(self.given)
+        """Turn light bodies to principal axes, and tabulate the constant parts of the rows and masses."""
+        self.system, self.axes = rotate_to_principal_axes(self.given)
         s = self.system
         self.light = bool(np.any(is_light(s)))
         self.moments = _second_moments(s.regular_inertia)  # singular for a thin disc
@@ -51,11 +56,14 @@ class Directors:
             b, weights = body[self.pinned[m]], np.insert(arm[self.pinned[m]], 0, 1.0, axis=1)
             for c in range(3):
                 self.pins[self.point[m, c], b] = sign * weights[:, :, None] * np.eye(3)[c]
-        self.range: np.ndarray | None = None  # of S (rows, rank); found when next needed
+        self.range: np.ndarray | None = None  # range of S (rows, rank); found when next needed
         self._tape: Tape | None = None
 
     def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
-        """The state as this route's vector; d_a is column a of R, or of R in principal axes."""
+        """Return a state as a vector of this route.
+
+        Directors are the columns of R, of a light body those of R in its principal axes.
+        """
         omega = np.einsum("bij,bj->bi", state.R, state.Omega)
         d = np.swapaxes(state.R @ self.axes, 1, 2)
         d_dot = np.cross(omega[:, None], d)
@@ -63,7 +71,7 @@ class Directors:
         return np.concatenate((place.ravel(), np.concatenate((state.v[:, None], d_dot), axis=1).ravel(), [state.t]))
 
     def states(self, z: Float[np.ndarray, "nt coordinates"]) -> States:
-        """Vectors of this route as states; Omega is the axial vector of R^T R_dot."""
+        """Convert vectors of this route to states; Omega, in the body frame, is the axial vector of R^T R_dot."""
         x, x_dot = self._parts(z)
         R = np.swapaxes(x[:, :, 1:], -1, -2)
         W = np.swapaxes(R, -1, -2) @ np.swapaxes(x_dot[:, :, 1:], -1, -2)
@@ -73,12 +81,15 @@ class Directors:
         return States(x[:, :, 0], R, x_dot[:, :, 0], Omega, z[:, -1])
 
     def units(self, size: float, speed: float, rate: float) -> Float[np.ndarray, " coordinates"]:
-        """The scale of each entry, for tolerances."""
+        """Return the scale of each entry of a vector, for tolerances, from a size [m], a speed [m/s] and a rate [1/s].
+
+        The scale of time is infinite.
+        """
         one = np.repeat([size, 1.0, speed, rate], [3, 9, 3, 9])
         return np.concatenate((np.tile(one[:12], self.system.nb), np.tile(one[12:], self.system.nb), [np.inf]))
 
     def rate(self, z: Float[np.ndarray, "nt coordinates"]) -> Float[np.ndarray, "nt coordinates"]:
-        """d/dt of states."""
+        """Return the time derivative of each vector z: rates, accelerations, and 1 for time."""
         nt, nb = len(z), self.system.nb
         J, H, f, gap, Z, bend = self._terms(z) if self._tape is None else self._tape(z)
         if len(self.system.user_i):
@@ -89,13 +100,15 @@ class Directors:
         return np.concatenate((z[:, 12 * nb : -1], a.reshape(nt, -1), np.ones((nt, 1))), axis=1)
 
     def compile(self) -> None:
-        """Make ``rate`` fast."""
+        """Replace the algebra of ``rate`` by a compiled tape, which takes a tenth of the time."""
         self._tape = Tape(lambda z: tuple(a[0] for a in self._terms(z[None])), 24 * self.system.nb + 1)
 
     def _terms(self, z: np.ndarray) -> tuple[np.ndarray, ...]:
-        """J of the freedoms (r_ddot, w), their mass matrix, forces without users' laws, J (r_ddot, w), Z and bend.
+        """Return J, H, forces, gap, Z and bend, from which ``rate`` computes the bodies' accelerations (r_ddot, w).
 
-        The directors' accelerations are bend + Z w: the first part keeps them rigid.
+        J is the Jacobian of the joints' rows by (r, w), gap the value of J (r_ddot, w) that they require; forces are
+        without users' laws. The directors' accelerations are bend + Z w, where bend keeps them rigid. For H and Z see
+        ``_freedoms``.
         """
         x, x_dot = self._parts(z)
         Z, P, H = self._freedoms(x)
@@ -109,11 +122,14 @@ class Directors:
         return self._of_freedoms(J, Z), H, f, gap, Z, bend
 
     def choose_rows(self) -> None:
-        """Anew at the next state, for which rows depend on each other turns with the bodies."""
+        """Let the next evaluation choose the independent rows anew, since their dependence changes as bodies turn."""
         self.range = None
 
     def project_state(self, z: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
-        """The nearest state that is rigid and satisfies the joints, by Newton steps along H^-1 J^T."""
+        """Return the vector projected onto rigid bodies and closed joints, by Newton steps along H^-1 J^T.
+
+        The independent rows are chosen anew.
+        """
         self.choose_rows()
         x, x_dot = self._parts(z[None].copy())
         for _ in range(SWEEPS):
@@ -137,14 +153,16 @@ class Directors:
         return np.concatenate((x.ravel(), flat.ravel(), z[-1:]))
 
     def _parts(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions and directors, and their rates, (nt, nb, 4, 3) each."""
         x, x_dot = np.split(z[:, :-1].reshape(len(z), 2, -1, 4, 3), 2, axis=1)
         return x[:, 0], x_dot[:, 0]
 
     def _freedoms(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Z (nt, nb, 9, 3) and P (nt, nb, 9, 6) of the directors; the mass matrix of (r, w) or its inverse, by bodies.
+        """Return Z, P and H, which reduce the accelerations of the directors to three per body, w.
 
-        d_a_ddot = Y_ac e_c with e_a . d_b = delta_ab: rigidity gives the even part of Y whatever the directors,
-        P times their curvature; Z w is its skew part.
+        With d_a_ddot = Y_ac e_c and e_a . d_b = delta_ab, rigidity fixes the symmetric part of Y: P (nt, nb, 9, 6)
+        times the curvature of d_a . d_b. The skew part is free: Z w, with Z (nt, nb, 9, 3). H (nt, nb, 6, 6) is the
+        mass matrix of (r, w) if some body is light, else its inverse.
         """
         nt, s = len(x), self.system
         e = _duals(x[:, :, 1:])
@@ -158,16 +176,20 @@ class Directors:
         return Z, P, H
 
     def _of_freedoms(self, J: np.ndarray, Z: np.ndarray) -> np.ndarray:
+        """Return the Jacobian by (r, w) of each body (nt, nrows, nb, 6) from ``J``, that by (r, directors)."""
         return np.concatenate((J[..., :3], np.matmul(J[..., None, 3:], Z[:, None])[..., 0, :]), axis=-1)
 
     def _change(self, x: np.ndarray, rows: list[tuple[int, int, Row]], gap: np.ndarray) -> np.ndarray:
-        """The least change of x (nt, nb, 12) that closes ``gap``."""
+        """Return the change of x (nt, nb, 12), least in the mass metric, that the Jacobian maps to ``gap``."""
         Z, _, H = self._freedoms(x)
         a = self._solve(self._of_freedoms(self._jacobian(x, rows), Z), H, np.zeros((len(x), self.system.nb, 6)), gap)
         return np.concatenate((a[:, :, :3], _times(Z, a[:, :, 3:])), axis=2)
 
     def _solve(self, J: np.ndarray, H: np.ndarray, f: np.ndarray, gap: np.ndarray) -> np.ndarray:
-        """a (nt, nb, 6) with J a = ``gap`` and H a = ``f`` + J^T lam."""
+        """Return accelerations a (nt, nb, 6) with J a = ``gap`` and M a = ``f`` + J^T lam.
+
+        H is M if ``light``, else M^-1.
+        """
         nt, rows, n = *gap.shape, 6 * self.system.nb
         J = J.reshape(nt, rows, n)
         if self.light:
@@ -186,7 +208,7 @@ class Directors:
         gap = gap - _times(J, a.reshape(nt, n))
         JH = np.matmul(J.reshape(nt, rows, -1, 1, 6), H[:, None]).reshape(nt, rows, n)
         S = JH @ np.swapaxes(J, 1, 2)
-        even = 1.0 / np.sqrt(np.einsum("tkk->tk", S))  # rows of like size, whatever the masses
+        even = 1.0 / np.sqrt(np.einsum("tkk->tk", S))  # rows of similar size, whatever the masses
         S, gap = even[:, :, None] * S * even[:, None], even * gap
         V = self._choose(S)
         if V.shape[1] < rows:
@@ -196,7 +218,10 @@ class Directors:
         return a + np.matmul((even * lam)[:, None], JH).reshape(f.shape)
 
     def _choose(self, S: np.ndarray) -> np.ndarray:
-        """Combinations of rows (rows, rank) from which all others follow."""
+        """Return, and keep for the step, combinations of rows, as columns (rows, rank), from which all others follow.
+
+        ``S`` is J H^-1 J^T, or J J^T, with rows of unit size; its first entry in time decides.
+        """
         if self.range is None:
             size, vectors = np.linalg.eigh(S[0])
             whole = size[0] > RANK * size[-1]
@@ -204,34 +229,41 @@ class Directors:
         return self.range
 
     def _point(self, x: np.ndarray, body: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """r + sum_a p_a d_a of points ``p`` of bodies (nt, n, 3); of the ground ``p`` itself."""
+        """Return positions (nt, n, 3) [m] of points ``p`` (n, 3) fixed in bodies, r + sum_a p_a d_a.
+
+        ``p`` for the ground.
+        """
         weights = np.concatenate((np.ones((len(p), 1)), p), axis=1)
         return _of_ground(np.matmul(weights[:, None], x[:, body])[..., 0, :], body, p)
 
     def _along(self, x: np.ndarray, body: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """sum_a p_a d_a of directions ``p`` of bodies (nt, n, 3)."""
+        """Return directions ``p`` (n, 3) fixed in bodies in space (nt, n, 3), sum_a p_a d_a.
+
+        ``p`` itself for the ground.
+        """
         return _of_ground(np.matmul(p[:, None], x[:, body, 1:])[..., 0, :], body, p)
 
     def _gap(self, x: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """Point of i less that of j (nt, m, 3)."""
+        """Return d of the given joints (nt, m, 3) [m], space: from the point of body j to that of body i."""
         s = self.system
         return self._point(x, s.joint_i[joints], s.joint_s_i[joints]) - self._point(
             x, s.joint_j[joints], s.joint_s_j[joints]
         )
 
     def _gap_rate(self, x_dot: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """Return the rate of ``_gap`` [m/s]."""
         s, at_rest = self.system, np.zeros((len(joints), 3))
         ends = (s.joint_i[joints], s.joint_s_i[joints]), (s.joint_j[joints], s.joint_s_j[joints])
         i, j = (_of_ground(self._point(x_dot, body, p), body, at_rest) for body, p in ends)
         return i - j
 
     def _axes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """u and n of the axis rows (nt, m, 3)."""
+        """Return u of body i and n of body j of all axis rows, in space (nt, m, 3)."""
         s, axis = self.system, self.axis
         return self._along(x, s.joint_i[axis.joint], axis.u), self._along(x, s.joint_j[axis.joint], axis.n)
 
     def _rows(self, x: np.ndarray, x_dot: np.ndarray, t: np.ndarray) -> list[tuple[int, int, Row]]:
-        """Moving rows at ``t`` [s]: row of phi, joint, what it is."""
+        """Return the moving rows at times ``t`` [s], each as its number among all rows, its joint and its ``Row``."""
         s, nt, out = self.system, len(x), []
         for k, row, kind in zip(*self.moving, strict=True):
             f, f_dot, f_ddot = (a[:, 0] for a in values(s.joint_motion[k : k + 1], t))
@@ -245,6 +277,7 @@ class Directors:
         return out
 
     def _phi(self, x: np.ndarray, rows: list[tuple[int, int, Row]]) -> np.ndarray:
+        """Return the residuals of all rows (nt, nrows); ``rows`` are the moving ones, as ``_rows`` returns them."""
         out = np.zeros((len(x), self.nrows))
         for k, _, row in rows:
             out[:, k] = row.phi
@@ -259,7 +292,7 @@ class Directors:
         return out
 
     def _jacobian(self, x: np.ndarray, rows: list[tuple[int, int, Row]]) -> np.ndarray:
-        """J (nt, nrows, nb, 12)."""
+        """Return the Jacobian of all rows by (r, directors) of each body (nt, nrows, nb, 12)."""
         s, axis, line = self.system, self.axis, self.line
         J = np.repeat(self.pins[None], len(x), axis=0).astype(x.dtype)
         u, n = self._axes(x)
@@ -283,7 +316,7 @@ class Directors:
         return J.reshape(len(x), self.nrows, s.nb, 12)
 
     def _curvature(self, x_dot: np.ndarray, rows: list[tuple[int, int, Row]]) -> np.ndarray:
-        """J x_ddot for phi_ddot = 0: a pin has none."""
+        """Return the values of J x_ddot (nt, nrows) that make phi_ddot = 0; zero for a pin."""
         s, axis, line = self.system, self.axis, self.line
         out = np.zeros((len(x_dot), self.nrows), x_dot.dtype)
         ends = (s.joint_i[axis.joint], axis.u), (s.joint_j[axis.joint], axis.n)
@@ -299,7 +332,10 @@ class Directors:
         return out
 
     def _forces(self, x: np.ndarray, x_dot: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Generalised forces (nt, nb, 12): F on r and p_a F on d_a for a force F at the point p."""
+        """Return generalised forces (nt, nb, 12): F on r and p_a F on d_a for a force F at point p.
+
+        Without users' laws.
+        """
         s = self.system
         Q = np.zeros((len(x), s.nb + 1, 4, 3), x.dtype)
         Q[:, :-1, 0] = s.mass[:, None] * s.gravity
@@ -324,7 +360,7 @@ class Directors:
         return Q[:, :-1].reshape(len(x), s.nb, 12)
 
     def _laws(self, z: np.ndarray) -> np.ndarray:
-        """What users' laws add to the forces."""
+        """Return the generalised forces (nt, nb, 12) of users' laws."""
         s, here, x = self.system, self.states(z), self._parts(z)[0]
         Q = np.zeros_like(x)
         for i, j, law in zip(s.user_i, s.user_j, s.user_law, strict=True):
@@ -336,7 +372,11 @@ class Directors:
         return Q.reshape(len(x), s.nb, 12)
 
     def _twist(self, Q: np.ndarray, x: np.ndarray, x_dot: np.ndarray, k: int) -> None:
-        """A torsional spring by the derivatives of theta = atan2(q, p), p = u . e, q = u . b, for the directors."""
+        """Add the generalised forces of torsional spring ``k`` to ``Q`` in place.
+
+        They are its moment times the derivatives of its angle, atan2(q, p) with p = u . e and q = u . b, by the
+        directors.
+        """
         s = self.system
         (i, j), ends = (s.torsion_i[k], s.torsion_j[k]), []
         for b, a in ((i, s.torsion_u[k]), (j, s.torsion_n[k, 0]), (j, s.torsion_n[k, 1])):
@@ -356,7 +396,7 @@ class Directors:
             Q[:, j, 1:] += a[:, None] * way[:, None]
 
     def _load(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Force and torque of a load in space (nt, 3)."""
+        """Return force [N] and torque [N m] of load ``k`` in space (nt, 3), without its factor."""
         s, d = self.system, x[:, self.system.load_i[k], 1:]
         both = (s.load_force[k], s.load_torque[k])
         if s.load_follows[k]:
@@ -365,33 +405,34 @@ class Directors:
 
 
 def _duals(d: np.ndarray) -> np.ndarray:
-    """e_a (..., 3, 3) with e_a . d_b = delta_ab."""
+    """Return e_a (..., 3, 3), the dual vectors of d_a: e_a . d_b = delta_ab."""
     across = np.cross(d[..., [1, 2, 0], :], d[..., [2, 0, 1], :])
     out: np.ndarray = across / np.sum(across[..., :1, :] * d[..., :1, :], axis=-1, keepdims=True)
     return out
 
 
 def _times(a: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Matrices times vectors."""
+    """Multiply matrices by vectors, over all leading axes."""
     out: np.ndarray = np.matmul(a, x[..., None])[..., 0]
     return out
 
 
 def _couple(T: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """A torque as forces on the directors: the sum of d_a x (T x d_a) / 2 is T where they are orthonormal."""
+    """Return a torque as forces on the directors (nt, 3, 3), T x d_a / 2: the sum of d_a x (T x d_a) / 2 is T."""
     out: np.ndarray = 0.5 * np.cross(T[:, None], d)
     return out
 
 
 def _second_moments(J: np.ndarray) -> np.ndarray:
-    """The integral of x x^T dm of an inertia (nb, 3, 3)."""
+    """Return the second moments of the mass (nb, 3, 3) [kg m2], the integral of x x^T dm, from inertias ``J``."""
     own = np.einsum("bii->bi", J)
     others = np.stack((np.roll(own, 1, axis=1), np.roll(own, 2, axis=1)))
     out: np.ndarray = -J
-    out[:, range(3), range(3)] = 0.5 * (np.max(others, axis=0) - own + np.min(others, axis=0))  # large less large first
+    # the difference of the two larger ones first: no cancellation
+    out[:, range(3), range(3)] = 0.5 * (np.max(others, axis=0) - own + np.min(others, axis=0))
     return out
 
 
 def _of_ground(values: np.ndarray, body: np.ndarray, ground: np.ndarray) -> np.ndarray:
-    """``values`` (nt, n, 3), those of the ground replaced."""
+    """Return ``values`` (nt, n, 3), replaced by ``ground`` where ``body`` is the ground."""
     return np.where((body == GROUND)[:, None], ground, values)

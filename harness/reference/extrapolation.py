@@ -1,23 +1,26 @@
-"""Gragg-Bulirsch-Stoer extrapolation in whatever precision the start has (longdouble: 1e-19).
+"""Integrate by Gragg-Bulirsch-Stoer extrapolation in the precision of the start (longdouble: 1e-19).
 
-Modified midpoint rule with 2, 4, ..., 2 k substeps, extrapolated in h^2: order 2 k (Hairer, Norsett, Wanner I, II.9).
-An integrator that none of the solvers uses, for second routes.
+The modified midpoint rule with 2, 4, ..., 2 k substeps is extrapolated in h^2: order 2 k (Hairer, Norsett, Wanner I,
+II.9). No solver uses this integrator, so that it serves as the second route.
 """
 
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
-Rate = Callable[[np.ndarray], np.ndarray]  # of several states (k, ny) at once: the columns are evaluated together
+Rate = Callable[[np.ndarray], np.ndarray]  # rate of several states (k, ny) at once: the columns are evaluated together
 
 
 def each(f: Rate) -> Rate:
-    """The rates of several states from that of one."""
+    """Return a rate for several states at once from the rate ``f`` of one state."""
     return lambda states: np.stack([f(y) for y in states])
 
 
 def gbs_step(f: Rate, y: np.ndarray, H: float, columns: int = 8) -> tuple[np.ndarray, np.ndarray]:
-    """``y`` after ``H`` of the autonomous y_dot = f(y), and the last correction of the extrapolation."""
+    """Return ``y`` advanced by ``H`` along the autonomous y_dot = f(y), and the last correction of the extrapolation.
+
+    The correction is usually much larger than the error of the result. ``columns`` is half the order.
+    """
     increments = _midpoints(f, y, y.dtype.type(H), columns)
     row: list[np.ndarray] = []
     for j in range(1, columns + 1):
@@ -29,7 +32,10 @@ def gbs_step(f: Rate, y: np.ndarray, H: float, columns: int = 8) -> tuple[np.nda
 
 
 def gbs(f: Rate, y0: np.ndarray, t: np.ndarray, substeps: int, columns: int = 8) -> np.ndarray:
-    """The motion of ``f``, a rate of one state, at the times ``t``; ``substeps`` basic steps between two of them."""
+    """Return the motion of ``f``, the rate of one state, from ``y0`` at the times ``t`` (nt, ny).
+
+    ``substeps`` is the number of extrapolation steps between two times.
+    """
     out = [y0]
     for span in np.diff(t.astype(y0.dtype)):
         y = out[-1]
@@ -40,12 +46,17 @@ def gbs(f: Rate, y0: np.ndarray, t: np.ndarray, substeps: int, columns: int = 8)
 
 
 def gbs_adaptive(
-    f: Rate, y: np.ndarray, span: float, tolerance: float | np.ndarray, H: float,
+    f: Rate,
+    y: np.ndarray,
+    span: float,
+    tolerance: float | np.ndarray,
+    H: float,
     begin: Callable[[], None] = lambda: None,
-) -> Iterator[tuple[float, np.ndarray]]:  # fmt: skip
-    """(time, state) after each accepted step over ``span``, corrections below ``tolerance``; ``H`` is the first try.
+) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield (time [s], state) after each accepted step over ``span`` [s]; corrections stay below ``tolerance``.
 
-    ``begin`` is called before each step.
+    ``H`` [s] is the first step tried; ``begin`` is called before each step. Raise ArithmeticError if steps become too
+    short.
     """
     t = 0.0
     while t < span:
@@ -63,15 +74,15 @@ def gbs_adaptive(
 
 
 def _midpoints(f: Rate, y: np.ndarray, H: np.floating, columns: int) -> np.ndarray:
-    """Increments of the modified midpoint rule over ``H`` with 2, 4, ..., 2 ``columns`` substeps, (columns, ny).
+    """Return increments (columns, ny) of the modified midpoint rule over ``H`` with 2, 4, ..., 2 ``columns`` substeps.
 
-    Increments, for the extrapolation multiplies their rounding, not that of ``y``.
+    Increments, because the extrapolation then amplifies their rounding and not that of ``y``.
     """
     n = 2 * np.arange(1, columns + 1)
     h = (H / n.astype(y.dtype)).reshape(-1, *[1] * y.ndim)
     newer = h * f(y[None])
     older = np.zeros_like(newer)
     for done in range(1, n[-1]):
-        k = slice(int(np.searchsorted(n, done, side="right")), None)  # the columns that go on
+        k = slice(int(np.searchsorted(n, done, side="right")), None)  # the columns that have more substeps
         older[k], newer[k] = newer[k].copy(), older[k] + 2 * h[k] * f(y + newer[k])
     return newer

@@ -1,9 +1,9 @@
-"""Route 1: Newton-Euler equations in (r, quaternion, r_dot, Omega), index 1, reaction forces from S = A M^-1 A^T.
+"""Evaluate route 1: Newton-Euler equations in (r, quaternion, r_dot, Omega), index 1, eliminated by S = A M^-1 A^T.
 
     M a + A^T lam = f,  A a = gamma;  q_dot = q * (0, Omega) / 2
 
-Independent rows are chosen by QR with column pivoting when the route (re)starts; there the state is also projected
-onto the constraints, least change in the mass metric. Shares with route 2 the data of the system and nothing else.
+Independent rows are chosen by QR with column pivoting when the route (re)starts; there the state is also projected onto
+the constraints, with the least change in the mass metric. Routes 1 and 2 share the data of the system, and no equation.
 """
 
 from dataclasses import dataclass, field
@@ -17,24 +17,28 @@ from scipy.spatial.transform import Rotation
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 from ..mechanics.time_functions import values
-from .principal import SAME, in_principal_axes, is_light
-from .pushes import PUSHES, Body, Joint, Push, cross
+from .moving_rows import PUSHES, Body, Joint, MovingRowRates, cross
+from .principal import SAME, is_light, rotate_to_principal_axes
 from .tape import Tape
 
-RANK = 1e-9  # of the largest pivot
+RANK = 1e-9  # share of the largest pivot below which a row is redundant
 _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
-SWEEPS = 5  # of Gauss-Newton; drift between two starts is near rounding, where two are enough
+SWEEPS = 5  # most Gauss-Newton steps; drift between two starts is near rounding, where two suffice
 
 
 @dataclass
 class NewtonEuler:
-    """``rate`` of the states (13 nb + 1): r, quaternion (x, y, z, w), r_dot, Omega by bodies within each, then t."""
+    """The equations of route 1 for one system.
+
+    A vector (13 nb + 1) holds r, quaternions (x, y, z, w), r_dot and Omega, each for all bodies in turn, then t.
+    """
 
     given: MultibodySystem
-    rows: Int[np.ndarray, " rank"] = field(init=False)  # in use; chosen by ``restarted``
+    rows: Int[np.ndarray, " rank"] = field(init=False)  # rows in use; chosen by ``project_state``
 
     def __post_init__(self) -> None:
-        self.system, self.axes = in_principal_axes(self.given)
+        """Turn light bodies to principal axes, and tabulate the constant parts of masses and rows."""
+        self.system, self.axes = rotate_to_principal_axes(self.given)
         s = self.system
         self.nrows = s.nrows
         self.rows = np.arange(s.nrows)
@@ -49,7 +53,7 @@ class NewtonEuler:
         self.weight = np.linalg.inv(self.mass)
         self.pinned, self.point = s.point_rows()
         self.line, self.axis = s.line_rows(), s.axis_rows()
-        # body, arm, sign; the moving ones of the pinned joints, of the line rows and of the axis rows
+        # body, arm, sign; those not on the ground of the pinned joints, of the line rows and of the axis rows
         self.ends: list[tuple[Any, ...]] = []
         for end, arm, sign in ((s.joint_i, s.joint_s_i, 1.0), (s.joint_j, s.joint_s_j, -1.0)):
             moving = [np.flatnonzero(end[j] != GROUND) for j in (self.pinned, self.line.joint, self.axis.joint)]
@@ -58,23 +62,26 @@ class NewtonEuler:
         self._tape: Tape | None = None
 
     def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
-        """The state as this route's vector."""
+        """Return a state as a vector of this route."""
         q = Rotation.from_matrix(state.R @ self.axes).as_quat()
         Omega = np.einsum("bi,bij->bj", state.Omega, self.axes)
         return np.concatenate([*(a.ravel() for a in (state.r, q, state.v, Omega)), [state.t]])
 
     def states(self, y: Float[np.ndarray, "nt coordinates"]) -> States:
-        """Vectors of this route as states; quaternions are normalised."""
+        """Convert vectors of this route to states; quaternions are normalised."""
         r, q, v, Omega = self._parts(y)
         R = Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(*q.shape[:2], 3, 3)
         return States(r, R @ np.swapaxes(self.axes, 1, 2), v, np.einsum("bij,tbj->tbi", self.axes, Omega), y[:, -1])
 
     def units(self, size: float, speed: float, rate: float) -> Float[np.ndarray, " coordinates"]:
-        """The scale of each entry, for tolerances."""
+        """Return the scale of each entry of a vector, for tolerances, from a size [m], a speed [m/s] and a rate [1/s].
+
+        The scale of time is infinite.
+        """
         return np.repeat([size, 1.0, speed, rate, np.inf], np.array([*np.array([3, 4, 3, 3]) * self.system.nb, 1]))
 
     def rate(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
-        """d/dt of a state."""
+        """Return the time derivative of a vector y: rates, accelerations, and 1 for time."""
         s = self.system
         A, gamma, f, q_dot, v = self._terms(y) if self._tape is None else (a[0] for a in self._tape(y[None]))
         if len(s.user_i):
@@ -83,11 +90,11 @@ class NewtonEuler:
         return np.concatenate((v, q_dot, a[:, :3].ravel(), a[:, 3:].ravel(), [1.0]))
 
     def compile(self) -> None:
-        """Make ``rate`` fast."""
+        """Replace the algebra of ``rate`` by a compiled tape, which takes a tenth of the time."""
         self._tape = Tape(self._terms, 13 * self.system.nb + 1)
 
     def _terms(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
-        """A, gamma, f without users' laws, q_dot and r_dot."""
+        """Return A, gamma, f without users' laws, q_dot and r_dot at the vector y: the inputs of ``rate``."""
         r, q, v, Omega = (a[0] for a in self._parts(y[None]))
         R = _matrices(q)
         pushes = self._pushes(r, R, v, Omega, y[-1])
@@ -97,7 +104,10 @@ class NewtonEuler:
         return A, gamma, self._forces(r, R, v, Omega, y[-1]), q_dot.ravel(), v.ravel()
 
     def project_state(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
-        """The nearest consistent state; the rows in use are chosen anew there."""
+        """Return the vector projected onto the constraints, with the least change in the mass metric.
+
+        The independent rows, ``rows``, are chosen anew there.
+        """
         s = self.system
         r, q, v, Omega = (a[0].copy() for a in self._parts(y[None]))
         q /= np.linalg.norm(q, axis=1)[:, None]
@@ -122,14 +132,17 @@ class NewtonEuler:
         return np.concatenate([*(a.ravel() for a in (r, q, v, Omega)), y[-1:]])
 
     def violation(self, y: Float[np.ndarray, " coordinates"]) -> float:
-        """Largest |phi| [m] of all rows, those not in use included; axis rows times the size of the bodies."""
+        """Return the largest |phi| [m] of all rows, redundant ones included.
+
+        Angles count times the largest gyration radius.
+        """
         r, q, v, Omega = (a[0] for a in self._parts(y[None]))
         phi = np.abs(self._rows_at(r, _matrices(q), v, Omega, y[-1])[0])
         phi[self.system.turning_rows] *= np.max(self.system.gyration)
         return float(np.max(phi, initial=0.0))
 
     def _solve(self, A: np.ndarray, f: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """a (nb, 6) with A a = ``wanted`` in the rows in use and M a + A^T lam = ``f``."""
+        """Return accelerations a (nb, 6) with M a + A^T lam = ``f``, and A a = ``wanted`` for the rows in use."""
         A, wanted, n = A[self.rows], wanted[self.rows], 6 * self.system.nb
         if self.light:
             even = 1.0 / np.linalg.norm(A, axis=1)
@@ -143,6 +156,7 @@ class NewtonEuler:
         return a
 
     def _parts(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return r, quaternions, r_dot and Omega (nt, nb, 3 or 4) from vectors ``y`` (nt, 13 nb + 1)."""
         nb = self.system.nb
         r, q, v, Omega = y[:, : 3 * nb], y[:, 3 * nb : 7 * nb], y[:, 7 * nb : 10 * nb], y[:, 10 * nb : 13 * nb]
         return tuple(p.reshape(len(y), nb, -1) for p in (r, q, v, Omega))
@@ -150,7 +164,7 @@ class NewtonEuler:
     def _rows_at(
         self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, t: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """phi, A and phi_t."""
+        """Return phi, A and phi_t of all rows at the poses, velocities and time ``t`` [s]."""
         pushes = self._pushes(r, R, v, Omega, t)
         phi_t = np.zeros(self.nrows)
         for row, _, push in pushes:
@@ -158,6 +172,7 @@ class NewtonEuler:
         return self._phi(r, R, pushes), self._jacobian(r, R, pushes), phi_t
 
     def _bodies(self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, k: int) -> tuple[Body, Body]:
+        """Return the motions of bodies i and j of joint ``k``; the ground is at rest."""
         ends = (self.system.joint_i[k], self.system.joint_j[k])
         ground = Body(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
         i, j = (ground if b == GROUND else Body(r[b], R[b], v[b], R[b] @ Omega[b]) for b in ends)
@@ -165,8 +180,8 @@ class NewtonEuler:
 
     def _pushes(
         self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, t: float
-    ) -> list[tuple[int, int, Push]]:
-        """Moving rows at ``t`` [s]: row of phi, joint, what it does."""
+    ) -> list[tuple[int, int, MovingRowRates]]:
+        """Return the moving rows at ``t`` [s], each as its number among all rows, its joint and its rates."""
         s, out = self.system, []
         for k, row, kind in zip(*self.moving, strict=True):
             f, f_dot, f_ddot = (a[0, 0] for a in values(s.joint_motion[k : k + 1], np.array([t])))
@@ -175,7 +190,8 @@ class NewtonEuler:
             out += [(row + n, int(k), push) for n, push in enumerate(rows)]
         return out
 
-    def _phi(self, r: np.ndarray, R: np.ndarray, pushes: list[tuple[int, int, Push]]) -> np.ndarray:
+    def _phi(self, r: np.ndarray, R: np.ndarray, pushes: list[tuple[int, int, MovingRowRates]]) -> np.ndarray:
+        """Return phi of all rows (nrows,); ``pushes`` are the moving ones, as ``_pushes`` returns them."""
         out = np.zeros(self.nrows)
         for row, _, push in pushes:
             out[row] = push.phi
@@ -189,7 +205,7 @@ class NewtonEuler:
         return out
 
     def _gap(self, r: np.ndarray, R: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """d of some joints (m, 3)."""
+        """Return d of the given joints (m, 3) [m], space: from the point of body j to that of body i."""
         at, turned = _with_ground(r, np.zeros(3)), _with_ground(R, np.eye(3))
         d = np.zeros((len(joints), 3), r.dtype)
         for body, arm, sign, *_ in self.ends:
@@ -197,7 +213,7 @@ class NewtonEuler:
         return d
 
     def _ways(self, r: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Direction of the force of each line row, R_j n or d / L, and the point of i it acts at."""
+        """Return, in space, the direction of each line row's force, R_j n or d / L, and its point on body i."""
         s, line, turned = self.system, self.line, _with_ground(R, np.eye(3))
         i, j = s.joint_i[line.joint], s.joint_j[line.joint]
         x = _with_ground(r, np.zeros(3))[i] + np.einsum("jab,jb->ja", turned[i], s.joint_s_i[line.joint])
@@ -207,13 +223,16 @@ class NewtonEuler:
         return np.where(link[:, None], self._gap(r, R, line.joint) / L, n), x
 
     def _axes(self, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """u in i and n in j of the axis rows, space frame."""
+        """Return u of body i and n of body j of all axis rows, in space.
+
+        ``turned`` are all R, with the ground's last.
+        """
         s, axis = self.system, self.axis
         u = np.einsum("jab,jb->ja", turned[s.joint_i[axis.joint]], axis.u)
         return u, np.einsum("jab,jb->ja", turned[s.joint_j[axis.joint]], axis.n)
 
-    def _jacobian(self, r: np.ndarray, R: np.ndarray, pushes: list[tuple[int, int, Push]]) -> np.ndarray:
-        """A (nrows, 6 nb) of phi_dot = A (r_dot, Omega)."""
+    def _jacobian(self, r: np.ndarray, R: np.ndarray, pushes: list[tuple[int, int, MovingRowRates]]) -> np.ndarray:
+        """Return A (nrows, 6 nb) of phi_dot = A (r_dot, Omega) + phi_t; ``pushes`` are the moving rows."""
         s, turned = self.system, _with_ground(R, np.eye(3))
         A = np.zeros((self.nrows, s.nb, 6), r.dtype)
         torque = _cross(*self._axes(turned))
@@ -237,13 +256,18 @@ class NewtonEuler:
         return A.reshape(self.nrows, 6 * s.nb)
 
     def _gamma(
-        self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, pushes: list[tuple[int, int, Push]]
+        self,
+        r: np.ndarray,
+        R: np.ndarray,
+        v: np.ndarray,
+        Omega: np.ndarray,
+        pushes: list[tuple[int, int, MovingRowRates]],
     ) -> np.ndarray:
-        """What A (r_ddot, Omega_dot) has to be for phi_ddot = 0."""
+        """Return gamma (nrows,), the value of A (r_ddot, Omega_dot) that makes phi_ddot = 0."""
         s = self.system
         turned, omega = _with_ground(R, np.eye(3)), _with_ground(np.einsum("bij,bj->bi", R, Omega), np.zeros(3))
         out = np.zeros(self.nrows, r.dtype)
-        bend, rate = np.zeros((2, s.nj, 3), r.dtype)  # of d: what v_dot and Omega_dot do not give of d_ddot, and d_dot
+        bend, rate = np.zeros((2, s.nj, 3), r.dtype)  # the part of d_ddot without v_dot and Omega_dot, and d_dot
         for body, arm, sign, *_ in self.ends:
             w, p = omega[body], np.einsum("jab,jb->ja", turned[body], arm)
             bend += sign * _cross(w, _cross(w, p))
@@ -267,11 +291,11 @@ class NewtonEuler:
         return out
 
     def _forces(self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, t: float) -> np.ndarray:
-        """f (nb, 6): forces [space], torques about C less Omega x J Omega [body]."""
+        """Return f (nb, 6) without users' laws: forces [space], and torques about C less Omega x J Omega [body]."""
         s = self.system
         f = np.zeros((s.nb + 1, 6), r.dtype)
         f[:-1, :3] = s.mass[:, None] * s.gravity
-        w = np.einsum("bji,bj->bi", self.principal, Omega)  # no rounding of J Omega about an axis of little inertia
+        w = np.einsum("bji,bj->bi", self.principal, Omega)  # avoids rounding of J Omega about an axis of little inertia
         f[:-1, 3:] = np.einsum("bij,bj->bi", self.principal, self.apart * w.take(_YZX, -1) * w.take(_ZXY, -1))
         if len(s.spring_k):
             at, turned = _with_ground(r, np.zeros(3)), _with_ground(R, np.eye(3))
@@ -308,7 +332,7 @@ class NewtonEuler:
         return f[:-1]
 
     def _laws(self, y: np.ndarray) -> np.ndarray:
-        """What users' laws add to f."""
+        """Return the contribution of users' laws to f (nb, 6)."""
         here, f = self.states(y[None]), np.zeros((self.system.nb, 6))
         for i, j, law in zip(self.system.user_i, self.system.user_j, self.system.user_law, strict=True):
             F_i, F_j, T_i, T_j = law.values(here, i, j)[0]
@@ -319,20 +343,29 @@ class NewtonEuler:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a x b; a quarter of the time of NumPy's for a few bodies."""
+    """Return a x b, in a quarter of NumPy's time for a few bodies."""
     return a.take(_YZX, -1) * b.take(_ZXY, -1) - a.take(_ZXY, -1) * b.take(_YZX, -1)
 
 
 def _with_ground(a: np.ndarray, ground: np.ndarray) -> np.ndarray:
-    """``a`` with the ground's entry last, where index -1 finds it."""
+    """Append the ground's entry to ``a``, where index -1 finds it."""
     return np.concatenate((a, ground[None]))
 
 
 def _matrices(q: np.ndarray) -> np.ndarray:
-    """Rotations (nb, 3, 3) of quaternions (x, y, z, w) near unit length, normalised."""
+    """Return rotations (nb, 3, 3) of quaternions (x, y, z, w) near unit length, normalised."""
     x, y, z, w = (q / np.sqrt(np.sum(q * q, axis=1))[:, None]).T
     return np.stack(
-        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
-         2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
-         2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)), axis=1,
-    ).reshape(-1, 3, 3)  # fmt: skip
+        (
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y - z * w),
+            2.0 * (x * z + y * w),
+            2.0 * (x * y + z * w),
+            1.0 - 2.0 * (x * x + z * z),
+            2.0 * (y * z - x * w),
+            2.0 * (x * z - y * w),
+            2.0 * (y * z + x * w),
+            1.0 - 2.0 * (x * x + y * y),
+        ),
+        axis=1,
+    ).reshape(-1, 3, 3)

@@ -1,8 +1,8 @@
-"""A motion by two routes side by side: one gives it as polynomials, their disagreement bounds its error; kept on disk.
+"""Compute a motion by two routes side by side: one gives it as polynomials, their disagreement bounds its error.
 
-Route 1 is DOP853 with its dense output in one set of coordinates, route 2 extrapolation in another set. What they
-disagree in is their error; the bound is ``SAFETY`` times the largest disagreement so far. In chaos it grows
-exponentially, and the orbit ends where the bound passes the limit it is given, or where a route fails.
+Route 1 is DOP853 with its dense output in one set of coordinates, route 2 extrapolation in another set. Their
+disagreement estimates their error; the bound is ``SAFETY`` times the largest disagreement so far. In chaos it grows
+exponentially, and the orbit ends where the bound exceeds its limit, or where a route fails. Orbits are stored on disk.
 """
 
 import io
@@ -24,31 +24,42 @@ from ..machine import name_arithmetic
 from .collocation import Collocation
 from .extrapolation import Rate, gbs_adaptive
 
-SAFETY = 10.0  # one route may be as wrong as both differ, and errors may cancel at the compared nodes
+SAFETY = 10.0  # bound over disagreement: one route may have all the error, and errors may cancel at the compared nodes
 FLOOR = 1e-13  # [m] rounding of evaluation
-LARGEST = 2**31  # [bytes] of a file: ours are below a tenth of it
+LARGEST = 2**31  # [bytes] largest file that is read; those written are below a tenth of it
 FOLDER = cache_folder("references", Path(__file__).resolve().parents[2] / "results" / "local")
 
 
 @dataclass(frozen=True)
 class Orbit:
-    """States of route 1 as polynomials over its steps, and the bound after each step of route 2."""
+    """The states of route 1 as polynomials over its steps, and the error bound after each step of route 2."""
 
-    t: Float[np.ndarray, " nt"]
-    y: Float[np.ndarray, "steps ny"]
+    t: Float[np.ndarray, " nt"]  # [s] ends of the steps of route 1, the start first
+    y: Float[np.ndarray, "steps ny"]  # state at the start of each
     F: Float[np.ndarray, "steps 7 ny"]  # DOP853's interpolant
-    bound_t: Float[np.ndarray, " nb"]
+    bound_t: Float[np.ndarray, " nb"]  # [s] ends of the steps of route 2, the start first
     bound: Float[np.ndarray, " nb"]  # [m], not decreasing
-    stiff: bool = False  # by collocation
+    stiff: bool = False  # whether it was computed by collocation
+    ends: str = ""  # why it ends before the requested time; empty if it does not
+    beyond: "Orbit | None" = None  # a less exact orbit, used after the end of this one
+
+    @property
+    def end(self) -> float:
+        """The time [s] at which this orbit itself ends, without ``beyond``."""
+        return float(self.bound_t[-1])
 
     @property
     def horizon(self) -> float:
-        """[s]"""
-        return float(self.bound_t[-1])
+        """The time [s] up to which states are known, including those of ``beyond``."""
+        return self.end if self.beyond is None else self.beyond.horizon
 
     def __call__(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, "nt ny"]:
-        """States of route 1 at ``t``."""
+        """Return the vectors of route 1 at ``t`` [s]; raise ValueError beyond the horizon."""
         t = self._within(t)
+        if self.beyond is not None and np.any(later := t > self.end):
+            out = np.zeros((len(t), self.y.shape[1]))
+            out[later], out[~later] = self.beyond(t[later]), replace(self, beyond=None)(t[~later])
+            return out
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.y) - 1)
         x = ((t - self.t[k]) / (self.t[k + 1] - self.t[k]))[:, None]
         out = np.zeros((len(t), self.y.shape[1]))
@@ -57,16 +68,20 @@ class Orbit:
         return self.y[k] + out
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Bound [m] at ``t``: that of the next step of route 2."""
-        k = np.searchsorted(self.bound_t, self._within(t), side="left")
-        return self.bound[k]
+        """Return the bound [m] on the error at ``t`` [s]: that after the next step of route 2."""
+        t = self._within(t)
+        k = np.searchsorted(self.bound_t, np.minimum(t, self.end), side="left")
+        if self.beyond is None:
+            return self.bound[k]
+        return np.where(t > self.end, np.maximum(self.bound[-1], self.beyond.error(t)), self.bound[k])
 
-    def until(self, worst: float) -> "Orbit":
-        """The part whose bound is below ``worst`` [m]; of no length if there is none."""
+    def cut_at_bound(self, worst: float) -> "Orbit":
+        """Return the part before the bound reaches ``worst`` [m]; it has zero length if the first bound does."""
         inside = max(int(np.searchsorted(self.bound, worst)), 1)
         return replace(self, bound_t=self.bound_t[:inside], bound=self.bound[:inside])
 
     def _within(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        """Return ``t`` [s], cut to the horizon where rounding exceeds it; raise ValueError for times outside."""
         t = np.asarray(t, dtype=float)
         if np.any(t < 0.0) or np.any(t > self.horizon * (1.0 + 1e-9)):
             raise ValueError(f"the reference covers 0..{self.horizon:g} s (got {np.min(t):g}..{np.max(t):g} s)")
@@ -75,19 +90,19 @@ class Orbit:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two routes to one motion from ``y0`` and ``z0``."""
+    """The rates and starts of two routes to one motion."""
 
-    first: Rate  # of one state y
-    second: Rate  # of several states z at once
+    first: Rate  # rate of one state y
+    second: Rate  # rate of several states z at once
     y0: Float[np.ndarray, " ny"]
     z0: Float[np.ndarray, " nz"]
-    disagreement: Callable[[np.ndarray, np.ndarray], float]  # [m] of y and z
-    begin: Callable[[], None] = lambda: None  # before each step of ``second``
+    disagreement: Callable[[np.ndarray, np.ndarray], float]  # [m] between y and z
+    begin: Callable[[], None] = lambda: None  # called before each step of ``second``
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A chunk of both routes: its end, where each got, and the steps of both."""
+    """A chunk of a motion by both routes: its end, the states there, and the steps of both."""
 
     t: float  # [s] at its end
     y: Float[np.ndarray, " ny"]
@@ -96,19 +111,30 @@ class Piece:
     nodes: list[tuple[float, float]]  # time and disagreement [m] after each step of route 2
 
 
-def chunk(
-    pair: Pair, at: tuple[float, np.ndarray, np.ndarray], span: float, tolerance: float, correction: float,
-    units: tuple[np.ndarray | float, np.ndarray | float] = (1.0, 1.0), steps: float = 64.0,
-) -> Piece:  # fmt: skip
-    """Both routes over ``span`` [s] from (t, y, z) in ``units`` of y and z; ArithmeticError if one cannot.
+def advance_routes(
+    pair: Pair,
+    at: tuple[float, np.ndarray, np.ndarray],
+    span: float,
+    tolerance: float,
+    correction: float,
+    units: tuple[np.ndarray | float, np.ndarray | float] = (1.0, 1.0),
+    steps: float = 64.0,
+) -> Piece:
+    """Advance both routes by ``span`` [s] from ``at``, (t, y, z), and return the chunk.
 
-    Route 2 tries as many ``steps`` first.
+    Raise ArithmeticError if one fails. ``tolerance`` is that of route 1, ``correction`` that of route 2, relative to
+    ``units`` of y and z. The first step of route 2 is ``span / steps``.
     """
     t, y, end = at
     piece: Any = solve_ivp(
-        lambda _, y: pair.first(y), (0.0, span), y, "DOP853",
-        rtol=tolerance, atol=tolerance * units[0], dense_output=True,
-    )  # fmt: skip
+        lambda _, y: pair.first(y),
+        (0.0, span),
+        y,
+        "DOP853",
+        rtol=tolerance,
+        atol=tolerance * units[0],
+        dense_output=True,
+    )
     if not piece.success:
         raise ArithmeticError(piece.message)
     nodes = []
@@ -119,10 +145,15 @@ def chunk(
 
 
 def stiff_chunk(
-    pair: Pair, routes: tuple[Collocation, Collocation], at: tuple[float, np.ndarray, np.ndarray], span: float,
-    tolerance: float, correction: float, units: tuple[np.ndarray, np.ndarray],
-) -> Piece:  # fmt: skip
-    """As ``chunk``, both routes by collocation, which goes on from its last steps."""
+    pair: Pair,
+    routes: tuple[Collocation, Collocation],
+    at: tuple[float, np.ndarray, np.ndarray],
+    span: float,
+    tolerance: float,
+    correction: float,
+    units: tuple[np.ndarray, np.ndarray],
+) -> Piece:
+    """Advance both routes as ``advance_routes`` does, by collocations that continue from their last steps."""
     t, y, z = at
     taken = list(routes[0].steps(y, span, tolerance, units[0]))
     starts = [step.t for step in taken]
@@ -134,8 +165,8 @@ def stiff_chunk(
     return Piece(t + span, taken[-1].end, z, [(t + step.t, step.y, step.F) for step in taken], nodes)
 
 
-def orbit_of(pieces: Iterator[Piece], worst: Callable[[], float]) -> Orbit | None:
-    """The orbit of consecutive chunks, taken until the bound passes ``worst()`` [m]; None without any."""
+def join_chunks(pieces: Iterator[Piece], worst: Callable[[], float]) -> Orbit | None:
+    """Join consecutive chunks into an orbit, up to the first whose bound exceeds ``worst()`` [m]; None without any."""
     steps: list[tuple[float, np.ndarray, np.ndarray]] = []
     bound_t, bound, end = [0.0], [FLOOR], 0.0
     for piece in pieces:
@@ -153,9 +184,10 @@ def orbit_of(pieces: Iterator[Piece], worst: Callable[[], float]) -> Orbit | Non
 
 
 def load_or_compute(key: str | None, compute: Callable[[], Orbit | None]) -> Orbit | None:
-    """The orbit of the digest ``key``, from disk if it is there; that there is none is kept too. Without a key: new.
+    """Load the orbit of the digest ``key`` from disk, or compute and store it.
 
-    What was computed natively, or by other kernels, is no other run's reference: its bits would be.
+    None if there is none, which is stored too. Without a key it is computed anew. Files are separate for each
+    arithmetic: orbits computed natively or by other kernels differ in their last bits.
     """
     if key is None:
         return compute()
@@ -170,20 +202,25 @@ def load_or_compute(key: str | None, compute: Callable[[], Orbit | None]) -> Orb
 
 
 def _read(file: Path) -> Orbit | None:
+    """Return a stored orbit, empty if it is known that there is none; None if the file is absent or damaged."""
     try:
         with np.load(io.BytesIO(read_kept(file, LARGEST))) as stored:
             stiff = bool(stored.get("stiff", False))  # older files of certified motions have none
-            return Orbit(**{name: stored[name] for name in ("t", "y", "F", "bound_t", "bound")}, stiff=stiff)
+            ends, parts = str(stored.get("ends", "")), ("t", "y", "F", "bound_t", "bound")
+            beyond = Orbit(**{n: stored[f"beyond_{n}"] for n in parts}) if "beyond_t" in stored else None
+            return Orbit(**{n: stored[n] for n in parts}, stiff=stiff, ends=ends, beyond=beyond)
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):  # absent, or damaged: computed anew
         return None
 
 
 def _write(file: Path, orbit: Orbit) -> None:
-    """Whole or not at all, as several processes may ask for the same motion; without a place to write, not at all."""
+    """Write an orbit to ``file`` atomically, as several processes may compute the same motion; ignore OSError."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as part:
-            np.savez(part, **vars(orbit))
+            own = {name: value for name, value in vars(orbit).items() if name != "beyond"}
+            further = ("t", "y", "F", "bound_t", "bound") if orbit.beyond is not None else ()
+            np.savez(part, **own, **{f"beyond_{name}": getattr(orbit.beyond, name) for name in further})
         os.replace(part.name, file)
     except OSError:
         return

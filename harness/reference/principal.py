@@ -1,7 +1,7 @@
-"""Bodies with a nearly massless axis in their principal axes, where rounding of large inertias does not reach it.
+"""Turn bodies with a nearly massless axis to principal axes, so that rounding of large inertias does not affect it.
 
-In other frames the small inertia is a difference of large ones: 1e-9 of them keeps seven digits, and others at each
-evaluation. Both routes take the same turned system, whose data are those of the system but for one rounding.
+In other frames the small inertia is a difference of large ones: one of 1e-9 of them keeps seven digits, and different
+ones at each evaluation. Both routes use the same rotated system, whose data equal the given ones up to one rounding.
 """
 
 import dataclasses
@@ -11,19 +11,22 @@ from jaxtyping import Float
 
 from ..mechanics.system import GROUND, MultibodySystem
 
-LIGHT = 1e-5  # of the largest principal inertia
-SAME = 1e-15  # of the largest principal inertia: differences by rounding
+LIGHT = 1e-5  # share of the largest principal inertia, below which an axis counts as nearly massless
+SAME = 1e-15  # share of the largest principal inertia: smaller differences are rounding
 
 
 def is_light(system: MultibodySystem) -> np.ndarray:
-    """Which bodies have a nearly massless axis (nb,)."""
+    """Return for each body whether it has a nearly massless axis (nb,)."""
     sizes = np.linalg.eigvalsh(system.regular_inertia)
     out: np.ndarray = sizes[:, 0] < LIGHT * sizes[:, 2]
     return out
 
 
-def in_principal_axes(system: MultibodySystem) -> tuple[MultibodySystem, Float[np.ndarray, "nb 3 3"]]:
-    """The system with these bodies' frames turned, and the new axes in the old frames (columns; 1 for the others)."""
+def rotate_to_principal_axes(system: MultibodySystem) -> tuple[MultibodySystem, Float[np.ndarray, "nb 3 3"]]:
+    """Return the system with the frames of light bodies turned to principal axes, and these axes in the old frames.
+
+    The axes are columns (nb, 3, 3), the identity for bodies that are not ``is_light``.
+    """
     light = is_light(system)
     if not np.any(light):
         return system, np.tile(np.eye(3), (system.nb, 1, 1))
@@ -36,7 +39,7 @@ def in_principal_axes(system: MultibodySystem) -> tuple[MultibodySystem, Float[n
     with_ground = np.concatenate((axes, np.eye(3)[None]))
 
     def turn(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Vectors (n, ..., 3) of bodies; GROUND is -1."""
+        """Return vectors (n, ..., 3) in the new frames of the bodies ``ends``, which may be the ground (-1)."""
         return np.einsum("n...a,nab->n...b", a, with_ground[ends])
 
     own = np.where(system.load_follows, system.load_i, GROUND)
@@ -44,11 +47,17 @@ def in_principal_axes(system: MultibodySystem) -> tuple[MultibodySystem, Float[n
     turned = dataclasses.replace(
         s,
         inertia=inertia,
-        joint_s_i=turn(s.joint_s_i, s.joint_i), joint_s_j=turn(s.joint_s_j, s.joint_j),
-        joint_u=turn(s.joint_u, s.joint_i), joint_w=turn(s.joint_w, s.joint_i), joint_n=turn(s.joint_n, s.joint_j),
-        spring_p_i=turn(s.spring_p_i, s.spring_i), spring_p_j=turn(s.spring_p_j, s.spring_j),
-        torsion_u=turn(s.torsion_u, s.torsion_i), torsion_n=turn(s.torsion_n, s.torsion_j),
+        joint_s_i=turn(s.joint_s_i, s.joint_i),
+        joint_s_j=turn(s.joint_s_j, s.joint_j),
+        joint_u=turn(s.joint_u, s.joint_i),
+        joint_w=turn(s.joint_w, s.joint_i),
+        joint_n=turn(s.joint_n, s.joint_j),
+        spring_p_i=turn(s.spring_p_i, s.spring_i),
+        spring_p_j=turn(s.spring_p_j, s.spring_j),
+        torsion_u=turn(s.torsion_u, s.torsion_i),
+        torsion_n=turn(s.torsion_n, s.torsion_j),
         load_p=turn(s.load_p, s.load_i),
-        load_force=turn(s.load_force, own), load_torque=turn(s.load_torque, own),
-    )  # fmt: skip
+        load_force=turn(s.load_force, own),
+        load_torque=turn(s.load_torque, own),
+    )
     return turned, axes

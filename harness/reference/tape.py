@@ -1,7 +1,7 @@
-"""Algebra of a route, written once in NumPy, as a tape of operations that CasADi evaluates without Python.
+"""Record a route's algebra, written once in NumPy, on a tape that CasADi evaluates without Python.
 
-The function runs once on arrays of symbols; what it returns is evaluated for many states by one call. A tenth of the
-time of NumPy on small arrays; formulas stay where they are, one set a route.
+The function runs once on arrays of symbols; one call then evaluates its result for many states, in a tenth of NumPy's
+time on small arrays, and each route has one set of formulas only.
 """
 
 import operator
@@ -14,84 +14,98 @@ from jaxtyping import Float
 TWO_PI = 2.0 * np.pi
 
 
-class Symbol:
-    """A number of a tape. NumPy takes it for one element of an array, which a symbol of CasADi's is not."""
+class TapeNumber:
+    """A number of a tape, which wraps CasADi's symbol ``x`` so that NumPy takes it for one element of an array."""
 
     __slots__ = ("x",)
 
     def __init__(self, x: Any) -> None:
+        """Wrap CasADi's symbol ``x``."""
         self.x = x
 
-    def __neg__(self) -> "Symbol":
-        return Symbol(-self.x)
+    def __neg__(self) -> "TapeNumber":
+        """Return -x."""
+        return TapeNumber(-self.x)
 
-    def __mod__(self, other: float) -> "Symbol":
-        """Of the divisor's sign, as in Python."""
-        return Symbol(self.x - other * (self.x / other).floor())
+    def __mod__(self, other: float) -> "TapeNumber":
+        """Return the floored remainder, which has the sign of the divisor as in Python."""
+        return TapeNumber(self.x - other * (self.x / other).floor())
 
-    def __pow__(self, n: int) -> "Symbol":
-        return Symbol(self.x**n)
+    def __pow__(self, n: int) -> "TapeNumber":
+        """Return x to the whole power n."""
+        return TapeNumber(self.x**n)
 
-    def sqrt(self) -> "Symbol":
-        """As ``np.sqrt`` calls it; so are those below."""
-        return Symbol(self.x.sqrt())
+    def sqrt(self) -> "TapeNumber":
+        """Return the square root, as ``np.sqrt`` calls this method; NumPy's other functions call those below."""
+        return TapeNumber(self.x.sqrt())
 
-    def sin(self) -> "Symbol":
-        return Symbol(self.x.sin())
+    def sin(self) -> "TapeNumber":
+        """Return the sine, for ``np.sin``."""
+        return TapeNumber(self.x.sin())
 
-    def cos(self) -> "Symbol":
-        return Symbol(self.x.cos())
+    def cos(self) -> "TapeNumber":
+        """Return the cosine, for ``np.cos``."""
+        return TapeNumber(self.x.cos())
 
-    def rint(self) -> "Symbol":
-        return Symbol((self.x + 0.5).floor())
+    def rint(self) -> "TapeNumber":
+        """Return the nearest whole number, halves upwards, for ``np.round``."""
+        return TapeNumber((self.x + 0.5).floor())
 
-    def arctan2(self, other: Any) -> "Symbol":
+    def arctan2(self, other: Any) -> "TapeNumber":
+        """Return the angle of the point (other, self), for ``np.arctan2(self, other)``."""
         import casadi as ca
 
-        return Symbol(ca.atan2(self.x, _plain(other)))
+        return TapeNumber(ca.atan2(self.x, _plain(other)))
 
 
-ZERO = Symbol(None)  # most entries of matrices, kept from CasADi, which takes ten times as long; a tape gives it x
+ZERO = TapeNumber(None)  # most matrix entries: operations with it are not recorded, which saves nine tenths of the time
 
 
 def _plain(a: Any) -> Any:
-    return a.x if isinstance(a, Symbol) else float(a)
+    """Return the CasADi symbol of a ``TapeNumber``, or any other number as a float."""
+    return a.x if isinstance(a, TapeNumber) else float(a)
 
 
-def _operator(name: str, swap: bool) -> Callable[[Symbol, Any], Any]:
+def _operator(name: str, swap: bool) -> Callable[[TapeNumber, Any], Any]:
+    """Return the method of ``TapeNumber`` for an operator of the module ``operator``, which leaves out zeros.
+
+    With ``swap`` it is the reflected method, with the ``TapeNumber`` on the right.
+    """
     act = getattr(operator, name)
 
-    def both(self: Symbol, other: Any) -> Any:
+    def both(self: TapeNumber, other: Any) -> Any:
+        """Apply the operator, without recording sums with zero or products with it."""
         if isinstance(other, np.ndarray):
-            return NotImplemented  # element by element
-        zero = other is ZERO or (not isinstance(other, Symbol) and other == 0.0)
+            return NotImplemented  # NumPy then proceeds element by element
+        zero = other is ZERO or (not isinstance(other, TapeNumber) and other == 0.0)
         if name == "mul" and (zero or self is ZERO):
             return ZERO
         if name == "add" and zero:
             return self
-        if name == "add" and self is ZERO and isinstance(other, Symbol):
+        if name == "add" and self is ZERO and isinstance(other, TapeNumber):
             return other
         a, b = self.x, _plain(other)
-        return Symbol(act(b, a) if swap else act(a, b))
+        return TapeNumber(act(b, a) if swap else act(a, b))
 
     return both
 
 
 for _name in ("add", "sub", "mul", "truediv"):
-    setattr(Symbol, f"__{_name}__", _operator(_name, False))
-    setattr(Symbol, f"__r{_name}__", _operator(_name, True))
+    setattr(TapeNumber, f"__{_name}__", _operator(_name, False))
+    setattr(TapeNumber, f"__r{_name}__", _operator(_name, True))
 
 
 class Tape:
-    """``function`` of one state (n,), for states (nt, n): its arrays with the states first."""
+    """A compiled evaluation at many states (nt, n) of a ``function`` that is written for one state (n,)."""
 
     def __init__(self, function: Callable[[np.ndarray], tuple[np.ndarray, ...]], n: int) -> None:
+        """Record ``function``, which returns arrays, on symbols of one state with ``n`` entries."""
         import casadi as ca
 
         ZERO.x = ca.SX(0.0)
         y = ca.SX.sym("y", n)
         state = np.empty(n, dtype=object)
-        state[:] = [Symbol(y[k]) for k in range(n)]
+        state[:] = [TapeNumber(y[k]) for k in range(n)]
         found = [np.asarray(a) for a in function(state)]
         self._shapes = [a.shape for a in found]
         self._ends = np.cumsum([a.size for a in found])
@@ -100,7 +114,10 @@ class Tape:
         self._of: dict[int, tuple[np.ndarray, tuple[np.ndarray, ...], Callable[[], None], Any]] = {}
 
     def __call__(self, y: Float[np.ndarray, "nt n"]) -> tuple[np.ndarray, ...]:
-        """Views of memory that the next call writes."""
+        """Evaluate the arrays of ``function`` at states (nt, n), with the states as first axis.
+
+        The arrays returned are views of memory that the next call with as many states overwrites.
+        """
         nt = len(y)
         if nt not in self._of:
             held, run = (self._one if nt == 1 else self._one.map(nt)).buffer()

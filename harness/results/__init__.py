@@ -1,1 +1,1 @@
-"""Results on disk: records, series, where they come from, and how two folders of them compare."""
+"""Store results on disk: records, series and their origin; and compare two folders of them."""

@@ -1,4 +1,4 @@
-"""Old results: which folders may go, how large they are, and their removal where no command is writing into them."""
+"""Find old results and remove them, unless a command is writing into them."""
 
 import contextlib
 import os
@@ -8,27 +8,30 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..confined_paths import ConfinedPath
 from ..files import FileError
-from ..places import Place
 from . import store
 
-NAMED = re.compile(r"(.+)-(\d{8}-\d{6}(-\d+)?)")  # by a command: what it ran, and when; other names are the user's
+# names that a command gives to folders: what it ran, and when; other names are the user's
+NAMED = re.compile(r"(.+)-(\d{8}-\d{6}(-\d+)?)")
 DAY = 86400.0  # [s]
-RECENT = 600.0  # [s] a file this young may be on its way
+# [s] a younger file may still be in use: more leaves rubbish for longer, less may take what is being written
+RECENT = 600.0
 
 
 @dataclass(frozen=True)
-class Old:
+class OldFolder:
     """A results folder that may be removed."""
 
     folder: Path
     bytes: int
 
 
-def find_old(local: Path, keep: int, older_than: float) -> list[Old]:
-    """Results in ``local`` that are ``older_than`` [s] and not among the newest ``keep`` of their suite, by name.
+def find_old(local: Path, keep: int, older_than: float) -> list[OldFolder]:
+    """Return the results folders in ``local`` that ``clean`` may remove, sorted by path.
 
-    Folders with a name of the user's own, links, and the one that ``latest`` points to are none of them.
+    They were not changed for ``older_than`` [s] and are not among the newest ``keep`` of their suite. Folders named by
+    the user, links, and the target of ``latest`` are never returned.
     """
     latest, newest = (local / "latest").resolve(), dict[str, list[Path]]()
     for path in sorted(local.glob("*"), key=_time_of, reverse=True):
@@ -36,51 +39,54 @@ def find_old(local: Path, keep: int, older_than: float) -> list[Old]:
             newest.setdefault(named[1], []).append(path)
     out = [path for own in newest.values() for path in own[keep:]]
     old = [path for path in out if path.resolve() != latest and time.time() - _last_change(path) >= older_than]
-    return [Old(path, size_of(path)) for path in sorted(old)]
+    return [OldFolder(path, measure_size(path)) for path in sorted(old)]
 
 
 def remove(folder: Path) -> bool:
-    """Remove the results; False, and nothing is touched, where a command is writing into them."""
+    """Remove a results folder and return True; return False, and touch nothing, if a command is using it."""
     with contextlib.ExitStack() as held:
         try:
             held.enter_context(store.lock(folder))
-            held.enter_context(store.in_use(folder, alone=True))
+            held.enter_context(store.hold_folder(folder, alone=True))
         except (FileError, OSError):
             return False
-        (Place(folder.parent) / folder.name).remove_folder()
+        (ConfinedPath(folder.parent) / folder.name).remove_folder()
     return True
 
 
 def is_written(folder: Path) -> bool:
-    """Whether a command is writing into the results."""
+    """Return whether a command is writing into a results folder, or holds it."""
     try:
-        if (Place(folder) / store.LOCK).is_own_file():
+        if (ConfinedPath(folder) / store.LOCK).is_own_file():
             store.lock(folder).close()
-        with store.in_use(folder, alone=True):
+        with store.hold_folder(folder, alone=True):
             return False
     except (FileError, OSError):
         return True
 
 
-def files_in(folder: Path) -> Iterator[os.DirEntry[str]]:
-    """All files below ``folder``; no link is followed."""
+def list_files(folder: Path) -> Iterator[os.DirEntry[str]]:
+    """Yield all files in ``folder`` and its subfolders, without following links."""
     with contextlib.suppress(FileNotFoundError), os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_dir(follow_symlinks=False):
-                yield from files_in(Path(entry.path))
+                yield from list_files(Path(entry.path))
             elif entry.is_file(follow_symlinks=False):
                 yield entry
 
 
-def size_of(folder: Path) -> int:
-    """Bytes in all files below ``folder``."""
-    return sum(entry.stat(follow_symlinks=False).st_size for entry in files_in(folder))
+def measure_size(folder: Path) -> int:
+    """Return the total size [bytes] of all files in ``folder`` and its subfolders."""
+    return sum(entry.stat(follow_symlinks=False).st_size for entry in list_files(folder))
 
 
 def remove_unused(folders: Sequence[Path], older_than: float, *, dry_run: bool = False) -> tuple[int, int]:
-    """Remove files that nothing has read or written for ``older_than`` [s]; return their number and bytes."""
+    """Remove files below ``folders`` that nothing has read or written for ``older_than`` [s], at least ``RECENT``.
+
+    Return their number and total bytes. With ``dry_run`` they are counted and not removed.
+    """
     files = size = 0
-    for entry in [e for folder in folders for e in files_in(folder)]:
+    for entry in [e for folder in folders for e in list_files(folder)]:
         about = entry.stat(follow_symlinks=False)
         if time.time() - max(about.st_atime, about.st_mtime) >= max(older_than, RECENT):
             files, size = files + 1, size + about.st_size
@@ -90,14 +96,16 @@ def remove_unused(folders: Sequence[Path], older_than: float, *, dry_run: bool =
 
 
 def _time_of(path: Path) -> tuple[str, str]:
+    """Return the sort key of a results folder by age: the time in its name, "" in a user's name, then the name."""
     named = NAMED.fullmatch(path.name)
     return (named[2] if named else "", path.name)
 
 
 def _holds_results(path: Path) -> bool:
-    """Whether it is a results folder of this or an older version."""
+    """Return whether ``path`` is a results folder of this or an older version."""
     return any((path / name).is_dir() and not (path / name).is_symlink() for name in ("runs", "cells"))
 
 
 def _last_change(path: Path) -> float:
+    """Return when the folder, or a file directly in it, was last changed [s since 1970]."""
     return max(p.lstat().st_mtime for p in (path, *path.iterdir()))

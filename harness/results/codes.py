@@ -1,11 +1,11 @@
-"""Digests of the code that a run's numbers come from: by solver, by problem and of measuring; nothing of it is run.
+"""Digest the code that a run's numbers come from: of its solver, of its problem and of measuring, without running it.
 
-The digest of a solver covers its file and every module of the package that this imports, directly or through others;
-so does that of a problem, and of what calls solvers and measures their motions. It is taken of the syntax tree without
-docstrings and the shapes of arrays, so that neither they nor comments and formatting count. Of packages from outside
-the locked version counts. What only looks up, checks, stores or shows is no part of it (``ARRANGES``): no number of a
-run passes through. What counts CPU time (``COSTS``) is part of measuring: a cost is a number of each run and can only
-be had by running again.
+The digest of a solver or problem covers its file and every module of the package that this imports, directly or
+indirectly; so does the digest of measuring, the code that calls solvers and measures their motions. It is computed from
+the syntax tree without docstrings and shapes of arrays, so that comments and formatting do not count either. Outside
+packages count by their locked version. Code that only looks up, checks, stores or shows is excluded (``ARRANGES``): no
+number of a run passes through it. Code that counts CPU time (``COSTS``) is part of measuring: a cost is a number of
+each run and can only be obtained by running again.
 """
 
 import ast
@@ -21,23 +21,41 @@ from functools import cache, cached_property
 from pathlib import Path
 
 from ..cache import ROOT, cache_folder
-from ..catalogue.plugins import sources_of
+from ..catalogue.plugins import list_sources
 from ..files import write_text
 
-VERSION = 2  # of the digest of one file; raise it when ``_flatten`` writes something else
-LARGE = 2**20  # [bytes] of what is kept between processes; more is begun anew
+VERSION = 2  # version of a file's digest; raise it when the output of ``_flatten`` changes
+LARGE = 2**20  # [bytes] of the cache between processes; a larger one is started anew
+# modules and folders through which no number of a run passes
 ARRANGES = (
-    "harness/cache", "harness/catalogue/functions", "harness/catalogue/links", "harness/catalogue/mechanism",
-    "harness/catalogue/mechanism_files", "harness/catalogue/options", "harness/catalogue/plugins",
-    "harness/catalogue/sdformat", "harness/catalogue/usd",
-    "harness/execution/handover", "harness/execution/job", "harness/files", "harness/machine", "harness/places",
+    "harness/cache",
+    "harness/catalogue/functions",
+    "harness/catalogue/links",
+    "harness/catalogue/mechanism",
+    "harness/catalogue/mechanism_files",
+    "harness/catalogue/options",
+    "harness/catalogue/plugins",
+    "harness/catalogue/sdformat",
+    "harness/catalogue/usd",
+    "harness/execution/handover",
+    "harness/execution/job",
+    "harness/files",
+    "harness/machine",
+    "harness/confined_paths",
     "harness/results",
-    "harness/sandbox/trial", "harness/shapes", "harness/suites",
-)  # fmt: skip
-SHARED = "harness/catalogue/registry"  # turns, mirrors and perturbs problems: no part of one solver or problem
-COSTS = ("harness/clock", "harness/execution/run", "harness/execution/worker", "harness/sandbox/apart",
-         "harness/sandbox/isolation")  # fmt: skip
-MEASURING = (
+    "harness/sandbox/trial",
+    "harness/shapes",
+    "harness/suites",
+)
+SHARED = "harness/catalogue/registry"  # rotates, mirrors and perturbs problems: part of no solver or problem
+COSTS = (  # modules that count CPU time
+    "harness/clock",
+    "harness/execution/run",
+    "harness/execution/worker",
+    "harness/sandbox/forked_process",
+    "harness/sandbox/isolation",
+)
+MEASURING = (  # modules that pass a problem to a solver and measure its motion, without those that they import
     "harness/execution/contract",
     "harness/execution/measuring",
     "harness/execution/presenting",
@@ -45,25 +63,30 @@ MEASURING = (
     SHARED,
 )
 LISTED = ("harness/mechanics/joints/kinds", "solvers/engines/inside")  # folders whose files are listed, not imported
-MARKED = {"solver": ("solvers", "solvers/engines"), "problem": ("problems",)}
-LOCKED_AS = {"sksundae": "scikit-sundae", "scipy_dae": "scipy-dae", "yaml": "pyyaml"}  # where the names differ
+MARKED = {"solver": ("solvers", "solvers/engines"), "problem": ("problems",)}  # folders by decorator of their entries
+LOCKED_AS = {"sksundae": "scikit-sundae", "scipy_dae": "scipy-dae", "yaml": "pyyaml"}  # package by module, if different
+# name and version in a line of the lock file
 LOCKED = re.compile(r"^([A-Za-z0-9_.-]+)==(\S+)", re.MULTILINE)
-WITHOUT = frozenset(("ctx", "kind", "type_comment", "type_params", "type_ignores"))  # same code, other versions
-SHAPED = ("Bool", "Complex", "Float", "Inexact", "Int", "Num", "Shaped")  # arrays, as annotations call them
+# fields in which versions of Python differ for equal code
+WITHOUT = frozenset(("ctx", "kind", "type_comment", "type_params", "type_ignores"))
+SHAPED = ("Bool", "Complex", "Float", "Inexact", "Int", "Num", "Shaped")  # types of arrays in annotations
 
 
 @dataclass(frozen=True)
 class Source:
-    """One module: the digest of its syntax tree, what it imports, and the entries of the catalogue that it marks."""
+    """A module: the digest of its syntax tree, its imports, and the problems and solvers that it defines."""
 
     digest: str
-    imports: tuple[str, ...]  # places in the package, of which some are names in a module
-    outside: tuple[str, ...]
-    marks: tuple[str, ...]  # ``solver:rattle``
+    imports: tuple[str, ...]  # paths in the package; some are names inside a module
+    outside: tuple[str, ...]  # packages from outside that it imports
+    marks: tuple[str, ...]  # problems and solvers that it defines: ``solver:rattle``
 
 
 class Sources:
-    """The modules of the package below ``root``."""
+    """The modules of the package in the folder ``root``, each digested when first needed.
+
+    ``keep`` is a file in which the digests of modules are cached for the next process.
+    """
 
     def __init__(self, root: Path = ROOT, keep: Path | None = None) -> None:
         self.root, self._keep = root, keep
@@ -71,38 +94,44 @@ class Sources:
         self._of: dict[str, Source] = {}
         self._fresh = False
 
-    def code_of(self, problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
-        """Digest of all that shapes the numbers of a run; entries that are not ours are covered by ``plugins``."""
+    def digest_run_code(self, problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
+        """Return the digest of all code that shapes the numbers of a run of this solver on this problem.
+
+        A solver or problem of a plugin is covered by the digest of the files of ``plugins``.
+        """
         return digest_run(self.solvers.get(solver, ""), self.problems.get(problem, ""), self.measuring, plugins)
 
     def digest_all(self, plugins: Iterable[str] = ()) -> str:
-        """Digest of all solvers and problems, of measuring, and of ``plugins``."""
+        """Return the digest of all solvers and problems, of measuring, and of the files of ``plugins``."""
         return _digest_with([*itertools.chain(*self.solvers.items(), *self.problems.items()), self.measuring], plugins)
 
     @cached_property
     def solvers(self) -> dict[str, str]:
-        """The digest of each solver of the catalogue."""
+        """The digest of each solver of the catalogue, by name."""
         return self._digest_marked("solver")
 
     @cached_property
     def problems(self) -> dict[str, str]:
-        """The digest of each problem of the catalogue."""
+        """The digest of each problem of the catalogue, by name."""
         return self._digest_marked("problem")
 
     @cached_property
     def measuring(self) -> str:
-        """The digest of what hands a problem to a solver, checks what it returns, and measures it and its cost."""
-        return self.of(*MEASURING)
+        """The digest of the code that passes a problem to a solver, checks the result, and measures it and its cost."""
+        return self.digest_modules(*MEASURING)
 
-    def of(self, *modules: str) -> str:
-        """The digest of modules (``solvers/rattle``) and of all they import."""
-        seen, outside = self.reach(*modules)
+    def digest_modules(self, *modules: str) -> str:
+        """Return the digest of modules, ``solvers/rattle``, with all they import and versions of outside packages."""
+        seen, outside = self.list_imported(*modules)
         locked, names = self._locked_versions, (LOCKED_AS.get(m, m) for m in outside)
         versions = sorted(f"{n}=={locked[n]}" for n in names if n in locked)
         return _digest([*versions, *itertools.chain(*sorted(seen.items()))])
 
-    def reach(self, *modules: str) -> tuple[dict[str, str], set[str]]:
-        """Files of modules and of all they import, with their digests; and names of packages from outside."""
+    def list_imported(self, *modules: str) -> tuple[dict[str, str], set[str]]:
+        """Return the files of modules and of all they import, with digests, and the names of outside packages.
+
+        Modules of ``ARRANGES`` and ``SHARED`` are left out unless they are asked for.
+        """
         asked = [place for m in modules if (place := self._file(m))]
         seen, outside, waiting = dict[str, str](), set[str](), list(asked)
         while waiting:
@@ -119,32 +148,37 @@ class Sources:
         return seen, outside
 
     def _digest_marked(self, kind: str) -> dict[str, str]:
+        """Return, by name, the digest of each problem or solver (``kind``) that the catalogue's files define."""
         out = {}
         for folder in MARKED[kind]:
             for path in sorted((self.root / folder).glob("*.py")):
                 place = f"{folder}/{path.stem}"
                 for mark in self._source(f"{place}.py").marks:
                     if mark.startswith(f"{kind}:"):
-                        out[mark.partition(":")[2]] = self.of(place)
+                        out[mark.partition(":")[2]] = self.digest_modules(place)
         return dict(sorted(out.items()))
 
     @cached_property
     def _locked_versions(self) -> dict[str, str]:
-        lock = self.root / "requirements.lock"
+        """The version of each outside package in the lock file; empty without one."""
+        lock = self.root / "locks" / "requirements.lock"
         return dict(LOCKED.findall(lock.read_text(encoding="utf-8"))) if lock.is_file() else {}
 
     @staticmethod
     def _arranges(place: str) -> bool:
+        """Return whether the module in the file ``place`` is excluded, because no number of a run passes through it."""
         return any(place == f"{a}.py" or place.startswith(f"{a}/") for a in ARRANGES)
 
     @cache  # noqa: B019 - one object a process
     def _file(self, module: str) -> str | None:
+        """Return the file of a module, relative to the root; None if the package has no such module."""
         for place in (f"{module}.py", f"{module}/__init__.py"):
             if (self.root / place).is_file():
                 return place
         return None
 
     def _source(self, place: str) -> Source:
+        """Return digest and imports of the module in the file ``place``, parsed unless the same content is cached."""
         if place not in self._of:
             content = (self.root / place).read_bytes()
             key = f"{VERSION} {place} {hashlib.sha256(content).hexdigest()}"
@@ -154,7 +188,7 @@ class Sources:
         return self._of[place]
 
     def _store(self) -> None:
-        """Keep what was parsed for the next process; a folder that cannot be written only costs time."""
+        """Write the parsed modules to the cache for the next process; if it cannot be written, only time is lost."""
         if self._fresh and self._keep:
             rows = {k: [s.digest, s.imports, s.outside, s.marks] for k, s in self._known.items()}
             with contextlib.suppress(OSError):
@@ -165,27 +199,29 @@ class Sources:
 
 @cache
 def package_sources() -> Sources:
-    """The modules of this package."""
+    """Return the sources of this package, one object in each process."""
     return Sources(ROOT, cache_folder("sources", ROOT / "results" / "local") / "parsed.json")
 
 
-def code_of(problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
-    """The digest that a run made here has as its column ``code``."""
-    return package_sources().code_of(problem, solver, plugins)
+def digest_run_code(problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
+    """Return the digest of the code of a run made here, as in the column ``code``."""
+    return package_sources().digest_run_code(problem, solver, plugins)
 
 
 def digest_run(solver: str, problem: str, measuring: str, plugins: Iterable[str] = ()) -> str:
-    """Return the digest of a run from those of its solver, its problem and of measuring."""
+    """Return the digest of the code of a run from those of its solver, its problem, measuring, and from plugins."""
     return _digest_with([solver, problem, measuring], plugins)
 
 
 def _digest_with(parts: list[str], plugins: Iterable[str]) -> str:
-    for path in itertools.chain.from_iterable(map(sources_of, plugins)):
+    """Return the digest of ``parts`` and of the files of plugins, which are appended to ``parts``."""
+    for path in itertools.chain.from_iterable(map(list_sources, plugins)):
         parts += [path.name, hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""]
     return _digest(parts)
 
 
 def _read_kept(keep: Path) -> dict[str, Source]:
+    """Return the modules that an earlier process parsed, by version, file and content; empty if unusable."""
     try:
         if not 0 < os.stat(keep).st_size < LARGE:
             return {}
@@ -196,6 +232,7 @@ def _read_kept(keep: Path) -> dict[str, Source]:
 
 
 def _parse_source(content: bytes, place: str) -> Source:
+    """Return digest, imports and catalogue entries of a module with this content, in the file ``place``."""
     tree = ast.parse(content)
     inside, outside = dict[str, None](), dict[str, None]()
     for module in _find_imports(tree, place.removesuffix(".py").split("/")):
@@ -206,7 +243,12 @@ def _parse_source(content: bytes, place: str) -> Source:
 
 
 def _find_imports(tree: ast.AST, place: list[str]) -> Iterator[str]:
-    """Modules as places: of the package with a slash before them, packages around a module included."""
+    """Yield the modules that a module imports, and names imported from them, as paths.
+
+    Outside packages are yielded by their first name. A path in this package begins with a slash, ``/harness/files``,
+    and the packages that contain it are yielded too, since importing it runs them. ``place`` is the path of the module,
+    in parts.
+    """
     for node in _walk_run(tree):
         if isinstance(node, ast.Import):
             named = [a.name.split(".") for a in node.names]
@@ -224,7 +266,7 @@ def _find_imports(tree: ast.AST, place: list[str]) -> Iterator[str]:
 
 
 def _walk_run(tree: ast.AST) -> Iterator[ast.AST]:
-    """All nodes but what is imported for the checker of types alone."""
+    """Yield the nodes of a syntax tree except those under ``if TYPE_CHECKING``, which never run."""
     waiting = [tree]
     while waiting:
         node = waiting.pop()
@@ -236,6 +278,7 @@ def _walk_run(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def _find_marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
+    """Yield kind and name of each problem and solver that a module defines: both words in ``@solver("rattle")``."""
     for node in tree.body:
         for call in getattr(node, "decorator_list", ()):
             if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in MARKED and call.args:
@@ -245,7 +288,7 @@ def _find_marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
 
 
 def _flatten(node: object) -> Iterator[str]:
-    """The syntax tree as words, the same in every version of Python: without docstrings, shapes and what is empty."""
+    """Yield a syntax tree as texts that are equal in all versions of Python, without docstrings and array shapes."""
     if isinstance(node, ast.AST):
         yield type(node).__name__
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id in SHAPED:
@@ -267,6 +310,7 @@ def _flatten(node: object) -> Iterator[str]:
 
 
 def _digest(parts: Iterable[str]) -> str:
+    """Return the first 16 hexadecimal digits of the sha256 of texts, each ended by a zero byte."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(part.encode() + b"\0")

@@ -1,6 +1,6 @@
-"""Two sets of results, run by run: what is the same bit for bit, what differs by rounding, what has changed.
+"""Compare two sets of results run by run: equal bit for bit, different by rounding, or changed.
 
-Runs are matched by their settings, which the code is no part of. Times, memory and places of files are not compared.
+Runs are matched by their settings, which exclude the code. Times, memory and paths are not compared.
 """
 
 import json
@@ -13,29 +13,52 @@ from ..types import Status
 from .records import COLUMNS, RunRecord
 from .store import newest
 
-NOT_COMPARED = {
-    "cpu_min_s", "cpu_q1_s", "cpu_median_s", "cpu_q3_s", "cpu_max_s", "cpu_call_s", "setup_s", "wall_s", "measure_s",
-    "peak_memory_MB", "code_s", "cpu_import_s", "cpu_refuses_s", "cpu_process_s", "repeats", "cpu_limit_s",
-    "wall_limit_s", "memory_limit_MB", "max_steps", "series_rows", "signal", "exit_code", "schema", "dt_s", "rtol",
-    "max_step_s", "t_end_s",
-}  # fmt: skip
+NOT_COMPARED = {  # numbers that the machine or the settings determine
+    "cpu_min_s",
+    "cpu_q1_s",
+    "cpu_median_s",
+    "cpu_q3_s",
+    "cpu_max_s",
+    "cpu_call_s",
+    "setup_s",
+    "wall_s",
+    "measure_s",
+    "peak_memory_MB",
+    "code_s",
+    "cpu_import_s",
+    "cpu_refuses_s",
+    "cpu_process_s",
+    "repeats",
+    "cpu_limit_s",
+    "wall_limit_s",
+    "memory_limit_MB",
+    "max_steps",
+    "series_rows",
+    "signal",
+    "exit_code",
+    "schema",
+    "dt_s",
+    "rtol",
+    "max_step_s",
+    "t_end_s",
+}
 METRICS = tuple(c.name for c in COLUMNS if c.type in (float, int) and c.name not in NOT_COMPARED)
-LEAST = 1e-10  # of the scale (or of one unit): below it, numbers are rounding and stop tests of another machine
-FIXED_STEP = 1e-6  # relative: rounding, piled up over the steps
+LEAST = 1e-10  # fraction of the scale (or of one unit) below which differences are rounding or stop tests
+FIXED_STEP = 1e-6  # relative: rounding accumulated over the steps
 ERROR_CONTROL = 0.6  # relative, a factor of 2.5: another libm may change which steps are accepted
 
 
 class Likeness(StrEnum):
-    """Likeness of two numbers, worst last."""
+    """The likeness of two numbers, from equal to changed."""
 
     SAME = "same"  # bit for bit
-    ROUNDING = "rounding"  # within what two machines may differ by
+    ROUNDING = "rounding"  # within the difference allowed between two machines
     CHANGED = "changed"
 
 
 @dataclass(frozen=True)
 class Change:
-    """One metric of one run, before and after; for "status" the words are compared."""
+    """A metric of a run that differs between two sets of results; for the metric "status", the two are words."""
 
     case: str
     metric: str
@@ -45,7 +68,7 @@ class Change:
 
     @property
     def size(self) -> float:
-        """Relative, infinite where a status changed or a number came or went."""
+        """The relative change; infinite if a status changed or a number appeared or vanished."""
         a, b = self.before, self.after
         if isinstance(a, str) or isinstance(b, str) or not (math.isfinite(a) and math.isfinite(b)):
             return math.inf
@@ -54,27 +77,27 @@ class Change:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All that differs, the largest first."""
+    """All differences between two sets of results, the largest first."""
 
     changes: tuple[Change, ...]
     only_before: tuple[str, ...]
     only_after: tuple[str, ...]
-    compared: int  # runs
+    compared: int  # number of runs compared
 
     @property
-    def same(self) -> bool:
-        """Bit for bit, with the same runs."""
+    def is_identical(self) -> bool:
+        """True if both sets have the same runs with numbers that are equal bit for bit."""
         return not (self.changes or self.only_before or self.only_after)
 
     @property
     def alike(self) -> bool:
-        """Nothing changed by more than machines may differ."""
+        """True if both sets have the same runs, and no number differs by more than it may between two machines."""
         changed = any(c.likeness is Likeness.CHANGED for c in self.changes)
         return not (changed or self.only_before or self.only_after)
 
 
 def compare(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> Comparison:
-    """Differences between two sets of records; of several records of a run the newest counts."""
+    """Compare two sets of records run by run, using the newest record of each run."""
     a, b = ({r.settings_id: r for r in newest(records)} for records in (before, after))
     both = [s for s in a if s in b]
     changes = [c for s in both for c in _find_changes(a[s], b[s])]
@@ -87,11 +110,12 @@ def compare(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> Comparis
 
 
 def is_repeatable(record: RunRecord) -> bool:
-    """Whether the same run must give the same numbers: not when a limit on time or memory ended it."""
+    """Return whether the same run must give the same numbers; False if a limit on time or memory ended it."""
     return record.status not in (Status.STALLED, Status.UNFINISHED, Status.MEMORY) and record.claimed != Status.STALLED
 
 
 def _find_changes(a: RunRecord, b: RunRecord) -> list[Change]:
+    """Return the differences in status and numbers between two records of one run."""
     out = []
     if a.status != b.status:
         out.append(Change(a.case, "status", a.status, b.status, Likeness.CHANGED))
@@ -105,6 +129,11 @@ def _find_changes(a: RunRecord, b: RunRecord) -> list[Change]:
 
 
 def _compare_numbers(a: RunRecord, name: str, x: float, y: float) -> Likeness:
+    """Return the likeness of the numbers ``x`` and ``y`` in the column ``name`` of two records of one run.
+
+    The allowed difference covers rounding or, under error control, another choice of steps. With a fixed step the
+    number of steps must be equal.
+    """
     if x == y or (math.isnan(x) and math.isnan(y)):
         return Likeness.SAME
     if not (math.isfinite(x) and math.isfinite(y)):
@@ -117,9 +146,11 @@ def _compare_numbers(a: RunRecord, name: str, x: float, y: float) -> Likeness:
 
 
 def _pair_extents(column: str, a: RunRecord, b: RunRecord) -> list[tuple[str, float, float]]:
+    """Return name and both maxima of each quantity that a JSON column has in both records."""
     x, y = (json.loads(getattr(r, column)) for r in (a, b))
     return [(f"{column}.{k}.max", float(x[k]["max"]), float(y[k]["max"])) for k in x if k in y]
 
 
 def _finite_or_one(x: float) -> float:
+    """Return ``x``, or 1 if it is not finite."""
     return x if math.isfinite(x) else 1.0

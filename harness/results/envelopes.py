@@ -1,8 +1,8 @@
-"""Envelopes: the least and the largest value of a series in each of equal spans of time.
+"""Compute envelopes: the least and the largest value of a series in each of equal spans of time.
 
-Values less a base are kept as the upper bits of float32, rounded outwards: every value lies within, and the envelope is
-wider by 1/1024 of the distance from the base at most. The base is 0, or the middle of values that lie close together,
-of which a drawing shows the differences.
+Values minus a base are kept as the upper bits of float32, rounded outwards: every value lies within, and the envelope
+is wider by at most 1/1024 of the distance from the base. The base is 0 or, for values that are close together, their
+middle, so that a drawing shows their differences.
 """
 
 from dataclasses import dataclass
@@ -10,15 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-SPANS = 720  # a multiple of the 240, 180, 80 and 60 spans that curves have; 1/720 of a picture's width is a pixel
-FEW = SPANS // 2  # rows that take no more room than the envelope of as many spans
-LEFT_OUT = 13  # of the 23 bits of mantissa that float32 has
+SPANS = 720  # a multiple of the 240, 180, 80 and 60 spans of curves; 1/720 of a picture's width is a pixel
+FEW = SPANS // 2  # rows that need as much space as an envelope: shorter series are kept as they are
+LEFT_OUT = 13  # dropped bits of the 23 bits of float32's mantissa
 SIZE = np.int32(0x7FFFFFFF)  # all bits but the sign
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """Codes of the least and the largest value in spans of [begin, end]; of NaN where a span has no finite value."""
+    """Codes of the least and the largest value in equal spans of [begin, end]; NaN if a span has no finite value."""
 
     begin: float  # [s]
     end: float  # [s]
@@ -27,58 +27,62 @@ class Envelope:
 
     @property
     def low(self) -> Float[np.ndarray, " spans"]:
-        """No value of a span is below."""
+        """The lower bound of each span."""
         return self.base + _decode(self.codes[0])
 
     @property
     def high(self) -> Float[np.ndarray, " spans"]:
-        """No value of a span is above."""
+        """The upper bound of each span."""
         return self.base + _decode(self.codes[1])
 
     @property
     def points(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Times and values to draw: both of each span, at a time within it."""
+        """The times [s] and values to draw: the lower and the upper bound of each span, both at the same time."""
         t = np.linspace(self.begin, self.end, self.codes.shape[1])
         return np.repeat(t, 2), np.stack((self.low, self.high), axis=1).ravel()
 
 
-def envelope_of(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], spans: int = SPANS) -> Envelope:
-    """The envelope of all finite values; ``t`` ascends."""
+def compute_envelope(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], spans: int = SPANS) -> Envelope:
+    """Return the envelope of the finite values among ``a`` at ascending times ``t`` [s], over equal spans of time."""
     begin, end = float(t[0]), float(t[-1])
     low, high = np.full(spans, np.nan), np.full(spans, np.nan)
     good, base = np.flatnonzero(np.isfinite(a)), 0.0
     if len(good):
-        k = span_of(t[good], begin, end, spans)
-        first = np.flatnonzero(np.diff(k, prepend=-1))  # rows of a span follow each other
+        k = find_spans(t[good], begin, end, spans)
+        first = np.flatnonzero(np.diff(k, prepend=-1))  # rows of a span are consecutive
         low[k[first]], high[k[first]] = np.minimum.reduceat(a[good], first), np.maximum.reduceat(a[good], first)
         base = _find_base(float(np.nanmin(low)), float(np.nanmax(high)))
     return Envelope(begin, end, np.stack((_encode(low - base, up=False), _encode(high - base, up=True))), base)
 
 
-def span_of(t: Float[np.ndarray, " n"], begin: float, end: float, spans: int) -> Int[np.ndarray, " n"]:
-    """The span in which each time lies."""
+def find_spans(t: Float[np.ndarray, " n"], begin: float, end: float, spans: int) -> Int[np.ndarray, " n"]:
+    """Return the index of the span in which each time lies, of equal ``spans`` between ``begin`` and ``end`` [s]."""
     whole = max(end - begin, 1e-300)
     return np.minimum((spans * ((t - begin) / whole)).astype(np.int64), spans - 1)
 
 
 def _find_base(least: float, largest: float) -> float:
-    """The middle where all values are within half of it, so that differences from it are exact; else 0."""
+    """Return the number that codes are relative to: the middle of values that are close together, else 0.
+
+    They are close if their range is less than the magnitude of the middle; differences from it are then exact.
+    """
     middle = 0.5 * least + 0.5 * largest
     return middle if largest - least < abs(middle) else 0.0
 
 
 def _encode(a: np.ndarray, *, up: bool) -> Int[np.ndarray, " n"]:
-    """Codes in the order of the numbers, rounded up or down."""
+    """Return numbers as integer codes in the same order: the upper bits of float32, rounded up or down."""
     with np.errstate(over="ignore", under="ignore"):
         near = a.astype(np.float32)
         beyond = np.where(np.isnan(a), False, near.astype(float) < a if up else near.astype(float) > a)
         near = np.where(beyond, np.nextafter(near, np.float32(np.inf if up else -np.inf)), near)
     bits = near.view(np.int32)
-    ordered = np.where(bits < 0, -(bits & SIZE), bits)  # floats ascend as their bits do, negative ones turned round
+    ordered = np.where(bits < 0, -(bits & SIZE), bits)  # floats are ordered as their bits, negative ones reversed
     return np.asarray(-(-ordered >> LEFT_OUT) if up else ordered >> LEFT_OUT, dtype=np.int32)
 
 
 def _decode(codes: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return the numbers whose codes are ``codes``, to the accuracy of ``_encode``."""
     ordered = codes.astype(np.int32) << LEFT_OUT
     size = np.abs(ordered).view(np.float32).astype(float)
     return np.where(ordered < 0, -size, size)

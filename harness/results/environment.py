@@ -1,4 +1,4 @@
-"""The origin of a result: code, commit, packages, machine, threads."""
+"""Record the origin of a result: code, commit, packages, machine, threads."""
 
 import contextlib
 import datetime
@@ -18,18 +18,27 @@ from typing import Any
 from .. import machine
 
 ROOT = Path(__file__).resolve().parents[2]
-LOCK = ROOT / "requirements.lock"
-BLAS = ("internal_api", "version", "num_threads", "architecture")  # of a library, as threadpoolctl names them
-COMMIT = re.compile(r"[0-9a-f]{7,64}")  # its digest, or the first digits
-SHAPING = ("harness", "problems", "solvers")  # folders with code that a run's numbers come from
-PLATFORM = (  # numbers may depend on these; on the processor only where nothing is pinned
-    "python", "implementation", "packages", "cpu", "machine", "blas", "simd", "llvm", "libc", "threads",
-)  # fmt: skip
+LOCK = ROOT / "locks" / "requirements.lock"
+BLAS = ("internal_api", "version", "num_threads", "architecture")  # facts about a library, named as in threadpoolctl
+COMMIT = re.compile(r"[0-9a-f]{7,64}")  # a digest, or its first digits
+SHAPING = ("harness", "problems", "solvers")  # folders with code that shapes a run's numbers
+PLATFORM = (  # keys on which numbers may depend; on the processor only if nothing is pinned
+    "python",
+    "implementation",
+    "packages",
+    "cpu",
+    "machine",
+    "blas",
+    "simd",
+    "llvm",
+    "libc",
+    "threads",
+)
 
 
 @cache
 def code_digest(plugins: tuple[str, ...] = ()) -> str:
-    """Digest of all code that numbers of runs come from."""
+    """Return the digest of all code that shapes the numbers of runs, of this package and of ``plugins``."""
     from .codes import package_sources  # here: the command line starts with this module
 
     return package_sources().digest_all(plugins)
@@ -37,58 +46,78 @@ def code_digest(plugins: tuple[str, ...] = ()) -> str:
 
 @cache
 def commit() -> str:
-    """Commit of the checkout, with ``+dirty`` when it has changes; empty outside a checkout."""
+    """Return the commit of the checkout, with ``+dirty`` if it has changes; empty outside a checkout."""
     head = _git("rev-parse", "HEAD")
     return head + ("+dirty" if head and _git("status", "--porcelain") else "")
 
 
-def stamp(folder: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[str, Any]:
-    """The content of ``environment.json``."""
+def describe_environment(folder: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[str, Any]:
+    """Return the content of ``environment.json``, the stamp of a results folder: code, packages, machine, threads.
+
+    ``folder`` is the folder's name, ``jobs`` the number of runs in parallel.
+    """
     import psutil
 
     names = sorted({*_read_lock(), "numpy", "scipy"})
     return {
-        "schema": 1, "results_folder": folder, "suite": suite, "started": now(),
-        "commit": commit().removesuffix("+dirty"), "dirty": commit().endswith("+dirty"),
-        "code": code_digest(tuple(plugins)), "lock_sha256": hashlib.sha256(_content(LOCK)).hexdigest(),
-        "python": platform.python_version(), "implementation": platform.python_implementation(),
-        "executable": sys.executable, "packages": {name: v for name in names if (v := _version(name))},
-        "system": f"{platform.system()} {platform.release()}", "machine": platform.machine(),
-        "cpu": machine.cpu_model(), "cores": os.cpu_count(), "memory_MB": int(psutil.virtual_memory().total // 2**20),
+        "schema": 1,
+        "results_folder": folder,
+        "suite": suite,
+        "started": read_utc_time(),
+        "commit": commit().removesuffix("+dirty"),
+        "dirty": commit().endswith("+dirty"),
+        "code": code_digest(tuple(plugins)),
+        "lock_sha256": hashlib.sha256(_content(LOCK)).hexdigest(),
+        "python": platform.python_version(),
+        "implementation": platform.python_implementation(),
+        "executable": sys.executable,
+        "packages": {name: v for name in names if (v := _version(name))},
+        "system": f"{platform.system()} {platform.release()}",
+        "machine": platform.machine(),
+        "cpu": machine.cpu_model(),
+        "cores": os.cpu_count(),
+        "memory_MB": int(psutil.virtual_memory().total // 2**20),
         "blas": [{k: b.get(k) for k in BLAS} for b in _blas()],
-        **machine.describe(), "threads": dict(machine.THREADS), "jobs": jobs, "plugins": list(plugins),
-    }  # fmt: skip
+        **machine.describe(),
+        "threads": dict(machine.THREADS),
+        "jobs": jobs,
+        "plugins": list(plugins),
+    }
 
 
 def identity(stamp: Mapping[str, Any]) -> str:
-    """Digest of the machine, packages and threads of a stamp."""
+    """Return the digest of a stamp's machine, packages and threads, by which a run's record names its environment."""
     return _digest(stamp, PLATFORM)
 
 
 def arithmetic(stamp: Mapping[str, Any]) -> str:
-    """Digest of what the last digits of numbers depend on: where all is pinned, the processor is no part of it."""
+    """Return the digest of everything in a stamp that affects the last digits of numbers.
+
+    The processor is left out if the libraries' kernels and the compiler's target are pinned.
+    """
     return _digest(stamp, [key for key in PLATFORM if key != "cpu" or not stamp.get("pinned")])
 
 
 def _digest(stamp: Mapping[str, Any], keys: Iterable[str]) -> str:
-    return hashlib.sha256("\n".join(text_of(stamp.get(key)) for key in keys).encode()).hexdigest()[:12]
+    """Return the first 12 hexadecimal digits of the sha256 of these keys of a stamp."""
+    return hashlib.sha256("\n".join(format_setting(stamp.get(key)) for key in keys).encode()).hexdigest()[:12]
 
 
-def text_of(value: Any) -> str:
-    """A value to compare; a list is of things as found in memory, in the order of imports, which means nothing."""
+def format_setting(value: Any) -> str:
+    """Return a value of a stamp as text for comparison; lists, which are in the order of imports, are sorted."""
     rows = sorted(json.dumps(x, sort_keys=True) for x in value) if isinstance(value, list) else value
     return json.dumps(rows, sort_keys=True)
 
 
 def list_changed_files(before: str, after: str) -> list[str]:
-    """List the files that shape results and differ between two commits; empty if one is not known in this checkout."""
-    if not all(map(COMMIT.fullmatch, (before, after))):  # of a stamp, which may say anything: no option of git
+    """List the files that shape results and differ between two commits; empty if a commit is unknown here."""
+    if not all(map(COMMIT.fullmatch, (before, after))):  # a stamp is untrusted: its text must not be an option of git
         return []
-    return _git("diff", "--name-only", before, after, "--", LOCK.name, *SHAPING).splitlines()
+    return _git("diff", "--name-only", before, after, "--", str(LOCK.relative_to(ROOT)), *SHAPING).splitlines()
 
 
 def archive_commit(commit: str) -> bytes:
-    """Return the files of a commit of this checkout as a TAR archive; ValueError where it is not known here."""
+    """Return the files of a commit of this checkout as a TAR archive; raise ValueError if it is unknown here."""
     call = ("git", "archive", "--format=tar", commit)
     try:
         if COMMIT.fullmatch(commit):
@@ -98,17 +127,19 @@ def archive_commit(commit: str) -> bytes:
     raise ValueError(f"commit {commit[:64]!r} of its code is not here: run its suite again")
 
 
-def now(*, fine: bool = False) -> str:
-    """UTC, ISO 8601, to the second or, where the order of two is asked for, to the microsecond."""
+def read_utc_time(*, fine: bool = False) -> str:
+    """Return the UTC time in ISO 8601, to the second or, if ``fine``, to the microsecond."""
     return datetime.datetime.now(datetime.UTC).strftime(f"%Y-%m-%dT%H:%M:%S{'.%f' if fine else ''}Z")
 
 
 def _content(path: Path) -> bytes:
+    """Return the content of a file; empty if there is no such file."""
     return path.read_bytes() if path.is_file() else b""
 
 
 def _git(*arguments: str) -> str:
-    if not (ROOT / ".git").exists():  # installed: a repository around the environment is another project's
+    """Return the output of a git command about this checkout; empty outside a checkout or if it fails."""
+    if not (ROOT / ".git").exists():  # if installed, a repository around the environment is another project's
         return ""
     try:
         done = subprocess.run(("git", *arguments), cwd=ROOT, capture_output=True, text=True, timeout=20, check=False)
@@ -118,11 +149,13 @@ def _git(*arguments: str) -> str:
 
 
 def _read_lock() -> list[str]:
+    """Return the names of the locked packages."""
     lines = _content(LOCK).decode().splitlines()
     return [line.split("==")[0] for line in lines if "==" in line and not line.startswith((" ", "#"))]
 
 
 def _version(name: str) -> str:
+    """Return the version of an installed package; empty if it is not installed."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
@@ -130,18 +163,18 @@ def _version(name: str) -> str:
 
 
 def _blas() -> list[dict[str, Any]]:
-    """Linear algebra libraries of NumPy, SciPy and, if installed, SUNDIALS, loaded here; no other package's count."""
+    """Return the linear algebra libraries of NumPy, SciPy and, if installed, SUNDIALS, but of no other package."""
     import numpy
-    import scipy.linalg  # noqa: F401
+    import scipy.linalg  # noqa: F401  its BLAS is listed once loaded
     from threadpoolctl import threadpool_info, threadpool_limits
 
-    with contextlib.suppress(ImportError):  # not to be had on every system
-        import sksundae  # noqa: F401
+    with contextlib.suppress(ImportError):  # not available on every system
+        import sksundae  # noqa: F401  as scipy.linalg
     packages, ours = Path(numpy.__file__).resolve().parents[1], ("numpy", "scipy", "scikit_sundae", "sksundae")
-    with threadpool_limits(limits=1):  # as where runs are run, whatever is set in this process
+    with threadpool_limits(limits=1):  # as in processes of runs, whatever is set in this one
         places = [(library, Path(library["filepath"]).resolve()) for library in threadpool_info()]
     return [b for b, p in places if not p.is_relative_to(packages) or p.relative_to(packages).parts[0].startswith(ours)]
 
 
-if __name__ == "__main__":  # the environment of a process like those of runs, for one that has loaded NumPy its own way
-    sys.stdout.write(json.dumps(stamp("", "", 1, ())))
+if __name__ == "__main__":  # print the environment as in processes of runs, for one that loaded NumPy otherwise
+    sys.stdout.write(json.dumps(describe_environment("", "", 1, ())))

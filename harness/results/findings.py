@@ -1,4 +1,4 @@
-"""A finding on a solver, a problem or a run: a quantity measured, what is required of it, and the verdict."""
+"""Define a finding on a solver, a problem or a run: a measured quantity, its requirement, and the verdict."""
 
 import math
 from dataclasses import asdict, dataclass, field
@@ -7,7 +7,7 @@ from typing import Any
 
 
 class Verdict(StrEnum):
-    """Whether a requirement is met."""
+    """A verdict on a requirement."""
 
     MET = "ok"
     FAILED = "FAIL"
@@ -16,14 +16,14 @@ class Verdict(StrEnum):
     XPASS = "XPASS"  # expected to fail, and did not: the expectation is out of date
 
     @classmethod
-    def of(cls, good: bool | None) -> "Verdict":
-        """The verdict on a requirement that is met, not met, or (None) could not be tested."""
+    def from_outcome(cls, good: bool | None) -> "Verdict":
+        """Return the verdict on a requirement that is met, not met, or (None) could not be tested."""
         return cls.OPEN if good is None else cls.MET if good else cls.FAILED
 
 
 @dataclass(frozen=True)
-class Measured:
-    """A quantity with its value; ``words`` say where it was found, or stand for a value that is no single number."""
+class MeasuredQuantity:
+    """A quantity with its value; ``words`` say where it was found, or stand for a value that is not one number."""
 
     quantity: str = ""
     value: float = math.nan
@@ -33,23 +33,23 @@ class Measured:
 
     @property
     def text(self) -> str:
-        """The value with its unit, or the words where there is no number."""
+        """The value with its unit, or the words if there is no number."""
         return self.words if math.isnan(self.value) else f"{self.value:.4g} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True)
-class Required:
-    """Limits of a value, or words; ``why`` and ``remedy`` are for whoever does not meet them."""
+class RequiredLimits:
+    """The limits of a value, or a requirement in words; ``why`` and ``remedy`` are shown if it fails."""
 
     least: float = -math.inf
     most: float = math.inf
     words: str = ""
-    why: str = ""
-    remedy: str = ""
+    why: str = ""  # reason for the limits
+    remedy: str = ""  # what to do about a failure
 
     @property
     def text(self) -> str:
-        """``at most 3``, ``2 to 3`` or the words."""
+        """The requirement in words: ``at most 3``, ``2 to 3``."""
         least, most = f"{self.least:.3g}", f"{self.most:.3g}"
         if self.words or not (math.isfinite(self.least) or math.isfinite(self.most)):
             return self.words
@@ -64,49 +64,66 @@ class Required:
 class Finding:
     """A measurement on ``subject``, its requirement, and the verdict."""
 
-    measured: Measured
-    required: Required = field(default_factory=Required)
+    measured: MeasuredQuantity
+    required: RequiredLimits = field(default_factory=RequiredLimits)
     verdict: Verdict = Verdict.OPEN
     subject: str = ""
-    cause: str = ""  # of a failure that has nothing to do with the requirement: a run that crashed, code that raised
+    cause: str = ""  # of a failure unrelated to the requirement: a run that crashed, code that raised
     before: float = math.nan  # the value when the requirement was set
 
     @property
     def holds(self) -> bool:
-        """Whether the requirement is met or could not be tested."""
+        """True unless the requirement failed, or an expected failure did not occur."""
         return self.verdict not in (Verdict.FAILED, Verdict.XPASS)
 
     @property
     def is_tested(self) -> bool:
-        """Whether there is a verdict."""
+        """True if there is a verdict: something is required and was tested."""
         return self.verdict is not Verdict.OPEN
 
     def as_plain(self) -> dict[str, Any]:
-        """One flat object for JSON."""
+        """Return the finding as a flat dict for JSON, without cause and earlier value."""
         measured, required = asdict(self.measured), asdict(self.required)
         required["required"] = required.pop("words")
         return {"subject": self.subject, "verdict": self.verdict.name.lower(), **measured, **required}
 
 
 def compare(
-    value: float, unit: str = "", least: float = -math.inf, most: float = math.inf, words: str = "",
-    *, good: bool = True, tested: bool = True, remedy: str = "", cause: str = "",
-) -> Finding:  # fmt: skip
-    """A value against its limits; NaN is outside, and ``good`` is False where more than the value is wrong."""
-    verdict = Verdict.of(good and least <= value <= most if tested else None)
-    return Finding(Measured("", value, unit, words=words), Required(least, most, remedy=remedy), verdict, cause=cause)
+    value: float,
+    unit: str = "",
+    least: float = -math.inf,
+    most: float = math.inf,
+    words: str = "",
+    *,
+    good: bool = True,
+    tested: bool = True,
+    remedy: str = "",
+    cause: str = "",
+) -> Finding:
+    """Return the finding on a value that must lie from ``least`` to ``most``; NaN lies outside.
+
+    ``words`` describe the value. With ``good=False`` it fails for another reason, ``tested=False`` leaves the verdict
+    open. ``remedy`` and ``cause`` are shown if it fails.
+    """
+    verdict = Verdict.from_outcome(good and least <= value <= most if tested else None)
+    return Finding(
+        MeasuredQuantity("", value, unit, words=words), RequiredLimits(least, most, remedy=remedy), verdict, cause=cause
+    )
 
 
-def fail(words: str, *, remedy: str = "", cause: str = "") -> Finding:
-    """A failure without a number."""
+def make_failure(words: str, *, remedy: str = "", cause: str = "") -> Finding:
+    """Return a finding that failed and has no number, such as a run that crashed."""
     return compare(math.nan, words=words, remedy=remedy, cause=cause)
 
 
 def leave_open(words: str) -> Finding:
-    """A requirement that could not be tested."""
+    """Return a finding on a requirement that could not be tested; ``words`` say why."""
     return compare(math.nan, words=words, tested=False)
 
 
 def state(quantity: str, words: str, required: str = "", good: bool | None = None) -> Finding:
-    """A finding in words; ``good`` is None where nothing is required or it could not be determined."""
-    return Finding(Measured(quantity, words=words), Required(words=required), Verdict.of(good))
+    """Return a finding in words instead of numbers; ``good`` is whether the requirement is met.
+
+    ``good`` is None if nothing is required or it could not be determined.
+    """
+    return Finding(MeasuredQuantity(quantity, words=words), RequiredLimits(words=required), Verdict.from_outcome(good))

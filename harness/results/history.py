@@ -1,6 +1,6 @@
-"""Results over commits: one row for each run of each results folder and from small files of such rows.
+"""Collect results over commits: one row per run of each results folder, and rows from small files.
 
-Rows are matched by ``settings_id``, which the code is no part of: a line over time is one ``settings``.
+Rows are matched by ``settings_id``, which excludes the code: all points of a line over time have the same.
 """
 
 from collections.abc import Iterable, Mapping
@@ -13,26 +13,30 @@ from msgspec.structs import replace
 from ..files import parse_json, read_text, to_json, write_text
 from ..shapes import convert_shape
 from . import store
-from .provenance import describe_processor, stamp_of
+from .provenance import describe_processor, read_environment
 from .records import RunRecord
 from .rows import METRICS, NAN, Row
 
-COMMITTED = Path("results") / "history"  # rows worth keeping for good, one file a run
-GATES = "history"  # beside the results folders: rows of runs that were judged by the gate and not kept
-SAME = ("suite", "settings_id", "case", "label", "problem", "solver", "status")  # as in a record
+COMMITTED = Path("results") / "history"  # rows that are kept permanently, one file per run
+GATES = "history"  # beside the results folders: rows of runs judged by the gate and not kept
+SAME = ("suite", "settings_id", "case", "label", "problem", "solver", "status")  # columns as in a record
 
 
 def read_folder(folder: Path) -> list[Row]:
-    """The rows of a results folder."""
+    """Return the rows of a results folder, one per run, from its newest records and its stamp."""
     return make_rows(
-        folder.resolve().name, stamp_of(folder), store.newest(store.load(folder, check_series=False).records)
+        folder.resolve().name, read_environment(folder), store.newest(store.load(folder, check_series=False).records)
     )
 
 
 def merge_rows(of_folders: Iterable[Iterable[Row]], of_files: Iterable[Iterable[Row]]) -> tuple[Row, ...]:
-    """All rows, the oldest first; judged rows, from files, replace those of folders."""
+    """Return the rows of results folders and of files together, the oldest first, with ratios of CPU times.
+
+    A row of a file replaces that of a folder for the same run, since the gate has judged it.
+    """
     found: dict[tuple[str, str], Row] = {}
-    for row in chain(chain.from_iterable(of_folders), chain.from_iterable(of_files)):  # files last: judged
+    # files last, since their rows are judged
+    for row in chain(chain.from_iterable(of_folders), chain.from_iterable(of_files)):
         found[row.results, row.settings_id] = row
     return _add_ratios(sorted(found.values(), key=lambda r: (r.time, r.results, r.case)))
 
@@ -40,7 +44,10 @@ def merge_rows(of_folders: Iterable[Iterable[Row]], of_files: Iterable[Iterable[
 def make_rows(
     results: str, stamp: Mapping[str, Any], records: Iterable[RunRecord], gate: Mapping[str, str] | None = None
 ) -> list[Row]:
-    """The rows of one run; ``stamp`` is its ``environment.json``, ``gate`` the state of each judged case."""
+    """Return a row for each record of the results folder named ``results``.
+
+    ``stamp`` is the folder's ``environment.json``, ``gate`` the state of each case that the gate judged.
+    """
     out = []
     for r in records:
         words: dict[str, Any] = {k: getattr(r, k) for k in SAME}
@@ -52,24 +59,25 @@ def make_rows(
 
 
 def find_histories(local: Path = store.LOCAL, committed: Path = COMMITTED) -> tuple[list[Path], list[Path]]:
-    """The results folders and the files of rows that there are."""
+    """Return the results folders in ``local``, and the files of rows: committed ones and those written by the gate."""
     folders = sorted(p for p in local.glob("*") if store.is_results(p) and not p.is_symlink())
     return folders, [*sorted(committed.glob("*.jsonl")), *sorted((local / GATES).glob("*.jsonl"))]
 
 
 def write_rows(path: Path, rows: Iterable[Row]) -> None:
-    """JSON lines; numbers that do not exist are null, ratios too: they depend on what else there is."""
+    """Write rows as lines of JSON; NaN becomes null, and so do ratios, which depend on the other rows."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, "".join(to_json(replace(r, cpu_ratio=NAN)) + "\n" for r in rows))
 
 
 def read_rows(path: Path) -> list[Row]:
-    """The inverse of ``write_rows``, or FileError."""
+    """Read the rows in a file that ``write_rows`` wrote; raise FileError, with the line, if one is invalid."""
     lines = read_text(path, "rows").splitlines()
     return [_parse_row(line, f"{path}:{n}") for n, line in enumerate(lines, start=1) if line.strip()]
 
 
 def _parse_row(line: str, where: str) -> Row:
+    """Return the row in a line of JSON; ``where`` names the line in messages."""
     plain = parse_json(line, where)
     if isinstance(plain, dict):
         plain = {k: NAN if v is None and k in METRICS else v for k, v in plain.items()}
@@ -77,6 +85,7 @@ def _parse_row(line: str, where: str) -> Row:
 
 
 def _add_ratios(rows: Iterable[Row]) -> tuple[Row, ...]:
+    """Return rows with ``cpu_ratio``: CPU time over that of the oldest success of the run on the same processor."""
     first: dict[tuple[str, str], float] = {}
     out = []
     for row in rows:

@@ -1,27 +1,28 @@
-"""Whether a run that claims success and breaks a law misleads who trusts it."""
+"""Decide whether a run that claims success and breaks a law misleads its user."""
 
 import math
 
 from ..types import Law, Status
-from .records import RunRecord, reasons_of
+from .records import RunRecord, parse_reasons
 
-RIGHT = 0.01  # of their sizes: errors of motion, velocities and reactions below which nobody is misled
-TO_THE_END = 0.98  # of the time, compared with the exact motion
+RIGHT = 0.01  # relative errors of motion, velocities and reactions below which nobody is misled
+TO_THE_END = 0.98  # fraction of the time that must be compared with the exact motion
 
 
 def is_right(r: RunRecord) -> bool:
-    """Whether its motion was compared to the end and poses, velocities and reactions, if it has any, are right."""
+    """Return whether the motion was compared to its end, with right poses, velocities and, if known, reactions."""
     pairs = [(r.motion_error_judged_m, r.length_scale_m), (r.rate_error_judged_m_per_s, r.speed_scale_m_per_s)]
-    if not math.isnan(r.reaction_error_max_N):
-        pairs.append((r.reaction_error_max_N, r.reaction_size_N))
+    for error, size in ((r.reaction_error_max_N, r.reaction_size_N), (r.moment_error_max_Nm, r.moment_size_Nm)):
+        if not math.isnan(error):
+            pairs.append((error, size))
     return r.judged_to_s >= TO_THE_END * r.t_end_s and all(error <= RIGHT * size for error, size in pairs)
 
 
-def misleads(r: RunRecord) -> bool:
-    """Whether it is a false success: wrong by a law of states, or by its own rates where its motion is not right.
+def is_misleading(r: RunRecord) -> bool:
+    """Return whether the run is a false success: it claims success but breaks a law of states.
 
-    The law on rates judges a derivative of what was recorded. Where that is right by comparison, it is no false
-    success, whatever its derivative is.
+    The law on rates alone counts only if the motion is not right. It judges a derivative of what was recorded; if the
+    motion is right by comparison, its derivative does not matter.
     """
-    laws = {reason.law for reason in reasons_of(r.wrong_because)}
+    laws = {reason.law for reason in parse_reasons(r.wrong_because)}
     return r.claimed == Status.SUCCESS and r.status == Status.WRONG and not (laws == {Law.TRUNCATION} and is_right(r))

@@ -1,21 +1,21 @@
-"""Options and parameters as one types them on the command line: in cases, in commands, on pages."""
+"""Format options and parameters as they are typed on the command line, for cases, commands and pages."""
 
 from collections.abc import Mapping
 from typing import Any
 
 
 def format_name(name: str, given: Mapping[str, Any]) -> str:
-    """``name[key=value,...]``; the name alone where all are defaults."""
-    inside = ",".join(f"{k}={text_of(v)}" for k, v in sorted(given.items()))
+    """Format ``name[key=value,...]`` with the values ``given``; the name alone if there are none."""
+    inside = ",".join(f"{k}={format_exactly(v)}" for k, v in sorted(given.items()))
     return f"{name}[{inside}]" if inside else name
 
 
-def text_of(value: Any) -> str:
-    """The text that is read back as the same value, to the last bit."""
+def format_exactly(value: Any) -> str:
+    """Format a value as text from which the same value is read back."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list | tuple):
-        return "(" + ",".join(map(text_of, value)) + ")"
+        return "(" + ",".join(map(format_exactly, value)) + ")"
     if isinstance(value, float):
         return f"{value:.12g}" if float(f"{value:.12g}") == value else repr(value)
     return str(value)

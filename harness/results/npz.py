@@ -1,4 +1,4 @@
-"""NPZ files: written whole or not at all, read as plain arrays within a limit on memory, without pickle."""
+"""Write NPZ files atomically, and read them as plain arrays within a limit on memory, without pickle."""
 
 import functools
 import hashlib
@@ -14,24 +14,25 @@ from typing import IO
 
 import numpy as np
 
-from ..places import Place, place_of
+from ..confined_paths import ConfinedPath, confine_path
 
-PLAIN = "biufU"  # kinds of numbers, and text
-MEMBERS = 1000  # arrays at most
-LONGEST_HEADER = 10_000  # [bytes] of an NPY file, which ends with the first end of a line
-XZ = b"\xfd7zXZ\0"
-PRESET = 1  # of xz: 6 makes files 6 % smaller and takes four times as long
-LEVEL = 1  # of compression: numbers of a motion shrink by 3 % more at zlib's own, which takes twice as long
+PLAIN = "biufU"  # dtype kinds of numbers and of text
+MEMBERS = 1000  # most arrays in a file
+LONGEST_HEADER = 10_000  # [bytes] of an NPY file's header, which ends at the first newline
+XZ = b"\xfd7zXZ\0"  # first bytes of an xz stream
+PRESET = 1  # preset of xz: 6 makes files 6 % smaller and takes four times as long
+LEVEL = 1  # zlib's default saves 3 % more on numbers of a motion and takes twice as long
 
 
 def write_npz(
-    path: Path | Place, arrays: Mapping[str, np.ndarray], *, compressed: bool = True, solid: bool = False
+    path: Path | ConfinedPath, arrays: Mapping[str, np.ndarray], *, compressed: bool = True, solid: bool = False
 ) -> str:
-    """Write ``arrays`` to ``path`` whole or not at all; returns the sha256 of the file.
+    """Write ``arrays`` to ``path`` atomically; return the sha256 of the file.
 
-    ``solid``: compressed by xz as one, which many small arrays need.
+    ``solid`` compresses all arrays together by xz, which suits many small arrays; otherwise each is compressed by zlib,
+    or, without ``compressed``, not at all.
     """
-    with place_of(path).whole() as file:
+    with confine_path(path).write_atomically() as file:
         if solid:
             with lzma.open(file, "wb", preset=PRESET) as one:
                 _write_members(one, arrays, zipfile.ZIP_STORED)
@@ -42,6 +43,7 @@ def write_npz(
 
 
 def _write_members(file: IO[bytes], arrays: Mapping[str, np.ndarray], kind: int) -> None:
+    """Write arrays to an open file as a ZIP archive of NPY files; ``kind`` is the method of compression."""
     with zipfile.ZipFile(file, "w", kind, compresslevel=LEVEL) as archive:
         for name, a in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
@@ -49,11 +51,14 @@ def _write_members(file: IO[bytes], arrays: Mapping[str, np.ndarray], kind: int)
 
 
 def read_npz(
-    source: Path | Place | bytes, largest: int, wanted: Callable[[str], bool] = lambda name: True
+    source: Path | ConfinedPath | bytes, largest: int, wanted: Callable[[str], bool] = lambda name: True
 ) -> dict[str, np.ndarray]:
-    """The arrays of a file that are ``wanted``; ValueError over ``largest`` bytes or if it is no NPZ file."""
+    """Read those arrays of an NPZ file, or of its content, whose names are ``wanted``.
+
+    Raise ValueError if it is larger than ``largest`` bytes, packed or unpacked, or not an NPZ file.
+    """
     try:
-        content = source if isinstance(source, bytes) else place_of(source).read(largest)
+        content = source if isinstance(source, bytes) else confine_path(source).read(largest)
         content = _decompress(content, largest) if content.startswith(XZ) else content
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = archive.infolist()
@@ -77,6 +82,7 @@ def read_npz(
 
 
 def _decompress(content: bytes, largest: int) -> bytes:
+    """Return the content of an xz stream; raise ValueError if it is incomplete or larger than ``largest`` bytes."""
     one = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=largest)
     found = one.decompress(content, max_length=largest)
     if not one.eof:
@@ -86,7 +92,7 @@ def _decompress(content: bytes, largest: int) -> bytes:
 
 @functools.lru_cache(1024)
 def _read_header(content: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
-    """Shape, order and type in the header of an NPY file, and where its data begin: many arrays have the same."""
+    """Return shape, whether in Fortran order, dtype and start of the data from an NPY header; headers repeat."""
     file = io.BytesIO(content)
     version = np.lib.format.read_magic(file)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
@@ -96,7 +102,7 @@ def _read_header(content: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
 
 
 def _array(content: bytes) -> np.ndarray:
-    """The array in an NPY file, which must hold exactly the bytes that its shape needs."""
+    """Return the array in an NPY file; raise ValueError unless it holds exactly the bytes that its shape needs."""
     end = content.find(b"\n", 0, LONGEST_HEADER) + 1
     shape, fortran, dtype, end = _read_header(content[: end or LONGEST_HEADER])
     data = content[end:]

@@ -1,6 +1,7 @@
-"""What is drawn made small in a series file: poses on a grid, envelopes as codes, both as differences, bytes apart.
+"""Pack what is only drawn in a series file: poses rounded to a grid, envelopes as codes, both as differences.
 
-What is judged is packed without loss: times follow from the steps where their sums have the same bits.
+Differences are stored as byte planes, which compress well. Data by which a run is judged are packed without loss: times
+are left out if sums of the steps give the same bits.
 """
 
 from collections.abc import Mapping
@@ -11,16 +12,19 @@ from jaxtyping import Int
 from .envelopes import Envelope
 
 Arrays = dict[str, np.ndarray]
-DRAWN = ("frame", "exact")  # poses
-GRID = 4e-4  # of the length of the motion: a step of positions, a fifth of a pixel of a picture
+DRAWN = ("frame", "exact")  # kinds of poses that are only drawn
+GRID = 4e-4  # step of positions, as a fraction of the motion's length: a fifth of a pixel
 TURNS = 2047  # steps of a quaternion's components from 0 to 1
-FAR = 2**30  # [steps] a motion that went farther keeps its positions as float32
-FINE = 6000  # even times that those of the exact motion are chosen from
-PACKED, ENVELOPE = "packed_", "env_"
+FAR = 2**30  # [steps] from the origin: positions farther away are kept as float32
+FINE = 6000  # equidistant times from which those of the exact motion are chosen
+PACKED, ENVELOPE = "packed_", "env_"  # prefixes of members
 
 
 def pack(arrays: Mapping[str, np.ndarray], envelopes: Mapping[str, Envelope], length: float) -> Arrays:
-    """The members of a file; ``length`` [m] of the motion."""
+    """Return the members of a brief series file with these arrays and envelopes.
+
+    Poses are rounded to what a picture shows, by a grid relative to ``length``, the length of the motion [m].
+    """
     out, t = dict(arrays), arrays["t"]
     if np.array_equal(_sum_steps(out["t"][:1], out["dt"]), out["t"]):
         out["t"] = out["t"][:1]
@@ -43,7 +47,10 @@ def pack(arrays: Mapping[str, np.ndarray], envelopes: Mapping[str, Envelope], le
 
 
 def unpack(members: Mapping[str, np.ndarray]) -> tuple[Arrays, dict[str, Envelope]]:
-    """The arrays and envelopes of a file; ValueError where they do not fit each other. Poses may be left out."""
+    """Return the arrays and envelopes in the members of a brief series file; raise ValueError if they are inconsistent.
+
+    Members with poses may be missing, if they were not read.
+    """
     out = {k: a for k, a in members.items() if not k.startswith((PACKED, ENVELOPE)) and k != "env"}
     if "t" in out and "dt" in out and len(out["t"]) == 1:
         out["t"] = _sum_steps(out["t"], out["dt"])
@@ -70,6 +77,7 @@ def unpack(members: Mapping[str, np.ndarray]) -> tuple[Arrays, dict[str, Envelop
 
 
 def _codes_of(packed: np.ndarray) -> Int[np.ndarray, "2 spans"]:
+    """Return the codes of an envelope's lower and upper bounds from their packed differences."""
     values = _together(packed)
     if len(values) % 2:
         raise ValueError(f"an envelope of {len(values)} numbers")
@@ -79,11 +87,16 @@ def _codes_of(packed: np.ndarray) -> Int[np.ndarray, "2 spans"]:
 
 
 def _sum_steps(start: np.ndarray, dt: np.ndarray) -> np.ndarray:
+    """Return the times [s] of accepted steps: the start, then sums of the steps ``dt`` without the first of them."""
     return np.cumsum(np.concatenate((start, dt[1:])))
 
 
 def _pack_poses(kind: str, r: np.ndarray, q: np.ndarray, length: float) -> Arrays:
-    """Where they are finite and near enough; else r stays as it is, NaN of q become 0."""
+    """Return the members that hold the positions ``r`` [m] and quaternions ``q`` of one kind of pose.
+
+    Positions that are too far or not finite are kept as they are, and NaN in ``q`` becomes 0. ``length`` [m] is that of
+    the motion.
+    """
     step = GRID * (length if length > 0.0 else 1.0)
     steps = np.rint(r.astype(float) / step)
     turned = np.rint(TURNS * _continue_signs(np.nan_to_num(q.astype(float))))
@@ -94,12 +107,13 @@ def _pack_poses(kind: str, r: np.ndarray, q: np.ndarray, length: float) -> Array
 
 
 def _continue_signs(q: np.ndarray) -> np.ndarray:
-    """Each quaternion with the sign that lies nearer to the one before; both mean the same turn."""
+    """Return quaternions with the sign of each that is nearer to the one before; both signs are the same rotation."""
     signs = np.where(np.sum(q[1:] * q[:-1], axis=-1) < 0.0, -1.0, 1.0)
     return np.concatenate((q[:1], q[1:] * np.cumprod(signs, axis=0)[..., None]))
 
 
 def _unpack_poses(kind: str, members: Mapping[str, np.ndarray]) -> Arrays:
+    """Return positions [m] and unit quaternions of one kind of pose; a zero quaternion becomes NaN, as it was."""
     n, nb = map(int, members[f"{PACKED}{kind}_shape"])
     turned = _along_back(members[f"{PACKED}{kind}_q"], (n, nb, 4)) / TURNS
     size = np.linalg.norm(turned, axis=2, keepdims=True)
@@ -112,13 +126,14 @@ def _unpack_poses(kind: str, members: Mapping[str, np.ndarray]) -> Arrays:
 
 
 def _along(a: Int[np.ndarray, "n ..."]) -> np.ndarray:
-    """Second differences along the first axis, one column after the other: a path bends less than it moves."""
+    """Return second differences along the first axis, column by column, as byte planes; small for a smooth motion."""
     flat = a.reshape(len(a), -1)
     zeros = np.zeros_like(flat[:1])
     return _apart(np.diff(np.concatenate((zeros, zeros, flat)), n=2, axis=0).T.ravel())
 
 
 def _along_back(packed: np.ndarray, shape: tuple[int, ...]) -> Int[np.ndarray, "n ..."]:
+    """Return numbers of this shape from the second differences that ``_along`` packed; raise ValueError if wrong."""
     values = _together(packed)
     if min(shape) < 1 or len(values) != np.prod(shape):
         raise ValueError(f"{len(values)} numbers of poses where the shape is {shape}")
@@ -127,11 +142,15 @@ def _along_back(packed: np.ndarray, shape: tuple[int, ...]) -> Int[np.ndarray, "
 
 
 def _apart(a: Int[np.ndarray, " n"]) -> np.ndarray:
-    """The first bytes of all numbers, then the second and so on: equal ones follow each other."""
+    """Return the byte planes of integers: the lowest byte of each, then the second and so on, of shape (4, n) uint8.
+
+    This makes equal bytes adjacent, which compresses well.
+    """
     return np.ascontiguousarray(a.astype("<i4").view(np.uint8).reshape(-1, 4).T)
 
 
 def _together(planes: np.ndarray) -> Int[np.ndarray, " n"]:
+    """Return the integers in byte planes, the inverse of ``_apart``; raise ValueError for another shape or type."""
     if planes.dtype != np.uint8 or planes.ndim != 2 or len(planes) != 4:
         raise ValueError(f"packed numbers of {planes.dtype} of shape {planes.shape}")
     return np.ascontiguousarray(planes.T).view("<i4").ravel().astype(np.int32)

@@ -1,4 +1,4 @@
-"""Inputs in which two runs differ: possible causes of different results."""
+"""Find inputs in which two runs differ, as possible causes of different results."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -6,33 +6,41 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..confined_paths import ConfinedPath
 from ..files import FileError, parse_json, read_text
-from ..places import Place
 from . import environment
 
-WORDS = {
-    "code": "code that shapes results", "lock_sha256": "lock file", "python": "Python",
-    "implementation": "Python implementation", "cpu": "processor", "machine": "machine type",
-    "system": "operating system", "blas": "linear algebra libraries and their kernels",
-    "simd": "SIMD features of NumPy", "llvm": "processor that code is compiled for", "libc": "C library",
-    "threads": "threads", "plugins": "plugins",
+WORDS = {  # compared keys of a stamp, in words
+    "code": "code that shapes results",
+    "lock_sha256": "lock file",
+    "python": "Python",
+    "implementation": "Python implementation",
+    "cpu": "processor",
+    "machine": "machine type",
+    "system": "operating system",
+    "blas": "linear algebra libraries and their kernels",
+    "simd": "SIMD features of NumPy",
+    "llvm": "processor that code is compiled for",
+    "libc": "C library",
+    "threads": "threads",
+    "plugins": "plugins",
     "suite": "suite",
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
 class Difference:
-    """An input that differs."""
+    """An input that differs between two stamps."""
 
-    what: str
+    what: str  # in words
     before: str
     after: str
-    detail: str = ""
+    detail: str = ""  # files that changed, if the code differs
 
 
-def stamp_of(folder: Path, name: str = "environment.json") -> dict[str, Any]:
-    """The environment in a results folder; empty where it cannot be read, NotOwn where it is a link."""
-    path = Place(folder) / name
+def read_environment(folder: Path, name: str = "environment.json") -> dict[str, Any]:
+    """Return a stamp of a results folder; empty if it cannot be read; raise UnsafeFile for a link."""
+    path = ConfinedPath(folder) / name
     try:
         plain = parse_json(read_text(path, "environment"), str(path))
     except FileError:
@@ -41,13 +49,13 @@ def stamp_of(folder: Path, name: str = "environment.json") -> dict[str, Any]:
 
 
 def find_differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Difference]:
-    """Inputs of two stamps that differ; one that is missing counts as unknown."""
+    """Return the inputs in which two stamps differ; if a whole stamp is missing, that is the only difference."""
     if not (before and after):
         return [Difference("environment.json", *("there" if s else "missing" for s in (before, after)))]
     out = []
     for key, words in WORDS.items():
         a, b = before.get(key), after.get(key)
-        if environment.text_of(a) != environment.text_of(b):
+        if environment.format_setting(a) != environment.format_setting(b):
             detail = _list_changed_files(before, after) if key == "code" else ""
             out.append(Difference(words, _format(a), _format(b), detail))
     a, b = (s.get("packages") if isinstance(s.get("packages"), dict) else {} for s in (before, after))
@@ -59,12 +67,12 @@ def find_differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> lis
 
 
 def same_platform(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
-    """Whether numbers must agree bit for bit if the code does."""
+    """Return whether runs of equal code must agree bit for bit, by their stamps; False if the first one is empty."""
     return bool(before) and environment.arithmetic(before) == environment.arithmetic(after)
 
 
 def describe_processor(stamp: Mapping[str, Any]) -> str:
-    """The processor of a stamp, with the kernels of its linear algebra where these are not those of every processor."""
+    """Return the processor in a stamp, with its linear algebra kernels if these are not pinned."""
     blas = stamp.get("blas") if isinstance(stamp.get("blas"), list) else []
     assert isinstance(blas, list)
     kernels = sorted({str(b["architecture"]) for b in blas if isinstance(b, dict) and b.get("architecture")})
@@ -74,13 +82,14 @@ def describe_processor(stamp: Mapping[str, Any]) -> str:
 
 
 def describe_differences(found: Sequence[Difference]) -> str:
-    """The differences in a sentence."""
+    """Describe the differences between two stamps in a sentence; without any, name what may differ nevertheless."""
     if not found:
         return "no input differs: a solver is not deterministic, or a limit on time or memory was reached"
     return "; ".join(f"{d.what} {d.before} -> {d.after}" + (f" ({d.detail})" if d.detail else "") for d in found)
 
 
 def _list_changed_files(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+    """Name up to five files that differ between the commits of two stamps, and note uncommitted changes."""
     commits = [str(s.get("commit", "")) for s in (before, after)]
     note = "uncommitted changes" if before.get("dirty") or after.get("dirty") else ""
     if not all(commits) or commits[0] == commits[1]:
@@ -91,6 +100,7 @@ def _list_changed_files(before: Mapping[str, Any], after: Mapping[str, Any]) -> 
 
 
 def _format(value: Any) -> str:
+    """Return the value of a stamp as text, ``none`` if it is empty."""
     if value in (None, "", []):
         return "none"
     return value if isinstance(value, str) else json.dumps(value)

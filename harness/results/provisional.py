@@ -1,27 +1,32 @@
-"""Records of how the harness ended, not of what a run does: a limit on the suite, or a lost process that many runs
-share. They stand until the suite is resumed, which moves them aside and repeats the runs.
+"""Identify records of runs that ended for a reason outside them: a limit on the suite, a shared process, a signal.
+
+They stand until the suite is resumed, which moves them aside and repeats the runs.
 """
 
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..places import Place
-from ..types import EndedBy, Status
+from ..confined_paths import ConfinedPath
+from ..types import EndCause, Status
 from .records import RunRecord
-from .store import Unreadable, end_key
+from .store import UnreadableFile, end_key
 
-PROVISIONAL = (
-    EndedBy.TOTAL_LIMIT, EndedBy.SUPERVISOR_LOST, EndedBy.WORKERS_LOST, EndedBy.KILLED, EndedBy.SUSPENDED
-)  # fmt: skip
+PROVISIONAL = (  # causes outside a run, which say nothing about it
+    EndCause.TOTAL_LIMIT,
+    EndCause.SUPERVISOR_LOST,
+    EndCause.WORKERS_LOST,
+    EndCause.KILLED,
+    EndCause.SUSPENDED,
+)
 
 
 def is_provisional(record: RunRecord) -> bool:
-    """Whether the same run may well end differently next time."""
+    """Return whether a run ended for a reason outside it, so that it may end differently if repeated."""
     return record.ended_by in PROVISIONAL
 
 
 def latest_of_each(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
-    """The latest record of each run; beside a success, records cut short or crashed do not count."""
+    """Return the latest record of each run; if one succeeded, records of runs cut short or crashed do not count."""
     found: dict[str, list[RunRecord]] = {}
     for r in sorted(records, key=lambda r: (end_key(r), r.run_id)):
         found.setdefault(r.settings_id, []).append(r)
@@ -29,13 +34,19 @@ def latest_of_each(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
 
 
 def _pick_latest(same: list[RunRecord]) -> RunRecord:
+    """Return the latest of the records of one run, which are sorted by their ends; a crash does not hide a success."""
     whole = [r for r in same if not (is_provisional(r) or r.status == Status.CRASHED)]
     succeeded = any(r.status == Status.SUCCESS for r in whole)
     return (whole if succeeded else same)[-1]
 
 
-def files_of(folder: Path, record: RunRecord, why: str = "") -> list[Unreadable]:
-    """Files to set aside before the run is repeated: its record first, with the reason."""
+def list_record_files(folder: Path, record: RunRecord, why: str = "") -> list[UnreadableFile]:
+    """Return the files of a record that are to be set aside, the record first, each with the reason.
+
+    ``why`` is the reason; by default, that the run was cut short and is repeated.
+    """
     why = why or f"the run was cut short ({record.ended_by}) and is repeated"
     names = (f"runs/{record.run_id}.json", record.series, record.stderr)
-    return [Unreadable(folder / name, why) for name in names if name and (Place(folder) / name).is_own_file()]
+    return [
+        UnreadableFile(folder / name, why) for name in names if name and (ConfinedPath(folder) / name).is_own_file()
+    ]

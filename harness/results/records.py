@@ -1,7 +1,7 @@
-"""The record of one run: what was asked, how it ended, what was measured, what it cost. All that reports see.
+"""Define the record of one run: its settings, how it ended, its measurements and its cost, all that reports see.
 
 A record is flat: every field is a column of ``runs.parquet``, with its unit at the end of its name and its meaning
-here. Things of which problems and solvers have different ones (options, counters, invariants) are JSON strings.
+here. Options, counters and invariants, which differ between problems and solvers, are JSON strings.
 """
 
 import dataclasses
@@ -20,21 +20,21 @@ from ..types import PREDICTABLE, Reason
 
 T = TypeVar("T")
 
-SCHEMA = 3  # raise it when a column changes its meaning or goes; a new column with a default keeps it
+SCHEMA = 3  # raise it when a column changes its meaning or is removed; not for a new column with a default
 NAN = float("nan")
-ESSENTIAL = ("run_id", "case", "problem", "solver", "status")  # others may be newer than the file
+ESSENTIAL = ("run_id", "case", "problem", "solver", "status")  # other columns may be newer than the file
 
 
 def column(doc: str, default: Any = NAN) -> Any:
-    """A field with its meaning."""
+    """Return a field of the record with ``doc``, the meaning of its column, and the value of a record that lacks it."""
     return dataclasses.field(default=default, metadata={"doc": doc})
 
 
 @dataclass(frozen=True, repr=False)
 class RunRecord:
-    """One run. NaN (or an empty string) where a quantity does not exist, e.g. an error without a reference."""
+    """The record of a run; NaN or an empty string if a quantity does not exist, e.g. an error without a reference."""
 
-    # asked
+    # settings
     run_id: str = column("content address: problem, parameters, solver, options, step or tolerance, code", "")
     settings_id: str = column("content address without the code: equal between runs of different commits", "")
     case: str = column("the settings in words, unique in a suite: 'heavy_top gc_weak_form dt=0.001'", "")
@@ -126,6 +126,8 @@ class RunRecord:
     angular_velocity_error_max_rad_per_s: float = column("max over time and bodies of |Omega - Omega_exact|")
     reaction_error_max_N: float = column("max over instants and bodies of the error of the joint forces' sum on a body")
     reaction_size_N: float = column("largest such sum of the exact motion")
+    moment_error_max_Nm: float = column("max over instants and bodies of the error of the joints' moment about its C")
+    moment_size_Nm: float = column("largest such moment of the exact motion, or force at the farthest joint")
     judged_to_s: float = column("errors are judged up to here: beyond, the motion is chaotic")
     reference_own_error_judged_m: float = column("stated error of the reference up to there")
     motion_error_judged_m: float = column("max of the motion error up to there")
@@ -189,7 +191,7 @@ class RunRecord:
     series_rows: int = column("rows in it; fewer than steps + 1 when thinned", 0)
     stderr: str = column("what the run wrote to standard error, empty if nothing", "")
 
-    # where from
+    # origin
     code: str = column("digest of what shapes its numbers: solver, problem, measuring, plugins, locked packages", "")
     commit: str = column("commit of the checkout, '+dirty' if it had changes", "")
     environment: str = column("its machine and packages: environment.<this>.json of the results folder", "")
@@ -202,12 +204,13 @@ class RunRecord:
 
 
 COLUMNS: tuple[dataclasses.Field, ...] = dataclasses.fields(RunRecord)
+# types in JSON columns: a count, and a number that may not be finite
 Counted = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1, description="a whole number of 64 bits")]
 Number = float | Literal["nan", "inf", "-inf"]
 
 
 class Extent(Shape, frozen=True):
-    """An error or a drift of something with a name."""
+    """The largest and last value of a named error or drift with its unit; of an invariant also its start."""
 
     max: Number = "nan"
     end: Number = "nan"
@@ -215,20 +218,26 @@ class Extent(Shape, frozen=True):
     unit: str = ""
 
 
-JSON_COLUMNS: Mapping[str, Any] = {
-    "problem_parameters": dict[str, Any], "solver_options": dict[str, Any], "counters": dict[str, Counted],
-    "observable_errors": dict[str, Extent], "invariant_drifts": dict[str, Extent],
+JSON_COLUMNS: Mapping[str, Any] = {  # type of the content of each column that is JSON
+    "problem_parameters": dict[str, Any],
+    "solver_options": dict[str, Any],
+    "counters": dict[str, Counted],
+    "observable_errors": dict[str, Extent],
+    "invariant_drifts": dict[str, Extent],
     "notes": list[str],
-}  # fmt: skip
+}
 
 
 def is_literal(record: RunRecord) -> bool:
-    """Whether it starts as printed, with a start that opens its joints (``Problem.literal_start``)."""
+    """Return whether the run starts exactly as printed, although that opens joints (``Problem.literal_start``)."""
     return bool(files.parse_json(record.problem_parameters, "parameters").get("literal_start"))
 
 
 def judged_own(record: RunRecord) -> float:
-    """Stated error [m] of the reference while errors are judged; older records were judged below a limit on it."""
+    """Return the reference's stated error [m] over the time in which errors are judged, or an upper bound of it.
+
+    Older records have only the stated error over all time, hence the bound.
+    """
     known, length = record.reference_own_error_judged_m, record.length_scale_m
     if not math.isnan(known):
         return known
@@ -236,19 +245,19 @@ def judged_own(record: RunRecord) -> float:
 
 
 def cpu_range(record: RunRecord) -> tuple[float, float]:
-    """Quartiles of the repeats' CPU time [s], which more repeats do not move apart; of older records the extremes."""
+    """Return the lower and upper quartile of the repeats' CPU times [s]; for older records the extremes."""
     if math.isnan(record.cpu_q1_s):
         return record.cpu_min_s, record.cpu_max_s
     return record.cpu_q1_s, record.cpu_q3_s
 
 
 def to_json(record: RunRecord) -> str:
-    """The record as strict JSON: numbers that are not finite as strings ``"nan"``, ``"inf"``, ``"-inf"``."""
+    """Format the record as strict JSON; numbers that are not finite become ``"nan"``, ``"inf"``, ``"-inf"``."""
     return files.to_json({c.name: files.exact(getattr(record, c.name)) for c in COLUMNS}, indent=1)
 
 
 def from_json(text: str) -> RunRecord:
-    """The record in ``text``, or FileError: not JSON, foreign, of another schema, or of wrong types."""
+    """Return the record in ``text``; raise FileError if it is not JSON, foreign, of another schema, or ill-typed."""
     plain = files.parse_json(text, "record")
     if not isinstance(plain, dict) or "schema" not in plain or "run_id" not in plain:
         raise FileError("not a record of a run")
@@ -267,24 +276,27 @@ def from_json(text: str) -> RunRecord:
     for name, kind in JSON_COLUMNS.items():
         where = f"column {name}"
         convert_shape(files.parse_json(getattr(record, name), where), kind, where)
-    reasons_of(record.wrong_because)
+    parse_reasons(record.wrong_because)
     return record
 
 
 def reasons_json(reasons: Iterable[Reason]) -> str:
-    """The column ``wrong_because``."""
+    """Format reasons as the text of the column ``wrong_because``, a JSON list."""
     return files.to_json([{k: files.exact(v) for k, v in vars(r).items()} for r in reasons])
 
 
-def reasons_of(wrong_because: str) -> tuple[Reason, ...]:
-    """The inverse of ``reasons_json``, or FileError."""
+def parse_reasons(wrong_because: str) -> tuple[Reason, ...]:
+    """Return the reasons in the text of the column ``wrong_because``; raise FileError if it is invalid."""
     where = "column wrong_because"
     found = convert_shape(files.parse_json(wrong_because, where), list[dict[str, Any]], where)
     return tuple(_convert(plain, Reason, where) for plain in found)
 
 
 def _convert(plain: Mapping[str, Any], kind: type[T], where: str) -> T:
-    """``plain`` as the dataclass ``kind``, its numbers that are not finite taken back from text."""
+    """Convert the values ``plain`` to the dataclass ``kind``; the texts "nan", "inf" and "-inf" become numbers.
+
+    Raise FileError, which names ``where``, if they do not fit.
+    """
     floats = {f.name for f in dataclasses.fields(kind) if f.type is float}  # type: ignore[arg-type]
     given = {k: float(v) if k in floats and v in ("nan", "inf", "-inf") else v for k, v in plain.items()}
     return convert_shape(given, kind, where)

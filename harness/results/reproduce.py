@@ -1,4 +1,4 @@
-"""The command that runs a run again: a record as a line for the shell."""
+"""Write the command that repeats a run, from its record."""
 
 import json
 import math
@@ -7,33 +7,37 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..types import StepControl
-from .naming import text_of
+from .naming import format_exactly
 from .records import RunRecord
 
-REFEREED = "refereed"  # in place of a suite: the motion came from a file
+REFEREED = "refereed"  # suite of runs whose motion came from a file
 
 
 def write_command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> str:
-    """``mbsbench solve ...`` with all that shapes the motion, the wall limit included, each word quoted.
+    """Return ``mbsbench solve ...`` with everything that shapes the motion, and the limit on time, each word quoted.
 
-    ``plugins`` are those of the run's ``environment.json``; the NPZ file is ``out``, or the run's address.
+    ``plugins`` are those of the run's ``environment.json``; the NPZ file is ``out``, or named after the run_id. For a
+    motion that came from a file it is ``mbsbench referee ...``.
     """
     if record.suite == REFEREED:
-        t_end = ["--t-end", text_of(record.t_end_s)]
+        t_end = ["--t-end", format_exactly(record.t_end_s)]
         return shlex.join(["mbsbench", "referee", record.problem, "FILE", *t_end, "--name", record.solver])
     words = ["mbsbench", "solve", record.problem, record.solver]
     for plugin in plugins:
         words += ["--plugin", plugin]
     for name, value in json.loads(record.problem_parameters).items():
-        words += ["--problem-set", f"{name}={text_of(value)}"]
-    for name, value in {**json.loads(record.solver_options), **control_of(record)}.items():
-        words += ["--set", f"{name}={text_of(value)}"]
+        words += ["--problem-set", f"{name}={format_exactly(value)}"]
+    for name, value in {**json.loads(record.solver_options), **list_control(record)}.items():
+        words += ["--set", f"{name}={format_exactly(value)}"]
     words += ["--out", out or f"{record.run_id or record.problem}.npz"]
     return shlex.join(words)
 
 
-def control_of(record: RunRecord) -> dict[str, Any]:
-    """Step, tolerance and limits that ``solve`` takes by ``--set``; those that do not exist are left out."""
+def list_control(record: RunRecord) -> dict[str, Any]:
+    """Return the step or tolerance and the limits of a run, by name, as ``solve`` takes them by ``--set``.
+
+    Those that the run does not have, and a default ``max_steps``, are left out.
+    """
     r = record
     max_steps = math.nan if r.max_steps in (0, StepControl.max_steps) else r.max_steps
     given = {

@@ -1,4 +1,4 @@
-"""One run of one results folder as a row of a history."""
+"""Define a row of a history: one run of one results folder."""
 
 from msgspec.structs import fields
 
@@ -8,7 +8,7 @@ NAN = float("nan")
 
 
 class Row(Shape, frozen=True):
-    """One run of one results folder. NaN where a quantity does not exist."""
+    """The numbers of one run in a history; NaN where a quantity does not exist."""
 
     commit: str  # '+dirty' when the checkout had changes
     time: str  # UTC, ISO 8601: when the run was started
@@ -20,7 +20,7 @@ class Row(Shape, frozen=True):
     problem: str
     solver: str
     status: str
-    gate: str = ""  # the worst state of the gate's findings on the run; empty where no gate has judged
+    gate: str = ""  # the worst state of the gate's findings on the run; empty if not judged
     energy_drift_max_J: float = NAN
     energy_scale_J: float = NAN
     position_error_max_m: float = NAN
@@ -30,7 +30,7 @@ class Row(Shape, frozen=True):
     phi_dot_max: float = NAN
     steps: float = NAN
     cpu_min_s: float = NAN
-    cpu_ratio: float = NAN  # cpu_min_s over that of the oldest success of this run on the same processor
+    cpu_ratio: float = NAN  # cpu_min_s relative to the oldest success of this run on the same processor
     processor: str = ""
 
 

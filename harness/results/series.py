@@ -1,7 +1,7 @@
-"""The series file of a run: NPZ, no pickle. Scalars over accepted steps or their envelopes, poses thinned for drawing.
+"""Read and write a run's series file (NPZ, no pickle): scalars at accepted steps or as envelopes, and thinned poses.
 
-A file of every step has schema 1; one that keeps envelopes and packs what is drawn has schema 2. Written once by the
-run's process, read by reports; its digest is in the run's record.
+A plain file, with every step, has schema 1. A brief file, of schema 2, has envelopes of most scalars and packs what is
+only drawn. The file is written once, by the run's process, and read by reports; its digest is in the run's record.
 """
 
 import hashlib
@@ -14,36 +14,36 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from ..confined_paths import ConfinedPath, confine_path
 from ..files import FileError, parse_json, to_json
-from ..places import Place, place_of
 from ..shapes import Shape, convert_shape
 from .envelopes import Envelope
 from .npz import read_npz, write_npz
 from .packing import PACKED, pack, unpack
 
-PLAIN: Literal[1] = 1  # schemas
-BRIEF: Literal[2] = 2
+PLAIN: Literal[1] = 1  # schema of a file with every step
+BRIEF: Literal[2] = 2  # schema of a brief file
 KIND: Literal["mbsbench series"] = "mbsbench series"
-LARGEST = 2**28  # [bytes] of a file, and of its arrays: ten times the longest
+LARGEST = 2**28  # [bytes] of a file, and of its arrays: ten times the largest one
 MARKS = "period_marks"  # [s] ends of the periods of a long motion
-LAST = "last_"  # the last rows of a series that is kept as an envelope
-POSES = ("frame", "exact", "state", "sample")  # along times of their own
-BUNDLED = ("bundled_states", "bundled_samples", "bundled_between")  # which states of a brief file a bundle takes
-TOGETHER = (  # series of which a file has all or none
+LAST = "last_"  # prefix of the last rows of a series that is kept as an envelope
+POSES = ("frame", "exact", "state", "sample")  # arrays along their own times
+BUNDLED = ("bundled_states", "bundled_samples", "bundled_between")  # states of a brief file that a bundle takes
+TOGETHER = (  # groups of series that a file has completely or not at all
     {"exact_t", "exact_r", "exact_q"},
     {"frame_t", "frame_r", "frame_q"},
-)  # fmt: skip
-OTHER = ("end_", "start_", "joint_", "gravity", "system_", LAST, MARKS, "bundled_")  # not along time
-NAMED = 8  # series in a line
+)
+OTHER = ("end_", "start_", "joint_", "gravity", "system_", LAST, MARKS, "bundled_")  # arrays not along time
+NAMED = 8  # most series named in the line of ``repr``
 
 
-class Enveloped(FileError):
-    """Every step of a series is asked for that is kept as an envelope."""
+class EnvelopedSeries(FileError):
+    """A request for every step of a series that is kept as an envelope."""
 
 
 @dataclass(frozen=True, repr=False)
 class Series:
-    """The arrays of one series file by name, as listed in ``docs/results-format.md``; all read-only.
+    """The arrays of one series file by name, as listed in ``docs/results-format.md``; all are read-only.
 
     A series is kept at the rows ``t`` in ``arrays``, or as one of the ``envelopes``; ``points`` draws either.
     """
@@ -52,13 +52,13 @@ class Series:
     events: tuple[Mapping[str, Any], ...]
     body_names: tuple[str, ...]
     joint_names: tuple[str, ...]
-    units: Mapping[str, str]  # of obs_, ref_ and inv_ series, by full name
-    symbols: Mapping[str, str]  # mathtext without $, of obs_ series, by full name
-    peaks: Mapping[str, float] = field(default_factory=dict)  # [s] when reported maxima occurred, by column
-    reference: str = ""  # where it comes from: ``harness.reference.computation.Source``
+    units: Mapping[str, str]  # units of obs_, ref_ and inv_ series, by full name
+    symbols: Mapping[str, str]  # symbols of obs_ series in mathtext without $, by full name
+    peaks: Mapping[str, float] = field(default_factory=dict)  # times of reported maxima [s], by column
+    reference: str = ""  # its source: ``harness.reference.computation.Source``
     envelopes: Mapping[str, Envelope] = field(default_factory=dict)
-    steps_sha256: str = ""  # of all accepted steps, whether kept or not; empty in older files
-    length: float = math.nan  # [m] of the motion, where what is drawn is packed
+    steps_sha256: str = ""  # digest of all accepted steps, kept or not; empty in older files
+    length: float = math.nan  # length of the motion [m], if the file is packed; else NaN
 
     def __repr__(self) -> str:
         t, inner = self.arrays.get("t", np.zeros(0)), ("diag_", *POSES, *OTHER)
@@ -68,13 +68,15 @@ class Series:
         return f"<Series of {len(t)} times{until}: {', '.join(names[:NAMED]) or 'nothing'}{more}>"
 
     def __getitem__(self, name: str) -> np.ndarray:
+        """Return the series at its rows; raise EnvelopedSeries if it is an envelope, FileError if it is missing."""
         if name in self.envelopes:
-            raise Enveloped(
+            raise EnvelopedSeries(
                 f"{name} is kept as an envelope: ask for its points, or run again with --lossless for all its steps"
             )
         return self._rows(name)
 
     def _rows(self, name: str) -> np.ndarray:
+        """Return the array of that name; raise FileError if there is none."""
         if name not in self.arrays:
             raise FileError(f"a series file lacks {name}, which every run writes")
         return self.arrays[name]
@@ -84,34 +86,34 @@ class Series:
 
     @property
     def is_brief(self) -> bool:
-        """Whether states, poses and series that nothing judges are kept as far as they are drawn."""
+        """True for a brief file, which keeps states, poses and scalars only as far as judging and drawing need them."""
         return self.length == self.length
 
     def get(self, name: str) -> np.ndarray | None:
-        """The series at its rows, None if there is none; Enveloped where rows are not kept."""
+        """Return the series at its rows, None if there is none; raise EnvelopedSeries if it is an envelope."""
         if name in self.envelopes:
             return self[name]
         return self.arrays.get(name)
 
     def points(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Times and values to draw: every row, or the least and the largest value of each span."""
+        """Return times [s] and values to draw: every row or, for an envelope, the bounds of each span."""
         return self.envelopes[name].points if name in self.envelopes else (self.arrays["t"], self._rows(name))
 
     def tail(self, name: str, rows: int) -> np.ndarray:
-        """The last ``rows`` values, or as many as are kept."""
+        """Return the last ``rows`` values of a series, or fewer if fewer are kept, as beside an envelope."""
         kept = self.arrays.get(LAST + name, np.zeros(0)) if name in self.envelopes else self._rows(name)
         return kept[-rows:]
 
     def names(self, prefix: str) -> list[str]:
-        """What follows ``prefix`` in the names of all series that begin with it."""
+        """Return the names of all series that begin with ``prefix``, with the prefix removed."""
         return [k[len(prefix) :] for k in (*self.arrays, *self.envelopes) if k.startswith(prefix)]
 
     def select(self, prefix: str) -> dict[str, np.ndarray]:
-        """All series whose name starts with ``prefix`` (``"obs_"``), by the rest of it."""
+        """Return the series at their rows whose names begin with ``prefix``, such as ``obs_``, by name without it."""
         return {k[len(prefix) :]: a for k, a in self.arrays.items() if k.startswith(prefix)}
 
 
-class Head(Shape, frozen=True):
+class SeriesHeader(Shape, frozen=True):
     """The member ``meta`` of a series file, as JSON."""
 
     events: tuple[dict[str, Any], ...]
@@ -127,23 +129,23 @@ class Head(Shape, frozen=True):
     schema: Literal[1, 2] = 1
 
 
-def write_series(path: Path | Place, series: Series) -> str:
-    """Write whole or not at all; returns the sha256 of the file."""
+def write_series(path: Path | ConfinedPath, series: Series) -> str:
+    """Write a series file atomically; return its sha256."""
     events = tuple(map(dict, series.events))
     names = (series.body_names, series.joint_names, dict(series.units), dict(series.symbols))
     about = (dict(series.peaks), series.reference, series.steps_sha256)
     if series.is_brief:
-        head = Head(events, *names, *about, series.length, schema=BRIEF)
+        head = SeriesHeader(events, *names, *about, series.length, schema=BRIEF)
         arrays = pack(series.arrays, series.envelopes, series.length)
     else:
-        head, arrays = Head(events, *names, *about, schema=PLAIN), dict(series.arrays)
+        head, arrays = SeriesHeader(events, *names, *about, schema=PLAIN), dict(series.arrays)
     return write_npz(path, {"meta": np.asarray(to_json(head)), **arrays}, solid=series.is_brief)
 
 
-def read_series(path: Path | Place, sha256: str = "", *, poses: bool = True) -> Series:
-    """The series in ``path``, or FileError; with ``sha256``, only if the file is the one that was recorded.
+def read_series(path: Path | ConfinedPath, sha256: str = "", *, poses: bool = True) -> Series:
+    """Read a series file; raise FileError if it is invalid or does not have the digest ``sha256``, if given.
 
-    Without ``poses`` those of the run and of the exact motion, most of a file, stay packed.
+    Without ``poses``, those of the run and of the exact motion, which are most of a file, are not read.
     """
     head, arrays, envelopes = _read(path, sha256, lambda name: poses or not name.removeprefix(PACKED).startswith(POSES))
     for array in arrays.values():
@@ -154,21 +156,22 @@ def read_series(path: Path | Place, sha256: str = "", *, poses: bool = True) -> 
 
 
 def name_file(run_id: str, *, brief: bool) -> str:
-    """The file of a run's series in a results folder."""
+    """Return the path of a run's series in a results folder."""
     return f"series/{run_id}.npz{'.xz' if brief else ''}"
 
 
-def check_series(path: Path | Place, sha256: str) -> None:
-    """FileError if it is not the recorded file; one whose digest was not recorded must be whole and of this schema."""
+def check_series(path: Path | ConfinedPath, sha256: str) -> None:
+    """Raise FileError unless a series file has this digest or, if that is empty, is complete and of a known schema."""
     if sha256:
         _read_content(path, sha256)
     else:
         _read(path, sha256, "meta".__eq__)
 
 
-def _read_content(path: Path | Place, sha256: str) -> bytes:
+def _read_content(path: Path | ConfinedPath, sha256: str) -> bytes:
+    """Return the bytes of a series file; raise FileError if it cannot be read or does not have a given digest."""
     try:
-        content = place_of(path).read(LARGEST)
+        content = confine_path(path).read(LARGEST)
     except OSError as error:
         raise FileError(f"cannot read: {error.strerror or error}") from None
     if sha256 and hashlib.sha256(content).hexdigest() != sha256:
@@ -177,24 +180,31 @@ def _read_content(path: Path | Place, sha256: str) -> bytes:
 
 
 def _read(
-    path: Path | Place, sha256: str, wanted: Callable[[str], bool]
-) -> tuple[Head, dict[str, np.ndarray], dict[str, Envelope]]:
-    """The head of the file, the arrays that are ``wanted`` and envelopes, or FileError."""
+    path: Path | ConfinedPath, sha256: str, wanted: Callable[[str], bool]
+) -> tuple[SeriesHeader, dict[str, np.ndarray], dict[str, Envelope]]:
+    """Return the header of the file, the arrays whose names are ``wanted``, and the envelopes.
+
+    Raise FileError if it is invalid.
+    """
     content = _read_content(path, sha256)
     try:
         arrays = read_npz(content, LARGEST, wanted)
-        head = convert_shape(parse_json(str(arrays.pop("meta", "")), "meta"), Head, "meta")
+        head = convert_shape(parse_json(str(arrays.pop("meta", "")), "meta"), SeriesHeader, "meta")
         arrays, envelopes = unpack(arrays) if head.schema == BRIEF else (arrays, {})
         _check_lengths(arrays)
         _check_content(arrays, {*arrays, *envelopes})
-    except (ValueError, TypeError, IndexError, KeyError, OverflowError) as error:  # arrays of other types and shapes
+    # raised for arrays of unexpected types and shapes
+    except (ValueError, TypeError, IndexError, KeyError, OverflowError) as error:
         why = " ".join(str(error).split())
         raise FileError(f"not a whole series file of schema {PLAIN} or {BRIEF}: {why}") from None
     return head, arrays, envelopes
 
 
 def _check_content(arrays: Mapping[str, np.ndarray], names: Collection[str]) -> None:
-    """Numbers along times that go forward, and all of what is written together; ValueError else."""
+    """Raise ValueError unless times do not decrease, values are numbers, and groups of series are complete.
+
+    ``names`` are those of all series in the file, envelopes included.
+    """
     for name, a in arrays.items():
         if a.dtype.kind not in "biuf" and not name.startswith(OTHER):
             raise ValueError(f"{name} holds {a.dtype}, not numbers")
@@ -207,7 +217,7 @@ def _check_content(arrays: Mapping[str, np.ndarray], names: Collection[str]) -> 
 
 
 def _check_lengths(arrays: Mapping[str, np.ndarray]) -> None:
-    """One value a row in all series, one pose a frame; ValueError else."""
+    """Raise ValueError unless every series has as many values as the array of its times."""
     for name, a in arrays.items():
         lead = next((f"{kind}_t" for kind in POSES if name.startswith(f"{kind}_")), "t")
         if name.startswith(OTHER):

@@ -1,4 +1,4 @@
-"""True motions near runs: those that ``mbsbench shadow RUN`` kept in a results folder, else the published ones."""
+"""Provide true motions near runs, as ``mbsbench shadow RUN`` stored them, or else the published ones."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -7,30 +7,30 @@ from typing import Any
 
 import msgspec
 
+from ..confined_paths import ConfinedPath
 from ..files import FileError
-from ..places import Place
 from .judgements.files import PUBLISHED
 from .records import RunRecord
 
-FILE = "shadows.json"  # of a results folder, by run_id
-CHAOS = "chaos.json"  # published, of the chain at the settings that ``solve`` takes by default
-LARGEST = 2**24  # [bytes]
-SYMPLECTIC = 1e-10  # swing of the modified energy, of the scale: below it a fixed-step method is taken for symplectic
+FILE = "shadows.json"  # file of a results folder, by run_id
+CHAOS = "chaos.json"  # published for the chain at the default settings of ``solve``
+LARGEST = 2**24  # [bytes]: what is read is held in memory, and the file may be a stranger's
+SYMPLECTIC = 1e-10  # relative oscillation of the modified energy below which a fixed-step method counts as symplectic
 
 
 @dataclass(frozen=True)
-class Nearest:
-    """How near a true motion is, up to when, and how far the modified energy swings; None where nothing was found."""
+class NearestMotion:
+    """The distance and duration of a nearby true motion, and the modified energy's oscillation; None if unknown."""
 
-    until_s: float | None = None
-    largest_m: float | None = None
+    until_s: float | None = None  # time up to which a true motion stays near
+    largest_m: float | None = None  # its largest distance from the computed one
     rms_m: float | None = None
-    modified_energy: float | None = None  # of the scale
-    published: bool = False  # of a run with these settings, by the code of its day
+    modified_energy: float | None = None  # oscillation relative to the energy scale
+    published: bool = False  # True if of a published run with these settings, by older code
 
     @property
     def words(self) -> str:
-        """``a true motion within 0.577 mm (rms 0.165 mm) over 5 s``."""
+        """The motion in words, ``a true motion within 0.577 mm (rms 0.165 mm) over 5 s``; empty if it is unknown."""
         if not self.until_s or self.largest_m is None or self.rms_m is None:
             return ""
         words = f"a true motion within {_length(self.largest_m)} (rms {_length(self.rms_m)}) over {self.until_s:.4g} s"
@@ -38,35 +38,45 @@ class Nearest:
 
     @property
     def symplectic(self) -> str:
-        """The verdict; empty where the modified energy is not defined. A large swing may be one of coarse steps."""
+        """``yes`` if the modified energy does not oscillate, else ``not shown``; empty if there is none.
+
+        A large oscillation proves nothing, as it may come from coarse steps.
+        """
         return "" if self.modified_energy is None else "yes" if self.modified_energy < SYMPLECTIC else "not shown"
 
 
-def read_nearest(folder: Path) -> dict[str, Nearest]:
-    """By run_id those of the folder, by case those published; FileError where a file is not one of these."""
+def read_nearest(folder: Path) -> dict[str, NearestMotion]:
+    """Return the nearest true motions of a folder's runs by run_id, and the published ones by case.
+
+    Raise FileError if a file is invalid; a missing one counts as empty.
+    """
     published = _read(PUBLISHED / CHAOS, dict[str, dict[str, Any]]).get("runs", {})
     out = {f"chain {name} {row['setting']}": _of(row) for name, row in published.items()}
-    return out | _read(Place(folder) / FILE, dict[str, Nearest])
+    return out | _read(ConfinedPath(folder) / FILE, dict[str, NearestMotion])
 
 
-def nearest_of(record: RunRecord, known: dict[str, Nearest]) -> Nearest | None:
-    """That of the run itself, else of the published one with its settings."""
+def choose_nearest(record: RunRecord, known: dict[str, NearestMotion]) -> NearestMotion | None:
+    """Return the nearest motion of the run itself, else the published one with its settings; None without either."""
     return known.get(record.run_id) or known.get(record.case)
 
 
-def keep_nearest(folder: Path, record: RunRecord, nearest: Nearest) -> None:
-    """Beside those of other runs of the folder."""
-    place = Place(folder) / FILE
-    rows = _read(place, dict[str, Nearest]) | {record.run_id: nearest}
+def keep_nearest(folder: Path, record: RunRecord, nearest: NearestMotion) -> None:
+    """Store the nearest motion of a run in the folder's file, beside those of other runs."""
+    place = ConfinedPath(folder) / FILE
+    rows = _read(place, dict[str, NearestMotion]) | {record.run_id: nearest}
     place.write(json.dumps({k: asdict(v) for k, v in sorted(rows.items())}, indent=1) + "\n")
 
 
-def _of(row: dict[str, Any]) -> Nearest:
+def _of(row: dict[str, Any]) -> NearestMotion:
+    """Return the nearest motion in a row of the published file."""
     shadow = row["shadow"]
-    return Nearest(shadow.get("until_s"), shadow.get("largest_m"), shadow.get("rms_m"), row["modified_energy"], True)
+    return NearestMotion(
+        shadow.get("until_s"), shadow.get("largest_m"), shadow.get("rms_m"), row["modified_energy"], True
+    )
 
 
-def _read(place: Place, kind: Any) -> Any:
+def _read(place: ConfinedPath, kind: Any) -> Any:
+    """Return the content of a JSON file as the type ``kind``, empty without a file; raise FileError if invalid."""
     try:
         return msgspec.json.decode(place.read(LARGEST), type=kind)
     except FileNotFoundError:
@@ -76,4 +86,5 @@ def _read(place: Place, kind: Any) -> Any:
 
 
 def _length(value: float) -> str:
+    """Return a length [m] as text, in millimetres, or in metres if it is tiny."""
     return f"{1e3 * value:.3g} mm" if value >= 1e-5 else f"{value:.2g} m"

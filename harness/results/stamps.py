@@ -1,6 +1,6 @@
-"""Whether what a results folder holds is as the command that ran it left it: stamp, suite, records and series.
+"""Check that a results folder is as its command left it: stamp, suite, records and series.
 
-Nobody is kept from writing new digests, too: what is found is damage, and changes made by hand.
+The digests are not secret: they reveal damage and changes by hand, not forgery.
 """
 
 import hashlib
@@ -10,26 +10,33 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from ..confined_paths import ConfinedPath
 from ..files import FileError, parse_json, read_text
-from ..places import Place
 from .records import RunRecord, to_json
 
-NAME = "environment.json"
-SEAL, FILES = "sha256", "files_sha256"  # keys: the digest of all others, and those of the files beside it
+NAME = "environment.json"  # the stamp's file
+SEAL, FILES = "sha256", "files_sha256"  # keys: the digest of all other keys, and digests of the files beside it
+# names of the suite files beside a stamp
 BESIDE = re.compile(r"[\w-]+\.toml")
-LARGEST = 2**22  # [bytes] of a stamp or a suite
+LARGEST = 2**22  # [bytes] of a stamp or a suite: what is read is held in memory, and the file may be a stranger's
 
 
 def seal(stamp: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, Any]:
-    """The stamp with the digests of the files beside it, ``texts`` by name, and its own."""
+    """Return the stamp with its own digest and with digests of the suite files beside it.
+
+    ``texts`` are the contents of these files by name.
+    """
     whole = {**stamp, FILES: {name: _digest(text.encode()) for name, text in texts.items()}}
     return {**whole, SEAL: _digest_stamp(whole)}
 
 
 def find_changed(folder: Path) -> Iterator[tuple[Path, str]]:
-    """Each of these files that was changed since, and what is wrong; an older stamp has no digests."""
-    place = Place(folder) / NAME
-    if place.kind() != "a file":  # none, or a link, which whoever opens it refuses
+    """Yield the stamp and each suite file beside it that was changed after it was written, with the reason.
+
+    A stamp with another digest is yielded alone. An older stamp has no digests and yields nothing.
+    """
+    place = ConfinedPath(folder) / NAME
+    if place.kind() != "a file":  # missing, or a link, which is refused when opened
         return
     try:
         stamp = parse_json(read_text(place, "environment"), NAME)
@@ -46,30 +53,32 @@ def find_changed(folder: Path) -> Iterator[tuple[Path, str]]:
         yield place.path, f"{FILES} must be a table of digests by names of suites (got {str(files)[:40]})"
         return
     for name, digest in files.items():
-        beside = Place(folder) / name
+        beside = ConfinedPath(folder) / name
         if beside.kind() == "a file" and beside.size() <= LARGEST and _digest(beside.read(LARGEST)) != digest:
             yield beside.path, f"not as {NAME} says: it was changed after it was run"
 
 
 def is_there(folder: Path, promised: RunRecord, found: RunRecord | None) -> bool:
-    """Whether a record that was written is still the one on disk, with its series."""
+    """Return whether ``found``, a run's record on disk, is the one written, ``promised``, and has its series file."""
     return found is not None and to_json(found) == to_json(promised) and has_its_series(folder, found)
 
 
 def has_its_series(folder: Path, record: RunRecord) -> bool:
-    """Whether the series file of a record, if it has one, is the one that it was written with."""
+    """Return whether a record's series file, if it has one, still has the digest in the record."""
     if not record.series:
         return True
     try:
-        with (Place(folder) / record.series).open_file() as file:
+        with (ConfinedPath(folder) / record.series).open_file() as file:
             return hashlib.file_digest(file, "sha256").hexdigest() == record.series_sha256  # type: ignore[arg-type]
     except OSError:
         return False
 
 
 def _digest_stamp(stamp: Mapping[str, Any]) -> str:
+    """Return the digest of all keys of a stamp except that digest itself."""
     return _digest(json.dumps({k: v for k, v in stamp.items() if k != SEAL}, sort_keys=True).encode())
 
 
 def _digest(content: bytes) -> str:
+    """Return the sha256 of ``content``."""
     return hashlib.sha256(content).hexdigest()

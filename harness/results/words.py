@@ -1,34 +1,48 @@
-"""The end of a run and why it is wrong, in words made from its record, for terminal and pages alike."""
+"""Describe the end of a run and why it is wrong, from its record, for the terminal and for pages."""
 
+import json
 import math
 import signal
 
-from ..text import printable
-from ..types import ACCURATE, EndedBy, Law, Reason, Status
-from .records import RunRecord, reasons_of
+from ..text import escape_text
+from ..types import ACCURATE, PASSAGE, RIGHT_REACTION, EndCause, Law, Reason, Status
+from .records import RunRecord, parse_reasons
 
-WHOLE = 0.999  # of the time: a motion that was compared up to there was compared
-WORKERS = 3  # Dask gives a run up after it has lost that many
+ROUNDED = 1e-9  # fraction of energy over length: smaller joint loads are rounding, and errors are relative to this
+WHOLE = 0.999  # fraction of the time up to which a motion must be compared to count as compared
+WORKERS = 3  # Dask gives up a run after losing this many workers
 LAWS = {
-    Law.ENERGY: "the energy error", Law.MOTION: "the motion error", Law.POSITION: "the position error",
+    Law.ENERGY: "the energy error",
+    Law.MOTION: "the motion error",
+    Law.POSITION: "the position error",
     Law.ORIENTATION: "the orientation error",
-    Law.CONSTRAINT: "|phi|", Law.CONSTRAINT_RATE: "|phi_dot|", Law.ORTHOGONALITY: "|R^T R - 1|",
-    Law.KINEMATIC: "the disagreement of poses and velocities (of the path)", Law.REACTION: "the error of a joint force",
-    Law.VELOCITY: "the velocity error", Law.ROWS: "the motion error between recorded steps, which are too few,",
-    Law.PLANE: "the distance from the plane of motion", Law.FINITE: "values that are not finite",
-    Law.START: "another start", Law.END: "another end",
-}  # fmt: skip
+    Law.CONSTRAINT: "|phi|",
+    Law.CONSTRAINT_RATE: "|phi_dot|",
+    Law.ORTHOGONALITY: "|R^T R - 1|",
+    Law.KINEMATIC: "what poses and velocities disagree by beyond the exact motion (of the path)",
+    Law.REACTION: "the error of a joint force",
+    Law.MOMENT: "the error of the joints' moment on a body",
+    Law.VELOCITY: "the velocity error",
+    Law.ROWS: "the motion error between recorded steps, which are too few,",
+    Law.PLANE: "the distance from the plane of motion",
+    Law.FINITE: "values that are not finite",
+    Law.START: "another start",
+    Law.END: "another end",
+}
 
 
-def why(record: RunRecord) -> list[str]:
-    """Why a run is not a success, never empty for one that is not; for a success what its solver said, if anything."""
-    found = [words_of(r) for r in reasons_of(record.wrong_because)] or [words_of_ending(record)]
+def list_reasons(record: RunRecord) -> list[str]:
+    """Return the reasons why a run is not a success, at least one; for a success the solver's message, if any."""
+    found = [describe_breach(r) for r in parse_reasons(record.wrong_because)] or [words_of_ending(record)]
     said = [w for w in found if w.strip()]
     return said or ([] if record.status == Status.SUCCESS else [f"{record.status or 'unknown'}, without a message"])
 
 
-def accurate_until(record: RunRecord) -> list[str]:
-    """``2.57 s (10 %)``, one a level; ``at least`` where the reference ends before the motion leaves it."""
+def format_accurate_times(record: RunRecord) -> list[str]:
+    """Format the time of tracking for each level of motion error: ``2.57 s (10 %)``, ``at least 2.57 s (10 %)``.
+
+    It is a lower bound if the reference ends first.
+    """
     return [
         f"{'at least ' if at_least(record, time) else ''}{time:.4g} s ({100.0 * level:g} %)"
         for name, level in ACCURATE.items()
@@ -37,23 +51,23 @@ def accurate_until(record: RunRecord) -> list[str]:
 
 
 def judged_error(record: RunRecord, name: str, unit: str) -> float:
-    """An error of all tables, pages and terminals: up to ``judged_to_s``; over all time where that is not known.
+    """Return the error that tables, pages and terminals show: its maximum up to ``judged_to_s``, else over all time.
 
-    ``name`` and ``unit`` are those of its columns: ``position_error`` and ``m``.
+    ``name`` and ``unit`` are those of its columns, such as ``position_error`` and ``m``; the result has that unit.
     """
     value, whole = (float(getattr(record, f"{name}_{kind}_{unit}")) for kind in ("judged", "max"))
     return whole if math.isnan(value) else value
 
 
 def error_until(record: RunRecord) -> float:
-    """[s] the end of the interval of ``judged_error``; NaN without a reference."""
+    """Return the time [s] up to which ``judged_error`` is taken; NaN without a reference."""
     if math.isnan(record.position_error_judged_m):
         return min(record.reference_horizon_s, record.t_reached_s)
     return min(record.judged_to_s, record.t_reached_s)
 
 
 def error_words(record: RunRecord) -> str:
-    """``0.0159 m, 0.0433 rad (to 1.62 s)``; empty without a reference."""
+    """Format position and orientation error, ``0.0159 m, 0.0433 rad (to 1.62 s)``; empty without a reference."""
     position, orientation = (
         judged_error(record, "position_error", "m"),
         judged_error(record, "orientation_error", "rad"),
@@ -65,7 +79,10 @@ def error_words(record: RunRecord) -> str:
 
 
 def comparison_words(record: RunRecord) -> str:
-    """``compared to 58.8 of 2000 s``, of a lawful motion whose end nothing was compared with; else empty."""
+    """Return how far a lawful motion was compared, ``compared to 58.8 of 2000 s``; empty if to its end.
+
+    Empty also for a motion that is not lawful.
+    """
     if record.status not in (Status.SUCCESS, Status.INACCURATE):
         return ""
     if math.isnan(end := error_until(record)):
@@ -74,23 +91,54 @@ def comparison_words(record: RunRecord) -> str:
 
 
 def status_words(record: RunRecord) -> str:
-    """The status, with how far its motion was compared where that is not to the end."""
-    return ", ".join(filter(None, (record.status, comparison_words(record))))
+    """Format the status, how far the motion was compared, a singular pose that it passed, and wrong reactions."""
+    words = (record.status, comparison_words(record), passage_words(record), reaction_words(record))
+    return ", ".join(filter(None, words))
+
+
+def passage_words(record: RunRecord) -> str:
+    """Return ``passes a singular pose at t = 0.73 s`` if the motion passed a pose from which several go on, or ""."""
+    notes = [escape_text(n) for n in json.loads(record.notes or "[]")]
+    begin, end = PASSAGE
+    return next((n.split(end)[0] for n in notes if n.startswith(begin) and end in n), "")
+
+
+def reaction_words(record: RunRecord) -> str:
+    """Return text such as ``reactions off by 176 %`` if joint loads of a lawful motion are wrong, else ""."""
+    share, lawful = reaction_share(record), record.status in (Status.SUCCESS, Status.INACCURATE)
+    return f"reactions off by {100.0 * share:.3g} %" if lawful and share > RIGHT_REACTION else ""
+
+
+def reaction_share(record: RunRecord) -> float:
+    """Return the largest relative error of the joints' force or moment on a body; NaN if it is unknown."""
+    r, shares = record, []
+    for error, size, scale in (
+        (r.reaction_error_max_N, r.reaction_size_N, r.energy_scale_J / (r.length_scale_m or math.nan)),
+        (r.moment_error_max_Nm, r.moment_size_Nm, r.energy_scale_J),
+    ):
+        # avoids a division by about zero where no joint carries a load
+        size = max(size, ROUNDED * scale) if scale > 0.0 else size
+        shares.append(error / size if size > 0.0 else math.nan)
+    known = [x for x in shares if not math.isnan(x)]  # older records have forces but no moments
+    return max(known, default=math.nan)
 
 
 def at_least(record: RunRecord, accurate_until: float) -> bool:
-    """Whether the reference ended before the motion left it: how long it would have stayed is not known."""
+    """Return whether a tracking time is only a lower bound, because the reference ended before the motion left it.
+
+    ``accurate_until`` is that time [s], a column of the record.
+    """
     return record.t_reached_s > record.compared_to_s <= accurate_until
 
 
-def law_of(reason: Reason) -> str:
-    """The quantity that breaks its limit."""
-    name = printable(reason.name)
+def find_broken_law(reason: Reason) -> str:
+    """Return in words the quantity that exceeds its limit: ``the energy error``."""
+    name = escape_text(reason.name)
     return LAWS.get(reason.law) or (f"the drift of {name}" if reason.law is Law.INVARIANT else name)
 
 
-def words_of(reason: Reason) -> str:
-    """``the energy error reaches 3 J, more than 1 J, first at 0.2 s``."""
+def describe_breach(reason: Reason) -> str:
+    """Format the reason, ``the energy error reaches 3 J, more than 1 J, first at 0.2 s``."""
     r = reason
     if r.law is Law.FINITE:
         return f"the trajectory holds values that are not finite numbers{_append_time(r, ', from t = ')}"
@@ -99,41 +147,45 @@ def words_of(reason: Reason) -> str:
     if r.law is Law.END:
         return f"success claimed, but the last step ends at {r.value:.9g} s of {r.limit:g} s"
     unit = f" {r.unit}" if r.unit else ""
-    return f"{law_of(r)} reaches {r.value:.3g}{unit}, more than {r.limit:.3g}{unit}{_append_time(r, ', first at ')}"
+    words = f"{find_broken_law(r)} reaches {r.value:.3g}{unit}, more than {r.limit:.3g}{unit}"
+    return words + _append_time(r, ", first at ")
 
 
 def words_of_ending(record: RunRecord) -> str:
-    """The solver's own message, or what ended its process and which steps are left of its motion."""
+    """Return the solver's own message, or what ended its process and up to which time its steps are kept."""
     r = record
     words = {
-        EndedBy.WALL_LIMIT: f"not finished here: killed after {r.ended_limit_s:g} s of wall time, "
+        EndCause.WALL_LIMIT: f"not finished here: killed after {r.ended_limit_s:g} s of wall time, "
         "before it had used the CPU time it was given",
-        EndedBy.CPU_LIMIT: f"not finished here: {printable(r.message) or _describe_kill(r)}",
-        EndedBy.CODE_LIMIT: f"not finished here: compilation took over {r.ended_limit_s:g} s of CPU time, "
+        EndCause.CPU_LIMIT: f"not finished here: {escape_text(r.message) or _describe_kill(r)}",
+        EndCause.CODE_LIMIT: f"not finished here: compilation took over {r.ended_limit_s:g} s of CPU time, "
         "which is none of the solver's",
-        EndedBy.MEASURE_LIMIT: "not finished here: the solver returned, but measuring its motion took too long",
-        EndedBy.TOTAL_LIMIT: f"not finished here: killed at the suite's total_limit of {r.ended_limit_s:g} s",
-        EndedBy.EXIT: f"the process exited with code {r.exit_code} and no result",
-        EndedBy.SIGNAL: _describe_signal(r),
-        EndedBy.KILLED: f"{_describe_signal(r)}, sent from outside the run",
-        EndedBy.SUSPENDED: "not finished here: its limit passed while the harness was suspended; --resume repeats it",
-        EndedBy.MEMORY_LIMIT: printable(r.message) or f"{_describe_signal(r)}, near its memory limit",
-        EndedBy.SUPERVISOR_LOST: "the supervisor process died twice "
+        EndCause.MEASURE_LIMIT: "not finished here: the solver returned, but measuring its motion took too long",
+        EndCause.TOTAL_LIMIT: f"not finished here: killed at the suite's total_limit of {r.ended_limit_s:g} s",
+        EndCause.EXIT: f"the process exited with code {r.exit_code} and no result",
+        EndCause.SIGNAL: _describe_signal(r),
+        EndCause.KILLED: f"{_describe_signal(r)}, sent from outside the run",
+        EndCause.SUSPENDED: "not finished here: its limit passed while the harness was suspended; --resume repeats it",
+        EndCause.MEMORY_LIMIT: escape_text(r.message) or f"{_describe_signal(r)}, near its memory limit",
+        EndCause.SUPERVISOR_LOST: "the supervisor process died twice "
         f"(code {r.exit_code - r.signal}) during this run, the second time with this run alone",
-        EndedBy.WORKERS_LOST: f"its worker died {WORKERS} or more times",
-    }.get(r.ended_by, printable(r.message))  # type: ignore[call-overload]
-    kept = r.ended_by not in ("", EndedBy.SOLVER) and r.t_reached_s > 0.0
+        EndCause.WORKERS_LOST: f"its worker died {WORKERS} or more times",
+    }.get(r.ended_by, escape_text(r.message))  # type: ignore[call-overload]
+    kept = r.ended_by not in ("", EndCause.SOLVER) and r.t_reached_s > 0.0
     return f"{words} (steps to t = {r.t_reached_s:.6g} s kept)" if kept else words
 
 
 def _describe_kill(r: RunRecord) -> str:
+    """Return in words that the run was killed at its limit on CPU time."""
     return f"killed past its limit of {r.cpu_limit_s:g} s of CPU time: the solver did not stop when asked"
 
 
 def _describe_signal(r: RunRecord) -> str:
+    """Return in words the signal that ended the run's process, and the memory of that process, if known."""
     name = signal.Signals(r.signal).name if r.signal in set(signal.Signals) else str(r.signal)
     return f"ended by {name}" + ("" if math.isnan(r.peak_memory_MB) else f" with {r.peak_memory_MB:.0f} MB resident")
 
 
 def _append_time(r: Reason, words: str) -> str:
+    """Return ``words`` followed by the time of a reason [s]; empty if it has no time."""
     return "" if math.isnan(r.time_s) else f"{words}{r.time_s:.4g} s"

@@ -1,27 +1,32 @@
-"""The cost of a run apart from its time: its own counters, and one unit that all solvers are compared in."""
+"""Measure the work of a run other than by time: by its own counters, and in one unit that all solvers share."""
 
 import math
 
 from .records import RunRecord
 
-SHARE = 0.5  # of an index-1 evaluation with its factorisation: one without. Measured with the compiled kernels on top,
-# chain and grid: 0.44, 0.42, 0.86 (gc_weak_form, gc_augmented_lagrangian), 0.58, 0.44, 0.44 (half_explicit)
+# cost of an index-1 evaluation without factorisation, relative to one with it; measured with the compiled kernels on
+# top, chain and grid: 0.44, 0.42, 0.86 (gc_weak_form, gc_augmented_lagrangian), 0.58, 0.44, 0.44 (half_explicit)
+SHARE = 0.5
 
 
 def evaluations(r: RunRecord) -> float:
-    """Evaluations of residual or right side; one an iteration where a solver counts iterations alone."""
+    """Return the number of evaluations of residual or right side in a run.
+
+    A solver that counts only iterations is taken to make one evaluation in each.
+    """
     return r.newton_iterations if math.isnan(r.evaluations) else r.evaluations
 
 
 def operations(r: RunRecord) -> float:
-    """Evaluations plus factorisations; evaluations alone where a solver does not count the others."""
+    """Return the work of a run as evaluations plus factorisations, which count as 0 if unknown."""
     return evaluations(r) + (0.0 if math.isnan(r.factorisations) else r.factorisations)
 
 
 def index_1_evaluations(r: RunRecord) -> float:
-    """Work in evaluations of the index-1 equations with their factorisation: those, and ``SHARE`` of each without.
+    """Return the work of a run in evaluations of the index-1 equations of motion with their factorisation.
 
-    A solver that counts no factorisations makes one an evaluation, as strong forms do.
+    An evaluation without factorisation counts as ``SHARE`` of one. A solver that does not count factorisations is taken
+    to make one in each evaluation, as strong forms do.
     """
     total = evaluations(r)
     factorised = total if math.isnan(r.factorisations) else r.factorisations

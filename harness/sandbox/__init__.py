@@ -1,1 +1,1 @@
-"""One process with limits, for code that may hang, crash or lie."""
+"""Run code that may hang, crash or lie in a process with limits."""

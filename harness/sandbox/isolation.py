@@ -1,7 +1,7 @@
-"""A forked process: a session of its own, limits, standard error in a file; above it a keeper that nothing escapes.
+"""Fork a process with limits and a session of its own, its standard error in a file, and a keeper as its parent.
 
-Forked from a single-threaded parent that has numpy, numba, casadi and the catalogues loaded: starting takes
-milliseconds where a fresh interpreter takes a second.
+The keeper ends all that the process starts. The forking process is single-threaded and has numpy, numba, casadi and the
+catalogues loaded: forking takes milliseconds, a fresh interpreter a second.
 """
 
 import contextlib
@@ -20,23 +20,25 @@ from pathlib import Path
 
 from ..clock import cpu_seconds, descendants, set_keeper
 from ..code_meter import HARD, leave_code_out_of
-from ..places import Place
+from ..confined_paths import ConfinedPath
 
-Target = Callable[[Callable[[str], None]], object]  # what a child runs, given how to send a line
+Target = Callable[[Callable[[str], None]], object]  # what a child runs, given a function that sends a line
 OUTPUT_LIMIT = 2**30  # [bytes] largest file a run may write
 CANNOT_WRITE = 74  # exit code (EX_IOERR): the disk is full, which is not a result of the run
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
-BEGUN = "begun"  # the first line from a child whose target began; another, or none, says why it did not
+BEGUN = "begun"  # first line from a child whose target began; else it says why not
 PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = 1, 4, 36, 38  # prctl(2)
 CREATE_RULESET, RESTRICT_SELF = 444, 446  # system calls of landlock(7)
-MAKE_BLOCK, SCOPE_SIGNAL = 1 << 11, 1 << 1  # rights that it takes: to make block devices, to signal those outside
-TOLD = (signal.SIGTERM, signal.SIGCHLD)  # what a keeper waits for
-PATIENCE = 5.0  # [s] to end all that a target has started
-STDERR_KEPT = 2**16  # [bytes] of each end of a longer standard error
+MAKE_BLOCK, SCOPE_SIGNAL = 1 << 11, 1 << 1  # rights removed: making block devices, signalling processes outside
+TOLD = (signal.SIGTERM, signal.SIGCHLD)  # signals that a keeper waits for
+# [s] for ending all that a target has started: more delays the next run, less may leave some of it behind
+PATIENCE = 5.0
+# [bytes] of each end of a longer standard error: more keeps what a loop repeats, less may cut a traceback
+STDERR_KEPT = 2**16
 
 
 def describe_lacking(platform: str = sys.platform) -> str:
-    """Return what a run is not kept from on this system, in one line; empty on Linux."""
+    """Describe in one line what a run is not protected from on this system; empty on Linux."""
     if platform.startswith("linux"):
         return ""
     return (
@@ -46,21 +48,21 @@ def describe_lacking(platform: str = sys.platform) -> str:
 
 
 def fork(
-    target: Target, stderr: Path | Place, memory: float, cpu: float, *, keeper: bool = True, code: float = 0.0
+    target: Target, stderr: Path | ConfinedPath, memory: float, cpu: float, *, keeper: bool = True, code: float = 0.0
 ) -> tuple[int, int]:
-    """Run ``target(send)`` in a child with ``memory`` [MB] beyond what is loaded, ``cpu`` [s], and ``code`` for code.
+    """Run ``target(send)`` in a child limited to ``memory`` [MB], ``cpu`` [s], and ``code`` [s] for making code.
 
-    Returns its keeper's process (and group) and the read end of the pipe on which it sends lines. The keeper takes over
-    all that ``target`` starts and leaves, in whatever session; it ends that with the child, waits for it, so that the
-    system accounts its CPU time, and then ends as the child did: with exit code 0 if ``target`` returned, 70 if it
-    raised, ``CANNOT_WRITE`` on a full disk. The first line it sends is ``BEGUN``; where the child cannot be prepared
-    for its target, it is the reason. SIGTERM to the keeper ends all at once. Without a ``keeper`` the child's
-    own process is returned.
+    Return its keeper's process id (and group) and the read end of the pipe on which ``send`` writes lines. The memory
+    is that beyond what is loaded here. The keeper adopts all that ``target`` starts and leaves running; when the child
+    ends, it ends that too, waits for it, so that the system accounts for its CPU time, and then ends as the child did:
+    with exit code 0 if ``target`` returned, 70 if it raised, ``CANNOT_WRITE`` on a full disk. The first line is
+    ``BEGUN`` or, if the child could not be prepared for its target, the reason. SIGTERM to the keeper ends all at once.
+    Without a ``keeper`` the child's own process id is returned.
     """
     if threading.active_count() > 1:
         running = threading.active_count() - 1
         raise ValueError(f"a run needs a process without threads ({running} run here); start a plugin's own in solve")
-    if signal.getsignal(signal.SIGCHLD) == signal.SIG_IGN:  # as a parent may leave it: nobody could be waited for
+    if signal.getsignal(signal.SIGCHLD) == signal.SIG_IGN:  # an inherited SIG_IGN would make waitpid fail
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     parent = os.getpid()
     read, write = os.pipe()
@@ -77,7 +79,7 @@ def fork(
         end_with(parent)
         if keeper:
             _keep((read, write))
-        close_in()
+        isolate_process()
         os.closerange(3, write)  # the parent's own
         os.closerange(write + 1, 1024)
         _redirect(stderr)
@@ -104,14 +106,14 @@ def fork(
 
 
 def _flush() -> None:
-    """Write out what is buffered; a program without terminal may have no streams."""
+    """Flush buffered output; a program without a terminal may have no streams."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()
 
 
 def is_full(error: BaseException) -> bool:
-    """Return whether a disk is full, or a file as large as a limit set from outside allows, lower than ours."""
+    """Return whether an error says that a disk is full, or that a file exceeds an outside limit lower than ours."""
     if not isinstance(error, OSError):
         return False
     cut = error.errno == errno.EFBIG and resource.getrlimit(resource.RLIMIT_FSIZE)[0] < OUTPUT_LIMIT
@@ -119,21 +121,21 @@ def is_full(error: BaseException) -> bool:
 
 
 def adopt_orphans() -> None:
-    """Become the parent of all that is started below this process and loses its own."""
+    """Become the parent of all processes below this one whose own parents end."""
     _prctl(PR_SET_CHILD_SUBREAPER, 1)
 
 
-def shut_out() -> None:
-    """Keep other processes of this user away from the memory and the open files of this one; children inherit it."""
+def protect_process() -> None:
+    """Protect memory and open files of this process and its children from other processes of this user."""
     _prctl(PR_SET_DUMPABLE, 0)
 
 
-def close_in() -> None:
-    """Keep this process, and all that it starts, away from all others: their memory, files and, since 6.12, signals.
+def isolate_process() -> None:
+    """Separate this process and its children from all others: their memory, files and, since Linux 6.12, signals.
 
-    Linux does this for root too (landlock); where it cannot, ``shut_out`` of the others is all there is.
+    Linux does this for root too (landlock); if it cannot, only ``protect_process`` protects the others.
     """
-    shut_out()
+    protect_process()
     _prctl(PR_SET_NO_NEW_PRIVS, 1)
     if sys.platform.startswith("linux"):
         system = ctypes.CDLL(None).syscall
@@ -141,18 +143,19 @@ def close_in() -> None:
         rules = (ctypes.c_uint64 * 3)(0 if signals else MAKE_BLOCK, 0, SCOPE_SIGNAL if signals else 0)
         ruleset = system(CREATE_RULESET, rules, ctypes.c_size_t(ctypes.sizeof(rules)), 0)
         if ruleset >= 0:
-            if system(RESTRICT_SELF, ruleset, 0) == 0:  # keeps it from its like; who started it may look at its memory
+            if system(RESTRICT_SELF, ruleset, 0) == 0:  # separated from its siblings; its parent may read its memory
                 _prctl(PR_SET_DUMPABLE, 1)
             os.close(ruleset)
 
 
 def _prctl(option: int, value: int) -> None:
+    """Set an attribute of this process (prctl(2)); do nothing on systems other than Linux."""
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(option, ctypes.c_ulong(value), 0, 0, 0)
 
 
 def end_orphans(known: Collection[int]) -> None:
-    """Kill all below this process but those ``known`` and what is below them; wait for what is killed."""
+    """Kill and reap all processes below this one except those ``known`` and what is below them."""
     until = time.monotonic() + PATIENCE
     while (strays := descendants(os.getpid(), known)) and time.monotonic() < until:
         for pid in strays:
@@ -170,7 +173,7 @@ def kill_descendants(root: int) -> None:
 
 
 def end_descendants() -> tuple[dict[int, int], float]:
-    """Kill all below this process and wait for them: exit statuses by process, and the CPU time [s] that they took."""
+    """Kill and reap all below this process; return exit statuses by process id, and the CPU time that they took [s]."""
     statuses, before = dict[int, int](), resource.getrusage(resource.RUSAGE_CHILDREN)
     until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
@@ -184,7 +187,10 @@ def end_descendants() -> tuple[dict[int, int], float]:
 
 
 def _keep(pipe: tuple[int, int]) -> None:
-    """Fork the child that returns; stay above it until it and all that it started have ended, then end as it did."""
+    """Become a keeper: fork the child, in which alone this returns, and end as it did once all it started has ended.
+
+    ``pipe`` are the descriptors of the child's pipe, which the keeper closes.
+    """
     adopt_orphans()
     own = os.getpid()
     child = os.fork()
@@ -192,7 +198,7 @@ def _keep(pipe: tuple[int, int]) -> None:
         end_with(own)
         set_keeper(own)
         return
-    os.closerange(3, max(1024, *pipe) + 1)  # the parent's own, and both ends
+    os.closerange(3, max(1024, *pipe) + 1)  # the parent's descriptors, and both ends of the pipe
     status = None
     while status is None and signal.sigwait(TOLD) != signal.SIGTERM:
         status = _reap().get(child)
@@ -211,7 +217,7 @@ def _keep(pipe: tuple[int, int]) -> None:
 
 
 def _reap() -> dict[int, int]:
-    """Exit statuses by process of all that has ended."""
+    """Wait for all children that have ended, without blocking; return their exit statuses by process id."""
     found = dict[int, int]()
     with contextlib.suppress(ChildProcessError):
         while (ended := os.waitpid(-1, os.WNOHANG))[0]:
@@ -220,24 +226,27 @@ def _reap() -> dict[int, int]:
 
 
 def end_with(parent: int, number: int = signal.SIGKILL) -> None:
-    """Get a signal when the parent dies, even by SIGKILL: otherwise nothing would end this process at its limits."""
+    """Request that the system sends this process the signal ``number`` when ``parent`` dies; exit if it has died.
+
+    Nothing else would end this process at its limits if its parent is killed, even by SIGKILL.
+    """
     _prctl(PR_SET_PDEATHSIG, number)
-    if os.getppid() != parent:  # it went before we asked
+    if os.getppid() != parent:  # the parent died before the request
         os._exit(70)
 
 
 def kill_group(pid: int) -> None:
-    """End what is left of a group."""
-    for end in (os.killpg, os.kill):  # the group does not exist yet if the child has not reached setsid
+    """Send SIGKILL to the process group ``pid`` and to its leader."""
+    for end in (os.killpg, os.kill):  # the group does not exist until the child has called setsid
         try:
             end(pid, signal.SIGKILL)
         except (ProcessLookupError, PermissionError):
             continue
 
 
-def trim(place: Place) -> None:
-    """Keep both ends of a long standard error, and no file where there is nothing in it."""
-    if place.kind() not in ("", "a file"):  # the run put it there: it goes
+def trim_output(place: ConfinedPath) -> None:
+    """Keep both ends, ``STDERR_KEPT`` bytes each, of a longer file of standard error; remove an empty one."""
+    if place.kind() not in ("", "a file"):  # placed there by the run
         place.remove_file()
     size = place.size() if place.kind() else -1
     if size == 0:
@@ -250,21 +259,22 @@ def trim(place: Place) -> None:
         place.write(head + f"\n... {size - 2 * STDERR_KEPT} bytes left out ...\n".encode() + tail)
 
 
-def _redirect(stderr: Path | Place) -> None:
-    file = stderr.open_new() if isinstance(stderr, Place) else stderr.open("ab")
+def _redirect(stderr: Path | ConfinedPath) -> None:
+    """Redirect standard output and error of this process to a file, and its input to the null device."""
+    file = stderr.open_new() if isinstance(stderr, ConfinedPath) else stderr.open("ab")
     target = os.dup(file.fileno())
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
-    os.dup2(target, 1)  # what a solver prints belongs with its errors
+    os.dup2(target, 1)  # output of a solver goes with its errors
     os.dup2(target, 2)
     os.close(target)
     os.close(nothing)
 
 
 def limit_process(memory: float, cpu: float, code: float = 0.0) -> None:
-    """Limit this process to ``memory`` [MB] and ``cpu`` [s] beyond what it uses now; infinity is no limit.
+    """Limit this process to ``memory`` [MB] and ``cpu`` [s] of CPU time beyond what it uses now; infinity is no limit.
 
-    It may use ``code`` [s] more to make code. A lower limit from outside, as of a batch system, stays.
+    It may use ``code`` [s] more to make code. A lower limit from outside, such as a batch system's, stays.
     """
     _limit(resource.RLIMIT_CORE, 0)
     _limit(resource.RLIMIT_FSIZE, OUTPUT_LIMIT)
@@ -275,19 +285,22 @@ def limit_process(memory: float, cpu: float, code: float = 0.0) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (min(seconds, hard), hard))
         if code:
             leave_code_out_of(seconds)
-    if math.isfinite(memory) and not describe_lacking():  # elsewhere the system takes the limit and does not keep it
-        _limit(resource.RLIMIT_DATA, _data_in_use() + int(memory * 2**20))  # private; RLIMIT_AS counts mapped libraries
+    # elsewhere the system accepts the limit but does not enforce it
+    if math.isfinite(memory) and not describe_lacking():
+        # private memory; RLIMIT_AS would count mapped libraries
+        _limit(resource.RLIMIT_DATA, _data_in_use() + int(memory * 2**20))
 
 
 def _limit(what: int, most: int) -> None:
-    """Set both limits of this process, those that can be raised again and those that cannot, to ``most`` or less."""
+    """Set both limits of this process on ``what`` (RLIMIT_...), soft and hard, to ``most``, or to a lower hard one."""
     hard = resource.getrlimit(what)[1]
     lower = most if hard == resource.RLIM_INFINITY else min(most, hard)
     resource.setrlimit(what, (lower, lower))
 
 
 def _data_in_use() -> int:
-    with contextlib.suppress(OSError):  # without /proc, as in some containers, the limit is on the whole
+    """Return the private memory of this process that RLIMIT_DATA counts [bytes]; 0 without /proc."""
+    with contextlib.suppress(OSError):  # without /proc, as in some containers, the limit includes memory in use
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
             if line.startswith("VmData:"):
                 return int(line.split()[1]) * 1024

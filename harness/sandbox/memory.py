@@ -1,6 +1,6 @@
-"""Memory of a tree of processes, each page once, though shared or inherited by a fork.
+"""Measure the memory of a tree of processes, each page once, even if shared or inherited by a fork.
 
-The system's limit (RLIMIT_DATA) is on the private memory of each process alone.
+The system's limit (RLIMIT_DATA) is on the private memory of each process only.
 """
 
 import contextlib
@@ -9,27 +9,33 @@ from collections.abc import Iterable
 from pathlib import Path
 
 PAGE = os.sysconf("SC_PAGE_SIZE") / 2.0**20  # [MB]
-KEPT = ("Pss_Anon:", "Pss_Shmem:", "SwapPss:")  # without what files hold, which the system can drop
+KEPT = ("Pss_Anon:", "Pss_Shmem:", "SwapPss:")  # without pages of files, which the system can drop
 KILO = 2.0**-10  # [MB] in a kB
 
 
 def own_megabytes() -> float:
-    """Memory [MB] of this process that no file holds: what a fork of it begins with, and shares as long as it can."""
+    """Return the resident memory [MB] of this process without pages of files.
+
+    A fork begins with this memory and shares it.
+    """
     return _pages("self")[1] * PAGE
 
 
 def megabytes_at_most(processes: Iterable[int]) -> float:
-    """Memory [MB] of all of them, what they share counted for each: no process is held up to tell it."""
+    """Return an upper bound on the memory [MB] of all processes, quickly: it counts files, and shared pages in each."""
     return sum(_pages(pid)[0] for pid in processes) * PAGE
 
 
 def megabytes(processes: Iterable[int]) -> float:
-    """Memory [MB] of all of them that no file holds, each page once; of one that hides its pages all count."""
+    """Return the memory [MB] of all processes without files; each page counts once, hidden ones in each process.
+
+    A process hides its pages by ``isolation.protect_process``.
+    """
     total = 0.0
     for pid in processes:
         try:
             lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii").splitlines()
-        except OSError:  # gone, or shut by prctl(PR_SET_DUMPABLE)
+        except OSError:  # ended, or hidden by prctl(PR_SET_DUMPABLE)
             total += _pages(pid)[0] * PAGE
         else:
             total += sum(int(line.split()[1]) * KILO for line in lines if line.startswith(KEPT))
@@ -37,7 +43,7 @@ def megabytes(processes: Iterable[int]) -> float:
 
 
 def _pages(pid: int | str) -> tuple[int, int]:
-    """Pages in memory, all and those of no file."""
+    """Return how many pages of a process are resident, and how many of those belong to no file; zeros once ended."""
     with contextlib.suppress(OSError):
         resident, shared = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1:3]
         return int(resident), int(resident) - int(shared)

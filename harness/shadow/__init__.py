@@ -1,1 +1,1 @@
-"""The nearest true motion of a computed one, and the modified energy of a fixed-step method, from its trajectory."""
+"""Find the true motion nearest to a computed one, and the modified energy of a fixed-step method from a trajectory."""

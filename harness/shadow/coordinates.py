@@ -1,4 +1,4 @@
-"""Joint coordinates of a motion that is given by poses and velocities of bodies, as they are: loops may be open."""
+"""Compute joint coordinates from poses and velocities of bodies without correcting them: loops may be open."""
 
 import numpy as np
 from jaxtyping import Float
@@ -8,11 +8,14 @@ from ...solvers.formulations.joint_coordinates.tree import Limb, Tree
 from ..mechanics.state import States
 
 
-def coordinates_of(tree: Tree, s: States) -> Float[np.ndarray, "nt ny"]:
-    """(q, u) of a tree at all times; angles and quaternions continue from row to row."""
+def compute_coordinates(tree: Tree, s: States) -> Float[np.ndarray, "nt ny"]:
+    """Return joint coordinates and their rates (q, u) of a motion at all times, by joints of the tree alone.
+
+    Angles and quaternions are continuous from row to row.
+    """
     nt, nb = s.r.shape[:2]
     q, u = np.zeros((nt, tree.nq)), np.zeros((nt, tree.nu))
-    R = np.broadcast_to(np.eye(3), (nt, nb + 1, 3, 3)).copy()  # the last one is the ground
+    R = np.broadcast_to(np.eye(3), (nt, nb + 1, 3, 3)).copy()  # the last row is the ground
     omega, P, v = (np.zeros((nt, nb + 1, 3)) for _ in range(3))
     R[:, :-1] = tree.base @ s.R @ np.swapaxes(tree.frames, 1, 2)
     omega[:, :-1] = np.einsum("bij,tbj->tbi", tree.frames, s.Omega)
@@ -38,7 +41,7 @@ def coordinates_of(tree: Tree, s: States) -> Float[np.ndarray, "nt ny"]:
 
 
 def _quaternions(R: np.ndarray) -> np.ndarray:
-    """Scalar first, of the sign that continues the one before; +1 at the start."""
+    """Return quaternions, scalar first, with signs continuous from row to row, and positive scalar at the start."""
     out = Rotation.from_matrix(R).as_quat(scalar_first=True)
     flips = np.sign(np.sum(out[1:] * out[:-1], axis=1))
     first = 1.0 if out[0, 0] >= 0.0 else -1.0
@@ -46,7 +49,10 @@ def _quaternions(R: np.ndarray) -> np.ndarray:
 
 
 def _turn(limb: Limb, R: np.ndarray, out: np.ndarray) -> None:
-    """Angles about the axes of one or two hinges, R = exp(q_1 hat(a_1)) exp(q_2 hat(a_2))."""
+    """Write the angles [rad] of a limb's one or two hinges into ``out``, from its rotation R relative to its parent.
+
+    R = exp(q_1 hat(a_1)) exp(q_2 hat(a_2)).
+    """
     if len(limb.turns) == 2:
         first, second = limb.turns
         out[:, 0] = _angle(first, second, R @ second)
@@ -57,12 +63,13 @@ def _turn(limb: Limb, R: np.ndarray, out: np.ndarray) -> None:
 
 
 def _angle(axis: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Return the angle [rad] about ``axis`` from the direction ``before`` to the directions ``after``."""
     before = before - (before @ axis) * axis
     return np.arctan2(after @ np.cross(axis, before), after @ before)
 
 
 def _rates(limb: Limb, q: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """The rates of the hinges that come nearest to ``omega``, in the frame of the parent."""
+    """Return the rates [rad/s] of a limb's hinges that come nearest to ``omega``, in the frame of the parent."""
     axes = np.broadcast_to(limb.turns, (len(q), *limb.turns.shape)).copy()
     if len(limb.turns) == 2:
         axes[:, 1] = Rotation.from_rotvec(q[:, :1] * limb.turns[0]).apply(limb.turns[1])

@@ -1,11 +1,12 @@
-"""Smallest corrections of the states at the ends of segments, by least squares that are linear in their number.
+"""Compute smallest corrections of the states at the ends of segments, by least squares of cost linear in their number.
 
 Corrections z_k of node k are coordinates in an orthonormal basis of its tangent space, in the metric
 
     |z|^2 = (xi^T H xi + tau^2 eta^T H eta) / M,     H the inertia, M the mass of the matter, xi = d(pose), eta = du
 
-the mean square over the matter of displacement and, times tau, of velocity [m^2]; the nodes count by the time they
-stand for, w_k. Continuity of the flow asks A_k z_k - z_k+1 = -gap_k: B z = -gap, B B^T tridiagonal by blocks.
+the mean square over the matter of displacement and, times tau, of velocity [m^2]; each node has the weight w_k of the
+time that it represents. Continuity of the flow requires A_k z_k - z_k+1 = -gap_k, that is B z = -gap with B B^T block
+tridiagonal.
 """
 
 from dataclasses import dataclass
@@ -14,19 +15,22 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 
-from .equations import Equations
+from .equations import FlowEquations
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Bases of the tangent spaces at nodes, and the coordinates of any small change of y in them."""
+    """Hold bases of the tangent spaces at nodes, and the map from a small change of y to coordinates in them."""
 
     basis: Float[np.ndarray, "n ny m"]
     coordinates: Float[np.ndarray, "n m ny"]
 
     @staticmethod
-    def at(E: Equations, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], tau: float) -> "Frames":
-        """Orthonormal in the metric above, of changes that keep loops closed."""
+    def at(E: FlowEquations, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], tau: float) -> "Frames":
+        """Return bases at states ``y``, orthonormal in the metric above, of those changes of y that keep loops closed.
+
+        ``tau`` [s] weighs velocities.
+        """
         T, H, slopes = E.frame(t, y)
         nu = E.nu
         root = np.swapaxes(np.linalg.cholesky(H / np.sum(E.system.mass)), 1, 2)
@@ -34,23 +38,27 @@ class Frames:
         rows = np.concatenate((slopes[:, :, :nu] @ unit, slopes[:, :, nu:] @ unit / tau), axis=2)
         free = np.linalg.qr(np.swapaxes(rows, 1, 2), mode="complete")[0][:, :, E.rows :]
         pose, rate = free[:, :nu], free[:, nu:]
-        back = root @ np.swapaxes(T, 1, 2) / np.sum(T[0] ** 2, axis=0)[:, None]  # of q: columns of T are orthogonal
+        # inverse of T: its columns are orthogonal
+        back = root @ np.swapaxes(T, 1, 2) / np.sum(T[0] ** 2, axis=0)[:, None]
         return Frames(
             np.concatenate((T @ (unit @ pose), unit @ rate / tau), axis=1),
             np.concatenate((np.swapaxes(pose, 1, 2) @ back, np.swapaxes(rate, 1, 2) @ (tau * root)), axis=2),
         )
 
     def measure(self, dy: Float[np.ndarray, "n ny"]) -> Float[np.ndarray, "n m"]:
-        """Coordinates of ``dy``."""
+        """Return the coordinates [m] of small changes ``dy`` of the states, in the bases."""
         return np.einsum("kij,kj->ki", self.coordinates, dy)
 
     def move(self, z: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n ny"]:
-        """The change of y that has coordinates ``z``."""
+        """Return the changes of the states that have coordinates ``z``: the inverse of ``measure``."""
         return np.einsum("kij,kj->ki", self.basis, z)
 
 
 class Continuity:
-    """B and the factor of B W^-1 B^T."""
+    """The linear conditions B z = b that join segments, with the factor of B W^-1 B^T.
+
+    ``A`` takes coordinates at the start of a segment to those at its end, ``w`` are the weights of the nodes.
+    """
 
     def __init__(self, A: Float[np.ndarray, "n m m"], w: Float[np.ndarray, " nodes"]) -> None:
         self.A, self.w = A, w
@@ -64,11 +72,11 @@ class Continuity:
             self._factors.append(cho_factor(S, lower=True, check_finite=False))
 
     def apply(self, z: Float[np.ndarray, "nodes m"]) -> Float[np.ndarray, "n m"]:
-        """B z"""
+        """Return B z: by how much corrections z change the gaps."""
         return np.einsum("kij,kj->ki", self.A, z[:-1]) - z[1:]
 
     def least(self, b: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "nodes m"]:
-        """The z of least sum of w_k |z_k|^2 with B z = b."""
+        """Return the corrections z of least sum of w_k |z_k|^2 with B z = b."""
         x, n = b.copy(), len(b)
         for k in range(1, n):
             x[k] -= self._below[k - 1].T @ x[k - 1]
@@ -82,9 +90,9 @@ class Continuity:
         return z / self.w[:, None]
 
     def size(self, z: Float[np.ndarray, "nodes m"]) -> float:
-        """Its norm [m]."""
+        """Return the norm of corrections [m], the root of ``product`` with themselves."""
         return float(np.sqrt(self.product(z, z)))
 
     def product(self, y: Float[np.ndarray, "nodes m"], z: Float[np.ndarray, "nodes m"]) -> float:
-        """Inner product of two corrections [m^2]."""
+        """Return the inner product of two sets of corrections [m^2], weighted by w."""
         return float(np.sum(self.w[:, None] * y * z))

@@ -1,18 +1,18 @@
-"""A shadow and a modified energy as findings."""
+"""Describe a shadow and a modified energy as findings."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from ..results.findings import Finding, Measured, compare, state
-from ..results.shadows import SYMPLECTIC, Nearest
+from ..results.findings import Finding, MeasuredQuantity, compare, state
+from ..results.shadows import SYMPLECTIC, NearestMotion
 from ..types import ACCURATE
 from .modified_energy import ModifiedEnergy
 from .shadow import GAP, Shadow
 
 
 def describe_shadow(s: Shadow) -> list[Finding]:
-    """Where there is a true motion, how near it is, and how it starts."""
+    """Return findings on a shadow: over which time a true motion was found, how near it is, and how it starts."""
     C = s.distance
     at = f"at {s.t[int(np.argmax(np.max(C, axis=1)))]:.6g} s"
     most = ACCURATE["accurate_until_s"] * s.reach
@@ -33,12 +33,16 @@ def describe_shadow(s: Shadow) -> list[Finding]:
         state("true motion nearby", describe_extent(s), f"over {s.t_end:.6g} s", s.is_complete),
         _name("largest gap left", compare(s.gap, "m", most=GAP)),
         _name("largest distance of C", compare(float(np.max(C)), "m", most=most, words=at, tested=s.until > 0.0)),
-        *(Finding(Measured(name, float(value), unit)) for name, value, unit in numbers if s.until > 0.0 or not unit),
+        *(
+            Finding(MeasuredQuantity(name, float(value), unit))
+            for name, value, unit in numbers
+            if s.until > 0.0 or not unit
+        ),
     ]
 
 
 def summarize_shadow(s: Shadow) -> dict[str, str | float]:
-    """A line, and its numbers."""
+    """Return a line of words on a shadow and its numbers, by name: ``words``, ``until_s`` ..."""
     largest, rms = float(np.max(s.distance)), float(np.sqrt(np.mean(s.distance**2)))
     numbers = {"until_s": s.until, "largest_m": largest, "rms_m": rms, "gap_m": s.gap, "glitch_s": s.glitch}
     if not s.until > 0.0:
@@ -47,31 +51,35 @@ def summarize_shadow(s: Shadow) -> dict[str, str | float]:
     return {"words": f"one within {1e3 * largest:.3g} mm, rms {1e3 * rms:.3g} mm, {over}", **numbers}
 
 
-def nearest_of(s: Shadow, m: ModifiedEnergy | None) -> Nearest:
-    """Both as kept beside a run."""
-    swing = None if m is None else m.swing / m.scale
+def summarise_nearest(s: Shadow, m: ModifiedEnergy | None) -> NearestMotion:
+    """Return the numbers on shadow and modified energy that are stored beside a run."""
+    swing = None if m is None else m.energy_range / m.scale
     if not s.until > 0.0:
-        return Nearest(modified_energy=swing)
+        return NearestMotion(modified_energy=swing)
     C = s.distance
-    return Nearest(s.until, float(np.max(C)), float(np.sqrt(np.mean(C**2))), swing)
+    return NearestMotion(s.until, float(np.max(C)), float(np.sqrt(np.mean(C**2))), swing)
 
 
 def describe_extent(s: Shadow) -> str:
-    """How long a shadow was found, and where the first glitch is."""
+    """Return in words over which time a shadow was found, and where the first glitch is."""
     where = f"{s.until:.6g} s{', in the plane' * s.in_plane}" if s.until > 0.0 else "no time"
     return f"found over {where}" if s.is_complete else f"found over {where}; a glitch near {s.glitch:.4g} s"
 
 
 def describe_energy(m: ModifiedEnergy) -> list[Finding]:
-    """The verdict ``symplectic to 1e-10 of the scale`` where it is shown, beside the swing of the energy itself."""
+    """Return findings on a modified energy: how much it varies, over the energy scale, and the verdict from that.
+
+    Its words are ``symplectic: yes`` where it varies by less than ``SYMPLECTIC`` of the scale.
+    """
     name = f"swing of the modified energy, differences of order {m.order}"
-    swing, shown = m.swing / m.scale, Nearest(modified_energy=m.swing / m.scale).symplectic
+    swing, shown = m.energy_range / m.scale, NearestMotion(modified_energy=m.energy_range / m.scale).symplectic
     words = f"symplectic: {shown}"
     return [
         _name(name, compare(swing, "of the scale", most=SYMPLECTIC, words=words, tested=shown == "yes")),
-        Finding(Measured("swing of the energy", float(np.ptp(m.energy)) / m.scale, "of the scale")),
+        Finding(MeasuredQuantity("swing of the energy", float(np.ptp(m.energy)) / m.scale, "of the scale")),
     ]
 
 
 def _name(quantity: str, f: Finding) -> Finding:
+    """Return the finding with another name of its quantity."""
     return replace(f, measured=replace(f.measured, quantity=quantity))

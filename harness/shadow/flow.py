@@ -1,24 +1,32 @@
-"""The true flow over many short segments at once: DOP853, with as many equal steps a segment as it needs."""
+"""Integrate the true flow over many short segments at once, by DOP853 with as many equal steps in each as it needs."""
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ...solvers.formulations.methods.tableaux import DOPRI853
-from .equations import Equations
+from .equations import FlowEquations
 from .lanes import one_by_one, side_by_side
 
-TOLERANCE = 1e-12  # of a step, relative to 1 + |y|
-ROUGH = 1e-9  # the same, on the way
-COARSER = 10  # steps of the flow to one of its tangents: 1e-12 becomes about 1e-5
-MOST_STEPS = 512  # a segment
-TOGETHER = 2**15  # numbers of tangents at a time, of which a step has twelve
+TOLERANCE = 1e-12  # error of a step, relative to 1 + |y|
+ROUGH = 1e-9  # the same for intermediate iterations
+COARSER = 10  # steps of the flow for one of its tangents, whose error is then about 1e-5 instead of 1e-12
+MOST_STEPS = 512  # steps in a segment
+TOGETHER = 2**15  # numbers of tangents processed together, of which a step has twelve
 
 
 def flow(
-    E: Equations, t: Float[np.ndarray, " n"], h: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"],
-    steps: Int[np.ndarray, " n"], tolerance: float = TOLERANCE, most: int = MOST_STEPS,
-) -> Float[np.ndarray, "n ny"]:  # fmt: skip
-    """y at t + h; ``steps`` are doubled in place where they are too few. NaN where no number suffices."""
+    E: FlowEquations,
+    t: Float[np.ndarray, " n"],
+    h: Float[np.ndarray, " n"],
+    y: Float[np.ndarray, "n ny"],
+    steps: Int[np.ndarray, " n"],
+    tolerance: float = TOLERANCE,
+    most: int = MOST_STEPS,
+) -> Float[np.ndarray, "n ny"]:
+    """Return the states to which the true motion takes ``y`` at t by t + h [s]; NaN where no number of steps suffices.
+
+    ``steps`` of each segment are doubled in place, up to ``most``, until the error of a step is below ``tolerance``.
+    """
     out, left = np.full_like(y, np.nan), np.arange(len(y))
     while len(left):
         again = []
@@ -35,10 +43,17 @@ def flow(
 
 
 def tangents(
-    E: Equations, t: Float[np.ndarray, " n"], h: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"],
-    Y: Float[np.ndarray, "n m ny"], steps: Int[np.ndarray, " n"],
-) -> Float[np.ndarray, "n m ny"]:  # fmt: skip
-    """The directions ``Y`` at t, carried along to t + h."""
+    E: FlowEquations,
+    t: Float[np.ndarray, " n"],
+    h: Float[np.ndarray, " n"],
+    y: Float[np.ndarray, "n ny"],
+    Y: Float[np.ndarray, "n m ny"],
+    steps: Int[np.ndarray, " n"],
+) -> Float[np.ndarray, "n m ny"]:
+    """Return small changes ``Y`` of the states at t as the true motion transports them to t + h [s].
+
+    ``steps`` are those that ``flow`` needed.
+    """
     few, lanes = -(-steps // COARSER), side_by_side(Y)
     size = max(1, TOGETHER // lanes[0].size)
     for n in np.unique(few):
@@ -48,8 +63,8 @@ def tangents(
     return one_by_one(lanes, Y.shape[1])
 
 
-def _march(E: Equations, t: np.ndarray, h: np.ndarray, y: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """After n steps, and the largest error of one."""
+def _march(E: FlowEquations, t: np.ndarray, h: np.ndarray, y: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return y after n steps of h [s] of DOP853, and the largest error of one, relative to 1 + |y|."""
     c, a, b, e = DOPRI853.c, DOPRI853.a, DOPRI853.b, DOPRI853.error
     K = np.empty((len(b) + 1, *y.shape))
     K[0] = E.rate(t, y)
@@ -68,7 +83,8 @@ def _march(E: Equations, t: np.ndarray, h: np.ndarray, y: np.ndarray, n: int) ->
     return y, worst
 
 
-def _carry(E: Equations, t: np.ndarray, h: np.ndarray, y: np.ndarray, Y: np.ndarray, n: int) -> np.ndarray:
+def _carry(E: FlowEquations, t: np.ndarray, h: np.ndarray, y: np.ndarray, Y: np.ndarray, n: int) -> np.ndarray:
+    """Return the changes ``Y`` after n steps of h [s] along the motion from y, by the variational equations."""
     c, a, b = DOPRI853.c, DOPRI853.a, DOPRI853.b
     K, D = np.empty((len(b), *y.shape)), np.empty((len(b), *Y.shape))
     for step in range(n):

@@ -1,15 +1,15 @@
-"""Machine code that takes ``LANES`` numbers at a time, where code printed for one takes one: arrays (..., LANES)."""
+"""Convert machine code for one number at a time to ``LANES`` numbers at a time, in arrays (..., LANES)."""
 
 import re
 
 import numpy as np
 from jaxtyping import Float
 
-LANES = 8  # doubles of AVX-512; other processors take them in parts
+LANES = 8  # doubles of AVX-512; other processors handle them in parts
 
 
 def side_by_side(a: Float[np.ndarray, "n m k"]) -> Float[np.ndarray, "n groups k lanes"]:
-    """Groups of ``LANES`` of the m; the last is filled up with zeros."""
+    """Arrange the m rows in groups of ``LANES``; the last group is padded with zeros."""
     n, m, k = a.shape
     out = np.zeros((n, -(-m // LANES), LANES, k))
     out.reshape(n, -1, k)[:, :m] = a
@@ -17,15 +17,15 @@ def side_by_side(a: Float[np.ndarray, "n m k"]) -> Float[np.ndarray, "n groups k
 
 
 def one_by_one(a: Float[np.ndarray, "n groups k lanes"], m: int) -> Float[np.ndarray, "n m k"]:
-    """Back from ``side_by_side``."""
+    """Return the m rows from groups of ``LANES``: the inverse of ``side_by_side``."""
     return np.swapaxes(a, 2, 3).reshape(len(a), -1, a.shape[2])[:, :m]
 
 
-def in_lanes(ir: str) -> str:
-    """The same functions, in LLVM IR, with that many numbers side by side in place of each."""
+def vectorise_functions(ir: str) -> str:
+    """Return the LLVM IR of the same functions with ``LANES`` numbers in place of each number."""
     lines = []
     for line in ir.splitlines():
-        if "icmp" in line or "br i1" in line:  # of the count of elements
+        if "icmp" in line or "br i1" in line:  # concerns the count of elements
             lines.append(line)
             continue
         if own := re.match(r"declare double @(?!llvm)(\w+)\((.*)\)", line):
@@ -41,11 +41,12 @@ def in_lanes(ir: str) -> str:
 
 
 def _same(x: str) -> str:
+    """Return a constant of LLVM IR repeated in all lanes."""
     return f"<{', '.join([x] * LANES)}>"
 
 
 def _each_lane(name: str, arguments: int) -> list[str]:
-    """A function of lanes that calls one of numbers."""
+    """Return LLVM IR of a function of lanes that calls the function ``name`` of numbers for each lane."""
     V, letters = f"<{LANES} x double>", "ab"[:arguments]
     lines = [f"define internal {V} @each.{name}({', '.join(f'{V} %{a}' for a in letters)}) {{"]
     for k in range(LANES):

@@ -1,10 +1,9 @@
-"""True motions far beyond the horizon of doubles: computed twice in multiple precision, stored at a few times.
+"""Compute true motions far beyond the horizon of doubles, twice in multiple precision, and store them at a few times.
 
-``python -m mbsbench.harness.shadow.long_motion chain 20`` makes or continues the file of a problem. Its error is the
-difference of two runs: other formulation, precision and order. A motion between stored times is marched anew.
-
-It is the motion of the exact numbers, which no double holds: on the chain a start rounded to doubles is a metre away
-after 7 s. Runs in double precision cannot be judged by it, but shadows and clouds can.
+``python -m mbsbench.harness.shadow.long_motion chain 20`` creates or continues the file of a problem. Its error is the
+difference of two runs with other formulation, precision and order. A motion between stored times is integrated anew. It
+is the motion of the exact numbers, which no double holds: on the chain a start rounded to doubles is a metre away after
+7 s. Runs in double precision cannot be judged by it, but shadows and clouds can.
 """
 
 import argparse
@@ -26,19 +25,19 @@ from jaxtyping import Float
 from ..files import write_text
 from ..mechanics.state import States
 from .rods import RECIPES, Recipe
-from .series import Flow, Precise
+from .series import Flow, PreciseState
 
 STORED = Path(__file__).parent / "long"
 FIRST, SECOND = ("angles", 240), ("directors", 272)  # formulation, bits at the start
-FEWEST = 96  # bits that any state carries
+FEWEST = 96  # least number of bits of a state
 AGREED = 1e-6  # [m] a motion ends where the runs differ by more
 EVERY = Fraction(1, 2)  # [s]
-READ = "angles", FEWEST  # to march from a stored state
+READ = "angles", FEWEST  # formulation and bits to integrate from a stored state
 
 
 @dataclass(frozen=True)
 class LongMotion:
-    """q and u of the first run as decimals, and the largest difference of the two up to each time [m]."""
+    """Hold q and u of the first run as decimals, and the largest difference of the two runs up to each time [m]."""
 
     problem: str
     t: tuple[Fraction, ...]
@@ -48,27 +47,27 @@ class LongMotion:
 
     @property
     def horizon(self) -> float:
-        """[s]"""
+        """Last stored time [s]."""
         return float(self.t[-1])
 
     @cached_property
     def recipe(self) -> Recipe:
-        """Its bodies."""
+        """The bodies and the start of the problem, in exact numbers."""
         return RECIPES[self.problem]()
 
-    def state(self, k: int, bits: int) -> Precise:
-        """That at the k-th stored time."""
+    def state(self, k: int, bits: int) -> PreciseState:
+        """Return the state at the k-th stored time, in units of 2^-bits."""
         with flint.ctx.workprec(bits):
             q, u = ([flint.arb(x) for x in row[k]] for row in (self.q, self.u))
         return self.recipe.rods.state(q, u, scale(self.t[k], bits), bits)
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """The motion at increasing times [s] up to the horizon, to 1e-12 m beside its error."""
+        """Return the motion at increasing times [s] up to the horizon, accurate to its error plus 1e-12 m."""
         if len(t) and not (t[0] >= 0.0 and t[-1] <= self.horizon and np.all(np.diff(t) > 0.0)):
             raise ValueError(f"times must increase, from 0 to {self.horizon:g} s")
         bits = READ[1]
         parts = np.searchsorted([float(a) for a in self.t], t, "right") - 1
-        found: list[Precise] = []
+        found: list[PreciseState] = []
         for k in np.unique(parts):
             wanted = [scale(Fraction(x), bits) for x in t[parts == k]]
             begin = self.state(int(k), bits)
@@ -79,12 +78,12 @@ class LongMotion:
         return self.recipe.bodies(X, V).with_times(t)
 
     def digest(self) -> str:
-        """Of what is stored."""
+        """Return the digest of the numbers that are stored."""
         return hashlib.sha256(repr((self.problem, self.t, self.q, self.u, self.difference)).encode()).hexdigest()
 
 
 def load_long_motion(problem: str) -> LongMotion:
-    """The stored one; ValueError where its digest is wrong."""
+    """Load the stored motion of a problem; raise ValueError where its digest is wrong."""
     stored = json.loads((STORED / f"{problem}.json").read_text())
     motion = _collect(problem, stored)
     if motion.digest() != stored["sha256"]:
@@ -93,17 +92,18 @@ def load_long_motion(problem: str) -> LongMotion:
 
 
 def _collect(problem: str, plain: dict[str, Any]) -> LongMotion:
+    """Return the motion from the content of its file."""
     q, u = (tuple(tuple(r) for r in plain[name]) for name in ("q", "u"))
     return LongMotion(problem, tuple(map(Fraction, plain["t"])), q, u, tuple(plain["difference"]))
 
 
 def scale(a: Fraction, bits: int) -> int:
-    """In units of 2^-bits."""
+    """Return ``a`` in units of 2^-bits, rounded down."""
     return (a.numerator << bits) // a.denominator
 
 
-class Run:
-    """One of the two runs; ``saved`` continues one."""
+class Integration:
+    """A run, the first or the second, which ``integrate_to`` continues; ``saved`` is one that was interrupted."""
 
     def __init__(self, recipe: Recipe, formulation: str, bits: int, saved: dict[str, Any] | None = None) -> None:
         self._mechanism, self._formulation, self._most = recipe.rods.mechanism(), formulation, bits
@@ -115,14 +115,14 @@ class Run:
             self.now = recipe.rods.state(q, u, 0, bits)
         else:
             self.flow = Flow(self._mechanism, formulation, saved["bits"])
-            self.now, self.flow.unit = Precise(saved["t"], saved["X"], saved["V"]), saved["unit"]
+            self.now, self.flow.unit = PreciseState(saved["t"], saved["X"], saved["V"]), saved["unit"]
 
     def save(self) -> dict[str, Any]:
-        """All it takes to go on."""
+        """Return all that is needed to continue the run, for JSON."""
         return {"bits": self.flow.bits, "t": self.now.t, "X": self.now.X, "V": self.now.V, "unit": self.flow.unit}
 
-    def reach(self, t: Fraction) -> Iterator[Precise | None]:
-        """The state at ``t`` at last; None after each step before."""
+    def integrate_to(self, t: Fraction) -> Iterator[PreciseState | None]:
+        """Yield None after each step, so that a caller can stop, and finally the state at ``t`` [s]."""
         self._round(max(FEWEST, self._most - int(self._lost * t)))
         at = scale(t, self.flow.bits)
         if self.now.t == at == 0:
@@ -135,23 +135,23 @@ class Run:
                 yield None if p.t < at else reached
 
     def _round(self, bits: int) -> None:
-        """Carry fewer bits from here."""
+        """Continue with ``bits`` bits, which are fewer: chaos has lost the others."""
         drop, unit = self.flow.bits - bits, self.flow.unit
         X, V = ([[x >> drop for x in body] for body in part] for part in (self.now.X, self.now.V))
-        self.now, self.flow = Precise(self.now.t >> drop, X, V), Flow(self._mechanism, self._formulation, bits)
+        self.now, self.flow = PreciseState(self.now.t >> drop, X, V), Flow(self._mechanism, self._formulation, bits)
         self.flow.unit = unit >> drop
 
 
-def make(problem: str, t_end: Fraction, stored: Path, budget: float) -> None:
-    """Make or continue the file in ``stored`` up to ``t_end``, while CPU time [s] is left."""
+def make_long_motion(problem: str, t_end: Fraction, stored: Path, budget: float) -> None:
+    """Create or continue the file in ``stored`` up to ``t_end``, while CPU time [s] is left."""
     recipe, work, path = RECIPES[problem](), stored / f"{problem}.work.json", stored / f"{problem}.json"
     begun: dict[str, Any] = {"runs": [None, None], "t": [], "q": [], "u": [], "difference": []}
     saved = json.loads(work.read_text()) if work.exists() else begun
-    runs = [Run(recipe, *of, own) for of, own in zip((FIRST, SECOND), saved["runs"], strict=True)]
+    runs = [Integration(recipe, *of, own) for of, own in zip((FIRST, SECOND), saved["runs"], strict=True)]
     while (t := EVERY * len(saved["t"])) <= t_end:
         reached = []
         for run in runs:
-            for p in run.reach(t):
+            for p in run.integrate_to(t):
                 if p is not None:
                     reached.append((p, run.flow.bits))
                 if time.process_time() > budget:
@@ -173,14 +173,15 @@ def make(problem: str, t_end: Fraction, stored: Path, budget: float) -> None:
         sys.stdout.flush()
 
 
-def measure_difference(a: tuple[Precise, int], b: tuple[Precise, int]) -> float:
-    """[m] of two states with their bits: the largest of positions and, by a metre, of directions."""
+def measure_difference(a: tuple[PreciseState, int], b: tuple[PreciseState, int]) -> float:
+    """Measure the largest difference [m] of two states with their bits, in positions and directions times 1 m."""
     (p, bits_p), (r, bits_r) = sorted((a, b), key=lambda pair: pair[1])
     pairs = ((x, y) for X, Y in zip(p.X, r.X, strict=True) for x, y in zip(X, Y, strict=True))
     return max(abs((x << bits_r - bits_p) - y) for x, y in pairs) / 2.0**bits_r
 
 
 def _write(path: Path, motion: LongMotion) -> None:
+    """Write the file of a motion: how to make it, its digest and its numbers."""
     command = f"python -m mbsbench.harness.shadow.long_motion {motion.problem} {motion.horizon:g}"
     head = {"recipe": {"command": command, "first": FIRST, "second": SECOND}, "sha256": motion.digest()}
     body = {"t": [str(t) for t in motion.t], "q": motion.q, "u": motion.u, "difference": motion.difference}
@@ -188,7 +189,7 @@ def _write(path: Path, motion: LongMotion) -> None:
 
 
 def main() -> None:
-    """The command above."""
+    """Run the command of the module."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("problem", choices=list(RECIPES))
     parser.add_argument("t_end", type=Fraction, help="[s]")
@@ -196,7 +197,7 @@ def main() -> None:
     parser.add_argument("--budget", type=float, default=3600.0, help="CPU time [s]")
     arguments = parser.parse_args()
     arguments.stored.mkdir(exist_ok=True)
-    make(arguments.problem, arguments.t_end, arguments.stored, arguments.budget)
+    make_long_motion(arguments.problem, arguments.t_end, arguments.stored, arguments.budget)
 
 
 if __name__ == "__main__":

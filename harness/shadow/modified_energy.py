@@ -1,14 +1,16 @@
-"""The energy that a symplectic method of fixed step keeps, along its trajectory (Moan, Niesen 2014, arXiv:1304.0673).
+"""Compute the energy that a symplectic fixed-step method conserves, from a trajectory (Moan, Niesen 2014).
+
+Source: arXiv:1304.0673.
 
 With the discrete Lagrangian of leapfrog and RATTLE, free motion and half a kick at both ends,
 
     S_n+1 = S_n + h T((q_n+1 - q_n) / h) - h/2 (V_n + V_n+1),    H_n = p_n . q'_n - S'_n
 
 where ' is the derivative along the modified motion, which passes through all q_n and S_n: central differences,
-extrapolated to the order that makes H_n swing least. Where forces change within a few steps (the whip of the chain at
-1e-3 s) the swing is that of the differences, and falls by 2^order with the step. Of any other method H_n swings as its
-energy does, or says how far it is from one with this Lagrangian (McLachlan, Offen 2022, arXiv:2201.03911): symplectic
-methods with another one (``gauss_joint``, ``rattle_joint``) are not shown.
+extrapolated to the order for which H_n varies least. Where forces change within a few steps (the whip of the chain at
+1e-3 s) the variation is that of the differences, and falls by 2^order with the step. For any other method H_n varies as
+its energy does, or shows how far it is from one with this Lagrangian (McLachlan, Offen 2022, arXiv:2201.03911):
+symplectic methods with another one (``gauss_joint``, ``rattle_joint``) are not recognised.
 """
 
 from dataclasses import dataclass
@@ -21,37 +23,40 @@ from ..mechanics.motion import energy, kinetic_energy, potential_energy
 from ..mechanics.state import States
 from ..types import Problem, Trajectory
 
-EVEN = 1e-9  # of the step: its changes
-TURNED = 1e-9  # of the largest angular momentum: its part across the angular velocity
-EQUAL = 1e-9  # relative: principal inertias
-SWEEPS, ROUNDING = 12, 1e-14  # of Newton steps, [rad]
+EVEN = 1e-9  # allowed change of the step, relative to the step
+TURNED = 1e-9  # allowed part of the angular momentum across the angular velocity, relative to the largest one
+EQUAL = 1e-9  # relative difference of principal inertias that count as equal
+SWEEPS, ROUNDING = 12, 1e-14  # number of Newton steps, and their size at convergence [rad]
 LARGEST_ORDER = 16
 
 
 @dataclass(frozen=True)
 class ModifiedEnergy:
-    """The modified energy at rows, far enough from the ends to be differenced, beside the energy there."""
+    """Hold the modified energy at rows far enough from the ends to be differenced, and the energy there."""
 
     t: Float[np.ndarray, " n"]
-    values: Float[np.ndarray, " n"]
-    energy: Float[np.ndarray, " n"]
+    values: Float[np.ndarray, " n"]  # [J] modified energy
+    energy: Float[np.ndarray, " n"]  # [J] T + V
     order: int  # of the differences
     scale: float  # [J] the largest kinetic energy
 
     @property
-    def swing(self) -> float:
-        """[J]"""
+    def energy_range(self) -> float:
+        """Range of the modified energy [J]."""
         return float(np.ptp(self.values))
 
 
 def find_modified_energy(problem: Problem, trajectory: Trajectory) -> ModifiedEnergy:
-    """By the differences that make it swing least; ValueError where it is not defined."""
+    """Return the modified energy by the order of differences for which it varies least; ValueError if undefined."""
     found = (of_order(problem, trajectory, order) for order in range(2, LARGEST_ORDER + 1, 2))
-    return min(found, key=lambda m: m.swing)
+    return min(found, key=lambda m: m.energy_range)
 
 
 def of_order(problem: Problem, trajectory: Trajectory, order: int) -> ModifiedEnergy:
-    """By central differences of even ``order``."""
+    """Return the modified energy by central differences of even ``order``; raise ValueError where it is undefined.
+
+    It is for steps that are not fixed, too few steps, systems that are not conservative and some bodies that nutate.
+    """
     t, s, system = trajectory.t, trajectory.states, problem.system
     h = float(t[-1] / (len(t) - 1)) if len(t) > 1 else 0.0
     n = LARGEST_ORDER // 2
@@ -71,12 +76,13 @@ def of_order(problem: Problem, trajectory: Trajectory, order: int) -> ModifiedEn
 
 
 def _actions(problem: Problem, s: States, h: float) -> Float[np.ndarray, " steps"]:
-    """S_n+1 - S_n"""
+    """Return the discrete action of each step of h [s], S_n+1 - S_n [J s]."""
     system = problem.system
     turned = Rotation.from_matrix((np.swapaxes(s.R[:-1], 2, 3) @ s.R[1:]).reshape(-1, 3, 3)).as_rotvec()
     turned = turned.reshape(len(s) - 1, system.nb, 3)
     L = np.einsum("bij,tbj->tbi", system.inertia, turned)
-    twice = np.sum(L * turned, axis=2)  # h^2 times twice the energy: about principal axes a free body turns evenly
+    # h^2 times twice the energy: about a principal axis a free body turns at a constant rate
+    twice = np.sum(L * turned, axis=2)
     size = np.max(np.linalg.norm(L, axis=2) * np.linalg.norm(turned, axis=2))
     nutating = np.max(np.linalg.norm(np.cross(L, turned), axis=2), axis=0) > TURNED * size
     for b in np.flatnonzero(nutating):
@@ -88,9 +94,10 @@ def _actions(problem: Problem, s: States, h: float) -> Float[np.ndarray, " steps
 
 
 def _nutate(inertia: Float[np.ndarray, "3 3"], turned: Float[np.ndarray, "steps 3"]) -> Float[np.ndarray, " steps"]:
-    """h^2 times twice the energy of the free top that turns by exp(``turned``) = exp(w) exp(c w_a e), w = h L / I_t.
+    """Return h^2 times twice the energy of a symmetric free top that turns by exp(``turned``) in each step h.
 
-    e is the axis of symmetry, c = I_t / I_a - 1; w_a = e . w by Newton steps.
+    With exp(``turned``) = exp(w) exp(c w_a e), w = h L / I_t: e is the axis of symmetry, c = I_t / I_a - 1; w_a = e . w
+    by Newton steps. ValueError for a body that is not symmetric or turns too far.
     """
     sizes, axes = np.linalg.eigh(inertia)
     a = 0 if sizes[2] - sizes[1] < sizes[1] - sizes[0] else 2
@@ -110,12 +117,12 @@ def _nutate(inertia: Float[np.ndarray, "3 3"], turned: Float[np.ndarray, "steps 
 
 
 def differentiate(a: Float[np.ndarray, "nt ..."], h: float, order: int, n: int) -> Float[np.ndarray, "inner ..."]:
-    """Central differences of even ``order`` at all rows but n at either end."""
+    """Return the rate of ``a``, recorded with step h [s], by central differences at all rows but n at either end."""
     half = order // 2
     k = np.arange(1, half + 1)
     weights = np.linalg.solve(
         k[None, :] ** (2.0 * np.arange(half)[:, None]), np.eye(half)[0]
-    )  # of (a_k - a_-k) / 2 k h
+    )  # weights of (a_k - a_-k) / 2 k h
     rows = len(a) - 2 * n
     out = np.zeros((rows, *a.shape[1:]))
     for j, w in zip(k, weights, strict=True):

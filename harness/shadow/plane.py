@@ -1,4 +1,4 @@
-"""Plane motions: spherical joints of a planar mechanism as hinges, so that its tangents are those in the plane."""
+"""Restrict planar mechanisms to their plane by hinges in place of spherical joints, so that tangents lie in it."""
 
 from dataclasses import replace
 
@@ -9,19 +9,19 @@ from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 from ..types import Problem
 
-PLANE = 1e-6  # of the reach: a motion that leaves the plane by less is one in the plane
+PLANE = 1e-6  # relative to the extent of the motion: one that leaves the plane by less counts as planar
 
 
 def is_plane(problem: Problem, states: States, reach: float) -> bool:
-    """Whether the exact motion is planar, and the computed one stays in that plane."""
+    """Return whether the exact motion is planar and the computed one stays in that plane, to ``PLANE`` of ``reach``."""
     if problem.planar_normal is None:
         return False
     at_home = problem.home(states)
     return bool(np.max(np.abs((at_home.r - at_home.r[:1]) @ problem.planar_normal)) < PLANE * reach)
 
 
-def with_hinges(system: MultibodySystem, start: State, normal: np.ndarray) -> MultibodySystem:
-    """The system with a revolute joint along ``normal`` [space] in place of each spherical one."""
+def add_hinges(system: MultibodySystem, start: State, normal: np.ndarray) -> MultibodySystem:
+    """Return the system with a revolute joint along ``normal`` [space] in place of each spherical one."""
     sort, axes, u, n = (a.copy() for a in (system.joint_sort, system.joint_axes, system.joint_u, system.joint_n))
     across = np.linalg.svd(normal[None])[2][1:]
     for k in np.flatnonzero(sort == KINDS.index(JointKind.SPHERICAL)):

@@ -1,9 +1,9 @@
-"""Motions in 80 or 113 bits by the Taylor series of a mechanism's tape in joint coordinates: no equation is new.
+"""Compute motions in 80 or 113 bits by the Taylor series of a mechanism's tape in joint coordinates.
 
 ``python -m mbsbench.harness.shadow.precise chain 2 --bits 113 --out chain.npz`` writes the motion, rounded to doubles,
 as ``mbsbench referee`` and ``shadow`` read it. Its error is ten times the largest difference so far, in r [m] and R,
-from a run with longer steps of lower order. It is the motion of the numbers on the tape, which are doubles: those that
-are sums and products of a problem's data are rounded, which is as if the data were.
+from a run with longer steps of lower order. The equations are those of the generated code. The motion is that of the
+numbers on the tape, which are doubles: sums and products of a problem's data are rounded, as if the data were.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...solvers.formulations.generated.functions import Straight
+from ...solvers.formulations.generated.functions import GeneratedFunction
 from ...solvers.formulations.joint_coordinates import code as joint_code
 from ...solvers.formulations.joint_coordinates.tree import spanning_tree
 from ..catalogue.registry import make_problem
@@ -24,16 +24,16 @@ from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..results.npz import write_npz
 from ..types import Problem
-from .taylor import Series, Sums, in_parts, sum_exactly
+from .taylor import Sums, TaylorSeries, split_doubles, sum_exactly
 
 TOLERANCE = {80: 2.0**-64, 113: 2.0**-112}
-LOOSER, SAFETY = 2.0**4, 10.0  # tolerance of the second run; error over its difference
-LAST = 7  # before the last: by symmetry most of them may vanish, as those of a pendulum that starts from rest
-CLOSING = 4  # Newton steps onto the loops at the start, each of which doubles the digits
+LOOSER, SAFETY = 2.0**4, 10.0  # factor on the tolerance of the second run; error relative to their difference
+LAST = 7  # coefficients before the last: by symmetry most may vanish, as for a pendulum that starts from rest
+CLOSING = 4  # Newton steps to close loops at the start, each of which doubles the correct digits
 
 
 def round_states(times: Sequence[Fraction], poses: Sequence[Sums]) -> States:
-    """Those of ``PreciseFlow.poses``, in doubles."""
+    """Return the poses and velocities of ``PreciseFlow.poses``, at these times [s], rounded to doubles."""
     x = np.array(poses)[:, :, 0]
     nb = x.shape[1] // 18
     r, R, V = x[:, : 3 * nb], x[:, 3 * nb : 12 * nb], x[:, 12 * nb :].reshape(-1, nb, 6)
@@ -42,15 +42,18 @@ def round_states(times: Sequence[Fraction], poses: Sequence[Sums]) -> States:
 
 
 class PreciseFlow:
-    """The motion of a system in joint coordinates y; a state is (t, y) as sums of doubles."""
+    """Integrate a system in joint coordinates y; a state is (t, y) as sums of doubles."""
 
     def __init__(self, system: MultibodySystem, start: State, bits: int, tolerance: float | None = None) -> None:
-        """``tolerance`` of a step, beside the largest coordinate or 1; ValueError where no code can be made."""
+        """Prepare the series; ``tolerance`` is that of a step, relative to the largest coordinate or 1.
+
+        Raise ValueError where no code can be generated.
+        """
         import casadi as ca
 
         tree = spanning_tree(system, start)
-        joint_code.make_code(system, tree)  # its refusals
-        found = joint_code.find_equations(system, tree, joint_code.key_of(system, tree))
+        joint_code.make_code(system, tree)  # raises ValueError for mechanisms that it refuses
+        found = joint_code.find_equations(system, tree, joint_code.digest_mechanism(system, tree))
         written, self.rows = joint_code.Parts(system, tree, found), len(found.rows)
         rate, finish, record = written.accelerate(), written.finish(), written.functions["record"]
         self.tolerance = TOLERANCE[bits] if tolerance is None else tolerance
@@ -58,27 +61,27 @@ class PreciseFlow:
         still = [ca.SX.zeros(k.numel()) for k in record.inputs[2:]]
         poses = ca.substitute(list(record.outputs[:3]), list(record.inputs), [*record.inputs[:2], *still])
         t, y = rate.inputs
-        self._rate = Series(Straight([t, y], [ca.SX(1), *rate.outputs]), bits, self.order, rates=True)
-        self._close = Series(Straight(finish.inputs, finish.outputs[:1]), bits)
-        self._poses = Series(Straight(record.inputs[:2], [ca.densify(a) for a in poses]), bits)
+        self._rate = TaylorSeries(GeneratedFunction([t, y], [ca.SX(1), *rate.outputs]), bits, self.order, rates=True)
+        self._close = TaylorSeries(GeneratedFunction(finish.inputs, finish.outputs[:1]), bits)
+        self._poses = TaylorSeries(GeneratedFunction(record.inputs[:2], [ca.densify(a) for a in poses]), bits)
         parts = np.zeros((1 + len(tree.start), 3))
         parts[1:, 0] = tree.start
-        parts[0] = in_parts(Fraction(start.t))
+        parts[0] = split_doubles(Fraction(start.t))
         for _ in range(CLOSING):
             parts = self.close(parts)
         self.start: Sums = parts
         self.steps = 0
 
     def close(self, x: Sums) -> Sums:
-        """The nearest state with closed loops and unit quaternions."""
+        """Return the state x after a Newton step onto closed loops and unit quaternions."""
         return np.concatenate((x[:1], self._close.values(x)))
 
     def poses(self, x: Sums) -> Sums:
-        """r, R by rows, then (v, Omega) by bodies."""
+        """Return r, R by rows, then (v, Omega) by bodies, of the state x, in one column."""
         return self._poses.values(x)
 
     def march(self, times: Sequence[Fraction]) -> Iterator[Sums]:
-        """The states at ``times``, in the order of the way, from the start; against time where they fall."""
+        """Yield the states at ``times`` [s], integrated from the start; decreasing times are integrated backwards."""
         x, t = self.start, sum_exactly(self.start[0])
         way = 1 if times[-1] >= t else -1
         wanted = list(times)
@@ -89,11 +92,14 @@ class PreciseFlow:
                 yield self.close(self._rate.sum(wanted.pop(0) - t))
             t += way * h
             x = self.close(self._rate.sum(way * h))
-            x[0] = in_parts(t)
+            x[0] = split_doubles(t)
             self.steps += 1
 
     def _step(self) -> Fraction:
-        """The radius of convergence by the last orders, over e^2 and a little (Jorba and Zou, Sect. 3.2)."""
+        """Return the length [s] of the next step: the radius of convergence by the last orders, over e^2 and a little.
+
+        Jorba and Zou, Sect. 3.2. Raise ArithmeticError if the series is not finite.
+        """
         p, scale = self.order, max(1.0, self._rate.size(0))
         radius = min((max(self._rate.size(k), 1e-300) / scale) ** (-1.0 / k) for k in range(p - LAST, p + 1))
         if not 0.0 < radius < math.inf:
@@ -102,25 +108,31 @@ class PreciseFlow:
 
 
 def difference(a: Sums, b: Sums) -> float:
-    """Largest of two states or poses, whose leading doubles are close."""
+    """Return the largest difference of two states or poses, whose leading doubles are close."""
     return float(np.max(np.abs(np.sum(a - b, axis=1))))
 
 
-def make(problem: Problem, t_end: Fraction, bits: int, rows: int) -> tuple[States, np.ndarray, PreciseFlow]:
-    """The motion at even times, its error so far, and what made it."""
+def make_precise_motion(
+    problem: Problem, t_end: Fraction, bits: int, rows: int
+) -> tuple[States, np.ndarray, PreciseFlow]:
+    """Return the motion at ``rows`` even times up to ``t_end`` [s], its error so far at each, and the flow itself.
+
+    Raise ArithmeticError if the motion does not stay finite.
+    """
     times = [k * t_end / (rows - 1) for k in range(rows)]
     flow, rough = (PreciseFlow(problem.system, problem.initial, bits, TOLERANCE[bits] * c) for c in (1, LOOSER))
     poses, apart, own = [], [0.0], slice(12 * problem.system.nb)
     for x, y in zip(flow.march(times), rough.march(times), strict=True):
         poses.append(flow.poses(x))
-        apart.append(np.maximum(apart[-1], difference(poses[-1][own], rough.poses(y)[own])))  # keeps a NaN
+        # ``np.maximum`` propagates a NaN
+        apart.append(np.maximum(apart[-1], difference(poses[-1][own], rough.poses(y)[own])))
     if not np.isfinite(apart[-1]):
         raise ArithmeticError("the motion is no longer finite: give a shorter time")
     return round_states(times, poses), SAFETY * np.array(apart[1:]), flow
 
 
 def main() -> None:
-    """The command above."""
+    """Run the command of the module."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("problem", help="name of a problem, or a mechanism's file")
     parser.add_argument("t_end", help="[s], as 2, 0.5 or 1/3")
@@ -134,9 +146,10 @@ def main() -> None:
         if arguments.rows < 2 or t_end <= 0:
             raise ValueError(f"give at least 2 rows and a time above 0 (got {arguments.rows}, {arguments.t_end})")
         problem = make_problem(arguments.problem, dict(pair.partition("=")[::2] for pair in arguments.problem_set))
-        states, error, flow = make(problem, t_end, arguments.bits, arguments.rows)
+        states, error, flow = make_precise_motion(problem, t_end, arguments.bits, arguments.rows)
         t, *parts = states.times, states.r, states.R, states.v, states.Omega
-        stored = error + 0.5 * np.spacing(max(np.max(np.abs(part)) for part in parts[:2]))  # poses as doubles
+        # rounding of the poses to doubles
+        stored = error + 0.5 * np.spacing(max(np.max(np.abs(part)) for part in parts[:2]))
         write_npz(arguments.out, dict(zip(("t", "r", "R", "v", "Omega", "error"), (t, *parts, stored), strict=True)))
     except (ArithmeticError, OSError, ValueError) as reason:
         parser.error(str(reason))

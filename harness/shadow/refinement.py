@@ -1,40 +1,41 @@
-"""The true motion nearest to a computed one: states at the ends of segments, refined until the true flow joins them.
+"""Refine states at the ends of segments until the true flow joins them: the true motion nearest to a computed one.
 
 First the gaps are closed, by damped Gauss-Newton steps of smallest correction (error-oriented damping, Deuflhard 2004,
-sect. 4.4); then the motion is led along the true ones to the nearest, where the sum of squares has its least value.
-No shift of time is allowed: states are compared at the same times. The search for the nearest stops early (``NEAREST``,
+sect. 4.4); then the motion is moved along the true ones to the nearest, which minimises the sum of squares. No shift of
+time is allowed: states are compared at the same times. The search for the nearest stops early (``NEAREST``,
 ``SETTLED``): RATTLE on the chain at 1e-3 s over 20 s has an rms distance of 0.693 mm, of 0.684 mm with bounds a
-hundredth and a tenth as large. Either is a true motion's, and bounds the distance of the nearest from above.
+hundredth and a tenth as large. Both are true motions, and bound the distance of the nearest from above.
 """
 
 import numpy as np
 from jaxtyping import Float
 
 from .corrections import Continuity, Frames
-from .equations import Equations
+from .equations import FlowEquations
 from .flow import ROUGH, TOLERANCE, flow, tangents
 
-CLOSED = 1e-10  # [m] in the metric, of the largest gap
-TANGENTS = 4  # directions, along which they cost about as much as a correction
-ASTRAY = 64  # steps of a segment, that of a sound motion taking 24: one that takes more is not near the given one
-PROJECTIONS = 4
+CLOSED = 1e-10  # [m] in the metric: largest gap of a closed motion
+TANGENTS = 4  # number of directions along which tangents cost about as much as a correction
+ASTRAY = 64  # most steps of a segment, where a regular motion takes 24: one that takes more is not near the given one
+PROJECTIONS = 4  # Newton steps onto the joints, each of which doubles the correct digits: 1e-1 becomes 1e-16
+# six halvings of a correction: each costs a flow and gains half as much, fewer give up sooner
 LEAST_DAMPING = 1 / 64
-MOST_ITERATIONS = 20
-MOST_TANGENTS = 10  # of a closing; generalised alpha on the chain over 20 s takes 9
-MOST_APPROACHES = 6  # a motion that is true and near bounds the distance of the nearest, at whatever step it ends
-NEAREST = 1e-1  # of the distance: a step whose square counts no more
-SETTLED = 1e-3  # of the distance: what a step must win at least
-NEARLY = 1e-4  # of the distance: gaps left on the way to the nearest motion
+MOST_ITERATIONS = 20  # corrections: more follow gaps that close slowly, fewer give up on motions that have a shadow
+MOST_TANGENTS = 10  # most computations of tangents to close gaps; generalised alpha on the chain over 20 s takes 9
+MOST_APPROACHES = 6  # most steps: the distance of the nearest is bounded from above wherever the search stops
+NEAREST = 1e-1  # relative to the distance: a step whose square is negligible
+SETTLED = 1e-3  # relative to the distance: the least gain of a step
+NEARLY = 1e-4  # relative to the distance: gaps allowed during the search for the nearest motion
 
 
 class Refinement:
-    """Nodes of a motion on their way to a true one.
+    """Refine the nodes of a motion towards a true one.
 
     ``frames`` are those of the last linearisation: corrections and gaps are in these until the next one.
     """
 
     def __init__(
-        self, E: Equations, t: Float[np.ndarray, " nodes"], given: Float[np.ndarray, "nodes ny"], tau: float
+        self, E: FlowEquations, t: Float[np.ndarray, " nodes"], given: Float[np.ndarray, "nodes ny"], tau: float
     ) -> None:
         self.E, self.t, self.given, self.tau, self.iterations = E, t, given, tau, 0
         self._h = np.diff(t)
@@ -45,7 +46,10 @@ class Refinement:
         self.frames = Frames.at(E, t, self.y, tau)
 
     def _place(self, y: np.ndarray, rough: bool = False) -> None:
-        """Take ``y``, on the loops, with the jumps of the true flow from node to node."""
+        """Set the nodes to ``y``, with closed loops, and compute the jumps of the true flow from node to node.
+
+        With ``rough`` at the wider tolerance of intermediate iterations.
+        """
         for _ in range(PROJECTIONS):
             y = self.E.project(self.t, y)
         self.y = y
@@ -54,6 +58,7 @@ class Refinement:
         self.jumps = ends - y[1:]
 
     def _linearise(self) -> Continuity:
+        """Compute bases and tangents at the nodes; return the conditions on corrections that close the gaps."""
         self.frames = Frames.at(self.E, self.t, self.y, self.tau)
         directions = np.swapaxes(self.frames.basis[:-1], 1, 2)
         Y = tangents(self.E, self.t[:-1], self._h, self.y[:-1], directions, self._steps)
@@ -61,24 +66,30 @@ class Refinement:
 
     @property
     def gaps(self) -> Float[np.ndarray, "n m"]:
-        """The jumps in coordinates."""
+        """The jumps between segments, in coordinates of the bases at their ends [m]."""
         return np.einsum("kij,kj->ki", self.frames.coordinates[1:], self.jumps)
 
     @property
     def gap(self) -> float:
-        """The largest [m]; infinite where the flow breaks down."""
+        """The largest gap between segments [m]; infinite where the flow fails."""
         largest = float(np.max(np.linalg.norm(self.gaps, axis=1)))
         return largest if np.isfinite(largest) else np.inf
 
     def close(self, linear: Continuity | None = None) -> bool:
-        """Close the gaps, by the tangents here if these are known; whether that succeeded."""
+        """Close the gaps by corrections of the nodes; return whether that succeeded.
+
+        ``linear`` are conditions from tangents at hand, which save the first ones.
+        """
         try:
             return np.isfinite(self.gap) and self._close(linear)
-        except np.linalg.LinAlgError:  # where the mechanism is singular
+        except np.linalg.LinAlgError:  # raised where the mechanism is singular
             return False
 
     def _close(self, linear: Continuity | None) -> bool:
-        """By one correction at least: else an accurate motion would be its own shadow."""
+        """Close the gaps by at least one correction: otherwise an accurate motion would be its own shadow.
+
+        Return whether they are below ``CLOSED``; raise LinAlgError where the mechanism is singular.
+        """
         left = MOST_TANGENTS
         for _ in range(MOST_ITERATIONS):
             if (self.iterations and self.gap < CLOSED) or not np.isfinite(self.gap) or (linear is None and left == 0):
@@ -91,16 +102,16 @@ class Refinement:
             while damping == 1.0 or not (after <= (1.0 - damping / 4.0) * size or self.gap < CLOSED):
                 if damping < LEAST_DAMPING:
                     return False
-                self._steps = steps.copy()  # a motion that went astray took many
+                self._steps = steps.copy()  # a motion that went astray took many steps
                 self._place(y + damping * self.frames.move(z))
                 after = linear.size(linear.least(-self.gaps)) if np.isfinite(self.gap) else np.inf
                 damping *= 0.5
             corrections = np.log(CLOSED / max(self.gap, CLOSED)) / np.log(after / size) if after < size else np.inf
-            linear = linear if TANGENTS * corrections < z.shape[1] else None  # new ones would cost more
+            linear = linear if TANGENTS * corrections < z.shape[1] else None  # new tangents would cost more
         return self.gap < CLOSED
 
     def approach(self) -> None:
-        """Move a closed motion to the nearest one, as far as that makes it nearer, and close that."""
+        """Move a closed motion to the nearest true one, as far as that makes it nearer; it stays closed."""
         before = self.y
         linear = self._approach()
         self._place(self.y)
@@ -108,7 +119,7 @@ class Refinement:
             self._place(before)
 
     def _approach(self) -> Continuity | None:
-        """By conjugate directions; the tangents where it ends, if known."""
+        """Approach the nearest motion by conjugate directions; return the conditions where it ends, if still right."""
         damping, direction, last = 1.0, np.zeros_like(self.y), np.inf
         for _ in range(MOST_APPROACHES):
             linear = self._linearise()
@@ -131,12 +142,12 @@ class Refinement:
                     return linear
             if before - after < SETTLED * before:
                 return None
-            bend = after**2 - before**2 + 2.0 * damping * slope  # of the square over the step: a parabola
+            bend = after**2 - before**2 + 2.0 * damping * slope  # curvature of the square along the step, a parabola
             damping = min(1.0, slope * damping**2 / bend) if bend > 0.0 else 1.0
         return None
 
     def _step(self, linear: Continuity, y: np.ndarray) -> float:
-        """Take ``y``, its gaps closed by the tangents at hand; its distance, infinite where they stay open."""
+        """Move to ``y`` and close its gaps by ``linear``; return its distance [m], infinite where gaps remain."""
         steps = self._rough.copy()
         self._place(y, rough=True)
         self.iterations += 1
@@ -144,7 +155,7 @@ class Refinement:
         while self.gap >= max(CLOSED, NEARLY * linear.size(self.frames.measure(self.y - self.given))):
             z = linear.least(-self.gaps)
             if not linear.size(z) < 0.5 * last:
-                self._rough = steps  # as in ``_close``
+                self._rough = steps  # keep the steps, as in ``_close``
                 return np.inf
             last = linear.size(z)
             self._place(self.y + self.frames.move(z), rough=True)

@@ -1,4 +1,4 @@
-"""Rods hung one from the other in a plane, as exact numbers: chain, grid (a row is one rod) and pendulum on a cart."""
+"""Define rods hung one from the other in a plane, as exact numbers: chain, grid (a row is a rod), cart pendulum."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from jaxtyping import Float
 from ...problems.exact import planar
 from ...problems.four_bar_grid import grid_states
 from ..mechanics.state import States
-from .series import C, Mechanism, Precise, S, X
+from .series import C, PlaneMechanism, PreciseState, S, X
 
-SPARE = 32  # bits of functions beyond those of numbers
+SPARE = 32  # further bits in the evaluation of functions
 ONE, NONE = Fraction(1), Fraction(0)
 
 
 @dataclass(frozen=True)
 class Rod:
-    """``centre`` [m] is the distance of its centre of mass from its upper end, ``inertia`` [kg m2] about that."""
+    """Define a rod with its centre of mass at ``centre`` [m] from its upper end and ``inertia`` [kg m2] about that."""
 
     mass: Fraction
     length: Fraction
@@ -29,15 +29,15 @@ class Rod:
 
 @dataclass(frozen=True)
 class Rods:
-    """The first hangs from the origin, or from a cart on OX; the last one's end may be fixed on OX."""
+    """Define a chain of rods from the origin, or from a cart on OX; the end of the last one may be fixed on OX."""
 
     rods: tuple[Rod, ...]
     gravity: Fraction  # [m/s2] along -y
     cart: Fraction | None = None  # [kg]
     end: Fraction | None = None  # [m]
 
-    def mechanism(self) -> Mechanism:
-        """Joints as rows, x and y of each."""
+    def mechanism(self) -> PlaneMechanism:
+        """Return the bodies and their constraint rows: two, x and y, for each joint, and two that guide a cart."""
         k0 = int(self.cart is not None)
         rows: list[dict[int, tuple[Fraction, ...]]] = []
         for k in range(len(self.rods) + (self.end is not None)):
@@ -55,10 +55,13 @@ class Rods:
         if self.cart is not None:
             rows += [{0: (NONE, ONE, NONE, NONE)}, {0: (NONE, NONE, NONE, ONE)}]
             mass, inertia = [self.cart, *mass], [ONE, *inertia]
-        return Mechanism(mass, inertia, rows, self.gravity)
+        return PlaneMechanism(mass, inertia, rows, self.gravity)
 
-    def state(self, q: list[flint.arb], u: list[flint.arb], t: int, bits: int) -> Precise:
-        """From the angles to OX [rad], behind x of the cart where there is one, and their rates."""
+    def state(self, q: list[flint.arb], u: list[flint.arb], t: int, bits: int) -> PreciseState:
+        """Return the state at ``t`` [s, 2^-bits] in units of 2^-bits, from coordinates q and rates u.
+
+        They are the angles of the rods to OX [rad], after x [m] of the cart where there is one.
+        """
         with flint.ctx.workprec(bits + SPARE):
             zero = flint.arb(0)
             x, y, v_x, v_y = zero, zero, zero, zero
@@ -73,10 +76,10 @@ class Rods:
                 values.append([x + near * c, y + near * s, c, s])
                 rates.append([v_x - near * w * s, v_y + near * w * c, -w * s, w * c])
                 x, y, v_x, v_y = x + whole * c, y + whole * s, v_x - whole * w * s, v_y + whole * w * c
-            return Precise(t, *([[_integer(a, bits) for a in body] for body in part] for part in (values, rates)))
+            return PreciseState(t, *([[_integer(a, bits) for a in body] for body in part] for part in (values, rates)))
 
-    def coordinates(self, p: Precise, bits: int) -> tuple[list[flint.arb], list[flint.arb]]:
-        """Back from a state; angles in (-pi, pi]."""
+    def coordinates(self, p: PreciseState, bits: int) -> tuple[list[flint.arb], list[flint.arb]]:
+        """Return q and u from a state in units of 2^-bits: the inverse of ``state``, with angles in (-pi, pi]."""
         q, u = [], []
         with flint.ctx.workprec(bits + SPARE):
             for b, (values, rates) in enumerate(zip(p.X, p.V, strict=True)):
@@ -89,21 +92,22 @@ class Rods:
 
 @dataclass(frozen=True)
 class Recipe:
-    """A problem of the catalogue, with its default parameters, as rods from a start that is exact."""
+    """Define a problem of the catalogue, with its default parameters, as rods from an exact start."""
 
     rods: Rods
-    start: Callable[[], tuple[list[flint.arb], list[flint.arb]]]  # q, u to the precision of the context
+    start: Callable[[], tuple[list[flint.arb], list[flint.arb]]]  # q, u in the precision of the context
     bodies: Callable[[Float[np.ndarray, "nt nb 4"], Float[np.ndarray, "nt nb 4"]], States]  # x, y, c, s; their rates
-    lost: int  # bits a second that chaos takes, about: so many fewer are carried as time goes on
+    lost: int  # approximate loss of bits per second by chaos, by which the number of bits decreases with time
 
 
 def _chain() -> Recipe:
+    """Return the recipe of the problem ``chain``: fifteen bars with both ends fixed."""
     bar = _bar(ONE, Fraction("0.3048"))
 
     def start() -> tuple[list[flint.arb], list[flint.arb]]:
-        """Static spans: tan of the angles is lever a, their cosines sum to 3 (problems/chain.py)."""
+        """Return the start with static spans: tan of the angles is lever a, cosines sum to 3 (problems/chain.py)."""
         a = flint.arb(1)
-        for _ in range(12):  # Newton doubles the digits
+        for _ in range(12):  # each Newton step doubles the correct digits
             cosines = [1 / (1 + (lever * a) ** 2).sqrt() for lever in (1, 2)]
             slope = -2 * sum(lever**2 * a * c**3 for lever, c in zip((1, 2), cosines, strict=True))
             a = (a - (1 + 2 * sum(cosines) - 3) / slope).mid()
@@ -113,22 +117,25 @@ def _chain() -> Recipe:
 
 
 def _cart_pendulum() -> Recipe:
+    """Return the recipe of the problem ``cart_pendulum``: two bars below a cart, at rest."""
     bar = _bar(Fraction(1, 2), Fraction(1, 2))
     nothing = [flint.arb(0)] * 3
     return Recipe(Rods((bar, bar), Fraction("9.81"), cart=ONE), lambda: (nothing, nothing), _bars, 3)
 
 
 def _four_bar_grid() -> Recipe:
-    """Six uprights of 1 kg, and five bars of 1 kg at their lower ends."""
+    """Return the recipe of ``four_bar_grid``: each row, six uprights and five bars of 1 kg, moves as one rod."""
     upright, across = Fraction(6), Fraction(5)
     mass = upright + across
     centre = (upright / 2 + across) / mass
     inertia = upright / 3 + across - mass * centre**2
 
     def start() -> tuple[list[flint.arb], list[flint.arb]]:
+        """Return the angles and rates at the start: all rows hang, the top one turns."""
         return [-flint.arb.pi() / 2] * 5, [2 * flint.arb.pi() / 3] + [flint.arb(0)] * 4
 
     def bodies(X: np.ndarray, V: np.ndarray) -> States:
+        """Return the motion of all bars from that of the rods."""
         rate = X[:, :, C] * V[:, :, S] - X[:, :, S] * V[:, :, C]
         return grid_states(np.arctan2(X[:, :, C], -X[:, :, S]), rate, 5, 1.0)
 
@@ -136,7 +143,10 @@ def _four_bar_grid() -> Recipe:
 
 
 def _bars(X: np.ndarray, V: np.ndarray) -> States:
-    """One body each, with the frames of ``planar``; a cart lies along OX."""
+    """Return the motion of all bodies from x, y, c, s and their rates, with the frames of ``planar``.
+
+    A cart lies along OX.
+    """
     rate = X[:, :, C] * V[:, :, S] - X[:, :, S] * V[:, :, C]
     return planar.states(X[:, :, :2], np.arctan2(X[:, :, S], X[:, :, C]), V[:, :, :2], rate)
 
@@ -145,25 +155,29 @@ RECIPES = {"chain": _chain, "cart_pendulum": _cart_pendulum, "four_bar_grid": _f
 
 
 def _bar(mass: Fraction, length: Fraction) -> Rod:
+    """Return a homogeneous bar."""
     return Rod(mass, length, length / 2, mass * length**2 / 12)
 
 
 def _point(along: Fraction, sign: Fraction, lane: int) -> tuple[Fraction, ...]:
-    """x or y, ``lane``, of the point ``along`` [m] the axis of a body, times ``sign``."""
+    """Return factors for x or y, ``lane``, of the point ``along`` [m] the axis of a body, times ``sign``."""
     factors = [NONE] * 4
     factors[X + lane], factors[C + lane] = sign, sign * along
     return tuple(factors)
 
 
 def _ball(a: Fraction) -> flint.arb:
+    """Return an exact number as a ball, in the precision of the context."""
     return flint.arb(flint.fmpq(a.numerator, a.denominator))
 
 
 def _integer(a: flint.arb, bits: int) -> int:
+    """Return the middle of a ball in units of 2^-bits, rounded down."""
     m, e = (int(part) for part in a.mid().man_exp())
     shift = e + bits
     return m << shift if shift >= 0 else m >> -shift
 
 
 def _real(a: int, bits: int) -> flint.arb:
+    """Return ``a`` units of 2^-bits as a ball."""
     return flint.arb(a) / flint.arb(2) ** bits

@@ -1,12 +1,13 @@
-"""Plane mechanisms by Taylor series in multiple precision, in two formulations, for motions beyond what doubles follow.
+"""Integrate plane mechanisms by Taylor series in multiple precision, in two formulations.
 
 A body has its centre (x, y) and the direction (c, s) of an axis; rows are linear in these four: J X = const.
 
-angles      theta_dot_dot = (-s Q_c + c Q_s) / I,  c_dot = -s w, s_dot = c w
-directors   no angle: I e_dot_dot = Q_e + mu e, mu = -e . Q_e - I |e_dot|^2, which keeps e = (c, s) of unit length
+    angles      theta_dot_dot = (-s Q_c + c Q_s) / I,  c_dot = -s w, s_dot = c w
+    directors   I e_dot_dot = Q_e + mu e, mu = -e . Q_e - I |e_dot|^2, which keeps e = (c, s) of unit length
 
-with Q = J^T lam; J X_dot_dot = 0 gives lam, order by order, by one factor of J W J^T a step. Numbers are integers, in
-units of 2^-bits; time is in units of about the step, so that coefficients fall and high ones are short.
+with Q = J^T lam; J X_dot_dot = 0 gives lam, order by order, by one factor of J W J^T in each step. Numbers are
+integers, in units of 2^-bits; time is in units of about the step, so that coefficients decrease and those of high order
+are short. Such series follow motions for longer than doubles can.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,9 +17,10 @@ from itertools import islice
 from operator import mul
 
 GUARD = 24  # bits below the truncation error of a step
-ORDER = 0.35  # a bit: about the cheapest, log(2) / 2, since work grows as its square and steps as 2^(-bits/order)
+# order per bit, near the cheapest, log(2) / 2, since work grows as its square and steps as 2^(-bits/order)
+ORDER = 0.35
 LAST = 7  # coefficients before the last: by symmetry most of them may vanish
-LOOSE = 5, 4  # unit of time over the last step: the next may be longer by this
+LOOSE = 5, 4  # unit of time relative to the last step, by which the next may be longer
 FORMULATIONS = ("angles", "directors")
 X, Y, C, S = range(4)
 Series = list[int]
@@ -26,8 +28,8 @@ Rows = Sequence[Mapping[int, tuple[Fraction, ...]]]  # by body: factors of its x
 
 
 @dataclass(frozen=True)
-class Mechanism:
-    """Rigid bodies in a plane, each of unit (c, s); ``rows`` have rank."""
+class PlaneMechanism:
+    """Define rigid bodies in a plane, each with unit (c, s); ``rows`` have full rank."""
 
     mass: Sequence[Fraction]  # [kg]
     inertia: Sequence[Fraction]  # [kg m2] about the centres
@@ -36,8 +38,8 @@ class Mechanism:
 
 
 @dataclass(frozen=True)
-class Precise:
-    """A state, in units of 2^-bits: x, y [m], c, s of each body, and their rates [1/s]."""
+class PreciseState:
+    """Hold a state, in units of 2^-bits: x, y [m], c, s of each body, and their rates [1/s]."""
 
     t: int
     X: Sequence[Sequence[int]]
@@ -45,25 +47,30 @@ class Precise:
 
 
 class Flow:
-    """The motion from a state; the truncation error of a step is about 2^(GUARD - bits)."""
+    """Integrate from a state; the truncation error of a step is about 2^(GUARD - bits)."""
 
-    def __init__(self, mechanism: Mechanism, formulation: str, bits: int) -> None:
+    def __init__(self, mechanism: PlaneMechanism, formulation: str, bits: int) -> None:
         if formulation not in FORMULATIONS:
             raise ValueError(f"formulation must be {' or '.join(FORMULATIONS)} (got {formulation})")
         self.mechanism, self.bits, self.order = mechanism, bits, int(ORDER * bits)
         self._expand = self._by_angles if formulation == "angles" else self._by_directors
-        self._rows = [[(b, k, self._to_fixed(a)) for b, r in row.items() for k, a in enumerate(r) if a]
-                      for row in mechanism.rows]  # fmt: skip
+        self._rows = [
+            [(b, k, self._to_fixed(a)) for b, r in row.items() for k, a in enumerate(r) if a] for row in mechanism.rows
+        ]
         self._light = [self._to_fixed(1 / m) for m in mechanism.mass]
         self._agile = [self._to_fixed(1 / i) for i in mechanism.inertia]
         self._inertia = [self._to_fixed(i) for i in mechanism.inertia]
         self.unit = self._to_fixed(Fraction(1, 64))  # [s]
 
     def _to_fixed(self, a: Fraction) -> int:
+        """Return ``a`` in units of 2^-bits, rounded down."""
         return (a.numerator << self.bits) // a.denominator
 
-    def march(self, state: Precise, t_end: int, at: Sequence[int] = ()) -> Iterator[tuple[Precise, bool]]:
-        """States at the ``at`` [s, 2^-bits] behind ``state``, True; and where steps end, False."""
+    def march(self, state: PreciseState, t_end: int, at: Sequence[int] = ()) -> Iterator[tuple[PreciseState, bool]]:
+        """Yield states at the times ``at`` [s, 2^-bits] after ``state``, with True, and where steps end, with False.
+
+        Steps go on until one ends at ``t_end`` or later.
+        """
         wanted = [t for t in at if t > state.t]
         while state.t < t_end:
             series = self._series(state)
@@ -74,7 +81,8 @@ class Flow:
             self.unit = h * LOOSE[0] // LOOSE[1]
             yield state, False
 
-    def _series(self, state: Precise) -> list[list[Series]]:
+    def _series(self, state: PreciseState) -> list[list[Series]]:
+        """Return the Taylor coefficients of x, y, c, s of each body about ``state``, in the present unit of time."""
         B, unit = self.bits, self.unit
         start = [[[x, v * unit >> B] for x, v in zip(X, V, strict=True)] for X, V in zip(state.X, state.V, strict=True)]
         self._pull = -self._to_fixed(self.mechanism.gravity) * unit * unit >> 2 * B
@@ -82,16 +90,18 @@ class Flow:
         return self._expand(start)
 
     def _step(self, series: list[list[Series]]) -> int:
-        """[2^-bits s]: the last coefficient times its power is 2^(GUARD - bits), by whatever of ``LAST`` says most."""
+        """Return the step [s, 2^-bits] whose last term is 2^(GUARD - bits), by the largest of ``LAST`` coefficients."""
         p, h = self.order, self.unit
         sizes = {k: max(abs(a[k]) for body in series for a in body).bit_length() for k in (0, *range(p - LAST, p + 1))}
         for k in range(p - LAST, p + 1):
             if sizes[k] > 1:
-                last = sizes[0] + (sizes[k] - sizes[0]) * p / k  # of a geometric series through the k-th
+                # size of the last coefficient in a geometric series through the k-th
+                last = sizes[0] + (sizes[k] - sizes[0]) * p / k
                 h = min(h, int(self.unit * 2.0 ** ((GUARD - last) / p)))
         return h
 
-    def _evaluate(self, series: list[list[Series]], begin: int, t: int) -> Precise:
+    def _evaluate(self, series: list[list[Series]], begin: int, t: int) -> PreciseState:
+        """Return the state at ``t`` from the series about ``begin``, both [s, 2^-bits]."""
         B = self.bits
         u = ((t - begin) << B) // self.unit
         values, rates = [], []
@@ -106,13 +116,13 @@ class Flow:
                 V.append((v << B) // self.unit)
             values.append(X)
             rates.append(V)
-        return Precise(t, values, rates)
+        return PreciseState(t, values, rates)
 
     def _factor(self, start: list[list[Series]]) -> None:
-        """L D L^T of J W J^T by rows: the inverse pivot, and L left of the diagonal where it is not zero."""
+        """Factor J W J^T into L D L^T by rows: the inverse pivot, and L left of the diagonal where it is not zero."""
         B = self.bits
         across = [(-b[S][0], b[C][0]) for b in start]
-        slopes = []  # of a row: along x, y, and the angle of its bodies
+        slopes = []  # slopes of a row along x, y and the angle of its bodies
         for row in self._rows:
             own: dict[tuple[int, int], int] = {}
             for b, k, a in row:
@@ -138,6 +148,7 @@ class Flow:
         self._above = [[(j, L[i]) for j, L in enumerate(self._L) if i in L] for i in range(len(self._L))]
 
     def _solve(self, b: list[int]) -> list[int]:
+        """Return lam with J W J^T lam = b, by the factor of the step; ``b`` is overwritten."""
         B = self.bits
         for i, L in enumerate(self._L):
             if L:
@@ -149,7 +160,10 @@ class Flow:
         return b
 
     def _react(self, known: list[list[int]]) -> list[list[int]]:
-        """Q of the lam that keep J X_dot_dot = 0 beside the ``known`` part of X_dot_dot."""
+        """Return the forces Q = J^T lam on each body for which J X_dot_dot = 0.
+
+        ``known`` is the part of X_dot_dot that other terms give.
+        """
         B = self.bits
         lam = self._solve([-sum(a * known[b][k] for b, k, a in row) >> B for row in self._rows])
         Q = [[0, 0, 0, 0] for _ in known]
@@ -159,7 +173,7 @@ class Flow:
         return [[q >> B for q in own] for own in Q]
 
     def _advance(self, series: list[list[Series]], k: int, known: list[list[int]], Q: list[list[int]]) -> None:
-        """Append coefficient k + 2 of all four: W Q beside the known part."""
+        """Append coefficient k + 2 of x, y, c, s of each body: W Q plus the ``known`` part of X_dot_dot."""
         B, n = self.bits, (k + 1) * (k + 2)
         for body, a, q, light, agile in zip(series, known, Q, self._light, self._agile, strict=True):
             c, s = body[C][0], body[S][0]
@@ -170,6 +184,7 @@ class Flow:
             body[S].append((a[S] + (c * turn >> B)) // n)
 
     def _by_angles(self, series: list[list[Series]]) -> list[list[Series]]:
+        """Extend the series of all bodies to full order by the formulation ``angles``."""
         B = self.bits
         rate = [[(b[C][0] * b[S][1] - b[S][0] * b[C][1]) >> B] for b in series]
         force: list[tuple[Series, Series]] = [([], []) for _ in series]
@@ -179,10 +194,14 @@ class Flow:
                 c, s, back = body[C], body[S], w[::-1]
                 turn = (_dot(c, q_s[::-1]) - _dot(s, q_c[::-1]) >> B) * agile >> B
                 turns.append(turn)
-                known.append([
-                    0, 0 if k else self._pull,
-                    ((k + 1) * -_dot(s, back) - s[0] * turn) >> B, ((k + 1) * _dot(c, back) + c[0] * turn) >> B,
-                ])  # fmt: skip
+                known.append(
+                    [
+                        0,
+                        0 if k else self._pull,
+                        ((k + 1) * -_dot(s, back) - s[0] * turn) >> B,
+                        ((k + 1) * _dot(c, back) + c[0] * turn) >> B,
+                    ]
+                )
             Q = self._react(known)
             self._advance(series, k, known, Q)
             for body, w, own, q, turn, agile in zip(series, rate, force, Q, turns, self._agile, strict=True):
@@ -192,6 +211,7 @@ class Flow:
         return series
 
     def _by_directors(self, series: list[list[Series]]) -> list[list[Series]]:
+        """Extend the series of all bodies to full order by the formulation ``directors``."""
         B = self.bits
         force: list[tuple[Series, Series]] = [([], []) for _ in series]
         stretch: list[Series] = [[] for _ in series]  # mu
@@ -220,12 +240,12 @@ class Flow:
 
 
 def _dot(a: Series, back: Series) -> int:
-    """Sum of a_j b_n-j over j = 1 ... n, ``back`` being b from the last one."""
+    """Return the sum of a_j b_n-j over j = 1 ... n, ``back`` being b in reverse."""
     return sum(map(mul, islice(a, 1, None), back))
 
 
 def _square(a: Series) -> int:
-    """Sum of a_j a_n-j over all j, n the last."""
+    """Return the sum of a_j a_n-j over all j, n the last."""
     n = len(a)
     total = 2 * sum(map(mul, islice(a, n // 2), reversed(a)))
     return total + a[n // 2] ** 2 if n % 2 else total

@@ -1,6 +1,6 @@
-"""Loops over tables of operations in 80 or 113 bits, as LLVM IR: ``expand``, ``sum``, ``join``, ``split``.
+"""Generate loops over tables of operations in 80 or 113 bits, as LLVM IR: ``expand``, ``sum``, ``join``, ``split``.
 
-``expand`` (table, rows, C, stride, orders) carries out a table of rows (kind, a, b, result, second argument) on the
+``expand`` (table, rows, C, stride, orders) applies a table of rows (kind, a, b, result, second argument) to the
 coefficients C (numbers, stride), order by order; ``sum`` (C, n, stride, h, out) evaluates the series of the first n
 numbers at h; ``join`` (x, n, stride, C) and ``split`` (C, n, stride, x) turn sums of three doubles, which hold 113
 bits, to order 0 of numbers and back. The rules are those of ``taylor``.
@@ -14,14 +14,14 @@ import llvmlite.binding as llvm
 
 from ...solvers.formulations.generated import Code
 
-TYPES = {80: ("x86_fp80", "l"), 113: ("fp128", "f128")}  # in LLVM, and what libm's functions end with
-PARTS = 3  # doubles of a number
+TYPES = {80: ("x86_fp80", "l"), 113: ("fp128", "f128")}  # type in LLVM, and suffix of the functions of libm
+PARTS = 3  # doubles in a number
 KINDS = ("add", "sub", "neg", "mul", "scale", "div", "state")
-FUNCTIONS = ("sin", "cos", "exp", "log", "sqrt", "atan2", "none")  # of order 0; "none" is 0
+FUNCTIONS = ("sin", "cos", "exp", "log", "sqrt", "atan2", "none")  # evaluated for order 0; "none" is 0
 
 
 class Machine:
-    """Functions of one precision; the code lives as long as they do."""
+    """Hold the functions of one precision, and their code while it is used."""
 
     def __init__(self, type_: str, suffix: str) -> None:
         self._code = Code(_print(type_, suffix))
@@ -31,8 +31,8 @@ class Machine:
 
 
 @cache
-def machine_of(bits: int) -> Machine:
-    """Its functions; ValueError where the processor has no such numbers."""
+def compile_machine(bits: int) -> Machine:
+    """Compile the functions for numbers of 80 or 113 ``bits``; raise ValueError where the processor has none."""
     if platform.machine() not in ("x86_64", "AMD64") or platform.system() != "Linux":
         raise ValueError("arithmetic of 80 and 113 bits needs an x86-64 processor and Linux")
     for library in ("libgcc_s.so.1", "libm.so.6"):
@@ -41,7 +41,10 @@ def machine_of(bits: int) -> Machine:
 
 
 def _loop(name: str, first: str, last: str, before: str, start: str, body: str, after: str) -> str:
-    """``body`` makes %name.new of %name.sum for %name.j from ``first`` to ``last``; no turn if they are in reverse."""
+    """Return LLVM IR of a loop over %name.j from ``first`` up to ``last``, which leaves its result in %name.
+
+    ``body`` makes %name.new of %name.sum, which begins as ``start``; ``before`` is the block above, ``after`` follows.
+    """
     return f"""
   %{name}.any = icmp sle i64 {first}, {last}
   br i1 %{name}.any, label %{name}.turn, label %{name}.done
@@ -56,7 +59,10 @@ def _loop(name: str, first: str, last: str, before: str, start: str, body: str, 
 
 
 def _map(name: str, source: str, target: str, body: str) -> str:
-    """A function of an array %x of sums of doubles and one %C of numbers; ``body`` is about %xp and %p, one of each."""
+    """Return LLVM IR of a function from ``source`` to ``target``, one of %x (sums of doubles) and %C (numbers).
+
+    ``body`` treats one of each, at %xp and %p.
+    """
     return f"""
 define void @{name}(ptr {source}, i64 %n, i64 %stride, ptr {target}) {{
 entry:
@@ -75,7 +81,7 @@ done:
 
 
 def _product(name: str, p: str, q: str) -> str:
-    """%name.pq = p_j q_k-j"""
+    """Return LLVM IR of %name.pq = p_j q_k-j, a term of the coefficient k of a product."""
     return f"""
   %{name}.i = sub i64 %k, %{name}.j
   %{name}.pp = getelementptr T, ptr {p}, i64 %{name}.j
@@ -86,15 +92,18 @@ def _product(name: str, p: str, q: str) -> str:
 
 
 def _print(type_: str, suffix: str) -> str:
+    """Return LLVM IR of all functions of the module for numbers of a type; ``suffix`` is that of libm's functions."""
     zero = f"0xK{'0' * 20}" if suffix == "l" else f"0xL{'0' * 32}"
     keep = "\n  store T %{}, ptr %Zk\n  br label %next".format
     kinds = [f"i64 {n}, label %{name}" for n, name in enumerate((*KINDS, *(f"at.{f}" for f in FUNCTIONS)))]
-    functions = "".join(f"""
+    functions = "".join(
+        f"""
 at.{f}:
   br i1 %first, label %call.{f}, label %chain
 call.{f}:
   %f.{f} = call T @{f}{suffix}({"T %a" + (", T %second" if f == "atan2" else "")}){keep("f." + f)}"""
-                        for f in FUNCTIONS[:-1])  # fmt: skip
+        for f in FUNCTIONS[:-1]
+    )
     declared = "\n".join(f"declare T @{f}{suffix}(T{', T' if f == 'atan2' else ''})" for f in FUNCTIONS[:-1])
     join = """
   %x1p = getelementptr double, ptr %xp, i64 1

@@ -1,4 +1,4 @@
-"""The shadow of a computed motion: the true motion nearest to it, in joint coordinates, and how far it is."""
+"""Find the shadow of a computed motion: the true motion nearest to it, in joint coordinates, and its distance."""
 
 import math
 from dataclasses import dataclass
@@ -13,51 +13,51 @@ from ..mechanics.motion import energy
 from ..mechanics.state import States
 from ..metrics.scales import displacement, speeds
 from ..types import Problem, Trajectory
-from .coordinates import coordinates_of
-from .equations import Equations
+from .coordinates import compute_coordinates
+from .equations import FlowEquations
 from .flow import flow
-from .plane import is_plane, with_hinges
+from .plane import add_hinges, is_plane
 from .refinement import Refinement
 
-SHARE = 0.25  # of the time that the motion takes for its reach: the weight of velocities, as a power of 2
-SEGMENT = 1 / 3  # of that time
-MOST_STEPS = 24  # of the flow in a segment: where the motion whips, segments are shorter
+SHARE = 0.25  # fraction of the time that the motion takes for its own extent: weight of velocities, as a power of 2
+SEGMENT = 1 / 3  # length of a segment relative to that time
+MOST_STEPS = 24  # steps of the flow in a segment: where the motion whips, segments are shorter
 GAP = 1e-8  # [m] in the metric: a motion with larger gaps is not a true one
-HALVINGS = 4  # of the time, where no shadow is found
+HALVINGS = 4  # halvings of the time, where no shadow is found
 FEWEST = 8  # nodes
 
 
 @dataclass(frozen=True)
 class Shadow:
-    """The true motion that was found, at the nodes, beside the computed one."""
+    """Hold the true motion that was found, at the nodes, beside the computed one."""
 
     t: Float[np.ndarray, " nodes"]
-    given: States
-    true: States
+    given: States  # the computed motion
+    true: States  # the true one
     matter: Float[np.ndarray, "nodes nb"]  # [m] rms over the matter of a body
     reach: float  # [m] of the given motion
     tau: float  # [s] weight of velocities in the metric
     in_plane: bool
-    gap: float  # [m] the largest that is left
+    gap: float  # [m] largest remaining gap
     iterations: int
-    t_end: float  # [s] sought up to here
-    glitch: float  # [s] where the largest gap stayed in the shortest time without a shadow; NaN if there is none
-    energy_shift: float  # [J] at the start
-    cpu_s: float
+    t_end: float  # [s] end of the search
+    glitch: float  # [s] time of the largest gap in the shortest motion without a shadow; NaN if there is none
+    energy_shift: float  # [J] difference of the energies at the start
+    cpu_s: float  # [s] CPU time of the search
 
     @property
     def is_complete(self) -> bool:
-        """Whether there is a shadow over the whole time."""
+        """True if there is a shadow over the whole time."""
         return self.gap < GAP and math.isnan(self.glitch)
 
     @property
     def until(self) -> float:
-        """[s] the longest time over which a shadow was found; 0 where there is none."""
+        """Longest time [s] over which a shadow was found; 0 where there is none."""
         return float(self.t[-1]) if self.gap < GAP else 0.0
 
     @property
     def distance(self) -> Float[np.ndarray, "nodes nb"]:
-        """[m] between the centres of mass."""
+        """Distances [m] between the centres of mass."""
         return np.linalg.norm(self.given.r - self.true.r, axis=2)
 
 
@@ -65,8 +65,8 @@ def find_shadow(problem: Problem, trajectory: Trajectory, t_end: float | None = 
     """Find the true motion nearest to ``trajectory``: poses and velocities of the bodies of ``problem`` at its rows.
 
     It is sought over the first ``t_end`` [s], by default all; where none is found, over a half, a quarter ... of them.
-    Returns both motions at the nodes, rows a segment apart, and how far apart they are [m]; ``until`` [s] says over
-    which time a shadow exists, and is 0 where none was found. ValueError where none can be sought: fewer than
+    Return both motions at the nodes, rows a segment apart, and their distances [m]; ``until`` [s] is the time over
+    which a shadow exists, and is 0 where none was found. Raise ValueError where none can be sought: fewer than
     ``FEWEST`` rows, values that are not finite, a motion at rest, a mechanism without joint coordinates.
     """
     began = cpu_seconds()
@@ -88,9 +88,9 @@ def find_shadow(problem: Problem, trajectory: Trajectory, t_end: float | None = 
     tau = 2.0 ** round(math.log2(SHARE * slow))
     planar = is_plane(problem, given, reach)
     if planar and problem.planar_normal is not None:
-        system = with_hinges(system, problem.initial, problem.frame @ problem.planar_normal)
-    E = Equations(system, spanning_tree(system, problem.initial))
-    y = coordinates_of(E.tree, given)
+        system = add_hinges(system, problem.initial, problem.frame @ problem.planar_normal)
+    E = FlowEquations(system, spanning_tree(system, problem.initial))
+    y = compute_coordinates(E.tree, given)
     nodes = choose_nodes(E, t, y, SEGMENT * tau)
     glitch = math.nan
     for halving in range(HALVINGS + 1):
@@ -106,15 +106,26 @@ def find_shadow(problem: Problem, trajectory: Trajectory, t_end: float | None = 
     true = E.bodies(own, refinement.y)
     shift = energy(problem.system, true.at(slice(1))) - energy(problem.system, start)
     return Shadow(
-        own, there, true, displacement(problem.system, there, true), reach, tau, planar, refinement.gap,
-        refinement.iterations, float(t[-1]), glitch, float(shift[0]), cpu_seconds() - began,
-    )  # fmt: skip
+        own,
+        there,
+        true,
+        displacement(problem.system, there, true),
+        reach,
+        tau,
+        planar,
+        refinement.gap,
+        refinement.iterations,
+        float(t[-1]),
+        glitch,
+        float(shift[0]),
+        cpu_seconds() - began,
+    )
 
 
 def choose_nodes(
-    E: Equations, t: Float[np.ndarray, " nt"], y: Float[np.ndarray, "nt ny"], length: float
+    E: FlowEquations, t: Float[np.ndarray, " nt"], y: Float[np.ndarray, "nt ny"], length: float
 ) -> Int[np.ndarray, " nodes"]:
-    """Rows about ``length`` [s] apart, closer where the flow takes many steps."""
+    """Return rows about ``length`` [s] apart, closer where the flow takes many steps."""
     even = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], length)))
     even = np.append(even[even < len(t) - 1], len(t) - 1)
     steps = np.ones(len(even) - 1, dtype=np.int64)

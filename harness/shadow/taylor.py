@@ -1,7 +1,7 @@
-"""Taylor series of a tape's operations in 80 bits (x86's long double) or 113 bits (IEEE binary128).
+"""Expand the operations of a tape as Taylor series in 80 bits (x86's long double) or 113 bits (IEEE binary128).
 
-Nothing is compiled for a mechanism: one loop over a table of operations carries out order after order. With c the
-result of an operation and ' the rate, order k follows from the orders below by Leibniz's rule (Jorba and Zou 2005,
+Nothing is compiled for a mechanism: one loop over a table of operations evaluates order after order. With c the result
+of an operation and ' the rate, order k follows from the orders below by Leibniz's rule (Jorba and Zou 2005,
 Experimental Mathematics 14)::
 
     c = a b:  c_k = sum_j a_j b_k-j       c = a / b:  c_k = (a_k - sum_j>0 b_j c_k-j) / b_0
@@ -16,15 +16,15 @@ from fractions import Fraction
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...solvers.formulations.generated.functions import Straight, record_function
+from ...solvers.formulations.generated.functions import GeneratedFunction, record_function
 from ...solvers.formulations.generated.tape import Tape, find_needed
-from .series_code import FUNCTIONS, KINDS, PARTS, machine_of
+from .series_code import FUNCTIONS, KINDS, PARTS, compile_machine
 
 Sums = Float[np.ndarray, "n 3"]
 
 
-def in_parts(x: Fraction) -> list[float]:
-    """``x`` as a sum of doubles."""
+def split_doubles(x: Fraction) -> list[float]:
+    """Return ``x``, rounded to 113 bits or more, as a list of three doubles with that sum."""
     out = []
     for _ in range(PARTS):
         out.append(float(x))
@@ -33,39 +33,41 @@ def in_parts(x: Fraction) -> list[float]:
 
 
 def sum_exactly(parts: Sequence[float] | np.ndarray) -> Fraction:
-    """The sum of doubles."""
+    """Return the exact sum of doubles."""
     return sum((Fraction(float(x)) for x in parts), Fraction(0))
 
 
-class Series:
-    """Outputs of ``function`` and, where they are rates of its last inputs, the series of these."""
+class TaylorSeries:
+    """Evaluate ``function`` and, where its outputs are rates of its last inputs, the series of these."""
 
-    def __init__(self, function: Straight, bits: int, order: int = 0, *, rates: bool = False) -> None:
-        """Outputs beyond the rates are left out; ValueError for what has no series."""
+    def __init__(self, function: GeneratedFunction, bits: int, order: int = 0, *, rates: bool = False) -> None:
+        """Record ``function``; outputs beyond the rates are omitted. Raise ValueError for what has no series."""
         recorded = record_function(function)
         n = sum(x.size for x in recorded.inputs)
         results = [k for output in recorded.results for k in output][: n if rates else None]
         table = _Table(recorded.tape, [(k, p) for k, x in enumerate(recorded.inputs) for p in range(x.size)], results)
-        self._machine, self._order = machine_of(bits), order if rates else 0
+        self._machine, self._order = compile_machine(bits), order if rates else 0
         self._inputs = n
         self._results: Int[np.ndarray, " n"] = np.array([table.places[k] for k in results], dtype=np.int64)
         if rates:
             table.rows += [(KINDS.index("state"), int(k), 0, i, 0) for i, k in enumerate(self._results)]
         self._table = np.array(table.rows, dtype=np.int64).reshape(-1, 5)
         self._stride = order + 1 + rates
-        self._C = np.zeros((table.size, self._stride, 2))  # 16 bytes a number
+        self._C = np.zeros((table.size, self._stride, 2))  # 16 bytes for each number
         self._write(table.size, np.array(table.start))
 
     def _write(self, n: int, x: np.ndarray) -> None:
+        """Write sums of doubles as order 0 of the first n numbers."""
         self._machine.join(x.ctypes.data, n, self._stride, self._C.ctypes.data)
 
     def _read(self, n: int, order: int) -> Sums:
+        """Return the coefficients of one order of the first n numbers, as sums of doubles."""
         out = np.empty((n, PARTS))
         self._machine.split(self._C.ctypes.data + 16 * order, n, self._stride, out.ctypes.data)
         return out
 
     def expand(self, x: Sums) -> None:
-        """All orders at these inputs."""
+        """Compute the coefficients of all orders about the inputs ``x``, for ``size`` and ``sum``."""
         self._write(self._inputs, np.ascontiguousarray(x))
         t = self._table
         if len(t) == 0:
@@ -73,23 +75,23 @@ class Series:
         self._machine.expand(t.ctypes.data, len(t), self._C.ctypes.data, self._stride, self._order + 1)
 
     def values(self, x: Sums) -> Sums:
-        """The outputs."""
+        """Return the outputs of the function at the inputs ``x``."""
         self.expand(x)
         return self._read(len(self._C), 0)[self._results]
 
     def size(self, order: int) -> float:
-        """The largest coefficient of the inputs."""
+        """Return the largest absolute value of the inputs' coefficients of one order."""
         return float(np.max(np.abs(self._read(self._inputs, order)[:, 0])))
 
     def sum(self, h: Fraction) -> Sums:
-        """The inputs after ``h``, by the series at hand."""
-        out, parts = np.empty((self._inputs, PARTS)), np.array(in_parts(h))
+        """Return the inputs after ``h`` [s], by the series of the last ``expand``."""
+        out, parts = np.empty((self._inputs, PARTS)), np.array(split_doubles(h))
         self._machine.sum(self._C.ctypes.data, self._inputs, self._stride, parts.ctypes.data, out.ctypes.data)
         return out
 
 
 class _Table:
-    """Rows (kind, a, b, place of the result, second argument of a function), and order 0 of what is given."""
+    """List rows (kind, a, b, place of the result, second argument of a function), and order 0 of the given values."""
 
     def __init__(self, tape: Tape, inputs: list[tuple[int, int]], results: list[int]) -> None:
         self.rows: list[tuple[int, int, int, int, int]] = []
@@ -103,20 +105,24 @@ class _Table:
 
     @property
     def size(self) -> int:
+        """Number of numbers, each of which has a row of coefficients."""
         return len(self.start)
 
     def _new(self, x: float = 0.0) -> int:
+        """Add a number with order 0 of ``x``; return its place."""
         self.start.append([x, *[0.0] * (PARTS - 1)])
         return len(self.start) - 1
 
     _constant = _new
 
     def _add(self, kind: str, a: int, b: int = 0, second: int = 0, out: int | None = None) -> int:
+        """Add an operation on the numbers at places a and b; return the place of its result, ``out`` or a new one."""
         out = self._new() if out is None else out
         self.rows.append(((*KINDS, *FUNCTIONS).index(kind), a, b, out, second))
         return out
 
     def _place(self, number: int) -> int:
+        """Return the place of the number that an operation of the tape gives, after adding the rows for it."""
         name, a, b = self._tape.operations[number]
         if name == "input":
             return self._inputs[a, b]
@@ -135,7 +141,7 @@ class _Table:
         return self._function(name, x, y)
 
     def _wave(self, a: int, x: int) -> tuple[int, int]:
-        """Sine and cosine, each the other's rate."""
+        """Add sine and cosine of the tape's number a at place x, each the rate of the other; return their places."""
         if a not in self._pairs:
             s, c, back = self._new(), self._new(), self._new()
             self._add("sin", x, c, out=s)
@@ -145,7 +151,10 @@ class _Table:
         return self._pairs[a]
 
     def _function(self, name: str, x: int, y: int) -> int:
-        """By its slope, which may be an operation on it."""
+        """Add a function of the numbers at places x and y by its slope; return its place.
+
+        The slope may be an operation on the result. Raise ValueError for a function without Taylor series here.
+        """
         out = self._new()
         if name == "exp":
             return self._add(name, x, out, out=out)

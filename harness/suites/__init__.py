@@ -1,1 +1,1 @@
-"""Runs to make: a problem, a solver and a setting, one by one or as the products that a TOML file lists."""
+"""Define runs to make: a problem, a solver and a setting, one by one or as products listed in a TOML file."""

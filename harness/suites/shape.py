@@ -1,15 +1,17 @@
-"""The keys of a suite file.
+"""Define the keys of a suite file.
 
 ::
 
     name = "example"
     description = "one line"
     include = ["ci"]            # suites beside this file or in harness/suites/: their runs and plugins come first
-    total_limit = 900.0         # [s] all runs together: those under way are then ended (unfinished), others left out
-    [defaults]                  # any key of a group; of this file alone
-    cpu_limit = 60.0           # [s] a run
+    total_limit = 900.0         # [s] for all runs together: running ones are then ended (unfinished), others left out
+
+    [defaults]                  # any key of a group, for this file only
+    cpu_limit = 60.0           # [s] per run
     repeats = 3                 # of each solve, for its cost
-    min_time = 0.2              # [s] of CPU for which a solve of less than 20 ms is repeated
+    min_time = 0.2              # [s] CPU time for which a solve of less than 20 ms is repeated
+
     [[runs]]
     label = "recommended"
     problem = "spherical_pendulum"              # or a list
@@ -17,7 +19,7 @@
     # parameters = [{ yaw = 0.7 }, { mirror = "X" }]    # a list of tables: one after the other; options likewise
     solver = ["gc_weak_form", "rk45_strong_form"]
     options = { "alpha, beta" = [0.0, 5.0] }    # two keys with the same value
-    dt = [0.02, 0.01]           # beside rtol: dt goes to the solvers controlled by it, rtol and max_step to the others
+    dt = [0.02, 0.01]           # with rtol: dt is for solvers controlled by it, rtol and max_step for the others
     rtol = 1e-8
     # rtol = { from = 0.1, to = 1e-5, per_decade = 20 }         # a sweep, to three digits; options likewise
 """
@@ -38,7 +40,7 @@ Title = Annotated[str, Meta(pattern=r"^[\w-]+$", description="letters, digits, -
 
 
 class Defaults(Shape, frozen=True, kw_only=True):
-    """Keys that groups share. Steps and tolerances are numbers or text, or lists of them."""
+    """Keys that groups share; steps and tolerances are numbers or text, or lists of them."""
 
     label: str | None = None
     problem: Names | None = None
@@ -56,10 +58,10 @@ class Defaults(Shape, frozen=True, kw_only=True):
 
 
 class Group(Defaults, frozen=True, kw_only=True):
-    """One ``[[runs]]`` table."""
+    """A ``[[runs]]`` table."""
 
     def select(self, *keys: str) -> dict[str, Any]:
-        """Those of ``keys`` that are there."""
+        """Return those of the named keys that the group gives, with their values."""
         return {k: v for k in keys if (v := getattr(self, k)) is not None}
 
 

@@ -1,4 +1,4 @@
-"""A run: one problem, one solver, one control, with limits. Checked when made, addressed by its content."""
+"""Specify a run: one problem, one solver, one control, with limits; checked when made, addressed by its content."""
 
 import hashlib
 import json
@@ -10,17 +10,18 @@ from typing import Any
 
 from ..catalogue import registry
 from ..catalogue.options import format_value
-from ..results.naming import format_name, text_of
+from ..results.naming import format_exactly, format_name
 from ..types import Problem, StepControl
 
 DEFAULT_RTOL = 1e-8
-DEFAULT_CPU_LIMIT = 60.0  # [s]
-DEFAULT_MEMORY = 4000.0  # [MB] beyond what the libraries take
+# [s]: more lets the hopeless settings of a sweep hold a core, less ends slow runs as unfinished
+DEFAULT_CPU_LIMIT = 60.0
+DEFAULT_MEMORY = 4000.0  # [MB] beyond the libraries' memory
 
 
 @dataclass(frozen=True)
 class RunSpec:
-    """One run. ``parameters`` and ``options`` hold only what differs from the defaults, in their own types."""
+    """The specification of a run; ``parameters`` and ``options`` hold only values that differ from the defaults."""
 
     problem: str
     solver: str
@@ -30,50 +31,67 @@ class RunSpec:
     cpu_limit: float = DEFAULT_CPU_LIMIT  # [s]
     memory: float = DEFAULT_MEMORY  # [MB]
     repeats: int = 1
-    min_time: float = 0.0  # [s] of CPU for which a solve of less than 20 ms is repeated
+    min_time: float = 0.0  # [s] CPU time for which a solve of less than 20 ms is repeated
     label: str = ""
 
     @cached_property
     def settings_id(self) -> str:
-        """Digest of what shapes the motion, the code apart."""
+        """The digest of all that shapes the motion except the code."""
         return _digest(self._settings())
 
     def address(self, code: str) -> str:
-        """Digest of the settings, the limits and the code: equal only if the result would be."""
+        """Return the run_id: the digest of settings, limits and code, equal only if the result would be.
+
+        ``code`` is the digest of the code that the result depends on.
+        """
         limits = {name: float(getattr(self, name)) for name in ("cpu_limit", "memory", "repeats", "min_time")}
         return _digest({**self._settings(), **limits, "code": code})
 
     @property
     def case(self) -> str:
-        """The settings in words."""
+        """The settings in words, as in ``heavy_top rattle dt=0.001``."""
         c = self.control
         steps = {"dt": c.dt, "rtol": c.rtol, "max_step": c.max_step}
-        words = [f"{k}={text_of(v)}" for k, v in steps.items() if v is not None]
+        words = [f"{k}={format_exactly(v)}" for k, v in steps.items() if v is not None]
         if c.max_steps != StepControl.max_steps:
             words.append(f"max_steps={c.max_steps}")
         return " ".join([format_name(self.problem, self.parameters), format_name(self.solver, self.options), *words])
 
     def _settings(self) -> dict[str, Any]:
+        """Return all that shapes the motion except the code."""
         return {
-            "problem": self.problem, "parameters": dict(self.parameters),
-            "solver": self.solver, "options": dict(self.options),
+            "problem": self.problem,
+            "parameters": dict(self.parameters),
+            "solver": self.solver,
+            "options": dict(self.options),
             "control": {k: getattr(self.control, k) for k in ("dt", "rtol", "max_step", "max_steps")},
-        }  # fmt: skip
+        }
 
 
 def make_spec(
-    problem: Problem, solver: str, options: Mapping[str, Any] | None = None,
-    control: Mapping[str, Any] | None = None, **limits: Any,
-) -> RunSpec:  # fmt: skip
-    """The run of ``problem`` (as made by the registry), or ValueError in one line."""
-    entry = registry.entry_of("solver", solver, registry.solvers())
+    problem: Problem,
+    solver: str,
+    options: Mapping[str, Any] | None = None,
+    control: Mapping[str, Any] | None = None,
+    **limits: Any,
+) -> RunSpec:
+    """Return the run of ``problem``, made by the registry, with a solver; raise ValueError in one line if invalid.
+
+    ``control`` are steps, tolerance and limit of steps by name, as text or numbers; ``limits`` are other fields of
+    ``RunSpec``.
+    """
+    entry = registry.find_entry("solver", solver, registry.solvers())
     steps = step_control(solver, entry.control, problem, control or {})
     changed = entry.changed_options(entry.make_solver(options))
     return RunSpec(problem.name, solver, steps, dict(problem.parameters), changed, **limits)
 
 
 def step_control(solver: str, kind: str, problem: Problem, given: Mapping[str, Any]) -> StepControl:
-    """``StepControl`` from text or numbers; a solver given no step takes the problem's dt, or rtol 1e-8."""
+    """Return ``StepControl`` from values by name, as text or numbers; raise ValueError if one is invalid.
+
+    ``kind`` is what controls the solver, ``dt`` or ``rtol``; the other is not taken. The default step is the
+    problem's dt, the default tolerance rtol 1e-8.
+    """
     values = {k: _positive(k, v) for k, v in given.items()}
     if values.get("rtol", 0.0) >= 1.0:
         raise ValueError(f"rtol must be < 1: it is a share of the motion itself (got {given['rtol']!r})")
@@ -89,12 +107,13 @@ def step_control(solver: str, kind: str, problem: Problem, given: Mapping[str, A
 
 
 def check_step(dt: float | None, t_end: float) -> None:
-    """Raise ValueError where a step that was asked for is longer than the motion: a unit was meant otherwise."""
+    """Raise ValueError if a requested step is longer than the motion: another unit was meant."""
     if dt is not None and dt > t_end * (1.0 + 1e-9):
         raise ValueError(f"dt = {dt:g} s is longer than the motion, which ends at {t_end:g} s")
 
 
 def _positive(name: str, given: Any) -> Any:
+    """Return a given text or number as a number > 0, a whole one for ``max_steps``; raise ValueError otherwise."""
     whole = name == "max_steps"
     wanted = "a whole number > 0 that fits 64 bits" if whole else "a finite number > 0"
     try:
@@ -109,5 +128,6 @@ def _positive(name: str, given: Any) -> Any:
 
 
 def _digest(plain: Any) -> str:
+    """Return the first 16 hexadecimal digits of the sha256 of JSON data."""
     text = json.dumps(plain, sort_keys=True, default=list)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

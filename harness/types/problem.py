@@ -1,4 +1,4 @@
-"""A problem: a system, its start, and all that is known about its motion."""
+"""Define a problem: a system, its start, and all that is known about its motion."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -17,26 +17,26 @@ from ..text import check_text
 
 
 class Trait(StrEnum):
-    """Purpose of a problem; ``list`` groups problems by it."""
+    """The purpose of a problem; ``list`` groups problems by it."""
 
-    SINGULAR = "singular"  # the rank of A falls at instants
-    REDUNDANT = "redundant"  # more rows than their rank, all along
+    SINGULAR = "singular"  # the rank of A drops at instants
+    REDUNDANT = "redundant"  # more rows than their rank, at all times
     STIFF = "stiff"  # time constants far below those of the motion
     CHAOTIC = "chaotic"
     LONG = "long"  # hundreds of turns or swings
     DAMPED = "damped"  # dampers: energy leaves by work that enters the balance
     DRIVEN = "driven"  # applied forces, torques or prescribed motions, whose work enters the balance
-    NONHOLONOMIC = "nonholonomic"  # rows that restrict velocities alone
+    NONHOLONOMIC = "nonholonomic"  # rows that restrict velocities only
 
 
 @dataclass(frozen=True)
 class Observable:
-    """A scalar to look at, of the motion in the problem's home frame."""
+    """A scalar of the motion to look at, in the problem's home frame."""
 
     name: str
     symbol: str  # mathtext, without $
     unit: str
-    of: Callable[[States], Float[np.ndarray, " nt"]]
+    of: Callable[[States], Float[np.ndarray, " nt"]]  # its values at the times of a motion
 
 
 @dataclass(frozen=True)
@@ -45,38 +45,38 @@ class Invariant:
 
     name: str
     unit: str
-    of: Callable[[States], Float[np.ndarray, " nt"]]
+    of: Callable[[States], Float[np.ndarray, " nt"]]  # its values at the times of a motion
 
 
 class ReferenceKind(StrEnum):
-    """How far the stated error of a reference can be trusted."""
+    """The degree to which the stated error of a reference can be trusted."""
 
     PROVED = "proved"  # a bound in ball arithmetic, from the start's float64 numbers to the returned pose
-    FORMULA = "formula"  # exact but for rounding, which is estimated
+    FORMULA = "formula"  # exact except for rounding, which is estimated
     CERTIFIED = "certified"  # integrated in two formulations of its own, whose difference bounds the error
-    COMPUTED = "computed"  # integrated from the data of the system alone in two general formulations
+    COMPUTED = "computed"  # integrated in two general formulations from the system's data only
 
 
 @runtime_checkable
 class Reference(Protocol):
-    """The exact motion, from outside the contestants; its ``kind`` is ``computed`` unless it has one."""
+    """A reference motion, computed by none of the solvers under test; without a ``kind`` it is ``computed``."""
 
     @property
     def route(self) -> str:
-        """How it is computed, in a line."""
+        """The method of computation, in a line."""
         ...
 
     @property
     def horizon(self) -> float:
-        """[s] up to here ``error`` is certified."""
+        """The time up to which ``error`` is certified [s]."""
         ...
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """The motion at ``t`` [s]."""
+        """Return the motion at ``t`` [s]."""
         ...
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Certified bound [m] on the position error of any body at ``t``."""
+        """Return a certified bound on the position error of any body at ``t`` [m]."""
         ...
 
 
@@ -84,7 +84,7 @@ class Reference(Protocol):
 class Problem:
     """A system, its start, and all that is known about its motion.
 
-    ``frame`` takes the home frame (the paper's) to space: 1 unless the problem is presented in another frame.
+    ``frame`` rotates the home frame (the paper's) to space: 1 unless the problem is presented in another frame.
     """
 
     name: str
@@ -93,19 +93,19 @@ class Problem:
     t_end: float  # [s]
     dt: float  # [s] the paper's step for ODE-GC
     section: str  # e.g. "Sect. 5.4"
-    source: str  # where every number comes from
+    source: str  # source of every number
     observables: tuple[Observable, ...] = ()
     invariants: tuple[Invariant, ...] = ()
     reference_from: Callable[[State], Reference | None] | None = None  # exact motion from a start in the home frame
     parameters: Mapping[str, Any] = field(default_factory=dict)
     frame: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
-    planar_normal: Float[np.ndarray, " 3"] | None = None  # home frame; given when the exact motion is planar
+    planar_normal: Float[np.ndarray, " 3"] | None = None  # home frame; given if the exact motion is planar
     energy_allowed: float | None = None  # [J] the benchmark's own limit on max |E - E0|, if it has one
     presentation: Presentation = field(
         default_factory=Presentation
-    )  # how a solver gets it (execution.presenting); nothing here changes
-    literal_start: bool = False  # as printed, though phi_dot is not zero: that check is waived and a note says so
-    retrace: bool = False  # whether the solver is sent back from the end with velocities reversed
+    )  # how it is presented to a solver (execution.presenting); nothing here changes
+    literal_start: bool = False  # starts as printed although phi_dot is not zero: the check is waived, with a note
+    retrace: bool = False  # True to integrate back from the end with velocities reversed
 
     def __post_init__(self) -> None:
         for what in ("name", "section"):
@@ -126,24 +126,24 @@ class Problem:
         return f"<Problem {self.name}{given}: {bodies}, {joints}, {s.nrows} rows; {self.t_end:g} s, dt = {self.dt:g} s>"
 
     def home(self, s: States) -> States:
-        """``s`` seen from the home frame."""
+        """Return the motion ``s``, given in space, in the home frame: the paper's axes."""
         return rotate_states(s, self.frame.T)
 
     def observe(self, s: States) -> dict[str, Float[np.ndarray, " nt"]]:
-        """All observables of a motion, by name."""
+        """Return the observables of the motion ``s``, given in space: a value at each of its times, by name."""
         at_home = self.home(s)
         return {o.name: o.of(at_home) for o in self.observables}
 
     def reference(self) -> Reference | None:
-        """The exact motion in space, or None where none is known; a start that opens the joints has none."""
+        """Return the problem's own reference motion, in space; None if none is known or the start opens the joints."""
         if self.reference_from is None or self.literal_start:
             return None
         exact = self.reference_from(self.home(States.one(self.initial))[0])
         return None if exact is None else _TurnedReference(exact, self.frame)
 
 
-def kind_of(reference: Reference) -> ReferenceKind:
-    """How its stated error is known."""
+def classify_reference(reference: Reference) -> ReferenceKind:
+    """Return how far the stated error of a reference can be trusted: its ``kind``, ``computed`` if it has none."""
     return ReferenceKind(getattr(reference, "kind", ReferenceKind.COMPUTED))
 
 
@@ -152,6 +152,8 @@ TURNED = 16.0 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True)
 class _TurnedReference:
+    """A reference given in the home frame, rotated to space by ``frame``."""
+
     home: Reference
     frame: Float[np.ndarray, "3 3"]
 
@@ -161,12 +163,13 @@ class _TurnedReference:
 
     @property
     def kind(self) -> ReferenceKind:
-        """That at home; turning it rounds, which no proof counts."""
-        home = kind_of(self.home)
+        """The kind in the home frame; ``formula`` at best where rotated, as a proof does not cover that rounding."""
+        home = classify_reference(self.home)
         return ReferenceKind.FORMULA if home is ReferenceKind.PROVED and self._is_turned else home
 
     @property
     def _is_turned(self) -> bool:
+        """True unless ``frame`` is the identity: then nothing is rotated and no rounding added."""
         return not np.array_equal(self.frame, np.eye(3))
 
     @property
@@ -174,11 +177,12 @@ class _TurnedReference:
         return self.home.horizon
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
+        """Return the motion at ``t`` [s], in space."""
         s = self.home.states(t)
         return (rotate_states(s, self.frame) if self._is_turned else s).with_times(t)
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """That at home, and an estimate of the rounding of the start and of the motion when they are turned."""
+        """Return the error in the home frame [m], plus an estimate of the rounding by which it is rotated."""
         if not self._is_turned:
             return self.home.error(t)
         s = self.home.states(t)

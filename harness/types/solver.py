@@ -1,4 +1,4 @@
-"""Input and output of a solver: steps or tolerance, a trajectory."""
+"""Define input and output of a solver: steps or tolerance, a trajectory."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,32 +13,33 @@ from .verdicts import Status
 
 
 class Spool(Protocol):
-    """Takes accepted steps during a run, so that a killed process leaves them (harness/sandbox/spool)."""
+    """A receiver of accepted steps during a run, which survive if the process is killed (harness/sandbox/spool)."""
 
-    rows: int  # taken so far
+    rows: int  # rows taken so far
 
     def due(self) -> bool:
-        """Whether it is time to hand over what came since; costs next to nothing, ask after every step."""
+        """Return whether it is time to pass the steps since the last block; cheap, call it after every step."""
         ...
 
     def take(self, t: Float[np.ndarray, " nt"] | list[float], states: States) -> None:
-        """The steps that followed those taken before, the start first or left out."""
+        """Take the steps that followed those taken before, with or without the start."""
         ...
 
 
-LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it SciPy silently takes this, others take steps of no length
+# below it SciPy silently uses this value, others take steps of no length
+LEAST_RTOL = 100.0 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
 class StepControl:
-    """Exactly one of ``dt`` (fixed step [s]) and ``rtol`` (error control, absolute tolerance alike)."""
+    """The step control: exactly one of ``dt`` (fixed step [s]) and ``rtol`` (error control, with equal atol)."""
 
     dt: float | None = None
     rtol: float | None = None
     max_step: float | None = None  # [s] for error control only
     max_steps: int = 10_000_000  # accepted steps before the run counts as stalled
-    cpu_limit: float | None = None  # [s] of CPU time: the solver stops itself and hands back what it has
-    spool: Spool | None = field(default=None, compare=False, repr=False)  # to hand steps over to as they come
+    cpu_limit: float | None = None  # [s] CPU time at which the solver stops itself and returns what it has
+    spool: Spool | None = field(default=None, compare=False, repr=False)  # receiver of steps during the run
 
     def __post_init__(self) -> None:
         if (self.dt is None) == (self.rtol is None):
@@ -59,11 +60,11 @@ class StepControl:
 
 @dataclass(frozen=True, repr=False)
 class Trajectory:
-    """The solver's own accepted steps, never resampled; on failure those up to it.
+    """A solver's own accepted steps, never resampled; on failure those before it.
 
-    ``reaction`` is the force conjugate to phi at the times ``t``: ``A^T reaction`` is the reaction on the bodies
-    ([N] for point rows, [N m] for axis rows), NaN where the solver has none; never a raw lambda, by which
-    Eqs. (36) and (92) mean different things. ``diagnostics`` are further series of the solver's own, (nt,) each.
+    ``reaction`` is the force conjugate to phi at the times ``t``: ``A^T reaction`` is the reaction on the bodies ([N]
+    for point rows, [N m] for axis rows), NaN where the solver has none; never a raw lambda, by which Eqs. (36) and (92)
+    mean different things. ``diagnostics`` are further series of the solver's own, (nt,) each.
     """
 
     t: Float[np.ndarray, " nt"]
@@ -75,9 +76,10 @@ class Trajectory:
     diagnostics: Mapping[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
     events: tuple[Mapping[str, Any], ...] = ()  # e.g. singular passages: plain numbers and strings
     notes: tuple[str, ...] = ()  # choices the solver made, e.g. which redundant rows it dropped
-    cpu_time: float = float("nan")  # [s] of CPU: the integration alone, without compilation and set-up
-    setup_time: float = float("nan")  # [s] of CPU: compilation, symbolic analysis, consistent start
-    returned: State | None = None  # where the way back ended, velocities turned again (execution.presenting)
+    cpu_time: float = float("nan")  # [s] CPU time of the integration, without compilation and set-up
+    setup_time: float = float("nan")  # [s] CPU time of compilation, symbolic analysis, consistent start
+    # end of the integration back to the start, velocities reversed again (execution.presenting)
+    returned: State | None = None
 
     def __post_init__(self) -> None:
         t = np.asarray(self.t, dtype=float)
@@ -98,20 +100,20 @@ class Trajectory:
 class Solver(Protocol):
     """A frozen dataclass of options (``harness.catalogue.options``) with two methods; one file in ``solvers/`` each.
 
-    A solver of fixed steps may also say ``order``, the order in dt that certificates hold it to. ``paper_label`` and
-    ``order`` are class variables, or properties where they depend on the options.
+    A solver of fixed steps may also have ``order``, the order in dt that certificates test. ``paper_label`` and
+    ``order`` are class variables, or properties if they depend on the options.
     """
 
     name: ClassVar[str]
-    control: ClassVar[str]  # "dt" or "rtol": which of the two ``StepControl`` it takes
+    control: ClassVar[str]  # "dt" or "rtol": which of the two in ``StepControl`` it takes
 
     @property
     def paper_label(self) -> str:
-        """The paper's name of such a solver; empty for none."""
+        """The paper's name of such a solver; empty if none."""
         ...
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Why this solver cannot take the problem, or None."""
+        """Return the reason, in one line, why this solver cannot take the problem with these steps; None if it can."""
         ...
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:

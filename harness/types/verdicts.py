@@ -1,26 +1,26 @@
-"""How a run ended and what its motion is judged by: statuses, laws and what they allow, reasons."""
+"""Define how a run ended and what its motion is judged by: statuses, laws with their limits, reasons."""
 
 import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-# Of the reach: stated errors of references. Errors are judged where that of the reference is below the first, or below
-# the second and not growing as in chaos: more than ``GROWN`` times over a tenfold time, as no square of time does. No
-# fixed accuracy follows a chaotic motion: the distance from the reference says nothing about a solver. The chain gets
-# there at 1.9 s, the other problems never.
+# Stated errors of references, as fractions of the reach. Errors are judged while that of the reference is below the
+# first, or below the second and not growing as in chaos: more than ``GROWN`` times over a tenfold time, faster than any
+# square of time. No fixed accuracy follows a chaotic motion: there the distance from the reference says nothing about a
+# solver. The chain becomes chaotic in this sense at 1.9 s, the other problems never.
 PREDICTABLE, JUDGED, GROWN = 1e-9, 1e-3, 1e2
 
-# Of the reach, by the column that says when the error first passes it. A motion that passes the first is inaccurate.
+# Fractions of the reach, by the column with the time when the error first passes each; the first makes it inaccurate.
 ACCURATE = {"accurate_until_s": 0.1, "accurate_until_1pct_s": 0.01, "accurate_until_0p1pct_s": 0.001}
 
 
 class Status(StrEnum):
-    """How a run ended. Each is a result."""
+    """The ending of a run; each is a result."""
 
     SUCCESS = "success"
-    INACCURATE = "inaccurate"  # laws hold, the motion is off the reference by more than a tenth of its reach
+    INACCURATE = "inaccurate"  # laws hold, but the motion error exceeds a tenth of the reach
     WRONG = "wrong"  # success claimed, but a law is broken
-    REFUSED = "refused"  # the solver said beforehand why it cannot
+    REFUSED = "refused"  # the solver declined beforehand and said why
     DIVERGED = "diverged"
     STEP_UNDERFLOW = "step_underflow"
     SINGULAR = "singular"
@@ -31,42 +31,43 @@ class Status(StrEnum):
 
     @property
     def lawful(self) -> bool:
-        """The motion reached its end and keeps all laws."""
+        """True if the motion reached its end and keeps all laws."""
         return self in (Status.SUCCESS, Status.INACCURATE)
 
 
 class NotInstalled(str):
-    """A refusal, in one line, because ``package`` is not installed; any other solver is as good as before."""
+    """A refusal, in one line, because ``package`` is not installed; it says nothing about the solver."""
 
     package: str
 
     def __new__(cls, package: str, remedy: str) -> "NotInstalled":
+        """Make the line ``<package> is not installed: <remedy>``, which keeps the package's name as an attribute."""
         made = super().__new__(cls, f"{package} is not installed: {remedy}")
         made.package = package
         return made
 
 
-class EndedBy(StrEnum):
-    """Cause of a run's end. With any but ``SOLVER`` the solver returned nothing."""
+class EndCause(StrEnum):
+    """The cause of a run's end; with any but ``SOLVER`` the solver returned nothing."""
 
-    SOLVER = "solver"  # it returned or refused; the status says how it went
+    SOLVER = "solver"  # it returned or refused; see the status
     EXCEPTION = "exception"
     EXIT = "exit"  # its process exited
     SIGNAL = "signal"
     WALL_LIMIT = "wall_limit"  # the safety net, at ten times the limit on CPU time
     CPU_LIMIT = "cpu_limit"
-    CODE_LIMIT = "code_limit"  # compilation took too long: no time of the solver's
+    CODE_LIMIT = "code_limit"  # compilation took too long, which is not the solver's time
     MEMORY_LIMIT = "memory_limit"
     MEASURE_LIMIT = "measure_limit"  # the solver returned, but measuring its motion took too long
-    TOTAL_LIMIT = "total_limit"  # of the suite
+    TOTAL_LIMIT = "total_limit"  # time limit of the suite
     KILLED = "killed"  # by a signal from outside: kill, or the system out of memory
     SUSPENDED = "suspended"  # a limit on time passed while the harness itself was stopped
     SUPERVISOR_LOST = "supervisor_lost"
-    WORKERS_LOST = "workers_lost"  # of a cluster
+    WORKERS_LOST = "workers_lost"  # lost workers of a cluster
 
 
 class Law(StrEnum):
-    """Laws that a claimed success has to satisfy; ``MOTION``: to be near the reference."""
+    """The laws that a claimed success has to satisfy; ``MOTION`` is nearness to the reference."""
 
     FINITE = "finite"
     START = "start"
@@ -78,32 +79,37 @@ class Law(StrEnum):
     INVARIANT = "invariant"
     KINEMATIC = "kinematic"  # r' = v and R' = R hat(Omega), from row to row
     REACTION = "reaction"
-    TRUNCATION = "truncation"  # velocities, their changes, reactions: farther off than steps of this length leave open
+    MOMENT = "moment"  # of the joints on a body
+    TRUNCATION = "truncation"  # velocities, their changes, reactions: off by more than steps of this length explain
     MOTION = "motion"
-    VELOCITY = "velocity"  # this and the next: near the reference, like ``MOTION``
+    VELOCITY = "velocity"  # this and the next: nearness to the reference, like ``MOTION``
     ROWS = "rows"  # between rows
-    POSITION = "position"  # this and the next only in judgements of before schema 3
+    POSITION = "position"  # this and the next only occur in judgements before schema 3
     ORIENTATION = "orientation"
     PLANE = "plane"
     SYMMETRY = "symmetry"
 
 
-# What a law allows: a part of the scale it has (energy, reach, speed; rotations need none). Wide on purpose.
+# Limits of laws, as fractions of their scale (energy, reach, speed; rotations need none); wide on purpose.
 ALLOWED = {
-    Law.ENERGY: 0.10,  # a tenth of what is exchanged appears or disappears
-    Law.CONSTRAINT: 0.01,  # of the reach, as far as joints allow it: the joint is visibly apart
+    Law.ENERGY: 0.10,  # a tenth of the exchanged energy appears or disappears
+    Law.CONSTRAINT: 0.01,  # fraction of the reach, as far as joints allow it: the joint is visibly open
     Law.CONSTRAINT_RATE: 0.05,  # velocities leave the joints by a twentieth of the fastest
     Law.ORTHOGONALITY: 1e-3,  # |R^T R - 1|: such an R distorts lengths by as much
 }
 
 
+RIGHT_REACTION = 0.05  # relative to the largest exact force or moment: reactions with larger errors are wrong
+PASSAGE = "passes ", ", where branches meet"  # start of a run's note on singular poses, and of its reason
+
+
 @dataclass(frozen=True)
 class Reason:
-    """A law that a motion breaks, or its error: ``value`` passes ``limit``, first at ``time_s``; NaN if unknown."""
+    """A law that a motion breaks, or its error: ``value`` exceeds ``limit``, first at ``time_s``; NaN if unknown."""
 
     law: Law
-    value: float = math.nan
+    value: float = math.nan  # residual or error
     limit: float = math.nan
     unit: str = ""
     time_s: float = math.nan
-    name: str = ""  # which one, where there are several: the invariant, the symmetry
+    name: str = ""  # name of the invariant or symmetry

@@ -1,1 +1,1 @@
-"""Exact and certified motions for the problems: computed without any of the solvers."""
+"""Provide exact and certified motions of the problems, computed without any of the solvers."""

@@ -1,6 +1,6 @@
-"""Ball arithmetic (Arb): every number carries a radius within which the exact result of its formula is proved to lie.
+"""Compute in ball arithmetic (Arb): each number has a radius within which the exact result is proved to lie.
 
-A float64 number enters exactly. A start's R is a rotation up to rounding only: the rotation nearest to it is meant.
+A float64 number enters exactly. A start's R is a rotation only up to rounding: the nearest rotation is used.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,8 +11,8 @@ import numpy as np
 from flint import acb, arb, ctx
 from jaxtyping import Float
 
-BITS = 1000  # square roots at double zeros halve the digits, several times over
-POLAR_STEPS = 9  # each doubles the digits, from the 15 of float64
+BITS = 1000  # square roots at double zeros halve the digits several times
+POLAR_STEPS = 9  # each step doubles the digits, from the 15 of float64
 Vector = list[arb]
 Matrix = list[list[arb]]  # rows
 Quaternion = list[arb]  # w, x, y, z
@@ -20,12 +20,12 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class TooWide(ArithmeticError):
-    """A ball that holds everything: a start too near a motion of another kind."""
+class BallTooWide(ArithmeticError):
+    """A ball without a bound: the start is too near a motion of another kind."""
 
 
-def in_balls(function: Callable[P, T]) -> Callable[P, T]:
-    """Run ``function`` at ``BITS`` of precision."""
+def run_in_balls(function: Callable[P, T]) -> Callable[P, T]:
+    """Return ``function`` with its ball arithmetic at ``BITS`` of precision."""
 
     @wraps(function)
     def precise(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -36,61 +36,67 @@ def in_balls(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def vector(a: Float[np.ndarray, " n"]) -> Vector:
-    """The float64 numbers, exactly."""
+    """Return float64 numbers as balls of radius zero."""
     return [arb(float(x)) for x in a]
 
 
 def dot(a: Vector, b: Vector) -> arb:
-    """a . b"""
+    """Return a . b."""
     return sum((x * y for x, y in zip(a, b, strict=True)), arb(0))
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """a x b"""
+    """Return a x b."""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 def norm(a: Vector) -> arb:
-    """|a|"""
+    """Return |a|."""
     return root(dot(a, a))
 
 
 def scale_vector(a: Vector, factor: arb) -> Vector:
-    """``factor`` a"""
+    """Return ``factor`` a."""
     return [factor * x for x in a]
 
 
 def product(A: Matrix, B: Matrix) -> Matrix:
-    """A B"""
+    """Return A B."""
     return [[dot(row, column) for column in transpose(B)] for row in A]
 
 
 def transpose(A: Matrix) -> Matrix:
-    """A^T"""
+    """Return A^T."""
     return [list(column) for column in zip(*A, strict=True)]
 
 
 def apply_matrix(A: Matrix, b: Vector) -> Vector:
-    """A b"""
+    """Return A b."""
     return [dot(row, b) for row in A]
 
 
 def root(x: arb) -> arb:
-    """The square root of a number that is known not to be negative, though its ball may reach below zero."""
+    """Return the square root of a number known to be nonnegative, though its ball may extend below zero.
+
+    Raise BallTooWide if the ball is not finite.
+    """
     if not x.is_finite():
-        raise TooWide
+        raise BallTooWide
     if x.lower() > 0:
         return x.sqrt()
     return arb(0).union(x.upper().sqrt())
 
 
 def sign(x: arb) -> int:
-    """1 or -1 where proved, 0 where the ball holds zero."""
+    """Return 1 or -1 if proved, 0 if the ball contains zero."""
     return 1 if x > 0 else -1 if x < 0 else 0
 
 
 def nearest_rotation(R: Float[np.ndarray, "3 3"]) -> Matrix:
-    """The orthogonal polar factor, by Newton and Schulz: X (3 - X^T X)/2; its distance is below |X^T X - 1|."""
+    """Return the rotation nearest to R, its orthogonal polar factor, by Newton-Schulz steps X (3 - X^T X)/2.
+
+    Raise ValueError if R is no rotation up to rounding. The distance is below |X^T X - 1|, which widens the balls.
+    """
     X = [vector(row) for row in R]
     for _ in range(POLAR_STEPS):
         gram = product(transpose(X), X)
@@ -103,7 +109,7 @@ def nearest_rotation(R: Float[np.ndarray, "3 3"]) -> Matrix:
 
 
 def frame_about(axis: Vector) -> Matrix:
-    """A rotation whose third column is the direction of ``axis``."""
+    """Return a rotation whose third column is the direction of ``axis``."""
     e = scale_vector(axis, 1 / norm(axis))
     k = int(np.argmin([abs(float(x)) for x in e]))
     a = cross(e, [arb(int(i == k)) for i in range(3)])
@@ -112,7 +118,7 @@ def frame_about(axis: Vector) -> Matrix:
 
 
 def quaternion(R: Matrix) -> Quaternion:
-    """One of the two of a rotation, by its largest component."""
+    """Return one of the two quaternions of a rotation, computed from its largest component."""
     t = [float(R[i][i]) for i in range(3)]
     if sum(t) > 0:
         w = (1 + R[0][0] + R[1][1] + R[2][2]).sqrt() / 2
@@ -126,20 +132,20 @@ def quaternion(R: Matrix) -> Quaternion:
 
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """a b"""
+    """Return a b."""
     v = [a[0] * y + b[0] * x + z for x, y, z in zip(a[1:], b[1:], cross(a[1:], b[1:]), strict=True)]
     return [a[0] * b[0] - dot(a[1:], b[1:]), *v]
 
 
 def conjugate(q: Quaternion) -> Quaternion:
-    """q*"""
+    """Return the conjugate q*, which is the inverse of a unit quaternion."""
     return [q[0], *(-x for x in q[1:])]
 
 
 def to_extended(x: arb) -> np.longdouble:
-    """A number of at most 64 bits within an ulp of the middle of the ball."""
+    """Return the ball's midpoint to 64 bits, within an ulp; raise BallTooWide if it is not finite."""
     if not x.is_finite():
-        raise TooWide
+        raise BallTooWide
     total, rest = np.longdouble(0.0), x.mid()
     for _ in range(3):
         part = float(rest)
@@ -148,15 +154,15 @@ def to_extended(x: arb) -> np.longdouble:
 
 
 def extended_complex(x: acb) -> np.clongdouble:
-    """Both parts ``extended``."""
+    """Return the midpoint of a complex ball, both parts to 64 bits."""
     return np.clongdouble(to_extended(x.real)) + np.clongdouble(1j) * to_extended(x.imag)
 
 
-def bound(x: arb) -> float:
-    """A float64 number above ``x`` in absolute value."""
+def bound_above(x: arb) -> float:
+    """Return a float64 number above |x|."""
     return float(np.nextafter(float(abs(x).upper()), np.inf))
 
 
 def largest_radius(numbers: Sequence[arb]) -> float:
-    """The largest radius of some balls."""
-    return max((bound(x - x.mid()) for x in numbers), default=0.0)
+    """Return the largest radius of the balls."""
+    return max((bound_above(x - x.mid()) for x in numbers), default=0.0)

@@ -1,8 +1,8 @@
-"""Attitude from the Cayley-Klein parameters, which have no singular orientation.
+"""Represent the attitude by Cayley-Klein parameters, which have no singular orientation.
 
 With 3-1-3 angles: p = cos(theta/2) exp(i (phi + psi)/2), s = sin(theta/2) exp(i (phi - psi)/2). They are the unit
-quaternion (Re p, Re s, Im s, Im p). Each is a quotient of theta series times an even turn:
-``over(z)/under(z) exp(i mu t)``, z = z0 + rate t.
+quaternion (Re p, Re s, Im s, Im p). Each is a quotient of theta series times a uniform rotation: ``over(z)/under(z)
+exp(i mu t)``, z = z0 + rate t.
 """
 
 from dataclasses import dataclass
@@ -12,46 +12,46 @@ from flint import acb, arb
 from jaxtyping import Complex, Float
 
 from .balls import Matrix, Quaternion, conjugate, largest_radius, multiply, quaternion, to_extended
-from .theta import UNIT, Phase, ThetaSeries, constant
+from .theta import UNIT, ThetaPhase, ThetaSeries, constant
 
 Four = tuple[Float[np.ndarray, "*nt"], ...]  # w, x, y, z
 
 
 @dataclass(frozen=True)
 class CayleyKlein:
-    """p and s as functions of time, between the constant turns ``left`` (space) and ``right`` (body)."""
+    """The functions p and s of time, between the constant rotations ``left`` (space) and ``right`` (body)."""
 
-    over_p: ThetaSeries
-    over_s: ThetaSeries
-    under: ThetaSeries
+    over_p: ThetaSeries  # numerator of p
+    over_s: ThetaSeries  # numerator of s
+    under: ThetaSeries  # their common denominator
     least: float  # lower bound of |under|
-    z: Phase
-    turn_p: Phase  # exp(i mu_p t)
-    turn_s: Phase
-    rates: tuple[float, float, float]  # of z, mu_p and mu_s [rad/s]
+    z: ThetaPhase  # exp(i z) at a time
+    turn_p: ThetaPhase  # exp(i mu_p t)
+    turn_s: ThetaPhase
+    rates: tuple[float, float, float]  # rate of z, mu_p and mu_s [rad/s]
     left: Quaternion
     right: Quaternion
 
     def attitude(self, t: Float[np.ndarray, " nt"]) -> tuple[Float[np.ndarray, "nt 3 3"], Float[np.ndarray, "nt 3"]]:
-        """R in extended precision, and Omega = 2 vec(q* q_dot) (body) in float64."""
+        """Return R in extended precision, and Omega = 2 vec(q* q_dot) in float64 [rad/s, body frame], at ``t`` [s]."""
         w = self.z(t)
         D = self.under(w).real
         turn_p, turn_s = self.turn_p(t), self.turn_s(t)
         p, s = (over(w) / D * turn for over, turn in ((self.over_p, turn_p), (self.over_s, turn_s)))
         left, right = (tuple(np.asarray(to_extended(x)) for x in q) for q in (self.left, self.right))
-        R = rotation(_times(_times(left, _four(p, s)), right))
+        R = rotation(_times(_times(left, _list_four(p, s)), right))
         rate, mu_p, mu_s = self.rates
         w, p, s, D = (x.astype(y) for x, y in ((w, complex), (p, complex), (s, complex), (D, float)))
         log = self.under.slope(w).real / D
         p_dot = rate * (self.over_p.slope(w) / D * turn_p.astype(complex) - p * log) + 1j * mu_p * p
         s_dot = rate * (self.over_s.slope(w) / D * turn_s.astype(complex) - s * log) + 1j * mu_s * s
         back = (p.real, -s.real, -s.imag, -p.imag)
-        Omega = 2.0 * np.stack(_times(back, _four(p_dot, s_dot))[1:], axis=-1)
+        Omega = 2.0 * np.stack(_times(back, _list_four(p_dot, s_dot))[1:], axis=-1)
         B = rotation((right[0], -right[1], -right[2], -right[3]))
         return R, Omega @ B.astype(float).T
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Proved bound on the Frobenius norm of the error of R: 3 times that of the quaternion, and 100 roundings."""
+        """Return a proved bound on the Frobenius norm of R's error: 3 times the quaternion's, and 100 roundings."""
         phase = self.z.error(t)
         under = self.under.error(phase)
         quotients = sum(over.error(phase) + under for over in (self.over_p, self.over_s))
@@ -60,10 +60,13 @@ class CayleyKlein:
 
 
 def even_turns(q0: Quaternion, left: Matrix, right: Matrix, mu_p: arb, mu_s: arb) -> CayleyKlein:
-    """p and s of the quaternion ``q0`` turning at these rates [rad/s]."""
-    one, still = constant(acb(1)), Phase.of(arb(0), arb(0))
+    """Return the attitude that starts as ``q0`` and rotates uniformly: p at ``mu_p``, s at ``mu_s`` [rad/s].
+
+    ``left`` and ``right`` are the constant rotations on its sides.
+    """
+    one, still = constant(acb(1)), ThetaPhase.from_radians(arb(0), arb(0))
     p, s = pair(q0)
-    turns = Phase.of(arb(0), mu_p), Phase.of(arb(0), mu_s)
+    turns = ThetaPhase.from_radians(arb(0), mu_p), ThetaPhase.from_radians(arb(0), mu_s)
     rates = (0.0, float(mu_p), float(mu_s))
     return CayleyKlein(
         constant(p), constant(s), one, 1.0, still, *turns, rates, quaternion(left), conjugate(quaternion(right))
@@ -71,17 +74,17 @@ def even_turns(q0: Quaternion, left: Matrix, right: Matrix, mu_p: arb, mu_s: arb
 
 
 def relative_quaternion(left: Matrix, R: Matrix, right: Matrix) -> Quaternion:
-    """The quaternion of left^T R right."""
+    """Return the quaternion of left^T R right."""
     return multiply(multiply(conjugate(quaternion(left)), quaternion(R)), quaternion(right))
 
 
 def pair(q: Quaternion) -> tuple[acb, acb]:
-    """p and s."""
+    """Return the Cayley-Klein parameters p and s of a quaternion."""
     return acb(q[0], q[3]), acb(q[1], q[2])
 
 
 def rotation(q: Four) -> Float[np.ndarray, "*nt 3 3"]:
-    """R of a quaternion of any length."""
+    """Return R of a quaternion, which need not have unit length."""
     w, x, y, z = q
     rows = (
         (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -92,11 +95,13 @@ def rotation(q: Four) -> Float[np.ndarray, "*nt 3 3"]:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2) / np.asarray(size)[..., None, None]
 
 
-def _four(p: Complex[np.ndarray, " nt"], s: Complex[np.ndarray, " nt"]) -> Four:
+def _list_four(p: Complex[np.ndarray, " nt"], s: Complex[np.ndarray, " nt"]) -> Four:
+    """Return the quaternion (w, x, y, z) of Cayley-Klein parameters."""
     return p.real, s.real, s.imag, p.imag
 
 
 def _times(a: Four, b: Four) -> Four:
+    """Return the product of two quaternions."""
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],

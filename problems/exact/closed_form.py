@@ -1,4 +1,4 @@
-"""A motion with a formula, from one start only."""
+"""Provide a motion given by a formula, for one start only."""
 
 import math
 from collections.abc import Callable
@@ -11,34 +11,34 @@ from ...harness.mechanics.state import State, States
 from ...harness.types import ReferenceKind
 
 ROUNDING = float(np.finfo(float).eps)
-SAME = 1e-12  # of two starts: rounding of turned frames, times a thousand
+SAME = 1e-12  # difference of equal starts: a thousand roundings of rotated frames
 
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """``of`` gives the motion; its error is the rounding of lengths up to ``size`` + ``speed`` t."""
+    """A motion given by ``of``; its error is the rounding of lengths up to ``size`` + ``speed`` t."""
 
     route: str
     of: Callable[[Float[np.ndarray, " nt"]], States]
     size: float  # [m]
-    speed: float = 0.0  # [m/s] of what grows without bound, phases times lengths included
+    speed: float = 0.0  # [m/s] growth of lengths, including phases times lengths
     horizon: float = math.inf
     kind: ReferenceKind = ReferenceKind.FORMULA
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """The motion at ``t`` [s]."""
+        """Return the motion at ``t`` [s]."""
         return self.of(np.asarray(t, dtype=float))
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Bound [m]."""
+        """Return a bound on the position error [m]."""
         return 16.0 * ROUNDING * (self.size + self.speed * np.abs(np.asarray(t, dtype=float)))
 
     def start(self) -> State:
-        """Where it starts."""
+        """Return the state at t = 0."""
         return self.of(np.zeros(1))[0]
 
     def from_start(self, start: State) -> "ClosedForm | None":
-        """The motion if it starts there; of another start no formula is known."""
+        """Return this motion if it begins at ``start``; None otherwise, since no formula is known there."""
         own = self.start()
         apart = max(float(np.max(np.abs(getattr(own, n) - getattr(start, n)))) for n in ("r", "R", "v", "Omega"))
         return self if apart < SAME * max(1.0, float(np.max(np.abs(own.Omega)))) else None

@@ -1,17 +1,17 @@
-"""Torque-free body of any inertia: Euler's motion by theta functions, exact from any start.
+"""Solve the torque-free body of any inertia: Euler's motion by theta functions, exact from any start.
 
-Axes 1, 2, 3 are principal, 2 the middle inertia, 3 the one that the angular momentum L circles (Whittaker, sect. 69):
+Axes 1, 2, 3 are principal, 2 has the middle inertia, 3 is circled by the angular momentum L (Whittaker, sect. 69):
 
     L1 = A cn x,  L2 = +-B sn x,  L3 = C dn x,   x = lambda t + x0
     A^2 = I1 (2 T I3 - L^2)/(I3 - I1),  B^2 = I2 (2 T I3 - L^2)/(I3 - I2),  C^2 = I3 (L^2 - 2 T I1)/(I3 - I1)
     lambda^2 = (I3 - I2)(L^2 - 2 T I1)/(I1 I2 I3),   k^2 = (I2 - I1)(2 T I3 - L^2)/((I3 - I2)(L^2 - 2 T I1))
 
-With OZ along L, the third row of R is L/|L|; the first plus i times the second, U, is quotients of theta functions too
-(Jacobi), beside an even turn, z = pi x/(2 K), theta1 of i eta vanishing with L1^2 + L2^2:
+With OZ along L, the third row of R is L/|L|; the first plus i times the second, U, is a quotient of theta functions too
+(Jacobi), times a uniform rotation, with z = pi x/(2 K) and theta1 of i eta vanishing with L1^2 + L2^2:
 
     U1 = c1 theta4(z -+ i eta)/theta4(z) exp(i n t),  U2 = c2 theta3(..)/..,  U3 = c3 theta1(..)/..
 
-The start gives c; U_dot = U x Omega gives n three times, which must agree.
+The start gives c; U_dot = U x Omega gives n three times, and the values must agree.
 """
 
 from dataclasses import dataclass
@@ -36,15 +36,18 @@ from .balls import (
     vector,
 )
 from .lagrange_top import free_symmetric
-from .pinned_body import PinnedBody, PinnedMotion, Rounded
+from .pinned_body import PinnedBody, PinnedMotion, RoundingEffect
 from .steady_precession import steady_precession
-from .theta import UNIT, Phase, ThetaSeries, elliptic_argument, theta, thetas
+from .theta import UNIT, ThetaPhase, ThetaSeries, elliptic_argument, theta, thetas
 
-SAME_INERTIA = 1e-14  # relative: rounding of computed data
+SAME_INERTIA = 1e-14  # relative difference: rounding of computed data
 
 
 def euler_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
-    """The motion without torque, or None on the separatrix (which approaches the intermediate axis)."""
+    """Return the motion without torque from R0, Omega0 [rad/s, body]; None on the separatrix.
+
+    That is the motion which approaches the intermediate axis.
+    """
     exact = not np.any(body.inertia_O - np.diag(np.diag(body.inertia_O)))
     inertia, axes = np.linalg.eigh(body.inertia_O)
     if exact:
@@ -55,10 +58,10 @@ def euler_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | No
     speed = float(norm(Omega0))
     for j, (i, k) in enumerate(((1, 2), (0, 2), (0, 1))):
         if abs(inertia[k] - inertia[i]) <= SAME_INERTIA * inertia[k]:
-            rounded = Rounded.unless(exact and inertia[i] == inertia[k], speed)
+            rounded = RoundingEffect.compute_unless(exact and inertia[i] == inertia[k], speed)
             return free_symmetric(body, R0, Omega0, transpose(P)[j], I[j], (I[i] + I[k]) / 2, rounded)
     w = apply_matrix(transpose(P), Omega0)
-    rounded = Rounded.unless(exact, speed)
+    rounded = RoundingEffect.compute_unless(exact, speed)
     if sum(not x.is_zero() for x in w) <= 1:
         axis = Omega0 if speed else transpose(P)[0]
         return steady_precession(body, R0, transpose(R0)[0], arb(0), axis, norm(Omega0), rounded)
@@ -74,20 +77,20 @@ def euler_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | No
 
 @dataclass(frozen=True)
 class JacobiMatrix:
-    """R = ``left`` (U's real part; its imaginary part; L/|L|) ``axes``^T."""
+    """The attitude R = ``left`` (real part of U; imaginary part of U; L/|L|) ``axes``^T."""
 
-    U: tuple[ThetaSeries, ...]
-    l: tuple[ThetaSeries, ...]
-    under: ThetaSeries
+    U: tuple[ThetaSeries, ...]  # numerators of U1, U2, U3
+    l: tuple[ThetaSeries, ...]  # numerators of L/|L| in principal axes
+    under: ThetaSeries  # their common denominator
     least: float  # lower bound of |under|
-    z: Phase
-    turn: Phase  # exp(i n t)
+    z: ThetaPhase  # exp(i z) at a time
+    turn: ThetaPhase  # exp(i n t)
     left: Matrix
-    axes: Matrix  # principal, in the body frame
+    axes: Matrix  # principal axes in the body frame
     rates: Float[np.ndarray, " 3"]  # |L| over the inertias [rad/s]
 
     def attitude(self, t: Float[np.ndarray, " nt"]) -> tuple[Float[np.ndarray, "nt 3 3"], Float[np.ndarray, "nt 3"]]:
-        """R in extended precision, and Omega (body) in float64."""
+        """Return R in extended precision, and Omega in float64 [rad/s, body frame], at ``t`` [s]."""
         w, turn = self.z(t), self.turn(t)
         D = self.under(w).real
         U = np.stack([over(w) / D * turn for over in self.U], axis=-1)
@@ -97,7 +100,7 @@ class JacobiMatrix:
         return R, self.rates * l.astype(float) @ axes.astype(float).T
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Proved bound on the Frobenius norm of the error of R: those of its columns, and 100 roundings."""
+        """Return a proved bound on the Frobenius norm of R's error: those of its columns, and 100 roundings."""
         phase = self.z.error(t)
         under = self.under.error(phase)
         quotients = sum(over.error(phase) + under for over in (*self.U, *self.l))
@@ -105,7 +108,12 @@ class JacobiMatrix:
         return 1.1 * quotients / (self.least - under) + 3.0 * self.turn.error(t) + 20.0 * constant + 100.0 * UNIT
 
 
-def _by_theta(body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rounded: Rounded) -> PinnedMotion:
+def _by_theta(body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rounded: RoundingEffect) -> PinnedMotion:
+    """Return the motion of an asymmetric body by theta functions.
+
+    ``P`` are the principal axes as columns, ``I`` the inertias and ``w`` the angular velocities about them, with L
+    circling axis 3. Raise ArithmeticError if the formula and its rate do not fit the start.
+    """
     I1, I2, I3 = I
     L = [a * b for a, b in zip(I, w, strict=True)]
     LL, TT = dot(L, L), dot(L, w)  # L^2, 2 T
@@ -145,6 +153,14 @@ def _by_theta(body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rou
     rates = float(size) / np.array([float(x) for x in I])
     least = 0.999 * float(t4.real)  # theta4 is smallest at 0
     motion = JacobiMatrix(
-        U, l, theta(4, q, arb(0), acb(1)), least, Phase.of(z0, rate), Phase.of(arb(0), n), S, P, rates
+        U,
+        l,
+        theta(4, q, arb(0), acb(1)),
+        least,
+        ThetaPhase.from_radians(z0, rate),
+        ThetaPhase.from_radians(arb(0), n),
+        S,
+        P,
+        rates,
     )
     return PinnedMotion("theta functions (Euler's top)", body, motion, rounded)

@@ -1,12 +1,12 @@
-"""Lagrange's top: the exact motion of a symmetric body on a pin under gravity, from any start, by theta functions.
+"""Solve Lagrange's top: a symmetric body on a pin under gravity, exact from any start, by theta functions.
 
 With u = cos(theta) the height of the body axis e (O to C), energy and two angular momenta give (Whittaker, sect. 71)
 
     u_dot^2 = (alpha - beta u)(1 - u^2) - (b - a u)^2 = beta (u - u1)(u - u2)(u - u3),   u1 <= u <= u2 <= 1 <= u3
     u = u1 + (u2 - u1) sn^2(x),   x = lambda t + x0,   lambda^2 = beta (u3 - u1)/4,   k^2 = (u2 - u1)/(u3 - u1)
 
-Euler angles are singular at u = +-1, which near-planar motions nearly reach. The Cayley-Klein parameters
-p = cos(theta/2) exp(i (phi + psi)/2), s = sin(theta/2) exp(i (phi - psi)/2), a unit quaternion, are not:
+Euler angles are singular at u = +-1, which near-planar motions nearly attain. The Cayley-Klein parameters p =
+cos(theta/2) exp(i (phi + psi)/2), s = sin(theta/2) exp(i (phi - psi)/2), a unit quaternion, are not:
 
     p = P theta1(z - i eta_p)/theta4(z) exp(i mu_p t),   z = pi x/(2 K)
     s = Q theta2(z - i eta_s)/theta4(z) exp(i mu_s t)
@@ -39,17 +39,20 @@ from .balls import (
     vector,
 )
 from .cayley_klein import CayleyKlein, pair, relative_quaternion
-from .pinned_body import PinnedBody, PinnedMotion, Rounded
+from .pinned_body import PinnedBody, PinnedMotion, RoundingEffect
 from .steady_precession import steady_precession
-from .theta import Phase, elliptic_argument, theta, thetas
+from .theta import ThetaPhase, elliptic_argument, theta, thetas
 
-EQUAL = 1e-60  # closer roots are one root: far below what float64 data can mean
-SYMMETRIC = 1e-14  # relative difference of the transverse inertias, rounding of their computation
+EQUAL = 1e-60  # distance of equal roots: far below the resolution of float64 data
+SYMMETRIC = 1e-14  # relative difference of transverse inertias that is rounding
 ROUTE = "theta functions (Lagrange's top)"
 
 
 def lagrange_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
-    """The motion, or None if the body is not symmetric about the line OC or approaches an unstable equilibrium."""
+    """Return the exact motion from R0, Omega0 [rad/s, body]; None if the body is not symmetric about OC.
+
+    None, too, if it approaches an unstable equilibrium.
+    """
     e = body.arm / np.linalg.norm(body.arm)
     across = np.diag(body.inertia_C)[body.arm == 0.0]
     diagonal = np.array_equal(body.inertia_C, np.diag(np.diag(body.inertia_C)))
@@ -63,24 +66,32 @@ def lagrange_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion |
     c, g, m = norm(arm), norm(weight), arb(body.mass)
     axial, transverse = arb(float_axial), arb(float_transverse) + m * dot(arm, arm)
     k, axis = scale_vector(weight, -1 / g), scale_vector(arm, 1 / c)
-    top = _Constants.of(apply_matrix(transpose(R0), k), axis, Omega0, 2 * m * g * c / transverse, axial / transverse)
+    top = _Constants.compute(
+        apply_matrix(transpose(R0), k), axis, Omega0, 2 * m * g * c / transverse, axial / transverse
+    )
     u1, u2, u3 = top.roots
     rates = abs(float(top.spin)) + abs(float(top.b)) + float(root(top.beta * (u3 - u1)))
     upper = bool(u3 - u2 > EQUAL)
     if not u2 - u1 > EQUAL or (not upper and not abs(top.u - u2) > EQUAL):
         pole = not 1 - top.u * top.u > EQUAL
         precession = arb(0) if pole else (top.b - top.a * top.u) / (1 - top.u * top.u)
-        rounded = Rounded.unless(False, rates)
+        rounded = RoundingEffect.compute_unless(False, rates)
         return steady_precession(body, R0, k, precession, axis, top.spin - top.u * precession, rounded)
     if not upper:
         return None
-    return _by_theta(body, R0, Omega0, frame_about(k), frame_about(axis), top, Rounded.unless(exact, rates))
+    return _by_theta(
+        body, R0, Omega0, frame_about(k), frame_about(axis), top, RoundingEffect.compute_unless(exact, rates)
+    )
 
 
 def free_symmetric(
-    body: PinnedBody, R0: Matrix, Omega0: Vector, e: Vector, axial: arb, transverse: arb, rounded: Rounded
+    body: PinnedBody, R0: Matrix, Omega0: Vector, e: Vector, axial: arb, transverse: arb, rounded: RoundingEffect
 ) -> PinnedMotion:
-    """Without torque: precession about the angular momentum at |L|/I_t, spin of the rest about the axis ``e``."""
+    """Return the motion without torque of a body that is symmetric about ``e``: a steady precession.
+
+    It turns about the angular momentum at |L|/I_t, with the remaining spin about e; ``axial`` and ``transverse`` are
+    inertias [kg m2].
+    """
     spin = dot(Omega0, e)
     L = apply_matrix(R0, [transverse * w + (axial - transverse) * spin * x for w, x in zip(Omega0, e, strict=True)])
     size = norm(L)
@@ -91,7 +102,7 @@ def free_symmetric(
 
 @dataclass(frozen=True)
 class _Constants:
-    """u, u_dot of the start; a = I_a Omega_e/I_t, b = L_k/I_t, beta, Omega_e [1/s]; the roots of u_dot^2."""
+    """The values u, u_dot at the start; a = I_a Omega_e/I_t, b = L_k/I_t, beta, Omega_e [1/s]; roots of u_dot^2."""
 
     u: arb
     u_dot: arb
@@ -102,8 +113,8 @@ class _Constants:
     roots: tuple[arb, arb, arb]
 
     @staticmethod
-    def of(k: Vector, e: Vector, Omega: Vector, beta: arb, ratio: arb) -> "_Constants":
-        """From the vertical k, the axis e and Omega, all in the body frame; ``ratio`` is I_a/I_t."""
+    def compute(k: Vector, e: Vector, Omega: Vector, beta: arb, ratio: arb) -> "_Constants":
+        """Compute the constants from the vertical k, the axis e and Omega [body frame]; ``ratio`` is I_a/I_t."""
         u, spin = dot(k, e), dot(Omega, e)
         u_dot = dot(k, cross(Omega, e))
         a = ratio * spin
@@ -115,7 +126,7 @@ class _Constants:
 
 
 def _cubic(sum_: arb, p: arb, q: arb) -> tuple[arb, arb, arb]:
-    """The three real roots of u^3 - ``sum_`` u^2 + p u + q, increasing: -1 <= u1 <= u2 <= 1 <= u3."""
+    """Return the three real roots of u^3 - ``sum_`` u^2 + p u + q, increasing: -1 <= u1 <= u2 <= 1 <= u3."""
     third = sum_ / 3
     radius = root(third * third - p / 3)
     if not radius > 0:
@@ -128,8 +139,13 @@ def _cubic(sum_: arb, p: arb, q: arb) -> tuple[arb, arb, arb]:
 
 
 def _by_theta(
-    body: PinnedBody, R0: Matrix, Omega0: Vector, S: Matrix, B: Matrix, top: _Constants, rounded: Rounded
+    body: PinnedBody, R0: Matrix, Omega0: Vector, S: Matrix, B: Matrix, top: _Constants, rounded: RoundingEffect
 ) -> PinnedMotion:
+    """Return the motion of a nutating top by theta functions.
+
+    ``S`` has the direction against gravity as its third column, ``B`` the body's axis. Raise ArithmeticError if the
+    formula does not fit the start.
+    """
     u1, u2, u3 = top.roots
     m, m1 = (u2 - u1) / (u3 - u1), (u3 - u2) / (u3 - u1)  # k^2 and its complement
     K, K1 = (acb(x).elliptic_k().real for x in (m, m1))
@@ -167,16 +183,25 @@ def _by_theta(
         factors.append(size * turn)
     least = 0.999 * float(zero[3].real)  # theta4 is smallest at 0
     motion = CayleyKlein(
-        theta(1, q, eta_p, factors[0]), theta(2, q, eta_s, factors[1]), theta(4, q, arb(0), acb(1)),
-        least, Phase.of(z0, rate),
-        Phase.of(arb(0), mu_p), Phase.of(arb(0), mu_s), (float(rate), float(mu_p), float(mu_s)),
-        quaternion(S), conjugate(quaternion(B)),
-    )  # fmt: skip
+        theta(1, q, eta_p, factors[0]),
+        theta(2, q, eta_s, factors[1]),
+        theta(4, q, arb(0), acb(1)),
+        least,
+        ThetaPhase.from_radians(z0, rate),
+        ThetaPhase.from_radians(arb(0), mu_p),
+        ThetaPhase.from_radians(arb(0), mu_s),
+        (float(rate), float(mu_p), float(mu_s)),
+        quaternion(S),
+        conjugate(quaternion(B)),
+    )
     return PinnedMotion(ROUTE, body, motion, rounded)
 
 
 def _argument(top: _Constants, m: arb) -> arb:
-    """x0 from u = u1 + (u2 - u1) sn^2 x and the sign of u_dot; where that is not known, x0 is about 0 or about K."""
+    """Return x0 from u = u1 + (u2 - u1) sn^2 x and the sign of u_dot at the start.
+
+    If the sign is unknown, x0 is a ball about 0 or about K.
+    """
     u1, u2, _ = top.roots
     sn, cn = root((top.u - u1) / (u2 - u1)), root((u2 - top.u) / (u2 - u1))
     side = sign(top.u_dot)
@@ -190,7 +215,10 @@ def _argument(top: _Constants, m: arb) -> arb:
 
 
 def _copy_sign(y: arb, x: arb, K1: arb) -> arb:
-    """``y`` with the sign of ``x``; where x may be 0, y is about 0 or K1, and -y gives the same motion as 2 K1 - y."""
+    """Return ``y`` with the sign of ``x``.
+
+    If x may be 0, y is about 0 or K1, and -y and 2 K1 - y give one motion: a ball with both is returned.
+    """
     if sign(x):
         return sign(x) * y
     return y * arb(0, 1) if 2 * float(y) < float(K1) else y.union(2 * K1 - y)

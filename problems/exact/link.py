@@ -1,4 +1,4 @@
-"""A point mass on a rigid massless link to the ground: it moves as the end of a massless arm on a ball joint does."""
+"""Move a point mass on a rigid massless link to the ground: it moves as the end of a massless arm on a ball joint."""
 
 from dataclasses import dataclass
 
@@ -7,48 +7,48 @@ from jaxtyping import Float
 
 from ...harness.mechanics.state import State, States
 from ...harness.types import ReferenceKind
-from .balls import apply_matrix, cross, dot, frame_about, in_balls, scale_vector, transpose, vector
+from .balls import apply_matrix, cross, dot, frame_about, run_in_balls, scale_vector, transpose, vector
 from .one_body import pinned_motion
 from .pinned_body import PinnedBody, PinnedMotion
 
 
 @dataclass(frozen=True)
 class LinkMotion:
-    """The motion of the arm's end; the point mass keeps its attitude ``R``, which nothing acts on."""
+    """The motion of the arm's end; the point mass keeps its attitude ``R``, since no torque acts on it."""
 
     arm: PinnedMotion
     R: Float[np.ndarray, "3 3"]
 
     @property
     def route(self) -> str:
-        """That of the arm."""
+        """The route of the arm's motion."""
         return self.arm.route
 
     @property
     def kind(self) -> ReferenceKind:
-        """That of the arm."""
+        """The kind of the arm's motion."""
         return self.arm.kind
 
     @property
     def horizon(self) -> float:
-        """That of the arm [s]."""
+        """The horizon of the arm's motion [s]."""
         return self.arm.horizon
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """The motion at ``t`` [s]."""
+        """Return the motion at ``t`` [s]."""
         s = self.arm.states(t)
         return States(s.r, np.broadcast_to(self.R, s.R.shape), s.v, np.zeros_like(s.Omega))
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Bound [m]."""
+        """Return a bound on the position error [m]."""
         return self.arm.error(t)
 
 
-@in_balls
+@run_in_balls
 def link_motion(mass: float, length: float, gravity: Float[np.ndarray, " 3"], start: State) -> LinkMotion | None:
-    """From any start; the link's other end is the origin."""
+    """Return the exact motion of a point mass on a link [m] to the origin; None if no formula is known."""
     r, v = vector(start.r[0]), vector(start.v[0])
-    R = frame_about(r)  # of the arm, without spin about it
+    R = frame_about(r)  # frame of the arm, without spin about it
     massless, arm = np.zeros((3, 3)), np.array([0.0, 0.0, length])
     body = PinnedBody(mass, massless, mass * length**2 * np.diag([1.0, 1.0, 0.0]), arm, np.zeros(3), gravity)
     motion = pinned_motion(body, R, apply_matrix(transpose(R), scale_vector(cross(r, v), 1 / dot(r, r))))

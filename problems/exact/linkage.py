@@ -1,13 +1,16 @@
-"""Planar chain of rods from a fixed point, two formulations: the chain, and the grid seen as one rod a row.
+"""Formulate a planar chain of rods from a fixed point in two ways, for the chain and for a grid with a rod per row.
 
 Rod k (0..n-1) has length l and mass M_k spread evenly; node k, its far end, carries a mass H_k; node -1 is the origin.
 The last node is fixed or free. Gravity acts along -y of the plane (x, y).
 
-``by_angles``  absolute angles of the rods to x, and multipliers for the two equations that hold the last node:
+``make_rates_by_angles``  absolute angles of the rods to x, and multipliers for the two that fix the last node:
+
     sum_j c_ij (cos(a_i - a_j) a_j_ddot + sin(a_i - a_j) a_j_dot^2) + (g/l) w_i cos a_i = (closure)_i
     c_ij = mass beyond rod max(i, j), with half of it (i != j) or a third (i = j); w_i likewise with half
-``by_nodes``   positions p of the nodes; a rod is |d|^2/2 = l^2/2 with d = p_k - p_(k-1), and its kinetic energy
-    M_k/6 (|p_(k-1)_dot|^2 + p_(k-1)_dot . p_k_dot + |p_k_dot|^2): constant mass matrix, one multiplier a rod, no angle
+
+``make_rates_by_nodes``   positions p of the nodes; a rod is |d|^2/2 = l^2/2 with d = p_k - p_(k-1), its kinetic energy
+
+    M_k/6 (|p_(k-1)_dot|^2 + p_(k-1)_dot . p_k_dot + |p_k_dot|^2): constant mass matrix, a multiplier per rod, no angle
 """
 
 from collections.abc import Callable
@@ -21,40 +24,40 @@ Rate = Callable[[Float[np.ndarray, " ny"]], Float[np.ndarray, " ny"]]
 
 @dataclass(frozen=True)
 class Linkage:
-    """Rods [kg, m], node masses [kg], gravity [m/s2]; ``end`` [m] is where the last node is fixed, None: free."""
+    """Rods [kg, m], node masses [kg], gravity [m/s2]; ``end`` is the fixed position of the last node [m], or None."""
 
-    rod_mass: Float[np.ndarray, " n"]
-    node_mass: Float[np.ndarray, " n"]
+    rod_mass: Float[np.ndarray, " n"]  # M_k
+    node_mass: Float[np.ndarray, " n"]  # H_k
     length: float
     gravity: float
     end: tuple[float, float] | None = None
 
     @property
     def n(self) -> int:
-        """Number of rods."""
+        """The number of rods."""
         return len(self.rod_mass)
 
     @property
     def free(self) -> int:
-        """Number of nodes that move."""
+        """The number of nodes that move."""
         return self.n - (self.end is not None)
 
     def nodes(self, angle: Float[np.ndarray, "*nt n"]) -> Float[np.ndarray, "*nt n 2"]:
-        """Positions [m] of the nodes."""
+        """Return the positions (n, 2) of the nodes in the plane [m], from the rods' angles to x [rad]."""
         return self.length * np.cumsum(np.stack((np.cos(angle), np.sin(angle)), axis=-1), axis=-2)
 
     def node_start(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " state"]:
-        """The state of ``by_nodes`` from that of ``by_angles``."""
+        """Return the state of ``make_rates_by_nodes`` that equals the state ``y`` of ``make_rates_by_angles``."""
         angle, rate = y[: self.n], y[self.n :]
         across = np.stack((-np.sin(angle), np.cos(angle)), axis=-1)
         v = self.length * np.cumsum(rate[:, None] * across, axis=0)
         return np.concatenate((self.nodes(angle)[: self.free].ravel(), v[: self.free].ravel()))
 
 
-def by_angles(link: Linkage) -> Rate:
-    """d/dt (angles, rates)."""
+def make_rates_by_angles(link: Linkage) -> Rate:
+    """Return the function from a state (angles [rad], their rates) to its time derivative."""
     n, M, H = link.n, link.rod_mass, link.node_mass
-    beyond = np.cumsum((M + H)[::-1])[::-1] - M  # nodes from k on, rods after k
+    beyond = np.cumsum((M + H)[::-1])[::-1] - M  # mass of the nodes from k on and of the rods after k
     k = np.arange(n)
     c = (beyond + 0.5 * M)[np.maximum(k[:, None], k)]
     c[k, k] = beyond + M / 3.0
@@ -62,6 +65,7 @@ def by_angles(link: Linkage) -> Rate:
     held = 0 if link.end is None else 2
 
     def rate(y: np.ndarray) -> np.ndarray:
+        """Return the rates and accelerations of the angles."""
         cos, sin, square = np.cos(y[:n]), np.sin(y[:n]), y[n:] ** 2
         matrix = np.zeros((n + held, n + held))
         matrix[:n, :n] = c * (np.outer(cos, cos) + np.outer(sin, sin))
@@ -76,8 +80,11 @@ def by_angles(link: Linkage) -> Rate:
     return rate
 
 
-def by_nodes(link: Linkage, precision: type = np.float64) -> Rate:
-    """d/dt (positions, velocities) of the moving nodes, for states of that precision (longdouble to certify)."""
+def make_rates_by_nodes(link: Linkage, precision: type = np.float64) -> Rate:
+    """Return the function from a state (positions [m], velocities) of the moving nodes to its time derivative.
+
+    It computes in ``precision``: longdouble to certify.
+    """
     n, m = link.n, link.free
     M: np.ndarray = link.rod_mass.astype(precision)
     H: np.ndarray = link.node_mass.astype(precision)
@@ -89,6 +96,7 @@ def by_nodes(link: Linkage, precision: type = np.float64) -> Rate:
     far = np.array([(0.0, 0.0) if link.end is None else link.end])
 
     def rate(y: np.ndarray) -> np.ndarray:
+        """Return the velocities and accelerations of the nodes."""
         p, v = y.reshape(2, m, 2)
         origin = np.zeros((1, 2))
         d = np.diff(np.concatenate((origin, p, far) if n > m else (origin, p)), axis=0)
@@ -106,7 +114,7 @@ def by_nodes(link: Linkage, precision: type = np.float64) -> Rate:
 
 
 def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """A^-1 b in the precision of A: LAPACK has float64 only, two refinements give the rest."""
+    """Return A^-1 b in the precision of A: two refinements extend LAPACK's float64."""
     if A.dtype == np.float64:
         return np.linalg.solve(A, b)
     rough = A.astype(float)

@@ -1,4 +1,4 @@
-"""Certified planar motion of bodies that form a linkage of rods (module ``linkage``)."""
+"""Certify the planar motion of bodies that form a linkage of rods (module ``linkage``)."""
 
 from collections.abc import Callable
 
@@ -9,9 +9,9 @@ from ...harness.mechanics.state import State, States
 from .certification import CertifiedMotion, linkage_orbit
 from .linkage import Linkage
 
-MOST_RODS = 30  # ten seconds of work; each evaluation costs n^3
-CHUNK = 0.25  # [s]
-PLANAR = 1e-12  # of a unit vector or rad/s: rounding of a start turned to its home frame; a perturbed start has more
+MOST_RODS = 30  # about ten seconds; each evaluation costs n^3
+CHUNK = 0.25  # [s] span between comparisons of the two routes
+PLANAR = 1e-12  # [1], [rad/s] rounding of a start rotated to its own frame; a perturbed start exceeds it
 
 Bodies = Callable[[Float[np.ndarray, "nt n"], Float[np.ndarray, "nt n"]], States]  # angles [rad], rates [rad/s]
 
@@ -19,7 +19,11 @@ Bodies = Callable[[Float[np.ndarray, "nt n"], Float[np.ndarray, "nt n"]], States
 def linkage_motion(
     link: Linkage, angle: Float[np.ndarray, " n"], rate: Float[np.ndarray, " n"], t_max: float, bodies: Bodies
 ) -> CertifiedMotion | None:
-    """The motion from these angles [rad] and rates [rad/s], up to ``t_max`` at most; None if it would take minutes."""
+    """Return the certified motion from these angles [rad] and rates [rad/s] up to ``t_max`` [s].
+
+    None with more than ``MOST_RODS`` rods, which would take minutes. ``bodies`` gives the states of the problem's
+    bodies.
+    """
     if link.n > MOST_RODS:
         return None
     orbit = linkage_orbit(link, np.concatenate((angle, rate)), t_max, CHUNK)
@@ -29,7 +33,10 @@ def linkage_motion(
 def planar_angles(
     start: State, plane: Float[np.ndarray, "3 3"]
 ) -> tuple[Float[np.ndarray, " nb"], Float[np.ndarray, " nb"]] | None:
-    """Angle and rate of every body's x axis in a plane with the columns x, y, normal; None if any leaves the plane."""
+    """Return angle [rad] and rate [rad/s] of each body's x axis in a plane; None if a body leaves it.
+
+    ``plane`` has the plane's x, y and normal as columns, in space.
+    """
     along = start.R[:, :, 0] @ plane
     omega = np.einsum("bij,bj->bi", start.R, start.Omega) @ plane
     if max(np.max(np.abs(along[:, 2])), np.max(np.abs(omega[:, :2])), np.max(np.abs(start.v @ plane[:, 2]))) > PLANAR:

@@ -1,27 +1,30 @@
-"""The exact motion of one body on one pin, whichever of the integrable cases it is."""
+"""Compute the exact motion of one body on one pin, for each integrable case."""
 
 import numpy as np
 
 from ...harness.mechanics.state import State
 from ...harness.mechanics.system import MultibodySystem
-from .balls import Matrix, TooWide, Vector, in_balls, nearest_rotation, vector
+from .balls import BallTooWide, Matrix, Vector, nearest_rotation, run_in_balls, vector
 from .euler_top import euler_top
 from .lagrange_top import lagrange_top
 from .pinned_body import PinnedBody, PinnedMotion
 
 
-@in_balls
+@run_in_balls
 def one_body_motion(system: MultibodySystem, start: State) -> PinnedMotion | None:
-    """Euler's case without torque, Lagrange's for a symmetric body; None for any other system: no formula exists."""
-    body = PinnedBody.of(system)
+    """Return the exact motion of one body on a spherical joint to the ground; None if no formula exists.
+
+    Euler's case without torque, Lagrange's for a symmetric body.
+    """
+    body = PinnedBody.from_system(system)
     return None if body is None else pinned_motion(body, nearest_rotation(start.R[0]), vector(start.Omega[0]))
 
 
 def pinned_motion(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
-    """From a start in balls."""
+    """Return the exact motion of a pinned body from R0 and Omega0 [rad/s, body], in balls; None if there is none."""
     try:
         if not np.any(body.arm) or not np.any(body.gravity):
             return euler_top(body, R0, Omega0)
         return lagrange_top(body, R0, Omega0)
-    except TooWide:
+    except BallTooWide:
         return None

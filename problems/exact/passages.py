@@ -1,15 +1,15 @@
-"""Singular passages of the grid: the instants at which a row folds flat, its bars all along one line."""
+"""Find singular passages of the grid: the instants at which a row folds flat, with its bars along one line."""
 
 import numpy as np
 from scipy.optimize import brentq
 
 from ...harness.types import Problem
 
-SAMPLING = 1e-3  # [s]; a row that folds and unfolds within this is missed
+SAMPLING = 1e-3  # [s] sampling; a row that folds and unfolds within it is missed
 
 
 def singular_passages(problem: Problem, t_end: float) -> tuple[tuple[float, int], ...]:
-    """(time [s], row from 1) of every cos(angle of the row) = 0 of the reference, in order, up to its horizon."""
+    """Return (time [s], row from 1) of every cos(row angle) = 0 of the reference, in order, up to its horizon."""
     reference = problem.reference()
     if reference is None:
         return ()
@@ -17,6 +17,7 @@ def singular_passages(problem: Problem, t_end: float) -> tuple[tuple[float, int]
     t = np.linspace(0.0, min(t_end, reference.horizon), max(2, round(t_end / SAMPLING) + 1))
 
     def cosine(time: float, name: str) -> float:
+        """Return the cosine of a row's angle at a time [s]."""
         return float(np.cos(problem.observe(reference.states(np.array([time])))[name][0]))
 
     angles = problem.observe(reference.states(t))

@@ -1,4 +1,4 @@
-"""One body on a pin O of the ground: its data, and a motion given by its attitude alone.
+"""Describe one body on a pin O of the ground: its data, and its motion given by the attitude alone.
 
 The pin leaves r = O + R c and r_dot = R (Omega x c), with c the arm from O to C in the body frame.
 """
@@ -15,36 +15,36 @@ from ...harness.types import ReferenceKind
 from .theta import PROVABLE
 
 ROUNDING = float(np.finfo(float).eps)
-FINAL = 1.01 * 2.0**-53  # of a vector rounded to float64, with the few operations in 64 bits before
-ROTATION_FINAL = 3**0.5 * FINAL  # of R, whose norm is the root of 3
+FINAL = 1.01 * 2.0**-53  # rounding of a vector to float64, after a few operations in 64 bits
+ROTATION_FINAL = 3**0.5 * FINAL  # rounding of R, whose norm is the root of 3
 
 
 class Attitude(Protocol):
-    """R and Omega as functions of time, and the proved error of R."""
+    """The interface of R and Omega as functions of time, with a proved error of R."""
 
     def attitude(self, t: Float[np.ndarray, " nt"]) -> tuple[Float[np.ndarray, "nt 3 3"], Float[np.ndarray, "nt 3"]]:
-        """R in extended precision, Omega in float64."""
+        """Return R in extended precision and Omega in float64 [rad/s, body frame]."""
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Bound on the Frobenius norm of the error of R before it is rounded to float64."""
+        """Return a bound on the Frobenius norm of R's error before it is rounded to float64."""
 
 
 @dataclass(frozen=True)
-class Rounded:
-    """Estimate of what data that had to be rounded change, as an angle; nothing where all are exact."""
+class RoundingEffect:
+    """An estimate of the effect of rounded data on the attitude, as an angle; zero if all data are exact."""
 
     floor: float = 0.0  # [rad]
     growth: float = 0.0  # [rad/s]
 
     @staticmethod
-    def unless(exact: bool, rate: float) -> "Rounded":
-        """Rounding of data that are not ``exact``, for a motion at ``rate`` [rad/s]."""
-        return Rounded() if exact else Rounded(64.0 * ROUNDING, 4.0 * ROUNDING * rate)
+    def compute_unless(exact: bool, rate: float) -> "RoundingEffect":
+        """Return the effect of rounded data on a motion at ``rate`` [rad/s]; none if the data are ``exact``."""
+        return RoundingEffect() if exact else RoundingEffect(64.0 * ROUNDING, 4.0 * ROUNDING * rate)
 
 
 @dataclass(frozen=True)
 class PinnedBody:
-    """Mass, inertia about C and about O [kg m2, body], arm c [m, body], pin O [m, space], gravity [m/s2, space]."""
+    """Mass, inertia about C and O [kg m2, body], arm c [m, body], pin O [m, space], gravity [m/s2, space]."""
 
     mass: float
     inertia_C: Float[np.ndarray, "3 3"]
@@ -54,8 +54,8 @@ class PinnedBody:
     gravity: Float[np.ndarray, " 3"]
 
     @staticmethod
-    def of(system: MultibodySystem) -> "PinnedBody | None":
-        """The data, or None if the system is not one body on one spherical joint to the ground, under gravity alone."""
+    def from_system(system: MultibodySystem) -> "PinnedBody | None":
+        """Return the data of one body on a spherical joint to the ground under gravity; None for any other system."""
         forces = (system.spring_k, system.torsion_k, system.load_i, system.user_i)
         if (system.nb, system.nj) != (1, 1) or any(map(len, forces)):
             return None
@@ -68,32 +68,32 @@ class PinnedBody:
 
     @property
     def reach(self) -> float:
-        """Arm or radius of gyration [m], the larger: turns an angle error into a length."""
+        """The larger of arm and radius of gyration [m], by which an angle error becomes a length."""
         return max(float(np.linalg.norm(self.arm)), float(np.sqrt(np.trace(self.inertia_O) / self.mass)))
 
 
 @dataclass(frozen=True)
 class PinnedMotion:
-    """A motion by its attitude, with the bound on its error."""
+    """A motion given by its attitude, with a bound on its error."""
 
     formula: str
     body: PinnedBody
     motion: Attitude
-    rounded: Rounded
+    rounded: RoundingEffect  # effect of rounded data
     horizon: float = float("inf")
 
     @property
     def route(self) -> str:
-        """The formula, and what its error is worth."""
+        """The formula and the kind of its error bound."""
         return f"{self.formula}, {self.kind}"
 
     @property
     def kind(self) -> ReferenceKind:
-        """Proved if no data were rounded, in 64 bits."""
-        return ReferenceKind.PROVED if self.rounded == Rounded() and PROVABLE else ReferenceKind.FORMULA
+        """The kind of reference: proved if no data were rounded, in 64 bits; else a formula."""
+        return ReferenceKind.PROVED if self.rounded == RoundingEffect() and PROVABLE else ReferenceKind.FORMULA
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """The motion at ``t`` [s]."""
+        """Return the motion at ``t`` [s]."""
         R, Omega = self.motion.attitude(np.asarray(t, dtype=float))
         r = self.body.pin + R @ self.body.arm.astype(np.longdouble)
         R = R.astype(float)
@@ -101,11 +101,11 @@ class PinnedMotion:
         return States(r.astype(float)[:, None], R[:, None], v[:, None], Omega[:, None])
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Bound [m] on the position error of C, and of points within the radius of gyration of O."""
+        """Return a bound on the position error of C, and of points within the radius of gyration of O [m]."""
         t = np.abs(np.asarray(t, dtype=float))
         return self.body.reach * (self.angle_error(t) + FINAL) + FINAL * np.linalg.norm(self.body.pin)
 
     def angle_error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Bound [rad] on the error of R, its rounding to float64 included."""
+        """Return a bound on the Frobenius norm of R's error, its rounding to float64 included [rad]."""
         t = np.abs(t)
         return self.motion.error(t) + ROTATION_FINAL + self.rounded.floor + self.rounded.growth * t

@@ -1,4 +1,4 @@
-"""Bars that move in the plane OXY: body x along the bar, body y along OZ.
+"""Describe bars that move in the plane OXY: body x along the bar, body y along OZ.
 
 Their 3-1-3 angles are (angle, pi/2, 0), far from the singularity of that chart.
 """
@@ -15,7 +15,7 @@ OZ = (0.0, 0.0, 1.0)
 
 
 def frames(angle: Float[np.ndarray, "*nt nb"]) -> Float[np.ndarray, "*nt nb 3 3"]:
-    """R of bars at ``angle`` [rad] to OX."""
+    """Return R of bars at ``angle`` to OX [rad]."""
     turn = np.zeros((*angle.shape, 3))
     turn[..., 2] = angle
     return so3.exp(turn) @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -27,13 +27,13 @@ def states(
     velocity: Float[np.ndarray, "nt nb 2"],
     rate: Float[np.ndarray, "nt nb"],
 ) -> States:
-    """The motion from positions and velocities of C in (X, Y), angles to OX [rad] and their rates."""
+    """Return the motion of bars from C in the plane (X, Y) [m], its velocity, angles to OX [rad] and rates [rad/s]."""
     flat = np.zeros((*angle.shape, 1))
     r, v = (np.concatenate((a, flat), axis=-1) for a in (centre, velocity))
     return States(r, frames(angle), v, rate[..., None] * np.array(AXIS))
 
 
 def slender(mass: float, length: float, axial: float, name: str) -> RigidBody:
-    """A bar with its axis along body x; ``axial`` is its inertia about it [kg m2]."""
+    """Return a bar with its axis along body x; ``axial`` is its inertia about that axis [kg m2]."""
     across = mass * length**2 / 12.0
     return RigidBody(mass, np.diag([axial, across, across]), name)

@@ -1,4 +1,4 @@
-"""Steady precession: the body rotates uniformly about a fixed direction of space and about a body-fixed axis.
+"""Compute steady precession: uniform rotation about a direction fixed in space and about an axis fixed in the body.
 
     R(t) = Rot_k(p t) R(0) Rot_e(s t)
 
@@ -10,13 +10,16 @@ from flint import arb
 
 from .balls import Matrix, Vector, frame_about
 from .cayley_klein import even_turns, relative_quaternion
-from .pinned_body import PinnedBody, PinnedMotion, Rounded
+from .pinned_body import PinnedBody, PinnedMotion, RoundingEffect
 
 
 def steady_precession(
-    body: PinnedBody, R0: Matrix, k: Vector, precession: arb, e: Vector, spin: arb, rounded: Rounded
+    body: PinnedBody, R0: Matrix, k: Vector, precession: arb, e: Vector, spin: arb, rounded: RoundingEffect
 ) -> PinnedMotion:
-    """Precession [rad/s] about ``k`` (space) and spin [rad/s] about ``e`` (body)."""
+    """Return the motion that turns about ``k`` at ``precession`` [rad/s] and about ``e`` at ``spin`` [rad/s].
+
+    ``k`` is fixed in space, ``e`` in the body; ``rounded`` is the effect of rounded data.
+    """
     S, B = frame_about(k), frame_about(e)
     motion = even_turns(relative_quaternion(S, R0, B), S, B, (precession + spin) / 2, (precession - spin) / 2)
     return PinnedMotion("closed form: steady precession", body, motion, rounded)

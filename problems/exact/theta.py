@@ -1,4 +1,4 @@
-"""Jacobi theta functions as short Fourier series: coefficients in balls, values in extended precision, errors proved.
+"""Sum Jacobi theta functions as short Fourier series: ball coefficients, values in extended precision, proved errors.
 
 With nome q and phase z = zeta - i eta (zeta real, eta fixed)::
 
@@ -18,42 +18,46 @@ import numpy as np
 from flint import acb, arb
 from jaxtyping import Complex, Float
 
-from .balls import TooWide, bound, extended_complex, in_balls, to_extended
+from .balls import BallTooWide, bound_above, extended_complex, run_in_balls, to_extended
 
 UNIT = 2.0**-64  # relative rounding of one operation
-PROVABLE = np.finfo(np.longdouble).nmant >= 63  # elsewhere than on x86 and some servers it is float64
-CUT = 2.0**-80  # terms below this part of the largest are dropped, and counted as error
-PARTS = 64  # of a turn in the table
-SPLIT = 11  # bits
-TAYLOR = 14  # (2 pi/128)^14/14! < 1e-29
+PROVABLE = np.finfo(np.longdouble).nmant >= 63  # long double is float64 except on x86 and some servers
+CUT = 2.0**-80  # terms below this fraction of the largest are dropped and counted as error
+PARTS = 64  # parts of a turn in the table
+SPLIT = 11  # bits of each leading part of a rate
+TAYLOR = 14  # highest power; (2 pi/128)^14/14! < 1e-29
 
 
 @dataclass(frozen=True)
-class Phase:
-    """exp(i (z0 + rate t)) for real t, from z0 and rate in turns."""
+class ThetaPhase:
+    """The function exp(i (z0 + rate t)) of real t, with z0 and rate in turns."""
 
     offset: np.longdouble
-    high: np.longdouble  # of the rate [1/s], 11 bits
-    middle: np.longdouble  # 11 more
+    high: np.longdouble  # leading 11 bits of the rate [1/s]
+    middle: np.longdouble  # the next 11 bits
     low: np.longdouble
-    radius: float  # of offset [turns]
-    rate_radius: float  # of the rate [1/s]
+    radius: float  # radius of the offset [turns]
+    rate_radius: float  # radius of the rate [1/s]
 
     @staticmethod
-    def of(z0: arb, rate: arb) -> "Phase":
-        """From both in radians."""
+    def from_radians(z0: arb, rate: arb) -> "ThetaPhase":
+        """Return the phase of ``z0`` and ``rate`` in radians."""
         turn = 2 * arb.pi()
         z0, rate = z0 / turn, rate / turn
         z0 = z0 - round(float(z0))
         high = _leading(float(rate))
         middle = _leading(float(rate - high))
-        return Phase(
-            to_extended(z0), np.longdouble(high), np.longdouble(middle), to_extended(rate - high - middle),
-            bound(z0 - z0.mid()), bound(rate - rate.mid()),
-        )  # fmt: skip
+        return ThetaPhase(
+            to_extended(z0),
+            np.longdouble(high),
+            np.longdouble(middle),
+            to_extended(rate - high - middle),
+            bound_above(z0 - z0.mid()),
+            bound_above(rate - rate.mid()),
+        )
 
     def __call__(self, t: Float[np.ndarray, " nt"]) -> Complex[np.ndarray, " nt"]:
-        """The values."""
+        """Return exp(i (z0 + rate t)) at ``t`` [s], in extended precision."""
         t = t.astype(np.longdouble)
         turns = sum(x - np.rint(x) for x in (self.high * t, self.middle * t)) + self.low * t + self.offset
         part = np.rint(PARTS * turns)
@@ -66,14 +70,17 @@ class Phase:
         return TABLE[part.astype(int) % PARTS] * (cosine + 1j * (x * sine))
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Proved bound on the distance of the value: 7 for turns to radians; roundings of sums, table, product."""
+        """Return a proved bound on the error of the value at ``t`` [s].
+
+        7 converts turns to radians; the rest are roundings of sums, table and product.
+        """
         rest = abs(float(self.low)) * np.abs(t)
         return 7.0 * (self.radius + self.rate_radius * np.abs(t) + 5.0 * UNIT * (1.0 + rest)) + 8.0 * UNIT
 
 
 @dataclass(frozen=True)
 class ThetaSeries:
-    """sum over m of c_m w^m + d_m conj(w)^m, w = exp(i zeta), m all odd or all even from ``least`` in steps of 2."""
+    """The sum over m of c_m w^m + d_m conj(w)^m, w = exp(i zeta), m from ``least`` (0 or 1) in steps of 2."""
 
     least: int
     c: Complex[np.ndarray, " terms"]
@@ -81,24 +88,25 @@ class ThetaSeries:
     tail: float  # bound on the dropped terms and on the radii of the coefficients
 
     def __call__(self, w: Complex[np.ndarray, " nt"]) -> Complex[np.ndarray, " nt"]:
-        """The value."""
+        """Return the sum of the series at ``w``."""
         square = w * w
         return self._sum(self.c, w, square) + self._sum(self.d, w.conj(), square.conj())
 
     def slope(self, w: Complex[np.ndarray, " nt"]) -> Complex[np.ndarray, " nt"]:
-        """The derivative with respect to zeta, in the precision of ``w``."""
+        """Return the derivative with respect to zeta, in the precision of ``w``."""
         m = 1j * (self.least + 2 * np.arange(len(self.c)))
         c, d = ((m * x).astype(w.dtype) for x in (self.c, self.d))
         square = w * w
         return self._sum(c, w, square) - self._sum(d, w.conj(), square.conj())
 
     def error(self, phase: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Proved bound on the error of the value, from that of w: the slopes, 6 roundings a step of Horner's."""
+        """Return a proved bound on the value's error from that of w: the slopes, and 6 roundings per Horner step."""
         sizes = (np.abs(self.c) + np.abs(self.d)).astype(float)
         m = self.least + 2.0 * np.arange(len(sizes))
         return 1.2 * np.sum(m * sizes) * phase + 6.0 * UNIT * (len(m) + 4) * np.sum(sizes) + self.tail
 
     def _sum(self, c: np.ndarray, w: np.ndarray, square: np.ndarray) -> np.ndarray:
+        """Return the sum over m of c_m w^m by Horner's rule; ``square`` is w^2."""
         value = np.zeros_like(w)
         for x in c[::-1]:
             value = value * square + x
@@ -106,7 +114,10 @@ class ThetaSeries:
 
 
 def theta(kind: int, q: arb, eta: arb, scale: acb) -> ThetaSeries:
-    """``scale`` theta_kind(zeta - i eta) as a series in zeta."""
+    """Return ``scale`` theta_kind(zeta - i eta), ``kind`` 1 to 4 and nome ``q``, as a series in zeta.
+
+    Raise BallTooWide if a coefficient has no bound.
+    """
     odd = int(kind in (1, 2))
     c: list[acb] = []
     d: list[acb] = []
@@ -120,34 +131,37 @@ def theta(kind: int, q: arb, eta: arb, scale: acb) -> ThetaSeries:
             up, down = up * acb(0, -1), down * acb(0, 1)
         if m == 0:
             down = acb(0)
-        size = bound(abs(up)) + bound(abs(down))
+        size = bound_above(abs(up)) + bound_above(abs(down))
         if not size < np.inf:
-            raise TooWide
+            raise BallTooWide
         largest = max(largest, size)
         if n > 1 and size <= CUT * largest:
-            ratio = bound((q.log() * (m + 1)).exp() * (grown**2 + grown**-2))  # of the next term to this one
+            ratio = bound_above((q.log() * (m + 1)).exp() * (grown**2 + grown**-2))  # of the next term to this one
             if ratio < 0.5:
                 return ThetaSeries(odd, _freeze_terms(c), _freeze_terms(d), 2.0 * size + radius)
         c.append(up)
         d.append(down)
-        radius += sum(bound(x.real - x.real.mid()) + bound(x.imag - x.imag.mid()) for x in (up, down))
+        radius += sum(bound_above(x.real - x.real.mid()) + bound_above(x.imag - x.imag.mid()) for x in (up, down))
         n += 1
 
 
 def constant(value: acb) -> ThetaSeries:
-    """A series of one term, the same for all phases."""
-    radius = bound(value.real - value.real.mid()) + bound(value.imag - value.imag.mid())
+    """Return a series of one term, constant in the phase."""
+    radius = bound_above(value.real - value.real.mid()) + bound_above(value.imag - value.imag.mid())
     return ThetaSeries(0, _freeze_terms([value]), _freeze_terms([acb(0)]), radius)
 
 
 def thetas(z: acb, tau: acb, derivative: int = 0) -> tuple[acb, ...]:
-    """theta1 to theta4 at ``z``, or their first derivatives."""
+    """Return theta1 to theta4 at ``z`` for the half-period ratio ``tau``; with ``derivative`` 1 their derivatives."""
     values = (z / arb.pi()).modular_theta(tau, derivative)
     return tuple(x / arb.pi() ** derivative for x in values)
 
 
 def elliptic_argument(sn: arb, cn: arb, m: arb) -> arb:
-    """The x with these sn and cn, |x| <= 2 K, from the smaller of both: no ball reaches a branch point."""
+    """Return the x with sn x = ``sn`` and cn x = ``cn``, parameter ``m``, |x| <= 2 K.
+
+    It is computed from the smaller of both, away from branch points.
+    """
     K = acb(m).elliptic_k().real
     x = -1 if float(sn) < 0.0 else 1
     if abs(float(sn)) <= abs(float(cn)):
@@ -157,19 +171,21 @@ def elliptic_argument(sn: arb, cn: arb, m: arb) -> arb:
 
 
 def _leading(x: float) -> float:
-    """``x`` rounded to ``SPLIT`` bits."""
+    """Return ``x`` rounded to ``SPLIT`` bits."""
     fraction, exponent = np.frexp(x)
     return float(np.ldexp(np.rint(np.ldexp(fraction, SPLIT)), exponent - SPLIT))
 
 
 def _freeze_terms(values: list[acb]) -> Complex[np.ndarray, " terms"]:
+    """Return the midpoints of balls as a read-only array."""
     a = np.array([extended_complex(x) for x in values])
     a.flags.writeable = False
     return a
 
 
-@in_balls
+@run_in_balls
 def _table() -> tuple[np.longdouble, Complex[np.ndarray, " parts"]]:
+    """Return 2 pi, and exp(2 pi i k / ``PARTS``) for all k, in extended precision."""
     angles = [2 * arb.pi() * k / PARTS for k in range(PARTS)]
     return to_extended(2 * arb.pi()), _freeze_terms([acb(x.cos(), x.sin()) for x in angles])
 

@@ -1,1 +1,1 @@
-"""The mechanism itself: bodies as lines, moving pictures, the theatre."""
+"""Show the mechanism itself: bodies as line segments, moving pictures, the theatre."""

@@ -1,4 +1,4 @@
-"""Bodies as line segments, from stored poses and joints alone: what drawings and animations of any problem share."""
+"""Reduce bodies to line segments, from stored poses and joints alone, for drawings and animations of any problem."""
 
 from dataclasses import dataclass
 
@@ -8,49 +8,50 @@ from jaxtyping import Float, Int
 from ...harness.results.series import Series
 from .theatre.poses import Poses, finite, rotations
 
-SEEN = 0.2  # of an axis's length: shorter it points at the reader and is not drawn
-SAME = 1e-9  # of the mechanism's size: joint points closer than this are one
-LONE = 0.25  # [m] half a rod of a body that shows no length at all
-CROSS = 0.18  # of a body's length: the bar at its free end, by which one sees it spin
-FLAT = 0.02  # of the mechanism's size: motion this thin is seen from the front
+SEEN = 0.2  # an axis whose projection is shorter than this points at the reader and is not drawn
+SAME = 1e-9  # fraction of the mechanism's size: joint points closer than this are one
+LONE = 0.25  # [m] half length of the rod for a body whose joints give no length
+CROSS = 0.18  # fraction of a body's length: the bar at its free end that makes its spin visible
+FLAT = 0.02  # fraction of the mechanism's size: a motion thinner than this is planar and seen from the front
 TILT = np.deg2rad(20.0), np.deg2rad(35.0)  # elevation and turn of the view of a spatial motion
 
 
 @dataclass(frozen=True)
-class Mechanism:
-    """Segments fixed in bodies, and the poses that carry them."""
+class DrawnMechanism:
+    """A mechanism as line segments fixed in its bodies, and the poses over time that carry them."""
 
-    t: Float[np.ndarray, " nf"]
-    r: Float[np.ndarray, "nf nb 3"]
-    R: Float[np.ndarray, "nf nb 3 3"]
-    body: Int[np.ndarray, " ns"]
-    a: Float[np.ndarray, "ns 3"]
+    t: Float[np.ndarray, " nf"]  # [s]
+    r: Float[np.ndarray, "nf nb 3"]  # centres of mass [m, space frame]
+    R: Float[np.ndarray, "nf nb 3 3"]  # body to space
+    body: Int[np.ndarray, " ns"]  # body of each segment
+    a: Float[np.ndarray, "ns 3"]  # its two ends [m, body frame]
     b: Float[np.ndarray, "ns 3"]
-    joint_body: Int[np.ndarray, " nj"]
-    joint_at: Float[np.ndarray, "nj 3"]
-    ground: Float[np.ndarray, "ng 3"]  # points of the ground that bodies hang on, in space
-    gravity: Float[np.ndarray, " 3"]
+    joint_body: Int[np.ndarray, " nj"]  # first body of each joint
+    joint_at: Float[np.ndarray, "nj 3"]  # the joint's point on it [m, body frame]
+    ground: Float[np.ndarray, "ng 3"]  # points of the ground that bodies hang on [m, space frame]
+    gravity: Float[np.ndarray, " 3"]  # [m/s^2, space frame]
 
     def segments(self, k: int) -> Float[np.ndarray, "ns 2 3"]:
-        """Both ends of every segment in space, frame ``k``."""
+        """Return both ends of every segment at frame ``k`` [m, space frame]."""
         return np.stack((self._place(k, self.body, self.a), self._place(k, self.body, self.b)), axis=1)
 
     def joints(self, k: int) -> Float[np.ndarray, "nj 3"]:
-        """Points of the joints in space, frame ``k``."""
+        """Return the joint points at frame ``k`` [m, space frame]."""
         return self._place(k, self.joint_body, self.joint_at)
 
     @property
     def size(self) -> float:
-        """[m] largest extent over all frames, at least one body."""
+        """The largest extent over all frames, at least that of one body [m]."""
         reach = np.linalg.norm(np.concatenate((self.a, self.b)), axis=1).max(initial=LONE)
         return float(max(np.ptp(self.r.reshape(-1, 3), axis=0).max(initial=0.0), 2.0 * reach))
 
     def _place(self, k: int, body: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """Return points ``at``, fixed in the bodies ``body``, at frame ``k`` [m, space frame]."""
         return self.r[k, body] + np.einsum("nij,nj->ni", self.R[k, body], at)
 
 
-def mechanism_of(series: Series | None) -> Mechanism | None:
-    """From a series file, up to the first pose that is no number; None where there is none."""
+def read_mechanism(series: Series | None) -> DrawnMechanism | None:
+    """Return the mechanism of a series up to its first pose that is not finite; None if no poses are stored."""
     needed = ("frame_t", "frame_r", "frame_q", "joint_i", "joint_j", "joint_s_i", "joint_s_j")
     if series is None or any(name not in series for name in needed):
         return None
@@ -62,18 +63,23 @@ def mechanism_of(series: Series | None) -> Mechanism | None:
     i, j = series["joint_i"].astype(int), series["joint_j"].astype(int)
     gravity = series["gravity"] if "gravity" in series else np.zeros(3)
     ground = series["joint_s_j"][j < 0]
-    return Mechanism(poses.t, poses.r, R, *_segments(series, nb), i, series["joint_s_i"], ground, gravity)
+    return DrawnMechanism(poses.t, poses.r, R, *_segments(series, nb), i, series["joint_s_i"], ground, gravity)
 
 
 def joint_points(series: Series, bodies: int, scale: float) -> list[Float[np.ndarray, "n 3"]]:
-    """The distinct joint points of each body, body frame; ``scale`` [m] is that of the mechanism."""
+    """Return the distinct joint points of each body [m, body frame]; ``scale`` [m] is the size of the mechanism."""
     if "joint_i" not in series:
         return [np.zeros((0, 3))] * bodies
     owner, at = (np.concatenate([series[f"{k}_{side}"] for side in ("i", "j")]) for k in ("joint", "joint_s"))
-    return [_distinct(at[owner == body].astype(float), SAME * scale) for body in range(bodies)]
+    return [_drop_repeated(at[owner == body].astype(float), SAME * scale) for body in range(bodies)]
 
 
 def _segments(series: Series, nb: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the body of each segment and both its ends [m, body frame], as joint points suggest them.
+
+    Two joints away from C give one segment, more a star from C; one gives a rod to the other side of C with a cross bar
+    at its free end, none three rods along the body's axes.
+    """
     s_i, s_j = series["joint_s_i"], series["joint_s_j"][series["joint_j"] >= 0]
     found = []
     scale = float(np.abs(np.concatenate((s_i, s_j))).max(initial=0.0)) or LONE
@@ -91,14 +97,15 @@ def _segments(series: Series, nb: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def _cross(end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A bar through the free end, across the body: along the body axis that lies most across it."""
+    """Return the ends of a bar through the body's free end, along the body axis most nearly normal to the body."""
     free, axis = -end, np.eye(3)[int(np.argmin(np.abs(end)))]
     across = axis - free * (axis @ free) / (free @ free)
     half = CROSS * 2.0 * np.linalg.norm(end) * across / np.linalg.norm(across)
     return free - half, free + half
 
 
-def _distinct(points: np.ndarray, tolerance: float) -> np.ndarray:
+def _drop_repeated(points: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return the points without those within ``tolerance`` [m] of an earlier one."""
     kept: list[np.ndarray] = []
     for p in points:
         if all(np.linalg.norm(p - k) > tolerance for k in kept):
@@ -106,13 +113,16 @@ def _distinct(points: np.ndarray, tolerance: float) -> np.ndarray:
     return np.array(kept).reshape(-1, 3)
 
 
-def view_of(mechanism: Mechanism) -> Float[np.ndarray, "2 3"]:
-    """Directions of space that are right and up: against gravity is up, a planar motion is seen from the front."""
+def choose_view(mechanism: DrawnMechanism) -> Float[np.ndarray, "2 3"]:
+    """Return the directions of space drawn to the right and up, as the rows of a matrix.
+
+    Up is against gravity; a planar motion is seen from the front, a spatial one from above and the side.
+    """
     g = mechanism.gravity
     up = -g / np.linalg.norm(g) if np.any(g) else np.array([0.0, 0.0, 1.0])
     seen = np.unique(np.linspace(0, len(mechanism.t) - 1, min(len(mechanism.t), 200)).astype(int))
     points = np.concatenate([mechanism.r[seen].reshape(-1, 3), *(mechanism.joints(k) for k in seen)])
-    if np.ptp(points, axis=0).max() <= FLAT * mechanism.size:  # it turns about one point: then by its segments
+    if np.ptp(points, axis=0).max() <= FLAT * mechanism.size:  # it turns about one point: its segments show the plane
         points = np.concatenate([mechanism.segments(k).reshape(-1, 3) for k in seen])
     level = points - np.outer(points @ up, up)
     level -= level.mean(axis=0)
@@ -138,25 +148,27 @@ class Picture:
     joints: Float[np.ndarray, "nj 2"]
     ground: Float[np.ndarray, "ng 2"]
     arrows: tuple[tuple[str, Float[np.ndarray, " 2"]], ...]  # unit vectors: axes of space, gravity
-    names: tuple[tuple[str, Float[np.ndarray, " 2"]], ...]  # of the first and the last body, at C
+    names: tuple[tuple[str, Float[np.ndarray, " 2"]], ...]  # names of the first and the last body, written at C
 
 
-def picture_of(series: Series | None) -> Picture | None:
-    """The bodies with their joints and supports, gravity and the axes; None where no poses are stored."""
-    mechanism = mechanism_of(series)
+def draw_picture(series: Series | None) -> Picture | None:
+    """Return the bodies with joints, supports, gravity and axes at the start; None if no poses are stored."""
+    mechanism = read_mechanism(series)
     if mechanism is None or series is None:
         return None
-    view = view_of(mechanism)
+    view = choose_view(mechanism)
     arrows = [(name, way) for name, e in zip("XYZ", np.eye(3), strict=True) if np.linalg.norm(way := view @ e) > SEEN]
     g = mechanism.gravity
     if np.any(g):
         arrows.append(("g", view @ (g / np.linalg.norm(g))))
     ends = sorted({0, len(series.body_names) - 1} & set(range(len(series.body_names))))
     names = tuple((series.body_names[k], view @ mechanism.r[0, k]) for k in ends)
-    lines, joints, ground = (flat(p, view) for p in (mechanism.segments(0), mechanism.joints(0), mechanism.ground))
+    lines, joints, ground = (
+        project_points(p, view) for p in (mechanism.segments(0), mechanism.joints(0), mechanism.ground)
+    )
     return Picture(lines, joints, ground, tuple(arrows), names)
 
 
-def flat(points: Float[np.ndarray, "*n 3"], view: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "*n 2"]:
-    """Points on paper."""
+def project_points(points: Float[np.ndarray, "*n 3"], view: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "*n 2"]:
+    """Return the coordinates of points along the two directions of ``view``, right and up [m]."""
     return points @ view.T

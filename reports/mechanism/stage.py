@@ -1,4 +1,4 @@
-"""Mechanisms in motion for small canvases: runs over the exact motion seen from the front, and how far off each is."""
+"""Prepare small moving pictures: runs over the exact motion, seen from the front, with the error of each."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -10,87 +10,113 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ...harness.results.series import Series
-from ..model.accuracy import Measure
-from ..model.results import Results, Run
+from ..model.accuracy import ErrorMeasure
+from ..model.results import StoredResults, StoredRun
 from ..plots.browser import Steps
-from ..plots.spec import Look
-from .segments import Mechanism, flat, mechanism_of, view_of
+from ..plots.spec import LineStyle
+from .segments import DrawnMechanism, choose_view, project_points, read_mechanism
 from .theatre.poses import Poses, finite, interpolate_poses
-from .theatre.scene import player_of, stored_exact
+from .theatre.scene import make_player, stored_exact
 
-FRAMES = 240  # of a stage; more bodies have fewer, or its file would be large
-COORDINATES = 30_000  # of a player, at most
-WINDOW = 8.0  # [s] of the motion, at most: what is seen in its own time
-STEPS = 4095  # of the box: a fifth of a pixel
-ROOM = 0.06  # of the box on each side
+FRAMES = 240  # frames of a stage; mechanisms of many bodies get fewer, which bounds the file
+COORDINATES = 30_000  # most coordinates of one player
+WINDOW = 8.0  # [s] longest motion shown, played in real time
+STEPS = 4095  # steps across the box: one is a fifth of a pixel
+ROOM = 0.06  # margin on each side, as a fraction of the box
 
 
-def stage(results: Results, roles: Sequence[tuple[Run, str]], measure: Measure | None, looks: Mapping[str, Look],
-          frames: int = FRAMES) -> dict[str, Any] | None:  # fmt: skip
-    """Segments at even times of the exact motion and of runs, each with its role; None where no run kept poses."""
+def stage(
+    results: StoredResults,
+    roles: Sequence[tuple[StoredRun, str]],
+    measure: ErrorMeasure | None,
+    looks: Mapping[str, LineStyle],
+    frames: int = FRAMES,
+) -> dict[str, Any] | None:
+    """Return segments of the exact motion and of runs, with their roles, at equal steps of time, as data for a page.
+
+    ``roles`` pairs each run with words on why it is shown. Coordinates are in steps of the picture's box. None is
+    returned if no run stored poses.
+    """
     read = [(run, role, results.readable_series(run)) for run, role in roles]
-    found = [(run, role, s, m) for run, role, s in read if s is not None and (m := mechanism_of(s)) is not None]
+    found = [(run, role, s, m) for run, role, s in read if s is not None and (m := read_mechanism(s)) is not None]
     if not found:
         return None
     first = found[0][3]
-    view = view_of(first)
+    view = choose_view(first)
     known = next((e for _, _, s, _ in found if (e := stored_exact(s)) is not None and len(e) > 1), None)
-    horizon = measure.until if measure and measure.until else math.inf  # beyond it no error tells one from another
+    horizon = measure.until if measure and measure.until else math.inf  # beyond it no error distinguishes solvers
     whole = min(max(float(m.t[-1]) for *_, m in found), WINDOW, horizon)
     t = np.linspace(0.0, whole, max(min(frames, COORDINATES // (4 * len(first.body))), 24))
-    lines = [segments_at(m, player_of(run, s, load_poses(s)).poses, t, view) for run, _, s, m in found]
+    lines = [place_segments(m, make_player(run, s, load_poses(s)).poses, t, view) for run, _, s, m in found]
     until = 0.0 if known is None else float(known.t[-1])
-    exact = None if known is None else segments_at(first, known, t[t <= until], view)
-    ground = flat(first.ground, view)
+    exact = None if known is None else place_segments(first, known, t[t <= until], view)
+    ground = project_points(first.ground, view)
     sound = np.concatenate([(lines[0] if exact is None else exact).reshape(-1, 2), ground])
-    low, high = sound.min(axis=0), sound.max(axis=0)  # what flies apart may leave the picture
+    low, high = sound.min(axis=0), sound.max(axis=0)  # a diverging run may leave the picture
     size = float(np.max(high - low)) or 1.0
     low, high = low - ROOM * size, high + ROOM * size
     step = float(np.max(high - low)) / STEPS
     return {
-        "t": whole, "frames": len(t), "size": ((high - low) / step).tolist(),
+        "t": whole,
+        "frames": len(t),
+        "size": ((high - low) / step).tolist(),
         "ground": ((ground - low) / step).tolist(),
-        "exact": None if exact is None else {"until": min(until, whole), "frames": len(exact),
-                                            "lines": _columns((exact - low) / step)},
+        "exact": None
+        if exact is None
+        else {"until": min(until, whole), "frames": len(exact), "lines": _columns((exact - low) / step)},
         "unit": measure.unit if measure else "m",
-        "players": [{
-            "solver": run.record.solver, "colour": looks[run.record.solver].colour, "words": role,
-            "stopped": run.has_stopped, "last": float(m.t[-1]), "lines": _columns((xy - low) / step),
-            "off": Steps(_off(s, measure, t), log=True),
-        } for (run, role, s, m), xy in zip(found, lines, strict=True)],
-    }  # fmt: skip
+        "players": [
+            {
+                "solver": run.record.solver,
+                "colour": looks[run.record.solver].colour,
+                "words": role,
+                "stopped": run.has_stopped,
+                "last": float(m.t[-1]),
+                "lines": _columns((xy - low) / step),
+                "off": Steps(_measure_error(s, measure, t), log=True),
+            }
+            for (run, role, s, m), xy in zip(found, lines, strict=True)
+        ],
+    }
 
 
-def moment(results: Results, run: Run, t: float) -> tuple[np.ndarray, np.ndarray | None, np.ndarray] | None:
-    """Segments of a run, of the exact motion where it is known, and the ground, as seen from the front at ``t``."""
+def moment(results: StoredResults, run: StoredRun, t: float) -> tuple[np.ndarray, np.ndarray | None, np.ndarray] | None:
+    """Return at ``t`` [s] the segments of a run and of the exact motion (None where unknown), and the ground's points.
+
+    All are projected for drawing [m]; None is returned if the run stored no poses.
+    """
     series = results.readable_series(run)
-    mechanism = mechanism_of(series)
+    mechanism = read_mechanism(series)
     if mechanism is None or series is None:
         return None
-    view, at = view_of(mechanism), np.array([t])
+    view, at = choose_view(mechanism), np.array([t])
     exact = stored_exact(series)
     known = exact is not None and len(exact) > 1 and float(exact.t[-1]) >= t
-    own = segments_at(mechanism, player_of(run, series, load_poses(series)).poses, at, view)[0]
-    return own, segments_at(mechanism, exact, at, view)[0] if known and exact else None, flat(mechanism.ground, view)
+    own = place_segments(mechanism, make_player(run, series, load_poses(series)).poses, at, view)[0]
+    return (
+        own,
+        place_segments(mechanism, exact, at, view)[0] if known and exact else None,
+        project_points(mechanism.ground, view),
+    )
 
 
 def load_poses(series: Series) -> Poses:
-    """The poses that a run kept."""
+    """Return the poses that a run stored, up to the first that is not finite."""
     return finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
 
 
-def segments_at(
-    m: Mechanism, poses: Poses, t: Float[np.ndarray, " n"], view: np.ndarray
+def place_segments(
+    m: DrawnMechanism, poses: Poses, t: Float[np.ndarray, " n"], view: np.ndarray
 ) -> Float[np.ndarray, "n ns 2 2"]:
-    """Both ends of every segment on paper; held where the poses end."""
+    """Return both ends of every segment in the drawing plane; the last pose stays where the poses end."""
     at = interpolate_poses(poses, t)
     R = Rotation.from_quat(at.q.reshape(-1, 4)).as_matrix().reshape(*at.q.shape[:2], 3, 3)
     moved = replace(m, t=t, r=at.r, R=R)
-    return flat(np.stack([moved.segments(k) for k in range(len(t))]), view)
+    return project_points(np.stack([moved.segments(k) for k in range(len(t))]), view)
 
 
-def _off(series: Series, measure: Measure | None, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """The error that judges, at ``t``; the largest float where it is not known."""
+def _measure_error(series: Series, measure: ErrorMeasure | None, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return the error that judges the runs at times ``t``, infinite where it is not known."""
     name = measure.name if measure else ""
     if name not in series:
         return np.full(len(t), np.inf)
@@ -103,5 +129,8 @@ def _off(series: Series, measure: Measure | None, t: Float[np.ndarray, " n"]) ->
 
 
 def _columns(values: np.ndarray) -> np.ndarray:
-    """Each coordinate over time, one after the other; up to four boxes away from this one."""
+    """Round coordinates to whole steps, one time history after another.
+
+    They are shifted to be positive, and cut four widths of the box outside it.
+    """
     return np.clip(np.rint(values.reshape(len(values), -1).T) + 4 * STEPS, 0, 65535).astype(np.int64).ravel()

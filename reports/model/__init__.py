@@ -1,1 +1,1 @@
-"""The model of pages and figures: a results folder sorted into problems, solvers and settings."""
+"""Model a results folder for pages and figures, sorted into problems, solvers and settings."""

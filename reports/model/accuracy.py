@@ -1,4 +1,4 @@
-"""One number for how far a run is from the exact motion, the same kind for all runs of a problem."""
+"""Measure how far a run is from the exact motion by one number, the same kind for all runs of a problem."""
 
 import math
 from collections.abc import Sequence
@@ -6,45 +6,48 @@ from dataclasses import dataclass
 
 from ...harness.results.records import judged_own
 from ...harness.results.words import judged_error
-from .results import Run
+from .results import StoredRun
 
-EXACT = 1e-12  # of the mechanism's size: position errors below it are rounding
+EXACT = 1e-12  # fraction of the mechanism's size: smaller position errors are rounding
 
 
 @dataclass(frozen=True)
-class Measure:
-    """Which error, with its words and its unit."""
+class ErrorMeasure:
+    """The error by which runs are compared, with its words and its unit."""
 
-    what: str
-    name: str  # of the columns
+    what: str  # in words
+    name: str  # prefix of its columns
     unit: str
     own: float  # the reference's stated error in that unit; NaN if not known
-    until: float | None = None  # [s] errors are judged to here where that is before the end
+    until: float | None = None  # [s] errors are judged up to here, if that is before the end
 
-    def of(self, run: Run) -> float:
-        """The error of a run; NaN where it has none."""
+    def of(self, run: StoredRun) -> float:
+        """Return the error of a run, in ``unit``, up to the time to which errors are judged; NaN if it has none."""
         return judged_error(run.record, self.name, self.unit)
 
 
-def measure_for(runs: Sequence[Run]) -> Measure | None:
-    """Position error; orientation where all positions are exact (a body that only turns); None without a reference."""
+def measure_for(runs: Sequence[StoredRun]) -> ErrorMeasure | None:
+    """Choose the error that judges a problem: the position error, or None without a reference.
+
+    Where all positions are exact (a body that only turns), the orientation error is used.
+    """
     known = [c for c in runs if not math.isnan(c.record.position_error_max_m)]
     if not known:
         return None
     length = max((c.record.length_scale_m for c in known if c.record.length_scale_m > 0.0), default=1.0)
     own = max((e for c in known if not math.isnan(e := c.record.reference_own_error_m)), default=math.nan)
-    until = judged_until(known)
+    until = find_judged_end(known)
     words = "" if until is None else f" to {until:.4g} s"
     if until is not None:
         own = max((e for c in known if not math.isnan(e := judged_own(c.record))), default=math.nan)
-    position = Measure(f"position error{words}", "position_error", "m", own, until)
+    position = ErrorMeasure(f"position error{words}", "position_error", "m", own, until)
     if max(map(position.of, known)) > EXACT * length:
         return position
-    return Measure(f"orientation error{words}", "orientation_error", "rad", own / length, until)
+    return ErrorMeasure(f"orientation error{words}", "orientation_error", "rad", own / length, until)
 
 
-def judged_until(runs: Sequence[Run]) -> float | None:
-    """[s] the time up to which errors are judged, if that is before the reference or the longest run ends."""
+def find_judged_end(runs: Sequence[StoredRun]) -> float | None:
+    """Return the time up to which errors are judged [s]; None if it is the end of the reference or the longest run."""
     times = [c.record.judged_to_s for c in runs if not math.isnan(c.record.judged_to_s)]
     ends = [min(c.record.t_reached_s, c.record.reference_horizon_s) for c in runs if c.record.reference]
     if not times or not ends or max(times) > 0.98 * max(ends):
@@ -52,11 +55,11 @@ def judged_until(runs: Sequence[Run]) -> float | None:
     return max(times)
 
 
-def drifts(run: Run) -> bool | None:
-    """Whether the energy error wanders off rather than swings: its mean shifts from first to last quarter.
+def drifts(run: StoredRun) -> bool | None:
+    """Return whether the energy error drifts rather than oscillates; None if undecided.
 
-    True when the shift is over a third of the largest error (a straight line shifts by three quarters, a swing by
-    nothing) and above rounding; None when it cannot be decided.
+    It drifts if its mean shifts from the first to the last quarter by more than a third of the largest error (a linear
+    drift shifts by three quarters, an oscillation by nothing) and by more than rounding.
     """
     r = run.record
     shift = abs(r.energy_mean_last_quarter_J - r.energy_mean_first_quarter_J)
@@ -66,6 +69,6 @@ def drifts(run: Run) -> bool | None:
     return shift > max(r.energy_drift_max_J / 3.0, rounding)
 
 
-def energy_kind(run: Run) -> str:
-    """The same as a word; empty when it cannot be decided."""
+def energy_kind(run: StoredRun) -> str:
+    """Return "drifts" or "bounded", or an empty string if undecided."""
     return {None: "", True: "drifts", False: "bounded"}[drifts(run)]

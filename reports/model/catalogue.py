@@ -1,4 +1,4 @@
-"""Solvers and problems in their own words: the first sentences of their files, the traits a problem tests."""
+"""Describe solvers and problems by the first sentences of their files and by the traits a problem tests."""
 
 import ast
 import re
@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-TRAITS = {  # why a problem of this trait is hard
+TRAITS = {  # why a problem with this trait is hard
     "chaotic": "Small errors grow exponentially: beyond some time no computed motion is the exact one.",
     "singular": "The constraint matrix loses rank at instants, where the motion could branch.",
     "redundant": "There are more constraint rows than their rank, so that reactions are not unique.",
@@ -20,7 +20,7 @@ PLAIN = "No trait makes it hard: what counts is the error at a given cost."
 
 
 def about_solver(name: str) -> str:
-    """The method in two sentences, of its file and of its class; empty for a plug-in."""
+    """Describe the method in two sentences, from its file and its class; empty for a plug-in."""
     path = next((p for p in (f"solvers/{name}.py", f"solvers/engines/{name}.py") if _source(p)), "")
     if not path:
         return ""
@@ -31,24 +31,24 @@ def about_solver(name: str) -> str:
 
 
 def is_engine(name: str) -> bool:
-    """Whether a solver is other people's code."""
+    """Return whether a solver runs an external engine."""
     return bool(_source(f"solvers/engines/{name}.py"))
 
 
 def code_of_others(name: str) -> str:
-    """The name of the package that a solver runs, as its users know it; empty where all is ours."""
+    """Return the usual name of the external package that a solver runs; empty if all code is ours."""
     name_of_it = re.split(r"[,:.]", about_solver(name))[0]
     return name_of_it if is_engine(name) or name_of_it.startswith("SUNDIALS") else ""
 
 
 def about_problem(name: str) -> str:
-    """The mechanism in its file's first sentence; empty for a plug-in."""
+    """Describe the mechanism by its file's first sentence; empty for a plug-in."""
     source = _source(f"problems/{name}.py")
     return _summary(ast.parse(source)) if source else ""
 
 
 def why_hard(name: str) -> str:
-    """By the problem's traits, two sentences at most; empty for a plug-in."""
+    """Describe what makes a problem hard by its traits, in at most two sentences; empty for a plug-in."""
     source = _source(f"problems/{name}.py")
     traits = re.findall(r"Trait\.(\w+)", source.partition("@problem(")[2].partition("\n")[0])
     known = [TRAITS[t.lower()] for t in traits if t.lower() in TRAITS]
@@ -56,11 +56,13 @@ def why_hard(name: str) -> str:
 
 
 def _summary(node: ast.Module | ast.ClassDef) -> str:
+    """Return the first line of the docstring of a module or class."""
     return (ast.get_docstring(node) or "").partition("\n")[0].replace("``", "")
 
 
 @cache
 def _source(path: str) -> str:
+    """Return the text of a file of this package, such as ``solvers/rattle.py``; empty if there is none."""
     if not re.fullmatch(r"[\w/]+\.py", path) or not (ROOT / path).is_file():
         return ""
     return (ROOT / path).read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The grounds of a judged claim in words: made here for the command, the pages and the captions alike."""
+"""Put the grounds of a judged claim into words, once for the command, the pages and the captions."""
 
 from ...harness.results.judgements import claims as judged
 from .condition_words import (
@@ -10,27 +10,27 @@ from .condition_words import (
     setting,
     spell_out,
     value,
-)  # fmt: skip
+)
 from .words import join_words, number, plural, unit
 
-__all__ = ["condition", "decision", "setting", "spell_out", "value"]  # pages say them by this module, too
+__all__ = ["condition", "decision", "setting", "spell_out", "value"]  # re-exported for the pages
 WHERE = ("at the paper's settings", "beyond them")
-FACTOR = 1.5  # by which bands are moved (harness.referee.claims.predicates)
+FACTOR = 1.5  # factor by which borderline bands are widened and narrowed (harness.referee.claims.predicates)
 LEFT_OUT = {
     judged.Ending.MACHINE: "a limit on time or memory ended them, which another machine might not meet",
     judged.Ending.UNCOMPARED: "their runs cannot be compared "
-    "(two failures, no partner, equal steps or motions, or values missing)",
+    "(two failures, no partner, equal steps or motions, nothing that moved, or values missing)",
     judged.Ending.SLOW: "the limit on steps ended them while they were only slow",
     judged.Ending.APART: "we ended them, not their solver: a joint was open by the length of its arm",
     judged.Ending.NO_START: "they could not start: not one step of the size they may take",
     judged.Ending.START_UP: "they stopped in the first hundredth of their time, the start-up",
-    judged.Ending.ENDED: "their runs get to the end, and the claim is about those that stop",
+    judged.Ending.ENDED: "their runs do not stop by themselves by then, and the claim is about those that do",
     judged.Ending.EARLY: "their runs ended before the moment asked about",
 }
 
 
-def format_measured(test: judged.Test) -> str:
-    """``0.031 J``; ``never`` for a time that does not come."""
+def format_measured(test: judged.JudgedTest) -> str:
+    """Format the measured value of a test: ``0.031 J``, or ``never`` for a time that is not reached."""
     if test.unbounded:
         return "never" if test.unit == "s" else "unbounded"
     if test.measured != test.measured:
@@ -39,15 +39,18 @@ def format_measured(test: judged.Test) -> str:
     return f"{test.measured:.0f}" if count else f"{number(test.measured)} {unit(test.unit)}".strip()
 
 
-def band(test: judged.Test) -> str:
-    """``at least 0.05 m``."""
+def band(test: judged.JudgedTest) -> str:
+    """Format the band that a test requires of its number: ``at least 0.05 m``."""
     low, high = (None if v is None else f"{v:g}" for v in test.band)
     words = f"at most {high}" if low is None else f"at least {low}" if high is None else f"{low} to {high}"
     return f"{words} {unit(test.unit)}".strip()
 
 
-def metric(test: judged.Test) -> str:
-    """A column of the records goes by its own name."""
+def metric(test: judged.JudgedTest) -> str:
+    """Name the quantity that a test measures, with its arguments and the runs it is compared with.
+
+    A column of the records keeps its own name.
+    """
     if test.metric == "column":
         words = str(test.arguments["name"])
     else:
@@ -58,13 +61,13 @@ def metric(test: judged.Test) -> str:
     return f"{words}{compared}{f' ({test.combine})' if test.combine else ''}"
 
 
-def because(c: judged.Claim) -> str:
-    """Runs, counts and conditions at the paper's settings and beyond them, and caveats, in sentences."""
+def explain_verdicts(c: judged.JudgedClaim) -> str:
+    """Explain a claim's verdicts in sentences: counts, conditions and caveats, at the paper's settings and beyond."""
     b = c.because
     only = "no setting of {} is judged: the verdicts say nothing of {}"
     names = join_words(list(b.unjudged))
     unjudged = [only.format(names, "it" if len(b.unjudged) == 1 else "them")] if b.unjudged else []
-    out = [*b.stand_ins, *unjudged, *(s for where, f in sides(c) for s in _describe_finding(c, where, f))]
+    out = [*b.stand_ins, *unjudged, *(s for where, f in list_sides(c) for s in _describe_finding(c, where, f))]
     if b.across and c.findings:
         out.append(f"each setting is compared across {b.across}")
     if b.met_at:
@@ -74,39 +77,42 @@ def because(c: judged.Claim) -> str:
     return f"{'. '.join(said)}." if said else ""
 
 
-def sides(c: judged.Claim) -> tuple[tuple[str, judged.Finding], ...]:
-    """The findings that there are, with where."""
+def list_sides(c: judged.JudgedClaim) -> tuple[tuple[str, judged.ClaimFinding], ...]:
+    """Return the existing findings, each with its place: at the paper's settings or beyond them."""
     return tuple((where, f) for where, f in zip(WHERE, (c.paper, c.beyond), strict=True) if f)
 
 
-def verdict(f: judged.Finding) -> str:
-    """``reproduced if direction translation``; ``not reproduced``; ``cannot be told, because`` with the reason."""
-    if f.verdict is judged.Verdict.CANNOT_BE_TOLD and f.missing:
+def verdict(f: judged.ClaimFinding) -> str:
+    """Format a verdict with its condition or reason: ``reproduced if gain 5``, ``cannot be told, because ...``."""
+    if f.verdict is judged.ClaimVerdict.CANNOT_BE_TOLD and f.missing:
         return f"{f.verdict}, because {_missing(f.missing[0])}"
-    if f.verdict is judged.Verdict.CANNOT_BE_TOLD and f.left_out:
+    if f.verdict is judged.ClaimVerdict.CANNOT_BE_TOLD and f.left_out:
         why = (f"{plural(x.settings, 'setting')}: {LEFT_OUT[x.why]}" for x in f.left_out)
         return f"{f.verdict}, because no setting counts ({'; '.join(why)})"
-    if f.verdict is judged.Verdict.REPRODUCED_IF and f.decision:
+    if f.verdict is judged.ClaimVerdict.REPRODUCED_IF and f.decision:
         return describe_chosen(f.decision) if is_chosen(f) else describe_condition(f.decision)
-    if f.verdict is judged.Verdict.REPRODUCED and f.decision:
+    if f.verdict is judged.ClaimVerdict.REPRODUCED and f.decision:
         return f"{f.verdict}: there are such {describe_condition(f.decision).removeprefix('reproduced ')}"
     return str(f.verdict)
 
 
-def condition_of(f: judged.Finding) -> str:
-    """The rest of the verdict after its first words: ``direction translation``; empty where there is none."""
+def format_condition(f: judged.ClaimFinding) -> str:
+    """Return the part of the verdict after its first words, ``direction translation``; empty if there is none."""
     return verdict(f).removeprefix(str(f.verdict)).lstrip(" ,:")
 
 
-def control(c: judged.Claim) -> str:
-    """``rk45_strong_form, in the same chart, ... does so too``; empty without a control."""
+def control(c: judged.JudgedClaim) -> str:
+    """Describe whether the control, other solvers in the same settings, meets the claim too; empty without one.
+
+    ``rk45_strong_form, in the same chart, ... does so too (...), in 4 settings where the claim holds: ...``
+    """
     if c.control is None:
         return ""
     who = join_words(list(c.control.solvers))
     f = c.control.finding
     at = f"over the same {c.because.across}s" if c.because.across else "at the same tolerance"
     beside = f"{who}, in the same chart, {at}, with the same step limit and on the same motion,"
-    if f.verdict is judged.Verdict.CANNOT_BE_TOLD:
+    if f.verdict is judged.ClaimVerdict.CANNOT_BE_TOLD:
         return f"{beside} settles nothing{_left_alone(c)}"
     if not f.holds:
         return f"{beside} does not ({quantify(f)}){_left_alone(c)}"
@@ -117,55 +123,62 @@ def control(c: judged.Claim) -> str:
     return f"{found}, {where}: there the claim tells nothing of its own solvers{_left_alone(c)}"
 
 
-def _left_alone(c: judged.Claim) -> str:
-    """``; beside 4 settings where the claim holds it is left out``, and why."""
+def _left_alone(c: judged.JudgedClaim) -> str:
+    """Name the settings where the claim holds and nothing is known of the control, and why; empty if there are none."""
     if c.control is None or not c.control.alone:
         return ""
     why = "; ".join(LEFT_OUT[x.why] for x in c.control.finding.left_out) or "it was not run there"
     return f"; beside {plural(c.control.alone, 'setting')} where the claim holds nothing is known of it ({why})"
 
 
-def by_solver(c: judged.Claim) -> str:
-    """``by ida_index1 reproduced, for all 4 tried; by ndf_index1 ...``; empty where there is one solver."""
+def format_by_solver(c: judged.JudgedClaim) -> str:
+    """Format the verdict of each solver: ``by ida_index1 reproduced, for all 4 tried; ...``; empty for one solver."""
     sides = c.by_solver.items(), c.by_solver_beyond.items()
-    found = ["; ".join(f"by {n} {', '.join(filter(None, (verdict(f), share(f))))}" for n, f in side) for side in sides]
+    found = [
+        "; ".join(f"by {n} {', '.join(filter(None, (verdict(f), format_share(f))))}" for n, f in side) for side in sides
+    ]
     return "; beyond them ".join(filter(None, found)) if found[0] else f"beyond them {found[1]}" * bool(found[1])
 
 
-def condition_and_share(f: judged.Finding) -> str:
-    """Words behind the verdict's mark: for which choices, and for how many of those tried."""
-    return "; ".join(filter(None, (condition_of(f), share(f))))
+def condition_and_share(f: judged.ClaimFinding) -> str:
+    """Format what follows the verdict's mark: for which choices it holds, and for how many of those tried."""
+    return "; ".join(filter(None, (format_condition(f), format_share(f))))
 
 
-def share(f: judged.Finding | None) -> str:
-    """``for all 4 tried``, ``for 39 of 76 tried``, of values along a dimension ``at 3 of 81``; borderline verdicts."""
+def format_share(f: judged.ClaimFinding | None) -> str:
+    """Format how many settings hold: ``for 39 of 76 tried``, ``at 3 of 81 values``, with borderline verdicts."""
     if f is None or not f.settings:
         return ""
     flips = dict.fromkeys(f"{m.verdict}, {m.holds} of {m.settings}" for m in f.borderline)
     return f"for {quantify(f)}{_met(f)}" + (f" (borderline: {'; '.join(flips)})" if flips else "")
 
 
-def _met(f: judged.Finding) -> str:
+def _met(f: judged.ClaimFinding) -> str:
+    """Format at how many values of a dimension the claim is met, if one value suffices; else empty."""
     return f", at {f.met[0]} of {f.met[1]} values" if f.met else ""
 
 
-def quantify(f: judged.Finding) -> str:
-    """``all 4 tried``, ``none of 34 tried``, ``39 of 76 tried``: the quantifier, the same for both sides."""
+def quantify(f: judged.ClaimFinding) -> str:
+    """Format the count: ``all 4 tried``, ``none of 34 tried``, ``39 of 76 tried``."""
     if f.holds == f.settings:
         return "the one tried" if f.settings == 1 else f"all {f.settings} tried"
     return f"{f.holds or 'none'} of {f.settings} tried"
 
 
-def distinct(f: judged.Finding) -> str:
-    """``4 distinct of 72``; the number alone where all are."""
+def format_distinct(f: judged.ClaimFinding) -> str:
+    """Format ``4 distinct of 72``; the number alone if all are distinct."""
     return f"{f.settings} distinct of {f.rows}" if f.rows > f.settings else str(f.settings)
 
 
-def _describe_finding(c: judged.Claim, where: str, f: judged.Finding) -> list[str]:
+def _describe_finding(c: judged.JudgedClaim, where: str, f: judged.ClaimFinding) -> list[str]:
+    """Explain a verdict in clauses: its counts, what is missing, which settings count how, its condition and caveats.
+
+    ``where`` is one of ``WHERE``.
+    """
     out = []
     if f.settings:
         out.append(f"{where} it holds for {quantify(f)}")
-        out[-1] += f" ({distinct(f)})" if f.rows > f.settings else ""
+        out[-1] += f" ({format_distinct(f)})" if f.rows > f.settings else ""
         out[-1] += f", {plural(f.like, 'setting')} beyond them with the series of one counted with it" * bool(f.like)
         out[-1] += f", met at {f.met[0]} of {plural(f.met[1], spell_out(c.because.across))}" if f.met else ""
     out += map(_missing, f.missing)
@@ -185,29 +198,30 @@ def _describe_finding(c: judged.Claim, where: str, f: judged.Finding) -> list[st
     ]
 
 
-def describe_missing(c: judged.Claim) -> str:
-    """Whatever is missing to test the claim; empty where it was tested."""
+def describe_missing(c: judged.JudgedClaim) -> str:
+    """Describe what is missing to test the claim; empty if it was tested."""
     return "; ".join(map(_missing, c.missing))
 
 
-def describe_count(c: judged.Claim) -> str:
-    """Count of settings that hold, and of those excluded."""
+def describe_count(c: judged.JudgedClaim) -> str:
+    """Describe how many settings hold and how many are left out of the count."""
     left = sum(x.settings for f in c.findings for x in f.left_out)
     holds, settings = sum(f.holds for f in c.findings), sum(f.settings for f in c.findings)
     return f"holds in {holds} of {settings} settings{f', {left} left out' if left else ''}"
 
 
-def list_rows(c: judged.Claim, most: int | None = None) -> list[str]:
-    """A line a setting: printed or not, holds or not, the number and the control's, and the command that repeats it.
+def list_rows(c: judged.JudgedClaim, most: int | None = None) -> list[str]:
+    """List one line per setting: printed or not, holds or not, its number and the control's, a command to repeat it.
 
-    Those that the paper prints come first, then those that hold; ``most`` of them.
+    Settings that the paper prints come first, then those that hold; at most ``most`` are listed.
     """
     order = {True: 0, False: 1, None: 2}
     rows = sorted(c.map, key=lambda m: (not m.printed, order[m.holds]))
     return [_describe_row(c, m) for m in rows[:most]]
 
 
-def _describe_row(c: judged.Claim, m: judged.MapRow) -> str:
+def _describe_row(c: judged.JudgedClaim, m: judged.MapRow) -> str:
+    """Describe one setting of the map in a line, see ``list_rows``."""
     holds = {True: "holds", False: "does not hold", None: "open"}[m.holds]
     first = c.tests[0].unit if c.tests else ""
     number_of_it = "no number" if m.measured != m.measured else f"{number(m.measured)} {unit(first)}".strip()
@@ -217,21 +231,24 @@ def _describe_row(c: judged.Claim, m: judged.MapRow) -> str:
     return f"{where}, {holds}: {number_of_it}{control}, {m.status}{more}: {m.command or m.case}"
 
 
-def figures(c: judged.Claim) -> str:
-    """``6 and 7``."""
+def figures(c: judged.JudgedClaim) -> str:
+    """Join the claim's figure numbers: ``6 and 7``."""
     return join_words([str(n) for n in c.figure])
 
 
-def _missing(m: judged.Missing) -> str:
-    if m.gap is judged.Gap.RUNS:
+def _missing(m: judged.MissingReason) -> str:
+    """Describe one reason why a claim cannot be tested."""
+    if m.gap is judged.ClaimGap.RUNS:
         absent, first = m.wanted - m.found, f", first {m.name}" if m.name else ""
         return f"runs missing: {absent or 'all'} of {m.wanted} of the map {m.map}{first}"
     return {
-        judged.Gap.NEED: m.name,
-        judged.Gap.VALUES: f"the suite has {m.found} of {m.wanted} values of {m.name} for the map {m.map}",
-        judged.Gap.GROUPS: f"no two runs of the map differ in {m.name} alone",
-        judged.Gap.SETTLED: "no setting of the map settles it",
-        judged.Gap.NUMBER: f"no run of the map has the number {m.name!r}",
-        judged.Gap.REACHED: f"{m.found} of {m.wanted} settings got to the moment asked about: too few for a verdict",
-        judged.Gap.HANGS: f"the verdict hangs on one run that failed, {m.name}: no verdict",
+        judged.ClaimGap.NEED: m.name,
+        judged.ClaimGap.VALUES: f"the suite has {m.found} of {m.wanted} values of {m.name} for the map {m.map}",
+        judged.ClaimGap.GROUPS: f"no two runs of the map differ in {m.name} alone",
+        judged.ClaimGap.SETTLED: "no setting of the map settles it",
+        judged.ClaimGap.NUMBER: f"no run of the map has the number {m.name!r}",
+        judged.ClaimGap.REACHED: (
+            f"{m.found} of {m.wanted} settings got to the moment asked about: too few for a verdict"
+        ),
+        judged.ClaimGap.HANGS: f"the verdict hangs on one run that failed, {m.name}: no verdict",
     }[m.gap]

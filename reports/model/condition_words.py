@@ -1,11 +1,11 @@
-"""Choices in words: a value of a dimension, a setting, and the condition under which a claim holds."""
+"""Put choices into words: a value of a dimension, a setting, and the condition under which a claim holds."""
 
 from collections.abc import Sequence
 
 from ...harness.results.judgements import claims as judged
 from .words import plural
 
-MOST_LISTED = 6  # combinations listed one by one
+MOST_LISTED = 6  # most combinations listed one by one
 FLAGS = {
     "lambda_in_error_test": ("multipliers in the error test", "multipliers outside the error test"),
     "velocities_in_error_test": ("velocities in the error test", "velocities outside the error test"),
@@ -14,7 +14,7 @@ FLAGS = {
 
 
 def value(name: str, given: judged.Value) -> str:
-    """A value of a dimension: ``5``, ``a consistent start``."""
+    """Format the value ``given`` to the dimension ``name`` of a map: ``5``, ``a consistent start``."""
     if isinstance(given, bool):
         return FLAGS.get(name, (spell_out(name), f"no {spell_out(name)}"))[not given]
     if given is None:
@@ -23,18 +23,21 @@ def value(name: str, given: judged.Value) -> str:
 
 
 def setting(name: str, given: judged.Value) -> str:
-    """The same with the dimension where it is needed: ``gain 5``."""
+    """Format a value with the name of its dimension where the value alone is not clear: ``gain 5``."""
     alone = given is None or isinstance(given, bool) or name in ("problem", "solver", "frame")
     return value(name, given) if alone else f"{spell_out(name)} {value(name, given)}"
 
 
 def spell_out(name: str) -> str:
-    """A name with spaces for underscores."""
+    """Replace the underscores of a name by spaces."""
     return name.replace("_", " ")
 
 
 def describe_condition(d: judged.Decision) -> str:
-    """``reproduced if tolerance at most 1e-05``, ``reproduced unless gain 0``, or values that suffice."""
+    """Format a conditional verdict: ``reproduced if tolerance at most 1e-05``, ``reproduced unless gain 0``.
+
+    Without such a condition on one or two dimensions, combinations of values that suffice are listed.
+    """
     if d.by:
         return f"reproduced {'unless' if d.unless else 'if'} {condition(d)}"
     if not d.any_of:
@@ -44,18 +47,18 @@ def describe_condition(d: judged.Decision) -> str:
     return f"reproduced if {', or if '.join(terms)}{more}"
 
 
-def is_chosen(f: judged.Finding) -> bool:
-    """Whether every setting meets a claim at some value of a dimension of which one value suffices."""
+def is_chosen(f: judged.ClaimFinding) -> bool:
+    """Return whether every setting meets the claim at some value of a dimension of which one value suffices."""
     return bool(f.met and f.decision and f.decision.by and f.holds == f.settings)
 
 
 def describe_chosen(d: judged.Decision) -> str:
-    """``reproduced if the tolerance may be chosen, all at tolerance 0.1``."""
+    """Format ``reproduced if the tolerance may be chosen, all at tolerance 0.1``."""
     return f"reproduced if the {spell_out(next(iter(d.by)))} may be chosen, all at {condition(d)}"
 
 
 def _join_terms(conditions: Sequence[judged.Condition]) -> list[dict[str, list[judged.Value]]]:
-    """The conditions, those that differ in the value of one dimension as one with both values."""
+    """Merge conditions that differ in the value of one dimension into one with both values."""
     out: list[dict[str, list[judged.Value]]] = []
     for c in conditions:
         for term in (t for t in out if t.keys() == c.at.keys()):
@@ -69,7 +72,7 @@ def _join_terms(conditions: Sequence[judged.Condition]) -> list[dict[str, list[j
 
 
 def _list_values(name: str, values: Sequence[judged.Value]) -> str:
-    """``tolerance 1e-10, 1e-09 or 3e-09``."""
+    """Format the values of one dimension: ``tolerance 1e-10, 1e-09 or 3e-09``."""
     numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
     ordered = sorted(values) if numbers else list(values)  # type: ignore[type-var]
     first, *rest = ordered
@@ -77,10 +80,17 @@ def _list_values(name: str, values: Sequence[judged.Value]) -> str:
 
 
 def decision(d: judged.Decision) -> str:
-    """The condition that separates; else with what it always and never holds, and what matters most."""
+    """Describe on which settings it depends whether a claim holds: the condition that separates them.
+
+    Without such a condition: the largest sets of settings where it always or never holds, and the dimension that
+    separates best.
+    """
     if d.by:
-        return f"it holds with {condition(d)} never, and always without" if d.unless else (
-            f"it holds with {condition(d)} always, and never without")  # fmt: skip
+        return (
+            f"it holds with {condition(d)} never, and always without"
+            if d.unless
+            else (f"it holds with {condition(d)} always, and never without")
+        )
     yes, no = ([x for x in d.conditions if bool(x.holds) is side] for side in (True, False))
     parts = [f"{word} with {_list_conditions(some)}" for word, some in (("always", yes), ("never", no)) if some]
     if d.told:
@@ -89,7 +99,10 @@ def decision(d: judged.Decision) -> str:
 
 
 def _list_counts(d: judged.Decision) -> str:
-    """``gain 0 1 of 3, gain 5 3 of 3``; of many values how many always, sometimes and never go with it."""
+    """Format how many settings hold at each value of the dimension that separates best.
+
+    ``gain 0 1 of 3, gain 5 3 of 3``; many values are counted as always, sometimes and never.
+    """
     if len(d.told) <= MOST_LISTED:
         return ", ".join(f"{setting(d.telling, f.value)} {f.holds} of {f.settings}" for f in d.told)
     always, never = sum(f.holds == f.settings for f in d.told), sum(not f.holds for f in d.told)
@@ -97,11 +110,12 @@ def _list_counts(d: judged.Decision) -> str:
 
 
 def condition(d: judged.Decision) -> str:
-    """``tolerance at most 1e-05 and gauge zero``."""
+    """Format the values of a separating condition: ``tolerance 1e-05 or 1e-06 and gauge zero``."""
     return " and ".join(" or ".join(setting(name, v) for v in values) for name, values in d.by.items())
 
 
 def _list_conditions(conditions: Sequence[judged.Condition]) -> str:
+    """Format sets of settings with how many hold: ``gain 0 and chart quaternion (3 of 3)``; the rest is counted."""
     out = [f"{' and '.join(setting(n, v) for n, v in c.at.items())} ({c.holds} of {c.settings})" for c in conditions]
     more = [f"and {len(out) - MOST_LISTED} more"] if len(out) > MOST_LISTED else []
     return "; ".join([*out[:MOST_LISTED], *more])

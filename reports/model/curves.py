@@ -1,4 +1,4 @@
-"""Series made small enough to draw, with every peak kept, and the limits of their axes."""
+"""Reduce series to few points that keep every peak, and find the limits of their axes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,16 +8,16 @@ from jaxtyping import Float, Int
 
 SPANS_UPPER = 240  # a panel is about 3 in wide: more spans than that are not seen
 SPANS_SIGNED = 320
-CAP = 1e4  # a motion that blew up is cut at so many times the problem's own scale, or others could not be seen
-SELDOM = 0.05  # of a line may lie below the lower edge: all errors begin at zero
-ROUNDING = 1e-17  # of that scale: what is below is drawn at the lower edge
+CAP = 1e4  # cut of a diverging motion, in units of the problem's scale, so that other curves stay visible
+SELDOM = 0.05  # fraction of a line below the lower edge: all errors begin at zero
+ROUNDING = 1e-17  # fraction of that scale; smaller values are drawn at the lower edge
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Points of a line; with ``low`` it is the upper edge of a band."""
+    """The points of a line; with ``low`` it is the upper edge of a band."""
 
-    t: Float[np.ndarray, " n"]
+    t: Float[np.ndarray, " n"]  # [s]
     y: Float[np.ndarray, " n"]
     low: Float[np.ndarray, " n"] | None = None
     high: Float[np.ndarray, " n"] | None = None
@@ -26,8 +26,10 @@ class Curve:
         return len(self.t)
 
 
-def upper(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER) -> Curve:
-    """The largest |a| in each span of time: what a bound must not be below. Values that are no numbers are left out."""
+def find_maxima(
+    t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER
+) -> Curve:
+    """Return the largest finite |a| in each of ``spans`` spans of [0, t_end] [s], to compare with an upper bound."""
     t, a = _finite(t, np.abs(a))
     at = _rows_of(np.maximum, a, _spans(t, t_end, spans))
     return Curve(t[at], a[at])
@@ -36,7 +38,7 @@ def upper(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float
 def signed_curve(
     t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_SIGNED
 ) -> Curve:
-    """Smallest and largest value in each span, in their order of time, and the ends."""
+    """Return the least and largest value in each of ``spans`` spans of [0, t_end] [s] by time, and both ends."""
     t, a = _finite(t, a)
     starts = _spans(t, t_end, spans)
     ends = [0, len(t) - 1] if len(t) else []
@@ -45,7 +47,7 @@ def signed_curve(
 
 
 def band(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER) -> Curve:
-    """Median, smallest and largest value in each span, at its end."""
+    """Return the median, least and largest value in each of ``spans`` spans of [0, t_end] [s], at its last point."""
     t, a = _finite(t, a)
     starts = _spans(t, t_end, spans)
     lengths = _lengths(starts, a)
@@ -55,8 +57,8 @@ def band(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float,
     return Curve(t[last], median, ordered[starts], ordered[last])
 
 
-def level(curve: Curve) -> Curve:
-    """Without the points inside stretches where nothing changes: a constant step needs two points."""
+def drop_repeated(curve: Curve) -> Curve:
+    """Remove points inside stretches of equal values: a constant step needs two points."""
     rows = [e for e in (curve.y, curve.low, curve.high) if e is not None]
     if len(curve) < 3:
         return curve
@@ -67,30 +69,37 @@ def level(curve: Curve) -> Curve:
 
 
 def log_limits(curves: Iterable[Curve | None], scale: float) -> tuple[float, float]:
-    """Limits for a logarithmic axis: from rounding (of ``scale``) at the lowest to a cap at the highest."""
+    """Return the limits of a logarithmic axis for the curves, between rounding and a cap relative to ``scale``.
+
+    Without values above rounding they are those of three decades.
+    """
     size = scale if np.isfinite(scale) and scale > 0.0 else 1.0
     floor = size * ROUNDING
-    seen = [ends for c in curves if c is not None and (ends := reach(c, floor))]
+    seen = [ends for c in curves if c is not None and (ends := find_log_range(c, floor))]
     if not seen:
         return floor, floor * 1e3
     top = min(max(high for _, high in seen), size * CAP)
     return max(min(*(low for low, _ in seen), top) / 2.0, floor), top * 3.0
 
 
-def reach(curve: Curve, floor: float) -> tuple[float, float] | None:
-    """From where to where a line goes on a logarithmic axis, first errors left out; None if below ``floor``."""
+def find_log_range(curve: Curve, floor: float) -> tuple[float, float] | None:
+    """Return the lowest and highest value of a line on a logarithmic axis; None if it is below ``floor``.
+
+    The smallest values, such as first errors, are left out.
+    """
     rows = [e[e > floor] for e in (curve.y, curve.low, curve.high) if e is not None]
     rows = [e for e in rows if len(e)]
     return (min(float(np.quantile(e, SELDOM)) for e in rows), max(float(e.max()) for e in rows)) if rows else None
 
 
-def span(curve: Curve, limits: tuple[float, float]) -> tuple[float, float]:
-    """From where to where a line goes inside of the limits of a linear axis."""
+def find_range(curve: Curve, limits: tuple[float, float]) -> tuple[float, float]:
+    """Return the lowest and highest value of a line on a linear axis, cut to the axis's ``limits``."""
     low, high = np.clip((curve.y.min(), curve.y.max()), *limits)
     return float(low), float(high)
 
 
 def _finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points of which time and value are finite, as floats; the longer array is cut to the shorter."""
     n = min(len(t), len(a))
     with np.errstate(invalid="ignore"):
         good = np.isfinite(t[:n]) & np.isfinite(a[:n])
@@ -98,18 +107,19 @@ def _finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _spans(t: np.ndarray, t_end: float, n: int) -> Int[np.ndarray, " m"]:
-    """The first row of each span: [0, t_end] in ``n`` equal ones, so that curves of one figure have the same spans."""
+    """Return the first row of each of ``n`` equal spans of [0, t_end], the same spans for all curves of a figure."""
     whole = max(t_end if t_end > 0.0 else 0.0, *t[-1:], 1e-300)
     at = np.minimum((t / whole * n).astype(np.int64), n - 1)
     return np.flatnonzero(np.diff(at, prepend=at[:1] - 1))
 
 
 def _lengths(starts: Int[np.ndarray, " m"], a: np.ndarray) -> Int[np.ndarray, " m"]:
+    """Return the number of points in each span of ``a`` that begins at ``starts``."""
     return np.diff(np.append(starts, len(a)))
 
 
 def _rows_of(f: np.ufunc, a: np.ndarray, starts: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
-    """The first row of each span that has the largest or smallest value in it, as ``f`` is maximum or minimum."""
+    """Return the first row of each span with its largest or smallest value, for ``f`` np.maximum or np.minimum."""
     lengths = _lengths(starts, a)
     rows = np.flatnonzero(a == np.repeat(f.reduceat(a, starts), lengths))
     _, first = np.unique(np.repeat(np.arange(len(starts)), lengths)[rows], return_index=True)

@@ -1,14 +1,23 @@
-"""Figures and tables as LaTeX floats with captions and labels, to be copied or read in."""
+"""Write figures and tables as LaTeX floats with captions and labels, to copy or to input."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .tables import latex_text
 
-MATHS = {  # characters of captions that pdfLaTeX has in mathematics alone; a mark after its letter comes first
-    "φ̇": r"$\dot\phi$", "φ": r"$\phi$", "Δ": r"$\Delta$", "₀": "$_0$", "≈": r"$\approx$", "≤": r"$\le$",
-    "×": r"$\times$", "★": r"$\star$", "−": "$-$", "⁻": "$^{-}$", **{c: f"$^{k}$" for k, c in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")},
-}  # fmt: skip
+MATHS = {  # characters that pdfLaTeX sets in math mode only; a letter with an accent comes before the letter
+    "φ̇": r"$\dot\phi$",
+    "φ": r"$\phi$",
+    "Δ": r"$\Delta$",
+    "₀": "$_0$",
+    "≈": r"$\approx$",
+    "≤": r"$\le$",
+    "×": r"$\times$",
+    "★": r"$\star$",
+    "−": "$-$",
+    "⁻": "$^{-}$",
+    **{c: f"$^{k}$" for k, c in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")},
+}
 HEAD = r"""% Floats of %s: needs \usepackage{graphicx,booktabs,array}. Copy what is wanted, or
 %% \newcommand{\publication}{path/of/this/folder} and \input{\publication/floats} for all of them.
 \providecommand{\publication}{.}
@@ -16,7 +25,7 @@ HEAD = r"""% Floats of %s: needs \usepackage{graphicx,booktabs,array}. Copy what
 
 
 def latex_caption(text: str) -> str:
-    """Return a caption, its symbols in mathematics; any other character stays."""
+    """Return a caption with its symbols in math mode; other characters are kept."""
     out = latex_text(text)
     for symbol, latex in MATHS.items():
         out = out.replace(symbol, latex)
@@ -24,7 +33,7 @@ def latex_caption(text: str) -> str:
 
 
 def write_floats(title: str, figures: Sequence[Mapping[str, Any]], tables: Mapping[str, str]) -> str:
-    """Return all floats: ``figures`` as in captions.json, and captions of ``tables`` by their place without suffix."""
+    """Return all floats; ``figures`` as in captions.json, ``tables`` maps paths without suffix to captions."""
     out = [HEAD.replace("%s", latex_text(title), 1).replace("%%", "%")]
     for place, caption in tables.items():
         name = place.rpartition("/")[2]

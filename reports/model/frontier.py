@@ -1,4 +1,4 @@
-"""The cheapest solver for an error: from runs at several steps or tolerances, between which work is interpolated."""
+"""Find the cheapest solver for an error, interpolating the work of runs between steps or tolerances."""
 
 import math
 import shlex
@@ -8,17 +8,17 @@ from itertools import pairwise
 from typing import Any, Literal
 
 from ...harness.results.records import cpu_range
-from .accuracy import Measure, measure_for
+from .accuracy import ErrorMeasure, measure_for
 from .catalogue import is_engine
-from .results import Results, Run, Variant, by_solver, group_by, text_of
+from .results import StoredResults, StoredRun, Variant, format_exactly, group_by, group_by_solver
 from .variants import presentation
-from .words import claim_success, decade, mark, number, plural, seconds
+from .words import claim_success, format_decade, mark_status, number, plural, seconds
 
-TARGETS = tuple(10.0**-k for k in range(1, 12))  # in the unit of the problem's error
+TARGETS = tuple(10.0**-k for k in range(1, 12))  # errors in the unit of the problem's error
 SOUND = ("success", "inaccurate")
 LEAST = 2  # solvers that reach a target: fewer are no comparison
 ASKED = "1 mm"
-EQUAL = 1.1  # factor below which CPU times are equal: where code lies in memory moves them as far (Mytkowicz 2009)
+EQUAL = 1.1  # CPU times within this factor are equal: memory layout alone changes them as much (Mytkowicz 2009)
 UNITS = {"m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm")), "rad": ((1.0, "rad"),)}
 
 
@@ -26,55 +26,55 @@ Doubt = Literal["", "tie", "spread"]
 
 
 @dataclass(frozen=True)
-class Place:
-    """The cost of an error for a solver with its best settings, and over that of the cheapest solver."""
+class RankedSolver:
+    """A solver's cost for an error at its best settings, and the ratio to the cheapest solver's cost."""
 
-    run: Run
+    run: StoredRun
     cpu_s: float
-    bound: bool  # at most: that of a run that reaches it, not one between two runs
+    bound: bool  # an upper bound: the cost of a run that reaches the error, not interpolated
     factor: float = 1.0
 
     @property
     def spread(self) -> float:
-        """Upper over lower quartile of the CPU times of the run's repeats."""
+        """The ratio of the upper to the lower quartile of the CPU times of the repeats; NaN for a quartile of 0."""
         low, high = cpu_range(self.run.record)
         return high / low if low > 0.0 else math.nan
 
 
 @dataclass(frozen=True)
 class Frontier:
-    """A problem and an error: solvers that reach it, the cheapest first; those tried that do not, and why refused."""
+    """The solvers that reach a target error on a problem, the cheapest first, those that miss it, and refusals."""
 
     variant: str
-    what: str
+    what: str  # the kind of error, in words
     unit: str
-    target: float
-    places: tuple[Place, ...]
-    missed: tuple[str, ...]
-    refused: tuple[Run, ...]
+    target: float  # the error, in that unit
+    places: tuple[RankedSolver, ...]  # solvers that reach it, the cheapest first
+    missed: tuple[str, ...]  # solvers that do not
+    refused: tuple[StoredRun, ...]
     stated: float  # error of the reference, in the unit of the target; NaN if not known
 
     @property
     def is_below_reference(self) -> bool:
-        """Whether the exact motion is known no better than the target: who reaches it is not certain."""
+        """True if the target is below the reference's stated error, so that reaching it is not certain."""
         return self.target < self.stated
 
     @property
     def is_led_by_engine(self) -> bool:
-        """Whether the cheapest is other people's code."""
+        """True if the cheapest solver is an external engine."""
         return is_engine(self.places[0].run.record.solver)
 
     @property
     def doubt(self) -> Doubt:
-        """Why it is not decided who is the cheapest."""
-        return doubt_of(self.places[0].spread, self.places[1].factor)
+        """The reason why the cheapest solver is undecided: "tie" or "spread"; empty if it is decided."""
+        return classify_doubt(self.places[0].spread, self.places[1].factor)
 
     @property
     def doubt_words(self) -> str:
-        """The same with its numbers; empty where it is decided."""
+        """The doubt in words with its numbers; empty if the cheapest is decided."""
         best, after = self.places[:2]
         first, second, lead = best.run.record.solver, after.run.record.solver, number(after.factor, 3)
-        words = "quartiles" if math.isfinite(best.run.record.cpu_q1_s) else "ends"  # older records have the ends alone
+        words = "quartiles" if math.isfinite(best.run.record.cpu_q1_s) else "ends"  # older records have extremes only
         spread = f"spread by {number(best.spread, 3)} ({words} of {plural(best.run.record.repeats, 'repeat')})"
         match self.doubt:
             case "tie":
@@ -85,19 +85,24 @@ class Frontier:
         return ""
 
 
-def doubt_of(spread: float, lead: float) -> Doubt:
-    """Undecided where the cheapest's ``spread`` exceeds its ``lead``; with a lead below ``EQUAL`` it is a tie.
+def classify_doubt(spread: float, lead: float) -> Doubt:
+    """Return "tie" or "spread" if the cheapest solver is undecided, else an empty string.
 
-    A single timing has no spread: there a lead below ``EQUAL`` is a tie, too.
+    It is undecided if the ``spread`` of its CPU times (upper over lower quartile) exceeds its ``lead`` (cost of the
+    second over its own); a tie if the lead is below ``EQUAL``. A single timing has no spread: there a lead below
+    ``EQUAL`` is a tie, too.
     """
-    known = spread > 1.0  # not of one timing (1), and not of a median within the clock's grain (NaN)
+    known = spread > 1.0  # unknown for one timing (1) and for a median below the clock's resolution (NaN)
     if spread > lead or (not known and lead < EQUAL):
         return "tie" if lead < EQUAL else "spread"
     return ""
 
 
-def frontiers(results: Results) -> list[Frontier]:
-    """Frontiers of every variant with a reference at targets that two solvers reach; presentations are left out."""
+def frontiers(results: StoredResults) -> list[Frontier]:
+    """Return the frontiers of every variant with a reference, at errors that two solvers reach.
+
+    Presentations are left out.
+    """
     out = []
     for variant in results.variants:
         measure = measure_for(variant.runs)
@@ -106,30 +111,36 @@ def frontiers(results: Results) -> list[Frontier]:
     return out
 
 
-def broad(results: Results, found: Sequence[Frontier]) -> list[Frontier]:
-    """Those that at least half of the solvers took part in: a cheapest of two is no cheapest of all."""
+def select_broad(results: StoredResults, found: Sequence[Frontier]) -> list[Frontier]:
+    """Return the frontiers of problems that at least half of the solvers ran: they rank, miss the error or refused."""
     least = 0.5 * len(results.solvers)
     return [f for f in found if len(f.places) + len(f.missed) + len(f.refused) >= least]
 
 
 def engines_first(found: Sequence[Frontier]) -> list[Frontier]:
-    """Variants on which an engine leads at some error, then the others."""
+    """Sort the frontiers so that variants on which an external engine is the cheapest at some error come first."""
     led = {f.variant for f in found if f.is_led_by_engine}
     return sorted(found, key=lambda f: f.variant not in led)
 
 
 def of_most_problems(found: Sequence[Frontier]) -> list[Frontier]:
-    """Frontiers at the tightest error that half of all solvers on all problems reach; else at the loosest."""
+    """Return the frontiers of one error: the tightest that half of all solver-problem pairs reach, else the loosest."""
     by_target = {t: [f for f in found if f.target == t] for t in sorted({f.target for f in found})}
     pairs = {f.variant: len(f.places) + len(f.missed) for f in found}
     reached = (own for own in by_target.values() if 2 * sum(len(f.places) for f in own) >= sum(pairs.values()))
     return next(reached, list(by_target.values())[-1] if by_target else [])
 
 
-def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
-    best, missed, refused = list[Place](), list[str](), list[Run]()
-    for solver, own in by_solver(variant.runs).items():
-        reaches = [r for same in group_by(own, lambda c: c.method).values() if (r := reach(same, measure, target))]
+def _frontier(variant: Variant, measure: ErrorMeasure, target: float) -> Frontier:
+    """Rank the solvers of a variant by their least CPU time for an error of ``target``.
+
+    A solver that reached no such error is refused if all its runs are; with an unfinished run it is in no list.
+    """
+    best, missed, refused = list[RankedSolver](), list[str](), list[StoredRun]()
+    for solver, own in group_by_solver(variant.runs).items():
+        reaches = [
+            r for same in group_by(own, lambda c: c.method).values() if (r := find_least_time(same, measure, target))
+        ]
         if reaches:
             best.append(min(reaches, key=lambda r: r.cpu_s))
         elif all(c.status == "refused" for c in own):
@@ -141,21 +152,23 @@ def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
     return Frontier(variant.title, measure.what, measure.unit, target, places, (*missed,), (*refused,), measure.own)
 
 
-def reach(runs: Sequence[Run], measure: Measure, target: float) -> Place | None:
-    """Least CPU of one method's runs for ``target``."""
+def find_least_time(runs: Sequence[StoredRun], measure: ErrorMeasure, target: float) -> RankedSolver | None:
+    """Return the least CPU time for an error of ``target`` by one method's runs; None if none gets there."""
     coarse_first = sorted(_pick_timed(runs), key=lambda c: -c.step_or_tolerance)
-    found = least([(measure.of(c), c.record.cpu_median_s) for c in coarse_first], target)
-    return Place(coarse_first[found[2]], found[0], bound=found[1]) if found else None
+    found = find_least_cost([(measure.of(c), c.record.cpu_median_s) for c in coarse_first], target)
+    return RankedSolver(coarse_first[found[2]], found[0], bound=found[1]) if found else None
 
 
-def _pick_timed(runs: Sequence[Run]) -> list[Run]:
+def _pick_timed(runs: Sequence[StoredRun]) -> list[StoredRun]:
+    """Return the runs that reached their end with all laws kept and have a CPU time."""
     return [c for c in runs if c.status in SOUND and c.record.cpu_median_s > 0.0]
 
 
-def least(ladder: Sequence[tuple[float, float]], target: float) -> tuple[float, bool, int] | None:
-    """Least cost of errors and costs, the coarsest first; log-log between the last that misses ``target`` and the next.
+def find_least_cost(ladder: Sequence[tuple[float, float]], target: float) -> tuple[float, bool, int] | None:
+    """Return the least cost for ``target``, whether it is an upper bound, and the index of the run that reaches it.
 
-    With whether it is a bound, that of a run which reaches it, and the place of the run that reaches it.
+    ``ladder`` holds pairs of error and cost, the coarsest first. Costs are interpolated log-log between a run that
+    misses ``target`` and a next one that reaches it.
     """
     out = [(cost, True, k) for k, (error, cost) in enumerate(ladder) if error <= target]
     for k, ((ea, low), (eb, high)) in enumerate(pairwise(ladder), 1):
@@ -166,25 +179,29 @@ def least(ladder: Sequence[tuple[float, float]], target: float) -> tuple[float, 
 
 
 def length(value: float, unit: str) -> str:
-    """``1 mm``, ``610 µm``, ``10⁻⁴ rad``."""
+    """Format a length or an angle in ``unit`` (m or rad): ``1 mm``, ``610 µm``, ``10⁻⁴ rad``."""
     scale, name = next((u for u in UNITS.get(unit, ((1.0, unit),)) if value >= 0.999 * u[0]), (1.0, unit))
     power = math.isclose(math.log10(value), round(math.log10(value)))
-    words = f"{value / scale:.3g}" if scale != 1.0 else decade(value) if power else number(value, 2)
+    words = f"{value / scale:.3g}" if scale != 1.0 else format_decade(value) if power else number(value, 2)
     return f"{words} {name}"
 
 
-def costs(results: Results, found: Sequence[Frontier], url: Callable[[Run], str]) -> list[dict[str, Any]]:
-    """Costs of every problem in ``found``, at the errors that at least two solvers reach."""
+def costs(results: StoredResults, found: Sequence[Frontier], url: Callable[[StoredRun], str]) -> list[dict[str, Any]]:
+    """Return the page's data on the cost of every problem in ``found``, at errors that at least two solvers reach.
+
+    ``url`` gives the address of a run.
+    """
     variants = {p.title: p for p in results.variants}
     return [_costs(variants[title], own, url) for title, own in group_by(found, lambda f: f.variant).items()]
 
 
-def _costs(variant: Variant, found: Sequence[Frontier], url: Callable[[Run], str]) -> dict[str, Any]:
+def _costs(variant: Variant, found: Sequence[Frontier], url: Callable[[StoredRun], str]) -> dict[str, Any]:
+    """Return the page's data on one problem: its target errors, and by solver the CPU time at each and all runs."""
     measure = measure_for(variant.runs)
     unit = found[0].unit
     targets = [f.target for f in found]
     solvers = {}
-    for name, runs in sorted(by_solver(variant.runs).items()):
+    for name, runs in sorted(group_by_solver(variant.runs).items()):
         points = sorted((c.record.cpu_median_s, e) for c in _pick_timed(runs) if measure and (e := measure.of(c)) == e)
         reached = {f.target: p for f in found for p in f.places if p.run.record.solver == name}
         solvers[name] = {
@@ -193,17 +210,25 @@ def _costs(variant: Variant, found: Sequence[Frontier], url: Callable[[Run], str
             "factor": [reached[t].factor if t in reached else None for t in targets],
             "shown": [seconds(reached[t].cpu_s) if t in reached else "" for t in targets],
             "url": url(next(iter(reached.values())).run if reached else runs[0]),
-            "why": _why(runs, min((e for _, e in points), default=None), unit), "points": points,
-        }  # fmt: skip
+            "why": _explain_missing(runs, min((e for _, e in points), default=None), unit),
+            "points": points,
+        }
     return {
-        "title": variant.title, "slug": variant.slug, "problem": variant.problem.replace("_", " "), "unit": unit,
-        "parameters": variant.parameters, "targets": targets, "words": [length(t, unit) for t in targets],
-        "command": [advise(variant, t) for t in targets], "solvers": solvers, "answers": [answer(f) for f in found],
-    }  # fmt: skip
+        "title": variant.title,
+        "slug": variant.slug,
+        "problem": variant.problem.replace("_", " "),
+        "unit": unit,
+        "parameters": variant.parameters,
+        "targets": targets,
+        "words": [length(t, unit) for t in targets],
+        "command": [suggest_command(variant, t) for t in targets],
+        "solvers": solvers,
+        "answers": [answer(f) for f in found],
+    }
 
 
 def answer(f: Frontier) -> str:
-    """``rkmk_dop853 needs 9.54 ms of CPU time; 9 of 21 solvers do not get there``."""
+    """Format who is the cheapest: ``rkmk_dop853 needs 9.54 ms of CPU time; 9 of 21 solvers do not get there``."""
     best, missed = f.places[0], len(f.missed) + len(f.refused)
     parts = [f"{best.run.record.solver} needs {'at most ' if best.bound else ''}{seconds(best.cpu_s)} of CPU time"]
     if f.doubt:
@@ -213,27 +238,31 @@ def answer(f: Frontier) -> str:
     return "; ".join(parts)
 
 
-def advise(variant: Variant, target: float) -> str:
-    """The command that asks the same on this machine."""
+def suggest_command(variant: Variant, target: float) -> str:
+    """Return the ``mbsbench advise`` command that finds the cheapest solver for this error on the reader's machine."""
     words = ["mbsbench", "advise", variant.problem]
     for name, value in variant.runs[0].parameters.items():
-        words += ["--t-end", text_of(value)] if name == "t_end" else ["--problem-set", f"{name}={text_of(value)}"]
+        words += (
+            ["--t-end", format_exactly(value)]
+            if name == "t_end"
+            else ["--problem-set", f"{name}={format_exactly(value)}"]
+        )
     return shlex.join([*words, "--error", f"{target:.0e}".replace("e-0", "e-")])
 
 
-def _why(runs: Sequence[Run], best: float | None, unit: str) -> str:
-    """Why a solver is not in the race."""
+def _explain_missing(runs: Sequence[StoredRun], best: float | None, unit: str) -> str:
+    """Explain why a solver has no cost at these errors: by its ``best`` error, else its wrong runs, else a status."""
     wrong = sorted((c for c in runs if c.status == "wrong"), key=lambda c: c.finest_first)
     if best is not None:
         return f"best {length(float(f'{best:.1e}'), unit)}" if best > 0.0 else f"best 0 {unit}"
     if wrong:
         words = f"{len(wrong)} of {plural(len(runs), 'run')} {claim_success(len(wrong))}"
-        return f"{mark('wrong').symbol} {words}, finest {wrong[0].step_words}"
-    return mark(runs[0].status).word
+        return f"{mark_status('wrong').symbol} {words}, finest {wrong[0].step_words}"
+    return mark_status(runs[0].status).word
 
 
 def default_target(problem: dict[str, Any]) -> int:
-    """A millimetre where it is compared; else the tightest error that at least half of the solvers reach."""
+    """Return the index of the target of 1 mm, else of the tightest error that at least half of the solvers reach."""
     if ASKED in problem["words"]:
         return int(problem["words"].index(ASKED))
     costs_by_solver = [s["cpu"] for s in problem["solvers"].values()]

@@ -1,4 +1,4 @@
-"""The curves of one run by name: its series, read once and dropped."""
+"""Read the curves of one run by name; its series is read once and dropped."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,67 +7,69 @@ from typing import Any
 import numpy as np
 
 from ...harness.results.series import Series
-from .curves import SPANS_UPPER, Curve, band, signed_curve, upper
-from .results import Run
+from .curves import SPANS_UPPER, Curve, band, find_maxima, signed_curve
+from .results import StoredRun
 
 NORMS = ("energy_error", "phi_norm", "phi_dot_norm", "position_error", "orientation_error", "out_of_plane")
 
 
 @dataclass(frozen=True)
-class Motion:
-    """A run and those of its curves that have a point, by name.
+class MotionCurves:
+    """A run and its curves with at least one point, by name.
 
     Norms, invariants (``inv_``) and distances of observables from the reference (``away_``) are largest magnitudes,
-    observables (``obs_``) and references (``ref_``) have their sign, ``dt`` is a band.
+    observables (``obs_``) and references (``ref_``) are signed, and ``dt`` is a band.
     """
 
-    run: Run
+    run: StoredRun
     bodies: int = 0
     curves: Mapping[str, Curve] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)  # by full name, as in the series file
-    events: tuple[Mapping[str, Any], ...] = ()  # what the solver reported on its way
+    events: tuple[Mapping[str, Any], ...] = ()  # events that the solver reported
 
     @property
     def has_steps(self) -> bool:
-        """It has at least one step to draw."""
+        """True if there is at least one step to draw."""
         return any(name in self.curves for name in NORMS)
 
 
-def motion_of(run: Run, series: Series | None, spans: int = SPANS_UPPER) -> Motion:
-    """The curves of a run over ``spans`` of time; without a series file there are none."""
+def read_curves(run: StoredRun, series: Series | None, spans: int = SPANS_UPPER) -> MotionCurves:
+    """Return the curves of a run in ``spans`` spans of time; none without a series file."""
     if series is None or "t" not in series or len(series["t"]) == 0:
-        return Motion(run)
-    t, t_end = series["t"], 0.0 if run.has_stopped else run.record.t_end_s  # who stopped is drawn up to there, as fine
+        return MotionCurves(run)
+    # a run that stopped gets all spans up to its stop
+    t, t_end = series["t"], 0.0 if run.has_stopped else run.record.t_end_s
     norms = {n: series.points(n) for n in (*NORMS, "reference_own_error") if n in series}
     norms |= {f"inv_{n}": series.points(f"inv_{n}") for n in series.names("inv_")}
     observables, exact = series.names("obs_"), series.names("ref_")
     norms |= {f"away_{n}": _distance(series, n) for n in observables if n in exact}
     signed = {n: series.points(n) for n in (*(f"obs_{n}" for n in observables), *(f"ref_{n}" for n in exact))}
-    curves = {n: upper(*points, t_end, spans) for n, points in norms.items()}
+    curves = {n: find_maxima(*points, t_end, spans) for n, points in norms.items()}
     curves |= {n: signed_curve(*points, t_end, 3 * spans // 4) for n, points in signed.items()}
     if "dt" in series:
         curves["dt"] = _steps(t, series["dt"], run.has_stopped, t_end, spans)
     there = {n: c for n, c in curves.items() if len(c)}
-    return Motion(run, bodies_in(series), there, series.units, series.events)
+    return MotionCurves(run, count_bodies(series), there, series.units, series.events)
 
 
-def bodies_in(series: Series) -> int:
-    """How many bodies the system has; 0 if the file does not say."""
+def count_bodies(series: Series) -> int:
+    """Return the number of bodies that a series file names or stores an end pose of; 0 if it does neither."""
     return len(series.body_names) or (len(series["end_r"]) if "end_r" in series else 0)
 
 
 def _distance(series: Series, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """An observable less that of the reference."""
+    """Return the times and the difference between an observable and its reference, as stored or computed here."""
     if f"away_{name}" in series:
         return series.points(f"away_{name}")
     return series["t"], series[f"obs_{name}"] - series[f"ref_{name}"]
 
 
 def _steps(t: np.ndarray, dt: np.ndarray, stopped: bool, t_end: float, spans: int) -> Curve:
+    """Return the band of step sizes [s] without the last one, which may be cut; that of a run that stopped is kept."""
     if len(dt) < 3:
         return band(t, dt, t_end, spans)
     whole = band(t[:-1], dt[:-1], t_end, spans)  # the last step may be cut to end at t_end
     if not stopped or whole.low is None or whole.high is None:
         return whole
-    last = [np.append(e, dt[-1]) for e in (whole.y, whole.low, whole.high)]  # of a failure it is the point
+    last = [np.append(e, dt[-1]) for e in (whole.y, whole.low, whole.high)]  # the last step of a failure is of interest
     return Curve(np.append(whole.t, t[-1]), *last)

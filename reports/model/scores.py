@@ -1,4 +1,4 @@
-"""How runs ended, counted."""
+"""Count how runs ended."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -6,94 +6,103 @@ from dataclasses import dataclass
 from typing import Any
 
 from .accuracy import drifts, measure_for
-from .results import Results, Run, Variant, by_solver
-from .variants import broadest, themselves
-from .words import join_words, mark, truncate
+from .results import StoredResults, StoredRun, Variant, group_by_solver
+from .variants import find_plain_label, select_variants
+from .words import join_words, mark_status, truncate
 
-KINDS = {  # of marks, in words
-    "good": "succeeded", "inaccurate": "inaccurate", "wrong": "wrong", "failed": "stopped", "refused": "refused"
-}  # fmt: skip
-REASON = 90  # characters of a reason
+KINDS = {  # kinds of marks in words
+    "good": "succeeded",
+    "inaccurate": "inaccurate",
+    "wrong": "wrong",
+    "failed": "stopped",
+    "refused": "refused",
+}
+REASON = 90  # most characters of a reason
 
 
 @dataclass(frozen=True)
-class Score:
-    """Numbers of runs that finished here; ``bounded`` and ``drifting``: successes whose energy error tells."""
+class SolverScore:
+    """The numbers of finished runs by outcome; ``bounded`` and ``drifting`` count successes by energy error."""
 
     succeeded: int
     inaccurate: int
     wrong: int
     stopped: int
     refused: int
-    bounded: int
-    drifting: int
+    bounded: int  # successes whose energy error oscillates
+    drifting: int  # successes whose energy error drifts
 
     @property
     def runs(self) -> int:
+        """The number of runs, without unfinished ones."""
         return sum(getattr(self, name) for name in KINDS.values())
 
     @property
     def began(self) -> int:
-        """Refusals left out: how many might have stopped."""
+        """The number of runs that were not refused, so that they could stop."""
         return self.runs - self.refused
 
     @property
     def shares(self) -> list[tuple[str, int, float]]:
-        """Kind, count and percent of all, for a bar."""
+        """The kind, count and percentage of each outcome, for a bar."""
         return [(kind, n, 100.0 * n / self.runs) for kind, name in KINDS.items() if (n := getattr(self, name))]
 
     @property
     def words(self) -> str:
-        """``5 succeeded, 1 wrong``."""
+        """The counts in words: ``5 succeeded, 1 wrong``."""
         return join_words([f"{n} {name}" for name in KINDS.values() if (n := getattr(self, name))]) or "no run"
 
 
-def score(runs: Iterable[Run]) -> Score:
-    """Score of any runs."""
+def score(runs: Iterable[StoredRun]) -> SolverScore:
+    """Count the outcomes of runs; unfinished runs are not counted."""
     own = list(runs)
-    kinds = Counter(mark(c.status).kind for c in own)
+    kinds = Counter(mark_status(c.status).kind for c in own)
     energy = Counter(drifts(c) for c in own if c.is_success)
     ended = {name: kinds[kind] for kind, name in KINDS.items()}
-    return Score(**ended, bounded=energy[False], drifting=energy[True])
+    return SolverScore(**ended, bounded=energy[False], drifting=energy[True])
 
 
-def standings(results: Results) -> list[dict[str, Any]]:
-    """Outcomes of each solver's finest settings on the problems of the plain comparison, and of all its runs.
+def standings(results: StoredResults) -> list[dict[str, Any]]:
+    """Return each solver's outcomes: its finest settings in the plain comparison with failures, and all its runs.
 
-    Whose finest settings succeed on most problems is first; equals by name.
+    The solver whose finest settings succeed on most problems is first; ties are sorted by name.
     """
-    label, out = broadest(results), list[dict[str, Any]]()
-    variants = themselves(results, label)
-    for solver, own in by_solver(results.runs).items():
+    label, out = find_plain_label(results), list[dict[str, Any]]()
+    variants = select_variants(results, label)
+    for solver, own in group_by_solver(results.runs).items():
         stands = [(p, h) for p in variants if (h := finest(p, solver, label)) is not None]
         heads = [h for _, h in stands]
         failures = [(p, c) for p, c in stands if not (c.is_success or c.is_unfinished)]
-        out.append({
-            "solver": solver, "paper_label": ", ".join(dict.fromkeys(r.record.paper_label for r in heads or own[:1])),
-            "finest": score(heads), "everything": score(own),
-            "breaks_on": [(c, truncate(c.reasons[0], REASON) + _finer(p, c)) for p, c in failures],
-        })  # fmt: skip
+        out.append(
+            {
+                "solver": solver,
+                "paper_label": ", ".join(dict.fromkeys(r.record.paper_label for r in heads or own[:1])),
+                "finest": score(heads),
+                "everything": score(own),
+                "breaks_on": [(c, truncate(c.reasons[0], REASON) + _describe_finer(p, c)) for p, c in failures],
+            }
+        )
     out.sort(key=lambda v: (-v["finest"].succeeded / max(v["finest"].runs, 1), not v["finest"].runs, v["solver"]))
     return out
 
 
-def finest(variant: Variant, solver: str, label: str) -> Run | None:
-    """The run that stands for a solver on a problem: the smallest step or tolerance, fewest options."""
+def finest(variant: Variant, solver: str, label: str) -> StoredRun | None:
+    """Return a solver's run under ``label`` with the smallest step or tolerance, then fewest options, or None."""
     own = [c for c in variant.runs if c.record.solver == solver and c.record.label == label]
     return min(own, key=lambda c: c.finest_first, default=None)
 
 
-def _finer(variant: Variant, run: Run) -> str:
-    """Words for a finer step or tolerance at which the same settings succeed, in whatever group that was run."""
+def _describe_finer(variant: Variant, run: StoredRun) -> str:
+    """Name the next finer step or tolerance at which the same settings succeed, under any label; empty if none does."""
     own = [c for c in variant.runs if c.method == run.method and c.is_success]
     finer = [c for c in own if c.step_or_tolerance < run.step_or_tolerance]
     best = max(finer, key=lambda c: c.step_or_tolerance, default=None)
     return f"; succeeds at {best.step_words}" if best else ""
 
 
-def unpredictable(results: Results) -> str:
-    """On what problems of the plain comparison errors are judged over a part of the time only."""
-    variants = themselves(results, broadest(results))
+def name_unpredictable(results: StoredResults) -> str:
+    """Name the problems of the plain comparison whose errors are judged over a part of the time only."""
+    variants = select_variants(results, find_plain_label(results))
     found = [(p, m.until) for p in variants if (m := measure_for(p.runs)) and m.until is not None]
     parts = [f"{p.title} to {until:.2g} of {max(c.record.t_end_s for c in p.runs):g} s" for p, until in found]
     return f"Errors are judged while the motion is predictable: {join_words(parts)}." if parts else ""

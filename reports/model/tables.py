@@ -1,4 +1,4 @@
-"""The columns of every table, and the tables for papers: CSV with every digit, LaTeX with those a reader wants."""
+"""Define the columns of every table, and write tables for papers: CSV with every digit, LaTeX with few."""
 
 import csv
 import io
@@ -8,36 +8,48 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...harness.places import Place
+from ...harness.confined_paths import ConfinedPath
 from ...harness.results.records import cpu_range
 from ...harness.results.shadows import SYMPLECTIC
 from ...harness.results.words import judged_error
 from . import words
 from .accuracy import energy_kind, measure_for
-from .results import Run, Variant, by_solver
-from .words import BELOW_CLOCK, NONE, format_cpu_time, mark
+from .results import StoredRun, Variant, group_by_solver
+from .words import BELOW_CLOCK, NONE, format_cpu_time, mark_status
 
 Value = float | str
-WRAPPED = {  # columns of words that may be long
-    "settings": r">{\raggedright\arraybackslash}p{17mm}", "status": r">{\raggedright\arraybackslash}p{13mm}",
+WRAPPED = {  # columns with long words
+    "settings": r">{\raggedright\arraybackslash}p{17mm}",
+    "status": r">{\raggedright\arraybackslash}p{13mm}",
     "cpu_median": r">{\raggedleft\arraybackslash}p{9mm}",
-}  # fmt: skip
+}
 DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 LATEX = {
-    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
-    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
+    "\\": r"\textbackslash{}",
+    "&": r"\&",
+    "%": r"\%",
+    "$": r"\$",
+    "#": r"\#",
+    "_": r"\_",
+    "{": r"\{",
+    "}": r"\}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
     "|": r"\textbar{}",
-}  # fmt: skip
+}
 
 
-def _spread(c: Run) -> Value:
+def _spread(c: StoredRun) -> Value:
+    """Format the quartiles of the CPU times [s] and the number of repeats; a dash for a single timing."""
     low, high = map(format_cpu_time, cpu_range(c.record))
     return f"{low} to {high} ({c.record.repeats})" if c.record.repeats > 1 else NONE
 
 
-OTHERS: Mapping[str, Callable[[Run], Value]] = {  # columns that are no field of a record
+OTHERS: Mapping[str, Callable[[StoredRun], Value]] = {  # columns that are not fields of a record
     "settings": lambda c: c.settings(),
-    "status": lambda c: mark(c.status).word,
+    "status": lambda c: mark_status(c.status).word,
     "energy_kind": energy_kind,
     "symplectic": lambda c: c.nearest.symplectic if c.nearest else "",
     "cpu_spread": _spread,
@@ -45,21 +57,21 @@ OTHERS: Mapping[str, Callable[[Run], Value]] = {  # columns that are no field of
 
 
 @dataclass(frozen=True)
-class Column:
-    """A column as ``columns.toml`` has it."""
+class PageColumn:
+    """A column as defined in ``columns.toml``."""
 
     key: str
     head: str
     doc: str
     unit: str = ""
-    record: str = ""  # where its value comes from: a field of the record, a judged error, a field of the nearest motion
+    record: str = ""  # its source is one of: a field of the record, a judged error, a field of the nearest motion
     error: str = ""
     nearest: str = ""
-    show: str = "number"  # function of ``words``
-    latex: str = ""  # head in LaTeX; empty leaves the column out there
+    show: str = "number"  # name of the function of ``words`` that formats it
+    latex: str = ""  # head in LaTeX; empty to leave the column out
 
-    def of(self, run: Run) -> Value:
-        """The number or text itself."""
+    def of(self, run: StoredRun) -> Value:
+        """Return the unformatted value of the column for a run; NaN or an empty text if it has none."""
         if self.record:
             return getattr(run.record, self.record)
         if self.error:
@@ -69,41 +81,45 @@ class Column:
             return math.nan if value is None else value
         return OTHERS[self.key](run)
 
-    def text(self, run: Run) -> str:
-        """As shown."""
+    def text(self, run: StoredRun) -> str:
+        """Format the value as the table shows it."""
         value = self.of(run)
         return (value or NONE) if isinstance(value, str) else getattr(words, self.show)(value)
 
     @property
     def heading(self) -> str:
+        """The head with the unit."""
         return f"{self.head} [{self.unit}]" if self.unit else self.head
 
 
 FILE = Path(__file__).parent / "columns.toml"
 TEXT = FILE.read_text(encoding="utf-8").replace("SYMPLECTIC", f"{SYMPLECTIC:g}")
-COLUMNS = tuple(Column(key, **given) for key, given in tomllib.loads(TEXT).items())
+COLUMNS = tuple(PageColumn(key, **given) for key, given in tomllib.loads(TEXT).items())
 
 
-def list_printed_columns(runs: Sequence[Run]) -> Sequence[Column]:
-    """The columns of a table for a paper: one error, that of the pages."""
+def list_printed_columns(runs: Sequence[StoredRun]) -> Sequence[PageColumn]:
+    """Return the columns of a printed table, with only that of position and orientation error which judges the runs."""
     measure = measure_for(runs)
     other = "position_error" if measure and measure.unit == "rad" else "orientation_error"
     return [c for c in COLUMNS if c.latex and c.key != other]
 
 
-def write_tables(variants: Sequence[Variant], folder: Place) -> list[Path]:
-    """One CSV and one LaTeX table a problem; returns the files."""
+def write_tables(variants: Sequence[Variant], folder: ConfinedPath) -> list[Path]:
+    """Write a CSV and a LaTeX table for each problem; return the paths."""
     out = []
     for variant in variants:
-        for suffix, text in ((".csv", csv_of(variant.runs)), (".tex", latex_of(variant.title, variant.runs))):
+        for suffix, text in (
+            (".csv", format_as_csv(variant.runs)),
+            (".tex", format_as_latex(variant.title, variant.runs)),
+        ):
             place = folder / f"{variant.slug}{suffix}"
             place.write(text, durable=False)
             out.append(place.path)
     return out
 
 
-def csv_of(runs: Sequence[Run]) -> str:
-    """All columns, numbers in full; empty where a quantity does not exist."""
+def format_as_csv(runs: Sequence[StoredRun]) -> str:
+    """Format all columns as CSV with full precision; a quantity that does not exist is empty."""
     rows = []
     for c in runs:
         found = (k.of(c) for k in COLUMNS)
@@ -114,40 +130,44 @@ def csv_of(runs: Sequence[Run]) -> str:
 
 
 def format_csv(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of cells as text."""
+    """Format rows of cells as CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
 
 
-def latex_of(title: str, runs: Sequence[Run]) -> str:
-    """The main columns, one column of a journal wide, for booktabs: each solver with its runs below it.
+def format_as_latex(title: str, runs: Sequence[StoredRun]) -> str:
+    """Format the main columns as a LaTeX table (booktabs) of one journal column, with runs grouped by solver.
 
-    A failure keeps its row and says how it ended.
+    A failed run keeps its row and states how it ended.
     """
     columns, measure = list_printed_columns(runs), measure_for(runs)
     kinds = "".join(WRAPPED.get(c.key, "r") for c in columns)
     out = [" & ".join(c.latex for c in columns) + r" \\", r"\midrule"]
-    for solver, own in by_solver(runs).items():
+    for solver, own in group_by_solver(runs).items():
         out.append(rf"\multicolumn{{{len(columns)}}}{{@{{}}l}}{{{latex_text(solver)}}} \\*")
         for run in own:
             cells = ((c.of(run), c.text(run)) for c in columns)
             words = (latex_text(v) if isinstance(v, str) else latex_number(v, s) for v, s in cells)
             out.append(" & ".join(words) + r" \\")
     until = "" if measure is None or measure.until is None else f", errors up to {measure.until:.4g} s"
-    start = [f"% {_one_line(title)}{until}", r"% needs \usepackage{booktabs,array}",
-             r"{\footnotesize\setlength{\tabcolsep}{2pt}%", rf"\begin{{tabular}}{{@{{}}{kinds}@{{}}}}",
-             r"\toprule"]  # fmt: skip
+    start = [
+        f"% {_one_line(title)}{until}",
+        r"% needs \usepackage{booktabs,array}",
+        r"{\footnotesize\setlength{\tabcolsep}{2pt}%",
+        rf"\begin{{tabular}}{{@{{}}{kinds}@{{}}}}",
+        r"\toprule",
+    ]
     return "\n".join([*start, *out, r"\bottomrule", r"\end{tabular}}", ""])
 
 
 def latex_text(text: str) -> str:
-    """Any text, safe in LaTeX."""
+    """Escape text for LaTeX."""
     return "".join(LATEX.get(c, c) for c in _one_line(text))
 
 
 def latex_number(value: float, shown: str) -> str:
-    """The digits of ``shown`` in mathematics."""
+    """Return a number in LaTeX: ``shown``, as ``words`` formats it, in math mode; words for NaN and infinities."""
     if math.isnan(value):
         return "--"
     if math.isinf(value):
@@ -162,4 +182,5 @@ def latex_number(value: float, shown: str) -> str:
 
 
 def _one_line(text: str) -> str:
+    """Return the text with each stretch of blanks and line ends replaced by one blank."""
     return " ".join(text.split())

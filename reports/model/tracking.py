@@ -1,33 +1,36 @@
-"""How long each solver follows the exact motion."""
+"""Find how long each solver follows the exact motion."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ...harness.results.words import accurate_until, at_least
+from ...harness.results.words import at_least, format_accurate_times
 from ...harness.types import ACCURATE
-from .results import Run, Variant, by_solver
+from .results import StoredRun, Variant, group_by_solver
 
-WHOLE = 0.999  # of the known motion: followed to its end
-SHADES = ("ten", "one", "tenth")  # of a bar, by the levels of ``ACCURATE``
+WHOLE = 0.999  # fraction of the known motion from which it counts as followed to its end
+SHADES = ("ten", "one", "tenth")  # shades of a bar, one per level of ``ACCURATE``
 
 
 @dataclass(frozen=True)
-class Followed:
-    """How long a solver's finest settings track the reference, in percent of the known time, the narrowest first."""
+class TrackingTime:
+    """The time for which a solver's finest settings track the reference.
 
-    run: Run
-    until: float  # [s] within a tenth of the reach
-    whole: bool  # followed to the end of what is known, or the reference ends there, not the agreement
+    ``shades`` are percentages of the known time, the tightest level first.
+    """
+
+    run: StoredRun
+    until: float  # [s] end of the time within a tenth of the reach
+    whole: bool  # followed to the end of the known motion or of the reference
     shades: tuple[tuple[str, float], ...]
     words: str
-    known: float  # [s] the simulated time, as far as the reference goes
+    known: float  # [s] simulated time that the reference covers
 
 
-def list_followed(variant: Variant) -> Sequence[Followed]:
-    """One a solver, the longest first; none without a reference."""
+def list_followed(variant: Variant) -> Sequence[TrackingTime]:
+    """Return the tracking time of each solver's finest settings, the longest first; empty without a reference."""
     out = []
-    for own in by_solver(variant.runs).values():
+    for own in group_by_solver(variant.runs).values():
         known = [c for c in own if not math.isnan(c.record.accurate_until_s)]
         if known:
             run = min(known, key=lambda c: c.finest_first)
@@ -37,5 +40,5 @@ def list_followed(variant: Variant) -> Sequence[Followed]:
             widths = [end - begin for begin, end in zip([0.0, *ends], ends, strict=False)]
             shades = tuple(zip(reversed(SHADES), widths, strict=True))
             whole = at_least(r, until) or until >= WHOLE * known_to
-            out.append(Followed(run, until, whole, shades, ", ".join(accurate_until(r)), known_to))
+            out.append(TrackingTime(run, until, whole, shades, ", ".join(format_accurate_times(r)), known_to))
     return sorted(out, key=lambda f: (-f.until, f.run.record.solver))

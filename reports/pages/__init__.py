@@ -1,1 +1,4 @@
-"""One module a page or a kind of page, in folders; ``reports.pages.base`` finds them, there is no list to edit."""
+"""Write the pages of the report, one module per page or kind of page.
+
+``reports.pages.base`` finds the modules in the folders, so that there is no list to edit.
+"""

@@ -1,24 +1,24 @@
-"""The parts of a page of the report's site, and all that a page module needs to know.
+"""Define the parts of a page of the report's site, and all that a page module needs to know.
 
 A module of a folder in ``reports/pages/`` with a function ``write(results, site) -> Page | None`` is called once
 (``RANK`` of the module, 0 without one, puts it later; ``APART = True`` calls it in another process beside all others,
-with a ``site`` that knows no other page). It hands its page over, or returns None ::
+with a ``site`` that knows no other page). It hands over its page, or returns None ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
 
 Its template extends ``base.html`` and fills ``{% block main %}``. Templates are rendered after all modules have run:
 
-- ``url(x)``: address of a run, a variant or a solver's name from the top folder, where ``{{ root }}`` leads;
-  ``exists("theatre-chain.html")``. A page ``about`` a variant's slug, a solver or a run is linked from that one's page.
-- ``{% import "marks.html" as marks with context %}``: what pages show alike, such as ``marks.status(run)`` and
-  ``marks.plot(p)`` for each of ``plots`` inside ``<div class="plots">``, behind ``marks.plots_bar()``.
+- ``url(x)``: address of a run, a variant or a solver's name from the top folder, which ``{{ root }}`` leads to;
+  ``exists("theatre-chain.html")``. A page ``about`` a variant's slug, a solver or a run is linked from its page.
+- ``{% import "marks.html" as marks with context %}``: elements that pages share, such as ``marks.status(run)`` and
+  ``marks.plot(p)`` for each of ``plots`` inside ``<div class="plots">``, after ``marks.plots_bar()``.
 - ``term(name, shown)`` of the glossary; ``num(value, show)``: a table's entry that sorts by its value;
   ``looks[solver].colour``; the functions of reports/model/words.py.
 
-``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``, with NaN as null;
-``site.bundle`` the same deflated, for ``await MBS.unpack(MBS[name])``, where ``MBS.numbers(x)`` makes an array a list.
-Scripts are classic, deferred and in the order given: from a disk neither modules nor ``fetch`` work.
+``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``, with NaN as null; ``site.bundle``
+writes it deflated, for ``await MBS.unpack(MBS[name])``, where ``MBS.numbers(x)`` makes an array a list. Scripts are
+classic, deferred and in the order given: opened from a disk, neither modules nor ``fetch`` work.
 """
 
 import importlib
@@ -33,95 +33,108 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, TypeVar
 
+from ...harness.confined_paths import ConfinedPath
 from ...harness.files import FileError
-from ...harness.places import Place
 from ...harness.results.judgements import files
 from ...harness.results.judgements.files import PUBLISHED, File, read_judgement
 from ..model.accuracy import energy_kind
 from ..model.frontier import Frontier, frontiers
-from ..model.results import Results, Run, Variant, group_by, packages, slug, stamp
+from ..model.results import StoredResults, StoredRun, Variant, group_by, packages, slug, stamp
 from ..model.scores import score
-from ..plots.browser import bundle, for_browser, script
-from ..plots.spec import Look, Plot, families, looks
+from ..plots.browser import bundle, script, shorten_plots
+from ..plots.spec import LineStyle, Plot, choose_styles, families
 from ..rendering import FOLDER, render
 
 ASSETS = FOLDER / "assets"
 PLOTTING = ("assets/plots.js",)
 JUDGE = "mbsbench judge"
-WRITTEN = "written"  # the data file with the number of runs in a report that is whole
+WRITTEN = "written"  # the data file, written last, with the number of runs of a complete report
 T = TypeVar("T")
 
 
-def copy_assets(folder: Place, names: Sequence[str]) -> None:
-    """Scripts and styles of these names, as ``assets/`` of a report."""
+def copy_assets(folder: ConfinedPath, names: Sequence[str]) -> None:
+    """Copy the named scripts and styles into ``assets/`` of a report."""
     for name in names:
         (folder / "assets" / name).write((ASSETS / name).read_bytes(), durable=False)
 
 
 @dataclass(frozen=True)
 class Page:
-    """``file`` is its path in the report folder; ``nav`` puts it into the navigation, smallest ``order`` first."""
+    """A page; ``file`` is its path in the report, ``nav`` puts it into the navigation, smallest ``order`` first."""
 
     title: str
     file: str
     nav: bool = False
     order: int = 50
     about: str = ""
-    brief: bool = False  # its footer says the main facts and leads to the first page's, as in subfolders
+    brief: bool = False  # its footer has the main facts and a link to the first page's, as in subfolders
 
     @property
     def root(self) -> str:
-        """The way up to the report folder."""
+        """The relative path to the report folder."""
         return "../" * self.file.count("/")
 
 
-Pending = dict[str, tuple[Page, str, dict[str, Any]]]  # by file: its template and what that is rendered with
+Pending = dict[str, tuple[Page, str, dict[str, Any]]]  # by file: the page, its template and the template's values
 
 
 @dataclass
 class Site:
-    """The report folder of a run while its pages are written."""
+    """The report folder while its pages are written."""
 
-    results: Results
-    folder: Place
-    drawn: dict[str, str] = field(default_factory=dict)  # by run: the variant whose data file has its curves
-    work: dict[str, Plot] = field(default_factory=dict)  # by variant, error over CPU time: in cost's data file
-    scenes: dict[str, dict[str, Any]] = field(default_factory=dict)  # by variant: its stage and what is said beside it
+    results: StoredResults
+    folder: ConfinedPath
+    drawn: dict[str, str] = field(default_factory=dict)  # by run: the variant whose data file holds its curves
+    # by variant: error over CPU time, in the data file of the cost page
+    work: dict[str, Plot] = field(default_factory=dict)
+    scenes: dict[str, dict[str, Any]] = field(default_factory=dict)  # by variant: its stage with the words beside it
     cards: dict[str, Any] = field(default_factory=dict)  # by solver: its certificate card
     pending: Pending = field(default_factory=dict)
 
     def write(
-        self, page: Page, template: str, scripts: Sequence[str] = (), plots: Sequence[Plot] = (), borrowed: str = "",
+        self,
+        page: Page,
+        template: str,
+        scripts: Sequence[str] = (),
+        plots: Sequence[Plot] = (),
+        borrowed: str = "",
         **values: Any,
-    ) -> Page:  # fmt: skip
-        """Take a page: ``template`` with ``values`` and ``plots``, and those of the data file ``borrowed``."""
+    ) -> Page:
+        """Add and return a page: ``template`` with ``values``, to be rendered when all pages are known.
+
+        ``plots`` are drawn from a data file of the page's own, which is written at once; ``borrowed`` names a data file
+        of another page whose plots this one shows too. ``scripts`` are loaded after those.
+        """
         if plots or borrowed:
             name = "plots-" + page.file.removesuffix(".html").replace("/", "-")
-            own = [self.bundle(name, for_browser(plots, self.looks))] if plots else []
+            own = [self.bundle(name, shorten_plots(plots, self.looks))] if plots else []
             scripts = [*own, *([f"data/{borrowed}.js"] if borrowed else []), *PLOTTING, *scripts]
             values["plots_data"] = name
         self.take({page.file: (page, template, {"scripts": scripts, "plots": list(plots), **values})})
         return page
 
     def take(self, pages: Pending) -> None:
-        """Take pages that are to be rendered."""
+        """Add pages to be rendered; ValueError if two have the same file."""
         for file in pages.keys() & self.pending.keys():
             raise ValueError(f"two pages want to be {file}: {self.pending[file][0].title}, {pages[file][0].title}")
         self.pending |= pages
 
     def data(self, name: str, value: Any, form: Callable[[str, Any], str] = script) -> str:
-        """Write ``data/<name>.js``; returns its path, for ``scripts``."""
+        """Write ``data/<name>.js`` at once and return its path, to be listed in ``scripts``.
+
+        ``form`` makes the script from name and value: plain or, for ``bundle``, deflated.
+        """
         (self.folder / "data" / f"{name}.js").write(form(name, value), durable=False)
         return f"data/{name}.js"
 
     def bundle(self, name: str, value: Any) -> str:
-        """The same deflated, for ``MBS.unpack``; arrays are for ``MBS.numbers``."""
+        """Write ``data/<name>.js`` deflated, for ``MBS.unpack``; arrays are for ``MBS.numbers``."""
         return self.data(name, value, bundle)
 
-    def url(self, about: Run | Variant | str) -> str:
-        """The page of a run, of a variant, or of a solver, from the report folder."""
-        if isinstance(about, Run):
-            return page_of(about)
+    def url(self, about: StoredRun | Variant | str) -> str:
+        """Return the address of the page of a run, a variant or a solver, from the report folder."""
+        if isinstance(about, StoredRun):
+            return address_run(about)
         if isinstance(about, Variant):
             return f"problem-{about.slug}.html"
         return self._solver_urls[about]
@@ -132,16 +145,16 @@ class Site:
         return frontiers(self.results)
 
     @cached_property
-    def looks(self) -> dict[str, Look]:
-        """Colour and marker by solver, the same on every page."""
-        return looks(self.results.solvers)
+    def looks(self) -> dict[str, LineStyle]:
+        """The colour and marker by solver, the same on every page."""
+        return choose_styles(self.results.solvers)
 
     def pages(self) -> list[Page]:
-        """All pages so far, those of the navigation first."""
+        """Return all pages added so far, those of the navigation first."""
         return sorted((p for p, _, _ in self.pending.values()), key=lambda p: (not p.nav, p.order, p.title))
 
     def finish(self) -> None:
-        """Render what was handed over."""
+        """Render all pages and write them, with the navigation and the values that all templates know."""
         shared = self._shared_values()
         nav = [p for p in self.pages() if p.nav]
         self.data("pages", [[p.title, p.file] for p in nav if p.file != "index.html"])
@@ -152,83 +165,97 @@ class Site:
 
     @cached_property
     def _solver_urls(self) -> Mapping[str, str]:
+        """The address of the page of each solver, by name."""
         taken: set[str] = set()
         return {name: f"solver-{slug(name, taken)}.html" for name in self.results.solvers}
 
     def _shared_values(self) -> dict[str, Any]:
+        """Return the values and functions that every template may use."""
         results, slugs = self.results, {p.title: p.slug for p in self.results.variants}
         related = group_by(self.pages(), lambda p: p.about)
         return {
-            "results": results, "looks": self.looks, "url": self.url, "exists": self.pending.__contains__,
-            "run_title": results.environment.get("results_folder") or results.folder.name, "stamp": stamp(results),
-            "packages": packages(results), "energy_kind": energy_kind, "score_of": score,
-            "slug_of": lambda run: slugs[run.variant], "related": lambda about: related.get(about, []),
+            "results": results,
+            "looks": self.looks,
+            "url": self.url,
+            "exists": self.pending.__contains__,
+            "run_title": results.environment.get("results_folder") or results.folder.name,
+            "stamp": stamp(results),
+            "packages": packages(results),
+            "energy_kind": energy_kind,
+            "score_of": score,
+            "slug_of": lambda run: slugs[run.variant],
+            "related": lambda about: related.get(about, []),
             "families": families(self.looks),
-        }  # fmt: skip
+        }
 
 
 def writers() -> list[ModuleType]:
-    """The page modules: smallest ``RANK`` first (0 without one), then by name."""
+    """Return the page modules: smallest ``RANK`` first (0 without one), then by name."""
     found = pkgutil.walk_packages([str(FOLDER / "pages")], f"{__package__}.")
     modules = [m for m in (importlib.import_module(m.name) for m in found) if hasattr(m, "write")]
     return sorted(modules, key=lambda m: (getattr(m, "RANK", 0), m.__name__))
 
 
 def write_pages(site: Site) -> None:
-    """Let every page module hand its pages over, those apart in a second process."""
+    """Let every page module add its pages, those marked ``APART`` in a second process."""
     apart = {m.__name__: getattr(m, "APART", False) for m in writers()}
     with ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as pool:
-        untouched = pickle.dumps(site)  # now: the pool would do so beside what is written here
+        untouched = pickle.dumps(site)  # pickled here: the pool's thread would pickle while pages are added
         beside = pool.submit(_write_apart, [m for m in apart if apart[m]], untouched)
         _write_some([m for m in apart if not apart[m]], site)
         site.take(beside.result())
 
 
 def _write_apart(modules: Sequence[str], untouched: bytes) -> Pending:
+    """Let these page modules add their pages to a copy of the site, in another process; return the pages."""
     return _write_some(modules, pickle.loads(untouched))
 
 
 def _write_some(modules: Sequence[str], site: Site) -> Pending:
+    """Let these page modules add their pages to the site; return all of its pages."""
     for name in modules:
         importlib.import_module(name).write(site.results, site)
     return site.pending
 
 
 @dataclass(frozen=True)
-class Judged(Generic[T]):
-    """The content of one file, or why there is none; ``published``: why it is that of other results."""
+class JudgementFile(Generic[T]):
+    """The content of one judgement file, or the reason why there is none.
+
+    ``published`` is the reason why the content belongs to the published results.
+    """
 
     found: T | None = None
     why: str = ""
     published: str = ""
 
 
-def read_judged_or_published(results: Path, file: File[T]) -> Judged[T]:
-    """The same; where these results have no judgement, or allow none, that of the published ones."""
+def read_judged_or_published(results: Path, file: File[T]) -> JudgementFile[T]:
+    """Read these results' judgement, else the published one with the reason; a damaged own file is reported."""
     own = read_judged(results, file)
-    broken = own.found is None and (Place(results) / files.FOLDER / f"{file.name}.json").is_there()
+    broken = own.found is None and (ConfinedPath(results) / files.FOLDER / f"{file.name}.json").is_there()
     if own.found or broken:
         return own
     kept = read_or_why(PUBLISHED, file, f"{JUDGE} --publish")
     why = own.why or "These results hold no runs to judge it from."
-    return Judged(kept.found, published=why) if kept.found else own
+    return JudgementFile(kept.found, published=why) if kept.found else own
 
 
-def read_judged(results: Path, file: File[T]) -> Judged[T]:
-    """``judgement/<name>.json`` of a results folder."""
-    return read_or_why(Place(results) / files.FOLDER, file, f"{JUDGE} {results.name}")
+def read_judged(results: Path, file: File[T]) -> JudgementFile[T]:
+    """Read ``judgement/<name>.json`` of a results folder."""
+    return read_or_why(ConfinedPath(results) / files.FOLDER, file, f"{JUDGE} {results.name}")
 
 
-def read_or_why(folder: Place, file: File[T], command: str) -> Judged[T]:
-    """The judgement in ``folder``; ``command`` makes it."""
+def read_or_why(folder: ConfinedPath, file: File[T], command: str) -> JudgementFile[T]:
+    """Read a judgement in ``folder``, or explain why there is none and name the ``command`` that creates it."""
     try:
-        return Judged(read_judgement(file, folder))
+        return JudgementFile(read_judgement(file, folder))
     except FileNotFoundError:
-        return Judged(why=f"There is no {folder.name}/{file.name}.json yet. To make it: {command}")
+        return JudgementFile(why=f"There is no {folder.name}/{file.name}.json yet. To make it: {command}")
     except FileError as error:
-        return Judged(why=f"{error}. To make it anew: {command}")
+        return JudgementFile(why=f"{error}. To make it anew: {command}")
 
 
-def page_of(run: Run) -> str:
-    """The address of a run's page."""
+def address_run(run: StoredRun) -> str:
+    """Return the address of a run's page."""
     return f"runs/{run.record.run_id}.html"

@@ -1,4 +1,4 @@
-"""Two results side by side: what changed, the most important first, and which inputs may be the cause."""
+"""Compare two results: what changed, the most important first, and which inputs may be the cause."""
 
 import math
 import os
@@ -7,21 +7,21 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from pathlib import Path
 
-from ...harness.places import Place
+from ...harness.confined_paths import ConfinedPath
 from ...harness.results.comparison import METRICS, Change, Likeness, compare, is_repeatable
-from ...harness.results.judgements.claims import Claim, Verdict
+from ...harness.results.judgements.claims import ClaimVerdict, JudgedClaim
 from ...harness.results.judgements.files import CLAIMS
-from ...harness.results.provenance import find_differences, stamp_of
+from ...harness.results.provenance import find_differences, read_environment
 from ...harness.results.records import RunRecord, cpu_range
-from ..model.curves import upper
-from ..model.results import Results, Run, group_by, read_results, slug
-from ..model.words import mark, number
+from ..model.curves import find_maxima
+from ..model.results import StoredResults, StoredRun, group_by, read_results, slug
+from ..model.words import mark_status, number
 from ..plots.spec import Axis, Plot, Trace
-from .base import Page, Site, copy_assets, page_of, read_judged
+from .base import Page, Site, address_run, copy_assets, read_judged
 
-OVERLAYS = 24  # runs whose energy errors are drawn over each other, the largest changes first
-ASSETS = ("site.css", "site.js", "judgement.css", "judgement.js", "plots.js")  # fmt: skip
-PHYSICS = {  # column: words, unit, the scale of the record it is measured by
+OVERLAYS = 24  # most runs whose energy errors are overlaid, the largest changes first
+ASSETS = ("site.css", "site.js", "judgement.css", "judgement.js", "plots.js")
+PHYSICS = {  # column: words, unit, the record's column that scales it
     "energy_drift_max_J": ("largest energy error", "J", "energy_scale_J"),
     "energy_drift_end_J": ("energy error at the end", "J", "energy_scale_J"),
     "position_error_judged_m": ("position error judged", "m", "length_scale_m"),
@@ -35,18 +35,27 @@ PHYSICS = {  # column: words, unit, the scale of the record it is measured by
     "t_reached_s": ("time reached", "s", "t_end_s"),
 }
 WORK = {
-    "steps": "steps", "rejected": "rejected steps", "evaluations": "evaluations", "jacobians": "Jacobians",
-    "factorisations": "factorisations", "newton_iterations": "Newton's corrections",
-}  # fmt: skip
+    "steps": "steps",
+    "rejected": "rejected steps",
+    "evaluations": "evaluations",
+    "jacobians": "Jacobians",
+    "factorisations": "factorisations",
+    "newton_iterations": "Newton's corrections",
+}
 BETTER = ("good", "inaccurate", "open", "refused", "failed", "wrong")  # endings, best first
-CLAIM_ORDER = (Verdict.REPRODUCED, Verdict.REPRODUCED_IF, Verdict.CANNOT_BE_TOLD, Verdict.NOT_REPRODUCED)
-SAME = 0.01  # relative: a change this small is neither better nor worse
-LITTLE = 1e-5  # of a problem's scale: shown as "less than"
-SPREAD = 1.3  # timings closer than this factor are called equal
+CLAIM_ORDER = (
+    ClaimVerdict.REPRODUCED,
+    ClaimVerdict.REPRODUCED_IF,
+    ClaimVerdict.CANNOT_BE_TOLD,
+    ClaimVerdict.NOT_REPRODUCED,
+)
+SAME = 0.01  # relative change below which neither is better
+LITTLE = 1e-5  # fraction of the problem's scale below which "less than" is shown
+SPREAD = 1.3  # timings within this factor are equal
 
 
 class Rank(IntEnum):
-    """Kinds of change, the most important first."""
+    """The kinds of change, the most important first."""
 
     ENDING = 0
     CLAIM = 1
@@ -56,35 +65,39 @@ class Rank(IntEnum):
 
 
 @dataclass(frozen=True)
-class Ranked:
-    """One change in words."""
+class RankedChange:
+    """A change in words."""
 
     rank: Rank
-    settings_id: str  # of the run, or the claim's name
+    settings_id: str  # settings_id of the run, or the claim's name
     title: str
     what: str
     before: str
     after: str
-    size: str
-    worse: bool | None  # None where neither is better
-    weight: float  # within its rank, the largest first
-    others: tuple["Ranked", ...] = ()  # smaller changes of the same kind in the same run
+    size: str  # size of the change, in words
+    worse: bool | None  # None if neither is better
+    weight: float  # order within its rank, the largest first
+    others: tuple["RankedChange", ...] = ()  # smaller changes of the same kind in the same run
 
 
-def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
-    """Runs whose status changed; those that became wrong first."""
+def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[RankedChange]:
+    """Return a change for each run whose status differs; runs that became wrong come first."""
     out = []
     for a, b in pairs(before, after):
         if a.status != b.status:
-            (then, old), (now, new) = ((m, BETTER.index(m.kind)) for m in (mark(a.status), mark(b.status)))
+            (then, old), (now, new) = (
+                (m, BETTER.index(m.kind)) for m in (mark_status(a.status), mark_status(b.status))
+            )
             worse = None if old == new or "unfinished" in (a.status, b.status) else new > old
             weight = 10.0 * (new > old) + max(old, new)
-            out.append(Ranked(Rank.ENDING, a.settings_id, a.case, "ending", then.word, now.word, "", worse, weight))
+            out.append(
+                RankedChange(Rank.ENDING, a.settings_id, a.case, "ending", then.word, now.word, "", worse, weight)
+            )
     return sort_worst_first(out)
 
 
-def claims(before: Sequence[Claim], after: Sequence[Claim]) -> list[Ranked]:
-    """Claims with another verdict."""
+def claims(before: Sequence[JudgedClaim], after: Sequence[JudgedClaim]) -> list[RankedChange]:
+    """Return a change for each verdict on a claim that differs."""
     then = {c.id: c for c in before}
     out = []
     for c in after:
@@ -92,19 +105,33 @@ def claims(before: Sequence[Claim], after: Sequence[Claim]) -> list[Ranked]:
         for where, a, b in (("at the paper's settings", was.paper, c.paper), ("beyond them", was.beyond, c.beyond)):
             if a and b and a.verdict != b.verdict:
                 change = CLAIM_ORDER.index(b.verdict) - CLAIM_ORDER.index(a.verdict)
-                out.append(Ranked(Rank.CLAIM, c.id, c.claim, f"verdict {where}", a.verdict.lower(), b.verdict.lower(),
-                                  "", change > 0, float(abs(change))))  # fmt: skip
+                out.append(
+                    RankedChange(
+                        Rank.CLAIM,
+                        c.id,
+                        c.claim,
+                        f"verdict {where}",
+                        a.verdict.lower(),
+                        b.verdict.lower(),
+                        "",
+                        change > 0,
+                        float(abs(change)),
+                    )
+                )
     return sort_worst_first(out)
 
 
-def physics(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
-    """Numbers that changed by more than two machines may differ by, as parts of the problem's own scale."""
-    found = (_physics(a, b, c) for a, b, c in _changes(before, after) if c.metric in PHYSICS)
+def list_changed_physics(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[RankedChange]:
+    """Return one change per run whose motion differs in numbers by more than two machines may, the largest first.
+
+    Changes are weighed by the problem's scale.
+    """
+    found = (_rank_physics(a, b, c) for a, b, c in _changes(before, after) if c.metric in PHYSICS)
     return gather_by_run([r for r in found if r])
 
 
-def work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
-    """Counts that changed, the largest ratio first."""
+def list_changed_work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[RankedChange]:
+    """Return one change per run whose steps or evaluations differ, the largest ratio first."""
     out = []
     for a, _, c in _changes(before, after):
         if c.metric in WORK and not isinstance(c.before, str) and not isinstance(c.after, str):
@@ -112,55 +139,80 @@ def work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked
             ratio = y / x if x > 0.0 else math.inf if y > 0.0 else 1.0
             ratio = ratio if math.isfinite(x) and math.isfinite(y) else math.nan
             weight = abs(math.log(ratio)) if ratio > 0.0 else 99.0
-            out.append(Ranked(Rank.WORK, a.settings_id, a.case, WORK[c.metric], number(x), number(y),
-                              format_ratio(ratio), ratio > 1.0, weight))  # fmt: skip
+            out.append(
+                RankedChange(
+                    Rank.WORK,
+                    a.settings_id,
+                    a.case,
+                    WORK[c.metric],
+                    number(x),
+                    number(y),
+                    format_ratio(ratio),
+                    ratio > 1.0,
+                    weight,
+                )
+            )
     return gather_by_run(out)
 
 
-def timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
-    """CPU times further apart than their spreads and than a factor that says nothing."""
+def timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[RankedChange]:
+    """Return a change for each CPU time that differs by more than its spreads and the factor ``SPREAD``."""
     out = []
     for a, b in pairs(before, after):
         x, y = a.cpu_median_s, b.cpu_median_s
         (a_low, a_high), (b_low, b_high) = cpu_range(a), cpu_range(b)
         separate = a_high < b_low or b_high < a_low
         if x > 0.0 and y > 0.0 and separate and max(x / y, y / x) > SPREAD:
-            out.append(Ranked(Rank.TIMING, a.settings_id, a.case, "CPU time", f"{number(x)} s", f"{number(y)} s",
-                              format_ratio(y / x), y > x, abs(math.log(y / x))))  # fmt: skip
+            out.append(
+                RankedChange(
+                    Rank.TIMING,
+                    a.settings_id,
+                    a.case,
+                    "CPU time",
+                    f"{number(x)} s",
+                    f"{number(y)} s",
+                    format_ratio(y / x),
+                    y > x,
+                    abs(math.log(y / x)),
+                )
+            )
     return sort_worst_first(out)
 
 
 def pairs(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord]]:
-    """Runs of the same settings."""
+    """Return the record before and after of each run that both results have, matched by settings."""
     there = {r.settings_id: r for r in after}
     return [(r, there[r.settings_id]) for r in before if r.settings_id in there]
 
 
-def sort_worst_first(found: list[Ranked]) -> list[Ranked]:
-    """Worst first."""
+def sort_worst_first(found: list[RankedChange]) -> list[RankedChange]:
+    """Sort changes by rank, then the largest weight first."""
     return sorted(found, key=lambda r: (r.rank, -r.weight, r.title, r.what))
 
 
-def gather_by_run(found: list[Ranked]) -> list[Ranked]:
-    """One a run: its largest change, with the others beneath."""
+def gather_by_run(found: list[RankedChange]) -> list[RankedChange]:
+    """Return one change per run: its largest, with the others beneath it."""
     by_run = group_by(sort_worst_first(found), lambda r: r.settings_id)
     return [replace(own[0], others=tuple(own[1:])) for own in by_run.values()]
 
 
 def find_unmeasured(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> tuple[set[str], set[str]]:
-    """Columns that no record of one run has and some of the other do: what is measured changed, not the motion."""
+    """Return the columns that only the second of two results has, and those that only the first has.
+
+    They tell that other quantities were measured, not that motions changed.
+    """
     both = pairs(before, after)
     none = [{m for m in METRICS if all(math.isnan(float(getattr(p[k], m))) for p in both)} for k in (0, 1)]
     return none[0] - none[1], none[1] - none[0]
 
 
 def format_ratio(ratio: float) -> str:
-    """``2.1 times``."""
+    """Format a ratio: ``2.1 times``; a dash if it is not a positive number."""
     return f"{number(ratio)} times" if math.isfinite(ratio) and ratio > 0.0 else "–"
 
 
 def _changes(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord, Change]]:
-    """Runs that the comparison calls changed, with the two records."""
+    """Return the changes of numbers beyond rounding, each with the two records."""
     out = []
     unknown = set.union(*find_unmeasured(before, after))
     for a, b in pairs(before, after):
@@ -169,8 +221,8 @@ def _changes(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tu
     return out
 
 
-def _physics(a: RunRecord, b: RunRecord, c: Change) -> Ranked | None:
-    """A number that changed; None where the status says it already."""
+def _rank_physics(a: RunRecord, b: RunRecord, c: Change) -> RankedChange | None:
+    """Describe a number that changed; None if the status shows it already."""
     words, unit, column = PHYSICS[c.metric]
     x, y = (math.nan if isinstance(v, str) else v for v in (c.before, c.after))
     scale = float(getattr(a, column)) if column else 1.0
@@ -186,30 +238,30 @@ def _physics(a: RunRecord, b: RunRecord, c: Change) -> Ranked | None:
     limit = a.energy_allowed_J
     if c.metric == "energy_drift_max_J" and (x > limit) != (y > limit) and limit > 0.0:
         weight, size = math.inf, f"crosses the benchmark's limit of {number(limit)} J"
-    shown, now = (f"{v} {unit}".strip() for v in apart(x, y))
-    return Ranked(Rank.PHYSICS, a.settings_id, a.case, words, shown, now, size, worse, weight)
+    shown, now = (f"{v} {unit}".strip() for v in format_distinguishably(x, y))
+    return RankedChange(Rank.PHYSICS, a.settings_id, a.case, words, shown, now, size, worse, weight)
 
 
-def apart(x: float, y: float) -> tuple[str, str]:
-    """Both with as many digits as it takes to see that they differ."""
+def format_distinguishably(x: float, y: float) -> tuple[str, str]:
+    """Format two numbers with as many digits as it takes to see that they differ."""
     pairs_of = ((number(x, digits), number(y, digits)) for digits in range(3, 13))
     return next((p for p in pairs_of if p[0] != p[1]), (number(x), number(y)))
 
 
-def write_compare(a: Path, b: Path, folder: Place) -> Path:
-    """Write ``compare.html`` with what it needs into ``folder``; returns its path."""
+def write_compare(a: Path, b: Path, folder: ConfinedPath) -> Path:
+    """Write ``compare.html`` and its assets into ``folder``; return its path."""
     both = read_results(a), read_results(b)
     copy_assets(folder, ASSETS)
     known = both[1].by_settings
     everyone = (*both[1].runs, *(c for c in both[0].runs if c.record.settings_id not in known))
-    site = Site(replace(both[1], runs=everyone), folder)  # solvers of either run have their colour
+    site = Site(replace(both[1], runs=everyone), folder)  # solvers of both results get a colour
     write_page(*both, site)
     site.finish()
     return folder.path / "compare.html"
 
 
-def write_page(a: Results, b: Results, site: Site) -> Page:
-    """The page of the two results."""
+def write_page(a: StoredResults, b: StoredResults, site: Site) -> Page:
+    """Add the page that compares two results to the site, and return it."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
     found, parts = compare(before, after), changes(a, b)
     unmeasured = find_unmeasured(before, after)
@@ -217,28 +269,41 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
     touched, changed = {c.case for c in known}, {c.case for c in known if c.likeness is Likeness.CHANGED}
     linked = {r.settings_id for rows in parts.values() for r in rows}
     return site.write(
-        Page("Comparison", "compare.html", nav=True, order=90), "compare.html", scripts=["assets/judgement.js"],
-        plots=overlays(a, b, parts), parts=parts, found=found, touched=touched, changed=changed,
+        Page("Comparison", "compare.html", nav=True, order=90),
+        "compare.html",
+        scripts=["assets/judgement.js"],
+        plots=overlays(a, b, parts),
+        parts=parts,
+        found=found,
+        touched=touched,
+        changed=changed,
         limited=touched & {r.case for r in (*before, *after) if not is_repeatable(r)},
         unmeasured=[sorted(u) for u in unmeasured],
-        inputs=find_differences(stamp_of(a.folder), stamp_of(b.folder)), shown=OVERLAYS,
+        inputs=find_differences(read_environment(a.folder), read_environment(b.folder)),
+        shown=OVERLAYS,
         names=[r.environment.get("results_folder") or r.folder.name for r in (a, b)],
-        both=(a, b), beside=(site.folder / "index.html").is_own_file(),
+        both=(a, b),
+        beside=(site.folder / "index.html").is_own_file(),
         pages=_addresses(a, linked, site.folder) | _addresses(b, linked, site.folder),
-    )  # fmt: skip
+    )
 
 
-def changes(a: Results, b: Results) -> dict[Rank, list[Ranked]]:
-    """By rank, the most important first; ranks without a change are left out."""
+def changes(a: StoredResults, b: StoredResults) -> dict[Rank, list[RankedChange]]:
+    """Return the changes from ``a`` to ``b`` by rank, the most important first; ranks without a change are left out."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
     verdicts = (read_judged(results.folder, CLAIMS).found or () for results in (a, b))
-    rows = [*endings(before, after), *claims(*verdicts), *physics(before, after),
-            *work(before, after), *timings(before, after)]  # fmt: skip
+    rows = [
+        *endings(before, after),
+        *claims(*verdicts),
+        *list_changed_physics(before, after),
+        *list_changed_work(before, after),
+        *timings(before, after),
+    ]
     return group_by(rows, lambda r: r.rank)
 
 
-def overlays(a: Results, b: Results, parts: Mapping[Rank, Sequence[Ranked]]) -> list[Plot]:
-    """The energy errors of both runs, for the runs whose ending or motion changed, the most important first."""
+def overlays(a: StoredResults, b: StoredResults, parts: Mapping[Rank, Sequence[RankedChange]]) -> list[Plot]:
+    """Plot the energy errors of both runs where ending or motion changed, the most important first."""
     runs = [results.by_settings for results in (a, b)]
     wanted = dict.fromkeys(r.settings_id for rank in (Rank.ENDING, Rank.PHYSICS) for r in parts.get(rank, ()))
     taken: set[str] = set()
@@ -255,18 +320,27 @@ def overlays(a: Results, b: Results, parts: Mapping[Rank, Sequence[Ranked]]) -> 
     return plots
 
 
-def _trace(results: Results, run: Run, name: str, dash: int) -> Trace | None:
+def _trace(results: StoredResults, run: StoredRun, name: str, dash: int) -> Trace | None:
+    """Return the energy error of a run as a trace that begins with ``name``; None if none was stored."""
     series = results.series(run)
     if series is None or "energy_error" not in series:
         return None
-    curve = upper(*series.points("energy_error"), run.record.t_end_s)
+    curve = find_maxima(*series.points("energy_error"), run.record.t_end_s)
     end = "failed" if run.has_stopped else "wrong" if run.status == "wrong" else ""
-    return Trace(f"{name}: {run.record.solver}, {run.status}", curve.t, curve.y, solver=run.record.solver, dash=dash,
-                 end=end) if len(curve) else None  # fmt: skip
+    return (
+        Trace(
+            f"{name}: {run.record.solver}, {run.status}", curve.t, curve.y, solver=run.record.solver, dash=dash, end=end
+        )
+        if len(curve)
+        else None
+    )
 
 
-def _addresses(results: Results, wanted: set[str], folder: Place) -> dict[str, str]:
-    """By settings_id: the pages of runs in their own report, those that were written."""
-    paths = {c.record.settings_id: Place(results.folder) / "report" / page_of(c) for c in results.runs}
-    return {s: os.path.relpath(paths[s].path, folder.path).replace(os.sep, "/") for s in wanted & set(paths)
-            if paths[s].is_own_file()}  # fmt: skip
+def _addresses(results: StoredResults, wanted: set[str], folder: ConfinedPath) -> dict[str, str]:
+    """Return the addresses, by settings_id, of runs' pages that exist in their own report."""
+    paths = {c.record.settings_id: ConfinedPath(results.folder) / "report" / address_run(c) for c in results.runs}
+    return {
+        s: os.path.relpath(paths[s].path, folder.path).replace(os.sep, "/")
+        for s in wanted & set(paths)
+        if paths[s].is_own_file()
+    }

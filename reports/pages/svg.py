@@ -1,4 +1,4 @@
-"""Small drawings inside a page: number lines, zooms, sketches; their SVG is in ``drawings.html``."""
+"""Draw small pictures inside a page: number lines, zooms, sketches; their SVG is in ``drawings.html``."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -8,23 +8,24 @@ import numpy as np
 from markupsafe import Markup
 
 from ..mechanism.segments import Picture
-from ..model.words import decade, number
+from ..model.words import format_decade, number
 from ..rendering import environment
 
 BADGE = {"good": "#1a7044", "wrong": "#b3123a", "failed": "#8f4500", "refused": "#4d5a8f"}
-LETTER = 7.0  # [px] width of a letter of a name, at most
-TURNS = [math.copysign(k, s) * math.pi / 8.0 for k in range(9) for s in (1, -1)]  # from downwards on, either way
-STEEP = 30.0  # values further apart than this factor are drawn on a logarithmic line
-STAR = [((7.0 if k % 2 == 0 else 3.0), math.pi * (k / 5.0 - 0.5)) for k in range(10)]  # [px, rad] of its corners
+LETTER = 7.0  # [px] largest width of a letter
+TURNS = [math.copysign(k, s) * math.pi / 8.0 for k in range(9) for s in (1, -1)]  # from downwards to both sides
+STEEP = 30.0  # ratio of values beyond which the line is logarithmic
+# [px, rad] corners in polar coordinates
+STAR = [((7.0 if k % 2 == 0 else 3.0), math.pi * (k / 5.0 - 0.5)) for k in range(10)]
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Values to pixels, linear or logarithmic; what lies outside is put at the edge."""
+    """A map from values to pixels, linear or logarithmic; values outside are put at the edge."""
 
     low: float
     high: float
-    start: float
+    start: float  # [px] place of ``low``, and below of ``high``
     end: float
     log: bool = False
 
@@ -38,7 +39,10 @@ class Scale:
 
 
 def scale_for(values: Sequence[float], start: float, end: float, *, log: bool | None = None) -> Scale:
-    """One that holds all values with some room; logarithmic where they lie far apart and none is negative."""
+    """Return a scale from ``start`` to ``end`` [px] for all values with a margin.
+
+    It is logarithmic if the values are far apart and none is negative, unless ``log`` decides.
+    """
     finite = [v for v in values if math.isfinite(v)]
     above = [v for v in finite if v > 0.0]
     if log is None:
@@ -52,7 +56,10 @@ def scale_for(values: Sequence[float], start: float, end: float, *, log: bool | 
 
 
 def number_line(measured: float, low: float, high: float, unit: str, kind: str, spread: Sequence[float] = ()) -> Markup:
-    """The measured number against its band, with its spread over all settings; open ends reach the edge."""
+    """Draw the measured number against its band, with its spread over all settings; open ends extend to the edge.
+
+    ``kind`` is that of the mark which colours the number.
+    """
     around = [v for v in spread if math.isfinite(v)]
     at = scale_for([measured, low, high, *around], 8.0, 232.0)
     if not at.log and low == 0.0 and min((measured, *around)) >= 0.0:
@@ -61,17 +68,20 @@ def number_line(measured: float, low: float, high: float, unit: str, kind: str, 
 
 
 def describe_bar(measured: float, low: float, high: float, unit: str) -> str:
-    """The same in words, for those who do not see it."""
+    """Describe the number line in words, for screen readers."""
     unit = f" {unit}" if unit else ""
     ends = [number(v) if math.isfinite(v) else "" for v in (low, high)]
-    band = f"{ends[0]} to {ends[1]}{unit}" if all(ends) else (
-        f"at most {ends[1]}{unit}" if ends[1] else f"at least {ends[0]}{unit}" if ends[0] else "none")  # fmt: skip
+    band = (
+        f"{ends[0]} to {ends[1]}{unit}"
+        if all(ends)
+        else (f"at most {ends[1]}{unit}" if ends[1] else f"at least {ends[0]}{unit}" if ends[0] else "none")
+    )
     value = "nothing" if math.isnan(measured) else f"{number(measured)}{unit}"
     return f"measured {value}; band {band}"
 
 
 def panel(title: str, unit: str, values: Sequence[float], colour: str, *, star: bool) -> Markup:
-    """Values on a logarithmic axis over steps counted from the last one, which has a star if the run stopped there."""
+    """Draw values on a logarithmic axis over steps counted from the last, with a star if the run stopped there."""
     first, sizes = len(values) - 1, [abs(v) for v in values]
     x, y = Scale(-float(first), 0.0, 46.0, 248.0), scale_for(sizes, 92.0, 18.0, log=True)
     dots = [(x(k - first), y(v)) for k, v in enumerate(sizes) if math.isfinite(v)]
@@ -79,12 +89,12 @@ def panel(title: str, unit: str, values: Sequence[float], colour: str, *, star: 
     change = f" over the last {first} steps: from {finite[0]} to {finite[-1]} {unit}" if finite else ": no number"
     head = f"{title} [{unit}]" if unit else title
     corners = [(r * math.cos(a), r * math.sin(a)) for r, a in STAR] if star else []
-    rules = [(y(v), decade(v)) for v in ticks(y.low, y.high)]
+    rules = [(y(v), format_decade(v)) for v in choose_ticks(y.low, y.high)]
     return _draw("zoom", title + change, head, rules, dots, first, colour, corners)
 
 
-def ticks(low: float, high: float) -> list[float]:
-    """At most four round values of a logarithmic axis: decades, or 1-2-5 where there are few of them."""
+def choose_ticks(low: float, high: float) -> list[float]:
+    """Return at most four round values of a logarithmic axis: decades, or 1-2-5 within few decades."""
     first, last = math.ceil(math.log10(low)), math.floor(math.log10(high))
     if last - first >= 1:
         every = max(math.ceil((last - first + 1) / 4), 1)
@@ -94,7 +104,7 @@ def ticks(low: float, high: float) -> list[float]:
 
 
 def badge(name: str, facts: Sequence[tuple[str, str, str]]) -> Markup:
-    """A file of its own for a README: the name, then what is known of it, in colours that need no page."""
+    """Draw a stand-alone badge for a README: the name and its facts, with colours that need no style sheet."""
     x, parts = LETTER * len(name) + 20.0, [(0.0, LETTER * len(name) + 20.0, "", name)]
     for a, b, kind in facts:
         wide = LETTER * (len(a) + len(b) + 1) + 16.0
@@ -104,29 +114,32 @@ def badge(name: str, facts: Sequence[tuple[str, str, str]]) -> Markup:
 
 
 def sketch(p: Picture, words: str) -> Markup:
-    """A mechanism on paper: bodies, joints, supports, arrows of unit length, names."""
+    """Draw a mechanism: bodies, joints, supports, arrows of unit length, names."""
     at = _fit_to_page(np.concatenate([p.lines.reshape(-1, 2), p.ground.reshape(-1, 2)]), 420.0, 300.0, 46.0)
     ways = [(name, 26.0 * float(way[0]), -26.0 * float(way[1])) for name, way in p.arrows]
     a, b = p.lines[:, None, 0], p.lines[:, None, 1]
     ink = at(a + np.linspace(0.0, 1.0, 50)[:, None] * (b - a)).reshape(-1, 2)
-    placed = [(name, *_beside(np.array(at(c)), name, ink)) for name, c in p.names]
+    placed = [(name, *_place_name(np.array(at(c)), name, ink)) for name, c in p.names]
     return _draw("sketch", words, at(p.lines), at(p.joints), at(p.ground), ways, placed)
 
 
 def snapshot(lines: np.ndarray, exact: np.ndarray | None, ground: np.ndarray, words: str) -> Markup:
-    """A mechanism at one time (x right, y up, any unit), over the exact one in ink."""
+    """Draw a mechanism at one time (x right, y up, any unit) over the exact one in black."""
     known = lines if exact is None else exact
     seen = np.concatenate([known.reshape(-1, 2), ground.reshape(-1, 2)])
     low, high = seen.min(axis=0), seen.max(axis=0)
     wide = 0.5 * float(np.max(high - low)) or 1.0
-    own = np.clip(lines, low - wide, high + wide)  # what flies apart stays near
+    own = np.clip(lines, low - wide, high + wide)  # a diverging mechanism stays within the picture
     at = _fit_to_page(np.concatenate([seen, own.reshape(-1, 2)]), 260.0, 150.0, 14.0)
     layers = [("exact", at(exact))] if exact is not None else []
     return _draw("snapshot", words, [*layers, ("run", at(own))])
 
 
 def ticks_on(dots: Sequence[tuple[float, str, str, str]], whole: int, words: str) -> Markup:
-    """A dot for each share of a line, with its name where there is room; how many reach the end is written there."""
+    """Draw a dot for each fraction of a line, with its name if there is room, and the count that reaches the end.
+
+    ``dots`` hold fraction, colour, words and name; ``whole`` is the count, ``words`` describe the picture.
+    """
     left, right, taken, placed = 6.0, 352.0, -math.inf, []
     for share, colour, said, name in sorted(dots):
         x, wide = left + share * (right - left), LETTER * len(name) * 0.86
@@ -137,14 +150,14 @@ def ticks_on(dots: Sequence[tuple[float, str, str, str]], whole: int, words: str
 
 
 def _fit_to_page(seen: np.ndarray, width: float, height: float, room: float) -> Callable[[np.ndarray], np.ndarray]:
-    """From points on paper (y up) to pixels (y down): all of ``seen`` in the middle, as large as ``room`` allows."""
+    """Return the map from drawing points (y up) to pixels (y down) that centres ``seen``, leaving a margin ``room``."""
     low, high = seen.min(axis=0), seen.max(axis=0)
     scale = float(np.min((np.array([width, height]) - 2.0 * room) / np.maximum(high - low, 1e-9)))
     return lambda p: np.array([width, height]) / 2.0 + scale * (p - (low + high) / 2.0) * [1.0, -1.0]
 
 
-def _beside(at: np.ndarray, name: str, ink: np.ndarray) -> tuple[float, float]:
-    """The place nearest to ``at`` where a name hides nothing of ``ink``, below if it can be; below if there is none."""
+def _place_name(at: np.ndarray, name: str, ink: np.ndarray) -> tuple[float, float]:
+    """Return the place nearest to ``at`` where a name covers nothing of ``ink``; below ``at`` if there is none."""
     half = np.array([LETTER * len(name) / 2.0 + 5.0, 11.0])
     places = [at + r * np.array([math.sin(a), math.cos(a)]) for r in range(16, 80, 4) for a in TURNS]
     free = (x for x in places if not np.any(np.all(np.abs(ink - x) < half, axis=1)))
@@ -153,5 +166,5 @@ def _beside(at: np.ndarray, name: str, ink: np.ndarray) -> tuple[float, float]:
 
 
 def _draw(macro: str, *values: object) -> Markup:
-    """A drawing of the template; numbers to a tenth of a pixel."""
+    """Render a macro of the template ``drawings.html``, with numbers to a tenth of a pixel."""
     return getattr(environment().get_template("drawings.html").module, macro)(*values)

@@ -1,4 +1,4 @@
-"""The paper's figures from results: ``paper/fig01.pdf`` to ``fig12``, with notes in ``paper/captions.json``."""
+"""Draw the paper's figures from results: ``paper/fig01.pdf`` to ``fig12``, with notes in ``paper/captions.json``."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -9,30 +9,53 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ...harness.places import Place
-from ..mechanism.segments import picture_of
-from ..model.results import Results, read_results
+from ...harness.confined_paths import ConfinedPath
+from ..mechanism.segments import draw_picture
+from ..model.results import StoredResults, read_results
 from ..plots.fonts import DEFAULT_FONT, Font
-from ..plots.paper import DOUBLE, MUTED, SINGLE, SUFFIXES, Legend, label, panel, plain, save, set_limits, sheet, small
-from ..plots.spec import Look, Plot, Trace, looks
+from ..plots.paper import (
+    DOUBLE,
+    MUTED,
+    SINGLE,
+    SUFFIXES,
+    Legend,
+    label,
+    note_size,
+    panel,
+    save,
+    set_limits,
+    sheet,
+    strip_math,
+)
+from ..plots.spec import LineStyle, Plot, Trace, choose_styles
 from .captions import FOLDER, Caption, caption, write
 from .catalogue import FIGURES, Panel, PaperFigure, Sketch
-from .lines import Asked, Line, choose, plot_of, records_of
+from .lines import PaperLine, RequestedRun, choose, list_records, make_plot
 from .sketch import draw_sketch
 
 COLUMNS = 12
 
 
-def command(folder: Path, only: Sequence[str], specs: Sequence[Asked], tell: Callable[[str], None] = lambda words: None,
-            suffixes: Sequence[str] = SUFFIXES, font: Font = DEFAULT_FONT) -> list[Caption]:  # fmt: skip
-    """The command ``mbsbench figures --paper``; ``only`` are names of figures, ``specs`` the runs of the suite."""
+def command(
+    folder: Path,
+    only: Sequence[str],
+    specs: Sequence[RequestedRun],
+    tell: Callable[[str], None] = lambda words: None,
+    suffixes: Sequence[str] = SUFFIXES,
+    font: Font = DEFAULT_FONT,
+) -> list[Caption]:
+    """Run ``mbsbench figures --paper``: draw figures and write their captions, which are returned.
+
+    ``only`` are names of figures, all if empty; ``specs`` are the runs of the suite ``paper``. ``tell`` receives a line
+    per figure. Raise ValueError for an unknown name.
+    """
     names = [s.name for s in FIGURES]
     unknown = [name for name in only if name not in names]
     if unknown:
         raise ValueError(f"no figure {unknown[0]!r}; there are {', '.join(names)}")
     results, out = read_results(Path(folder), check_series=False), []
     for figure in (s for s in FIGURES if s.name in only or not only):
-        out.append(one(results, figure, specs, suffixes, font))
+        out.append(draw_figure(results, figure, specs, suffixes, font))
         missing = sum(not c.run_id for c in out[-1].runs)
         words = f" ({missing} of {len(out[-1].runs)} runs missing)" if missing else ""
         tell(f"{figure.name}: {figure.title}{words}")
@@ -40,25 +63,29 @@ def command(folder: Path, only: Sequence[str], specs: Sequence[Asked], tell: Cal
     return out
 
 
-def one(results: Results, figure: PaperFigure, specs: Sequence[Asked], suffixes: Sequence[str] = SUFFIXES,
-        font: Font = DEFAULT_FONT) -> Caption:  # fmt: skip
-    """Draw one figure and write its caption."""
+def draw_figure(
+    results: StoredResults,
+    figure: PaperFigure,
+    specs: Sequence[RequestedRun],
+    suffixes: Sequence[str] = SUFFIXES,
+    font: Font = DEFAULT_FONT,
+) -> Caption:
+    """Draw one figure into the results folder and return its caption."""
     lines = choose(figure.picks, specs, results.runs, results.readable_series)
-    own = looks({*results.solvers, *(k.asked.solver for k in lines)})
-    files = save(lambda: draw(figure, lines, own), Place(results.folder) / FOLDER, figure.name, suffixes,
-                 font)  # fmt: skip
+    own = choose_styles({*results.solvers, *(k.asked.solver for k in lines)})
+    files = save(lambda: draw(figure, lines, own), ConfinedPath(results.folder) / FOLDER, figure.name, suffixes, font)
     return caption(figure, lines, results.folder, [p.name for p in files])
 
 
-def draw(spec: PaperFigure, lines: Sequence[Line], looks: Mapping[str, Look]) -> Figure:
-    """``spec`` with its runs; ``looks`` by solver."""
-    plots = [[plot_of(p, lines) if isinstance(p, Panel) else p for p in row] for row in spec.rows]
+def draw(spec: PaperFigure, lines: Sequence[PaperLine], looks: Mapping[str, LineStyle]) -> Figure:
+    """Draw the figure ``spec`` with its runs; ``looks`` are by solver."""
+    plots = [[make_plot(p, lines) if isinstance(p, Panel) else p for p in row] for row in spec.rows]
     panels = [p for row in plots for p in row if isinstance(p, Plot)]
     named, none = list[Trace](), np.zeros(0)
-    for k in lines if panels else ():  # every run asked for, a missing one without a line
+    for k in lines if panels else ():  # every requested run, a missing one without a line
         solver = k.asked.solver if k.run else ""
         named.append(Trace(k.words, none, none, solver, "lines" if solver else "markers", k.dash))
-    legend = Legend.of([*named, *(t for p in panels for t in p.traces if not t.solver)], looks, wide=True)
+    legend = Legend.build([*named, *(t for p in panels for t in p.traces if not t.solver)], looks, wide=True)
     figure = sheet(DOUBLE if panels else SINGLE, spec.height * len(spec.rows) + legend.height + 0.1)
     places = figure.add_gridspec(len(spec.rows), COLUMNS)
     letter = 0
@@ -72,12 +99,12 @@ def draw(spec: PaperFigure, lines: Sequence[Line], looks: Mapping[str, Look]) ->
                 ax.set_title(f"{chr(ord('a') + letter)}  {part.title}")
                 letter += 1
             if isinstance(part, Sketch):
-                picture = next(filter(None, (picture_of(k.series) for k in lines)), None)
+                picture = next(filter(None, (draw_picture(k.series) for k in lines)), None)
                 if picture:
                     draw_sketch(ax, picture)
                 else:
                     ax.set_axis_off()
-                    words = fill(plain(f"{lines[0].words}{': no poses recorded' if lines[0].run else ''}"), 40)
+                    words = fill(strip_math(f"{lines[0].words}{': no poses recorded' if lines[0].run else ''}"), 40)
                     ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center", color=MUTED)
             elif isinstance(plot, Plot):
                 panel(ax, plot, looks)
@@ -87,8 +114,8 @@ def draw(spec: PaperFigure, lines: Sequence[Line], looks: Mapping[str, Look]) ->
     return figure
 
 
-def _frame(ax: Axes, part: Panel, plot: Plot, lines: Sequence[Line]) -> None:
-    """Marks of the paper's panels beside their lines."""
+def _frame(ax: Axes, part: Panel, plot: Plot, lines: Sequence[PaperLine]) -> None:
+    """Draw the panel's labels, its caption and its band of allowed energy."""
     ax.set_xlabel(label(plot.x))
     ax.set_ylabel("" if part.continued else label(plot.y))
     ax.tick_params(labelleft=not part.continued)
@@ -99,19 +126,26 @@ def _frame(ax: Axes, part: Panel, plot: Plot, lines: Sequence[Line]) -> None:
     if part.band:
         _band(ax, plot, lines)
     starts = [float(t.y[0]) for t in plot.traces if t.solver]
-    for words, y in zip(part.labels, starts, strict=False):  # the first run's, one after the other
-        ax.annotate(words, (1.0, y), xycoords=("axes fraction", "data"), xytext=(4, 0), va="center",
-                    textcoords="offset points", annotation_clip=False)  # fmt: skip
+    for words, y in zip(part.labels, starts, strict=False):  # labels stand at the lines of the first run
+        ax.annotate(
+            words,
+            (1.0, y),
+            xycoords=("axes fraction", "data"),
+            xytext=(4, 0),
+            va="center",
+            textcoords="offset points",
+            annotation_clip=False,
+        )
 
 
-def _band(ax: Axes, plot: Plot, lines: Sequence[Line]) -> None:
-    """The allowed energy, shaded; in words where it is wider than the axis."""
-    record = next((r for r in records_of(lines) if r.energy_allowed_J > 0.0), None)
+def _band(ax: Axes, plot: Plot, lines: Sequence[PaperLine]) -> None:
+    """Shade the energies that the benchmark allows; say so in words if that is wider than the axis."""
+    record = next((r for r in list_records(lines) if r.energy_allowed_J > 0.0), None)
     if record is None:
         return
     low, high = (record.energy_start_J + s * record.energy_allowed_J for s in (-1.0, 1.0))
     if low < plot.y.low and high > plot.y.high:
         words = f"allowed: within {record.energy_allowed_J:g} J of the start, beyond this axis"
-        ax.text(0.02, 0.98, words, transform=ax.transAxes, va="top", color=MUTED, fontsize=small())
+        ax.text(0.02, 0.98, words, transform=ax.transAxes, va="top", color=MUTED, fontsize=note_size())
     else:
         ax.axhspan(max(low, plot.y.low), min(high, plot.y.high), color=MUTED, alpha=0.13, linewidth=0)

@@ -1,4 +1,4 @@
-"""Texts about the figures, ``paper/captions.json``: runs, how they ended, the judged claims, what is left open.
+"""Write ``paper/captions.json``: runs, how they ended, the judged claims and open points of each figure.
 
 Numbers that do not exist are null.
 """
@@ -9,14 +9,14 @@ from typing import Any
 
 import msgspec
 
+from ...harness.confined_paths import ConfinedPath, UnsafeFile
 from ...harness.files import LARGEST, FileError, to_json
-from ...harness.places import NotOwn, Place
 from ...harness.results.judgements import files
-from ...harness.results.judgements.claims import Claim
+from ...harness.results.judgements.claims import JudgedClaim
 from ..model import claim_words
 from ..model.curves import SPANS_SIGNED, SPANS_UPPER
 from .catalogue import PRINTED, Panel, PaperFigure
-from .lines import Line
+from .lines import PaperLine
 
 FOLDER, FILE = "paper", "captions.json"
 SPANS = (
@@ -24,38 +24,48 @@ SPANS = (
     f"logarithmic axes through the largest in each of {SPANS_UPPER}."
 )
 NUMBERS = (
-    "t_reached_s", "t_end_s", "steps", "energy_start_J", "energy_drift_max_J", "energy_drift_end_J", "phi_max",
-    "phi_dot_max", "position_error_max_m", "orientation_error_max_rad", "step_min_s", "step_max_s",
-)  # fmt: skip
+    "t_reached_s",
+    "t_end_s",
+    "steps",
+    "energy_start_J",
+    "energy_drift_max_J",
+    "energy_drift_end_J",
+    "phi_max",
+    "phi_dot_max",
+    "position_error_max_m",
+    "orientation_error_max_rad",
+    "step_min_s",
+    "step_max_s",
+)
 
 
 class CaptionRun(msgspec.Struct, frozen=True):
-    """A run asked for; without a ``run_id`` the results do not have it."""
+    """A requested run; its ``run_id`` is empty if the results do not have it."""
 
-    role: str  # of its solver, in the paper
+    role: str  # role of its solver in the paper
     solver: str
     asked: str  # its settings in words
     settings_id: str
     run_id: str = ""
     status: str = ""
-    reasons: tuple[str, ...] = ()  # why it is no success
-    numbers: dict[str, float | None] = {}  # those of its record, by column
+    reasons: tuple[str, ...] = ()  # why it is not a success
+    numbers: dict[str, float | None] = {}  # numbers of its record, by column
 
 
 class CaptionClaim(msgspec.Struct, frozen=True):
-    """A claim on the figure and its verdicts, each with how many settings it holds in; empty where there are none."""
+    """A claim on the figure with its verdicts and how many settings each holds in; empty if there are none."""
 
     id: str
     quote: str
     claim: str
     missing: str  # why it cannot be tested
-    tests: tuple[tuple[str, str], ...]  # measured, band
+    tests: tuple[tuple[str, str], ...]  # pairs of measured value and band
     paper: tuple[str, str]  # at the settings that the paper prints
     beyond: tuple[str, str]
 
 
 class Caption(msgspec.Struct, frozen=True):
-    """All that is said about a figure."""
+    """The texts about one figure."""
 
     number: int
     name: str
@@ -66,12 +76,12 @@ class Caption(msgspec.Struct, frozen=True):
     note: tuple[str, ...]
     runs: tuple[CaptionRun, ...]
     claims: tuple[CaptionClaim, ...]
-    claims_published: bool  # the results are not judged: verdicts are the published ones
+    claims_published: bool  # the verdicts are the published ones, since the results are not judged
     files: tuple[str, ...]
 
 
 class Captions(msgspec.Struct, frozen=True):
-    """The file."""
+    """The contents of ``captions.json``."""
 
     run: str
     commit: str
@@ -79,50 +89,59 @@ class Captions(msgspec.Struct, frozen=True):
 
 
 def read(folder: Path) -> tuple[Caption, ...]:
-    """Those of the figures made from the results in ``folder``; none where the file is not of this shape."""
+    """Read the captions of figures drawn from the results in ``folder``; none if the file has another format."""
     try:
-        return msgspec.json.decode((Place(folder) / FOLDER / FILE).read(LARGEST), type=Captions).figures
-    except NotOwn:
+        return msgspec.json.decode((ConfinedPath(folder) / FOLDER / FILE).read(LARGEST), type=Captions).figures
+    except UnsafeFile:
         raise
     except (OSError, ValueError, RecursionError):
         return ()
 
 
 def write(folder: Path, environment: Any, made: list[Caption], order: list[str]) -> None:
-    """Those made now, and those of other figures that were made before."""
+    """Write the new captions together with those of other figures drawn before."""
     new = {c.name for c in made}
     every = [*(c for c in read(folder) if c.name in order and c.name not in new), *made]
     figures = tuple(sorted(every, key=lambda c: order.index(c.name)))
     whole = Captions(str(environment.get("run") or folder.name), str(environment.get("commit", "")), figures)
-    (Place(folder) / FOLDER / FILE).write(to_json(whole, indent=1))
+    (ConfinedPath(folder) / FOLDER / FILE).write(to_json(whole, indent=1))
 
 
-def caption(figure: PaperFigure, lines: Sequence[Line], folder: Path, written: Sequence[str]) -> Caption:
-    """Caption of one figure; claims stand under the figure with the printed settings.
+def caption(figure: PaperFigure, lines: Sequence[PaperLine], folder: Path, written: Sequence[str]) -> Caption:
+    """Return the caption of one figure; ``written`` are the names of its files.
 
-    They are those judged by these results, or the published ones where there are none that can be read.
+    Claims are on the figure with the printed settings only. They are those judged by these results, or the published
+    ones if none can be read.
     """
     try:
-        judged = files.read_claims(Place(folder) / files.FOLDER)
+        judged = files.read_claims(ConfinedPath(folder) / files.FOLDER)
     except FileError:
         judged = None
     claims = files.read_claims(files.PUBLISHED) or () if judged is None else judged
     return Caption(
-        number=figure.number, name=figure.name, label=figure.label, section=figure.section, title=figure.title,
+        number=figure.number,
+        name=figure.name,
+        label=figure.label,
+        section=figure.section,
+        title=figure.title,
         panels=tuple(p.title for p in figure.panels() if p.title),
-        note=tuple(_note(figure, lines)), runs=tuple(map(_run, lines)),
+        note=tuple(_note(figure, lines)),
+        runs=tuple(map(_run, lines)),
         claims=tuple(_claim(c) for c in claims if figure.label == PRINTED and figure.number in c.figure),
-        claims_published=judged is None, files=tuple(written),
-    )  # fmt: skip
+        claims_published=judged is None,
+        files=tuple(written),
+    )
 
 
-def _claim(c: Claim) -> CaptionClaim:
+def _claim(c: JudgedClaim) -> CaptionClaim:
+    """Return a judged claim as the caption has it, in words."""
     tests = tuple((claim_words.format_measured(t), claim_words.band(t)) for t in c.tests)
     found = [(f.verdict, claim_words.condition_and_share(f)) if f else ("", "") for f in (c.paper, c.beyond)]
     return CaptionClaim(c.id, c.quote, c.claim, claim_words.describe_missing(c), tests, *found)
 
 
-def _note(figure: PaperFigure, lines: Sequence[Line]) -> list[str]:
+def _note(figure: PaperFigure, lines: Sequence[PaperLine]) -> list[str]:
+    """Return sentences on missing and failed runs, on what the paper does not print, and on how lines are reduced."""
     out = []
     for k in lines:
         run = k.run
@@ -140,7 +159,8 @@ def _note(figure: PaperFigure, lines: Sequence[Line]) -> list[str]:
     return out
 
 
-def _run(line: Line) -> CaptionRun:
+def _run(line: PaperLine) -> CaptionRun:
+    """Return a requested run as the caption has it: how it ended, and its numbers."""
     asked, run = line.asked, line.run
     what = line.role, asked.solver, asked.case, asked.settings_id
     if run is None:

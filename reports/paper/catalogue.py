@@ -1,4 +1,4 @@
-"""The paper's twelve figures as ``figures.toml`` has them: which runs and which panels."""
+"""Define the paper's twelve figures from ``figures.toml``: which runs and which panels they show."""
 
 import tomllib
 from collections.abc import Iterator
@@ -12,29 +12,29 @@ PRINTED, RECOMMENDED = "as printed", "recommended"  # labels of the suite ``pape
 
 
 @dataclass(frozen=True)
-class Pick:
-    """Runs of the suite ``paper``: all under a label that solve one variant with these solvers."""
+class RunSelection:
+    """A selection of runs of the suite ``paper``: one label, one variant and the given solvers."""
 
     label: str
     variant: str  # a problem with its parameters, e.g. heavy_top[t_end=1]
     solvers: tuple[str, ...]  # in the order of the legend
-    every: bool  # False: of each solver one, with the largest step (the printed one) or the smallest tolerance
+    every: bool  # False: one per solver, with the largest step (the printed one) or the smallest tolerance
 
 
 @dataclass(frozen=True)
 class Panel:
-    """Axes over time. ``of`` are names of series; each is drawn for every run of the figure."""
+    """A panel over time; each series named in ``of`` is drawn for every run of the figure."""
 
     title: str
     of: tuple[str, ...]
     axis: Axis
-    window: tuple[float, float] = (0.0, 0.0)  # [s]; that of the figure where the panel has none
-    tightest: bool = False  # of each solver the smallest tolerance alone
+    window: tuple[float, float] = (0.0, 0.0)  # [s]; the figure's window if the panel has none
+    tightest: bool = False  # draw each solver's smallest tolerance only
     exact: str = ""  # series of the reference
-    labels: tuple[str, ...] = ()  # beside the lines of several series
+    labels: tuple[str, ...] = ()  # labels beside the lines of several series
     band: bool = False  # the benchmark's limit on the energy error, shaded
-    continued: bool = False  # the panel before it, at another time: no letter of its own
-    width: int = 6  # of 12
+    continued: bool = False  # continues the panel before at another time, without its own letter
+    width: int = 6  # of 12 columns
 
 
 @dataclass(frozen=True)
@@ -47,28 +47,29 @@ class Sketch:
 
 @dataclass(frozen=True)
 class PaperFigure:
-    """One figure with the settings of one label; ``rows`` from the top, panels from the left."""
+    """A figure with the settings of one label; ``rows`` are from the top, panels from the left."""
 
-    number: int
-    label: str
+    number: int  # as in the paper
+    label: str  # the suite's label of its runs: PRINTED or RECOMMENDED
     section: str
     title: str
-    picks: tuple[Pick, ...]
+    picks: tuple[RunSelection, ...]
     rows: tuple[tuple[Panel | Sketch, ...], ...]
     not_printed: tuple[str, ...]  # settings that the paper does not give
-    height: float  # [in] of a row
+    height: float  # [in] height of a row
 
     @property
     def name(self) -> str:
-        """Name of its files."""
+        """The name of its files."""
         return f"fig{self.number:02d}" + ("" if self.label == PRINTED else f"-{self.label}")
 
     def panels(self) -> list[Panel | Sketch]:
+        """Return the panels and sketches of all rows, in reading order."""
         return [p for row in self.rows for p in row]
 
 
 def _read(given: dict[str, Any]) -> Iterator[PaperFigure]:
-    """The figures of the file, the printed one before the recommended one."""
+    """Yield the figures of the file, the printed one before the recommended one."""
     sketches = {name: Sketch(**v) for name, v in given["sketches"].items()}
     panels = {}
     for name, v in given["panels"].items():
@@ -82,7 +83,9 @@ def _read(given: dict[str, Any]) -> Iterator[PaperFigure]:
             (PRINTED, "printed", f.get("not_printed", ())),
             (RECOMMENDED, "recommended", f.get("recommended_not_printed", ())),
         ):
-            picks = tuple(Pick(of, f["variant"], tuple(solvers), every) for of, solvers, every in f.get(key, ()))
+            picks = tuple(
+                RunSelection(of, f["variant"], tuple(solvers), every) for of, solvers, every in f.get(key, ())
+            )
             words = tuple(given["not_printed"][k] for k in left_open)
             if picks:
                 height = f.get("height", 1.75)

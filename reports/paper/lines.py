@@ -1,6 +1,6 @@
-"""The panels of a figure as plots: the chosen runs' series in a window, and the exact motion in ink.
+"""Turn the panels of a figure into plots: the chosen runs' series in a window, and the exact motion in black.
 
-A run that a figure asks for and that is not in the results stays in the list, to be named.
+A requested run that is not in the results stays in the list, to be named.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -12,27 +12,31 @@ import numpy as np
 from ...harness.results.records import RunRecord
 from ...harness.results.series import Series
 from ...harness.types import StepControl
-from ..model.curves import Curve, log_limits, signed_curve, upper
-from ..model.results import Run, format_name, group_by
+from ..model.curves import Curve, find_maxima, log_limits, signed_curve
+from ..model.results import StoredRun, format_name, group_by
 from ..model.words import number
 from ..plots.laws import value_limits
 from ..plots.lines import all_lines, describe_end, shared_options
-from ..plots.spec import Axis, Plot, Trace, end_of
-from .catalogue import FIGURES, Panel, PaperFigure, Pick
+from ..plots.spec import Axis, Plot, Trace, choose_end_mark
+from .catalogue import FIGURES, Panel, PaperFigure, RunSelection
 
-NOTHING = 1e-9  # of the problem's size: displacements below it are rounding, and give no scale
-CUT = 30.0  # of the energy that the problem has to exchange, or of its size: what is beyond is cut at the edge
-START = 0.01  # of the window: first steps of error-controlled solvers are tiny and do not stretch the axis
+NOTHING = 1e-9  # fraction of the problem's size: smaller displacements are rounding
+CUT = 30.0  # axis limit, in units of the exchangeable energy or of the problem's size
+START = 0.01  # fraction of the window whose tiny first steps (error control) do not stretch the axis
 ROLES = {
-    "gc_weak_form": "ODE-GC", "gc_augmented_lagrangian": "ODE-GC (AL)", "rk45_strong_form": "ODE-45",
-    "ida_index1": "DAE-FI", "ndf_index1": "DAE-SE", "ida_index3": "index 3",
-}  # fmt: skip
+    "gc_weak_form": "ODE-GC",
+    "gc_augmented_lagrangian": "ODE-GC (AL)",
+    "rk45_strong_form": "ODE-45",
+    "ida_index1": "DAE-FI",
+    "ndf_index1": "DAE-SE",
+    "ida_index3": "index 3",
+}
 MISSING = "not in these results"
 DIRECTIONS = {"a": "c_R = a/(a·a)", "translation": "c_R = (e_R, 0)", "mass": "c_R by mass"}  # Eq. (31)
 
 
-class Asked(Protocol):
-    """A run of the suite ``paper``; reports read no suites, the caller hands them over."""
+class RequestedRun(Protocol):
+    """A run of the suite ``paper``, provided by the caller, since reports do not read suites."""
 
     @property
     def problem(self) -> str: ...
@@ -53,24 +57,24 @@ class Asked(Protocol):
 
 
 @dataclass(frozen=True)
-class Line:
-    """A run asked for and the one found, with its series; None where the results have none with these settings."""
+class PaperLine:
+    """A requested run and the one found, with its series; None if the results have none with these settings."""
 
-    asked: Asked
-    run: Run | None
-    settings: str  # step or tolerance, and in what else it differs from the figure's other runs of the solver
+    asked: RequestedRun
+    run: StoredRun | None
+    settings: str  # step or tolerance, and other differences from the figure's runs of the solver
     series: Series | None = None
     dash: int = 0
 
     @property
     def role(self) -> str:
-        """Whose part in the paper the solver plays: ODE-GC by the label of its record, which has the gauge."""
+        """The solver's name in the paper, with the gauge for ODE-GC as the record's label has it."""
         role = ROLES[self.asked.solver]
         return (role.startswith("ODE-GC") and self.run and self.run.record.paper_label) or role
 
     @property
     def words(self) -> str:
-        """The paper's name, ours, the settings, and how it ended or that the run or its series is missing."""
+        """The paper's name, ours, the settings, and how the run ended or that it or its series is missing."""
         words = f"{self.role} ({self.asked.solver}), {self.settings}"
         if self.run is None:
             return f"{words}: {MISSING}"
@@ -79,9 +83,16 @@ class Line:
         return f"{words}{describe_end(self.run)}"
 
 
-def choose(picks: Iterable[Pick], specs: Iterable[Asked], runs: Iterable[Run],
-           read: Callable[[Run], Series | None] = lambda run: None) -> list[Line]:  # fmt: skip
-    """In the order of the picks, with the series that ``read`` gives; of two runs with the same settings the later."""
+def choose(
+    picks: Iterable[RunSelection],
+    specs: Iterable[RequestedRun],
+    runs: Iterable[StoredRun],
+    read: Callable[[StoredRun], Series | None] = lambda run: None,
+) -> list[PaperLine]:
+    """Return a line per requested run in the order of the picks; of two runs with equal settings the later is used.
+
+    ``specs`` are the runs of the suite, ``runs`` those found; ``read`` returns the series of a run.
+    """
     known = list(specs)
     asked = [s for p in picks for s in select_runs(p, known)]
     there = {r.record.settings_id: r for r in sorted(runs, key=lambda r: r.record.finished)}
@@ -90,13 +101,13 @@ def choose(picks: Iterable[Pick], specs: Iterable[Asked], runs: Iterable[Run],
     dash = {k.run.record.run_id: k.dash for k in all_lines(drawn, shared_options(drawn))}
     series = {run.record.run_id: read(run) for run in drawn}
     lines = [(s, run, _settings(s, asked), run.record.run_id if run else "") for s, run in found]
-    return [Line(s, run, words, series.get(name), dash.get(name, 0)) for s, run, words, name in lines]
+    return [PaperLine(s, run, words, series.get(name), dash.get(name, 0)) for s, run, words, name in lines]
 
 
-def select_runs(pick: Pick, specs: Sequence[Asked]) -> list[Asked]:
-    """The runs of the suite that ``pick`` means, solver by solver."""
+def select_runs(pick: RunSelection, specs: Sequence[RequestedRun]) -> list[RequestedRun]:
+    """Return the runs of the suite that ``pick`` selects, solver by solver."""
     there = [s for s in specs if s.label == pick.label and format_name(s.problem, s.parameters) == pick.variant]
-    out: list[Asked] = []
+    out: list[RequestedRun] = []
     for solver in pick.solvers:
         own = [s for s in there if s.solver == solver]
         out += own if pick.every else own and [min(own, key=lambda s: s.control.rtol or -(s.control.dt or 0.0))]
@@ -104,11 +115,11 @@ def select_runs(pick: Pick, specs: Sequence[Asked]) -> list[Asked]:
 
 
 def series_magnified(
-    specs: Sequence[Asked], duration: Callable[[Asked], float], figures: Iterable[PaperFigure] = FIGURES
+    specs: Sequence[RequestedRun], duration: Callable[[RequestedRun], float], figures: Iterable[PaperFigure] = FIGURES
 ) -> dict[str, set[str]]:
-    """The series of each run, by its settings_id, of which a panel draws less than half of the ``duration`` [s].
+    """Return by settings_id the series of which a panel draws less than half of the ``duration`` [s].
 
-    Of a whole run the envelope of its series is as good as every step, of a small part of it there are too few spans.
+    The stored envelope of a series suffices to draw a whole run, but has too few spans for a small part of it.
     """
     out: dict[str, set[str]] = {}
     for figure in figures:
@@ -119,7 +130,8 @@ def series_magnified(
     return out
 
 
-def _settings(asked: Asked, others: Sequence[Asked]) -> str:
+def _settings(asked: RequestedRun, others: Sequence[RequestedRun]) -> str:
+    """Describe a run's step or tolerance, and its label and direction where ``others`` of its solver have another."""
     c = asked.control
     own = [asked, *(s for s in others if s.solver == asked.solver)]
     words = zip(*((s.label, DIRECTIONS[s.options.get("direction", "a")]) for s in own), strict=True)
@@ -127,8 +139,8 @@ def _settings(asked: Asked, others: Sequence[Asked]) -> str:
     return ", ".join([f"dt = {c.dt:g} s" if c.dt is not None else f"rtol = {c.rtol:g}", *differs])
 
 
-def select_lines(panel: Panel, lines: Sequence[Line]) -> list[Line]:
-    """Those that the panel asks for."""
+def select_lines(panel: Panel, lines: Sequence[PaperLine]) -> list[PaperLine]:
+    """Return the lines that the panel shows."""
     if not panel.tightest:
         return list(lines)
     asked = group_by((k.asked for k in lines), lambda a: a.solver)
@@ -136,18 +148,18 @@ def select_lines(panel: Panel, lines: Sequence[Line]) -> list[Line]:
     return [k for k in lines if (k.asked.control.rtol or 0.0) == least[k.asked.solver]]
 
 
-def plot_of(panel: Panel, lines: Sequence[Line]) -> Plot:
-    """All of it but its letter; the caption says what a line does not show by itself."""
+def make_plot(panel: Panel, lines: Sequence[PaperLine]) -> Plot:
+    """Return the plot of a panel without its letter; the caption notes what lines do not show."""
     found = [(k, curve(k, name, panel)) for k in select_lines(panel, lines) for name in panel.of]
     made = [(k, c) for k, c in found if c is not None and len(c)]
-    drawn, exact, known = [c for _, c in made], exact_of(panel, lines), records_of(lines)
+    drawn, exact, known = [c for _, c in made], choose_exact(panel, lines), list_records(lines)
     units = {k.series.units.get(name, "") for k in lines if k.series is not None for name in panel.of}
-    low, high = limits_of(panel, known, units, drawn, exact)
+    low, high = find_limits(panel, known, units, drawn, exact)
     traces = []
     for k, c in made:
         run = k.run
         inside = run and run.record.t_reached_s <= panel.window[1] * (1.0 + 1e-9)
-        end = end_of(run.status) if run and inside and (run.has_stopped or len(panel.of) == 1) else ""
+        end = choose_end_mark(run.status) if run and inside and (run.has_stopped or len(panel.of) == 1) else ""
         solver = k.asked.solver
         traces.append(Trace(k.words, c.t, np.clip(c.y, low, high), solver=solver, dash=k.dash, end=end))
     if exact is not None:
@@ -158,37 +170,41 @@ def plot_of(panel: Panel, lines: Sequence[Line]) -> Plot:
     return Plot(panel.title, panel.title, words, time, replace(panel.axis, low=low, high=high), traces)
 
 
-def curve(line: Line, name: str, panel: Panel) -> Curve | None:
-    """A series in the panel's window, made small with its peaks kept; magnitudes on a logarithmic axis."""
+def curve(line: PaperLine, name: str, panel: Panel) -> Curve | None:
+    """Return a line's series ``name`` in the panel's window, reduced with its peaks kept; None if not recorded.
+
+    On a logarithmic axis it holds magnitudes.
+    """
     if line.series is None or name not in line.series:
         return None
     t, a = line.series.points(name)
     if name == "dt" and line.run is not None and not line.run.has_stopped and len(t) > 2:
-        t, a = t[:-1], a[:-1]  # the last step may be cut to end at t_end; of a failure it is the point
-    return within(t, a, panel.window, largest=panel.axis.log and name != "dt")
+        t, a = t[:-1], a[:-1]  # the last step may be cut to end at t_end; for a failure it matters
+    return clip_points(t, a, panel.window, largest=panel.axis.log and name != "dt")
 
 
-def within(t: np.ndarray, a: np.ndarray, window: tuple[float, float], *, largest: bool = False) -> Curve:
-    """Rows of the window, and one beyond each edge, as far as it goes; with ``largest`` the peaks of |a| alone."""
+def clip_points(t: np.ndarray, a: np.ndarray, window: tuple[float, float], *, largest: bool = False) -> Curve:
+    """Return the points of the window and one beyond each edge; with ``largest`` the peaks of |a| only."""
     first = max(int(np.searchsorted(t, window[0])) - 1, 0)
     last = int(np.searchsorted(t, window[1], side="right")) + 1
-    kind = upper if largest else signed_curve
+    kind = find_maxima if largest else signed_curve
     cut = kind(t[first:last] - window[0], a[first:last], window[1] - window[0])
     return Curve(cut.t + window[0], cut.y)
 
 
-def exact_of(panel: Panel, lines: Sequence[Line]) -> Curve | None:
-    """The reference's series from the line that has it to the latest time."""
+def choose_exact(panel: Panel, lines: Sequence[PaperLine]) -> Curve | None:
+    """Return the reference's series from the line in which it is known for the longest time; None if none has it."""
     of = [k.series for k in select_lines(panel, lines) if k.series is not None]
     found = [s for s in of if panel.exact and panel.exact in s]
     drawn = [s.points(panel.exact) for s in found]
     longest = max(drawn, key=lambda p: np.max(p[0], where=np.isfinite(p[1]), initial=-np.inf), default=None)
-    return None if longest is None else within(*longest, panel.window)
+    return None if longest is None else clip_points(*longest, panel.window)
 
 
-def _remark(panel: Panel, drawn: Sequence[Curve], limits: tuple[float, float], records: Sequence[RunRecord],
-            units: set[str]) -> str:  # fmt: skip
-    """Notes on what a line does not show by itself: rounding, values beyond the axis; that there is none."""
+def _remark(
+    panel: Panel, drawn: Sequence[Curve], limits: tuple[float, float], records: Sequence[RunRecord], units: set[str]
+) -> str:
+    """Note what lines do not show: rounding, values beyond the axis, or that no run recorded the quantity."""
     if not drawn:
         return "none of the runs recorded this"
     top = max(float(np.abs(c.y).max()) for c in drawn)
@@ -200,14 +216,15 @@ def _remark(panel: Panel, drawn: Sequence[Curve], limits: tuple[float, float], r
     return f"beyond the axis: to {number(top)}" if beyond else ""
 
 
-def records_of(lines: Sequence[Line]) -> list[RunRecord]:
-    """Records of the lines that have a run."""
+def list_records(lines: Sequence[PaperLine]) -> list[RunRecord]:
+    """Return the records of the lines that have a run."""
     return [k.run.record for k in lines if k.run]
 
 
-def limits_of(panel: Panel, records: Sequence[RunRecord], units: set[str], drawn: Sequence[Curve],
-              exact: Curve | None) -> tuple[float, float]:  # fmt: skip
-    """Lowest and highest value shown: of all that was recorded, unless one line would hide the others."""
+def find_limits(
+    panel: Panel, records: Sequence[RunRecord], units: set[str], drawn: Sequence[Curve], exact: Curve | None
+) -> tuple[float, float]:
+    """Return the lowest and highest value shown: the range of all data, unless one line would hide the others."""
     size = _largest(records, "length_scale_m", 1.0)
     if not drawn:
         return (1e-3, 1.0) if panel.axis.log else (0.0, 1.0)
@@ -224,13 +241,13 @@ def limits_of(panel: Panel, records: Sequence[RunRecord], units: set[str], drawn
 
 
 def is_rounding(records: Sequence[RunRecord], units: set[str], drawn: Sequence[Curve]) -> bool:
-    """A length that stays zero but for rounding."""
+    """Return whether what is drawn is a length that stays zero to rounding."""
     top = max(float(np.abs(c.y).max()) for c in drawn)
     return units == {"m"} and top < NOTHING * _largest(records, "length_scale_m", 1.0)
 
 
 def _step_limits(panel: Panel, drawn: Sequence[Curve]) -> tuple[float, float]:
-    """Every step but the first ones; the last of each line always, which of a failure is the point."""
+    """Return limits for every step but the first ones; each line's last step, of interest in a failure, is included."""
     late = panel.window[0] + START * (panel.window[1] - panel.window[0])
     kept = np.concatenate([np.append(c.y[c.t > late], c.y[-1]) for c in drawn if len(c)])
     kept = kept[kept > 0.0]
@@ -238,4 +255,5 @@ def _step_limits(panel: Panel, drawn: Sequence[Curve]) -> tuple[float, float]:
 
 
 def _largest(records: Sequence[RunRecord], column: str, default: float) -> float:
+    """Return the largest positive value of a column of the records, else ``default``."""
     return max((v for r in records if (v := getattr(r, column)) > 0.0), default=default)

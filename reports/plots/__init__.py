@@ -1,1 +1,1 @@
-"""How curves are drawn: one look, in the browser and on paper."""
+"""Draw curves with one look, in the browser and on paper."""

@@ -1,8 +1,7 @@
-"""Plots as plain data for a page (``assets/plots.js`` draws them), and data as scripts that load from a disk.
+"""Write plots as plain data for a page (``assets/plots.js`` draws them), and data as scripts that load from a disk.
 
-A bundle is what ``MBS.unpack`` of ``assets/site.js`` takes apart: the length of its JSON in four bytes, the JSON, then
-the bytes of its arrays, all deflated; an array is ``{"kind", "at", "n"}`` there, with what it takes to undo its steps.
-
+A bundle, decoded by ``MBS.unpack`` of ``assets/site.js``, holds the length of its JSON in four bytes, the JSON, and the
+bytes of its arrays, all deflated; an array is ``{"kind", "at", "n"}`` there, with the values that undo its steps.
 Points keep their numbers to seven digits. Curves over time, of which a report has thousands, are stored in steps: times
 and values on linear axes to 1/8190 of their own range, values on logarithmic ones to a tenth of a percent.
 """
@@ -17,15 +16,18 @@ from typing import Any
 import numpy as np
 
 from ...harness.files import to_json
-from .spec import Axis, Look, Plot, Trace
+from .spec import Axis, LineStyle, Plot, Trace
 
-STEPS = 4095  # of a linear axis: 1/8190 of a curve's own range at most, a twentieth of a pixel
-LOG_STEP = 0.002  # of a logarithmic one: a tenth of a percent of the value at most
-MOST_STEPS = 65534  # 0 is for zeros
+STEPS = 4095  # steps of a linear axis: errors are at most 1/8190 of a curve's range, a twentieth of a pixel
+LOG_STEP = 0.002  # step of a logarithmic axis: errors are at most a tenth of a percent
+MOST_STEPS = 65534  # 0 is reserved for zeros
 
 
 def bundle(name: str, value: Any) -> str:
-    """A script that sets ``window.MBS[name]`` to the deflated bundle of ``value``; arrays or ``Steps`` as leaves."""
+    """Return a script that sets ``window.MBS[name]`` to the deflated bundle of ``value``.
+
+    Leaves of ``value`` may be arrays or ``Steps``.
+    """
     parts = bytearray()
     head = text(_leaves(value, parts)).encode("utf-8")
     whole = len(head).to_bytes(4, "little") + head + parts
@@ -33,14 +35,17 @@ def bundle(name: str, value: Any) -> str:
 
 
 class Steps:
-    """An array to be stored in steps of two bytes: even ones, or even in the logarithm, with zeros apart."""
+    """An array stored in equal steps of two bytes, of its values or (``log``) their logarithms; zeros are kept."""
 
     def __init__(self, values: np.ndarray, *, log: bool = False) -> None:
         self.values = np.asarray(values, dtype=float)
         self.log = log and bool(np.all(self.values >= 0.0))
 
     def count_steps(self) -> tuple[np.ndarray, dict[str, float]]:
-        """Whole numbers below 65536, and how to undo them."""
+        """Return each value as a whole number of steps below 65536, and the numbers by which a page undoes that.
+
+        Both are empty for values that are not finite or absent, which are stored as they are.
+        """
         v = self.values
         if not v.size or not np.all(np.isfinite(v)):
             return np.zeros(0, dtype=np.int64), {}
@@ -58,7 +63,7 @@ class Steps:
 
 
 def _leaves(value: Any, parts: bytearray) -> Any:
-    """The value with its arrays put into ``parts``."""
+    """Return ``value`` with each array replaced by its description; the array's bytes are appended to ``parts``."""
     if isinstance(value, Steps):
         counts, undo = value.count_steps()
         packed = undo or not value.values.size
@@ -73,7 +78,10 @@ def _leaves(value: Any, parts: bytearray) -> Any:
 
 
 def _store_array(array: np.ndarray, parts: bytearray) -> dict[str, Any]:
-    """Floats as float32, counts as differences; low bytes before high ones, which deflates better."""
+    """Append the bytes of an array to ``parts``, and return its kind, its place there and its length.
+
+    Floats become float32 and counts differences, low bytes first, which deflates better.
+    """
     if array.dtype.kind == "f":
         with np.errstate(over="ignore"):
             kind, plain = "f4", array.astype("<f4")
@@ -89,35 +97,57 @@ def _store_array(array: np.ndarray, parts: bytearray) -> dict[str, Any]:
 
 
 def script(name: str, value: Any) -> str:
-    """A script that sets ``window.MBS[name]``."""
+    """Return a script that sets ``window.MBS[name]`` to ``value``, as JSON."""
     return f"(window.MBS ||= {{}})[{json.dumps(name)}] = {text(value)};\n"
 
 
 def text(value: Any) -> str:
-    """Strict JSON, safe inside a script; NaN and infinities become null."""
+    """Return strict JSON that is safe inside a script; NaN and infinities become null."""
     return to_json(value).replace("\u2028", "\\u2028").replace("\u2029", "\\u2029").replace("</", "<\\/")
 
 
-def for_browser(plots: Sequence[Plot], looks: Mapping[str, Look]) -> dict[str, Any]:
-    """Short names, nothing that is a default; texts that come again and again by their number."""
+def shorten_plots(plots: Sequence[Plot], looks: Mapping[str, LineStyle]) -> dict[str, Any]:
+    """Return the plots as ``assets/plots.js`` reads them, in short names without defaults; repeated texts are numbered.
+
+    ``looks`` gives the colour and marker of each solver.
+    """
     texts: dict[str, int] = {}
-    found = {p.name: {"title": p.finding or p.title, "x": _axis(p.x), "y": _axis(p.y),
-                      "traces": [_trace(t, looks, p, texts) for t in p.traces],
-                      "marks": {k: list(v) for k, v in p.marks.items()}, "focus": list(p.focus),
-                      **({"triangles": [vars(t) for t in p.triangles]} if p.triangles else {}),
-                      "name": p.title} for p in plots}  # fmt: skip
+    found = {
+        p.name: {
+            "title": p.finding or p.title,
+            "x": _axis(p.x),
+            "y": _axis(p.y),
+            "traces": [_trace(t, looks, p, texts) for t in p.traces],
+            "marks": {k: list(v) for k, v in p.marks.items()},
+            "focus": list(p.focus),
+            **({"triangles": [vars(t) for t in p.triangles]} if p.triangles else {}),
+            "name": p.title,
+        }
+        for p in plots
+    }
     return {"texts": list(texts), "plots": found}
 
 
 def _axis(axis: Axis) -> dict[str, Any]:
+    """Return the fields of an axis that are set, without its symbol for print."""
     return {k: v for k, v in vars(axis).items() if v == v and v != "" and v is not False and k != "symbol"}
 
 
-def _trace(trace: Trace, looks: Mapping[str, Look], plot: Plot, texts: dict[str, int]) -> dict[str, Any]:
+def _trace(trace: Trace, looks: Mapping[str, LineStyle], plot: Plot, texts: dict[str, int]) -> dict[str, Any]:
+    """Return the fields of a trace that are set, with texts as their numbers in ``texts``, to which new ones are added.
+
+    Curves of a plot whose time axis is linked to others are stored in steps.
+    """
     rough = bool(plot.x.link)
     out: dict[str, Any] = {"name": trace.name}
-    for key, axis in (("x", plot.x), ("left", plot.x), ("right", plot.x),
-                      ("y", plot.y), ("low", plot.y), ("high", plot.y)):  # fmt: skip
+    for key, axis in (
+        ("x", plot.x),
+        ("left", plot.x),
+        ("right", plot.x),
+        ("y", plot.y),
+        ("low", plot.y),
+        ("high", plot.y),
+    ):
         values = getattr(trace, key)
         if values is not None:
             out[key] = Steps(values, log=axis.log) if rough else np.asarray(values)

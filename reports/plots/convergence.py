@@ -1,4 +1,4 @@
-"""Error against step, for print: the ladders of every method, with slope triangles of the orders that they show."""
+"""Plot error against step for print: the ladders of every method, with slope triangles of their orders."""
 
 from ..model.accuracy import measure_for
 from ..model.results import Variant
@@ -11,12 +11,12 @@ STEP = Axis("step, or mean step under error control", "s", log=True)
 
 
 def convergence_plots(variant: Variant) -> list[Plot]:
-    """A plot for each error of ``SHOWN`` in which some method has enough steps for an order."""
+    """Return a plot against step for each error of ``SHOWN`` in which some method has enough steps for an order."""
     measure, points, out = measure_for(variant.runs), list_points(variant), list[Plot]()
     for error in SHOWN:
         own = [p for p in points if p.drawable(error, "step") and p.works["step"] > 0.0]
         traces = join_ladders(own, "step", error)
-        ladders = [t for t in traces if t.mode != "markers"]  # markers alone are of runs that stopped
+        ladders = [t for t in traces if t.mode != "markers"]  # runs that stopped are drawn as markers only
         if not any(len({*t.x}) >= LADDER for t in ladders):
             continue
         what, unit = (measure.what, measure.unit) if error == "error" and measure else ERRORS[error]

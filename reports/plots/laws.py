@@ -1,4 +1,4 @@
-"""Curves over time: the laws that the exact motion keeps, the step, errors, observables, invariants."""
+"""Plot curves over time: the laws that the exact motion keeps, the step, errors, observables, invariants."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -8,21 +8,21 @@ import numpy as np
 
 from ...harness.results.records import RunRecord
 from ...harness.types import ALLOWED, Law, Status
-from ..model.accuracy import judged_until
-from ..model.curves import SPANS_UPPER, Curve, log_limits, span
-from ..model.motion import Motion, motion_of
-from ..model.results import Results, Run
+from ..model.accuracy import find_judged_end
+from ..model.curves import SPANS_UPPER, Curve, find_range, log_limits
+from ..model.motion import MotionCurves, read_curves
+from ..model.results import StoredResults, StoredRun
 from ..model.words import number, time, unit
 from .lines import Line, all_lines, shared_options, traces
 from .spec import MOST, Axis, Chapter, Plot, Trace
 
-BLOWN_UP = 1e-9  # a reference smaller than this part of what is shown is zero: it gives no scale
+BLOWN_UP = 1e-9  # a reference below this fraction of the shown range is zero and gives no scale
 LIMITS: Mapping[Law, tuple[str, Callable[[RunRecord], float]]] = {
     Law.ENERGY: ("J", lambda r: ALLOWED[Law.ENERGY] * r.energy_scale_J),
     Law.CONSTRAINT: ("m", lambda r: r.phi_limit_m),
     Law.CONSTRAINT_RATE: ("m/s", lambda r: r.phi_dot_limit_m_per_s),
 }
-ALIKE = 0.01  # limits of runs that differ by less are one line
+ALIKE = 0.01  # relative difference below which limits of runs are one line
 JUDGED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
 
 
@@ -30,32 +30,32 @@ JUDGED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
 class Drawing:
     """The data that all plots over time of a problem share."""
 
-    runs: Sequence[Run]  # all runs of the problem: they give the scales
+    runs: Sequence[StoredRun]  # all runs of the problem, which give the scales
     lines: Sequence[Line]
-    motions: Mapping[str, Motion]
+    motions: Mapping[str, MotionCurves]
     spans: int = SPANS_UPPER
     focus: tuple[str, ...] = ()  # solvers in colour
-    label: str = ""  # of the runs that findings are about; all where no line has it
+    label: str = ""  # label of the runs that findings describe; all runs if no line has it
 
     @property
     def largest(self) -> str:
-        """The meaning of a point of a magnitude."""
+        """The words that say which value a point of a magnitude shows."""
         return f"largest in each of {self.spans} spans of time"
 
     @property
     def axis(self) -> Axis:
-        """To the end of the longest run."""
+        """The time axis up to the longest end time of the runs."""
         ends = [r.t_end_s for c in self.runs if (r := c.record).t_end_s == r.t_end_s]
         return Axis("t", "s", low=0.0, high=1.02 * max(ends, default=1.0), link="time", symbol="t")
 
     @property
     def known_axis(self) -> Axis:
-        """As far as the exact motion is known."""
+        """The time axis up to the end of the longest reference."""
         ends = [r.reference_horizon_s for c in self.runs if (r := c.record).reference and r.reference_horizon_s > 0.0]
         return replace(self.axis, high=min(self.axis.high, 1.02 * max(ends, default=math.inf)))
 
     def find_curves(self, kind: str) -> dict[str, str]:
-        """Names of curves that begin with ``kind``, without it, with their units."""
+        """Return the curves whose names begin with ``kind``: the rest of the name, and the unit."""
         out: dict[str, str] = {}
         for m in self.motions.values():
             for name in (n for n in m.curves if n.startswith(kind)):
@@ -63,30 +63,51 @@ class Drawing:
         return out
 
     def longest(self, name: str) -> Curve | None:
-        """The one that goes on to the latest time: a run that stopped early has as many points in less of it."""
+        """Return of all runs' curves of that name the one that ends last; None if no run has it."""
         found = (m.curves[name] for m in self.motions.values() if name in m.curves)
         return max(found, key=lambda c: float(c.t[-1]), default=None)
 
     def match_lines(self, name: str, lines: Iterable[Line]) -> list[tuple[Line, Curve]]:
-        """The lines that have the curve, with it."""
+        """Return the lines that have the curve, each with it."""
         found = ((line, self.motions[line.run.record.run_id].curves.get(name)) for line in lines)
         return [(line, c) for line, c in found if c is not None]
 
     def extremes(self, name: str, until: float = math.inf) -> list[tuple[float, str]]:
-        """The smallest and the largest of the main lines' largest values, with their solvers; one of a single line."""
+        """Return the smallest and largest peak up to ``until`` [s] of the solvers' finest runs, each with its solver.
+
+        Runs under the drawing's label are compared if it has any; a single line gives one value.
+        """
         main = [line for line in self.lines if line.main]
         own = [line for line in main if line.run.record.label == self.label] or main
-        found = [(float(np.max(c.y[c.t <= until], initial=0.0)), line.run.record.solver)
-                 for line, c in self.match_lines(name, own)]  # fmt: skip
+        found = [
+            (float(np.max(c.y[c.t <= until], initial=0.0)), line.run.record.solver)
+            for line, c in self.match_lines(name, own)
+        ]
         return [min(found), max(found)][: len(found)] if found else []
 
     def scale(self, column: str) -> float:
+        """Return the largest value of a column of the records over all runs of the problem; 1 if none has it."""
         values = [getattr(c.record, column) for c in self.runs]
         return max((v for v in values if v == v), default=1.0)
 
-    def log(self, curve: str, name: str, title: str, caption: str, axis: Axis, scale: float,
-            extra: Sequence[Trace] = (), t: Axis | None = None, until: float = math.inf) -> Iterable[Plot]:  # fmt: skip
-        """A quantity of one sign over time; no plot when no run has it."""
+    def log(
+        self,
+        curve: str,
+        name: str,
+        title: str,
+        caption: str,
+        axis: Axis,
+        scale: float,
+        extra: Sequence[Trace] = (),
+        t: Axis | None = None,
+        until: float = math.inf,
+    ) -> Iterable[Plot]:
+        """Yield the logarithmic plot of the nonnegative quantity ``curve`` over time; none if no run has it.
+
+        ``name``, ``title``, ``caption`` and ``axis`` are the plot's; values far below or above ``scale`` are cut.
+        ``extra`` are traces such as a limit, ``t`` replaces the time axis, and peaks after ``until`` [s] do not count
+        in the plot's title.
+        """
         drawn = self.match_lines(curve, self.lines)
         if drawn:
             low, high = log_limits([c for _, c in drawn], scale)
@@ -99,45 +120,84 @@ class Drawing:
             finding = f"{title} at the finest settings: {ends}"
             focus = tuple(dict.fromkeys([*(who for _, who in found), *self.focus]))[:MOST]
             axis = replace(axis, log=True, low=low, high=high)
-            yield Plot(name, title, caption, t or self.axis, axis, [*own, *extra], focus=focus if self.focus else (),
-                       finding=finding if found else "")  # fmt: skip
+            yield Plot(
+                name,
+                title,
+                caption,
+                t or self.axis,
+                axis,
+                [*own, *extra],
+                focus=focus if self.focus else (),
+                finding=finding if found else "",
+            )
 
 
-def draw_runs(results: Results, runs: Sequence[Run], among: Sequence[Run]) -> Drawing:
-    """Every run of ``runs`` as a line; ``among`` are all runs of the problem."""
-    motions = {c.record.run_id: motion_of(c, results.readable_series(c)) for c in runs}
+def draw_runs(results: StoredResults, runs: Sequence[StoredRun], among: Sequence[StoredRun]) -> Drawing:
+    """Return the drawing with a line for each of ``runs``; ``among`` are all runs of the problem, for the scales."""
+    motions = {c.record.run_id: read_curves(c, results.readable_series(c)) for c in runs}
     return Drawing(among, all_lines(runs, shared_options(runs)), motions)
 
 
 def laws(d: Drawing) -> Chapter | None:
-    """Energy error, |phi|, |phi_dot| and step."""
+    """Return plots of energy error, |phi|, |phi_dot| and step; None if no run has any of them."""
     energy, length = d.scale("energy_scale_J"), d.scale("length_scale_m")
     limits = {law: limit([line.run for line in d.lines], law, d.axis.high) for law in LIMITS}
-    return _chapter("Laws and step", "Quantities that the exact motion conserves, and the accepted steps.", [
-        *d.log("energy_error", "energy", "Energy error",
-               f"Magnitude, {d.largest}; the work of dampers, loads, user forces and drives is subtracted. Above its "
-               "limit a run is wrong.", Axis("|E − E₀|", "J", symbol="|E-E_0|"), energy, limits[Law.ENERGY]),
-        *d.log("phi_norm", "phi", "Constraints",
-               f"Norm of the constraint residual, {d.largest}; axis rows have no unit and count as metres.",
-               Axis("|φ|", "m", symbol=r"\|\phi\|"), length, limits[Law.CONSTRAINT]),
-        *d.log("phi_dot_norm", "phi-dot", "Constraint rates", f"Norm of its rate, {d.largest}.",
-               Axis("|φ̇|", "m/s", symbol=r"\|\dot\phi\|"), length, limits[Law.CONSTRAINT_RATE]),
-        *d.log("dt", "step", "Step", "Median of each span, in a band from smallest to largest.",
-               Axis("Δt", "s", symbol=r"\Delta t"), d.axis.high),
-    ])  # fmt: skip
+    return _chapter(
+        "Laws and step",
+        "Quantities that the exact motion conserves, and the accepted steps.",
+        [
+            *d.log(
+                "energy_error",
+                "energy",
+                "Energy error",
+                f"Magnitude, {d.largest}; the work of dampers, loads, user forces and drives is subtracted. Above its "
+                "limit a run is wrong.",
+                Axis("|E − E₀|", "J", symbol="|E-E_0|"),
+                energy,
+                limits[Law.ENERGY],
+            ),
+            *d.log(
+                "phi_norm",
+                "phi",
+                "Constraints",
+                f"Norm of the constraint residual, {d.largest}; axis rows have no unit and count as metres.",
+                Axis("|φ|", "m", symbol=r"\|\phi\|"),
+                length,
+                limits[Law.CONSTRAINT],
+            ),
+            *d.log(
+                "phi_dot_norm",
+                "phi-dot",
+                "Constraint rates",
+                f"Norm of its rate, {d.largest}.",
+                Axis("|φ̇|", "m/s", symbol=r"\|\dot\phi\|"),
+                length,
+                limits[Law.CONSTRAINT_RATE],
+            ),
+            *d.log(
+                "dt",
+                "step",
+                "Step",
+                "Median of each span, in a band from smallest to largest.",
+                Axis("Δt", "s", symbol=r"\Delta t"),
+                d.axis.high,
+            ),
+        ],
+    )
 
 
 def errors(d: Drawing) -> Chapter | None:
-    """Distance from the exact motion."""
-    length, until, own = d.scale("length_scale_m"), judged_until(d.runs), d.longest("reference_own_error")
+    """Return plots of the distance from the exact motion; None if no run has any of them."""
+    length, until, own = d.scale("length_scale_m"), find_judged_end(d.runs), d.longest("reference_own_error")
     floor = [] if own is None else [Trace("the reference's stated error", own.t, own.y, dash=2)]
     far = f"Worst body, {d.largest}, up to the end of the reference."
     known = d.known_axis, until or math.inf
     plots = [
         *d.log("position_error", "position", "Position error", far, Axis("|r − r exact|", "m"), length, floor, *known),
-        *d.log("orientation_error", "orientation", "Orientation error", far, Axis("∠(R, R exact)", "rad"), 1.0, (),
-               *known),
-    ]  # fmt: skip
+        *d.log(
+            "orientation_error", "orientation", "Orientation error", far, Axis("∠(R, R exact)", "rad"), 1.0, (), *known
+        ),
+    ]
     note = "Distance from the exact motion."
     if until is not None:
         plots = [replace(p, marks={"judged up to here": [until]}) for p in plots]  # the plane needs no reference
@@ -148,28 +208,45 @@ def errors(d: Drawing) -> Chapter | None:
 
 
 def observables(d: Drawing) -> Chapter | None:
-    """Each value with the reference, and the distance from it."""
+    """Return plots of each observable with its reference, and of the distance from it; None without observables."""
     plots: list[Plot] = []
     for name, in_unit in d.find_curves("obs_").items():
         exact, drawn = d.longest(f"ref_{name}"), d.match_lines(f"obs_{name}", d.lines)
         low, high = value_limits([c for _, c in drawn], exact)
-        known = [] if exact is None else [Trace("reference", exact.t, exact.y, reach=span(exact, (low, high)))]
+        known = [] if exact is None else [Trace("reference", exact.t, exact.y, reach=find_range(exact, (low, high)))]
         caption = f"Smallest and largest of each span; {'the thin line is the' if known else 'there is no'} reference."
         own = traces(drawn, (2 * low - high, 2 * high - low))
         axis = Axis(name, in_unit, low=low, high=high)
         ends = (f"{number(v)} {in_unit} ({who})".replace("  ", " ") for v, who in d.extremes(f"away_{name}"))
         off = " to ".join(ends)
         finding = f"{name} at the finest settings: off by {off}" if off else ""
-        plots.append(Plot(f"obs-{name}", name, caption, d.known_axis if known else d.axis, axis, [*own, *known],
-                          focus=d.focus, finding=finding))  # fmt: skip
-        plots += d.log(f"away_{name}", f"away-{name}", f"{name}: distance from the reference",
-                       f"Magnitude, {d.largest}.", Axis("|difference|", in_unit), high - low, (),
-                       d.known_axis)  # fmt: skip
+        plots.append(
+            Plot(
+                f"obs-{name}",
+                name,
+                caption,
+                d.known_axis if known else d.axis,
+                axis,
+                [*own, *known],
+                focus=d.focus,
+                finding=finding,
+            )
+        )
+        plots += d.log(
+            f"away_{name}",
+            f"away-{name}",
+            f"{name}: distance from the reference",
+            f"Magnitude, {d.largest}.",
+            Axis("|difference|", in_unit),
+            high - low,
+            (),
+            d.known_axis,
+        )
     return _chapter("Observables", "Quantities that the problem defines for comparison.", plots)
 
 
 def invariants(d: Drawing) -> Chapter | None:
-    """Departure of each from its start."""
+    """Return plots of the departure of each invariant from its start; None without invariants."""
     plots: list[Plot] = []
     for name, in_unit in d.find_curves("inv_").items():
         starts = [abs(float(c.invariant_drifts.get(name, {}).get("start", 0.0))) for c in d.runs]
@@ -180,11 +257,15 @@ def invariants(d: Drawing) -> Chapter | None:
 
 
 def _chapter(title: str, note: str, plots: Sequence[Plot]) -> Chapter | None:
+    """Return the plots as a chapter; None if there are none."""
     return Chapter(title, note, tuple(plots)) if plots else None
 
 
 def value_limits(shown: Sequence[Curve], exact: Curve | None, reach: float = np.inf) -> tuple[float, float]:
-    """All values; where one blew up, the neighbourhood of the reference, or ``reach`` to each side of the start."""
+    """Return limits of a linear axis around all values of the curves ``shown`` and the reference ``exact``.
+
+    If a curve diverged, limits are around the reference, or without one within ``reach`` of the first curve's start.
+    """
     values = [c.y for c in shown] + ([exact.y] if exact is not None else [])
     low, high = min((float(v.min()) for v in values), default=0.0), max((float(v.max()) for v in values), default=1.0)
     if exact is not None and len(exact):
@@ -198,10 +279,10 @@ def value_limits(shown: Sequence[Curve], exact: Curve | None, reach: float = np.
     return low - margin, high + margin
 
 
-def limit(runs: Sequence[Run], law: Law, end: float) -> list[Trace]:
-    """The line from 0 to ``end`` that the errors of ``runs`` must not cross; none where what is judged is not drawn.
+def limit(runs: Sequence[StoredRun], law: Law, end: float) -> list[Trace]:
+    """Return the line from 0 to ``end`` that the errors of ``runs`` must not cross; none if no drawn value is judged.
 
-    Each run is judged by its own size: where these differ it is the least, and says so.
+    Each run is judged by its own size: if limits differ, the least is drawn and named so.
     """
     unit, of = LIMITS[law]
     found = [at for r in runs if r.status in JUDGED and (at := of(r.record)) > 0.0]

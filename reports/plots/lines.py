@@ -1,34 +1,37 @@
-"""The runs of a problem as lines: which are drawn, with which dash, and which stands for its solver."""
+"""Select which runs of a problem are drawn as lines, with which dash, and which represents its solver."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.curves import Curve, level, reach, span
-from ..model.results import Run, Variant, by_solver
+from ..model.curves import Curve, drop_repeated, find_log_range, find_range
+from ..model.results import StoredRun, Variant, group_by_solver
 from ..model.words import time
-from .spec import Trace, end_of
+from .spec import Trace, choose_end_mark
 
-MOST = 16  # runs drawn under one label: more cannot be distinguished
-WIDE = 0.006  # of what is shown: two pixels of a panel
-EVER = 24  # on one page, or it would grow without end
+MOST = 16  # most runs drawn under one label: more cannot be distinguished
+WIDE = 0.006  # fraction of the axis: two pixels of a panel
+EVER = 24  # most lines on one page, which bounds its size
 
 
 @dataclass(frozen=True)
 class Line:
     """A run in the plots of its problem."""
 
-    run: Run
-    words: str
-    dash: int
-    main: bool  # the finest settings of its solver under its label
+    run: StoredRun
+    words: str  # its name in legends: solver, settings, and how it ended
+    dash: int  # 0 for its solver's finest settings, then 1, 2, ...
+    main: bool  # True for the finest settings of its solver under its label
     url: str = ""
-    who: str = ""  # the solver with the paper's name of it
+    who: str = ""  # the solver with its name in the paper
 
 
-def lines_of(variant: Variant, url: Callable[[Run], str], ever: int = EVER) -> list[Line]:
-    """Lines of every label: each solver's finest run, then wrong and failed runs, then others; ``ever`` at most."""
+def choose_lines(variant: Variant, url: Callable[[StoredRun], str], ever: int = EVER) -> list[Line]:
+    """Return at most ``ever`` lines: each solver's finest run under every label, then wrong, failed and other ones.
+
+    ``url`` gives the address of a run's page.
+    """
     chosen: list[Line] = []
     for runs in variant.labels().values():
         chosen += sorted(all_lines(runs, shared_options(variant.runs), url), key=_urgency)[:MOST]
@@ -37,11 +40,15 @@ def lines_of(variant: Variant, url: Callable[[Run], str], ever: int = EVER) -> l
     return [kept[name] for name in ordered if name in kept]
 
 
-def all_lines(runs: Sequence[Run], alike: Mapping[str, frozenset[str]],
-              url: Callable[[Run], str] = lambda run: "") -> list[Line]:  # fmt: skip
-    """Lines of ``runs``, all under one label; options in ``alike`` are left out of their words."""
+def all_lines(
+    runs: Sequence[StoredRun], alike: Mapping[str, frozenset[str]], url: Callable[[StoredRun], str] = lambda run: ""
+) -> list[Line]:
+    """Return a line for each run, with dashes counted by solver from its finest run on.
+
+    Names of lines leave out the options in ``alike``, those that all runs of a solver share.
+    """
     found: dict[str, Line] = {}
-    for solver, own in by_solver(runs).items():
+    for solver, own in group_by_solver(runs).items():
         for k, c in enumerate(sorted(own, key=lambda c: c.finest_first)):
             named = f"{solver} [{label}]" if (label := c.record.paper_label) else solver
             words = f"{named}, {c.settings(alike[solver])}{describe_end(c)}"
@@ -49,10 +56,10 @@ def all_lines(runs: Sequence[Run], alike: Mapping[str, frozenset[str]],
     return [found[c.record.run_id] for c in runs]
 
 
-def shared_options(runs: Iterable[Run]) -> dict[str, frozenset[str]]:
-    """By solver, the options (and ``max_step``) that all its runs have alike."""
+def shared_options(runs: Iterable[StoredRun]) -> dict[str, frozenset[str]]:
+    """Return by solver the options (and ``max_step``) that are equal in all its runs."""
     out: dict[str, frozenset[str]] = {}
-    for name, own in by_solver(runs).items():
+    for name, own in group_by_solver(runs).items():
         alike = {k for k in own[0].options if all(c.options.get(k) == own[0].options[k] for c in own)}
         if all(c.record.max_step_s == own[0].record.max_step_s for c in own):
             alike.add("max_step")
@@ -61,29 +68,41 @@ def shared_options(runs: Iterable[Run]) -> dict[str, frozenset[str]]:
 
 
 def traces(drawn: Iterable[tuple[Line, Curve]], limits: tuple[float, float], floor: float | None = None) -> list[Trace]:
-    """One a run, cut to ``limits``; on a logarithmic axis what is below ``floor`` is rounding.
+    """Return a trace per line, cut to ``limits``; on a logarithmic axis values below ``floor`` are rounding.
 
-    Each says what stretch of the axis it needs: those that are hidden take none.
+    Each trace gives the range of the axis that it needs, so that hidden ones need none.
     """
     out = []
     for line, curve in drawn:
-        ends = reach(curve, floor) if floor is not None else span(curve, limits)
+        ends = find_log_range(curve, floor) if floor is not None else find_range(curve, limits)
         low, high = (None if e is None else np.clip(e, *limits) for e in (curve.low, curve.high))
-        curve = level(Curve(curve.t, np.clip(curve.y, *limits), low, high))
+        curve = drop_repeated(Curve(curve.t, np.clip(curve.y, *limits), low, high))
         low, high = curve.low, curve.high
         if low is not None and high is not None and np.array_equal(low, high):
             low = high = None
         r = line.run.record
-        out.append(Trace(
-            line.words, curve.t, curve.y, solver=r.solver, who=line.who, dash=line.dash, low=low, high=high,
-            group=r.label, main=line.main, end=end_of(r.status), urls=(line.url,),
-            reach=tuple(float(f"{v:.3g}") for v in ends or ()),
-        ))  # fmt: skip
-    return told_apart(out, floor)
+        out.append(
+            Trace(
+                line.words,
+                curve.t,
+                curve.y,
+                solver=r.solver,
+                who=line.who,
+                dash=line.dash,
+                low=low,
+                high=high,
+                group=r.label,
+                main=line.main,
+                end=choose_end_mark(r.status),
+                urls=(line.url,),
+                reach=tuple(float(f"{v:.3g}") for v in ends or ()),
+            )
+        )
+    return distinguish_lines(out, floor)
 
 
-def told_apart(found: Sequence[Trace], floor: float | None = None) -> list[Trace]:
-    """With a dash and a word for the main line of a solver that lies on another one: below it would not be seen."""
+def distinguish_lines(found: Sequence[Trace], floor: float | None = None) -> list[Trace]:
+    """Return the traces, with a dash and a note in the name for a main line that coincides with an earlier one."""
     out: list[Trace] = []
     for t in found:
         below = [o for o in out if o.main and o.group == t.group and coincide(o, t, floor)] if t.main else []
@@ -93,7 +112,10 @@ def told_apart(found: Sequence[Trace], floor: float | None = None) -> list[Trace
 
 
 def coincide(a: Trace, b: Trace, floor: float | None) -> bool:
-    """Nowhere further apart than a line is wide, and as long; with a ``floor`` the axis is logarithmic."""
+    """Return whether two traces differ by less than a line's width and end together.
+
+    With a ``floor`` the axis is logarithmic.
+    """
     ya, yb = (t.y if floor is None else np.log10(np.maximum(t.y, floor)) for t in (a, b))
     both = b.x[(b.x >= a.x[0]) & (b.x <= a.x[-1])]
     if len(both) < len(b.x) / 2 or abs(a.x[-1] - b.x[-1]) > WIDE * a.x[-1]:
@@ -103,11 +125,12 @@ def coincide(a: Trace, b: Trace, floor: float | None) -> bool:
 
 
 def _urgency(line: Line) -> tuple[bool, bool, int]:
+    """Return the sort key of lines to draw: solvers' finest runs first, then failures, then finer settings."""
     return not line.main, line.run.is_success, line.dash
 
 
-def describe_end(run: Run) -> str:
-    """For the name of its line; empty for a success."""
+def describe_end(run: StoredRun) -> str:
+    """Describe how a run ended, for the name of its line; empty for a success."""
     word, r = run.status.replace("_", " "), run.record
     if run.is_success:
         return ""

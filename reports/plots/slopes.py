@@ -1,7 +1,6 @@
-"""Slope triangles of plots of error against step: which whole orders the lines show, and where triangles stand free.
+"""Add slope triangles to plots of error against step: find the whole orders, and place triangles in free space.
 
-All of it is reckoned in the plot's own logarithms, from 0 to 1 across what is drawn, so that a page and a printed
-figure place them alike.
+All is computed in the plot's own logarithms, from 0 to 1 across the data, so that a page and a printed figure agree.
 """
 
 import itertools
@@ -12,19 +11,19 @@ import numpy as np
 
 from .spec import Plot, Trace, Triangle
 
-NEAR = 0.2  # of a whole order: a ladder whose slopes are as close follows it
-LEAST = 3  # runs in a row that make an order
-APART = 1.05  # ratio of neighbouring steps: closer ones give no slope
-WIDTHS = (0.2, 0.16, 0.12, 0.09, 0.06)  # of the plot; the widest that finds room
-TALLEST = 0.35  # of the plot: a steep triangle is narrower
-CLEAR = 0.04  # of the plot, between a triangle and what is drawn: a marker and a half
-DIGIT_X, DIGIT_Y = 0.05, 0.085  # of the plot: room for the digits at the legs
-GRID = 33  # places along each side
-DENSE = 0.01  # of the plot, between points of a line
-BELOW = 0.6  # of the plot: how far below all data a triangle may go that has no room between them
-ZERO = 20.0  # zeros lie so many times below the smallest value above zero, as where they are drawn
+NEAR = 0.2  # distance from a whole order within which a ladder's slopes follow it
+LEAST = 3  # least number of consecutive runs for an order
+APART = 1.05  # least ratio of neighbouring steps for a slope
+WIDTHS = (0.2, 0.16, 0.12, 0.09, 0.06)  # fractions of the plot; the widest that fits is used
+TALLEST = 0.35  # largest height, fraction of the plot; a steep triangle is narrower
+CLEAR = 0.04  # clearance around a triangle, fraction of the plot: a marker and a half
+DIGIT_X, DIGIT_Y = 0.05, 0.085  # fraction of the plot: room for the digits at the legs
+GRID = 33  # trial places along each side
+DENSE = 0.01  # fraction of the plot: distance between points of a line
+BELOW = 0.6  # fraction of the plot: how far below all data a triangle may be placed
+ZERO = 20.0  # zeros are drawn this many times below the smallest positive value
 
-Points = np.ndarray  # (n, 2), of the plot
+Points = np.ndarray  # (n, 2), fractions of the plot
 
 
 def find_order(x: np.ndarray, y: np.ndarray) -> int:
@@ -47,7 +46,7 @@ def find_order(x: np.ndarray, y: np.ndarray) -> int:
 
 
 def add_triangles(plot: Plot, orders: Iterable[tuple[int, Trace]]) -> Plot:
-    """Return the plot with a triangle for each order, near a trace that has it; its traces stay as they are."""
+    """Return the plot with a triangle for each order, near a trace that has it; the traces are unchanged."""
     owners: dict[int, list[Trace]] = {}
     for order, trace in orders:
         if order > 0:
@@ -66,9 +65,10 @@ def add_triangles(plot: Plot, orders: Iterable[tuple[int, Trace]]) -> Plot:
 
 
 class _Frame:
-    """The logarithms of a plot's axes, from 0 to 1 over what is drawn."""
+    """The logarithms of a plot's axes, scaled to 0 to 1 over the data."""
 
     def __init__(self, traces: Sequence[Trace]) -> None:
+        """Set the frame around the positive, finite values of the traces; zeros lie ``ZERO`` times below."""
         self.low, self.size = np.zeros(2), np.zeros(2)
         for k, key in enumerate(("x", "y")):
             all_ = np.concatenate([np.asarray(getattr(t, key), dtype=float) for t in traces] or [np.zeros(0)])
@@ -79,25 +79,28 @@ class _Frame:
 
     @property
     def is_plane(self) -> bool:
+        """True if the values span more than one point along both axes, so that slopes exist."""
         return bool(np.all(self.size > 0.0))
 
     def points_of(self, trace: Trace) -> Points:
-        """Points of a trace and, where it has a line, densely along it."""
+        """Return the points of a trace and, if it has a line, points densely along it."""
         with np.errstate(divide="ignore"):
             logs = np.log(np.array([trace.x, trace.y], dtype=float)).T
         uv = (np.maximum(logs, self.low) - self.low) / self.size
         uv = uv[np.all(np.isfinite(uv), axis=1)]
         if "lines" not in trace.mode or len(uv) < 2:
             return uv
-        return np.concatenate([
-            a + (b - a) * np.linspace(0.0, 1.0, int(np.max(np.abs(b - a)) / DENSE) + 2)[:, None]
-            for a, b in itertools.pairwise(uv)
-        ])  # fmt: skip
+        return np.concatenate(
+            [
+                a + (b - a) * np.linspace(0.0, 1.0, int(np.max(np.abs(b - a)) / DENSE) + 2)[:, None]
+                for a, b in itertools.pairwise(uv)
+            ]
+        )
 
     def place(self, order: int, drawn: Points, own: Points) -> Triangle:
-        """Return the widest triangle that covers nothing of ``drawn``, as near to its ``own`` points as there is room.
+        """Return the widest triangle that covers nothing of ``drawn``, as near as possible to its ``own`` points.
 
-        Where there is none between the data it stands below them.
+        If there is no room between the data, the triangle is placed below them.
         """
         for bottom in (0.0, -BELOW):
             for width in WIDTHS:
@@ -105,15 +108,18 @@ class _Frame:
                 found = self._search(order, width, drawn, own, bottom)
                 if found is not None:
                     return self._triangle(order, width, found)
-        return self._triangle(order, width, np.array([0.5, -BELOW]))  # far below: nothing is drawn there
+        return self._triangle(order, width, np.array([0.5, -BELOW]))  # far below all data
 
     def _search(self, order: int, width: float, drawn: Points, own: Points, bottom: float) -> np.ndarray | None:
-        """The corner of the legs' lower left end that is free and nearest to ``own``; None where none is."""
+        """Return the free lower left corner of the legs that is nearest to ``own``; None if there is none.
+
+        No point of ``drawn`` may be near the triangle; corners are tried from ``bottom`` upwards.
+        """
         height = order * width * self.size[0] / self.size[1]
         right, top = 1.0 - width - DIGIT_X, 1.0 - height
         u, v = np.meshgrid(np.linspace(0.0, right, GRID), np.linspace(bottom + DIGIT_Y, top, GRID))
         corners = np.column_stack([u.ravel(), v.ravel()])
-        free = np.array([not np.any(_covered(drawn - c, width, height)) for c in corners])
+        free = np.array([not np.any(_find_covered(drawn - c, width, height)) for c in corners])
         if not np.any(free):
             return None
         centres = corners[free] + np.array([width, height]) * (2.0 / 3.0, 1.0 / 3.0)
@@ -121,19 +127,20 @@ class _Frame:
         return corners[free][int(np.argmin(away))]
 
     def _triangle(self, order: int, width: float, corner: np.ndarray) -> Triangle:
+        """Return the triangle of that slope and width (fraction of the plot) at a corner, in the plot's own units."""
         x0, y0 = np.exp(self.low + corner * self.size)
         x1 = float(np.exp(self.low[0] + (corner[0] + width) * self.size[0]))
         return Triangle(order, (float(x0), x1), (float(y0), float(y0 * (x1 / x0) ** order)))
 
     def cover(self, triangle: Triangle) -> Points:
-        """Points over all that a triangle takes with its digits."""
+        """Return points all over a triangle and its digits."""
         a, b = ((np.log(k) - self.low) / self.size for k in zip(triangle.x, triangle.y, strict=True))
         u, v = np.meshgrid(np.linspace(a[0], b[0] + DIGIT_X, 12), np.linspace(a[1] - DIGIT_Y, b[1], 12))
         return np.column_stack([u.ravel(), v.ravel()])
 
 
-def _covered(points: Points, width: float, height: float) -> np.ndarray:
-    """Which points, seen from the lower left corner, lie in the triangle, at its digits, or too close."""
+def _find_covered(points: Points, width: float, height: float) -> np.ndarray:
+    """Return which points, relative to the lower left corner, lie in the triangle, at its digits, or too close."""
     u, v = points.T
     inside = (u > -CLEAR) & (u < width + DIGIT_X) & (v > -DIGIT_Y) & (v < height + CLEAR)
     return inside & (v < (u * height / width) + CLEAR * (1.0 + height / width))

@@ -1,4 +1,4 @@
-"""Ticks of logarithmic axes in print, and superscripts in the font that is in force."""
+"""Format ticks of logarithmic axes in print, and superscripts in the current font."""
 
 import re
 from typing import Any
@@ -14,18 +14,19 @@ RAISED = re.compile(f"[{''.join(map(chr, LOWERED))}]+")
 
 
 class Powers(LogFormatter):
-    """``10⁻⁵`` as text: setting mathematics for every tick takes as long as all the lines."""
+    """A formatter that writes ``10⁻⁵`` as text: math mode for every tick takes as long as all the lines."""
 
-    _sublabels: set[float] | None  # of the base class
+    _sublabels: set[float] | None  # declared by the base class
 
     def set_locs(self, locs: Any = None) -> None:
-        """Where few powers of ten are seen, so many parts of a decade are labelled that none overlap."""
+        """Label as many parts of a decade as fit if few powers of ten are visible."""
         super().set_locs(locs)
         low, high = self.axis.get_view_interval()
         if self._sublabels and len(self._sublabels) > 1 and high > 2.0 * low:
             self._sublabels = {1.0, 3.0} if high > 10.0 * low else {1.0, 2.0, 3.0, 5.0}
 
     def __call__(self, x: float, pos: int | None = None) -> str:
+        """Return the label of a tick at ``x``; empty for a tick without one."""
         if not super().__call__(x, pos) or not x > 0.0:
             return ""
         mantissa, power = f"{x:.2e}".split("e")
@@ -34,7 +35,7 @@ class Powers(LogFormatter):
 
 
 def log_axis(ax: Axes, which: str = "y") -> None:
-    """Logarithmic, with at most about seven labelled decades; within one decade, parts of it are labelled."""
+    """Make an axis logarithmic with at most about seven labelled decades; within one decade, parts are labelled."""
     (ax.set_yscale if which == "y" else ax.set_xscale)("log")
     axis = ax.yaxis if which == "y" else ax.xaxis
     axis.set_major_locator(LogLocator(numticks=7))
@@ -43,7 +44,7 @@ def log_axis(ax: Axes, which: str = "y") -> None:
 
 
 def raise_digits(text: str) -> str:
-    """Superscripts as mathematics where a font other than the default is asked for: few have all of them."""
+    """Write superscripts in math mode if the font is not the default one: few fonts have all of them."""
     if not mpl.rcParams["axes.formatter.use_mathtext"]:
         return text
     return RAISED.sub(lambda found: f"$^{{{found[0].translate(LOWERED)}}}$", text)

@@ -1,4 +1,4 @@
-"""Work against error, and the share of accuracy targets reached over work; for problems, the work page and print."""
+"""Plot error against work, and the fraction of accuracy targets reached over work, for pages and for print."""
 
 import math
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -10,23 +10,26 @@ import numpy as np
 from ...harness.results.judgements.runs import WorkProfile
 from ...harness.results.records import cpu_range
 from ...harness.results.work import evaluations, index_1_evaluations, operations
-from ..model.accuracy import Measure, measure_for
+from ..model.accuracy import ErrorMeasure, measure_for
 from ..model.frontier import EQUAL, SOUND
-from ..model.frontier import least as cheapest
-from ..model.results import Run, Variant, group_by
-from ..model.words import decade, join_words, number, plural, seconds
-from .spec import Axis, Chapter, Plot, Trace, choose_focus, end_of
+from ..model.frontier import find_least_cost as cheapest
+from ..model.results import StoredRun, Variant, group_by
+from ..model.words import format_decade, join_words, number, plural, seconds
+from .spec import Axis, Chapter, Plot, Trace, choose_end_mark, choose_focus
 
 WORKS = {  # words and unit
-    "index1": ("index-1 evaluations", ""), "operations": ("evaluations and factorisations", ""),
+    "index1": ("index-1 evaluations", ""),
+    "operations": ("evaluations and factorisations", ""),
     "evaluations": ("evaluations", ""),
-    "factorisations": ("factorisations", ""), "steps": ("accepted steps", ""), "cpu": ("CPU time", "s"),
-}  # fmt: skip
+    "factorisations": ("factorisations", ""),
+    "steps": ("accepted steps", ""),
+    "cpu": ("CPU time", "s"),
+}
 ERRORS = {"error": ("error", ""), "energy": ("largest energy error", "J"), "phi": ("largest |φ|", "m")}
 PAIRS = tuple((error, work) for error in ("error", "energy") for work in ("cpu", "index1", "evaluations"))
-NEAR = 100.0  # the reference's stated error is drawn where a point comes that close to it
-LADDER = 3  # steps of one method that are worth a line among many methods
-ZERO = 20.0  # zeros are drawn so many times below the smallest value above zero, as in assets/plots.js
+NEAR = 100.0  # the reference's stated error is drawn if a point is within this factor of it
+LADDER = 3  # least steps of one method for its own line among many methods
+ZERO = 20.0  # zeros are drawn this many times below the smallest positive value, as in assets/plots.js
 NOTE = (
     "Lower and further left is better. Lines join the steps or tolerances of the same settings. A run that stopped "
     "early (star) has the error up to there and is not comparable. Zeros have no place on a logarithmic axis: "
@@ -36,14 +39,14 @@ NOTE = (
 
 
 @dataclass(frozen=True)
-class Point:
-    """Cost and errors of one run; ``works`` by the keys of ``WORKS``, and its ``step``; ``errors`` by ``ERRORS``."""
+class PlottedWork:
+    """The cost and errors of one run; ``works`` by the keys of ``WORKS`` and ``step``, ``errors`` by ``ERRORS``."""
 
-    run: Run
+    run: StoredRun
     page: str
     works: Mapping[str, float]
     errors: Mapping[str, float]
-    best: bool  # no other run of its solver is both cheaper and as accurate
+    best: bool  # True if no other run of its solver is both cheaper and as accurate
 
     @property
     def solver(self) -> str:
@@ -51,60 +54,75 @@ class Point:
 
     @property
     def default(self) -> bool:
-        """No option but step or tolerance."""
+        """True if the run sets nothing but the step or tolerance."""
         return not self.run.options
 
     @cached_property
     def method(self) -> str:
-        """All settings but the step or tolerance: runs of one method are joined by a line."""
+        """The settings without the step or tolerance: runs of one method are joined by a line."""
         largest = self.run.record.max_step_s
         return self.run.method if math.isnan(largest) else f"{self.run.method}, max step {largest:g} s"
 
     def drawable(self, error: str, work: str) -> bool:
-        """It has both numbers."""
+        """Return whether the run has that error and that work, so that it is a point of their plot."""
         return all(math.isfinite(v) and v >= 0.0 for v in (self.errors[error], self.works[work]))
 
 
 def list_points(
-    variant: Variant, page: Callable[[Run], str] = lambda run: "", best: Container[str] = ()
-) -> list[Point]:
-    """A point for each run; ``best`` are the ids of the settings that are marked so."""
+    variant: Variant, page: Callable[[StoredRun], str] = lambda run: "", best: Container[str] = ()
+) -> list[PlottedWork]:
+    """Return a point for each run; ``page`` gives its address, ``best`` holds the settings_ids to be marked as best."""
     measure, out = measure_for(variant.runs), []
     for c in variant.runs:
         r = c.record
-        works = {"index1": index_1_evaluations(r), "operations": operations(r), "evaluations": evaluations(r),
-                 "factorisations": r.factorisations, "steps": float(r.steps), "cpu": r.cpu_median_s,
-                 "step": _mean_step(c)}  # fmt: skip
+        works = {
+            "index1": index_1_evaluations(r),
+            "operations": operations(r),
+            "evaluations": evaluations(r),
+            "factorisations": r.factorisations,
+            "steps": float(r.steps),
+            "cpu": r.cpu_median_s,
+            "step": _mean_step(c),
+        }
         errors = {"error": measure.of(c) if measure else math.nan, "energy": r.energy_drift_max_J, "phi": r.phi_max}
-        out.append(Point(c, page(c), works, errors, r.settings_id in best))
+        out.append(PlottedWork(c, page(c), works, errors, r.settings_id in best))
     return out
 
 
-def _mean_step(run: Run) -> float:
-    """The step asked for; under error control the mean of those taken [s]."""
+def _mean_step(run: StoredRun) -> float:
+    """Return the requested step, or the mean step under error control [s]."""
     r = run.record
     if r.control == "dt":
         return r.dt_s
     return r.t_reached_s / r.steps if r.steps > 0 else math.nan
 
 
-def work_chapter(variant: Variant, url: Callable[[Run], str]) -> Chapter | None:
-    """All runs of a problem; None when none has both work and an error."""
-    plots = plots_of(variant, url, front=True)
+def work_chapter(variant: Variant, url: Callable[[StoredRun], str]) -> Chapter | None:
+    """Return the plots of work against error of a problem as a chapter; None if no run has both."""
+    plots = make_work_plots(variant, url, front=True)
     return Chapter("Work against error", NOTE, tuple(plots)) if plots else None
 
 
-def plots_of(variant: Variant, url: Callable[[Run], str] = lambda run: "", *, front: bool = False) -> list[Plot]:
-    """Error against work of all runs, for each kind of both that some run has."""
+def make_work_plots(
+    variant: Variant, url: Callable[[StoredRun], str] = lambda run: "", *, front: bool = False
+) -> list[Plot]:
+    """Plot error against work of all runs, for each kind of both that some run has."""
     return list(work_plots("work", list_points(variant, url), measure_for(variant.runs), front=front).values())
 
 
-def work_plots(name: str, points: Sequence[Point], measure: Measure | None, pairs: Sequence[tuple[str, str]] = PAIRS,
-               *, folded: bool = False, front: bool = False) -> dict[str, Plot]:  # fmt: skip
-    """By ``<error>-<work>``, of the runs of one variant; pairs that no run has are left out.
+def work_plots(
+    name: str,
+    points: Sequence[PlottedWork],
+    measure: ErrorMeasure | None,
+    pairs: Sequence[tuple[str, str]] = PAIRS,
+    *,
+    folded: bool = False,
+    front: bool = False,
+) -> dict[str, Plot]:
+    """Return plots by ``<error>-<work>`` of the runs of one variant; pairs that no run has are left out.
 
-    ``folded`` puts short ladders with options together, a trace a solver, and hides what is neither default nor best;
-    ``front`` adds the Pareto front.
+    ``folded`` merges short ladders with options into a trace per solver, and hides settings that are neither default
+    nor best; ``front`` adds the Pareto front.
     """
     out = {}
     for error, work in pairs:
@@ -115,19 +133,25 @@ def work_plots(name: str, points: Sequence[Point], measure: Measure | None, pair
             title = f"{what[0].upper()}{what[1:]} over {WORKS[work][0]}"
             region = _reference_region(own, work, measure.own) if error == "error" and measure else []
             drawn = [*region, *join_ladders(own, work, error, folded)]
-            drawn += _front(own, work) if front and error == "error" else []
+            drawn += _find_front(own, work) if front and error == "error" else []
             finding, focus = race(own, work, error, unit)
             out[f"{error}-{work}"] = Plot(
-                f"{name}-{error}-{work}", title, "", *axes, drawn, focus=focus,
+                f"{name}-{error}-{work}",
+                title,
+                "",
+                *axes,
+                drawn,
+                focus=focus,
                 finding=f"{own[0].run.variant}: {finding or title}",
-            )  # fmt: skip
+            )
     return out
 
 
-def race(points: Sequence[Point], work: str, error: str, unit: str) -> tuple[str, tuple[str, ...]]:
-    """What the tightest power of ten costs that at least half of the solvers get below, and whom to show in colour.
+def race(points: Sequence[PlottedWork], work: str, error: str, unit: str) -> tuple[str, tuple[str, ...]]:
+    """Return words on who is the cheapest, and the solvers to be shown in colour.
 
-    ``rkmk_dopri5 needs 12.0 ms for 10⁻⁴ m, ida_index3 96 times as much; 2 of 19 do not get there``
+    They compare at the tightest power of ten that half of the solvers reach: ``rkmk_dopri5 needs 12.0 ms for 10⁻⁴ m,
+    ida_index3 96 times as much; 2 of 19 do not get there``. The words are empty if fewer than two solvers get there.
     """
     solvers = sorted({p.solver for p in points})
     sound = [p for p in points if p.run.status in SOUND]
@@ -146,15 +170,15 @@ def race(points: Sequence[Point], work: str, error: str, unit: str) -> tuple[str
     lowest, (most, last) = costs[0][0], costs[-1]
     firsts = [s for v, s in costs if v <= lowest * (EQUAL if work == "cpu" else 1.0)]  # counts are exact
     cost, ratio = seconds(lowest) if work == "cpu" else f"{number(lowest)} {WORKS[work][0]}", number(most / lowest, 2)
-    need = f"{join_words(firsts)} {'needs' if len(firsts) == 1 else 'need'} {cost} for {decade(target)} {unit}"
+    need = f"{join_words(firsts)} {'needs' if len(firsts) == 1 else 'need'} {cost} for {format_decade(target)} {unit}"
     said = need if last in firsts else f"{need}, {last} {ratio} times as much"
     missed = len(solvers) - len(best)
     return f"{said}; {missed} of {len(solvers)} do not get there" if missed else said, focus
 
 
-def _front(points: Sequence[Point], work: str) -> list[Trace]:
-    """Runs that no other one beats in both cost and error."""
-    best, out = math.inf, list[Point]()
+def _find_front(points: Sequence[PlottedWork], work: str) -> list[Trace]:
+    """Return the Pareto front as one trace, runs that none beats in both cost and error; no trace for few runs."""
+    best, out = math.inf, list[PlottedWork]()
     sound = [p for p in points if p.run.status in SOUND]
     for p in sorted(sound, key=lambda p: (p.works[work], p.errors["error"])):
         if p.errors["error"] < best:
@@ -165,10 +189,11 @@ def _front(points: Sequence[Point], work: str) -> list[Trace]:
     return [Trace("Pareto front", _numbers(out, "works", work), _numbers(out, "errors", "error"), dash=2)]
 
 
-def _reference_region(points: Sequence[Point], work: str, own: float) -> list[Trace]:
-    """The shaded region below ``own``, the reference's stated error, where some point comes near it."""
+def _reference_region(points: Sequence[PlottedWork], work: str, own: float) -> list[Trace]:
+    """Return a trace that shades errors below ``own``, the reference's stated error, if some point comes near it."""
     found = (_numbers(points, *of) for of in (("works", work), ("errors", "error")))
-    x, y = (np.maximum(a, min(a[a > 0.0], default=1e-16 * ZERO) / ZERO) for a in found)  # zeros where they are drawn
+    # zeros are moved to where they are drawn
+    x, y = (np.maximum(a, min(a[a > 0.0], default=1e-16 * ZERO) / ZERO) for a in found)
     if not own * NEAR > min(y):
         return []
     edge, bottom = np.full(2, own), np.full(2, min(own / ZERO, min(y) / 2.0))
@@ -176,11 +201,15 @@ def _reference_region(points: Sequence[Point], work: str, own: float) -> list[Tr
     return [Trace("below the reference's stated error", ends, edge, low=bottom, high=edge, dash=2)]
 
 
-def join_ladders(points: Sequence[Point], work: str, error: str, folded: bool = False) -> list[Trace]:
-    """Runs of one method at several steps, coarsest first; those that stopped early apart from the line."""
+def join_ladders(points: Sequence[PlottedWork], work: str, error: str, folded: bool = False) -> list[Trace]:
+    """Return a trace for each method, its steps joined coarsest first; runs that stopped early are left off the line.
+
+    ``folded`` puts short ladders with options of one solver and label into one trace without a line.
+    """
     methods = group_by(sorted(points, key=lambda p: (p.method, -p.run.step_or_tolerance)), lambda p: p.method)
-    out, loose, seen = [], dict[tuple[str, str], list[Point]](), dict[str, int]()
-    ordered = sorted(methods.items(), key=lambda kv: (not kv[1][0].default, -len(kv[1])))  # the main ones are solid
+    out, loose, seen = [], dict[tuple[str, str], list[PlottedWork]](), dict[str, int]()
+    # the main ones come first and are solid
+    ordered = sorted(methods.items(), key=lambda kv: (not kv[1][0].default, -len(kv[1])))
     for method, own in ordered:
         solver, label = own[0].solver, _label(own)
         if folded and not own[0].default and len(own) < LADDER:
@@ -188,56 +217,74 @@ def join_ladders(points: Sequence[Point], work: str, error: str, folded: bool = 
             continue
         dash = seen[solver] = seen.get(solver, -1) + 1
         name = f"{method}, {label}" if label else method
-        whole = [p for p in own if end_of(p.run.status) != "failed"]
-        out += [_trace(name, part, work, error, folded, mode, dash)
-                for part, mode in ((whole, "lines+markers"), ([p for p in own if p not in whole], "markers"))
-                if part]  # fmt: skip
+        whole = [p for p in own if choose_end_mark(p.run.status) != "failed"]
+        out += [
+            _trace(name, part, work, error, folded, mode, dash)
+            for part, mode in ((whole, "lines+markers"), ([p for p in own if p not in whole], "markers"))
+            if part
+        ]
     for (solver, label), own in loose.items():
         name = f"{solver} with options, {label}" if label else f"{solver} with options"
         out.append(_trace(name, own, work, error, folded, "markers", 1))
     return out
 
 
-def _trace(name: str, own: Sequence[Point], work: str, error: str, folded: bool, mode: str, dash: int) -> Trace:
+def _trace(name: str, own: Sequence[PlottedWork], work: str, error: str, folded: bool, mode: str, dash: int) -> Trace:
+    """Return the points ``own`` as one trace, with the spread of CPU times as bars if there are repeats.
+
+    ``dash`` and ``mode`` are the trace's. If ``folded``, it is hidden at first unless a setting is default or best.
+    """
     ladder, repeated = len({p.method for p in own}) == 1, any(p.run.record.repeats > 1 for p in own) and work == "cpu"
     records = [p.run.record for p in own]
     spread = [cpu_range(r) if r.repeats > 1 else (r.cpu_median_s,) * 2 for r in records]
     left, right = np.array(spread).T
     return Trace(
-        name, _numbers(own, "works", work), _numbers(own, "errors", error), solver=own[0].solver, mode=mode, dash=dash,
-        left=left if repeated else None, right=right if repeated else None,
-        group=_label(own), main=not folded or any(p.default or p.best for p in own),
-        ends=[end_of(p.run.status) for p in own], urls=[p.page for p in own],
+        name,
+        _numbers(own, "works", work),
+        _numbers(own, "errors", error),
+        solver=own[0].solver,
+        mode=mode,
+        dash=dash,
+        left=left if repeated else None,
+        right=right if repeated else None,
+        group=_label(own),
+        main=not folded or any(p.default or p.best for p in own),
+        ends=[choose_end_mark(p.run.status) for p in own],
+        urls=[p.page for p in own],
         words=[_describe_point(p, whole=not ladder) for p in own],
-    )  # fmt: skip
+    )
 
 
-def _label(own: Sequence[Point]) -> str:
-    """The label of all; none where a ladder has several."""
+def _label(own: Sequence[PlottedWork]) -> str:
+    """Return the label of all points; empty if they have several."""
     labels = {p.run.record.label for p in own}
     return labels.pop() if len(labels) == 1 else ""
 
 
-def _describe_point(p: Point, *, whole: bool) -> str:
-    """A point in words; only its step or tolerance where the line already gives the method."""
+def _describe_point(p: PlottedWork, *, whole: bool) -> str:
+    """Describe a point; only its step or tolerance if the line already names the method."""
     c, r = p.run, p.run.record
     marks = [w for w, on in (("default settings", p.default), ("best", p.best)) if on]
     ending = [] if c.status in ("success", "unknown") else [c.status.replace("_", " ")]
     low, high = map(seconds, cpu_range(r))
-    cpu = [f"CPU {low} to {high}, the middle half of {r.repeats} repeats"] if r.repeats > 1 else (
-        ["single timing"] if r.repeats else [])  # fmt: skip
+    cpu = (
+        [f"CPU {low} to {high}, the middle half of {r.repeats} repeats"]
+        if r.repeats > 1
+        else (["single timing"] if r.repeats else [])
+    )
     steps = [f"{number(float(r.steps))} steps"] if r.steps >= 0 else []
     return ", ".join([r.case.removeprefix(f"{c.variant} ") if whole else c.step_words, *marks, *ending, *cpu, *steps])
 
 
-def _numbers(own: Sequence[Point], kind: str, key: str) -> np.ndarray:
+def _numbers(own: Sequence[PlottedWork], kind: str, key: str) -> np.ndarray:
+    """Return one number of each point: ``kind`` is "works" or "errors", ``key`` the work or error."""
     return np.array([getattr(p, kind)[key] for p in own])
 
 
 def profile_plot(best: Sequence[WorkProfile], default: Sequence[WorkProfile], work: str) -> Plot:
-    """The share of all targets reached, over work, by the best of all settings and by default options alone.
+    """Plot the fraction of all targets reached over work, with the best of all settings and with default options.
 
-    More work than a solver's runs took reaches nothing more.
+    The lines end level, since more work than a solver's runs took reaches no more targets.
     """
     best, default = ([p for p in found if p.work == work] for found in (best, default))
     right = 2.0 * max((p.target_work[-1] for p in (*best, *default) if p.target_work), default=1.0)
@@ -245,7 +292,7 @@ def profile_plot(best: Sequence[WorkProfile], default: Sequence[WorkProfile], wo
     for found, settings, dash in ((best, "best of its settings", 0), (default, "default settings", 2)):
         for p in found:
             name = f"{p.solver}, {settings}: {len(p.target_work)} of {p.total}"
-            traces.append(Trace(name, *steps_of(p, right), solver=p.solver, dash=dash))
+            traces.append(Trace(name, *make_step_line(p, right), solver=p.solver, dash=dash))
     words, unit = WORKS[work]
     best = sorted(best, key=lambda p: (-len(p.target_work), p.solver))
     firsts = [p.solver for p in best if len(p.target_work) == len(best[0].target_work)]
@@ -254,13 +301,21 @@ def profile_plot(best: Sequence[WorkProfile], default: Sequence[WorkProfile], wo
         reach = f"{join_words(firsts)} {'reaches' if len(firsts) == 1 else 'reach'}"
         finding = f"{reach} {len(best[0].target_work)} of {plural(best[0].total, 'target')} with the best settings"
     focus = choose_focus([p.solver for p in best])
-    return Plot(f"profile-{work}", f"Targets reached over {words}", "", Axis(words, unit, log=True, high=right),
-                Axis("share of all targets reached", "", low=0.0, high=1.02), tuple(traces), wide=True, focus=focus,
-                finding=finding)  # fmt: skip
+    return Plot(
+        f"profile-{work}",
+        f"Targets reached over {words}",
+        "",
+        Axis(words, unit, log=True, high=right),
+        Axis("share of all targets reached", "", low=0.0, high=1.02),
+        tuple(traces),
+        wide=True,
+        focus=focus,
+        finding=finding,
+    )
 
 
-def steps_of(p: WorkProfile, right: float = math.nan) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the step line: up by one target where it is reached, then level to ``right``."""
+def make_step_line(p: WorkProfile, right: float = math.nan) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of the step line: up by one target where it is reached, then level to ``right``."""
     x = np.repeat(np.array(p.target_work, dtype=float), 2)
     y = np.arange(1, len(x) + 1) // 2 / max(p.total, 1)
     if len(x) and right > x[-1]:

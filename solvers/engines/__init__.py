@@ -1,1 +1,1 @@
-"""Engines of others as solvers: one public file each; what they share is in ``export``."""
+"""External engines as solvers: one public file each; their common parts are in ``export``."""

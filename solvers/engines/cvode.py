@@ -24,9 +24,10 @@ from ..formulations.recording import Clock, StepFailure, march
 from ..formulations.start import coordinates_and_velocities, layout_for
 from ..formulations.strong_form import StrongForm
 from ..formulations.sundials import ONE_STEP_LIMIT, not_installed
-from .export.engine import made_by
+from .export.engine import describe_engine
 
-ROWS_EVERY = 2  # steps, at the rows kept
+# steps between two checks of the rows in use: fewer pay more rank searches, more may pass dependent rows
+ROWS_EVERY = 2
 
 
 @solver("cvode")
@@ -43,11 +44,12 @@ class Cvode(SymbolicOptions):
     control: ClassVar[str] = "rtol"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """A missing package, and what all solvers on this route refuse."""
+        """Return why the problem is refused, or None: a missing package, or what all solvers of this kind refuse."""
         return not_installed() or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        from sksundae.cvode import CVODE  # here: on systems without it the class above refuses
+        """Integrate Eq. (65) without lam by CVODE, one accepted step at a time; each step costs one evaluation more."""
+        from sksundae.cvode import CVODE  # imported here, since on systems without it the class above refuses
 
         layout, notes = layout_for(problem, self.coordinates)
         n, still = layout.n_p + layout.n_u, np.zeros(layout.k)
@@ -66,9 +68,14 @@ class Cvode(SymbolicOptions):
         with contextlib.redirect_stdout(io.StringIO()) as said:  # SUNDIALS prints its messages
             reaction = rates(0.0, y)[1]
             cvode = CVODE(
-                rhs, method=self.method, rtol=control.rtol, atol=control.rtol, linsolver="gmres",
-                max_step=control.max_step or 0.0, max_num_steps=ONE_STEP_LIMIT,
-            )  # fmt: skip
+                rhs,
+                method=self.method,
+                rtol=control.rtol,
+                atol=control.rtol,
+                linsolver="gmres",
+                max_step=control.max_step or 0.0,
+                max_num_steps=ONE_STEP_LIMIT,
+            )
             cvode.init_step(0.0, y)
 
             def advance() -> tuple[float, np.ndarray, np.ndarray]:
@@ -82,5 +89,5 @@ class Cvode(SymbolicOptions):
                 form = form.renew(step.y, step.t, ROWS_EVERY)
                 return step.t, step.y, reaction
 
-            notes = (*notes, made_by("scikit-sundae"))
+            notes = (*notes, describe_engine("scikit-sundae"))
             return march(problem, control, layout, clock, advance, y, reaction, lambda steps: work, notes)

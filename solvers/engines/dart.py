@@ -11,7 +11,7 @@ from typing import ClassVar
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
-from .export.engine import SPRINGS, TORSIONS, Taken
+from .export.engine import SPRINGS, TORSIONS, SupportedElements
 from .export.protocol import Adapter
 from .export.tree import DRIVES, KINDS
 
@@ -24,19 +24,22 @@ class Dart(Adapter):
     error_reduction: float = option(
         0.8, "share of a gap that is closed a step; 0.01 is its own", at_least=0.0, at_most=1.0
     )
-    settings: str = option("ours", "as above, or as of a world that nobody configured", choices=("ours", "default"))
+    settings: str = option("ours", "ours: the options above; default: the engine's own", choices=("ours", "default"))
 
     inside: ClassVar[str] = "dart"
     package: ClassVar[str] = "dartpy"
     wheel: ClassVar[str] = "dartpy"
     order: ClassVar[float] = 1.0
-    takes: ClassVar[Taken] = Taken(
-        tuple(kind for kind in KINDS if kind != JointKind.CYLINDRICAL), springs=False, torsions=False, loads="varying",
+    takes: ClassVar[SupportedElements] = SupportedElements(
+        tuple(kind for kind in KINDS if kind != JointKind.CYLINDRICAL),
+        springs=False,
+        torsions=False,
+        loads="varying",
         lacks={
             JointKind.CYLINDRICAL: "it has no cylinder, and no body without mass to make one",
             SPRINGS: "it has none between points",
             TORSIONS: "it takes those of joints implicitly, which is another law at each step",
             **dict.fromkeys(DRIVES, "it prescribes velocities, one a step"),
         },
-    )  # fmt: skip
+    )
     stretch: ClassVar[int] = 5_000  # its loop is in Python

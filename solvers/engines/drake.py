@@ -14,19 +14,28 @@ from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind, MovingKind
 from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, StepControl
-from .export.engine import Taken
+from .export.engine import SupportedElements
 from .export.protocol import Adapter
 from .export.tree import DRIVES, spanning_tree
 
 DISCRETE = ("sap", "similar", "lagged", "tamsi")
 INTEGRATORS = {
-    "runge_kutta3": 3.0, "runge_kutta5": 5.0, "runge_kutta2": 2.0, "bogacki_shampine3": 3.0, "explicit_euler": 1.0,
-    "semi_explicit_euler": 1.0, "implicit_euler": 1.0, "velocity_implicit_euler": 1.0, "radau1": 1.0, "radau3": 3.0,
-    "cenic": 1.0, **dict.fromkeys(DISCRETE, 1.0),
-}  # fmt: skip
+    "runge_kutta3": 3.0,
+    "runge_kutta5": 5.0,
+    "runge_kutta2": 2.0,
+    "bogacki_shampine3": 3.0,
+    "explicit_euler": 1.0,
+    "semi_explicit_euler": 1.0,
+    "implicit_euler": 1.0,
+    "velocity_implicit_euler": 1.0,
+    "radau1": 1.0,
+    "radau3": 3.0,
+    "cenic": 1.0,
+    **dict.fromkeys(DISCRETE, 1.0),
+}
 
-TAKEN = Taken(
-    loads="varying",  # by a system in Python
+TAKEN = SupportedElements(
+    loads="varying",  # applied by a system in Python
     lacks={
         **dict.fromkeys(DRIVES, "its joints can be locked, not driven"),
         JointKind.DISTANCE: "its continuous plant ignores it and its discrete steps regularise it",
@@ -42,12 +51,12 @@ class Drake(Adapter):
     """Drake's fixed steps, discrete or continuous."""
 
     integrator: str = option("runge_kutta3", "Drake's name of it, or of its discrete steps", choices=tuple(INTEGRATORS))
-    settings: str = option("ours", "as above, or as of a plant that nobody configured", choices=("ours", "default"))
+    settings: str = option("ours", "ours: the options above; default: the engine's own", choices=("ours", "default"))
 
     inside: ClassVar[str] = "drake"
     package: ClassVar[str] = "pydrake"
     wheel: ClassVar[str] = "drake"
-    takes: ClassVar[Taken] = TAKEN
+    takes: ClassVar[SupportedElements] = TAKEN
 
     @property
     def order(self) -> float:
@@ -55,11 +64,12 @@ class Drake(Adapter):
         return 1.0 if self.settings == "default" else INTEGRATORS[self.integrator]
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
+        """Return why these steps cannot close the loops of the problem, or None."""
         return loops_refusal(problem, "lagged" if self.settings == "default" else self.integrator)
 
 
 def loops_refusal(problem: Problem, integrator: str) -> str | None:
-    """Why these steps do not hold the loops of a problem, or None."""
+    """Return why these steps cannot close the loops of a problem, or None."""
     cuts = spanning_tree(problem.system, problem.initial).cuts
     if integrator in ("sap", "similar", "lagged"):
         to_ground = any(GROUND in (cut.i, cut.j) for cut in cuts)

@@ -11,7 +11,7 @@ from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.types import Problem, StepControl
 from .drake import TAKEN, loops_refusal
-from .export.engine import Taken
+from .export.engine import SupportedElements
 from .export.protocol import Adapter
 
 INTEGRATORS = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "implicit_euler", "radau3", "cenic")
@@ -23,13 +23,14 @@ class DrakeAdaptive(Adapter):
     """Drake's integrators with error control."""
 
     integrator: str = option("runge_kutta3", "Drake's name of it", choices=INTEGRATORS)
-    settings: str = option("ours", "as above, or as of a Simulator that nobody configured", choices=("ours", "default"))
+    settings: str = option("ours", "ours: the options above; default: the engine's own", choices=("ours", "default"))
 
     control: ClassVar[str] = "rtol"
     inside: ClassVar[str] = "drake"
     package: ClassVar[str] = "pydrake"
     wheel: ClassVar[str] = "drake"
-    takes: ClassVar[Taken] = TAKEN
+    takes: ClassVar[SupportedElements] = TAKEN
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
+        """Return why this integrator cannot close the loops of the problem, or None."""
         return loops_refusal(problem, self.integrator)

@@ -2,10 +2,10 @@
 
 A body is a node with Euler parameters and their norm as a constraint, a joint is rows of algebraic equations. Most are
 Exudyn's generic joint about its z axis, both joint frames equal at the start, with marker 0 on body j: an incomplete
-set of its rows is then one of ours. It knows no rate of a drive (1.13.6). Redundant rows are left out, chosen by a
-pivoted QR of them in the frame in which Exudyn states them, or kept: then with Tait-Bryan angles, whose nodes have no
-row of their own, and dense LU that ignores the singular Jacobian, by the rows of index 3 alone. Where the rows in use
-wear out before all do, the rest of a stretch is thrown away and a model on better rows goes on from there
+set of its rows is then one of ours. It does not know the rate of a drive (1.13.6). Redundant rows are left out, chosen
+by a pivoted QR of them in the frame in which Exudyn states them, or kept: then with Tait-Bryan angles, whose nodes have
+no row of their own, and dense LU that ignores the singular Jacobian, by the rows of index 3 alone. Where the rows in
+use lose rank before all do, the rest of a stretch is discarded and a model on better rows continues from there
 (``export.exudyn_rows``). Its defaults stay: modified Newton, and smaller steps where the iteration fails; such a run
 has no fixed steps any more and ends there. Sensors record poses inside the timed loop. Between stretches it restarts
 from its state, with initial accelerations computed anew. Its explicit integrators take no joints.
@@ -26,23 +26,25 @@ from ...harness.catalogue.registry import solver
 from ...harness.mechanics import so3
 from ...harness.mechanics.consistency import project
 from ...harness.mechanics.joints import JointKind, MovingKind
-from ...harness.mechanics.joints.frames import normals_of
+from ...harness.mechanics.joints.frames import choose_normals
+from ...harness.mechanics.naming import name_body, name_joint
 from ...harness.mechanics.state import State, States
 from ...harness.mechanics.system import GROUND, MultibodySystem
-from ...harness.mechanics.time_functions import values, varies
+from ...harness.mechanics.time_functions import are_varying, values
 from ...harness.types import Problem, Status, StepControl, Trajectory
-from ..formulations.packages import missing
-from ..formulations.recording import Clock, Clocked
-from .export.engine import Taken, beyond, made_by, package
+from ..formulations.packages import find_remedy
+from ..formulations.recording import Clock, ClockedSolver
+from .export.engine import SupportedElements, describe_engine, list_unsupported, package
 from .export.exudyn_rows import KeptRows, joint_frames
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
 from .export.tree import DRIVES, KINDS, PARALLEL
 
 INTEGRATORS = ("TrapezoidalIndex2", "GeneralizedAlpha")
-OUTPUTS = {"Position": 3, "RotationMatrix": 9, "Velocity": 3, "AngularVelocityLocal": 3}  # numbers of a body
+# outputs of a body and their sizes
+OUTPUTS = {"Position": 3, "RotationMatrix": 9, "Velocity": 3, "AngularVelocityLocal": 3}
 SMALLER = "its iteration failed and it took a smaller step than dt"
-SHORT = 32  # steps of a stretch after rows were chosen anew, at least
+SHORT = 32  # least steps of a stretch after rows were chosen anew
 WITHIN = "the rows in use become dependent within a step, and no others hold on both sides of it: reduce dt"
 STEEP = 0.99  # sine of the second angle
 # a four-bar linkage turned against the axes then stops within a step, all its rows satisfied
@@ -50,13 +52,13 @@ KEPT = (
     "TrapezoidalIndex2 holds rows as velocities, and off the constraints the redundant ones are independent and take "
     "freedoms away: set integrator=GeneralizedAlpha or redundant_rows=drop"
 )
-ON_GRID = 1e-6  # of a step: recorded times are sums of steps
+ON_GRID = 1e-6  # share of a step: recorded times are sums of steps
 AXIAL = (JointKind.REVOLUTE, JointKind.CYLINDRICAL)
 
 
 @solver("exudyn")
 @dataclass(frozen=True)
-class Exudyn(Clocked):
+class Exudyn(ClockedSolver):
     """Exudyn's implicit integrators in redundant coordinates."""
 
     integrator: str = option("TrapezoidalIndex2", "Exudyn's name of it", choices=INTEGRATORS)
@@ -69,7 +71,7 @@ class Exudyn(Clocked):
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
-    takes: ClassVar[Taken] = Taken(
+    takes: ClassVar[SupportedElements] = SupportedElements(
         (*KINDS, JointKind.ON_LINE, JointKind.ON_PLANE, JointKind.NORMAL, JointKind.DISTANCE, MovingKind.ROLLING),
         loads="varying",
         lacks={
@@ -80,8 +82,8 @@ class Exudyn(Clocked):
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Why Exudyn cannot take the problem, or None."""
-        reason = missing("exudyn") or beyond(problem.system, self.takes)
+        """Return why Exudyn cannot take the problem, or None."""
+        reason = find_remedy("exudyn") or list_unsupported(problem.system, self.takes)
         if reason is not None:
             return reason
         try:
@@ -92,12 +94,12 @@ class Exudyn(Clocked):
             return KEPT
         steep = np.abs(problem.initial.R[:, 0, 2]) > STEEP
         if model.full and np.any(steep):
-            which = problem.system.body_names[int(np.argmax(steep))]
+            which = name_body(problem.system, int(np.argmax(steep)))
             return f"Tait-Bryan angles are singular at the start of {which}: turn it, e.g. rotation=0.3,-0.5,0.7"
         return model_refusal(self.name, problem, model.at_start())
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Exudyn's own loop with the fixed step ``control.dt``."""
+        """Run Exudyn's own loop with the fixed step ``control.dt``."""
         model = Model(self, problem, control)
         return replace(march(problem, control, model.advance, model.states, clock=clock, notes=()), notes=model.notes())
 
@@ -117,7 +119,7 @@ class Model:
         self._assemble(problem.initial)
 
     def _assemble(self, start: State) -> None:
-        """Exudyn's system with the rows in use, at ``start``."""
+        """Assemble Exudyn's system with the rows in use, at ``start``."""
         system, kept = self._problem.system, self._rows.kept
         self._container = self._exu.SystemContainer()
         self.mbs = mbs = self._container.AddSystem()
@@ -137,13 +139,13 @@ class Model:
         mbs.Assemble()
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """r, R, v, Omega body by body after each of the next steps, fewer where the rows in use are worn."""
+        """Return r, R, v, Omega body by body after each of the next steps, fewer where the rows in use lose rank."""
         steps = min(steps, self._most)
         began, end = self._time, self._time + steps * dt
         kind, words = getattr(self._exu.DynamicSolverType, self._options.integrator), "its solver failed"
         try:
             ended = self.mbs.SolveDynamic(self._settings(began, end, steps), solverType=kind, updateInitialValues=True)
-        except Exception as error:  # its failures are results; their class is not public
+        except Exception as error:  # a failure of the engine is a result; its class is not public
             ended, words = False, " ".join(str(error).split())
         stored = [[self.mbs.GetSensorStoredData(s) for s in of_body] for of_body in self._sensors]
         t = stored[0][0][:, 0]
@@ -151,7 +153,7 @@ class Model:
         on_grid = np.abs(t[: steps + 1] - began - dt * np.arange(min(len(t), steps + 1))) < ON_GRID * dt
         rows = rows[1 : len(on_grid) if np.all(on_grid) else int(np.argmin(on_grid))]
         states = self.states(rows)
-        if worn := self._rows.look(states, dt):
+        if worn := self._rows.check_states(states, dt):
             rows = rows[: worn.last + 1]
             self._choose_rows(worn.better, rows, dt)
             return rows
@@ -162,7 +164,10 @@ class Model:
         return rows
 
     def _choose_rows(self, kept: Bool[np.ndarray, " nrows"] | None, rows: Float[np.ndarray, "k n"], dt: float) -> None:
-        """Go on from the last of ``rows`` with others; the next stretch may be thrown away, and is not much longer."""
+        """Assemble the system anew with the rows ``kept`` in use, and continue from the last of ``rows``.
+
+        The next stretch is short, as it may be lost. Raises ``PartialStretch`` where no rows hold on.
+        """
         system, start = self._problem.system, self.states(rows[-1:])[0] if len(rows) else self._last
         self._time, self._most = self._time + len(rows) * dt, max(SHORT, 2 * len(rows))
         if kept is None or self._time in self._changes:
@@ -176,13 +181,13 @@ class Model:
             raise PartialStretch(Status.DIVERGED, f"rows could not be chosen anew: {error}", rows) from None
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """States from rows of ``advance``."""
+        """Return poses and velocities of the bodies from rows of ``advance``."""
         by_body = rows.reshape(len(rows), len(self.bodies), -1)
         r, R, v, Omega = np.split(by_body, np.cumsum(list(OUTPUTS.values()))[:-1], axis=2)
         return States(r, R.reshape(*R.shape[:2], 3, 3), v, Omega)
 
     def at_start(self) -> EngineModel:
-        """For the model check; the norm of Euler parameters p satisfies p . p_ddot = -p_dot . p_dot."""
+        """Return the quantities of the model check; Euler parameters p satisfy p . p_ddot = -p_dot . p_dot."""
         mbs, start, n = self.mbs, self._problem.initial, 6 if self.full else 7
         solver, settings = self._exu.MainSolverImplicitSecondOrder(), self._settings(0.0, self._problem.t_end, 1)
         solver.InitializeSolver(mbs, settings)
@@ -213,16 +218,17 @@ class Model:
         return EngineModel(T, mass_matrix, rest_forces, kinetic, None, bias, forces, G, idle)
 
     def notes(self) -> tuple[str, ...]:
-        """Notes on how joints and forces were modelled."""
+        """Return notes on how joints and forces were modelled."""
         dropped, times = ", ".join(map(str, self._left_out)), ", ".join(f"{t:.4g}" for t in self._changes)
         return (
             f"{int(np.sum(self._rows.kept))} of {self._problem.system.nrows} constraint rows",
             *((f"left out, redundant at the start: {dropped}",) if dropped and not self.full else ()),
             *((f"rows chosen anew at t = {times} s",) if times else ()),
-            made_by("exudyn"),
+            describe_engine("exudyn"),
         )
 
     def _settings(self, began: float, end: float, steps: int) -> Any:
+        """Return Exudyn's settings of a simulation of ``steps`` from ``began`` to ``end`` [s]."""
         s, options = self._exu.SimulationSettings(), self._options
         t = s.timeIntegration
         t.numberOfSteps, t.startTime, t.endTime, t.verboseMode = steps, began, end, 0
@@ -236,19 +242,26 @@ class Model:
         return s
 
     def _body(self, system: MultibodySystem, start: State, b: int) -> Any:
+        """Add a body to Exudyn's system at the state ``start``; return its number."""
         inertia = self._exu.rigidBodyUtilities.RigidBodyInertia(system.mass[b], system.regular_inertia[b])
         return self.mbs.CreateRigidBody(
-            referencePosition=start.r[b], referenceRotationMatrix=start.R[b],
-            initialVelocity=start.v[b], initialAngularVelocity=start.R[b] @ start.Omega[b],  # theirs is in space
-            inertia=inertia, gravity=system.gravity, nodeType=getattr(self._exu.NodeType, self._node),
-        )  # fmt: skip
+            referencePosition=start.r[b],
+            referenceRotationMatrix=start.R[b],
+            initialVelocity=start.v[b],
+            initialAngularVelocity=start.R[b] @ start.Omega[b],  # Exudyn's is in space
+            inertia=inertia,
+            gravity=system.gravity,
+            nodeType=getattr(self._exu.NodeType, self._node),
+        )
 
     def _marker(self, body: int, place: np.ndarray, rotation: np.ndarray | None = None) -> Any:
+        """Add a marker on a body, or the ground, at ``place`` with axes ``rotation``; return its number."""
         number = self._ground if body == GROUND else self.bodies[body]
         frame = self._exu.HT(rotation=np.eye(3) if rotation is None else rotation, translation=place)
         return self.mbs.AddMarker(self._exu.itemInterface.MarkerBodyRigid(bodyNumber=number, localHT=frame))
 
     def _joint(self, system: MultibodySystem, start: State, k: int, rows: Bool[np.ndarray, " n"]) -> None:
+        """Add joint ``k``, held by those of its ``rows`` that are in use."""
         items, i, j = self._exu.itemInterface, int(system.joint_i[k]), int(system.joint_j[k])
         s_i, s_j = system.joint_s_i[k], system.joint_s_j[k]
         if system.joint_kind(k) == JointKind.SPHERICAL:
@@ -272,60 +285,74 @@ class Model:
         self.mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=axes))
 
     def _spring(self, system: MultibodySystem, k: int) -> None:
+        """Add spring-damper ``k``."""
         i, j = int(system.spring_i[k]), int(system.spring_j[k])
         markers = [self._marker(i, system.spring_p_i[k]), self._marker(j, system.spring_p_j[k])]
         law = {"stiffness": system.spring_k[k], "damping": system.spring_c[k], "referenceLength": system.spring_d0[k]}
         self.mbs.AddObject(self._exu.itemInterface.SpringDamper(markerNumbers=markers, **law))
 
     def _torsion(self, system: MultibodySystem, start: State, k: int) -> None:
-        """Its angle is that of marker 1 from marker 0, here from where it is at rest."""
+        """Add a torsional spring; its angle is that of marker 1 from marker 0, here from the rest angle."""
         i, j, (e, b) = int(system.torsion_i[k]), int(system.torsion_j[k]), system.torsion_n[k]
         R, axis, u = np.concatenate((start.R, np.eye(3)[None])), np.cross(e, b), system.torsion_u[k]
         in_i = R[i].T @ R[j] @ axis
         ends = list(zip(system.joint_i.tolist(), system.joint_j.tolist(), strict=True))
-        hinges = [system.joint_u[n] if ends[n][0] == j else np.cross(*system.joint_n[n, :2])
-                  for n in range(system.nj) if set(ends[n]) == {i, j} and system.joint_kind(n) in AXIAL]  # fmt: skip
+        hinges = [
+            system.joint_u[n] if ends[n][0] == j else np.cross(*system.joint_n[n, :2])
+            for n in range(system.nj)
+            if set(ends[n]) == {i, j} and system.joint_kind(n) in AXIAL
+        ]
         if not any(abs(abs(axis @ hinge) - 1.0) < PARALLEL for hinge in hinges):
             raise ValueError("a torsional spring is not about the axis of a hinge or a cylinder")
         angle = float(system.torsion_rest[k])
         if system.torsion_wound[k]:
             raise ValueError("a torsional spring is wound by whole turns at the start")
         at_rest = np.cos(angle) * e + np.sin(angle) * b
-        markers = [self._marker(j, np.zeros(3), np.column_stack((at_rest, np.cross(axis, at_rest), axis))),
-                   self._marker(i, np.zeros(3), np.column_stack((u, np.cross(in_i, u), in_i)))]  # fmt: skip
+        markers = [
+            self._marker(j, np.zeros(3), np.column_stack((at_rest, np.cross(axis, at_rest), axis))),
+            self._marker(i, np.zeros(3), np.column_stack((u, np.cross(in_i, u), in_i))),
+        ]
         law = {"stiffness": float(system.torsion_k[k]), "damping": float(system.torsion_c[k])}
         self.mbs.AddObject(self._exu.itemInterface.TorsionalSpringDamper(markerNumbers=markers, **law))
 
     def _disc(self, system: MultibodySystem, k: int, rows: Bool[np.ndarray, " n"]) -> None:
-        """About x of its marker, on the plane x, y of the ground's."""
+        """Add rolling disc ``k`` about x of its marker, on the plane x, y of the ground's; ValueError on others."""
         i, j, n, u = int(system.joint_i[k]), int(system.joint_j[k]), system.joint_n[k], system.joint_u[k]
         if j != GROUND or np.any(system.joint_s_i[k]) or not np.all(rows):
-            raise ValueError(f"the disc {system.joint_names[k]} has to roll on the ground about its centre of mass, "
-                             "and none of its rows may depend on others")  # fmt: skip
-        markers = [self._marker(j, system.joint_s_j[k], np.column_stack((*n[1:], n[0]))),
-                   self._marker(i, np.zeros(3), np.column_stack((u, *normals_of(u))))]  # fmt: skip
+            raise ValueError(
+                f"{name_joint(system, k)}: a disc has to roll on the ground about its centre of mass, "
+                "and none of its rows may depend on others"
+            )
+        markers = [
+            self._marker(j, system.joint_s_j[k], np.column_stack((*n[1:], n[0]))),
+            self._marker(i, np.zeros(3), np.column_stack((u, *choose_normals(u)))),
+        ]
         radius = float(system.joint_length[k])
-        self.mbs.AddObject(self._exu.itemInterface.RollingDiscJoint(
-            markerNumbers=markers, discRadius=radius, discAxis=[1, 0, 0], planeNormal=[0, 0, 1]
-        ))  # fmt: skip
+        self.mbs.AddObject(
+            self._exu.itemInterface.RollingDiscJoint(
+                markerNumbers=markers, discRadius=radius, discAxis=[1, 0, 0], planeNormal=[0, 0, 1]
+            )
+        )
 
     def _load(self, system: MultibodySystem, k: int) -> None:
-        """Its factor is called in Python in every evaluation, where it varies."""
+        """Add a load; where its factor varies, it is called in Python in every evaluation."""
         marker, factor = self._marker(int(system.load_i[k]), system.load_p[k]), system.load_factor[k : k + 1]
         items, follows, now = self._exu.itemInterface, bool(system.load_follows[k]), values(factor, np.zeros(1))[0]
         for kind, vector in (
-            (items.LoadForceVector, system.load_force[k]), (items.LoadTorqueVector, system.load_torque[k])
-        ):  # fmt: skip
+            (items.LoadForceVector, system.load_force[k]),
+            (items.LoadTorqueVector, system.load_torque[k]),
+        ):
             if not np.any(vector):
                 continue
             law = {}
-            if varies(factor)[0]:
+            if are_varying(factor)[0]:
                 law["loadVectorUserFunction"] = lambda mbs, t, _, vector=vector: (
                     float(values(factor, np.array([t]))[0][0, 0]) * vector
                 )
             self.mbs.AddLoad(kind(markerNumber=marker, loadVector=float(now[0, 0]) * vector, bodyFixed=follows, **law))
 
     def _sensor(self, body: Any, name: str) -> Any:
+        """Add a sensor that records the output ``name`` of a body in memory; return its number."""
         kind = getattr(self._exu.OutputVariableType, name)
         sensor = self._exu.itemInterface.SensorBody(
             bodyNumber=body, outputVariableType=kind, storeInternal=True, writeToFile=False
@@ -334,19 +361,20 @@ class Model:
 
 
 def _package() -> ModuleType:
+    """Import Exudyn without its range checks; return the module."""
     sys.exudynFast = True  # type: ignore[attr-defined]  # its own switch, read at import
-    with contextlib.redirect_stdout(io.StringIO()):  # it announces that
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints a message about that
         return package("exudyn", "itemInterface", "rigidBodyUtilities")
 
 
 def _euler_parameters(p: Float[np.ndarray, " 4"], rate: Float[np.ndarray, " 4"]) -> tuple[np.ndarray, np.ndarray]:
-    """G of Omega = G rate, and the rest of Omega_dot, which is 0."""
+    """Return G of Omega = G rate for Euler parameters ``p``, and the rest of Omega_dot, which is 0."""
     a, b, c, d = p
     return 2.0 * np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]]), np.zeros(3)
 
 
 def _tait_bryan(angles: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) -> tuple[np.ndarray, np.ndarray]:
-    """G of Omega = G rate for R = R_x R_y R_z, and the rest of Omega_dot."""
+    """Return G of Omega = G rate for R = R_x R_y R_z, and the rest of Omega_dot, G_dot rate."""
     (sb, cb), (sc, cc) = ((np.sin(x), np.cos(x)) for x in angles[1:])
     _, b, c = rate
     G = np.array([[cb * cc, sc, 0.0], [-cb * sc, cc, 0.0], [sb, 0.0, 1.0]])

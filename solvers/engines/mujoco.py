@@ -32,17 +32,21 @@ from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind, MovingKind
 from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, States, Status, StepControl, Trajectory
-from ..formulations.packages import missing
-from ..formulations.recording import Clock, Clocked
-from .export.engine import VARYING, Taken, beyond, package
+from ..formulations.packages import find_remedy
+from ..formulations.recording import Clock, ClockedSolver
+from .export.engine import VARYING, SupportedElements, list_unsupported, package
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
-from .export.plain import plain, springs_of_hinges
+from .export.plain import flatten_tree, springs_of_hinges
 from .export.tree import DRIVES, Kind, Tree, spanning_tree
 
 INTEGRATORS = {  # order in dt without constraints
-    "RK4": 4.0, "Euler": 1.0, "implicitfast": 1.0, "implicit": 1.0, "discrete": 1.0,
-}  # fmt: skip
+    "RK4": 4.0,
+    "Euler": 1.0,
+    "implicitfast": 1.0,
+    "implicit": 1.0,
+    "discrete": 1.0,
+}
 LACKS: dict[str, str] = {
     **dict.fromkeys((*DRIVES, MovingKind.DRIVEN_DISTANCE), "it has actuators and no prescribed motion"),
     JointKind.DISTANCE: "a tendon holds its length softly",
@@ -51,12 +55,12 @@ LACKS: dict[str, str] = {
     VARYING: "controls are constant within a step",
 }
 CONSTRAINT_SOLVERS = ("Newton", "CG", "PGS")
-WRONG_IF_SPARSE = "4.0.0"  # a wrong factor of the Hessian: google-deepmind/mujoco#3767, right from 4.0.1
+WRONG_IF_SPARSE = "4.0.0"  # factors its Hessian wrongly: google-deepmind/mujoco#3767, right from 4.0.1
 
 
 @solver("mujoco")
 @dataclass(frozen=True)
-class MuJoCo(Clocked):
+class MuJoCo(ClockedSolver):
     """MuJoCo's integrators on its own tree with soft loop constraints."""
 
     integrator: str = option("RK4", "MuJoCo's name of it; Euler is semi-implicit", choices=tuple(INTEGRATORS))
@@ -68,7 +72,7 @@ class MuJoCo(Clocked):
     )
     settings: str = option(
         "ours",
-        "integrator and loops: as above, as MuJoCo ships them, or as in the problem's file",
+        "integrator and loops; ours: the options above; default: as MuJoCo ships them; file: as in the problem's file",
         choices=("ours", "default", "file"),
     )
     impedance: float = option(
@@ -79,18 +83,18 @@ class MuJoCo(Clocked):
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
-    takes: ClassVar[Taken] = Taken(loads="constant", lacks=LACKS)
+    takes: ClassVar[SupportedElements] = SupportedElements(loads="constant", lacks=LACKS)
 
     @property
     def order(self) -> float:
-        """Without loops; with loops 2 at most; NaN with settings of a file."""
+        """Order of its steps without loops, at most 2 with loops; NaN with settings of a file."""
         if self.settings == "file":
             return math.nan
         return INTEGRATORS[self.integrator if self.settings == "ours" else "Euler"]
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Why MuJoCo cannot take the problem, or None."""
-        if (reason := missing("mujoco") or beyond(problem.system, self.takes)) is not None:
+        """Return why MuJoCo cannot take the problem, or None."""
+        if (reason := find_remedy("mujoco") or list_unsupported(problem.system, self.takes)) is not None:
             return reason
         if (reason := self._describe_ignored()) is not None:
             return reason
@@ -98,12 +102,12 @@ class MuJoCo(Clocked):
             return reason
         try:
             model = Model(self, problem, control)
-        except ValueError as error:  # of its compiler, e.g. an inertia that no body can have
+        except ValueError as error:  # raised by its compiler, e.g. for an inertia that no body can have
             return f"MuJoCo does not take the model: {' '.join(str(error).split())}"
         return model_refusal(self.name, problem, model.at_start())
 
     def _describe_ignored(self) -> str | None:
-        """Return which options the settings of others would take the place of, or None."""
+        """Return which options the chosen settings would override, or None."""
         own = [f for f in fields(self) if f.name != "settings"]
         ignored = [f.name for f in own if self.settings != "ours" and getattr(self, f.name) != f.default]
         if not ignored:
@@ -112,7 +116,7 @@ class MuJoCo(Clocked):
         return f"settings={self.settings} takes {', '.join(ignored)} from {whose}: leave {', '.join(ignored)} out"
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """MuJoCo's own loop (``rollout``) with the fixed step ``control.dt``."""
+        """Run MuJoCo's own loop (``rollout``) with the fixed step ``control.dt``."""
         model = Model(self, problem, control)
         return march(problem, control, model.advance, model.states, clock=clock, notes=model.notes())
 
@@ -131,12 +135,12 @@ class Model:
         self._other_step = (f"dt = {control.dt:g} s; the file's timestep is {own:g} s",) if is_other else ()
         self.data = self.mj.MjData(self.model)
         with contextlib.suppress(PartialStretch):
-            self.advance(1, control.dt)  # what it sets up at the first call is not counted
+            self.advance(1, control.dt)  # set-up at the first call is not counted
         self.mj.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = self.tree.start, self.tree.start_velocity
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """(time, qpos, qvel) after each of the next steps; after a warning ``rollout`` repeats its last state."""
+        """Return (time, qpos, qvel) after each of the next steps; from a warning on ``rollout`` repeats a state."""
         mj, self.model.opt.timestep = self.mj, dt
         kind = mj.mjtState.mjSTATE_FULLPHYSICS
         first = np.empty(mj.mj_stateSize(self.model, kind))
@@ -151,12 +155,12 @@ class Model:
         raise PartialStretch(Status.DIVERGED, f"MuJoCo warned and stopped: {words}", rows[0, : max(moved - 1, 0)])
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """States from rows of ``advance``."""
+        """Return poses and velocities of the bodies from rows of ``advance``."""
         nq = self.model.nq
         return self.tree.states(rows[:, 1 : 1 + nq], rows[:, 1 + nq : 1 + nq + self.model.nv])
 
     def at_start(self) -> EngineModel:
-        """For the model check."""
+        """Return the quantities of the model check."""
         mj, m, d, problem = self.mj, self.model, self.data, self.problem
         mj.mj_forward(m, d)
         mj.mj_energyPos(m, d)
@@ -180,7 +184,7 @@ class Model:
         return EngineModel(T, mass_matrix, still.qfrc_smooth, kinetic, potential, bias, d.qfrc_smooth, G)
 
     def notes(self) -> tuple[str, ...]:
-        """Notes on how joints and forces were modelled."""
+        """Return notes on how joints and forces were modelled."""
         cuts = len(self.tree.cuts)
         limbs = f"{len(self.tree.limbs)} bodies as a tree of {self.model.nv} velocities"
         held = f"{limbs}; {cuts} points of cut joints held by soft constraints" if cuts else limbs
@@ -192,6 +196,7 @@ class Model:
 
 
 def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: float) -> Any:
+    """Return MuJoCo's description of the problem, not compiled, with the options' settings."""
     from .inside import mjcf  # it imports MuJoCo
 
     system, start = problem.system, problem.initial
@@ -219,35 +224,40 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
         free = limb.kind is Kind.FREE
         moments, axes = np.linalg.eigh(system.regular_inertia[limb.body])
         parts[limb.body] = part = parts[limb.parent].add_body(
-            name=_name(limb.body), mass=system.mass[limb.body], explicitinertial=True, ipos=np.zeros(3),
-            inertia=moments, iquat=_quaternion(axes * np.linalg.det(axes)),
-            pos=start.r[limb.body] if free else limb.s_parent - limb.R_0 @ limb.s_child, quat=_quaternion(limb.R_0),
-        )  # fmt: skip
+            name=_name(limb.body),
+            mass=system.mass[limb.body],
+            explicitinertial=True,
+            ipos=np.zeros(3),
+            inertia=moments,
+            iquat=_quaternion(axes * np.linalg.det(axes)),
+            pos=start.r[limb.body] if free else limb.s_parent - limb.R_0 @ limb.s_child,
+            quat=_quaternion(limb.R_0),
+        )
         kinds = mj.mjtJoint
         if limb.kind.is_turned:
             part.add_joint(type=kinds.mjJNT_FREE if free else kinds.mjJNT_BALL, pos=limb.s_child)
         for slides, axis in limb.moves():
             kind = kinds.mjJNT_SLIDE if slides else kinds.mjJNT_HINGE
-            part.add_joint(type=kind, pos=limb.s_child, axis=axis, **mjcf.spring_of(springs.get(limb.body)))
+            part.add_joint(type=kind, pos=limb.s_child, axis=axis, **mjcf.make_spring(springs.get(limb.body)))
     for cut in tree.cuts:
         row = spec.add_equality(type=mj.mjtEq.mjEQ_CONNECT, objtype=mj.mjtObj.mjOBJ_BODY)
         row.name1, row.name2, row.data[:3] = _name(cut.i), _name(cut.j), cut.s_i
         row.solref, row.solimp = solref, solimp
-    given = plain(tree, system, start)
+    given = flatten_tree(tree, system, start)
     mjcf.add_springs(spec, parts, given["springs"])
     mjcf.add_loads(spec, parts, given["loads"])
     return spec
 
 
 def _file_of(problem: Problem) -> Any:
-    """MuJoCo's compiled model of the file that the problem was read from, or None."""
+    """Return MuJoCo's compiled model of the file that the problem was read from, or None."""
     entry = registry.problems().get(problem.name)
     made_by_file = getattr(getattr(entry, "make", None), "__self__", None)
     return made_by_file.model if isinstance(made_by_file, CompiledMechanism) else None
 
 
 def _not_as_in_file(problem: Problem) -> str | None:
-    """Why the settings of a file cannot be taken, or None."""
+    """Return why the settings of a file cannot be taken, or None."""
     given = _file_of(problem)
     if given is None:
         return "settings=file: the problem was not read from an MJCF file"
@@ -258,8 +268,10 @@ def _not_as_in_file(problem: Problem) -> str | None:
 
 
 def _name(body: int) -> str:
+    """Return the name of a body in MuJoCo's model."""
     return "world" if body == GROUND else f"body {body}"
 
 
 def _quaternion(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]:
+    """Return the quaternion (w, x, y, z) of a rotation matrix."""
     return Rotation.from_matrix(R).as_quat(scalar_first=True)

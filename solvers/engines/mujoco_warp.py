@@ -2,7 +2,7 @@
 
 The tree and the soft constraints are those of ``mujoco``. Forces of its accelerations without constraints, and its rows
 of loops, are ours to the roundings of single precision (``export.model_check``).
-On a CPU a step takes a hundred launches of kernels: its speed is not meant.
+On a CPU a step takes a hundred launches of kernels: its times say nothing about its intended hardware.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
-from .export.engine import Taken
+from .export.engine import SupportedElements
 from .export.model_check import SINGLE
 from .export.protocol import Adapter
 from .mujoco import LACKS
@@ -26,12 +26,12 @@ class MuJoCoWarp(Adapter):
     integrator: str = option("RK4", "MuJoCo's name of it", choices=tuple(INTEGRATORS))
     time_constant: float = option(2.0, "time constant of the soft constraints, in steps", at_least=2.0)
     impedance: float = option(0.99, "impedance of the soft constraints", at_least=1e-4, at_most=0.9999)
-    settings: str = option("ours", "as above, or as MuJoCo ships them", choices=("ours", "default"))
+    settings: str = option("ours", "ours: the options above; default: the engine's own", choices=("ours", "default"))
 
     inside: ClassVar[str] = "mujoco_warp"
     package: ClassVar[str] = "mujoco_warp"
     wheel: ClassVar[str] = "mujoco-warp"
-    takes: ClassVar[Taken] = Taken(loads="constant", lacks=LACKS)
+    takes: ClassVar[SupportedElements] = SupportedElements(loads="constant", lacks=LACKS)
     eps: ClassVar[float] = SINGLE
     moving: ClassVar[bool] = True
     stretch: ClassVar[int] = 200

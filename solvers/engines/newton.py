@@ -15,7 +15,7 @@ from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
 from ...harness.types import Problem, StepControl
-from .export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken
+from .export.engine import LOADS, SPRINGS, TORSIONS, VARYING, SupportedElements
 from .export.protocol import Adapter
 from .export.stepping import Stepped
 from .export.tree import DRIVES, spanning_tree
@@ -31,22 +31,23 @@ class Newton(Stepped):
     """Newton's solvers on a CPU."""
 
     solver: str = option("Featherstone", "Newton's solver", choices=SOLVERS)
-    integrator: str = option("rk4", "of solver=MuJoCo", choices=MUJOCO)
-    iterations: int = option(50, "of solver=XPBD, a step", at_least=1)
+    integrator: str = option("rk4", "integrator (solver=MuJoCo only)", choices=MUJOCO)
+    iterations: int = option(50, "XPBD iterations per step (solver=XPBD only)", at_least=1)
     joint_relaxation: float = option(
         0.4, "joint_linear_relaxation and joint_angular_relaxation of solver=XPBD, which ships 0.7 and 0.4", above=0.0
     )
-    max_iterations: int = option(200, "of solver=Kamino, a step", at_least=1)
+    max_iterations: int = option(200, "iterations per step (solver=Kamino only)", at_least=1)
     alpha: float = option(0.01, "stabilisation of solver=Kamino", at_least=0.0, at_most=1.0)
-    time_constant: float = option(2.0, "of loops of solver=MuJoCo, in steps", at_least=2.0)
-    impedance: float = option(0.99, "of loops of solver=MuJoCo", at_least=1e-4, at_most=0.9999)
-    settings: str = option("ours", "as above, or as the solver ships", choices=("ours", "default"))
+    time_constant: float = option(2.0, "time constant of loops, in steps (solver=MuJoCo only)", at_least=2.0)
+    impedance: float = option(0.99, "impedance of loops (solver=MuJoCo only)", at_least=1e-4, at_most=0.9999)
+    settings: str = option("ours", "ours: the options above; default: the engine's own", choices=("ours", "default"))
 
     inside: ClassVar[str] = "newton"
     package: ClassVar[str] = "newton"
     wheel: ClassVar[str] = "newton"
-    takes: ClassVar[Taken] = Taken(
-        springs=False, torsions=False,
+    takes: ClassVar[SupportedElements] = SupportedElements(
+        springs=False,
+        torsions=False,
         lacks={
             SPRINGS: "its springs are of particles",
             TORSIONS: "not all its solvers know those of joints",
@@ -54,7 +55,7 @@ class Newton(Stepped):
             **dict.fromkeys((LOADS, VARYING), "forces are what its caller sets at each step"),
             **dict.fromkeys(DRIVES, "its joints have targets, not prescribed motions"),
         },
-    )  # fmt: skip
+    )
     moving: ClassVar[bool] = True
     stretch: ClassVar[int] = 50
 
@@ -63,16 +64,17 @@ class Newton(Stepped):
         """Order of its steps, as long as single precision does not show."""
         return 4.0 if (self.solver, self.integrator, self.settings) == ("MuJoCo", "rk4", "ours") else 1.0
 
-    def differing(self, problem: Problem, control: StepControl) -> str | None:
-        """By the accelerations of its steps, or of the model that it is given."""
+    def compare_model(self, problem: Problem, control: StepControl) -> str | None:
+        """Return how the solver's accelerations, or those of the model that it is given, differ from ours, or None."""
         of_steps = self.solver in ("Featherstone", "Kamino")
-        return super().differing(problem, control) if of_steps else Adapter.differing(self, problem, control)
+        return super().compare_model(problem, control) if of_steps else Adapter.compare_model(self, problem, control)
 
     def stiffest(self) -> "Newton":
-        """The same model without the damping of a default, its iterations many."""
+        """Return the same model without the damping of a default, its iterations many."""
         return replace(self, settings="ours", max_iterations=MANY, alpha=0.0)
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
+        """Return why Featherstone cannot take a problem with loops, or None."""
         if self.solver == "Featherstone" and spanning_tree(problem.system, problem.initial).cuts:
             return "the system has loops, and Newton's Featherstone ignores them: use solver=MuJoCo, XPBD or Kamino"
         return None

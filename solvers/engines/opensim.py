@@ -11,12 +11,19 @@ from typing import ClassVar
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import MovingKind
-from .export.engine import Taken
+from .export.engine import SupportedElements
 from .export.protocol import Adapter
 from .export.tree import DRIVES, KINDS, LINKS
 
-INTEGRATORS = ("RungeKuttaMerson", "RungeKuttaFeldberg", "RungeKutta3", "RungeKutta2", "Verlet", "SemiExplicitEuler2",
-               "CPodes")  # fmt: skip
+INTEGRATORS = (
+    "RungeKuttaMerson",
+    "RungeKuttaFeldberg",
+    "RungeKutta3",
+    "RungeKutta2",
+    "Verlet",
+    "SemiExplicitEuler2",
+    "CPodes",
+)
 
 
 @solver("opensim")
@@ -28,10 +35,10 @@ class OpenSim(Adapter):
     constraint_tolerance: float = option(
         0.0, "error of loops beyond which a step is projected; 0: Simbody's, from the accuracy", at_least=0.0
     )
-    settings: str = option("ours", "accuracy as given by rtol, or as it comes", choices=("ours", "default"))
+    settings: str = option("ours", "ours: accuracy is rtol; default: the engine's own", choices=("ours", "default"))
 
     control: ClassVar[str] = "rtol"
-    takes: ClassVar[Taken] = Taken(
+    takes: ClassVar[SupportedElements] = SupportedElements(
         (*KINDS, *DRIVES, *LINKS),
         loads="varying",
         lacks={

@@ -22,20 +22,29 @@ from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
 from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, States, StepControl, Trajectory
-from ..formulations.packages import missing
-from ..formulations.recording import Clock, Clocked
-from .export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken, beyond, made_by, package
+from ..formulations.packages import find_remedy
+from ..formulations.recording import Clock, ClockedSolver
+from .export.engine import (
+    LOADS,
+    SPRINGS,
+    TORSIONS,
+    VARYING,
+    SupportedElements,
+    describe_engine,
+    list_unsupported,
+    package,
+)
 from .export.march import march
 from .export.model_check import EngineModel, model_refusal
 from .export.tree import DRIVES, Kind, Tree, spanning_tree
 
 INTEGRATORS = {"RKMK4": 4.0, "Euler": 1.0}
-STRETCH = 1_000  # steps times bodies between two looks at the clock
+STRETCH = 1_000  # steps times bodies between two readings of the clock
 
 
 @solver("pinocchio")
 @dataclass(frozen=True)
-class Pinocchio(Clocked):
+class Pinocchio(ClockedSolver):
     """Pinocchio's accelerations in a Runge-Kutta loop of ours."""
 
     integrator: str = option("RKMK4", "the loop's; Euler is semi-implicit", choices=tuple(INTEGRATORS))
@@ -47,14 +56,15 @@ class Pinocchio(Clocked):
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
-    takes: ClassVar[Taken] = Taken(
-        springs=False, torsions=False,
+    takes: ClassVar[SupportedElements] = SupportedElements(
+        springs=False,
+        torsions=False,
         lacks={
             **dict.fromkeys((SPRINGS, TORSIONS, LOADS, VARYING), "forces are what its caller computes"),
             **dict.fromkeys(DRIVES, "it has no prescribed motion"),
             JointKind.DISTANCE: "its constraints are of points and frames",
         },
-    )  # fmt: skip
+    )
 
     @property
     def order(self) -> float:
@@ -62,8 +72,8 @@ class Pinocchio(Clocked):
         return INTEGRATORS[self.integrator]
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Why Pinocchio cannot take the problem, or None."""
-        if (reason := missing("pinocchio", "pin") or beyond(problem.system, self.takes)) is not None:
+        """Return why Pinocchio cannot take the problem, or None."""
+        if (reason := find_remedy("pinocchio", "pin") or list_unsupported(problem.system, self.takes)) is not None:
             return reason
         try:
             return model_refusal(self.name, problem, Model(self, problem, control).at_start())
@@ -71,7 +81,7 @@ class Pinocchio(Clocked):
             return str(error)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """The loop with the fixed step ``control.dt``."""
+        """Run the loop with the fixed step ``control.dt``."""
         model = Model(self, problem, control)
         return march(problem, control, model.advance, model.states, clock=clock, notes=model.notes(), stretch=STRETCH)
 
@@ -86,8 +96,9 @@ class Model:
         self.data = self.model.createData()
         self.cuts, self._held = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
         for cut in tree.cuts:
-            ends = ((self._joint[b], self._at[b] * pin.SE3(np.eye(3), s))
-                    for b, s in ((cut.i, cut.s_i), (cut.j, cut.s_j)))  # fmt: skip
+            ends = (
+                (self._joint[b], self._at[b] * pin.SE3(np.eye(3), s)) for b, s in ((cut.i, cut.s_i), (cut.j, cut.s_j))
+            )
             (i, at_i), (j, at_j) = ends
             held = pin.RigidConstraintModel(
                 pin.ContactType.CONTACT_3D, self.model, i, at_i, j, at_j, pin.ReferenceFrame.LOCAL
@@ -105,7 +116,7 @@ class Model:
         self.q, self.u = self._theirs(tree.start), tree.start_velocity.copy()
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """(q, u) after each of the next steps."""
+        """Return (q, u) after each of the next steps."""
         step = self._rkmk4 if self._options.integrator == "RKMK4" else self._euler
         rows = np.empty((steps, self.model.nq + self.model.nv))
         for k in range(steps):
@@ -114,12 +125,12 @@ class Model:
         return rows
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """States from rows of ``advance``."""
+        """Return poses and velocities of the bodies from rows of ``advance``."""
         nq = self.model.nq
         return self.tree.states(self._ours(rows[:, :nq]), rows[:, nq:])
 
     def at_start(self) -> EngineModel:
-        """For the model check."""
+        """Return the quantities of the model check."""
         pin, m, d, q, u = self.pin, self.model, self.model.createData(), self.q, self.u
         upper = np.triu(pin.crba(m, d, q))
         mass_matrix = upper + np.triu(upper, 1).T
@@ -135,12 +146,13 @@ class Model:
         return EngineModel(T, mass_matrix, rest_forces, kinetic, potential, bias, forces, G)
 
     def notes(self) -> tuple[str, ...]:
-        """Notes on how joints and forces were modelled."""
+        """Return notes on how joints and forces were modelled."""
         cuts = f"; {len(self.cuts)} points of cut joints held rigidly" if len(self.cuts) else ""
         limbs = f"{len(self.tree.limbs)} bodies as a tree of {self.model.nv} velocities{cuts}"
-        return limbs, f"own loop {self._options.integrator} in Python, its overhead counted", made_by("pin")
+        return limbs, f"own loop {self._options.integrator} in Python, its overhead counted", describe_engine("pin")
 
     def _acceleration(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return Pinocchio's accelerations at q and u, with its constraints where loops are cut."""
         if not len(self.cuts):
             return self.pin.aba(self.model, self.data, q, u, self._no_torque)
         return self.pin.constraintDynamics(
@@ -148,7 +160,7 @@ class Model:
         )
 
     def _rkmk4(self, q: np.ndarray, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-        """Weights 1, 2, 2, 1 of slopes at 0, 1/2, 1/2, 1."""
+        """Return (q, u) after a step of ``h`` [s] with weights 1, 2, 2, 1 of slopes at 0, 1/2, 1/2, 1."""
         slope, rate = u, np.array(self._acceleration(q, u))
         theta, change = slope.copy(), rate.copy()
         for share, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
@@ -159,11 +171,12 @@ class Model:
         return self.pin.integrate(self.model, q, h / 6.0 * theta), u + h / 6.0 * change
 
     def _euler(self, q: np.ndarray, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return (q, u) after a semi-implicit Euler step of ``h`` [s]."""
         u = u + h * self._acceleration(q, u)
         return self.pin.integrate(self.model, q, h * u), u
 
     def _local_rate(self, theta: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """theta' to the order of the scheme."""
+        """Return theta' to the order of the scheme."""
         out = u.copy()
         if len(self._turning):
             a, w = theta[self._turning], u[self._turning]
@@ -172,13 +185,14 @@ class Model:
         return out
 
     def _theirs(self, q: np.ndarray) -> np.ndarray:
-        """Quaternions as (x, y, z, w)."""
+        """Return coordinates with quaternions as Pinocchio has them, (x, y, z, w)."""
         out = q.copy()
         for at in self._quaternions:
             out[at : at + 4] = np.roll(q[at : at + 4], -1)
         return out
 
     def _ours(self, q: Float[np.ndarray, "k nq"]) -> Float[np.ndarray, "k nq"]:
+        """Return coordinates with quaternions as the tree has them, (w, x, y, z), at each time."""
         out = q.copy()
         for at in self._quaternions:
             out[:, at : at + 4] = np.roll(q[:, at : at + 4], 1, axis=1)
@@ -186,7 +200,7 @@ class Model:
 
 
 def _tree(pin: ModuleType, problem: Problem, tree: Tree) -> tuple[Any, dict[int, int], dict[int, Any]]:
-    """The model; by body its joint and its place in the frame of that. Coordinates are in the tree's order."""
+    """Return Pinocchio's model, its coordinates in the tree's order, and each body's joint and place there."""
     system, model = problem.system, pin.Model()
     model.gravity.linear = np.array(system.gravity)
     joint, at, zero = {GROUND: 0}, {GROUND: pin.SE3.Identity()}, pin.SE3.Identity()
@@ -210,5 +224,5 @@ def _tree(pin: ModuleType, problem: Problem, tree: Tree) -> tuple[Any, dict[int,
 
 
 def _cross(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """numpy's own takes four times as long on a few rows."""
+    """Return a x b; numpy's own takes four times as long on a few rows."""
     return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]

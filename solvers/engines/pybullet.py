@@ -11,7 +11,7 @@ from typing import ClassVar
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
-from .export.engine import LOADS, VARYING, Taken
+from .export.engine import LOADS, VARYING, SupportedElements
 from .export.protocol import Adapter
 from .export.tree import DRIVES
 
@@ -23,20 +23,22 @@ class PyBullet(Adapter):
 
     num_solver_iterations: int = option(1000, "numSolverIterations; 50 is its own", at_least=1)
     erp: float = option(0.2, "erp of point-to-point constraints; 0.2 is its own", at_least=0.0, at_most=1.0)
-    settings: str = option("ours", "as above, or as it ships", choices=("ours", "default"))
+    settings: str = option("ours", "ours: the options above; default: the engine's own", choices=("ours", "default"))
 
     inside: ClassVar[str] = "pybullet"
     package: ClassVar[str] = "pybullet"
     wheel: ClassVar[str] = "pybullet"
-    takes: ClassVar[Taken] = Taken(
-        (JointKind.SPHERICAL, JointKind.REVOLUTE, JointKind.PRISMATIC, JointKind.FIXED), springs=False, torsions=False,
+    takes: ClassVar[SupportedElements] = SupportedElements(
+        (JointKind.SPHERICAL, JointKind.REVOLUTE, JointKind.PRISMATIC, JointKind.FIXED),
+        springs=False,
+        torsions=False,
         lacks={
             **dict.fromkeys((JointKind.UNIVERSAL, JointKind.CYLINDRICAL), "its links have one axis, or a ball"),
             **dict.fromkeys((LOADS, VARYING), "forces are what its caller sets at each step"),
             "rack and pinion": "its gear is a motor of limited force",
             **dict.fromkeys(DRIVES, "its motors are of limited force"),
         },
-    )  # fmt: skip
+    )
     stretch: ClassVar[int] = 2_000
     moving: ClassVar[bool] = True
     order: ClassVar[float] = 1.0

@@ -1,4 +1,4 @@
-"""Elements evaluated by the batch and added into one vector: one loop of machine code a kind gathers and scatters.
+"""Elements evaluated in batches and added into one vector: one loop of machine code a kind gathers and scatters.
 
 The code of a kind serves any number of bodies and joints (``generated.Loop``), so mechanisms share it. An ``Assembly``
 owns the arrays that it reads and writes: one instance serves one run at a time.
@@ -22,7 +22,7 @@ from .symbolic import ELEMENTS, Element
 
 @dataclass(frozen=True)
 class Batch:
-    """``element`` over m parts: parameters, where it reads z and w, where each output is added (-1: nowhere)."""
+    """An ``element`` for m parts: parameters, indices of inputs z and w, and places of outputs (-1: nowhere)."""
 
     element: Element
     parameters: Float[np.ndarray, "m n_parameters"]
@@ -32,13 +32,13 @@ class Batch:
 
 
 class Assembly:
-    """out(y, w) = sum over elements, with the nonzeros of its derivatives."""
+    """The assembled out(y, w) = sum over elements, with the nonzeros of its derivatives."""
 
     def __init__(self, layout: Layout, batches: Sequence[Batch], n_out: int, *, differentiable: bool) -> None:
         self._batches = [b for b in batches if len(b.z)]
         self._y = np.concatenate((np.zeros(layout.n), layout.constants))
         self._w = np.zeros(layout.n_u + 6)
-        self.y, self.t, self.w = self._y[: layout.n], self._y[-1:], self._w[: layout.n_u]  # what the programs read
+        self.y, self.t, self.w = self._y[: layout.n], self._y[-1:], self._w[: layout.n_u]  # inputs of the programs
         self._codes = [_compile_element(b.element, derivative=differentiable) for b in self._batches]
         sparsities = [code.sparsity for code in self._codes if differentiable]
         self.row, self.column, self.of_w = _entries(self._batches[: len(sparsities)], sparsities)
@@ -49,27 +49,36 @@ class Assembly:
     def values(
         self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float = 0.0
     ) -> Float[np.ndarray, " n_out"]:
-        """The assembled outputs at unknowns ``y`` and accelerations ``w``."""
+        """Return a copy of the assembled outputs at unknowns ``y``, accelerations ``w`` and time ``t`` [s]."""
         self.read(y, w, t)
         self.evaluate.run()
         return self.out[:-1].copy()
 
     def derivatives_into(
-        self, data: Float[np.ndarray, " slots"], place: Int[np.ndarray, " n_entries"],
+        self,
+        data: Float[np.ndarray, " slots"],
+        place: Int[np.ndarray, " n_entries"],
         weight: Float[np.ndarray, " n_entries"],
-    ) -> Program:  # fmt: skip
-        """To add ``weight`` d out[``row``] / d (w if ``of_w`` else y)[``column``] of every entry to ``data[place]``.
+    ) -> Program:
+        """Return a program that adds ``weight`` times the derivative of each entry to ``data[place]``.
 
-        The last of ``data`` is spare: entries of place -1 go there, as those must whose row or column is -1 (constants
-        and dropped outputs). The program works on what ``read`` was given.
+        The derivative is d out[``row``] / d (w if ``of_w`` else y)[``column``]. The last of ``data`` is spare: entries
+        of place -1 go there, as must those whose row or column is -1 (constants and dropped outputs). The program works
+        on the values given to ``read``.
         """
         return self._program("derivatives", data, place, weight)
 
     def read(self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float) -> None:
-        """Take the unknowns ``y``, accelerations ``w`` and the time for the programs to work on."""
+        """Set the unknowns ``y``, accelerations ``w`` and the time for the programs to work on."""
         self.y[:], self.w[:], self.t[0] = y, w, t
 
     def _program(self, name: str, target: np.ndarray, place: np.ndarray, weight: np.ndarray | None = None) -> Program:
+        """Return a program that runs the function ``name`` of every batch on the inputs read last.
+
+        ``name`` is "values" or "derivatives". Results are added to ``target[place]``, or to its last, spare slot where
+        ``place`` is -1. Without ``weight`` the target is set to zero first; with it, each result is multiplied by its
+        weight.
+        """
         place, start = np.where(place < 0, len(target) - 1, place), 0
         steps = [set_to_zero(target)] if weight is None else []
         for code, b in zip(self._codes, self._batches, strict=True):
@@ -85,7 +94,7 @@ class Assembly:
 
 
 class _Compiled(NamedTuple):
-    """The code of one kind, with how many outputs an element has and the sparsity of its derivatives."""
+    """The code of one kind, with the number of outputs of an element and the sparsity of its derivatives."""
 
     code: Code
     sizes: dict[str, int]
@@ -95,6 +104,10 @@ class _Compiled(NamedTuple):
 @lru_cache(ELEMENTS)
 @making_code
 def _compile_element(e: Element, *, derivative: bool) -> _Compiled:
+    """Compile the loops over all parts of one kind of element.
+
+    "values" adds the outputs; "derivatives", if asked for, adds the weighted nonzeros of their derivatives by (z, w).
+    """
     out = ca.vertcat(*e.outputs.values())
     loops = {"values": Loop(rows=[e.parameters], gathered=[e.z, e.w], added=[out])}
     sizes, sparsity = {"values": out.numel()}, out.sparsity()
@@ -108,6 +121,10 @@ def _compile_element(e: Element, *, derivative: bool) -> _Compiled:
 
 
 def _entries(batches: Sequence[Batch], sparsities: Sequence[ca.Sparsity]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return row, column and ``of_w`` flag of every nonzero derivative of the batches, part by part.
+
+    The row is an output of the assembly, the column an unknown in y, or an acceleration in w where the flag is set.
+    """
     rows, columns, of_w = [], [], []
     for b, s in zip(batches, sparsities, strict=True):
         r, c = (np.array(a, dtype=np.int64) for a in s.get_triplet())
@@ -120,4 +137,5 @@ def _entries(batches: Sequence[Batch], sparsities: Sequence[ca.Sparsity]) -> tup
 
 
 def _concatenate(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    """Return all entries of the arrays, row by row, as one vector; of no arrays, an empty vector of integers."""
     return np.concatenate([np.ascontiguousarray(a).ravel() for a in arrays]) if arrays else np.zeros(0, dtype=np.int64)

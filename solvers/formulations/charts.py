@@ -1,4 +1,4 @@
-"""Charts of the symbolic route: coordinates p and velocities u of a body, and the way to (r, R, v, Omega) and back.
+"""Charts of the symbolic route: coordinates p and velocities u of a body, and the maps to and from (r, R, v, Omega).
 
 ``R_dot = R hat(Omega)`` with ``V = (r_dot, Omega) = B(p) u`` and ``p_dot = G(p) u``. Two charts:
 
@@ -19,9 +19,10 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ...harness.mechanics.fixed_order import apply
+from ...harness.mechanics.naming import NamedSystem, name_body
 from ...harness.mechanics.state import State, States
 
-NORM_RATE = 1.0  # [1/s] at which |q| returns to 1; slow compared with every motion here: it never limits the step
+NORM_RATE = 1.0  # [1/s] rate at which |q| returns to 1: slower than every motion here, it never limits the step
 SINGULAR_CHART = 1e-6  # |sin(theta)| below which T^-1 amplifies rounding to 1e-10
 
 
@@ -35,22 +36,22 @@ class Chart(ABC):
 
     @abstractmethod
     def rotation(self, p: ca.SX) -> ca.SX:
-        """R (3, 3), body to space."""
+        """Return the rotation matrix R (3, 3), from body to space, at a body's coordinates ``p``."""
 
     @abstractmethod
     def body_velocity(self, p: ca.SX, u: ca.SX) -> ca.SX:
-        """V = B(p) u = (r_dot [space], Omega [body])."""
+        """Return V = B(p) u = (r_dot [m/s, in space], Omega [rad/s, in the body])."""
 
     @abstractmethod
     def flow(self, p: ca.SX, u: ca.SX) -> ca.SX:
-        """p_dot = G(p) u, linear in u."""
+        """Return the coordinate rates p_dot = G(p) u of a body, linear in its velocities ``u``."""
 
     def restoring(self, p: ca.SX) -> ca.SX:
-        """Added to p_dot to keep p on its manifold; rotates no body."""
+        """Return the term added to p_dot to keep p on its manifold; it rotates no body."""
         return ca.SX.zeros(self.size)
 
     def rotation_rates(self, p: Float[np.ndarray, "*batch size"]) -> Float[np.ndarray, "*batch 3 3"]:
-        """T of Omega = T u_rot; 1 where u is V itself."""
+        """Return the matrix T of Omega = T u_rot, u_rot the last three velocities; the identity where u is V itself."""
         return np.broadcast_to(np.eye(3), (*p.shape[:-1], 3, 3))
 
     @property
@@ -60,18 +61,21 @@ class Chart(ABC):
 
     @abstractmethod
     def coordinates(self, state: State) -> tuple[Float[np.ndarray, "nb size"], Float[np.ndarray, "nb 6"]]:
-        """(p, u) of ``state``."""
+        """Return coordinates p and velocities u of all bodies in ``state``."""
 
     @abstractmethod
     def states(self, p: Float[np.ndarray, "nt nb size"], u: Float[np.ndarray, "nt nb 6"]) -> States:
-        """The motion in space; R orthogonal to rounding."""
+        """Return positions, rotations and velocities in space of all bodies at nt times.
+
+        R is orthogonal to rounding.
+        """
 
     @abstractmethod
     def margin(self, p: Float[np.ndarray, "nt nb size"]) -> Float[np.ndarray, " nt"]:
-        """Distance from the chart's nearest singularity over bodies: 1 far from it, 0 on it."""
+        """Return how far the bodies are from the chart's singularity, the least over them: 1 far from it, 0 on it."""
 
-    def refusal(self, state: State) -> str | None:
-        """Why the chart cannot represent ``state``, or None."""
+    def refusal(self, system: NamedSystem, state: State) -> str | None:
+        """Return why the chart cannot represent ``state``, or None."""
         return None
 
 
@@ -84,9 +88,11 @@ class Euler313(Chart):
     constant_mass: ClassVar[bool] = False
 
     def rotation(self, p: ca.SX) -> ca.SX:
+        """Return R = R_Z(phi) R_X(theta) R_Z(psi), from body to space."""
         return _turn_z(p[3]) @ _turn_x(p[4]) @ _turn_z(p[5])
 
     def body_velocity(self, p: ca.SX, u: ca.SX) -> ca.SX:
+        """Return (r_dot [m/s, in space], Omega [rad/s, in the body])."""
         (theta, psi), (a, b, c) = (p[4], p[5]), (u[3], u[4], u[5])
         transverse = ca.sin(theta) * a
         return ca.vertcat(
@@ -97,9 +103,11 @@ class Euler313(Chart):
         )
 
     def flow(self, p: ca.SX, u: ca.SX) -> ca.SX:
+        """Return p_dot, which is ``u`` itself in this chart."""
         return u
 
     def rotation_rates(self, p: np.ndarray) -> np.ndarray:
+        """Return T (..., 3, 3) of Omega = T (phi_dot, theta_dot, psi_dot), Omega in the body."""
         T = np.zeros((*p.shape[:-1], 3, 3))
         theta, psi = p[..., 4], p[..., 5]
         T[..., 0, 0], T[..., 1, 0] = np.sin(theta) * np.sin(psi), np.sin(theta) * np.cos(psi)
@@ -112,6 +120,7 @@ class Euler313(Chart):
         return np.zeros(6)
 
     def coordinates(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Return p = (r, phi, theta, psi) and u = p_dot of all bodies; divides by sin(theta), see ``refusal``."""
         R = state.R
         theta = np.arctan2(np.hypot(R[:, 0, 2], R[:, 1, 2]), R[:, 2, 2])
         phi, psi = np.arctan2(R[:, 0, 2], -R[:, 1, 2]), np.arctan2(R[:, 2, 0], R[:, 2, 1])
@@ -128,16 +137,19 @@ class Euler313(Chart):
         return States(p[..., :3], R, u[..., :3], Omega)
 
     def margin(self, p: np.ndarray) -> np.ndarray:
+        """Return the least abs(sin(theta)) over the bodies at each time."""
         return np.min(np.abs(np.sin(p[..., 4])), axis=-1)
 
-    def refusal(self, state: State) -> str | None:
+    def refusal(self, system: NamedSystem, state: State) -> str | None:
+        """Return a refusal where a body starts at sin(theta) = 0, on which the angles are not unique, else None."""
         sine = np.hypot(state.R[:, 0, 2], state.R[:, 1, 2])
         if np.min(sine) >= SINGULAR_CHART:
             return None
         where = int(np.argmin(sine))
         return (
-            f"3-1-3 Euler angles cannot represent the start: body {where} has |sin(theta)| = {sine[where]:.3g}, where "
-            "precession and spin are one rotation; use coordinates=quaternion or turn the problem"
+            f"3-1-3 Euler angles cannot represent the start: {name_body(system, where)} has |sin(theta)| = "
+            f"{sine[where]:.3g}, where precession and spin are one rotation; "
+            "use coordinates=quaternion or turn the problem"
         )
 
 
@@ -150,6 +162,7 @@ class Quaternion(Chart):
     constant_mass: ClassVar[bool] = True
 
     def rotation(self, p: ca.SX) -> ca.SX:
+        """Return R of the quaternion p[3:] divided by its squared norm, so that any length gives a rotation."""
         w, v = p[3], p[4:]
         R = (w * w - ca.dot(v, v)) * ca.SX.eye(3) + 2 * (v @ v.T) + 2 * w * ca.skew(v)
         return R / (w * w + ca.dot(v, v))
@@ -158,10 +171,12 @@ class Quaternion(Chart):
         return u
 
     def flow(self, p: ca.SX, u: ca.SX) -> ca.SX:
+        """Return (r_dot, q_dot) with q_dot = 1/2 q o Omega, without the restoring term."""
         w, v, Omega = p[3], p[4:], u[3:]
         return ca.vertcat(u[:3], -0.5 * ca.dot(v, Omega), 0.5 * (w * Omega + ca.cross(v, Omega)))
 
     def restoring(self, p: ca.SX) -> ca.SX:
+        """Return (0, (1 - q . q) q / 2), which brings the norm of q back to 1."""
         q = p[3:]
         return ca.vertcat(ca.SX.zeros(3), 0.5 * NORM_RATE * (1 - ca.dot(q, q)) * q)
 
@@ -179,6 +194,7 @@ class Quaternion(Chart):
         return States(p[..., :3], R, u[..., :3], u[..., 3:])
 
     def margin(self, p: np.ndarray) -> np.ndarray:
+        """Return the least norm of a quaternion over the bodies at each time; the chart is singular at norm 0."""
         return np.min(np.linalg.norm(p[..., 3:], axis=-1), axis=-1)
 
 
@@ -186,10 +202,12 @@ CHARTS: dict[str, Chart] = {"quaternion": Quaternion(), "euler313": Euler313()}
 
 
 def _turn_z(angle: ca.SX) -> ca.SX:
+    """Return the matrix of a rotation about z by ``angle`` [rad]."""
     c, s = ca.cos(angle), ca.sin(angle)
     return ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s, c, 0), ca.horzcat(0, 0, 1))
 
 
 def _turn_x(angle: ca.SX) -> ca.SX:
+    """Return the matrix of a rotation about x by ``angle`` [rad]."""
     c, s = ca.cos(angle), ca.sin(angle)
     return ca.vertcat(ca.horzcat(1, 0, 0), ca.horzcat(0, c, -s), ca.horzcat(0, s, c))

@@ -12,13 +12,13 @@ from .charts import CHARTS
 from .dae import ImplicitForm
 from .differences import DifferencedForm
 from .layout import Layout
-from .recording import Clocked
+from .recording import ClockedSolver
 from .start import coordinates_and_velocities, make_consistent, redundancy_refusal, start_unloaded
-from .tracing import without_expression
+from .tracing import refuse_without_expression
 
 
 @dataclass(frozen=True)
-class SymbolicOptions(Clocked):
+class SymbolicOptions(ClockedSolver):
     """Coordinates, and the treatment of redundant rows."""
 
     name: ClassVar[str]
@@ -33,7 +33,11 @@ class SymbolicOptions(Clocked):
     )
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Why this solver cannot solve the problem, or None."""
+        """Return why this solver cannot solve the problem, or None.
+
+        Causes: no ``rtol``, redundant constraint rows where these are to be refused, a start at the chart's
+        singularity, a user force that cannot be differentiated symbolically.
+        """
         if control.rtol is None:
             return f"error control needs rtol; a fixed step was given (dt={control.dt:g})"
         if self.redundancy == "refuse":
@@ -41,12 +45,12 @@ class SymbolicOptions(Clocked):
             if reason is not None:
                 return reason
         chart = CHARTS[self.coordinates]
-        return chart.refusal(problem.initial) or without_expression(problem.system, chart)
+        return chart.refusal(problem.system, problem.initial) or refuse_without_expression(problem.system, chart)
 
 
 @dataclass(frozen=True)
 class ImplicitOptions(SymbolicOptions):
-    """Where the Jacobian of F(t, y, y') = 0 comes from."""
+    """Options for the Jacobian of F(t, y, y') = 0."""
 
     jacobian: str = option(
         "exact",
@@ -55,13 +59,16 @@ class ImplicitOptions(SymbolicOptions):
     )
 
     def implicit(self, layout: Layout, form: str, alpha: float, beta: float) -> ImplicitForm:
-        """F with its Jacobian."""
+        """Return the residual F(t, y, y') of ``form``, a name of ``ImplicitForm``.
+
+        Its Jacobian is exact or by differences, as the option ``jacobian`` says.
+        """
         return (ImplicitForm if self.jacobian == "exact" else DifferencedForm)(layout, form, alpha, beta)
 
 
 @dataclass(frozen=True)
 class BaumgarteOptions(ImplicitOptions):
-    """Eq. (94), and whether the multipliers are in the error test; the paper gives no alpha, beta."""
+    """Options of Eq. (94), and whether multipliers are in the error test; the paper gives no alpha, beta."""
 
     alpha: float = option(5.0, "Baumgarte: 2 alpha phi_dot", "1/s", at_least=0.0)
     beta: float = option(5.0, "Baumgarte: beta^2 phi", "1/s", at_least=0.0)
@@ -69,7 +76,10 @@ class BaumgarteOptions(ImplicitOptions):
     consistent_start: bool = option(True, "start from consistent accelerations and multipliers, else from lambda = 0")
 
     def start(self, layout: Layout, problem: Problem) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """(y, y') at the problem's initial state; later ones than its first are always consistent."""
+        """Return (y, y') at the problem's initial state: accelerations and multipliers consistent, or lam = 0.
+
+        A state later than t = 0, where the integrator starts again on other constraint rows, is always made consistent.
+        """
         y, t = coordinates_and_velocities(layout, problem), problem.initial.t
         if self.consistent_start or t > 0.0:
             return make_consistent(layout, y, self.alpha, self.beta, t)

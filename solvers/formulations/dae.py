@@ -1,15 +1,15 @@
-"""Eqs. (92)-(94) as F(t, y, y') = 0 with y = (p, u, lam), in five forms, with exact sparse Jacobians::
+"""Eqs. (92)-(94) as F(t, y, y') = 0 with y = (p, u, lam), in five forms, with exact sparse Jacobians.
 
     p'  - G(p) u = 0
     M u' + h - f - A^T lam = 0
-    fi         A u' + gamma + 2 alpha phi_dot + beta^2 phi = 0             the derivative stays in the row
-    se         A w + gamma + 2 alpha phi_dot + beta^2 phi = 0,  w = M^-1 (f - h + A^T lam)   semi-explicit
-    position   phi = 0                                                     index 3
-    velocity   A u + alpha phi = 0                                         index 2
-    both       phi = 0, A u = 0, and p' - G(p) (u + A^T eta) = 0           index 2, Gear, Gupta, Leimkuhler (1985)
+    fi  A u' + gamma + 2 alpha phi_dot + beta^2 phi = 0             the derivative stays in the row
+    se  A w + gamma + 2 alpha phi_dot + beta^2 phi = 0,  w = M^-1 (f - h + A^T lam)   semi-explicit
+    position   phi = 0                                              index 3
+    velocity   A u + alpha phi = 0                                  index 2
+    both       phi = 0, A u = 0, and p' - G(p) (u + A^T eta) = 0    index 2, Gear, Gupta, Leimkuhler (1985)
 
-"both" has y = (p, u, lam, eta), a ``Stabilised`` layout; its solution has eta = 0. All have the same solutions; what
-differs is what an integrator's error test and Newton iteration see.
+"both" has y = (p, u, lam, eta), a ``StabilisedLayout`` layout; its solution has eta = 0. All have the same solutions;
+they differ in what an integrator's error test and Newton iteration see.
 """
 
 from functools import cache
@@ -49,22 +49,22 @@ class ImplicitForm:
         self._parts = parts = semi or _Direct(layout, motion)
         self.evaluate = Program(steps, (motion, _subtract(), parts))
         self._differentiate = Program([*at_u_dot, *parts.steps], (motion, parts))
-        self.difference_evaluations = 0  # of F, spent on Jacobians by differences
+        self.difference_evaluations = 0  # evaluations of F spent on Jacobians by differences
 
     @property
     def pattern(self) -> FixedPattern:
-        """By column, of dF/dy and dF/dy' together."""
+        """Places of the nonzeros of dF/dy and of dF/dy' in one sparsity pattern for both, column by column."""
         return self._parts.pattern
 
     @property
     def structure(self) -> tuple[Bool[np.ndarray, " nnz"], Bool[np.ndarray, " nnz"]]:
-        """Which nonzeros of ``pattern`` belong to dF/dy and which to dF/dy'."""
+        """Flags of the nonzeros of ``pattern`` that occur in dF/dy, and of those that occur in dF/dy'."""
         return self._parts.structure
 
     def residual(
         self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
     ) -> Float[np.ndarray, " n"]:
-        """F(t, y, y'); t occurs where drives or loads are functions of it."""
+        """Return F(t, y, y'); t occurs where drives or loads are functions of it."""
         self.y[:], self.y_dot[:], self.t[0] = y, y_dot, t
         self.evaluate.run()
         return self.F.copy()
@@ -72,7 +72,7 @@ class ImplicitForm:
     def jacobian(
         self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
     ) -> tuple[Float[np.ndarray, " nnz"], Float[np.ndarray, " nnz"]]:
-        """(dF/dy, dF/dy') as nonzeros of ``pattern``, in arrays that the next call changes."""
+        """Return (dF/dy, dF/dy') as nonzeros of ``pattern``, in arrays that the next call changes."""
         self.y[:], self.y_dot[:], self.t[0] = y, y_dot, t
         self._differentiate.run()
         return self._parts.of_y, self._parts.of_y_dot
@@ -89,7 +89,7 @@ class _Direct:
         self.steps = [self._reset, self._add.step]
 
     def _set_pattern(self, layout: Layout, motion: Assembly, used: np.ndarray, more: np.ndarray) -> None:
-        """The pattern of the ``used`` entries of ``motion``, of ``more`` (row, column) in dF/dy, and of p'."""
+        """Set the pattern of the ``used`` entries of ``motion``, of ``more`` (row, column) in dF/dy, and of p'."""
         row, column, of_w, every = motion.row[used], motion.column[used], motion.of_w[used], np.arange(layout.n_p)
         self.pattern = FixedPattern(
             np.concatenate((row, more[:, 0], every)),
@@ -106,7 +106,10 @@ class _Direct:
         self.structure = of_y, of_y_dot
 
     def _set_data(self, more: int) -> None:
-        """Memory of (dF/dy, dF/dy'), of ``more`` numbers and a spare one, and the step that resets it."""
+        """Allocate dF/dy and dF/dy' in one array and make the step that resets it.
+
+        ``more`` numbers and a spare one stand behind them.
+        """
         nnz = self.pattern.nnz
         at_rest = np.zeros(2 * nnz + more + 1)
         at_rest[nnz + self._of_p_dot] = 1.0  # dF/dy' of p'
@@ -145,17 +148,20 @@ class _Semi(_Direct):
             add_products(W.data, W.places, minus_e, columns, motion.w, rows),
         ]
         self.steps = [
-            self._reset, self._add.step, *self.to_accelerations, self._add_at_w.step, set_to_zero(AW_data),
+            self._reset,
+            self._add.step,
+            *self.to_accelerations,
+            self._add_at_w.step,
+            set_to_zero(AW_data),
             add_products(self._data, start + AW.p, W.data, W.places[AW.q], AW_data, AW.pattern.place),
             take_negative(AW_data, np.arange(len(AW_data)), minus),
-            add_products(
-                minus, AWe.p, self._data, start + A.nnz + AWe.q, self._data, self._more[AWe.pattern.place]
-            ),
-        ]  # fmt: skip
+            add_products(minus, AWe.p, self._data, start + A.nnz + AWe.q, self._data, self._more[AWe.pattern.place]),
+        ]
 
 
 @cache
 @making_code
 def _subtract() -> Code:
+    """Compile the loop that stores a - b, entry by entry."""
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
     return compile_functions({"subtract": Loop(rows=[a, b], stored=[a - b])})

@@ -1,4 +1,4 @@
-"""Jacobians of an ``ImplicitForm`` from forward differences: what a code that is given no derivatives works with.
+"""Jacobians of an ``ImplicitForm`` by forward differences, as codes use that are given no derivatives.
 
 Columns without a common row change together (Curtis, Powell and Reid 1974), groups from the structure of dF/dy and of
 dF/dy'. The increment is sqrt(eps) max(|y|, 1), the scale of the error test at rtol = atol, made exactly representable.
@@ -20,7 +20,7 @@ INCREMENT = float(np.sqrt(np.finfo(float).eps))
 
 
 class DifferencedForm(ImplicitForm):
-    """F as it is, dF/dy and dF/dy' by differences."""
+    """F of ``ImplicitForm``, with dF/dy and dF/dy' by differences."""
 
     def __init__(self, layout: Layout, form: str, alpha: float, beta: float) -> None:
         super().__init__(layout, form, alpha, beta)
@@ -29,7 +29,7 @@ class DifferencedForm(ImplicitForm):
     def jacobian(
         self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
     ) -> tuple[Float[np.ndarray, " nnz"], Float[np.ndarray, " nnz"]]:
-        """(dF/dy, dF/dy') as nonzeros of ``pattern``, each wrong by about sqrt(eps) of F's terms."""
+        """Return (dF/dy, dF/dy') as nonzeros of ``pattern``, each wrong by about sqrt(eps) of F's terms."""
         F = self.residual(y, y_dot, t)
         self.difference_evaluations += 1 + len(self._groups_y) + len(self._groups_y_dot)
         return (
@@ -40,6 +40,10 @@ class DifferencedForm(ImplicitForm):
     def _differences(
         self, F: np.ndarray, x: np.ndarray, residual: Callable, groups: list[Int[np.ndarray, " _"]]
     ) -> np.ndarray:
+        """Return the nonzeros of dF/dx by one evaluation of ``residual`` for each group of columns.
+
+        ``F`` is its value at ``x``, an array of unknowns or of their rates.
+        """
         rows, columns, out = self.pattern.rows, self.pattern.columns, np.zeros(self.pattern.nnz)
         h = x + INCREMENT * np.maximum(np.abs(x), 1.0) - x
         for entries in groups:
@@ -50,7 +54,11 @@ class DifferencedForm(ImplicitForm):
 
 
 def column_groups(pattern: FixedPattern, used: np.ndarray) -> list[Int[np.ndarray, " _"]]:
-    """Groups of columns of which no two share a row, first fit, each as the ``used`` nonzeros in it."""
+    """Return groups of columns of which no two share a row, each group as the indices of its ``used`` nonzeros.
+
+    All columns of a group change in one evaluation of a difference Jacobian. A column joins the first group that it
+    fits.
+    """
     entries = np.flatnonzero(used)
     rows, columns = pattern.rows[entries], pattern.columns[entries]
     structure = sp.csc_matrix((np.ones(len(entries)), (rows, columns)), shape=pattern.shape)

@@ -9,7 +9,7 @@ OUT_OF_TEST = 1e3  # absolute tolerance that takes a variable out of error test 
 
 
 def tolerances(rtol: float, n: int, out_of_test: Sequence[slice]) -> Float[np.ndarray, " n"]:
-    """Absolute tolerances of ``n`` unknowns: ``rtol``, but for what is in no error test."""
+    """Return absolute tolerances of ``n`` unknowns: ``rtol``, but ``OUT_OF_TEST`` in the slices ``out_of_test``."""
     atol = np.full(n, rtol)
     for part in out_of_test:
         atol[part] = OUT_OF_TEST

@@ -21,10 +21,10 @@ from .layout import Layout
 from .linear import BAND_WORK, find_band
 from .recording import Clock, StepFailure, march
 from .rows_in_use import RowsInUse
-from .sundials import OUT_OF_TIME, Equations, Ida
+from .sundials import OUT_OF_TIME, Ida, IdaEquations
 
 
-class Beginning(NamedTuple):
+class InitialValueProblem(NamedTuple):
     """F, its start, and the parts of y that are in no error test."""
 
     form: ImplicitForm
@@ -33,9 +33,11 @@ class Beginning(NamedTuple):
     out_of_test: tuple[slice, ...] = ()
 
 
-Begin = Callable[[Layout, Problem], Beginning]  # at the problem's initial state and its time
-DENSE_BELOW = 40  # unknowns
-ROWS_EVERY = 40  # steps, at the rows kept
+Begin = Callable[[Layout, Problem], InitialValueProblem]  # called at the problem's initial state and its time
+# unknowns below which a dense solver is used: a sparse one pays its calls with the zeros it skips
+DENSE_BELOW = 40
+# steps between two checks of the rows in use: fewer pay more rank searches, more may pass dependent rows
+ROWS_EVERY = 40
 WORN_OUT = (Status.STEP_UNDERFLOW, Status.DIVERGED, Status.SINGULAR)  # failures that rows near dependence cause
 FAILURES = {
     -2: (Status.STEP_UNDERFLOW, "the demanded accuracy is below rounding"),
@@ -48,12 +50,19 @@ FAILURES = {
 
 
 def integrate(
-    problem: Problem, control: StepControl, layout: Layout, begin: Begin, notes: tuple[str, ...], clock: Clock, *,
+    problem: Problem,
+    control: StepControl,
+    layout: Layout,
+    begin: Begin,
+    notes: tuple[str, ...],
+    clock: Clock,
+    *,
     first_step: float = 0.0,
-) -> Trajectory:  # fmt: skip
-    """The trajectory by IDA from what ``begin`` makes of the problem's start, and of later ones on other rows.
+) -> Trajectory:
+    """Integrate by IDA, starting it again on other constraint rows when those kept become dependent.
 
-    ``clock`` runs since the set-up began; ``first_step`` [s], 0 lets IDA choose it.
+    ``begin`` returns the initial values: at the problem's start, and at the later states where rows change. ``clock``
+    runs since the set-up began; ``first_step`` [s], 0 lets IDA choose it.
     """
     assert control.rtol is not None  # the catalogue has seen to it
     pieces, latest = list[_Piece](), np.zeros(0)
@@ -80,7 +89,7 @@ def integrate(
             at = rows.layout
             reaction = at.all_rows(y[at.lam])
             last = t, y
-            rows.look(t, y)
+            rows.update_rows(t, y)
             return t, y, reaction
 
         def count(steps: int) -> dict[str, int]:
@@ -88,7 +97,7 @@ def integrate(
             counted = {"jacobians": jacobians, "factorisations": jacobians, "difference_evaluations": spent}
             return {"evaluations": sum(piece.evaluations for piece in pieces) + spent, **counted}
 
-        in_use = lambda: (rows.layout, rows.notes)  # noqa: E731
+        in_use = lambda: (rows.layout, rows.notes)  # noqa: E731  read anew at each call
         reaction = layout.all_rows(y[layout.lam])
         return march(problem, control, layout, clock, advance, y, reaction, count, notes, in_use)
 
@@ -97,9 +106,15 @@ class _Piece:
     """IDA on one choice of rows."""
 
     def __init__(
-        self, start: Beginning, problem: Problem, control: StepControl, layout: Layout, first_step: float, clock: Clock,
+        self,
+        start: InitialValueProblem,
+        problem: Problem,
+        control: StepControl,
+        layout: Layout,
+        first_step: float,
+        clock: Clock,
         stack: ExitStack,
-    ) -> None:  # fmt: skip
+    ) -> None:
         assert control.rtol is not None
         self._form, self._clock = start.form, clock
         order, self._place, linear_solver = _choose_order(start.form)
@@ -107,20 +122,26 @@ class _Piece:
         equations.y[:], equations.y_dot[:] = start.y[order], start.y_dot[order]
         self._ida = stack.enter_context(
             Ida(
-                equations, linear_solver, rtol=control.rtol, start=problem.initial.t,
+                equations,
+                linear_solver,
+                rtol=control.rtol,
+                start=problem.initial.t,
                 atol=tolerances(control.rtol, layout.n, start.out_of_test)[order],
-                first_step=min(first_step, control.max_step or np.inf), max_step=control.max_step or 0.0,
+                first_step=min(first_step, control.max_step or np.inf),
+                max_step=control.max_step or 0.0,
                 seconds=clock.cpu_left(),
             )
-        )  # fmt: skip
+        )
         self._ida.stop_at(problem.t_end)
 
     @property
     def evaluations(self) -> int:
+        """Evaluations of the residual that IDA asked for, without those for Jacobians by differences."""
         return self._ida.evaluations
 
     @property
     def jacobians(self) -> int:
+        """Jacobians that IDA asked for; each is factorised once."""
         return self._ida.jacobians
 
     @property
@@ -129,7 +150,7 @@ class _Piece:
         return self._form.difference_evaluations
 
     def step(self, t_end: float) -> tuple[float, np.ndarray]:
-        """t and y after one step."""
+        """Take one step of IDA towards ``t_end`` [s]; return its time and y in our order, or raise ``StepFailure``."""
         flag, t, y = self._ida.step(t_end)
         if flag in OUT_OF_TIME:
             raise self._clock.failure()
@@ -141,7 +162,11 @@ class _Piece:
 
 
 def _choose_order(form: ImplicitForm) -> tuple[np.ndarray, np.ndarray, str]:
-    """Ours by IDA's, IDA's by ours, and the linear solver: a band, unless the matrix is small or its band too wide."""
+    """Return our index of each of IDA's unknowns, IDA's index of each of ours, and the linear solver's name.
+
+    "dense" for fewer than ``DENSE_BELOW`` unknowns, "sparse" where the band is too wide, both in our order; else
+    "band".
+    """
     pattern, own = form.pattern, np.arange(len(form.y))
     if len(own) < DENSE_BELOW:
         return own, own, "dense"
@@ -149,8 +174,8 @@ def _choose_order(form: ImplicitForm) -> tuple[np.ndarray, np.ndarray, str]:
     return (own, own, "sparse") if band.work > BAND_WORK else (band.order, band.place, "band")
 
 
-def _in_order(form: ImplicitForm, order: np.ndarray, place: np.ndarray) -> Equations:
-    """``form`` with unknowns and equations in IDA's order."""
+def _in_order(form: ImplicitForm, order: np.ndarray, place: np.ndarray) -> IdaEquations:
+    """Return ``form`` as IDA's equations: unknowns and equations permuted by ``order``, ``place`` its inverse."""
     y, y_dot, F = (np.zeros(len(order)) for _ in range(3))
     steps = [take(y, place, form.y), take(y_dot, place, form.y_dot), form.evaluate.step, take(form.F, order, F)]
 
@@ -159,4 +184,4 @@ def _in_order(form: ImplicitForm, order: np.ndarray, place: np.ndarray) -> Equat
         return of_y + cj * of_y_dot
 
     rows, columns = place[form.pattern.rows], place[form.pattern.columns]
-    return Equations(Program(steps, form), form.t, y, y_dot, F, jacobian, rows, columns)
+    return IdaEquations(Program(steps, form), form.t, y, y_dot, F, jacobian, rows, columns)

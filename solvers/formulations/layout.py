@@ -1,6 +1,6 @@
-"""Where everything sits in the unknowns y = (p, u, lam): body by body, then the kept constraint rows.
+"""The places of all unknowns in y = (p, u, lam): body by body, then the kept constraint rows.
 
-Elements read through index arrays. What is not unknown is read from constants behind y: the ground's coordinates, its
+Elements read through index arrays. Known quantities are read from constants behind y: the ground's coordinates, its
 zero velocity, one zero for the multiplier of a dropped row, and the time. Accelerations w = u_dot
 have the ground's zero behind.
 """
@@ -24,30 +24,37 @@ class Layout:
 
     @property
     def n_p(self) -> int:
+        """Number of coordinates of all bodies."""
         return self.system.nb * self.chart.size
 
     @property
     def n_u(self) -> int:
+        """Number of velocities of all bodies, six each."""
         return self.system.nb * 6
 
     @property
     def k(self) -> int:
+        """Number of kept constraint rows, so of multipliers."""
         return len(self.kept)
 
     @property
     def n(self) -> int:
+        """Number of unknowns y = (p, u, lam)."""
         return self.n_p + self.n_u + self.k
 
     @property
     def p(self) -> slice:
+        """Slice of y with the coordinates of all bodies."""
         return slice(0, self.n_p)
 
     @property
     def u(self) -> slice:
+        """Slice of y with the velocities of all bodies."""
         return slice(self.n_p, self.n_p + self.n_u)
 
     @property
     def lam(self) -> slice:
+        """Slice of y with the multipliers of the kept rows."""
         return slice(self.n_p + self.n_u, self.n_p + self.n_u + self.k)
 
     @property
@@ -61,42 +68,44 @@ class Layout:
         return self.n + self.chart.size + 7
 
     def body(self, b: Int[np.ndarray, " m"]) -> Int[np.ndarray, "m s"]:
-        """Indices of (p, u) of bodies or the ground, in y with its constants."""
+        """Return where (p, u) of the bodies ``b`` stand in y; of the ground, among the constants behind y."""
         size, ground = self.chart.size, (b == GROUND)[:, None]
         p = np.where(ground, self.n + np.arange(size), b[:, None] * size + np.arange(size))
         u = np.where(ground, self.n + size + np.arange(6), self.n_p + b[:, None] * 6 + np.arange(6))
         return np.concatenate((p, u), axis=1)
 
     def velocity(self, b: Int[np.ndarray, " m"]) -> Int[np.ndarray, "m 6"]:
-        """Indices of u_dot of bodies in w (n_u), the ground's behind."""
+        """Return where u_dot of the bodies ``b`` stands in the accelerations w; the ground's is behind them."""
         return np.where((b == GROUND)[:, None], self.n_u + np.arange(6), b[:, None] * 6 + np.arange(6))
 
     def row(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
-        """Position of rows of phi among the kept ones, -1 where dropped."""
+        """Return the place of each row of phi among the kept rows, -1 where it was dropped."""
         place = np.full(self.system.nrows, -1)
         place[self.kept] = np.arange(self.k)
         return place[rows]
 
     def multiplier(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
-        """Indices of lam in y; a dropped row reads the zero."""
+        """Return where the multipliers of rows of phi stand in y; that of a dropped row is a constant zero behind y."""
         place = self.row(rows)
         return np.where(place < 0, self.n + self.chart.size + 6, self.lam.start + place)
 
     def all_rows(self, lam: Float[np.ndarray, " k"]) -> Float[np.ndarray, " nrows"]:
-        """``lam`` on all rows of phi, zero on the dropped ones."""
+        """Return the multipliers ``lam`` of the kept rows in a vector of all rows of phi, zero on the dropped ones."""
         out = np.zeros(self.system.nrows)
         out[self.kept] = lam
         return out
 
 
 @dataclass(frozen=True)
-class Stabilised(Layout):
+class StabilisedLayout(Layout):
     """y = (p, u, lam, eta): a second multiplier of the kept rows, that of the stabilised index 2."""
 
     @property
     def n(self) -> int:
+        """Number of unknowns y = (p, u, lam, eta)."""
         return super().n + self.k
 
     @property
     def eta(self) -> slice:
+        """Slice of y with the second multipliers, of the velocity rows A u = 0."""
         return slice(self.lam.stop, self.n)

@@ -16,36 +16,36 @@ from .sparse_pattern import FixedPattern
 BAND_WORK = 2e7  # products in a factorisation of a band, beyond which SuperLU is faster
 
 
-class Band(NamedTuple):
+class BandOrder(NamedTuple):
     """The order of unknowns and equations with the narrowest band found (reverse Cuthill-McKee), and its widths."""
 
-    order: Int[np.ndarray, " n"]  # ours, by theirs
-    place: Int[np.ndarray, " n"]  # theirs, by ours
-    row: Int[np.ndarray, " nnz"]  # of each nonzero, in their order
+    order: Int[np.ndarray, " n"]  # our index of each unknown in the band's order
+    place: Int[np.ndarray, " n"]  # the band's index of each of our unknowns
+    row: Int[np.ndarray, " nnz"]  # row of each nonzero, in their order
     column: Int[np.ndarray, " nnz"]
     below: int
     above: int
 
     @property
     def work(self) -> float:
-        """Products in a factorisation."""
+        """Number of products in an LU factorisation of the band."""
         return float(len(self.order) * self.below * (self.below + self.above))
 
 
-def find_band(pattern: FixedPattern) -> Band:
-    """The band of a square pattern."""
+def find_band(pattern: FixedPattern) -> BandOrder:
+    """Return an order of unknowns that puts a square matrix of this pattern in a narrow band."""
     ones = sp.csr_matrix((np.ones(pattern.nnz), (pattern.rows, pattern.columns)), shape=pattern.shape)
     order = reverse_cuthill_mckee(sp.csr_matrix(ones + ones.T), symmetric_mode=True).astype(np.int64)
     place = np.argsort(order)
     row, column = place[pattern.rows], place[pattern.columns]
-    return Band(order, place, row, column, int(np.max(row - column)), int(np.max(column - row)))
+    return BandOrder(order, place, row, column, int(np.max(row - column)), int(np.max(column - row)))
 
 
 class Factors:
     """LU factors of a matrix of fixed ``pattern``, real or complex, which solve systems in place.
 
-    ``x`` is the right side and then the solution, in an order of its own: ours at ``order``; of ours at ``place``. A
-    zero pivot gives inf, which Newton's iteration then rejects; SuperLU raises RuntimeError.
+    ``x`` is the right side and then the solution, in an order of its own: ``order`` gives our unknowns in it, ``place``
+    its places in ours. A zero pivot gives inf, which Newton's iteration then rejects; SuperLU raises RuntimeError.
     """
 
     def __init__(self, pattern: FixedPattern, kind: type = float) -> None:
@@ -64,14 +64,24 @@ class Factors:
         factor = call_lapack(f"{letter}gbtrf", size, size, below, above, self._band, lead, pivots, info)
         self.steps = [
             call_lapack(
-                f"{letter}gbtrs", np.frombuffer(b"N", dtype=np.uint8), size, below, above, integer(1), self._band,
-                lead, pivots, self.x, size, info,
+                f"{letter}gbtrs",
+                np.frombuffer(b"N", dtype=np.uint8),
+                size,
+                below,
+                above,
+                integer(1),
+                self._band,
+                lead,
+                pivots,
+                self.x,
+                size,
+                info,
             )
-        ]  # fmt: skip
+        ]
         self._factor, self._solve = Program([factor]), Program(self.steps)
 
     def factorise(self, data: Num[np.ndarray, " nnz"]) -> None:
-        """Take the matrix with these nonzeros."""
+        """Factorise the matrix whose nonzeros, in the order of the pattern, are ``data``."""
         if not self.steps:
             self._superlu = splu(self._pattern.matrix(data))
             return
@@ -80,7 +90,7 @@ class Factors:
         self._factor.run()
 
     def solve(self) -> None:
-        """Replace the right side ``x`` by the solution."""
+        """Replace the right side in ``x`` by the solution, both in the factors' own order."""
         if self.steps:
             self._solve.run()
         else:
@@ -88,7 +98,10 @@ class Factors:
 
 
 def solve_between(before: list[Step], factors: Sequence[Factors], after: list[Step], keeps: Any) -> Callable[[], None]:
-    """To run ``before``, solve and run ``after``: one call of machine code unless SuperLU takes part."""
+    """Return a function that runs the steps ``before``, solves with each of ``factors``, and runs the steps ``after``.
+
+    It is one call of machine code unless SuperLU takes part. ``keeps``: whatever owns the memory the steps use.
+    """
     direct = all(f.steps for f in factors)
     between = [step for f in factors for step in f.steps] if direct else []
     first = Program([*before, *between, *(after if direct else [])], (keeps, factors))

@@ -1,6 +1,6 @@
 """Newton's iterations of scipy_dae's methods on an ``ImplicitForm``, each iteration one call of machine code.
 
-They replace functions of scipy_dae by the same signature. What is not finite shows in the norm.
+They replace functions of scipy_dae with the same signature. Values that are not finite show in the norm.
 """
 
 import math
@@ -29,17 +29,17 @@ Newton = Callable[[DaeSolver, ImplicitForm, tuple[Factors, Factors], Norm, Clock
 
 
 def root_mean_square(x: Float[np.ndarray, " n"]) -> float:
-    """scipy_dae's norm."""
+    """Return the root mean square of the scaled corrections ``x``, scipy_dae's norm."""
     return math.sqrt(float(x.dot(x)) / len(x))
 
 
 def maximum(x: Float[np.ndarray, " n"]) -> float:
-    """ode15s's norm."""
+    """Return the largest absolute entry of the scaled corrections ``x``, the norm of MATLAB's ode15s."""
     return float(np.max(np.abs(x)))
 
 
 class Scheme(NamedTuple):
-    """A method of scipy_dae, its module, the name of Newton's iteration there, ours, and settings."""
+    """A method of scipy_dae: its class, its module, the name of Newton's iteration there, ours, and settings."""
 
     kind: type[DaeSolver]
     module: ModuleType
@@ -48,13 +48,22 @@ class Scheme(NamedTuple):
     settings: dict[str, Any]
 
     def on(
-        self, form: ImplicitForm, start: tuple[float, np.ndarray, np.ndarray], t_end: float, control: StepControl,
-        atol: Float[np.ndarray, " n"], norm: Norm, clock: Clock, *, keep_y_dot: bool,
-    ) -> DaeSolver:  # fmt: skip
-        """The method on ``form``, ready to step; Jacobians are taken at y' = 0 unless ``keep_y_dot``.
+        self,
+        form: ImplicitForm,
+        start: tuple[float, np.ndarray, np.ndarray],
+        t_end: float,
+        control: StepControl,
+        atol: Float[np.ndarray, " n"],
+        norm: Norm,
+        clock: Clock,
+        *,
+        keep_y_dot: bool,
+    ) -> DaeSolver:
+        """Return the scipy_dae method set up on ``form``, ready to step.
 
-        Its step runs over a copy of its module's names. Jacobians are nonzeros of the form's pattern, which it only
-        adds.
+        ``start`` is (t [s], y, y'). Jacobians are taken at y' = 0 unless ``keep_y_dot``. Newton's iteration is replaced
+        by ours, and the method counts its evaluations and factorisations. Its step runs over a copy of its module's
+        names. Jacobians are nonzeros of the form's pattern, which scipy_dae only adds.
         """
         factors = Factors(form.pattern), Factors(form.pattern, complex)
 
@@ -85,9 +94,15 @@ class Scheme(NamedTuple):
 
         nothing = sp.csc_matrix(form.pattern.shape)
         method = self.kind(
-            residual, *start, t_end, max_step=control.max_step or np.inf, rtol=control.rtol, atol=atol,
-            jac=(nothing, nothing), **self.settings,
-        )  # fmt: skip
+            residual,
+            *start,
+            t_end,
+            max_step=control.max_step or np.inf,
+            rtol=control.rtol,
+            atol=atol,
+            jac=(nothing, nothing),
+            **self.settings,
+        )
         method.fun, method.jac, method.lu, method.solve_lu = count_residual, jacobian, lu, solve_lu
         method.Jy, method.Jyp = jacobian(method.t, method.y, method.yp)
         names = {**vars(self.module), "norm": norm, self.name: self.newton(method, form, factors, norm, clock)}
@@ -98,7 +113,10 @@ class Scheme(NamedTuple):
 def ndf_newton(
     method: DaeSolver, form: ImplicitForm, factors: tuple[Factors, Factors], norm: Norm, clock: Clock
 ) -> Callable:
-    """``solve_bdf_system``."""
+    """Return Newton's iteration of one BDF or NDF step, a replacement of scipy_dae's ``solve_bdf_system``.
+
+    The function returned gives (converged, iterations, y, y', correction d); arguments as in scipy_dae.
+    """
     n, own, code = len(form.y), factors[0], _ndf_loops()
     c, d, psi, inverse_scale, scaled = np.zeros(1), *(np.zeros(n) for _ in range(4))
     every, count = np.arange(n), np.array([n])
@@ -111,9 +129,16 @@ def ndf_newton(
     iterate = solve_between(before, [own], [(code.address("update"), update)], (code, form))
 
     def solve(
-        fun: Callable, t: float, y: np.ndarray, c_new: float, psi_new: np.ndarray, LU: Any, solve_lu: Callable,
-        scale: np.ndarray, tol: float,
-    ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        fun: Callable,
+        t: float,
+        y: np.ndarray,
+        c_new: float,
+        psi_new: np.ndarray,
+        LU: Any,
+        solve_lu: Callable,
+        scale: np.ndarray,
+        tol: float,
+    ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray]:
         form.y[:], form.t[0], c[0], psi[:], before = y, t, c_new, psi_new, 0.0
         np.divide(1.0, scale, out=inverse_scale)
         d.fill(0.0)
@@ -135,7 +160,10 @@ def ndf_newton(
 def radau_newton(
     method: DaeSolver, form: ImplicitForm, factors: tuple[Factors, Factors], norm: Norm, clock: Clock
 ) -> Callable:
-    """``solve_collocation_system`` of three stages."""
+    """Return Newton's iteration of one Radau IIA step of three stages, a replacement of ``solve_collocation_system``.
+
+    The function returned gives (converged, iterations, stage Y, stage Y', Y - y, rate); arguments as in scipy_dae.
+    """
     n, (real, pair), code = len(form.y), factors, _radau_loops()
     every, count, stages = np.arange(n), np.array([n]), np.arange(3) * n
     Y, Yp, F, scaled, tau, inverse_scale = *(np.zeros((3, n)) for _ in range(4)), np.zeros(3), np.zeros(n)
@@ -151,10 +179,22 @@ def radau_newton(
     iterate = solve_between(before, factors, after, (code, form))
 
     def solve(
-        fun: Callable, t: float, y: np.ndarray, h: float, Yp0: np.ndarray, scale: np.ndarray, tol: float,
-        LU_real: Any, LU_complex: Any, solve_lu: Callable, C: np.ndarray, T: np.ndarray, TI: np.ndarray,
-        A: np.ndarray, most: int,
-    ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray, float | None]:  # fmt: skip
+        fun: Callable,
+        t: float,
+        y: np.ndarray,
+        h: float,
+        Yp0: np.ndarray,
+        scale: np.ndarray,
+        tol: float,
+        LU_real: Any,
+        LU_complex: Any,
+        solve_lu: Callable,
+        C: np.ndarray,
+        T: np.ndarray,
+        TI: np.ndarray,
+        A: np.ndarray,
+        most: int,
+    ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray, float | None]:
         Yp[:], tau[:], hA[:], before = Yp0, t + h * C, h * A.T, 0.0
         np.add(y, h * A.dot(Yp), out=Y)
         np.divide(1.0, scale, out=inverse_scale)
@@ -168,14 +208,18 @@ def radau_newton(
             if not go_on:
                 break
             before = size
-        Yp0[:] = Yp  # as scipy_dae: a second attempt begins there
+        Yp0[:] = Yp  # as in scipy_dae, a second attempt begins there
         return converged, k + 1, Y.copy(), Yp0, Y - y, rate
 
     return solve
 
 
 def _judge(size: float, before: float, k: int, most: int, tol: float) -> tuple[bool, bool, float | None]:
-    """Whether iteration ``k`` of ``most`` converged, whether to go on, and the rate."""
+    """Return whether Newton's iteration ``k`` of at most ``most`` converged, whether to continue, and its rate.
+
+    ``size`` and ``before`` are the norms of this correction and of the last one; the rate is their quotient, None at k
+    = 0.
+    """
     rate = size / before if k else None
     if not math.isfinite(size):
         return False, False, rate
@@ -188,6 +232,7 @@ def _judge(size: float, before: float, k: int, most: int, tol: float) -> tuple[b
 @cache
 @making_code
 def _ndf_loops() -> Code:
+    """Compile the two loops of an NDF iteration: y' = c d + psi, and the update of y and d by the scaled correction."""
     c, d, psi, x, inverse_scale = (ca.SX.sym(name) for name in ("c", "d", "psi", "x", "inverse_scale"))
     rate = Loop(whole=[c], rows=[d, psi], stored=[c * d + psi])
     update = Loop(rows=[inverse_scale], gathered=[x], stored=[x * inverse_scale], added=[-x, -x])
@@ -197,6 +242,7 @@ def _ndf_loops() -> Code:
 @cache
 @making_code
 def _radau_loops() -> Code:
+    """Compile the two loops of a Radau iteration: to decoupled systems by TI, and back to the stages."""
     TI, T, hA = (ca.SX.sym(name, 3, 3) for name in ("TI", "T", "hA"))
     F, x, parts, inverse_scale = ca.SX.sym("F", 3), ca.SX.sym("x"), ca.SX.sym("parts", 2), ca.SX.sym("inverse_scale")
     G, dYp = TI @ F, T @ ca.vertcat(x, parts)

@@ -1,4 +1,4 @@
-"""Packages that a system may lack: the solver that needs one refuses in a line that says how to get it."""
+"""Packages that a system may lack: the solver that needs one refuses with a line that says how to install it."""
 
 import importlib.util
 
@@ -7,8 +7,11 @@ from ...harness.types import NotInstalled
 ENGINES = "pip install 'mbsbench[engines]'"
 
 
-def missing(module: str, package: str = "", remedy: str = ENGINES) -> NotInstalled | None:
-    """Return the remedy where ``module`` (of ``package``, if that has another name) is not installed, or None."""
+def find_remedy(module: str, package: str = "", remedy: str = ENGINES) -> NotInstalled | None:
+    """Return how to install ``module`` where it is missing, or None.
+
+    ``package`` is its name in the package registry, if that differs.
+    """
     try:
         found = importlib.util.find_spec(module) is not None
     except ValueError:  # planted in sys.modules without a spec

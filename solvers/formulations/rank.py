@@ -1,4 +1,4 @@
-"""Which constraint rows to keep, without a dense matrix: pivots of a banded Cholesky of A A^T.
+"""Choice of the constraint rows to keep, without a dense matrix: pivots of a banded Cholesky of A A^T.
 
 Rows are scaled to length one and taken joint by joint, so that those left out all
 belong to joints that close a loop: rows of a tree never become dependent, whichever way it moves. In a plane loop the
@@ -21,14 +21,15 @@ from ...harness.mechanics.jacobian import even_jacobian
 from ...harness.mechanics.state import State
 from ...harness.mechanics.system import GROUND, MultibodySystem
 
-ADDED = 1e-13  # to the unit diagonal: a thousand roundings
-DEPENDENT, INDEPENDENT = 1e-10, 1e-4  # squared distances: below, above; one of d makes dependent ones of ADDED / d
+ADDED = 1e-13  # added to the unit diagonal: a thousand roundings
+# squared distances below, above; an independent row of d makes dependent ones of ADDED / d
+DEPENDENT, INDEPENDENT = 1e-10, 1e-4
 DISTANT = 1e-9  # distance of an independent row from those before it, by orthogonalisation
-BETTER = 2.0  # times the least singular value of the rows in use, to change them
+BETTER = 2.0  # factor of the least singular value at which rows are changed
 
 
 def rows_to_keep(system: MultibodySystem, state: State) -> Int[np.ndarray, " rank"]:
-    """A maximal set of independent rows of A at ``state``, in row order."""
+    """Return a largest set of independent constraint rows (rows of A) at ``state``, in row order."""
     if system.nrows == 0:
         return np.zeros(0, dtype=np.int64)
     distance = squared_distances(system, state)
@@ -38,7 +39,10 @@ def rows_to_keep(system: MultibodySystem, state: State) -> Int[np.ndarray, " ran
 
 
 def better_rows(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-    """As many rows as ``kept``, the most independent at ``state``, unless ``kept`` are about as independent."""
+    """Return as many constraint rows as ``kept``, the most independent at ``state``, or ``kept`` itself.
+
+    It returns ``kept`` unless the least singular value of the others is more than ``BETTER`` times as large.
+    """
     A = even_jacobian(system, state).toarray()
     best = np.sort(sl.qr(A.T, mode="r", pivoting=True)[1][: len(kept)])
     least = [np.linalg.svd(A[rows], compute_uv=False)[-1] for rows in (kept, best)]
@@ -46,12 +50,16 @@ def better_rows(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k
 
 
 def least_singular_value(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k"]) -> float:
-    """Of the rows ``kept``, scaled to length one."""
+    """Return the least singular value of the constraint rows ``kept`` of A, scaled to length one."""
     return float(np.linalg.svd(even_jacobian(system, state).toarray()[kept], compute_uv=False)[-1])
 
 
 def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray, " nrows"]:
-    """Squared distance of each row, scaled to length one, from the span of those before it in the band's order."""
+    """Return the squared distance of each constraint row, of length one, from the span of those before it.
+
+    Rows are taken joint by joint, a loop's closing joint last. All are undecided (between ``DEPENDENT`` and
+    ``INDEPENDENT``) where rounding stops the factorisation.
+    """
     A = even_jacobian(system, state)
     S = sp.csr_matrix(A @ A.T)
     place = np.argsort(_joints_in_order(system))
@@ -70,9 +78,9 @@ def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray
 
 
 def _joints_in_order(system: MultibodySystem) -> Int[np.ndarray, " nj"]:
-    """Joints body by body (Cuthill-McKee, a narrow band), a body's joint to the ground first.
+    """Order joints body by body (Cuthill-McKee, a narrow band), a body's joint to the ground first.
 
-    Of each loop the last joint is the one that closes it.
+    The last joint of each loop is the one that closes it.
     """
     i, j = system.joint_i, system.joint_j
     between = (i != GROUND) & (j != GROUND)
@@ -84,7 +92,10 @@ def _joints_in_order(system: MultibodySystem) -> Int[np.ndarray, " nj"]:
 
 
 def _choose_by_orthogonalisation(system: MultibodySystem, state: State) -> Int[np.ndarray, " rank"]:
-    """The same set by a dense orthogonalisation, of each joint's rows in the order of their distances."""
+    """Return a largest set of independent constraint rows by a dense orthogonalisation, joint by joint.
+
+    Of each joint's rows, those farthest from the rows already kept come first.
+    """
     A = even_jacobian(system, state)
     rows, basis, kept = A.toarray(), np.zeros((0, A.shape[1])), []
     for k in _joints_in_order(system):

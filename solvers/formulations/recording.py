@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.code_meter import Stopwatch, settle
+from ...harness.code_meter import Stopwatch, collect_garbage
 from ...harness.mechanics.jacobian import constraint_jacobian
 from ...harness.mechanics.motion import constraint
 from ...harness.mechanics.state import States
@@ -16,13 +16,13 @@ from .layout import Layout
 
 LOOK_EVERY = 100  # steps between two checks of phi; a check costs about ten steps of one body
 LOST_AXIS = 0.5  # axis rows are cosines: 30 degrees out
-NEAR_CHART_SINGULARITY = 0.05  # |sin(theta)| worth mentioning when a run fails there
+NEAR_CHART_SINGULARITY = 0.05  # |sin(theta)| below which a failure mentions the chart's singularity
 DEPENDENT_ROWS = 1e-4  # smallest to largest singular value of A below which a failure is called singular
-LARGEST_SVD = 1000  # rows, 0.3 s; of 2000 it is 2 s, which a run at its limit does not have
+LARGEST_SVD = 1000  # rows, 0.3 s; 2000 take 2 s, which a run at its limit does not have
 
 
 class StepFailure(Exception):
-    """Raised inside a step: why it cannot continue."""
+    """Raised inside a step that cannot continue, with the reason."""
 
     def __init__(self, status: Status, message: str) -> None:
         super().__init__(message)
@@ -41,45 +41,52 @@ class Clock:
     part: Stopwatch = field(default_factory=Stopwatch)
 
     def check(self) -> None:
+        """Raise ``StepFailure`` if the CPU time of the run, without that of making code, is beyond the limit."""
         if self.limit is not None and self.whole.solver > self.limit:
             raise self.failure()
 
     def failure(self) -> StepFailure:
-        """That of a run at its limit."""
+        """Return, without raising it, the ``StepFailure`` of a run at its limit of CPU time."""
         return StepFailure(Status.STALLED, f"the CPU limit of {self.limit:g} s was reached")
 
     def cpu_left(self) -> float | None:
-        """CPU time until the limit [s], if there is one."""
+        """Return the CPU time until the limit [s], if there is one."""
         return None if self.limit is None else self.limit - self.whole.solver
 
     def restart(self) -> float:
-        """CPU time until here [s], code included, the set-up; it counts anew, but the limit is on the whole call."""
-        settle()
+        """Return the CPU time [s] of set-up so far, code included, and begin to count the integration's.
+
+        The limit still holds for the whole call.
+        """
+        collect_garbage()
         before, self.part = self.part, Stopwatch()
         return before.solver + before.code
 
     def cpu_time(self) -> float:
-        """CPU time [s] since then."""
+        """Return the CPU time [s] since the restart."""
         return self.part.solver
 
     def code_time(self) -> float:
-        """CPU time [s] of making code since then, which is set-up."""
+        """Return the CPU time [s] of making code since the restart, which is set-up."""
         return self.part.code
 
 
-class Clocked(ABC):
-    """``solve`` under a ``Clock``: the start alone where the solver refuses, or fails before the first step."""
+class ClockedSolver(ABC):
+    """A solver with ``solve`` under a ``Clock``; the start alone if refused or failed before the first step."""
 
     @abstractmethod
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Why this solver cannot solve the problem, or None."""
+        """Return why this solver cannot solve the problem, or None."""
 
     @abstractmethod
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """From the start to ``t_end``; raises ``StepFailure`` where it fails before the first step."""
+        """Integrate from the start to ``t_end``; raise ``StepFailure`` if it fails before the first step."""
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate from the start to ``t_end``."""
+        """Integrate from the start to ``t_end`` and return the trajectory.
+
+        A refusal, or a failure before the first step, returns the start alone with its status.
+        """
         clock, reason = Clock(control.cpu_limit), self.refuses(problem, control)
         if reason is not None:
             return no_trajectory(problem, Status.REFUSED, reason)
@@ -93,14 +100,22 @@ Advance = Callable[[], tuple[float, Float[np.ndarray, " n"], Float[np.ndarray, "
 
 
 def march(
-    problem: Problem, control: StepControl, layout: Layout, clock: Clock, advance: Advance, y: Float[np.ndarray, " n"],
-    reaction: Float[np.ndarray, " nrows"], counters: Callable[[int], Mapping[str, int]], notes: tuple[str, ...],
+    problem: Problem,
+    control: StepControl,
+    layout: Layout,
+    clock: Clock,
+    advance: Advance,
+    y: Float[np.ndarray, " n"],
+    reaction: Float[np.ndarray, " nrows"],
+    counters: Callable[[int], Mapping[str, int]],
+    notes: tuple[str, ...],
     in_use: Callable[[], tuple[Layout, tuple[str, ...]]] | None = None,
-) -> Trajectory:  # fmt: skip
-    """The motion by ``advance``, from ``y`` and ``reaction`` at the start to the end or a failure.
+) -> Trajectory:
+    """Integrate by calls of ``advance`` until the end or a failure, and return the trajectory of accepted steps.
 
-    Its arrays are copied; ``counters`` are asked with the number of steps. A failure near a singularity of chart or
-    constraints says so; ``in_use`` gives the layout at the end and notes on its changes. Until here was the set-up.
+    ``y`` (p, u and more) and ``reaction`` are those of the start; arrays of ``advance`` are copied. ``counters`` gives
+    the run's counts, asked with the number of steps. A failure near a singularity of chart or constraints says so;
+    ``in_use`` gives the layout at the end and notes on its changes. Time until here was set-up.
     """
     setup_time, times, ys, reactions = clock.restart(), [0.0], [y.copy()], [reaction.copy()]
     status, message = Status.SUCCESS, "reached the end"
@@ -109,7 +124,7 @@ def march(
             if len(times) > control.max_steps:
                 raise StepFailure(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
             clock.check()
-            with np.errstate(all="ignore"):  # overflow on the way to a failure that is reported
+            with np.errstate(all="ignore"):  # an overflow leads to a failure that is reported
                 t, y, reaction = advance()
             if not np.isfinite(y).all():
                 raise StepFailure(Status.DIVERGED, "the solution is no longer finite")
@@ -139,14 +154,21 @@ def march(
         status = status if status in (Status.STALLED, Status.MEMORY) else blamed
         message += reasons
     return Trajectory(
-        t=t_all, states=states, status=status, message=message, counters={"steps": nt - 1, **counters(nt - 1)},
-        reaction=np.array(reactions), diagnostics={"chart_margin": margin}, notes=notes,
-        cpu_time=cpu_time, setup_time=setup_time,
-    )  # fmt: skip
+        t=t_all,
+        states=states,
+        status=status,
+        message=message,
+        counters={"steps": nt - 1, **counters(nt - 1)},
+        reaction=np.array(reactions),
+        diagnostics={"chart_margin": margin},
+        notes=notes,
+        cpu_time=cpu_time,
+        setup_time=setup_time,
+    )
 
 
 def no_trajectory(problem: Problem, status: Status, message: str) -> Trajectory:
-    """The start alone, of a run that was refused or failed before its first step."""
+    """Return the start alone, for a run that was refused or failed before its first step."""
     start = States.one(problem.initial)
     return Trajectory(np.zeros(1), start, status, message, {"steps": 0}, cpu_time=0.0, setup_time=0.0)
 
@@ -163,12 +185,17 @@ def _check_constraints(layout: Layout, y: np.ndarray) -> None:
 
 
 def _states(layout: Layout, y: Float[np.ndarray, "nt n"]) -> States:
+    """Return the motion in space of the rows of unknowns ``y``."""
     nt, nb = len(y), layout.system.nb
     p = y[:, layout.p].reshape(nt, nb, layout.chart.size)
     return layout.chart.states(p, y[:, layout.u].reshape(nt, nb, 6))
 
 
 def _blame(layout: Layout, states: States, margin: np.ndarray, status: Status) -> tuple[Status, str]:
+    """Return the status of a failed run and words to add to its message, from the singularities near its end.
+
+    ``SINGULAR`` where the chart's or the kept constraint rows' singularity is near, else ``status`` and no words.
+    """
     said = ""
     if layout.chart.name == "euler313" and margin[-1] < NEAR_CHART_SINGULARITY:
         status, said = Status.SINGULAR, f"; the 3-1-3 chart is near its singularity, |sin(theta)| = {margin[-1]:.3g}"

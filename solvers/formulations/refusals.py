@@ -1,4 +1,4 @@
-"""Why a method cannot take some kinds of joints or forces."""
+"""Refusals of methods that cannot take some kinds of joints or forces."""
 
 from ...harness.mechanics.system import MultibodySystem
 
@@ -12,12 +12,12 @@ GRADIENTS = (
 )
 
 
-def without_phi(system: MultibodySystem) -> str | None:
-    """The refusal of a method that needs phi in every row."""
+def refuse_without_phi(system: MultibodySystem) -> str | None:
+    """Return the refusal of a method that needs phi in every constraint row, or None if the system has it."""
     return None if system.is_holonomic else VELOCITIES_ALONE
 
 
-def without_gradient(system: MultibodySystem) -> str | None:
-    """The refusal of a method of discrete gradients."""
+def refuse_without_gradient(system: MultibodySystem) -> str | None:
+    """Return the refusal of a method of discrete gradients for joints and forces without one, or None."""
     beyond = len(system.moving_rows().joint) or len(system.torsion_k) or len(system.user_i)
     return GRADIENTS if beyond else None

@@ -1,4 +1,4 @@
-"""The rows that an implicit integrator keeps: where they wear out, it starts again on others."""
+"""The rows that an implicit integrator keeps: where they become dependent, it starts again on others."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,31 +9,43 @@ from ...harness.mechanics.consistency import InconsistentStart, project
 from ...harness.types import Problem, Status
 from .layout import Layout
 from .recording import StepFailure
-from .wear import Wear
+from .row_wear import RowWear
 
 
 class RowsInUse:
-    """The layout of now, and ``begin(layout, problem)``, which starts an integrator at the problem's initial state.
+    """The present layout, and ``begin(layout, problem)``, which starts an integrator at the problem's initial state.
 
-    ``every``: steps between two looks; those of a small mechanism cost 2 to 4 % of a run.
+    ``every``: steps between two checks; those of a small mechanism cost 2 to 4 % of a run.
     """
 
     def __init__(
         self, layout: Layout, begin: Callable[[Layout, Problem], None], problem: Problem, *, every: int
     ) -> None:
-        self.layout, self._wear, self.changes = layout, Wear(layout), list[float]()
+        self.layout, self._wear, self.changes = layout, RowWear(layout), list[float]()
         self._begin, self._problem, self._every = begin, problem, every
         begin(layout, problem)
 
-    def look(self, t: float, y: np.ndarray) -> None:
-        """Begin on better rows from an accepted step if those in use are worn, at one step of ``every``."""
+    def update_rows(self, t: float, y: np.ndarray) -> None:
+        """Start the integrator again on better rows if those in use are nearly dependent.
+
+        Called after each accepted step (t [s], y), of which one of ``every`` is checked. Raises ``StepFailure`` where
+        the state cannot be projected on the constraints.
+        """
         self._renew(t, y, self._every)
 
     def can_rescue(self, t: float, y: np.ndarray) -> bool:
-        """Begin on better rows from the last accepted step, behind which a step has failed; return whether any are."""
+        """Start the integrator again on better rows after a failed step; return whether there were any.
+
+        ``t`` [s] and ``y`` are those of the last accepted step.
+        """
         return self._renew(t, y, 1)
 
     def _renew(self, t: float, y: np.ndarray, every: int) -> bool:
+        """Choose rows anew and start the integrator on them if the kept ones are worn; return whether it did.
+
+        ``every`` 1 is a rescue after a failed step: a state that cannot be projected then returns False, else it
+        raises.
+        """
         kept = self._wear.better_rows(y, t, every)
         if kept is None:
             return False
@@ -43,16 +55,16 @@ class RowsInUse:
             start = project(at.system, replace(at.chart.states(p, u)[0], t=t))
         except InconsistentStart as error:
             if every == 1:
-                return False  # the step that failed says why
+                return False  # the failed step gives the reason
             raise StepFailure(Status.DIVERGED, f"rows could not be chosen anew: {error}") from None
         self.layout = replace(at, kept=kept)
-        self._wear = Wear(self.layout)
+        self._wear = RowWear(self.layout)
         self.changes.append(t)
         self._begin(self.layout, replace(self._problem, initial=start))
         return True
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """When rows were chosen anew."""
+        """Notes on the times at which rows were chosen anew."""
         times = ", ".join(f"{t:.4g}" for t in self.changes)
         return (f"rows chosen anew at t = {times} s",) if times else ()

@@ -26,8 +26,8 @@ from .sparse_pattern import FixedPattern, FixedProduct
 class InverseMass:
     """M^-1 of all bodies as 6 x 6 blocks ``data``: constant in body velocities, B^-1 M^-1 B^-T in a chart's own.
 
-    ``steps`` update it to the coordinates in ``y``. ``pattern`` is that of M^-1 without what is always zero, and
-    ``places`` where each nonzero stands in ``data``.
+    ``steps`` update it to the coordinates in ``y``. ``pattern`` is that of M^-1 without structural zeros, and
+    ``places`` are the places of its nonzeros in ``data``.
     """
 
     def __init__(self, layout: Layout, y: Float[np.ndarray, " n"]) -> None:
@@ -50,6 +50,7 @@ class InverseMass:
 @cache
 @making_code
 def _blocks(chart: Chart) -> Code:
+    """Compile the loop over bodies that turns M^-1 in body velocities into B^-1 M^-1 B^-T in the chart's own."""
     p, u, free = ca.SX.sym("p", chart.size), ca.SX.sym("u", 6), ca.SX.sym("free", 36)
     T_inverse = ca.inv_minor(ca.jacobian(chart.body_velocity(p, u), u)[3:, 3:])
     block = ca.reshape(free, 6, 6)
@@ -64,9 +65,14 @@ class Saddle:
     """
 
     def __init__(
-        self, layout: Layout, pattern: FixedPattern, inverse_mass: InverseMass,
-        A: Float[np.ndarray, " nnz"], e: Float[np.ndarray, " n_u"], c: Float[np.ndarray, " k"],
-    ) -> None:  # fmt: skip
+        self,
+        layout: Layout,
+        pattern: FixedPattern,
+        inverse_mass: InverseMass,
+        A: Float[np.ndarray, " nnz"],
+        e: Float[np.ndarray, " n_u"],
+        c: Float[np.ndarray, " k"],
+    ) -> None:
         k, n_u = layout.k, layout.n_u
         W, blocks, in_blocks = inverse_mass.pattern, inverse_mass.data, inverse_mass.places
         self._u_dot, self._lam = np.zeros(n_u), np.zeros(k)
@@ -108,12 +114,15 @@ class Saddle:
         self._factor, self._solve = Program(factor), Program(solve)
 
     def sines(self) -> Float[np.ndarray, " k"]:
-        """Of the angle between each row of A, in the order of the band and the metric of M^-1, and those before it."""
+        """Return the sine of each constraint row's angle with the span of those before it, in the band's order.
+
+        Angles are in the metric of M^-1. It factorises A M^-1 A^T and does not check that this went through.
+        """
         self._factor.run()
         return self._pivots / np.sqrt(self._squares)
 
     def solve(self) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
-        """(u_dot, lam), in arrays that the next call changes."""
+        """Return (u_dot, lam), in arrays that the next call changes; ``StepFailure`` where rows became dependent."""
         self._factor.run()
         if self._info[0] != 0:
             raise StepFailure(

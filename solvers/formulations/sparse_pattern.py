@@ -35,7 +35,7 @@ class FixedPattern:
         self._sum = sp.csr_array((np.ones(m), (self.place, np.arange(m))), shape=(self.nnz, m))
 
     def data(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " nnz"]:
-        """The nonzeros, from the values of the entries."""
+        """Return the nonzeros of the matrix: ``values`` of the entries, those at one place added."""
         return self._sum @ values
 
     @property
@@ -49,7 +49,7 @@ class FixedPattern:
         return self.major if self.by_column else self.indices
 
     def matrix(self, data: Num[np.ndarray, " nnz"]) -> sp.csr_array | sp.csc_array:
-        """As a scipy array."""
+        """Return a scipy array with the nonzeros ``data``: CSC if the pattern is by column, else CSR."""
         kind = sp.csc_array if self.by_column else sp.csr_array
         return kind((data, self.indices, self.indptr), shape=self.shape)
 

@@ -1,4 +1,4 @@
-"""The start of an integration: which rows are kept, and (y, y') with consistent accelerations and multipliers."""
+"""The start of an integration: the rows kept, and (y, y') with consistent accelerations and multipliers."""
 
 import numpy as np
 from jaxtyping import Float
@@ -11,11 +11,11 @@ from .saddle import InverseMass, Saddle
 from .sparse_pattern import FixedPattern
 from .system_elements import equations_of_motion
 
-RATE_STEP = 1e-5  # [s] of the central difference for lam', which serves only the first predictor
+RATE_STEP = 1e-5  # [s] step of the central difference for lam', which serves only the first predictor
 
 
 def layout_for(problem: Problem, coordinates: str) -> tuple[Layout, tuple[str, ...]]:
-    """Unknowns on the independent rows at the start, and a note on those dropped."""
+    """Return the layout of unknowns over independent constraint rows at the start, and notes on rows dropped."""
     system = problem.system
     kept = rows_to_keep(system, problem.initial)
     dropped = np.setdiff1d(np.arange(system.nrows), kept)
@@ -28,7 +28,7 @@ def layout_for(problem: Problem, coordinates: str) -> tuple[Layout, tuple[str, .
 
 
 def redundancy_refusal(problem: Problem) -> str | None:
-    """The sentence for a system with redundant rows, or None."""
+    """Return the refusal of a system whose constraint rows are redundant at the start, or None."""
     rank, rows = len(rows_to_keep(problem.system, problem.initial)), problem.system.nrows
     if rank == rows:
         return None
@@ -36,7 +36,7 @@ def redundancy_refusal(problem: Problem) -> str | None:
 
 
 def coordinates_and_velocities(layout: Layout, problem: Problem) -> Float[np.ndarray, " n"]:
-    """y = (p, u, 0) of the problem's start."""
+    """Return y = (p, u, lam) of the problem's start with lam = 0."""
     p, u = layout.chart.coordinates(problem.initial)
     return np.concatenate((p.ravel(), u.ravel(), np.zeros(layout.k)))
 
@@ -61,7 +61,7 @@ class Accelerations:
     def at(
         self, y: Float[np.ndarray, " n"], t: float = 0.0
     ) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
-        """(u', lam); the lam in ``y`` is not read."""
+        """Return (u', lam) at (p, u) of ``y`` and time ``t`` [s]; the lam in ``y`` is not read."""
         at, y = self._layout, y.copy()
         y[at.lam] = 0.0
         self._motion.read(y, self._at_rest, t)
@@ -72,14 +72,17 @@ class Accelerations:
         return u_dot.copy(), lam.copy()
 
     def rate(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_p"]:
-        """p' of the chart."""
+        """Return the coordinate rates p' of the chart at (p, u) of ``y``."""
         return self._motion.values(y, self._at_rest)[self._layout.p]
 
 
 def make_consistent(
     layout: Layout, y: Float[np.ndarray, " n"], alpha: float, beta: float, t: float = 0.0
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """(y, y') that satisfy every row and its hidden ones: u', lam from the saddle, lam' by a central difference."""
+    """Return (y, y') that satisfy the constraint rows and their derivatives, from p and u of ``y``.
+
+    u' and lam are solved for; lam' is a central difference, which serves only an integrator's first predictor.
+    """
     accelerations = Accelerations(layout, alpha, beta)
     u_dot, lam = accelerations.at(y, t)
     y_dot = np.concatenate((accelerations.rate(y), u_dot, np.zeros(layout.k)))
@@ -92,7 +95,7 @@ def make_consistent(
 def start_unloaded(
     layout: Layout, y: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """(y, y') with lam = 0: the bodies start in free fall and the constraint row is violated."""
+    """Return (y, y') with u' of free fall and no multipliers: lam = 0, so the acceleration rows are violated."""
     accelerations = Accelerations(Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64)))
     y_short = y[: layout.n - layout.k]
     u_dot, _ = accelerations.at(y_short)

@@ -24,21 +24,21 @@ from .assembly import Assembly, Batch
 from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import add_products, set_to_zero
 from .layout import Layout
+from .row_wear import RowWear
 from .rows.expressions import force_numbers
 from .saddle import InverseMass, Saddle
 from .sparse_pattern import FixedPattern
 from .symbolic import ELEMENTS, free_spring_element, strong_row_element
 from .system_elements import body_batch, force_batches, jacobian_pattern, pair_ends, rows_by_kind
-from .wear import Wear
 
 
 class StrongRates(NamedTuple):
-    """Left of Eq. (65)'s solution: p_dot, u_dot, lam_ddot and the reaction F."""
+    """Solution of Eq. (65): p_dot, u_dot, lam_ddot and the reaction F."""
 
     p_dot: Float[np.ndarray, " n_p"]
     u_dot: Float[np.ndarray, " n_u"]
     lam_ddot: Float[np.ndarray, " k"]
-    reaction: Float[np.ndarray, " k"]  # of the kept rows
+    reaction: Float[np.ndarray, " k"]  # reaction of the kept rows
 
 
 class RowTerms(NamedTuple):
@@ -64,11 +64,16 @@ class StrongForm:
     """
 
     def __init__(
-        self, layout: Layout, alpha: float = 0.0, beta: float = 0.0, direction: str = "a", c_bar: float = 0.0,
+        self,
+        layout: Layout,
+        alpha: float = 0.0,
+        beta: float = 0.0,
+        direction: str = "a",
+        c_bar: float = 0.0,
         k_bar: float = 0.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._layout, self._options = layout, (alpha, beta, direction, c_bar, k_bar)
-        self._wear = Wear(layout)
+        self._wear = RowWear(layout)
         self._bare = Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64))  # z has no lam here
         self._direction, self._given = direction, (c_bar, k_bar)
         self.pattern, place = jacobian_pattern(layout)
@@ -103,27 +108,33 @@ class StrongForm:
         self._after = Program([(code.address("lam_ddot"), [count, *shared, *outer, at.f_bar, self._lam_ddot])], code)
 
     def renew(self, pu: Float[np.ndarray, " n"], t: float, every: int) -> "StrongForm":
-        """Itself, or the form on other rows where those kept are worn, with the same accelerations.
+        """Return itself, or the form on other constraint rows where those kept are nearly dependent.
 
-        Called after accepted steps, of which one of ``every`` is looked at.
+        Both have the same accelerations. Called after accepted steps, of which one of ``every`` is checked.
         """
         kept = self._wear.better_rows(pu, t, every)
         return self if kept is None else StrongForm(replace(self._layout, kept=kept), *self._options)
 
     def terms(self, pu: Float[np.ndarray, " n"], t: float = 0.0) -> RowTerms:
-        """Everything of Eq. (65) at (p, u)."""
+        """Return a copy of all terms of Eq. (65) at (p, u) and time ``t`` [s]."""
         self._evaluate(pu, t)
         return RowTerms(*(part.copy() for part in self._at))
 
     def all_rows(self, reaction: Float[np.ndarray, " k"]) -> Float[np.ndarray, " nrows"]:
-        """``reaction`` on all rows of phi, zero on the dropped ones."""
+        """Return ``reaction`` on all rows of phi, zero on the dropped ones."""
         return self._layout.all_rows(reaction)
 
     def rates(
-        self, pu: Float[np.ndarray, " n"], lam: Float[np.ndarray, " k"], lam_dot: Float[np.ndarray, " k"],
+        self,
+        pu: Float[np.ndarray, " n"],
+        lam: Float[np.ndarray, " k"],
+        lam_dot: Float[np.ndarray, " k"],
         t: float = 0.0,
-    ) -> StrongRates:  # fmt: skip
-        """The solution of Eq. (65), in arrays that the next call changes."""
+    ) -> StrongRates:
+        """Return p_dot, u_dot, lam_ddot and the reaction, the solution of Eq. (65).
+
+        They are in arrays that the next call changes.
+        """
         self._evaluate(pu, t)
         u_dot, F = self._saddle.solve()
         self._lam[:], self._lam_dot[:], self._F[:] = lam, lam_dot, F
@@ -131,7 +142,7 @@ class StrongForm:
         return StrongRates(self._at.p_dot, u_dot, self._lam_ddot, self._F)
 
     def _evaluate(self, pu: np.ndarray, t: float) -> None:
-        """Fill the terms and the saddle's right side."""
+        """Evaluate the terms of Eq. (65) at (p, u) and time ``t`` [s], and the right side of the linear system."""
         self._motion.read(pu, self._at_rest, t)
         self._motion.evaluate.run()
         if self._loads is not None:
@@ -141,10 +152,14 @@ class StrongForm:
             rows = self._at.C_bar, self._at.K_bar
             for to, least, slope in zip(rows, self._given, self._springs.at(pu), strict=True):
                 to[:] = least + np.asarray((c @ slope).multiply(c).sum(axis=1)).ravel()
-            np.maximum(self._at.K_bar, 0.0, out=self._at.K_bar)  # a negative one drives phi away exponentially
+            np.maximum(self._at.K_bar, 0.0, out=self._at.K_bar)  # a negative value would drive phi away exponentially
         self._before.run()
 
     def _batches(self, layout: Layout, place: np.ndarray) -> list[Batch]:
+        """Return the elements of bodies, forces and joints, whose outputs go to ``self._slices``.
+
+        ``place`` is the nonzero of A of each entry of the joints' rows.
+        """
         bare = self._bare
         A, gamma, phi_dot, phi, M_bar, M_bar_dot, c = (part.start for part in self._slices[2:])
         batches, used = [body_batch(bare), *force_batches(bare)], 0
@@ -165,7 +180,7 @@ class StrongForm:
 @lru_cache(ELEMENTS)
 @making_code
 def _compiled_rows(alpha: float, beta: float) -> Code:
-    """Eq. (65) row by row: its right side of the saddle, and lam_ddot."""
+    """Compile Eq. (65) row by row: its right side of the saddle, and lam_ddot."""
     names = ("phi", "phi_dot", "M_bar", "M_bar_dot", "C_bar", "K_bar", "gamma", "lam", "lam_dot", "F", "f_bar")
     phi, phi_dot, M_bar, M_bar_dot, C_bar, K_bar, gamma, lam, lam_dot, F, f_bar = (ca.SX.sym(name) for name in names)
     shared = [phi, phi_dot, M_bar, M_bar_dot, C_bar, K_bar]
@@ -197,19 +212,26 @@ class _Springs:
         self._slopes, self._at_rest = Assembly(bare, [batch], 2 * self._m, differentiable=False), np.zeros(n)
 
     def at(self, pu: np.ndarray) -> tuple[Any, Any]:
+        """Return the slopes of the forces f of all springs at (p, u), as two sparse matrices (n_u, n_u).
+
+        They are -df/dV, and -df/dx along the flow.
+        """
         found, of = self._slopes.values(pu, self._at_rest), self._pattern
         return of.matrix(of.data(found[: self._m])), of.matrix(of.data(found[self._m :]))
 
 
 def _slices(layout: Layout, nnz: int) -> tuple[list[slice], int]:
-    """Parts of the assembly's output in the order of ``RowTerms`` up to M_bar_dot, then c."""
+    """Return the slices of the assembly's output and its length.
+
+    They are in the order of ``RowTerms`` up to M_bar_dot, then c of Eq. (31).
+    """
     k = layout.k
     ends = np.cumsum((0, layout.n_p, layout.n_u, nnz, k, k, k, k, k, nnz))
     return [slice(int(a), int(b)) for a, b in pairwise(ends)], int(ends[-1])
 
 
 def _inertia(layout: Layout, bodies: np.ndarray) -> np.ndarray:
-    """(m, J) of bodies (m, 10); 1 for the ground, on which c has no part."""
+    """Return mass and inertia (m, J by rows) of ``bodies``, one row (10) each; 1 and identity for the ground."""
     s = layout.system
     table = np.tile(np.append(1.0, np.eye(3)), (s.nb + 1, 1))
     table[: s.nb, 0], table[: s.nb, 1:] = s.mass, s.regular_inertia.reshape(-1, 9)

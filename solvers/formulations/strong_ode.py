@@ -17,7 +17,7 @@ from .strong_form import StrongForm
 from .symbolic import DIRECTIONS
 
 EVALUATIONS_AT_START = 2  # scipy's Runge-Kutta pairs: y'(0) and one to choose the first step
-ROWS_EVERY = 2  # steps, at the rows kept
+ROWS_EVERY = 1  # steps between checks of the rows in use: long explicit steps pass a place of dependence in two
 STAGES = {"RK23": 3, "RK45": 6, "DOP853": 12}  # evaluations an attempt; the last is at its end, the next one's first
 
 
@@ -32,7 +32,10 @@ class StrongOptions(SymbolicOptions):
     k_bar: float = option(0.0, "K_bar of every row, added to that of Eq. (32); axis rows N m", "N/m", at_least=0.0)
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Why this solver cannot solve the problem, or None."""
+        """Return why this solver cannot solve the problem, or None.
+
+        Direction "translation" is refused for joints with rows other than those of a point.
+        """
         system = problem.system
         if self.direction == "translation" and np.any(system.joint_rows > 3 * (system.joint_points > 0)):
             return "direction 'translation' needs spherical joints: other rows have no translation of their own"
@@ -47,7 +50,11 @@ def integrate(
     lambda_in_test: bool,
     clock: Clock,
 ) -> Trajectory:
-    """The accepted steps of ``method``; what follows each is one more evaluation where the method ends elsewhere."""
+    """Integrate Eq. (65) as an ODE by accepted steps of scipy's ``method``.
+
+    ``lambda_in_test``: lam and lam_dot count in its error test. Reactions cost one more evaluation a step where the
+    method does not end a step with one.
+    """
     pair = STAGES.get(method.__name__)
     layout, notes = layout_for(problem, options.coordinates)
     k, n = layout.k, layout.n_p + layout.n_u

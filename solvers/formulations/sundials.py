@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 from ...harness.code_meter import making_code
 from ...harness.types import NotInstalled
 from .generated import Code, Program
-from .packages import missing
+from .packages import find_remedy
 
 ADDRESS, NUMBER, FLAG = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
 BY_COLUMNS, ONE_STEP, ONE_STEP_LIMIT = 0, 2, 100_000  # CSC_MAT, IDA_ONE_STEP; IDA's own limit a call
@@ -28,21 +28,21 @@ REMEDY = (
 )
 OUT_OF_MEMORY = -21  # IDA_MEM_FAIL
 OUT_OF_TIME = (-8, -12)  # IDA's flags of a residual that fails, which it does here at the deadline alone
-CHECK_EVERY = 16  # residuals, a power of two
+CHECK_EVERY = 16  # residuals between two checks of the deadline, a power of two
 CREATORS = ("SUNDense", "SUNBand", "SUNSparse", "SUNLinSol_", "N_V", "IDACreate")  # return addresses, others flags
 WORK = ("evaluations", "deadline", "data_of", "y", "y_dot", "F", "bytes", "t", "run", "program")
 
 
 def not_installed() -> NotInstalled | None:
-    """Return the refusal where scikit-sundae is missing, or None; it is imported here, before a solver's time."""
-    if (reason := missing("sksundae", "scikit-sundae", REMEDY)) is None:
+    """Return the refusal where scikit-sundae is missing, or None; import it here, before a solver's time counts."""
+    if (reason := find_remedy("sksundae", "scikit-sundae", REMEDY)) is None:
         with making_code:
             import_module("sksundae")
     return reason
 
 
 @dataclass(frozen=True)
-class Equations:
+class IdaEquations:
     """F(t, y, y') = 0 in IDA's order: ``evaluate`` computes ``F`` from ``t``, ``y`` and ``y_dot``."""
 
     evaluate: Program
@@ -59,16 +59,25 @@ class Ida:
     """IDA on ``equations``, whose ``y`` and ``y_dot`` hold the start. Use in a ``with`` statement, which frees it."""
 
     def __init__(
-        self, equations: Equations, linear_solver: str, *, rtol: float, atol: Float[np.ndarray, " n"],
-        first_step: float, max_step: float, seconds: float | None, start: float = 0.0,
-    ) -> None:  # fmt: skip
-        """``linear_solver``: dense, band or sparse; a step fails ``seconds`` of CPU time from now; 0: IDA's choice.
+        self,
+        equations: IdaEquations,
+        linear_solver: str,
+        *,
+        rtol: float,
+        atol: Float[np.ndarray, " n"],
+        first_step: float,
+        max_step: float,
+        seconds: float | None,
+        start: float = 0.0,
+    ) -> None:
+        """Prepare IDA at the start; a step fails ``seconds`` of CPU time from now.
 
-        ``start`` is the time [s] of the start.
+        ``linear_solver``: dense, band or sparse; steps of 0 leave the choice to IDA; ``start`` is the time [s] of the
+        start.
         """
         self._equations, self._stack, self._said = equations, ExitStack(), list[str]()
         self._failure: BaseException | None = None
-        self._indices = list[tuple[np.ndarray, np.ndarray]]()  # of a sparse matrix, and their values
+        self._indices = list[tuple[np.ndarray, np.ndarray]]()  # index arrays of a sparse matrix, and their values
         self.jacobians = 0
         n = len(equations.y)
         self._solution = tuple(x.copy() for x in (equations.y, equations.y_dot))
@@ -87,9 +96,18 @@ class Ida:
         own = (equations.y, equations.y_dot, equations.F)
         run, (program,) = equations.evaluate.step
         self._work = np.array(
-            [0, limit, ctypes.cast(_function("N_VGetArrayPointer"), ADDRESS).value, *(x.ctypes.data for x in own),
-             own[0].nbytes, equations.t.ctypes.data, run, program.ctypes.data], dtype=np.int64,
-        )  # fmt: skip
+            [
+                0,
+                limit,
+                ctypes.cast(_function("N_VGetArrayPointer"), ADDRESS).value,
+                *(x.ctypes.data for x in own),
+                own[0].nbytes,
+                equations.t.ctypes.data,
+                run,
+                program.ctypes.data,
+            ],
+            dtype=np.int64,
+        )
         self._jacobian = ctypes.CFUNCTYPE(FLAG, NUMBER, NUMBER, *[ADDRESS] * 8)(self._fill)
         for name, *arguments in (
             ("IDAInit", ADDRESS(code.address("residual")), NUMBER(start), y, y_dot),
@@ -119,12 +137,12 @@ class Ida:
 
     @property
     def evaluations(self) -> int:
-        """Residuals computed."""
+        """Number of residuals F(t, y, y') that SUNDIALS asked for."""
         return int(self._work[0])
 
     @property
     def messages(self) -> str:
-        """Messages of SUNDIALS."""
+        """Error messages of SUNDIALS so far, in one line."""
         return " ".join(self._said)
 
     def stop_at(self, t: float) -> None:
@@ -132,7 +150,10 @@ class Ida:
         _check(_function("IDASetStopTime")(self._memory, NUMBER(t)))
 
     def step(self, t_end: float) -> tuple[int, float, Float[np.ndarray, " n"]]:
-        """IDA's flag, t and y after one step towards ``t_end``, in an array that the next step changes."""
+        """Take one step towards ``t_end`` [s]; return IDA's flag (negative: failed), its time and y.
+
+        y is an array that the next step changes. An exception raised in the Jacobian is raised again here.
+        """
         solve, t, y, y_dot, how = self._step
         flag = solve(self._memory, NUMBER(t_end), t, y, y_dot, how)
         if self._failure is not None:
@@ -140,12 +161,16 @@ class Ida:
         return flag, self._t.value, self._solution[0]
 
     def _vector(self, x: np.ndarray, context: Any) -> Any:
+        """Return the address of a SUNDIALS vector over the memory of ``x``, freed with this object."""
         out = _allocate("N_VMake_Serial", _index()(len(x)), ADDRESS(x.ctypes.data), context)
         self._free("N_VDestroy", out)
         return out
 
     def _linear_algebra(self, kind: str, n: int, y: Any, context: Any) -> tuple[Any, Any]:
-        """Newton's matrix and its solver; sets where the Jacobian's nonzeros go."""
+        """Return the addresses of Newton's matrix and of its solver; set the places of the Jacobian's nonzeros.
+
+        ``kind``: dense, band or sparse; ``n`` unknowns; ``y`` and ``context`` are addresses of SUNDIALS' objects.
+        """
         INDEX, rows, columns = _index(), self._equations.rows, self._equations.columns
         below, above = int(np.max(rows - columns)), int(np.max(columns - rows))
         name, solver_name, threads = kind.capitalize(), f"SUNLinSol_{kind.capitalize()}", list[Any]()
@@ -175,7 +200,10 @@ class Ida:
         return matrix, solver
 
     def _fill(self, t: float, cj: float, y: int, y_dot: int, *rest: int) -> int:
-        """IDA's ``jacfn``; SUNDIALS has set the matrix to zero."""
+        """Fill the matrix dF/dy + cj dF/dy', as IDA's ``jacfn``; return 0, or -1 after an exception, which is kept.
+
+        SUNDIALS has set the matrix to zero.
+        """
         try:
             self.jacobians += 1
             self._equations.t[0] = t
@@ -184,24 +212,27 @@ class Ida:
             self._data[self._places] = self._equations.jacobian(cj)
             for target, x in self._indices:
                 target[:] = x
-        except BaseException as error:  # through C no exception passes
+        except BaseException as error:  # no exception may pass through C
             self._failure = error
             return -1
         return 0
 
     def _hear(self, line: int, function: bytes, file: bytes, message: bytes, code: int, *rest: int) -> None:
+        """Note an error message of SUNDIALS, as its error handler."""
         self._said.append(f"[{function.decode()}, Error: {code}] {message.decode().strip()}")
 
     def _free(self, name: str, what: Any) -> None:
+        """Call SUNDIALS' function ``name`` on the object ``what`` when this object is closed."""
         self._stack.callback(_function(name), what)
 
 
 def _array(address: int, kind: Any, size: int) -> np.ndarray:
+    """Return an array of ``size`` numbers of a C type ``kind`` over the memory at ``address``."""
     return np.ctypeslib.as_array((kind * size).from_address(address))
 
 
 def _allocate(name: str, *arguments: Any) -> Any:
-    """The address of what the function ``name`` makes; MemoryError where it is NULL."""
+    """Return the address of the object made by the function ``name``; MemoryError where it is NULL."""
     address = _function(name)(*arguments)
     if not address:
         raise MemoryError(f"{name} of SUNDIALS had no memory")
@@ -209,6 +240,7 @@ def _allocate(name: str, *arguments: Any) -> Any:
 
 
 def _check(flag: int) -> None:
+    """Raise MemoryError or RuntimeError if ``flag``, the result of a call of SUNDIALS, says that it failed."""
     if flag == OUT_OF_MEMORY:
         raise MemoryError("SUNDIALS had no memory")
     if flag < 0:
@@ -217,7 +249,7 @@ def _check(flag: int) -> None:
 
 @cache
 def _index() -> Any:
-    """The type of SUNDIALS' indices."""
+    """Return the C type of SUNDIALS' indices, 32 or 64 bits as it was built."""
     from sksundae._cy_common import INT_TYPE
 
     return np.ctypeslib.as_ctypes_type(INT_TYPE)
@@ -225,16 +257,21 @@ def _index() -> Any:
 
 @cache
 def _function(name: str) -> Any:
+    """Return SUNDIALS' function ``name``, to be called by ctypes; it returns an address or a flag."""
     from sksundae import _cy_ida
 
-    function = getattr(ctypes.CDLL(_cy_ida.__file__), name)  # of what it depends on, all of SUNDIALS that is used here
+    # its dependencies include all of SUNDIALS that is used here
+    function = getattr(ctypes.CDLL(_cy_ida.__file__), name)
     function.restype = ADDRESS if name.startswith(CREATORS) else FLAG
     return function
 
 
 @cache
 def _residual() -> Code:
-    """IDA's ``resfn``: copies y and y' to buffers, runs the program, copies F; fails after the deadline."""
+    """Return the code of IDA's ``resfn``: copies y and y' to buffers, runs the program, copies F.
+
+    It returns -1 after the deadline, which it checks at one of ``CHECK_EVERY`` calls.
+    """
     loads = []
     for k, name in enumerate(WORK):
         kind = "i64" if name in ("evaluations", "deadline", "bytes") else "ptr"
@@ -243,17 +280,33 @@ def _residual() -> Code:
     return Code(
         "\n".join(
             [
-                "declare i64 @clock()", "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)",
-                "define i32 @residual(double %time, ptr %yy, ptr %yp, ptr %rr, ptr %work) {", *loads,
-                "  %count = add i64 %evaluations, 1", "  store i64 %count, ptr %evaluations.at",
-                f"  %phase = and i64 %evaluations, {CHECK_EVERY - 1}", "  %due = icmp eq i64 %phase, 0",
-                "  br i1 %due, label %look, label %go", "look:", "  %now = call i64 @clock()",
-                "  %late = icmp sgt i64 %now, %deadline", "  br i1 %late, label %stop, label %go", "stop:",
-                "  ret i32 -1", "go:", "  store double %time, ptr %t",
-                "  %yy.data = call ptr %data_of(ptr %yy)", copy.format("%y", "%yy.data"),
-                "  %yp.data = call ptr %data_of(ptr %yp)", copy.format("%y_dot", "%yp.data"),
-                "  call void %run(ptr %program)", "  %rr.data = call ptr %data_of(ptr %rr)",
-                copy.format("%rr.data", "%F"), "  ret i32 0", "}", "",
+                "declare i64 @clock()",
+                "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)",
+                "define i32 @residual(double %time, ptr %yy, ptr %yp, ptr %rr, ptr %work) {",
+                *loads,
+                "  %count = add i64 %evaluations, 1",
+                "  store i64 %count, ptr %evaluations.at",
+                f"  %phase = and i64 %evaluations, {CHECK_EVERY - 1}",
+                "  %due = icmp eq i64 %phase, 0",
+                "  br i1 %due, label %look, label %go",
+                "look:",
+                "  %now = call i64 @clock()",
+                "  %late = icmp sgt i64 %now, %deadline",
+                "  br i1 %late, label %stop, label %go",
+                "stop:",
+                "  ret i32 -1",
+                "go:",
+                "  store double %time, ptr %t",
+                "  %yy.data = call ptr %data_of(ptr %yy)",
+                copy.format("%y", "%yy.data"),
+                "  %yp.data = call ptr %data_of(ptr %yp)",
+                copy.format("%y_dot", "%yp.data"),
+                "  call void %run(ptr %program)",
+                "  %rr.data = call ptr %data_of(ptr %rr)",
+                copy.format("%rr.data", "%F"),
+                "  ret i32 0",
+                "}",
+                "",
             ]
         )
-    )  # fmt: skip
+    )

@@ -24,27 +24,27 @@ from ...harness.mechanics.forces import DECLARED
 from .charts import Chart
 from .rows.expressions import push_expressions, row_expressions
 
-ELEMENTS = 64  # kept for the next run, of each kind of element
+ELEMENTS = 64  # elements of each kind that are kept for the next run
 
 
-class Pose(NamedTuple):
+class SymbolicPose(NamedTuple):
     """r (3) and R (3, 3) of one body, symbolic."""
 
     r: ca.SX
     R: ca.SX
 
     def flat(self) -> ca.SX:
-        """(12,), R by rows."""
+        """Return r and the entries of R row by row, as one column (12)."""
         return ca.vertcat(self.r, ca.vec(self.R.T))
 
 
-class Moving(NamedTuple):
-    """One body in a chart: coordinates, velocities, and what they mean in space."""
+class MovingBody(NamedTuple):
+    """A body in a chart: coordinates, velocities, and the motion in space that they describe."""
 
     p: ca.SX
     u: ca.SX
     u_dot: ca.SX
-    pose: Pose
+    pose: SymbolicPose
     V: ca.SX
     V_dot: ca.SX
     B: ca.SX  # dV/du
@@ -55,7 +55,7 @@ class Moving(NamedTuple):
 class Element:
     """Inputs (columns of z, w, parameters) and outputs of one element; two are equal if they are one object.
 
-    ``z`` is what the element reads of the unknowns y, ``w`` what it reads of the accelerations u_dot.
+    ``z`` are the element's inputs among the unknowns y, ``w`` those among the accelerations u_dot.
     """
 
     z: ca.SX
@@ -64,19 +64,22 @@ class Element:
     outputs: dict[str, ca.SX]
 
 
-def moving_body(chart: Chart, end: str) -> Moving:
-    """Symbols of one body and its motion in ``chart``."""
+def moving_body(chart: Chart, end: str) -> MovingBody:
+    """Return symbols of a body's coordinates, velocities and accelerations, and its motion in ``chart``.
+
+    ``end`` is the suffix of the symbols' names, "i" or "j".
+    """
     p, u, u_dot = ca.SX.sym(f"p_{end}", chart.size), ca.SX.sym(f"u_{end}", 6), ca.SX.sym(f"w_{end}", 6)
     V, p_dot = chart.body_velocity(p, u), chart.flow(p, u)
     B = ca.jacobian(V, u)
     V_dot = B @ u_dot + ca.jtimes(V, p, p_dot)
-    return Moving(p, u, u_dot, Pose(p[:3], chart.rotation(p)), V, V_dot, B, p_dot)
+    return MovingBody(p, u, u_dot, SymbolicPose(p[:3], chart.rotation(p)), V, V_dot, B, p_dot)
 
 
 @lru_cache(ELEMENTS)
 @making_code
 def body_element(chart: Chart) -> Element:
-    """Parameters (m, J (9), g (3)); outputs p_dot of the chart and e, the unbalanced load without joints."""
+    """Return the element of a body: parameters m, J (9), g (3); outputs p_dot and e, the unbalanced load."""
     b = moving_body(chart, "i")
     parameters = ca.SX.sym("body", 13)
     m, J, g = parameters[0], ca.reshape(parameters[1:10], 3, 3), parameters[10:]
@@ -91,8 +94,8 @@ def body_element(chart: Chart) -> Element:
 class Pair(NamedTuple):
     """Rows phi of one kind between two bodies, with two rates along the motion; rows of velocities have no phi."""
 
-    i: Moving
-    j: Moving
+    i: MovingBody
+    j: MovingBody
     numbers: ca.SX
     t: ca.SX
     value: ca.SX  # phi
@@ -103,7 +106,7 @@ class Pair(NamedTuple):
 
 
 def joint_pair(kind: str, chart: Chart) -> Pair:
-    """The rows of a kind of joint between two bodies."""
+    """Return the constraint rows of a ``kind`` of joint between two bodies, in ``chart``."""
     e, i, j = row_expressions(kind), moving_body(chart, "i"), moving_body(chart, "j")
     free = ca.Function("rows", [e.x, e.V, e.t, e.numbers], [e.phi, e.A, e.phi_dot, e.gamma])
     phi, A, phi_dot, gamma = free(*_motion_of(i, j), e.t, e.numbers)
@@ -114,10 +117,11 @@ def joint_pair(kind: str, chart: Chart) -> Pair:
 @lru_cache(ELEMENTS)
 @making_code
 def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) -> Element:
-    """Parameters: ``joint_numbers``; z ends with lam, then t. Outputs load_i, load_j = -A^T lam and c, the rows.
+    """Return the element of a joint: parameters ``joint_numbers``; z ends with lam, then t; outputs loads and c.
 
-    ``level`` "acceleration": c = phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "velocity": phi_dot + alpha phi;
-    "position": phi, Eq. (93); "both": (phi, phi_dot), and z has lam, eta, which adds G A^T eta to p_dot.
+    The loads load_i, load_j are -A^T lam, c are the rows. ``level`` "acceleration":
+    c = phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "velocity": phi_dot + alpha phi; "position": phi, Eq. (93);
+    "both": (phi, phi_dot), and z has lam, eta, which adds G A^T eta to p_dot.
     """
     pair = joint_pair(kind, chart)
     n = pair.value.numel()
@@ -140,7 +144,7 @@ def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) 
 @lru_cache(ELEMENTS)
 @making_code
 def jacobian_element(kind: str, chart: Chart) -> Element:
-    """A of the rows in the chart, by columns."""
+    """Return the element whose output is A of a joint's constraint rows in the chart, by columns."""
     pair = joint_pair(kind, chart)
     return Element(_unknowns(pair), _accelerations(pair), pair.numbers, {"A": ca.vec(pair.A_chart)})
 
@@ -151,12 +155,13 @@ DIRECTIONS = ("a", "mass", "translation")
 @lru_cache(ELEMENTS)
 @making_code
 def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element:
-    """The terms of Eq. (65) of the rows at u_dot = 0; of ``joint_numbers``, then m_i, J_i, m_j, J_j, 1 if j moves.
+    """Return the element for the terms of Eq. (65) of the rows at u_dot = 0.
 
-    Outputs: A in the chart, ``gamma`` = phi_ddot, phi_dot, phi, M_bar, M_bar_dot and c. The last three are taken in the
-    coordinate-free velocities V, c with a . c = 1 per Eq. (31) and M_bar = c^T M c per Eq. (30), so that they do not
-    depend on the chart. ``direction`` of c: "a" a / (a . a); "mass" M^-1 a / (a . M^-1 a); "translation" (e_k, 0) on
-    the first body, for point rows. Matrices are by columns; the ground has no part in a.
+    Parameters: ``joint_numbers``, then m_i, J_i, m_j, J_j, 1 if j moves. Outputs: A in the chart, ``gamma`` = phi_ddot,
+    phi_dot, phi, M_bar, M_bar_dot and c. The last three are taken in the coordinate-free velocities V, c with a . c = 1
+    per Eq. (31) and M_bar = c^T M c per Eq. (30), so that they do not depend on the chart. ``direction`` of c: "a" a /
+    (a . a); "mass" M^-1 a / (a . M^-1 a); "translation" (e_k, 0) on the first body, for point rows. Matrices are by
+    columns; the ground has no part in a.
     """
     pair, body = joint_pair(kind, chart), ca.SX.sym("bodies", 21)
     n = pair.value.numel()
@@ -185,16 +190,22 @@ def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element
 @lru_cache(ELEMENTS)
 @making_code
 def push_element(kind: str, chart: Chart, *, chosen: bool = True) -> Element:
-    """A kind of force; parameters ``force_numbers``; output -B^T f on its bodies, or f in V if not ``chosen``."""
+    """Return the element of a ``kind`` of force: parameters ``force_numbers``, output "load".
+
+    The load is -B^T f in the chart's velocities if ``chosen``, else f itself in the velocities V.
+    """
     e, i, j = push_expressions(kind), moving_body(chart, "i"), moving_body(chart, "j")
     (f,) = ca.Function("push", [e.x, e.V, e.t, e.numbers], [e.load]).call([*_motion_of(i, j), e.t, e.numbers])
     if DECLARED[kind].pair:
-        return load_of((i, j), f, e.numbers, e.t, chosen=chosen)
-    return load_of((i,), f[:6], e.numbers, e.t, chosen=chosen)
+        return make_load_element((i, j), f, e.numbers, e.t, chosen=chosen)
+    return make_load_element((i,), f[:6], e.numbers, e.t, chosen=chosen)
 
 
-def load_of(bodies: Sequence[Moving], f: ca.SX, parameters: ca.SX, t: ca.SX, *, chosen: bool) -> Element:
-    """The force ``f`` (6 of each body, in V) as it enters e; z ends with t."""
+def make_load_element(bodies: Sequence[MovingBody], f: ca.SX, parameters: ca.SX, t: ca.SX, *, chosen: bool) -> Element:
+    """Return the element of a force ``f``, six components in V for each of ``bodies``.
+
+    Its output is -B^T f, as it enters e in the chart's velocities, if ``chosen``, else f; inputs z end with ``t``.
+    """
     load = -ca.diagcat(*[b.B for b in bodies]).T @ f if chosen else f
     z = ca.vertcat(*[part for b in bodies for part in (b.p, b.u)], t)
     return Element(z, ca.vertcat(*[b.u_dot for b in bodies]), parameters, {"load": ca.densify(load)})
@@ -203,7 +214,7 @@ def load_of(bodies: Sequence[Moving], f: ca.SX, parameters: ca.SX, t: ca.SX, *, 
 @lru_cache(ELEMENTS)
 @making_code
 def free_spring_element(chart: Chart) -> Element:
-    """Slopes of the spring's force f in the velocities V: -df/dV, -df/dx along the flow (12 x 12, by columns).
+    """Return slopes of the spring's force f in velocities V: -df/dV, -df/dx along the flow (12 x 12, by columns).
 
     Eq. (32) takes C_bar and K_bar from these.
     """
@@ -215,14 +226,16 @@ def free_spring_element(chart: Chart) -> Element:
     return Element(z, ca.vertcat(i.u_dot, j.u_dot), e.numbers, outputs)
 
 
-def _motion_of(i: Moving, j: Moving) -> tuple[ca.SX, ca.SX]:
-    """x and V as ``rows.expressions`` have them."""
+def _motion_of(i: MovingBody, j: MovingBody) -> tuple[ca.SX, ca.SX]:
+    """Return the poses x (24) and velocities V (12) of two bodies, in the order of ``rows.expressions``."""
     return ca.vertcat(i.pose.flat(), j.pose.flat()), ca.vertcat(i.V, j.V)
 
 
 def _unknowns(pair: Pair, *more: ca.SX) -> ca.SX:
+    """Return the inputs z of an element of two bodies: (p, u) of both, ``more``, the time."""
     return ca.vertcat(pair.i.p, pair.i.u, pair.j.p, pair.j.u, *more, pair.t)
 
 
 def _accelerations(pair: Pair) -> ca.SX:
+    """Return the inputs w of an element of two bodies: u_dot of both."""
     return ca.vertcat(pair.i.u_dot, pair.j.u_dot)

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from ...harness.mechanics.forces import DECLARED
 from ...harness.mechanics.joints import KINDS
 from .assembly import Assembly, Batch
-from .layout import Layout, Stabilised
+from .layout import Layout, StabilisedLayout
 from .rows.expressions import force_numbers, joint_numbers
 from .sparse_pattern import FixedPattern
 from .symbolic import body_element, push_element, row_element
@@ -20,18 +20,18 @@ from .tracing import user_element
 
 
 class PairEnds(NamedTuple):
-    """Places read of (p, u), u_dot and time, where loads of two-body parts go and their p: the ground's nowhere."""
+    """Indices of inputs (p, u), u_dot and time of two-body parts, and of outputs, loads and p; none for the ground."""
 
     z: Int[np.ndarray, "m n_z"]
     w: Int[np.ndarray, "m 12"]
-    load: Int[np.ndarray, "m 12"]  # on e
-    free: Int[np.ndarray, "m 12"]  # in V
+    load: Int[np.ndarray, "m 12"]  # places on e
+    free: Int[np.ndarray, "m 12"]  # places in V
     p: Int[np.ndarray, "m n_p"]
     t: Int[np.ndarray, "m 1"]
 
 
 class KindRows(NamedTuple):
-    """All joints of one kind: their bodies, their rows of phi, their numbers and what they read."""
+    """All joints of one kind: their bodies, their rows of phi, their numbers and their inputs."""
 
     kind: str
     i: Int[np.ndarray, " m"]
@@ -42,12 +42,15 @@ class KindRows(NamedTuple):
 
 
 def equations_of_motion(layout: Layout, level: str, alpha: float, beta: float, *, differentiable: bool) -> Assembly:
-    """(p_dot, e, c) over (p, u, lam) and w = u_dot; ``level`` of c as in ``row_element``."""
+    """Return the assembly of (p_dot, e, c) over (p, u, lam) and w = u_dot; ``level`` of c as in ``row_element``.
+
+    e = M u_dot + h - f - A^T lam, and c are the kept constraint rows with Baumgarte's ``alpha``, ``beta`` [1/s].
+    """
     batches = [body_batch(layout), *force_batches(layout)]
     for of in rows_by_kind(layout):
         ends, place = of.ends, layout.row(of.rows)
         z, out = [ends.z, layout.multiplier(of.rows)], [ends.load, np.where(place < 0, -1, layout.lam.start + place)]
-        if isinstance(layout, Stabilised):
+        if isinstance(layout, StabilisedLayout):
             z.append(np.where(place < 0, z[1], layout.eta.start + place))
             out += [np.where(place < 0, -1, layout.eta.start + place), ends.p]
         element = row_element(of.kind, layout.chart, level, alpha, beta)
@@ -58,7 +61,7 @@ def equations_of_motion(layout: Layout, level: str, alpha: float, beta: float, *
 
 
 def body_batch(layout: Layout) -> Batch:
-    """All bodies with gravity: (p_dot, e)."""
+    """Return the elements of all bodies with gravity; their outputs are p_dot and e."""
     s, everyone = layout.system, np.arange(layout.system.nb)
     gravity = np.broadcast_to(s.gravity, (s.nb, 3))
     parameters = np.concatenate((s.mass[:, None], s.regular_inertia.reshape(-1, 9), gravity), axis=1)
@@ -67,7 +70,10 @@ def body_batch(layout: Layout) -> Batch:
 
 
 def force_batches(layout: Layout, *, chosen: bool = True) -> list[Batch]:
-    """Forces of all kinds and user forces on e, or in V on (nb, 6) if not ``chosen``."""
+    """Return the elements of all forces, one batch of each kind and one for each user force.
+
+    Loads are added to e in the chart's velocities if ``chosen``, else they are f in V, in an output of (nb, 6).
+    """
     s, batches = layout.system, []
     for kind, declared in DECLARED.items():
         i = getattr(s, f"{kind}_i")
@@ -85,7 +91,7 @@ def force_batches(layout: Layout, *, chosen: bool = True) -> list[Batch]:
 
 
 def rows_by_kind(layout: Layout) -> Iterator[KindRows]:
-    """The joints of the system, kind by kind."""
+    """Yield the joints of the system by kind, each with its constraint rows, numbers and input indices."""
     s = layout.system
     for number, kind in enumerate(KINDS):
         joints = np.flatnonzero(s.joint_sort == number)
@@ -97,7 +103,10 @@ def rows_by_kind(layout: Layout) -> Iterator[KindRows]:
 
 
 def jacobian_pattern(layout: Layout) -> tuple[FixedPattern, Int[np.ndarray, " entries"]]:
-    """A (k, n_u) of the kept rows, and the nonzero of each entry of ``rows_by_kind``, by columns; -1 outside."""
+    """Return the sparsity pattern of A (k, n_u) of the kept rows, and the nonzero that each entry of a joint goes to.
+
+    Entries are those of ``rows_by_kind`` in turn, by columns; -1 for dropped rows and for the ground.
+    """
     row, column = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for of in rows_by_kind(layout):
         w, kept = of.ends.w, layout.row(of.rows)
@@ -112,7 +121,7 @@ def jacobian_pattern(layout: Layout) -> tuple[FixedPattern, Int[np.ndarray, " en
 
 
 def pair_ends(layout: Layout, i: Int[np.ndarray, " m"], j: Int[np.ndarray, " m"]) -> PairEnds:
-    """Indices of parts between bodies ``i`` and ``j``."""
+    """Return the indices of inputs and outputs of parts between bodies ``i`` and ``j``."""
     z = np.concatenate((layout.body(i), layout.body(j)), axis=1)
     w = np.concatenate((layout.velocity(i), layout.velocity(j)), axis=1)
     p = np.concatenate([layout.body(end)[:, : layout.chart.size] for end in (i, j)], axis=1)

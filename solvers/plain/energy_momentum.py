@@ -24,7 +24,7 @@ from .mechanics import Mechanism, solve
 MOST_ITERATIONS = 60
 
 
-class Carried(NamedTuple):
+class CarriedState(NamedTuple):
     """The change of v over the last step, the first estimate of the next, and multipliers of the last middles."""
 
     gain: Float[np.ndarray, "nb 6"]
@@ -39,14 +39,20 @@ class Step:
         self.mechanism, self.tolerance = Mechanism(problem.system), tolerance
         self.counters = {"newton_iterations": 0}
 
-    def start(self, problem: Problem) -> tuple[Node, Carried, np.ndarray]:
-        """The first node; the reaction there stands for the middles before it."""
+    def start(self, problem: Problem) -> tuple[Node, CarriedState, np.ndarray]:
+        """Return the first node, what it carries on, and its reaction of index 1.
+
+        The reaction stands for those of the midpoints before it.
+        """
         node = begin(problem)
         lam = self.mechanism.accelerate(*node)[1]
-        return node, Carried(np.zeros_like(node.v), lam, lam), lam
+        return node, CarriedState(np.zeros_like(node.v), lam, lam), lam
 
-    def __call__(self, h: float, a: Node, old: Carried) -> tuple[Node, Carried, np.ndarray] | None:
-        """The step from ``a``, by Newton's method with S of the mean rows at the present estimate."""
+    def __call__(self, h: float, a: Node, old: CarriedState) -> tuple[Node, CarriedState, np.ndarray] | None:
+        """Step from ``a`` for h [s]; return its end, what that carries on, and a reaction.
+
+        By Newton's method with S of the mean rows at the present estimate; None where it does not converge.
+        """
         m, v1, F, last = self.mechanism, a.v + old.gain, old.F, np.inf
         for _ in range(MOST_ITERATIONS):
             v_m = 0.5 * (a.v + v1)
@@ -73,15 +79,20 @@ class Step:
         v_m = 0.5 * (a.v + v1)
         node = Node(a.t + h, a.r + h * v_m[:, :3], a.R @ _cayley(0.5 * h * v_m[:, 3:]), v1)
         # multipliers of the middle alternate by O(h), as A v of the ends may: that cancels in F + (F' - F'') / 2
-        return node, Carried(v1 - a.v, F, old.F), F + 0.5 * (old.F - old.F_before)
+        return node, CarriedState(v1 - a.v, F, old.F), F + 0.5 * (old.F - old.F_before)
 
     def loads(self, h: float, a: Node, b: Node) -> Float[np.ndarray, " n"]:
-        """Mean applied wrenches in space: gravity, springs by discrete gradients, loads as means of both ends."""
+        """Return the mean applied wrenches in space over a step from ``a`` to ``b``.
+
+        They are gravity, springs by discrete gradients, loads by the mean of both ends.
+        """
         m, s, out = self.mechanism, self.mechanism.system, np.zeros((self.mechanism.nb, 6))
         out[:, :3] = m.mass[:, None] * s.gravity
         for k, ends in enumerate(zip(s.spring_i, s.spring_j, strict=True)):
-            points = [[x.R[e] @ p + x.r[e] if e != GROUND else p for x in (a, b)]
-                      for e, p in zip(ends, (s.spring_p_i[k], s.spring_p_j[k]), strict=True)]  # fmt: skip
+            points = [
+                [x.R[e] @ p + x.r[e] if e != GROUND else p for x in (a, b)]
+                for e, p in zip(ends, (s.spring_p_i[k], s.spring_p_j[k]), strict=True)
+            ]
             lines = [points[0][n] - points[1][n] for n in range(2)]
             d0, d1 = (float(np.linalg.norm(line)) for line in lines)
             pull = s.spring_k[k] * (1.0 - 2.0 * s.spring_d0[k] / (d0 + d1))
@@ -98,7 +109,7 @@ class Step:
         return out.ravel()
 
     def in_bodies(self, h: float, a: Node, v_m: np.ndarray, w: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """A wrench in space, its torques by R_m^-1 = (1 - h/2 hat(Omega_m)) R_0^T."""
+        """Return wrenches ``w`` in space with their torques turned by R_m^-1 = (1 - h/2 hat(Omega_m)) R_0^T."""
         six = w.reshape(-1, 6).copy()
         turned = np.einsum("bji,bj->bi", a.R, six[:, 3:])
         six[:, 3:] = turned - 0.5 * h * np.cross(v_m[:, 3:], turned)
@@ -106,11 +117,11 @@ class Step:
 
 
 def _cayley(half: Float[np.ndarray, "nb 3"]) -> Float[np.ndarray, "nb 3 3"]:
-    """(1 - hat(x))^-1 (1 + hat(x))"""
+    """Return Cayley's rotations (1 - hat(x))^-1 (1 + hat(x)) of x = ``half``."""
     x, square = so3.hat(half), np.sum(half * half, axis=1)[:, None, None]
     return np.eye(3) + 2.0 / (1.0 + square) * (x + x @ x)
 
 
 def integrate(problem: Problem, control: StepControl, tolerance: float) -> Trajectory:
-    """Step from the start to ``t_end``."""
+    """Integrate by mean-value steps from the start to ``t_end``."""
     return march(problem, control, Step(problem, tolerance))

@@ -14,13 +14,13 @@ from ...harness.types import Problem, Status, StepControl
 from .march import Node
 
 FIRST_STEP = 1e-4  # [s]
-SAFETY, LEAST, MOST, MOST_AGAIN = 0.9, 0.2, 5.0, 0.9  # of the change of a step
-SMALL = 1e-4  # an error that the next step takes to be no smaller
-SHORTEST = 1e-14  # of the time: below it a step no longer moves the clock
+SAFETY, LEAST, MOST, MOST_AGAIN = 0.9, 0.2, 5.0, 0.9  # bounds on the change of step size
+SMALL = 1e-4  # least error that the next step is chosen by
+SHORTEST = 1e-14  # share of the time below which a step no longer advances it
 
 
 class ErrorControl:
-    """The steps of a run from t = 0 on; a step that has no error, for its iteration fails, is halved."""
+    """The step sizes of a run from t = 0; a step without an error, because its iteration fails, is halved."""
 
     def __init__(self, problem: Problem, control: StepControl, order: float) -> None:
         self.t_end, self.order, self.longest = problem.t_end, order, control.max_step or np.inf
@@ -28,7 +28,7 @@ class ErrorControl:
         self.counters, self.ended = {"rejected": 0}, (Status.SUCCESS, "")
 
     def next(self, t: float) -> float | None:
-        """The step to try at ``t``; None at the end, or where it would not move the clock."""
+        """Return the step [s] to try at ``t``; None at the end, or where it would not advance the time."""
         h, left = min(self.h, self.longest), self.t_end - t
         if left <= SHORTEST * t:
             return None
@@ -38,7 +38,10 @@ class ErrorControl:
         return left if h >= left * (1.0 - 1e-12) else min(h, 0.5 * left)  # two even steps, not one and a sliver
 
     def takes(self, h: float, made: Any) -> bool:
-        """Whether a step stands; the next one's size."""
+        """Return whether a step of ``h`` [s] is accepted, and set the next one; ``made`` is None where it failed.
+
+        The step's error, over its tolerance, is the last of ``made``.
+        """
         error = made[3] if made is not None else np.inf
         if error <= 1.0:
             change = SAFETY * max(error, 1e-10) ** (-0.7 / self.order) * self.old ** (0.4 / self.order)
@@ -50,6 +53,6 @@ class ErrorControl:
 
 
 def scale(a: Node, b: Node, rtol: float) -> Float[np.ndarray, "nb 12"]:
-    """What ``rtol`` allows of r, theta and v: rtol (1 + |y|), of angles rtol."""
+    """Return the error that ``rtol`` allows for r, theta and v: rtol (1 + |y|), for angles rtol."""
     angles = np.zeros_like(a.r)
     return rtol * (1.0 + np.hstack((np.maximum(abs(a.r), abs(b.r)), angles, np.maximum(abs(a.v), abs(b.v)))))

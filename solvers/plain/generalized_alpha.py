@@ -22,7 +22,7 @@ from .mechanics import Mechanism, move, solve
 MOST_ITERATIONS = 60
 
 
-class Carried(NamedTuple):
+class CarriedState(NamedTuple):
     """Accelerations of the motion and of the scheme, and the multipliers."""
 
     vdot: Float[np.ndarray, " n"]
@@ -46,14 +46,17 @@ class Step:
     def __post_init__(self) -> None:
         self.mechanism, self.counters = Mechanism(self.problem.system), {"newton_iterations": 0}
 
-    def start(self, problem: Problem) -> tuple[Node, Carried, np.ndarray]:
-        """The first node with the accelerations of index 1."""
+    def start(self, problem: Problem) -> tuple[Node, CarriedState, np.ndarray]:
+        """Return the first node, its accelerations of index 1 to carry on, and its reaction."""
         node = begin(problem)
         vdot, lam = self.mechanism.accelerate(*node)
-        return node, Carried(vdot, vdot, np.zeros_like(lam)), lam
+        return node, CarriedState(vdot, vdot, np.zeros_like(lam)), lam
 
-    def __call__(self, h: float, x: Node, old: Carried) -> tuple[Node, Carried, np.ndarray] | None:
-        """The step from ``x``, by Newton's method with S at the present estimate."""
+    def __call__(self, h: float, x: Node, old: CarriedState) -> tuple[Node, CarriedState, np.ndarray] | None:
+        """Step from ``x`` for h [s]; return its end, what that carries on, and lam.
+
+        By Newton's method with S at the present estimate; None where it does not converge.
+        """
         m, t, last = self.mechanism, x.t + h, np.inf
         share = (1.0 - self.alpha_f) / (1.0 - self.alpha_m)
         on_q, on_v = share * self.beta * h * h, share * self.gamma * h
@@ -90,10 +93,12 @@ class Step:
             lam, vdot = lam + more, vdot + m.over_inertia(rows.A.T @ more)
             a = vdot
         node = Node(t, r, R, v)
-        return node, Carried(vdot, a, lam), lam
+        return node, CarriedState(vdot, a, lam), lam
 
-    def predict(self, h: float, x: Node, old: Carried, vdot: np.ndarray, slack: np.ndarray) -> tuple[np.ndarray, ...]:
-        """a_1, v_1, r_1, R_1 that belong to vdot_1."""
+    def predict(
+        self, h: float, x: Node, old: CarriedState, vdot: np.ndarray, slack: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """Return a_1, v_1, r_1 and R_1, of the scheme at the end of the step, that belong to ``vdot``."""
         a = ((1.0 - self.alpha_f) * vdot + self.alpha_f * old.vdot - self.alpha_m * old.a) / (1.0 - self.alpha_m)
         v0 = x.v.ravel()
         v = v0 + h * ((1.0 - self.gamma) * old.a + self.gamma * a)
@@ -102,5 +107,5 @@ class Step:
 
 
 def integrate(problem: Problem, control: StepControl, tolerance: float, **scheme: Any) -> Trajectory:
-    """Step from the start to ``t_end``."""
+    """Integrate by generalised alpha from the start to ``t_end``."""
     return march(problem, control, Step(problem, tolerance, **scheme))

@@ -34,12 +34,12 @@ class Step:
         self.mechanism, self.counters = Mechanism(problem.system), dict[str, int]()
 
     def start(self, problem: Problem) -> tuple[Node, None, np.ndarray]:
-        """The first node and its reaction."""
+        """Return the first node and its reaction."""
         node = begin(problem)
         return node, None, self.mechanism.accelerate(*node)[1]
 
     def __call__(self, h: float, x: Node, carried: None) -> tuple[Node, None, np.ndarray] | None:
-        """The step from ``x``; None where a body turns by more than half a turn."""
+        """Step from ``x`` for h [s]; return its end and lam; None where a body turns by more than half a turn."""
         m, moves, gains = self.mechanism, list[np.ndarray](), list[np.ndarray]()
         theta, stage, rows = np.zeros((m.nb, 3)), x, m.rows(*x)
         for i in range(STAGES):
@@ -65,7 +65,7 @@ class Step:
 
 
 def _theta_dot(theta: Float[np.ndarray, "nb 3"], Omega: Float[np.ndarray, "nb 3"]) -> Float[np.ndarray, "nb 3"]:
-    """dexp^-1(theta) Omega: R_0 exp(theta) turns at Omega [body]."""
+    """Return dexp^-1(theta) Omega, the rate of theta as R_0 exp(theta) turns at Omega [body]."""
     size = np.linalg.norm(theta, axis=1)[:, None]
     half = 0.5 * np.where(size < 1e-4, 1.0, size)
     factor = np.where(size < 1e-4, 1.0 / 12.0 + size**2 / 720.0, (1.0 - half / np.tan(half)) / (2.0 * half) ** 2)
@@ -74,5 +74,5 @@ def _theta_dot(theta: Float[np.ndarray, "nb 3"], Omega: Float[np.ndarray, "nb 3"
 
 
 def integrate(problem: Problem, control: StepControl) -> Trajectory:
-    """Step from the start to ``t_end``."""
+    """Integrate by half-explicit steps from the start to ``t_end``."""
     return march(problem, control, Step(problem))

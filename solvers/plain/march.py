@@ -1,4 +1,4 @@
-"""The loop over the steps from the start to the end of a problem, and the pace of fixed ones."""
+"""The loop over the steps from the start to the end of a problem, and the control of fixed steps."""
 
 from typing import Any, NamedTuple
 
@@ -9,11 +9,11 @@ from ...harness.code_meter import Stopwatch
 from ...harness.mechanics.state import States
 from ...harness.types import Problem, Status, StepControl, Trajectory
 
-ROUNDED = 1e-9  # of a step: what is left of the time then is no step
+ROUNDED = 1e-9  # share of a step: a shorter remainder of the time is rounding
 
 
 class Node(NamedTuple):
-    """One end of a step: time [s], poses in space, and v = (r_dot [space], Omega [body]) of each body."""
+    """An end of a step: time [s], poses in space, and v = (r_dot [space], Omega [body]) of each body."""
 
     t: float
     r: Float[np.ndarray, "nb 3"]
@@ -22,7 +22,7 @@ class Node(NamedTuple):
 
 
 def begin(problem: Problem) -> Node:
-    """The start of a problem."""
+    """Return the start of a problem as a node."""
     s = problem.initial
     return Node(s.t, s.r, s.R, np.hstack((s.v, s.Omega)))
 
@@ -38,11 +38,11 @@ class Grid:
         self.counters, self.ended = {"step_cuts": 0}, (Status.SUCCESS, "")
 
     def next(self, t: float) -> float | None:
-        """The step to try at ``t``; None at the end, or where steps have failed."""
+        """Return the step [s] to try at ``t``; None at the end, or where steps have failed."""
         return self.todo[-1][0] if self.todo and not self.ended[1] else None
 
     def takes(self, h: float, made: Any) -> bool:
-        """Whether a step stands; if not, two halves take its place."""
+        """Return whether a step is accepted: whether ``made`` is not None; if not, replace it by two halves."""
         _, level = self.todo.pop()
         if made is not None:
             return True
@@ -56,19 +56,19 @@ class Grid:
 
 
 def march(problem: Problem, control: StepControl, step: Any, pace: Any = None) -> Trajectory:
-    """Call ``step(h, node, carried)`` as ``pace`` says, or along a grid of ``control.dt``; a step that fails is None.
+    """Integrate by calls of ``step(h, node, carried)``, with the steps h [s] of ``pace``; None is a failed step.
 
-    A node has ``t``, ``r``, ``R`` and ``v``; with it a step returns what it carries on, a reaction, and its error where
-    that sets the pace.
+    Without ``pace`` they are those of a grid of ``control.dt``. A node has ``t``, ``r``, ``R`` and ``v``; with it a
+    step returns what it carries on, a reaction, and its error where that sets the pace.
     """
     watch, pace = Stopwatch(), pace or Grid(problem.t_end, float(control.dt or 0.0))
     node, carried, reaction = step.start(problem)
     nodes, reactions, limit = [node], [reaction], ""
     while not limit and (h := pace.next(node.t)) is not None:
         try:
-            with np.errstate(all="ignore"):  # overflow on the way to a step that is cut
+            with np.errstate(all="ignore"):  # a step that overflows is cut
                 made = step(h, node, carried)
-        except np.linalg.LinAlgError:  # of numbers that are not finite
+        except np.linalg.LinAlgError:  # raised for numbers that are not finite
             made = None
         if made is not None and not np.all(np.isfinite(made[0].v)):
             made = None
@@ -88,11 +88,19 @@ def march(problem: Problem, control: StepControl, step: Any, pace: Any = None) -
     message = f"{words} at t = {node.t:g} s" if words else ""
     counters = {"steps": len(nodes) - 1, **pace.counters, **step.counters}
     return Trajectory(
-        np.array([x.t for x in nodes]), _states(nodes), status, message, counters, reaction=np.stack(reactions),
-        cpu_time=watch.solver, setup_time=watch.code, notes=("plain NumPy, as its source prints it",),
-    )  # fmt: skip
+        np.array([x.t for x in nodes]),
+        _states(nodes),
+        status,
+        message,
+        counters,
+        reaction=np.stack(reactions),
+        cpu_time=watch.solver,
+        setup_time=watch.code,
+        notes=("plain NumPy, as its source prints it",),
+    )
 
 
 def _states(nodes: list[Any]) -> States:
+    """Return the motion of these nodes."""
     v = np.stack([x.v for x in nodes])
     return States(np.stack([x.r for x in nodes]), np.stack([x.R for x in nodes]), v[:, :, :3], v[:, :, 3:])

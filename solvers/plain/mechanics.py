@@ -1,4 +1,4 @@
-"""What a step needs of a mechanism: rows with their wrenches, applied loads, inertia; from the declarations alone.
+"""The equations of a mechanism that a step needs: rows with their wrenches, loads, inertia; from declarations alone.
 
 Velocities are v = (r_dot [space], Omega [body]) per body, wrenches (force, torque about C), both in space. With u the
 velocities in space, u = (r_dot, omega), a row of a joint is phi_dot = D^T u + phi_t: D is script-A A^T of Eq. (70), its
@@ -13,20 +13,20 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics import forces, so3, time_functions
-from ...harness.mechanics.declaring import Numbers, Pose, Push, cross
+from ...harness.mechanics.declaring import Numbers, PointLoad, Pose, cross
 from ...harness.mechanics.joints import DECLARED
 from ...harness.mechanics.system import GROUND, MultibodySystem
 from .jets import Jet, jet
 
 AXES = so3.hat(np.eye(3))  # hat(e_q)
-DIRECTIONS = 13  # of a row's slopes: velocities in space of body i, of body j, and the motion itself
+DIRECTIONS = 13  # directions of a row's slopes: velocities in space of body i, of body j, and the motion itself
 REST = Pose(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))  # the ground
 
 
 class Rows(NamedTuple):
     """All rows of a mechanism at one state."""
 
-    phi: Float[np.ndarray, " nr"]  # zero of rows that restrict velocities alone
+    phi: Float[np.ndarray, " nr"]  # zero for rows that restrict velocities alone
     phi_dot: Float[np.ndarray, " nr"]
     D: Float[np.ndarray, "n nr"]
     D_dot: Float[np.ndarray, "n nr"]
@@ -43,14 +43,14 @@ class Mechanism:
         self.J_inv = np.linalg.inv(self.J)
 
     def momentum(self, R: Float[np.ndarray, "nb 3 3"], v: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, " n"]:
-        """script-A p of Eq. (70): (m r_dot, R J Omega) of each body, Eq. (61)."""
+        """Return script-A p of Eq. (70): (m r_dot, R J Omega) of each body, Eq. (61)."""
         spin = np.einsum("bij,bjk,bk->bi", R, self.J, v[:, 3:])
         return np.concatenate((self.mass[:, None] * v[:, :3], spin), axis=1).ravel()
 
     def rows(
         self, t: float, r: Float[np.ndarray, "nb 3"], R: Float[np.ndarray, "nb 3 3"], v: Float[np.ndarray, "nb 6"]
     ) -> Rows:
-        """All rows, joint by joint."""
+        """Return all constraint rows of the mechanism at a state, joint by joint."""
         n, nr = 6 * self.nb, self.nr
         D, D_dot = np.zeros((2, n, nr))
         out = Rows(np.zeros(nr), np.zeros(nr), D, D_dot, np.zeros((nr, n)), np.zeros(nr))
@@ -82,7 +82,7 @@ class Mechanism:
     def loads(
         self, t: float, r: Float[np.ndarray, "nb 3"], R: Float[np.ndarray, "nb 3 3"], v: Float[np.ndarray, "nb 6"]
     ) -> Float[np.ndarray, "nb 6"]:
-        """Applied wrenches: gravity, springs, torsional springs, loads, forces of the user."""
+        """Return the applied wrench on each body, in space: gravity, springs, torsional springs, loads, user forces."""
         s = self.system
         out = np.zeros((self.nb, 6))
         out[:, :3] = self.mass[:, None] * s.gravity
@@ -92,8 +92,10 @@ class Mechanism:
                 out[b] += np.concatenate((force, moment))
         for law, i, j in zip(s.user_law, s.user_i, s.user_j, strict=True):
             ends = [b for b in (i, j) if b != GROUND]
-            state = [np.stack((a[i], a[j] if j != GROUND else rest)) for a, rest in
-                     ((r, np.zeros(3)), (R, np.eye(3)), (v[:, :3], np.zeros(3)), (v[:, 3:], np.zeros(3)))]  # fmt: skip
+            state = [
+                np.stack((a[i], a[j] if j != GROUND else rest))
+                for a, rest in ((r, np.zeros(3)), (R, np.eye(3)), (v[:, :3], np.zeros(3)), (v[:, 3:], np.zeros(3)))
+            ]
             force, torque = np.zeros((2, 3)), np.zeros((2, 3))
             law.build_function()(t, *state, force, torque)
             for end, b in enumerate(ends):
@@ -101,13 +103,16 @@ class Mechanism:
         return out
 
     def spring_slopes(
-        self, r: Float[np.ndarray, "nb 3"], R: Float[np.ndarray, "nb 3 3"], v: Float[np.ndarray, "nb 6"],
+        self,
+        r: Float[np.ndarray, "nb 3"],
+        R: Float[np.ndarray, "nb 3 3"],
+        v: Float[np.ndarray, "nb 6"],
         c: Float[np.ndarray, "nr n"],
-    ) -> Float[np.ndarray, "2 nr"]:  # fmt: skip
-        """c . df/dv c and c . df/dq c of each row, f the loads of the springs in the frames of the bodies, Eq. (32)."""
+    ) -> Float[np.ndarray, "2 nr"]:
+        """Return c . df/dv c and c . df/dq c of each row, f the springs' loads in the bodies' frames, Eq. (32)."""
         out = np.zeros((2, len(c)))
         for row, one in enumerate(c):
-            by_rate, by_pose = [REST], [REST]  # bodies that go faster, and that are moved, along c
+            by_rate, by_pose = [REST], [REST]  # bodies that are faster, and displaced, along c
             for b, d in reversed(list(enumerate(one.reshape(-1, 6)))):
                 omega, turned = R[b] @ v[b, 3:], R[b] @ so3.hat(d[3:])
                 faster = _jets(v[b, :3], d[:3]), _jets(omega, R[b] @ d[3:])
@@ -120,8 +125,8 @@ class Mechanism:
                     out[k, row] += sum(a * jet(x).rate for a, x in zip(one[6 * b : 6 * b + 6], load, strict=True))
         return out
 
-    def load(self, k: int, t: float, r: Float[np.ndarray, " 3"], R: Float[np.ndarray, "3 3"]) -> Push:
-        """Force, torque and point of a declared load, in space."""
+    def load(self, k: int, t: float, r: Float[np.ndarray, " 3"], R: Float[np.ndarray, "3 3"]) -> PointLoad:
+        """Return force, torque and point of the declared load ``k`` at ``t`` [s] and its body's pose, in space."""
         s = self.system
         numbers = {name: getattr(s, f"load_{name}")[k] for name in forces.DECLARED["load"].numbers}
         numbers["factor"] = time_functions.values(numbers["factor"][None], np.array([t]))[0][0, 0]
@@ -129,7 +134,7 @@ class Mechanism:
         return forces.DECLARED["load"].push(pose, REST, SimpleNamespace(**numbers))
 
     def _pushes(self, kind: str, t: float, poses: list[Pose]) -> Iterator[tuple[int, Any, Any]]:
-        """Body, force and moment about its C of every force of a kind, in space; ``poses`` of the ground are last."""
+        """Yield body, force and moment about its C of each force of a kind, in space; ``poses`` end with the ground."""
         s, declared = self.system, forces.DECLARED[kind]
         bodies_i = getattr(s, f"{kind}_i")
         bodies_j = getattr(s, f"{kind}_j") if declared.pair else np.full(len(bodies_i), GROUND)
@@ -143,64 +148,66 @@ class Mechanism:
                     yield b, sign * push.force, sign * (push.torque + cross(push.point - poses[b].r, push.force))
 
     def forces(self, t: float, r: np.ndarray, R: np.ndarray, v: np.ndarray) -> Float[np.ndarray, " n"]:
-        """Applied wrenches in the frames of the bodies, less Omega x J Omega: M v_dot = f + A^T lam."""
+        """Return applied wrenches in the frames of the bodies, less Omega x J Omega: f of M v_dot = f + A^T lam."""
         f = self.in_bodies(R, self.loads(t, r, R, v).ravel()).reshape(-1, 6)
         f[:, 3:] -= np.cross(v[:, 3:], np.einsum("bij,bj->bi", self.J, v[:, 3:]))
         return f.ravel()
 
     def schur(self, A1: Float[np.ndarray, "nr n"], A0: Float[np.ndarray, "nr n"]) -> Float[np.ndarray, "nr nr"]:
-        """S = A1 M^-1 A0^T."""
+        """Return S = A1 M^-1 A0^T, the Schur complement of the mass matrix."""
         return A1 @ np.array([self.over_inertia(a) for a in A0]).reshape(A0.shape).T
 
     def accelerate(
         self, t: float, r: np.ndarray, R: np.ndarray, v: np.ndarray
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " nr"]]:
-        """v_dot and lam of index 1: M v_dot = f + A^T lam, A v_dot = -gamma."""
+        """Return v_dot and lam of index 1: M v_dot = f + A^T lam, A v_dot = -gamma."""
         rows, f = self.rows(t, r, R, v), self.forces(t, r, R, v)
         lam = solve(self.schur(rows.A, rows.A), -rows.gamma - rows.A @ self.over_inertia(f))
         return self.over_inertia(f + rows.A.T @ lam), lam
 
     def times_inertia(self, c: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """M c of velocities in the frames of the bodies."""
+        """Return M c for velocities in the frames of the bodies."""
         six = c.reshape(-1, 6)
         return np.hstack((self.mass[:, None] * six[:, :3], np.einsum("bij,bj->bi", self.J, six[:, 3:]))).ravel()
 
     def over_inertia(self, f: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """M^-1 f of wrenches in the frames of the bodies."""
+        """Return M^-1 f for wrenches in the frames of the bodies."""
         six = f.reshape(-1, 6)
         return np.hstack((six[:, :3] / self.mass[:, None], np.einsum("bij,bj->bi", self.J_inv, six[:, 3:]))).ravel()
 
     def in_bodies(self, R: Float[np.ndarray, "nb 3 3"], w: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """A wrench in space, its torques turned into the frames of the bodies."""
+        """Return wrenches ``w`` in space with their torques turned into the frames of the bodies."""
         six = w.reshape(-1, 6)
         return np.hstack((six[:, :3], np.einsum("bji,bj->bi", R, six[:, 3:]))).ravel()
 
     def _numbers(self, k: int, f: Any) -> Numbers:
+        """Return the numbers of joint ``k`` by name, with its function of time ``f``."""
         s = self.system
-        return Numbers(s.joint_s_i[k], s.joint_s_j[k], s.joint_u[k], s.joint_w[k], s.joint_n[k],
-                       float(s.joint_length[k]), f)  # fmt: skip
+        return Numbers(
+            s.joint_s_i[k], s.joint_s_j[k], s.joint_u[k], s.joint_w[k], s.joint_n[k], float(s.joint_length[k]), f
+        )
 
 
 def solve(S: Float[np.ndarray, "nr nr"], x: Float[np.ndarray, " nr"]) -> Float[np.ndarray, " nr"]:
-    """S^-1 x, the shortest solution where rows are redundant."""
+    """Return S^-1 x, the shortest solution where rows are redundant."""
     return np.linalg.lstsq(S, x)[0] if len(x) else x
 
 
 def move(
     r: Float[np.ndarray, "nb 3"], R: Float[np.ndarray, "nb 3 3"], d: Float[np.ndarray, "nb 6"]
 ) -> tuple[Float[np.ndarray, "nb 3"], Float[np.ndarray, "nb 3 3"]]:
-    """r + dr, R exp(dtheta)."""
+    """Return the poses r + dr, R exp(dtheta), d = (dr [m], dtheta [rad, body])."""
     return r + d[:, :3], R @ so3.exp(d[:, 3:])
 
 
 def _jets(x: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Numbers that change at ``rate``."""
+    """Return numbers as jets that change at ``rate``."""
     found = [Jet(a, b) for a, b in zip(x.ravel(), rate.ravel(), strict=True)]
     return np.array(found, dtype=object).reshape(x.shape)
 
 
 def _moved(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
-    """A pose that moves with v, and by its velocities: for rows of poses."""
+    """Return a pose that moves with v, with slopes by its displacements: for rows that have phi."""
     spin = so3.hat(R @ v[3:])
     unit, turn, turn_rate = np.zeros((3, DIRECTIONS)), *np.zeros((2, 3, 3, DIRECTIONS))
     unit[:, 6 * end : 6 * end + 3] = np.eye(3)
@@ -214,7 +221,7 @@ def _moved(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
 
 
 def _pushed(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
-    """A pose that moves with v, with slopes of its velocities: for rows that restrict velocities alone."""
+    """Return a pose that moves with v, with slopes by its velocities: for rows that restrict velocities alone."""
     omega, unit = R @ v[3:], np.zeros((6, DIRECTIONS))
     unit[:, 6 * end : 6 * end + 6] = np.eye(6)
     R_dot = so3.hat(omega) @ R

@@ -26,12 +26,12 @@ from ...harness.types import Problem, StepControl, Trajectory
 from .march import Grid, march
 from .mechanics import Mechanism, Rows
 
-DIFFERENCE = 1e-7  # of the unknowns, in Jacobians by differences
-ENOUGH = 0.25  # of phi_dot: an augmentation that leaves more raises the penalty
+DIFFERENCE = 1e-7  # change of the unknowns in Jacobians by differences
+ENOUGH = 0.25  # share of phi_dot: an augmentation that leaves more raises the penalty
 
 
 class Node(NamedTuple):
-    """Everything at one end of a step."""
+    """All quantities at one end of a step."""
 
     t: float
     r: Float[np.ndarray, "nb 3"]
@@ -46,58 +46,58 @@ class Node(NamedTuple):
     K_bar: Float[np.ndarray, " nr"]
 
 
-class Carried(NamedTuple):
-    """What a step hands to the next beside its node."""
+class CarriedState(NamedTuple):
+    """Quantities that a step passes on to the next beside its node."""
 
-    nu: Float[np.ndarray, " nr"]  # that of the end where it is carried on, else 0
+    nu: Float[np.ndarray, " nr"]  # nu at the end where it is carried on, else 0
     mu: Float[np.ndarray, " nr"]
     lam: Float[np.ndarray, " nr"]
     sigma: Float[np.ndarray, " nr"]
-    v_old: Float[np.ndarray, "nb 6"]  # of the node before, for the first estimate
+    v_old: Float[np.ndarray, "nb 6"]  # v at the node before, for the first estimate
     nu_old: Float[np.ndarray, " nr"]  # nu of the last step, and its change
     nu_change: Float[np.ndarray, " nr"]
-    dt: float  # of the last step; 0 before the first
+    dt: float  # size of the last step; 0 before the first
 
 
 class Estimate(NamedTuple):
-    """What follows from an estimate of v1 and nu1."""
+    """Quantities that follow from an estimate of v1 and nu1."""
 
     node: Node  # m + 1
     nu: Float[np.ndarray, " nr"]
     mu: Float[np.ndarray, " nr"]
     lam: Float[np.ndarray, " nr"]
     reaction: Float[np.ndarray, " nr"]  # mean force of the rows over the step
-    R_v: Float[np.ndarray, " n"]  # of (74), in the frames of the bodies
-    R_mu: Float[np.ndarray, " nr"]  # of (75)
+    R_v: Float[np.ndarray, " n"]  # residual of (74), in the frames of the bodies
+    R_mu: Float[np.ndarray, " nr"]  # residual of (75)
 
 
 class Step:
     """The steps of one problem.
 
     ``choices`` are the options of ``solvers.gc_weak_form`` or ``solvers.gc_augmented_lagrangian``; ``settings``
-    what they come to here: ``keep_nu``, ``carry_sigma`` whether mu and sigma are carried on (as printed: yes),
-    ``gauge`` -1 of the symmetric gauge, else 0, ``corrective`` whether C_bar or K_bar is not zero, ``by_forces`` by
+    what they amount to here: ``keep_nu``, ``carry_sigma`` whether mu and sigma are carried on (as printed: yes),
+    ``gauge`` -1 for the symmetric gauge, else 0, ``corrective`` whether C_bar or K_bar is not zero, ``by_forces`` by
     Eq. (32), ``active`` Sect. 4.3, ``tolerance`` of (80), (81), ``accept`` of (81) where the loop of Sect. 4.3 runs
     out of rounds [sqrt(J)].
     """
 
     def __init__(self, problem: Problem, choices: Any, settings: Any) -> None:
         self.mechanism, self.choices, self.settings = Mechanism(problem.system), choices, settings
-        self.xi = 0.0  # of Eq. (84), in Sect. 4.3
+        self.xi = 0.0  # xi of Eq. (84), in Sect. 4.3
         self.counters = {"newton_iterations": 0, "residuals": 0, "augmentations": 0}
 
-    def start(self, problem: Problem) -> tuple[Node, Carried, np.ndarray]:
-        """The first node, and mu, lam, sigma there."""
+    def start(self, problem: Problem) -> tuple[Node, CarriedState, np.ndarray]:
+        """Return the first node, mu, lam and sigma there to carry on, and no reaction (NaN), as these are of steps."""
         state, m = problem.initial, self.mechanism
         node = self.node(state.t, state.r, state.R, np.concatenate((state.v, state.Omega), axis=1))
         mu, none = np.zeros(m.nr), np.zeros(m.nr)
         if self.choices.mu0 == "velocity":  # mu0 = c . M v / M_bar: the velocity along c_R
             c = self.directions(node.rows)
             mu = c @ m.in_bodies(node.R, node.p) / node.M_bar
-        return node, Carried(node.M_bar * mu, mu, none, none, node.v, none, none, 0.0), np.full(m.nr, np.nan)
+        return node, CarriedState(node.M_bar * mu, mu, none, none, node.v, none, none, 0.0), np.full(m.nr, np.nan)
 
     def node(self, t: float, r: np.ndarray, R: np.ndarray, v: np.ndarray) -> Node:
-        """Rows, momenta, loads and the coefficients (30) to (32) of each row."""
+        """Return a node: constraint rows, momenta, loads and the coefficients (30) to (32) at a time and state."""
         m, choices = self.mechanism, self.choices
         rows, f = m.rows(t, r, R, v), m.loads(t, r, R, v).ravel()
         c = self.directions(rows)
@@ -110,7 +110,7 @@ class Step:
         return Node(t, r, R, v, rows, m.momentum(R, v), f, M_bar, f_bar, C_bar, K_bar)
 
     def directions(self, rows: Rows) -> Float[np.ndarray, "nr n"]:
-        """c_R of Eq. (31), a . c = 1, in the velocities of the bodies."""
+        """Return c_R of Eq. (31), a . c = 1, in the velocities of the bodies."""
         m, a = self.mechanism, rows.A
         if self.choices.direction == "translation":  # (e_k, 0) of body i, of spherical joints
             c = np.zeros_like(a)
@@ -121,8 +121,10 @@ class Step:
         along = a if self.choices.direction == "a" else np.array([m.over_inertia(one) for one in a]).reshape(a.shape)
         return along / np.sum(a * along, axis=1)[:, None]
 
-    def residual(self, dt: float, a: Node, old: Carried, v1: np.ndarray, nu1: np.ndarray, kept: Any = None) -> Estimate:
-        """Node m + 1 of an estimate, and what it leaves of (74) and (75).
+    def residual(
+        self, dt: float, a: Node, old: CarriedState, v1: np.ndarray, nu1: np.ndarray, kept: Any = None
+    ) -> Estimate:
+        """Return node m + 1 of an estimate, and the residuals of (74) and (75) there.
 
         With the multiplier ``kept`` of Sect. 4.3, nu1 follows from v1 by (84), and (75) is left to (85).
         """
@@ -150,24 +152,28 @@ class Step:
         return Estimate(b, nu1, mu1, lam1, (nu1 - nu0) / dt + 0.5 * (G0 + G1), m.in_bodies(R1, R_v), R_mu)
 
     def norm(self, x: Estimate) -> float:
-        """Norm of the residual, Eq. (80) [sqrt(J)]; in Sect. 4.3 (75) is no part of it."""
+        """Return the norm of an estimate's residual, Eq. (80) [sqrt(J)]; in Sect. 4.3 it does not include (75)."""
         by_rows = 0.0 if self.settings.active else np.sum(x.R_mu**2 / x.node.M_bar)
         return float(np.sqrt(x.R_v @ self.mechanism.over_inertia(x.R_v) + by_rows))
 
     def slip(self, x: Estimate) -> float:
-        """Norm of the constraint equations, Eq. (81) [sqrt(J)]."""
+        """Return the norm of phi_dot of an estimate, Eq. (81) [sqrt(J)]."""
         return float(np.sqrt(np.sum(x.node.M_bar * x.node.rows.phi_dot**2)))
 
     def newton(
-        self, dt: float, a: Node, old: Carried, v1: np.ndarray, nu1: np.ndarray, kept: Any = None
+        self, dt: float, a: Node, old: CarriedState, v1: np.ndarray, nu1: np.ndarray, kept: Any = None
     ) -> Estimate | None:
-        """Newton's method (76) to (81) from the estimate (v1, nu1); None where it does not converge."""
+        """Return the end of a step by Newton's method (76) to (81) from (v1, nu1); None where it does not converge.
+
+        With ``kept`` the multiplier is fixed, as in Sect. 4.3.
+        """
         n, x = v1.size, np.concatenate((v1.ravel(), nu1 if kept is None else []))
 
         def eta(x: np.ndarray) -> Estimate:  # (76), of the unknowns (77)
             return self.residual(dt, a, old, x[:n].reshape(-1, 6), x[n:], kept)
 
         def whole(y: Estimate) -> np.ndarray:
+            """Return the residual vector of an estimate: (74), and (75) over M_bar unless the multiplier is fixed."""
             return y.R_v if kept is not None else np.concatenate((y.R_v, y.R_mu / y.node.M_bar))
 
         # (80) implies (81) where sigma is not carried, and with C_bar or K_bar (81) cannot hold
@@ -194,8 +200,11 @@ class Step:
                 return eta(x)
         return None
 
-    def augment(self, dt: float, a: Node, old: Carried, v1: np.ndarray, nu1: np.ndarray) -> Estimate | None:
-        """Sect. 4.3: Newton's method at a fixed multiplier, then (85), until (81) holds; None where it does not."""
+    def augment(self, dt: float, a: Node, old: CarriedState, v1: np.ndarray, nu1: np.ndarray) -> Estimate | None:
+        """Return the end of a step by the loop of Sect. 4.3: Newton's method at fixed multipliers and (85) until (81).
+
+        None where it does not converge, or more than ``accept`` is left.
+        """
         kept, before, found = nu1, np.inf, None
         self.xi = self.choices.penalty
         for _ in range(self.choices.max_augmentations):
@@ -211,8 +220,8 @@ class Step:
             before = self.slip(found)
         return found if before < self.settings.accept else None
 
-    def __call__(self, dt: float, a: Node, old: Carried) -> tuple[Node, Carried, np.ndarray] | None:
-        """The step from ``a``: its end, what it hands on, its mean reaction; None where it is to be cut."""
+    def __call__(self, dt: float, a: Node, old: CarriedState) -> tuple[Node, CarriedState, np.ndarray] | None:
+        """Step from ``a``; return its end, what the next step needs, its mean reaction; None where it is to be cut."""
         ratio = dt / old.dt if self.choices.estimate == "extrapolated" and old.dt > 0.0 else 0.0
         v1 = a.v + ratio * (a.v - old.v_old)
         if self.settings.keep_nu:
@@ -227,7 +236,7 @@ class Step:
         nu = nu1 if self.settings.keep_nu else np.zeros_like(nu1)
         sigma1 = b.M_bar * b.rows.phi_dot  # (62)
         mu, lam = (found.mu, found.lam) if self.settings.corrective else (old.mu, old.lam)
-        return b, Carried(nu, mu, lam, sigma1, a.v, nu1, change, dt), found.reaction
+        return b, CarriedState(nu, mu, lam, sigma1, a.v, nu1, change, dt), found.reaction
 
 
 def integrate(problem: Problem, control: StepControl, choices: Any, settings: Any) -> Trajectory:

@@ -35,7 +35,7 @@ from .error_control import ErrorControl, scale
 from .march import Node, begin, march
 from .mechanics import Mechanism, move, solve
 
-MOST_ITERATIONS, ORDER = 25, 4.0  # of the error estimate, as the step sees it
+MOST_ITERATIONS, ORDER = 25, 4.0  # iterations at most; order of the error estimate, as the step sees it
 S6 = np.sqrt(6.0)
 A = np.array([
     [(88.0 - 7.0 * S6) / 360.0, (296.0 - 169.0 * S6) / 1800.0, (-2.0 + 3.0 * S6) / 225.0],
@@ -47,7 +47,7 @@ E = np.array([-13.0 - 7.0 * S6, -13.0 + 7.0 * S6, -1.0]) / 3.0
 GAMMA = 1.0 / (3.0 + 3.0 ** (2.0 / 3.0) - 3.0 ** (1.0 / 3.0))  # the real eigenvalue of A
 
 
-class Carried(NamedTuple):
+class CarriedState(NamedTuple):
     """v' and lam of the last stages, and the size of that step; 0 before the first."""
 
     v_dot: Float[np.ndarray, "3 n"]
@@ -62,22 +62,24 @@ class Step:
         self.mechanism, self.tolerance, self.rtol = Mechanism(problem.system), tolerance, rtol
         self.counters = {"newton_iterations": 0}
 
-    def start(self, problem: Problem) -> tuple[Node, Carried, np.ndarray]:
-        """The first node and what index 1 has there."""
+    def start(self, problem: Problem) -> tuple[Node, CarriedState, np.ndarray]:
+        """Return the first node and the solution of index 1 there."""
         node = begin(problem)
         v_dot, lam = self.mechanism.accelerate(*node)
-        return node, Carried(np.tile(v_dot, (3, 1)), np.tile(lam, (3, 1)), 0.0), lam
+        return node, CarriedState(np.tile(v_dot, (3, 1)), np.tile(lam, (3, 1)), 0.0), lam
 
-    def __call__(self, h: float, x: Node, old: Carried) -> tuple[Node, Carried, np.ndarray, float] | None:
-        """The step from ``x``; last, how large its error is. None where the iteration does not come to an end."""
+    def __call__(self, h: float, x: Node, old: CarriedState) -> tuple[Node, CarriedState, np.ndarray, float] | None:
+        """Step from ``x``; the last value returned is its error. None where the iteration does not converge."""
         m, v0 = self.mechanism, x.v.ravel()
         ahead = np.vander(1.0 + C * h / old.h if old.h > 0.0 else C, 3) @ np.linalg.inv(np.vander(C, 3))
         v_dot, lam = ahead @ old.v_dot, ahead @ old.lam  # on the parabolas through the last stages
         eta, z = np.zeros_like(lam), np.zeros_like(v_dot)
         q, v, sizes = np.outer(C * h, v0), v0 + h * A @ v_dot, list[float]()
         for _ in range(MOST_ITERATIONS):
-            stages = [Node(x.t + c * h, *move(x.r, x.R, one.reshape(-1, 6)), u.reshape(-1, 6))
-                      for c, one, u in zip(C, q, v, strict=True)]  # fmt: skip
+            stages = [
+                Node(x.t + c * h, *move(x.r, x.R, one.reshape(-1, 6)), u.reshape(-1, 6))
+                for c, one, u in zip(C, q, v, strict=True)
+            ]
             rows = [m.rows(*stage) for stage in stages]
             phi, phi_dot = np.stack([one.phi for one in rows]), np.stack([one.phi_dot for one in rows])  # (4)
             for i in range(3):
@@ -102,11 +104,14 @@ class Step:
         b = Node(x.t + h, *move(x.r, x.R, q[2].reshape(-1, 6)), v[2].reshape(-1, 6))
         e = np.stack((h * v0 + E @ q, h * old.v_dot[2] + E @ (v - v0))).reshape(2, -1, 6)  # (8)
         error = GAMMA * np.sqrt(np.mean((np.hstack((e[0], e[1])) / scale(x, b, self.rtol)) ** 2))
-        return b, Carried(v_dot, lam, h), lam[2], float(error)
+        return b, CarriedState(v_dot, lam, h), lam[2], float(error)
 
 
 def changes_to_come(sizes: list[float]) -> float:
-    """What further iterations would change, by the rate of the last two; at rounding the last change itself."""
+    """Return the expected size of all further changes of an iteration, from the ``sizes`` of those so far.
+
+    Its rate is that of the last two; at rounding it is the last change itself.
+    """
     if sizes[-1] == 0.0 or len(sizes) < 3:
         return 0.0 if sizes[-1] == 0.0 else np.inf
     theta = float(np.sqrt(sizes[-1] / sizes[-3]))
@@ -114,18 +119,18 @@ def changes_to_come(sizes: list[float]) -> float:
 
 
 def rates(q: Float[np.ndarray, "3 n"], u: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "3 n"]:
-    """q' of the velocities u of the bodies, (2)."""
+    """Return q' for the velocities u of the bodies, (2)."""
     theta, out = q.reshape(3, -1, 6)[..., 3:], u.reshape(3, -1, 6).copy()
     out[..., 3:] = so3.dexpinv(theta, out[..., 3:])
     return out.reshape(q.shape)
 
 
 def largest(change: Float[np.ndarray, "3 n"], of: Float[np.ndarray, "3 n"]) -> float:
-    """The largest change in parts of 1 + |y|."""
+    """Return the largest change in parts of 1 + |y|, y being ``of``."""
     return float(np.max(np.abs(change) / (1.0 + np.abs(of))))
 
 
 def integrate(problem: Problem, control: StepControl, tolerance: float) -> Trajectory:
-    """Step from the start to ``t_end`` with error control."""
+    """Integrate by Radau IIA with error control from the start to ``t_end``."""
     assert control.rtol is not None  # the catalogue has seen to it
     return march(problem, control, Step(problem, tolerance, control.rtol), ErrorControl(problem, control, ORDER))

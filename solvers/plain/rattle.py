@@ -19,7 +19,7 @@ from .march import Node, begin, march
 from .mechanics import Mechanism, solve
 
 MOST_ITERATIONS, DAMPER_PASSES = 60, 6
-EQUAL = 1e-14  # two principal inertias that are one, in parts of them
+EQUAL = 1e-14  # relative difference below which two principal inertias count as equal
 
 
 class Step:
@@ -27,16 +27,20 @@ class Step:
 
     def __init__(self, problem: Problem, tolerance: float, *, discrete: bool = False) -> None:
         self.mechanism, self.tolerance, self.discrete = Mechanism(problem.system), tolerance, discrete
-        self.passes = 1 if problem.system.is_conservative else DAMPER_PASSES  # f(q_1, v_1) by a fixed point
+        # passes of the fixed point for f(q_1, v_1)
+        self.passes = 1 if problem.system.is_conservative else DAMPER_PASSES
         self.counters = {"newton_iterations": 0}
 
     def start(self, problem: Problem) -> tuple[Node, None, np.ndarray]:
-        """The first node and its reaction."""
+        """Return the first node and its reaction."""
         node = begin(problem)
         return node, None, self.mechanism.accelerate(*node)[1]
 
     def __call__(self, h: float, a: Node, carried: None) -> tuple[Node, None, np.ndarray] | None:
-        """The step from ``a``; None where phi does not come down to the tolerance."""
+        """Step from ``a`` for h [s]; return its end and reaction.
+
+        None where phi does not come down to the tolerance.
+        """
         m, t = self.mechanism, a.t + h
         rows, f = m.rows(*a), m.in_bodies(a.R, m.loads(*a).ravel())
         S, x, last = m.schur(rows.A, rows.A), m.accelerate(*a)[1], np.inf
@@ -63,7 +67,7 @@ class Step:
         return node, None, m.accelerate(*node)[1]
 
     def drift(self, h: float, a: Node, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The free motion of all bodies over h: r, R, p."""
+        """Return r, R and p after free motion of all bodies over h [s] from the poses of ``a`` with momenta ``p``."""
         m, six = self.mechanism, p.reshape(-1, 6).copy()
         R = a.R.copy()
         for b in range(m.nb):
@@ -73,7 +77,10 @@ class Step:
 
 
 def turn_freely(J: np.ndarray, h: float, R: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A body turns freely for ``h`` [s]: R and its body momentum L. A symmetric one needs no split: its axis is 0."""
+    """Return R and the body momentum L of a body of inertia J after it has turned freely for ``h`` [s].
+
+    A symmetric body is turned exactly, another by a splitting.
+    """
     diagonal = np.array_equal(J, np.diag(np.diag(J)))
     values, Q = (np.diag(J), np.eye(3)) if diagonal else np.linalg.eigh(J)
     first = int(np.argmin([abs(values[(k + 1) % 3] - values[(k + 2) % 3]) for k in range(3)]))
@@ -92,10 +99,14 @@ def turn_freely(J: np.ndarray, h: float, R: np.ndarray, L: np.ndarray) -> tuple[
 
 
 def turn_discretely(J: np.ndarray, h: float, R: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """R F, F^T L with hat(h L) = F J_d - J_d F^T, J_d = tr(J)/2 - J, F by Cayley's vector f."""
+    """Return R F and F^T L, a body turned for ``h`` [s] by Moser and Veselov's discrete equations.
+
+    hat(h L) = F J_d - J_d F^T, J_d = tr(J)/2 - J, F by Cayley's vector f.
+    """
     g = h * L
 
     def off(f: np.ndarray) -> np.ndarray:
+        """Return the residual of the equation for Cayley's vector f."""
         return g + np.cross(g, f) + (g @ f) * f - 2.0 * J @ f
 
     f = np.zeros(3)
@@ -110,5 +121,5 @@ def turn_discretely(J: np.ndarray, h: float, R: np.ndarray, L: np.ndarray) -> tu
 
 
 def integrate(problem: Problem, control: StepControl, tolerance: float, *, discrete: bool = False) -> Trajectory:
-    """Step from the start to ``t_end``."""
+    """Integrate by RATTLE, or with the ``discrete`` free body, from the start to ``t_end``."""
     return march(problem, control, Step(problem, tolerance, discrete=discrete))

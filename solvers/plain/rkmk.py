@@ -49,19 +49,19 @@ class Step:
         self.counters = {"evaluations": 0}
 
     def start(self, problem: Problem) -> tuple[Node, np.ndarray, np.ndarray]:
-        """The first node, its (q', v') and its reaction."""
+        """Return the first node, its (q', v') and its reaction."""
         node = begin(problem)
         slope, lam = self.slope(node, np.zeros((self.mechanism.nb, 3)))
         return node, slope, lam
 
     def slope(self, x: Node, theta: Float[np.ndarray, "nb 3"]) -> tuple[Float[np.ndarray, "nb 12"], np.ndarray]:
-        """q', v' and lam of a stage."""
+        """Return the slope (q', v') and the multipliers lam of a stage ``x`` with rotation vector ``theta``."""
         v_dot, lam = self.mechanism.accelerate(*x)  # (3)
         self.counters["evaluations"] += 1
         return np.hstack((x.v[:, :3], so3.dexpinv(theta, x.v[:, 3:]), v_dot.reshape(-1, 6))), lam  # (2)
 
     def __call__(self, h: float, x: Node, first: np.ndarray) -> tuple[Node, np.ndarray, np.ndarray, float]:
-        """The step from ``x``, whose slope is ``first``; last, how large its error is."""
+        """Step from ``x``, whose slope is ``first``; the last value returned is its error."""
         m, slopes, end, lam = self.mechanism, [first], x, np.zeros(0)
         for c, a in zip(self.pair.c[1:], self.pair.a[1:], strict=True):
             change = h * sum(weight * slope for weight, slope in zip(a, slopes, strict=False))  # (1)
@@ -77,7 +77,10 @@ class Step:
         return Node(end.t, r, R, v), np.hstack((v, slopes[-1][:, 6:])), lam, error
 
     def size(self, errors: list[np.ndarray], x: Node, end: Node) -> float:
-        """The root mean square of the error in its scale; of two estimates |e5|^2 / sqrt(|e5|^2 + 0.01 |e3|^2)."""
+        """Return a step's error over its tolerance, from one estimate or two: a root mean square.
+
+        For two estimates |e5|^2 / sqrt(|e5|^2 + 0.01 |e3|^2).
+        """
         squares = [float(np.mean((e / scale(x, end, self.rtol)) ** 2)) for e in errors]
         if len(squares) == 1 or squares == [0.0, 0.0]:
             return float(np.sqrt(squares[0]))
@@ -85,7 +88,7 @@ class Step:
 
 
 def integrate(problem: Problem, control: StepControl, pair: str) -> Trajectory:
-    """Step from the start to ``t_end`` with error control."""
+    """Integrate by the pair with error control from the start to ``t_end``."""
     assert control.rtol is not None  # the catalogue has seen to it
     chosen = PAIRS[pair]
     return march(problem, control, Step(problem, chosen, control.rtol), ErrorControl(problem, control, chosen.order))

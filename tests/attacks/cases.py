@@ -29,7 +29,7 @@ from .changes import (
     SERIES_DECIDED,
     Change,
     to,
-)  # fmt: skip
+)
 
 SPEC = importlib.util.spec_from_file_location("check_bundle", ROOT / "checker" / "check_bundle.py")
 checker = importlib.util.module_from_spec(SPEC)
@@ -143,37 +143,77 @@ def list_scenes() -> Iterator[Case]:
 
     def hide(files: dict[str, bytes]) -> dict[str, bytes]:
         (record,), (run,) = json.loads(files["records.json"]), json.loads(files["runs.json"])
-        run |= {"states": "none", "problem": "", "peaks_s": {}, "arrays": {}, "reaction": []}
+        run |= {"states": "none", "problem": "", "peaks_s": {}, "arrays": {}, "reactions": {}}
         parts = ("runs/", "series/", "problems/", "references/")
         return {n: raw for n, raw in files.items() if not n.startswith(parts)} | write_parts(record, run)
 
     yield Case("scene", "a success", "without evidence", "top", "evidence", hide)
-    yield Case("scene", "a wrong run", "a success without evidence", "wrong", "evidence",
-               lambda files: hide(records(status="success", wrong_because="[]")(files)))  # fmt: skip
-    yield Case("scene", "a wrong run", "called refused", "wrong", "refused",
-               records(status="refused", claimed="refused", wrong_because="[]"))  # fmt: skip
-    yield Case("scene", "a failure", "called refused", "failed", "refused",
-               records(status="refused", claimed="refused"))  # fmt: skip
-    yield Case("scene", "a success", "called crashed", "top", "reactions",
-               records(status="crashed", claimed="", ended_by="exception", counters="{}"))  # fmt: skip
+    yield Case(
+        "scene",
+        "a wrong run",
+        "a success without evidence",
+        "wrong",
+        "evidence",
+        lambda files: hide(records(status="success", wrong_because="[]")(files)),
+    )
+    yield Case(
+        "scene",
+        "a wrong run",
+        "called refused",
+        "wrong",
+        "refused",
+        records(status="refused", claimed="refused", wrong_because="[]"),
+    )
+    yield Case(
+        "scene", "a failure", "called refused", "failed", "refused", records(status="refused", claimed="refused")
+    )
+    yield Case(
+        "scene",
+        "a success",
+        "called crashed",
+        "top",
+        "reactions",
+        records(status="crashed", claimed="", ended_by="exception", counters="{}"),
+    )
     yield Case("scene", "a crash", "called a success", "crashed", "", records(status="success"))
-    yield Case("scene", "a crash", "claimed a success", "crashed", "evidence",
-               records(status="success", claimed="success", ended_by="solver"))  # fmt: skip
+    yield Case(
+        "scene",
+        "a crash",
+        "claimed a success",
+        "crashed",
+        "evidence",
+        records(status="success", claimed="success", ended_by="solver"),
+    )
     yield Case("scene", "a refusal", "called a success", "refused", "", records(status="success"))
     yield Case("scene", "suite.toml", "junk", "top", "suite.toml", lambda files: files | {"suite.toml": b"\xff = ["})
-    yield Case("scene", "suite.toml", "of another name", "top", "suite.toml",
-               lambda files: files | {"suite.toml": b"name = 3"})  # fmt: skip
+    yield Case(
+        "scene", "suite.toml", "of another name", "top", "suite.toml", lambda files: files | {"suite.toml": b"name = 3"}
+    )
     yield Case("scene", "a suite", "most of it left out", "top", "runs of the suite", lambda files: files, True)
-    yield Case("scene", "a problem", "of nobody", "top", "files",
-               lambda files: files | {"problems/0000000000000000.json": b"{}"})  # fmt: skip
+    yield Case(
+        "scene",
+        "a problem",
+        "of nobody",
+        "top",
+        "files",
+        lambda files: files | {"problems/0000000000000000.json": b"{}"},
+    )
 
     def without_reactions(files: dict[str, bytes]) -> dict[str, bytes]:
-        return records(reaction_error_max_N="nan", reaction_size_N="nan")(files)
+        return records(
+            **dict.fromkeys(("reaction_error_max_N", "reaction_size_N", "moment_error_max_Nm", "moment_size_Nm"), "nan")
+        )(files)
 
     yield Case("scene", "reactions", "left out of the record", "top", "without reactions", without_reactions, True)
     literal = edit_json(problem_file, ("literal_start",), to(True))
-    yield Case("scene", "a literal start", "of a wrong run", "wrong", "literal_start",
-               lambda files: literal(records(status="success", wrong_because="[]")(files)))  # fmt: skip
+    yield Case(
+        "scene",
+        "a literal start",
+        "of a wrong run",
+        "wrong",
+        "literal_start",
+        lambda files: literal(records(status="success", wrong_because="[]")(files)),
+    )
 
 
 def judge(path: Path, files: dict[str, bytes], *, complete: bool = False) -> tuple[int, str]:

@@ -20,10 +20,46 @@ COUNT = int(os.environ.get("MUTATIONS", "20"))
 PATIENCE = 60.0  # [s] of wall time; a process that reads a small file and takes longer hangs
 CPU = 30  # [s]
 LARGEST = 1000.0  # [MB] of resident memory
-WORDS = (b"nan", b"-1", b"1e999", b"9" * 30, b"", b"0", b"null", b"\xff\xfe", b"\x00", b"{", b'"', b"../../x",
-         b"\x1b[2J", b"1e-320", b"<a>", b"true", b"[[[[", b",")  # fmt: skip
-VALUES = (float("nan"), float("inf"), -1, 0, 10**30, 1e308, 5e-324, "", "x", "\x1b[2J", None, True, [], {}, [[]], "nan",
-          "9" * 400, {"a": [1]})  # fmt: skip
+WORDS = (
+    b"nan",
+    b"-1",
+    b"1e999",
+    b"9" * 30,
+    b"",
+    b"0",
+    b"null",
+    b"\xff\xfe",
+    b"\x00",
+    b"{",
+    b'"',
+    b"../../x",
+    b"\x1b[2J",
+    b"1e-320",
+    b"<a>",
+    b"true",
+    b"[[[[",
+    b",",
+)
+VALUES = (
+    float("nan"),
+    float("inf"),
+    -1,
+    0,
+    10**30,
+    1e308,
+    5e-324,
+    "",
+    "x",
+    "\x1b[2J",
+    None,
+    True,
+    [],
+    {},
+    [[]],
+    "nan",
+    "9" * 400,
+    {"a": [1]},
+)
 
 
 def mutate(raw: bytes, random: np.random.Generator, *, numbers: float = 0.0) -> bytes:
@@ -105,8 +141,10 @@ class Tally:
         counts = ", ".join(
             f"{kinds.count(kind)} {kind}" for kind in ("traceback", "hang", "signal", "memory", "escape")
         )
-        sys.stdout.write(f"\n{self.name}: {self.tried} mutations, {counts}, at most {self.largest:.0f} MB and "
-                         f"{self.longest:.1f} s; exit codes {dict(sorted(self.codes.items()))}\n")  # fmt: skip
+        sys.stdout.write(
+            f"\n{self.name}: {self.tried} mutations, {counts}, at most {self.largest:.0f} MB and "
+            f"{self.longest:.1f} s; exit codes {dict(sorted(self.codes.items()))}\n"
+        )
         assert self.tried >= least and not self.faults, f"{len(self.faults)} faults\n" + "\n\n".join(self.faults[:8])
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mbsbench.harness import cache
-from mbsbench.harness.mechanics.kept_code import Kept
+from mbsbench.harness.mechanics.kept_code import CallbackCache
 from mbsbench.harness.reference import orbit
 
 PLACES = ("checkout", "chosen", "installed")
@@ -80,9 +80,13 @@ def give_away(folder):
 @pytest.mark.parametrize("where", PLACES)
 @pytest.mark.parametrize(
     ("harm", "why"),
-    [(open_to_all, "written to by others (mode 777)"), (open_to_the_group, "written to by others (mode 770)"),
-     (lead_elsewhere, "is a link"), (give_away, "belongs to another user")],
-)  # fmt: skip
+    [
+        (open_to_all, "written to by others (mode 777)"),
+        (open_to_the_group, "written to by others (mode 770)"),
+        (lead_elsewhere, "is a link"),
+        (give_away, "belongs to another user"),
+    ],
+)
 def test_one_that_others_could_write_to_is_not_used(wanted, capsys, where, harm, why):
     """One line says so; a private folder is used, by all that is started from here, too, which say it no more."""
     folder, ask = wanted(where)
@@ -151,7 +155,7 @@ def test_a_planted_pickle_is_not_read(tmp_path, kind):
         path.write_bytes(content)
     if kind == "another user's":
         give_away(path)
-    assert Kept(path).load_overload("", Context()) is None
+    assert CallbackCache(path).load_overload("", Context()) is None
     assert mark.exists() == (kind == "its own")
     assert kind == "its own" or orbit._read(path) is None
 

@@ -101,11 +101,13 @@ def edit_stamp(folder, **values):
 
 @pytest.mark.parametrize(
     ("name", "change"),
-    [("environment.json", lambda f: edit_stamp(f, cpu="another")),
-     ("environment.json", lambda f: edit_stamp(f, code="1")),
-     ("environment.json", lambda f: (f / "environment.json").write_text("{")),
-     ("suite.toml", lambda f: append(f / "suite.toml"))],
-)  # fmt: skip
+    [
+        ("environment.json", lambda f: edit_stamp(f, cpu="another")),
+        ("environment.json", lambda f: edit_stamp(f, code="1")),
+        ("environment.json", lambda f: (f / "environment.json").write_text("{")),
+        ("suite.toml", lambda f: append(f / "suite.toml")),
+    ],
+)
 def test_readers_say_that_the_stamp_does_not_fit(copied, capsys, name, change):
     """Which file, and why; exit code 1. The runs themselves are shown."""
     change(copied)

@@ -16,7 +16,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.bundle.archive import write_archive
 from mbsbench.harness.ladder import bundling
 from mbsbench.harness.ladder.closing import FILE, TRIAL
-from mbsbench.harness.ladder.instances import digest_of, draw_instances
+from mbsbench.harness.ladder.instances import digest_submission, draw_instances
 from mbsbench.harness.ladder.submission import Blind, Submission, run_submission
 from mbsbench.harness.results import records
 
@@ -33,7 +33,7 @@ def made(tmp_path_factory):
     place = tmp_path_factory.mktemp("made")
     file, paths = place / "honest.py", {}
     file.write_text(TEXT.format("nothing"))
-    submission = Submission(NAME, "dt", str(file), digest_of(file.read_bytes()))
+    submission = Submission(NAME, "dt", str(file), digest_submission(file.read_bytes()))
     with Blind() as blind:
         for k, value in enumerate((VALUE, "7", TRIAL)):
             folder = place / f"run{k}"
@@ -161,9 +161,17 @@ def test_a_submission_changed_after_the_value_is_known_is_no_entry(made, ranked)
 
 
 @pytest.mark.parametrize(
-    "text", ["value = 1\nentries = []", 'value = ""\nentries = []', 'value = "a"', 'value = "a"\nentries = ["b"]',
-             f'value = "{TRIAL}"\nentries = []', 'value = "a"\nentries = []\nmore = 1', "value ="]
-)  # fmt: skip
+    "text",
+    [
+        "value = 1\nentries = []",
+        'value = ""\nentries = []',
+        'value = "a"',
+        'value = "a"\nentries = ["b"]',
+        f'value = "{TRIAL}"\nentries = []',
+        'value = "a"\nentries = []\nmore = 1',
+        "value =",
+    ],
+)
 def test_a_wrong_statement_is_one_line(made, tmp_path, capsys, text):
     """Exit code 2; nothing is ranked without the rule that was meant."""
     (tmp_path / "a.zip").write_bytes(made[1]["7"].read_bytes())
@@ -175,7 +183,7 @@ def test_a_wrong_statement_is_one_line(made, tmp_path, capsys, text):
 
 def test_the_value_moves_every_instance():
     """An entry cannot know them before it is published."""
-    digest = digest_of(b"a submission")
+    digest = digest_submission(b"a submission")
     one, other = draw_instances(digest, VALUE), draw_instances(digest, VALUE + "1")
     moved = ("rotation", "unit_length", "unit_mass", "unit_time", "renumber")
     assert all(x.parameters[name] != y.parameters[name] for x, y in zip(one, other, strict=True) for name in moved)

@@ -21,10 +21,10 @@ import pytest
 
 from mbsbench.harness.cache import ROOT
 from mbsbench.harness.ladder import calls, fence
-from mbsbench.harness.ladder.blind import shut_in
+from mbsbench.harness.ladder.blind import confine_process
 from mbsbench.harness.reference import orbit
-from mbsbench.harness.sandbox import apart
-from mbsbench.harness.sandbox.apart import Apart
+from mbsbench.harness.sandbox import forked_process
+from mbsbench.harness.sandbox.forked_process import ForkedProcess
 
 MPTCP = 262
 SYSTEM = ctypes.CDLL(None, use_errno=True)
@@ -167,9 +167,11 @@ def targets(tmp_path):
     """Each of them, for one test."""
     name = f"\0mbsbench-{os.getpid()}"
     kinds = (
-        (socket.AF_INET, socket.SOCK_STREAM, ("127.0.0.1", 0)), (socket.AF_INET, socket.SOCK_DGRAM, ("127.0.0.1", 0)),
-        (socket.AF_UNIX, socket.SOCK_STREAM, name), (socket.AF_UNIX, socket.SOCK_DGRAM, f"{name}-datagrams"),
-    )  # fmt: skip
+        (socket.AF_INET, socket.SOCK_STREAM, ("127.0.0.1", 0)),
+        (socket.AF_INET, socket.SOCK_DGRAM, ("127.0.0.1", 0)),
+        (socket.AF_UNIX, socket.SOCK_STREAM, name),
+        (socket.AF_UNIX, socket.SOCK_DGRAM, f"{name}-datagrams"),
+    )
     made = [socket.socket(family, kind) for family, kind, _ in kinds]
     for one, (_, kind, address) in zip(made, kinds, strict=True):
         one.bind(address)
@@ -198,7 +200,7 @@ def attempt(tmp_path, attack, *, fenced=True, user=0):
             os.setgroups([])
             os.setgid(user)
             os.setuid(user)
-        kept = shut_in(tmp_path / "own") if fenced else False
+        kept = confine_process(tmp_path / "own") if fenced else False
         try:
             attack()
         except OSError as error:
@@ -206,7 +208,7 @@ def attempt(tmp_path, attack, *, fenced=True, user=0):
         else:
             send(f"{kept} done")
 
-    kept, _, how = Apart(work, limit=10.0, memory=500.0).wait().sent.strip().partition(" ")
+    kept, _, how = ForkedProcess(work, limit=10.0, memory=500.0).wait().sent.strip().partition(" ")
     return kept == "True", how
 
 
@@ -230,7 +232,7 @@ def system_can_fence():
     def work(send):
         send(str(SYSTEM.unshare(fence.NEW_USERS_AND_IPC) == 0))
 
-    namespace = os.getuid() or Apart(work, limit=10.0, memory=500.0).wait().sent.strip() == "True"
+    namespace = os.getuid() or ForkedProcess(work, limit=10.0, memory=500.0).wait().sent.strip() == "True"
     return bool(namespace) and SYSTEM.syscall(fence.CREATE_RULESET, None, ctypes.c_size_t(0), 1) >= fence.SIGNALS
 
 
@@ -248,7 +250,7 @@ def test_what_is_outside_is_out_of_reach(tmp_path, targets, what):
 @pytest.mark.parametrize("what", ATTACKS)
 def test_without_the_fence_it_is_within_reach(tmp_path, targets, monkeypatch, what):
     """The control: otherwise the test above would show nothing."""
-    monkeypatch.setattr(apart, "fork", unclosed(apart.fork))
+    monkeypatch.setattr(forked_process, "fork", unclosed(forked_process.fork))
     _, how = attempt(tmp_path, lambda: ATTACKS[what](targets), fenced=False)
     if how != "done":
         pytest.skip(f"this system refuses it to anybody: {how}")
@@ -259,11 +261,11 @@ def unclosed(fork):
     from mbsbench.harness.sandbox import isolation
 
     def begin(*given, **named):
-        before, isolation.close_in = isolation.close_in, lambda: None
+        before, isolation.isolate_process = isolation.isolate_process, lambda: None
         try:
             return fork(*given, **named)
         finally:
-            isolation.close_in = before
+            isolation.isolate_process = before
 
     return begin
 

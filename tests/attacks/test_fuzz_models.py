@@ -22,9 +22,11 @@ ROBOT = """<robot name="r"><link name="base"/>
 </joint>
 </robot>"""
 MODELS = {
-    "tree.sdf": FRAMES, "loop.sdf": LOOP, "robot.urdf": ROBOT,
+    "tree.sdf": FRAMES,
+    "loop.sdf": LOOP,
+    "robot.urdf": ROBOT,
     "chain.xml": (ROOT / "results" / "published" / "fuzz" / "exudyn-2.xml").read_text(encoding="utf-8"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -26,9 +26,13 @@ problem = "free_fall"
 solver = ["exact", "raises", "gives_up", "refuses"]
 """
 QUICK = (
-    ("show", "{0}"), ("show", "{0}", "--json"), ("bundle", "{0}", "-o", "{1}"), ("history", "{0}"),
-    ("diff", "{0}", "{2}"), ("merge", "{1}.d", "{0}", "{2}"),
-)  # fmt: skip
+    ("show", "{0}"),
+    ("show", "{0}", "--json"),
+    ("bundle", "{0}", "-o", "{1}"),
+    ("history", "{0}"),
+    ("diff", "{0}", "{2}"),
+    ("merge", "{1}.d", "{0}", "{2}"),
+)
 READERS = (*QUICK, *QUICK, ("report", "{0}"), *QUICK, ("figures", "{0}"))  # these take seconds
 
 
@@ -79,11 +83,16 @@ def change_array(a, random):
     b = a.astype(float).copy()
     where = tuple(int(random.integers(n)) for n in b.shape)
     ways = (
-        lambda: b.astype("U16"), lambda: b.ravel()[:0],
-        lambda: np.flip(b), lambda: b.astype(np.float16), lambda: b * 0.0,
-        lambda: b.astype(complex), lambda: np.concatenate([b.ravel(), b.ravel()]), lambda: np.array(1.0),
+        lambda: b.astype("U16"),
+        lambda: b.ravel()[:0],
+        lambda: np.flip(b),
+        lambda: b.astype(np.float16),
+        lambda: b * 0.0,
+        lambda: b.astype(complex),
+        lambda: np.concatenate([b.ravel(), b.ravel()]),
+        lambda: np.array(1.0),
         lambda: put(b, where, random.choice([np.nan, np.inf, -np.inf, 5e-324, -1e308, 1e308])),
-    )  # fmt: skip
+    )
     return ways[random.integers(len(ways))]()
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from mbsbench.harness.results.words import words_of_ending
 from mbsbench.harness.sandbox import isolation
-from mbsbench.harness.sandbox.apart import Apart, Ended
+from mbsbench.harness.sandbox.forked_process import ForkedProcess, ProcessEnd
 from mbsbench.harness.sandbox.memory import own_megabytes
 
 from ..harness.conftest import run_in
@@ -137,7 +137,7 @@ def limited():
 def test_memory_beyond_the_limit_ends_it_with_all_that_it_started(attack):
     """At the next look, not when its time is over."""
     began = time.monotonic()
-    ended = Apart(lambda send: attack(), limit=20.0, memory=LIMIT, wall=25.0).wait()
+    ended = ForkedProcess(lambda send: attack(), limit=20.0, memory=LIMIT, wall=25.0).wait()
     assert (ended.over, ended.killed, ended.code) == ("memory", True, -signal.SIGKILL), ended
     assert ended.peak > LIMIT and time.monotonic() - began < 20.0
     assert ended.describe_limit(20.0, LIMIT) == "took more than 120 MB"
@@ -159,13 +159,13 @@ def test_what_processes_share_counts_once():
             os.wait()
         send("done")
 
-    ended = Apart(work, limit=20.0, memory=LIMIT, wall=60.0).wait()
+    ended = ForkedProcess(work, limit=20.0, memory=LIMIT, wall=60.0).wait()
     assert (ended.sent.strip(), ended.over, ended.code) == ("done", "", 0)
 
 
 def test_without_a_limit_nothing_is_ended():
     """Infinite: none is kept."""
-    ended = Apart(lambda send: [fill(mmap.mmap(-1, PIECE)), send("done")], limit=20.0, memory=math.inf).wait()
+    ended = ForkedProcess(lambda send: [fill(mmap.mmap(-1, PIECE)), send("done")], limit=20.0, memory=math.inf).wait()
     assert (ended.sent.strip(), ended.code) == ("done", 0)
 
 
@@ -184,11 +184,11 @@ def test_a_run_that_shares_too_much_has_the_status_of_memory(tmp_path):
 @pytest.mark.parametrize(
     ("ended", "words"),
     [
-        (Ended(-signal.SIGXCPU, False, "", 0.0), "timed out after 30 s"),
-        (Ended(-signal.SIGKILL, True, "", 0.0, over="cpu"), "timed out after 30 s"),
-        (Ended(-signal.SIGKILL, True, "", 0.0, over="memory"), "took more than 100 MB"),
-        (Ended(-signal.SIGKILL, False, "", 0.0), ""),
-        (Ended(0, False, "", 0.0), ""),
+        (ProcessEnd(-signal.SIGXCPU, False, "", 0.0), "timed out after 30 s"),
+        (ProcessEnd(-signal.SIGKILL, True, "", 0.0, over="cpu"), "timed out after 30 s"),
+        (ProcessEnd(-signal.SIGKILL, True, "", 0.0, over="memory"), "took more than 100 MB"),
+        (ProcessEnd(-signal.SIGKILL, False, "", 0.0), ""),
+        (ProcessEnd(0, False, "", 0.0), ""),
     ],
 )
 def test_the_end_at_a_limit_has_one_name(ended, words):

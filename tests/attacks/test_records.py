@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.execution.begun import Begun
 from mbsbench.harness.execution.runner import Request, _jobs
+from mbsbench.harness.execution.started_runs import StartedRuns
 from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.records import to_json
 from mbsbench.harness.suites.suite import parse_suite
@@ -39,12 +39,18 @@ def forge(folder, text):
     out = {}
     for job in jobs:
         record = dataclasses.replace(
-            true.records[0], run_id=job.id, settings_id=job.spec.settings_id, case=job.spec.case, code=job.code,
-            solver=job.spec.solver, series="", series_sha256="",
-        )  # fmt: skip
+            true.records[0],
+            run_id=job.id,
+            settings_id=job.spec.settings_id,
+            case=job.spec.case,
+            code=job.code,
+            solver=job.spec.solver,
+            series="",
+            series_sha256="",
+        )
         body = to_json(record)
         plain = {"sha256": store._digest(body), "record": body}
-        out[str(store.path_of(folder, job.id).path)] = json.dumps(plain)
+        out[str(store.locate_record(folder, job.id).path)] = json.dumps(plain)
     return out, jobs
 
 
@@ -72,10 +78,15 @@ def test_records_of_runs_that_never_began_are_none_after_ctrl_c_or_a_kill(tmp_pa
     line = [sys.executable, "-m", "mbsbench.cli", "run", str(suite), "--out", str(folder), "--jobs", "1"]
     line += [word for plugin in PLUGINS for word in ("--plugin", str(plugin))]
     process = subprocess.Popen(
-        line, cwd=environment.ROOT, env={**os.environ, FORGED: json.dumps(files)}, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
+        line,
+        cwd=environment.ROOT,
+        env={**os.environ, FORGED: json.dumps(files)},
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # noqa: PLW1509
-    )  # fmt: skip
+    )
     until = time.monotonic() + 60.0
     while len(list(folder.glob("runs/*.json"))) < len(files) and time.monotonic() < until:
         time.sleep(0.05)
@@ -109,7 +120,7 @@ def test_results_without_a_list_of_begun_runs_are_read_as_they_are(tmp_path):
     """Published ones and those of older versions have none; an orderly end leaves none."""
     text = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "sleeps"]'
     run_in(tmp_path / "run", text, 1)
-    assert Begun(tmp_path / "run").read() is None
+    assert StartedRuns(tmp_path / "run").read() is None
     _, watcher = run_in(tmp_path / "run", text, 1, resume=True)
     assert watcher.ran == [] and watcher.set_aside == []
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.code_meter import CODE_LIMIT, listen_to_numba
 from mbsbench.harness.execution import worker
-from mbsbench.harness.sandbox.apart import Apart
+from mbsbench.harness.sandbox.forked_process import ForkedProcess
 from mbsbench.harness.suites.spec import RunSpec
 from mbsbench.harness.suites.suite import load_suite
 from mbsbench.solvers.formulations.generated import code
@@ -76,7 +76,7 @@ def time_apart(spec: RunSpec, folder: Path) -> dict[str, float]:
         handed = worker.solve(problem, registry.make_solver(spec.solver, spec.options), spec.control)
         send(json.dumps(handed.report.cost))
 
-    ended = Apart(target, limit=LIMIT, memory=MEMORY, code=CODE_LIMIT).wait()
+    ended = ForkedProcess(target, limit=LIMIT, memory=MEMORY, code=CODE_LIMIT).wait()
     if ended.code != 0:
         raise RuntimeError(f"{spec.case} {ended.words}")
     return {name: float(value) for name, value in json.loads(ended.sent).items()}

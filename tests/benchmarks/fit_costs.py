@@ -49,18 +49,29 @@ def fit(records: Iterable[RunRecord], compiled: dict[str, float]) -> str:
     measuring = fit_measuring(good)
     once = [r for r, *_ in good if r.code_s < 1.0 and r.cpu_median_s >= SHORT]  # in no loop
     rest = [r.wall_s - r.measure_s - r.setup_s - r.repeats * r.cpu_median_s for r in once]
-    out = ["# Made by tests/benchmarks/fit_costs.py: see there, and costs.py for the meaning.",
-           f"loop_s = {min(measure_loop() for _ in range(20)):.3g}", f"process_s = {fmean(rest):.3g}",
-           f"store_s = {kept.store_s:.3g}", f"load_s = {kept.load_s:.3g}", f"laws_s = {compiled['']:.3g}",
-           f"reference_s = {kept.reference_s:.3g}",
-           f"measure_s = {measuring[0]:.3g}",
-           f"measure_us = [{', '.join(f'{1e6 * x:.3g}' for x in measuring[1:])}]", "", "[commands]",
-           *(f"{name} = [{start:.3g}, {each:.3g}]" for name, (start, each) in kept.commands.items()), ""]  # fmt: skip
+    out = [
+        "# Made by tests/benchmarks/fit_costs.py: see there, and costs.py for the meaning.",
+        f"loop_s = {min(measure_loop() for _ in range(20)):.3g}",
+        f"process_s = {fmean(rest):.3g}",
+        f"store_s = {kept.store_s:.3g}",
+        f"load_s = {kept.load_s:.3g}",
+        f"laws_s = {compiled['']:.3g}",
+        f"reference_s = {kept.reference_s:.3g}",
+        f"measure_s = {measuring[0]:.3g}",
+        f"measure_us = [{', '.join(f'{1e6 * x:.3g}' for x in measuring[1:])}]",
+        "",
+        "[commands]",
+        *(f"{name} = [{start:.3g}, {each:.3g}]" for name, (start, each) in kept.commands.items()),
+        "",
+    ]
     for name in sorted({r.solver for r, *_ in good}):
         own = [row for row in good if row[0].solver == name]
-        out += [f"[solvers.{name}]", f"compile_s = {compiled.get(name, 0.0):.3g}",
-                f"setup_s = {by_size(own, lambda r: r.setup_s)}",
-                f"step_us = {by_size(own, lambda r: 1e6 * r.cpu_median_s / r.steps)}"]  # fmt: skip
+        out += [
+            f"[solvers.{name}]",
+            f"compile_s = {compiled.get(name, 0.0):.3g}",
+            f"setup_s = {by_size(own, lambda r: r.setup_s)}",
+            f"step_us = {by_size(own, lambda r: 1e6 * r.cpu_median_s / r.steps)}",
+        ]
         if own[0][0].control == "rtol":
             power = fit_power(own)
             unit = [r.steps * dt / r.t_reached_s * (r.rtol / TOLERANCE) ** power for r, _, dt in own]

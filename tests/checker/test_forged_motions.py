@@ -83,7 +83,7 @@ def test_the_checker_interpolates_matrices_that_are_no_rotations_as_the_harness_
         rows = np.concatenate([found.t[:, None], *(a.reshape(len(s), -1) for a in (s.r, R, s.v, s.Omega))], axis=1)
         at = np.linspace(0.0, found.t[-1], 501)
         ours = interpolate_rows(found.t, bent, at)
-        theirs = [checker.Problem.find_between(None, np.insert(rows, rows.shape[1], 0.0, axis=1), t) for t in at]
+        theirs = [checker.interpolate_pose(np.insert(rows, rows.shape[1], 0.0, axis=1), t) for t in at]
         for name, place in (("r", 0), ("R", 1)):
             assert np.max(np.abs(getattr(ours, name) - np.array([one[place] for one in theirs]))) < 1e-14
 
@@ -108,6 +108,8 @@ ONLY = {  # what is edited, and the one comparison that finds it
     "the defect of the path lowered": ({"kinematic_defect": lambda x: 0.1 * x}, "kinematic_defect"),
     "the error of reactions lowered": ({"reaction_error_max_N": lambda x: 0.1 * x}, "reaction_error_max_N"),
     "the size of reactions raised": ({"reaction_size_N": lambda x: 10.0 * x}, "reaction_size_N"),
+    "the error of moments lowered": ({"moment_error_max_Nm": lambda x: 0.1 * x}, "moment_error_max_Nm"),
+    "the size of moments raised": ({"moment_size_Nm": lambda x: 10.0 * x}, "moment_size_Nm"),
     "the error between steps lowered": ({"motion_between_max_m": lambda x: 0.1 * x}, "motion_between_max_m"),
     "the drift of an invariant lowered": ({"invariant_drifts": lower}, "invariant"),
 }
@@ -130,9 +132,10 @@ def test_scaled_reactions_are_found(bundle, tmp_path, where):
     if where == "every step":
         of_vector(files, run, lambda a: 3.0 * a)
     else:
-        files["runs.json"] = json.dumps([run | {"reaction": [3.0 * x for x in run["reaction"]]}]).encode()
-    columns = {"status", "wrong_because"} if where == "every step" else {"reaction_error_max_N"}
-    columns |= {"reaction"}  # beside the states it is no longer that of the series
+        scaled = {k: [3.0 * x for x in a] for k, a in run["reactions"].items()}
+        files["runs.json"] = json.dumps([run | {"reactions": scaled}]).encode()
+    columns = {"status", "wrong_because"} if where == "every step" else {"reaction_error_max_N", "moment_error_max_Nm"}
+    columns |= {"reactions"}  # beside the states it is no longer that of the series
     assert {line[18:56].split()[0] for line in check(write(tmp_path / "b.zip", files))} == columns
 
 

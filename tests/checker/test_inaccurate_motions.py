@@ -19,12 +19,20 @@ from .test_check_bundle import checker, read, write
 UPRIGHT = 20.0  # [s] about when the body has turned over twice
 MOTIONS = {  # what breaks the law alone: problem, parameters, solver, step
     # 190 rad/s along the spring at 1 cm, beside a swing of 30 cm: RATTLE's phase is half a period late after 0.5 s
-    "velocity": ("spring_pendulum", {"tuning": 60.0, "drop": 0.0, "aside": 0.15, "speed": 0.0, "t_end": 2.0}, "rattle",
-                 {"dt": 3e-3}),
+    "velocity": (
+        "spring_pendulum",
+        {"tuning": 60.0, "drop": 0.0, "aside": 0.15, "speed": 0.0, "t_end": 2.0},
+        "rattle",
+        {"dt": 3e-3},
+    ),
     # about the axis of the middle inertia a body turns over: between the rows kept it is upside down half of the time
-    "rows": ("torque_free_body", {"inertia_factors": [1.0, 2.0, 3.0], "omega": [0.001, 3.0, 0.0], "t_end": UPRIGHT},
-             "tells_little", {"rtol": 1e-9}),
-}  # fmt: skip
+    "rows": (
+        "torque_free_body",
+        {"inertia_factors": [1.0, 2.0, 3.0], "omega": [0.001, 3.0, 0.0], "t_end": UPRIGHT},
+        "tells_little",
+        {"rtol": 1e-9},
+    ),
+}
 
 
 @pytest.fixture(scope="module", params=MOTIONS)

@@ -45,18 +45,19 @@ def compare(system, change=None):
             q = problem_of(system, state)
             if change is not None:
                 change(q)
-            found = q.measure(row, q.whole)
+            found = q.measure(row, q.all_bodies)
         one = States(state.r[None], state.R[None], state.v[None], state.Omega[None], np.array([0.4]))
         worst = max(worst, compare_accelerations(q, row, system, one))
         metres = np.ones(system.nrows)
         metres[system.turning_rows] = np.max(system.gyration)
         phi, rate = motion.constraint(system, one)[0], motion.constraint_rate(system, one)[0]
         for key, expected in (
-            ("phi", np.linalg.norm(phi)), ("phi_dot", np.linalg.norm(rate)),
+            ("phi", np.linalg.norm(phi)),
+            ("phi_dot", np.linalg.norm(rate)),
             ("gap", np.linalg.norm(motion.measure_gaps(system, one)[0] * metres)),
             ("gap_rate", np.linalg.norm(rate * metres)),
             ("E", motion.kinetic_energy(system, one)[0] + motion.potential_energy(system, one)[0]),
-        ):  # fmt: skip
+        ):
             worst = max(worst, abs(found[key][0] - expected) / (1.0 + abs(expected)))
     return worst
 
@@ -70,7 +71,10 @@ def compare_accelerations(q, row, system, one):
     with np.errstate(all="ignore"):
         pairs = [*zip(q.accelerate(row), (expected.a, expected.load), strict=True)]
         pairs.append(
-            (np.einsum("tr,trbk->tbk", given, q.differentiate(row)[:, q.joint]), load_on_bodies(system, given, one))
+            (
+                np.einsum("tr,trbk->tbk", given, q.differentiate(row)[:, q.row_is_joint]),
+                load_on_bodies(system, given, one),
+            )
         )
     return max(LOOSER * np.max(np.abs(a - b)) / (1.0 + np.max(np.abs(b))) for a, b in pairs)
 
@@ -108,4 +112,4 @@ def weaken(q, kind):
     assert (q.kinds == kind).any()
     q.k[q.kinds == kind] *= 0.5
     if kind == "load":
-        q.pushes = 0.5 * q.pushes
+        q.row_is_load = 0.5 * q.row_is_load

@@ -21,9 +21,14 @@ def in_terminal(*arguments: str, width: int, where: Path, timeout: float = 60.0,
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
     clean = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "COLUMNS", "FORCE_COLOR")}
     process = subprocess.Popen(
-        (sys.executable, "-m", "mbsbench.cli", *arguments), cwd=where, stdin=theirs, stdout=theirs, stderr=theirs,
-        env={**clean, "TERM": "xterm-256color", **environment}, close_fds=True,
-    )  # fmt: skip
+        (sys.executable, "-m", "mbsbench.cli", *arguments),
+        cwd=where,
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        env={**clean, "TERM": "xterm-256color", **environment},
+        close_fds=True,
+    )
     os.close(theirs)
     out, until = b"", time.monotonic() + timeout
     while time.monotonic() < until:

@@ -12,7 +12,7 @@ from mbsbench.cli import advise as command
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.races.cheapest import Candidate
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.results.store import Loaded
+from mbsbench.harness.results.store import LoadedResults
 from mbsbench.harness.types import Problem
 
 SWING = make_problem("spherical_pendulum", {"t_end": 1.0})
@@ -28,10 +28,18 @@ def searched(solver: str, error: float, law, rounds: int = 6) -> Candidate:
         setting = spec.control.dt or spec.control.rtol
         status, off = law(setting)
         dt, rtol = spec.control.dt or math.nan, spec.control.rtol or math.nan
-        c.runs.append(RunRecord(
-            status=status, claimed=status, control=c.control, dt_s=dt, rtol=rtol, motion_error_judged_m=off,
-            cpu_median_s=1.0 / setting, declared_order=2.0,
-        ))  # fmt: skip
+        c.runs.append(
+            RunRecord(
+                status=status,
+                claimed=status,
+                control=c.control,
+                dt_s=dt,
+                rtol=rtol,
+                motion_error_judged_m=off,
+                cpu_median_s=1.0 / setting,
+                declared_order=2.0,
+            )
+        )
     return c
 
 
@@ -49,7 +57,7 @@ def test_the_cheapest_run_that_meets_the_error_is_the_best():
     """Coarser steps are tried where the first meet the error by far, finer ones where they diverge."""
     c = searched("rattle", 1e-3, lambda dt: ("diverged" if dt > 0.004 else "success", 10.0 * dt**2))
     assert c.best is not None and c.best.dt_s <= 0.004
-    assert c.best.cpu_median_s == min(r.cpu_median_s for r in c.runs if c.meets(r))
+    assert c.best.cpu_median_s == min(r.cpu_median_s for r in c.runs if c.succeeds_within(r))
 
 
 def test_a_refusal_ends_the_search():
@@ -97,14 +105,31 @@ def test_solvers_that_are_there_at_once_make_the_first_table(capsys, monkeypatch
     def watched(request, **_):
         asked.append([s.solver for s in request.suite.specs])
         records = [
-            RunRecord(settings_id=s.settings_id, solver=s.solver, case=s.case, status="success", control="dt",
-                      dt_s=s.control.dt, motion_error_judged_m=5e-4, cpu_median_s=0.1, declared_order=2.0)
-            if s.solver != "drake" else
-            RunRecord(settings_id=s.settings_id, solver=s.solver, case=s.case, status="refused", control="dt",
-                      dt_s=s.control.dt, message="drake is not installed", missing_package="drake")
+            RunRecord(
+                settings_id=s.settings_id,
+                solver=s.solver,
+                case=s.case,
+                status="success",
+                control="dt",
+                dt_s=s.control.dt,
+                motion_error_judged_m=5e-4,
+                cpu_median_s=0.1,
+                declared_order=2.0,
+            )
+            if s.solver != "drake"
+            else RunRecord(
+                settings_id=s.settings_id,
+                solver=s.solver,
+                case=s.case,
+                status="refused",
+                control="dt",
+                dt_s=s.control.dt,
+                message="drake is not installed",
+                missing_package="drake",
+            )
             for s in request.suite.specs
-        ]  # fmt: skip
-        return Loaded(tuple(records), ()), None
+        ]
+        return LoadedResults(tuple(records), ()), None
 
     monkeypatch.setattr(command, "run_watched", watched)
     monkeypatch.setattr(command, "select_quick", lambda specs: {"mujoco"})
@@ -125,10 +150,17 @@ def test_it_says_what_share_of_the_motion_the_error_is(capsys, monkeypatch):
     def watched(request, **_):
         (s,) = request.suite.specs
         record = RunRecord(
-            settings_id=s.settings_id, solver=s.solver, case=s.case, status="success", control="dt",
-            dt_s=s.control.dt, motion_error_judged_m=5e-4, cpu_median_s=0.1, length_scale_m=1.4e-3,
-        )  # fmt: skip
-        return Loaded((record,), ()), None
+            settings_id=s.settings_id,
+            solver=s.solver,
+            case=s.case,
+            status="success",
+            control="dt",
+            dt_s=s.control.dt,
+            motion_error_judged_m=5e-4,
+            cpu_median_s=0.1,
+            length_scale_m=1.4e-3,
+        )
+        return LoadedResults((record,), ()), None
 
     monkeypatch.setattr(command, "run_watched", watched)
     line = ["advise", "chain", "--t-end", "0.1", "--solver", "rattle", "--error"]
@@ -158,7 +190,7 @@ def test_options_of_the_one_solver_are_searched_with(capsys, monkeypatch):
         (["--solver", "ida_index1", "--set", "alhpa=2"], "did you mean 'alpha'"),
         (["--solver", "ida_index1", "--set", "rtol=1e-5"], "the search chooses it"),
         (["--solver", "rattle", "--solver", "ida_index1", "--set", "alpha=2"], "one --solver"),
-    ):  # fmt: skip
+    ):
         assert main([*line, *more]) == 2
         assert words in capsys.readouterr().err
 

@@ -17,8 +17,16 @@ def local(tmp_path, monkeypatch):
     """Two suites, three and one times; results with a name of the user's own; published ones; caches."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv(cache.CHOSEN, str(tmp_path / "caches"))
-    for age, name in enumerate(["ci-20260103-000000", "ci-20260102-000000", "ci-20260101-000000-77",
-                                "bench-20260101-000000", "mine", "machine"]):  # fmt: skip
+    for age, name in enumerate(
+        [
+            "ci-20260103-000000",
+            "ci-20260102-000000",
+            "ci-20260101-000000-77",
+            "bench-20260101-000000",
+            "mine",
+            "machine",
+        ]
+    ):
         folder = tmp_path / "results" / "local" / name
         (folder / "runs").mkdir(parents=True) if name != "machine" else folder.mkdir()
         (folder / "runs.parquet").write_bytes(b"x" * 1_500_000)
@@ -84,7 +92,7 @@ def test_a_dry_run_removes_nothing(local, capsys):
 def test_what_a_command_is_writing_stays(local, capsys, how, dry):
     """A runner holds the lock of its folder, a report or a judgement marks it as in use."""
     folder = local / "ci-20260101-000000-77"
-    held = store.lock(folder) if how == "a run" else store.in_use(folder)
+    held = store.lock(folder) if how == "a run" else store.hold_folder(folder)
     set_age(folder, 9 * DAY)
     with held:
         assert main(["clean", *["--dry-run"] * dry]) == 0

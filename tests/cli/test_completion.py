@@ -26,16 +26,18 @@ def script_for(shell: str, folder: Path, capsys) -> Path:
 
 @pytest.mark.parametrize(
     ("words", "found"),
-    [("mbsbench comple", "completion"),
-     ("mbsbench solve spring_p", "spring_pendulum"),
-     ("mbsbench solve chain gc_w", "gc_weak_form"),
-     ("mbsbench run certif", "certificates"),
-     ("mbsbench run paper --res", "--resume"),
-     ("mbsbench completion f", "fish"),
-     ("mbsbench advise chain --solver gc_ex", "gc_extrapolated"),
-     ("mbsbench list probl", "problems"),
-     ("mbsbench show res", "results_of_mine/")],
-)  # fmt: skip
+    [
+        ("mbsbench comple", "completion"),
+        ("mbsbench solve spring_p", "spring_pendulum"),
+        ("mbsbench solve chain gc_w", "gc_weak_form"),
+        ("mbsbench run certif", "certificates"),
+        ("mbsbench run paper --res", "--resume"),
+        ("mbsbench completion f", "fish"),
+        ("mbsbench advise chain --solver gc_ex", "gc_extrapolated"),
+        ("mbsbench list probl", "problems"),
+        ("mbsbench show res", "results_of_mine/"),
+    ],
+)
 def test_bash_completes(tmp_path, capsys, monkeypatch, words, found):
     """The last word of a line becomes what it is the beginning of; a results folder is found where one is."""
     monkeypatch.chdir(tmp_path)

@@ -4,13 +4,14 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue.registry import make_solver
-from mbsbench.harness.fuzz.campaign import Settings
+from mbsbench.harness.fuzz.campaign import CampaignSettings
 from mbsbench.harness.fuzz.cases import page, read_case, write_cases
 from mbsbench.harness.fuzz.log import SUMMARY, Trial, append_trial, count_trials, read_trials
-from mbsbench.harness.fuzz.oracle import Kind, Outcome
+from mbsbench.harness.fuzz.oracle import Behaviour, OracleOutcome
 
 PUBLISHED = Path(__file__).parents[2] / "results" / "published" / "fuzz"
 
@@ -39,12 +40,13 @@ def test_a_campaign_is_continued(tmp_path, capsys):
 
 def test_a_deviation_beyond_all_numbers_is_read_again(tmp_path):
     """JSON has neither infinity nor NaN, and a code may give both."""
-    outcome = Outcome("rattle", Kind.TRUTH, deviation=(np.inf, np.nan), own=np.inf, limit=1.0, number=3)
-    append_trial(tmp_path, Trial(Settings(1), "", outcome))
+    outcome = OracleOutcome("rattle", Behaviour.TRUTH, deviation=(np.inf, np.nan), own=np.inf, limit=1.0, number=3)
+    append_trial(tmp_path, Trial(CampaignSettings(1), "", outcome))
     (trial,) = read_trials(tmp_path)
     assert trial.outcome == outcome and min(trial.outcome.deviation) > 1e308 and trial.outcome.strength > 1.0
 
 
+@pytest.mark.published
 def test_the_published_page_is_that_of_its_summary_and_cases():
     """A sentence and a table of the counts, the causes as they are kept with the cases."""
     assert json.loads((PUBLISHED / SUMMARY).read_text())["counts"] == count_trials(read_trials(PUBLISHED))
@@ -79,6 +81,6 @@ def test_a_finding_says_where_the_bodies_should_be(tmp_path):
 def test_answers_of_a_sound_code_end_where_the_exact_motion_does():
     """In both forms, by name."""
     oracle = read_case(PUBLISHED / "mujoco-74.json").oracle
-    ends, _ = oracle.answers(make_solver("rkmk_dop853"))
+    ends, _ = oracle.collect_answers(make_solver("rkmk_dop853"))
     assert list(ends) == ["exact", "as drawn", "unit_time=0.001"]
     assert all(np.allclose(at, ends["exact"], atol=1e-5) for at in ends.values())

@@ -15,11 +15,11 @@ from mbsbench.cli.commands import add_commands
 from mbsbench.cli.parser import top_parser
 from mbsbench.harness import machine
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.eta import COMPILING, PREPARING, REFERENCES, describe_wait
+from mbsbench.harness.execution.remaining_time import COMPILING, PREPARING, REFERENCES, describe_wait
 from mbsbench.harness.execution.run import MEASURING
 from mbsbench.harness.files import to_json
 from mbsbench.harness.reference import orbit
-from mbsbench.harness.reference.computation import Source, source_of
+from mbsbench.harness.reference.computation import Source, describe_source
 from mbsbench.solvers.formulations.generated import code
 
 _, DECLARED = top_parser()
@@ -163,7 +163,7 @@ CERTIFIED = ("chain", "four_bar_grid", "n_four_bar", "pumped_pendulum")
 @pytest.mark.parametrize("name", sorted(registry.problems()))
 def test_a_certified_integration_is_not_called_exact(capsys, name):
     """A motion without a formula is said to be integrated, not to be exact."""
-    source = source_of(registry.make_problem(name))
+    source = describe_source(registry.make_problem(name))
     assert (source is Source.CERTIFIED) == (name in CERTIFIED)
     main(["list", name])
     assert ("certified integration" in capsys.readouterr().out) == (name in CERTIFIED)

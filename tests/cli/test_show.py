@@ -82,10 +82,16 @@ def test_filters_and_sort(shown):
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [(("--solver", "exakt"), "did you mean 'exact'"), (("--status", "sucess"), "did you mean 'success'"),
-     (("--sort", "beauty"), "unknown column"), (("--sort", "driftt"), "did you mean 'drift'"), (("zzz",), "no run"),
-     (("--limit", "0"), "--limit"), (("",), "no run")],
-)  # fmt: skip
+    [
+        (("--solver", "exakt"), "did you mean 'exact'"),
+        (("--status", "sucess"), "did you mean 'success'"),
+        (("--sort", "beauty"), "unknown column"),
+        (("--sort", "driftt"), "did you mean 'drift'"),
+        (("zzz",), "no run"),
+        (("--limit", "0"), "--limit"),
+        (("",), "no run"),
+    ],
+)
 def test_unknown_names_are_reported_in_one_line(shown, arguments, words):
     code, out, err = shown(*arguments)
     assert code == 2 and words in err and err.count("\n") == 1 and not out
@@ -126,9 +132,10 @@ def test_one_run_in_full(folder, shown):
 def test_a_run_that_failed_says_why_and_where(shown):
     """A star where it stopped; its standard error; without steps, that."""
     for solver, words in (
-        ("gives_up", ("step_underflow", "too small", "*")), ("refuses", ("on principle", "no steps were kept")),
+        ("gives_up", ("step_underflow", "too small", "*")),
+        ("refuses", ("on principle", "no steps were kept")),
         ("raises", ("a bug of mine", "RuntimeError", "Standard error")),
-    ):  # fmt: skip
+    ):
         out = shown(f"free_fall {solver} dt=0.5")[1]
         assert all(word in out for word in words), solver
 

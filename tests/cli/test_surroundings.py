@@ -50,8 +50,10 @@ def run(tmp_path, name, *options, **environ):
 @pytest.mark.slow
 def test_an_optimised_interpreter_gives_the_same_results(tmp_path):
     """-OO drops assertions and docstrings: neither decides anything."""
-    plain, fast = ({r.case: (r.status, r.energy_drift_max_J) for r in run(tmp_path, name, *how)}
-                   for name, how in (("plain", ()), ("fast", ("-OO",))))  # fmt: skip
+    plain, fast = (
+        {r.case: (r.status, r.energy_drift_max_J) for r in run(tmp_path, name, *how)}
+        for name, how in (("plain", ()), ("fast", ("-OO",)))
+    )
     assert str(plain) == str(fast) and len(plain) == 5
 
 
@@ -132,13 +134,16 @@ def test_list(objects):
 
 @pytest.mark.parametrize(
     ("arguments", "code", "key"),
-    [(("show", "a"), 0, "settings_id"), (("diff", "a", "b"), 0, "same"),
-     (("history", "a", "b"), 0, "energy_drift_max_J"),
-     (("merge", "d", "a", "b"), 0, "conflicts"),
-     (("verify", "a", "--sample", "1", "--plugin", str(PLUGIN)), 0, "alike"),
-     (("solve", "free_fall", "exact", "--out", "x.npz"), 0, "status"),
-     (("solve", "free_fall", "raises", "--out", "x.npz"), 1, "status")],
-)  # fmt: skip
+    [
+        (("show", "a"), 0, "settings_id"),
+        (("diff", "a", "b"), 0, "same"),
+        (("history", "a", "b"), 0, "energy_drift_max_J"),
+        (("merge", "d", "a", "b"), 0, "conflicts"),
+        (("verify", "a", "--sample", "1", "--plugin", str(PLUGIN)), 0, "alike"),
+        (("solve", "free_fall", "exact", "--out", "x.npz"), 0, "status"),
+        (("solve", "free_fall", "raises", "--out", "x.npz"), 1, "status"),
+    ],
+)
 def test_others(objects, arguments, code, key):
     """Numbers that do not exist are null or words, never NaN."""
     said = objects(*arguments, code=code)

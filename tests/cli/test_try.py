@@ -24,7 +24,7 @@ from mbsbench.harness.mechanics.jacobian import independent_rows
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.findings import Finding, Verdict
-from mbsbench.harness.results.judgements.runs import Order, Symmetry, Unjudged
+from mbsbench.harness.results.judgements.runs import Order, Symmetry, UnjudgedSymmetry
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.types import Trait
@@ -151,11 +151,34 @@ def test_a_slow_rung_hides_no_rungs_that_failed():
 def test_a_ladder_without_an_order_is_shown_beside_one_that_has_it():
     """All rungs on the top crashed: said, and a failure, though the pendulum has its order."""
     order = Order(
-        problem="spherical_pendulum", variant="", solver="rattle", case="", quantity="position", symbol="r", unit="m",
-        against="dt", declared=2.0, order=2.0, low=1.9, high=2.1, dt=(), error=(), used=(), floor=0.0, rtol=(),
-        exponent=math.nan, exponent_low=math.nan, exponent_high=math.nan, verdict="certified", fit="power", slopes=(),
-        unfinished=0, notes=(), t_end_s=1.0, settings_ids=(),
-    )  # fmt: skip
+        problem="spherical_pendulum",
+        variant="",
+        solver="rattle",
+        case="",
+        quantity="position",
+        symbol="r",
+        unit="m",
+        against="dt",
+        declared=2.0,
+        order=2.0,
+        low=1.9,
+        high=2.1,
+        dt=(),
+        error=(),
+        used=(),
+        floor=0.0,
+        rtol=(),
+        exponent=math.nan,
+        exponent_low=math.nan,
+        exponent_high=math.nan,
+        verdict="certified",
+        fit="power",
+        slopes=(),
+        unfinished=0,
+        notes=(),
+        t_end_s=1.0,
+        settings_ids=(),
+    )
     ladder = [
         RunRecord(problem="spherical_pendulum", status="success"),
         RunRecord(problem="heavy_top", status="crashed"),
@@ -184,7 +207,9 @@ def test_a_ladder_cut_by_the_budget_is_neither_met_nor_failed():
 
 def test_symmetries_of_which_none_was_tested_are_not_ok():
     """Refused, all nine: not determined, with the reason; those of a mechanism that is taken count alone."""
-    one = Symmetry("own", {}, "yaw", "four_bar_grid", "v", ("a", "b"), "refused", Unjudged.BASE, message="no loops")
+    one = Symmetry(
+        "own", {}, "yaw", "four_bar_grid", "v", ("a", "b"), "refused", UnjudgedSymmetry.BASE, message="no loops"
+    )
     none = presentations._count_symmetries([one] * 9, {})
     assert not none.is_tested and none.measured.words == "not determined: 9 refused on four_bar_grid: no loops"
     held = msgspec.structs.replace(one, problem="random_mechanism", verdict="holds", message="")
@@ -201,8 +226,15 @@ def test_a_solver_that_refuses_redundant_rows_is_tried_on_a_tree(monkeypatch):
 
     def run_stage(specs, rest, resume):
         asked.append([s for s in specs if s.label == "symmetries"])
-        return [RunRecord(solver=s.solver, label=s.label, problem=s.problem,
-                          status="refused" if s.problem == "four_bar_grid" else "success") for s in specs]  # fmt: skip
+        return [
+            RunRecord(
+                solver=s.solver,
+                label=s.label,
+                problem=s.problem,
+                status="refused" if s.problem == "four_bar_grid" else "success",
+            )
+            for s in specs
+        ]
 
     specs = assessment.run_stages("rattle", 1e9, run_stage)
     trees = [s for s in specs if s.label == "symmetries" and s.problem == "random_mechanism"]
@@ -218,8 +250,17 @@ def test_the_tree_is_tried_once(refused):
     def run_stage(specs, rest, resume):
         assert len(specs) < 1000
         ran = {"steps": 10, "cpu_median_s": 1e-3, "t_reached_s": 1.0}
-        return [RunRecord(solver=s.solver, label=s.label, problem=s.problem, rtol=s.control.rtol or math.nan, **ran,
-                          status="refused" if s.problem in refused else "success") for s in specs]  # fmt: skip
+        return [
+            RunRecord(
+                solver=s.solver,
+                label=s.label,
+                problem=s.problem,
+                rtol=s.control.rtol or math.nan,
+                **ran,
+                status="refused" if s.problem in refused else "success",
+            )
+            for s in specs
+        ]
 
     specs = assessment.run_stages("rattle", 1e9, run_stage)
     assert len(specs) == len({s.settings_id for s in specs})
@@ -258,8 +299,10 @@ class Over(LocalPool):
 def test_what_a_budget_cut_short_is_counted_and_not_passed(tmp_path, capsys, monkeypatch):
     """One run done, one ended, one not started: the last two are not judged, no long run is begun; it is no pass."""
     fall = registry.make_problem("free_fall", {})
-    specs = [make_spec(fall, "sleeps", options, {"dt": 0.5}, label="problems")
-             for options in ({}, {"seconds": 500.0}, {"seconds": 501.0})]  # fmt: skip
+    specs = [
+        make_spec(fall, "sleeps", options, {"dt": 0.5}, label="problems")
+        for options in ({}, {"seconds": 500.0}, {"seconds": 501.0})
+    ]
     command = import_module("mbsbench.cli.try")
     monkeypatch.setattr(assessment, "plan_runs", lambda *_, **__: specs)
     monkeypatch.setattr(command, "run_watched", partial(run_watched, pool=Over))

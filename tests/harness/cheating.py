@@ -75,10 +75,27 @@ class Cheats(Exact):
     """One solver for all."""
 
     where: str = option(
-        "call", "where it works",
-        choices=("call", "refuses", "daemon", "daemon_in_refuses", "child", "disowned", "clocks", "half", "set_up",
-                 "first", "file", "block", "numba_event", "compiler", "report", "absurd_report"),
-    )  # fmt: skip
+        "call",
+        "where it works",
+        choices=(
+            "call",
+            "refuses",
+            "daemon",
+            "daemon_in_refuses",
+            "child",
+            "disowned",
+            "clocks",
+            "half",
+            "set_up",
+            "first",
+            "file",
+            "block",
+            "numba_event",
+            "compiler",
+            "report",
+            "absurd_report",
+        ),
+    )
 
     def refuses(self, p: Problem, control: StepControl) -> str | None:
         if self.where == "refuses":

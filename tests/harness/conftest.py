@@ -10,17 +10,30 @@ import pytest
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.runner import Request, Watcher, run_suite
-from mbsbench.harness.results.store import Loaded
+from mbsbench.harness.execution.runner import Request, SuiteObserver, run_suite
+from mbsbench.harness.results.store import LoadedResults
 from mbsbench.harness.suites.suite import parse_suite
 
 PLUGIN = Path(__file__).parent / "misbehaving.py"
 HOSTILE = Path(__file__).parent / "hostile.py"
 TIMED = [  # columns that differ between two runs of the same code
-    "cpu_min_s", "cpu_q1_s", "cpu_median_s", "cpu_q3_s", "cpu_max_s", "cpu_call_s", "cpu_import_s", "cpu_refuses_s",
-    "cpu_process_s", "setup_s", "code_s",
-    "wall_s", "measure_s", "peak_memory_MB", "finished", "commit",  # somebody may commit meanwhile
-]  # fmt: skip
+    "cpu_min_s",
+    "cpu_q1_s",
+    "cpu_median_s",
+    "cpu_q3_s",
+    "cpu_max_s",
+    "cpu_call_s",
+    "cpu_import_s",
+    "cpu_refuses_s",
+    "cpu_process_s",
+    "setup_s",
+    "code_s",
+    "wall_s",
+    "measure_s",
+    "peak_memory_MB",
+    "finished",
+    "commit",  # somebody may commit meanwhile
+]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -42,7 +55,7 @@ def begun_here():
     return lambda: [p for p in psutil.Process().children() if p not in before and p.status() != psutil.STATUS_ZOMBIE]
 
 
-class Silent(Watcher):
+class Silent(SuiteObserver):
     """A watcher that remembers which runs were run."""
 
     def __init__(self) -> None:
@@ -63,14 +76,14 @@ class Silent(Watcher):
 
 def run_in(
     folder: Path, text: str, jobs: int = 2, *, plugins=(PLUGIN,), pool=LocalPool, **request
-) -> tuple[Loaded, Silent]:
+) -> tuple[LoadedResults, Silent]:
     """Run the text of a suite in a folder: what is there then, and what the watcher saw."""
     suite, watcher = parse_suite(text, "test", "test", plugins=tuple(map(str, plugins))), Silent()
     return run_suite(Request(suite, folder, jobs, **request), watcher, pool), watcher
 
 
 @pytest.fixture
-def run_text(tmp_path: Path) -> Callable[..., tuple[Loaded, Silent]]:
+def run_text(tmp_path: Path) -> Callable[..., tuple[LoadedResults, Silent]]:
     """Run the text of a suite in a folder of its own."""
 
     def run(text: str, *, folder: Path = tmp_path / "run", **more):

@@ -94,7 +94,7 @@ def forges(self, p, control):
     if self.how.endswith("time"):
         worker.split_cost = lambda *_: Cost({"less_time": -5.0, "more_time": 1e6}[self.how], 0.0, 0.0)
         return follow_exactly(self, p, control)
-    measuring.doubts = lambda *_: []
+    measuring.list_broken_laws = lambda *_: []
     measuring.inaccuracy = lambda *_: []
     done = follow_exactly(self, p, control)
     return dataclasses.replace(done, states=dataclasses.replace(done.states, r=1e3 + done.states.r))
@@ -108,10 +108,15 @@ def obstructs(self, p, control):
         (folder / "stderr").rename(folder / "stderr_before")
         (folder / "stderr").write_text("")
         return follow_exactly(self, p, control)
-    place = folder / {
-        "stderr": f"stderr/{own}.txt", "handed": f".spool/{own}.npz", "spool": f".spool/{own}.rows",
-        "record": f"runs/{own}.json",
-    }[self.what]  # fmt: skip
+    place = (
+        folder
+        / {
+            "stderr": f"stderr/{own}.txt",
+            "handed": f".spool/{own}.npz",
+            "spool": f".spool/{own}.rows",
+            "record": f"runs/{own}.json",
+        }[self.what]
+    )
     place.unlink(missing_ok=True)
     (place / "in_the_way").mkdir(parents=True)
     return follow_exactly(self, p, control)
@@ -130,9 +135,12 @@ class BreaksTheContract(Exact):
     def solve(self, p: Problem, control: StepControl) -> Trajectory:
         """The exact motion with one wrong field."""
         wrong: dict[str, Any] = {
-            "counters": {"counters": {"steps": 10**400}}, "status": {"status": "fine"},
-            "reaction": {"reaction": np.zeros((1, 99))}, "notes": {"notes": (1, 2)}, "refuses": {},
-        }  # fmt: skip
+            "counters": {"counters": {"steps": 10**400}},
+            "status": {"status": "fine"},
+            "reaction": {"reaction": np.zeros((1, 99))},
+            "notes": {"notes": (1, 2)},
+            "refuses": {},
+        }
         return dataclasses.replace(super().solve(p, control), **wrong[self.what])
 
 

@@ -46,11 +46,17 @@ def free_fall(*, mass: Annotated[float, Parameter("mass", "kg", above=0.0)] = 2.
     system = assemble([RigidBody(mass, np.diag([1.0, 2.0, 3.0]))], (), (0.0, 0.0, -GRAVITY))
     start = State(np.zeros((1, 3)), np.eye(3)[None], np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 0.0, 2.0]]))
     return Problem(
-        "free_fall", system, start, t_end=2.0, dt=0.5, section="", source="a test",
+        "free_fall",
+        system,
+        start,
+        t_end=2.0,
+        dt=0.5,
+        section="",
+        source="a test",
         observables=(Observable("height", "r_Z", "m", lambda s: s.r[:, 0, 2]),),
         invariants=(Invariant("P_X", "kg m/s", lambda s: mass * s.v[:, 0, 0]),),
         reference_from=FreeFall,
-    )  # fmt: skip
+    )
 
 
 def follow_exactly(solver: Any, p: Problem, control: StepControl) -> Trajectory:

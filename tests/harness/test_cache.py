@@ -69,8 +69,12 @@ def test_folder_of_another_user_is_not_used(installed, monkeypatch):
 def test_every_cache_is_listed_with_its_place():
     """``clean`` and ``--version --verbose`` know the caches that modules ask for, where these have them."""
     call = re.compile(r"cache_folder\(\s*\"(\w+)\"")
-    asked = {name for p in ROOT.rglob("*.py") if {"tests", ".venv"}.isdisjoint(p.relative_to(ROOT).parts)
-             for name in call.findall(p.read_text(encoding="utf-8"))}  # fmt: skip
+    asked = {
+        name
+        for p in ROOT.rglob("*.py")
+        if {"tests", ".venv"}.isdisjoint(p.relative_to(ROOT).parts)
+        for name in call.findall(p.read_text(encoding="utf-8"))
+    }
     assert asked == set(cache.IN_CHECKOUT)
     from mbsbench.harness.reference import orbit
     from mbsbench.solvers.formulations.generated import code

@@ -23,7 +23,7 @@ from mbsbench.harness.code_meter import (
     making_code,
     page_for_child,
 )
-from mbsbench.harness.sandbox.apart import Apart
+from mbsbench.harness.sandbox.forked_process import ForkedProcess
 
 WORK = 0.2  # [s] of CPU
 FINE = 0.02  # [s]: a tenth of it, on a machine that does other work
@@ -83,7 +83,7 @@ def test_a_fork_begins_at_zero():
     def target(send):
         send(str(code_seconds()))
 
-    assert code_seconds() > 0.04 and float(Apart(target, limit=5.0, memory=500.0).wait().sent) == 0.0
+    assert code_seconds() > 0.04 and float(ForkedProcess(target, limit=5.0, memory=500.0).wait().sent) == 0.0
 
 
 def test_what_numba_compiles_is_counted_without_its_author_knowing():
@@ -159,7 +159,7 @@ def test_code_takes_no_more_than_the_process(how):
         page, slot = code_meter._process.page, code_meter._process.slot
         page.report(slot, 1e5 if how == "reports" else 0.0, since=-1.0 if how == "reports" else 0.0)
 
-    ended = Apart(target, limit=5.0, memory=500.0, code=1e6).wait()
+    ended = ForkedProcess(target, limit=5.0, memory=500.0, code=1e6).wait()
     assert ended.code == 0 and 0.0 <= ended.code_s <= ended.cpu
 
 
@@ -168,7 +168,7 @@ def test_processes_that_make_code_have_an_allowance_for_it():
     without = set()
     for path in Path(code_meter.__file__).parent.rglob("*.py"):
         for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "Apart":
+            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "ForkedProcess":
                 limit = next(ast.unparse(k.value) for k in call.keywords if k.arg == "limit")
                 without |= {(path.stem, limit)} if all(k.arg != "code" for k in call.keywords) else set()
     assert without == {
@@ -188,7 +188,7 @@ def test_numba_is_heard_in_a_process_that_has_an_allowance():
         with numba.core.event.trigger_event("numba:compile"):
             work()
 
-    assert Apart(target, limit=5.0, memory=500.0, code=10.0).wait().code_s == pytest.approx(WORK, abs=FINE)
+    assert ForkedProcess(target, limit=5.0, memory=500.0, code=10.0).wait().code_s == pytest.approx(WORK, abs=FINE)
 
 
 def test_pages_of_processes_above_one_another_are_one(monkeypatch):
@@ -209,7 +209,7 @@ def test_neither_limit_counts_code():
         work(0.3)
         send("done")
 
-    ended = Apart(target, limit=1.0, memory=500.0, code=10.0).wait()
+    ended = ForkedProcess(target, limit=1.0, memory=500.0, code=10.0).wait()
     assert (ended.code, ended.sent.strip(), ended.over) == (0, "done", "")
     assert ended.code_s == pytest.approx(3.0, abs=FINE) and ended.cpu > 3.3 - FINE
 
@@ -223,7 +223,7 @@ def test_the_system_ends_a_solver_at_its_own_limit():
         send(str(resource.getrlimit(resource.RLIMIT_CPU)[0]))
         signal.pause()
 
-    ended = Apart(target, limit=2.0, memory=500.0, code=100.0, wall=6.0).wait()
+    ended = ForkedProcess(target, limit=2.0, memory=500.0, code=100.0, wall=6.0).wait()
     assert 4 <= int(ended.sent) <= 5  # of 2 s from its start, rounded up, and 1.5 s rounded up
 
 
@@ -236,7 +236,7 @@ def test_who_says_that_it_makes_code_without_end_is_ended(how):
         work(60.0) if how == "computes" else time.sleep(60.0)
 
     began = time.monotonic()
-    ended = Apart(target, limit=0.2, memory=500.0, code=1.0, wall=math.inf if how == "computes" else 1.0).wait()
+    ended = ForkedProcess(target, limit=0.2, memory=500.0, code=1.0, wall=math.inf if how == "computes" else 1.0).wait()
     assert ended.killed or ended.code == -signal.SIGXCPU  # the system keeps the same limit, and may be first
     assert ended.over == {"computes": "code", "sleeps": "wall"}[how]
     assert time.monotonic() - began < 40.0 and ended.cpu < 5.0
@@ -249,5 +249,5 @@ def test_a_process_that_reports_nothing_has_its_limit():
         code_meter._open()
         work(60.0)
 
-    ended = Apart(target, limit=0.3, memory=500.0).wait()
+    ended = ForkedProcess(target, limit=0.3, memory=500.0).wait()
     assert ended.code != 0 and ended.code_s == 0.0 and ended.cpu < 5.0

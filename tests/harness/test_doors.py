@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue import mechanism_files
+from mbsbench.harness.confined_paths import read_whole
 from mbsbench.harness.files import FileError
 from mbsbench.harness.foreign import tables
 from mbsbench.harness.foreign.tables import read_table
-from mbsbench.harness.places import read_whole
 
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("harness/catalogue", "harness/foreign", "harness/suites", "harness/ladder", "harness/bundle")
@@ -22,9 +22,14 @@ OWN = {"harness/ladder/blind.py"}  # what our own process wrote for another of o
 
 def test_no_reader_of_ours_opens_a_path_by_itself() -> None:
     """Where files of others are read."""
-    found = [f"{p.relative_to(ROOT)}: {line.strip()}" for room in ROOMS for p in sorted((ROOT / room).rglob("*.py"))
-             if str(p.relative_to(ROOT)) not in OWN
-             for line in p.read_text(encoding="utf-8").splitlines() if OPENS.search(line)]  # fmt: skip
+    found = [
+        f"{p.relative_to(ROOT)}: {line.strip()}"
+        for room in ROOMS
+        for p in sorted((ROOT / room).rglob("*.py"))
+        if str(p.relative_to(ROOT)) not in OWN
+        for line in p.read_text(encoding="utf-8").splitlines()
+        if OPENS.search(line)
+    ]
     assert not found
 
 

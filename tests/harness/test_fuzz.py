@@ -30,7 +30,7 @@ from mbsbench.harness.metrics import measure
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord, from_json, to_json
 from mbsbench.harness.results.series import read_series
-from mbsbench.harness.results.words import why, words_of_ending
+from mbsbench.harness.results.words import list_reasons, words_of_ending
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.suites.suite import load_suite, parse_suite
 
@@ -39,10 +39,14 @@ CALM = {"deadline": None, "derandomize": not DRAWN, "suppress_health_check": lis
 MORE = settings(max_examples=DRAWN or 60, **CALM)
 
 scalars = st.one_of(
-    st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=8),
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.floats(),
+    st.text(max_size=8),
     st.sampled_from([10**30, -(10**30), 10**400, 2**63, 1e300]),  # beyond a column, a float, a clock
     st.sampled_from(["free_fall", "exact", "success", "pass", "fail", "equal", "phi_max", "steps", 1e308, -0.0, 0.1]),
-)  # fmt: skip
+)
 values = st.recursive(scalars, lambda x: st.lists(x, max_size=3) | st.dictionaries(st.text(max_size=5), x, max_size=3))
 
 
@@ -72,9 +76,23 @@ def told(call, *kinds):
 
 GROUP = {"problem": "free_fall", "solver": "exact", "dt": 0.5}
 keys = st.sampled_from(
-    ["problem", "solver", "parameters", "options", "dt", "rtol", "max_step", "max_steps", "cpu_limit", "memory",
-     "repeats", "min_time", "label", "nonsense"]
-)  # fmt: skip
+    [
+        "problem",
+        "solver",
+        "parameters",
+        "options",
+        "dt",
+        "rtol",
+        "max_step",
+        "max_steps",
+        "cpu_limit",
+        "memory",
+        "repeats",
+        "min_time",
+        "label",
+        "nonsense",
+    ]
+)
 
 
 @MORE
@@ -256,7 +274,7 @@ def test_random_mechanisms_have_no_wrong_success(problem, solver, tmp_path_facto
         return
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "make_problem", lambda name, parameters=None: problem)
-        patch.setattr(measure, "reference_of", lambda problem: None)  # laws alone: a reference takes up to a minute
+        patch.setattr(measure, "find_reference", lambda problem: None)  # laws alone: a reference takes up to a minute
         spec = make_spec(problem, solver, None, {}, cpu_limit=20.0)
         folder = store.create(tmp_path_factory.mktemp("m"))
         record = run_here(Job(spec, folder))
@@ -266,7 +284,7 @@ def test_random_mechanisms_have_no_wrong_success(problem, solver, tmp_path_facto
         assert record.t_reached_s == problem.t_end
         assert record.phi_max < 1e-2 * record.length_scale_m
         assert record.energy_drift_max_J < 0.1 * record.energy_scale_J
-    series = store.series_of(folder, record)
+    series = store.read_run_series(folder, record)
     assert series is None or np.all(np.diff(series["t"]) > 0.0)
 
 
@@ -299,9 +317,9 @@ def test_random_mechanisms_move_alike_in_all_solvers(problem, tmp_path_factory):
     ends = {}
     for r in records:
         assert r.status != Status.CRASHED, f"{r.case}: {r.message}"
-        assert r.status == Status.SUCCESS or why(r)
+        assert r.status == Status.SUCCESS or list_reasons(r)
         if r.status == Status.SUCCESS:
-            ends[r.solver] = store.series_of(folder, r)["end_r"]
+            ends[r.solver] = store.read_run_series(folder, r)["end_r"]
     for solver, end in ends.items():
         gap = np.max(np.abs(end - next(iter(ends.values()))))
         assert gap < AGREE * size, f"{solver} is {gap:.3g} m off"

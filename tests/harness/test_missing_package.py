@@ -24,7 +24,7 @@ for name, entry in registry.solvers().items():
     package = reason.package if isinstance(reason, NotInstalled) else ""
     status = "refused" if reason else str(solver.solve(problem, control).status)
     found[name] = {"status": status, "reason": reason, "package": package}
-print(json.dumps([found, len(environment.stamp("f", "s", 1, ())["blas"])]))
+print(json.dumps([found, len(environment.describe_environment("f", "s", 1, ())["blas"])]))
 """
 SUITE = """
 name = "two"

@@ -50,7 +50,7 @@ MISFITS = {
     "3": "f: must be a table (got 3)",
     '{"maps": {"x": {"name": "a"}, "y.z": {"name": 1}}}': "f: maps: y.z: name must be text, not blank (got 1)",
     '{"maps": {"x": {"name": "a", "sizes": {"]`": "c"}}}}': "f: maps: x: sizes: ]`: must be a whole number (got 'c')",
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("text", MISFITS)
@@ -82,8 +82,12 @@ def test_json_has_null_for_a_number_that_does_not_exist():
     value = {"a": math.nan, "b": np.float64(math.inf), "c": np.array([1.0, math.nan]), "d": np.int64(3), "e": (1, "é")}
     for indent in (0, 1):
         assert json.loads(to_json(value, indent=indent), parse_constant=pytest.fail) == {
-            "a": None, "b": None, "c": [1.0, None], "d": 3, "e": [1, "é"],
-        }  # fmt: skip
+            "a": None,
+            "b": None,
+            "c": [1.0, None],
+            "d": 3,
+            "e": [1, "é"],
+        }
 
 
 def test_a_file_is_written_whole_or_not_at_all(tmp_path):

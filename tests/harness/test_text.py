@@ -12,7 +12,7 @@ from mbsbench.harness.files import FileError
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.results import store
 from mbsbench.harness.suites.suite import parse_suite
-from mbsbench.harness.text import check_text, find_unaccepted, printable
+from mbsbench.harness.text import check_text, escape_text, find_unaccepted
 
 ACCEPTED = (
     "Sect.\u00a05.1",
@@ -27,11 +27,18 @@ ACCEPTED = (
     "🙂",
 )
 REFUSED = {
-    "a\tb": "U+0009 (tab)", "a\nb": "U+000A (newline)", "a\x1b[31m": "U+001B (escape)", "a\x00": "U+0000",
+    "a\tb": "U+0009 (tab)",
+    "a\nb": "U+000A (newline)",
+    "a\x1b[31m": "U+001B (escape)",
+    "a\x00": "U+0000",
     "a\u200bb": "U+200B",
-    "a\u200e": "U+200E", "a\u202eb": "U+202E", "a\u2066": "U+2066", "\ufeffa": "U+FEFF", "a\u0085": "U+0085",
+    "a\u200e": "U+200E",
+    "a\u202eb": "U+202E",
+    "a\u2066": "U+2066",
+    "\ufeffa": "U+FEFF",
+    "a\u0085": "U+0085",
     "a\u2028b": "U+2028",
-}  # fmt: skip
+}
 GROUP = 'problem = "spherical_pendulum"\nparameters = {{ t_end = 0.5 }}\nsolver = "rattle"\ndt = 0.01\nlabel = "{}"\n'
 PLUGIN = '''
 from dataclasses import dataclass, replace
@@ -62,7 +69,7 @@ def there():
 def test_typography_of_any_script_passes(text: str) -> None:
     """In names, labels, sections and units; a terminal shows it as it is."""
     check_text("name", text)
-    assert printable(text) == text
+    assert escape_text(text) == text
 
 
 @pytest.mark.parametrize(("text", "found"), REFUSED.items())
@@ -71,7 +78,7 @@ def test_what_is_obeyed_or_not_seen_is_refused_and_escaped(text: str, found: str
     with pytest.raises(ValueError, match="name must not contain U") as caught:
         check_text("name", text)
     assert found in str(caught.value)
-    escaped = printable(text)
+    escaped = escape_text(text)
     assert find_unaccepted(escaped.replace("\t", "").replace("\n", "")) == ""
 
 

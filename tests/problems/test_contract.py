@@ -10,6 +10,7 @@ from mbsbench import Problem, Reference, constraint_jacobian
 from mbsbench.harness.catalogue.registry import make_problem, problems
 from mbsbench.harness.mechanics import motion, so3
 from mbsbench.harness.mechanics.state import States, rotate_states
+from mbsbench.tests.comparing import assert_close, assert_each
 
 TURN = {"yaw": 0.7, "rotation": (0.3, -0.2, 0.5)}
 CASES = [(name, given) for name in problems() for given in ({}, TURN, {"perturb": 1e-3, "seed": 2})]
@@ -122,7 +123,7 @@ def test_the_stated_error_grows_from_rounding(presented: Problem, known: Referen
     assert known.horizon >= 1.0
     e = known.error(times(presented, known))
     assert 0.0 < e[0] < 1e-12
-    assert np.all(np.diff(e) >= 0.0)
+    assert_each(np.diff(e), ">=", 0.0)
 
 
 def test_observables_do_not_depend_on_the_frame(presented: Problem) -> None:
@@ -136,7 +137,7 @@ def test_observables_do_not_depend_on_the_frame(presented: Problem) -> None:
     for name, value in presented.observe(s).items():
         there = turned.observe(rotate_states(s, Q))[name]
         assert value.shape == (1,)
-        assert np.allclose(there, value, rtol=1e-12, atol=1e-12, equal_nan=True), name
+        assert_close(there, value, rtol=1e-12, atol=1e-12, equal_nan=True, what=name)
 
 
 @pytest.mark.parametrize("name", OWN)

@@ -9,6 +9,7 @@ from mbsbench import Joint, RigidBody, State, assemble, make_problem, so3
 from mbsbench.harness.reference.extrapolation import gbs
 from mbsbench.problems.exact.one_body import one_body_motion
 from mbsbench.problems.exact.pinned_body import PinnedBody
+from mbsbench.tests.comparing import assert_each
 
 TOPS = [
     ("heavy_top", {}),
@@ -38,16 +39,16 @@ ROUTE = 2e-14  # relative rounding of the second route's comparison in float64
 
 def compare(cases: list, t: np.ndarray, substeps: int) -> None:
     presented = [make_problem(*case) for case in cases]
-    bodies = [PinnedBody.of(p.system) for p in presented]
+    bodies = [PinnedBody.from_system(p.system) for p in presented]
     R, Omega = integrated(bodies, [p.initial for p in presented], t, substeps)
     for k, (p, body) in enumerate(zip(presented, bodies, strict=True)):
         exact = one_body_motion(p.system, p.initial)
         s = exact.states(t)
         angle = so3.angle_between(s.R[:, 0], R[k])
         allowed = exact.error(t) + ROUTE * body.reach * (1.0 + np.abs(t) * np.max(np.abs(Omega[k])))
-        assert np.all(body.reach * angle <= allowed), (cases[k], np.max(body.reach * angle / allowed))
+        assert_each(body.reach * angle, "<=", allowed, (cases[k], np.max(body.reach * angle / allowed)))
         rate = 1.0 + np.max(np.abs(Omega[k])) ** 2
-        assert np.all(np.linalg.norm(s.Omega[:, 0] - Omega[k], axis=1) <= rate * allowed / body.reach), cases[k]
+        assert_each(np.linalg.norm(s.Omega[:, 0] - Omega[k], axis=1), "<=", rate * allowed / body.reach, cases[k])
 
 
 def test_tops_and_pendulums_agree_with_the_second_route() -> None:

@@ -9,7 +9,7 @@ from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.reference.extrapolation import each, gbs_adaptive
 from mbsbench.problems import chain, four_bar_grid
 from mbsbench.problems.exact.certification import CertifiedMotion
-from mbsbench.problems.exact.linkage import Linkage, by_angles, by_nodes
+from mbsbench.problems.exact.linkage import Linkage, make_rates_by_angles, make_rates_by_nodes
 
 EXTENDED_CORRECTION = 1e-17  # of each step of the check
 
@@ -29,10 +29,10 @@ def test_angles_and_nodes_accelerate_alike(held: bool) -> None:
             across = np.stack((-np.sin(angle), np.cos(angle)))
             rate -= across.T @ np.linalg.solve(across @ across.T, across @ rate)
         y = np.concatenate((angle, rate))
-        a = by_angles(link)(y)[n:]
+        a = make_rates_by_angles(link)(y)[n:]
         along, across = np.stack((np.cos(angle), np.sin(angle)), 1), np.stack((-np.sin(angle), np.cos(angle)), 1)
         expected = 0.7 * np.cumsum(a[:, None] * across - (rate**2)[:, None] * along, axis=0)
-        got = by_nodes(link)(link.node_start(y)).reshape(2, -1, 2)[1]
+        got = make_rates_by_nodes(link)(link.node_start(y)).reshape(2, -1, 2)[1]
         assert np.max(np.abs(got - expected[: link.free])) < 1e-11 * (1.0 + np.max(np.abs(expected)))
 
 
@@ -51,7 +51,7 @@ def of_grid() -> tuple[CertifiedMotion, Linkage]:
 
 def check(motion: CertifiedMotion, link: Linkage, t_end: float) -> None:
     start = link.node_start(motion.orbit.y[0].astype(np.longdouble))
-    for t, y in gbs_adaptive(each(by_nodes(link, np.longdouble)), start, t_end, EXTENDED_CORRECTION, 1e-3):
+    for t, y in gbs_adaptive(each(make_rates_by_nodes(link, np.longdouble)), start, t_end, EXTENDED_CORRECTION, 1e-3):
         angle = motion.orbit(np.array([t], dtype=float))[0, : link.n]
         gap = link.nodes(angle)[: link.free] - y.reshape(2, -1, 2)[0].astype(float)
         assert np.max(np.linalg.norm(gap, axis=1)) <= motion.error(np.array([t], dtype=float))[0]

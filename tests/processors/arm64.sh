@@ -36,7 +36,7 @@ if ! test -e "$place/root/.ready"; then
 	touch "$place/root/.ready"
 fi
 # pip takes the markers of a requirement from the machine it runs on: scikit-sundae, without a wheel there, goes here
-awk '/^[A-Za-z0-9]/ { keep = !/^scikit-sundae==/ } keep' requirements.lock >"$place/requirements.lock"
+awk '/^[A-Za-z0-9]/ { keep = !/^scikit-sundae==/ } keep' locks/requirements.lock >"$place/requirements.lock"
 if ! cmp -s "$place/requirements.lock" "$place/site.lock"; then
 	rm -rf "$place/site"
 	.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --only-binary=:all: --python-version "$own" \

@@ -46,8 +46,11 @@ SLOWER = 30.0  # how many times, to begin with; then as it has been
 SCIPY = "scipy.integrate sums stages by BLAS (numpy.dot), and LAPACK factorises A M^-1 A^T (dpbtrf)"
 SCIPY_DAE = "scipy_dae sums by BLAS, and LAPACK factorises Newton's matrix (dgetrf, dgbtrf)"
 REASONS = {  # solvers in whose loop other people's code computes, which only a pin of its processor holds still
-    "rk45_strong_form": SCIPY, "scipy_strong_form": SCIPY, "ndf_index1": SCIPY_DAE, "radau_index1": SCIPY_DAE,
-}  # fmt: skip
+    "rk45_strong_form": SCIPY,
+    "scipy_strong_form": SCIPY,
+    "ndf_index1": SCIPY_DAE,
+    "radau_index1": SCIPY_DAE,
+}
 
 
 class Processor(NamedTuple):
@@ -133,9 +136,13 @@ def _compare(
 
 
 def judge_processor(
-    name: str, here: Processor, there: Processor, solved: Sequence[Solved], emulated: Sequence[Solved],
+    name: str,
+    here: Processor,
+    there: Processor,
+    solved: Sequence[Solved],
+    emulated: Sequence[Solved],
     needed: Sequence[str],
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Name what is wrong on a model of qemu: runs that differ, ``needed`` ones that are not there, and its pin."""
     wrong = find_differences(solved, emulated)
     wrong += [f"{case}: not compared" for case in needed if case not in {s.case for s in emulated}]

@@ -84,9 +84,14 @@ def solve(spec: Any) -> Solved:
     given = {k: v for k in ("dt", "rtol", "max_step") if (v := getattr(spec.control, k)) is not None}
     run = mbsbench.solve(mbsbench.make_problem(spec.problem, spec.parameters), spec.solver, **given, **spec.options)
     return Solved(
-        spec.case, spec.solver, run.record.status, run.record.steps,
-        digest(motion_of(run)), digest(measured_of(run, METRICS)), time.process_time() - began,
-    )  # fmt: skip
+        spec.case,
+        spec.solver,
+        run.record.status,
+        run.record.steps,
+        digest(motion_of(run)),
+        digest(measured_of(run, METRICS)),
+        time.process_time() - began,
+    )
 
 
 def solve_shortened(spec: Any) -> Solved:
@@ -101,11 +106,18 @@ def solve_shortened(spec: Any) -> Solved:
     trajectory = solver.solve(problem, short.control)
     arrays = {k: np.ascontiguousarray(a, dtype=float) + 0.0 for k, a in name_arrays(trajectory) if a is not None}
     return Solved(
-        spec.case, spec.solver, str(trajectory.status), len(trajectory.t) - 1,
-        digest(a.tobytes() for a in arrays.values()), "", time.process_time() - began,
-        trajectory.message, short.control.rtol or 0.0,
-        {k: digest([a.tobytes()]) for k, a in arrays.items()}, {k: a[-1].ravel().tolist() for k, a in arrays.items()},
-    )  # fmt: skip
+        spec.case,
+        spec.solver,
+        str(trajectory.status),
+        len(trajectory.t) - 1,
+        digest(a.tobytes() for a in arrays.values()),
+        "",
+        time.process_time() - began,
+        trajectory.message,
+        short.control.rtol or 0.0,
+        {k: digest([a.tobytes()]) for k, a in arrays.items()},
+        {k: a[-1].ravel().tolist() for k, a in arrays.items()},
+    )
 
 
 def name_arrays(trajectory: Any) -> Iterator[tuple[str, Any]]:

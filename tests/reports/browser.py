@@ -29,13 +29,26 @@ AXE = Path(__file__).parents[2] / ".venv" / "axe" / "package" / "axe.min.js"
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM = next((p for n in (os.environ.get("CHROMIUM", ""), *NAMES) if n and (p := shutil.which(n))), None)
 FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
-    "--disable-sync", "--disable-component-update", "--disable-default-apps", "--disable-extensions",
-    "--hide-scrollbars", "--mute-audio", "--remote-debugging-pipe", "--use-gl=angle", "--use-angle=swiftshader",
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-sync",
+    "--disable-component-update",
+    "--disable-default-apps",
+    "--disable-extensions",
+    "--hide-scrollbars",
+    "--mute-audio",
+    "--remote-debugging-pipe",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-)  # fmt: skip
-BECOME = "import os, sys; r, w = map(int, sys.argv[1:3]); r, w = os.dup(os.dup(r)), os.dup(os.dup(w)); " \
-    "os.dup2(r, 3); os.dup2(w, 4); os.execv(sys.argv[3], sys.argv[3:])"  # fmt: skip
+)
+BECOME = (
+    "import os, sys; r, w = map(int, sys.argv[1:3]); r, w = os.dup(os.dup(r)), os.dup(os.dup(w)); "
+    "os.dup2(r, 3); os.dup2(w, 4); os.execv(sys.argv[3], sys.argv[3:])"
+)
 PATIENCE = 60.0  # [s] for one answer: the machine may be busy
 REPLACED = ("navigated or closed", "context was destroyed", "Cannot find context")
 LOCAL = ("file:", "data:", "blob:", "about:")
@@ -97,8 +110,10 @@ class Browser:
         command = [sys.executable, "-c", BECOME, str(read), str(write), CHROMIUM, *FLAGS]
         self._process = subprocess.Popen(
             [*command, f"--user-data-dir={self._profile.name}"],
-            pass_fds=(read, write), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+            pass_fds=(read, write),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         os.close(read)
         os.close(write)
         self._buffer, self._number = b"", 0
@@ -260,8 +275,14 @@ class Tab:
         name = " " if key == "Space" else key
         code = {"Enter": 13, "Tab": 9, "Space": 32, "ArrowLeft": 37, "ArrowRight": 39}.get(key, 0)
         for kind in ("keyDown" if text else "rawKeyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, key=name, code=key, text=text if kind == "keyDown" else "",
-                      windowsVirtualKeyCode=code)  # fmt: skip
+            self.call(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=name,
+                code=key,
+                text=text if kind == "keyDown" else "",
+                windowsVirtualKeyCode=code,
+            )
 
     def click(self, selector: str, at: tuple[float, float] = (0.5, 0.5)) -> None:
         """The mouse on a part of an element, brought into view."""

@@ -30,11 +30,22 @@ def series(n: int = 300, t_end: float = 2.0, size: float = 1e-3, bodies: int = 1
     wave = np.abs(np.sin(5.0 * t)) * size
     exact = np.cos(3.0 * t)
     arrays = {
-        "t": t, "dt": np.append(np.nan, np.diff(t)), "energy": 1.0 + wave, "energy_error": wave, "phi_norm": wave,
-        "phi_dot_norm": wave, "eq81_norm": wave, "orthogonality": 1e-15 * np.ones(n), "position_error": wave,
-        "orientation_error": wave, "reference_own_error": 1e-12 * np.ones(n), "obs_theta": exact + wave,
-        "ref_theta": exact, "inv_L": wave, "end_r": np.zeros((bodies, 3)),
-    }  # fmt: skip
+        "t": t,
+        "dt": np.append(np.nan, np.diff(t)),
+        "energy": 1.0 + wave,
+        "energy_error": wave,
+        "phi_norm": wave,
+        "phi_dot_norm": wave,
+        "eq81_norm": wave,
+        "orthogonality": 1e-15 * np.ones(n),
+        "position_error": wave,
+        "orientation_error": wave,
+        "reference_own_error": 1e-12 * np.ones(n),
+        "obs_theta": exact + wave,
+        "ref_theta": exact,
+        "inv_L": wave,
+        "end_r": np.zeros((bodies, 3)),
+    }
     units = {"obs_theta": "rad", "ref_theta": "rad", "inv_L": "kg m2/s"}
     names = tuple(f"bar {k}" for k in range(bodies))
     return Series(arrays, (), names, ("O",), units, {"obs_theta": r"\theta"})
@@ -86,17 +97,35 @@ def every_kind(folder: Path) -> list[RunRecord]:
     return [
         put(folder, record("aa01"), series()),
         put(folder, record("aa02", dt_s=0.005, position_error_max_m=2.5e-4), series(600, size=2.5e-4)),
-        put(folder, record("bb01", "beta", "wrong", wrong_because=because(f"|phi| is large {HOSTILE}")),
-            series(size=0.3)),
+        put(
+            folder,
+            record("bb01", "beta", "wrong", wrong_because=because(f"|phi| is large {HOSTILE}")),
+            series(size=0.3),
+        ),
         put(folder, record("cc01", "gamma", "refused", claimed="refused", message="rank 325 of 400", **nothing)),
-        put(folder, record("dd01", "delta", "step_underflow", message=f"stuck {HOSTILE}", t_reached_s=0.7),
-            series(90, 0.7), stderr=f"[IDA ERROR] {HOSTILE}"),
+        put(
+            folder,
+            record("dd01", "delta", "step_underflow", message=f"stuck {HOSTILE}", t_reached_s=0.7),
+            series(90, 0.7),
+            stderr=f"[IDA ERROR] {HOSTILE}",
+        ),
         put(folder, record("ee01", "epsilon", "crashed", signal=11, message="signal 11", **nothing)),
         put(folder, record("ff01", "alpha", "diverged", label="as printed", energy_drift_max_J=float("inf")), broken),
         put(folder, record("gg01", HOSTILE, problem=HOSTILE, label=HOSTILE, case=HOSTILE), series()),
-        put(folder, record("hh01", "beta", problem="lonely", status="stalled",
-                           message="the wall limit of 60 s was reached", t_reached_s=0.0, steps=0), series(1)),
-    ]  # fmt: skip
+        put(
+            folder,
+            record(
+                "hh01",
+                "beta",
+                problem="lonely",
+                status="stalled",
+                message="the wall limit of 60 s was reached",
+                t_reached_s=0.0,
+                steps=0,
+            ),
+            series(1),
+        ),
+    ]
 
 
 @pytest.fixture(scope="session")
@@ -168,16 +197,31 @@ def matrices(tmp_path_factory):
     ends = {"far": ("success", 3e-2, 9.0), "near": ("success", 5e-9, 0.05), "stuck": ("diverged", 1e-12, 0.0)}
     for k, (name, (status, size, cpu)) in enumerate(ends.items()):
         own = {"problem": name, "section": f"Sect. {k}", "position_error_max_m": size, "cpu_median_s": cpu}
-        put(folder, record(f"a{k}", "alpha", status, message="lost", **own | {"cpu_median_s": cpu or 0.2}),
-            series(size=size))  # fmt: skip
+        put(
+            folder,
+            record(f"a{k}", "alpha", status, message="lost", **own | {"cpu_median_s": cpu or 0.2}),
+            series(size=size),
+        )
         put(folder, record(f"b{k}", "beta", **own | {"position_error_max_m": 1.0 / (k + 1)}), series())
-    put(folder, record("a3", "alpha", "wrong", problem="off", section="Sect. 3", position_error_max_m=1e-5,
-                       wrong_because=because("far off")), series())  # fmt: skip
+    put(
+        folder,
+        record(
+            "a3",
+            "alpha",
+            "wrong",
+            problem="off",
+            section="Sect. 3",
+            position_error_max_m=1e-5,
+            wrong_because=because("far off"),
+        ),
+        series(),
+    )
     for k, name in ((0, "far"), (1, "near"), (3, "off")):
         put(
             folder,
-            record(f"c{k}", problem=name, section=f"Sect. {k}", label="map", dt_s=0.1,
-                           position_error_max_m=4.0 - k), series())  # fmt: skip
+            record(f"c{k}", problem=name, section=f"Sect. {k}", label="map", dt_s=0.1, position_error_max_m=4.0 - k),
+            series(),
+        )
     write_text(folder / "environment.json", "{}")
     return site.build(folder)
 

@@ -24,25 +24,28 @@ def built(article, tmp_path_factory):
     return article.build(tmp_path_factory.mktemp("article"))
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("It fails at 32 s.", "'32' is typed and has no source"),
-    ("Holds in seven runs.", "'seven' is typed"),
-    ("The year is 2021.", "'2021.' is typed"),
-    (r"The step is $\Delta t = 0.01$.", "holds a typed number"),
-    ("It took {{ 3.5 }} s.", "the placeholder types 3.5"),
-    ('It took {{ "3 s" }}.', "the placeholder types '3 s'"),
-    ('It took {{ 2 * claim("1-one-step").paper.holds }} s.', "the placeholder types 2"),
-    ('It took {{ plural(5, "second") }}.', "the placeholder types 5"),
-    ("{% set n = 5 %}It took {{ n }} s.", "no variable may hold a number"),
-    ("It took {{ runtime }} s.", "'runtime' is not in published results"),
-    ('It holds: {{ claim("no-such").paper.holds }}.', "the claim 'no-such': published results hold 0 of it"),
-    ('It holds: {{ claim("1-one-step").paper.decision }}.', "None"),
-    ('It holds: {{ share("6-gc-planar", direction="none") }}.', "published results hold 0 of it"),
-    ('It holds: {{ share("12-joint-A") }}.', "has no settings to count"),
-    ('{% assert judged_none("1-one-step") %}It is false.', "contradict the sentence"),
-    ('{% assert claim("1-one-step").verdict == "not reproduced" %}It is false.', "contradict the sentence"),
-    ("Line one.\n\n{{ open", "article.j2:3: "),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("It fails at 32 s.", "'32' is typed and has no source"),
+        ("Holds in seven runs.", "'seven' is typed"),
+        ("The year is 2021.", "'2021.' is typed"),
+        (r"The step is $\Delta t = 0.01$.", "holds a typed number"),
+        ("It took {{ 3.5 }} s.", "the placeholder types 3.5"),
+        ('It took {{ "3 s" }}.', "the placeholder types '3 s'"),
+        ('It took {{ 2 * claim("1-one-step").paper.holds }} s.', "the placeholder types 2"),
+        ('It took {{ plural(5, "second") }}.', "the placeholder types 5"),
+        ("{% set n = 5 %}It took {{ n }} s.", "no variable may hold a number"),
+        ("It took {{ runtime }} s.", "'runtime' is not in published results"),
+        ('It holds: {{ claim("no-such").paper.holds }}.', "the claim 'no-such': published results hold 0 of it"),
+        ('It holds: {{ claim("1-one-step").paper.decision }}.', "None"),
+        ('It holds: {{ share("6-gc-planar", direction="none") }}.', "published results hold 0 of it"),
+        ('It holds: {{ share("12-joint-A") }}.', "has no settings to count"),
+        ('{% assert judged_none("1-one-step") %}It is false.', "contradict the sentence"),
+        ('{% assert claim("1-one-step").verdict == "not reproduced" %}It is false.', "contradict the sentence"),
+        ("Line one.\n\n{{ open", "article.j2:3: "),
+    ],
+)
 def test_what_has_no_source_fails_in_one_line(article, text, words):
     """The same text with its source named, or without the number, would be built."""
     with pytest.raises(article.Fault, match=re.escape(words)) as fault:
@@ -55,14 +58,21 @@ def test_a_table_or_figure_without_data_fails(article):
         article.blocks("@figure none\nA caption.")
 
 
-@pytest.mark.parametrize("text", [
-    "See Sect. 5.2, Figs. 2 and 3, Eq. (79) and Eqs. (31) and (96).", "ODE-45 and index 3 in 2022.",
-    r"The norm of $\lambda_2^{-1}$.", "The solver `ida_index1`.", '{{ claim("1-one-step").paper.settings }}',
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "See Sect. 5.2, Figs. 2 and 3, Eq. (79) and Eqs. (31) and (96).",
+        "ODE-45 and index 3 in 2022.",
+        r"The norm of $\lambda_2^{-1}$.",
+        "The solver `ida_index1`.",
+        '{{ claim("1-one-step").paper.settings }}',
+    ],
+)
 def test_references_names_and_placeholders_pass(article, text):
     article.fill(text)
 
 
+@pytest.mark.published
 def test_the_page_holds_every_table_and_figure(article, built):
     page, text = (p.read_text(encoding="utf-8") for p in built[:2])
     assert not re.search(r"\{\{|\{%|@table|@figure", page + text)
@@ -71,6 +81,7 @@ def test_the_page_holds_every_table_and_figure(article, built):
     assert page.count("<table>") == text.count(r"\begin{tabular}") == len(article.data.TABLES)
 
 
+@pytest.mark.published
 def test_it_says_what_the_published_verdicts_say(article, built):
     """Another route to the first numbers: counted from the file of verdicts."""
     import json
@@ -82,6 +93,7 @@ def test_it_says_what_the_published_verdicts_say(article, built):
     assert f"Of {len(own)} claims of the paper" in page and f"with some of these choices, {refuted} with none" in page
 
 
+@pytest.mark.published
 def test_it_says_what_the_published_contest_and_motions_say(article, built):
     """Counted over solvers of the catalogue instead of by problem; where an engine leads stands first."""
     import json
@@ -94,8 +106,11 @@ def test_it_says_what_the_published_contest_and_motions_say(article, built):
     )
     leads = {}
     for one in contests["contests"]:
-        costs = {who: pair["best"]["cpu_s"] for who, pair in one["pairs"].items()
-                 if pair["best"]["error"] is not None and pair["best"]["error"] <= contests["target"]}  # fmt: skip
+        costs = {
+            who: pair["best"]["cpu_s"]
+            for who, pair in one["pairs"].items()
+            if pair["best"]["error"] is not None and pair["best"]["error"] <= contests["target"]
+        }
         leads[one["problem"]] = min(costs, key=costs.get).split()[0] in engines()
     page = built[0].read_text(encoding="utf-8")
     assert f"cheapest code on {sum(leads.values())} of {len(leads)} problems" in page
@@ -105,6 +120,7 @@ def test_it_says_what_the_published_contest_and_motions_say(article, built):
     assert f"For {sum(found)} of {len(found)} codes" in page
 
 
+@pytest.mark.published
 def test_latex_takes_it(built):
     """Three to five pages without a line that runs over; in CI the compiler must be there."""
     if not shutil.which("pdflatex"):

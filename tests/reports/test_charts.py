@@ -10,13 +10,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.harness.types import Law
 from mbsbench.reports.model import curves
-from mbsbench.reports.model.motion import motion_of
-from mbsbench.reports.model.results import Run, read_results
+from mbsbench.reports.model.motion import read_curves
+from mbsbench.reports.model.results import StoredRun, read_results
 from mbsbench.reports.pages.judged.cost import growths
 from mbsbench.reports.plots import paper, spec
-from mbsbench.reports.plots.browser import LOG_STEP, STEPS, Steps, bundle, for_browser, script, text
+from mbsbench.reports.plots.browser import LOG_STEP, STEPS, Steps, bundle, script, shorten_plots, text
 from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, limit, observables
-from mbsbench.reports.plots.lines import MOST, lines_of, traces
+from mbsbench.reports.plots.lines import MOST, choose_lines, traces
 from mbsbench.reports.plots.paper import Legend, figure
 from mbsbench.reports.plots.spec import Axis, Plot, Trace
 from mbsbench.reports.plots.work import work_chapter
@@ -34,8 +34,8 @@ def url(run) -> str:
 def drawing_of(folder) -> Drawing:
     results = read_results(folder)
     variant = next(p for p in results.variants if p.problem == "pendulum")
-    lines = lines_of(variant, url)
-    return Drawing(variant.runs, lines, {k.run.record.run_id: motion_of(k.run, results.series(k.run)) for k in lines})
+    lines = choose_lines(variant, url)
+    return Drawing(variant.runs, lines, {k.run.record.run_id: read_curves(k.run, results.series(k.run)) for k in lines})
 
 
 SEEN_WITH = {  # linear RGB as seen by a dichromat: Machado, Oliveira, Fernandes (2009)
@@ -105,39 +105,39 @@ def test_families_are_told_apart_with_any_sight(sight):
 def test_looks_follow_from_the_name_whoever_takes_part():
     """A colour is a family, a marker a solver of it; every shipped solver has a family."""
     shipped = spec.shipped_looks()
-    together = spec.looks(CATALOGUE)
-    assert all(spec.looks([name])[name] == together[name] == shipped[name] for name in CATALOGUE)
+    together = spec.choose_styles(CATALOGUE)
+    assert all(spec.choose_styles([name])[name] == together[name] == shipped[name] for name in CATALOGUE)
     assert spec.PLUGINS not in {look.family for look in shipped.values()}
-    own = spec.looks(["aaa", *shipped, "zzz"])
+    own = spec.choose_styles(["aaa", *shipped, "zzz"])
     assert {name for name, look in own.items() if look.family == spec.PLUGINS} == {"aaa", "zzz"}
     assert sum(map(len, spec.families(own).values())) == len(own)
-    assert len(spec.looks(f"solver{k}" for k in range(20))) == 20  # more than there are colours
+    assert len(spec.choose_styles(f"solver{k}" for k in range(20))) == 20  # more than there are colours
 
 
 def test_in_print_no_two_solvers_have_one_marker():
     """Grey prints have no colour: as many solvers as there are markers, engines too; each keeps its own if free."""
     names = ["gc_weak_form", "rattle", "rkmk_dopri5", "ida_index1", "mujoco", "exudyn", "mine"]
-    found, usual = spec.looks_in_print(names), spec.looks(names)
+    found, usual = spec.choose_print_styles(names), spec.choose_styles(names)
     assert len({look.marker for look in usual.values()}) < len(names)
     assert len({look.marker for look in found.values()}) == len(names)
     assert all(found[n].colour == usual[n].colour and found[n].family == usual[n].family for n in names)
     assert found["exudyn"] == usual["exudyn"]
-    many = spec.looks_in_print(f"solver{k}" for k in range(len(spec.IN_PRINT)))
+    many = spec.choose_print_styles(f"solver{k}" for k in range(len(spec.IN_PRINT)))
     assert {look.marker for look in many.values()} == set(spec.IN_PRINT)
     assert not {"*", "X"} & set(spec.IN_PRINT)  # which mark how runs end
     x = np.array([1.0, 2.0])
     traces = [Trace(name, x, x, solver=name, mode="lines+markers") for name in names]
-    markers = [str(h.get_marker()) for h in Legend.of(traces, found, wide=True).handles]
+    markers = [str(h.get_marker()) for h in Legend.build(traces, found, wide=True).handles]
     assert len(set(markers)) == len(names)
 
 
 def test_engines_have_a_marker_of_their_own():
     """Whether it is installed or not: what is not ours is seen at a glance, in pictures for papers too."""
-    looks = spec.looks([*CATALOGUE, "mine", "mujoco", "exudyn"])
+    looks = spec.choose_styles([*CATALOGUE, "mine", "mujoco", "exudyn"])
     assert {name for name, look in looks.items() if look.marker == spec.ENGINE} == {"mujoco", "exudyn"}
     x = np.array([1.0, 2.0])
     traces = [Trace(name, x, x, solver=name, mode="lines+markers") for name in ("mujoco", "gc_weak_form")]
-    handles = Legend.of(traces, looks, wide=True).handles
+    handles = Legend.build(traces, looks, wide=True).handles
     assert [h.get_label() for h in handles] == ["gc_weak_form", "mujoco (engine)"]
     assert [h.get_marker() == spec.ENGINE for h in handles] == [False, True]
 
@@ -169,10 +169,10 @@ def test_a_law_has_the_line_of_its_limit(tmp_path):
 
 def test_each_run_has_its_own_limit():
     """One line where they agree within 1 %, else the least, which says so; who stopped was not judged."""
-    stopped = Run(record("zz01", status="stalled", energy_scale_J=1e-6))
+    stopped = StoredRun(record("zz01", status="stalled", energy_scale_J=1e-6))
 
     def name(*sizes: float) -> str:
-        runs = [Run(record(f"a{k}", energy_scale_J=size)) for k, size in enumerate(sizes)]
+        runs = [StoredRun(record(f"a{k}", energy_scale_J=size)) for k, size in enumerate(sizes)]
         return limit([*runs, stopped], Law.ENERGY, 2.0)[0].name
 
     assert name(1.0, 1.005) == "limit 0.100 J"
@@ -183,7 +183,7 @@ def test_each_run_has_its_own_limit():
 def test_finest_settings_are_solid_and_stand_for_their_solver(tmp_path):
     put(tmp_path, record("aa01", dt_s=0.01))
     put(tmp_path, record("aa02", dt_s=0.005))
-    by_run = {k.run.record.run_id: k for k in lines_of(read_results(tmp_path).variants[0], url)}
+    by_run = {k.run.record.run_id: k for k in choose_lines(read_results(tmp_path).variants[0], url)}
     assert (by_run["aa02"].main, by_run["aa02"].dash) == (True, 0)
     assert (by_run["aa01"].main, by_run["aa01"].dash) == (False, 1)
 
@@ -203,7 +203,7 @@ def test_of_a_large_group_the_finest_and_the_failures_are_drawn(tmp_path):
     for k in range(60):
         bad = k in (7, 21)
         put(tmp_path, record(f"c{k:02}", dt_s=0.001 * (k + 1), label="map", status="wrong" if bad else "success"))
-    drawn = {k.run.record.run_id for k in lines_of(read_results(tmp_path).variants[0], url)}
+    drawn = {k.run.record.run_id for k in choose_lines(read_results(tmp_path).variants[0], url)}
     assert len(drawn) == MOST and {"c00", "c07", "c21"} <= drawn
 
 
@@ -236,8 +236,13 @@ def test_work_has_points_of_every_finite_run(built):
     variant = next(p for p in read_results(built[0]).variants if p.problem == "pendulum")
     chapter = work_chapter(variant, url)
     assert chapter is not None
-    points = {u: (e, x) for p in chapter.plots if p.name == "work-error-cpu" for t in p.traces
-              for u, e, x in zip(t.urls, t.ends, t.x, strict=True)}  # fmt: skip
+    points = {
+        u: (e, x)
+        for p in chapter.plots
+        if p.name == "work-error-cpu"
+        for t in p.traces
+        for u, e, x in zip(t.urls, t.ends, t.x, strict=True)
+    }
     assert points["dd01"][0] == "failed" and points["bb01"][0] == "wrong" and points["aa01"] == ("", 0.1)
     joined = next(t for p in chapter.plots for t in p.traces if set(t.urls) == {"aa01", "aa02"})
     assert joined.mode == "lines+markers"  # two steps of the same settings
@@ -254,7 +259,7 @@ def test_lines_are_drawn_for_runs_without_an_observable(tmp_path):
         chapter = make(d)
         assert chapter is not None
         for plot in chapter.plots:
-            bundle("x", for_browser([plot], {}))
+            bundle("x", shorten_plots([plot], {}))
 
 
 def test_peaks_survive_decimation():
@@ -262,13 +267,13 @@ def test_peaks_survive_decimation():
     t = np.linspace(0.0, 1.0, 50_000)
     a = 1e-6 * np.sin(900.0 * t)
     a[31_415] = -7.0
-    assert curves.upper(t, a, 1.0).y.max() == 7.0
+    assert curves.find_maxima(t, a, 1.0).y.max() == 7.0
     assert curves.signed_curve(t, a, 1.0).y.min() == -7.0
-    assert len(curves.upper(t, a, 1.0)) <= curves.SPANS_UPPER
+    assert len(curves.find_maxima(t, a, 1.0)) <= curves.SPANS_UPPER
     assert len(curves.signed_curve(t, a, 1.0)) <= 2 * curves.SPANS_SIGNED + 2
 
 
-@pytest.mark.parametrize("kind", [curves.upper, curves.signed_curve, curves.band])
+@pytest.mark.parametrize("kind", [curves.find_maxima, curves.signed_curve, curves.band])
 def test_decimation_takes_anything(kind):
     """Empty, one point, all NaN, a motion that blew up."""
     for t, a in (([], []), ([0.0], [1.0]), ([0.0, 1.0], [np.nan, np.nan]), ([0.0, 1.0, 2.0], [0.0, np.inf, 1e300])):
@@ -290,8 +295,8 @@ def test_band_holds_median_smallest_and_largest():
 def test_level_keeps_every_change():
     """A constant step is two points; a jump keeps both of its sides."""
     t = np.arange(8.0)
-    assert len(curves.level(curves.Curve(t, np.ones(8)))) == 2
-    kept = curves.level(curves.Curve(t, np.array([1.0, 1, 1, 2, 2, 2, 1, 1])))
+    assert len(curves.drop_repeated(curves.Curve(t, np.ones(8)))) == 2
+    kept = curves.drop_repeated(curves.Curve(t, np.array([1.0, 1, 1, 2, 2, 2, 1, 1])))
     np.testing.assert_array_equal(np.interp(t, kept.t, kept.y), [1, 1, 1, 2, 2, 2, 1, 1])
 
 
@@ -305,9 +310,18 @@ def test_a_bundle_gives_its_numbers_back_to_the_stated_precision():
     t, noise = np.sort(rng.uniform(0.0, 40.0, 999)), 10.0 ** rng.uniform(-17.0, 5.0, 999)
     noise[::7] = 0.0
     swing = 3.0 * np.sin(t) - 1.0
-    given = {"t": Steps(t), "y": Steps(noise, log=True), "swing": Steps(swing, log=True), "none": Steps(t[:0]),
-             "zeros": Steps(np.zeros(5), log=True), "exact": noise, "counts": np.arange(70000), "text": HOSTILE,
-             "level": Steps(np.full(4, 2.5)), "wild": Steps(np.array([1e-300, 1e300]), log=True)}  # fmt: skip
+    given = {
+        "t": Steps(t),
+        "y": Steps(noise, log=True),
+        "swing": Steps(swing, log=True),
+        "none": Steps(t[:0]),
+        "zeros": Steps(np.zeros(5), log=True),
+        "exact": noise,
+        "counts": np.arange(70000),
+        "text": HOSTILE,
+        "level": Steps(np.full(4, 2.5)),
+        "wild": Steps(np.array([1e-300, 1e300]), log=True),
+    }
     found = opened(bundle("x", given))
     assert found["text"] == HOSTILE and len(found["none"]) == 0
     assert np.abs(found["t"] - t).max() <= 0.51 * np.ptp(t) / STEPS
@@ -331,9 +345,9 @@ def test_a_curve_costs_few_bytes(tmp_path):
     assert chapter is not None
     energy = chapter.plots[0]
     assert len(energy.traces[0].x) == curves.SPANS_UPPER
-    assert len(bundle("x", for_browser([energy], {}))) < 1600  # 400 of them are titles and axes
+    assert len(bundle("x", shorten_plots([energy], {}))) < 1600  # 400 of them are titles and axes
     many = dataclasses.replace(energy, traces=[dataclasses.replace(energy.traces[0], words=[HOSTILE * 9] * 240)] * 5)
-    assert len(bundle("x", for_browser([many], {}))) < 7000
+    assert len(bundle("x", shorten_plots([many], {}))) < 7000
 
 
 def test_scripts_of_data_cannot_be_left():
@@ -359,7 +373,7 @@ def test_slope_of_growth_is_that_of_the_data(tmp_path):
 
 def test_text_of_files_is_plain_in_figures():
     """Nothing of it is mathematics."""
-    assert paper.plain("a$b") == r"a\$b"
+    assert paper.strip_math("a$b") == r"a\$b"
 
 
 @pytest.mark.parametrize("decades", [0.5, 0.97, 1.5, 3.0, 30.0])
@@ -382,7 +396,7 @@ def test_a_path_that_turns_back_is_drawn(tmp_path):
     """It runs to smaller abscissas: the marks along it stay on it."""
     path = Trace("path", np.array([1.0, 0.5, 0.0]), np.zeros(3), "alpha")
     plot = Plot("paths", "Paths", "", Axis("X", "m"), Axis("Y", "m"), [path])
-    figure([plot], {"alpha": spec.Look("#3D62C7", "o")}).savefig(tmp_path / "path.svg")
+    figure([plot], {"alpha": spec.LineStyle("#3D62C7", "o")}).savefig(tmp_path / "path.svg")
 
 
 def test_panels_that_share_an_axis_show_all_of_each():

@@ -19,8 +19,8 @@ from mbsbench.reports import site
 from mbsbench.reports.mechanism.stage import FRAMES
 from mbsbench.reports.model.margin import margin
 from mbsbench.reports.model.results import read_results
+from mbsbench.reports.model.words import format_count as count
 from mbsbench.reports.model.words import number, seconds, time
-from mbsbench.reports.model.words import whole as count
 from mbsbench.reports.pages.runs.overview import ENGINES
 
 from .browser import OVERFLOW
@@ -42,13 +42,47 @@ def built(tmp_path_factory):
     for name in PROBLEMS:
         for solver, order in ORDERS.items():
             for k, dt in enumerate(STEPS):
-                put(folder, record(f"{name}{solver}{k}", solver, problem=name, dt_s=dt, position_error_max_m=dt**order,
-                                   cpu_median_s=COST[solver] / dt, energy_drift_max_J=1e-3 * dt**order,
-                                   paper_label="ODE-GC" if solver == "beta" else ""), moving(k))  # fmt: skip
-    put(folder, record("hardwrong", "delta", problem="hard", dt_s=0.01, position_error_max_m=0.4, cpu_median_s=0.05,
-                       accurate_until_s=0.5, **broken(Law.ENERGY, 0.45, 0.1, "J")), moving(9))  # fmt: skip
-    put(folder, record("easydelta", "delta", "refused", problem="easy", claimed="refused", message="no",
-                       position_error_max_m=math.nan, cpu_median_s=math.nan))  # fmt: skip
+                put(
+                    folder,
+                    record(
+                        f"{name}{solver}{k}",
+                        solver,
+                        problem=name,
+                        dt_s=dt,
+                        position_error_max_m=dt**order,
+                        cpu_median_s=COST[solver] / dt,
+                        energy_drift_max_J=1e-3 * dt**order,
+                        paper_label="ODE-GC" if solver == "beta" else "",
+                    ),
+                    moving(k),
+                )
+    put(
+        folder,
+        record(
+            "hardwrong",
+            "delta",
+            problem="hard",
+            dt_s=0.01,
+            position_error_max_m=0.4,
+            cpu_median_s=0.05,
+            accurate_until_s=0.5,
+            **broken(Law.ENERGY, 0.45, 0.1, "J"),
+        ),
+        moving(9),
+    )
+    put(
+        folder,
+        record(
+            "easydelta",
+            "delta",
+            "refused",
+            problem="easy",
+            claimed="refused",
+            message="no",
+            position_error_max_m=math.nan,
+            cpu_median_s=math.nan,
+        ),
+    )
     write_text(folder / "environment.json", "{}")
     store.write_table(folder, store.load(folder).records)
     return site.build(folder), pd.read_parquet(folder / "runs.parquet")
@@ -84,8 +118,10 @@ def test_the_race_is_that_of_the_table(built, tab, problem):
     rows = """[...document.querySelectorAll('[data-bars] li')].map((e) => [e.dataset.solver,
         e.querySelector('span').textContent, e.className.includes('missed')])"""
     for k, target in enumerate(tab.evaluate(f"MBS.first.data.costs[{problem}].targets")):
-        tab.evaluate(f"(() => {{ const s = document.querySelector('[data-target]'); s.value = {k};"
-                     "s.dispatchEvent(new Event('input')); })()")  # fmt: skip
+        tab.evaluate(
+            f"(() => {{ const s = document.querySelector('[data-target]'); s.value = {k};"
+            "s.dispatchEvent(new Event('input')); })()"
+        )
         shown = tab.evaluate(rows)
         expected = {s: cost(table, name, s, target) for s in ("alpha", "beta", "gamma", "delta")}
         there = sorted((c, s) for s, c in expected.items() if c == c)
@@ -168,17 +204,21 @@ TEXTS = """(() => { const found = [], walk = document.createTreeWalker(document.
     }
     return found; })()"""
 AXIS = re.compile(r"(0\.0*)?1|10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+|10+")  # labels of an axis: powers of ten
-PROSE = ("A dot is a statement of the 2022 paper that proposes",)  # fmt: skip
+PROSE = ("A dot is a statement of the 2022 paper that proposes",)
 
 
 def shown(table: pd.DataFrame) -> set[str]:
     """Every text with a digit that the first page may have, from the table, the judgement and what is published."""
     ran, out = table[table.status != "refused"], set[str]()
     wrong = ran[ran.status == "wrong"]
-    out.add(f"{table.solver.nunique()} solvers on {table.problem.nunique()} mechanisms whose exact motion is known: "
-            f"{len(wrong)} of {len(ran)} runs reports success and is wrong.")  # fmt: skip
-    out.add(f"{len(wrong)} of {len(ran)} runs reports success and is wrong; from other results, as published, one run "
-            "each of Exudyn, Pinocchio and MuJoCo")  # fmt: skip
+    out.add(
+        f"{table.solver.nunique()} solvers on {table.problem.nunique()} mechanisms whose exact motion is known: "
+        f"{len(wrong)} of {len(ran)} runs reports success and is wrong."
+    )
+    out.add(
+        f"{len(wrong)} of {len(ran)} runs reports success and is wrong; from other results, as published, one run "
+        "each of Exudyn, Pinocchio and MuJoCo"
+    )
     motion = moving(0).arrays
     picture = np.linspace(0.0, motion["t"][-1], FRAMES)[round(1.0 / motion["t"][-1] * (FRAMES - 1))]
     off = np.interp(picture, motion["t"], motion["position_error"])
@@ -193,18 +233,24 @@ def shown(table: pd.DataFrame) -> set[str]:
         ratio = number(all_of[-1][0] / all_of[0][0], 2)
         titles.append(all_of[0][1])
         ratios += [c / all_of[0][0] for c, _ in all_of]
-        out.add(f"{problem}: {all_of[0][1]} needs {seconds(all_of[0][0])} for 10⁻⁴ m, {all_of[-1][1]} {ratio} times "
-                f"as much{missed}")  # fmt: skip
+        out.add(
+            f"{problem}: {all_of[0][1]} needs {seconds(all_of[0][0])} for 10⁻⁴ m, {all_of[-1][1]} {ratio} times "
+            f"as much{missed}"
+        )
         out |= {f"cost ×{ratio} the cheapest at 10⁻⁴ m"}
     middle = number(sorted(ratios)[len(ratios) // 2], 2)
-    out.add(f"At 10⁻⁴ m, {titles[0]} is cheapest on {titles.count(titles[0])} of {len(titles)} problems; the median "
-            f"of those that get there costs {middle} times the cheapest")  # fmt: skip
+    out.add(
+        f"At 10⁻⁴ m, {titles[0]} is cheapest on {titles.count(titles[0])} of {len(titles)} problems; the median "
+        f"of those that get there costs {middle} times the cheapest"
+    )
     finest = table.sort_values("dt_s").groupby(["problem", "solver"]).first().reset_index()
     for r in finest.itertuples():
         part = r.energy_drift_max_J / 0.1
         out |= {number(part, 2 if part >= 0.1 else 1), f"{r.solver} on {r.problem}, dt = {r.dt_s:g} s: refused: no"}
-        out.add(f"{r.solver} on {r.problem}, dt = {r.dt_s:g} s: success: the energy error is "
-                f"{number(r.energy_drift_max_J)} of {number(0.1)} J allowed")  # fmt: skip
+        out.add(
+            f"{r.solver} on {r.problem}, dt = {r.dt_s:g} s: success: the energy error is "
+            f"{number(r.energy_drift_max_J)} of {number(0.1)} J allowed"
+        )
         out |= {f"dt = {r.dt_s:g} s", time(r.t_reached_s), count(r.steps), count(r.evaluations), number(r.cpu_median_s)}
         out |= {number(x) for x in (r.energy_drift_max_J, r.position_error_max_m, r.phi_max, r.phi_dot_max)}
     for problem in PROBLEMS:
@@ -236,9 +282,11 @@ def shown(table: pd.DataFrame) -> set[str]:
         out |= card_of(law, vars(first), place, c.record.t_reached_s) | {write_command(c.record)}
     claims = [c for c in json.loads((PUBLISHED.path / "claims.json").read_text())["claims"] if c["kind"] == "result"]
     verdict = Counter((c["paper"] or c["beyond"])["verdict"] for c in claims)
-    out.add(f"Of the claims of Natsiavas et al. (2022) {verdict['reproduced']} are reproduced, "
-            f"{verdict['reproduced if']} on a condition, {verdict['not reproduced']} are not; "
-            f"of {verdict['cannot be told']} it cannot be told")  # fmt: skip
+    out.add(
+        f"Of the claims of Natsiavas et al. (2022) {verdict['reproduced']} are reproduced, "
+        f"{verdict['reproduced if']} on a condition, {verdict['not reproduced']} are not; "
+        f"of {verdict['cannot be told']} it cannot be told"
+    )
     return out | {c["claim"] for c in claims} | {f"Sect. {c['section']}" for c in claims} | {*PROSE}
 
 
@@ -251,8 +299,12 @@ def race_of(table: pd.DataFrame, problem: str, target: float) -> set[str]:
     assert not bound[best]
     said = f"{best} needs {seconds(least)} of CPU time; {others} of {len(ORDERS) + others} solvers do not get there."
     note = f"Its exact motion is computed by two formulations until they agree; this answer is of {problem}, 1 mm."
-    return {said, note, f"mbsbench advise {problem} --error 1e-3",
-            *(f"{'≤ ' if bound[s] else ''}{seconds(c)} ×{number(c / least, 2)}" for c, s in all_of)}  # fmt: skip
+    return {
+        said,
+        note,
+        f"mbsbench advise {problem} --error 1e-3",
+        *(f"{'≤ ' if bound[s] else ''}{seconds(c)} ×{number(c / least, 2)}" for c, s in all_of),
+    }
 
 
 def card_of(law: str, reason: dict, setting: str, reached: float) -> set[str]:
@@ -325,8 +377,12 @@ def whole(tmp_path_factory):
     for k, solver in enumerate(sorted({spec.solver for spec in load_suite("bench_engines").specs})):
         for j in range(6):
             for n in range(3):
-                motion = {"problem": f"mechanism_{j}", "dt_s": 0.1 / 2**n, "position_error_max_m": 1e-2 / 4.0**n,
-                          "cpu_median_s": 1e-3 * (k + 1) * 2**n}  # fmt: skip
+                motion = {
+                    "problem": f"mechanism_{j}",
+                    "dt_s": 0.1 / 2**n,
+                    "position_error_max_m": 1e-2 / 4.0**n,
+                    "cpu_median_s": 1e-3 * (k + 1) * 2**n,
+                }
                 bad = broken(Law.ENERGY, 0.45, 0.1, "J") if (j, n, k % 2) == (0, 0, 0) else {}
                 put(folder, record(f"{k}x{j}x{n}", solver, **motion, **bad), moving(0) if (j, n) == (0, 0) else None)
     write_text(folder / "environment.json", "{}")

@@ -11,7 +11,7 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.text import Text
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.places import Place
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.reports import publication
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.plots import fonts, paper
@@ -39,7 +39,7 @@ def results(tmp_path_factory):
 def laws_of(results):
     """How the figure with mathematics in its axes is drawn."""
     variant = next(v for v in results.variants if v.title == "pendulum")
-    made = {name: draw for name, _, _, draw in publication.figures_of(results, variant)}
+    made = {name: draw for name, _, _, draw in publication.list_figures(results, variant)}
     return made["pendulum-recommended-laws"]
 
 
@@ -80,7 +80,7 @@ def test_every_text_has_the_size_or_seven_eighths_of_it(results, family, size):
     """In every figure of a folder; legends and their lines grow with the letters."""
     overview = next(v for v in results.variants if v.title == "pendulum")
     with paper.style(find_font(family, size)):
-        for name, _, _, draw in publication.figures_of(results, overview):
+        for name, _, _, draw in publication.list_figures(results, overview):
             if name.endswith(("-energy", "-work", "-laws")):
                 figure = draw()
                 FigureCanvasPdf(figure).print_pdf(io.BytesIO())
@@ -114,21 +114,24 @@ def test_latex_is_the_best_computer_modern_that_is_here(monkeypatch):
 def test_postscript_outlines_are_drawn_and_not_taken_for_truetype(results, tmp_path):
     """A PDF whose TrueType font holds PostScript outlines is none that a printer takes."""
     font = find_font("latex")
-    (file,) = paper.save(laws_of(results), Place(tmp_path), "laws", ("pdf",), font)
+    (file,) = paper.save(laws_of(results), ConfinedPath(tmp_path), "laws", ("pdf",), font)
     truetype = b"/FontFile2" in file.read_bytes()
     postscript = Path(font_manager.findfont(font.family)).read_bytes()[:4] == b"OTTO"
     assert truetype != postscript == (b"/Type3" in file.read_bytes())
 
 
-@pytest.mark.parametrize(("given", "words"), [
-    (["--font", "DejaVu Seriff"], "nearest are DejaVu Serif, "),
-    (["--font", "stix"], "STIXGeneral"),
-    (["--font", "STIXSizeOneSym"], "a font of symbols"),
-    (["--font", "Qqxzw 77"], "nearest are DejaVu Sans, DejaVu Serif, STIXGeneral, cmr10"),
-    (["--font-size", "90"], "must be 4 to 20 points (got 90)"),
-    (["--font-size", "big"], "(got 'big')"),
-    (["--paper", "--font", "nothing of the kind"], "is installed"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (["--font", "DejaVu Seriff"], "nearest are DejaVu Serif, "),
+        (["--font", "stix"], "STIXGeneral"),
+        (["--font", "STIXSizeOneSym"], "a font of symbols"),
+        (["--font", "Qqxzw 77"], "nearest are DejaVu Sans, DejaVu Serif, STIXGeneral, cmr10"),
+        (["--font-size", "90"], "must be 4 to 20 points (got 90)"),
+        (["--font-size", "big"], "(got 'big')"),
+        (["--paper", "--font", "nothing of the kind"], "is installed"),
+    ],
+)
 def test_a_font_that_is_not_here_is_refused_in_one_line(results, capsys, given, words):
     """Exit code 2; nothing is drawn."""
     assert main(["figures", str(results.folder), *given]) == 2

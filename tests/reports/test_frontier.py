@@ -10,12 +10,12 @@ from msgspec.structs import replace
 
 from mbsbench.reports import site
 from mbsbench.reports.model.frontier import answer, engines_first, frontiers, of_most_problems
-from mbsbench.reports.model.results import Run, Variant, read_results
-from mbsbench.reports.model.scores import finest, score, standings, unpredictable
+from mbsbench.reports.model.results import StoredRun, Variant, read_results
+from mbsbench.reports.model.scores import finest, name_unpredictable, score, standings
 from mbsbench.reports.model.tracking import list_followed
-from mbsbench.reports.model.variants import OTHER_PARAMETERS, broadest, themselves, variant_groups
+from mbsbench.reports.model.variants import OTHER_PARAMETERS, find_plain_label, select_variants, variant_groups
 from mbsbench.reports.pages.judged.cost import title
-from mbsbench.reports.pages.runs.solvers import card_of
+from mbsbench.reports.pages.runs.solvers import describe_solver
 
 from .conftest import because, put, record
 from .pages.synthetic import DRIFT, ORDER
@@ -153,11 +153,12 @@ def test_bars_end_where_the_error_passes_or_the_reference_ends():
 
     stopped = {**asked, "t_reached_s": 1.0, "compared_to_s": 1.0, **until(1.0, 1.0, 0.5)}
     runs = [
-        Run(record("a1", "alpha", **asked, **until(2.0, 1.0, 0.5))),
-        Run(record("a2", "alpha", dt_s=0.1, **asked, **until(0.5, 0.2, 0.1))),  # coarser
-        Run(record("b1", "beta", **asked, **until(3.0, 3.0, 2.0))),
-        Run(record("c1", "gamma")), Run(record("d1", "delta", "diverged", **stopped)),
-    ]  # fmt: skip
+        StoredRun(record("a1", "alpha", **asked, **until(2.0, 1.0, 0.5))),
+        StoredRun(record("a2", "alpha", dt_s=0.1, **asked, **until(0.5, 0.2, 0.1))),  # coarser
+        StoredRun(record("b1", "beta", **asked, **until(3.0, 3.0, 2.0))),
+        StoredRun(record("c1", "gamma")),
+        StoredRun(record("d1", "delta", "diverged", **stopped)),
+    ]
     beta, alpha, delta = list_followed(Variant("p", "p", tuple(runs)))
     assert [f.run.record.run_id for f in (beta, alpha, delta)] == ["b1", "a1", "d1"]
     assert alpha.known == 4.0 and alpha.shades == (("tenth", 12.5), ("one", 12.5), ("ten", 25.0)) and not alpha.whole
@@ -172,16 +173,20 @@ def facts(card) -> dict[str, str]:
 
 def test_the_order_is_the_narrowest_one_at_default_options():
     wide = replace(ORDER, solver="alpha", case="alpha", quantity="position", order=3.9, low=3.5, high=4.3, declared=4.0)
-    own = [wide, replace(wide, order=4.01, low=3.99, high=4.03, verdict="certified"),
-           replace(wide, case="alpha[gauge=zero]", order=1.0, low=1.0, high=1.0)]  # fmt: skip
-    card = card_of("alpha", own, (), (), ())
+    own = [
+        wide,
+        replace(wide, order=4.01, low=3.99, high=4.03, verdict="certified"),
+        replace(wide, case="alpha[gauge=zero]", order=1.0, low=1.0, high=1.0),
+    ]
+    card = describe_solver("alpha", own, (), (), ())
     assert facts(card)["order"].startswith("4.01 (3.99 to 4.03), declared 4") and len(card["facts"]) == 1
 
 
 def test_the_energy_is_that_of_the_longest_run():
-    long = replace(DRIFT, solver="alpha", case="pendulum alpha dt=0.1", periods=320, verdict="trend",
-                   trend_W=2e-5, span_s=100.0)  # fmt: skip
-    card = card_of("alpha", (), (replace(long, periods=30, verdict="bounded"), long), (), ())
+    long = replace(
+        DRIFT, solver="alpha", case="pendulum alpha dt=0.1", periods=320, verdict="trend", trend_W=2e-5, span_s=100.0
+    )
+    card = describe_solver("alpha", (), (replace(long, periods=30, verdict="bounded"), long), (), ())
     assert facts(card)["energy"] == f"drifts over 320 periods of {long.problem}, by 0.0020 J at dt=0.1"
     assert f"energy drifts over 320 periods of {long.problem}" in str(card["badge"])
 
@@ -192,7 +197,7 @@ def test_cost_and_followed_time_are_those_of_the_runs(tmp_path):
     ladder(tmp_path, "beta", 4.0, 1e-3)
     results = read_results(tmp_path)
     follow = [f for v in results.variants for f in list_followed(v)]
-    card = card_of("alpha", (), (), follow, of_most_problems(frontiers(results)))
+    card = describe_solver("alpha", (), (), follow, of_most_problems(frontiers(results)))
     assert re.match(r"×2.0 the cheapest at \S+ m, reached on 1 of 1 problem", facts(card)["cost"])
     least = f"least pendulum, 1.5 of 2 s at dt = {0.1 / 2 ** HALVINGS[-1]:g} s"
     assert facts(card)["followed"] == f"0 of 1 motion to the end of the reference; {least}"
@@ -203,7 +208,7 @@ def test_cost_and_followed_time_are_those_of_the_runs(tmp_path):
 def test_the_badge_is_a_file_of_its_own(tmp_path, name):
     """An SVG that needs no page, with the values of the card, whatever the solver is called."""
     own = replace(ORDER, solver=name, case=name, quantity="position", order=2.0, low=1.9, high=2.1)
-    badge = str(card_of(name, [own], (), (), ())["badge"])
+    badge = str(describe_solver(name, [own], (), (), ())["badge"])
     assert "order 2.00" in badge and "<script>" not in badge and "var(" not in badge
     root = ET.fromstring(badge)
     assert root.tag.endswith("svg") and float(root.attrib["width"]) > 0.0
@@ -214,7 +219,7 @@ def test_the_badge_is_a_file_of_its_own(tmp_path, name):
 
 def test_nothing_is_said_of_what_is_not_known(tmp_path):
     put(tmp_path, record("aa01", accurate_until_s=math.nan))
-    assert card_of("alpha", (), (), (), ())["facts"] == []
+    assert describe_solver("alpha", (), (), (), ())["facts"] == []
 
 
 def test_finest_settings_speak_for_a_solver_and_the_rest_are_counted(tmp_path):
@@ -237,9 +242,10 @@ def test_each_solver_has_its_own_ending(tmp_path):
     results = read_results(tmp_path)
     found = {v["solver"]: v for v in standings(results)}
     assert {s: [why for _, why in v["breaks_on"]] for s, v in found.items() if v["breaks_on"]} == {
-        "gamma": ["it left reaches 2 m, more than 1 m; succeeds at dt = 0.001 s"], "delta": ["rank"],
-    }  # fmt: skip
-    assert unpredictable(results) == "Errors are judged while the motion is predictable: pendulum to 0.5 of 2 s."
+        "gamma": ["it left reaches 2 m, more than 1 m; succeeds at dt = 0.001 s"],
+        "delta": ["rank"],
+    }
+    assert name_unpredictable(results) == "Errors are judged while the motion is predictable: pendulum to 0.5 of 2 s."
 
 
 def test_broadest_label_is_that_of_most_pairs(tmp_path):
@@ -249,7 +255,7 @@ def test_broadest_label_is_that_of_most_pairs(tmp_path):
     put(tmp_path, record("aa01", "alpha", label="sound"))
     put(tmp_path, record("bb01", "beta", label="sound"))
     results = read_results(tmp_path)
-    assert broadest(results) == "sound"
+    assert find_plain_label(results) == "sound"
     head = finest(results.variants[0], "alpha", "sound")
     assert head is not None and head.record.run_id == "aa01"
 
@@ -263,14 +269,14 @@ def test_problems_stand_before_their_variants(tmp_path):
         put(tmp_path, record(f"b{k}", f"beta{k}", label="symmetries", problem_parameters='{"t_end": 1.0}'))
     put(tmp_path, record("cc01", problem="other", label="symmetries"))
     results = read_results(tmp_path)
-    label = broadest(results)
+    label = find_plain_label(results)
     assert label == "recommended"
-    assert {p.title for p in themselves(results, label)} == {"pendulum", "other"}
+    assert {p.title for p in select_variants(results, label)} == {"pendulum", "other"}
     apart = {words: len(own) for words, own in variant_groups(results, label).items()}
     assert apart == {OTHER_PARAMETERS: 1, "turned about the vertical": 3}
     (v,) = [v for v in standings(results) if v["solver"] == "alpha"]
     assert v["finest"].runs == 1 and not v["breaks_on"] and v["everything"].wrong == 3
-    assert broadest(read_results(only(tmp_path, "symmetries"))) == "symmetries"
+    assert find_plain_label(read_results(only(tmp_path, "symmetries"))) == "symmetries"
 
 
 def only(folder, label):

@@ -12,9 +12,9 @@ from mbsbench.harness.results.records import reasons_json
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.types import ALLOWED, Law, Reason
 from mbsbench.reports import site
-from mbsbench.reports.model.heat import boxes_of, farthest_and_nearest, heat, rank
+from mbsbench.reports.model.heat import farthest_and_nearest, make_boxes, make_heat_map, rank
 from mbsbench.reports.model.margin import LEVELS, margin
-from mbsbench.reports.model.results import Run, read_results
+from mbsbench.reports.model.results import StoredRun, read_results
 
 from .conftest import put, record, series
 
@@ -25,11 +25,11 @@ def broken(law: Law, value: float, limit: float, unit: str) -> dict[str, str]:
 
 def test_margin_is_the_error_that_is_the_largest_part_of_its_limit():
     """0.03 of 0.1 J is nearer than 0.001 of 0.01 m; the limits are those that runs are judged by."""
-    run = Run(record("aa01", energy_drift_max_J=0.03, phi_max=1e-3, phi_limit_m=0.01))
+    run = StoredRun(record("aa01", energy_drift_max_J=0.03, phi_max=1e-3, phi_limit_m=0.01))
     found = margin(run)
     assert found is not None and found.error.law is Law.ENERGY and found.part == pytest.approx(0.3)
     assert found.words == "the energy error is 0.0300 of 0.100 J allowed"
-    near = margin(Run(record("aa02", energy_drift_max_J=0.03, phi_max=5e-3, phi_limit_m=0.01)))
+    near = margin(StoredRun(record("aa02", energy_drift_max_J=0.03, phi_max=5e-3, phi_limit_m=0.01)))
     assert near is not None and near.words == "|phi| is 0.00500 of 0.0100 m allowed"
     judged = Scales(length=1.0, speed=2.0, momentum=1.0, energy=3.0, reach=1.0, gap=1.0).limits
     assert judged == {
@@ -39,26 +39,26 @@ def test_margin_is_the_error_that_is_the_largest_part_of_its_limit():
 
 def test_a_marginal_error_looks_marginal_and_a_large_one_does_not():
     """Just above its limit is another colour than five times it, and than what has no size at all."""
-    near = margin(Run(record("aa01", **broken(Law.ENERGY, 1.05, 1.0, "J"))))
-    far = margin(Run(record("aa02", **broken(Law.ENERGY, 45.0, 9.49, "J"))))
-    other = margin(Run(record("aa03", **broken(Law.START, 1e-9, 1e-12, ""))))
+    near = margin(StoredRun(record("aa01", **broken(Law.ENERGY, 1.05, 1.0, "J"))))
+    far = margin(StoredRun(record("aa02", **broken(Law.ENERGY, 45.0, 9.49, "J"))))
+    other = margin(StoredRun(record("aa03", **broken(Law.START, 1e-9, 1e-12, ""))))
     assert near is not None and far is not None and other is not None
     assert (near.level, far.level) == (LEVELS.index(1.5), len(LEVELS)) and math.isinf(other.part)
 
 
 def test_constraints_count_by_their_limit_or_by_the_share_that_was_judged():
     """Hinges are judged in metres, and recorded with axis rows that have no unit: the length says nothing of them."""
-    shared = margin(Run(record("aa03", phi_max=9e-3, gap_share_max=0.6)))
+    shared = margin(StoredRun(record("aa03", phi_max=9e-3, gap_share_max=0.6)))
     assert shared is not None and shared.words == "|phi| is 0.600 of its limit" and shared.part == pytest.approx(0.6)
-    found = margin(Run(record("aa01", phi_max=9e-3, phi_dot_max=0.04, speed_scale_m_per_s=1.0)))
+    found = margin(StoredRun(record("aa01", phi_max=9e-3, phi_dot_max=0.04, speed_scale_m_per_s=1.0)))
     assert found is not None and found.error.law is Law.ENERGY
-    fast = margin(Run(record("aa02", phi_dot_max=0.04, phi_dot_limit_m_per_s=0.05)))
+    fast = margin(StoredRun(record("aa02", phi_dot_max=0.04, phi_dot_limit_m_per_s=0.05)))
     assert fast is not None and fast.error.law is Law.CONSTRAINT_RATE and fast.part == pytest.approx(0.8)
 
 
 def test_a_success_is_never_above_a_limit():
     """Where a record lacks what a wider limit was reckoned from, that law is left out and not shown as broken."""
-    found = margin(Run(record("aa01", phi_max=0.5, phi_limit_m=0.01, energy_drift_max_J=0.01)))
+    found = margin(StoredRun(record("aa01", phi_max=0.5, phi_limit_m=0.01, energy_drift_max_J=0.01)))
     assert found is not None and found.error.law is Law.ENERGY and found.part <= 1.0
 
 
@@ -84,15 +84,21 @@ def moving(k: int) -> Series:
     r = np.stack((np.sin(angle), -np.cos(angle), 0.0 * t), axis=1)[:, None]
     q = np.stack((0.0 * t, 0.0 * t, np.sin(angle / 2), np.cos(angle / 2)), axis=1)[:, None]
     arrays = {
-        "frame_t": t, "frame_r": r, "frame_q": q, "joint_i": np.array([0]), "joint_j": np.array([-1]),
-        "joint_s_i": np.array([[0.0, 1.0, 0.0]]), "joint_s_j": np.zeros((1, 3)), "gravity": np.array([0.0, -9.81, 0.0]),
-    }  # fmt: skip
+        "frame_t": t,
+        "frame_r": r,
+        "frame_q": q,
+        "joint_i": np.array([0]),
+        "joint_j": np.array([-1]),
+        "joint_s_i": np.array([[0.0, 1.0, 0.0]]),
+        "joint_s_j": np.zeros((1, 3)),
+        "gravity": np.array([0.0, -9.81, 0.0]),
+    }
     return Series({**plain.arrays, **arrays}, (), plain.body_names, ("O",), plain.units, plain.symbols)
 
 
 def test_all_solvers_have_one_denominator_and_the_sentence_names_best_and_worst(folder):
     """A variant that one solver ran is no column; false success is worse than a stop, a stop than a success."""
-    found = heat(read_results(folder))
+    found = make_heat_map(read_results(folder))
     assert found is not None and [p.title for p in found.problems] == ["easy", "hard"]
     assert [(row.solver, row.succeeded) for row in found.rows] == [
         ("alpha", 2),
@@ -110,24 +116,27 @@ def test_all_solvers_have_one_denominator_and_the_sentence_names_best_and_worst(
     assert {b.run.record.solver: b.text for b in column}["delta"] == "at 25 %"
 
 
-@pytest.mark.parametrize(("errors", "words"), [
-    ((1e-3, 1.05e-3, 1.09e-3), "all 3 stay as far below their limits, such as alpha (dt = 0.01 s)"),
-    ((1e-3, 1.05e-3, 2e-3), "alpha (dt = 0.01 s): the energy error is 0.00100 of 0.100 J allowed; as far is beta."),
-    ((1e-3, 1.2e-3, 2e-3), "alpha (dt = 0.01 s): the energy error is 0.00100 of 0.100 J allowed. Last is gamma"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("errors", "words"),
+    [
+        ((1e-3, 1.05e-3, 1.09e-3), "all 3 stay as far below their limits, such as alpha (dt = 0.01 s)"),
+        ((1e-3, 1.05e-3, 2e-3), "alpha (dt = 0.01 s): the energy error is 0.00100 of 0.100 J allowed; as far is beta."),
+        ((1e-3, 1.2e-3, 2e-3), "alpha (dt = 0.01 s): the energy error is 0.00100 of 0.100 J allowed. Last is gamma"),
+    ],
+)
 def test_no_solver_is_named_first_that_is_not(tmp_path, errors, words):
     """Margins within a tenth of each other are alike, whoever comes first in the alphabet."""
     for solver, error in zip(("alpha", "beta", "gamma"), errors, strict=True):
         put(tmp_path, record(solver, solver, energy_drift_max_J=error, phi_max=0.0, position_error_max_m=0.0))
     (variant,) = read_results(tmp_path).variants
-    assert words in farthest_and_nearest(boxes_of(variant, "recommended"))
+    assert words in farthest_and_nearest(make_boxes(variant, "recommended"))
 
 
 def test_a_solver_beside_the_comparison_has_its_row(folder):
     """It ran one of the two problems in another group: a place is empty, and it counts as not within."""
     put(folder, record("zeta1", "zeta", problem="easy", label="work"), moving(0))
     put(folder, record("zeta2", "zeta", problem="easy", label="work", dt_s=1e-4, solver_options='{"order": 4}'))
-    found = heat(read_results(folder))
+    found = make_heat_map(read_results(folder))
     assert found is not None and len(found.problems) == 2
     row = next(row for row in found.rows if row.solver == "zeta")
     assert [b and b.run.record.run_id for b in row.boxes] == ["zeta1", None] and row.succeeded == 1

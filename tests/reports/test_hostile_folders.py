@@ -5,13 +5,14 @@ Each of these was followed once: 66 files of another folder were overwritten, an
 
 import ast
 import os
+import shutil
 import socket
 from pathlib import Path
 
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.places import NotOwn, Place, place_of
+from mbsbench.harness.confined_paths import ConfinedPath, UnsafeFile, confine_path
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 
@@ -29,19 +30,33 @@ TOP = ("runs", "series", "stderr", "report", "judgement", "set_aside", ".spool")
 IN_REPORT = ("report/runs", "report/tables", "report/data", "report/assets", "report/figures")
 FILES = ("environment.json", "suite.toml", ".lock", "runs.parquet")
 COMMANDS = {
-    "report": ("report", "A"), "compare": ("report", "B", "A"), "judge": ("judge", "A", "--partial"),
-    "resume": ("run", "suite.toml", "--resume", "--jobs", "1", "--out", "A"), "diff": ("diff", "A", "B"),
-    "history": ("history", "A"), "show": ("show", "A"), "figures": ("figures", "A"), "merge": ("merge", "C", "A"),
-}  # fmt: skip
+    "report": ("report", "A"),
+    "compare": ("report", "B", "A"),
+    "judge": ("judge", "A", "--partial"),
+    "resume": ("run", "suite.toml", "--resume", "--jobs", "1", "--out", "A"),
+    "diff": ("diff", "A", "B"),
+    "history": ("history", "A"),
+    "show": ("show", "A"),
+    "figures": ("figures", "A"),
+    "merge": ("merge", "C", "A"),
+}
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """A folder with results of every kind."""
+    folder = tmp_path_factory.mktemp("every-kind")
+    every_kind(folder)
+    (folder / "environment.json").write_text('{"suite": "t"}')
+    return folder
 
 
 @pytest.fixture
-def folders(tmp_path, monkeypatch):
+def folders(results, tmp_path, monkeypatch):
     """``A`` and ``B`` with results, ``outside`` with files of somebody else, named as a report names its own."""
     monkeypatch.chdir(tmp_path)
     for name in ("A", "B"):
-        every_kind(tmp_path / name)
-        (tmp_path / name / "environment.json").write_text('{"suite": "t"}')
+        shutil.copytree(results, tmp_path / name)
     (tmp_path / "suite.toml").write_text(SUITE)
     outside = tmp_path / "outside"
     outside.mkdir()
@@ -102,7 +117,7 @@ def test_more_than_asked_for_is_not_read(tmp_path):
     (tmp_path / "x").touch()
     os.truncate(tmp_path / "x", 11)
     with pytest.raises(OSError, match="more than 10"):
-        (Place(tmp_path) / "x").read(10)
+        (ConfinedPath(tmp_path) / "x").read(10)
 
 
 @pytest.mark.parametrize("place", IN_REPORT)
@@ -146,14 +161,14 @@ def test_a_linked_device_fills_no_memory(folders, capsys):
 def test_a_link_that_appears_later_is_refused(tmp_path):
     """Not the name is looked at, but what was opened: each folder in the one above it."""
     store.create(tmp_path / "A")
-    place = Place(tmp_path / "A") / "report" / "runs" / "x.html"
+    place = ConfinedPath(tmp_path / "A") / "report" / "runs" / "x.html"
     place.write("ours")
     (tmp_path / "A" / "report").rename(tmp_path / "A" / "before")
     (tmp_path / "outside" / "runs").mkdir(parents=True)
     (tmp_path / "A" / "report").symlink_to(tmp_path / "outside")
     attempts = (lambda: place.write("ours"), lambda: place.read(100), place.remove_file, place.open_new)
     for attempt in (*attempts, place.parent.names, place.parent.remove_folder):
-        with pytest.raises(NotOwn, match=r"it is a link"):
+        with pytest.raises(UnsafeFile, match=r"it is a link"):
             attempt()
     assert not list((tmp_path / "outside" / "runs").iterdir())
 
@@ -165,9 +180,9 @@ def test_another_name_of_a_file_keeps_its_content(tmp_path):
     for name in ("environment.json", ".spool/x.rows", "stderr/x.txt"):
         (folder / name).parent.mkdir(exist_ok=True)
         os.link(tmp_path / "thesis.txt", folder / name)
-    (Place(folder) / "environment.json").write("ours")
+    (ConfinedPath(folder) / "environment.json").write("ours")
     for name in (".spool/x.rows", "stderr/x.txt"):
-        with (Place(folder) / name).open_new() as file:
+        with (ConfinedPath(folder) / name).open_new() as file:
             file.write(b"ours")
     assert (tmp_path / "thesis.txt").read_text() == "thesis"
 
@@ -175,7 +190,7 @@ def test_another_name_of_a_file_keeps_its_content(tmp_path):
 def test_the_present_folder_and_the_one_above_are_places(tmp_path, monkeypatch):
     (tmp_path / "inside").mkdir()
     monkeypatch.chdir(tmp_path / "inside")
-    assert place_of(Path(".")).path == tmp_path / "inside" and place_of(Path("..")).path == tmp_path
+    assert confine_path(Path(".")).path == tmp_path / "inside" and confine_path(Path("..")).path == tmp_path
 
 
 def test_the_way_to_a_results_folder_may_be_a_link(tmp_path):
@@ -189,16 +204,51 @@ def test_the_way_to_a_results_folder_may_be_a_link(tmp_path):
 def test_no_place_is_outside(tmp_path, name):
     """A name is a way down."""
     with pytest.raises(ValueError, match="no place below"):
-        Place(tmp_path) / name
+        ConfinedPath(tmp_path) / name
 
 
 WAYS = {  # calls that open, look for or change files by their path; a Place has none of these names
-    "open", "read_text", "read_bytes", "write_text", "write_bytes", "mkdir", "makedirs", "glob", "rglob", "iterdir",
-    "unlink", "rmtree", "copy2", "copyfile", "copytree", "copyfileobj", "rename", "touch", "symlink_to", "rmdir",
-    "hardlink_to", "savez", "savez_compressed", "savefig", "loadtxt", "to_csv", "to_pickle", "read_csv", "memmap",
-    "read_parquet", "fromfile", "tofile", "scandir", "listdir", "is_file", "is_dir", "exists", "lexists", "stat",
+    "open",
+    "read_text",
+    "read_bytes",
+    "write_text",
+    "write_bytes",
+    "mkdir",
+    "makedirs",
+    "glob",
+    "rglob",
+    "iterdir",
+    "unlink",
+    "rmtree",
+    "copy2",
+    "copyfile",
+    "copytree",
+    "copyfileobj",
+    "rename",
+    "touch",
+    "symlink_to",
+    "rmdir",
+    "hardlink_to",
+    "savez",
+    "savez_compressed",
+    "savefig",
+    "loadtxt",
+    "to_csv",
+    "to_pickle",
+    "read_csv",
+    "memmap",
+    "read_parquet",
+    "fromfile",
+    "tofile",
+    "scandir",
+    "listdir",
+    "is_file",
+    "is_dir",
+    "exists",
+    "lexists",
+    "stat",
     "is_symlink",
-}  # fmt: skip
+}
 WATCHED = ("harness/results", "harness/execution", "harness/sandbox", "cli", "harness/referee", "reports")
 ELSEWHERE = {
     "cli/__main__.py": ("open", "the null device"),
@@ -223,7 +273,7 @@ ELSEWHERE = {
     "cli/show.py": ("glob iterdir", "lists the names of folders beside the one that the user named, and of their runs"),
     "harness/execution/cluster.py": ("is_file", "a scheduler file that the user named"),
     "harness/execution/costs.py": ("mkdir read_text write_text", "our own table, and what is kept in our cache"),
-    "harness/execution/eta.py": ("glob is_symlink stat", "lists results/local"),
+    "harness/execution/remaining_time.py": ("glob is_symlink stat", "lists results/local"),
     "harness/execution/runner.py": ("exists glob is_symlink", "lists results/local, and looks for a name that is free"),
     "harness/execution/solve_file.py": ("unlink", "the file that the user named, half-written"),
     "harness/referee/carried.py": ("read_text", "that of harness/files.py, of a place"),

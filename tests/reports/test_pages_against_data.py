@@ -12,9 +12,9 @@ from msgspec.structs import replace
 from mbsbench.api import Run as ApiRun
 from mbsbench.cli.__main__ import main
 from mbsbench.cli.solve import summarize
-from mbsbench.harness.places import Place
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.harness.results import store
-from mbsbench.harness.results.judgements.claims import Finding, Gap, Missing, Verdict
+from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimGap, ClaimVerdict, MissingReason
 from mbsbench.reports import site
 from mbsbench.reports.model.words import number
 from mbsbench.reports.pages.compare import write_compare
@@ -31,15 +31,30 @@ SIZES = (2, 4, 8)
 def built(tmp_path_factory):
     """Two errors a run, a mechanism in three sizes over two times, a problem with axis rows."""
     folder = tmp_path_factory.mktemp("pages")
-    errors = {"position_error_judged_m": 0.0159, "position_error_max_m": 0.514, "orientation_error_judged_rad": 0.02,
-              "orientation_error_max_rad": 0.9, "judged_to_s": 0.5, "phi_limit_m": 0.01}  # fmt: skip
+    errors = {
+        "position_error_judged_m": 0.0159,
+        "position_error_max_m": 0.514,
+        "orientation_error_judged_rad": 0.02,
+        "orientation_error_max_rad": 0.9,
+        "judged_to_s": 0.5,
+        "phi_limit_m": 0.01,
+    }
     put(folder, record("aa01", **errors), series())
     put(folder, record("aa02", dt_s=0.005, **{**errors, "position_error_judged_m": 0.0039}), series(600))
     for k, n in enumerate(SIZES):
         for t_end, factor in ((0.2, 1.0), (20.0, 1.0 if k else 40.0)):  # the long motion of the smallest is dear
-            put(folder, record(f"cc{n}{t_end:g}", problem="chain", t_end_s=t_end, phi_limit_m=0.01,
-                               problem_parameters=json.dumps({"links": n, "t_end": t_end}),
-                               cpu_median_s=1e-3 * factor * n**1.25), series(60, bodies=n))  # fmt: skip
+            put(
+                folder,
+                record(
+                    f"cc{n}{t_end:g}",
+                    problem="chain",
+                    t_end_s=t_end,
+                    phi_limit_m=0.01,
+                    problem_parameters=json.dumps({"links": n, "t_end": t_end}),
+                    cpu_median_s=1e-3 * factor * n**1.25,
+                ),
+                series(60, bodies=n),
+            )
     put(folder, record("gg01", problem="grid", energy_drift_max_J=1e-9, phi_max=5e-3, gap_share_max=0.7), series())
     store.write_table(folder, store.load(folder).records)
     page = site.build(folder).parent
@@ -94,7 +109,7 @@ def test_two_results_without_a_difference_blame_no_solver(tmp_path):
         (folder / "environment.json").write_text(json.dumps({"run": "one", "commit": "c"}))
 
     def causes() -> str:
-        text = Outline(write_compare(a, b, Place(tmp_path) / "out").read_text(encoding="utf-8")).text
+        text = Outline(write_compare(a, b, ConfinedPath(tmp_path) / "out").read_text(encoding="utf-8")).text
         return text[text.index("Possible causes") : text.index("Only in one of them")]
 
     assert "a limit on time or memory ended it" in causes() and "not deterministic" not in causes()
@@ -108,9 +123,17 @@ def test_two_results_without_a_difference_blame_no_solver(tmp_path):
 
 def test_claims_that_no_run_can_test_are_not_judged_from_these():
     """Counted as the file has them: each claim once."""
-    untestable = replace(CLAIM, id="u", beyond=Finding(Verdict.CANNOT_BE_TOLD), missing=(Missing(Gap.NEED, "a curve"),))
+    untestable = replace(
+        CLAIM,
+        id="u",
+        beyond=ClaimFinding(ClaimVerdict.CANNOT_BE_TOLD),
+        missing=(MissingReason(ClaimGap.NEED, "a curve"),),
+    )
     lacking = replace(
-        CLAIM, id="l", beyond=Finding(Verdict.CANNOT_BE_TOLD), missing=(Missing(Gap.RUNS, found=0, wanted=3),)
+        CLAIM,
+        id="l",
+        beyond=ClaimFinding(ClaimVerdict.CANNOT_BE_TOLD),
+        missing=(MissingReason(ClaimGap.RUNS, found=0, wanted=3),),
     )
     said = origins([untestable] * 4 + [lacking] * 80, 80)
     assert said.startswith("None of 84 claims is judged from these runs; for 80 they lack runs: 80 of these")

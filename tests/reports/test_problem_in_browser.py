@@ -5,7 +5,7 @@ import pytest
 
 from mbsbench.harness.files import write_text
 from mbsbench.reports import site
-from mbsbench.reports.model.curves import upper
+from mbsbench.reports.model.curves import find_maxima
 
 from .browser import OPEN
 from .conftest import put, record, series
@@ -90,8 +90,13 @@ def test_heights_are_reserved_and_nothing_moves(report, browser, width):
     watch = """(() => { window.moved = 0;
         const sum = (found) => { for (const e of found.getEntries()) window.moved += e.value; };
         new PerformanceObserver(sum).observe({ type: "layout-shift", buffered: true }); })()"""
-    for page in ("index.html", "problem-pendulum.html", "cost.html", "runs/aa01.html",
-                 *(p.name for p in report.glob("theatre-pendulum.html"))):  # fmt: skip
+    for page in (
+        "index.html",
+        "problem-pendulum.html",
+        "cost.html",
+        "runs/aa01.html",
+        *(p.name for p in report.glob("theatre-pendulum.html")),
+    ):
         tab.goto(report / page)
         tab.evaluate(watch)
         tab.evaluate("scrollTo(0, document.body.scrollHeight)")
@@ -106,7 +111,7 @@ def test_numbers_drawn_are_those_of_the_series(report, browser):
         "MBS.plotted.plots.find((p) => p.name === 'energy').traces.find((t) => t.urls && t.urls[0].includes('aa01'))"
     )
     made = series()
-    expected = upper(made["t"], made["energy_error"], 2.0)
+    expected = find_maxima(made["t"], made["energy_error"], 2.0)
     assert len(found["x"]) == len(expected)
     np.testing.assert_allclose(found["x"], expected.t, atol=2.0 / 8190 + 1e-5)
     np.testing.assert_allclose(found["y"], expected.y, rtol=1.1e-3)

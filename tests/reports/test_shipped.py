@@ -20,12 +20,19 @@ import list_engines
 
 def test_the_best_is_the_cheapest_within_the_target(tmp_path):
     """One contestant reaches 1e-3 twice, one never, one is refused as shipped and counts in neither sum."""
-    for k, (solver, label, error, cpu) in enumerate((
-        ("alpha", SHIPPED, 0.1, 1.0), ("alpha", TUNED, 1e-5, 4.0), ("alpha", TUNED, 5e-4, 2.0),
-        ("beta", SHIPPED, 0.2, 1.0), ("beta", TUNED, 0.05, 9.0),
-    )):  # fmt: skip
-        put(tmp_path, record(f"run{k}", solver, label=label, dt_s=0.1 / 2**k, position_error_max_m=error,
-                             cpu_median_s=cpu))  # fmt: skip
+    for k, (solver, label, error, cpu) in enumerate(
+        (
+            ("alpha", SHIPPED, 0.1, 1.0),
+            ("alpha", TUNED, 1e-5, 4.0),
+            ("alpha", TUNED, 5e-4, 2.0),
+            ("beta", SHIPPED, 0.2, 1.0),
+            ("beta", TUNED, 0.05, 9.0),
+        )
+    ):
+        put(
+            tmp_path,
+            record(f"run{k}", solver, label=label, dt_s=0.1 / 2**k, position_error_max_m=error, cpu_median_s=cpu),
+        )
     put(tmp_path, record("no", "gamma", "refused", label=SHIPPED, position_error_max_m=math.nan))
     (contest,) = contests(read_results(tmp_path))
     best = {pair.who: pair.best.record.cpu_median_s for pair in contest.pairs}
@@ -44,25 +51,41 @@ def test_a_page_of_runs_as_shipped_alone_is_written(tmp_path):
     assert "nothing has been tuned yet" in (site.build(tmp_path).parent / "engines.html").read_text()
 
 
+@pytest.mark.published
 def test_the_tables_of_the_page_on_engines_are_what_is_published():
     """Made by docs/list_engines.py, which publishes nothing of a changed checkout."""
     page = list_engines.PAGE.read_text(encoding="utf-8")
-    assert list_engines.TABLES.findall(page) == [list_engines.tables()]
-    assert list_engines.FRONTIER.findall(page) == [list_engines.frontier_table()]
+    assert list_engines.TABLES.findall(page) == [list_engines.tables()], "python docs/list_engines.py"
+    assert list_engines.FRONTIER.findall(page) == [list_engines.frontier_table()], "python docs/list_engines.py"
 
 
 def test_the_frontier_is_published_with_losses_first(tmp_path, monkeypatch):
     """error = 0.1 dt and CPU = c/dt: 1e-3 costs 100 c, an engine's 50 on one of two; its bound is 1e-4 here."""
     monkeypatch.setattr(list_engines, "COSTS", tmp_path / "frontier.json")
     for problem, solver, c in (
-        ("arm", "alpha", 1.0), ("arm", "mujoco", 8.0), ("arm", "beta", 2.0),
-        ("bar", "alpha", 1.0), ("bar", "mujoco", 0.5),
-    ):  # fmt: skip
+        ("arm", "alpha", 1.0),
+        ("arm", "mujoco", 8.0),
+        ("arm", "beta", 2.0),
+        ("bar", "alpha", 1.0),
+        ("bar", "mujoco", 0.5),
+    ):
         for k in range(8):
             dt = 0.1**k
-            put(tmp_path / "results", record(f"{problem}{solver}{k}", solver, problem=problem, dt_s=dt, commit="a",
-                position_error_max_m=0.1 * dt, reference_own_error_m=1e-4, cpu_min_s=c / dt, cpu_median_s=c / dt,
-                cpu_max_s=1.5 * c / dt))  # fmt: skip
+            put(
+                tmp_path / "results",
+                record(
+                    f"{problem}{solver}{k}",
+                    solver,
+                    problem=problem,
+                    dt_s=dt,
+                    commit="a",
+                    position_error_max_m=0.1 * dt,
+                    reference_own_error_m=1e-4,
+                    cpu_min_s=c / dt,
+                    cpu_median_s=c / dt,
+                    cpu_max_s=1.5 * c / dt,
+                ),
+            )
     (tmp_path / "results" / "environment.json").write_text('{"commit": "a", "cpu": "none"}')
     list_engines.publish(tmp_path / "results")
     rows = [line for line in list_engines.frontier_table().splitlines() if line.startswith(("| arm", "| bar"))]
@@ -90,8 +113,10 @@ def test_the_cheapest_of_a_tie_is_not_decided(tmp_path, monkeypatch):
 
     def contest(problem: str, factor: float) -> dict:
         cost = {"alpha": 1e-3, "beta": factor * 1e-3}
-        pairs = {who: {"shipped": None, "best": {"error": 1e-4, "cpu_s": cpu, "status": "success"}}
-                 for who, cpu in cost.items()}  # fmt: skip
+        pairs = {
+            who: {"shipped": None, "best": {"error": 1e-4, "cpu_s": cpu, "status": "success"}}
+            for who, cpu in cost.items()
+        }
         return {"problem": problem, "unit": "m", "pairs": pairs}
 
     found = {"target": 1e-3, "commit": "a" * 40, "runs": 4, "budget": "2 settings of each"}

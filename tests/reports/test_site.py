@@ -1,5 +1,6 @@
 """The site holds every run and every reason, escapes what it is given, and needs nothing but itself."""
 
+import dataclasses
 import json
 import re
 from html import unescape
@@ -10,7 +11,7 @@ from urllib.parse import unquote
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.places import Place
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.types import Status
 from mbsbench.reports import site
@@ -18,6 +19,7 @@ from mbsbench.reports.model.glossary import GLOSSARY, markdown, term
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages import base
 from mbsbench.reports.pages.base import Page, Site
+from mbsbench.solvers.gc_weak_form import GcWeakForm
 
 from ..harness.conftest import run_in
 from .conftest import HOSTILE, every_kind, put, record, series
@@ -231,7 +233,7 @@ def test_a_new_report_keeps_no_page_of_an_earlier_one(tmp_path):
 
 def test_two_pages_cannot_have_one_name(tmp_path):
     put(tmp_path, record("aa01"))
-    here = Site(read_results(tmp_path), Place(tmp_path))
+    here = Site(read_results(tmp_path), ConfinedPath(tmp_path))
     here.write(Page("One", "x.html"), "method.html")
     with pytest.raises(ValueError, match="two pages want to be"):
         here.write(Page("Two", "x.html"), "method.html")
@@ -290,6 +292,13 @@ def test_every_status_and_verdict_has_an_entry_of_one_sentence():
         "cannot be told",
     } <= GLOSSARY.keys()
     assert all(text.endswith(".") and "\n" not in text for text in GLOSSARY.values())
+
+
+def test_words_of_the_paper_s_method_and_of_forces_have_an_entry():
+    """They are options of its solvers, and columns; a reader meets them in help, plots and verdicts."""
+    options = {f.name for f in dataclasses.fields(GcWeakForm)}
+    words = {"gauge", "mu0", "sigma0", "direction", "estimate"}
+    assert words <= options and {*words, "reaction", "joint force", "borderline"} <= GLOSSARY.keys()
 
 
 def test_every_term_of_a_template_is_in_the_glossary():

@@ -16,17 +16,17 @@ from mbsbench.reports import publication
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.judged.orders import ladders
 from mbsbench.reports.plots import paper
-from mbsbench.reports.plots.browser import for_browser
+from mbsbench.reports.plots.browser import shorten_plots
 from mbsbench.reports.plots.convergence import convergence_plots
 from mbsbench.reports.plots.slopes import add_triangles, find_order
-from mbsbench.reports.plots.spec import Axis, Look, Plot, Trace, looks
+from mbsbench.reports.plots.spec import Axis, LineStyle, Plot, Trace, choose_styles
 from mbsbench.reports.trial import QUANTITIES, _orders
 
 from .conftest import put, record
 from .pages import synthetic
 
 STEPS = 0.1 / 2.0 ** np.arange(6)
-LOOK = Look("#3D62C7", "o")
+LOOK = LineStyle("#3D62C7", "o")
 
 
 def plot_of(*ladders: tuple[np.ndarray, np.ndarray]) -> Plot:
@@ -128,7 +128,7 @@ def test_figures_have_error_against_step_with_a_triangle_for_each_order(tmp_path
     put_ladder(tmp_path, "alpha", 2)
     put_ladder(tmp_path, "beta", 4)
     results = read_results(tmp_path)
-    made = {name: (caption, draw) for name, caption, _, draw in publication.figures_of(results, results.variants[0])}
+    made = {name: (caption, draw) for name, caption, _, draw in publication.list_figures(results, results.variants[0])}
     caption, draw = made["pendulum-convergence"]
     assert publication.TRIANGLES in caption
     with paper.style():
@@ -147,8 +147,17 @@ def test_two_runs_are_no_convergence(tmp_path):
 def test_a_step_under_error_control_is_the_mean_of_those_taken(tmp_path):
     nan = float("nan")
     for k in range(3):
-        put(tmp_path, record(f"aa{k:02}", control="rtol", dt_s=nan, rtol=10.0**-k, steps=10 * 2**k,
-                             position_error_max_m=0.2 / 32.0**k))  # fmt: skip
+        put(
+            tmp_path,
+            record(
+                f"aa{k:02}",
+                control="rtol",
+                dt_s=nan,
+                rtol=10.0**-k,
+                steps=10 * 2**k,
+                position_error_max_m=0.2 / 32.0**k,
+            ),
+        )
     (variant,) = read_results(tmp_path).variants
     plot = convergence_plots(variant)[0]
     assert plot.traces[0].x == pytest.approx(2.0 / np.array([10, 20, 40]))
@@ -158,11 +167,21 @@ def test_a_step_under_error_control_is_the_mean_of_those_taken(tmp_path):
 def test_ladders_of_pages_and_certificates_have_triangles():
     """A fit of a whole order has one, any other none; on the certificate it is clear of the declared line, too."""
     dt = tuple(STEPS)
-    made = replace(synthetic.ORDER, dt=dt, error=tuple(STEPS**2), used=(True,) * 6, fit="power", order=2.0, low=1.9,
-                   high=2.1, declared=2.0, verdict="certified")  # fmt: skip
+    made = replace(
+        synthetic.ORDER,
+        dt=dt,
+        error=tuple(STEPS**2),
+        used=(True,) * 6,
+        fit="power",
+        order=2.0,
+        low=1.9,
+        high=2.1,
+        declared=2.0,
+        verdict="certified",
+    )
     (plot,) = ladders([made])
     assert [t.order for t in plot.triangles] == [2]
-    (shown,) = for_browser([plot], looks(["alpha"]))["plots"].values()
+    (shown,) = shorten_plots([plot], choose_styles(["alpha"]))["plots"].values()
     assert json.loads(json.dumps(shown["triangles"]))[0]["order"] == 2
     assert ladders([replace(made, error=tuple(STEPS**1.5), order=1.5)])[0].triangles == ()
     (certificate,) = _orders([replace(made, quantity=QUANTITIES[0])])

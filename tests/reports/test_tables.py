@@ -6,12 +6,12 @@ import math
 
 import pytest
 
-from mbsbench.harness.results.shadows import Nearest
+from mbsbench.harness.results.shadows import NearestMotion
 from mbsbench.reports import site
 from mbsbench.reports.model.accuracy import measure_for
-from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.model.tables import COLUMNS, csv_of, latex_number, latex_of, latex_text
-from mbsbench.reports.model.words import format_signed, number, seconds, unit, whole
+from mbsbench.reports.model.results import StoredRun, read_results
+from mbsbench.reports.model.tables import COLUMNS, format_as_csv, format_as_latex, latex_number, latex_text
+from mbsbench.reports.model.words import format_count, format_signed, number, seconds, unit
 from mbsbench.reports.plots.work import list_points
 
 from .conftest import HOSTILE, put, record, series
@@ -20,7 +20,7 @@ from .conftest import HOSTILE, put, record, series
 def test_csv_has_every_run_in_full(built):
     folder, records, _ = built
     runs = read_results(folder).variants[0].runs
-    rows = list(csv.DictReader(io.StringIO(csv_of(runs))))
+    rows = list(csv.DictReader(io.StringIO(format_as_csv(runs))))
     assert len(rows) == len(runs)
     for row, run in zip(rows, runs, strict=True):
         value = row["energy_drift_max [J]"]
@@ -44,29 +44,35 @@ def test_latex_numbers_have_the_digits_of_the_page():
 
 def test_numbers_are_written_for_readers():
     assert [number(x) for x in (0.0, 1.0, 0.00123, 1.23e-5, -4.5e7, math.nan, math.inf)] == [
-        "0", "1.00", "0.00123", "1.23×10⁻⁵", "−4.50×10⁷", "–", "∞",
-    ]  # fmt: skip
+        "0",
+        "1.00",
+        "0.00123",
+        "1.23×10⁻⁵",
+        "−4.50×10⁷",
+        "–",
+        "∞",
+    ]
     assert number(9.999) == "10.0"
-    assert format_signed(0.5) == "+0.500" and whole(1234567.0) == "1\u202f234\u202f567"
+    assert format_signed(0.5) == "+0.500" and format_count(1234567.0) == "1\u202f234\u202f567"
     assert seconds(0.0123) == "12.3 ms" and unit("kg m2/s") == "kg m²/s"
 
 
 def test_the_nearest_true_motion_is_beside_the_verdict_inaccurate():
     """Chaos makes the error large; a run that succeeds says nothing of it but in its columns."""
-    near = Nearest(20.0, 4.3e-3, 6.9e-4, 8e-5)
-    run = Run(record("aa01", status="inaccurate"), nearest=near)
+    near = NearestMotion(20.0, 4.3e-3, 6.9e-4, 8e-5)
+    run = StoredRun(record("aa01", status="inaccurate"), nearest=near)
     assert run.reasons[-1] == "yet a true motion within 4.3 mm (rms 0.69 mm) over 20 s"
     shown = {c.key: c.text(run) for c in COLUMNS}
     assert (shown["true_motion"], shown["true_motion_until"], shown["symplectic"]) == ("0.00430", "20", "not shown")
-    assert not Run(record("aa02"), nearest=near).reasons and ",0.0043,20.0,not shown," in csv_of([run])
+    assert not StoredRun(record("aa02"), nearest=near).reasons and ",0.0043,20.0,not shown," in format_as_csv([run])
 
 
 def test_a_cpu_time_too_short_for_the_clock_is_no_zero():
     """It took some time: a reader is told that the clock says none, in LaTeX as text."""
-    run = Run(record("aa01", cpu_median_s=0.0))
+    run = StoredRun(record("aa01", cpu_median_s=0.0))
     column = next(c for c in COLUMNS if c.key == "cpu_median")
     assert column.text(run) == seconds(0.0) == "below the clock"
-    assert "& below the clock" in latex_of("p", [run])
+    assert "& below the clock" in format_as_latex("p", [run])
 
 
 def test_pages_tables_and_plots_have_one_error_over_one_interval(tmp_path):
@@ -77,10 +83,10 @@ def test_pages_tables_and_plots_have_one_error_over_one_interval(tmp_path):
     (variant,) = read_results(tmp_path).variants
     measure = measure_for(variant.runs)
     assert measure is not None and measure.until == 0.5
-    (row, _) = csv.DictReader(io.StringIO(csv_of(variant.runs)))
+    (row, _) = csv.DictReader(io.StringIO(format_as_csv(variant.runs)))
     assert (float(row["position_error [m]"]), float(row["position_error_whole [m]"])) == (1e-3, 0.4)
     assert measure.of(variant.runs[0]) == list_points(variant)[0].errors["error"] == 1e-3
-    latex = latex_of(variant.title, variant.runs)
+    latex = format_as_latex(variant.title, variant.runs)
     assert "errors up to 0.5 s" in latex and "$0.00100$" in latex and "$0.400$" not in latex
 
 
@@ -96,8 +102,14 @@ def test_of_runs_with_the_same_settings_the_latest_is_shown(tmp_path):
     assert read_results(tmp_path).made_again == 2
 
 
-@pytest.mark.parametrize("ending", [{"status": "crashed", "ended_by": "killed"}, {"status": "crashed", "signal": 11},
-                                    {"status": "stalled", "ended_by": "total_limit"}])  # fmt: skip
+@pytest.mark.parametrize(
+    "ending",
+    [
+        {"status": "crashed", "ended_by": "killed"},
+        {"status": "crashed", "signal": 11},
+        {"status": "stalled", "ended_by": "total_limit"},
+    ],
+)
 def test_a_later_run_that_was_killed_or_crashed_hides_no_success(ending, tmp_path):
     """Its end says nothing about the settings; a later run that came to its own end does replace it."""
     put(tmp_path, record("good", settings_id="s", finished="2026-01-01T00:00:00Z"))

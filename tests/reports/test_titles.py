@@ -23,9 +23,13 @@ from .test_charts import drawing_of
 
 SIZES = {"alpha": 2e-3, "beta": 0.4, "gamma": 3e-2}
 SERIES = {  # of a plot: the series that it draws, with its unit
-    "energy": ("energy_error", "J"), "phi": ("phi_norm", "m"), "phi-dot": ("phi_dot_norm", "m/s"),
-    "position": ("position_error", "m"), "orientation": ("orientation_error", "rad"), "inv-L": ("inv_L", "kg m²/s"),
-}  # fmt: skip
+    "energy": ("energy_error", "J"),
+    "phi": ("phi_norm", "m"),
+    "phi-dot": ("phi_dot_norm", "m/s"),
+    "position": ("position_error", "m"),
+    "orientation": ("orientation_error", "rad"),
+    "inv-L": ("inv_L", "kg m²/s"),
+}
 
 
 def growing(size: float) -> Series:
@@ -94,10 +98,13 @@ def test_a_profile_names_who_reaches_most_targets():
     assert profile_plot(both, (), "evaluations").finding.startswith("alpha and beta reach 3 of 9 targets")
 
 
-@pytest.mark.parametrize(("factor", "words"), [
-    (1.05, "alpha and beta need 0.100 s for 10⁻⁴ m, gamma 4.0 times as much"),
-    (1.5, "alpha needs 0.100 s for 10⁻⁴ m, gamma 4.0 times as much"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1.05, "alpha and beta need 0.100 s for 10⁻⁴ m, gamma 4.0 times as much"),
+        (1.5, "alpha needs 0.100 s for 10⁻⁴ m, gamma 4.0 times as much"),
+    ],
+)
 def test_cpu_times_that_are_equal_have_no_winner(tmp_path, factor, words):
     """Within a tenth, as on the page of cost."""
     for solver, cpu in (("alpha", 0.1), ("beta", 0.1 * factor), ("gamma", 0.4)):
@@ -118,10 +125,15 @@ def test_a_title_on_orders_names_whose_they_are():
 def test_work_says_what_the_tightest_common_error_costs(tmp_path):
     """Three ladders of order 2, 1 and none: two of three get to 1e-4, interpolated in the logarithms."""
     for k in range(4):
-        for solver, error, cpu in (("alpha", 0.01 * 4.0**-k, 0.1 * 2.0**k), ("beta", 1e-3 * 2.0**-k, 2.0 * 2.0**k),
-                                   ("gamma", 0.3, 1.0)):  # fmt: skip
-            put(tmp_path, record(f"{solver}{k}", solver, dt_s=0.1 * 2.0**-k, position_error_max_m=error,
-                                 cpu_median_s=cpu))  # fmt: skip
+        for solver, error, cpu in (
+            ("alpha", 0.01 * 4.0**-k, 0.1 * 2.0**k),
+            ("beta", 1e-3 * 2.0**-k, 2.0 * 2.0**k),
+            ("gamma", 0.3, 1.0),
+        ):
+            put(
+                tmp_path,
+                record(f"{solver}{k}", solver, dt_s=0.1 * 2.0**-k, position_error_max_m=error, cpu_median_s=cpu),
+            )
     (variant,) = read_results(tmp_path).variants
     finding = work_plots("work", list_points(variant), measure_for(variant.runs))["error-cpu"].finding
     target = 1e-3

@@ -40,15 +40,25 @@ def read(page) -> str:
     return " ".join(Outline(page.read_text(encoding="utf-8")).text.split())
 
 
-@pytest.mark.parametrize(("reason", "words"), [
-    (Reason(Law.ENERGY, 51.6, 9.49, "J", 0.489),
-     "the energy error reaches 51.6 J, 5.4 times the 9.49 J allowed, first at 0.489 s"),
-    (Reason(Law.ORTHOGONALITY, 0.0163, 0.001), "|R^T R - 1| reaches 0.0163, 16 times the 0.00100 allowed"),
-    (Reason(Law.CONSTRAINT, 3.2, 1.0, SHARE), "|phi| reaches 3.2 times its limit"),
-    (Reason(Law.SYMMETRY, 97.0, 1.0, name="error of accelerations, beside what steps of this length leave open,"),
-     "error of accelerations, beside what steps of this length leave open, reaches 97.0, 97 times the 1.00 allowed"),
-    (Reason(Law.END, 1.5, 2.0, "s"), "success claimed, but the last step ends at 1.5 s of 2 s"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("reason", "words"),
+    [
+        (
+            Reason(Law.ENERGY, 51.6, 9.49, "J", 0.489),
+            "the energy error reaches 51.6 J, 5.4 times the 9.49 J allowed, first at 0.489 s",
+        ),
+        (Reason(Law.ORTHOGONALITY, 0.0163, 0.001), "|R^T R - 1| reaches 0.0163, 16 times the 0.00100 allowed"),
+        (Reason(Law.CONSTRAINT, 3.2, 1.0, SHARE), "|phi| reaches 3.2 times its limit"),
+        (
+            Reason(
+                Law.SYMMETRY, 97.0, 1.0, name="error of accelerations, beside what steps of this length leave open,"
+            ),
+            "error of accelerations, beside what steps of this length leave open, reaches 97.0, "
+            "97 times the 1.00 allowed",
+        ),
+        (Reason(Law.END, 1.5, 2.0, "s"), "success claimed, but the last step ends at 1.5 s of 2 s"),
+    ],
+)
 def test_what_breaks_a_limit_is_a_sentence_with_its_numbers(reason, words):
     """What, by how much, how often the limit, which limit, since when; what has no size says what happened."""
     assert describe_break(reason) == words
@@ -85,7 +95,8 @@ def test_headings_name_the_settings_that_they_are_about(built):
     assert "3 of 4 solvers succeed, at the finest setting of each problem" in read(built / "solvers.html")
     assert re.search("solvers? .*stays? within every limit.*, each at its finest setting", read(built / "index.html"))
     assert "2 of 3 solvers follow the motion to 2 s; beta, dt = 0.004 s, leaves it at 1.25 s" in read(
-        built / "problem-pendulum.html")  # fmt: skip
+        built / "problem-pendulum.html"
+    )
 
 
 def test_the_stage_calls_nobody_the_worst_or_the_cheapest(built):

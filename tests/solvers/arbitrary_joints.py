@@ -56,10 +56,19 @@ def moving_row(kind: str, i: int, j: int, random: np.random.Generator) -> Joint:
     axis_i, axis_j, across_i, across_j = random.standard_normal((4, 3))
     given = DECLARED[kind]
     return Joint(
-        i, s_i, j, s_j, axis_i if "i" in given.axes else None, axis_j if "j" in given.axes else None, "", kind,
-        across_i if given.across else None, across_j if given.across else None, 0.4 if given.length else 0.0,
+        i,
+        s_i,
+        j,
+        s_j,
+        axis_i if "i" in given.axes else None,
+        axis_j if "j" in given.axes else None,
+        "",
+        kind,
+        across_i if given.across else None,
+        across_j if given.across else None,
+        0.4 if given.length else 0.0,
         SWAY if given.motion else None,
-    )  # fmt: skip
+    )
 
 
 def moving_rows(kind: str | None, *, ground: bool = False, seed: int = 5) -> MultibodySystem:

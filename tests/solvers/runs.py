@@ -10,7 +10,7 @@ import numpy as np
 from mbsbench import Problem, Status, StepControl, Trajectory
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import energy
-from mbsbench.harness.reference.computation import reference_of
+from mbsbench.harness.reference.computation import find_reference
 
 from .arbitrary_systems import consistent, linkage
 
@@ -32,9 +32,12 @@ def control_of(solver: str, step: float, **limits: float) -> StepControl:
 
 
 def run(
-    problem: Problem, step: float, solver: str = "gc_weak_form", limits: Mapping[str, float] | None = None,
+    problem: Problem,
+    step: float,
+    solver: str = "gc_weak_form",
+    limits: Mapping[str, float] | None = None,
     **options: Any,
-) -> Trajectory:  # fmt: skip
+) -> Trajectory:
     """A run that must succeed."""
     out = make_solver(solver, options).solve(problem, control_of(solver, step, **(limits or {})))
     assert out.status is Status.SUCCESS, out.message
@@ -44,7 +47,7 @@ def run(
 
 def error(problem: Problem, out: Trajectory, of: str = "r") -> float:
     """Largest distance from the exact motion."""
-    exact = reference_of(problem).states(out.t)
+    exact = find_reference(problem).states(out.t)
     return float(np.max(np.linalg.norm(getattr(out.states, of) - getattr(exact, of), axis=2)))
 
 

@@ -66,9 +66,11 @@ def folding_crank(length: float, rate: float) -> Passing:
     bars = [slender(m, length, AXIAL, name) for m, name in ((1.0, "crank"), (0.8, "rod"), (0.5, "slider"))]
     low, half, x, O = (-0.5 * length, 0.0, 0.0), (0.5 * length, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     joints = [
-        Joint(0, low, GROUND, O, AXIS, OZ), Joint(1, low, 0, half, AXIS, AXIS), Joint(1, half, 2, O, AXIS, AXIS),
+        Joint(0, low, GROUND, O, AXIS, OZ),
+        Joint(1, low, 0, half, AXIS, AXIS),
+        Joint(1, half, 2, O, AXIS, AXIS),
         Joint(2, O, GROUND, O, x, x, "guide", "prismatic", AXIS, OZ),
-    ]  # fmt: skip
+    ]
 
     def centres(angle: np.ndarray) -> np.ndarray:
         c, s = length * np.cos(angle), length * np.sin(angle)

@@ -13,17 +13,54 @@ from mbsbench.solvers.formulations.generated import Code, Loop, Program, code, c
 
 a, b = ca.SX.sym("a"), ca.SX.sym("b")
 OPERATIONS = {
-    "sum": a + b, "difference": a - b, "product": a * b, "quotient": a / b, "negative": -a, "reciprocal": 1 / a,
-    "square": a**2, "twice": 2 * a, "exp": ca.exp(a), "log": ca.log(a), "sqrt": ca.sqrt(a), "sin": ca.sin(a),
-    "cos": ca.cos(a), "tan": ca.tan(a), "asin": ca.asin(a), "acos": ca.acos(a), "atan": ca.atan(a),
-    "sinh": ca.sinh(a), "cosh": ca.cosh(a), "tanh": ca.tanh(a), "asinh": ca.asinh(a), "acosh": ca.acosh(a),
-    "atanh": ca.atanh(a), "log1p": ca.log1p(a), "expm1": ca.expm1(a), "erf": ca.erf(a), "floor": ca.floor(a),
-    "ceil": ca.ceil(a), "absolute": ca.fabs(a), "sign": ca.sign(a), "power": a**b, "constant power": a**2.5,
-    "atan2": ca.atan2(a, b), "hypot": ca.hypot(a, b), "least": ca.fmin(a, b), "largest": ca.fmax(a, b),
-    "fmod": ca.fmod(a, b), "remainder": ca.remainder(a, b), "copysign": ca.copysign(a, b), "less": a < b,
-    "at most": a <= b, "equal": a == b, "not equal": a != b, "not": ca.logic_not(a), "and": ca.logic_and(a < b, a),
-    "or": ca.logic_or(a < b, b < 0), "choice": ca.if_else(a < b, ca.sqrt(b - a), a * b),
-}  # fmt: skip
+    "sum": a + b,
+    "difference": a - b,
+    "product": a * b,
+    "quotient": a / b,
+    "negative": -a,
+    "reciprocal": 1 / a,
+    "square": a**2,
+    "twice": 2 * a,
+    "exp": ca.exp(a),
+    "log": ca.log(a),
+    "sqrt": ca.sqrt(a),
+    "sin": ca.sin(a),
+    "cos": ca.cos(a),
+    "tan": ca.tan(a),
+    "asin": ca.asin(a),
+    "acos": ca.acos(a),
+    "atan": ca.atan(a),
+    "sinh": ca.sinh(a),
+    "cosh": ca.cosh(a),
+    "tanh": ca.tanh(a),
+    "asinh": ca.asinh(a),
+    "acosh": ca.acosh(a),
+    "atanh": ca.atanh(a),
+    "log1p": ca.log1p(a),
+    "expm1": ca.expm1(a),
+    "erf": ca.erf(a),
+    "floor": ca.floor(a),
+    "ceil": ca.ceil(a),
+    "absolute": ca.fabs(a),
+    "sign": ca.sign(a),
+    "power": a**b,
+    "constant power": a**2.5,
+    "atan2": ca.atan2(a, b),
+    "hypot": ca.hypot(a, b),
+    "least": ca.fmin(a, b),
+    "largest": ca.fmax(a, b),
+    "fmod": ca.fmod(a, b),
+    "remainder": ca.remainder(a, b),
+    "copysign": ca.copysign(a, b),
+    "less": a < b,
+    "at most": a <= b,
+    "equal": a == b,
+    "not equal": a != b,
+    "not": ca.logic_not(a),
+    "and": ca.logic_and(a < b, a),
+    "or": ca.logic_or(a < b, b < 0),
+    "choice": ca.if_else(a < b, ca.sqrt(b - a), a * b),
+}
 VALUES = (-2.5, -1.0, -0.3, 0.0, 0.3, 0.9, 1.0, 7.25)
 
 
@@ -81,13 +118,17 @@ def test_the_code_says_which_product_is_contracted(monkeypatch):
         return float(Fraction(p) * Fraction(q) + Fraction(r))
 
     expected = [
-        fused(x["a"], x["b"], x["c"]), fused(-x["a"], x["c"], x["c"]), fused(x["b"], x["d"], -x["a"]),
-        fused(x["b"] * x["c"], x["d"], x["c"] * x["c"] * x["d"]), x["c"] * x["d"] + x["a"], x["c"] * x["d"] + x["b"],
-    ]  # fmt: skip
+        fused(x["a"], x["b"], x["c"]),
+        fused(-x["a"], x["c"], x["c"]),
+        fused(x["b"], x["d"], -x["a"]),
+        fused(x["b"] * x["c"], x["d"], x["c"] * x["c"] * x["d"]),
+        x["c"] * x["d"] + x["a"],
+        x["c"] * x["d"] + x["b"],
+    ]
     assert expected[0] != x["a"] * x["b"] + x["c"]  # else nothing would be told apart
     for part in (1500, 10**6):
         monkeypatch.setattr(printing, "PART", part)
-        text = printing.print_module({"f": printing.Straight([a, b, c, d], [out])})
+        text = printing.print_module({"f": printing.GeneratedFunction([a, b, c, d], [out])})
         assert "contract" not in text and text.count("call double @llvm.fma") == 4
         made = compile_functions({"f": ([a, b, c, d], [out])})
         assert evaluate(made, "f", *(np.array([v]) for v in x.values()), size=6).tolist() == expected
@@ -103,7 +144,7 @@ def test_parts_that_pass_no_number_on_compile(monkeypatch):
 
 def test_equal_operations_are_shared_and_unused_ones_dropped():
     """One sine for two, none for what no output reads, and no operation with a constant zero."""
-    made = {"f": printing.Straight([a, b], [ca.sin(a) * b + ca.sin(a) + 0 * ca.cos(b), ca.sin(a)])}
+    made = {"f": printing.GeneratedFunction([a, b], [ca.sin(a) * b + ca.sin(a) + 0 * ca.cos(b), ca.sin(a)])}
     text = printing.print_module(made)
     assert text.count("call double @llvm.sin") == 1 and "cos" not in text
 

@@ -11,14 +11,15 @@ from mbsbench import Status, StepControl, constraint_jacobian, make_problem
 from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.execution.presenting import present_problem
 from mbsbench.harness.fuzz.cases import read_case
-from mbsbench.harness.fuzz.oracle import Kind
+from mbsbench.harness.fuzz.oracle import Behaviour
 from mbsbench.harness.fuzz.presenting import Form
 from mbsbench.harness.mechanics.jacobian import even_jacobian
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.solvers.formulations import rows_in_use, wear
+from mbsbench.solvers.formulations import row_wear, rows_in_use
 from mbsbench.solvers.formulations.rank import rows_to_keep
+from mbsbench.solvers.formulations.row_wear import Sines
 from mbsbench.solvers.formulations.start import coordinates_and_velocities, layout_for
-from mbsbench.solvers.formulations.wear import Sines
+from mbsbench.tests.comparing import assert_each
 
 FOUND = Path(mbsbench.__file__).parent / "results/published/fuzz/cvode-673.json"
 
@@ -40,7 +41,7 @@ def test_in_a_plane_loop_the_rows_kept_at_the_start_stay_independent_while_the_m
 )
 def test_the_plane_loop_that_the_fuzzer_found_is_solved(solver):
     case = read_case(FOUND)
-    assert case.oracle.examine(solver).kind is Kind.SOUND
+    assert case.oracle.examine(solver).kind is Behaviour.SOUND
 
 
 @pytest.mark.parametrize("chart", ["quaternion", "euler313"])
@@ -59,7 +60,7 @@ def test_the_product_of_the_sines_is_the_volume_of_the_rows(problem, chart):
 @pytest.mark.parametrize("problem", ["bricard", "andrews"])
 def test_rows_that_do_not_wear_cost_no_search(problem, solver, monkeypatch):
     """As drawn, the sines of both stay above half of those at the start; a search costs as much as fifty steps."""
-    monkeypatch.setattr(wear, "better_rows", None)
+    monkeypatch.setattr(row_wear, "better_rows", None)
     assert make_solver(solver).solve(make_problem(problem), StepControl(rtol=1e-6)).status is Status.SUCCESS
 
 
@@ -100,10 +101,10 @@ def test_a_start_on_other_rows_keeps_the_time_of_a_drive(solver, monkeypatch):
     control, ends = StepControl(rtol=1e-8, cpu_limit=20.0), []
     for restarts in (False, True):
         if restarts:
-            monkeypatch.setattr(rows_in_use, "Wear", _WornAfterFortySteps)
+            monkeypatch.setattr(rows_in_use, "RowWear", _WornAfterFortySteps)
         run = make_solver(solver).solve(problem, control)
         assert run.status is Status.SUCCESS and any("anew" in note for note in run.notes) == restarts
-        assert np.all(np.diff(run.t) > 0.0)
+        assert_each(np.diff(run.t), ">", 0.0)
         ends.append(run.states[-1])
     size = 1e-3 if solver == "ida_index3" else 1e-5
     assert np.max(np.abs(ends[0].r - ends[1].r)) < size

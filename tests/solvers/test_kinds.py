@@ -18,10 +18,26 @@ from .arbitrary_joints import all_joints, moving_rows, one_joint
 from .arbitrary_systems import consistent, linkage, with_user_forces
 from .runs import control_of, drift, error, run
 
-FIXED = ("gc_weak_form", "gc_augmented_lagrangian", "half_explicit", "rattle", "lie_variational", "generalized_alpha",
-         "al_index3", "energy_momentum")  # fmt: skip
-CONTROLLED = ("rkmk_dopri5", "radau_ggl", "radau_index1", "ida_index1", "ida_index2", "ida_index3", "ndf_index1",
-              "rk45_strong_form")  # fmt: skip
+FIXED = (
+    "gc_weak_form",
+    "gc_augmented_lagrangian",
+    "half_explicit",
+    "rattle",
+    "lie_variational",
+    "generalized_alpha",
+    "al_index3",
+    "energy_momentum",
+)
+CONTROLLED = (
+    "rkmk_dopri5",
+    "radau_ggl",
+    "radau_index1",
+    "ida_index1",
+    "ida_index2",
+    "ida_index3",
+    "ndf_index1",
+    "rk45_strong_form",
+)
 NEED_PHI = ("rattle", "lie_variational", "generalized_alpha", "al_index3", "radau_ggl", "ida_index2", "ida_index3")
 WITHOUT_PHI = (MovingKind.KNIFE_EDGE, MovingKind.ROLLING)
 LAW, ALL = "user forces", "all joints"
@@ -117,7 +133,7 @@ def test_energy_less_the_work_of_loads_and_dampers_is_kept(kind):
     p, _ = swing(kind)
     out = run(p, 1e-12, "rkmk_dop853")
     gained, states = drift(p, out), out.states.with_times(out.t)
-    W = work.work(p.system, out.t, states, motion.energy(p.system, states))[0]
+    W = work.compute_work(p.system, out.t, states, motion.energy(p.system, states))[0]
     assert np.max(np.abs(gained)) > 1e-3
     assert np.max(np.abs(gained - W)) < 1e-6 * np.max(np.abs(gained))
     assert np.max(np.abs(motion.constraint(p.system, states))) < 1e-11
@@ -174,16 +190,20 @@ def test_the_work_of_a_drive_is_the_energy_that_it_gives(name):
     p = make_problem("driven_slider_crank", {"t_end": 0.1})
     out = run(p, 1e-9, name, {"max_step": 2e-3})
     E = motion.energy(p.system, out.states)
-    W, *_ = work.work(p.system, out.t, out.states, E)
+    W, *_ = work.compute_work(p.system, out.t, out.states, E)
     assert np.ptp(E) > 0.5 and np.max(np.abs(E - E[0] - W)) < 1e-6 * np.ptp(E)
 
 
 @pytest.mark.parametrize(
     ("name", "given", "dt", "allowed"),
-    [("slider_crank", {"t_end": 0.1}, 0.01, 1e-6), ("bricard", {"t_end": 0.4}, 0.04, 1e-6),
-     ("simple_pendulum", {"t_end": 0.4}, 0.01, 1e-6), ("n_four_bar", {"windows": 2, "t_end": 10.0}, 0.01, 1.5e-6),
-     ("n_four_bar", {"windows": 40, "t_end": 1.0}, 0.01, 1.5e-6)],
-)  # fmt: skip
+    [
+        ("slider_crank", {"t_end": 0.1}, 0.01, 1e-6),
+        ("bricard", {"t_end": 0.4}, 0.04, 1e-6),
+        ("simple_pendulum", {"t_end": 0.4}, 0.01, 1e-6),
+        ("n_four_bar", {"windows": 2, "t_end": 10.0}, 0.01, 1.5e-6),
+        ("n_four_bar", {"windows": 40, "t_end": 1.0}, 0.01, 1.5e-6),
+    ],
+)
 def test_half_explicit_stages_are_solved_where_bodies_are_light_and_rows_are_lost(
     name, given, dt, allowed, monkeypatch
 ):

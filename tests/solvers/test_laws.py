@@ -9,6 +9,7 @@ from mbsbench import Status, StepControl, constraint_jacobian
 from mbsbench.harness.catalogue.registry import engines, make_problem, make_solver, solvers
 from mbsbench.harness.mechanics import so3, work
 from mbsbench.harness.mechanics.presentation import Presentation
+from mbsbench.tests.comparing import assert_each
 
 from .runs import ACCEPTED, CONTESTANTS, SYMBOLIC, control_of, drift, error, momentum, pendulum, run, sprung_linkage
 
@@ -21,9 +22,11 @@ REVERSIBLE = [  # solver, options, problem, how near [m] it comes back
     *((solver, {}, p, 1e-11) for solver in ("energy_momentum", "lie_variational") for p in (PLANAR, CHAIN)),
     *(("rattle", {"composition": c}, p, 1e-11) for c in ("plain", "suzuki4", "kahan_li6") for p in (PLANAR, CHAIN)),
     ("gc_weak_form", {"tolerance": 1e-12}, SPATIAL, 1e-9),
-    *((solver, {"composition": "kahan_li6", "rate": 5.0, **SHARP}, (*CHAIN[:2], 0.005), 1e-8)
-      for solver in ("rattle", "gc_composed")),  # z starts from 1/s, not from its own last value: nearly the same steps
-]  # fmt: skip
+    *(
+        (solver, {"composition": "kahan_li6", "rate": 5.0, **SHARP}, (*CHAIN[:2], 0.005), 1e-8)
+        for solver in ("rattle", "gc_composed")
+    ),  # z starts from 1/s, not from its own last value: nearly the same steps
+]
 
 
 @pytest.mark.parametrize(("solver", "options", "problem", "near"), REVERSIBLE)
@@ -40,10 +43,14 @@ def test_there_and_back_ends_at_the_start(solver, options, problem, near):
         assert max(np.max(np.abs(end.R - p.initial.R)), np.max(np.abs(end.v + p.initial.v))) < near
 
 
-@pytest.mark.parametrize(("solver", "options", "t_end", "dt", "share"), [
-    ("gc_composed", {}, 400.0, 0.04, 0.02), ("rattle", {}, 200.0, 0.01, 0.01),
-    ("rattle", {"composition": "suzuki4", "rate": 5.0}, 200.0, 0.05, 0.1),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("solver", "options", "t_end", "dt", "share"),
+    [
+        ("gc_composed", {}, 400.0, 0.04, 0.02),
+        ("rattle", {}, 200.0, 0.01, 0.01),
+        ("rattle", {"composition": "suzuki4", "rate": 5.0}, 200.0, 0.05, 0.1),
+    ],
+)
 def test_energy_stays_bounded_over_hundreds_of_periods(solver, options, t_end, dt, share):
     """Mean energy errors of the first and the last quarter agree: no drift."""
     p = make_problem("spherical_pendulum", {"t_end": t_end})
@@ -68,10 +75,15 @@ def test_more_damping_is_asked_for_by_a_smaller_radius(form):
     assert 0.0 < 5.0 * lost[0] < lost[1], lost
 
 
-@pytest.mark.parametrize(("name", "parameters", "dt"), [
-    ("spherical_pendulum", {"t_end": 4.0, "omega_z": 0.1}, 0.02), ("heavy_top", {"t_end": 5.0}, 0.008),
-    ("chain", {"t_end": 0.4}, 0.008), ("four_bar_grid", {"t_end": 0.3}, 0.025),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "parameters", "dt"),
+    [
+        ("spherical_pendulum", {"t_end": 4.0, "omega_z": 0.1}, 0.02),
+        ("heavy_top", {"t_end": 5.0}, 0.008),
+        ("chain", {"t_end": 0.4}, 0.008),
+        ("four_bar_grid", {"t_end": 0.3}, 0.025),
+    ],
+)
 def test_energy_momentum_keeps_energy_and_the_momentum_about_the_vertical(name, parameters, dt):
     """To rounding in steps of any length; gravity and the fixed point exert no torque on the top about it."""
     p = make_problem(name, parameters)
@@ -86,7 +98,7 @@ def test_springs_give_back_what_they_took():
     """The discrete gradient: energy of springs included, kept to rounding; a damper only takes away."""
     p, damped = sprung_linkage(0.4, 5, damped=False), sprung_linkage(0.4, 5)
     assert np.max(np.abs(drift(p, run(p, 4e-3, "energy_momentum")))) < 1e-9
-    assert np.all(np.diff(drift(damped, run(damped, 4e-3, "energy_momentum"))) < 0.0)
+    assert_each(np.diff(drift(damped, run(damped, 4e-3, "energy_momentum"))), "<", 0.0)
 
 
 @pytest.mark.parametrize(("solver", "dt", "sharp"), [("gc_weak_form", 300.0, 1e-11), ("rattle", 50.0, 1e-12)])
@@ -99,9 +111,13 @@ def test_a_symmetric_free_body_is_exact_in_any_step(solver, dt, sharp):
     assert np.max(np.abs(out.states.R - exact.R)) < sharp and np.max(np.abs(out.states.Omega - exact.Omega)) < sharp
 
 
-@pytest.mark.parametrize(("solver", "options", "dt"), [
-    ("gc_weak_form", {"tolerance": 1e-12}, 0.01), ("lie_variational", {}, 0.05),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("solver", "options", "dt"),
+    [
+        ("gc_weak_form", {"tolerance": 1e-12}, 0.01),
+        ("lie_variational", {}, 0.05),
+    ],
+)
 def test_a_free_body_keeps_momentum_and_energy_but_not_time(solver, options, dt):
     """Three inertias, 20 s: to what the equations are solved to.
 
@@ -121,8 +137,9 @@ TURNED = [  # solver, options, problem, step, the change of the error allowed
     *((*CONTESTANTS[which], "heavy_top", 2e-3, 1e-6) for which in CONTESTANTS),
     *((solver, {}, "heavy_top", 1e-7, 0.05) for solver in ("rkmk_dopri5", "rkmk_dop853")),
     ("radau_ggl", {}, "heavy_top", 1e-6, 0.05),
-    ("gc_weak_form", {}, "chain", 1e-3, 1e-3), ("ida_index1", {}, "chain", 1e-8, np.inf),
-]  # fmt: skip
+    ("gc_weak_form", {}, "chain", 1e-3, 1e-3),
+    ("ida_index1", {}, "chain", 1e-8, np.inf),
+]
 
 
 @pytest.mark.parametrize(("solver", "options", "name", "step", "change"), TURNED)
@@ -238,10 +255,23 @@ def test_a_thrown_brick_needs_no_joint(name):
 STEPS = 4000
 
 
-@pytest.mark.parametrize("name", [
-    "rattle", "lie_variational", "generalized_alpha", "half_explicit", "energy_momentum", "al_index3", "gc_weak_form",
-    "gc_augmented_lagrangian", "gc_composed", "gc_extrapolated", "rkmk_dop853", "radau_ggl",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    [
+        "rattle",
+        "lie_variational",
+        "generalized_alpha",
+        "half_explicit",
+        "energy_momentum",
+        "al_index3",
+        "gc_weak_form",
+        "gc_augmented_lagrangian",
+        "gc_composed",
+        "gc_extrapolated",
+        "rkmk_dop853",
+        "radau_ggl",
+    ],
+)
 def test_rotations_stay_orthogonal(name):
     """A tumbling body: left alone, R leaves SO(3) by 2e-16 a step, the more the more steps; kept, by rounding alone."""
     p = make_problem("torque_free_body", {"inertia_factors": (1.0, 1.5, 2.0), "t_end": STEPS * 1e-3})

@@ -16,16 +16,31 @@ GRID = "four_bar_grid", {"t_end": 0.5}  # 400 rows of rank 325
 BRIEF = "four_bar_grid", {"t_end": 0.3}
 PAIRS = [(which, p) for which in CONTESTANTS for p in ((PENDULUM, 0.01), (TOP, 0.004), (CHAIN, 0.004), (BRIEF, 0.0125))]
 LADDERS = [  # solver, options, problem, coarsest step, runs with halved steps, order, within
-    *(("rattle", {"composition": c}, PENDULUM, dt, n, order, 0.2)
-      for c, dt, n, order in (("plain", 0.02, 4, 2), ("suzuki4", 0.04, 4, 4), ("kahan_li6", 0.08, 4, 6),
-                              ("kahan_li8", 0.16, 3, 8))),
+    *(
+        ("rattle", {"composition": c}, PENDULUM, dt, n, order, 0.2)
+        for c, dt, n, order in (
+            ("plain", 0.02, 4, 2),
+            ("suzuki4", 0.04, 4, 4),
+            ("kahan_li6", 0.08, 4, 6),
+            ("kahan_li8", 0.16, 3, 8),
+        )
+    ),
     *(("rattle", {"composition": c}, GRID, 0.05, 3, order, 0.2) for c, order in (("plain", 2), ("suzuki4", 4))),
-    *(("gc_composed", {"composition": c}, p, dt, n, order, 0.2)
-      for c, p, dt, n, order in (("suzuki4", PENDULUM, 0.04, 4, 4), ("kahan_li6", PENDULUM, 0.04, 3, 6),
-                                 ("suzuki4", TOP, 0.008, 4, 4), ("kahan_li6", TOP, 0.016, 3, 6),
-                                 ("suzuki4", GRID, 0.05, 3, 4), ("kahan_li6", GRID, 0.05, 3, 6))),
-    *((solver, {"composition": "suzuki4", "rate": 5.0}, ("chain", {"t_end": 0.6}), 0.02, 3, 4, 0.4)
-      for solver in ("rattle", "gc_composed")),  # steps that differ by the factor of turn rates over the first whip
+    *(
+        ("gc_composed", {"composition": c}, p, dt, n, order, 0.2)
+        for c, p, dt, n, order in (
+            ("suzuki4", PENDULUM, 0.04, 4, 4),
+            ("kahan_li6", PENDULUM, 0.04, 3, 6),
+            ("suzuki4", TOP, 0.008, 4, 4),
+            ("kahan_li6", TOP, 0.016, 3, 6),
+            ("suzuki4", GRID, 0.05, 3, 4),
+            ("kahan_li6", GRID, 0.05, 3, 6),
+        )
+    ),
+    *(
+        (solver, {"composition": "suzuki4", "rate": 5.0}, ("chain", {"t_end": 0.6}), 0.02, 3, 4, 0.4)
+        for solver in ("rattle", "gc_composed")
+    ),  # steps that differ by the factor of turn rates over the first whip
     *((*CONTESTANTS[which], p, dt, 4, make_solver(CONTESTANTS[which][0]).order, 0.2) for which, (p, dt) in PAIRS),
     *(("radau_ggl", {}, p, h, 4, 5, 0.2) for p, h in ((TOP, 0.02), (PENDULUM, 0.16), (BRIEF, 0.04))),
     ("rkmk_dopri5", {}, TOP, 8e-3, 4, 5, 0.2),
@@ -34,9 +49,11 @@ LADDERS = [  # solver, options, problem, coarsest step, runs with halved steps, 
     ("gc_augmented_lagrangian", {}, GRID, 0.05, 3, 2, 0.2),
     ("gc_weak_form", {"gauge": "zero"}, SHORT, 0.01, 3, 2, 0.2),
     ("gc_weak_form", {"gauge": "accumulate", "direction": "translation", "mu0": "velocity"}, SHORT, 0.01, 3, 2, 0.2),
-    *(("gc_weak_form", {"tolerance": 1e-11}, (name, {"t_end": 0.4}), 8e-3, 3, 2, 0.1)  # with or without a phi
-      for name in ("rolling_disc", "knife_edge", "driven_slider_crank")),
-]  # fmt: skip
+    *(
+        ("gc_weak_form", {"tolerance": 1e-11}, (name, {"t_end": 0.4}), 8e-3, 3, 2, 0.1)  # with or without a phi
+        for name in ("rolling_disc", "knife_edge", "driven_slider_crank")
+    ),
+]
 HELD = {  # phi [m] and A v [m/s] in every step; without a number A v is O(dt^2), as in the index 3 form of alpha
     "generalized_alpha": (1e-11, 1e-11), "al_index3": (1e-11, 1e-7), "half_explicit": (1e-11, 1e-11),
     "lie_variational": (1e-11, 1e-12), "energy_momentum": (1e-11, None), "rattle": (1e-12, 1e-12),
@@ -73,10 +90,13 @@ def test_the_order_is_the_declared_one(row):
 
 SPRUNG = [  # solver, options, coarsest step, order; at the finest of radau_ggl its iteration's 1e-10 m is below 2 %
     *((*CONTESTANTS[which], 8e-3 if which == "hem" else 4e-3, None) for which in CONTESTANTS),
-    ("rattle", {}, 4e-3, 2), ("rattle", {"composition": "suzuki4"}, 2e-2, 4), ("radau_ggl", {}, 0.1, 5),
-    ("gc_weak_form", {}, 4e-3, 2), ("gc_weak_form", {"corrective": False}, 4e-3, 2),
+    ("rattle", {}, 4e-3, 2),
+    ("rattle", {"composition": "suzuki4"}, 2e-2, 4),
+    ("radau_ggl", {}, 0.1, 5),
+    ("gc_weak_form", {}, 4e-3, 2),
+    ("gc_weak_form", {"corrective": False}, 4e-3, 2),
     ("gc_augmented_lagrangian", {"loop": "nested", "penalty": 1e3, "lambda_bar": True}, 4e-3, 2),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("solver", "options", "step", "order"), SPRUNG)
@@ -103,10 +123,13 @@ def test_extrapolation_has_twice_the_order_of_its_columns(columns):
 WHIPS = [("heavy_top", {"t_end": 1.0}), ("chain", {"t_end": 0.8}), GRID]
 LOOSE_AND_TIGHT = [  # solver, options, problem, tolerances, the least factor between the errors, the first allowed
     *((solver, {}, PENDULUM, (1e-4, 1e-8), 50.0, np.inf) for solver in SYMBOLIC),  # an order of 0.4, even at index 3
-    *(("cvode", {"method": method}, p, (1e-6, 1e-8), 10.0, 1e-3)
-      for method in ("Adams", "BDF") for p in (("heavy_top", {"t_end": 0.2}), ("chain", {"t_end": 0.1}))),
+    *(
+        ("cvode", {"method": method}, p, (1e-6, 1e-8), 10.0, 1e-3)
+        for method in ("Adams", "BDF")
+        for p in (("heavy_top", {"t_end": 0.2}), ("chain", {"t_end": 0.1}))
+    ),
     *(("gc_extrapolated", {}, p, (1e-5, 1e-7), 30.0, 0.03) for p in WHIPS),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("row", LOOSE_AND_TIGHT, ids=name_of)
@@ -121,28 +144,41 @@ LONG = ("heavy_top", {"t_end": 2.0}), ("spherical_pendulum", {"t_end": 10.0, "om
 MANY = ("chain", {"t_end": 1.0}), ("four_bar_grid", {"t_end": 1.0})
 ENDLESS = (np.inf,) * 3
 FORMS = [
-    ("ida_index1", {"form": "se"}), ("ida_index1", {"lambda_in_error_test": True, "form": "se"}),
-    ("ida_index1", {"alpha": 0.0, "beta": 0.0}), ("ida_index1", {"consistent_start": False}),
-    ("ida_index2", {"form": "velocity"}), ("ida_index2", {"form": "velocity", "alpha": 0.0}),
+    ("ida_index1", {"form": "se"}),
+    ("ida_index1", {"lambda_in_error_test": True, "form": "se"}),
+    ("ida_index1", {"alpha": 0.0, "beta": 0.0}),
+    ("ida_index1", {"consistent_start": False}),
+    ("ida_index2", {"form": "velocity"}),
+    ("ida_index2", {"form": "velocity", "alpha": 0.0}),
     ("ndf_index1", {"accelerations": "eliminated"}),
     ("ndf_index1", {"lambda_in_error_test": True, "accelerations": "eliminated"}),
     ("ndf_index1", {"accelerations": "mass_matrix"}),
     ("ndf_index1", {"accelerations": "mass_matrix", "coordinates": "euler313"}),
     ("ndf_index1", {"accelerations": "mass_matrix", "jacobian": "finite_difference", "norm": "max"}),
-    ("rk45_strong_form", {"alpha": 5.0, "beta": 5.0}), ("rk45_strong_form", {"lambda_in_error_test": True}),
-]  # fmt: skip
+    ("rk45_strong_form", {"alpha": 5.0, "beta": 5.0}),
+    ("rk45_strong_form", {"lambda_in_error_test": True}),
+]
 TIGHT = [  # solver, options, problem, tolerance, allowed: error [m], phi, A v, energy [J]
-    *((solver, {}, p, 1e-7, 1e-4 if p[0] == "chain" else 1e-5, (1e-12, 1e-10, 1e-3))
-      for solver in ("rkmk_dopri5", "rkmk_dop853") for p in (*LONG, *MANY)),
+    *(
+        (solver, {}, p, 1e-7, 1e-4 if p[0] == "chain" else 1e-5, (1e-12, 1e-10, 1e-3))
+        for solver in ("rkmk_dopri5", "rkmk_dop853")
+        for p in (*LONG, *MANY)
+    ),
     *(("radau_ggl", {}, p, 1e-7, 1e-7, (1e-10, 1e-8, 1e-5)) for p in (*LONG, *MANY)),
     *(("gc_extrapolated", {}, p, 1e-7, 1e-3, (1e-10, 1e-8, np.inf)) for p in WHIPS),
-    *((solver, {"coordinates": chart}, p, 1e-8, 1e-4 if p[0] == "heavy_top" else 1e-3, ENDLESS)
-      for solver in SYMBOLIC[:4] for chart in ("quaternion", "euler313") for p in LONG),
+    *(
+        (solver, {"coordinates": chart}, p, 1e-8, 1e-4 if p[0] == "heavy_top" else 1e-3, ENDLESS)
+        for solver in SYMBOLIC[:4]
+        for chart in ("quaternion", "euler313")
+        for p in LONG
+    ),
     *((solver, options, PENDULUM, 1e-8, 1e-4, ENDLESS) for solver, options in FORMS),
-    *((solver, {}, (name, {"t_end": 2.0}), rtol, np.inf, (np.inf, np.inf, 0.02))  # the rows kept at the start
-      for solver in ("rk45_strong_form", "ndf_index1", "ida_index1")
-      for name, rtol in (("chain", 1e-7), (GRID[0], 1e-6))),
-]  # fmt: skip
+    *(
+        (solver, {}, (name, {"t_end": 2.0}), rtol, np.inf, (np.inf, np.inf, 0.02))  # the rows kept at the start
+        for solver in ("rk45_strong_form", "ndf_index1", "ida_index1")
+        for name, rtol in (("chain", 1e-7), (GRID[0], 1e-6))
+    ),
+]
 
 
 @pytest.mark.parametrize("row", TIGHT, ids=name_of)

@@ -17,7 +17,7 @@ from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations.compiled.marching import new_control
 from mbsbench.solvers.formulations.joint_coordinates import marching, symplectic
 from mbsbench.solvers.formulations.joint_coordinates.code import make_code
-from mbsbench.solvers.formulations.joint_coordinates.collocation import Tableau, gauss_lobatto, rattle
+from mbsbench.solvers.formulations.joint_coordinates.collocation import CollocationTableau, gauss_lobatto, rattle
 from mbsbench.solvers.formulations.joint_coordinates.hamilton import make_hamilton_code
 from mbsbench.solvers.formulations.joint_coordinates.symplectic import Marcher
 from mbsbench.solvers.formulations.joint_coordinates.tree import spanning_tree
@@ -54,12 +54,22 @@ def test_a_single_hinge_is_solved(solver: str) -> None:
 @pytest.mark.parametrize(
     ("name", "stages", "dt"),
     [
-        ("heavy_top", 2, 0.01), ("heavy_top", 3, 0.02), ("heavy_top", 4, 0.04), ("spherical_pendulum", 2, 0.1),
-        ("spherical_pendulum", 3, 0.2), ("spherical_pendulum", 4, 0.32), ("chain", 2, 0.01), ("chain", 3, 0.04),
-        ("bricard", 2, 0.1), ("bricard", 3, 0.1), ("heavy_top", 0, 0.01), ("spherical_pendulum", 0, 0.05),
-        ("chain", 0, 0.01), ("bricard", 0, 0.1),
+        ("heavy_top", 2, 0.01),
+        ("heavy_top", 3, 0.02),
+        ("heavy_top", 4, 0.04),
+        ("spherical_pendulum", 2, 0.1),
+        ("spherical_pendulum", 3, 0.2),
+        ("spherical_pendulum", 4, 0.32),
+        ("chain", 2, 0.01),
+        ("chain", 3, 0.04),
+        ("bricard", 2, 0.1),
+        ("bricard", 3, 0.1),
+        ("heavy_top", 0, 0.01),
+        ("spherical_pendulum", 0, 0.05),
+        ("chain", 0, 0.01),
+        ("bricard", 0, 0.1),
     ],
-)  # fmt: skip
+)
 def test_errors_are_of_the_order(name: str, stages: int, dt: float) -> None:
     """2 s of Gauss, 2 of RATTLE (0 stages), on trees, balls and loops; steps above rounding."""
     problem = problem_of(name)
@@ -97,7 +107,7 @@ def test_the_way_back_leads_to_the_start(solver: str, name: str) -> None:
     assert np.max(np.abs(back.v[-1] + problem.initial.v)) < 1e-9 * max(1.0, float(np.max(np.abs(end.v))))
 
 
-def marcher_of(name: str, tableau: Tableau, dt: float) -> Marcher:
+def marcher_of(name: str, tableau: CollocationTableau, dt: float) -> Marcher:
     """Ready for steps ``dt``."""
     state = new_control(t_end=1e6, dt=dt)
     return Marcher(make_problem(name, {"t_end": 1e6}), state, tableau, radial=not tableau.collocates)
@@ -124,7 +134,7 @@ def form(of: Callable[[np.ndarray], np.ndarray], n: int) -> np.ndarray:
 
 @pytest.mark.parametrize("tableau", [gauss_lobatto(2), gauss_lobatto(3), rattle()], ids=["gauss2", "gauss3", "rattle"])
 @pytest.mark.parametrize("name", ["cart_pendulum", "spherical_pendulum", "bricard"])
-def test_steps_keep_the_symplectic_form(name: str, tableau: Tableau) -> None:
+def test_steps_keep_the_symplectic_form(name: str, tableau: CollocationTableau) -> None:
     """M^T J M = J of the flow map, long steps; of a ball on quaternions of unit length, of a loop on phi = 0."""
     marcher = marcher_of(name, tableau, 0.05)
     s, start = marcher.stages, marcher.stages.start.copy()

@@ -8,6 +8,7 @@ from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.tests.comparing import assert_close
 
 OTHERWISE = {"yaw": 0.4, "perturb": 0.2, "renumber": 2, "mirror": "X", "unit_length": 100.0}
 
@@ -32,9 +33,14 @@ def off(p: Problem, out: Trajectory) -> float:
 @pytest.mark.parametrize("given", [{}, OTHERWISE])
 @pytest.mark.parametrize(
     ("solver", "size", "allowed"),
-    [("rkmk_dop853", 1e-10, 1e-10), ("rattle", 1e-3, 1e-5), ("gc_weak_form", 1e-3, 1e-5), ("ida_index1", 1e-9, 1e-6),
-     ("rk45_strong_form", 1e-9, 1e-7)],
-)  # fmt: skip
+    [
+        ("rkmk_dop853", 1e-10, 1e-10),
+        ("rattle", 1e-3, 1e-5),
+        ("gc_weak_form", 1e-3, 1e-5),
+        ("ida_index1", 1e-9, 1e-6),
+        ("rk45_strong_form", 1e-9, 1e-7),
+    ],
+)
 def test_a_point_mass_on_a_link_is_a_pendulum(solver: str, size: float, allowed: float, given: dict) -> None:
     """By theta functions, on both routes; errors are those of the steps."""
     p = make_problem("simple_pendulum", {"support": "link", "t_end": 1.0, **given})
@@ -52,7 +58,7 @@ def test_axial_inertia_in_a_plane_changes_nothing(solver: str, size: float) -> N
     assert np.any(none.system.added_inertia)
     a, b = (solved(p, solver, size) for p in (none, some))
     assert len(a.t) == len(b.t)
-    assert np.allclose(a.states.r, b.states.r, rtol=0.0, atol=1e-10)
-    assert np.allclose(energy(none.system, a.states), energy(some.system, b.states), rtol=1e-11)
+    assert_close(a.states.r, b.states.r, rtol=0.0, atol=1e-10)
+    assert_close(energy(none.system, a.states), energy(some.system, b.states), rtol=1e-11)
     loads = [constraint_jacobian(none.system, out.states[-1]).T @ out.reaction[-1] for out in (a, b)]
-    assert np.allclose(*loads, rtol=0.0, atol=1e-8 * np.max(np.abs(loads)))
+    assert_close(*loads, rtol=0.0, atol=1e-8 * np.max(np.abs(loads)))

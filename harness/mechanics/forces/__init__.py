@@ -1,4 +1,4 @@
-"""The kinds of applied forces, one file each: what the user gives, and the push on the bodies as an equation."""
+"""The kinds of applied forces, one file each: the user's input, and the push on the bodies as an equation."""
 
 from ..declaring import ForceDeclaration
 from . import load, spring, torsion

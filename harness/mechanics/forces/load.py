@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ..declaring import ForceDeclaration, Push
+from ..declaring import ForceDeclaration, PointLoad
 from ..joints.frames import Vector
 from ..time_functions import TimeFunction
 
@@ -19,17 +19,26 @@ class Load:
     torque: Vector = (0.0, 0.0, 0.0)
     point: Vector = (0.0, 0.0, 0.0)
     follows: bool = False
-    factor: TimeFunction | None = None  # of both; constant 1 without
+    factor: TimeFunction | None = None  # factor of both; 1 if omitted
 
 
 def push(i, j, p):  # type: ignore[no-untyped-def]
-    """f(t) F at the point, and f(t) T; turned with the body where it follows (``follows`` is 1 or 0)."""
+    """Return the load's force f(t) F at its point, and its torque f(t) T.
+
+    Both turn with the body where the load follows it (``follows`` is 1, else 0).
+    """
     force, torque = (p.follows * i.turn(a) + (1.0 - p.follows) * a for a in (p.force, p.torque))
-    return Push(p.factor * force, p.factor * torque, i.at(p.p))
+    return PointLoad(p.factor * force, p.factor * torque, i.at(p.p))
 
 
 KIND = ForceDeclaration(
-    "load", {"p": (3,), "force": (3,), "torque": (3,), "follows": (), "factor": ()}, push,
+    "load",
+    {"p": (3,), "force": (3,), "torque": (3,), "follows": (), "factor": ()},
+    push,
     "f(t) F at a point, and f(t) T, fixed in space or (`follows`) in the body; f is `factor`",
-    "Load", "its work enters the balance", pair=False, depends_on_velocity=False, depends_on_time=True,
-)  # fmt: skip
+    "Load",
+    "its work enters the balance",
+    pair=False,
+    depends_on_velocity=False,
+    depends_on_time=True,
+)

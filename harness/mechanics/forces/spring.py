@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ..declaring import ZERO, ForceDeclaration, Push, length
+from ..declaring import ZERO, ForceDeclaration, PointLoad, length
 from ..joints.frames import Vector
 
 
@@ -20,12 +20,12 @@ class SpringDamper:
 
 
 def push(i, j, p):  # type: ignore[no-untyped-def]
-    """-(k (l - d0) + c l_dot) d / l at the points."""
+    """Return the force on body i, -(k (l - d0) + c l_dot) d / l, at its point; d leads there from j's, l = |d|."""
     x, y = i.at(p.p_i), j.at(p.p_j)
     d = x - y
     l = length(d)
     rate = d @ (i.velocity(x) - j.velocity(y)) / l
-    return Push(-((p.k * (l - p.d0) + p.c * rate) / l) * d, ZERO, x)
+    return PointLoad(-((p.k * (l - p.d0) + p.c * rate) / l) * d, ZERO, x)
 
 
 KIND = ForceDeclaration(

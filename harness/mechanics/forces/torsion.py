@@ -3,16 +3,16 @@
     theta = atan2(u . b, u . e),  e = across_j, b = axis x e in j, u = across_i in i
     m = (p u x b - q u x e) / (p^2 + q^2),  p = u . e, q = u . b:   theta_dot = m . (omega_i - omega_j)
 
-m is the axis where u is normal to it. A state tells the angle but for whole turns: the law takes it within half a
-turn of theta_0, and adds ``wound``, what the spring is wound by there. Motions beyond that are followed turn by turn
-(modules ``mechanics.torsion`` and ``catalogue.turns``).
+m is the axis where u is normal to it. A state determines the angle up to whole turns: the law takes it within half a
+turn of theta_0, and adds ``wound``, the angle by which the spring is wound there. Motions beyond that are followed turn
+by turn (modules ``mechanics.torsion`` and ``catalogue.turns``).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..declaring import ZERO, ForceDeclaration, Push, cross
+from ..declaring import ZERO, ForceDeclaration, PointLoad, cross
 from ..joints.frames import Vector
 
 
@@ -36,17 +36,20 @@ class TorsionSpring:
 
 
 def push(i, j, p):  # type: ignore[no-untyped-def]
-    """-(k (theta - theta_0) + c theta_dot) m."""
+    """Return the torque on body i, -(k (theta - theta_0) + c theta_dot) m, with m as in the module's equations."""
     u, e, b = i.turn(p.u), j.turn(p.n[0]), j.turn(p.n[1])
     x, y = u @ e, u @ b
     m = (x * cross(u, b) - y * cross(u, e)) / (x * x + y * y)
     cosine, sine = np.cos(p.rest), np.sin(p.rest)
     angle = np.arctan2(y * cosine - x * sine, x * cosine + y * sine) + p.wound
-    return Push(ZERO, -(p.k * angle + p.c * (m @ (i.omega - j.omega))) * m, i.r)
+    return PointLoad(ZERO, -(p.k * angle + p.c * (m @ (i.omega - j.omega))) * m, i.r)
 
 
 KIND = ForceDeclaration(
-    "torsion", {"u": (3,), "n": (2, 3), "k": (), "rest": (), "c": (), "wound": ()}, push,
+    "torsion",
+    {"u": (3,), "n": (2, 3), "k": (), "rest": (), "c": (), "wound": ()},
+    push,
     "-(k (theta - theta_0) + c theta_dot) about an axis of j; theta from `across_j` to `across_i`, counted in turns",
-    "TorsionSpring", "potential of k; the work of c enters the balance",
-)  # fmt: skip
+    "TorsionSpring",
+    "potential of k; the work of c enters the balance",
+)

@@ -6,7 +6,7 @@ this order::
     point rows   phi = d, three rows                                          the points coincide
     line rows    phi = (R_j n_k) . d;  of a distance (d . d - L^2) / (2 L)    the point of i stays in a plane of j
     axis rows    phi = (R_i u) . (R_j n_k), k = 1, 2, then (R_i w) . (R_j n_2)    directions stay normal to each other
-    moving rows  module ``moving_rows``: drives, which are functions of time, and rows of velocities alone
+    moving rows  module ``moving_rows``: drives, which are functions of time, and rows that restrict velocities alone
 """
 
 from collections.abc import Iterable, Sequence
@@ -21,14 +21,28 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..declaring import Count, JointDeclaration
+from ..naming import name_part
 from ..time_functions import NONE, TimeFunction
 from . import kinds
-from .frames import Directions, Vector, normals_beside, unit
+from .frames import Directions, Vector, project_normals, unit
 
 __all__ = [
-    "DECLARED", "KINDS", "ROWS", "AxisRows", "Count", "Joint", "JointKind", "Kind", "LineRows", "MovingKind",
-    "MovingRows", "Vector", "directions", "normals_beside", "unit",
-]  # fmt: skip
+    "DECLARED",
+    "KINDS",
+    "ROWS",
+    "AxisRows",
+    "Count",
+    "Joint",
+    "JointKind",
+    "Kind",
+    "LineRows",
+    "MovingKind",
+    "MovingRows",
+    "Vector",
+    "directions",
+    "project_normals",
+    "unit",
+]
 
 
 class JointKind(StrEnum):
@@ -41,19 +55,20 @@ class JointKind(StrEnum):
     CYLINDRICAL = "cylindrical"  # rotation about the common axis and sliding along it
     PRISMATIC = "prismatic"  # sliding along the common axis
     ON_LINE = "point on line"  # all rotation, and the point of i along axis_j through the point of j
-    ON_PLANE = "point on plane"  # all but the way of the point of i along axis_j, the normal of a plane of j
+    ON_PLANE = "point on plane"  # all but the motion of the point of i along axis_j, the normal of a plane of j
     NORMAL = "normal axes"  # all but the angle of axis_i and axis_j, which stay normal to each other
     DISTANCE = "distance"  # all but the distance of the points: a rigid massless link
 
 
 class MovingKind(StrEnum):
-    """Kinds that prescribe a motion by functions of time, or restrict velocities alone: beside the joints of a pair."""
+    """Kinds that prescribe a motion by functions of time, or restrict velocities alone."""
 
-    DRIVEN_POSITION = "driven position"  # of the point of i along axis_j, from the point of j
-    DRIVEN_ANGLE = "driven angle"  # of across_i from across_j, about the axis
-    DRIVEN_DISTANCE = "driven distance"  # of the points: a massless link of varying length
+    DRIVEN_POSITION = "driven position"  # prescribes the position of the point of i along axis_j, from the point of j
+    DRIVEN_ANGLE = "driven angle"  # prescribes the angle of across_i from across_j, about the axis
+    DRIVEN_DISTANCE = "driven distance"  # prescribes the distance of the points: a massless link of varying length
     KNIFE_EDGE = "knife edge"  # the point of i has no velocity along axis_i, the normal of the blade, seen from j
-    ROLLING = "rolling disc"  # of radius ``length``, axis axis_i and centre s_i, on the plane of j with normal axis_j
+    # a disc of radius ``length``, axis axis_i and centre s_i, on the plane of j with normal axis_j
+    ROLLING = "rolling disc"
 
 
 Kind = JointKind | MovingKind | str  # a name in ``kinds``
@@ -67,7 +82,8 @@ DECLARED: dict[str, JointDeclaration] = {
     )
 }
 NAMED: tuple[Kind, ...] = (*JointKind, *MovingKind)
-KINDS = tuple(next((kind for kind in NAMED if kind == name), name) for name in DECLARED)  # as systems number them
+# the kinds in the order of their numbers in systems
+KINDS = tuple(next((kind for kind in NAMED if kind == name), name) for name in DECLARED)
 ROWS = {kind: DECLARED[kind].count for kind in KINDS}
 
 
@@ -91,13 +107,13 @@ class Joint:
     kind: Kind | str | None = None
     across_i: Vector | None = None
     across_j: Vector | None = None
-    length: float = 0.0  # [m] of a distance, radius of a disc
+    length: float = 0.0  # [m] length of a link, radius of a disc
     motion: TimeFunction | None = None
-    rows: Sequence[int] | None = None  # those that hold, numbered from 0 in the order above; None: all
+    rows: Sequence[int] | None = None  # rows in force, numbered from 0 in the order above; None: all
 
     @property
     def sort(self) -> Kind:
-        """``kind``, or what the axes say."""
+        """The kind of the joint: ``kind`` if given, else spherical, or revolute with axes."""
         if self.kind is not None:
             return self.kind
         return JointKind.SPHERICAL if self.axis_i is None and self.axis_j is None else JointKind.REVOLUTE
@@ -107,16 +123,16 @@ class LineRows(NamedTuple):
     """All line rows of a system."""
 
     joint: Int[np.ndarray, " m"]
-    row: Int[np.ndarray, " m"]  # of phi
+    row: Int[np.ndarray, " m"]  # row of phi
     n: Float[np.ndarray, "m 3"]  # in body j; zero for a distance
-    length: Float[np.ndarray, " m"]  # of a distance; zero for the others
+    length: Float[np.ndarray, " m"]  # length of a distance; zero for the others
 
 
 class AxisRows(NamedTuple):
     """All axis rows of a system."""
 
     joint: Int[np.ndarray, " m"]
-    row: Int[np.ndarray, " m"]
+    row: Int[np.ndarray, " m"]  # row of phi
     u: Float[np.ndarray, "m 3"]  # in body i
     n: Float[np.ndarray, "m 3"]  # in body j
 
@@ -125,17 +141,21 @@ class MovingRows(NamedTuple):
     """All joints with moving rows, and their first rows of phi."""
 
     joint: Int[np.ndarray, " m"]
-    row: Int[np.ndarray, " m"]
+    row: Int[np.ndarray, " m"]  # its first row of phi
     kind: tuple[Kind, ...]
 
 
 def title(k: int, joint: Joint) -> str:
-    """How messages call joint ``k``, counted from 0: with its name, if it has one."""
-    return f"joint {k} ({joint.name})" if joint.name else f"joint {k}"
+    """Return what messages call joint ``k``, counted from 0: its number, or the user's own name if it has one."""
+    return name_part("joint", k, joint.name)
 
 
 def directions(k: int, joint: Joint) -> dict[str, Any]:
-    """u, w (3,), n (3, 3), length and motion of a checked joint, or ValueError."""
+    """Return the numbers that the rows of joint ``k`` read, by name; raise ValueError for input not of its kind.
+
+    These are u, w (3,) in body i and n (3, 3) in body j, unit vectors, zero where no row reads them; length [m];
+    motion, the numbers of its function of time.
+    """
     where = title(k, joint)
     try:
         declared = DECLARED[joint.sort]
@@ -156,7 +176,10 @@ def directions(k: int, joint: Joint) -> dict[str, Any]:
 
 
 def select_rows(k: int, joint: Joint) -> list[Joint]:
-    """The joint, or one of a single row for each of its ``rows``: rows of points along the axes of j."""
+    """Return joint ``k`` in a list, or one joint of a single row for each of the ``rows`` that the user chose.
+
+    Point rows are then along the axes of j. Raise ValueError where the rows of a kind cannot be chosen.
+    """
     if joint.rows is None:
         return [joint]
     made, count = directions(k, joint), ROWS[joint.sort]
@@ -172,12 +195,16 @@ def select_rows(k: int, joint: Joint) -> list[Joint]:
     if not (rows and whole and len(set(rows)) == len(rows) and set(rows) <= set(range(len(each)))):
         expected = f"distinct whole numbers from 0 to {len(each) - 1}"
         raise ValueError(f"{title(k, joint)}: rows must be {expected} (got {joint.rows!r})")
-    name = joint.name or f"joint {k + 1}"
+    name = joint.name or f"joint {k}"
     single = [replace(one, name=f"{name}, row {row}", rows=None) for row, one in enumerate(each)]
     return [single[row] for row in rows]
 
 
 def _check_given(where: str, declared: JointDeclaration, joint: Joint) -> None:
+    """Raise ValueError unless the joint has the axes, directions, length and motion that its kind needs.
+
+    Axes and motions that the kind has no use for are refused, too, where they show a misunderstanding.
+    """
     sort, ends = declared.name, [joint.axis_i is not None, joint.axis_j is not None]
     if declared.axes == "i" and ends != [True, False]:
         raise ValueError(f"{where}: a {sort} needs axis_i, {declared.note}, and no axis_j")

@@ -1,1 +1,1 @@
-"""Observed orders, drift, symmetries and work, each with its evidence."""
+"""Measure orders, drift, symmetries and work, each with its evidence."""

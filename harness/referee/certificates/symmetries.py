@@ -1,13 +1,16 @@
-"""Symmetries of mechanics that a solver must keep whatever the motion is; no reference is needed.
+"""Check symmetries of mechanics that a solver must keep for every motion, without a reference.
 
-Each check compares two runs that differ in the presentation alone: frame, mirror image, numbering, units, a joint
-declared twice, or the direction of time. How far apart they may end is measured: ``SLACK`` times the change of the same
-solver's end at a tenth of its tolerance, plus rounding times the growth of a start changed by 1e-10, plus for fixed
+Each check compares two runs that differ only in the presentation: frame, mirror image, numbering, units, a joint
+declared twice, or the direction of time. The allowed distance of their ends is measured: ``SLACK`` times the change of
+the solver's end at a tenth of its tolerance, plus rounding times the growth of a start changed by 1e-10, plus for fixed
 steps ``HALVES`` times the change at half the step. Two runs of one motion may differ by their errors; whether a fixed
 step keeps a symmetry exactly, without that last part, is stated beside the verdict.
-A number that is not finite gives no verdict; a bound above the mechanism's size decides nothing, nor does one that is
-missed by less than it is uncertain.
-Distances are of whole poses, max over bodies of |r - r'| and L times the angle of R to R', L the mechanism's size.
+
+A number that is not finite gives no verdict; nor does a bound above the mechanism's size, or one that is missed by less
+than its uncertainty.
+
+Distances are of whole poses: the maximum over bodies of |r - r'| and of L times the angle from R to R', with L the
+mechanism's size.
 """
 
 import functools
@@ -26,70 +29,72 @@ from jaxtyping import Float
 from ...catalogue import registry
 from ...mechanics import so3
 from ...results import store
-from ...results.judgements.runs import Symmetry, SymmetryVerdict, Unjudged
+from ...results.judgements.runs import Symmetry, SymmetryVerdict, UnjudgedSymmetry
 from ...results.records import RunRecord
 from ...results.words import words_of_ending
 from ...types import Status
+from ...types.presentations import PRESENTATIONS
 
-SLACK = 10.0  # errors of one tolerance scatter by several times: steps fall differently
-HALVES = 3.0  # one run may err by 4/3 of its change at half the step, the other by as much the other way
-UNSURE = 0.1  # of a bound: the change at a tenth of the tolerance is the error less about a tenth of it
-TENTH = (0.05, 0.2)  # of the tolerance: what counts as a tenth
-ROUNDING = 2.2e-16  # a step, relative; steps add up
-CHANGES: Mapping[str, str] = {
-    "retrace": "time reversal", "yaw": "yaw", "rotation": "rotation", "mirror": "mirror image",
-    "renumber": "renumbering", "unit_length": "unit of length", "unit_mass": "unit of mass",
-    "unit_time": "unit of time", "duplicate": "repeated joint",
-}  # fmt: skip
+SLACK = 10.0  # errors at one tolerance scatter by several times, since steps differ
+HALVES = 3.0  # one run may err by 4/3 of its change at half the step, the other as much in the opposite direction
+# relative uncertainty of a bound: the change at a tenth of the tolerance is the error minus about a tenth of it
+UNSURE = 0.1
+TENTH = (0.05, 0.2)  # range of tolerance ratios that count as a tenth
+ROUNDING = 2.2e-16  # relative, per step; steps add up
+CHANGES: Mapping[str, str] = {p.name: p.check for p in PRESENTATIONS}
 SHAPING = ("problem", "problem_parameters", "solver", "solver_options", "control", "dt_s", "rtol", "max_step_s")
-COMPARED = ("problem_parameters", "rtol", "dt_s")  # columns in which the runs of a check differ, one at a time
+COMPARED = ("problem_parameters", "rtol", "dt_s")  # columns in which runs of a check differ, one at a time
 PLANARITY = "planar symmetry"
 
 
 @dataclass(frozen=True)
 class Yardstick:
-    """Allowed difference between two runs of a solver on a variant."""
+    """The allowed difference between two runs of a solver on a variant."""
 
     level: float  # [m] change of the end at a tenth of the tolerance
-    halved: float  # [m] and at half the step; 0 under error control
-    growth: float  # of a relative change of the start, at the end
-    steps: int
-    size: float  # [m] of the mechanism
+    halved: float  # [m] change of the end at half the step; 0 under error control
+    growth: float  # growth of a relative change of the start until the end
+    steps: int  # number of steps of the run
+    size: float  # [m] size of the mechanism
 
     @property
     def exact(self) -> float:
-        """[m] what is left when a scheme keeps a symmetry exactly."""
+        """The distance allowed if a scheme keeps a symmetry exactly [m]."""
         return SLACK * self.level + self.rounding
 
     @property
     def bound(self) -> float:
-        """[m] what errors of the scheme allow."""
+        """The distance allowed by the scheme's errors [m]."""
         return self.exact + HALVES * self.halved
 
     @property
     def rounding(self) -> float:
-        """[m] every step's rounding, grown to the end."""
+        """The distance that the rounding of every step, amplified until the end, may cause [m]."""
         return SLACK * ROUNDING * self.steps * max(self.growth, 1.0) * self.size
 
     @property
-    def back(self) -> float:
-        """Factor of the way back: what is off at the end grows once more."""
+    def return_factor(self) -> float:
+        """The factor on the allowed difference for a motion integrated back to its start: errors grow both ways."""
         return 1.0 + max(self.growth, 1.0)
 
 
 def check_symmetries(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmetry, ...]:
-    """One a solver, check and variant."""
+    """Compare pairs of runs that differ in the presentation alone; return a verdict for each solver, check and variant.
+
+    A run is judged if the results also have the runs that its bound is measured from: one with a tenth of the
+    tolerance, one from a perturbed start, and for fixed steps one with half the step.
+    """
     known = {_key_without(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings_id))}
     runs = sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.settings_id))
     ends = _Ends(folder)
-    alike: dict[tuple, list[RunRecord]] = {}  # thousands of runs are not compared each with each
+    alike: dict[tuple, list[RunRecord]] = {}  # grouped, so that thousands of runs are not compared in pairs
     for r, column in itertools.product(runs, COMPARED):
         alike.setdefault(_key_without(r, column), []).append(r)
     found = []
     for base in runs:
         kin, others, finer = (alike[_key_without(base, column)] for column in COMPARED)
         presented = [r for r in kin if _find_change(base, r)]
-        explicit = base if math.isnan(_tolerance(base)) else None  # nothing is solved to a tolerance
+        explicit = base if math.isnan(_tolerance(base)) else None  # no equations are solved to a tolerance
         tighter = min(
             (r for r in others if _is_tighter(base, r)), key=lambda r: _distance_from_tenth(base, r), default=explicit
         )
@@ -110,19 +115,24 @@ def check_symmetries(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmet
 
 
 class _Ends:
-    """Last poses of runs, read once."""
+    """The last poses of runs; each run is read once."""
 
     def __init__(self, folder: Path) -> None:
+        """Prepare to read the series in ``folder``; each run is read when it is first needed."""
         self.of = functools.cache(functools.partial(self._read_end, folder))
 
     @staticmethod
     def _read_end(folder: Path, r: RunRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """r, R of all bodies and gravity, space frame; None where the run has none."""
-        s = store.series_of(folder, r)
+        """Return r [m] and R of all bodies at a run's end, and gravity, in space; None if the run has no series."""
+        s = store.read_run_series(folder, r)
         return None if s is None else (s["end_r"], s["end_R"], s["gravity"])
 
-    def apart(self, one: RunRecord, other: RunRecord, turned: np.ndarray) -> float:
-        """Distance [m] of the ends, ``other`` brought back from the frame ``turned``; NaN if one has none."""
+    def measure_distance(self, one: RunRecord, other: RunRecord, turned: np.ndarray) -> float:
+        """Return the distance of the last poses of two runs [m]; NaN if one run has no series.
+
+        ``turned`` rotates the frame of ``one`` to that of ``other``, whose poses are rotated back. Angles are
+        multiplied by the mechanism's size; the largest distance of a body counts.
+        """
         a, b = self.of(one), self.of(other)
         if a is None or b is None:
             return math.nan
@@ -133,11 +143,16 @@ class _Ends:
 
 @functools.cache
 def _parse(text: str) -> Mapping[str, Any]:
+    """Return a JSON object as a read-only mapping, parsed once for each text."""
     return MappingProxyType(json.loads(text))
 
 
 def _key_without(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
-    """All that shapes a run but one column; a step's equations are solved to an option, so ``rtol`` stands for both."""
+    """Return all settings that shape a run except one column, as a key that groups runs which differ in it alone.
+
+    ``left_out`` is a column of the record; ``rtol`` of a fixed-step run stands for the tolerance of a step's
+    equations.
+    """
     shape = {k: str(getattr(r, k)) for k in SHAPING if k != left_out}
     if left_out == "rtol" and r.control == "dt":
         options = {k: v for k, v in _parse(r.solver_options).items() if k != "tolerance"}
@@ -146,7 +161,10 @@ def _key_without(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
 
 
 def _find_change(base: RunRecord, r: RunRecord) -> str:
-    """The one presentation that ``r`` has and ``base`` has not, all else alike; empty unless exactly one differs."""
+    """Return the name of the presentation (``yaw``, ``mirror``) that ``r`` has and ``base`` has not.
+
+    It is empty unless exactly one parameter of the problem differs, and ``base`` is not presented otherwise itself.
+    """
     here, there = _parse(base.problem_parameters), _parse(r.problem_parameters)
     if any(k in CHANGES for k in here) or any(there.get(k) != v for k, v in here.items()):
         return ""
@@ -155,21 +173,24 @@ def _find_change(base: RunRecord, r: RunRecord) -> str:
 
 
 def _is_nudged(base: RunRecord, r: RunRecord) -> bool:
+    """Return whether ``r`` differs from ``base`` only by a perturbed start."""
     return _size_of_nudge(r) > 0.0 and {
         k: v for k, v in _parse(r.problem_parameters).items() if k != "perturb"
     } == _parse(base.problem_parameters)
 
 
 def _size_of_nudge(r: RunRecord) -> float:
+    """Return the relative perturbation of a run's start; 0 if the start is not perturbed."""
     return float(_parse(r.problem_parameters).get("perturb", 0.0))
 
 
 def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
+    """Return whether the tolerance of ``r`` is about a tenth of that of ``base``."""
     return TENTH[0] < _tolerance(r) / _tolerance(base) < TENTH[1]
 
 
 def _tolerance(r: RunRecord) -> float:
-    """Tolerance of the error control, or of a fixed step's equations; NaN where a solver has neither."""
+    """Return the tolerance of the error control, or of a fixed step's equations; NaN without either."""
     if r.control != "dt":
         return r.rtol
     known = registry.solvers().get(r.solver)
@@ -178,60 +199,80 @@ def _tolerance(r: RunRecord) -> float:
 
 
 def _distance_from_tenth(base: RunRecord, r: RunRecord) -> tuple[float, str]:
-    """Distance of a tighter run's tolerance from a tenth."""
+    """Return how far the run's tolerance is from a tenth of that of ``base``: a sort key, with settings_id for ties."""
     return abs(math.log(10.0 * _tolerance(r) / _tolerance(base))), r.settings_id
 
 
 def _measure_yardstick(
     base: RunRecord, tighter: RunRecord, nudged: RunRecord, halved: RunRecord | None, ends: _Ends
 ) -> Yardstick | None:
-    """The yardstick of a run; None where one of the runs did not end well."""
+    """Return the difference allowed to the presentations of ``base``; None if one of the runs did not succeed.
+
+    ``tighter`` has a tenth of the tolerance, ``nudged`` a perturbed start, ``halved`` half the step (None under
+    error control).
+    """
     if any(r is not None and r.claimed != "success" for r in (base, tighter, nudged, halved)):
         return None
-    level = ends.apart(base, tighter, np.eye(3))
-    growth = ends.apart(base, nudged, np.eye(3)) / (_size_of_nudge(nudged) * base.length_scale_m)
-    step = 0.0 if halved is None else ends.apart(base, halved, np.eye(3))
+    level = ends.measure_distance(base, tighter, np.eye(3))
+    growth = ends.measure_distance(base, nudged, np.eye(3)) / (_size_of_nudge(nudged) * base.length_scale_m)
+    step = 0.0 if halved is None else ends.measure_distance(base, halved, np.eye(3))
     return Yardstick(level, step, growth, base.steps, base.length_scale_m)
 
 
 def _least_growth(base: RunRecord, found: Iterable[tuple[RunRecord, Yardstick]]) -> float:
-    """Growth belongs to the motion; under error control a changed start moves the steps too, and seems to grow more."""
+    """Return the least growth of a changed start among runs of the same motion; NaN if none is finite.
+
+    Error control moves steps too, which seems to increase growth.
+    """
     same = [y.growth for b, y in found if (b.problem, b.problem_parameters) == (base.problem, base.problem_parameters)]
     return min((g for g in same if math.isfinite(g)), default=math.nan)
 
 
 def _prepare_row(base: RunRecord, check: str, *runs: RunRecord) -> Callable[..., Symmetry]:
-    """Prepare a row without its verdict and numbers."""
+    """Return a function that makes the row of ``check`` for these runs from the verdict and numbers still missing."""
     options, variant = json.loads(base.solver_options), base.case.split(" ")[0]
     ids = tuple(r.settings_id for r in runs)
     return functools.partial(Symmetry, base.solver, options, check, base.problem, variant, ids)
 
 
 def _judge(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, ends: _Ends) -> Symmetry:
+    """Return the verdict on whether ``r`` ends where ``base`` ends; they differ by the presentation ``change`` alone.
+
+    ``yard`` is the allowed difference, None if a run that it is measured from failed.
+    """
     value = _parse(r.problem_parameters)[change]
     made = _prepare_row(base, CHANGES[change], base, r)
     if change.startswith("unit_"):
         made = functools.partial(made, factor=float(value))
     if base.claimed != "success":
-        return made(_describe_ending(base), Unjudged.BASE, base.status, words_of_ending(base))
+        return made(_describe_ending(base), UnjudgedSymmetry.BASE, base.status, words_of_ending(base))
     if yard is None:
-        return made("failed", Unjudged.BOUND)
+        return made("failed", UnjudgedSymmetry.BOUND)
     if r.claimed != "success":
-        return made(_describe_ending(r), Unjudged.PRESENTED, r.status, words_of_ending(r))
+        return made(_describe_ending(r), UnjudgedSymmetry.PRESENTED, r.status, words_of_ending(r))
     end = ends.of(base)
     if change == "renumber" and end is not None and len(end[0]) == 1:
-        return made("not applicable", Unjudged.SINGLE)
+        return made("not applicable", UnjudgedSymmetry.SINGLE)
     if change == "retrace":
         deviation = float(np.maximum(r.return_error_m, r.length_scale_m * r.return_error_rad))
         if math.isnan(deviation):
-            return made("failed", Unjudged.WAY_BACK, "", *json.loads(r.notes)[-1:], bound=yard.bound * yard.back)
-        return _compare(made, deviation, yard, yard.back)
+            return made(
+                "failed",
+                UnjudgedSymmetry.WAY_BACK,
+                "",
+                *json.loads(r.notes)[-1:],
+                bound=yard.bound * yard.return_factor,
+            )
+        return _compare(made, deviation, yard, yard.return_factor)
     turned = np.eye(3) if end is None else _turn_of(change, value, end[2])
-    return _compare(made, ends.apart(base, r, turned), yard)
+    return _compare(made, ends.measure_distance(base, r, turned), yard)
 
 
 def _judge_planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> Symmetry | None:
-    """Planar motion must stay in its plane, also in a turned frame."""
+    """Return the verdict on whether a planar motion stays in its plane, also in a rotated frame.
+
+    None for other runs.
+    """
     if math.isnan(r.out_of_plane_max_m) or yard is None or r.claimed != "success":
         return None
     change = _find_change(base, r)
@@ -242,26 +283,42 @@ def _judge_planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> S
 
 
 def _compare(made: Callable[..., Symmetry], deviation: float, yard: Yardstick, grown: float = 1.0) -> Symmetry:
-    """The verdict; ``grown`` multiplies all that is allowed."""
+    """Return the row of a check, with the verdict on a deviation [m] against the allowed difference.
+
+    ``made`` makes the row from verdict and numbers; ``grown`` multiplies all that is allowed.
+    """
     exact, bound = yard.exact * grown, yard.bound * grown
     if not math.isfinite(deviation) or not math.isfinite(bound):
-        return made("failed", Unjudged.END if not math.isfinite(deviation) else Unjudged.BOUND, bound=bound)
+        return made(
+            "failed", UnjudgedSymmetry.END if not math.isfinite(deviation) else UnjudgedSymmetry.BOUND, bound=bound
+        )
     kept = yard.halved > 0.0 and deviation <= exact
     verdict: SymmetryVerdict = "broken"
     if deviation <= (1.0 + UNSURE) * bound:
         verdict = "undecided" if deviation > bound or (exact if kept else bound) > yard.size else "holds"
     return made(
-        verdict, deviation=deviation, bound=bound, exact=None if yard.halved == 0.0 else kept and verdict == "holds",
-        exact_bound=exact, level=yard.level, halved=yard.halved, rounding=yard.rounding / SLACK, growth=yard.growth,
-    )  # fmt: skip
+        verdict,
+        deviation=deviation,
+        bound=bound,
+        exact=None if yard.halved == 0.0 else kept and verdict == "holds",
+        exact_bound=exact,
+        level=yard.level,
+        halved=yard.halved,
+        rounding=yard.rounding / SLACK,
+        growth=yard.growth,
+    )
 
 
 def _describe_ending(r: RunRecord) -> SymmetryVerdict:
+    """Return the verdict for a run that did not succeed: it refused, or it failed."""
     return "refused" if r.status == Status.REFUSED else "failed"
 
 
 def _turn_of(change: str, value: Any, gravity: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Rotation from the frame of the problem to that of the presentation, as the registry turns problems."""
+    """Return the rotation from the problem's frame to that of a presentation, as the registry rotates problems.
+
+    ``change`` names the presentation, ``value`` is its parameter. Presentations that rotate nothing give the identity.
+    """
     if change == "rotation":
         return so3.exp(np.array(value, dtype=float))
     if change == "yaw":

@@ -1,3 +1,5 @@
-"""The paper's claims as data, each tried over a map of settings. The doors: ``verdicts.judge`` judges a register from
-records; ``evidence.evaluate(metric, record, series, arguments)`` measures one number of one run.
+"""Try the paper's claims, given as data, over maps of settings.
+
+The entry points are ``count.judge``, which judges a register from records, and ``evidence.evaluate(metric, record,
+series, arguments)``, which measures one number of one run.
 """

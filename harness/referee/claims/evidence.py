@@ -1,4 +1,4 @@
-"""Measures for claims: numbers read off the record and the series of one run.
+"""Measure numbers for claims from the record and the series of one run.
 
 The rules of measures are in module measures; those of steps in module steps, of equations in module equations.
 """
@@ -18,48 +18,54 @@ from .measures import (
     MEASURES,
     NAN,
     bound,
+    cut_interval,
     enter_measure,
     evaluate,
     evaluate_pair,
     measure,
     measure_over,
     reached_end,
-    stretch,
 )
 
 __all__ = ["MEASURES", "conditioning", "equations", "evaluate", "evaluate_pair", "steps"]
 
 
 def _largest(a: np.ndarray) -> float:
+    """Return max |a|; infinite if a value is NaN."""
     return bound(a, np.max(np.abs(a)))
 
 
 def _swing(a: np.ndarray) -> float:
+    """Return the smaller of the largest rise and the largest fall: zero for a monotonic drift."""
     rise, fall = np.max(a - np.minimum.accumulate(a)), np.max(np.maximum.accumulate(a) - a)
     return bound(a, min(rise, fall))
 
 
 def _peak_over_median(a: np.ndarray) -> float:
+    """Return max |a| over the median of |a|: how far a peak stands out; NaN if that median is zero."""
     known = np.abs(a[np.isfinite(a)])
     return float(np.max(known) / np.median(known)) if np.any(known) and np.median(known) > 0.0 else NAN
 
 
 def _count_per_step(counter: str, record: RunRecord, series: Series | None) -> float:
+    """Return a counter of the record per step, for a run that reached its end; else NaN."""
     return float(getattr(record, counter)) / record.steps if reached_end(record) and record.steps else NAN
 
 
-# of a series over a stretch of time; all but the first are signed
+# measures of a series over an interval of time; all but the first are signed
 GROWING = {
     "largest": _largest,
     "highest": lambda a: bound(a, np.max(a)),
     "extent": lambda a: bound(a, np.ptp(a)),  # max - min
-    "swing": _swing,  # the smaller of the largest rise and the largest fall: zero for a drift, however large
+    "swing": _swing,  # the smaller of the largest rise and the largest fall: zero for a monotonic drift
 }
-measure_over(stretch, "series", GROWING, grows=True)
-measure_over(stretch, "series", {"lowest": lambda a: bound(a, np.min(a))})
-measure_over(stretch, "series", {"peak over median": _peak_over_median}, natural="one")  # how far a moment stands out
+measure_over(cut_interval, "series", GROWING, grows=True)
+measure_over(cut_interval, "series", {"lowest": lambda a: bound(a, np.min(a))})
+measure_over(
+    cut_interval, "series", {"peak over median": _peak_over_median}, natural="one"
+)  # how far a peak stands out
 
-# of a whole run: unbounded for one that stopped before its end, whose claims say "or does not end"
+# measures of a whole run, infinite if it stopped early, since the claims say "or does not end"
 LOSSES = {
     "loss": lambda r: r.position_error_judged_m,  # largest error while the motion is predictable [m]
     "orientation loss": lambda r: r.orientation_error_judged_rad,
@@ -67,7 +73,7 @@ LOSSES = {
 for name, of in LOSSES.items():
     enter_measure(name, lambda r, _, of=of: of(r) if reached_end(r) else math.inf, series=False, of_end=True)
 
-# counts a step, of a whole run: Newton's corrections, evaluations of the equations
+# counts per step of a whole run: Newton's corrections, evaluations of the equations
 COUNTERS = {"corrections per step": "newton_iterations", "evaluations per step": "evaluations"}
 for name, counter in COUNTERS.items():
     enter_measure(name, partial(_count_per_step, counter), series=False, until="end")
@@ -75,40 +81,41 @@ for name, counter in COUNTERS.items():
 
 @measure("name", "partial", series=False, until="end", grows=True)
 def column(record: RunRecord, series: Series | None, name: str, partial: bool = False) -> float:
-    """A column of the record; of a run that got to its end, unless ``partial``."""
+    """Return the number in column ``name`` of the record; NaN if the run did not reach its end, unless ``partial``."""
     value = getattr(record, name, NAN)
     return float(value) if (partial or reached_end(record)) and isinstance(value, int | float) else NAN
 
 
 @measure(series=False)
 def late_energy(record: RunRecord, series: Series | None) -> float:
-    """|time mean of the energy error over the last quarter| [J], of a run that got to its end: others have stopped."""
+    """Return |time mean of the energy error over the last quarter| [J] of a run that reached its end."""
     return abs(record.energy_mean_last_quarter_J) if reached_end(record) else NAN
 
 
 @measure(series=False, grows=True, of_end=True, natural="firm")
 def reached(record: RunRecord, series: Series | None) -> float:
-    """Part of the time asked for that the run got through: 1 is the end."""
+    """Return the fraction of the requested time that the run reached; 1 is the end."""
     return min(stops_at(record, series) / record.t_end_s, 1.0)
 
 
 @measure(series=False, grows=True, of_end=True, natural="end")
 def stops_at(record: RunRecord, series: Series | None) -> float:
-    """Time at which the run stopped before its end; infinite if it did not."""
+    """Return the time at which the run stopped before its end [s]; infinite if it did not."""
     if reached_end(record):
         return math.inf
     return 0.0 if math.isnan(record.t_reached_s) else record.t_reached_s
 
 
-@measure(series=False, of_stopped=True, of_end=True)
-def stop_time(record: RunRecord, series: Series | None) -> float:
-    """Time at which the run stopped [s], of runs that stopped before their end."""
-    return NAN if reached_end(record) else stops_at(record, series)
+@measure("", "by", series=False, of_stopped=True, of_end=True)
+def stop_time(record: RunRecord, series: Series | None, by: float = math.inf) -> float:
+    """Return the time at which the run stopped [s]; NaN if it reached its end or stopped after ``by`` [s]."""
+    time = stops_at(record, series)
+    return NAN if reached_end(record) or time > by else time
 
 
 @measure("series at")
 def value(record: RunRecord, s: Series, series: str, at: float) -> float:
-    """The series at a time, between steps by a straight line."""
+    """Return the value of a series at the time ``at`` [s], interpolated linearly; NaN if the run stopped before it."""
     t, a = s["t"], s.get(series)
     if a is None or at > t[-1] * (1.0 + END):
         return NAN
@@ -117,14 +124,14 @@ def value(record: RunRecord, s: Series, series: str, at: float) -> float:
 
 @measure("series from to", "partial", grows=True)
 def rise(record: RunRecord, s: Series, series: str, begin: float, to: float, **within: Any) -> float:
-    """Highest of the series from ``from`` to ``to``, less its value at ``from``."""
-    a = stretch(record, s, series, begin, to, **within)
+    """Return how far a series rises: its maximum from ``from`` to ``to`` [s], minus its value at ``from``."""
+    a = cut_interval(record, s, series, begin, to, **within)
     return NAN if a is None else bound(a, np.max(a)) - value(record, s, series, begin)
 
 
 @measure("series at", until="known")
 def rate(record: RunRecord, s: Series, series: str, at: float) -> float:
-    """|d series/dt| over the first step that ends after ``at``."""
+    """Return |d series/dt| over the first step that ends after ``at`` [s]; NaN if the run stopped before it."""
     t, a = s["t"], s.get(series)
     if a is None or at >= t[-1]:
         return NAN
@@ -134,14 +141,14 @@ def rate(record: RunRecord, s: Series, series: str, at: float) -> float:
 
 @measure("series from to")
 def change(record: RunRecord, s: Series, series: str, begin: float, to: float) -> float:
-    """The series at ``to`` less the series at ``from``, signed."""
+    """Return the value of a series at ``to`` minus that at ``from`` [s], signed."""
     return value(record, s, series, to) - value(record, s, series, begin)
 
 
 @measure("of", "from to partial", grows=True)
 def away(record: RunRecord, s: Series, of: str, **within: Any) -> float:
-    """max |observable - the reference's| over a stretch of time."""
-    own, exact = (stretch(record, s, f"{k}_{of}", **within) for k in ("obs", "ref"))
+    """Return max |observable - its reference| of the observable named ``of``, over an interval of time."""
+    own, exact = (cut_interval(record, s, f"{k}_{of}", **within) for k in ("obs", "ref"))
     if own is None or exact is None:
         return NAN
     known = ~np.isnan(exact)  # NaN beyond the reference's horizon
@@ -150,7 +157,7 @@ def away(record: RunRecord, s: Series, of: str, **within: Any) -> float:
 
 @measure("series limit", grows=True, until="known")
 def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
-    """First time |series| passes a limit; infinite if it never does."""
+    """Return the first time |series| exceeds a limit [s]; infinite if it never does."""
     a = s.get(series)
     if a is None:
         return NAN
@@ -160,9 +167,12 @@ def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
 
 @measure("series", "floor", until="end", natural="one")
 def grows(record: RunRecord, s: Series, series: str, floor: float = 0.0) -> float:
-    """max |series| in the last quarter of the time asked for over that in the first; 1 if both are below ``floor``."""
+    """Return max |series| in the last quarter of the requested time over that in the first; 1 if both are small.
+
+    Small is at most ``floor``.
+    """
     quarter = 0.25 * record.t_end_s
-    first, last = stretch(record, s, series, to=quarter), stretch(record, s, series, 3.0 * quarter)
+    first, last = cut_interval(record, s, series, to=quarter), cut_interval(record, s, series, 3.0 * quarter)
     if first is None or last is None:
         return NAN
     a, b = float(np.max(np.abs(last))), float(np.max(np.abs(first)))
@@ -171,9 +181,12 @@ def grows(record: RunRecord, s: Series, series: str, floor: float = 0.0) -> floa
 
 @measure("series", until="end", natural="one")
 def keeps_growing(record: RunRecord, s: Series, series: str) -> float:
-    """The smallest ratio of max |series| in a quarter of the time asked for to that in the quarter before."""
+    """Return the smallest ratio of max |series| in one quarter of the requested time to that in the quarter before.
+
+    Above 1 the series grows in every quarter.
+    """
     edges = [0.25 * k * record.t_end_s for k in range(5)]
-    quarters = [stretch(record, s, series, a, b) for a, b in pairwise(edges)]
+    quarters = [cut_interval(record, s, series, a, b) for a, b in pairwise(edges)]
     if any(q is None for q in quarters) or not reached_end(record):
         return NAN
     sizes = [float(np.max(np.abs(q))) for q in quarters if q is not None]
@@ -182,8 +195,8 @@ def keeps_growing(record: RunRecord, s: Series, series: str) -> float:
 
 @measure("series to", until="end")
 def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
-    """max |series| up to a time over that of the whole run: small for what grows gradually."""
-    first, whole = stretch(record, s, series, to=to), stretch(record, s, series)
+    """Return max |series| up to the time ``to`` [s] over that of the whole run: small for gradual growth."""
+    first, whole = cut_interval(record, s, series, to=to), cut_interval(record, s, series)
     if first is None or whole is None or not np.max(np.abs(whole)) > 0.0:
         return NAN
     return float(np.max(np.abs(first)) / np.max(np.abs(whole)))
@@ -191,14 +204,17 @@ def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
 
 @measure(grows=True, natural="one", reads="energy")
 def energy_ratio(record: RunRecord, s: Series) -> float:
-    """Largest mechanical energy over that of the start, whatever part of the run there is."""
+    """Return the ratio of the largest mechanical energy to the initial one, over as much of the run as exists."""
     E = s["energy"]
     return bound(E, np.max(E)) / float(E[0]) if E[0] != 0.0 else NAN
 
 
 @measure("series", "to", pair=True)
 def apart(one: Series, other: Series, series: list[str], to: float = math.inf) -> float:
-    """Largest distance of two whole runs in the named components, over the time of ``one`` or up to ``to``."""
+    """Return the largest distance of two runs: the norm of the differences of the named series at the steps of ``one``.
+
+    ``to`` [s] ends the comparison early; NaN if the other run ends before that or lacks a series.
+    """
     t = one["t"][one["t"] <= to]
     if t[-1] > other["t"][-1] * (1.0 + END) or not all(k in one and k in other for k in series):
         return NAN

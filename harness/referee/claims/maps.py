@@ -1,9 +1,9 @@
-"""Where a run stands in a map: its settings as dimensions under the names that claims use.
+"""Place a run in a map: its settings are dimensions under the names that claims use.
 
-A dimension is an option of the solver or a parameter of the problem under its own name, but for those that different
-solvers name differently: ``tolerance`` (rtol, or the stop test of ODE-GC), ``gain`` (alpha = beta), ``chart``,
-``step`` (dt), ``duration`` (t_end), ``frame`` (how problem and axes lie). What a selection does not name must be at
-its default, so that no claim gathers runs it was not written for.
+A dimension is an option of the solver or a parameter of the problem under its own name, except for those that solvers
+name differently: ``tolerance`` (rtol, or the stop test of ODE-GC), ``gain`` (alpha = beta), ``chart``, ``step`` (dt),
+``duration`` (t_end), ``frame`` (how problem and axes lie). A dimension that a selection does not name must have its
+default, so that no claim collects runs it was not written for.
 """
 
 import itertools
@@ -18,26 +18,30 @@ from ...suites.suite import load_suite
 
 ANY = "any"
 AS_PRINTED = "as printed"  # label in the suite ``paper``
-FRAMES = ("yaw", "rotation", "perturb", "seed")
-RENAMED: Mapping[str, tuple[str, Mapping[Any, str]]] = {  # options with their dimension, and other words for values
+FRAMES = ("yaw", "rotation", "perturb", "seed")  # parameters that the dimension ``frame`` stands for
+RENAMED: Mapping[str, tuple[str, Mapping[Any, str]]] = {  # options with their dimension and the words for their values
     "coordinates": ("chart", {}),
     "accelerations": ("form", {"unknown": "fi", "eliminated": "se", "mass_matrix": "mass matrix"}),  # unknown: w = u'
 }
-ALIGNED = "aligned"
-WHOLE = "the whole run"  # of a run in one step
+ALIGNED = "aligned"  # value of ``frame`` without such parameters
+WHOLE = "the whole run"  # step of a run in one step
 
 
 @dataclass(frozen=True)
-class Place:
-    """A run and its dimensions; ``usual`` holds those that are at their default."""
+class PlacedRun:
+    """A run with its dimensions.
+
+    ``usual`` names those at their defaults, ``options`` those that are options of its solver.
+    """
 
     spec: RunSpec
     dimensions: Mapping[str, Any]
     usual: frozenset[str]
+    options: frozenset[str]
 
 
-def place(spec: RunSpec) -> Place:
-    """The dimensions of a run, defaults filled in from the catalogue."""
+def read_dimensions(spec: RunSpec) -> PlacedRun:
+    """Return the dimensions of a run, with defaults from the catalogue."""
     options, unusual = _options(spec)
     given: dict[str, Any] = {"problem": spec.problem, "solver": spec.solver}
     for name, (default, _) in registry.problems()[spec.problem].parameters.items():
@@ -54,21 +58,22 @@ def place(spec: RunSpec) -> Place:
     step = WHOLE if c.dt is not None and c.dt >= given["duration"] else c.dt
     asked = {k: v for k, v in (("tolerance", c.rtol), ("step", step), ("max_step", c.max_step)) if v is not None}
     # a step or tolerance is always asked for: a selection has to name it
-    return Place(spec, given | asked, frozenset(given) - unusual - asked.keys())
+    return PlacedRun(spec, given | asked, frozenset(given) - unusual - asked.keys(), frozenset(options))
 
 
 @cache
 def own_duration(problem: str) -> float:
-    """The simulated time of a problem that is given none [s]."""
+    """Return the default simulated time of a problem [s]."""
     return float(registry.make_problem(problem, {}).t_end)
 
 
-def select(places: Iterable[Place], selections: Sequence[Mapping[str, Any]]) -> tuple[Place, ...]:
-    """Those in one of the selections, in their order; of two that differ in limits alone that of fewer steps.
+def select(places: Iterable[PlacedRun], selections: Sequence[Mapping[str, Any]]) -> tuple[PlacedRun, ...]:
+    """Return the runs in at least one of the selections, in their order.
 
-    A run without one that is stuck is ended by a clock.
+    A selection maps dimensions to their wanted values. Of two runs that differ only in their limits, the one with
+    fewer steps is kept: a stuck run without a step limit would be ended by a clock.
     """
-    out: dict[str, Place] = {}
+    out: dict[str, PlacedRun] = {}
     for p in places:
         if is_in(p, selections):
             key = repr(sorted((k, str(v)) for k, v in p.dimensions.items()))
@@ -78,38 +83,41 @@ def select(places: Iterable[Place], selections: Sequence[Mapping[str, Any]]) -> 
 
 
 def find_varied(settings: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """The dimensions with more than one value among ``settings``, each with its values in order."""
+    """Return the dimensions with more than one value among ``settings``, each with its values in order."""
     names = dict.fromkeys(itertools.chain.from_iterable(settings))
-    found = {k: values_of(at.get(k) for at in settings) for k in names}
+    found = {k: list_values(at.get(k) for at in settings) for k in names}
     return {k: v for k, v in found.items() if len(v) > 1}
 
 
-def values_of(given: Iterable[Any]) -> list[Any]:
-    """Each once, numbers by size before texts; None, where a dimension does not exist, comes last."""
+def list_values(given: Iterable[Any]) -> list[Any]:
+    """Return each value once, numbers by size before texts; None, for a missing dimension, comes last."""
     return sorted(dict.fromkeys(given), key=_order)
 
 
-def is_printed(p: Place, printed: Iterable[Mapping[str, Any]]) -> bool:
-    """Whether these are settings the paper prints, as far as it prints any.
+def is_printed(p: PlacedRun, printed: Iterable[Mapping[str, Any]]) -> bool:
+    """Return whether the paper prints the settings of a run; ``printed`` lists the settings that it prints.
 
-    A dimension that is ``as printed`` has the value of a run with that label in the suite ``paper``.
+    A dimension with the value ``as printed`` must equal that of a run with this label in the suite ``paper``;
+    dimensions that are not listed may have any value.
     """
     for one in printed:
         named = [k for k, v in one.items() if v == AS_PRINTED]
         given = all(_is_allowed(p.dimensions.get(k), v) for k, v in one.items() if k not in named)
         runs = _printed_runs(p.spec.problem, p.spec.solver) if named else (p,)
-        if given and any(all(same(p.dimensions.get(k), q.dimensions.get(k)) for k in named) for q in runs):
+        if given and any(all(are_equal(p.dimensions.get(k), q.dimensions.get(k)) for k in named) for q in runs):
             return True
     return False
 
 
 @cache
-def _printed_runs(problem: str, solver: str) -> tuple[Place, ...]:
+def _printed_runs(problem: str, solver: str) -> tuple[PlacedRun, ...]:
+    """Return the runs of the suite ``paper`` for a problem and a solver that have the label ``as printed``."""
     wanted = (AS_PRINTED, problem, solver)
-    return tuple(place(s) for s in load_suite("paper").specs if (s.label, s.problem, s.solver) == wanted)
+    return tuple(read_dimensions(s) for s in load_suite("paper").specs if (s.label, s.problem, s.solver) == wanted)
 
 
 def _options(spec: RunSpec) -> tuple[dict[str, Any], set[str]]:
+    """Return a run's options under the names of dimensions, defaults included, and the names of those it sets."""
     known = registry.solvers()[spec.solver].parameters
     options = {k: spec.options.get(k, default) for k, (default, _) in known.items()}
     unusual = {k for k in spec.options if k in known}
@@ -125,6 +133,7 @@ def _options(spec: RunSpec) -> tuple[dict[str, Any], set[str]]:
 
 
 def _frame(parameters: Mapping[str, Any]) -> str:
+    """Return how problem and axes lie, in words: the value of the dimension ``frame``."""
     if parameters.get("perturb"):
         return f"start perturbed by {parameters['perturb']:g}"
     if parameters.get("yaw"):
@@ -134,31 +143,34 @@ def _frame(parameters: Mapping[str, Any]) -> str:
     return ALIGNED
 
 
-def is_in(p: Place, selections: Iterable[Mapping[str, Any]]) -> bool:
-    """Whether the run is in one of the selections."""
+def is_in(p: PlacedRun, selections: Iterable[Mapping[str, Any]]) -> bool:
+    """Return whether a run is in one of the selections, which map dimensions to wanted values."""
     return any(_matches(p, s) for s in selections)
 
 
-def _matches(p: Place, selection: Mapping[str, Any]) -> bool:
-    for name, wanted in selection.items():  # a million times: most runs are of another problem
+def _matches(p: PlacedRun, selection: Mapping[str, Any]) -> bool:
+    """Return whether a run has the values of a selection, and defaults in all dimensions it does not name."""
+    for name, wanted in selection.items():  # called a million times: leave early, most runs are of another problem
         if wanted != ANY and not _is_allowed(p.dimensions.get(name), wanted):
             return False
     return p.dimensions.keys() <= selection.keys() | p.usual
 
 
 def _is_allowed(value: Any, wanted: Any) -> bool:
+    """Return whether a value of a dimension is the wanted one, one of a wanted list, or in a wanted range from-to."""
     if isinstance(wanted, dict):
         low, high = sorted((wanted["from"], wanted["to"]))
         return isinstance(value, int | float) and bool(low <= value <= high)
-    return any(same(value, w) for w in wanted) if isinstance(wanted, list) else same(value, wanted)
+    return any(are_equal(value, w) for w in wanted) if isinstance(wanted, list) else are_equal(value, wanted)
 
 
-def same(value: Any, wanted: Any) -> bool:
-    """Whether two values of a dimension are one: True is no 1."""
+def are_equal(value: Any, wanted: Any) -> bool:
+    """Return whether two values of a dimension are equal; True differs from 1."""
     return bool(value == wanted) and isinstance(value, bool) == isinstance(wanted, bool)
 
 
 def _order(value: Any) -> tuple[int, float, str]:
+    """Return the sort key of a dimension's value: numbers, True, False, texts, None."""
     if value is None:
         return 3, 0.0, ""
     if isinstance(value, bool):

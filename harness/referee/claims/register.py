@@ -1,6 +1,6 @@
-"""The claims register ``results/claims.toml``: read, checked, and refused in one line with the place.
+"""Read and check the claims register ``results/claims.toml``; an error names its place in one line.
 
-What the keys mean and how to write one: ``docs/claims.md``.
+The keys and how to write a claim are described in ``docs/claims.md``.
 """
 
 import math
@@ -11,68 +11,70 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, field
 
-from ...catalogue.options import nearest
+from ...catalogue.options import suggest_name
 from ...files import FileError, parse_toml, read_text
 from ...shapes import LARGEST, Shape, Text, convert_shape
 from .evidence import MEASURES
 from .predicates import COMBINE, COMPARE, NEAREST, Band
 
 REGISTER = Path(__file__).resolve().parents[3] / "results" / "claims.toml"
-PRESENTATION = "presentation"  # a check that we present a problem as the paper does, no result about a solver
+PRESENTATION = "presentation"  # a check that a problem is presented as in the paper, not a result about a solver
 CHOICES = {"metric": tuple(MEASURES), "combine": (*COMBINE, NEAREST, ""), "compare": (*COMPARE, "")}
 Names = str | tuple[str, ...]
 
 
 class Test(Shape, frozen=True):
-    """One measured number and the band it must lie in."""
+    """A measured number and the band it must lie in."""
 
     metric: str
     unit: str
     at_least: Annotated[float, Meta(ge=-LARGEST)] = -math.inf
     at_most: Annotated[float, Meta(le=LARGEST)] = math.inf
-    combine: str = ""  # how the values along ``across`` become one
+    combine: str = ""  # how the values along ``across`` are combined
     compare: str = ""  # how the value is compared with those of the map ``against``
     arguments: dict[str, Any] = field(default_factory=dict)
 
     @property
     def band(self) -> Band:
+        """The band that the number must lie in."""
         return Band(self.at_least, self.at_most)
 
 
 class Map(Shape, frozen=True):
-    """The runs a claim is tried on: a union of selections, the values each dimension must have, the printed ones."""
+    """The runs that a claim is tried on: a union of selections, with the values required and the settings printed."""
 
     name: str
-    over: Annotated[tuple[dict[str, Any], ...], Meta(min_length=1)]
+    over: Annotated[tuple[dict[str, Any], ...], Meta(min_length=1)]  # the selections
+    # least number of values that each named dimension must have
     dimensions: dict[str, Annotated[int, Meta(ge=1)]] = field(default_factory=dict)
-    printed: tuple[dict[str, Any], ...] = ()
+    printed: tuple[dict[str, Any], ...] = ()  # settings that the paper prints
 
 
 class Selection(Shape, frozen=True, forbid_unknown_fields=False):
-    """Settings of runs; other keys are dimensions."""
+    """The settings of runs; other keys are dimensions."""
 
     problem: Names
     solver: Names
 
 
 class Range(Shape, frozen=True):
-    """Values of a dimension between two numbers, both included."""
+    """The values of a dimension between two numbers, both included."""
 
     begin: float = field(name="from")
     to: float
 
 
 class Need(Shape, frozen=True):
-    """A need, without which a claim cannot be tested: a solver, an observable, or what only the authors have."""
+    """Something without which a claim cannot be tested: a solver, an observable, or data that only the authors have."""
 
     why: Text
     solver: str = ""
     observable: str = ""  # ``problem.name``
-    given: str = ""
+    given: str = ""  # data that only the authors have, in words
 
 
 class Claim(Shape, frozen=True):
-    """One claim of the paper."""
+    """A claim of the paper."""
 
     id: Text
     section: Text
@@ -81,44 +83,47 @@ class Claim(Shape, frozen=True):
     figure: tuple[Annotated[int, Meta(ge=1, le=12)], ...] = ()
     tests: tuple[Test, ...] = ()
     map: Map | None = None
-    against: Map | None = None
-    pair_by: tuple[str, ...] = ()
-    at_equal_work: bool = False  # compared with the runs of no more operations alone
-    must_act: bool = False  # runs of equal series are not compared: what they differ in acted on nothing
-    across: str = ""
-    along: Annotated[int, Meta(ge=2)] | tuple[float, ...] = 2  # the values that a group must have, or how many
-    ranges: tuple[tuple[float, float], ...] = ()  # of ``across``, each a reading of its own: from the first to the last
-    control: Map | None = None  # runs asked the same, each beside those of equal chart, tolerance and motion
-    quantifier: Literal["all", "some"] = "all"
-    needs: tuple[Need, ...] = ()
+    against: Map | None = None  # runs that those of ``map`` are compared with
+    pair_by: tuple[str, ...] = ()  # dimensions in which two compared runs must agree
+    at_equal_work: bool = False  # True to compare only with runs of no more operations
+    must_act: bool = False  # True to exclude runs with equal series, whose difference had no effect
+    across: str = ""  # dimension over which runs are considered together
+    along: Annotated[int, Meta(ge=2)] | tuple[float, ...] = 2  # the values that a group must have, or their number
+    # ranges of ``across``, each judged by itself: from the first to the last
+    ranges: tuple[tuple[float, float], ...] = ()
+    control: Map | None = None  # runs with the same tests, each compared at equal chart, tolerance and motion
+    quantifier: Literal["all", "some"] = "all"  # settings for which it must hold
+    needs: tuple[Need, ...] = ()  # solvers, observables or data without which it cannot be tested
     caveats: tuple[Text, ...] = ()
     kind: Literal["result", "presentation"] = "result"
-    starting: bool = False  # about starting: a run that took no step counts
-    summary: bool = False  # on what the abstract or the conclusions say: shown first
+    starting: bool = False  # True if about starting: a run that took no step counts
+    summary: bool = False  # True for a statement of the abstract or the conclusions, shown first
 
 
 @dataclass(frozen=True)
 class Register:
-    """All claims, and what each solver may be taken for."""
+    """All claims, and the solvers that each judged solver may represent."""
 
     claims: tuple[Claim, ...]
     maps: Mapping[str, Map]
-    solvers: Mapping[str, str]
+    solvers: Mapping[str, str]  # by judged solver: what it may represent, in words
 
 
 class _File(Shape, frozen=True):
+    """The content of the register's file, with claims and maps not yet checked."""
+
     claims: Annotated[tuple[dict[str, Any], ...], Meta(min_length=1)]
     maps: dict[str, dict[str, Any]] = field(default_factory=dict)
     solvers: dict[str, Text] = field(default_factory=dict)
 
 
 def read_register(path: Path = REGISTER) -> Register:
-    """The register in ``path``, or FileError."""
+    """Read the register in ``path``; raise FileError if it is invalid."""
     return parse_register(read_text(path, "claims"), str(path))
 
 
 def parse_register(text: str, where: str = "claims") -> Register:
-    """The register in ``text``; ``where`` names it in messages."""
+    """Parse a register; ``where`` names it in messages."""
     file = convert_shape(parse_toml(text, where), _File, where)
     maps: dict[str, Map] = {}
     for name, row in file.maps.items():
@@ -134,6 +139,7 @@ def parse_register(text: str, where: str = "claims") -> Register:
 
 
 def _claim(row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Claim:
+    """Return the claim in a row of the register; raise FileError, which begins with its place ``at``, if invalid."""
     tests = row.get("tests", [])
     if isinstance(tests, list):
         tests = [_test(t, f"{at}: test {k + 1}") if isinstance(t, dict) else t for k, t in enumerate(tests)]
@@ -143,7 +149,7 @@ def _claim(row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Claim:
         if sum(map(bool, (need.solver, need.observable, need.given))) != 1:
             raise FileError(f"{at}: needs {k + 1}: give one of solver, observable, given, and why")
     if not claim.needs and not (claim.tests and claim.map):
-        raise FileError(f"{at}: a map and a test are needed, or needs, which says what is missing")
+        raise FileError(f"{at}: add `map` and `[[tests]]`, or say under `needs` why the claim cannot be tested")
     if len({t.combine == NEAREST for t in claim.tests}) > 1:
         raise FileError(f"{at}: combine = {NEAREST!r} goes with all tests or none: one and the same run meets them")
     for k, t in enumerate(claim.tests):
@@ -161,10 +167,11 @@ def _claim(row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Claim:
 
 
 def _test(row: dict[str, Any], at: str) -> Test:
+    """Return the test in a row of a claim; raise FileError if a name is unknown or an argument or band missing."""
     metric = row.get("metric", "")
     for key, known in CHOICES.items():
         if (given := row.get(key, known[-1])) not in known:
-            raise FileError(f"{at}: unknown {key} {given!r}{nearest(str(given), [k for k in known if k])}")
+            raise FileError(f"{at}: unknown {key} {given!r}{suggest_name(str(given), [k for k in known if k])}")
     takes, wants = (MEASURES[metric].takes, MEASURES[metric].wants) if metric else ((), ())
     arguments = {k: v for k, v in row.items() if k in takes}
     rest = {k: v for k, v in row.items() if k not in takes}
@@ -179,6 +186,10 @@ def _test(row: dict[str, Any], at: str) -> Test:
 
 
 def _map(name: str, row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Map:
+    """Return the map in a row of the register, with selections of other maps inserted.
+
+    Raise FileError if it is invalid.
+    """
     printed, over = row.get("printed", []), row.get("over")
     if isinstance(over, list):
         over = [s for k, given in enumerate(over) for s in _selections(given, maps, f"{at}: selection {k + 1}")]
@@ -193,7 +204,10 @@ def _map(name: str, row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Ma
 
 
 def _selections(given: Any, maps: Mapping[str, Map], at: str) -> list[Any]:
-    """A selection, or those of another map, narrowed or widened by the other keys."""
+    """Return the selections that an entry of a map's ``over`` stands for.
+
+    It is one selection, or ``map`` names another map, whose selections are taken with the other keys changed.
+    """
     own = _one_a_key(given)
     if not isinstance(own, dict) or "map" not in own:
         return [own]
@@ -202,11 +216,12 @@ def _selections(given: Any, maps: Mapping[str, Map], at: str) -> list[Any]:
 
 
 def _one_a_key(given: Any) -> Any:
-    """``{ "a, b" = 1 }`` as ``{ a = 1, b = 1 }``."""
+    """Return a selection with keys of several names expanded: ``{ "a, b" = 1 }`` becomes ``{ a = 1, b = 1 }``."""
     return {n.strip(): v for k, v in given.items() for n in k.split(",")} if isinstance(given, dict) else given
 
 
 def _find_map(name: Any, maps: Mapping[str, Map], at: str) -> Map:
+    """Return the map of that name; raise FileError, with a similar name, if there is none."""
     if name not in maps:
-        raise FileError(f"{at}: unknown map {name!r}{nearest(str(name), list(maps))}")
+        raise FileError(f"{at}: unknown map {name!r}{suggest_name(str(name), list(maps))}")
     return maps[name]

@@ -1,4 +1,4 @@
-"""Verdicts on claims of the paper, with what they rest on."""
+"""Define the types of verdicts on claims of the paper, with their evidence."""
 
 import math
 from enum import StrEnum
@@ -8,61 +8,61 @@ import msgspec
 
 from ...shapes import Shape
 
-Value = bool | int | float | str | None  # of a dimension of a map; None where it does not exist
-Band = tuple[float | None, float | None]  # None: open at that end
+Value = bool | int | float | str | None  # value of a dimension of a map; None if a setting does not have the dimension
+Band = tuple[float | None, float | None]  # least and largest number allowed; None: no limit at that end
 
 
-SCHEMA: Literal[3] = 3  # of claims.json
+SCHEMA: Literal[3] = 3  # schema of claims.json
 
 
-class Verdict(StrEnum):
-    """A verdict on a claim at some settings: what could be reproduced of it, in words."""
+class ClaimVerdict(StrEnum):
+    """A verdict on a claim at some settings."""
 
-    NOT_REPRODUCED = "not reproduced"  # for none of the choices tried
-    REPRODUCED_IF = "reproduced if"  # for some of them, which the finding's ``decision`` names by value
-    REPRODUCED = "reproduced"  # for all of them
+    NOT_REPRODUCED = "not reproduced"  # it holds for none of the choices tried
+    REPRODUCED_IF = "reproduced if"  # it holds for some of them, named by the finding's ``decision``
+    REPRODUCED = "reproduced"  # it holds for all of them
     CANNOT_BE_TOLD = "cannot be told"
 
 
 class Ending(StrEnum):
-    """The end of a run, or the reason why a setting settles nothing."""
+    """The ending of a run, or the reason why a setting settles nothing."""
 
     FINAL = "final"
     MACHINE = "limit of the machine"
     UNCOMPARED = "nothing to compare"
     SLOW = "budget of steps"
-    APART = "joints came apart"  # the guard that all solvers share ended it, not the solver
+    APART = "joints came apart"  # ended by the guard that all solvers share, not by the solver
     NO_START = "no start"
-    START_UP = "start-up"  # it stopped in the first hundredth of its time, where it is asked when runs stop
+    START_UP = "start-up"  # a stop in the first hundredth of the time, if the claim is about stops
     ENDED = "no early end"
     EARLY = "an early end"
 
 
-class Gap(StrEnum):
+class ClaimGap(StrEnum):
     """The kind of thing that is missing to test a claim."""
 
-    NEED = "need"  # ``name`` says what, in the register's words
+    NEED = "need"  # ``name`` describes it in the register's words
     VALUES = "values"  # the suite has ``found`` of ``wanted`` values of the dimension ``name``
-    RUNS = "runs"  # the results hold ``found`` of ``wanted`` runs, not ``name``
+    RUNS = "runs"  # the results hold ``found`` of ``wanted`` runs; ``name`` is missing
     GROUPS = "groups"  # no two runs differ in ``name`` alone
     SETTLED = "settled"  # no setting settles it
     NUMBER = "number"  # no run has the number ``name``
-    REACHED = "reached"  # ``found`` of ``wanted`` settings got to the moment asked about
-    HANGS = "hangs"  # without the run ``name``, which failed, the verdict would be another
+    REACHED = "reached"  # ``found`` of ``wanted`` settings reached the time of the claim
+    HANGS = "hangs"  # the verdict depends on the one run ``name``, which failed
 
 
-class Missing(Shape, frozen=True):
-    """One reason why a claim cannot be tested."""
+class MissingReason(Shape, frozen=True):
+    """A reason why a claim cannot be tested."""
 
-    gap: Gap
+    gap: ClaimGap
     name: str = ""
     map: str = ""
     found: int = 0
     wanted: int = 0
 
 
-class Test(Shape, frozen=True):
-    """One measured number and its band."""
+class JudgedTest(Shape, frozen=True):
+    """A test of a claim: a measured number and the band in which it must lie."""
 
     metric: str
     arguments: dict[str, Any]
@@ -72,11 +72,11 @@ class Test(Shape, frozen=True):
     band: Band
     measured: float  # at the setting shown; NaN for an unbounded number too
     unbounded: bool = False
-    rival: str = ""  # the run with the smallest or largest of the numbers that it is compared with
+    rival: str = ""  # the run with the smallest or largest number compared with
 
 
-class Count(Shape, frozen=True):
-    """Settings with one value of a dimension."""
+class SettingsCount(Shape, frozen=True):
+    """The number of ``settings`` with one value of a dimension, and of those where the claim ``holds``."""
 
     value: Value
     holds: int
@@ -84,7 +84,7 @@ class Count(Shape, frozen=True):
 
 
 class Condition(Shape, frozen=True):
-    """Settings with these values of some dimensions."""
+    """The number of ``settings`` with the values ``at`` of some dimensions, and of those where the claim ``holds``."""
 
     at: dict[str, Value]
     holds: int
@@ -92,93 +92,93 @@ class Condition(Shape, frozen=True):
 
 
 class Decision(Shape, frozen=True):
-    """The condition that separates the settings where a claim holds from the others.
+    """The condition on dimensions that separates the settings where a claim holds from the others.
 
-    ``by``: the values of one or two dimensions with all of which together it always holds and without which it never
-    does, or the other way round (``unless``). Where none separates, with each of ``any_of`` it always holds, and it
-    holds in ``rest`` settings more; ``conditions`` are the largest where it always or never does, and ``telling`` is
-    the dimension that tells most.
+    ``by`` has values of one or two dimensions: the claim holds for settings with these values and for no others, or,
+    with ``unless``, only for the others. If no such condition exists, the claim always holds under each of ``any_of``,
+    and in ``rest`` further settings; ``conditions`` are the largest sets of settings where it always or never holds,
+    and ``telling`` is the dimension that separates best.
     """
 
-    by: dict[str, tuple[Value, ...]]
+    by: dict[str, tuple[Value, ...]]  # values by dimension; empty without such a condition
     unless: bool = False
     conditions: tuple[Condition, ...] = ()
     telling: str = ""
     any_of: tuple[Condition, ...] = ()
     rest: int = 0
-    told: tuple[Count, ...] = ()  # the settings with each value of ``telling``
+    told: tuple[SettingsCount, ...] = ()  # the settings with each value of ``telling``
 
 
-class LeftOut(Shape, frozen=True):
-    """Settings that settle nothing."""
+class ExcludedSettings(Shape, frozen=True):
+    """The number of settings that settle nothing for one reason."""
 
     why: Ending
     settings: int
 
 
-class Moved(Shape, frozen=True):
-    """Another verdict, with the band of one test moved."""
+class MovedVerdict(Shape, frozen=True):
+    """A different verdict on a claim that follows from a wider or narrower band of one test."""
 
-    test: int  # from 0
+    test: int  # index of the test, from 0
     by: Literal["wider", "narrower"]
-    verdict: Verdict
-    holds: int
+    verdict: ClaimVerdict
+    holds: int  # settings where the claim then holds, of ``settings``
     settings: int
 
 
-class Finding(Shape, frozen=True):
-    """A verdict on the settings that the paper prints, or on the others."""
+class ClaimFinding(Shape, frozen=True):
+    """A verdict on a claim at the settings that the paper prints, or at the others, with its counts of settings."""
 
-    verdict: Verdict
-    holds: int = 0
-    settings: int = 0  # that settle the claim, those with equal series counted once
-    rows: int = 0  # the same, each counted
-    stopped: int = 0  # of those that hold: by a number that is unbounded because a run stopped
+    verdict: ClaimVerdict
+    holds: int = 0  # settings where the claim holds
+    settings: int = 0  # settings that count towards the verdict; equal series are counted once
+    rows: int = 0  # settings that count towards the verdict, each counted
+    stopped: int = 0  # settings that hold by an unbounded number, because a run stopped
     decision: Decision | None = None
-    borderline: tuple[Moved, ...] = ()  # verdicts that it flips to when a band moves by a factor of 1.5
-    left_out: tuple[LeftOut, ...] = ()
-    met: tuple[int, int] | None = None  # values along ``across`` that meet it, of those tried, where one suffices
-    missing: tuple[Missing, ...] = ()  # why a count settles nothing
-    like: int = 0  # settings that the paper does not print, with the series of one that it does: counted with that
-    lone: int = 0  # settings that one failed run alone meets, along ``across``: counted as not met beside others
+    borderline: tuple[MovedVerdict, ...] = ()  # other verdicts when a band moves by a factor of 1.5
+    left_out: tuple[ExcludedSettings, ...] = ()
+    met: tuple[int, int] | None = None  # values along ``across`` that meet it and values tried, if one suffices
+    missing: tuple[MissingReason, ...] = ()  # reasons why a count settles nothing
+    like: int = 0  # unprinted settings counted with a printed one that has the same series
+    lone: int = 0  # settings met along ``across`` by one failed run only: counted as not met
 
 
 class Control(Shape, frozen=True):
-    """What other solvers do that are asked the same in the same chart, at the same tolerance and on the same motion."""
+    """The outcome of other solvers on the same claim, with the same chart, tolerance and motion."""
 
     solvers: tuple[str, ...]
-    finding: Finding  # on those beside the settings of the first verdict
-    both: int = 0  # of these settings: the claim holds in them, and so it does for the control beside
-    alone: int = 0  # of these: the claim holds in them, and the control is not there or left open
+    finding: ClaimFinding  # on the control's runs at the settings of the first verdict
+    both: int = 0  # settings where the claim holds for the solver and for the control
+    alone: int = 0  # settings where the claim holds and the control is missing or open
 
 
-class Because(Shape, frozen=True):
-    """Evidence for verdicts beside their counts."""
+class VerdictEvidence(Shape, frozen=True):
+    """The evidence for verdicts beside their counts."""
 
-    across: str = ""  # the dimension along which runs are looked at together
-    met_at: tuple[Count, ...] = ()  # values along ``across`` that meet the claim, where one suffices
-    stand_ins: tuple[str, ...] = ()  # what the judged solvers may be taken for, in the register's words
-    unjudged: tuple[str, ...] = ()  # solvers whose runs are in the map, and of which no setting is judged
+    across: str = ""  # the dimension along which runs are considered together
+    met_at: tuple[SettingsCount, ...] = ()  # values along ``across`` that meet the claim, if one suffices
+    stand_ins: tuple[str, ...] = ()  # solvers that the judged ones represent, in the register's words
+    unjudged: tuple[str, ...] = ()  # solvers with runs in the map but no judged setting
 
 
 class MapRow(Shape, frozen=True):
-    """One setting of a map."""
+    """A setting of a map, with the number measured there and whether the claim holds."""
 
     settings_id: str
     case: str
-    more: int  # runs looked at with it, along ``across``
+    more: int  # further runs considered with it, along ``across``
     at: dict[str, Value]
     holds: bool | None
     measured: float
     status: str
     printed: bool
-    twin: bool = False  # its series is that of an earlier row
-    control: float = math.nan  # the same number of the control beside it
+    twin: bool = False  # True if its series equals that of an earlier row
+    control: float = math.nan  # the control's number at the same settings
     control_holds: bool | None = None
-    command: str = ""  # that repeats its run, the first of several
+    command: str = ""  # the command that repeats its run, the first of several
 
 
-class Claim(Shape, frozen=True):
+class JudgedClaim(Shape, frozen=True):
     """A claim of the paper with its verdict and evidence."""
 
     id: str
@@ -187,32 +187,33 @@ class Claim(Shape, frozen=True):
     figure: tuple[int, ...]
     quote: str
     claim: str
-    paper: Finding | None  # at the settings that the paper prints; None where the map has none
-    beyond: Finding | None  # at the others
-    tests: tuple[Test, ...]
-    measured_range: tuple[float, ...]  # least and largest of the first number; empty where nothing was measured
-    because: Because
-    missing: tuple[Missing, ...]
+    paper: ClaimFinding | None  # at the settings that the paper prints; None if the map has none
+    beyond: ClaimFinding | None  # at the other settings
+    tests: tuple[JudgedTest, ...]
+    measured_range: tuple[float, ...]  # least and largest of the first number; empty if nothing was measured
+    because: VerdictEvidence
+    missing: tuple[MissingReason, ...]
     caveats: tuple[str, ...]
     settings: dict[str, tuple[Value, ...]]
     against: tuple[str, ...]  # cases that the numbers are compared with
     settings_ids: tuple[str, ...]
-    factors: dict[str, tuple[Count, ...]]
+    factors: dict[str, tuple[SettingsCount, ...]]
     map: tuple[MapRow, ...]
-    by_solver: dict[str, Finding] = msgspec.field(default_factory=dict)  # the first finding, where there are several
-    by_solver_beyond: dict[str, Finding] = msgspec.field(default_factory=dict)  # that beyond the paper's settings
+    # the finding ``paper`` by solver, if there are several
+    by_solver: dict[str, ClaimFinding] = msgspec.field(default_factory=dict)
+    by_solver_beyond: dict[str, ClaimFinding] = msgspec.field(default_factory=dict)  # the finding ``beyond`` by solver
     control: Control | None = None
-    summary: bool = False  # on what the abstract or the conclusions say
+    summary: bool = False  # True for a statement of the abstract or the conclusions
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """The findings, at the paper's settings first."""
+    def findings(self) -> tuple[ClaimFinding, ...]:
+        """The findings that exist, that at the paper's settings first."""
         return tuple(f for f in (self.paper, self.beyond) if f)
 
     @property
-    def verdict(self) -> Verdict:
-        """The verdict at the paper's settings where the map has such, else beyond them."""
-        return self.findings[0].verdict if self.findings else Verdict.CANNOT_BE_TOLD
+    def verdict(self) -> ClaimVerdict:
+        """The verdict at the paper's settings if the map has any, else at the others; unknown if it has neither."""
+        return self.findings[0].verdict if self.findings else ClaimVerdict.CANNOT_BE_TOLD
 
     @property
     def verdicts(self) -> str:
@@ -221,20 +222,20 @@ class Claim(Shape, frozen=True):
         return ", ".join(filter(None, (str(self.paper.verdict) if self.paper else "", beyond)))
 
 
-class Code(Shape, frozen=True):
-    """Digests of what verdicts were computed from (``harness.results.codes``)."""
+class CodeDigests(Shape, frozen=True):
+    """The digests of the code and runs that verdicts were computed from (``harness.results.codes``)."""
 
     solvers: dict[str, str]
     problems: dict[str, str]
     measuring: str
     judging: str
-    runs: str  # of the register and of the runs that its maps select
+    runs: str  # digest of the register and of the runs that its maps select
 
 
-class Published(Shape, frozen=True):
+class PublishedClaims(Shape, frozen=True):
     """The content of ``claims.json``."""
 
     schema: Literal[3]
-    code: Code
-    claims: tuple[Claim, ...]
-    commands: dict[str, str] = msgspec.field(default_factory=dict)  # by settings_id, for rows that have none
+    code: CodeDigests
+    claims: tuple[JudgedClaim, ...]
+    commands: dict[str, str] = msgspec.field(default_factory=dict)  # by settings_id, for rows without a command

@@ -1,4 +1,4 @@
-"""The judgements of a results folder: ``<results>/judgement/*.json``, written for a diff, read with suspicion."""
+"""Read and write the judgements of a results folder, ``<results>/judgement/*.json``; their contents are validated."""
 
 import json
 import math
@@ -10,27 +10,27 @@ from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
+from ...confined_paths import ConfinedPath
 from ...files import FileError, parse_json, read_text, to_json
-from ...places import Place
 from ...shapes import convert_shape
-from .claims import SCHEMA, Claim, Code, Published
+from .claims import SCHEMA, CodeDigests, JudgedClaim, PublishedClaims
 from .runs import Drift, FalseSuccess, Order, Symmetry, Work
 
 FOLDER = "judgement"
-PUBLISHED = Place(Path(__file__).resolve().parents[3] / "results" / "published")
+PUBLISHED = ConfinedPath(Path(__file__).resolve().parents[3] / "results" / "published")
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class File(Generic[T]):
-    """One judgement file and its type."""
+    """The name of a judgement file and the type of its content."""
 
     name: str
     kind: type[T]
-    schema: int = 0  # of a file that holds it beside digests of the code it comes from
+    schema: int = 0  # schema of a file that also holds the digests of its code
 
 
-CLAIMS = File("claims", tuple[Claim, ...], SCHEMA)
+CLAIMS = File("claims", tuple[JudgedClaim, ...], SCHEMA)
 ORDERS = File("certificates", tuple[Order, ...])
 DRIFTS = File("drift", tuple[Drift, ...])
 SYMMETRIES = File("symmetries", tuple[Symmetry, ...])
@@ -38,15 +38,15 @@ WORK = File("work", Work)
 WRONG = File("wrong", tuple[FalseSuccess, ...])
 
 
-def read_judgement(file: File[T], folder: Place) -> T:
-    """The judgement in ``folder``; FileError where it is not one, FileNotFoundError where there is none."""
+def read_judgement(file: File[T], folder: ConfinedPath) -> T:
+    """Read the judgement in ``folder``; raise FileError if it is invalid, FileNotFoundError if there is none."""
     if not file.schema:
         return _read(folder, file.name, file.kind)  # type: ignore[no-any-return]
-    return _restore_commands(_read(folder, file.name, Published))  # type: ignore[return-value]
+    return _restore_commands(_read(folder, file.name, PublishedClaims))  # type: ignore[return-value]
 
 
-def read_claims(folder: Place) -> tuple[Claim, ...] | None:
-    """The claims judged in ``folder``; None where there are none."""
+def read_claims(folder: ConfinedPath) -> tuple[JudgedClaim, ...] | None:
+    """Read the claims judged in ``folder``; return None if there are none; raise FileError if they are invalid."""
     try:
         return read_judgement(CLAIMS, folder)
     except FileNotFoundError:
@@ -55,44 +55,57 @@ def read_claims(folder: Place) -> tuple[Claim, ...] | None:
         raise FileError(f"{error}; --publish writes it anew") from None
 
 
-def code_of_claims(folder: Place) -> Code:
-    """Digests that the claims judged in ``folder`` come from; raises like ``read_judgement``."""
-    return _read(folder, CLAIMS.name, Published).code  # type: ignore[no-any-return]
+def code_of_claims(folder: ConfinedPath) -> CodeDigests:
+    """Return the digests of the code that judged the claims in ``folder``; raise as ``read_judgement`` does."""
+    return _read(folder, CLAIMS.name, PublishedClaims).code  # type: ignore[no-any-return]
 
 
-def _read(folder: Place, name: str, kind: Any) -> Any:
+def _read(folder: ConfinedPath, name: str, kind: Any) -> Any:
+    """Return the content of ``<name>.json`` in ``folder`` as the type ``kind``, with null numbers as NaN.
+
+    Raise FileNotFoundError if there is no such file, FileError if it is invalid or of an older version.
+    """
     path = folder / f"{name}.json"
     if not path.is_there():
         raise FileNotFoundError(path.path)
     where = f"{path.parent.name}/{path.name}"
     plain = parse_json(read_text(path, "the judgement"), where)
     schema = 1 if isinstance(plain, list) else plain.get("schema") if isinstance(plain, dict) else None
-    if kind is Published and schema in range(1, SCHEMA):
+    if kind is PublishedClaims and schema in range(1, SCHEMA):
         raise FileError(f"{where}: of an older version (schema {schema}, expected {SCHEMA})")
     return convert_shape(_restore_nan(plain, kind), kind, where)
 
 
-def add_code(claims: Sequence[Claim], code: Code) -> Published:
-    """The content of ``claims.json``; the command of a run, which is in rows of several claims, stands once."""
+def add_code(claims: Sequence[JudgedClaim], code: CodeDigests) -> PublishedClaims:
+    """Return the content of ``claims.json``: claims, the digests of their code, and the commands that repeat runs.
+
+    The command of a run is moved from the rows of several claims to one place.
+    """
     commands = {m.settings_id: m.command for c in claims for m in c.map if m.command}
     replace = msgspec.structs.replace
     bare = (replace(c, map=tuple(replace(m, command="") for m in c.map)) for c in claims)
-    return Published(SCHEMA, code, tuple(bare), dict(sorted(commands.items())))
+    return PublishedClaims(SCHEMA, code, tuple(bare), dict(sorted(commands.items())))
 
 
-def _restore_commands(found: Published) -> tuple[Claim, ...]:
+def _restore_commands(found: PublishedClaims) -> tuple[JudgedClaim, ...]:
+    """Return the claims of a file with the command of each run copied back into their rows."""
     replace, commands = msgspec.structs.replace, found.commands
-    rows = (tuple(replace(m, command=m.command or commands.get(m.settings_id, "")) for m in c.map)
-            for c in found.claims)  # fmt: skip
+    rows = (
+        tuple(replace(m, command=m.command or commands.get(m.settings_id, "")) for m in c.map) for c in found.claims
+    )
     return tuple(replace(c, map=own) for c, own in zip(found.claims, rows, strict=True))
 
 
-def shorten_claims(claims: Sequence[Claim]) -> tuple[Claim, ...]:
-    """The claims as published: every row with its number, whether it holds, and its command, which has its settings."""
+def shorten_claims(claims: Sequence[JudgedClaim]) -> tuple[JudgedClaim, ...]:
+    """Return the claims as they are published, without what the pages do not need.
+
+    Every row keeps its number, whether the claim holds, and its command; lists of runs and of counts are left out.
+    """
     return tuple(map(_shorten, claims))
 
 
-def _shorten(c: Claim) -> Claim:
+def _shorten(c: JudgedClaim) -> JudgedClaim:
+    """Return one claim as it is published; only the counts of the dimension that separates best are kept."""
     replace = msgspec.structs.replace
     telling = {f.decision.telling for f in c.findings if f.decision}
     factors = {k: v for k, v in c.factors.items() if k in telling}
@@ -101,14 +114,15 @@ def _shorten(c: Claim) -> Claim:
 
 
 def format_judgement(judged: Any) -> str:
-    """Strict JSON of which a diff can be read: a line a row of every list of tables; NaN and infinity are null."""
+    """Format a judgement as strict JSON that suits a diff: a line per row of each list; NaN and infinity are null."""
     plain = json.loads(to_json(judged))
-    if isinstance(judged, Published):
+    if isinstance(judged, PublishedClaims):
         return "{\n" + ",\n".join(f"{json.dumps(k)}: {_format(v, 0)}" for k, v in plain.items()) + "\n}\n"
     return _format(plain, 0) + "\n"
 
 
 def _format(plain: Any, depth: int) -> str:
+    """Return plain data as JSON text, with a line per row of every list and per key down to the second level."""
     pad = " " * (depth + 1)
     if isinstance(plain, dict) and plain and depth < 2:
         rows = [f"{json.dumps(k, ensure_ascii=False)}: {_format(v, depth + 1)}" for k, v in plain.items()]
@@ -119,7 +133,7 @@ def _format(plain: Any, depth: int) -> str:
 
 
 def _restore_nan(plain: Any, kind: Any) -> Any:
-    """``plain`` with NaN for null where ``kind`` is a number."""
+    """Return plain JSON data with null replaced by NaN wherever the type ``kind`` has a float."""
     if plain is None:
         return math.nan if kind is float else None
     inner = get_args(kind)
@@ -133,6 +147,7 @@ def _restore_nan(plain: Any, kind: Any) -> Any:
 
 @cache
 def _field_types(kind: Any) -> dict[str, Any]:
+    """Return the types of the fields of a struct or dataclass, also inside ``X | None``; empty for other types."""
     for k in (kind, *get_args(kind)):
         if isinstance(k, type) and (issubclass(k, msgspec.Struct) or is_dataclass(k)):
             return get_type_hints(k)

@@ -1,4 +1,4 @@
-"""Judgements of runs beside others: orders, drift, symmetries, work, false successes."""
+"""Define the types of judgements that compare runs: orders, drift, symmetries, work, false successes."""
 
 import math
 from enum import StrEnum
@@ -6,19 +6,26 @@ from typing import Any, Literal
 
 from ...shapes import Shape
 from ...types import Reason
-from ..findings import Finding, Measured, Required, Verdict
+from ..findings import Finding, MeasuredQuantity, RequiredLimits, Verdict
 
 NAN = math.nan
 OrderVerdict = Literal[
-    "certified", "above declared", "below declared", "undecided", "measured", "exact", "floor", "not measured",
+    "certified",
+    "above declared",
+    "below declared",
+    "undecided",
+    "measured",
+    "exact",
+    "floor",
+    "not measured",
     "refused",
-]  # fmt: skip
+]
 FitKind = Literal["power", "lost", "flat", "none", "exact"]
 SymmetryVerdict = Literal["holds", "broken", "undecided", "failed", "refused", "not applicable"]
 
 
 class Asked(Shape, frozen=True):
-    """The run that was asked for."""
+    """The problem, variant, solver and settings that a judgement is about."""
 
     problem: str
     variant: str
@@ -27,7 +34,7 @@ class Asked(Shape, frozen=True):
 
 
 class Note(StrEnum):
-    """A reason why runs of a ladder were left out."""
+    """The reason why runs of a ladder of steps were left out."""
 
     NO_SCALE = "no scale"
     CUT = "cut steps"
@@ -35,53 +42,58 @@ class Note(StrEnum):
 
 
 class Order(Asked, frozen=True):
-    """The order of one quantity of one solver on one variant."""
+    """The observed order of one quantity of one solver on one variant."""
 
     quantity: str
     symbol: str
     unit: str
     against: Literal["dt", "mean step"]
-    declared: float
-    order: float
+    declared: float  # order that the solver declares; NaN if none
+    order: float  # observed order, with the ends of its interval
     low: float
     high: float
-    dt: tuple[float, ...]
-    error: tuple[float, ...]
-    used: tuple[bool, ...]
-    floor: float
+    dt: tuple[float, ...]  # steps, or mean steps, of the runs [s], coarsest first
+    error: tuple[float, ...]  # error of each run, in ``unit``
+    used: tuple[bool, ...]  # for each run, whether the order is fitted to it
+    floor: float  # median error of the finer runs left out; NaN without
     rtol: tuple[float, ...]
-    exponent: float
+    exponent: float  # of the error against rtol, under error control
     exponent_low: float
     exponent_high: float
     verdict: OrderVerdict
     fit: FitKind
-    slopes: tuple[float, ...]  # those finer than the points used; all where no range of steps was found
+    slopes: tuple[float, ...]  # slopes finer than the points used; all if no range of steps was found
     unfinished: int  # runs of the ladder that did not succeed
     notes: tuple[Note, ...]
     t_end_s: float
     settings_ids: tuple[str, ...]
-    status: str = ""  # of the finest run that did not succeed, and its message, where too few did
+    status: str = ""  # status and message of the finest failed run, if too few succeeded
     message: str = ""
     unmeasured: int = 0  # runs of the ladder that succeeded without an error to measure
 
     @property
     def is_measured(self) -> bool:
-        """Whether enough runs have an error."""
+        """True unless too few runs of the ladder have an error, or the solver refused."""
         return self.verdict not in ("not measured", "refused")
 
     def as_finding(self, words: str = "") -> Finding:
-        """The order beside the declared one; those of energy and reactions may differ from it and are only shown."""
+        """Return the order as a finding, with the declared order as its requirement.
+
+        Orders of energy and reactions may differ from it and are only shown. ``words`` replace those beside the number.
+        """
         if self.fit == "power":
             words = words or f"[{self.low:.2f}, {self.high:.2f}] in the {self.against}"
         open_ = math.isnan(self.declared) or self.quantity in ("energy", "reaction") or not self.is_measured
         good = None if open_ or self.verdict == "undecided" else self.verdict != "below declared"
-        measured = Measured(f"order, {self.problem}, {self.quantity}", self.order, "", words=words or self.verdict)
-        required = Required(words="" if math.isnan(self.declared) else f"{self.declared:g} declared")
-        return Finding(measured, required, Verdict.of(good), f"{self.variant} {self.case}")
+        measured = MeasuredQuantity(
+            f"order, {self.problem}, {self.quantity}", self.order, "", words=words or self.verdict
+        )
+        required = RequiredLimits(words="" if math.isnan(self.declared) else f"{self.declared:g} declared")
+        return Finding(measured, required, Verdict.from_outcome(good), f"{self.variant} {self.case}")
 
 
 class Drift(Asked, frozen=True):
-    """Parts of a long run's energy error, with 95 % intervals."""
+    """The parts of a long run's energy error, with 95 % intervals: oscillation, linear trend and random walk."""
 
     settings_id: str
     status: str
@@ -97,19 +109,19 @@ class Drift(Asked, frozen=True):
     walk_high: float = NAN
 
 
-class Unjudged(StrEnum):
-    """Why a symmetry has no number."""
+class UnjudgedSymmetry(StrEnum):
+    """The reason why a check of a symmetry has no number."""
 
-    BASE = "run as it stands"  # it ended with ``status``
-    PRESENTED = "presented run"  # the same
-    BOUND = "bound"  # a run that the bound is made of failed, or has no end
+    BASE = "run as it stands"  # this run ended with ``status``
+    PRESENTED = "presented run"  # this run ended with ``status``
+    BOUND = "bound"  # a run that the bound is computed from failed, or has no end
     SINGLE = "single body"  # nothing to renumber
     WAY_BACK = "way back"
     END = "end"
 
 
 class Symmetry(Shape, frozen=True):
-    """A check of one solver on one variant: how far apart two runs end [m], and how far they may."""
+    """A check of one solver on one variant: the distance between the ends of two runs [m], and its bound."""
 
     solver: str
     options: dict[str, Any]
@@ -118,42 +130,44 @@ class Symmetry(Shape, frozen=True):
     variant: str
     settings_ids: tuple[str, ...]
     verdict: SymmetryVerdict
-    unjudged: Unjudged | None = None
+    unjudged: UnjudgedSymmetry | None = None
     status: str = ""
     message: str = ""
     presented: str = ""  # the presentation in which planarity is checked
-    factor: float = NAN  # of a changed unit
+    factor: float = NAN  # factor of a changed unit
     unit: str = "m"
-    deviation: float = NAN
-    bound: float = NAN
-    exact: bool | None = None  # kept as far as the steps are solved; None under error control
-    exact_bound: float = NAN
+    deviation: float = NAN  # measured distance
+    bound: float = NAN  # distance allowed by the scheme's errors
+    exact: bool | None = None  # True if kept to the tolerance of the step equations; None under error control
+    exact_bound: float = NAN  # distance allowed if the symmetry is kept exactly
     level: float = NAN  # change of the end at a tenth of the tolerance
-    halved: float = NAN  # at half the step; 0 under error control
+    halved: float = NAN  # change of the end at half the step; 0 under error control
     rounding: float = NAN
-    growth: float = NAN  # of a changed start, at the end
+    growth: float = NAN  # growth of a changed start until the end
 
     @property
     def title(self) -> str:
-        """The check with its factor or presentation."""
+        """The name of the check, with the factor of the unit or the presentation it was made in."""
         how = f" x {self.factor:g}" if self.factor == self.factor else ""
         return f"{self.check}{how}, {self.presented}".removesuffix(", ")
 
     def as_finding(self) -> Finding:
-        """The deviation beside its bound."""
+        """Return the distance of the two ends as a finding, with its bound as the requirement."""
         good = {"holds": True, "broken": False, "failed": False}.get(self.verdict)
-        measured = Measured(
+        measured = MeasuredQuantity(
             f"symmetry: {self.title}", self.deviation, "m", words=f"{self.verdict} {self.message}".strip()
         )
-        return Finding(measured, Required(most=self.bound), Verdict.of(good), f"{self.solver} {self.variant}")
+        return Finding(
+            measured, RequiredLimits(most=self.bound), Verdict.from_outcome(good), f"{self.solver} {self.variant}"
+        )
 
 
 class WorkPoint(Asked, frozen=True):
-    """Cost and error of one run."""
+    """The cost and error of one run, for work-precision diagrams."""
 
     settings_id: str
     label: str
-    best: bool
+    best: bool  # no run of its solver beats it in both error and operations
     status: str
     error: float
     error_kind: str
@@ -170,16 +184,16 @@ class WorkPoint(Asked, frozen=True):
 
 
 class WorkProfile(Shape, frozen=True):
-    """The least work at which one solver reaches each target that it reaches, of ``total``."""
+    """The least work at which one solver reaches each target that it can reach, of ``total`` targets."""
 
     solver: str
-    work: str
+    work: str  # kind of work: "operations", "steps", "cpu", ...
     total: int
-    target_work: tuple[float, ...]
+    target_work: tuple[float, ...]  # least work at each target reached, ascending
 
 
 class Targets(Shape, frozen=True):
-    """Errors of one variant that the reference, itself off by ``own``, can judge."""
+    """The target errors of one variant, which a reference with stated error ``own`` is accurate enough to judge."""
 
     variant: str
     unit: str
@@ -188,7 +202,7 @@ class Targets(Shape, frozen=True):
 
 
 class Work(Shape, frozen=True):
-    """All points, and profiles with the best of all settings and with default options."""
+    """The costs and errors of all runs, and profiles by the best of all settings and by default options."""
 
     points: tuple[WorkPoint, ...]
     profile: tuple[WorkProfile, ...]
@@ -197,7 +211,7 @@ class Work(Shape, frozen=True):
 
 
 class FalseSuccess(Shape, frozen=True):
-    """A run whose solver claims success while laws or symmetries say no."""
+    """A run whose solver claims success although it breaks laws or symmetries."""
 
     case: str
     settings_id: str

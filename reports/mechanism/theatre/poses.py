@@ -1,4 +1,4 @@
-"""Which of the stored poses are drawn, how far off they are, and poses and strips made small for a page."""
+"""Select the stored poses to draw, measure the error of drawing them, and compress poses and strips for a page."""
 
 from dataclasses import dataclass
 
@@ -9,32 +9,32 @@ from scipy.spatial.transform import Rotation
 LEVELS = 32767
 DIGITS = 9  # bits of mantissa that a strip keeps: 1/1024 of the value at most, below a pixel
 FIRST = 48  # poses tried at first
-NEAR = 0.01  # [of a body] drawn poses may be so far off stored ones where there is room for more
+NEAR = 0.01  # [body sizes] distance of drawn from stored poses that adds no pose
 TURNED = 0.03  # [rad]
-ALIKE = 0.5  # [rad, of a body] a run this near to the exact motion errs evenly between two stored poses
-AT_ONCE = 0.25  # of the worst distance: so much further off a chord half as long is not
+ALIKE = 0.5  # [rad, body sizes] below it a run's error is taken as smooth between two stored poses
+AT_ONCE = 0.25  # fraction of the worst distance: halving a chord divides its distance by four
 
 
 @dataclass(frozen=True)
 class Box:
-    """Where positions are exact to half a step; what leaves it stays at its wall."""
+    """A box whose grid of int16 holds positions to half a step; points outside are moved to its wall."""
 
-    low: Float[np.ndarray, " 3"]
+    low: Float[np.ndarray, " 3"]  # [m, space frame], as ``high``
     high: Float[np.ndarray, " 3"]
 
     @property
     def quantum(self) -> Float[np.ndarray, " 3"]:
-        """A step of the int16 grid [m]; positions are off by half of it at most."""
+        """The step of the int16 grid [m]; positions are off by at most half of it."""
         return np.maximum(self.high - self.low, 1e-12) / (2 * LEVELS)
 
     def widen(self, by: float) -> "Box":
-        """With walls ``by`` times its largest side further out."""
+        """Return the box with its walls moved out by ``by`` times its largest side."""
         out = by * float(np.max(self.high - self.low))
         return Box(self.low - out, self.high + out)
 
 
-def box_of(points: Float[np.ndarray, "*n 3"]) -> Box:
-    """The smallest box of all finite points; of side 1 around the origin if there is none."""
+def bound_points(points: Float[np.ndarray, "*n 3"]) -> Box:
+    """Return the smallest box around all finite points; a unit cube around the origin if there is none."""
     flat = points.reshape(-1, 3)
     flat = flat[np.all(np.isfinite(flat), axis=1)]
     if len(flat) == 0:
@@ -43,14 +43,14 @@ def box_of(points: Float[np.ndarray, "*n 3"]) -> Box:
 
 
 def positions(r: Float[np.ndarray, "nf nb 3"], box: Box) -> Int[np.ndarray, "nf nb 3"]:
-    """To the grid of the box, its middle at 0."""
+    """Return positions as whole steps of the box's grid, 0 in the middle of the box."""
     middle = 0.5 * (box.low + box.high)
     steps = np.rint((r.astype(float) - middle) / box.quantum)
     return np.clip(steps, -LEVELS, LEVELS).astype(np.int16)
 
 
 def quaternions(q: Float[np.ndarray, "nf nb 4"]) -> Int[np.ndarray, "nf nb 4"]:
-    """Unit quaternions to the grid, each of the sign that lies nearer to the one before."""
+    """Return unit quaternions as whole steps of 1/32767, each with the sign nearer to the one before."""
     q = q.astype(float)
     turns = np.sign(np.sum(q[1:] * q[:-1], axis=-1))
     turns[turns == 0.0] = 1.0
@@ -59,25 +59,26 @@ def quaternions(q: Float[np.ndarray, "nf nb 4"]) -> Int[np.ndarray, "nf nb 4"]:
 
 
 def columns(a: Int[np.ndarray, "nf n"]) -> Int[np.ndarray, " m"]:
-    """One column after the other from 0 up: its differences over time, which is what a bundle stores, compress well."""
+    """Return one column after another as counts from 0 on; a page stores their differences, which compress well."""
     return a.T.astype(np.int64).ravel() + LEVELS
 
 
 def round_mantissa(a: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-    """With ``DIGITS`` bits of mantissa, which compress well."""
+    """Round values to ``DIGITS`` bits of mantissa, which compress well."""
     fraction, power = np.frexp(a)
     return np.ldexp(np.rint(np.ldexp(fraction, DIGITS)), power - DIGITS)
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses of one run over time; quaternions (x, y, z, w)."""
+    """The poses of one run over time; quaternions are (x, y, z, w)."""
 
-    t: Float[np.ndarray, " nf"]
-    r: Float[np.ndarray, "nf nb 3"]
+    t: Float[np.ndarray, " nf"]  # [s]
+    r: Float[np.ndarray, "nf nb 3"]  # centres of mass [m, space frame]
     q: Float[np.ndarray, "nf nb 4"]
 
     def at(self, k: Int[np.ndarray, " n"]) -> "Poses":
+        """Return the poses of the rows ``k``."""
         return Poses(self.t[k], self.r[k], self.q[k])
 
     def __len__(self) -> int:
@@ -85,16 +86,17 @@ class Poses:
 
 
 def finite(poses: Poses) -> Poses:
-    """Up to the first pose that is no number, or whose quaternion is zero."""
+    """Return the poses before the first one that is not finite or has a zero quaternion."""
     good = np.isfinite(poses.t) & np.isfinite(poses.r).all(axis=(1, 2)) & np.isfinite(poses.q).all(axis=(1, 2))
     good &= poses.q.any(axis=-1).all(axis=-1)
     return poses.at(np.flatnonzero(np.logical_and.accumulate(good)))
 
 
 def thin_poses(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
-    """Rows to draw, first and last among them: half even in time, half along the way of the body that goes furthest.
+    """Return the rows of at most ``at_most`` poses to draw, including first and last.
 
-    ``size`` [m] makes a turn a way: a turn of 1 rad counts as a way of ``size``.
+    They are spaced evenly in the sum of relative time and of the relative path of the body that moves furthest. A turn
+    of 1 rad counts as a path of ``size`` [m].
     """
     n = len(poses)
     if n <= max(at_most, 2):
@@ -108,17 +110,18 @@ def thin_poses(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]
     return np.unique(np.minimum(rows, n - 1))
 
 
-def enough(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
-    """As few rows as give all stored poses to ``NEAR`` of ``size`` [m] and ``TURNED``, dense where the motion is fast.
+def choose_poses(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
+    """Return few rows that draw all stored poses to within ``NEAR`` times ``size`` [m] and ``TURNED``.
 
-    To a few rows are added those that are drawn worst, until all are near or there are ``at_most``.
+    Starting from a few rows, the pose that is drawn worst in each gap is added, until all are near or ``at_most`` is
+    reached.
     """
     rows = thin_poses(poses, min(FIRST, at_most), size)
     while len(rows) < at_most:
-        distance, angle = each_off(poses, rows)
+        distance, angle = measure_deviations(poses, rows)
         away = np.maximum(distance / (NEAR * size), angle / TURNED)
         worst = np.argsort(-away, kind="stable")
-        _, first = np.unique(np.searchsorted(rows, worst, side="right"), return_index=True)  # one in each gap
+        _, first = np.unique(np.searchsorted(rows, worst, side="right"), return_index=True)  # the worst of each gap
         wanted = worst[np.sort(first)]
         wanted = wanted[away[wanted] > max(1.0, AT_ONCE * away[worst[0]])]
         if not len(wanted):
@@ -128,45 +131,45 @@ def enough(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
 
 
 def turns(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "m nb"]:
-    """Angle [rad] from each orientation to the next."""
+    """Return the angle from each orientation to the next [rad]."""
     q = normalize(q)
     return angles(q[:-1], q[1:])
 
 
 def normalize(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb 4"]:
-    """The quaternions of length 1."""
+    """Return the quaternions scaled to length 1."""
     q = q.astype(float)
     return q / np.sqrt(np.einsum("...i,...i", q, q))[..., None]
 
 
 def angles(a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb"]:
-    """Angle [rad] from ``a`` to ``b``, unit quaternions, the shorter way round; exact near zero."""
-    return 4.0 * _half(a, b)[0]
+    """Return the smaller angle between unit quaternions ``a`` and ``b`` [rad], exact near zero."""
+    return 4.0 * _halve_angle(a, b)[0]
 
 
-def _half(
+def _halve_angle(
     a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]
 ) -> tuple[Float[np.ndarray, "nf nb"], Float[np.ndarray, "nf nb"]]:
-    """Half the angle between unit quaternions as points, of b and -b the nearer, and the sign of that."""
+    """Return half the angle between unit quaternions as points, using the nearer of b and -b, and the sign chosen."""
     apart, together = a - b, a + b
     d, s = (np.sqrt(np.einsum("...i,...i", x, x)) for x in (apart, together))
     return np.arctan2(np.minimum(d, s), np.maximum(d, s)), np.where(d > s, -1.0, 1.0)
 
 
 def rates(poses: Poses, body: int) -> Float[np.ndarray, "m 3"]:
-    """Mean angular velocity [rad/s] of a body between stored poses, body frame, on the shorter way round."""
+    """Return the mean angular velocity of a body between stored poses [rad/s, body frame], by the smaller rotation."""
     R = Rotation.from_quat(poses.q[:, body])
     return (R[:-1].inv() * R[1:]).as_rotvec() / np.maximum(np.diff(poses.t), 1e-300)[:, None]
 
 
 def interpolate_poses(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
-    """Positions on the chord, orientations on the great circle: what the page draws between two poses."""
+    """Interpolate positions on the chord and orientations on the great circle, as the page does between two poses."""
     k = np.clip(np.searchsorted(poses.t, t, side="right") - 1, 0, max(len(poses) - 2, 0))
     j = np.minimum(k + 1, len(poses) - 1)
     gap = poses.t[j] - poses.t[k]
     u = np.clip(np.divide(t - poses.t[k], gap, out=np.zeros(len(t)), where=gap > 0.0), 0.0, 1.0)[:, None, None]
     q = normalize(poses.q)
-    half, sign = _half(q[k], q[j])
+    half, sign = _halve_angle(q[k], q[j])
     arc = 2.0 * half[..., None]
     whole = np.sinc(arc / np.pi)  # sin(u arc) / sin(arc), exact at zero
     near, far = (x * np.sinc(x * arc / np.pi) / whole for x in (1.0 - u, u))
@@ -174,16 +177,16 @@ def interpolate_poses(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
 
 
 def rotations(q: Float[np.ndarray, "nf nb 4"]) -> Rotation:
-    """All of them, one after the other."""
+    """Return all quaternions as one flat sequence of rotations."""
     return Rotation.from_quat(q.reshape(-1, 4))
 
 
 def fill(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tuple[tuple[float, float], ...]]:
-    """Poses between stored ones where what is drawn between them is off: the exact motion with the run's own error.
+    """Add poses where interpolation between stored ones is off: the exact motion plus the run's own error.
 
-    The error is that of the stored poses at both ends, interpolated; ``size`` [m] is that of a body. A gap in which
-    the exact motion turns by more than pi, with an end that is not near it, cannot be filled: it is unknown.
-    Returns also how many poses were added, and the spans [s] in which none is known.
+    The error is interpolated between the stored poses at both ends; ``size`` [m] is that of a body. A gap in which the
+    exact motion turns by more than pi, with an end far from it, cannot be filled and is unknown. Return all poses, the
+    number of those added, and the unknown spans [s].
     """
     inside = (exact.t > poses.t[0]) & (exact.t < poses.t[-1]) & ~np.isin(exact.t, poses.t)
     here, there = exact.at(np.flatnonzero(inside)), interpolate_poses(exact, poses.t)
@@ -200,10 +203,11 @@ def fill(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tuple[tup
         return poses, 0, spans
     added = interpolate_poses(error, here.t)
     made = Poses(here.t, here.r + added.r, _product(normalize(here.q), added.q))
-    distance, angle = _apart(interpolate_poses(poses, here.t), made)
+    distance, angle = _compare_poses(interpolate_poses(poses, here.t), made)
     gap = np.searchsorted(poses.t, here.t, side="right") - 1
     off_in = np.zeros(len(far), dtype=bool)
-    off_in[gap[(distance > NEAR * size) | (angle > TURNED)]] = True  # all of a gap: after whole turns one may fit
+    # fill all of a gap: after whole turns a pose may fit by chance
+    off_in[gap[(distance > NEAR * size) | (angle > TURNED)]] = True
     made = made.at(np.flatnonzero((off_in & ~far)[gap]))
     order = np.argsort(np.concatenate((poses.t, made.t)), kind="stable")
     both = (np.concatenate(pair) for pair in ((poses.t, made.t), (poses.r, made.r), (poses.q, made.q)))
@@ -211,24 +215,29 @@ def fill(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tuple[tup
 
 
 def _product(a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb 4"]:
-    """The rotations ``a`` after ``b``, as quaternions."""
+    """Return the quaternions of rotation ``b`` followed by rotation ``a``."""
     x, w = a[..., :3], a[..., 3:]
     y, v = b[..., :3], b[..., 3:]
     return np.concatenate((w * y + v * x + np.cross(x, y), w * v - np.sum(x * y, axis=-1, keepdims=True)), axis=-1)
 
 
-def off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[float, float]:
-    """The worst body's distance [m] and angle [rad] between the stored poses and what is drawn in their place."""
-    distance, angle = each_off(poses, kept)
+def measure_deviation(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[float, float]:
+    """Return the largest distance [m] and angle [rad], over bodies and time, between stored poses and the drawn motion.
+
+    The drawn motion is interpolated between the rows ``kept``.
+    """
+    distance, angle = measure_deviations(poses, kept)
     return float(np.max(distance)), float(np.max(angle))
 
 
-def each_off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
-    """The same of each stored pose."""
-    return _apart(interpolate_poses(poses.at(kept), poses.t), poses)
+def measure_deviations(
+    poses: Poses, kept: Int[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
+    """Return for each stored pose the worst body's distance [m] and angle [rad] from the motion drawn by ``kept``."""
+    return _compare_poses(interpolate_poses(poses.at(kept), poses.t), poses)
 
 
-def _apart(a: Poses, b: Poses) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
-    """The worst body's distance [m] and angle [rad] between poses of the same times."""
+def _compare_poses(a: Poses, b: Poses) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
+    """Return the worst body's distance [m] and angle [rad] between two sets of poses at the same times."""
     distance = np.max(np.linalg.norm(a.r - b.r, axis=-1), axis=-1)
     return distance, np.max(angles(normalize(a.q), normalize(b.q)), axis=-1)

@@ -1,4 +1,4 @@
-"""All that one theatre page plays, as plain data: cast, poses, shapes, strips, moments to jump to."""
+"""Collect all that one theatre page plays as plain data: players, poses, shapes, strips and moments to jump to."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,23 +10,33 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from ....harness.results.series import Series
-from ...model.results import Results, Run, Variant, by_solver, group_by
-from ...plots.spec import Look
+from ...model.results import StoredResults, StoredRun, Variant, group_by, group_by_solver
+from ...plots.spec import LineStyle
 from ..theatre import poses as packing
-from .poses import Box, Poses, box_of, enough, fill, finite, off, round_mantissa, thin_poses
-from .shapes import EVENTS, SPANS, Shape, ends, ground_points, marks_of, select_known, shapes_of, strips_of
+from .poses import Box, Poses, bound_points, choose_poses, fill, finite, measure_deviation, round_mantissa, thin_poses
+from .shapes import (
+    EVENTS,
+    SPANS,
+    BodyShape,
+    ground_points,
+    list_ends,
+    list_marks,
+    make_shapes,
+    make_strips,
+    select_known,
+)
 
-POSE_BYTES = 4_500_000  # of all players of a page, before compression
-BODY_BYTES = 14  # three int16 and four
-MOST_POSES = 2000  # as many as are stored
-ADDED_POSES = 400  # of a run that a visitor adds
+POSE_BYTES = 4_500_000  # bytes of poses on a page, before compression
+BODY_BYTES = 14  # three int16 of position and four of orientation
+MOST_POSES = 2000  # most poses of a player: as many as a run stores
+ADDED_POSES = 400  # most poses of a run that a visitor adds
 MOST_ADDED = 24  # runs that a visitor may add to a stage
-VIEWS = 60  # poses from which the camera's box is taken
-FEW = 0.2  # [of POSE_BYTES] below, strips too are coarser
-LONG = 3000  # [rows] of a series that needs the finer strips
+VIEWS = 60  # poses that the camera's box is computed from
+FEW = 0.2  # fraction of POSE_BYTES below which strips are coarser too
+LONG = 3000  # rows of a series above which it gets the finer strips
 FLAT = 0.02  # motion this thin, compared with its width, is planar
-AT_MOST = 10  # of one mechanism; more only where more solvers fail, so that each failure is seen
-SOUND = 3  # the best, the middle and the worst
+AT_MOST = 10  # players of one mechanism; more only where more solvers fail, to show each failure
+SOUND = 3  # successful players: the best, the middle and the worst
 RULE = (
     "Of the runs that succeeded those with the least, the middle and the largest energy error, of each solver the one "
     "with the fewest options, then the finest; then of each solver one that is wrong or stopped; then those of the "
@@ -39,15 +49,15 @@ RULE = (
 class Player:
     """A run on the stage."""
 
-    run: Run
+    run: StoredRun
     series: Series
     poses: Poses
-    added: int = 0  # of the poses: not stored by the run, see ``fill``
+    added: int = 0  # number of poses that the run did not store, see ``fill``
     unknown: tuple[tuple[float, float], ...] = ()  # [s] spans between stored poses in which nothing is drawn
 
 
-def players(results: Results, variant: Variant) -> tuple[list[Player], list[Player], tuple[Run, ...]]:
-    """The cast with its motion, runs that a visitor may add, failures first, and the runs left out of the cast."""
+def players(results: StoredResults, variant: Variant) -> tuple[list[Player], list[Player], tuple[StoredRun, ...]]:
+    """Return the players, those that a visitor may add (failures first), and all runs that do not play."""
     chosen, left_out = choose_players(variant, [c.record.run_id for c in variant.runs if c.record.series])
     found = _with_motion(results, chosen)
     absent = tuple(c for c in chosen if all(c is not p.run for p in found))
@@ -55,8 +65,8 @@ def players(results: Results, variant: Variant) -> tuple[list[Player], list[Play
     return found, _with_motion(results, more[:MOST_ADDED], found[:1]), (*left_out, *absent)
 
 
-def _with_motion(results: Results, runs: Sequence[Run], alike: Sequence[Player] = ()) -> list[Player]:
-    """Those that kept poses, of as many bodies as the first."""
+def _with_motion(results: StoredResults, runs: Sequence[StoredRun], alike: Sequence[Player] = ()) -> list[Player]:
+    """Return as players those runs that stored poses, of as many bodies as ``alike``, else as the first of them."""
     found = list(alike)
     for run in runs:
         series = results.series(run)
@@ -64,12 +74,12 @@ def _with_motion(results: Results, runs: Sequence[Run], alike: Sequence[Player] 
             poses = finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
             same = not found or poses.r.shape[1:] == found[0].poses.r.shape[1:]
             if len(poses) and len(series["t"]) and same:
-                found.append(player_of(run, series, poses))
+                found.append(make_player(run, series, poses))
     return found[len(alike) :]
 
 
-def player_of(run: Run, series: Series, poses: Poses) -> Player:
-    """With poses in the gaps of long steps, where the exact motion is stored beside them."""
+def make_player(run: StoredRun, series: Series, poses: Poses) -> Player:
+    """Return a player whose gaps of long steps are filled where the exact motion is stored."""
     exact = stored_exact(series)
     if len(poses) < 2 or exact is None or len(exact) < 2 or exact.r.shape[1:] != poses.r.shape[1:]:
         return Player(run, series, poses)
@@ -78,80 +88,112 @@ def player_of(run: Run, series: Series, poses: Poses) -> Player:
 
 
 def stored_exact(series: Series) -> Poses | None:
-    """The exact motion of a series file; None where there is none."""
+    """Return the poses of the exact motion in a series file, up to the first that is not finite; None without any."""
     if "exact_t" not in series:
         return None
     return finite(Poses(series["exact_t"], series["exact_r"], series["exact_q"]))
 
 
 def scene(
-    variant: Variant, cast_: Sequence[Player], looks: Mapping[str, Look], pose_bytes: float = POSE_BYTES,
+    variant: Variant,
+    cast_: Sequence[Player],
+    looks: Mapping[str, LineStyle],
+    pose_bytes: float = POSE_BYTES,
     more: Sequence[Player] = (),
-) -> tuple[dict[str, Any], list[dict[str, Any]]]:  # fmt: skip
-    """The data of a page, and that of runs which a visitor may add; ``looks`` is colour by solver."""
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return the data of a theatre page, and of each run ``more`` that a visitor may add.
+
+    The first of ``cast_`` leads: shapes and gravity are those of its series. ``pose_bytes`` limits the poses of the
+    page; ``looks`` gives each solver's colour.
+    """
     lead = cast_[0]
     record, bodies = lead.run.record, lead.poses.r.shape[1]
     scale = record.length_scale_m if record.length_scale_m > 0.0 else 1.0
     t_end = max([record.t_end_s] + [float(p.series["t"][-1]) for p in cast_])
     t_end = t_end if math.isfinite(t_end) and t_end > 0.0 else 1.0
-    shapes, kinds = shapes_of(lead.series, lead.poses, scale), select_known([p.series for p in cast_])
+    shapes, kinds = make_shapes(lead.series, lead.poses, scale), select_known([p.series for p in cast_])
     lengths = [float(np.linalg.norm(np.subtract(s.b, s.a))) for s in shapes if s.kind == "rod"]
     body = min(scale, float(np.median(lengths))) if lengths else scale
     ground = ground_points(lead.series)
     gravity = np.asarray(lead.series["gravity"], dtype=float) if "gravity" in lead.series else np.zeros(3)
     sound = [p for p in cast_ if p.run.is_success] or [lead]
-    stage = _reach(sound, shapes, ground)
-    box = stage.widen(0.75)  # players that fly apart stay at its walls
+    stage = _bound_scene(sound, shapes, ground)
+    box = stage.widen(0.75)  # diverging players stay at its walls
     long = max(len(p.series["t"]) for p in cast_) > LONG and pose_bytes > FEW * POSE_BYTES
     spans = SPANS if long else SPANS // 2
     at_most = max(2, min(MOST_POSES, int(pose_bytes / (BODY_BYTES * bodies * len(cast_)))))
-    ranked = by_solver(p.run for p in (*cast_, *more)).values()  # from a solver's second on: thinner, other dashes
+    # a solver's second and later runs are drawn thinner, with other dashes
+    ranked = group_by_solver(p.run for p in (*cast_, *more)).values()
     rank = {run.record.run_id: k for own in ranked for k, run in enumerate(own)}
 
-    exact = exact_of(cast_)
+    exact = choose_exact(cast_)
 
     def pack_player(k: int, p: Player, most: int) -> dict[str, Any]:
+        """Return the data of player ``k`` in at most ``most`` poses, with the error of drawing it by these."""
         kept, rows = _pack_poses(p.poses, box, body, most)
-        distance, angle = off(p.poses, rows)
-        r, strips = p.run.record, round_mantissa(strips_of(p.series, p.run, t_end, spans, kinds))
+        distance, angle = measure_deviation(p.poses, rows)
+        r, strips = p.run.record, round_mantissa(make_strips(p.series, p.run, t_end, spans, kinds))
         return {
-            "solver": r.solver, "settings": p.run.settings(), "label": r.label,
-            "status": p.run.status, "because": "; ".join(p.run.reasons)[:400],
-            "run": r.run_id, "colour": looks[r.solver].colour, "rank": rank[r.run_id],
-            "stopped": p.run.has_stopped, "last": float(p.series["t"][-1]),
-            **kept, "stored": len(p.poses) - p.added, "added": p.added, "unknown": p.unknown,
-            "off_m": distance, "off_rad": angle, "strips": strips.ravel(), "marks": marks_of(p.series, p.run, k),
-        }  # fmt: skip
+            "solver": r.solver,
+            "settings": p.run.settings(),
+            "label": r.label,
+            "status": p.run.status,
+            "because": "; ".join(p.run.reasons)[:400],
+            "run": r.run_id,
+            "colour": looks[r.solver].colour,
+            "rank": rank[r.run_id],
+            "stopped": p.run.has_stopped,
+            "last": float(p.series["t"][-1]),
+            **kept,
+            "stored": len(p.poses) - p.added,
+            "added": p.added,
+            "unknown": p.unknown,
+            "off_m": distance,
+            "off_rad": angle,
+            "strips": strips.ravel(),
+            "marks": list_marks(p.series, p.run, k),
+        }
 
     play = {
-        "title": variant.title, "t_end": t_end, "bodies": bodies, "scale": scale,
-        "gravity": gravity.tolist(), "normal": _normal(lead), "low": stage.low.tolist(), "high": stage.high.tolist(),
-        "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
-        "ground": ground.tolist(), "shapes": shapes, "trail": _trail(lead, shapes), "spans": spans, "strips": kinds,
+        "title": variant.title,
+        "t_end": t_end,
+        "bodies": bodies,
+        "scale": scale,
+        "gravity": gravity.tolist(),
+        "normal": _normal(lead),
+        "low": stage.low.tolist(),
+        "high": stage.high.tolist(),
+        "middle": (0.5 * (box.low + box.high)).tolist(),
+        "quantum": box.quantum.tolist(),
+        "ground": ground.tolist(),
+        "shapes": shapes,
+        "trail": _choose_trail(lead, shapes),
+        "spans": spans,
+        "strips": kinds,
         "exact": exact and {**_pack_poses(exact, box, body, MOST_POSES)[0], "until": float(exact.t[-1])},
         "players": [pack_player(k, p, at_most) for k, p in enumerate(cast_)],
         "events_cut": any(len(p.series.events) > EVENTS for p in cast_),
-    }  # fmt: skip
+    }
     return play, [pack_player(len(cast_), p, min(at_most, ADDED_POSES)) for p in more]
 
 
-def exact_of(cast_: Sequence[Player]) -> Poses | None:
-    """The exact motion, of the run beside which it is known for the longest time."""
+def choose_exact(cast_: Sequence[Player]) -> Poses | None:
+    """Return the exact motion that is known for the longest time among the players'; None if none has one."""
     known = [stored_exact(p.series) for p in cast_]
     alike = [e for e in known if e is not None and len(e) and e.r.shape[1:] == cast_[0].poses.r.shape[1:]]
     return max(alike, key=lambda e: float(e.t[-1]), default=None)
 
 
 def _pack_poses(poses: Poses, box: Box, body: float, at_most: int) -> tuple[dict[str, Any], Int[np.ndarray, " n"]]:
-    """Poses as a page holds them, and which ones."""
-    rows = enough(poses, at_most, body)
+    """Return at most ``at_most`` poses in the page's format, and their rows; ``body`` [m] is the size of a body."""
+    rows = choose_poses(poses, at_most, body)
     kept = poses.at(rows)
     both = np.concatenate((packing.positions(kept.r, box), packing.quaternions(kept.q)), axis=-1)
     return {"t": kept.t, "poses": packing.columns(both.reshape(len(kept), -1)), "frames": len(kept)}, rows
 
 
-def _reach(sound: Sequence[Player], shapes: Sequence[Shape], ground: Float[np.ndarray, "n 3"]) -> Box:
-    """The box around all that a camera must hold: the ends of all shapes, wherever they go."""
+def _bound_scene(sound: Sequence[Player], shapes: Sequence[BodyShape], ground: Float[np.ndarray, "n 3"]) -> Box:
+    """Return the box that the camera must show: the ends of all shapes over the motion of the players ``sound``."""
     thick = max((s.radius for s in shapes), default=0.0)
     body = np.array([s.body for s in shapes for _ in range(2)], dtype=int)
     local = np.array([x for s in shapes for x in (s.a, s.b)]).reshape(-1, 3)
@@ -161,11 +203,11 @@ def _reach(sound: Sequence[Player], shapes: Sequence[Shape], ground: Float[np.nd
         for r, q in zip(some.r, some.q, strict=True):
             x = r[body] + Rotation.from_quat(q[body]).apply(local)
             corners.append(np.stack((x.min(axis=0) - thick, x.max(axis=0) + thick)))
-    return box_of(np.concatenate(corners))
+    return bound_points(np.concatenate(corners))
 
 
 def _normal(lead: Player) -> list[float] | None:
-    """Normal [space] of the plane in which the bodies' centres stay; None if there is none."""
+    """Return the normal of the plane in which the centres of mass stay [space frame]; None if there is none."""
     points = lead.poses.r.reshape(-1, 3).astype(float)
     points = points[:: max(1, len(points) // 20000)]
     _, size, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
@@ -175,13 +217,13 @@ def _normal(lead: Player) -> list[float] | None:
     return n.tolist()
 
 
-def _trail(lead: Player, shapes: Sequence[Shape]) -> dict[str, Any]:
-    """The end of a body that goes the longest way: what a trail is drawn of."""
+def _choose_trail(lead: Player, shapes: Sequence[BodyShape]) -> dict[str, Any]:
+    """Return the end of a body with the longest path, for which a trail is drawn: ``body`` and ``at`` [body frame]."""
     some = lead.poses.at(thin_poses(lead.poses, 200, 1.0))
     best, body, at = -1.0, 0, np.zeros(3)
     bodies = some.r.shape[1]
     for k in range(0, bodies, 1 if bodies <= 200 else 50):
-        for end in ends(list(shapes), k):
+        for end in list_ends(list(shapes), k):
             x = some.r[:, k] + Rotation.from_quat(some.q[:, k]).apply(end)
             way = float(np.sum(np.linalg.norm(np.diff(x, axis=0), axis=1)))
             if way > best * (1.0 + 1e-6):
@@ -191,52 +233,56 @@ def _trail(lead: Player, shapes: Sequence[Shape]) -> dict[str, Any]:
 
 def choose_players(
     variant: Variant, moved: Sequence[str], at_most: int = AT_MOST
-) -> tuple[tuple[Run, ...], tuple[Run, ...]]:
-    """The runs that play and those left out; ``moved`` are ids of runs with poses. The first is the solid one.
+) -> tuple[tuple[StoredRun, ...], tuple[StoredRun, ...]]:
+    """Return the runs that play and those left out; ``moved`` holds the ids of runs with poses.
 
-    The first is one that succeeded, with the fewest options and then the least energy drift.
+    The first player, drawn solid, is a success with the fewest options and then the least energy drift.
     """
     can = [c for c in variant.runs if c.record.run_id in set(moved)]
     failing = {c.record.solver for c in can if not c.is_success}
     at_most += max(len(failing) - (AT_MOST - SOUND), 0)
-    chosen: list[Run] = []
+    chosen: list[StoredRun] = []
     for run in _order(can):
         if len(chosen) < at_most and all(_setting(run) != _setting(other) for other in chosen):
             chosen.append(run)
-    chosen.sort(key=_soundness)
+    chosen.sort(key=_rank_soundness)
     return tuple(chosen), tuple(c for c in variant.runs if c not in chosen)
 
 
-def _order(can: Sequence[Run]) -> Iterator[Run]:
-    """All of ``can``, the most telling first; some more than once."""
+def _order(can: Sequence[StoredRun]) -> Iterator[StoredRun]:
+    """Yield the runs in the order in which they are chosen to play, see ``RULE``; some appear more than once."""
 
-    def plainest(c: Run) -> tuple[bool, int, float]:
+    def plainest(c: StoredRun) -> tuple[bool, int, float]:
+        """Return the sort key that puts successes first, then fewest options, then the finest step or tolerance."""
         return (not c.is_success, len(c.options), c.step_or_tolerance)
 
-    def broke(c: Run) -> tuple[bool, bool, float]:
+    def broke(c: StoredRun) -> tuple[bool, bool, float]:
+        """Return the sort key that puts stopped runs first, then other failures, then the finest step or tolerance."""
         return (not c.has_stopped, c.is_success, c.step_or_tolerance)
 
-    def label(c: Run) -> tuple[str, str]:
+    def label(c: StoredRun) -> tuple[str, str]:
+        """Return the label and the solver of a run."""
         return c.record.label, c.record.solver
 
     by_name = sorted(can, key=lambda c: c.record.solver)
-    firsts = [min(own, key=plainest) for own in by_solver(by_name).values()]
+    firsts = [min(own, key=plainest) for own in group_by_solver(by_name).values()]
     known = set(map(label, firsts))
-    sound = sorted((c for c in firsts if c.is_success), key=_soundness)
+    sound = sorted((c for c in firsts if c.is_success), key=_rank_soundness)
     yield from (sound[k] for k in (0, len(sound) // 2, -1) if sound)
-    yield from (min(own, key=broke) for own in by_solver(c for c in by_name if not c.is_success).values())
+    yield from (min(own, key=broke) for own in group_by_solver(c for c in by_name if not c.is_success).values())
     yield from firsts
     by_label = group_by(sorted(can, key=label), label).items()
     yield from (min(own, key=broke) for name, own in by_label if name not in known)
     yield from sorted(can, key=broke)
 
 
-def _setting(c: Run) -> tuple[str, ...]:
-    """Its settings, but for the label and the largest number of steps."""
+def _setting(c: StoredRun) -> tuple[str, ...]:
+    """Return the run's settings without its label and its step limit."""
     r = c.record
     return (r.solver, r.control, *map(repr, (r.dt_s, r.rtol, r.max_step_s, r.t_end_s)), repr(sorted(c.options.items())))
 
 
-def _soundness(c: Run) -> tuple[bool, int, float, str]:
+def _rank_soundness(c: StoredRun) -> tuple[bool, int, float, str]:
+    """Return the sort key that puts successes first, then fewest options, then the least energy drift."""
     drift = c.record.energy_drift_max_J
     return (not c.is_success, len(c.options), drift if drift == drift else float("inf"), c.record.run_id)

@@ -1,1 +1,1 @@
-"""Pages of judgements: claims, certificates, growth with size, work and precision, frontier."""
+"""Write the pages of judgements: claims, certificates, growth with size, work-precision, frontier."""

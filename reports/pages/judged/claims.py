@@ -1,4 +1,4 @@
-"""Every claim of the paper with its two verdicts, the number measured against its band, its settings and its map."""
+"""Show every claim of the paper with its two verdicts, its measured value against its band, and its map."""
 
 import math
 from collections import Counter
@@ -8,35 +8,37 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ....harness.results.judgements.claims import Claim, Gap, MapRow, Value, Verdict
+from ....harness.results.judgements.claims import ClaimGap, ClaimVerdict, JudgedClaim, MapRow, Value
 from ....harness.results.judgements.files import CLAIMS, PUBLISHED
 from ...model import claim_words
 from ...model.claim_words import setting
-from ...model.results import Results, Run, group_by, natural, slug
-from ...model.words import Mark, mark, number, unit
-from ..base import JUDGE, Page, Site, page_of, read_judged_or_published, read_or_why
+from ...model.results import StoredResults, StoredRun, group_by, natural, slug
+from ...model.words import Mark, mark_status, number, unit
+from ..base import JUDGE, Page, Site, address_run, read_judged_or_published, read_or_why
 from ..svg import number_line
 
-AXES = ("tolerance", "gain")  # other dimensions make facets
-MOST = 6  # boxes in one place
+AXES = ("tolerance", "gain")  # all other dimensions make facets
+MOST = 6  # most boxes in one place
 HOLDS = Mark("✓", "holds", "good")
 NOT = Mark("✗", "does not hold", "wrong")
 FAILED = Mark("★", "the run stopped", "failed")
 UNKNOWN = Mark("?", "not judged", "refused")
-VERDICTS: Mapping[Verdict, Mark] = {
-    Verdict.NOT_REPRODUCED: Mark("✗", "not reproduced", "wrong"),
-    Verdict.REPRODUCED_IF: Mark("◐", "reproduced if", "failed"),
-    Verdict.REPRODUCED: Mark("✓", "reproduced", "good"),
-    Verdict.CANNOT_BE_TOLD: Mark("?", "cannot be told", "refused"),
+VERDICTS: Mapping[ClaimVerdict, Mark] = {
+    ClaimVerdict.NOT_REPRODUCED: Mark("✗", "not reproduced", "wrong"),
+    ClaimVerdict.REPRODUCED_IF: Mark("◐", "reproduced if", "failed"),
+    ClaimVerdict.REPRODUCED: Mark("✓", "reproduced", "good"),
+    ClaimVerdict.CANNOT_BE_TOLD: Mark("?", "cannot be told", "refused"),
 }
-LISTED = 40  # runs beside the map
+LISTED = 40  # most runs listed beside the map
 SUMMARY = "What abstract and conclusions say"
 
 
-def grids(rows: Sequence[MapRow], here: Mapping[str, Run]) -> list[dict[str, Any]]:
-    """One a facet, all with the same tolerances and gains, so that places can be compared.
+def grids(rows: Sequence[MapRow], here: Mapping[str, StoredRun]) -> list[dict[str, Any]]:
+    """Return one grid of boxes per facet, all with the same tolerances and gains so that they can be compared.
 
-    A row of boxes a gain, several boxes a tolerance where runs share a place (other frames, other cases).
+    A facet has one value of every dimension of the map but these two. A row of boxes has one gain; a tolerance has
+    several boxes where runs share a place (other frames, other cases). ``here`` holds these results' runs by
+    settings_id.
     """
     tolerances, gains = (_values([m.at.get(key) for m in rows], falling=key == "tolerance") for key in AXES)
     facets = tuple(dict.fromkeys(k for m in rows for k in m.at if k not in AXES))
@@ -52,36 +54,40 @@ def grids(rows: Sequence[MapRow], here: Mapping[str, Run]) -> list[dict[str, Any
 
 
 def state(m: MapRow) -> Mark:
-    """Whether the claim holds there; a run that stopped and was not judged is a failure."""
-    stopped = mark(m.status).kind == "failed"
+    """Return the mark of a setting: the claim holds there, or does not; a run that stopped has its own mark."""
+    stopped = mark_status(m.status).kind == "failed"
     if m.holds is None:
         return FAILED if stopped else UNKNOWN
     return HOLDS if m.holds else FAILED if stopped else NOT
 
 
-def _place(rows: Sequence[MapRow], here: Mapping[str, Run]) -> list[dict[str, Any]]:
-    """A box a run; one box for all of a place that many share. ``words`` are for hover, focus and screen readers."""
+def _place(rows: Sequence[MapRow], here: Mapping[str, StoredRun]) -> list[dict[str, Any]]:
+    """Return one box per run at a place of a grid, one for all if they are many; ``words`` describe it."""
     out = []
     for m in rows:
         mark_of_it, run = state(m), here.get(m.settings_id)
         measured = "" if math.isnan(m.measured) else f", measured {number(m.measured)}"
         printed = ", as the paper prints it" if m.printed else ""
-        name = f"{run.variant} {run.record.solver}" if run else m.case  # its page, place and facet have the settings
-        words = f"{name} – {mark_of_it.word}{measured}, ended {mark(m.status).word}{printed}"
-        out.append({"mark": mark_of_it, "words": words, "page": page_of(run) if run else "", "printed": m.printed})
+        # the settings are on its page and in its place and facet
+        name = f"{run.variant} {run.record.solver}" if run else m.case
+        words = f"{name} – {mark_of_it.word}{measured}, ended {mark_status(m.status).word}{printed}"
+        out.append({"mark": mark_of_it, "words": words, "page": address_run(run) if run else "", "printed": m.printed})
     if len(rows) <= MOST:
         return out
     holds, stopped = (sum(state(m) is kind for m in rows) for kind in (HOLDS, FAILED))
     kind = HOLDS.kind if holds == len(rows) else NOT.kind if holds == 0 else FAILED.kind
     words = f"{holds} of {len(rows)} runs hold, {stopped} do not and stopped; first {out[0]['words']}"
-    return [out[0] | {"mark": Mark(f"{holds}/{len(rows)}", "", kind), "words": words,
-                      "printed": any(m.printed for m in rows)}]  # fmt: skip
+    return [
+        out[0]
+        | {"mark": Mark(f"{holds}/{len(rows)}", "", kind), "words": words, "printed": any(m.printed for m in rows)}
+    ]
 
 
 def _values(given: Sequence[Value], *, falling: bool) -> tuple[str, ...]:
-    """All values of an axis; numbers in their order, texts (``1/h``) and none after them."""
+    """Return the texts of an axis's values in order, numbers ``falling`` or rising, then texts (``1/h``) and None."""
 
     def key(v: Value) -> tuple[bool, float, str]:
+        """Return the sort key of a value."""
         size = float(v) if isinstance(v, int | float) else math.nan
         return (True, 0.0, _text(v)) if math.isnan(size) else (False, -size if falling else size, "")
 
@@ -89,54 +95,60 @@ def _values(given: Sequence[Value], *, falling: bool) -> tuple[str, ...]:
 
 
 def _text(value: Value) -> str:
+    """Format the value of a dimension; "none" for None."""
     return "none" if value is None else value if isinstance(value, str) else f"{value:g}"
 
 
 @dataclass(frozen=True)
-class Shown:
-    """One claim as the page shows it."""
+class ClaimView:
+    """A claim as the page shows it."""
 
-    of: Claim
-    anchor: str
-    line: Markup | None
-    runs: tuple[tuple[str, str], ...]  # those not on the map: words and address, empty for one that is not here
-    solvers: tuple[str, ...]
-    grids: list[dict[str, Any]]
-    published: bool = False  # these results lack its runs: the published verdict
+    of: JudgedClaim
+    anchor: str  # of its place on the page
+    line: Markup | None  # its measured number against its band; None without a test
+    runs: tuple[tuple[str, str], ...]  # runs not on the map: words and address, empty for one not in these results
+    solvers: tuple[str, ...]  # those whose runs in these results it was tried on
+    grids: list[dict[str, Any]]  # its map, see ``grids``
+    published: bool = False  # the published verdict is shown, since these results lack its runs
 
     @property
     def mark(self) -> Mark:
+        """The mark of the claim's verdict."""
         return VERDICTS[self.of.verdict]
 
     @property
     def section(self) -> str:
+        """The heading that lists the claim: its section of the paper, or that for abstract and conclusions."""
         if self.of.summary:
             return SUMMARY
         return f"Sect. {self.of.section}" if self.of.section[:1].isdigit() else self.of.section
 
     @property
     def sides(self) -> tuple[tuple[str, Mark, str], ...]:
-        """Where, the verdict there, and for which choices, and how many of those tried, the claim holds."""
+        """The settings (printed or beyond), the verdict there, and for which and how many of those tried it holds."""
         return tuple(
-            (where, VERDICTS[f.verdict], claim_words.condition_and_share(f)) for where, f in claim_words.sides(self.of)
+            (where, VERDICTS[f.verdict], claim_words.condition_and_share(f))
+            for where, f in claim_words.list_sides(self.of)
         )
 
     @property
     def verdict(self) -> str:
-        """The verdict in words, at the paper's settings where it has such."""
+        """The verdict in words, at the paper's settings if there are any."""
         findings = self.of.findings
         return claim_words.verdict(findings[0]) if findings else str(self.of.verdict)
 
     @property
     def presentation(self) -> bool:
-        """No result: a check that the problem is presented as in the paper."""
+        """True if the claim is no result but checks that the problem is presented as in the paper."""
         return self.of.kind == "presentation"
 
 
-def claims_of(claims: Sequence[Claim], here: Mapping[str, Run], published: Sequence[Claim] = ()) -> tuple[Shown, ...]:
-    """Those on abstract and conclusions, then by section and figure, else in the order of the register.
+def select_claims(
+    claims: Sequence[JudgedClaim], here: Mapping[str, StoredRun], published: Sequence[JudgedClaim] = ()
+) -> tuple[ClaimView, ...]:
+    """Return the claims for the page: those of abstract and conclusions, then by section and figure.
 
-    A claim that lacks runs here is shown as it was published.
+    A claim without runs in these results is shown with its published verdict.
     """
     taken: set[str] = set()
     kept = {c.id: c for c in published}
@@ -148,34 +160,38 @@ def claims_of(claims: Sequence[Claim], here: Mapping[str, Run], published: Seque
     return tuple(replace(s, published=True, grids=[], runs=()) if s.of.id in instead else s for s in shown)
 
 
-def lacks_runs(claim: Claim) -> bool:
-    """Its settings were not run in the results that it was judged from."""
-    return any(m.gap is Gap.RUNS for m in claim.missing)
+def lacks_runs(claim: JudgedClaim) -> bool:
+    """Return whether settings of the claim were not run in the results that it was judged from."""
+    return any(m.gap is ClaimGap.RUNS for m in claim.missing)
 
 
-def judged_here(claims: Iterable[Claim]) -> int:
-    """How many have a verdict from runs; one that no run can test has none."""
-    return sum(c.verdict is not Verdict.CANNOT_BE_TOLD for c in claims if not lacks_runs(c))
+def count_judged(claims: Iterable[JudgedClaim]) -> int:
+    """Count the claims with a verdict from runs; a claim that no run can test has none."""
+    return sum(c.verdict is not ClaimVerdict.CANNOT_BE_TOLD for c in claims if not lacks_runs(c))
 
 
-def origins(claims: Sequence[Claim], published: int) -> str:
-    """Whose verdicts the page shows, counted so that the parts add up to all claims."""
+def origins(claims: Sequence[JudgedClaim], published: int) -> str:
+    """Describe which verdicts the page shows, ``published`` of them for lack of runs; the counts add up to all."""
     lacking = sum(map(lacks_runs, claims))
-    here = judged_here(claims)
-    parts = [f"{here or 'None'} of {len(claims)} claims {'is' if here in (0, 1) else 'are'} judged from these runs",
-             f"for {lacking} they lack runs: {published} of these show the published verdict, marked so",
-             f"{len(claims) - lacking - here} can be tested by no run, for the reason given there"]  # fmt: skip
+    here = count_judged(claims)
+    parts = [
+        f"{here or 'None'} of {len(claims)} claims {'is' if here in (0, 1) else 'are'} judged from these runs",
+        f"for {lacking} they lack runs: {published} of these show the published verdict, marked so",
+        f"{len(claims) - lacking - here} can be tested by no run, for the reason given there",
+    ]
     return "; ".join(parts) + "."
 
 
-def counts(claims: Iterable[Shown]) -> list[tuple[Mark, int]]:
-    """How many of each verdict among the results, the first of each claim, also those of which there is none."""
+def counts(claims: Iterable[ClaimView]) -> list[tuple[Mark, int]]:
+    """Count the claims of each verdict, without checks of presentation; verdicts without a claim are kept."""
     found = Counter(c.of.verdict for c in claims if not c.presentation)
     return [(m, found[v]) for v, m in VERDICTS.items()]
 
 
-def differences(claims: Sequence[Claim], published: Sequence[Claim], shown: Sequence[Shown]) -> list[dict[str, Any]]:
-    """From the published verdicts: changed ones first, then claims that came and went."""
+def differences(
+    claims: Sequence[JudgedClaim], published: Sequence[JudgedClaim], shown: Sequence[ClaimView]
+) -> list[dict[str, Any]]:
+    """Return the differences from the published verdicts: changed ones first, then added and removed claims."""
     now, then = ({c.id: c for c in found} for found in (claims, published))
     anchors = {c.of.id: c.anchor for c in shown}
     out = []
@@ -183,19 +199,23 @@ def differences(claims: Sequence[Claim], published: Sequence[Claim], shown: Sequ
         new, old = now.get(name), then.get(name)
         if new and old and new.verdicts == old.verdicts:
             continue
-        words = f"{old.verdicts}: {_first(old)} before; {new.verdicts}: {_first(new)} now" if new and old else (
-            "not published yet" if new else "published, but not judged here")  # fmt: skip
+        words = (
+            f"{old.verdicts}: {_first(old)} before; {new.verdicts}: {_first(new)} now"
+            if new and old
+            else ("not published yet" if new else "published, but not judged here")
+        )
         before, after = (VERDICTS[c.verdict] if c else None for c in (old, new))
         out.append({"id": name, "anchor": anchors.get(name, ""), "before": before, "after": after, "words": words})
     return sorted(out, key=lambda d: (d["before"] is None, d["after"] is None, natural(d["id"])))
 
 
-def _first(c: Claim) -> str:
+def _first(c: JudgedClaim) -> str:
+    """Format what the claim's first test measured."""
     return claim_words.format_measured(c.tests[0]) if c.tests else "nothing"
 
 
-def _show_claim(c: Claim, here: Mapping[str, Run], anchor: str) -> Shown:
-    """With the runs that are not on the map, a few of them; those that are not in these results are counted."""
+def _show_claim(c: JudgedClaim, here: Mapping[str, StoredRun], anchor: str) -> ClaimView:
+    """Return a claim for the page with some of its runs that are not on the map; absent runs are counted."""
     line = None
     if c.tests:
         first = c.tests[0]
@@ -204,17 +224,17 @@ def _show_claim(c: Claim, here: Mapping[str, Run], anchor: str) -> Shown:
     rest = [k for k in c.settings_ids if k not in {m.settings_id for m in c.map}]
     found = [here[k] for k in rest if k in here]
     counted = (len(found) - LISTED, "more in these results"), (len(rest) - len(found), "not in these results")
-    runs = [(run.record.case, page_of(run)) for run in found[:LISTED]]
+    runs = [(run.record.case, address_run(run)) for run in found[:LISTED]]
     runs += [(f"{n} {words}", "") for n, words in counted if n > 0]
     solvers = sorted({here[k].record.solver for k in c.settings_ids if k in here})
-    return Shown(c, anchor, line, tuple(runs), tuple(solvers), grids(c.map, here))
+    return ClaimView(c, anchor, line, tuple(runs), tuple(solvers), grids(c.map, here))
 
 
-def write(results: Results, site: Site) -> Page | None:
-    """``claims.html``."""
+def write(results: StoredResults, site: Site) -> Page | None:
+    """Write ``claims.html``."""
     found = read_judged_or_published(results.folder, CLAIMS)
     published = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish")
-    claims = claims_of(found.found or (), results.by_settings, published.found or ())
+    claims = select_claims(found.found or (), results.by_settings, published.found or ())
     if found.published:
         claims = tuple(replace(c, published=True, grids=[], runs=()) for c in claims)
     lacking = sum(c.published for c in claims)
@@ -224,8 +244,18 @@ def write(results: Results, site: Site) -> Page | None:
     page = Page("Claims", "claims.html", nav=bool(claims), order=20)
     before = [c for c in published.found or () if c.id in here or not lacking] if own else []
     return site.write(
-        page, "claims.html", scripts=["assets/judgement.js"], why=found.why, kept=kept, claims=claims,
-        counts=counts(claims), checks=[c for c in claims if c.presentation], say=claim_words,
-        sections=group_by(claims, lambda c: c.section), solvers=sorted({s for c in claims for s in c.solvers}),
-        differences=differences(own, before, claims), published_why=published.why, judged_here=judged_here(own),
-    )  # fmt: skip
+        page,
+        "claims.html",
+        scripts=["assets/judgement.js"],
+        why=found.why,
+        kept=kept,
+        claims=claims,
+        counts=counts(claims),
+        checks=[c for c in claims if c.presentation],
+        say=claim_words,
+        sections=group_by(claims, lambda c: c.section),
+        solvers=sorted({s for c in claims for s in c.solvers}),
+        differences=differences(own, before, claims),
+        published_why=published.why,
+        judged_here=count_judged(own),
+    )

@@ -1,4 +1,4 @@
-"""The page of cost: work against precision on every problem, the cheapest solver for an error, growth with size."""
+"""Write the page of cost: work against precision, the cheapest solver for an error, growth with size."""
 
 import math
 from collections import Counter
@@ -12,48 +12,60 @@ import numpy as np
 from ....harness.results.judgements.files import WORK
 from ....harness.results.judgements.runs import WorkPoint, WorkProfile
 from ...model.accuracy import measure_for
-from ...model.frontier import Frontier, broad, engines_first, of_most_problems
-from ...model.motion import bodies_in
-from ...model.results import Results, Run, by_solver, group_by
-from ...model.words import decade, join_words, mark, number, plural, seconds, time
+from ...model.frontier import Frontier, engines_first, of_most_problems, select_broad
+from ...model.motion import count_bodies
+from ...model.results import StoredResults, StoredRun, group_by, group_by_solver
+from ...model.words import format_decade, join_words, mark_status, number, plural, seconds, time
 from ...plots.spec import Axis, Plot, Trace
 from ...plots.work import ERRORS, WORKS, list_points, profile_plot, work_plots
-from ..base import Page, Site, page_of, read_judged
+from ..base import Page, Site, address_run, read_judged
 
-FEW = ("index1", "evaluations", "cpu")  # works that energy and joints are drawn over
+FEW = ("index1", "evaluations", "cpu")  # kinds of work that errors of energy and joints are plotted against
 WORKED = (
     "Each solver with the best of the settings that were run. CPU time of the integration alone, on one machine: read "
     "the ratios, not the times."
 )
-SIZES = 3  # a slope from two sizes would be no evidence
+SIZES = 3  # least number of sizes: a slope through two would be no evidence
 
 
-def write(results: Results, site: Site) -> Page | None:
-    """``cost.html``."""
+def write(results: StoredResults, site: Site) -> Page | None:
+    """Write ``cost.html``."""
     work = read_judged(results.folder, WORK)
     best = profiles(work.found.profile if work.found else ())
     default = profiles(work.found.profile_default if work.found else ())
-    found = [(f, plots_of(f)) for f in fields(results, work.found.points if work.found else ())]
+    found = [(f, make_cost_plots(f)) for f in fields(results, work.found.points if work.found else ())]
     works = list(dict.fromkeys(p.work for p in best))
     kinds = [(w, *WORKS[w]) for w in WORKS if any(key.endswith(f"-{w}") for _, own in found for key in own)]
     profile_plots = [profile_plot(best, default, w) for w in works]
-    cheapest, grown = broad(results, site.frontiers), growths_of(results)
+    cheapest, grown = select_broad(results, site.frontiers), list_growths(results)
     sizes = [growth(problem, grown, site.url) for problem in dict.fromkeys(g.problem for g in grown)]
     site.work = {f["variant"]: own["error-cpu"] for f, own in found if "error-cpu" in own}
     return site.write(
-        Page("Cost", "cost.html", nav=True, order=30), "cost.html", scripts=["assets/judgement.js"],
-        plots=[*profile_plots, *(p for _, own in found for p in own.values()), *sizes], why=work.why,
-        errors=[(k, *e) for k, e in ERRORS.items()], works=kinds, fields=found,
-        profiles={"best of all": best, "default": default}, profile_plots=profile_plots, profile_works=works,
-        named=WORKS, work_at=work_at, title=title(cheapest), worked=WORKED,
-        cheapest=group_by(engines_first(cheapest), lambda f: f.variant), grown=grown, sizes=sizes,
-    )  # fmt: skip
+        Page("Cost", "cost.html", nav=True, order=30),
+        "cost.html",
+        scripts=["assets/judgement.js"],
+        plots=[*profile_plots, *(p for _, own in found for p in own.values()), *sizes],
+        why=work.why,
+        errors=[(k, *e) for k, e in ERRORS.items()],
+        works=kinds,
+        fields=found,
+        profiles={"best of all": best, "default": default},
+        profile_plots=profile_plots,
+        profile_works=works,
+        named=WORKS,
+        work_at=find_work,
+        title=title(cheapest),
+        worked=WORKED,
+        cheapest=group_by(engines_first(cheapest), lambda f: f.variant),
+        grown=grown,
+        sizes=sizes,
+    )
 
 
 def title(found: Sequence[Frontier]) -> str:
-    """Who is the cheapest most often at the error where most problems can be compared, and what the median costs.
+    """State which solver is the cheapest most often, at the error where most problems compare, and the median cost.
 
-    Only problems on which the cheapest is decided count for anybody; solvers that lead on as many are all named.
+    Only problems with a decided cheapest solver count; solvers that lead on equally many are all named.
     """
     if not (own := of_most_problems(found)):
         return "What accuracy costs"
@@ -66,35 +78,53 @@ def title(found: Sequence[Frontier]) -> str:
         on += ", each set of parameters counted"
     factors = sorted(p.factor for f in own for p in f.places)
     median = f"the median of those that get there costs {number(factors[len(factors) // 2], 2)} times the cheapest"
-    lead = f"{join_words(best)} {'is' if len(best) == 1 else 'are each'} cheapest on {most} of {on}" if best else (
-        f"the cheapest is decided on none of {on}")  # fmt: skip
+    lead = (
+        f"{join_words(best)} {'is' if len(best) == 1 else 'are each'} cheapest on {most} of {on}"
+        if best
+        else (f"the cheapest is decided on none of {on}")
+    )
     open_ = len(own) - sum(firsts.values())
     undecided = f", {open_} not decided" if open_ and best else ""
-    return f"At {decade(own[0].target)} {unit}, {lead}{undecided}; {median}"
+    return f"At {format_decade(own[0].target)} {unit}, {lead}{undecided}; {median}"
 
 
-def fields(results: Results, judged: Sequence[WorkPoint]) -> list[dict[str, Any]]:
-    """The points of every variant that has one, of the judged runs alone where there are any; most solvers first.
+def fields(results: StoredResults, judged: Sequence[WorkPoint]) -> list[dict[str, Any]]:
+    """Return the work-precision points of each variant, variants with fewest absent solvers first.
 
-    ``absent`` are solvers without a point, with how their runs ended that no plot can show.
+    Only ``judged`` runs are points, if there are any. ``absent`` lists solvers without a point, and how their runs
+    ended.
     """
     known, best = {p.settings_id for p in judged}, {p.settings_id for p in judged if p.best}
     out = []
     for variant in results.variants:
-        points = list_points(variant, page_of, best)
+        points = list_points(variant, address_run, best)
         points = [p for p in points if p.run.record.settings_id in known] if known else points
         drawn = {p.solver for p in points if any(p.drawable(error, work) for error in ERRORS for work in WORKS)}
         if drawn:
-            runs = by_solver(variant.runs)
-            ends = {s: Counter(mark(c.status).word for c in runs.get(s, ())) for s in results.solvers if s not in drawn}
+            runs = group_by_solver(variant.runs)
+            ends = {
+                s: Counter(mark_status(c.status).word for c in runs.get(s, ()))
+                for s in results.solvers
+                if s not in drawn
+            }
             absent = [f"{s} ({', '.join(words) or 'not run'})" for s, words in ends.items()]
-            out.append({"variant": variant.title, "slug": variant.slug, "points": points, "absent": absent,
-                        "measure": measure_for(variant.runs)})  # fmt: skip
+            out.append(
+                {
+                    "variant": variant.title,
+                    "slug": variant.slug,
+                    "points": points,
+                    "absent": absent,
+                    "measure": measure_for(variant.runs),
+                }
+            )
     return sorted(out, key=lambda f: len(f["absent"]))
 
 
-def plots_of(f: dict[str, Any]) -> dict[str, Plot]:
-    """By ``<error>-<work>``; energy and joints over fewer works, and of default and best settings alone."""
+def make_cost_plots(f: dict[str, Any]) -> dict[str, Plot]:
+    """Return plots of one entry of ``fields`` by ``<error>-<work>``.
+
+    Energy and joints are plotted against fewer kinds of work, and for default and best settings only.
+    """
     slug, points, measure = f["slug"], f["points"], f["measure"]
     errors = work_plots(slug, points, measure, [("error", work) for work in WORKS], folded=True, front=True)
     laws = [(error, work) for error in ("energy", "phi") for work in WORKS if work in FEW]
@@ -102,43 +132,46 @@ def plots_of(f: dict[str, Any]) -> dict[str, Plot]:
 
 
 def profiles(found: Sequence[WorkProfile]) -> list[WorkProfile]:
-    """As judged, by kind of work, those that no machine changes first, and by solver."""
+    """Sort the profiles by kind of work, machine-independent ones first, then by solver."""
     return sorted(found, key=lambda p: (list(WORKS).index(p.work), p.solver))
 
 
-def work_at(p: WorkProfile, share: float) -> float:
-    """The work at which a share of all targets is reached; NaN if it never is."""
+def find_work(p: WorkProfile, share: float) -> float:
+    """Return the work at which a fraction ``share`` of all targets is reached; NaN if it never is."""
     needed = math.ceil(share * p.total)
     return p.target_work[needed - 1] if 0 < needed <= len(p.target_work) else math.nan
 
 
 @dataclass(frozen=True)
 class Growth:
-    """One solver's settings on one problem at several sizes, smallest first."""
+    """The cost per step of one solver's settings on one problem at several sizes, smallest first."""
 
     problem: str
     method: str
     solver: str
     step: str
-    t_end: float  # [s] simulated: a longer motion has other steps
+    t_end: float  # [s] simulated time: a longer motion has other steps
     bodies: tuple[int, ...]
     cpu_per_step: tuple[float, ...]
-    runs: tuple[Run, ...]  # one a size
+    runs: tuple[StoredRun, ...]  # one per size
 
     @cached_property
     def fit(self) -> tuple[float, float]:
-        """Exponent and logarithm of the factor of the power law through all sizes, by least squares."""
+        """The exponent and the logarithm of the factor of the least-squares power law through all sizes."""
         slope, factor = np.polyfit(np.log(self.bodies), np.log(self.cpu_per_step), 1)
         return float(slope), float(factor)
 
     @property
     def words(self) -> str:
-        """Method, step and time."""
+        """The method, step and simulated time in words."""
         return f"{self.method}, {self.step}, {time(self.t_end)} s simulated"
 
 
-def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
-    """All there are; ``bodies`` by run. Only runs that reached the end with a CPU time count."""
+def growths(runs: Sequence[StoredRun], bodies: Mapping[str, int]) -> list[Growth]:
+    """Return how the cost per step of each method grows on problems run at three sizes or more.
+
+    ``bodies`` gives the number of bodies by run_id. Only successful runs with a CPU time count.
+    """
     timed = [c for c in runs if c.is_success and c.record.steps > 0 and c.record.cpu_median_s > 0.0]
     sized = [c for c in timed if bodies.get(c.record.run_id, 0) > 0]
     found = group_by(sized, lambda c: (c.record.problem, c.method, c.record.solver, c.step_words, c.record.t_end_s))
@@ -151,19 +184,19 @@ def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
     return out
 
 
-def growths_of(results: Results) -> list[Growth]:
-    """All that the results hold; empty where no problem comes in three sizes."""
+def list_growths(results: StoredResults) -> list[Growth]:
+    """Return how costs grow with the number of bodies in these results; empty if no problem has three sizes."""
     variants = Counter(p.problem for p in results.variants)
     bodies: dict[str, int] = {}
     for variant in results.variants:
-        if variants[variant.problem] > 1:  # its runs have the same bodies: one series file is enough
+        if variants[variant.problem] > 1:  # all its runs have the same bodies, so one series file suffices
             some = next((s for c in variant.runs if c.is_success and (s := results.series(c)) is not None), None)
-            bodies |= {c.record.run_id: bodies_in(some) for c in variant.runs} if some is not None else {}
+            bodies |= {c.record.run_id: count_bodies(some) for c in variant.runs} if some is not None else {}
     return growths(results.runs, bodies)
 
 
-def growth(problem: str, found: Sequence[Growth], url: Callable[[Run], str]) -> Plot:
-    """All settings of one problem in one panel."""
+def growth(problem: str, found: Sequence[Growth], url: Callable[[StoredRun], str]) -> Plot:
+    """Plot CPU time per step against the number of bodies, for all methods on one problem, with fitted power laws."""
     seen: Counter[str] = Counter()
     traces, own = [], [g for g in found if g.problem == problem]
     for g in own:
@@ -172,11 +205,17 @@ def growth(problem: str, found: Sequence[Growth], url: Callable[[Run], str]) -> 
         ends = np.array([g.bodies[0], g.bodies[-1]], dtype=float)
         fitted = 1e3 * (np.exp(factor) * ends**slope)
         traces.append(Trace(f"{name}, fitted", ends, fitted, solver=g.solver, dash=seen[g.solver]))
-        traces.append(Trace(
-            name, np.array(g.bodies), 1e3 * np.array(g.cpu_per_step), solver=g.solver, mode="markers",
-            urls=[url(c) for c in g.runs],
-            words=[f"{c.variant}, {c.record.steps} steps, CPU {seconds(c.record.cpu_median_s)}" for c in g.runs],
-        ))  # fmt: skip
+        traces.append(
+            Trace(
+                name,
+                np.array(g.bodies),
+                1e3 * np.array(g.cpu_per_step),
+                solver=g.solver,
+                mode="markers",
+                urls=[url(c) for c in g.runs],
+                words=[f"{c.variant}, {c.record.steps} steps, CPU {seconds(c.record.cpu_median_s)}" for c in g.runs],
+            )
+        )
         seen[g.solver] += 1
     steepest, flattest = (f(own, key=lambda g: g.fit[0]) for f in (max, min))
     title = f"{problem}: a step of {flattest.solver} grows with the number of bodies to the power {flattest.fit[0]:.2f}"

@@ -1,4 +1,4 @@
-"""Contestants at the settings that their users get and at the best of one tuning budget, and the page of both."""
+"""Compare solvers at the settings that their users get and at the best of one tuning budget."""
 
 import math
 import re
@@ -7,62 +7,62 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...model.accuracy import Measure, measure_for
-from ...model.results import Results, Run, Variant, group_by
-from ...model.words import decade
-from ...plots.spec import Axis, Plot, Trace, end_of
+from ...model.accuracy import ErrorMeasure, measure_for
+from ...model.results import StoredResults, StoredRun, Variant, group_by
+from ...model.words import format_decade
+from ...plots.spec import Axis, Plot, Trace, choose_end_mark
 from ..base import Page, Site
 
-SHIPPED, TUNED = "as shipped", "tuned"  # labels of their runs
-TARGET = 1e-3  # in the unit of the problem's error: what tuning aims at
+SHIPPED, TUNED = "as shipped", "tuned"  # labels of the runs
+TARGET = 1e-3  # error that tuning aims at, in the unit of the problem's error
 MADE_BY = re.compile(r"[a-z][\w-]* \d+\.\d.*")  # package and version, which every run of an engine notes
-SOUND = ("success", "inaccurate", "wrong")  # it reached the end
+SOUND = ("success", "inaccurate", "wrong")  # statuses of runs that reached the end
 
 
 @dataclass(frozen=True)
-class Pair:
-    """A contestant on a problem; ``best`` is its cheapest run within the target, else its most accurate one."""
+class ContestPair:
+    """A solver on a problem; ``best`` is its cheapest run within the target, else its most accurate one."""
 
-    who: str
-    shipped: Run | None
-    best: Run
-    tried: int  # tuned settings
+    who: str  # see ``contestant``
+    shipped: StoredRun | None  # its run as shipped, if there is one
+    best: StoredRun
+    tried: int  # number of tuned settings
 
     @property
     def made_by(self) -> str:
-        """Package and version that made its runs; empty for solvers of this package."""
+        """The package and version that computed the runs; empty for solvers of this package."""
         return ", ".join(list_packages([self.best] if self.shipped is None else [self.shipped, self.best]))
 
 
 @dataclass(frozen=True)
 class Contest:
-    """A problem's pairs, the most accurate as shipped first."""
+    """The pairs of a problem, the most accurate as shipped first."""
 
     variant: Variant
-    measure: Measure
-    pairs: tuple[Pair, ...] = ()
+    measure: ErrorMeasure
+    pairs: tuple[ContestPair, ...] = ()
 
-    def error(self, run: Run | None) -> float:
-        """Its error; NaN for a run that is missing or did not reach the end."""
+    def error(self, run: StoredRun | None) -> float:
+        """Return the error of a run; NaN if it is missing or did not reach the end."""
         return self.measure.of(run) if run is not None and run.status in SOUND else math.nan
 
-    def rank(self, run: Run | None) -> float:
-        """The same, infinite where there is none."""
+    def rank(self, run: StoredRun | None) -> float:
+        """Return the error of a run to sort by, infinite for one that is missing or did not reach its end."""
         return error if (error := self.error(run)) == error else math.inf
 
-    def count_within(self, runs: Sequence[Run | None]) -> tuple[int, int]:
-        """How many are within the target, of how many that were run and not refused."""
+    def count_within(self, runs: Sequence[StoredRun | None]) -> tuple[int, int]:
+        """Count the runs within the target, and those that were run and not refused."""
         made = [run for run in runs if run is not None and run.status != "refused"]
         return sum(self.error(run) <= TARGET for run in made), len(made)
 
     @property
     def tally(self) -> np.ndarray:
-        """The same as shipped and tuned."""
+        """The counts within the target and in total, as shipped (first row) and tuned (second row)."""
         return np.array([self.count_within([getattr(p, which) for p in self.pairs]) for which in ("shipped", "best")])
 
 
-def contests(results: Results) -> list[Contest]:
-    """Contests on problems with runs of both labels."""
+def contests(results: StoredResults) -> list[Contest]:
+    """Return a contest for each problem that solvers ran as shipped, with their tuned runs."""
     out = []
     for variant in results.variants:
         runs = [c for label in (SHIPPED, TUNED) for c in variant.labels().get(label, ())]
@@ -75,72 +75,93 @@ def contests(results: Results) -> list[Contest]:
     return out
 
 
-def list_packages(runs: Iterable[Run]) -> list[str]:
-    """List the packages with their versions that made ``runs``, as their notes say: ``mujoco 4.0.1``."""
+def list_packages(runs: Iterable[StoredRun]) -> list[str]:
+    """List the packages with versions that computed ``runs``, from their notes: ``mujoco 4.0.1``."""
     return sorted({note for run in runs for note in run.notes if MADE_BY.fullmatch(note)})
 
 
 def describe_budget(found: Sequence[Contest]) -> str:
-    """The budget of every contestant on every problem, read from the runs."""
+    """Describe the tuning budget of every solver on every problem, read from the runs."""
     tuned = [c.record for contest in found for c in contest.variant.labels().get(TUNED, ())]
     if not tuned:
         return "nothing has been tuned yet"
     tried, limit = _span([p.tried for c in found for p in c.pairs]), _span([r.cpu_limit_s for r in tuned])
     steps, tolerances = ([getattr(r, name) for r in tuned if getattr(r, name) > 0.0] for name in ("dt_s", "rtol"))
-    spans = [f"{what} {_span(values)}{unit}" for what, values, unit in
-             (("steps of", steps, " s"), ("tolerances of", tolerances, "")) if values]  # fmt: skip
+    spans = [
+        f"{what} {_span(values)}{unit}"
+        for what, values, unit in (("steps of", steps, " s"), ("tolerances of", tolerances, ""))
+        if values
+    ]
     return f"{tried} settings of each, {' or '.join(spans)}, {limit} s of CPU a run"
 
 
 def _span(values: Sequence[float]) -> str:
+    """Format the least and the largest of numbers: ``0.001 to 0.1``, or one number if they are equal."""
     least, most = min(values), max(values)
     return f"{least:g}" if least == most else f"{least:g} to {most:g}"
 
 
-def contestant(run: Run) -> str:
-    """The solver, with the one of its own that an engine has several of."""
+def contestant(run: StoredRun) -> str:
+    """Return the solver's name, with its option ``solver`` for an engine that has several."""
     return " ".join([run.record.solver, *([str(run.options["solver"])] if "solver" in run.options else [])])
 
 
-def _pair(contest: Contest, who: str, runs: Sequence[Run]) -> Pair:
+def _pair(contest: Contest, who: str, runs: Sequence[StoredRun]) -> ContestPair:
+    """Return a contestant's run as shipped beside the best of all its ``runs``."""
     shipped = next((c for c in runs if c.record.label == SHIPPED), None)
     within = [c for c in runs if contest.error(c) <= TARGET]
     best = min(within, key=lambda c: c.record.cpu_median_s, default=None) or min(runs, key=contest.rank)
-    return Pair(who, shipped, best, sum(c.record.label == TUNED for c in runs))
+    return ContestPair(who, shipped, best, sum(c.record.label == TUNED for c in runs))
 
 
-def write(results: Results, site: Site) -> Page | None:
-    """``engines.html``."""
+def write(results: StoredResults, site: Site) -> Page | None:
+    """Write ``engines.html``."""
     found = contests(results)
     if not found:
         return None
     plots = [_plot(c, site) for c in found]
     shipped, tuned = np.sum([c.tally for c in found], axis=0)
-    within = f"within {decade(TARGET)} m or rad"
+    within = f"within {format_decade(TARGET)} m or rad"
     title = f"As shipped, {shipped[0]} of {shipped[1]} come {within}; tuned, {tuned[0]} of {tuned[1]}"
     return site.write(
-        Page("Engines", "engines.html", nav=True, order=31), "engines.html", plots=plots, title=title, target=TARGET,
-        budget=describe_budget(found), hidden=frozenset({"settings", "solver"}),
+        Page("Engines", "engines.html", nav=True, order=31),
+        "engines.html",
+        plots=plots,
+        title=title,
+        target=TARGET,
+        budget=describe_budget(found),
+        hidden=frozenset({"settings", "solver"}),
         contests=list(zip(found, plots, strict=True)),
-    )  # fmt: skip
+    )
 
 
 def _plot(contest: Contest, site: Site) -> Plot:
+    """Plot error against CPU time with a line from each contestant as shipped to its best settings."""
     measure, traces = contest.measure, []
     for pair in contest.pairs:
         runs = [c for c in dict.fromkeys((pair.shipped, pair.best)) if c is not None]
         runs = [c for c in runs if contest.error(c) >= 0.0 and c.record.cpu_median_s > 0.0]
         if runs:
-            traces.append(Trace(
-                pair.who, np.array([c.record.cpu_median_s for c in runs]), np.array([contest.error(c) for c in runs]),
-                solver=runs[0].record.solver, mode="lines+markers", ends=[end_of(c.status) for c in runs],
-                urls=[site.url(c) for c in runs], words=[f"{pair.who}, {c.record.label}: {c.settings()}" for c in runs],
-            ))  # fmt: skip
+            traces.append(
+                Trace(
+                    pair.who,
+                    np.array([c.record.cpu_median_s for c in runs]),
+                    np.array([contest.error(c) for c in runs]),
+                    solver=runs[0].record.solver,
+                    mode="lines+markers",
+                    ends=[choose_end_mark(c.status) for c in runs],
+                    urls=[site.url(c) for c in runs],
+                    words=[f"{pair.who}, {c.record.label}: {c.settings()}" for c in runs],
+                )
+            )
     shipped, tuned = contest.tally
-    finding = f"within {decade(TARGET)} {measure.unit} as shipped {shipped[0]} of {shipped[1]}"
+    finding = f"within {format_decade(TARGET)} {measure.unit} as shipped {shipped[0]} of {shipped[1]}"
     return Plot(
-        f"engines-{contest.variant.slug}", f"{measure.what[0].upper()}{measure.what[1:]} as shipped and tuned",
+        f"engines-{contest.variant.slug}",
+        f"{measure.what[0].upper()}{measure.what[1:]} as shipped and tuned",
         "Each line leads from a contestant as shipped to its best settings. Cross: wrong.",
-        Axis("CPU time", "s", log=True), Axis(measure.what, measure.unit, log=True), traces,
+        Axis("CPU time", "s", log=True),
+        Axis(measure.what, measure.unit, log=True),
+        traces,
         finding=f"{contest.variant.title}: {finding}, tuned {tuned[0]} of {tuned[1]}",
-    )  # fmt: skip
+    )

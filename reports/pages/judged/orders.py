@@ -1,4 +1,4 @@
-"""Orders of convergence and energy drifts in words, marks and plots."""
+"""Describe orders of convergence and energy drifts in words, marks and plots."""
 
 import math
 from collections.abc import Sequence
@@ -11,35 +11,44 @@ from ...model.words import Mark, plural
 from ...plots.slopes import NEAR, add_triangles
 from ...plots.spec import Axis, Plot, Trace
 
-FLOOR = 3.0  # of the floor: points below so many times it are said to lie on it
+FLOOR = 3.0  # points below this many times the floor are said to lie on it
 USED, EARLY, FLOORED = "used", "pre-asymptotic", "at the floor"
 NOTES = {
     Note.NO_SCALE: "the records give no scale of its velocities",
     Note.CUT: "steps that were cut are left out",
     Note.UNRESOLVED: "errors that the reference cannot resolve are left out",
 }
-VERDICTS = {  # of certificates and of drifts
-    "certified": ("✓", "good"), "exact": ("✓", "good"), "bounded": ("✓", "good"),
-    "above declared": ("△", "refused"), "below declared": ("✗", "wrong"),
-    "trend": ("↗", "failed"), "wanders": ("≈", "failed"), "failed": ("★", "failed"),
-    "measured": ("○", "refused"), "undecided": ("○", "refused"), "floor": ("○", "refused"),
-    "too short": ("–", "refused"), "refused": ("–", "refused"), "not measured": ("★", "failed"),
-}  # fmt: skip
+VERDICTS = {  # verdicts of certificates and of drifts
+    "certified": ("✓", "good"),
+    "exact": ("✓", "good"),
+    "bounded": ("✓", "good"),
+    "above declared": ("△", "refused"),
+    "below declared": ("✗", "wrong"),
+    "trend": ("↗", "failed"),
+    "wanders": ("≈", "failed"),
+    "failed": ("★", "failed"),
+    "measured": ("○", "refused"),
+    "undecided": ("○", "refused"),
+    "floor": ("○", "refused"),
+    "too short": ("–", "refused"),
+    "refused": ("–", "refused"),
+    "not measured": ("★", "failed"),
+}
 
 
-def by_case(found: Sequence[Order]) -> list[Order]:
-    """By problem, solver and quantity."""
+def sort_by_case(found: Sequence[Order]) -> list[Order]:
+    """Sort orders by problem, solver and quantity."""
     return sorted(found, key=lambda o: (natural(o.variant), o.solver, natural(o.case)))
 
 
 def verdict_mark(verdict: str) -> Mark:
-    """The mark of a verdict on an order or a drift."""
+    """Return the mark of a verdict on an order or a drift."""
     symbol, kind = VERDICTS[verdict]
     return Mark(symbol, verdict, kind)
 
 
 def describe_order(o: Order) -> str:
-    """The fit in words, and what was left out of it."""
+    """Describe the fit and what was left out of it."""
     runs = len(o.dt) + o.unfinished + o.unmeasured
     unfinished = f"{o.unfinished} of {runs} runs did not finish" if o.unfinished and o.verdict != "refused" else ""
     unmeasured = f"{o.unmeasured} of {runs} runs have no error to measure" if 0 < o.unmeasured < runs else ""
@@ -47,6 +56,7 @@ def describe_order(o: Order) -> str:
 
 
 def _fit(o: Order) -> list[str]:
+    """Return clauses on the fitted order with its range of steps, or on why there is none."""
     slopes = ", ".join(f"{s:.2f}" for s in o.slopes)
     if o.status:
         return [": ".join(filter(None, (o.status, o.message)))]
@@ -59,12 +69,17 @@ def _fit(o: Order) -> list[str]:
         return [f"does not depend on the step: about {sorted(o.error)[len(o.error) // 2]:.1e} {o.unit}"]
     if o.fit == "none":
         few = len(o.slopes) < 3
-        return ["too few steps whose errors can be fitted" if few else
-                f"no range of steps in which the error is a power of the step (slopes {slopes})"]  # fmt: skip
+        return [
+            "too few steps whose errors can be fitted"
+            if few
+            else f"no range of steps in which the error is a power of the step (slopes {slopes})"
+        ]
     inside = [h for h, used in zip(o.dt, o.used, strict=True) if used]
     steps = "steps" if o.against == "dt" else "mean steps"
-    out = [f"order {o.order:.2f} ({o.low:.2f} to {o.high:.2f}) over {len(inside)} {steps} of {max(inside):.3g} to "
-           f"{min(inside):.3g} s"]  # fmt: skip
+    out = [
+        f"order {o.order:.2f} ({o.low:.2f} to {o.high:.2f}) over {len(inside)} {steps} of {max(inside):.3g} to "
+        f"{min(inside):.3g} s"
+    ]
     finest = f"finest {'slope' if len(o.slopes) == 1 else 'slopes'} {slopes}"
     if o.fit == "lost":
         do = "does" if len(o.slopes) == 1 else "do"
@@ -83,7 +98,7 @@ def _fit(o: Order) -> list[str]:
 
 
 def list_points(o: Order) -> list[tuple[float, float, str]]:
-    """Step, error and use of each run: one left out of the fit is coarser than all used ones, or lies on the floor."""
+    """Return step, error and use of each run; one left out of the fit is pre-asymptotic or lies on the floor."""
     coarsest = max((dt for dt, used in zip(o.dt, o.used, strict=True) if used), default=math.inf)
     out = []
     for dt, error, used in zip(o.dt, o.error, o.used, strict=True):
@@ -92,8 +107,8 @@ def list_points(o: Order) -> list[tuple[float, float, str]]:
     return out
 
 
-def fit_of(o: Order) -> tuple[np.ndarray, np.ndarray] | None:
-    """Ends of the line through the points used, in the mean of their logarithms; None if there is no order."""
+def find_fit_ends(o: Order) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the ends of the fitted line through the mean of the used points' logarithms; None without an order."""
     used = [(dt, error) for dt, error, kind in list_points(o) if kind == USED and error > 0.0 < dt]
     if len(used) < 2 or not math.isfinite(o.order):
         return None
@@ -103,7 +118,7 @@ def fit_of(o: Order) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def ladders(orders: Sequence[Order]) -> list[Plot]:
-    """Error against step, a plot for each quantity of each problem, a fit and its points for each method."""
+    """Plot error against step, one plot per quantity of each problem, with a fit and its points per method."""
     groups = group_by((o for o in orders if o.dt), lambda o: (o.variant, o.quantity))
     taken: set[str] = set()
     plots = []
@@ -111,7 +126,7 @@ def ladders(orders: Sequence[Order]) -> list[Plot]:
         step = Axis("step, or mean step under error control", "s", log=True)
         error = Axis(f"error of {quantity}", own[0].unit, log=True)
         name = slug(f"order-{variant}-{quantity}", taken)
-        fitted = sorted((o for o in own if fit_of(o)), key=lambda o: o.order)
+        fitted = sorted((o for o in own if find_fit_ends(o)), key=lambda o: o.order)
         ends = " to ".join(dict.fromkeys(f"{o.order:.2f} ({o.case})" for o in fitted[:1] + fitted[-1:]))
         order = f" converges with order {ends}" if fitted else ""
         title, drawn = f"{variant}: {quantity}{order}", tuple(t for o in own for t in _traces(o))
@@ -120,19 +135,29 @@ def ladders(orders: Sequence[Order]) -> list[Plot]:
 
 
 def put_triangles(plot: Plot, orders: Sequence[Order]) -> Plot:
-    """Return the plot with a slope triangle for each whole order that a fit of ``orders`` has, near that fit."""
-    found = [(o, fit) for o in orders if (fit := fit_of(o)) and abs(o.order - round(o.order)) <= NEAR]
+    """Add a slope triangle for each whole order that a fit of ``orders`` has, near that fit."""
+    found = [(o, fit) for o in orders if (fit := find_fit_ends(o)) and abs(o.order - round(o.order)) <= NEAR]
     return add_triangles(plot, [(round(o.order), Trace(o.case, *fit)) for o, fit in found])
 
 
 def _traces(o: Order) -> list[Trace]:
+    """Return a ladder as traces: the fitted line, and the points by their use in the fit."""
     out = []
-    if fit := fit_of(o):
+    if fit := find_fit_ends(o):
         interval = f"{o.low:.2f} to {o.high:.2f}" if math.isfinite(o.low + o.high) else "none"
         out.append(Trace(f"{o.case}: order {o.order:.2f}, {interval}", *fit, solver=o.solver))
     for kind, own in group_by(list_points(o), lambda p: p[2]).items():
         words = o.case if kind == USED else f"{o.case}: {kind}, left out of the fit"
         name = o.case if kind == USED else f"{o.case}, {kind}"
-        out.append(Trace(name, np.array([p[0] for p in own]), np.array([p[1] for p in own]), solver=o.solver,
-                         mode="markers", words=[words] * len(own), hollow=kind != USED))  # fmt: skip
+        out.append(
+            Trace(
+                name,
+                np.array([p[0] for p in own]),
+                np.array([p[1] for p in own]),
+                solver=o.solver,
+                mode="markers",
+                words=[words] * len(own),
+                hollow=kind != USED,
+            )
+        )
     return out

@@ -1,12 +1,12 @@
-"""Judgements of symmetries in words and marks."""
+"""Describe judgements of symmetries in words and marks."""
 
 from collections import Counter
 from collections.abc import Sequence
 
-from ....harness.results.judgements.runs import Symmetry, Unjudged
+from ....harness.results.judgements.runs import Symmetry, UnjudgedSymmetry
 from ...model.words import Mark
 
-MARKS = {  # the worst first
+MARKS = {  # worst first
     "broken": Mark("✗", "broken", "wrong"),
     "failed": Mark("★", "the run failed", "failed"),
     "undecided": Mark("○", "not decided", "refused"),
@@ -15,18 +15,18 @@ MARKS = {  # the worst first
     "not applicable": Mark("–", "not applicable", "none"),
 }
 UNJUDGED = {
-    Unjudged.BASE: "the run as it stands ended with {status}: {message}",
-    Unjudged.PRESENTED: "{status}: {message}",
-    Unjudged.BOUND: "no bound: one of the runs that it is measured by failed or has no end",
-    Unjudged.SINGLE: "one body and one joint have no order",
-    Unjudged.WAY_BACK: "{message}",
-    Unjudged.END: "no end to compare",
+    UnjudgedSymmetry.BASE: "the run as it stands ended with {status}: {message}",
+    UnjudgedSymmetry.PRESENTED: "{status}: {message}",
+    UnjudgedSymmetry.BOUND: "no bound: one of the runs that it is measured by failed or has no end",
+    UnjudgedSymmetry.SINGLE: "one body and one joint have no order",
+    UnjudgedSymmetry.WAY_BACK: "{message}",
+    UnjudgedSymmetry.END: "no end to compare",
 }
 MISSES = {"time reversal": "misses the start", "planar symmetry": "leaves the plane"}
 
 
 def tally(found: Sequence[Symmetry]) -> tuple[Mark, str]:
-    """The mark of the worst outcome of a check, and how many hold."""
+    """Return the mark of the worst outcome among the runs that a symmetry was checked on, and how many keep it."""
     count = Counter(s.verdict for s in found)
     worst = next(mark for verdict, mark in MARKS.items() if count[verdict])  # type: ignore[index]
     tried = len(found) - count["not applicable"]
@@ -34,7 +34,7 @@ def tally(found: Sequence[Symmetry]) -> tuple[Mark, str]:
 
 
 def describe_symmetry(s: Symmetry) -> str:
-    """How far apart two runs end, and how far they may, with what the bound is made of."""
+    """Describe the difference between the ends of two runs, its bound, and how the bound is composed."""
     if s.unjudged is not None:
         return UNJUDGED[s.unjudged].format(status=s.status, message=s.message or "no message")
     parts = [f"a tenth of the tolerance moves the end by {s.level:.1e} m"]

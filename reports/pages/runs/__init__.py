@@ -1,1 +1,1 @@
-"""Pages of runs: first page, problems, solvers, each run, theatre, failures, the paper's figures."""
+"""Write the pages of runs: first page, problems, solvers, each run, theatre, failures, the paper's figures."""

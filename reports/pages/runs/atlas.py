@@ -1,4 +1,4 @@
-"""The failure atlas: how far each solver's runs get, and for every stop its last steps and its cause."""
+"""Show how far each solver's runs get, and for every stop its last steps and its cause."""
 
 import math
 from collections import Counter
@@ -9,113 +9,132 @@ import numpy as np
 from jaxtyping import Float
 from markupsafe import Markup
 
-from ....harness.results.records import reasons_of
+from ....harness.results.records import parse_reasons
 from ....harness.results.series import Series
-from ....harness.results.words import law_of
+from ....harness.results.words import find_broken_law
 from ....harness.types import Status
-from ...model.results import Results, Run, by_solver, group_by
-from ...model.scores import Score, score
+from ...model.results import StoredResults, StoredRun, group_by, group_by_solver
+from ...model.scores import SolverScore, score
 from ...model.words import claim_success, number, plural
-from ...plots.spec import Look
+from ...plots.spec import LineStyle
 from ..base import Page, Site
 from ..svg import panel
 
-DRAWN = 80  # of the last rows
-LISTED = 40  # runs named beside the one that is worked out; the pages of solvers and problems have all
+DRAWN = 80  # most rows drawn, from the end
+LISTED = 40  # runs named beside the one shown in detail; the pages of solvers and problems list all
 SHOWN = (("dt", "step size", "s"), ("energy_error", "|energy error|", "J"), ("phi_norm", "|φ|", "m"))
-LAST = 120  # rows at the end that are looked at
-COLLAPSE = 1e-3  # of the usual step: a step this small is no longer a choice of accuracy
-NEAR_CHART = 0.05  # of |sin theta|: the angles' rates are 20 times the body's there
-ENERGY = 0.1  # of the energy there is to exchange: what a claimed success is called wrong at
-APART = 0.01  # of the mechanism's size, the same for joints
-GROWTH = 100.0  # within the last rows: more than a swing
+LAST = 120  # rows at the end that are examined
+COLLAPSE = 1e-3  # fraction of the usual step: a smaller step is no longer a choice of accuracy
+NEAR_CHART = 0.05  # |sin theta| below which the angles' rates are 20 times the body's
+ENERGY = 0.1  # fraction of the exchangeable energy at which a claimed success is wrong
+APART = 0.01  # fraction of the mechanism's size at which a joint is open and a claimed success is wrong
+GROWTH = 100.0  # growth within the last rows that exceeds an oscillation
 CAUSES = ("killed", "unmoved", "chart", "dependent", "energy", "apart", "collapse", "corrector", "limit")
 
 
-def survival(runs: Sequence[Run]) -> dict[str, tuple[Score, float]]:
-    """By solver: how its runs ended, and the part of the time at which the first of them stopped; 1 if none did."""
-    ended = {name: [c for c in own if not c.is_unfinished] for name, own in sorted(by_solver(runs).items())}
-    return {name: (score(own), min((part_reached(c) for c in own if c.has_stopped), default=1.0))
-            for name, own in ended.items()}  # fmt: skip
+def tabulate_survival(runs: Sequence[StoredRun]) -> dict[str, tuple[SolverScore, float]]:
+    """Return by solver how its runs ended and the least fraction of the time at which one stopped; 1 if none did."""
+    ended = {name: [c for c in own if not c.is_unfinished] for name, own in sorted(group_by_solver(runs).items())}
+    return {
+        name: (score(own), min((part_reached(c) for c in own if c.has_stopped), default=1.0))
+        for name, own in ended.items()
+    }
 
 
-def part_reached(run: Run) -> float:
-    """Part of the asked time that was reached, 0 to 1; 0 for a run without a step."""
+def part_reached(run: StoredRun) -> float:
+    """Return the fraction of the requested time that was reached, 0 to 1; 0 for a run without a step."""
     r = run.record
     if not (r.t_end_s > 0.0 and math.isfinite(r.t_reached_s)):
         return 0.0
     return min(max(r.t_reached_s / r.t_end_s, 0.0), 1.0)
 
 
-def groups(results: Results, stopped: Sequence[Run], looks: Mapping[str, Look]) -> dict[str, dict[str, Any]]:
-    """The runs that ``stopped``, by cause in the order of ``CAUSES``, in families of one solver on one problem.
+def groups(
+    results: StoredResults, stopped: Sequence[StoredRun], looks: Mapping[str, LineStyle]
+) -> dict[str, dict[str, Any]]:
+    """Group the runs that ``stopped`` by cause, in the order of ``CAUSES``, and into families by solver and problem.
 
-    The first of a family, with the plainest settings, stands for it: with what its series shows and its last steps.
+    The run with the plainest settings represents its family, with its last steps and the evidence in its series.
     """
-    found = {c.record.run_id: autopsy(c, results.series(c, poses=False)) for c in stopped}
+    found = {c.record.run_id: find_first_cause(c, results.series(c, poses=False)) for c in stopped}
     out = {}
     for cause in CAUSES:
         families: list[dict[str, Any]] = [
-            {"runs": own, "evidence": found[own[0].record.run_id][1],
-             "panels": zoom(own[0], results.series(own[0], poses=False), looks[own[0].record.solver].colour)}
-            for own in families_of([c for c in stopped if found[c.record.run_id][0] == cause])
-        ]  # fmt: skip
+            {
+                "runs": own,
+                "evidence": found[own[0].record.run_id][1],
+                "panels": plot_last_steps(
+                    own[0], results.series(own[0], poses=False), looks[own[0].record.solver].colour
+                ),
+            }
+            for own in group_families([c for c in stopped if found[c.record.run_id][0] == cause])
+        ]
         if families:
             counts = Counter(c.record.solver for f in families for c in f["runs"])
             out[cause] = {"families": families, "counts": counts, "total": counts.total()}
     return out
 
 
-def zoom(run: Run, series: Series | None, colour: str) -> tuple[Markup, ...]:
-    """Step, energy error and |phi| of the last steps; nothing without a series."""
+def plot_last_steps(run: StoredRun, series: Series | None, colour: str) -> tuple[Markup, ...]:
+    """Plot step, energy error and |phi| of the last steps; nothing without a series."""
     if series is None or "t" not in series or len(series["t"]) < 3:
         return ()
     rows = min(DRAWN, len(series["t"]) - 1)
     return tuple(
         panel(title, unit, series.tail(name, rows).tolist(), colour, star=run.has_stopped)
-        for name, title, unit in SHOWN if name in series
-    )  # fmt: skip
+        for name, title, unit in SHOWN
+        if name in series
+    )
 
 
-def group_broken(runs: Sequence[Run]) -> dict[str, tuple[tuple[Run, ...], ...]]:
-    """The wrong ones by the first law they break, the most frequent first, and by solver and problem."""
+def group_broken(runs: Sequence[StoredRun]) -> dict[str, tuple[tuple[StoredRun, ...], ...]]:
+    """Group wrong runs by the first law they break, the most frequent first, and by solver and problem."""
 
-    def first_law(run: Run) -> str:
-        return next(map(law_of, reasons_of(run.record.wrong_because)), "unknown")
+    def first_law(run: StoredRun) -> str:
+        """Return the law that the run breaks, the first if there are several."""
+        return next(map(find_broken_law, parse_reasons(run.record.wrong_because)), "unknown")
 
     found = group_by((c for c in runs if c.status == "wrong"), first_law)
     ordered = sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))
-    return {law: families_of(own) for law, own in ordered}
+    return {law: group_families(own) for law, own in ordered}
 
 
-def families_of(runs: Sequence[Run]) -> tuple[tuple[Run, ...], ...]:
-    """By problem and solver, the largest first; in each the plainest variant and settings first."""
+def group_families(runs: Sequence[StoredRun]) -> tuple[tuple[StoredRun, ...], ...]:
+    """Group runs by problem and solver, the largest group first; in each the plainest variant and settings first."""
     plainest = sorted(runs, key=lambda c: (len(c.parameters), len(c.options), c.variant, c.record.case))
     found = group_by(plainest, lambda c: (c.record.problem, c.record.solver))
     return tuple(tuple(found[k]) for k in sorted(found, key=lambda k: (-len(found[k]), k)))
 
 
-def title(all_of: Score) -> str:
-    """How many stopped, and how many claim success without reason."""
+def title(all_of: SolverScore) -> str:
+    """State how many runs stopped and how many claim success wrongly."""
     wrong = all_of.wrong
     return f"{all_of.stopped} of {plural(all_of.began, 'run')} stopped, {wrong} {claim_success(wrong)}"
 
 
-def autopsy(run: Run, series: Series | None) -> tuple[str, list[str]]:
-    """Why a run stopped: the first cause that applies, in the order of ``CAUSES``, and what each series shows."""
+def find_first_cause(run: StoredRun, series: Series | None) -> tuple[str, list[str]]:
+    """Return the first cause in the order of ``CAUSES`` that applies to a stop, and words on what the series shows."""
     r, died = run.record, run.status in (Status.CRASHED, Status.MEMORY)
     if series is None or "t" not in series or len(series["t"]) < 2:
         return "killed" if died else "unmoved", []
-    signs = [s for s in (
-        _chart(series),
-        _size(series, "energy", "energy_error", "J", r.energy_scale_J, ENERGY, "energy error {} the energy exchanged"),
-        _size(series, "apart", "phi_norm", "m", r.length_scale_m, APART, "|φ| {} the mechanism's size"),
-        _step(series),
-    ) if s is not None]  # fmt: skip
+    signs = [
+        s
+        for s in (
+            _chart(series),
+            _size(
+                series, "energy", "energy_error", "J", r.energy_scale_J, ENERGY, "energy error {} the energy exchanged"
+            ),
+            _size(series, "apart", "phi_norm", "m", r.length_scale_m, APART, "|φ| {} the mechanism's size"),
+            _step(series),
+        )
+        if s is not None
+    ]
     ended = {
-        "killed": died, "dependent": run.status == Status.SINGULAR,
-        "corrector": run.status in (Status.DIVERGED, Status.STEP_UNDERFLOW), "limit": True,
-    }  # fmt: skip
+        "killed": died,
+        "dependent": run.status == Status.SINGULAR,
+        "corrector": run.status in (Status.DIVERGED, Status.STEP_UNDERFLOW),
+        "limit": True,
+    }
     applies = {key for key, found, _ in signs if found} | {key for key, found in ended.items() if found}
     evidence = [words for _, _, words in signs]
     if r.steps and r.series_rows and r.series_rows < r.steps + 1:
@@ -125,6 +144,7 @@ def autopsy(run: Run, series: Series | None) -> tuple[str, list[str]]:
 
 
 def _step(series: Series) -> tuple[str, bool, str] | None:
+    """Return whether the step size collapsed before the end ("collapse", True or False, words); None for few steps."""
     dt = series["dt"][1:] if "dt" in series else np.empty(0)
     dt = dt[np.isfinite(dt)]
     if len(dt) < 2:
@@ -136,7 +156,10 @@ def _step(series: Series) -> tuple[str, bool, str] | None:
 
 
 def usual_step(dt: Float[np.ndarray, " n"]) -> float:
-    """[s] half of the time was covered by steps at least as long: the many small ones before a stop do not count."""
+    """Return the step such that half of the time was covered by steps at least as long [s].
+
+    The many small steps before a stop then do not count.
+    """
     ordered = np.sort(dt)
     return float(ordered[np.searchsorted(np.cumsum(ordered), 0.5 * np.sum(ordered))])
 
@@ -144,7 +167,10 @@ def usual_step(dt: Float[np.ndarray, " n"]) -> float:
 def _size(
     series: Series, cause: str, name: str, unit: str, scale: float, limit: float, words: str
 ) -> tuple[str, bool, str] | None:
-    """The size of an error at the end, as a part of its scale; how much the last rows grew, if more than a swing."""
+    """Return whether an error exceeds ``limit`` times its ``scale`` at the end: ``cause``, True or False, words.
+
+    The words are ``words`` with the fraction, and with the growth if it exceeds an oscillation; None without values.
+    """
     tail = np.abs(series.tail(name, LAST)) if name in series else np.zeros(0)
     if not len(tail) or not scale > 0.0:
         return None
@@ -160,7 +186,10 @@ def _size(
 
 
 def _chart(series: Series) -> tuple[str, bool, str] | None:
-    """Solvers in angles record how far they are from their chart's singularity."""
+    """Return how near the motion came to a chart's singularity ("chart", True, words), which solvers in angles record.
+
+    None is returned if it stayed away.
+    """
     if "diag_chart_margin" not in series:
         return None
     margin = np.abs(series.tail("diag_chart_margin", LAST))
@@ -170,14 +199,20 @@ def _chart(series: Series) -> tuple[str, bool, str] | None:
     return "chart", True, f"|sin θ| came down to {number(least)} within the last {len(margin)} steps"
 
 
-def write(results: Results, site: Site) -> Page | None:
-    """``atlas.html``."""
+def write(results: StoredResults, site: Site) -> Page | None:
+    """Write ``atlas.html``."""
     stopped = [c for c in results.runs if c.has_stopped and not c.is_unfinished]
     return site.write(
-        Page("Failures", "atlas.html", nav=True, order=40), "atlas.html", scripts=["assets/judgement.js"],
-        groups=groups(results, stopped, site.looks), title=title(score(results.runs)), survival=survival(results.runs),
+        Page("Failures", "atlas.html", nav=True, order=40),
+        "atlas.html",
+        scripts=["assets/judgement.js"],
+        groups=groups(results, stopped, site.looks),
+        title=title(score(results.runs)),
+        survival=tabulate_survival(results.runs),
         broken=group_broken(results.runs),
-        refused=families_of([c for c in results.runs if c.status == "refused"]),
-        part=part_reached, listed_at_most=LISTED, stopped_solvers=sorted({c.record.solver for c in stopped}),
+        refused=group_families([c for c in results.runs if c.status == "refused"]),
+        part=part_reached,
+        listed_at_most=LISTED,
+        stopped_solvers=sorted({c.record.solver for c in stopped}),
         stopped_problems=sorted({c.record.problem for c in stopped}),
-    )  # fmt: skip
+    )

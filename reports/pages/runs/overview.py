@@ -1,29 +1,29 @@
-"""The first page: the race over the moving mechanism, false successes, cost, heat map, numbers, claims, doors."""
+"""Write the first page: the race over the moving mechanism, false successes, cost, heat map, numbers, claims, links."""
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ....harness.results.judgements.files import CLAIMS, PUBLISHED
-from ....harness.results.records import reasons_of
+from ....harness.results.records import parse_reasons
 from ....harness.results.reproduce import write_command
 from ...mechanism.stage import moment
-from ...model.accuracy import Measure, measure_for
+from ...model.accuracy import ErrorMeasure, measure_for
 from ...model.catalogue import code_of_others, is_engine
-from ...model.curves import upper
-from ...model.frontier import broad, costs, default_target
-from ...model.heat import Box, Heat, heat
+from ...model.curves import find_maxima
+from ...model.frontier import costs, default_target, select_broad
+from ...model.heat import HeatCell, HeatMap, make_heat_map
 from ...model.margin import LEVELS, describe_break, margin
-from ...model.results import Results, Run, group_by, read_results
-from ...model.scores import unpredictable
+from ...model.results import StoredResults, StoredRun, group_by, read_results
+from ...model.scores import name_unpredictable
 from ...model.tracking import list_followed
-from ...model.variants import broadest, mechanisms
+from ...model.variants import find_plain_label, mechanisms
 from ...model.words import number, seconds, time
 from ...plots.browser import Steps
-from ...plots.spec import Look
+from ...plots.spec import LineStyle
 from ..base import JUDGE, Page, Site, read_judged_or_published, read_or_why
 from ..judged import cost
-from ..judged.claims import Shown, claims_of, counts
+from ..judged.claims import ClaimView, counts, select_claims
 from ..svg import snapshot, ticks_on
 from .problems import one_a_problem
 
@@ -31,61 +31,103 @@ PANELS = 6
 STRIP = 60  # spans of time in the energy strip of a cell
 RANK = 5  # after the pages of cost, problems and solvers, whose plots, scenes and cards it shows
 CARDS = 6
-ENGINES = PUBLISHED.path / "engines"  # a false success of each, for results without engines
+ENGINES = PUBLISHED.path / "engines"  # false successes of engines, shown for results without engines
 SENTENCES = 10
 
 
-def write(results: Results, site: Site) -> Page | None:
-    """``index.html``."""
-    label, picture = broadest(results), heat(results)
-    found = broad(results, site.frontiers)
+def write(results: StoredResults, site: Site) -> Page | None:
+    """Write ``index.html``."""
+    label, picture = find_plain_label(results), make_heat_map(results)
+    found = select_broad(results, site.frontiers)
     races = costs(results, found, site.url)
     stages = [site.scenes[p.title] for p in one_a_problem(picture, label) if p.title in site.scenes]
     on = stages[0] if stages else {}
-    near = [k for k, r in enumerate(races) if r["problem"] == on.get("problem")]  # of them the one with most points
+    # of these the one with most points is shown first
+    near = [k for k, r in enumerate(races) if r["problem"] == on.get("problem")]
     first = max(near, key=lambda k: sum(len(s["points"]) for s in races[k]["solvers"].values()), default=0)
     target = default_target(races[first]) if races else 0
     problems, rows = (picture.problems, picture.rows) if picture else ((), ())
     boxes = [(row.solver, p, b) for row in rows for p, b in zip(problems, row.boxes, strict=True) if b]
     cells = {f"{solver} {p.slug}": _cell(results, site, b, measure_for(p.runs)) for solver, p, b in boxes}
     tables = [(p, [b.run for row in rows if (b := row.boxes[k])], measure_for(p.runs)) for k, p in enumerate(problems)]
-    data = {"costs": races, "stages": stages, "cells": cells, "first": first, "target": target,
-            "colours": {s: k.colour for s, k in site.looks.items()}}  # fmt: skip
-    scripts = [site.bundle("overview", data), *(f"data/{s['file']}.js" for s in stages[:1]),
-               "assets/stage.js", "assets/overview.js"]  # fmt: skip
+    data = {
+        "costs": races,
+        "stages": stages,
+        "cells": cells,
+        "first": first,
+        "target": target,
+        "colours": {s: k.colour for s, k in site.looks.items()},
+    }
+    scripts = [
+        site.bundle("overview", data),
+        *(f"data/{s['file']}.js" for s in stages[:1]),
+        "assets/stage.js",
+        "assets/overview.js",
+    ]
     cards, wrong = false_successes(results, label)
-    by_problem = group_by(site.work, lambda title: title.partition("[")[0])  # of each the variant that most solvers ran
+    # per problem, the variant that most solvers ran
+    by_problem = group_by(site.work, lambda title: title.partition("[")[0])
     panels = [site.work[titles[0]] for titles in by_problem.values()][:PANELS]
     return site.write(
-        Page("Overview", "index.html", nav=True, order=0), "overview.html", plots=panels, scripts=scripts,
-        heat=picture, tables=tables, levels=LEVELS, label=label, unpredictable=unpredictable(results), races=races,
-        first=first, target=target, stages=stages, panels_title=cost.title(found), cards=cards,
-        wrong=wrong, strips=strips(picture, site.looks), verdicts=verdicts(results), mechanisms=mechanisms(results),
+        Page("Overview", "index.html", nav=True, order=0),
+        "overview.html",
+        plots=panels,
+        scripts=scripts,
+        heat=picture,
+        tables=tables,
+        levels=LEVELS,
+        label=label,
+        unpredictable=name_unpredictable(results),
+        races=races,
+        first=first,
+        target=target,
+        stages=stages,
+        panels_title=cost.title(found),
+        cards=cards,
+        wrong=wrong,
+        strips=strips(picture, site.looks),
+        verdicts=verdicts(results),
+        mechanisms=mechanisms(results),
         door=max(site.cards.values(), key=lambda c: (len(c["facts"]), c["solver"]), default=None),
-    )  # fmt: skip
+    )
 
 
-def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict[str, Any]:
+def _cell(results: StoredResults, site: Site, b: HeatCell, measure: ErrorMeasure | None) -> dict[str, Any]:
+    """Return what the first page shows of one box of the heat map: words, address, command, energy error and facts."""
     r = b.run.record
     series = results.series(b.run, poses=False) if r.series else None
     strip = None
     if series is not None and "energy_error" in series and len(series["t"]):
-        curve = upper(*series.points("energy_error"), r.t_end_s, STRIP)
+        curve = find_maxima(*series.points("energy_error"), r.t_end_s, STRIP)
         strip = {"t": Steps(curve.t), "y": Steps(curve.y, log=True)}
     error = f"{number(measure.of(b.run))} {measure.unit}" if measure else "no reference"
-    facts = (("CPU", seconds(r.cpu_median_s)), (measure.what if measure else "error", error),
-             ("energy error", f"{number(r.energy_drift_max_J)} J"), ("steps", str(r.steps)))  # fmt: skip
-    return {"words": b.words, "url": site.url(b.run), "kind": b.mark.kind, "command": write_command(r, results.plugins),
-            "strip": strip, "facts": facts}  # fmt: skip
+    facts = (
+        ("CPU", seconds(r.cpu_median_s)),
+        (measure.what if measure else "error", error),
+        ("energy error", f"{number(r.energy_drift_max_J)} J"),
+        ("steps", str(r.steps)),
+    )
+    return {
+        "words": b.words,
+        "url": site.url(b.run),
+        "kind": b.mark.kind,
+        "command": write_command(r, results.plugins),
+        "strip": strip,
+        "facts": facts,
+    }
 
 
-def false_successes(results: Results, label: str) -> tuple[list[dict[str, Any]], int]:
-    """The farthest over its limit of each solver, code of others and plain settings first; how many are wrong here."""
+def false_successes(results: StoredResults, label: str) -> tuple[list[dict[str, Any]], int]:
+    """Return each solver's largest violation, external code and plain settings first, and the number of wrong runs.
+
+    If these results have no engine, the published false successes of engines are shown too, but not counted.
+    """
     wrong = [c for c in results.runs if c.status == "wrong"]
     engines = any(is_engine(s) for s in results.solvers)
-    published = () if engines else read_results(ENGINES).runs  # made elsewhere, with engines that these results lack
+    published = () if engines else read_results(ENGINES).runs  # runs of engines that these results lack
 
-    def key(c: Run) -> tuple[bool, bool, bool, float, str]:
+    def key(c: StoredRun) -> tuple[bool, bool, bool, float, str]:
+        """Return the sort key: external code first, then the plain comparison, default options, large violations."""
         m = margin(c)
         size = m.part if m and math.isfinite(m.part) else 0.0
         return not code_of_others(c.record.solver), c.record.label != label, bool(c.options), -size, c.record.run_id
@@ -94,50 +136,73 @@ def false_successes(results: Results, label: str) -> tuple[list[dict[str, Any]],
     return [_card(results, c, c in published) for c in sorted(worst, key=key)[:CARDS]], len(wrong)
 
 
-def _card(results: Results, run: Run, published: bool) -> dict[str, Any]:
-    """A run that claims success and is wrong, when it breaks its law, drawn as late as errors are judged."""
+def _card(results: StoredResults, run: StoredRun, published: bool) -> dict[str, Any]:
+    """Describe a false success when it breaks its law, drawn at the latest time up to which errors are judged."""
     m, r = margin(run), run.record
-    reason = m.error if m else reasons_of(r.wrong_because)[0]
+    reason = m.error if m else parse_reasons(r.wrong_because)[0]
     drawn = min(t for t in (r.t_reached_s, r.reference_horizon_s, r.judged_to_s) if t > 0.0)
     seen = moment(results, run, drawn) if r.series and not published else None
     words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"
     return {
-        "run": run, "code": code_of_others(r.solver).partition(" on ")[0], "published": published,
-        "picture": snapshot(*seen, words) if seen else None, "broken": describe_break(reason), "drawn": drawn,
+        "run": run,
+        "code": code_of_others(r.solver).partition(" on ")[0],
+        "published": published,
+        "picture": snapshot(*seen, words) if seen else None,
+        "broken": describe_break(reason),
+        "drawn": drawn,
         "command": write_command(r, results.plugins),
-    }  # fmt: skip
+    }
 
 
-def strips(picture: Heat | None, looks: Mapping[str, Look]) -> list[dict[str, Any]]:
-    """How long each solver follows the exact motion, one a problem of the heat map that has a reference."""
+def strips(picture: HeatMap | None, looks: Mapping[str, LineStyle]) -> list[dict[str, Any]]:
+    """Draw how long each solver follows the exact motion, a strip with its counts per problem with a reference."""
     out = []
     for variant in picture.problems if picture else ():
         own = list_followed(variant)
         known = max((f.known for f in own), default=0.0)
         if known > 0.0:
             whole = sum(f.whole for f in own)
-            dots = [(f.until / known, looks[f.run.record.solver].colour, f"{f.run.record.solver}: {f.words}",
-                     f.run.record.solver) for f in own if not f.whole]  # fmt: skip
+            dots = [
+                (
+                    f.until / known,
+                    looks[f.run.record.solver].colour,
+                    f"{f.run.record.solver}: {f.words}",
+                    f.run.record.solver,
+                )
+                for f in own
+                if not f.whole
+            ]
             words = f"{variant.title}: {whole} of {len(own)} to {time(float(f'{known:.3g}'))} s"
-            out.append({"variant": variant, "whole": whole, "count": len(own), "known": known,
-                        "picture": ticks_on(dots, whole, words)})  # fmt: skip
+            out.append(
+                {
+                    "variant": variant,
+                    "whole": whole,
+                    "count": len(own),
+                    "known": known,
+                    "picture": ticks_on(dots, whole, words),
+                }
+            )
     return out
 
 
-def verdicts(results: Results) -> dict[str, Any] | None:
-    """The paper's claims as judged by these results, else as published; None where there is neither."""
+def verdicts(results: StoredResults) -> dict[str, Any] | None:
+    """Return the paper's claims as judged by these results, else as published; None if there is neither."""
     found = read_judged_or_published(results.folder, CLAIMS)
-    kept = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish").found or ()  # for claims that lack runs here
-    shown = [c for c in claims_of(found.found or (), results.by_settings, kept) if not c.presentation]
+    kept = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish").found or ()  # for claims without runs in these results
+    shown = [c for c in select_claims(found.found or (), results.by_settings, kept) if not c.presentation]
     if not shown:
         return None
     columns, published = group_by(shown, lambda c: c.section), found.published or any(c.published for c in shown)
-    return {"counts": {m.word: k for m, k in counts(shown)}, "columns": columns, "published": published,
-            "sentences": choose_sentences(shown)}  # fmt: skip
+    return {
+        "counts": {m.word: k for m, k in counts(shown)},
+        "columns": columns,
+        "published": published,
+        "sentences": choose_sentences(shown),
+    }
 
 
-def choose_sentences(shown: Sequence[Shown]) -> list[Shown]:
-    """Ten: verdicts in turns, so that each kind is heard, in the order of the paper."""
+def choose_sentences(shown: Sequence[ClaimView]) -> list[ClaimView]:
+    """Choose at most ``SENTENCES`` claims with verdicts of each kind in turn, in the order of the paper."""
     kinds = {w: [c for c in shown if c.mark.word == w] for w in ("not reproduced", "reproduced", "reproduced if")}
     turns = [c for k in range(SENTENCES) for own in kinds.values() for c in own[k : k + 1]][:SENTENCES]
     return [c for c in shown if c in turns]

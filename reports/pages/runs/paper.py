@@ -1,10 +1,10 @@
-"""The paper's figures from these results with the claims on them, where ``figures --paper`` has made them."""
+"""Show the paper's figures drawn from these results with the claims on them, if ``figures --paper`` drew them."""
 
 from pathlib import Path
 
+from ....harness.confined_paths import ConfinedPath
 from ....harness.files import LARGEST
-from ....harness.places import Place
-from ...model.results import Results
+from ...model.results import StoredResults
 from ...paper import captions
 from ..base import Page, Site
 from ..judged.claims import VERDICTS
@@ -12,8 +12,8 @@ from ..judged.claims import VERDICTS
 SUFFIXES = (".svg", ".pdf")
 
 
-def write(results: Results, site: Site) -> Page | None:
-    """``paper.html``."""
+def write(results: StoredResults, site: Site) -> Page | None:
+    """Write ``paper.html``."""
     made = [(c, _files(results, site, c.name)) for c in captions.read(results.folder)]
     figures = [(c, files) for c, files in made if ".svg" in files]
     if not figures:
@@ -23,11 +23,11 @@ def write(results: Results, site: Site) -> Page | None:
     return site.write(page, "paper.html", figures=figures, runs=runs, verdicts=VERDICTS)
 
 
-def _files(results: Results, site: Site, figure: str) -> dict[str, str]:
-    """Copies of a figure in the report folder: from their suffix to their path from the page."""
-    name, out = Path(figure).name, {}  # a name, never a path out of the folder
+def _files(results: StoredResults, site: Site, figure: str) -> dict[str, str]:
+    """Copy a figure into the report folder; return the paths from the page, by suffix."""
+    name, out = Path(figure).name, {}  # only the name: a path could lead out of the folder
     for suffix in SUFFIXES:
-        source = Place(results.folder) / captions.FOLDER / f"{name}{suffix}"
+        source = ConfinedPath(results.folder) / captions.FOLDER / f"{name}{suffix}"
         if source.is_own_file():
             (site.folder / "figures" / f"paper-{name}{suffix}").write(source.read(LARGEST), durable=False)
             out[suffix] = f"figures/paper-{name}{suffix}"

@@ -1,4 +1,4 @@
-"""The list of solvers, and a page for each: its method, its certificate card, its costs, where it fails and why."""
+"""List the solvers, and show each: its method, its certificate card, its costs, and where it fails and why."""
 
 import math
 from collections.abc import Sequence
@@ -6,81 +6,111 @@ from typing import Any
 
 from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRONG, File
 from ....harness.results.judgements.runs import Drift, Order
-from ....harness.results.words import words_of
+from ....harness.results.words import describe_breach
 from ...model.catalogue import about_solver
-from ...model.frontier import Frontier, broad, of_most_problems
-from ...model.heat import heat
-from ...model.results import Results, Run, by_solver, group_by, natural, text_of
-from ...model.scores import Score, score, standings
-from ...model.tracking import Followed, list_followed
-from ...model.variants import broadest, groups_of, themselves
-from ...model.words import decade, number, plural, time
+from ...model.frontier import Frontier, of_most_problems, select_broad
+from ...model.heat import make_heat_map
+from ...model.results import StoredResults, StoredRun, format_exactly, group_by, group_by_solver, natural
+from ...model.scores import SolverScore, score, standings
+from ...model.tracking import TrackingTime, list_followed
+from ...model.variants import find_plain_label, group_by_label, select_variants
+from ...model.words import format_decade, number, plural, time
 from ..base import Page, Site, read_judged_or_published
 from ..judged import orders as order_words
 from ..judged import symmetries as symmetry_words
 from ..svg import badge
 
-CHIPS = 8  # runs named in a row; the problem's page has all
-DRAWN = 6  # ladders of a solver that are drawn
-FILES: tuple[File[Any], ...] = (ORDERS, DRIFTS, SYMMETRIES, WRONG)  # judgements beyond one run, of all solvers
-QUANTITY = "position"  # whose order stands for a solver
+CHIPS = 8  # most runs named in a row; the problem's page names all
+DRAWN = 6  # most ladders drawn per solver
+FILES: tuple[File[Any], ...] = (ORDERS, DRIFTS, SYMMETRIES, WRONG)  # judgements that need several runs, of all solvers
+QUANTITY = "position"  # the quantity whose order represents a solver
 
 
-def write(results: Results, site: Site) -> Page | None:
-    """``solvers.html``, and ``solver-<name>.html`` and ``badges/<name>.svg`` of every solver."""
-    label = broadest(results)
-    plain = {p.title for p in themselves(results, label)}
+def write(results: StoredResults, site: Site) -> Page | None:
+    """Write ``solvers.html``, and ``solver-<name>.html`` and ``badges/<name>.svg`` of every solver."""
+    label = find_plain_label(results)
+    plain = {p.title for p in select_variants(results, label)}
     judged = [read_judged_or_published(results.folder, file) for file in FILES]
-    picture = heat(results)
+    picture = make_heat_map(results)
     follow = [f for p in (picture.problems if picture else ()) for f in list_followed(p)]
-    costs = of_most_problems(broad(results, site.frontiers))
+    costs = of_most_problems(select_broad(results, site.frontiers))
     loud = sorted(results.runs, key=lambda c: (c.record.label != label, c.variant not in plain))
-    for name, runs in by_solver(results.runs).items():
+    for name, runs in group_by_solver(results.runs).items():
         orders, drifts, symmetries, wrong = ([x for x in j.found or () if x.solver == name] for j in judged)
-        certified = order_words.by_case(orders)
+        certified = order_words.sort_by_case(orders)
         drawn = order_words.ladders([o for o in certified if o.quantity == QUANTITY and o.against == "dt"])[:DRAWN]
-        card = site.cards[name] = card_of(name, orders, drifts, follow, costs)
+        card = site.cards[name] = describe_solver(name, orders, drifts, follow, costs)
         image = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
         (site.folder / image).write(card["badge"], durable=False)
         failed = group_by((c for c in runs if not c.is_success), lambda c: c.status)
         reasons = sorted(failed.items(), key=lambda kv: (kv[0] != "wrong", -len(kv[1])))  # the most frequent first
         work = [p for p in site.work.values() if any(t.solver == name for t in p.traces)]
-        rows = [(p, group, [c for c in own if c.record.solver == name]) for p in results.variants
-                for group, own in groups_of(p, label).items()]  # fmt: skip
+        rows = [
+            (p, group, [c for c in own if c.record.solver == name])
+            for p in results.variants
+            for group, own in group_by_label(p, label).items()
+        ]
         site.write(
-            Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=image, about=about_solver(name),
-            scripts=["assets/judgement.js"], plots=drawn, work=work, borrowed="plots-cost" if work else "",
-            runs=runs, score=score(runs), most=CHIPS, options=_options(runs), reasons=reasons,
+            Page(name, site.url(name)),
+            "solver.html",
+            solver=name,
+            card=card,
+            badge=image,
+            about=about_solver(name),
+            scripts=["assets/judgement.js"],
+            plots=drawn,
+            work=work,
+            borrowed="plots-cost" if work else "",
+            runs=runs,
+            score=score(runs),
+            most=CHIPS,
+            options=_options(runs),
+            reasons=reasons,
             paper_label=", ".join(sorted({c.record.paper_label for c in runs} - {""})),
             loud=[c for c in loud if c.record.solver == name],
             rows=[row for row in rows if row[2] and row[0].title in plain],
             apart=[row for row in rows if row[2] and row[0].title not in plain],
-            whys=[(j.why, j.published) for j in judged], certificates=certified,
+            whys=[(j.why, j.published) for j in judged],
+            certificates=certified,
             drifts=sorted(drifts, key=lambda d: (natural(d.variant), natural(d.case))),
-            order_words=order_words, symmetry_words=symmetry_words,
-            checks=group_by(symmetries, lambda s: s.title), wrong=wrong, reason_words=words_of,
-        )  # fmt: skip
-    return site.write(Page("Solvers", "solvers.html", nav=True, order=15), "solvers.html",
-                      standings=standings(results), label=label, loud=loud, about=about_solver)  # fmt: skip
+            order_words=order_words,
+            symmetry_words=symmetry_words,
+            checks=group_by(symmetries, lambda s: s.title),
+            wrong=wrong,
+            reason_words=describe_breach,
+        )
+    return site.write(
+        Page("Solvers", "solvers.html", nav=True, order=15),
+        "solvers.html",
+        standings=standings(results),
+        label=label,
+        loud=loud,
+        about=about_solver,
+    )
 
 
-def _options(runs: Sequence[Run]) -> dict[str, Score]:
-    """Every option that differs from its default somewhere; first the runs at all defaults."""
-    found: dict[str, list[Run]] = {}
+def _options(runs: Sequence[StoredRun]) -> dict[str, SolverScore]:
+    """Score the runs by every option that differs from its default; runs with all defaults come first."""
+    found: dict[str, list[StoredRun]] = {}
     for c in runs:
-        for words in [f"{k} = {text_of(v)}" for k, v in c.options.items()] or ["all at their defaults"]:
+        for words in [f"{k} = {format_exactly(v)}" for k, v in c.options.items()] or ["all at their defaults"]:
             found.setdefault(words, []).append(c)
     ordered = sorted(found, key=lambda words: (words != "all at their defaults", words))
     return {words: score(found[words]) for words in ordered}
 
 
-def card_of(solver: str, orders: Sequence[Order], drifts: Sequence[Drift], followed: Sequence[Followed],
-            costs: Sequence[Frontier]) -> dict[str, Any]:  # fmt: skip
-    """Facts about a solver at its default options, and the same as a badge; a line without a fact is left out.
+def describe_solver(
+    solver: str,
+    orders: Sequence[Order],
+    drifts: Sequence[Drift],
+    followed: Sequence[TrackingTime],
+    costs: Sequence[Frontier],
+) -> dict[str, Any]:
+    """Return facts about a solver at its default options, and a badge with them; unknown facts are left out.
 
-    The order of fixed steps with the narrowest interval, and how many problems agree on its verdict; the energy drift
-    of the longest run; the motion of which the smallest part is followed; the mean ratio to the cheapest at one error.
-    A fact is its name and value, the value on the badge, and the kind of mark that colours it.
+    The facts are the order of fixed steps with the narrowest interval, and how many problems agree on its verdict; the
+    energy drift of the longest run; the shortest relative tracking time; the mean cost ratio to the cheapest at one
+    error. A fact is its name, its value, the value on the badge, and the kind of mark that colours it.
     """
     facts: list[tuple[str, str, str, str]] = []
     plain = (o for o in orders if (o.solver, o.case, o.quantity) == (solver, solver, QUANTITY))
@@ -109,6 +139,6 @@ def card_of(solver: str, orders: Sequence[Order], drifts: Sequence[Drift], follo
         mean = math.exp(sum(map(math.log, factors)) / len(factors))
         ratio, on = f"×{number(mean, 2)}", f"{len(factors)} of {plural(len(costs), 'problem')}"
         unit = costs[0].unit if len({f.unit for f in costs}) == 1 else "m or rad"
-        at = f"{ratio} the cheapest at {decade(costs[0].target)} {unit}"
+        at = f"{ratio} the cheapest at {format_decade(costs[0].target)} {unit}"
         facts.append(("cost", f"{at}, reached on {on}", at, "good" if mean < 3.0 else "refused"))
     return {"solver": solver, "facts": facts, "badge": badge(solver, [(f[0], *f[2:]) for f in facts])}

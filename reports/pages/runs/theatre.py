@@ -1,4 +1,4 @@
-"""The mechanism theatre: ``theatre-<slug>.html`` for each variant that has poses to show."""
+"""Write the mechanism theatre: ``theatre-<slug>.html`` for each variant with stored poses."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,28 +6,33 @@ from typing import Any
 import numpy as np
 
 from ...mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, RULE, players, scene
-from ...model.results import Results, Variant
-from ...model.variants import broadest, same_motion, themselves
+from ...model.results import StoredResults, Variant
+from ...model.variants import find_plain_label, same_motion, select_variants
 from ..base import Page, Site
 
-ALL_BYTES = 12_000_000  # of the data files of all theatres
-MOST = 24  # theatres of a report, unless the plain comparison has more variants
-ROUNDS = 3  # of making a page smaller: its size does not fall evenly with its poses
-APART = True  # it takes as long as all other pages together
+ALL_BYTES = 12_000_000  # bytes of the data files of all theatres
+MOST = 24  # most theatres of a report, unless the plain comparison has more variants
+ROUNDS = 3  # rounds of shrinking a page: its size is not proportional to its poses
+APART = True  # in its own process: it takes as long as all other pages together
 SCRIPTS = (
-    "assets/three.bundle.min.js", "assets/theatre-poses.js", "assets/theatre-view.js", "assets/theatre-solid.js",
-    "assets/theatre-flat.js", "assets/theatre-strips.js", "assets/theatre.js",
-)  # fmt: skip
+    "assets/three.bundle.min.js",
+    "assets/theatre-poses.js",
+    "assets/theatre-view.js",
+    "assets/theatre-solid.js",
+    "assets/theatre-flat.js",
+    "assets/theatre-strips.js",
+    "assets/theatre.js",
+)
 
 
-def write(results: Results, site: Site) -> Page | None:
-    """Write every theatre; the first page, or None if no run has poses."""
+def write(results: StoredResults, site: Site) -> Page | None:
+    """Write every theatre; return the first page, or None if no run has poses."""
     stages = {p.slug: t for p in _list_variants(results) if (t := _stage(results, site, p, POSE_BYTES)) is not None}
-    level = fair([t["size"] for t in stages.values()], ALL_BYTES)
+    level = share_size([t["size"] for t in stages.values()], ALL_BYTES)
     pages = []
     for own in (stages[p.slug] for p in results.variants if p.slug in stages):
         play, variant = own["play"], own["variant"]
-        most = max(p["frames"] for p in play["players"])  # each run has as many poses as the longest
+        most = max(p["frames"] for p in play["players"])  # as if each run had as many poses as the longest
         poses = min(float(POSE_BYTES), float(BODY_BYTES * play["bodies"] * len(play["players"]) * most))
         for _ in range(ROUNDS):
             if own["size"] > level:
@@ -35,23 +40,26 @@ def write(results: Results, site: Site) -> Page | None:
                 own = _stage(results, site, variant, poses) or own
         page = Page(f"Theatre: {variant.title}", f"{own['name']}.html", order=60, about=variant.slug, brief=True)
         worst = {f"worst_{k}": max(p[f"off_{k}"] for p in own["play"]["players"]) for k in ("m", "rad")}
-        own["play"] = _without_arrays(own["play"])  # the data file has them
+        own["play"] = _without_arrays(own["play"])  # the arrays are in the data file
         pages.append(
             site.write(page, "theatre.html", [*SCRIPTS[:-1], own["path"], SCRIPTS[-1]], own=own, rule=RULE, **worst)
         )
     return pages[0] if pages else None
 
 
-def _list_variants(results: Results) -> list[Variant]:
-    """Variants, but not those that show the motion of another one once more; the plain comparison's, then others."""
+def _list_variants(results: StoredResults) -> list[Variant]:
+    """List the variants, those of the plain comparison first, without those that repeat another one's motion."""
     plain = {p.problem for p in results.variants if not same_motion(p)}
     found = [p for p in results.variants if not same_motion(p) or p.problem not in plain]
-    first = {p.slug for p in themselves(results, broadest(results))}
+    first = {p.slug for p in select_variants(results, find_plain_label(results))}
     return sorted(found, key=lambda p: p.slug not in first)[: max(MOST, len(first))]
 
 
-def _stage(results: Results, site: Site, variant: Variant, pose_bytes: float) -> dict[str, Any] | None:
-    """Write the data file; what the page says without it. Runs that a visitor may add have files of their own."""
+def _stage(results: StoredResults, site: Site, variant: Variant, pose_bytes: float) -> dict[str, Any] | None:
+    """Write the data file of a theatre, its poses in about ``pose_bytes``; return what the page shows beside it.
+
+    Runs that a visitor may add are written to files of their own. None is returned if no run stored poses.
+    """
     cast, more, left_out = players(results, variant)
     if not cast:
         return None
@@ -60,18 +68,27 @@ def _stage(results: Results, site: Site, variant: Variant, pose_bytes: float) ->
     for player in added:
         site.bundle(f"{name}-{player['run']}", player)
     path = site.bundle(name, play)
-    return {"variant": variant, "name": name, "path": path, "size": (site.folder / path).size(), "play": play,
-            "players": [p.run for p in cast], "left_out": left_out, "addable": [p.run for p in more]}  # fmt: skip
+    return {
+        "variant": variant,
+        "name": name,
+        "path": path,
+        "size": (site.folder / path).size(),
+        "play": play,
+        "players": [p.run for p in cast],
+        "left_out": left_out,
+        "addable": [p.run for p in more],
+    }
 
 
 def _without_arrays(value: Any) -> Any:
+    """Return nested data without its NumPy arrays."""
     if isinstance(value, dict):
         return {k: _without_arrays(v) for k, v in value.items() if not isinstance(v, np.ndarray)}
     return [_without_arrays(v) for v in value] if isinstance(value, list | tuple) else value
 
 
-def fair(sizes: Sequence[int], whole: float) -> float:
-    """The level to which the largest are cut so that all fit into ``whole``; infinite if they do as they are."""
+def share_size(sizes: Sequence[int], whole: float) -> float:
+    """Return the size to which the largest are cut so that all fit into ``whole``; infinite if all fit already."""
     left, ordered = whole, sorted(sizes)
     for k, size in enumerate(ordered):
         share = left / (len(ordered) - k)

@@ -1,1 +1,1 @@
-"""From a system to an engine: a spanning tree with cut joints, the model check, the loop of stretches."""
+"""Conversion of a system for an engine: a spanning tree with cut joints, the model check, the loop of stretches."""

@@ -1,4 +1,4 @@
-"""Packages of engines, and what an engine takes of a system."""
+"""Packages of engines, and the elements of a system that an engine takes."""
 
 import importlib
 import importlib.metadata
@@ -6,49 +6,60 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import ModuleType
 
+from ....harness.mechanics.naming import name_body
 from ....harness.mechanics.system import MultibodySystem
-from ....harness.mechanics.time_functions import varies
+from ....harness.mechanics.time_functions import are_varying
 from .tree import KINDS
 
 SPRINGS, TORSIONS, LOADS, VARYING, USERS = (
-    "springs", "torsional springs", "constant loads", "loads that vary", "user forces"
-)  # fmt: skip
+    "springs",
+    "torsional springs",
+    "constant loads",
+    "loads that vary",
+    "user forces",
+)
 
 
 @dataclass(frozen=True)
-class Taken:
-    """Elements that an adapter hands to its engine beside gravity, and by element why the engine takes no more."""
+class SupportedElements:
+    """Elements that an adapter passes to its engine beside gravity, and by element why the engine takes no more."""
 
-    kinds: tuple[str, ...] = tuple(KINDS)  # of joints
+    kinds: tuple[str, ...] = tuple(KINDS)  # kinds of joints
     springs: bool = True
-    torsions: bool = True  # springs of hinges
-    loads: str = "none"  # or constant, or varying
+    torsions: bool = True  # whether torsional springs of hinges are taken
+    loads: str = "none"  # none, constant or varying
     lacks: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def elements(self) -> tuple[str, ...]:
-        """All by name."""
-        forces = {SPRINGS: self.springs, TORSIONS: self.torsions, LOADS: self.loads != "none",
-                  VARYING: self.loads == "varying"}  # fmt: skip
+        """Names of all elements of a system that the adapter passes to its engine: joints, springs and loads."""
+        forces = {
+            SPRINGS: self.springs,
+            TORSIONS: self.torsions,
+            LOADS: self.loads != "none",
+            VARYING: self.loads == "varying",
+        }
         return (*map(str, self.kinds), *(name for name, taken in forces.items() if taken))
 
 
-def beyond(system: MultibodySystem, taken: Taken) -> str | None:
-    """What of the system an adapter does not hand to its engine, and why, or None."""
+def list_unsupported(system: MultibodySystem, taken: SupportedElements) -> str | None:
+    """Return which elements of the system an adapter does not pass to its engine, and why, or None."""
     named, elements = {LOADS: "a load", VARYING: "a load that varies"}, taken.elements
     found = dict[str, list[str]]()
     for k, name in enumerate(system.joint_names):
         found.setdefault(str(system.joint_kind(k)), []).append(name)
     for k, body in enumerate(system.load_i):
-        what = VARYING if varies(system.load_factor[k : k + 1])[0] else LOADS
-        found.setdefault(what, []).append(f"on {system.body_names[body]}")
+        what = VARYING if are_varying(system.load_factor[k : k + 1])[0] else LOADS
+        found.setdefault(what, []).append(f"on {name_body(system, int(body))}")
     others = {SPRINGS: system.spring_k, TORSIONS: system.torsion_k, USERS: system.user_i}
     found |= {what: [] for what, some in others.items() if len(some)}
     lacking = {what: names for what, names in found.items() if what not in elements}
     if not lacking:
         return None
-    words = [named.get(what, what) + (f" ({', '.join(dict.fromkeys(names))})" if names else "")
-             for what, names in lacking.items()]  # fmt: skip
+    words = [
+        named.get(what, what) + (f" ({', '.join(dict.fromkeys(names))})" if names else "")
+        for what, names in lacking.items()
+    ]
     pushes = {"none": [], "constant": ["constant loads"], "varying": ["loads"]}[taken.loads]
     forces = ["gravity", *["springs"] * taken.springs, *pushes]
     given = f"it is given {', '.join(taken.kinds[:-1])} and {taken.kinds[-1]} joints, "
@@ -57,13 +68,13 @@ def beyond(system: MultibodySystem, taken: Taken) -> str | None:
     return f"{given} only; the system has {', '.join(words)}" + (f": {reasons}" if reasons else "")
 
 
-def made_by(name: str) -> str:
-    """Name and version, for the notes of a run."""
+def describe_engine(name: str) -> str:
+    """Return name and version, for the notes of a run."""
     return f"{name} {importlib.metadata.version(name)}"
 
 
 def package(name: str, *parts: str) -> ModuleType:
-    """The package with ``parts`` imported."""
+    """Import the package ``name`` and its submodules ``parts``; return it."""
     module = importlib.import_module(name)
     for part in parts:
         importlib.import_module(f"{name}.{part}")

@@ -1,9 +1,9 @@
-"""Which rows Exudyn is given where some are redundant, in the frames in which it states them, and when they wear out.
+"""Rows that Exudyn is given where some are redundant, in the frames in which it states them, and a check of their rank.
 
 Rows that are independent at the start may become dependent later where all rows together do not: a code that passes
-such a place goes on with a joint open. Watched is the least singular value of the rows kept, scaled to length one, for
-velocities in m/s. Below half of its value at the choice the most independent rows are searched for, and taken if they
-are twice as independent; so they are where a joint has opened. The motion goes on from the look before.
+such a place goes on with a joint open. The least singular value of the rows kept, scaled to length one, for velocities
+in m/s, is monitored. Below half of its value at the choice the most independent rows are searched for, and taken if
+they are twice as independent; so they are where a joint has opened. The motion continues from the check before.
 """
 
 from dataclasses import dataclass
@@ -12,27 +12,28 @@ import numpy as np
 import scipy.linalg as sl
 from jaxtyping import Bool, Float
 
-from ....harness.mechanics.ends import with_ground
+from ....harness.mechanics.ends import append_ground
 from ....harness.mechanics.joints import JointKind
-from ....harness.mechanics.joints.frames import normals_of
+from ....harness.mechanics.joints.frames import choose_normals
 from ....harness.mechanics.motion import constraint, row_parts
 from ....harness.mechanics.state import State, States
 from ....harness.mechanics.system import MultibodySystem
 from ...formulations.rank import BETTER
 
-PIVOT = 1e-9  # of the largest pivot: rounding is 1e-15, true pivots are above 1e-3
-WORN = 0.5  # of the least singular value at the choice, at which other rows are searched for
-OPEN, TIMES = 1e-2, 10.0  # gap of a row left out, of the longest arm beyond that many times the largest of those kept
-TURN = 0.1  # [rad] of the fastest body between two looks; a look costs some 70 us, of small systems a step
-LARGEST = 100  # rows of the system that are watched: singular values of more cost as much as many steps
+PIVOT = 1e-9  # share of the largest pivot: rounding is 1e-15, true pivots are above 1e-3
+WORN = 0.5  # share of the least singular value at the choice, at which other rows are searched for
+# limit of a left-out row's gap: a share of the longest arm, and a multiple of the largest kept gap
+OPEN, TIMES = 1e-2, 10.0
+TURN = 0.1  # [rad] turn of the fastest body between two checks; one costs some 70 us, a step of small systems
+LARGEST = 100  # rows of the largest system monitored: singular values of more cost as much as many steps
 
 
 @dataclass(frozen=True)
-class Worn:
-    """The last of some states at which the rows kept are sound, -1 for the one before them, and better rows."""
+class WornRows:
+    """Index of the last of some states whose rows kept are sound (-1: the state before them), and better rows."""
 
-    last: int
-    better: Bool[np.ndarray, " nrows"] | None  # None: there are none that are independent at both looks
+    last: int  # index of the last state at which the rows kept are independent enough
+    better: Bool[np.ndarray, " nrows"] | None  # None: no rows are independent at both checks
 
 
 class KeptRows:
@@ -49,8 +50,11 @@ class KeptRows:
         self._limit, self._way = WORN * self._first, 0.0
         self._arm = float(max(np.max(np.abs(system.joint_s_i), initial=0.0), np.max(system.gyration)))
 
-    def look(self, s: States, dt: float) -> Worn | None:
-        """Where further states, ``dt`` apart, need other rows, if they do; the last state is always looked at."""
+    def check_states(self, s: States, dt: float) -> WornRows | None:
+        """Return where further states need other constraint rows, or None where the rows kept are sound.
+
+        States are ``dt`` [s] apart, and follow those checked before; the last of them is always checked.
+        """
         if not self._watched or not len(s.r):
             return None
         rate = np.linalg.norm(s.Omega, axis=2) + np.linalg.norm(s.v, axis=2) / self._arm
@@ -67,7 +71,7 @@ class KeptRows:
                 best = _most_independent(A, number)
                 if opened or _least(A[best]) > BETTER * least:
                     both = _least(self._latest[best]) > WORN * _least(self._latest[self.kept])
-                    return Worn(last, best if both and np.any(best != self.kept) else None)
+                    return WornRows(last, best if both and np.any(best != self.kept) else None)
                 self._limit = WORN * least
             else:
                 self._limit = min(WORN * self._first, max(WORN * least, self._limit))
@@ -75,14 +79,17 @@ class KeptRows:
         return None
 
     def _rows(self, s: States) -> tuple[Float[np.ndarray, "nt nrows n"], Float[np.ndarray, "nt nrows"]]:
-        """A for (r_dot, gyration Omega), rows of length one, and gaps [m]; an incomplete point's along axes of j."""
+        """Return A of all constraint rows, scaled to length one, and gaps [m], at each state.
+
+        A is by (r_dot, gyration Omega); rows of a joint that is not held fully are along the axes of its body j.
+        """
         system = self._system
         six = np.zeros((len(s.r), system.nrows, system.nb, 6))
         for body, row, translation, rotation in row_parts(system, s):
             six[:, row, body, :3] += translation
             six[:, row, body, 3:] += rotation / system.gyration[body, None]
         A = np.append(six.reshape(len(s.r), system.nrows, 6 * system.nb), constraint(system, s)[..., None], axis=2)
-        R = with_ground(s.R, np.eye(3))
+        R = append_ground(s.R, np.eye(3))
         for k, in_j in self._frames.items():
             point = slice(system.row_start[k], system.row_start[k] + 3)
             A[:, point] = np.swapaxes(R[:, system.joint_j[k]] @ in_j, 1, 2) @ A[:, point]
@@ -94,7 +101,7 @@ class KeptRows:
 def joint_frames(
     system: MultibodySystem, start: State, k: int
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
-    """Columns x, y, z of the joint frame of joint ``k`` in the frames of i and of j; z is its axis, in i.
+    """Return columns x, y, z of the joint frame of joint ``k`` in the frames of i and of j; z is its axis, in i.
 
     With Exudyn's marker 0 on j its rows are ours: places along x and y of j, the axis in i normal to x or y of j.
     """
@@ -103,13 +110,13 @@ def joint_frames(
     if system.joint_kind(k) in (JointKind.UNIVERSAL, JointKind.NORMAL):
         y = np.cross(R[system.joint_j[k]].T @ R[system.joint_i[k]] @ system.joint_u[k], x)
     if system.joint_kind(k) == JointKind.ON_PLANE:
-        y = normals_of(x)[0]
+        y = choose_normals(x)[0]
     in_j = np.column_stack((x, y, np.cross(x, y)))
     return R[system.joint_i[k]].T @ R[system.joint_j[k]] @ in_j, in_j
 
 
 def _most_independent(rows: Float[np.ndarray, "nrows n"], number: int = -1) -> Bool[np.ndarray, " nrows"]:
-    """The first ``number`` by pivots, or if that is negative all whose pivot is more than rounding."""
+    """Return flags of the first ``number`` rows by pivots, or if that is negative of all that are independent."""
     out = np.zeros(len(rows), dtype=bool)
     if len(rows):
         _, pivots, order = sl.qr(rows.T, mode="economic", pivoting=True)
@@ -119,5 +126,5 @@ def _most_independent(rows: Float[np.ndarray, "nrows n"], number: int = -1) -> B
 
 
 def _least(rows: Float[np.ndarray, "k n"]) -> float:
-    """The least singular value."""
+    """Return the least singular value of these rows."""
     return float(np.linalg.svd(rows, compute_uv=False)[-1])

@@ -1,4 +1,4 @@
-"""Steps of an engine that loops by itself: stretches of many steps, the clock read between them."""
+"""Steps of an engine that loops on its own: stretches of many steps, the clock read between them."""
 
 from collections.abc import Callable
 
@@ -9,7 +9,7 @@ from ....harness.code_meter import solver_seconds
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ...formulations.recording import Clock, StepFailure
 
-STRETCH = 20_000  # steps times bodies between two looks at the clock: 0.1 to 2 s of a compiled engine
+STRETCH = 20_000  # steps times bodies between two readings of the clock: 0.1 to 2 s of a compiled engine
 
 Advance = Callable[[int, float], Float[np.ndarray, "k n"]]  # steps, dt [s] -> the engine's state after each
 
@@ -23,12 +23,21 @@ class PartialStretch(StepFailure):
 
 
 def march(
-    problem: Problem, control: StepControl, advance: Advance, states: Callable[[np.ndarray], States], *,
-    clock: Clock, notes: tuple[str, ...], stretch: int = STRETCH, seconds: Callable[[], float] = solver_seconds,
-) -> Trajectory:  # fmt: skip
-    """Call ``advance`` until ``t_end``; CPU time is that of ``advance`` alone, set-up since ``clock`` was made.
+    problem: Problem,
+    control: StepControl,
+    advance: Advance,
+    states: Callable[[np.ndarray], States],
+    *,
+    clock: Clock,
+    notes: tuple[str, ...],
+    stretch: int = STRETCH,
+    seconds: Callable[[], float] = solver_seconds,
+) -> Trajectory:
+    """Integrate by calls of ``advance`` until ``t_end``, and return the trajectory.
 
-    Without ``control.dt`` rows begin with their times. ``seconds`` is the clock of the process that steps.
+    CPU time is that of ``advance`` alone, set-up since ``clock`` was made. Without ``control.dt`` rows begin with their
+    times; ``states`` turns them into motion. ``stretch`` is the number of steps times bodies a call; ``seconds`` is the
+    clock of the process that steps.
     """
     dt, t_end = control.dt, problem.t_end
     full, last = (int(t_end / dt + 1e-9), int(np.ceil(t_end / dt - 1e-9))) if dt else (0, 0)
@@ -77,4 +86,5 @@ def march(
 
 
 def _join_states(parts: list[States]) -> States:
+    """Return the states of all parts, one after the other."""
     return States(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("r", "R", "v", "Omega")))

@@ -1,4 +1,4 @@
-"""Is it our model? What an engine made of a system, compared at the start with the equations of ``formulations``.
+"""The model check: an engine's model of a system, compared at the start with the equations of ``formulations``.
 
 An engine has its own velocities u; (r_dot, Omega) = T u. With the joints of its tree closed and M = blockdiag(m I, J)::
 
@@ -32,10 +32,10 @@ from ....harness.mechanics.system import MultibodySystem
 from ....harness.mechanics.torsion import torsion
 from ....harness.types import Problem
 
-SAME = 1e-10  # rounding of the sums on the way is 1e-13 with 55 bodies
+SAME = 1e-10  # rounding of intermediate sums is 1e-13 with 55 bodies
 SINGLE = float(np.finfo(np.float32).eps)
 SEED = 20
-DEPENDENT = 1e-9  # singular values of constraint rows, of the largest
+DEPENDENT = 1e-9  # share of the largest singular value of constraint rows
 
 
 @dataclass(frozen=True)
@@ -44,17 +44,17 @@ class EngineModel:
 
     T: Float[np.ndarray, "twists nu"]  # body by body
     mass_matrix: Float[np.ndarray, "nu nu"]
-    rest_forces: Float[np.ndarray, " nu"]  # of gravity and springs, all velocities zero
+    rest_forces: Float[np.ndarray, " nu"]  # gravity and springs, all velocities zero
     kinetic: float  # [J]
     potential: float | None  # [J], None where the engine states none
     bias: Float[np.ndarray, "nb 6"]  # (r_ddot, Omega_dot) = T u_dot + bias
-    forces: Float[np.ndarray, " nu"]  # all but those of constraints, gyroscopic ones included
-    constraints: Float[np.ndarray, "nl nu"]  # Jacobian G of what its velocities leave to constraints, soft or not
+    forces: Float[np.ndarray, " nu"]  # all except those of constraints, gyroscopic ones included
+    constraints: Float[np.ndarray, "nl nu"]  # Jacobian G of the constraints that its velocities leave, soft or not
     idle: tuple[Float[np.ndarray, "k nu"], Float[np.ndarray, " k"]] | None = None  # a u_dot = b moves no body
 
 
 def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
-    """By quantity, relative."""
+    """Return by quantity how far an engine's model is from ours at the start, relative to the largest entry."""
     system, start, T = problem.system, problem.initial, model.T
     one = States.one(start)
     rates = accelerations(system, start)
@@ -80,7 +80,7 @@ def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
 
 
 def model_refusal(engine: str, problem: Problem, model: EngineModel) -> str | None:
-    """Why a race with this model would be one with another problem, or None."""
+    """Return the refusal of an engine's model that differs from ours by more than ``SAME``, or None."""
     found = differences(problem, model)
     worst = max(found, key=lambda k: found[k] if np.isfinite(found[k]) else np.inf)
     if found[worst] <= SAME:
@@ -92,10 +92,17 @@ def model_refusal(engine: str, problem: Problem, model: EngineModel) -> str | No
 def force_refusal(
     engine: str, problem: Problem, model: EngineModel, loops: Float[np.ndarray, "nl nu"], levels: int, eps: float
 ) -> str | None:
-    """Why the model of an engine with numbers known to ``eps`` is not ours, or None; its forces are our M u_dot."""
+    """Return the refusal of an engine's model in single precision that is not ours, or None.
+
+    Its numbers are known to ``eps``; ``loops`` are our rows of cut joints, ``levels`` the bodies on the longest path.
+    Its forces are compared with our M u_dot.
+    """
     k = 6 * (levels + 1) + model.T.shape[1]
-    found = {**force_differences(problem, model), "rows of loops": loop_difference(model.constraints, loops),
-             "mass matrix": _apart(model.mass_matrix, model.T.T @ mass_blocks(problem) @ model.T)}  # fmt: skip
+    found = {
+        **force_differences(problem, model),
+        "rows of loops": loop_difference(model.constraints, loops),
+        "mass matrix": _apart(model.mass_matrix, model.T.T @ mass_blocks(problem) @ model.T),
+    }
     worst = max(found, key=lambda name: found[name] if np.isfinite(found[name]) else np.inf)
     if found[worst] <= k * eps:
         return None
@@ -104,7 +111,7 @@ def force_refusal(
 
 
 def force_differences(problem: Problem, model: EngineModel) -> dict[str, float]:
-    """By quantity, relative to the sums of their terms."""
+    """Return by quantity how far the model's forces are from ours, relative to the sums of their terms."""
     system, start, T, nb = problem.system, problem.initial, model.T, problem.system.nb
     still = replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega)
     m, J = system.mass, system.regular_inertia
@@ -129,20 +136,20 @@ def force_differences(problem: Problem, model: EngineModel) -> dict[str, float]:
 
 
 def loop_difference(theirs: Float[np.ndarray, "nl nu"], ours: Float[np.ndarray, "nl nu"]) -> float:
-    """Of rows of loops, either sign; infinite where there are others."""
+    """Return the relative difference of two sets of loop rows, of either sign; infinite where their numbers differ."""
     if theirs.shape != ours.shape:
         return np.inf
     return min(_apart(theirs, ours), _apart(-theirs, ours))
 
 
 def mass_blocks(problem: Problem) -> Float[np.ndarray, "twists twists"]:
-    """blockdiag(m I, J), body by body."""
+    """Return blockdiag(m I, J), body by body."""
     masses = zip(problem.system.mass, problem.system.regular_inertia, strict=True)
     return np.array(sl.block_diag(*(b for m, J in masses for b in (m * np.eye(3), J))))
 
 
 def _spring_sizes(system: MultibodySystem, one: States) -> Float[np.ndarray, "nb 2"]:
-    """Terms k d and k d_0 of springs on each body [N, N m], which cancel where a spring is at rest."""
+    """Return the terms k d and k d_0 of springs on each body [N, N m], which cancel where a spring is at rest."""
     out, (stretched, _, _) = np.zeros((system.nb + 1, 2)), torsion(system, one)  # the last one is the ground
     for k, stiffness in enumerate(system.spring_k):
         pull = stiffness * (np.linalg.norm(spring_line(system, one, k)[0]) + system.spring_d0[k])
@@ -155,43 +162,48 @@ def _spring_sizes(system: MultibodySystem, one: States) -> Float[np.ndarray, "nb
 
 
 def _sizes(wrenches: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, "nb 2"]:
+    """Return the sizes of the force and of the torque of each wrench."""
     return np.linalg.norm(wrenches.reshape(-1, 2, 3), axis=2)
 
 
 def rank(G: Float[np.ndarray, "nl nu"], largest: float = 0.0) -> int:
-    """Rank of constraint rows; entries that are rounding beside ``largest`` count as zero."""
+    """Return the rank of constraint rows; entries that are rounding relative to ``largest`` count as zero."""
     size = np.linalg.svd(G, compute_uv=False) if G.size else np.zeros(1)
     return int(np.sum(size > DEPENDENT * max(size[0], largest)))
 
 
 def _rigid(model: EngineModel, exact: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, " nu"]:
-    """u_dot of M u_dot = f + G^T lam where G u_dot is that of the exact motion; redundant rows allowed.
+    """Return the velocities' accelerations of the engine's model with rigid constraints, for the given motion.
 
-    Accelerations along the constraints are then the engine's; what G leaves open is not compared with soft constraints.
+    They satisfy M u_dot = f + G^T lam with G u_dot that of the ``exact`` motion; redundant rows are allowed.
+    Accelerations along the constraints are then the engine's; those that G leaves open are not compared with soft
+    constraints.
     """
     rows, values = model.idle or (np.zeros((0, model.T.shape[1])), np.zeros(0))
     u_dot = np.linalg.lstsq(
         np.concatenate((model.T, rows)), np.concatenate(((exact - model.bias).ravel(), values)), rcond=None
     )[0]
     diagonal = np.diag(model.mass_matrix)
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))  # of velocities: the null space is then of one size
+    # scale of velocities, which makes the null space uniform
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     M, f, G = scale[:, None] * model.mass_matrix * scale, scale * model.forces, model.constraints * scale
     N, particular = sl.null_space(G, rcond=DEPENDENT) if G.size else np.eye(len(f)), u_dot / scale
     return scale * (particular + N @ np.linalg.solve(N.T @ M @ N, N.T @ (f - M @ particular)))
 
 
 def _apart(a: np.ndarray, b: np.ndarray, size: float = 0.0) -> float:
+    """Return the largest difference of a and b, over the largest entry of b or ``size`` if that is more."""
     size = max(size, float(np.max(np.abs(b), initial=0.0)))
     return float(np.max(np.abs(a - b), initial=0.0)) / (size or 1.0)
 
 
 def _rates(one: States, accelerations: np.ndarray) -> float:
-    """Largest acceleration of any kind, those of free bodies and spin squared included: others may cancel to zero."""
+    """Return a size of accelerations: the largest of these and of spins squared, since terms may cancel."""
     return float(max(np.max(np.abs(accelerations), initial=0.0), np.max(one.Omega**2, initial=0.0)))
 
 
 def check_states(problem: Problem) -> Iterator[tuple[str, State]]:
-    """The start, and its pose with two random velocities that the joints allow."""
+    """Yield the start, and its pose with two random velocities that the joints allow."""
     start, system = problem.initial, problem.system
     yield "at the start", start
     A = constraint_jacobian(system, start).toarray()

@@ -1,4 +1,4 @@
-"""The model that an engine gets, by names and numbers alone."""
+"""The model that an engine gets, as names and numbers alone."""
 
 from dataclasses import fields
 from typing import Any
@@ -11,39 +11,69 @@ from ....harness.mechanics.torsion import torsion
 from .tree import PARALLEL, Kind, Tree
 
 
-def plain(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
-    """Limbs (with ``torsion``, ``drive`` of a hinge), cuts, links, springs, loads; vectors in the frames of bodies."""
+def flatten_tree(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
+    """Return the model of a system as names and numbers: limbs, cuts, links, springs, loads and the start.
+
+    Limbs have ``torsion`` and ``drive`` of their hinge, if any; vectors are in body frames.
+    """
     torsions = springs_of_hinges(system, start, tree)
     drives = {drive.body: {"name": drive.name, "motion": drive.motion} for drive in tree.drives}
     limbs = [
-        {**{f.name: getattr(limb, f.name) for f in fields(limb)}, "kind": limb.kind.name, "moves": limb.moves(),
-         "mass": system.mass[limb.body], "inertia": system.regular_inertia[limb.body],
-         "torsion": torsions.get(limb.body), "drive": drives.get(limb.body),
-         **{name: getattr(start, name)[limb.body] for name in MOTION}}
+        {
+            **{f.name: getattr(limb, f.name) for f in fields(limb)},
+            "kind": limb.kind.name,
+            "moves": limb.moves(),
+            "mass": system.mass[limb.body],
+            "inertia": system.regular_inertia[limb.body],
+            "torsion": torsions.get(limb.body),
+            "drive": drives.get(limb.body),
+            **{name: getattr(start, name)[limb.body] for name in MOTION},
+        }
         for limb in tree.limbs
-    ]  # fmt: skip
+    ]
     springs = [
-        {"i": system.spring_i[k], "p_i": system.spring_p_i[k], "j": system.spring_j[k], "p_j": system.spring_p_j[k],
-         "stiffness": system.spring_k[k], "damping": system.spring_c[k], "rest_length": system.spring_d0[k]}
+        {
+            "i": system.spring_i[k],
+            "p_i": system.spring_p_i[k],
+            "j": system.spring_j[k],
+            "p_j": system.spring_p_j[k],
+            "stiffness": system.spring_k[k],
+            "damping": system.spring_c[k],
+            "rest_length": system.spring_d0[k],
+        }
         for k in range(len(system.spring_k))
-    ]  # fmt: skip
+    ]
     cuts, links = (
         [{f.name: getattr(one, f.name) for f in fields(one)} for one in of] for of in (tree.cuts, tree.links)
     )
     loads = [
-        {"body": system.load_i[k], "point": system.load_p[k], "force": system.load_force[k],
-         "torque": system.load_torque[k], "follows": bool(system.load_follows[k]), "factor": system.load_factor[k]}
+        {
+            "body": system.load_i[k],
+            "point": system.load_p[k],
+            "force": system.load_force[k],
+            "torque": system.load_torque[k],
+            "follows": bool(system.load_follows[k]),
+            "factor": system.load_factor[k],
+        }
         for k in range(len(system.load_i))
-    ]  # fmt: skip
-    return {"gravity": system.gravity, "limbs": limbs, "cuts": cuts, "links": links, "springs": springs, "loads": loads,
-            "start": tree.start, "start_velocity": tree.start_velocity}  # fmt: skip
+    ]
+    return {
+        "gravity": system.gravity,
+        "limbs": limbs,
+        "cuts": cuts,
+        "links": links,
+        "springs": springs,
+        "loads": loads,
+        "start": tree.start,
+        "start_velocity": tree.start_velocity,
+    }
 
 
 MOTION = ("r", "R", "v", "Omega")
 
 
 def springs_of_hinges(system: MultibodySystem, start: State, tree: Tree) -> dict[int, dict[str, float]]:
-    """Torsional springs by the child of their hinge, or ValueError for one that is not about the axis of a hinge."""
+    """Return torsional springs by the child of their hinge, or ValueError for one not about the axis of a hinge."""
     out: dict[int, dict[str, float]] = {}
     stretched = torsion(system, States.one(start))[0][0]
     limbs = {limb.body: limb for limb in tree.limbs if limb.kind is Kind.HINGE}

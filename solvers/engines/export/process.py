@@ -26,8 +26,8 @@ ENVIRONMENTS = Path(sys.prefix) / "engines"
 PATIENCE = 5.0  # [s] for a process to end once its pipe is closed
 
 
-def environment_of(inside: str) -> Path | None:
-    """The Python of an engine's own environment, or None where there is none."""
+def find_environment(inside: str) -> Path | None:
+    """Return the Python of an engine's own environment, or None where there is none."""
     python = ENVIRONMENTS / inside / "bin" / "python"
     return python if python.exists() else None
 
@@ -37,14 +37,17 @@ class Process:
 
     def __init__(self, inside: str, python: Path) -> None:
         self.stepping = self.cpu = 0.0  # [s] so far
-        self._name, self._errors = inside, tempfile.TemporaryFile()  # noqa: SIM115
+        self._name, self._errors = inside, tempfile.TemporaryFile()  # noqa: SIM115  open as long as the process
         command = [str(python), "-I", str(INSIDE / "serve.py"), str(INSIDE / f"{inside}.py")]
         pipe = subprocess.PIPE
         self._child = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._errors)
         atexit.register(self.close)
 
-    def ask(self, do: str, **about: Any) -> tuple[dict[str, Any], np.ndarray]:
-        """The answer, and its rows; ValueError with what the engine refuses, StepFailure where it died."""
+    def request_answer(self, do: str, **about: Any) -> tuple[dict[str, Any], np.ndarray]:
+        """Return the engine's answer to the question ``do``, and its rows.
+
+        ValueError where the engine refuses, ``StepFailure`` where its process died.
+        """
         to, back = self._child.stdin, self._child.stdout
         assert to is not None and back is not None
         try:
@@ -80,7 +83,10 @@ class Process:
         atexit.unregister(self.close)
 
     def _failure(self) -> StepFailure:
-        """Why it died, in one line; all it wrote goes to standard error."""
+        """Return the failure of a process that died, with its reason in one line, without raising it.
+
+        All its messages go to standard error.
+        """
         self.close()
         _processes.pop((self._name, os.getpid()), None)
         self._errors.seek(0)
@@ -93,11 +99,11 @@ class Process:
         return StepFailure(Status.CRASHED, f"the process of {self._name} was ended {ended}: {last}")
 
 
-_processes: dict[tuple[str, int], Process] = {}  # by engine and process of ours: a fork starts its own
+_processes: dict[tuple[str, int], Process] = {}  # by engine and our process: a fork starts its own
 
 
-def process_of(inside: str, python: Path) -> Process:
-    """The engine's process, started where there is none."""
+def get_process(inside: str, python: Path) -> Process:
+    """Return the engine's process, which is started if there is none."""
     key = inside, os.getpid()
     if key not in _processes:
         _processes[key] = Process(inside, python)
@@ -105,5 +111,5 @@ def process_of(inside: str, python: Path) -> Process:
 
 
 def seconds_of_processes() -> float:
-    """CPU time [s] of all engines' processes of this one, as they last said."""
+    """Return the CPU time [s] of all engines' processes of this one, by their last answers."""
     return sum(one.cpu for (_, owner), one in _processes.items() if owner == os.getpid())

@@ -24,21 +24,21 @@ from jaxtyping import Float
 
 from ....harness.code_meter import making_code
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
-from ...formulations.packages import ENGINES, missing
-from ...formulations.recording import Clock, Clocked, StepFailure
+from ...formulations.packages import ENGINES, find_remedy
+from ...formulations.recording import Clock, ClockedSolver, StepFailure
 from ..inside.serve import step
-from .engine import Taken, beyond
+from .engine import SupportedElements, list_unsupported
 from .march import STRETCH, PartialStretch, march
 from .model_check import EngineModel, check_states, force_refusal, mass_blocks, model_refusal
-from .plain import plain
-from .process import environment_of, process_of, seconds_of_processes
+from .plain import flatten_tree
+from .process import find_environment, get_process, seconds_of_processes
 from .tree import spanning_tree
 
 
-class Adapter(Clocked):
+class Adapter(ClockedSolver):
     """An engine of ``inside``; a dataclass of its options derives from this."""
 
-    own_angles: ClassVar[bool] = True  # it counts the turns of its hinges
+    own_angles: ClassVar[bool] = True  # the engine counts the turns of its hinges
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
@@ -46,53 +46,67 @@ class Adapter(Clocked):
     package: ClassVar[str]  # to import here where it has no environment
     wheel: ClassVar[str]
     remedy: ClassVar[str] = ENGINES
-    takes: ClassVar[Taken] = Taken()
-    eps: ClassVar[float] = 0.0  # of its numbers, where they are of single precision
+    takes: ClassVar[SupportedElements] = SupportedElements()
+    eps: ClassVar[float] = 0.0  # precision of its numbers, where they are single
     moving: ClassVar[bool] = False  # whether the model check asks for random velocities, too
     stretch: ClassVar[int] = STRETCH
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Why the engine cannot take the problem, or None."""
-        absent = None if environment_of(self.inside) else missing(self.package, self.wheel, self.remedy)
-        if (reason := absent or beyond(problem.system, self.takes) or self._cannot(problem, control)) is not None:
+        """Return why the engine cannot take the problem, or None."""
+        absent = None if find_environment(self.inside) else find_remedy(self.package, self.wheel, self.remedy)
+        if (
+            reason := absent or list_unsupported(problem.system, self.takes) or self._cannot(problem, control)
+        ) is not None:
             return reason
         try:
-            return self.differing(problem, control)
+            return self.compare_model(problem, control)
         except (ValueError, StepFailure) as error:
             return f"{self.name} does not take the model: {error}"
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate from the start to ``t_end``; set-up in the engine's process is set-up, too."""
+        """Integrate from the start to ``t_end``; set-up in the engine's process is set-up of the run."""
         before = seconds_of_processes()
         found = super().solve(problem, control)
         spent = seconds_of_processes() - before
         return replace(found, setup_time=found.setup_time + max(spent - found.cpu_time, 0.0)) if spent else found
 
     def build(self, problem: Problem, control: StepControl) -> "Model":
-        """The engine's model."""
+        """Return the engine's model of the problem, made here or in the engine's process."""
         return Model(self, problem, control)
 
-    def differing(self, problem: Problem, control: StepControl) -> str | None:
-        """How the engine's model differs from ours, or None."""
+    def compare_model(self, problem: Problem, control: StepControl) -> str | None:
+        """Return how the engine's model differs from ours, or None."""
         for _, state in check_states(problem) if self.moving else [("", problem.initial)]:
             posed = replace(problem, initial=state)
             model = self.build(posed, control)
             theirs, tree = model.at_start(), model.tree
-            found = (force_refusal(self.name, posed, theirs, tree.loop_jacobian(), tree.levels, self.eps) if self.eps
-                     else model_refusal(self.name, posed, theirs))  # fmt: skip
+            found = (
+                force_refusal(self.name, posed, theirs, tree.loop_jacobian(), tree.levels, self.eps)
+                if self.eps
+                else model_refusal(self.name, posed, theirs)
+            )
             if found is not None:
                 return found
         return None
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
-        """Why the options do not go with the problem, or None."""
+        """Return why the adapter's options do not suit the problem, or None; adapters override it."""
         return None
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
+        """Integrate by the engine's model, from the start to ``t_end`` or a failure."""
         model = self.build(problem, control)
         model.clock = clock
-        return march(problem, control, model.advance, model.states, clock=clock, notes=model.notes(),
-                     stretch=self.stretch, seconds=model.seconds)  # fmt: skip
+        return march(
+            problem,
+            control,
+            model.advance,
+            model.states,
+            clock=clock,
+            notes=model.notes(),
+            stretch=self.stretch,
+            seconds=model.seconds,
+        )
 
 
 class Model:
@@ -101,21 +115,31 @@ class Model:
     def __init__(self, adapter: Any, problem: Problem, control: StepControl) -> None:
         self.problem, self.tree = problem, spanning_tree(problem.system, problem.initial)
         self.clock: Clock | None = None
-        data = {**plain(self.tree, problem.system, problem.initial), "options": asdict(adapter), "dt": control.dt,
-                "rtol": control.rtol, "t_end": problem.t_end}  # fmt: skip
+        data = {
+            **flatten_tree(self.tree, problem.system, problem.initial),
+            "options": asdict(adapter),
+            "dt": control.dt,
+            "rtol": control.rtol,
+            "t_end": problem.t_end,
+        }
         data = json.loads(json.dumps(data, default=lambda a: a.tolist()))
-        python = environment_of(adapter.inside)
+        python = find_environment(adapter.inside)
         with making_code:  # imports of the engine, and the kernels that its first step compiles
             self._made = (
-                _Here(adapter.inside, data) if python is None else _There(process_of(adapter.inside, python), data)
+                _LocalModel(adapter.inside, data)
+                if python is None
+                else _RemoteModel(get_process(adapter.inside, python), data)
             )
 
     def seconds(self) -> float:
-        """CPU time [s] of stepping."""
+        """Return the CPU time [s] that the engine has spent on steps so far."""
         return self._made.stepping
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """Rows of the next steps."""
+        """Return the engine's rows after each of the next ``steps`` of ``dt`` [s].
+
+        Raises ``PartialStretch``, with the rows until then, where the engine stopped.
+        """
         before = self._made.stepping
         rows, stopped = self._made.advance(steps, dt)
         if self._made.apart and self.clock is not None:
@@ -125,19 +149,20 @@ class Model:
         return rows
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """States of the bodies from rows (q, u)."""
+        """Return poses and velocities of the bodies from rows (q, u) of the tree."""
         nq = len(self.tree.start)
         return self.tree.states(rows[:, :nq], rows[:, nq:])
 
     def at_start(self) -> EngineModel:
-        """For the model check."""
+        """Return the engine's mass matrix, forces and energies at the start, for the model check."""
         nu = len(self.tree.start_velocity)
-        with making_code:  # it compiles other kernels than steps do
+        with making_code:  # the check compiles other kernels than steps do
             answer = self._made.at_start()
-        found = {name: np.array(a, dtype=float) if isinstance(a, list | np.ndarray) else a
-                 for name, a in answer.items()}  # fmt: skip
+        found = {
+            name: np.array(a, dtype=float) if isinstance(a, list | np.ndarray) else a for name, a in answer.items()
+        }
         found["constraints"] = found.get("constraints", self.tree.loop_jacobian()).reshape(-1, nu)
-        if "rates" in found:  # instead of forces
+        if "rates" in found:  # accelerations given instead of forces
             T, u = self.tree.jacobian(), self.tree.start_velocity
             M = T.T @ mass_blocks(self.problem) @ T
             found = {"mass_matrix": M, "kinetic": 0.5 * float(u @ M @ u), "potential": None, **found}
@@ -146,7 +171,7 @@ class Model:
         return EngineModel(**given)
 
     def notes(self) -> tuple[str, ...]:
-        """Notes on how joints and forces were modelled."""
+        """Return notes on how joints and forces were modelled."""
         cuts = f"; {len(self.tree.cuts)} points of cut joints" if self.tree.cuts else ""
         return (
             f"{len(self.tree.limbs)} bodies as a tree of {len(self.tree.start_velocity)} velocities{cuts}",
@@ -154,8 +179,8 @@ class Model:
         )
 
 
-class _Here:
-    """In this process."""
+class _LocalModel:
+    """A model in this process."""
 
     apart, stepping = False, 0.0
 
@@ -165,22 +190,24 @@ class _Here:
         self.notes = tuple(self._model.notes)
 
     def at_start(self) -> dict[str, Any]:
+        """Return the engine's quantities for the model check, by name."""
         return dict(self._model.at_start())
 
     def advance(self, steps: int, dt: float) -> tuple[np.ndarray, str]:
+        """Return the rows of the next steps, and why there are fewer, or ""."""
         rows, spent = step(self._model, steps, dt)
         self.stepping += spent
         return rows, self._model.stopped
 
 
-class _There:
-    """In the process of its engine."""
+class _RemoteModel:
+    """A model in the process of its engine."""
 
     apart = True
 
     def __init__(self, process: Any, data: dict[str, Any]) -> None:
         self._process = process
-        found = process.ask("build", data=data)[0]
+        found = process.request_answer("build", data=data)[0]
         self._number, self.notes = found["model"], (*found["notes"], "in a process of its own")
 
     @property
@@ -189,8 +216,10 @@ class _There:
         return float(self._process.stepping)
 
     def at_start(self) -> dict[str, Any]:
-        return dict(self._process.ask("at_start", model=self._number)[0])
+        """Return the engine's quantities for the model check, by name."""
+        return dict(self._process.request_answer("at_start", model=self._number)[0])
 
     def advance(self, steps: int, dt: float) -> tuple[np.ndarray, str]:
-        found, rows = self._process.ask("advance", model=self._number, steps=steps, dt=dt)
+        """Return the rows of the next steps, and why there are fewer, or ""."""
+        found, rows = self._process.request_answer("advance", model=self._number, steps=steps, dt=dt)
         return rows, found["stopped"]

@@ -1,13 +1,13 @@
-"""Engines that hand out the poses of bodies and no mass matrix: checked by their steps.
+"""Engines that give the poses of bodies and no mass matrix: checked by their steps.
 
 Rows are (r, quaternion (w, x, y, z), v, Omega) body by body, gaps of joints included. The model check compares
 accelerations of all bodies at the start, and at its pose with two random velocities that the joints allow::
 
     a = 2 a(h/2) - a(h),   a(h) = (v(2 h) - v(h))/h,   h = eps^(1/3) T,   T the shortest time of the motion
 
-with ``eps`` of the engine's numbers. The second step is taken, as joints that hold where the last step ended turn their
-velocities one step late. The extrapolation leaves h^2, which balances the rounding eps/h of velocities: the difference
-is of size eps^(2/3). A hundred times that is allowed, 2.4e-3.
+with ``eps`` of the engine's numbers. The second step is taken, since constraints evaluated at the end of the last step
+turn their velocities one step late. The extrapolation leaves h^2, which balances the rounding eps/h of velocities: the
+difference is of size eps^(2/3). A hundred times that is allowed, 2.4e-3.
 """
 
 from dataclasses import replace
@@ -22,23 +22,27 @@ from .model_check import SINGLE, check_states
 from .protocol import Adapter, Model
 from .tree import matrices
 
-ALLOWED = 100.0  # times eps^(2/3)
+ALLOWED = 100.0  # multiple of eps^(2/3)
 
 
 class Stepped(Adapter):
-    """An engine of bodies."""
+    """An engine whose rows are of bodies."""
 
     eps: ClassVar[float] = SINGLE
 
     def stiffest(self) -> "Stepped":
-        """The settings of the model check: the same model, loops as stiff and iterations as many as sensible."""
+        """Return this adapter with the settings of the model check: loops stiffest, iterations most.
+
+        It is the same model.
+        """
         return self
 
     def build(self, problem: Problem, control: StepControl) -> Model:
+        """Return the engine's model, whose rows are of bodies."""
         return Bodies(self, problem, control)
 
-    def differing(self, problem: Problem, control: StepControl) -> str | None:
-        """A step from each state of the check."""
+    def compare_model(self, problem: Problem, control: StepControl) -> str | None:
+        """Return how accelerations of the engine's steps differ from ours at the states of the check, or None."""
         allowed = ALLOWED * self.eps ** (2.0 / 3.0)
         for which, state in check_states(problem):
             found = acceleration_errors(self.stiffest(), replace(problem, initial=state), self.eps ** (1.0 / 3.0))
@@ -52,14 +56,17 @@ class Bodies(Model):
     """A model whose rows are of bodies."""
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """States from rows of bodies."""
+        """Return poses and velocities of the bodies from rows of bodies."""
         by_body = rows.reshape(len(rows), len(self.tree.limbs), 13)
         R = matrices(by_body[..., 3:7].reshape(-1, 4)).reshape(*by_body.shape[:2], 3, 3)
         return States(by_body[..., :3], R, by_body[..., 7:10], by_body[..., 10:])
 
 
 def acceleration_errors(adapter: Stepped, problem: Problem, step: float) -> float:
-    """Largest difference of accelerations at the start, of the largest one; ``step`` in times of the motion."""
+    """Return the largest difference of the engine's accelerations from ours over the largest one.
+
+    ``step`` is the length of its steps in times of the motion.
+    """
     system, start = problem.system, problem.initial
     rates = accelerations(system, start)
     exact = np.stack((rates.v_dot, rates.Omega_dot))
@@ -74,6 +81,7 @@ def acceleration_errors(adapter: Stepped, problem: Problem, step: float) -> floa
 
 
 def _acceleration(adapter: Stepped, problem: Problem, h: float) -> Any:
+    """Return (v_dot, Omega_dot) of all bodies by the engine's second step of ``h`` [s]."""
     model = adapter.build(problem, StepControl(dt=h))
     after = model.states(model.advance(2, h))
     return np.stack((after.v[1] - after.v[0], after.Omega[1] - after.Omega[0])) / h

@@ -6,19 +6,20 @@ that nothing joins to the ground floats on its first body. Coordinates follow th
 order in which they were reached::
 
     hinge      1: angle from the start                      velocity 1
-    slide      1: way from the start                        velocity 1
-    cylinder   2: way, angle                                velocity 2
+    slide      1: displacement from the start               velocity 1
+    cylinder   2: displacement, angle                       velocity 2
     universal  2: angle about axis_parent, about axis       velocity 2
     ball       4: quaternion (w, x, y, z) from the start    velocity 3: relative angular velocity, frame of the child
     free       7: r, quaternion of R                        velocity 6: r_dot, Omega
     fixed      0                                            velocity 0
 
-    R_child = R_parent rot(first) R_0 rot(last),   r_child = r_parent + R_parent (s_parent + way) - R_child s_child
+    R_child = R_parent rot(first) R_0 rot(last)
+    r_child = r_parent + R_parent (s_parent + displacement) - R_child s_child
 
 A drive is no joint of its own: it makes the coordinate of a hinge or slide a function of time.
 
 A cut joint is points of two bodies that coincide: one for a spherical joint, and for a revolute joint a second one on
-the axis, left out where its rows depend on the others at the start. A joint declared twice is held by the tree.
+the axis, left out where its rows depend on the others at the start. A joint declared twice is part of the tree once.
 """
 
 from collections.abc import Sequence
@@ -30,15 +31,17 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ....harness.mechanics import so3
+from ....harness.mechanics.joint_walk import walk_joints
 from ....harness.mechanics.joints import JointKind, MovingKind
 from ....harness.mechanics.motion import point_velocity
+from ....harness.mechanics.naming import name_joint
 from ....harness.mechanics.state import State, States
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from .model_check import rank
 
 
 class Kind(Enum):
-    """How a body hangs on its parent: sizes of its coordinates and velocities."""
+    """Kinds of connection of a body to its parent, with the sizes of their coordinates and velocities."""
 
     HINGE = ("hinge", 1, 1)
     SLIDE = ("slide", 1, 1)
@@ -60,47 +63,58 @@ class Kind(Enum):
 
     @property
     def is_turned(self) -> bool:
-        """Whether it has a quaternion."""
+        """Flag of a connection that has a quaternion."""
         return self in (Kind.BALL, Kind.FREE)
 
     @property
     def slides(self) -> bool:
-        """Whether its first coordinate is a way along ``axis_parent``."""
+        """Flag of a connection whose first coordinate is a displacement along ``axis_parent``."""
         return self in (Kind.SLIDE, Kind.CYLINDER)
 
 
 DRIVES = (MovingKind.DRIVEN_ANGLE, MovingKind.DRIVEN_POSITION)
-PARALLEL = 1e-9  # of two axes
+PARALLEL = 1e-9  # tolerance on two parallel axes
 CUTTABLE = (JointKind.SPHERICAL, JointKind.REVOLUTE)
 LINKS = (JointKind.DISTANCE, JointKind.ON_LINE)
 KINDS = {
-    JointKind.SPHERICAL: Kind.BALL, JointKind.REVOLUTE: Kind.HINGE, JointKind.PRISMATIC: Kind.SLIDE,
-    JointKind.CYLINDRICAL: Kind.CYLINDER, JointKind.UNIVERSAL: Kind.UNIVERSAL, JointKind.FIXED: Kind.FIXED,
-}  # fmt: skip
+    JointKind.SPHERICAL: Kind.BALL,
+    JointKind.REVOLUTE: Kind.HINGE,
+    JointKind.PRISMATIC: Kind.SLIDE,
+    JointKind.CYLINDRICAL: Kind.CYLINDER,
+    JointKind.UNIVERSAL: Kind.UNIVERSAL,
+    JointKind.FIXED: Kind.FIXED,
+}
 
 
 @dataclass(frozen=True)
 class Limb:
-    """A body and what it hangs on."""
+    """A body and its connection to its parent."""
 
     body: int
     parent: int  # or ``GROUND``
     kind: Kind
     s_parent: Float[np.ndarray, " 3"]
     s_child: Float[np.ndarray, " 3"]
-    axis: Float[np.ndarray, " 3"]  # of the last angle, frame of the child; zero where there is none
-    axis_parent: Float[np.ndarray, " 3"]  # of the way or the first angle, frame of the parent; zero likewise
+    axis: Float[np.ndarray, " 3"]  # axis of the last angle, frame of the child; zero where there is none
+    # axis of the displacement or the first angle, frame of the parent; zero likewise
+    axis_parent: Float[np.ndarray, " 3"]
     R_0: Float[np.ndarray, "3 3"]  # from the parent to the child at the start; free: from space
     q_at: int  # first coordinate
     u_at: int  # first velocity
 
     def moves(self) -> tuple[tuple[bool, Float[np.ndarray, " 3"]], ...]:
-        """Joints of one axis in their order from the parent: whether it slides, its axis in the child at the start."""
+        """Return the one-axis joints that the connection consists of, from the parent on.
+
+        Each is a pair: whether it slides, and its axis in the child at the start. Balls, free and fixed bodies have
+        none.
+        """
         first, last = self.R_0.T @ self.axis_parent, self.axis
         return {
-            Kind.HINGE: ((False, last),), Kind.SLIDE: ((True, first),),
-            Kind.CYLINDER: ((True, first), (False, last)), Kind.UNIVERSAL: ((False, first), (False, last)),
-        }.get(self.kind, ())  # fmt: skip
+            Kind.HINGE: ((False, last),),
+            Kind.SLIDE: ((True, first),),
+            Kind.CYLINDER: ((True, first), (False, last)),
+            Kind.UNIVERSAL: ((False, first), (False, last)),
+        }.get(self.kind, ())
 
 
 @dataclass(frozen=True)
@@ -148,7 +162,7 @@ class Tree:
     links: tuple[Link, ...] = ()
 
     def states(self, q: Float[np.ndarray, "nt nq"], u: Float[np.ndarray, "nt nu"]) -> States:
-        """Poses and velocities of all bodies."""
+        """Return poses and velocities of all bodies at coordinates ``q`` and velocities ``u``."""
         nt, nb = len(q), len(self.limbs)
         r, v, Omega = np.zeros((3, nt, nb + 1, 3))  # the last body is the ground
         R = np.broadcast_to(np.eye(3), (nt, nb + 1, 3, 3)).copy()
@@ -177,24 +191,24 @@ class Tree:
 
     @property
     def levels(self) -> int:
-        """Bodies on the longest way from the ground."""
+        """Number of bodies on the longest path from the ground."""
         depth = {GROUND: 0}
         for limb in self.limbs:
             depth[limb.body] = depth[limb.parent] + 1
         return max(depth.values())
 
     def jacobian(self) -> Float[np.ndarray, "twists nu"]:
-        """T of (r_dot, Omega) = T u at the start, by bodies: velocities are linear in u."""
+        """Return T of (r_dot, Omega) = T u at the start, by bodies: velocities are linear in u."""
         s = self._unit_motions()
         return np.concatenate((s.v, s.Omega), axis=-1).reshape(len(s), -1).T
 
     def loop_jacobian(self) -> Float[np.ndarray, "nl nu"]:
-        """Rates of the gaps of the cut joints, then of the driven coordinates = G u at the start."""
+        """Return G with G u the rates of the gaps of cut joints, then of driven coordinates, at the start."""
         driven = np.eye(len(self.start_velocity))[[drive.u_at for drive in self.drives]]
         return np.concatenate((_gap_rates(self._unit_motions(), self.cuts), driven))
 
     def bias(self, start: State) -> Float[np.ndarray, "nb 6"]:
-        """(r_ddot, Omega_dot) at the start while u_dot = 0."""
+        """Return the bodies' accelerations (r_ddot, Omega_dot) at the start while u_dot = 0."""
         s, nb = start, len(self.limbs)
         R, Omega = np.concatenate((s.R, np.eye(3)[None])), np.concatenate((s.Omega, np.zeros((1, 3))))
         a, alpha = np.zeros((2, nb + 1, 3))
@@ -216,13 +230,18 @@ class Tree:
         return np.concatenate((a, alpha), axis=1)[:nb]
 
     def _unit_motions(self) -> States:
+        """Return the motion of all bodies at the start for a unit of each velocity."""
         n = len(self.start_velocity)
         return self.states(np.tile(self.start, (n, 1)), np.eye(n))
 
 
 def spanning_tree(system: MultibodySystem, start: State) -> Tree:
-    """The tree and the cut joints, by the rule above."""
-    reached, children = _breadth_first(system)
+    """Return the spanning tree of a system, its cut joints, drives and links, by the rule above.
+
+    ValueError on a joint that closes a loop and cannot be cut, and on a drive beside no hinge or slide.
+    """
+    followed = {*JointKind, *MovingKind}.difference(DRIVES, LINKS)
+    reached, children = walk_joints(system, followed, uncut=followed.difference(CUTTABLE))
     limbs: list[Limb] = []
     sizes = [0, 0]
 
@@ -240,8 +259,10 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
     cut = [k for k in range(system.nj) if k not in used and system.joint_kind(k) not in (*DRIVES, *LINKS)]
     for k in cut:
         if system.joint_kind(k) not in CUTTABLE:
-            raise ValueError(f"the {system.joint_kind(k)} joint {system.joint_names[k]} closes a loop that only "
-                             "spherical and revolute joints can close")  # fmt: skip
+            raise ValueError(
+                f"{name_joint(system, k)} ({system.joint_kind(k)}) closes a loop, which only "
+                "spherical and revolute joints can do here"
+            )
     q, u = np.zeros(sizes[0]), np.zeros(sizes[1])
     for limb in limbs:
         q[limb.q_at : limb.q_at + limb.kind.nq], u[limb.u_at : limb.u_at + limb.kind.nu] = _start_coordinates(
@@ -253,47 +274,15 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
     return Tree(bare.limbs, _coincidences(system, start, cut, bare), q, u, drives, links)
 
 
-def _breadth_first(system: MultibodySystem) -> tuple[dict[int, tuple[int, int]], dict[int, list[int]]]:
-    """(parent, joint) by body, joint -1 for a body that floats; children by body."""
-    reached: dict[int, tuple[int, int]] = {}
-    children: dict[int, list[int]] = {b: [] for b in range(GROUND, system.nb)}
-    ends = list(zip(system.joint_i.tolist(), system.joint_j.tolist(), strict=True))
-
-    def follow(parent: int, ks: list[int], queue: list[int]) -> None:
-        for k in ks:
-            i, j = ends[k]
-            other = j if i == parent else i if j == parent else parent
-            if other not in (GROUND, parent) and other not in reached:
-                reached[other] = (parent, k)
-                children[parent].append(other)
-                queue.append(other)
-                follow(other, whole, queue)
-
-    def spread(queue: list[int]) -> None:
-        for parent in list(queue):
-            follow(parent, whole, queue)
-        while queue:
-            follow(queue.pop(0), followed, queue)
-
-    followed = [k for k in range(system.nj) if system.joint_kind(k) not in (*DRIVES, *LINKS)]
-    whole = [k for k in followed if system.joint_kind(k) not in CUTTABLE]
-    spread([GROUND])
-    for b in range(system.nb):
-        if b not in reached:
-            reached[b] = (GROUND, -1)
-            children[GROUND].append(b)
-            spread([b])
-    return reached, children
-
-
 def _limb(system: MultibodySystem, start: State, body: int, parent: int, k: int, q_at: int, u_at: int) -> Limb:
+    """Return the connection of ``body`` to its parent by joint ``k`` (-1: it floats)."""
     R_parent = np.eye(3) if parent == GROUND else start.R[parent]
     R_0, zero = R_parent.T @ start.R[body], np.zeros(3)
     if k < 0:
         return Limb(body, GROUND, Kind.FREE, zero, zero, zero, zero, R_0, q_at, u_at)
     child_is_i, sort = system.joint_i[k] == body, system.joint_kind(k)
     s_parent, s_child = system.joint_s_j[k], system.joint_s_i[k]
-    in_i, in_j = system.joint_u[k], system.joint_n[k, 0]  # of a universal joint
+    in_i, in_j = system.joint_u[k], system.joint_n[k, 0]  # the axes of a universal joint
     if sort != JointKind.UNIVERSAL:
         in_j = np.cross(*system.joint_n[k, :2])
     axis, axis_parent = (in_i, in_j) if child_is_i else (in_j, in_i)
@@ -310,7 +299,7 @@ def _limb(system: MultibodySystem, start: State, body: int, parent: int, k: int,
 
 
 def _drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
-    """Of the hinge or slide beside which it is declared, or ValueError."""
+    """Return the drive of the hinge or slide beside which it is declared, or raise ValueError."""
     i, j, name = int(system.joint_i[k]), int(system.joint_j[k]), system.joint_names[k]
     turns = system.joint_kind(k) == MovingKind.DRIVEN_ANGLE
     kind, n = Kind.HINGE if turns else Kind.SLIDE, system.joint_n[k]
@@ -324,21 +313,22 @@ def _drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
                 numbers[0] = -numbers[4] * np.sin(system.joint_motion[k, 6])
                 numbers[5:] = system.joint_motion[k, 5:]
                 return Drive(name, limb.body, limb.u_at, numbers)
-    raise ValueError(f"the drive {name} is not along the axis of a {kind.value[0]} of the tree")
+    raise ValueError(f"{name_joint(system, k)}: the drive is not along the axis of a {kind.value[0]} of the tree")
 
 
 def _link(system: MultibodySystem, k: int) -> Link:
+    """Return joint ``k``, a distance or a point on a line, as a link beside the tree."""
     axis, length = np.cross(*system.joint_n[k, :2]), float(system.joint_length[k])
     return Link(*_ends(system, k), axis, length)
 
 
 def _ends(system: MultibodySystem, k: int) -> tuple[int, np.ndarray, int, np.ndarray]:
-    """The numbers of ``Points``, of joint ``k``."""
+    """Return the bodies and points of joint ``k``, in the order of ``Points``."""
     return int(system.joint_i[k]), system.joint_s_i[k], int(system.joint_j[k]), system.joint_s_j[k]
 
 
 def _start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and velocities of a limb at the start."""
+    """Return coordinates and velocities of a limb at the start."""
     b, p = limb.body, limb.parent
     if limb.kind is Kind.FREE:
         x, y, z, w = Rotation.from_matrix(start.R[b]).as_quat()
@@ -353,7 +343,10 @@ def _start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray
 
 
 def _coincidences(system: MultibodySystem, start: State, cut: list[int], tree: Tree) -> tuple[Coincidence, ...]:
-    """Points of the cut joints, but of a joint declared twice; second points on axes where they say more."""
+    """Return the points that hold the cut joints together, none for a joint declared twice.
+
+    A revolute joint has a second point on its axis where that adds rows.
+    """
     unit, out, axes = tree._unit_motions(), list[Coincidence](), list[Coincidence]()
     joined = [{limb.body, limb.parent} for limb in tree.limbs if limb.kind in (Kind.HINGE, Kind.BALL)]
     R = np.concatenate((start.R, np.eye(3)[None]))
@@ -375,14 +368,16 @@ def _coincidences(system: MultibodySystem, start: State, cut: list[int], tree: T
 
 
 def _gap_rates(unit: States, cuts: Sequence[Coincidence]) -> Float[np.ndarray, "nl nu"]:
+    """Return the rates of the gaps of cut points, by rows, for the motions ``unit`` of each velocity."""
     rows = [point_velocity(unit, c.i, c.s_i) - point_velocity(unit, c.j, c.s_j) for c in cuts]
     return np.concatenate(rows, axis=1).T if rows else np.zeros((0, len(unit)))
 
 
 def matrices(q: Float[np.ndarray, "nt 4"]) -> Float[np.ndarray, "nt 3 3"]:
-    """Rotation matrices of quaternions (w, x, y, z)."""
+    """Return rotation matrices of quaternions (w, x, y, z)."""
     return Rotation.from_quat(q, scalar_first=True).as_matrix()
 
 
 def _rotate(R: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Return R a at each time."""
     return np.einsum("tij,tj->ti", R, a)

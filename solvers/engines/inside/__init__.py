@@ -1,1 +1,1 @@
-"""The engines' side: one file an engine, which imports numpy and the engine alone (module ``export.protocol``)."""
+"""The engines' side of ``export.protocol``: one file an engine, which imports numpy and the engine alone."""

@@ -10,7 +10,7 @@ from typing import Any
 import dartpy as dart
 import numpy as np
 
-from .turning import turned_back, value
+from .turning import rotate_back, value
 
 GROUND = -1
 OWN = 0.01  # DART's error reduction
@@ -37,13 +37,14 @@ class Model:
             i, j = self._bodies[cut["i"]], self._bodies.get(cut["j"])
             where = i.getWorldTransform().multiply(np.array(cut["s_i"]))
             constraint = dart.constraint.BallJointConstraint(*([i] if j is None else [i, j]), where)
-            constraint.setErrorReductionParameter(OWN if default else options["error_reduction"])  # of all constraints
+            # sets it for all constraints
+            constraint.setErrorReductionParameter(OWN if default else options["error_reduction"])
             solver.addConstraint(constraint)
         loop = "a loop of its steps in Python, whose overhead counts"
         self.notes = [loop, f"dartpy {importlib.metadata.version('dartpy')}"]
 
     def at_start(self) -> dict[str, Any]:
-        """For the model check: accelerations are those of DART's forward dynamics, without constraints."""
+        """Return the quantities of the model check; accelerations are by DART's forward dynamics, unconstrained."""
         skeleton, u, nu = self._skeleton, np.array(self._data["start_velocity"]), len(self._data["start_velocity"])
         V = np.stack([self._velocities(unit) for unit in np.eye(nu)], axis=1)
         loads = []
@@ -57,18 +58,21 @@ class Model:
         rows = [np.zeros((0, nu))]
         for cut in self._data["cuts"]:
             ends = [
-                0.0 if cut[b] == GROUND
-                else skeleton.getLinearJacobian(self._bodies[cut[b]], np.array(cut[f"s_{b}"])) for b in ("i", "j")
-            ]  # fmt: skip
+                0.0 if cut[b] == GROUND else skeleton.getLinearJacobian(self._bodies[cut[b]], np.array(cut[f"s_{b}"]))
+                for b in ("i", "j")
+            ]
             rows.append((ends[0] - ends[1]) @ V)
         return {
-            "mass_matrix": V.T @ M @ V, "rest_forces": loads[0], "forces": loads[1],
-            "constraints": np.concatenate(rows), "kinetic": skeleton.computeKineticEnergy(),
+            "mass_matrix": V.T @ M @ V,
+            "rest_forces": loads[0],
+            "forces": loads[1],
+            "constraints": np.concatenate(rows),
+            "kinetic": skeleton.computeKineticEnergy(),
             "potential": skeleton.computePotentialEnergy(),
-        }  # fmt: skip
+        }
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
-        """(q, u) of DART after each of the next steps."""
+        """Return (q, u) of DART after each of the next steps."""
         self._world.setTimeStep(dt)
         step, skeleton = self._world.step, self._skeleton
         made = np.empty((steps, 2 * skeleton.getNumDofs()))
@@ -79,7 +83,7 @@ class Model:
         return made
 
     def rows(self, made: np.ndarray) -> np.ndarray:
-        """(q, u) of the tree."""
+        """Return rows (q, u) of the tree from those that ``advance`` has made."""
         theirs, v = np.split(made, 2, axis=1)
         q = np.zeros((len(made), len(self._data["start"])))
         u = np.zeros((len(made), len(self._data["start_velocity"])))
@@ -91,18 +95,25 @@ class Model:
             elif kind == "FREE":
                 q[:, at : at + 3], q[:, at + 3 : at + 7] = theirs[:, i + 3 : i + 6], _quaternions(theirs[:, i : i + 3])
                 u[:, to : to + 3] = v[:, i + 3 : i + 6]
-                u[:, to + 3 : to + 6] = turned_back(q[:, at + 3 : at + 7], v[:, i : i + 3])
+                u[:, to + 3 : to + 6] = rotate_back(q[:, at + 3 : at + 7], v[:, i : i + 3])
             else:
                 n = joint.getNumDofs()
                 q[:, at : at + n], u[:, to : to + n] = theirs[:, i : i + n], v[:, i : i + n]
         return np.concatenate((q, u), axis=1)
 
     def _add(self, limb: dict[str, Any]) -> None:
+        """Add a limb's body with its joint to the skeleton."""
         skeleton, kind, b = self._skeleton, limb["kind"], limb["body"]
         parent = self._bodies.get(limb["parent"])
         parents = () if parent is None else (parent,)
-        name = {"BALL": "Ball", "FREE": "Free", "FIXED": "Weld", "UNIVERSAL": "Universal", "HINGE": "Revolute",
-                "SLIDE": "Prismatic"}[kind]  # fmt: skip
+        name = {
+            "BALL": "Ball",
+            "FREE": "Free",
+            "FIXED": "Weld",
+            "UNIVERSAL": "Universal",
+            "HINGE": "Revolute",
+            "SLIDE": "Prismatic",
+        }[kind]
         joint, body = getattr(skeleton, f"create{name}JointAndBodyNodePair")(*parents)
         body.setName(f"body {b}")
         axes = [np.array(axis) for _, axis in limb["moves"]]
@@ -121,14 +132,14 @@ class Model:
         self._bodies[b] = body
 
     def _push(self, t: float) -> None:
-        """The loads at time t; a step clears them."""
+        """Apply the loads at time t; a step clears them."""
         for load in self._data["loads"]:
             body, factor, follows = self._bodies[load["body"]], value(load["factor"], t), load["follows"]
             body.addExtForce(factor * np.array(load["force"]), np.array(load["point"]), follows, True)
             body.addExtTorque(factor * np.array(load["torque"]), follows)
 
     def _place(self, u: np.ndarray) -> None:
-        """At the start with velocities u of the tree."""
+        """Set the start with velocities u of the tree."""
         q = np.zeros(self._skeleton.getNumDofs())
         for joint, limb in self._joints:
             if limb["kind"] == "FREE":
@@ -138,6 +149,7 @@ class Model:
         self._skeleton.setVelocities(self._velocities(u))
 
     def _velocities(self, u: np.ndarray) -> np.ndarray:
+        """Return DART's velocities at the start for velocities ``u`` of the tree."""
         v = np.zeros(self._skeleton.getNumDofs())
         for joint, limb in self._joints:
             i, n, to = joint.getIndexInSkeleton(0), joint.getNumDofs(), limb["u_at"]
@@ -149,6 +161,7 @@ class Model:
 
 
 def _isometry(R: Any, p: Any) -> Any:
+    """Return DART's transform with rotation R and translation p."""
     out = dart.math.Isometry3()
     out.set_rotation(np.array(R))
     out.set_translation(np.array(p))
@@ -156,6 +169,6 @@ def _isometry(R: Any, p: Any) -> Any:
 
 
 def _quaternions(a: np.ndarray) -> np.ndarray:
-    """(w, x, y, z) of the exponentials of rotation vectors."""
+    """Return (w, x, y, z) of the exponentials of rotation vectors."""
     angle = np.linalg.norm(a, axis=1, keepdims=True)
     return np.concatenate((np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * a), axis=1)

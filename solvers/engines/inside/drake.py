@@ -39,7 +39,7 @@ from .turning import arm_and_normal, matrices, value
 
 GROUND = -1
 APPROXIMATIONS = {"tamsi": "kTamsi", "sap": "kSap", "similar": "kSimilar", "lagged": "kLagged"}
-NO_STEP = 1e-6  # of a step: no step of its own
+NO_STEP = 1e-6  # share of a step: a shorter one is rounding
 
 
 class Model:
@@ -55,14 +55,17 @@ class Model:
         try:
             self._assemble(data["dt"] or 0.0)
             self._restart(0.0, *self._theirs(np.array(data["start"]), np.array(data["start_velocity"])))
-        except RuntimeError as error:  # of its checks, e.g. an inertia that no body can have
+        except RuntimeError as error:  # raised by its checks, e.g. for an inertia that no body can have
             raise ValueError(" ".join(str(error).split())) from None
         what = "discrete steps, approximation" if self._discrete else "integrator"
         held = "; its ball constraints are regularised" if data["cuts"] else ""
         self.notes = [f"{what} {self._scheme}{held}", f"drake {importlib.metadata.version('drake')}"]
 
     def at_start(self) -> dict[str, Any]:
-        """For the model check; V of v = V u is constant to first order."""
+        """Return the quantities of the model check.
+
+        V of Drake's velocities v = V u is constant to first order.
+        """
         plant, root = self._plant, self._simulator.get_system().CreateDefaultContext()
         context = plant.GetMyMutableContextFromRoot(root)
         q, u = np.array(self._data["start"]), np.array(self._data["start_velocity"])
@@ -79,18 +82,27 @@ class Model:
         for cut in self._data["cuts"] if plant.num_constraints() and self._discrete else []:
             ends = [
                 plant.CalcJacobianTranslationalVelocity(
-                    context, JacobianWrtVariable.kV, self._bodies[cut[b]].body_frame(),
-                    np.array(cut[f"s_{b}"])[:, None], world, world,
-                ) for b in ("i", "j")
-            ]  # fmt: skip
+                    context,
+                    JacobianWrtVariable.kV,
+                    self._bodies[cut[b]].body_frame(),
+                    np.array(cut[f"s_{b}"])[:, None],
+                    world,
+                    world,
+                )
+                for b in ("i", "j")
+            ]
             rows.append((ends[0] - ends[1]) @ V)
         return {
-            "mass_matrix": M, "rest_forces": rest_forces, "forces": forces, "constraints": np.concatenate(rows),
-            "kinetic": plant.CalcKineticEnergy(context), "potential": plant.CalcPotentialEnergy(context),
-        }  # fmt: skip
+            "mass_matrix": M,
+            "rest_forces": rest_forces,
+            "forces": forces,
+            "constraints": np.concatenate(rows),
+            "kinetic": plant.CalcKineticEnergy(context),
+            "potential": plant.CalcPotentialEnergy(context),
+        }
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
-        """(t, q, v) of Drake after each of the next steps."""
+        """Return (t, q, v) of Drake after each of the next steps."""
         if dt and dt != self._dt:
             state, time = self._state(), self._time
             self._assemble(dt)
@@ -113,11 +125,15 @@ class Model:
         return np.concatenate((t[new, None], x[new]), axis=1)
 
     def rows(self, made: np.ndarray) -> np.ndarray:
-        """(q, u) of the tree, after t where steps are Drake's own choice."""
+        """Return rows (q, u) of the tree from those that ``advance`` has made.
+
+        They are after t where Drake chooses the steps.
+        """
         q, u = self._ours(*np.split(made[:, 1:], [self._plant.num_positions()], axis=1))
         return np.concatenate(([] if self._data["dt"] else [made[:, :1]]) + [q, u], axis=1)
 
     def _assemble(self, dt: float) -> None:
+        """Build Drake's plant, diagram and simulator for steps of ``dt`` [s] (0: its own)."""
         data, self._dt = self._data, dt
         builder = DiagramBuilder()
         plant = self._plant = AddMultibodyPlantSceneGraph(builder, dt if self._discrete else 0.0)[0]
@@ -153,6 +169,7 @@ class Model:
                 self._simulator.set_monitor(self._count)
 
     def _add(self, plant: Any, limb: dict[str, Any]) -> None:
+        """Add a limb's body with its joints to the plant."""
         b, name = limb["body"], f"body {limb['body']}"
         inertia = np.array(limb["inertia"])
         about = RotationalInertia(*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2])
@@ -170,12 +187,18 @@ class Model:
             x, y = (np.array(axis) for _, axis in moves)
             A = np.stack((x, y, np.cross(x, y)), axis=1)
         turned = RotationMatrix(np.array(limb["R_0"]) @ A)
-        inner = plant.AddFrame(FixedOffsetFrame(
-            f"{name} on", self._bodies[limb["parent"]].body_frame(), RigidTransform(turned, np.array(limb["s_parent"]))
-        ))  # fmt: skip
-        outer = plant.AddFrame(FixedOffsetFrame(
-            f"{name} from", body.body_frame(), RigidTransform(RotationMatrix(A), np.array(limb["s_child"]))
-        ))  # fmt: skip
+        inner = plant.AddFrame(
+            FixedOffsetFrame(
+                f"{name} on",
+                self._bodies[limb["parent"]].body_frame(),
+                RigidTransform(turned, np.array(limb["s_parent"])),
+            )
+        )
+        outer = plant.AddFrame(
+            FixedOffsetFrame(
+                f"{name} from", body.body_frame(), RigidTransform(RotationMatrix(A), np.array(limb["s_child"]))
+            )
+        )
         if kind == "FIXED":
             plant.WeldFrames(inner, outer)
         if kind == "BALL":
@@ -198,7 +221,7 @@ class Model:
             self._joints.append((joint, limb, slice(k, k + 1)))
 
     def _restart(self, since: float, q: np.ndarray, v: np.ndarray) -> None:
-        """Drake's clock starts anew: its discrete steps are multiples of dt from 0."""
+        """Restart Drake's clock: its discrete steps are multiples of dt from 0."""
         self._since = self._time = since
         context = self._plant.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
         self._plant.SetPositions(context, q)
@@ -208,16 +231,18 @@ class Model:
         self._log.FindLog(self._simulator.get_context()).Clear()
 
     def _state(self) -> np.ndarray:
+        """Return Drake's positions and velocities now."""
         context = self._plant.GetMyContextFromRoot(self._simulator.get_context())
         return np.array(self._plant.GetPositionsAndVelocities(context))
 
     def _count(self, context: Any) -> Any:
+        """Count a step as Drake's monitor; return the status that stops the simulator after the last one asked for."""
         self._left -= 1
         done = self._left <= 0 < context.get_time()
         return EventStatus.ReachedTermination(self._plant, "") if done else EventStatus.Succeeded()
 
     def _forces(self, context: Any) -> np.ndarray:
-        """All but those of constraints: -(C v - gravity - springs - loads)."""
+        """Return all forces except those of constraints: -(C v - gravity - springs - loads)."""
         plant, applied = self._plant, MultibodyForces(self._plant)
         plant.CalcForceElementsContribution(context, applied)
         for load in plant.get_applied_spatial_force_input_port().Eval(context) if self._data["loads"] else []:
@@ -227,7 +252,7 @@ class Model:
         return -plant.CalcInverseDynamics(context, np.zeros(plant.num_velocities()), applied)
 
     def _theirs(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """From coordinates and velocities of the tree at the start, where balls have turned by nothing."""
+        """Return Drake's coordinates and velocities for those of the tree at the start, where balls have not turned."""
         theirs, v = np.zeros(self._plant.num_positions()), np.zeros(self._plant.num_velocities())
         for joint, limb, about in self._joints:
             at, to, i, j = limb["q_at"], limb["u_at"], joint.position_start(), joint.velocity_start()
@@ -242,6 +267,7 @@ class Model:
         return theirs, v
 
     def _ours(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return coordinates and velocities of the tree for Drake's, at each time."""
         q = np.zeros((len(theirs), len(self._data["start"])))
         u = np.zeros((len(v), len(self._data["start_velocity"])))
         for joint, limb, about in self._joints:
@@ -271,6 +297,7 @@ class Loads(LeafSystem):
         self.DeclareAbstractOutputPort("forces", lambda: blank, self._forces)
 
     def _forces(self, context: Any, output: Any) -> None:
+        """Set the output to all loads at the time and poses of ``context``, in space."""
         poses, forces = self.get_input_port().Eval(context), []
         for load, index in self._loads:
             force = ExternallyAppliedSpatialForce()
@@ -283,7 +310,14 @@ class Loads(LeafSystem):
 
 
 def _quaternions(rpy: np.ndarray) -> np.ndarray:
-    """(w, x, y, z) of R_z(yaw) R_y(pitch) R_x(roll)."""
+    """Return (w, x, y, z) of R_z(yaw) R_y(pitch) R_x(roll)."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(0.5 * rpy).T, np.sin(0.5 * rpy).T
-    return np.stack((cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,
-                     cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy), axis=1)  # fmt: skip
+    return np.stack(
+        (
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ),
+        axis=1,
+    )

@@ -10,8 +10,8 @@ from .turning import quaternion
 GROUND = -1
 
 
-def model_of(data: dict[str, Any]) -> Any:
-    """An ``MjSpec`` with the options' settings, contacts off."""
+def build_model(data: dict[str, Any]) -> Any:
+    """Build an ``MjSpec`` with the options' settings, contacts off."""
     options, spec = data["options"], mj.MjSpec()
     ours = options["settings"] == "ours"
     spec.option.gravity, spec.option.timestep = data["gravity"], data["dt"]
@@ -25,15 +25,20 @@ def model_of(data: dict[str, Any]) -> Any:
         moments, axes = np.linalg.eigh(np.array(limb["inertia"]))
         R_0 = np.array(limb["R_0"])
         parts[limb["body"]] = part = parts[limb["parent"]].add_body(
-            name=f"body {limb['body']}", mass=limb["mass"], explicitinertial=True, ipos=np.zeros(3), inertia=moments,
-            iquat=quaternion(axes * np.linalg.det(axes)), quat=quaternion(R_0),
+            name=f"body {limb['body']}",
+            mass=limb["mass"],
+            explicitinertial=True,
+            ipos=np.zeros(3),
+            inertia=moments,
+            iquat=quaternion(axes * np.linalg.det(axes)),
+            quat=quaternion(R_0),
             pos=limb["r"] if free else np.array(limb["s_parent"]) - R_0 @ limb["s_child"],
-        )  # fmt: skip
+        )
         if limb["kind"] in ("BALL", "FREE"):
             part.add_joint(type=getattr(mj.mjtJoint, f"mjJNT_{limb['kind']}"), pos=limb["s_child"])
         for slides, axis in limb["moves"]:
             kind = mj.mjtJoint.mjJNT_SLIDE if slides else mj.mjtJoint.mjJNT_HINGE
-            part.add_joint(type=kind, pos=limb["s_child"], axis=axis, **spring_of(limb["torsion"]))
+            part.add_joint(type=kind, pos=limb["s_child"], axis=axis, **make_spring(limb["torsion"]))
     for cut in data["cuts"]:
         row = spec.add_equality(type=mj.mjtEq.mjEQ_CONNECT, objtype=mj.mjtObj.mjOBJ_BODY)
         row.name1, row.name2 = (parts[cut[k]].name for k in ("i", "j"))
@@ -46,26 +51,32 @@ def model_of(data: dict[str, Any]) -> Any:
     return spec
 
 
-def spring_of(torsion: dict[str, float] | None) -> dict[str, Any]:
-    """A torsional spring as those of a joint."""
+def make_spring(torsion: dict[str, float] | None) -> dict[str, Any]:
+    """Return a torsional spring as properties of a joint."""
     if torsion is None:
         return {}
-    return {"stiffness": [torsion["stiffness"], 0.0, 0.0], "damping": [torsion["damping"], 0.0, 0.0],
-            "springref": torsion["rest_angle"]}  # fmt: skip
+    return {
+        "stiffness": [torsion["stiffness"], 0.0, 0.0],
+        "damping": [torsion["damping"], 0.0, 0.0],
+        "springref": torsion["rest_angle"],
+    }
 
 
 def add_springs(spec: Any, parts: dict[int, Any], springs: list[dict[str, Any]]) -> None:
-    """Springs as tendons between two sites."""
+    """Add springs as tendons between two sites."""
     for k, one in enumerate(springs):
-        cord = spec.add_tendon(stiffness=[one["stiffness"], 0.0, 0.0], damping=[one["damping"], 0.0, 0.0],
-                               springlength=[one["rest_length"]] * 2)  # fmt: skip
+        cord = spec.add_tendon(
+            stiffness=[one["stiffness"], 0.0, 0.0],
+            damping=[one["damping"], 0.0, 0.0],
+            springlength=[one["rest_length"]] * 2,
+        )
         for end, b in enumerate("ij"):
             parts[int(one[b])].add_site(name=f"spring {k} {end}", pos=one[f"p_{b}"])
             cord.wrap_site(f"spring {k} {end}")
 
 
 def add_loads(spec: Any, parts: dict[int, Any], loads: list[dict[str, Any]]) -> None:
-    """Constant loads as actuators without control: the bias is 1, the gear the wrench, in space or in the body."""
+    """Add constant loads as actuators without control: the bias is 1, the gear the wrench, in space or in the body."""
     for k, load in enumerate(loads):
         parts[int(load["body"])].add_site(name=f"load {k}", pos=load["point"])
         actuator = spec.add_actuator(name=f"load {k}", trntype=mj.mjtTrn.mjTRN_SITE, target=f"load {k}")

@@ -9,9 +9,9 @@ import warp as wp
 
 wp.config.quiet = True
 
-import mujoco_warp as warped  # noqa: E402
+import mujoco_warp as warped  # noqa: E402  below the line that keeps its import quiet
 
-from .mjcf import model_of  # noqa: E402
+from .mjcf import build_model  # noqa: E402
 from .warp_model import dynamics  # noqa: E402
 
 
@@ -19,17 +19,17 @@ class Model:
     """A compiled model on the device "cpu", and its state at the last step made."""
 
     def __init__(self, data: dict[str, Any]) -> None:
-        self._model = model_of(data).compile()
+        self._model = build_model(data).compile()
         self._start, self._velocity = np.array(data["start"]), np.array(data["start_velocity"])
         self._dt, self.stopped = 0.0, ""
         self._set(data["dt"])
-        warped.step(self._there, self._data)  # what the first step compiles is set-up
+        warped.step(self._there, self._data)  # compilation by the first step is set-up
         self._set(data["dt"])
         made_by = f"mujoco_warp {importlib.metadata.version('mujoco-warp')} on mujoco {mj.__version__}"
         self.notes = ["single precision, CPU", made_by]
 
     def at_start(self) -> dict[str, Any]:
-        """For the model check."""
+        """Return the quantities of the model check."""
         found = []
         for u in (0.0 * self._velocity, self._velocity):
             data = self._put(u)
@@ -38,7 +38,7 @@ class Model:
         return {"rest_rates": found[0]["rates"], **found[1]}
 
     def advance(self, steps: int, dt: float) -> list[tuple[np.ndarray, np.ndarray]]:
-        """(q, u) after each of the next steps."""
+        """Return (q, u) after each of the next steps."""
         if dt != self._dt:
             self._dt = dt
             self._there.opt.timestep.fill_(dt)
@@ -49,15 +49,17 @@ class Model:
         return out
 
     def rows(self, found: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """Rows (q, u)."""
+        """Return an array of rows (q, u) from what ``advance`` has found."""
         return np.array([np.concatenate(row) for row in found], dtype=float)
 
     def _set(self, dt: float) -> None:
+        """Set model and start on the device, for steps of ``dt`` [s]."""
         self._dt = self._model.opt.timestep = dt
         self._there = warped.put_model(self._model)
         self._data = self._put(self._velocity)
 
     def _put(self, u: np.ndarray) -> Any:
+        """Return the device's data at the start with velocities ``u``."""
         data = mj.MjData(self._model)
         data.qpos[:], data.qvel[:] = self._start, u
         mj.mj_forward(self._model, data)

@@ -10,9 +10,9 @@ import warp as wp
 wp.config.quiet = True
 warnings.simplefilter("ignore")
 
-import newton  # noqa: E402
+import newton  # noqa: E402  below the line that keeps its import quiet
 
-from .turning import turned_back  # noqa: E402
+from .turning import rotate_back  # noqa: E402
 from .warp_model import dynamics  # noqa: E402
 
 GROUND = -1
@@ -33,24 +33,32 @@ class Model:
         joints = []
         for limb in limbs:
             link[limb["body"]] = child = builder.add_link(
-                xform=_frame(limb["r"], limb["R"]), mass=limb["mass"], inertia=wp.mat33(*np.ravel(limb["inertia"])),
+                xform=_frame(limb["r"], limb["R"]),
+                mass=limb["mass"],
+                inertia=wp.mat33(*np.ravel(limb["inertia"])),
                 lock_inertia=True,
-            )  # fmt: skip
+            )
             if limb["kind"] == "FREE":
                 joints.append(builder.add_joint_free(child))
                 continue
-            ends = {"parent": link[limb["parent"]], "child": child,
-                    "parent_xform": _frame(limb["s_parent"], limb["R_0"]),
-                    "child_xform": _frame(limb["s_child"], np.eye(3))}  # fmt: skip
+            ends = {
+                "parent": link[limb["parent"]],
+                "child": child,
+                "parent_xform": _frame(limb["s_parent"], limb["R_0"]),
+                "child_xform": _frame(limb["s_child"], np.eye(3)),
+            }
             joints.append(_add_joint(builder, limb["kind"], limb["moves"], ends))
         for root, tree in _trees(limbs, joints):
             builder.add_articulation(tree, label=f"tree {root}")
         self._cuts = len(data["cuts"])
         for cut in data["cuts"]:
             builder.add_joint_ball(
-                parent=link[cut["j"]], child=link[cut["i"]], armature=0.0,
-                parent_xform=_frame(cut["s_j"], np.eye(3)), child_xform=_frame(cut["s_i"], np.eye(3)),
-            )  # fmt: skip
+                parent=link[cut["j"]],
+                child=link[cut["i"]],
+                armature=0.0,
+                parent_xform=_frame(cut["s_j"], np.eye(3)),
+                child_xform=_frame(cut["s_i"], np.eye(3)),
+            )
         self._model = model = builder.finalize(device="cpu")
         self._order = [link[b] for b in sorted(b for b in link if b != GROUND)]
         given = np.array([limb["inertia"] for limb in limbs], dtype=np.float32)
@@ -72,12 +80,13 @@ class Model:
             below = (f"{name} {importlib.metadata.version(name)}" for name in ("mujoco", "mujoco-warp"))
             made_by += f" on {' and '.join(below)}"
         self.notes = [f"solver {self._name}, single precision, CPU", made_by]
-        spare = [model.state(), model.state()]  # what the first step compiles is set-up
+        spare = [model.state(), model.state()]  # compilation by the first step is set-up
         spare[0].assign(self._now)
         self._solver.step(spare[0], spare[1], None, None, data["dt"])
         self._solver = self._make_solver(kind, options, data["dt"])
 
     def _make_solver(self, kind: Any, options: dict[str, Any], dt: float) -> Any:
+        """Return Newton's solver of this ``kind`` with the options, its loops as stiff as these say."""
         solver = kind(self._model, **_settings(self._name, options))
         if self._name == "MuJoCo" and options["settings"] == "ours" and solver.mjw_model.neq:
             loops, T, d = solver.mjw_model, options["time_constant"] * dt, options["impedance"]
@@ -86,7 +95,7 @@ class Model:
         return solver
 
     def at_start(self) -> dict[str, Any]:
-        """For the model check: what the solver MuJoCo makes of the same model, whose velocities are the tree's."""
+        """Return the quantities of the model check, by the solver MuJoCo, whose velocities are the tree's."""
         solver = newton.solvers.SolverMuJoCo(self._model, integrator="euler")
         found = []
         for share in (0.0, 1.0):
@@ -98,7 +107,7 @@ class Model:
         return {"rest_rates": found[0]["rates"], **found[1]}
 
     def advance(self, steps: int, dt: float) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Poses and twists of all bodies after each of the next steps."""
+        """Return poses and twists of all bodies after each of the next steps."""
         out = []
         for _ in range(steps):
             self._now.clear_forces()
@@ -108,17 +117,17 @@ class Model:
         return out
 
     def rows(self, found: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """Rows of bodies."""
+        """Return rows of bodies from what ``advance`` has found."""
         pose = np.array([q[self._order] for q, _ in found], dtype=float)
         twist = np.array([u[self._order] for _, u in found], dtype=float)
         p = np.roll(pose[..., 3:], 1, axis=-1)
         p /= np.linalg.norm(p, axis=-1, keepdims=True)
-        out = np.concatenate((pose[..., :3], p, twist[..., :3], turned_back(p, twist[..., 3:])), axis=-1)
+        out = np.concatenate((pose[..., :3], p, twist[..., :3], rotate_back(p, twist[..., 3:])), axis=-1)
         return out.reshape(len(out), -1)
 
 
 def _add_joint(builder: Any, kind: str, moves: list[Any], ends: dict[str, Any]) -> int:
-    """With the axes of its moves in the frame of the child at the start."""
+    """Add a joint with the axes of its moves in the frame of the child at the start; return its number."""
     if kind == "BALL":
         return int(builder.add_joint_ball(armature=0.0, **ends))
     if kind == "FIXED":
@@ -134,13 +143,12 @@ def _add_joint(builder: Any, kind: str, moves: list[Any], ends: dict[str, Any]) 
 
 
 def _settings(name: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Return the keyword arguments of Newton's solver ``name`` for the options; none for its own settings."""
     if options["settings"] == "default":
         return {}
     if name == "XPBD":
         both = options["joint_relaxation"]
-        return {
-            "iterations": options["iterations"], "joint_linear_relaxation": both, "joint_angular_relaxation": both
-        }  # fmt: skip
+        return {"iterations": options["iterations"], "joint_linear_relaxation": both, "joint_angular_relaxation": both}
     if name == "MuJoCo":
         return {"integrator": options["integrator"], "tolerance": 1e-8}
     if name == "Kamino":
@@ -152,7 +160,7 @@ def _settings(name: str, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _trees(limbs: list[dict[str, Any]], joints: list[int]) -> list[tuple[int, list[int]]]:
-    """(first body, joints) by tree: a new one where a limb hangs on the ground or floats."""
+    """Return (first body, joints) by tree: a new one where a limb hangs on the ground or floats."""
     out: list[tuple[int, list[int]]] = []
     for limb, joint in zip(limbs, joints, strict=True):
         if limb["parent"] == GROUND:
@@ -162,4 +170,5 @@ def _trees(limbs: list[dict[str, Any]], joints: list[int]) -> list[tuple[int, li
 
 
 def _frame(r: Any, R: Any) -> wp.transform:
+    """Return Warp's transform with position r and rotation R."""
     return wp.transform(wp.vec3(*r), wp.quat_from_matrix(wp.mat33(*np.ravel(R))))

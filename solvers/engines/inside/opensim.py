@@ -12,7 +12,7 @@ import opensim as osim
 
 from .turning import arm_and_normal, matrices
 
-PARTS = 10  # of the time: Simbody cannot be stopped between
+PARTS = 10  # parts of the time: Simbody cannot be stopped within one
 
 
 class Model:
@@ -29,7 +29,8 @@ class Model:
         self._joints: list[tuple[dict[str, Any], list[Any], np.ndarray]] = []
         for limb in data["limbs"]:
             self._add(limb)
-        dampers = any(spring["damping"] for spring in data["springs"])  # expressions, which have no energy in OpenSim
+        # dampers become expressions, which have no energy in OpenSim
+        dampers = any(spring["damping"] for spring in data["springs"])
         self._states_energy = not (dampers or any(limb["torsion"] for limb in data["limbs"]))
         for k, spring in enumerate(data["springs"]):
             ends = [x for b in ("i", "j") for x in (self._bodies[spring[b]], osim.Vec3(*spring[f"p_{b}"]))]
@@ -58,7 +59,7 @@ class Model:
             model.addConstraint(constraint)
         try:
             self._state = model.initSystem()
-        except RuntimeError as error:  # of its checks, e.g. an inertia that no body can have
+        except RuntimeError as error:  # raised by its checks, e.g. for an inertia that no body can have
             raise ValueError(" ".join(str(error).split())) from None
         self._index()
         self._set(np.array(data["start_velocity"]))
@@ -71,7 +72,7 @@ class Model:
         ]
 
     def at_start(self) -> dict[str, Any]:
-        """For the model check; forces are M u_dot + G^T lambda of the constrained motion."""
+        """Return the quantities of the model check; forces are M u_dot + G^T lambda of the constrained motion."""
         model, state, matter = self._model, self._state, self._model.getMatterSubsystem()
         u = np.array(self._data["start_velocity"])
         loads = []
@@ -87,13 +88,16 @@ class Model:
         V = self._V
         drives = [np.eye(len(u))[limb["u_at"] : limb["u_at"] + 1] for _, limb in self._driven]
         return {
-            "mass_matrix": V.T @ mass @ V, "rest_forces": V.T @ loads[0], "forces": V.T @ loads[1],
-            "constraints": np.concatenate((rows @ V, *drives)), "kinetic": model.calcKineticEnergy(state),
+            "mass_matrix": V.T @ mass @ V,
+            "rest_forces": V.T @ loads[0],
+            "forces": V.T @ loads[1],
+            "constraints": np.concatenate((rows @ V, *drives)),
+            "kinetic": model.calcKineticEnergy(state),
             "potential": model.calcPotentialEnergy(state) if self._states_energy else None,
-        }  # fmt: skip
+        }
 
     def advance(self, steps: int, dt: float) -> Any:
-        """All states until the next tenth of the time."""
+        """Return all states until the next tenth of the time."""
         options, t_end = self._data["options"], self._data["t_end"]
         part = min(PARTS, int(self._time / t_end * PARTS + 0.5) + 1)
         self._time = t_end * part / PARTS
@@ -117,9 +121,11 @@ class Model:
         return manager.getStatesTrajectory()
 
     def rows(self, made: Any) -> np.ndarray:
-        """(t, q, u) of the tree after each of its steps."""
-        y = [np.concatenate(([s.getTime()], s.getQ().to_numpy(), s.getU().to_numpy()))
-             for s in (made.get(k) for k in range(1, made.getSize()))]  # fmt: skip
+        """Return (t, q, u) of the tree after each of its steps."""
+        y = [
+            np.concatenate(([s.getTime()], s.getQ().to_numpy(), s.getU().to_numpy()))
+            for s in (made.get(k) for k in range(1, made.getSize()))
+        ]
         nq, nu = self._state.getNQ(), self._state.getNU()
         all_y = np.array(y).reshape(-1, 1 + nq + nu)
         all_y = all_y[np.diff(all_y[:, 0], prepend=-1.0) > 0.0]
@@ -127,6 +133,7 @@ class Model:
         return np.concatenate((all_y[:, :1], q, u), axis=1)
 
     def _add(self, limb: dict[str, Any]) -> None:
+        """Add a limb's body with its joints to the model."""
         name, kind, J = f"body_{limb['body']}", limb["kind"], np.array(limb["inertia"])
         inertia = osim.Inertia(*np.diag(J), J[0, 1], J[0, 2], J[1, 2])
         body = osim.Body(name, limb["mass"], osim.Vec3(0), inertia)
@@ -171,7 +178,7 @@ class Model:
         self._joints.append((limb, coordinates, A))
 
     def _load(self, k: int, load: dict[str, Any]) -> None:
-        """A force and a torque that follow functions of time."""
+        """Add a force and a torque that follow functions of time."""
         force = osim.PrescribedForce(f"load_{k}", self._bodies[load["body"]])
         for name in ("force", "torque"):
             parts = [_function(load["factor"], x) for x in load[name]]
@@ -182,7 +189,7 @@ class Model:
         self._model.addForce(force)
 
     def _index(self) -> None:
-        """Where the coordinates are in Simbody's vectors, and V of u_theirs = V u at the start."""
+        """Find the coordinates' places in Simbody's vectors, and V of Simbody's velocities V u at the start."""
         state, nu = self._state, len(self._data["start_velocity"])
         self._q_at, self._u_at = [], []
         for _, coordinates, _ in self._joints:
@@ -211,13 +218,14 @@ class Model:
                 self._V[at, range(to, to + len(at))] = 1.0
 
     def _set(self, u: np.ndarray) -> None:
-        """Velocities of the tree at the start, where all coordinates of Simbody are 0."""
+        """Set velocities of the tree at the start, where all coordinates of Simbody are 0."""
         state = self._state
         state.setTime(0.0)
         state.setQ(osim.Vector(state.getNQ(), 0.0))
         state.setU(osim.Vector.createFromMat(self._V @ u))
 
     def _ours(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return coordinates and velocities of the tree for Simbody's, at each time."""
         q = np.zeros((len(theirs), len(self._data["start"])))
         u = np.zeros((len(v), len(self._data["start_velocity"])))
         for (limb, _, A), q_at, u_at in zip(self._joints, self._q_at, self._u_at, strict=True):
@@ -239,24 +247,27 @@ class Model:
 
 
 def _function(numbers: list[float], factor: float = 1.0) -> Any:
-    """An expression, which OpenSim evaluates and differentiates by itself."""
+    """Return ``factor`` times a function of time with these numbers, as an expression that OpenSim evaluates."""
     c_0, c_1, c_2, c_3, a, w, p = numbers
     law = f"({c_0!r}+({c_1!r})*t+({c_2!r})*t^2+({c_3!r})*t^3+({a!r})*sin(({w!r})*t+({p!r})))"
     return osim.ExpressionBasedFunction(f"({factor!r})*{law}", ["t"])
 
 
 def _motion(name: str, motion: list[float]) -> Any:
-    """A polynomial or a sine: the second derivative of OpenSim's expressions is their first (4.6)."""
+    """Return a drive's function of time: a polynomial or a sine, ValueError on both together.
+
+    The second derivative of OpenSim's expressions is their first (4.6).
+    """
     *c, a, w, p = motion
     if a == 0.0:
         return osim.PolynomialFunction(osim.Vector.createFromMat(np.array(c[::-1])))
     if any(c[1:]):
-        raise ValueError(f"the drive {name} is a polynomial and a sine, a sum that OpenSim cannot differentiate twice")
+        raise ValueError(f"the drive {name!r} is a polynomial and a sine: OpenSim cannot differentiate it twice")
     return osim.Sine(a, w, p, c[0])
 
 
 def _frame(place: np.ndarray, turned: np.ndarray) -> tuple[Any, Any]:
-    """A place, and body-fixed x-y-z angles of a rotation."""
+    """Return a place, and the body-fixed x-y-z angles [rad] of a rotation, in OpenSim's form."""
     a, c = np.arctan2(-turned[1, 2], turned[2, 2]), np.arctan2(-turned[0, 1], turned[0, 0])
     if np.hypot(turned[0, 0], turned[0, 1]) < 1e-9:
         a, c = np.arctan2(turned[2, 1], turned[1, 1]), 0.0
@@ -265,7 +276,7 @@ def _frame(place: np.ndarray, turned: np.ndarray) -> tuple[Any, Any]:
 
 
 def _axes_of(axis: np.ndarray, which: int) -> np.ndarray:
-    """A rotation whose column ``which`` is ``axis``."""
+    """Return a rotation whose column ``which`` is ``axis``."""
     one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     one /= np.linalg.norm(one)
     columns = [axis, one, np.cross(axis, one)]
@@ -273,7 +284,7 @@ def _axes_of(axis: np.ndarray, which: int) -> np.ndarray:
 
 
 def _quaternions(angles: np.ndarray) -> np.ndarray:
-    """(w, x, y, z) of R_x R_y R_z."""
+    """Return quaternions (w, x, y, z) of R_x R_y R_z with these angles [rad]."""
     half = 0.5 * angles
     parts = [np.zeros((len(angles), 4)) for _ in range(3)]
     for k, part in enumerate(parts):
@@ -282,6 +293,7 @@ def _quaternions(angles: np.ndarray) -> np.ndarray:
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the product of quaternions a and b (w, x, y, z)."""
     (aw, ax, ay, az), (bw, bx, by, bz) = np.broadcast_to(a, b.shape).T, b.T
     vector = aw * np.stack((bx, by, bz)) + bw * np.stack((ax, ay, az)) + np.cross((ax, ay, az), (bx, by, bz), axis=0)
     return np.stack((aw * bw - ax * bx - ay * by - az * bz, *vector), axis=-1)

@@ -33,11 +33,11 @@ class Model:
         ]
 
     def at_start(self) -> dict[str, Any]:
-        """For the model check: its mass matrix, and accelerations by a step without constraints."""
+        """Return the quantities of the model check: a mass matrix, and accelerations by a step without constraints."""
         return self._found
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
-        """Rows (q, u) after each of the next steps."""
+        """Return rows (q, u) after each of the next steps."""
         bullet.setTimeStep(dt, self._server)
         rows = np.empty((steps, len(self._start) + len(self._velocity)))
         for k in range(steps):
@@ -46,6 +46,7 @@ class Model:
         return rows
 
     def _measure(self) -> dict[str, Any]:
+        """Return the quantities of the model check, measured by steps of ``PROBE`` without constraints."""
         self._build(cuts=False, default=False)
         bullet.setTimeStep(PROBE, self._server)
         found = []
@@ -57,7 +58,10 @@ class Model:
         return {"mass_matrix": self._mass_matrix(found[0]), "rest_rates": found[0], "rates": found[1]}
 
     def _mass_matrix(self, rest_rates: np.ndarray) -> np.ndarray:
-        """By unit forces; ``calculateMassMatrix`` (3.2.7) is wrong where one ball joint follows another."""
+        """Return the mass matrix, measured by unit forces.
+
+        ``calculateMassMatrix`` (3.2.7) is wrong where one ball joint follows another.
+        """
         columns = []
         for limb in self._data["limbs"]:
             (body, link), server = self._at[limb["body"]], self._server
@@ -67,19 +71,29 @@ class Model:
                 if limb["moves"]:
                     bullet.setJointMotorControl2(body, link, bullet.TORQUE_CONTROL, force=1.0, physicsClientId=server)
                 elif limb["kind"] == "BALL":
-                    bullet.setJointMotorControlMultiDof(body, link, bullet.TORQUE_CONTROL, physicsClientId=server,
-                                                        force=self._frame[limb["body"]].T @ unit)  # fmt: skip
+                    bullet.setJointMotorControlMultiDof(
+                        body,
+                        link,
+                        bullet.TORQUE_CONTROL,
+                        physicsClientId=server,
+                        force=self._frame[limb["body"]].T @ unit,
+                    )
                 elif k < 3:
                     bullet.applyExternalForce(body, link, unit, limb["r"], bullet.WORLD_FRAME, physicsClientId=server)
                 else:
-                    bullet.applyExternalTorque(body, link, np.array(limb["R"]) @ unit, bullet.WORLD_FRAME,
-                                               physicsClientId=server)  # fmt: skip
+                    bullet.applyExternalTorque(
+                        body, link, np.array(limb["R"]) @ unit, bullet.WORLD_FRAME, physicsClientId=server
+                    )
                 bullet.stepSimulation(server)
                 columns.append(self._get()[len(self._start) :] / PROBE - rest_rates)
         return np.linalg.inv(np.array(columns).T)
 
     def _build(self, *, cuts: bool, default: bool) -> None:
-        if bullet.isConnected(FIRST):  # of the model before, too: one takes 118 MB
+        """Build the bodies on a new server.
+
+        ``cuts``: with the cut joints; ``default``: with PyBullet's own settings.
+        """
+        if bullet.isConnected(FIRST):  # including that of the model before: one takes 118 MB
             bullet.disconnect(FIRST)
         self._server = server = bullet.connect(bullet.DIRECT)
         bullet.setGravity(*self._data["gravity"], physicsClientId=server)
@@ -100,8 +114,9 @@ class Model:
                     *one, *two, bullet.JOINT_POINT2POINT, [0, 0, 0], p, s, physicsClientId=server
                 )
                 if not default:
-                    bullet.changeConstraint(held, maxForce=UNLIMITED, erp=self._data["options"]["erp"],
-                                            physicsClientId=server)  # fmt: skip
+                    bullet.changeConstraint(
+                        held, maxForce=UNLIMITED, erp=self._data["options"]["erp"], physicsClientId=server
+                    )
         if not default:
             iterations = self._data["options"]["num_solver_iterations"]
             bullet.setPhysicsEngineParameter(
@@ -109,6 +124,7 @@ class Model:
             )
 
     def _tree(self, limbs: list[dict[str, Any]], default: bool) -> None:
+        """Add a tree of limbs as one multibody, on a base that floats or is fixed."""
         server, floats = self._server, limbs[0]["kind"] == "FREE"
         links = limbs[1:] if floats else limbs
         place, arm, names = {GROUND: 0}, {GROUND: np.zeros(3)}, {}
@@ -123,15 +139,27 @@ class Model:
             b = limb["body"]
             kind, axis = KINDS[limb["kind"]], limb["moves"][0][1] if limb["moves"] else limb["axis"]
             values = (
-                limb["mass"], -1, -1, np.array(limb["s_parent"]) - arm[limb["parent"]], _quaternion(limb["R_0"]),
-                -np.array(limb["s_child"]), _quaternion(self._frame[b]), place[limb["parent"]], kind, axis,
-            )  # fmt: skip
+                limb["mass"],
+                -1,
+                -1,
+                np.array(limb["s_parent"]) - arm[limb["parent"]],
+                _quaternion(limb["R_0"]),
+                -np.array(limb["s_child"]),
+                _quaternion(self._frame[b]),
+                place[limb["parent"]],
+                kind,
+                axis,
+            )
             for key, value in zip(COLUMNS, values, strict=True):
                 columns[key].append(value)
             place[b], arm[b] = k + 1, np.array(limb["s_child"])
         root = limbs[0]
-        base = {"baseMass": root["mass"], "basePosition": root["r"], "baseOrientation": _quaternion(root["R"]),
-                "baseInertialFrameOrientation": _quaternion(self._frame[root["body"]])}  # fmt: skip
+        base = {
+            "baseMass": root["mass"],
+            "basePosition": root["r"],
+            "baseOrientation": _quaternion(root["R"]),
+            "baseInertialFrameOrientation": _quaternion(self._frame[root["body"]]),
+        }
         body = bullet.createMultiBody(**(base if floats else {"baseMass": 0.0}), **columns, physicsClientId=server)
         for limb in limbs:
             b = limb["body"]
@@ -139,8 +167,15 @@ class Model:
             self._at[b] = body, link
             bullet.changeDynamics(body, link, localInertiaDiagonal=names[b], physicsClientId=server)
             if not default:
-                bullet.changeDynamics(body, link, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
-                                      maxJointVelocity=UNLIMITED, physicsClientId=server)  # fmt: skip
+                bullet.changeDynamics(
+                    body,
+                    link,
+                    linearDamping=0.0,
+                    angularDamping=0.0,
+                    jointDamping=0.0,
+                    maxJointVelocity=UNLIMITED,
+                    physicsClientId=server,
+                )
             if limb["moves"]:
                 bullet.setJointMotorControl2(body, link, bullet.VELOCITY_CONTROL, force=0, physicsClientId=server)
             elif limb["kind"] == "BALL":
@@ -150,6 +185,7 @@ class Model:
                 )  # fmt: skip
 
     def _set(self, q: np.ndarray, u: np.ndarray) -> None:
+        """Set all joints and bases to coordinates ``q`` and velocities ``u`` of the tree."""
         for limb in self._data["limbs"]:
             body, link = self._at[limb["body"]]
             x, v = q[limb["q_at"] :], u[limb["u_at"] :]
@@ -165,6 +201,7 @@ class Model:
                 bullet.resetJointStateMultiDof(body, link, turn, w, physicsClientId=self._server)
 
     def _get(self) -> np.ndarray:
+        """Return the row (q, u) of the tree now."""
         nq = len(self._start)
         row = np.empty(nq + len(self._velocity))
         for limb in self._data["limbs"]:
@@ -185,10 +222,11 @@ class Model:
         return row
 
     def _principal(self, b: int, p: np.ndarray) -> np.ndarray:
-        """A turn (x, y, z, w) of a ball joint about the principal axes of its child, which are Bullet's."""
+        """Express a turn (x, y, z, w) of a ball joint about the principal axes of its child, which are Bullet's."""
         return np.append(self._frame[b].T @ p[:3], p[3])
 
     def _anchor(self, b: int) -> tuple[int, int]:
+        """Return the multibody and link of body ``b``; for the ground a fixed one, made if there is none."""
         if b != GROUND:
             return self._at[b]
         if self._ground[0] != self._server:
@@ -196,19 +234,30 @@ class Model:
         return self._ground[1], -1
 
     def _local(self, b: int, s: Any) -> np.ndarray:
-        """From C along the principal axes, as its constraints want it."""
+        """Return a point from C along the principal axes, as Bullet's constraints take it."""
         return np.array(s) if b == GROUND else self._frame[b].T @ np.array(s)
 
 
-KINDS = {"HINGE": bullet.JOINT_REVOLUTE, "SLIDE": bullet.JOINT_PRISMATIC, "BALL": bullet.JOINT_SPHERICAL,
-         "FIXED": bullet.JOINT_FIXED}  # fmt: skip
+KINDS = {
+    "HINGE": bullet.JOINT_REVOLUTE,
+    "SLIDE": bullet.JOINT_PRISMATIC,
+    "BALL": bullet.JOINT_SPHERICAL,
+    "FIXED": bullet.JOINT_FIXED,
+}
 COLUMNS = (
-    "linkMasses", "linkCollisionShapeIndices", "linkVisualShapeIndices", "linkPositions", "linkOrientations",
-    "linkInertialFramePositions", "linkInertialFrameOrientations", "linkParentIndices", "linkJointTypes",
+    "linkMasses",
+    "linkCollisionShapeIndices",
+    "linkVisualShapeIndices",
+    "linkPositions",
+    "linkOrientations",
+    "linkInertialFramePositions",
+    "linkInertialFrameOrientations",
+    "linkParentIndices",
+    "linkJointTypes",
     "linkJointAxis",
-)  # fmt: skip
+)
 
 
 def _quaternion(R: Any) -> np.ndarray:
-    """(x, y, z, w)."""
+    """Return the quaternion (x, y, z, w) of a rotation matrix."""
     return np.roll(quaternion(R), -1)

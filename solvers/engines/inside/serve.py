@@ -1,4 +1,4 @@
-"""Answers questions about an engine's model: ``python -I serve.py FILE``, lines of JSON on stdin and stdout.
+"""A process that answers questions about an engine's model, lines of JSON on stdin: ``python -I serve.py FILE``.
 
 FILE has a class ``Model(data)`` with ``notes``, ``at_start()`` and ``advance(steps, dt)``, as module
 ``export.protocol`` says. Whatever an engine prints goes to standard error.
@@ -55,14 +55,14 @@ def main(path: str) -> None:
 
 
 def load_model(path: str) -> Any:
-    """The class ``Model`` of a file, whose folder is a package: files beside it may be imported relatively."""
+    """Load the class ``Model`` of a file, whose folder is a package: files beside it may be imported relatively."""
     file = Path(path)
     sys.path.append(str(file.parent.parent))  # last: files beside that folder have the names of packages
     return importlib.import_module(f"{file.parent.name}.{file.stem}").Model
 
 
 def step(model: Any, steps: int, dt: float) -> tuple[np.ndarray, float]:
-    """Rows of the tree after the next steps, and the CPU time [s] of stepping alone."""
+    """Return rows of the tree after the next steps, and the CPU time [s] of stepping alone."""
     before = seconds()
     made = model.advance(steps, dt)
     spent = seconds() - before
@@ -71,7 +71,7 @@ def step(model: Any, steps: int, dt: float) -> tuple[np.ndarray, float]:
 
 
 def seconds() -> float:
-    """User and system time of all threads [s]."""
+    """Return user and system time of all threads [s]."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime
 

@@ -1,4 +1,4 @@
-"""Rotations as engines state them, quaternions (w, x, y, z) and frames of ball joints; the factor of a load."""
+"""Rotations in the engines' forms, quaternions (w, x, y, z) and frames of ball joints; the factor of a load."""
 
 from typing import Any
 
@@ -6,23 +6,28 @@ import numpy as np
 
 
 def matrices(quaternions: np.ndarray) -> np.ndarray:
-    """Of quaternions (n, 4), which need not be of length 1: (n, 3, 3)."""
+    """Return rotation matrices (n, 3, 3) of quaternions (n, 4), which need not be of length 1."""
     w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]  # fmt: skip
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def turned_back(quaternions: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """R^T a of quaternions (..., 4)."""
+def rotate_back(quaternions: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Return R^T a for quaternions (..., 4), (w, x, y, z): vectors of space in the body."""
     w, axis = quaternions[..., :1], -quaternions[..., 1:]
     once = np.cross(axis, a)
     return a + 2.0 * (w * once + np.cross(axis, once))
 
 
 def quaternion(R: Any) -> np.ndarray:
-    """(w, x, y, z) as the eigenvector of Bar-Itzhack's matrix: no branch."""
+    """Return the quaternion (w, x, y, z) of a rotation matrix.
+
+    It is the eigenvector of Bar-Itzhack's matrix: no branch.
+    """
     R = np.array(R)
     K = np.empty((4, 4))
     K[1:, 1:] = R + R.T - np.trace(R) * np.eye(3)
@@ -32,7 +37,7 @@ def quaternion(R: Any) -> np.ndarray:
 
 
 def arm_and_normal(limb: dict[str, Any], gravity: list[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors in the child: along its arm from a ball joint, and normal to the plane in which gravity pulls it."""
+    """Return unit vectors in the child: along its arm from a ball joint, and normal to the plane of arm and gravity."""
     arm, down = -np.array(limb["s_child"]), np.array(limb["R"]).T @ np.array(gravity)
     along = arm / np.linalg.norm(arm) if np.any(arm) else np.eye(3)[0]
     normal = np.cross(along, down)
@@ -42,6 +47,6 @@ def arm_and_normal(limb: dict[str, Any], gravity: list[float]) -> tuple[np.ndarr
 
 
 def value(numbers: list[float], t: float) -> float:
-    """c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p)."""
+    """Return a load's factor at time ``t`` [s]: c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p)."""
     c_0, c_1, c_2, c_3, a, w, p = numbers
     return float(c_0 + t * (c_1 + t * (c_2 + t * c_3)) + a * np.sin(w * t + p))

@@ -4,26 +4,26 @@ import math
 
 import numpy as np
 
-from .entries import inner
+from .entries import compile_inline
 
 
-@inner
+@compile_inline
 def copy(source, target):
-    """target := source, arrays of one shape."""
+    """Copy the source to the target, arrays of one shape."""
     for a in range(source.size):
         target.flat[a] = source.flat[a]
 
 
-@inner
+@compile_inline
 def clear(a):
-    """a := 0"""
+    """Set a := 0."""
     for at in np.ndindex(a.shape):
         a[at] = 0.0
 
 
-@inner
-def largest(a):
-    """max |a|, NaN if any is."""
+@compile_inline
+def find_largest(a):
+    """Return the largest absolute entry of an array, NaN if any entry is."""
     size = 0.0
     for at in np.ndindex(a.shape):
         x = abs(a[at])
@@ -32,27 +32,30 @@ def largest(a):
     return size
 
 
-@inner
+@compile_inline
 def times(A, x, y, z):
-    """A (x, y, z) of a matrix (3, 3)."""
+    """Return A (x, y, z) for a matrix (3, 3)."""
     return (
         A[0, 0] * x + A[0, 1] * y + A[0, 2] * z, A[1, 0] * x + A[1, 1] * y + A[1, 2] * z,
         A[2, 0] * x + A[2, 1] * y + A[2, 2] * z,
     )  # fmt: skip
 
 
-@inner
+@compile_inline
 def times_transposed(A, x, y, z):
-    """A^T (x, y, z) of a matrix (3, 3)."""
+    """Return A^T (x, y, z) for a matrix (3, 3)."""
     return (
         A[0, 0] * x + A[1, 0] * y + A[2, 0] * z, A[0, 1] * x + A[1, 1] * y + A[2, 1] * z,
         A[0, 2] * x + A[1, 2] * y + A[2, 2] * z,
     )  # fmt: skip
 
 
-@inner
+@compile_inline
 def sines(s):
-    """sin(a) / a and (1 - cos a) / a^2 of s = a^2; below s = 1 by series cut at s^9, an error of 1e-17."""
+    """Return sin(a) / a and (1 - cos a) / a^2 for the squared angle s = a^2 [rad^2].
+
+    Below s = 1 by series cut at s^9, an error of 1e-17.
+    """
     if s < 1.0:
         f = 1.0 - s * (1.0 / 342.0)
         f = 1.0 - s * (1.0 / 272.0) * f
@@ -78,9 +81,9 @@ def sines(s):
     return math.sin(angle) / angle, 2.0 * half * half / s
 
 
-@inner
-def turned_by(R, x, y, z, out):
-    """out := R exp(hat(x, y, z)), Rodrigues; ``out`` may be ``R``."""
+@compile_inline
+def turn_rotation(R, x, y, z, out):
+    """Set out := R exp(hat(x, y, z)), a turn by the vector (x, y, z) [rad] in the body; ``out`` may be ``R``."""
     f, g = sines(x * x + y * y + z * z)
     E00, E11, E22 = 1.0 - g * (y * y + z * z), 1.0 - g * (x * x + z * z), 1.0 - g * (x * x + y * y)
     E01, E10 = g * x * y - f * z, g * x * y + f * z
@@ -93,9 +96,12 @@ def turned_by(R, x, y, z, out):
         out[k, 2] = r0 * E02 + r1 * E12 + r2 * E22
 
 
-@inner
+@compile_inline
 def close_rotations(R):
-    """R := R (3 - R^T R) / 2 of all bodies: leaves of a distance e from the rotations 3/4 e^2, that is rounding."""
+    """Move the matrices R of all bodies nearer to rotations: R := R (3 - R^T R) / 2.
+
+    A distance e from the rotations becomes 3/4 e^2, and rounding.
+    """
     for b in range(len(R)):
         Q = R[b]
         x0, x1, x2, y0, y1, y2, z0, z1, z2 = (
@@ -112,9 +118,12 @@ def close_rotations(R):
         Q[2, 0], Q[2, 1], Q[2, 2] = d0 * x2 + r * y2 + q * z2, r * x2 + d1 * y2 + p * z2, q * x2 + p * y2 + d2 * z2
 
 
-@inner
+@compile_inline
 def theta_dot(x, y, z, p, q, r):
-    """dexp^-1(theta) Omega of theta = (x, y, z), Omega = (p, q, r); below theta^2 = 1e-2 by a series."""
+    """Return the rate of the rotation vector theta = (x, y, z) at Omega = (p, q, r) [rad/s, body].
+
+    It is dexp^-1(theta) Omega; below theta^2 = 1e-2 by a series.
+    """
     s = x * x + y * y + z * z
     if s < 1e-2:
         c = (1.0 + s / 60.0 * (1.0 + s / 42.0 * (1.0 + s / 40.0))) / 12.0

@@ -1,25 +1,29 @@
 """Block LU on a fixed pattern, row by row: A = L U with unit block-lower L; pivoting inside the pivot blocks only.
 
 Row p gathers its original blocks in a dense strip, subtracts the rows q < p it meets (one small product per pair,
-contiguous in the columns of q), inverts its pivot block and leaves its panel of U. Why not a library: see
-docs/decisions/block-lu.md.
+contiguous in the columns of q), inverts its pivot block and leaves its panel of U. The reason for writing this rather
+than using a library: docs/decisions/block-lu.md.
 """
 
 from .entries import inner_fused
 
 
 def factor(lu):
-    """Numbers of the factors; ``state.singular`` is 0, or 1 + p where node p has a singular pivot."""
+    """Compute the block factors L U of the matrix in ``lu.blocks``.
+
+    ``lu.state.singular`` is 0, or 1 + p where node p has a singular pivot block: elimination stops there.
+    """
     _factor(lu)
 
 
 def solve(lu):
-    """x := A^-1 x, in elimination order."""
+    """Replace ``lu.x`` by the solution of A x = right side, unknowns in elimination order."""
     _solve(lu, lu.x)
 
 
 @inner_fused
 def _factor(lu):
+    """Compute the block factors row by row; see ``factor``."""
     blocks, state = lu.blocks, lu.state
     W, panel, inverse, low, strip = lu.dense, lu.panel, lu.pivot_inverse, lu.low, lu.strip
     size, start, up, up_start = lu.size, lu.start, lu.up, lu.up_start
@@ -41,7 +45,7 @@ def _factor(lu):
             for a in range(m):
                 for c in range(6):
                     low[k, a, c] = 0.0
-                for b in range(inner):  # in this order the sums do not wait for each other
+                for b in range(inner):  # in this order the sums are independent of each other
                     weight = W[a, at + b]
                     W[a, at + b] = 0.0
                     for c in range(6):
@@ -67,7 +71,7 @@ def _factor(lu):
 
 @inner_fused
 def _combine(low, k, a, panel, o, inner, w, strip):
-    """strip = low[k, a, :inner] @ panel, unrolled for the usual node sizes (rows of the panel are w long, from o)."""
+    """Set strip = low[k, a, :inner] @ panel, unrolled for the usual node sizes (panel rows are w long, from o)."""
     if inner < 3 or inner == 4:
         for c in range(w):
             strip[c] = 0.0
@@ -95,6 +99,7 @@ def _combine(low, k, a, panel, o, inner, w, strip):
 
 @inner_fused
 def _solve(lu, x):
+    """Replace ``x`` by the solution with the factors of ``lu``, forward and back."""
     size, start, up, up_start = lu.size, lu.start, lu.up, lu.up_start
     panel_start, low_start, low_node = lu.panel_start, lu.low_start, lu.low_node
     low, panel, inverse, y = lu.low, lu.panel, lu.pivot_inverse, lu.strip
@@ -127,7 +132,10 @@ def _solve(lu, x):
 
 @inner_fused
 def invert(A, m, pivots, swapped):
-    """A := A^-1 (m x m) by Gauss-Jordan with row pivoting, |pivots| kept; returns the smallest, 0 when singular."""
+    """Invert A (m x m) in place by Gauss-Jordan with row pivoting; return the smallest absolute pivot.
+
+    It returns 0 where A is singular, which is then left half done. ``pivots`` gets the absolute pivots.
+    """
     smallest = 1e300
     for k in range(m):
         best = k

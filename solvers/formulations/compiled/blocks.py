@@ -1,8 +1,8 @@
 """The pattern of S = A M^-1 A^T by joints and of its block Cholesky factor, analysed once for a system.
 
-Two joints share a block of S when they hold the same moving body. An elimination joins the neighbours of a joint to
-each other (fill): next is the joint whose neighbours lack the fewest links among them, a fifth fewer products on the
-grid than with the fewest neighbours.
+Two joints share a block of S when they are joined to the same moving body. An elimination joins the neighbours of a
+joint to each other (fill): next is the joint whose neighbours lack the fewest links among them, a fifth fewer products
+on the grid than with the fewest neighbours.
 """
 
 from typing import NamedTuple
@@ -29,7 +29,10 @@ class Blocks(NamedTuple):
 
 
 def analyse(bodies: np.ndarray, row: np.ndarray) -> Blocks:
-    """Order, fill and the list of block products; ``bodies`` (nj, 2), -1 is the ground, and first rows of joints."""
+    """Return the elimination order of joints, the fill and the block products of the factor of S.
+
+    ``bodies`` (nj, 2) are the ends of joints, -1 the ground; ``row`` (nj + 1) their first constraint rows.
+    """
     nj = len(bodies)
     held: dict[int, list[tuple[int, int]]] = {}
     for j, ends in enumerate(bodies):
@@ -40,7 +43,7 @@ def analyse(bodies: np.ndarray, row: np.ndarray) -> Blocks:
     for users in held.values():
         for j, _ in users:
             near[j] |= {k for k, _ in users if k != j}
-    order, below = eliminate(near, _lacking)
+    order, below = eliminate(near, _list_missing)
     place = {j: c for c, j in enumerate(order)}
     start: list[int] = [0]
     other: list[int] = []
@@ -79,6 +82,7 @@ def analyse(bodies: np.ndarray, row: np.ndarray) -> Blocks:
     )
 
 
-def _lacking(left: dict[int, set[int]], j: int) -> tuple[int, int]:
+def _list_missing(left: dict[int, set[int]], j: int) -> tuple[int, int]:
+    """Return the cost of eliminating joint ``j``: links missing among its neighbours, then its neighbours."""
     mine = left[j]
     return sum(len(mine) - 1 - len(mine & left[k]) for k in mine) // 2, len(mine)

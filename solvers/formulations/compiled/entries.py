@@ -20,11 +20,11 @@ from ....harness.code_meter import making_code
 from ..generated import Code, Program
 
 MAKERS = (Path(__file__), Path(__file__).parent / "numba_code.py")  # the layout of words, and the code around them
-PACKAGE = __name__.rsplit(".", 2)[0]  # whose modules count for what a function is
+PACKAGE = __name__.rsplit(".", 2)[0]  # package whose modules enter a function's digest
 
 
-def words_of(bundle: Any) -> list[int]:
-    """A bundle as int64 words: of an array its address and lengths, of a record its address, a whole number itself."""
+def pack_words(bundle: Any) -> list[int]:
+    """Return a bundle as int64 words: address and lengths of an array, address of a record, an integer itself."""
     words: list[int] = []
     for x in bundle:
         if isinstance(x, np.ndarray):
@@ -32,27 +32,27 @@ def words_of(bundle: Any) -> list[int]:
                 raise ValueError("arrays of a bundle are C-contiguous: compiled code knows their addresses alone")
             words += [x.ctypes.data, *x.shape]
         elif isinstance(x, tuple):
-            words += words_of(x)
+            words += pack_words(x)
         else:
             words.append(int(x))
     return words
 
 
-def layout_of(bundle: Any) -> str:
-    """Types of a bundle's fields in words: part of the key of what is compiled for it."""
+def describe_layout(bundle: Any) -> str:
+    """Return the types of a bundle's fields in words: part of the key of code compiled for it."""
     parts = []
     for name, x in zip(bundle._fields, bundle, strict=True):
         if isinstance(x, np.ndarray):
             parts.append(f"{name}:{x.ndim}{x.dtype.descr if x.dtype.names else x.dtype.str}")
         else:
-            parts.append(f"{name}:({layout_of(x)})" if isinstance(x, tuple) else f"{name}:int")
+            parts.append(f"{name}:({describe_layout(x)})" if isinstance(x, tuple) else f"{name}:int")
     return f"{type(bundle).__name__}({' '.join(parts)})"
 
 
-OPTIONS_OF: dict[Callable[..., Any], str] = {}  # of functions within others
+OPTIONS_OF: dict[Callable[..., Any], str] = {}  # options of functions defined in others
 
 
-class Inner:
+class InlineFunction:
     """A function that compiled functions call: numba's own once something compiles, plain Python until then."""
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
@@ -63,44 +63,44 @@ class Inner:
         return self.function(*given)
 
 
-def inner(function: Callable[..., Any]) -> Any:
-    """Mark a function that is compiled into its callers, each operation rounded.
+def compile_inline(function: Callable[..., Any]) -> Any:
+    """Mark a function that numba compiles into its callers, each operation rounded; compiles nothing itself.
 
-    Said so, for numba compiles it once and would else take over what the first caller has: rounding would depend on
-    the order in which functions are compiled.
+    This is stated explicitly since numba compiles it once and would otherwise adopt the options of the first caller:
+    rounding would depend on the order in which functions are compiled.
     """
-    return Inner(function, {"forceinline": True, "fastmath": False})
+    return InlineFunction(function, {"forceinline": True, "fastmath": False})
 
 
 def inner_fused(function: Callable[..., Any]) -> Any:
-    """As ``inner``, products and sums in one rounding: linear algebra."""
-    return Inner(function, {"forceinline": True, "fastmath": {"contract"}})
+    """Mark a function like ``compile_inline``, but with products and sums fused in one rounding: linear algebra."""
+    return InlineFunction(function, {"forceinline": True, "fastmath": {"contract"}})
 
 
-def apart(function: Callable[..., Any]) -> Any:
-    """Mark a function that stays one where it is called from more than one place."""
-    return Inner(function, {"fastmath": False})
+def compile_separately(function: Callable[..., Any]) -> Any:
+    """Mark a function that numba compiles as one of its own, as it is called from more than one place."""
+    return InlineFunction(function, {"fastmath": False})
 
 
 def run(entry: int) -> None:
-    """Carry out the calls of a program, by its word; in compiled functions only."""
+    """Carry out the calls of a program, given by its word ``Program.entry``; works only in compiled functions."""
     raise TypeError("run is called by compiled functions")
 
 
 def call_law(address: int, t: float, state: np.ndarray, load: np.ndarray) -> None:
-    """law(t, state, load) of a user's force (``mechanics.user_forces``); in compiled functions only."""
+    """Call law(t, state, load) of a user's force (``mechanics.user_forces``); only in compiled functions."""
     raise TypeError("call_law is called by compiled functions")
 
 
 class Bound(Program):
-    """A compiled function with its bundle: to be called from Python, or from compiled code by ``run(bound.entry)``."""
+    """A compiled function with its bundle, called from Python, or from compiled code by ``run(bound.entry)``."""
 
     def __init__(self, function: Callable[..., None], bundle: Any) -> None:
-        """Hand over only those fields of the bundle that the function names."""
+        """Pass only those fields of the bundle that the function names."""
         name = f"{function.__module__.rsplit('.', 1)[-1]}.{function.__qualname__}"
-        part = select_fields(bundle, reach(function).names)
+        part = select_fields(bundle, digest_callees(function).names)
         code = _compile_entry(function, name, part)
-        self.words = np.array(words_of(part), dtype=np.int64)
+        self.words = np.array(pack_words(part), dtype=np.int64)
         super().__init__([(code.address(name), [self.words])], keeps=(code, bundle))
 
     def __call__(self) -> None:
@@ -108,7 +108,10 @@ class Bound(Program):
 
 
 def select_fields(bundle: Any, names: frozenset[str]) -> Any:
-    """The fields of a bundle, and of bundles in it, that are among ``names``; ValueError where one has its default."""
+    """Return a bundle, and bundles in it, cut down to the fields among ``names``.
+
+    ValueError where an entry among ``names`` is unset.
+    """
     for name, none in getattr(bundle, "_field_defaults", {}).items():
         if name in names and getattr(bundle, name) == none:
             raise ValueError(f"a function names {name!r}, which its {type(bundle).__name__} does not have")
@@ -123,6 +126,7 @@ def select_fields(bundle: Any, names: frozenset[str]) -> Any:
 
 @cache
 def _kind(name: str, fields: tuple[str, ...]) -> Callable[..., Any]:
+    """Return the named tuple type of these fields, one object for equal ones."""
     return namedtuple(name, fields)  # type: ignore[misc]
 
 
@@ -130,11 +134,12 @@ _CODES: dict[str, Code] = {}
 
 
 def _compile_entry(function: Callable[..., None], name: str, bundle: Any) -> Code:
-    key = f"{name}\0{reach(function).digest}\0{layout_of(bundle)}"
+    """Return the code of a function for bundles laid out like this one: of this process, from disk, or compiled."""
+    key = f"{name}\0{digest_callees(function).digest}\0{describe_layout(bundle)}"
     if key not in _CODES:
 
         def print_code() -> str:
-            from .numba_code import print_function  # half a second, and only where something compiles
+            from .numba_code import print_function  # takes half a second, and is needed only where something compiles
 
             return print_function(function, name, bundle)
 
@@ -142,21 +147,24 @@ def _compile_entry(function: Callable[..., None], name: str, bundle: Any) -> Cod
     return _CODES[key]
 
 
-class Reach(NamedTuple):
-    """Parts of a compiled function."""
+class CodeIdentity(NamedTuple):
+    """The identity of a compiled function: a digest of its code, and the names in it."""
 
-    digest: str  # of its bytecode and that of all functions that it calls, of constants, and of versions
-    names: frozenset[str]  # of attributes in them
+    digest: str  # digest of its bytecode and that of all functions that it calls, of constants, and of versions
+    names: frozenset[str]  # names of attributes in them
 
 
 @cache
 @making_code
-def reach(function: Callable[..., None]) -> Reach:
-    """Digest of ``function`` and of all that it calls, without comments and docstrings."""
+def digest_callees(function: Callable[..., None]) -> CodeIdentity:
+    """Return a digest of ``function`` and of all that it calls, and the names of attributes in them.
+
+    Comments and docstrings do not enter the digest.
+    """
     digest = hashlib.sha256(f"{sys.version} {_numba_version()}".encode() + b"".join(f.read_bytes() for f in MAKERS))
     names: set[str] = set()
     seen: list[Callable[..., Any]] = [function]
-    for one in seen:  # grows meanwhile
+    for one in seen:  # the list grows during the loop
         digest.update(f"{one.__module__}.{one.__qualname__} {_options(one)}".encode())
         for code in _codes(one.__code__):
             names.update(code.co_names)
@@ -164,7 +172,7 @@ def reach(function: Callable[..., None]) -> Reach:
             digest.update(code.co_code + repr((constants, code.co_names, code.co_varnames)).encode())
             for name in code.co_names:
                 value = one.__globals__.get(name)
-                called = value.function if isinstance(value, Inner) else getattr(value, "py_func", None)
+                called = value.function if isinstance(value, InlineFunction) else getattr(value, "py_func", None)
                 if called is not None:
                     if called not in seen:
                         seen.append(called)
@@ -172,10 +180,11 @@ def reach(function: Callable[..., None]) -> Reach:
                     digest.update(value.tobytes())
                 elif isinstance(value, int | float | tuple):
                     digest.update(f"{name}={value!r}".encode())
-    return Reach(digest.hexdigest(), frozenset(names))
+    return CodeIdentity(digest.hexdigest(), frozenset(names))
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
+    """Yield a code object and all those nested in it."""
     yield code
     for one in code.co_consts:
         if isinstance(one, CodeType):
@@ -183,6 +192,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _options(function: Callable[..., Any]) -> str:
+    """Return numba's options of a function marked here, as text; none for others."""
     return OPTIONS_OF.get(function, "")
 
 

@@ -3,13 +3,13 @@
 S lam = -gamma - A M^-1 f,   v_dot = M^-1 (f + A^T lam),   gamma = A_dot v + (phi_t)_dot
 """
 
-from .algebra import clear, copy, turned_by
-from .entries import inner, run
+from .algebra import clear, copy, turn_rotation
+from .entries import compile_inline, run
 
 
-@inner
+@compile_inline
 def times_inverse_mass(mass, J_inv, w):
-    """w (nb, 6) := M^-1 w"""
+    """Set w (nb, 6) := M^-1 w."""
     for b in range(len(mass)):
         t0, t1, t2 = w[b, 3], w[b, 4], w[b, 5]
         for a in range(3):
@@ -17,9 +17,9 @@ def times_inverse_mass(mass, J_inv, w):
             w[b, 3 + a] = J_inv[b, a, 0] * t0 + J_inv[b, a, 1] * t1 + J_inv[b, a, 2] * t2
 
 
-@inner
+@compile_inline
 def add_rates(body, row, pins, X, way, w, sign, x):
-    """x (nrows,) += sign A w"""
+    """Add sign A w to x (nrows,), the rates of the constraint rows at velocities w (nb, 6)."""
     for j in range(len(body)):
         first, last = row[j], row[j + 1]
         for e in range(2):
@@ -37,9 +37,12 @@ def add_rates(body, row, pins, X, way, w, sign, x):
                 x[a] += sign * y
 
 
-@inner
+@compile_inline
 def add_loads(body, row, pins, mass, way, Y, x, w):
-    """w (nb, 6) += M^-1 A^T x with the rows whose f and Y = X J^-1 are given."""
+    """Add M^-1 A^T x to w (nb, 6), the velocity change by the multipliers x (nrows,).
+
+    The rows A are given by their forces ``way`` and their torques over inertia Y = X J^-1.
+    """
     for j in range(len(body)):
         first, last = row[j], row[j + 1]
         for e in range(2):
@@ -61,7 +64,7 @@ def add_loads(body, row, pins, mass, way, Y, x, w):
 
 
 def react(k):
-    """``v_dot`` and ``lam`` with rows and factor at hand."""
+    """Compute accelerations ``k.v_dot`` and multipliers ``k.lam`` from the present rows and factor of S."""
     run(k.forces)
     copy(k.force, k.v_dot)
     times_inverse_mass(k.mass, k.J_inv, k.v_dot)
@@ -74,9 +77,9 @@ def react(k):
 
 
 def project(k):
-    """Poses onto phi = 0, then velocities onto A v + phi_t = 0, along M^-1 A^T, with the factor at hand.
+    """Project poses onto phi = 0, then velocities onto A v + phi_t = 0, along M^-1 A^T, with the present factor.
 
-    One pass each: what is left is the square of what there was, as long as ``k.L`` belongs to poses nearby.
+    One pass each: the residual is the square of the one before, as long as ``k.L`` belongs to poses nearby.
     """
     for a in range(len(k.rhs)):
         k.rhs[a] = -k.phi[a]
@@ -86,13 +89,16 @@ def project(k):
     for b in range(len(k.mass)):
         for a in range(3):
             k.r[b, a] += k.change[b, a]
-        turned_by(k.R[b], k.change[b, 3], k.change[b, 4], k.change[b, 5], k.R[b])
+        turn_rotation(k.R[b], k.change[b, 3], k.change[b, 4], k.change[b, 5], k.R[b])
     run(k.rows)
     run(k.project_rates)
 
 
 def project_rates(k):
-    """Velocities onto A v + phi_t = 0 along M^-1 A^T, with rows and factor at hand; ``k.rhs`` is the impulse."""
+    """Project the velocities ``k.v`` onto A v + phi_t = 0 along M^-1 A^T; ``k.rhs`` gets the impulse.
+
+    Rows and the factor of S are those present.
+    """
     for a in range(len(k.rhs)):
         k.rhs[a] = -k.slip[a]
     add_rates(k.body, k.row, k.pins, k.X, k.way, k.v, -1.0, k.rhs)
@@ -101,28 +107,28 @@ def project_rates(k):
 
 
 def divide(k):
-    """w := M^-1 w"""
+    """Set ``k.w`` := M^-1 w: momenta become velocities."""
     times_inverse_mass(k.mass, k.J_inv, k.w)
 
 
 def push(k):
-    """w += M^-1 A^T x"""
+    """Add M^-1 A^T x to ``k.w``: the velocity change by the multipliers ``k.x`` on the present rows."""
     add_loads(k.body, k.row, k.pins, k.mass, k.way, k.Y, k.x, k.w)
 
 
 def push_kept(k):
-    """``push`` with the rows kept."""
+    """Add M^-1 A^T x to ``k.w``, with the rows that ``keep_rows`` has kept."""
     add_loads(k.body, k.row, k.pins, k.mass, k.way0, k.Y0, k.x, k.w)
 
 
 def keep_rows(k):
-    """Keep the rows for ``push_kept``."""
+    """Keep a copy of the present constraint rows for ``push_kept``."""
     copy(k.Y, k.Y0)
     copy(k.way, k.way0)
 
 
 def slips(k):
-    """x := -(A w + phi_t)"""
+    """Set ``k.x`` := -(A w + phi_t), minus the constraint velocities at ``k.w``."""
     for a in range(len(k.x)):
         k.x[a] = -k.slip[a]
     add_rates(k.body, k.row, k.pins, k.X, k.way, k.w, -1.0, k.x)

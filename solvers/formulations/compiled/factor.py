@@ -3,51 +3,59 @@
     S = sum over bodies  X_a J^-1 X_c^T + sign_a sign_c f_a . f_c / m,   f the force of a row, X its torque in the body
 
 A pivot below ``DEPENDENT`` of its own diagonal is that of a redundant row: its multiplier is 0 and the other rows are
-exact for right-hand sides that belong to a motion. The rank may change with the configuration.
+exact for right-hand sides that belong to a motion. The rank may change with the configuration. Where rows kept come
+to depend on each other although the rank stays, module ``row_choice`` takes others.
 
 The three point rows of a hinge are taken across its axis and then along it, whatever the frame: in a plane mechanism
-the rows along the axes are redundant as such. Along the axes of space each of the three would have a share of what
-is redundant, and rounding would decide which one is left out.
+the rows along the axes are redundant themselves. Along the axes of space each of the three would have a share of the
+redundancy, and rounding would decide which one is left out.
 """
 
 import math
 
 from .algebra import times
 from .blocks import WIDTH
-from .entries import inner, inner_fused
+from .entries import compile_inline, inner_fused
 
-DEPENDENT = 1e-9  # of the row's own entry of S; rounding leaves 1e-15, the weakest true pivots of our problems are 1e-4
-ALIGNED = 1e-12  # a hinge's axis is one of space where its other components are below: its rows are taken as they are
+DEPENDENT = 1e-9  # share of the row's own entry of S: rounding leaves 1e-15, the weakest true pivots here are 1e-4
+ALIGNED = 1e-12  # a hinge's axis is an axis of space where its other components are below this: rows are not turned
 HINGE = 5  # rows of a part whose first three can be turned: point rows with two axis rows
 
 
 def factorise(k):
-    """S of ``k.X``, ``k.Y``, ``k.way`` and its factor."""
+    """Assemble S = A M^-1 A^T from ``k.X``, ``k.Y``, ``k.way`` in ``k.L`` and factorise it there."""
     _factorise(k, WIDTH)
 
 
 def factorise_points(k):
-    """``factorise`` where joints have three rows at most."""
+    """Assemble and factorise S like ``factorise``, where no joint has more than three rows."""
     _factorise(k, 3)
 
 
 def solve(k):
-    """``k.rhs`` := S^-1 rhs with the factor in ``k.L``; 0 in redundant rows."""
+    """Set ``k.rhs`` := S^-1 rhs with the factor in ``k.L``; 0 in redundant rows."""
     _solve(k, WIDTH)
 
 
 def solve_points(k):
-    """``solve`` where joints have three rows at most."""
+    """Solve like ``solve``, where joints have three rows at most."""
     _solve(k, 3)
 
 
 @inner_fused
 def _factorise(k, W):
-    """S into ``k.L``, then its block Cholesky factor in place; ``k.state.rank`` is the number of rows kept.
+    """Assemble S in blocks W x W, then factorise it in place; ``k.state.rank`` gets the number of rows kept."""
+    assemble(k, W)
+    eliminate(k, W)
+
+
+@inner_fused
+def assemble(k, W):
+    """Assemble S in ``k.L``, its diagonal in ``k.diagonal``.
 
     ``k.state.shift`` is added to the diagonal, relative to it: with more than ``DEPENDENT`` no row is dropped.
     """
-    b, L, nj, rank = k.blocks, k.L, len(k.blocks.joint), 0
+    b, L, nj = k.blocks, k.L, len(k.blocks.joint)
     if W == HINGE:
         _find_axes(k)
     for p in range(len(b.other)):
@@ -77,12 +85,21 @@ def _factorise(k, W):
             _turn_blocks(k, col)
         for a in range(size):
             k.diagonal[b.row[col] + a] = L[b.start[col], a, a]
+
+
+@inner_fused
+def eliminate(k, W):
+    """Factorise S in ``k.L`` in place (block Cholesky); rows whose ``k.diagonal`` is infinite are left out.
+
+    ``k.state.rank`` gets the number of rows kept.
+    """
+    b, L, nj, rank = k.blocks, k.L, len(k.blocks.joint), 0
     for col in range(nj):
         d, size = b.start[col], b.size[col]
         rank += _diagonal(L, d, size, k.diagonal, b.row[col])
         for p in range(d + 1, b.start[col + 1]):  # L_pd = S_pd L_dd^-T
             height = b.size[b.other[p]]
-            if size == W:  # as a constant it has the loops unrolled: half the time of a full block
+            if size == W:  # a constant size unrolls the loops: half the time of a full block
                 _divide(L, p, d, W, height)
             else:
                 _divide(L, p, d, size, height)
@@ -99,9 +116,10 @@ def _factorise(k, W):
 
 @inner_fused
 def _solve(k, W):
+    """Set ``k.rhs`` := S^-1 rhs by forward and back substitution with blocks W x W."""
     b, L, x, nj = k.blocks, k.L, k.rhs, len(k.blocks.joint)
     if W == HINGE:
-        _turn_rows(k, x)
+        turn_rows(k, x)
     for col in range(nj):
         d, size, row = b.start[col], b.size[col], b.row[col]
         for a in range(size):
@@ -129,14 +147,14 @@ def _solve(k, W):
                 y -= L[d, q, a] * x[row + q]
             x[row + a] = y * L[d, a, a]
     if W == HINGE:
-        _turn_rows_back(k, x)
+        turn_rows_back(k, x)
 
 
-@inner
+@compile_inline
 def _find_axes(k):
     """Fill ``k.turn`` with the directions of each hinge's point rows, two across its axis and the axis, in space.
 
-    Where its rows are taken as they are, row 0 is zero.
+    Where rows remain along the axes of space, its row 0 is zero.
     """
     b = k.blocks
     for col in range(len(b.joint)):
@@ -154,9 +172,12 @@ def _find_axes(k):
             _set_directions(Q, a[0] / size, a[1] / size, a[2] / size)
 
 
-@inner
+@compile_inline
 def _set_directions(Q, x, y, z):
-    """Q := two directions across (x, y, z), the first normal to its least component's axis too, and (x, y, z)."""
+    """Set Q := two directions across the hinge's axis (x, y, z), and the axis; leave it where that is an axis of space.
+
+    The first is normal to the axis of space along which (x, y, z) has its least component.
+    """
     least, u, v, w = abs(z), -y, x, 0.0
     if abs(y) < least:
         least, u, v, w = abs(y), z, 0.0, -x
@@ -171,15 +192,15 @@ def _set_directions(Q, x, y, z):
     Q[2, 0], Q[2, 1], Q[2, 2] = x, y, z
 
 
-@inner
+@compile_inline
 def _is_turned(Q):
-    """Return whether point rows are taken in the directions of Q, whose first is never along z."""
+    """Return whether a hinge's point rows are taken in the directions of Q, whose first is never along z."""
     return Q[0, 0] != 0.0 or Q[0, 1] != 0.0
 
 
-@inner
+@compile_inline
 def _turn_blocks(k, col):
-    """Turn the rows and columns of S below the diagonal block of ``col``, and of that block, to the directions."""
+    """Turn blocks of S, those of column ``col``, from the axes of space to the directions of their hinges."""
     b, L, Q = k.blocks, k.L, k.turn[col]
     for p in range(b.start[col], b.start[col + 1]):
         P = k.turn[b.other[p]]
@@ -195,9 +216,9 @@ def _turn_blocks(k, col):
                     L[p, a, c] = Q[c, 0] * x + Q[c, 1] * y + Q[c, 2] * z
 
 
-@inner
-def _turn_rows(k, x):
-    """x := its point rows of hinges in their directions."""
+@compile_inline
+def turn_rows(k, x):
+    """Express the point rows of hinges in ``x`` (nrows,) in their own directions, across the axis and along it."""
     b = k.blocks
     for col in range(len(b.joint)):
         Q, row = k.turn[col], b.row[col]
@@ -207,9 +228,9 @@ def _turn_rows(k, x):
                 x[row + a] = Q[a, 0] * u + Q[a, 1] * v + Q[a, 2] * w
 
 
-@inner
-def _turn_rows_back(k, x):
-    """x := its point rows of hinges along the axes of space again."""
+@compile_inline
+def turn_rows_back(k, x):
+    """Express the point rows of hinges in x along the axes of space again."""
     b = k.blocks
     for col in range(len(b.joint)):
         Q, row = k.turn[col], b.row[col]
@@ -221,7 +242,7 @@ def _turn_rows_back(k, x):
 
 @inner_fused
 def _add_turnings(X, Y, L, p, at, ea, to, ec, size, height):
-    """L_p += X J^-1 X^T of two joints at one body."""
+    """Add X J^-1 X^T, the rotational part of S, of two joints at one body to block ``p`` of L."""
     for a in range(height):
         x0, x1, x2 = X[ea, at + a, 0], X[ea, at + a, 1], X[ea, at + a, 2]
         for c in range(size):
@@ -230,7 +251,7 @@ def _add_turnings(X, Y, L, p, at, ea, to, ec, size, height):
 
 @inner_fused
 def _add_translations(way, at, to, height, size, weight, L, p):
-    """L_p += weight f_a . f_c: joints with rows that are no point rows."""
+    """Add weight f_a . f_c, the translational part of S, to block ``p`` of L: rows other than point rows."""
     for a in range(height):
         f0, f1, f2 = way[at + a, 0], way[at + a, 1], way[at + a, 2]
         for c in range(size):
@@ -239,7 +260,7 @@ def _add_translations(way, at, to, height, size, weight, L, p):
 
 @inner_fused
 def _divide(L, p, d, size, height):
-    """L_p := L_p L_d^-T"""
+    """Set block p of L := L_p L_d^-T, with the factorised diagonal block d."""
     for a in range(height):
         for c in range(size):
             x = L[p, a, c]
@@ -250,7 +271,7 @@ def _divide(L, p, d, size, height):
 
 @inner_fused
 def _subtract(L, p, x, row, size, at, height):
-    """x[at:] -= L_p x[row:]"""
+    """Subtract the product of block p and x[row:] from x[at:], in the forward substitution."""
     for a in range(height):
         y = 0.0
         for q in range(size):
@@ -260,7 +281,7 @@ def _subtract(L, p, x, row, size, at, height):
 
 @inner_fused
 def _subtract_transposed(L, p, x, row, size, at, height):
-    """x[row:] -= L_p^T x[at:]"""
+    """Subtract the product of block p, transposed, and x[at:] from x[row:], in the back substitution."""
     for a in range(height):
         y = x[at + a]
         for q in range(size):
@@ -269,7 +290,7 @@ def _subtract_transposed(L, p, x, row, size, at, height):
 
 @inner_fused
 def _diagonal(L, d, size, diagonal, row):
-    """Cholesky of one diagonal block, its diagonal inverted."""
+    """Factorise one diagonal block by Cholesky, its diagonal inverted; return the number of rows kept."""
     kept = 0
     for c in range(size):
         x = L[d, c, c]

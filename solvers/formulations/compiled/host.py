@@ -1,4 +1,4 @@
-"""From a problem to a trajectory: the kernel, a method, its march in stretches, limits, spooling."""
+"""The way from a problem to a trajectory: the kernel, a method, its march in stretches, limits, spooling."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
@@ -7,45 +7,48 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ....harness.catalogue.options import option
-from ....harness.code_meter import Stopwatch, making_code, settle
+from ....harness.code_meter import Stopwatch, collect_garbage, making_code
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
-from ..refusals import without_phi
+from ..refusals import refuse_without_phi
 from . import marching, mechanism
-from .entries import Bound, reach
-from .kernel import Kernel, empty_kernel, finish_kernel, make_kernel, start_at
+from .entries import Bound, digest_callees
+from .kernel import Kernel, empty_kernel, finish_kernel, forget_choice, make_kernel, start_at
 from .marching import March, Record, empty_record, march, new_control
+from .row_choice import IN_USE
 
-FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
-ROUNDINGS = 16.0  # of the largest coordinate in a component of phi
-EVALUATIONS_THAT_PAY = 300_000  # with the kernel, that cost as much as code of the mechanism takes to make
-STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
+FIRST_STEP = 1e-4  # [s] first step, which grows five-fold a step at most
+ROUNDINGS = 16.0  # roundings of the largest coordinate in a component of phi
+EVALUATIONS_THAT_PAY = 300_000  # kernel evaluations that cost as much as making code of the mechanism
+# bytes of steps between two readings of the clock: more overrun limits, fewer leave compiled code more often
+STRETCH_BYTES = 8e6
 
 
 @dataclass(frozen=True)
 class Method:
     """A method as the march needs it: bundles and functions of one step."""
 
-    prepare: Callable[[Kernel, np.ndarray], Any]  # the bundle of a step, with the control and the kernel in it
+    # makes the bundle of a step, which contains the control and the kernel
+    prepare: Callable[[Kernel, np.ndarray], Any]
     step: Callable[[Any], None]
     finish: Callable[[Any], None]
-    start: Callable[[Any], None] | None = None  # from the initial state; without: ``accelerate`` of the kernel
-    order: float = 0.0  # of the error estimate in h; 0: fixed steps
-    rate: float = 0.0  # [rad/s] of reversible step control; 0: none
-    counters: tuple[str, ...] = ("rejected",)  # fields of the control
+    start: Callable[[Any], None] | None = None  # called at the initial state; if None, ``accelerate`` of the kernel is
+    order: float = 0.0  # order of the error estimate in h; 0: fixed steps
+    rate: float = 0.0  # [rad/s] scale of reversible step control; 0: none
+    counters: tuple[str, ...] = ("rejected",)  # counters: fields of the control
     needs: tuple[str, ...] = ()  # entries of the kernel beside those that these functions name
     notes: tuple[str, ...] = field(default=())
     most_cuts: int = 0  # halvings of a fixed step that fails
-    tells: tuple[str, ...] = ()  # diagnostics of each step: what ``told`` of its bundle holds
+    tells: tuple[str, ...] = ()  # names of each step's diagnostics, which are in ``told`` of its bundle
     explain: Callable[[Any, int], str] | None = None  # words for an outcome of the march
-    relieve: Callable[[Problem, Any], Any] | None = None  # another marcher that takes turns with this method's
-    code: str = "kernel"  # or "mechanism", or "auto": whose entries the kernel has
+    relieve: Callable[[Problem, Any], Any] | None = None  # makes another marcher that alternates with this method's
+    code: str = "kernel"  # "kernel", "mechanism" or "auto": the code behind the kernel's entries
 
 
 UNTOLD = np.zeros(0)
 
 
-def tolerance_of(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]]:
-    """``asked`` [m] of phi, or the roundings of phi where a system so large or so far away has more: noted then."""
+def choose_tolerance(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]]:
+    """Return the tolerance for phi: ``asked`` [m], or the rounding of phi where that is larger, with a note on it."""
     system = problem.system
     largest = max(np.max(np.abs(a), initial=0.0) for a in (problem.initial.r, system.joint_s_i, system.joint_s_j))
     rounding = ROUNDINGS * float(np.finfo(float).eps) * float(largest)
@@ -58,14 +61,17 @@ def tolerance_of(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]
 def run_plainly(
     integrate: Callable[..., Trajectory], problem: Problem, control: StepControl, asked: float, **more: Any
 ) -> Trajectory:
-    """A run of ``solvers/plain`` with the tolerance of the compiled method, noted where it is not the one asked for."""
-    tolerance, notes = tolerance_of(asked, problem)
+    """Run a method of ``solvers/plain`` with the tolerance that its compiled twin would take for ``asked`` [m].
+
+    A note says so where that is another. ``more`` are further arguments of ``integrate``.
+    """
+    tolerance, notes = choose_tolerance(asked, problem)
     out = integrate(problem, control, tolerance, **more)
     return replace(out, notes=(*out.notes, *notes))
 
 
 def refuse_unused(solver: Any, *names: str) -> str | None:
-    """Why a solver with plain code is refused whose options ``names``, which that does not read, were given."""
+    """Return the refusal of options ``names`` that plain code does not read, where they were given with it, or None."""
     defaults = {f.name: f.default for f in fields(solver)}
     given = [name for name in names if getattr(solver, name) != defaults[name]]
     return f"plain steps do not read {', '.join(given)}: leave it out" if given and solver.code == "plain" else None
@@ -75,20 +81,22 @@ WITH_PLAIN = ("kernel", "mechanism", "auto", "plain")
 
 
 def code_option(*choices: str) -> Any:
-    """The option ``code`` of a solver."""
+    """Return the option ``code`` of a solver, with these choices, by default all but "plain"."""
     words = {
-        "kernel": "the kernel's loops", "mechanism": "straight code made for the mechanism",
+        "kernel": "the kernel's loops",
+        "mechanism": "straight code made for the mechanism",
         "auto": "the kernel until making such code pays (at once where it is kept on disk)",
         "plain": "none: plain NumPy, as the source prints it (solvers/plain), thousands of times slower",
-    }  # fmt: skip
+    }
     chosen = choices or ("kernel", "mechanism", "auto")
     return option(
-        "kernel", f"machine code of rows, factors and projections: {', or '.join(words[c] for c in chosen)}",
+        "kernel",
+        f"machine code of rows, factors and projections: {', or '.join(words[c] for c in chosen)}",
         choices=chosen,
-    )  # fmt: skip
+    )
 
 
-class Marched:
+class MarchedSolver:
     """A solver whose method marches here. Redundant rows are dropped as they appear."""
 
     name: ClassVar[str]
@@ -97,38 +105,42 @@ class Marched:
     code: str = "kernel"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Mechanisms of which no code is made, where it is asked for."""
+        """Return why no code of the mechanism can be made, where the option asks for it, or None."""
         return mechanism.refusal(problem.system, empty_kernel(problem.system)) if self.code == "mechanism" else None
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
+        """Return the method that marches, with the solver's options; each solver has its own."""
         raise NotImplementedError
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March by the method of ``solvers/plain``, where ``code`` may be plain."""
+        """Integrate by the method of ``solvers/plain``, for solvers whose ``code`` may be plain."""
         raise NotImplementedError
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March to the end, with the fixed step ``control.dt`` or error control at ``control.rtol``."""
+        """Integrate to the end of the problem, and return the trajectory.
+
+        The step is fixed at ``control.dt``, or controlled by the error at ``control.rtol``.
+        """
         if self.code == "plain":
             return self._plain(problem, control)
         return integrate(problem, control, self._method(problem, control))
 
 
-class ClosedMarch(Marched):
-    """One that solves for phi = 0 at the ends of steps."""
+class ClosedMarch(MarchedSolver):
+    """A marched solver that solves for phi = 0 at the ends of steps."""
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Rows without phi, and mechanisms of which no code is made, where it is asked for."""
-        return without_phi(problem.system) or super().refuses(problem, control)
+        """Return why the problem is refused, or None: rows without phi, or no code of the mechanism where asked for."""
+        return refuse_without_phi(problem.system) or super().refuses(problem, control)
 
 
 class Marcher:
-    """A method at work: its kernel, and bundles of its step and of its march, at the start of a problem."""
+    """A method in progress: its kernel, and bundles of its step and of its march, at the start of a problem."""
 
     def __init__(self, problem: Problem, method: Method, state: np.ndarray) -> None:
         functions = [method.step, method.finish, *([method.start] if method.start else [])]
         needed = {*([] if method.start else ["accelerate"]), *method.needs}.union(
-            *(reach(function).names for function in functions)
+            *(digest_callees(function).names for function in functions)
         )
         self.method, self.state, self._system = method, state, problem.system
         self.notes, self._may_change = list[str](), False
@@ -141,9 +153,13 @@ class Marcher:
         self.start = Bound(method.start, self.bundle) if method.start else self.kernel.accelerate.run
         self.start()
         self.reaction = self.kernel.lam[self.kernel.order][None]
-        self.stretch(0)  # compiles, or loads
+        self.stretch(0)  # compiles or loads the code
 
     def _choose_kernel(self, needed: frozenset[str]) -> Kernel:
+        """Return the kernel with the ``needed`` entries, of its loops or of code of the mechanism as the option says.
+
+        "auto" takes code that is kept on disk, else the loops, which may be changed later.
+        """
         if self.method.code == "kernel":
             return make_kernel(self._system, needed)
         empty = empty_kernel(self._system)
@@ -153,66 +169,83 @@ class Marcher:
         if reason is None and mechanism.is_made(self._system, empty, needed):
             try:
                 return self._use_code(empty)
-            except mechanism.NoCode as error:
+            except mechanism.NoMechanismCode as error:
                 reason = str(error)
         self._may_change = reason is None
         self.notes.append(f"code of the kernel{f' ({_cause(reason)})' if reason else ''}")
         return finish_kernel(self._system, empty, needed)
 
     def _use_code(self, kernel: Kernel) -> Kernel:
+        """Return the kernel with entries of code made for the mechanism, and note from when on it serves."""
         made = mechanism.use_code(self._system, kernel, self._needed)
         since = f" from t = {self.state['t']:g} s on" if self._may_change else ""
         self.notes.append(f"code of the mechanism{since}: {made.operations} operations an evaluation")
         return made.kernel
 
     def _bind(self, kernel: Kernel) -> None:
+        """Set the kernel, and make the entries of the method's step and finish for it."""
         self.kernel = kernel
         self._entries = Bound(self.method.step, self.bundle), Bound(self.method.finish, self.bundle)
 
     @making_code
     def _change_code(self) -> None:
-        """From the kernel to code of the mechanism, where a run is so long that it pays."""
+        """Change from the kernel to code of the mechanism, where a run is so long that it pays."""
         try:
             kernel = self._use_code(self.kernel)
-            for entry in ("rows", "factorise"):  # a method may have left them for the next step
+            forget_choice(kernel)  # pivots of this code are others
+            for entry in ("rows", "factorise"):  # a method may use their results in the next step
                 if entry in self._needed:
                     getattr(kernel, entry).run()
             self.bundle = self.bundle._replace(kernel=kernel)
             self._bind(kernel)
-        except mechanism.NoCode as error:
+        except mechanism.NoMechanismCode as error:
             self.notes[-1] += f" ({_cause(str(error))})"
         self._may_change = False
 
     @property
     def _evaluations(self) -> int:
-        """As far as a method counts them: its factors and iterations, each with rows and a solution."""
+        """Evaluations of the kernel as far as the method counts them.
+
+        Its factorisations and iterations, each with constraint rows and a solution, or its own count if that is larger.
+        """
         c = self.state
         return max(int(c["evaluations"]), int(c["factorisations"]) + int(c["iterations"]))
 
     def stretch(self, n: int) -> Record:
-        """Up to ``n`` steps from where it stands; ``state`` says why it has ended."""
-        if self._may_change and self._evaluations > EVALUATIONS_THAT_PAY:
+        """March up to ``n`` steps from the present state; return the record of those accepted.
+
+        ``state["outcome"]`` says why it has ended.
+        """
+        pays = self._may_change and self._evaluations > EVALUATIONS_THAT_PAY
+        if pays and self.kernel.state["chosen"] != IN_USE:
             self._change_code()
         record = empty_record(n, len(self.kernel.mass), len(self.kernel.lam), len(self._told))
         Bound(march, March(self.state, self.kernel, record, self._told, *(e.entry for e in self._entries)))()
         return Record(*(a[: self.state["recorded"]] for a in record))
 
     def explain(self, outcome: int) -> str:
-        """Why the march has ended."""
+        """Return words for the ``outcome`` of the march, the method's own or the general ones."""
         return self.method.explain(self.bundle, outcome) if self.method.explain else ENDS[outcome][1]
 
 
 def integrate(problem: Problem, control: StepControl, method: Method) -> Trajectory:
-    """March to the end or to a failure, which is a status."""
+    """Integrate a problem by a method to the end, a limit or a failure; the latter are a status of the trajectory."""
     watch = Stopwatch()
     state = new_control(
-        t_end=problem.t_end, adaptive=method.order > 0.0, order=method.order, rate=method.rate, last_error=1e-4,
-        rtol=control.rtol or 0.0, max_step=control.max_step or np.inf, dt=control.dt or 0.0,
-        next_step=min(FIRST_STEP, problem.t_end), most_cuts=method.most_cuts,
-    )  # fmt: skip
+        t_end=problem.t_end,
+        adaptive=method.order > 0.0,
+        order=method.order,
+        rate=method.rate,
+        last_error=1e-4,
+        rtol=control.rtol or 0.0,
+        max_step=control.max_step or np.inf,
+        dt=control.dt or 0.0,
+        next_step=min(FIRST_STEP, problem.t_end),
+        most_cuts=method.most_cuts,
+    )
     try:
         marcher = Marcher(problem, method, state)
-    except mechanism.NoCode as error:
+    except mechanism.NoMechanismCode as error:
         from ..recording import no_trajectory
 
         return no_trajectory(problem, Status.REFUSED, str(error))
@@ -223,10 +256,13 @@ def integrate(problem: Problem, control: StepControl, method: Method) -> Traject
 
 
 def _march(problem: Problem, control: StepControl, method: Method, marcher: Any, watch: Stopwatch) -> Trajectory:
-    """March; ``watch`` runs since the call began. Code that is made on the way is set-up."""
+    """March in stretches to the end or a limit, and return the trajectory; ``watch`` runs since the call began.
+
+    Code that is made during the run counts as set-up.
+    """
     system, state, order = problem.system, marcher.state, marcher.kernel.order
     room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * system.nb + system.nrows)))))
-    settle()
+    collect_garbage()
     set_up = watch.solver
     done: list[Record] = []
     taken, status, message = 0, Status.SUCCESS, ""
@@ -257,20 +293,24 @@ def _march(problem: Problem, control: StepControl, method: Method, marcher: Any,
     return Trajectory(
         t=np.concatenate(([0.0], whole.t)),
         states=States(*(np.concatenate((getattr(first, n)[None], getattr(moved, n))) for n in NAMES)),
-        status=status, message=message, notes=method.notes,
+        status=status,
+        message=message,
+        notes=method.notes,
         counters={"steps": taken, **{WORDS.get(name, name): int(state[name]) for name in method.counters}},
-        reaction=reaction, cpu_time=cpu, setup_time=set_up,
+        reaction=reaction,
+        cpu_time=cpu,
+        setup_time=set_up,
         diagnostics={n: np.concatenate(([np.nan], a)) for n, a in zip(method.tells, whole.told.T, strict=True)},
-    )  # fmt: skip
+    )
 
 
 def _cause(refusal: str) -> str:
-    """What stands in the way, without the advice to use the kernel, which is done."""
+    """Return a refusal's obstacle without its advice to use the kernel, which has been followed."""
     return refusal.split(": use")[0]
 
 
 NAMES = ("r", "R", "v", "Omega")
-WORDS = {"iterations": "newton_iterations", "cuts": "step_cuts"}  # of counters in results, where they differ
+WORDS = {"iterations": "newton_iterations", "cuts": "step_cuts"}  # names of counters in results, where they differ
 ENDS = {
     marching.UNDERFLOW: (Status.STEP_UNDERFLOW, "the error test asks for a step below the spacing of times"),
     marching.NOT_FINITE: (Status.DIVERGED, "the motion is no longer finite"),
@@ -283,4 +323,5 @@ ENDS = {
 
 
 def _states(record: Record) -> States:
+    """Return the motion of a record of steps."""
     return States(record.r, record.R, record.v[:, :, :3], record.v[:, :, 3:])

@@ -1,6 +1,6 @@
 """The kernel of a mechanism: its arrays, and entries that fill them (compiled).
 
-Joints are taken apart into what S has one block for: at most ``WIDTH`` rows, point rows with none or two axis rows, or
+Joints are split into parts for which S has one block: at most ``WIDTH`` rows, point rows with none or two axis rows, or
 line, axis or moving rows alone. They are sorted by kind, so that each kind is one loop; ``order`` leads back.
 """
 
@@ -15,22 +15,23 @@ from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.mechanics.user_forces import NUMBERS as NUMBERS_READ
 from ..generated import Code, Program
-from ..rows.kept_code import code_of, row_code
+from ..rows.kept_code import load_or_make_code, row_code
 from ..rows.numbers import force_numbers, joint_numbers
-from . import evaluation, factor, user_forces
+from . import evaluation, factor, row_choice, user_forces
 from .blocks import WIDTH, Blocks, analyse
-from .entries import Bound, reach
+from .entries import Bound, digest_callees
 
-STATE = np.dtype([("shift", "f8"), ("rank", "i8")])
+STATE = np.dtype([("shift", "f8"), ("rank", "i8"), ("first", "i8"), ("limit", "f8"), ("chosen", "i8"), ("poor", "f8")])
+UNKNOWN = -1, row_choice.POOR, 0, row_choice.POOR
 
 
-class Users(NamedTuple):
-    """User forces."""
+class UserForces(NamedTuple):
+    """User forces: their bodies, the addresses of their laws, and arrays for a call."""
 
     body: Any  # (nu, 2)
     law: Any  # (nu,) addresses
-    state: Any  # (36,) what they read
-    load: Any  # (4, 3) and write
+    state: Any  # (36,) input of the laws
+    load: Any  # (4, 3) output of the laws
 
 
 class Kernel(NamedTuple):
@@ -43,8 +44,8 @@ class Kernel(NamedTuple):
     row: Any  # (nj + 1,) first row of each joint
     pins: Any  # (nj,) 1: the first three rows are point rows, the others have no force
     blocks: Blocks
-    users: Users
-    state: Any  # record: shift of S's diagonal (relative), rank found
+    users: UserForces
+    state: Any  # record: shift of S's diagonal (relative), rank found, and the state of ``row_choice``
     t: Any  # (1,) [s], to be set before rows and forces are evaluated
     r: Any  # (nb, 3)
     R: Any  # (nb, 3, 3)
@@ -60,21 +61,26 @@ class Kernel(NamedTuple):
     lam: Any  # (nrows,) reaction conjugate to phi
     rhs: Any  # (nrows,) right-hand side and solution of S
     L: Any  # (nblocks, WIDTH, WIDTH): S, then its factor; diagonal entries inverted, 0 for a redundant row
-    diagonal: Any  # (nrows,) of S, what its pivots are compared with
+    diagonal: Any  # (nrows,) diagonal of S, which its pivots are compared with
+    dense: Any  # (nrows, nrows) S to choose rows from, empty where none can be redundant or they are too many
+    chosen: Any  # (nrows,) 1: rows of that choice
+    pivot_bound: Any  # (nrows,) for code of the mechanism: share of its diagonal below which a row's pivot is left out
+    inverse_share: Any  # (nrows,) from such code: each row's diagonal over its pivot, 0 for a row left out
     turn: Any  # (nj, 3, 3) by blocks: directions in which S has the point rows of hinges, 0 0 0 for those of space
     change: Any  # (nb, 6)
-    x: Any  # (nrows,) of ``push``, ``push_kept``: multipliers; of ``slips`` its result
-    w: Any  # (nb, 6) of ``push``, ``push_kept``, ``slips``, ``divide``: velocities
+    x: Any  # (nrows,) multipliers for ``push``, ``push_kept``; result of ``slips``
+    w: Any  # (nb, 6) velocities for ``push``, ``push_kept``, ``slips``, ``divide``
     Y0: Any  # Y and way that ``keep_rows`` has kept
     way0: Any
     order: Any  # (nrows,) place of each row of the system in the kernel
-    pair: Any  # (npairs, 2) of each block of slopes: the body of the load, the body that moves; first (b, b) of each b
+    pair: Any  # (npairs, 2) for each block of slopes: the loaded body, the moving body; first (b, b) for each b
     by_pose: Any  # (npairs, 6, 6) slopes by dr [space] and dtheta, R exp(hat(dtheta))
     by_rate: Any  # (npairs, 6, 6) slopes by velocities
     rate_slope: Any  # (2, nrows, 6) d(phi_dot)/d(pose) of either end
     rows: Any = 0  # X, Y, way, phi, slip, gamma at (t, r, R, v)
     factorise: Any = 0  # S of these rows, and its factor
     solve: Any = 0  # rhs := S^-1 rhs
+    leave_out: Any = 0  # rhs := 0 in rows left out, once rows were chosen anew
     forces: Any = 0  # force, less Omega x J Omega
     applied_forces: Any = 0  # force alone
     react: Any = 0  # v_dot and lam with rows and factor at hand
@@ -89,12 +95,15 @@ class Kernel(NamedTuple):
     slips: Any = 0  # x := -(A w + phi_t)
     force_slopes: Any = 0  # by_pose, by_rate := slopes of ``forces``
     applied_slopes: Any = 0  # the same of ``applied_forces``
-    spring_slopes: Any = 0  # of spring-dampers alone
+    spring_slopes: Any = 0  # the same for spring-dampers alone
     load_slopes: Any = 0  # by_pose += slopes of A^T lam, with ``lam`` as it is
     rate_slopes: Any = 0  # rate_slope
+    factorise_code: Any = 0  # the factor by code of the mechanism, with ``pivot_bound``
+    fill_dense: Any = 0  # dense := S of the rows at hand, by code of the mechanism
 
 
-ENTRIES = tuple(Kernel._field_defaults)
+OF_CODE = ("factorise_code", "fill_dense")  # what only code of a mechanism has
+ENTRIES = tuple(name for name in Kernel._field_defaults if name not in OF_CODE)
 
 
 class Part(NamedTuple):
@@ -108,12 +117,12 @@ class Part(NamedTuple):
 
 
 def make_kernel(system: MultibodySystem, needed: Collection[str] = ENTRIES) -> Kernel:
-    """The kernel, with the entries that are needed."""
+    """Make the kernel of a system: its arrays, and programs for the entries that are ``needed``."""
     return finish_kernel(system, empty_kernel(system), needed)
 
 
 def finish_kernel(system: MultibodySystem, k: Kernel, needed: Collection[str]) -> Kernel:
-    """Arrays with the entries that are needed."""
+    """Return the kernel with programs for the entries that are ``needed``, and for those that these call."""
     loops = Loops(system, k)
     made: dict[str, Program] = {}
 
@@ -128,9 +137,15 @@ def finish_kernel(system: MultibodySystem, k: Kernel, needed: Collection[str]) -
         if name in JOINED:
             parts = [program(part) for part in JOINED[name]]
             return Program([step for part in parts for step in part.steps], keeps=parts)
+        if name == "leave_out":
+            return Bound(row_choice.leave_out, k) if len(k.dense) else Program([])
         points = "_points" if k.L.shape[1] == 3 else ""
         function = getattr(factor, name + points) if name in FACTOR else getattr(evaluation, name)
-        return Bound(function, with_entries(reach(function).names))
+        found = Bound(function, with_entries(digest_callees(function).names))
+        if name == "factorise" and len(k.dense):
+            choose = Bound(getattr(row_choice, f"choose_rows{points}"), k)
+            return Program([*found.steps, *choose.steps], keeps=(found, choose))
+        return found
 
     def with_entries(names: Collection[str]) -> Kernel:
         found: dict[str, Any] = {x: program(x) for x in ENTRIES if x in names}
@@ -144,13 +159,20 @@ JOINED = {"accelerate": ("rows", "factorise", "react"), "reactions": ("rows", "r
 
 
 def start_at(k: Kernel, state: State) -> None:
-    """Put the mechanism where ``state`` has it."""
+    """Set poses, velocities and time of the kernel to those of ``state``; forget an earlier choice of rows."""
     k.r[:], k.R[:], k.v[:, :3], k.v[:, 3:], k.t[0] = state.r, state.R, state.v, state.Omega, state.t
+    forget_choice(k)  # of an earlier run
+
+
+def forget_choice(k: Kernel) -> None:
+    """Make the next factor the first for the choice among redundant rows (module ``row_choice``)."""
+    for name, value in zip(("first", "limit", "chosen", "poor"), UNKNOWN, strict=True):
+        k.state[name] = value
 
 
 def empty_kernel(system: MultibodySystem) -> Kernel:
-    """Arrays without entries."""
-    place, parts = parts_of(system)
+    """Make a kernel's arrays, with all entries unset (0)."""
+    place, parts = list_parts(system)
     size = np.array([part.hi - part.lo for part in parts], dtype=np.int64)
     row = np.concatenate(([0], np.cumsum(size))).astype(np.int64)
     joint = np.array([part.joint for part in parts], dtype=np.int64)
@@ -171,28 +193,63 @@ def empty_kernel(system: MultibodySystem) -> Kernel:
     pair = _pairs(system)
     width = 3 if np.max(size, initial=0) <= 3 else WIDTH
     return Kernel(
-        mass=np.array(system.mass), J=np.array(system.regular_inertia), J_inv=inverse(system.regular_inertia),
-        body=body, row=row, pins=pins, blocks=blocks, state=np.zeros((), dtype=STATE),
-        users=Users(users, np.array([law.entry.address for law in system.user_law], dtype=np.int64),
-                    np.zeros(NUMBERS_READ), np.zeros((4, 3))),
-        t=np.zeros(1), r=bodies(3), R=bodies(3, 3), v=bodies(6), v_dot=bodies(6), force=bodies(6),
-        X=np.zeros((2, nr, 3)), Y=np.zeros((2, nr, 3)), way=np.zeros((nr, 3)), phi=np.zeros(nr), slip=np.zeros(nr),
-        gamma=np.zeros(nr), lam=np.zeros(nr), rhs=np.zeros(nr), diagonal=np.zeros(nr),
-        L=np.zeros((len(blocks.other), width, width)), turn=np.zeros((len(parts), 3, 3)), change=bodies(6),
-        x=np.zeros(nr), w=bodies(6), Y0=np.zeros((2, nr, 3)), way0=np.zeros((nr, 3)), order=order,
-        pair=pair, by_pose=np.zeros((len(pair), 6, 6)), by_rate=np.zeros((len(pair), 6, 6)),
+        mass=np.array(system.mass),
+        J=np.array(system.regular_inertia),
+        J_inv=inverse(system.regular_inertia),
+        body=body,
+        row=row,
+        pins=pins,
+        blocks=blocks,
+        state=np.array((0.0, 0, *UNKNOWN), dtype=STATE),
+        users=UserForces(
+            users,
+            np.array([law.entry.address for law in system.user_law], dtype=np.int64),
+            np.zeros(NUMBERS_READ),
+            np.zeros((4, 3)),
+        ),
+        t=np.zeros(1),
+        r=bodies(3),
+        R=bodies(3, 3),
+        v=bodies(6),
+        v_dot=bodies(6),
+        force=bodies(6),
+        X=np.zeros((2, nr, 3)),
+        Y=np.zeros((2, nr, 3)),
+        way=np.zeros((nr, 3)),
+        phi=np.zeros(nr),
+        slip=np.zeros(nr),
+        gamma=np.zeros(nr),
+        lam=np.zeros(nr),
+        rhs=np.zeros(nr),
+        diagonal=np.zeros(nr),
+        L=np.zeros((len(blocks.other), width, width)),
+        dense=np.zeros((nr, nr) if row_choice.may_choose(system) else (0, 0)),
+        chosen=np.zeros(nr, dtype=np.int64),
+        pivot_bound=np.full(nr, factor.DEPENDENT),
+        inverse_share=np.zeros(nr),
+        turn=np.zeros((len(parts), 3, 3)),
+        change=bodies(6),
+        x=np.zeros(nr),
+        w=bodies(6),
+        Y0=np.zeros((2, nr, 3)),
+        way0=np.zeros((nr, 3)),
+        order=order,
+        pair=pair,
+        by_pose=np.zeros((len(pair), 6, 6)),
+        by_rate=np.zeros((len(pair), 6, 6)),
         rate_slope=np.zeros((2, nr, 6)),
-    )  # fmt: skip
+    )
 
 
-def parts_of(system: MultibodySystem) -> tuple[list[int], list[Part]]:
-    """In the kernel's order, by kind: their places in the system's, and they."""
+def list_parts(system: MultibodySystem) -> tuple[list[int], list[Part]]:
+    """Return, in the kernel's order by kind, the place of each part in the system's order, and the parts."""
     found = list(_parts(system))
     place = sorted(range(len(found)), key=lambda p: (found[p][:4], p))
     return place, [found[p] for p in place]
 
 
 def _parts(system: MultibodySystem) -> Iterator[Part]:
+    """Yield the parts of all joints in the system's order; ValueError on a joint with too many rows for a block."""
     for j, sort in enumerate(system.joint_sort):
         c, ground = joints.DECLARED[joints.KINDS[sort]].count, bool(system.joint_j[j] == GROUND)
         ahead = c.point + c.line + c.moving
@@ -208,7 +265,10 @@ def _parts(system: MultibodySystem) -> Iterator[Part]:
 
 
 def _blocks(body: np.ndarray, row: np.ndarray, place: list[int]) -> Blocks:
-    """Analysed in the system's order of joints, on which the choice among redundant rows depends."""
+    """Return the pattern of S and of its factor, for parts in the kernel's order.
+
+    It is analysed in the system's order of joints, on which the choice among redundant rows depends.
+    """
     back = np.argsort(place) if place else np.zeros(0, dtype=np.int64)
     size = np.diff(row)[back]
     first = np.concatenate(([0], np.cumsum(size))).astype(np.int64)
@@ -218,7 +278,7 @@ def _blocks(body: np.ndarray, row: np.ndarray, place: list[int]) -> Blocks:
 
 
 def _pairs(system: MultibodySystem) -> np.ndarray:
-    """Bodies whose poses act on each other's load: each on its own, then those of joints and forces, both ways."""
+    """Return pairs of bodies (loaded, moving): (b, b) of each, then those of joints and forces, both ways."""
     ends = [(getattr(system, f"{name}_i"), getattr(system, f"{name}_j")) for name in ("joint", "spring", "torsion")]
     ends.append((system.user_i, system.user_j))
     both = {(int(a), int(b)) for one in ends for a, b in zip(*one, strict=True) if GROUND not in (a, b) and a != b}
@@ -233,7 +293,7 @@ class Loops:
     """Entries that are loops over joints or forces of one kind, as steps of programs."""
 
     def __init__(self, system: MultibodySystem, k: Kernel) -> None:
-        self._system, self._k, self._parts = system, k, parts_of(system)[1]
+        self._system, self._k, self._parts = system, k, list_parts(system)[1]
         self._place = {(int(a), int(b)): n for n, (a, b) in enumerate(k.pair)}
         self._keeps: list[Any] = []
         self._groups = list(self._group_parts())
@@ -243,89 +303,110 @@ class Loops:
                 k.way[group.rows] = np.tile(way, (len(group.body), 1))
 
     def _step(self, group: "Group", code: Code, name: str, *arrays: np.ndarray) -> Step:
+        """Return, without carrying it out, the call of function ``name`` of ``code`` over a group's members."""
         self._keeps.append(code)
         return code.address(name), [group.members, self._k.t, group.numbers, *arrays]
 
     def rows(self) -> list[Step]:
-        """X, Y, way, phi, slip, gamma."""
+        """Return the steps that compute the constraint rows: X, Y, way, phi, slip and gamma of the kernel."""
         k, steps = self._k, []
         for group in self._groups:
             made, rows, ends = row_code(*group.key), group.rows, group.ends
             stored = [k.phi[rows], k.gamma[rows], *(k.X[e, rows] for e in ends), *(k.Y[e, rows] for e in ends)]
             stored += [] if made.way is not None else [k.way[rows]]
             stored += [] if made.still else [k.slip[rows]]
-            at = places_of(group, (k.r, 3), (k.R, 9), (k.v, 6), (k.J_inv, 9))
+            at = list_places(group, (k.r, 3), (k.R, 9), (k.v, 6), (k.J_inv, 9))
             steps.append(self._step(group, made.code, "rows", *at, *stored))
         return steps
 
     def load_slopes(self) -> list[Step]:
-        """Slopes of A^T lam."""
+        """Return the steps that add the slopes of A^T lam by poses to ``by_pose``."""
         k = self._k
         return [
             self._step(
-                group, code_of("loops.row_slopes", *group.key), "load_slopes", k.lam[group.rows],
-                *places_of(group, (k.r, 3), (k.R, 9)), *self._blocks(k.by_pose, group),
+                group,
+                load_or_make_code("loops.row_slopes", *group.key),
+                "load_slopes",
+                k.lam[group.rows],
+                *list_places(group, (k.r, 3), (k.R, 9)),
+                *self._blocks(k.by_pose, group),
             )
             for group in self._groups
-        ]  # fmt: skip
+        ]
 
     def rate_slopes(self) -> list[Step]:
-        """Slopes of phi_dot."""
+        """Return the steps that compute ``rate_slope``, the slopes of phi_dot by poses."""
         k = self._k
         return [
             self._step(
-                group, code_of("loops.row_slopes", *group.key), "rate_slopes",
-                *places_of(group, (k.r, 3), (k.R, 9), (k.v, 6)), *(k.rate_slope[e, group.rows] for e in group.ends),
+                group,
+                load_or_make_code("loops.row_slopes", *group.key),
+                "rate_slopes",
+                *list_places(group, (k.r, 3), (k.R, 9), (k.v, 6)),
+                *(k.rate_slope[e, group.rows] for e in group.ends),
             )
             for group in self._groups
-        ]  # fmt: skip
+        ]
 
     def forces(self) -> list[Step]:
-        """Applied forces less the gyroscopic torque."""
+        """Return the steps that compute ``force``: applied forces, less the gyroscopic torque Omega x J Omega."""
         return self._loads("forces")
 
     def applied_forces(self) -> list[Step]:
-        """Applied forces."""
+        """Return the steps that compute ``force``: applied forces alone."""
         return self._loads("applied")
 
     def _loads(self, bodies: str) -> list[Step]:
+        """Return the steps that set ``force`` by the loop ``bodies`` over all bodies and add forces of all kinds.
+
+        ``bodies`` is "forces" (weight and gyroscopic torque) or "applied" (weight).
+        """
         k, steps = self._k, [self._on_bodies(bodies)]
         for kind, group in self._pushing():
-            at = [*places_of(group, (k.r, 3), (k.R, 9), (k.v, 6)), *places_of(group, (k.force, 6))]
-            steps.append(self._step(group, code_of("loops.push", kind, group.ends == [0]), "push", *at))
+            at = [*list_places(group, (k.r, 3), (k.R, 9), (k.v, 6)), *list_places(group, (k.force, 6))]
+            steps.append(self._step(group, load_or_make_code("loops.push", kind, group.ends == [0]), "push", *at))
         return [*steps, *self._users(user_forces.add_user_forces)]
 
     def _on_bodies(self, name: str) -> Step:
+        """Return the step that sets ``force`` by the loop ``name`` over all bodies."""
         s, k = self._system, self._k
         weight = s.mass[:, None] * s.gravity
-        return code_of("loops.bodies").address(name), [np.array([s.nb]), weight, k.J, k.v, k.force]
+        return load_or_make_code("loops.bodies").address(name), [np.array([s.nb]), weight, k.J, k.v, k.force]
 
     def force_slopes(self) -> list[Step]:
-        """Slopes of ``forces``."""
+        """Return the steps that compute the slopes of ``forces`` by poses and velocities.
+
+        They go to ``by_pose`` and ``by_rate``.
+        """
         nb, k = np.array([self._system.nb]), self._k
-        turning = code_of("loops.bodies").address("slopes"), [nb, k.J, k.v, k.by_rate]
+        turning = load_or_make_code("loops.bodies").address("slopes"), [nb, k.J, k.v, k.by_rate]
         zero, *pushes = self.applied_slopes()
         return [zero, pushes[0], turning, *pushes[1:]]
 
     def applied_slopes(self) -> list[Step]:
-        """Slopes of ``applied_forces``."""
+        """Return the steps that compute the slopes of ``applied_forces`` by poses and velocities."""
         return [*self._push_slopes("spring", "torsion", "load"), *self._users(user_forces.add_user_slopes)]
 
     def spring_slopes(self) -> list[Step]:
-        """Slopes of spring-dampers."""
+        """Return the steps that compute the slopes of spring-dampers alone by poses and velocities."""
         return self._push_slopes("spring")
 
     def _push_slopes(self, *kinds: str) -> list[Step]:
-        k, zero = self._k, code_of("loops.bodies").address("zero")
+        """Return the steps that set the slopes to zero and add those of the forces of these ``kinds``."""
+        k, zero = self._k, load_or_make_code("loops.bodies").address("zero")
         steps: list[Step] = [(zero, [np.array([a.size]), a]) for a in (k.by_pose, k.by_rate)]
         for kind, group in self._pushing():
             if kind in kinds:
-                code, at = code_of("loops.push_slopes", kind, group.ends == [0]), [(k.r, 3), (k.R, 9), (k.v, 6)]
+                code, at = (
+                    load_or_make_code("loops.push_slopes", kind, group.ends == [0]),
+                    [(k.r, 3), (k.R, 9), (k.v, 6)],
+                )
                 blocks = (x for a in (k.by_pose, k.by_rate) for x in self._blocks(a, group))
-                steps.append(self._step(group, code, "slopes", *places_of(group, *at), *blocks))
+                steps.append(self._step(group, code, "slopes", *list_places(group, *at), *blocks))
         return steps
 
     def _users(self, function: Callable[[Any], None]) -> list[Step]:
+        """Return the steps of a compiled ``function`` for user forces; none where there are no user forces."""
         if not len(self._k.users.law):
             return []
         users = Bound(function, self._k)
@@ -333,12 +414,14 @@ class Loops:
         return users.steps
 
     def _blocks(self, slopes: np.ndarray, group: "Group") -> Iterator[np.ndarray]:
+        """Yield the array ``slopes`` and the places in it of a group's blocks, by loaded and moving end."""
         for a in group.ends:
             for b in group.ends:
                 place = [self._place[int(one[a]), int(one[b])] for one in group.body]
                 yield from (slopes, 36 * np.array(place, dtype=np.int64))
 
     def _group_parts(self) -> Iterator["Group"]:
+        """Yield the parts of joints in groups of one kind, whose rows one loop computes."""
         k, parts, at = self._k, self._parts, 0
         while at < len(parts):
             kind, lo, hi, ground, _ = parts[at]
@@ -352,6 +435,7 @@ class Loops:
             at = end
 
     def _pushing(self) -> Iterator[tuple[str, "Group"]]:
+        """Yield kind and members of each group of springs, torsional springs and loads, on the ground apart."""
         for kind in ("spring", "torsion", "load"):
             i = np.asarray(getattr(self._system, f"{kind}_i"), dtype=np.int64)
             j = np.full(len(i), GROUND) if kind == "load" else np.asarray(getattr(self._system, f"{kind}_j"))
@@ -365,7 +449,7 @@ class Loops:
 
 
 class Group(NamedTuple):
-    """Joints or forces of one kind: what code is theirs, their bodies, which of these move, numbers, how many, rows."""
+    """Joints or forces of one kind: their code, their bodies, which of these move, their numbers, count and rows."""
 
     key: tuple[str, tuple[int, ...], bool]
     body: np.ndarray
@@ -375,8 +459,11 @@ class Group(NamedTuple):
     rows: slice
 
 
-def places_of(group: Group, *arrays: tuple[np.ndarray, int]) -> Iterator[np.ndarray]:
-    """Arrays of bodies with the first places of those that move, end by end."""
+def list_places(group: Group, *arrays: tuple[np.ndarray, int]) -> Iterator[np.ndarray]:
+    """Yield each array with the first places in it of a group's moving bodies, end by end.
+
+    ``arrays`` are pairs of an array over bodies and of its numbers a body.
+    """
     for e in group.ends:
         for array, size in arrays:
             yield from (array, np.ascontiguousarray(group.body[:, e] * size))

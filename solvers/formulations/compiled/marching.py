@@ -1,4 +1,4 @@
-"""The one way to march: times of steps, error control, reversible control, recording (compiled).
+"""The march of all methods: times of steps, error control, reversible control, recording (compiled).
 
 At ``control.t`` [s] the step of a method tries ``control.h`` and leaves ``status``, and ``error`` where the step size
 is controlled by it; its finish follows an accepted step, and leaves the state and ``lam`` to be recorded.
@@ -19,47 +19,84 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .algebra import close_rotations, copy, largest
-from .entries import inner, run
+from .algebra import close_rotations, copy, find_largest
+from .entries import compile_inline, run
 from .kernel import Kernel
 
 FULL, FINISHED, UNDERFLOW, NOT_FINITE, STUCK, TURNED = range(6)  # outcomes; a step's status is 0 or one of them
-SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # of the step's change
-SHORTEST = 1e-14  # of the time: below it a step no longer moves the clock
+# change of step: nearer 1 rejects more, less takes more steps; the ends bound what a wrong estimate can do
+SAFETY, LEAST, MOST = 0.9, 0.2, 5.0
+SHORTEST = 1e-14  # share of the time below which a step no longer advances it
 
 CONTROL = np.dtype(
-    [(name, "f8") for name in ("t", "t_end", "h", "dt", "next_step", "max_step", "rtol", "order", "error", "last_error",
-                               "rate", "pace")]
-    + [(name, "i8") for name in ("adaptive", "paced", "steps", "evaluations", "rejected", "iterations",
-                                 "factorisations", "status", "outcome", "recorded", "grid", "place", "level",
-                                 "most_cuts", "cuts", "residuals", "solves", "augmentations", "loose_steps")]
-)  # fmt: skip
+    [
+        (name, "f8")
+        for name in (
+            "t",
+            "t_end",
+            "h",
+            "dt",
+            "next_step",
+            "max_step",
+            "rtol",
+            "order",
+            "error",
+            "last_error",
+            "rate",
+            "pace",
+        )
+    ]
+    + [
+        (name, "i8")
+        for name in (
+            "adaptive",
+            "paced",
+            "steps",
+            "evaluations",
+            "rejected",
+            "iterations",
+            "factorisations",
+            "status",
+            "outcome",
+            "recorded",
+            "grid",
+            "place",
+            "level",
+            "most_cuts",
+            "cuts",
+            "residuals",
+            "solves",
+            "augmentations",
+            "loose_steps",
+        )
+    ]
+)
 
 
 class Record(NamedTuple):
-    """Accepted steps."""
+    """Accepted steps: times, poses, velocities, reactions and diagnostics."""
 
     t: Any  # (n,)
     r: Any  # (n, nb, 3)
     R: Any  # (n, nb, 3, 3)
     v: Any  # (n, nb, 6)
     lam: Any  # (n, nrows) in the kernel's order
-    told: Any  # (n, ntold) what the method tells of each
+    told: Any  # (n, ntold) diagnostics of the method for each
 
 
 class March(NamedTuple):
-    """State of a march: what it reads and writes."""
+    """State of a march: its input and output."""
 
     control: Any  # record
     kernel: Kernel
     record: Record
-    told: Any  # (ntold,) of the last step
+    told: Any  # (ntold,) diagnostics of the last step
     step: int  # entry: a trial step
     finish: int  # entry: after an accepted one
 
 
 def new_control(**values: float) -> np.ndarray:
-    """A control with these values, the others 0."""
+    """Make the record of a march's state and settings with these values, the others 0."""
     control = np.zeros((), dtype=CONTROL)
     for name, value in values.items():
         control[name] = value
@@ -67,15 +104,22 @@ def new_control(**values: float) -> np.ndarray:
 
 
 def empty_record(n: int, nb: int, nrows: int, ntold: int = 0) -> Record:
-    """Room for ``n`` steps."""
+    """Make arrays for ``n`` steps of ``nb`` bodies, ``nrows`` constraint rows and ``ntold`` diagnostics."""
     return Record(
-        np.zeros(n), np.zeros((n, nb, 3)), np.zeros((n, nb, 3, 3)), np.zeros((n, nb, 6)), np.zeros((n, nrows)),
+        np.zeros(n),
+        np.zeros((n, nb, 3)),
+        np.zeros((n, nb, 3, 3)),
+        np.zeros((n, nb, 6)),
+        np.zeros((n, nrows)),
         np.zeros((n, ntold)),
-    )  # fmt: skip
+    )
 
 
 def march(m):
-    """Steps until the record is full or the end is reached: ``outcome``, and ``recorded`` steps."""
+    """March until the record is full, the end is reached or a step fails.
+
+    ``control.outcome`` gets the reason, ``control.recorded`` the number of steps in the record.
+    """
     c, k, done = m.control, m.kernel, 0
     c.outcome = FULL
     while done < len(m.record.t):
@@ -97,7 +141,7 @@ def march(m):
                 break
             continue
         run(m.finish)
-        if not np.isfinite(largest(k.v)):
+        if not np.isfinite(find_largest(k.v)):
             c.outcome = NOT_FINITE
             break
         if c.adaptive:
@@ -117,9 +161,12 @@ def march(m):
     c.recorded = done
 
 
-@inner
+@compile_inline
 def _next_end(c, k):
-    """Set ``h``; the time [s] at which the step ends. Outcomes: the end is reached, or no step moves the clock."""
+    """Set ``c.h`` [s], the step to try; return the time [s] at which it ends.
+
+    ``c.outcome`` is changed where the end of the march is reached, or the step is too short to advance time.
+    """
     if c.adaptive:
         t, h, left = c.t, min(c.next_step, c.max_step), c.t_end - c.t
         if left <= SHORTEST * max(abs(t), 1e-300):
@@ -153,9 +200,9 @@ def _next_end(c, k):
     return end
 
 
-@inner
+@compile_inline
 def _advance(c):
-    """One part of a step of the grid is done; at an even place the parts grow."""
+    """Count one part of a step of the fixed grid as done; at an even place the parts grow back."""
     c.place += 1
     while c.level > 0 and c.place % 2 == 0:
         c.place //= 2
@@ -165,8 +212,12 @@ def _advance(c):
         c.place = 0
 
 
-@inner
+@compile_inline
 def _advance_pace(c, k):
+    """Advance z = dt / h of reversible step control; return the time [s] at which the next step ends.
+
+    It returns the present time at the end of the march.
+    """
     fourth, power = c.rate**4, 0.0
     for b in range(len(k.v)):
         w0, w1, w2 = k.v[b, 3], k.v[b, 4], k.v[b, 5]
@@ -182,12 +233,13 @@ def _advance_pace(c, k):
     if c.t >= c.t_end:
         return c.t
     h = c.dt / max(c.pace, 0.1)
-    return c.t_end if c.t + 1.01 * h >= c.t_end else c.t + h  # a hundredth of a step goes with the last one
+    # a remainder of a hundredth of a step is added to the last one
+    return c.t_end if c.t + 1.01 * h >= c.t_end else c.t + h
 
 
-@inner
+@compile_inline
 def _accept_step(c):
-    """Whether the error is small enough; if not, the next step is cut."""
+    """Return whether the step's error is at most 1; else shorten the next try, or end the march as too short."""
     if c.error <= 1.0:
         return True
     c.rejected += 1
@@ -199,8 +251,9 @@ def _accept_step(c):
     return False
 
 
-@inner
+@compile_inline
 def _grow(c):
+    """Set the next step from the errors of this one and the last (a PI controller), within ``LEAST`` and ``MOST``."""
     grow = SAFETY * max(c.error, 1e-10) ** (-0.7 / c.order) * c.last_error ** (0.4 / c.order)
     c.next_step = c.h * min(MOST, max(LEAST, grow))
     c.last_error = max(c.error, 1e-4)

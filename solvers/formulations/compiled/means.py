@@ -9,16 +9,16 @@ import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Program
-from ..rows.kept_code import code_of, row_code
+from ..rows.kept_code import load_or_make_code, row_code
 from ..rows.means import BODY
 from .bundles import make_bundle
-from .kernel import Group, Kernel, Loops, Step, places_of
+from .kernel import Group, Kernel, Loops, Step, list_places
 
 
 def make_means(system: MultibodySystem, k: Kernel) -> Any:
-    """The start of a step, its length h [s], and mean-value entries: the end is where the kernel stands.
+    """Make the bundle of a mean-value step: its start poses, its length h [s], and entries of mean rows and forces.
 
-    ValueError on rows without a discrete gradient.
+    The kernel ``k`` is at the step's end. ValueError on rows without a discrete gradient.
     """
     h, r0, R0 = np.zeros(1), np.zeros((system.nb, 3)), np.zeros((system.nb, 3, 3))
     loops = MeanLoops(system, k)
@@ -28,16 +28,16 @@ def make_means(system: MultibodySystem, k: Kernel) -> Any:
 
 
 class MeanLoops(Loops):
-    """``rows`` and ``forces`` of the mean."""
+    """Loops for ``rows`` and ``forces`` of the mean."""
 
     start: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     def rows(self) -> list[Step]:
-        """phi at the end; X, Y, way of the mean rows."""
+        """Return the steps that compute phi at the end, and X, Y, way of the mean constraint rows."""
         k = self._k
         steps: list[Step] = []
         for group in self._groups:
-            code, rows, ends = code_of("means.rows", *group.key), group.rows, group.ends
+            code, rows, ends = load_or_make_code("means.rows", *group.key), group.rows, group.ends
             stored = [k.phi[rows], *(k.X[e, rows] for e in ends), *(k.Y[e, rows] for e in ends)]
             stored += [] if row_code(*group.key).way is not None else [k.way[rows]]
             given = [group.members, self.start[0], group.numbers, *self._both(group), *stored]
@@ -46,16 +46,18 @@ class MeanLoops(Loops):
         return steps
 
     def _loads(self, bodies: str) -> list[Step]:
+        """Return the steps that compute the mean ``force``; ``bodies`` as in ``Loops``."""
         k = self._k
         steps: list[Step] = [self._on_bodies(bodies)]
         for kind, group in self._pushing():
-            code = code_of("means.push", kind, group.ends == [0])
+            code = load_or_make_code("means.push", kind, group.ends == [0])
             given = [group.members, k.t, self.start[0], group.numbers, *self._both(group)]
-            steps.append((code.address("push"), [*given, *places_of(group, (k.force, 6))]))
+            steps.append((code.address("push"), [*given, *list_places(group, (k.force, 6))]))
             self._keeps.append(code)
         return steps
 
     def _both(self, group: Group) -> list[np.ndarray]:
+        """Return arrays and places of a group's bodies at both ends of the step, in the order of the means' code."""
         k, (_, r0, R0) = self._k, self.start
         arrays = {"r0": r0, "R0": R0, "r": k.r, "R": k.R, "v": k.v, "J_inv": k.J_inv}
-        return list(places_of(group, *((arrays[name], size) for name, size in BODY)))
+        return list(list_places(group, *((arrays[name], size) for name, size in BODY)))

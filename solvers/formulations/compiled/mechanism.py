@@ -16,20 +16,22 @@ from ....harness.mechanics import joints
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code, Program
 from ..generated.code import is_kept, print_functions
-from ..rows.kept_code import text_of, texts_of_makers
-from .kernel import Kernel, finish_kernel, parts_of
+from ..rows.kept_code import digest_files, texts_of_makers
+from .entries import Bound
+from .kernel import Kernel, finish_kernel, list_parts
+from .row_choice import choose_rows_of_code, leave_out_of_code
 
-MOST_OPERATIONS = 30_000
+MOST_OPERATIONS = 30_000  # larger code exceeds the processor's caches and does not pay (docs/decisions/kernels.md)
 FACTOR = Path(__file__).parents[1] / "joint_coordinates" / "elimination.py"
 LEAST_OF_A_ROW = 50  # operations
 USER_FORCES = "code for the mechanism writes out declared forces only, no user forces: use code = kernel"
 
 
-class NoCode(ValueError):
-    """No code is made of a mechanism; the message says why."""
+class NoMechanismCode(ValueError):
+    """The refusal of code for a mechanism; the message says why none can be made."""
 
 
-class Coded(NamedTuple):
+class CodedKernel(NamedTuple):
     """A kernel with entries of code, and how many operations an evaluation takes."""
 
     kernel: Kernel
@@ -38,19 +40,27 @@ class Coded(NamedTuple):
 
 SPLIT_EVALUATION = "rows", "factorise", "solve"
 EVALUATION = {"": ("accelerate",), "iterate": ("iterate",), "split": SPLIT_EVALUATION, "mean": SPLIT_EVALUATION}
-FUSED = {"accelerate", "project"}  # one function each, in which rows are not handed over
-SPLIT = {  # entries, and the functions of ``rows.split_mechanism`` that are theirs
-    "rows": ("rows",), "factorise": ("factorise",), "solve": ("solve", "copy_rows"), "forces": ("forces",),
-    "applied_forces": ("applied_forces",), "react": ("react",), "push": ("push", "copy_bodies"),
-    "push_kept": ("push", "copy_bodies"), "keep_rows": ("copy_entries",), "slips": ("slips",),
-    "project_rates": ("project_rates", "copy_bodies"), "accelerate": ("rows", "factorise", "react"),
+FUSED = {"accelerate", "project"}  # entries that are one function each, with rows inside
+SPLIT = {  # entries, and their functions in ``rows.split_mechanism``
+    "rows": ("rows",),
+    "factorise": ("factorise",),
+    "solve": ("solve", "copy_rows"),
+    "forces": ("forces",),
+    "applied_forces": ("applied_forces",),
+    "react": ("react",),
+    "push": ("push", "copy_bodies"),
+    "push_kept": ("push", "copy_bodies"),
+    "keep_rows": ("copy_entries",),
+    "slips": ("slips",),
+    "project_rates": ("project_rates", "copy_bodies"),
+    "accelerate": ("rows", "factorise", "react"),
     "reactions": ("rows", "react"),
     "project": ("close_joints", "copy_poses", "rows", "project_rates", "copy_bodies"),
-}  # fmt: skip
+}
 
 
 def refusal(system: MultibodySystem, k: Kernel) -> str | None:
-    """Why no code can be made, as far as that is known beforehand."""
+    """Return why no code of the mechanism can be made, as far as that is known without writing it, or None."""
     if len(system.user_i):
         return USER_FORCES
     least = _least_operations(k)
@@ -58,71 +68,123 @@ def refusal(system: MultibodySystem, k: Kernel) -> str | None:
 
 
 def is_made(system: MultibodySystem, k: Kernel, needed: Collection[str] = FUSED) -> bool:
-    """Whether the code of these entries is on disk."""
+    """Return whether the code of the ``needed`` entries is kept on disk."""
     step, choices = ("", {}) if FUSED.issuperset(needed) else ("split", {"names": _functions(needed)})
     return is_kept(_key(system, k, step, choices))
 
 
-def use_code(system: MultibodySystem, k: Kernel, needed: Collection[str] = FUSED) -> Coded:
-    """Made, or loaded; entries beside ``SPLIT`` are the kernel's. NoCode where none can be made."""
+def use_code(system: MultibodySystem, k: Kernel, needed: Collection[str] = FUSED) -> CodedKernel:
+    """Return the kernel with ``needed`` entries of code for the mechanism, made or read from disk.
+
+    Entries outside ``SPLIT`` are the kernel's loops. Raises ``NoMechanismCode`` where none can be made.
+    """
     if FUSED.issuperset(needed):
         return _use_fused(system, k)
     entries, operations = _split_entries(system, k, needed, "split", [k.t, k.r, k.R, k.v], [k.phi, k.slip, k.gamma])
     rest = finish_kernel(system, k, set(needed) - set(entries))
-    return Coded(rest._replace(**entries), operations)
+    return CodedKernel(rest._replace(**entries), operations)
 
 
 def use_mean_code(system: MultibodySystem, k: Kernel, h: np.ndarray, r0: np.ndarray, R0: np.ndarray) -> Kernel:
-    """A finished kernel whose rows, factor, products with A and solutions are those of mean rows (``means``) by code.
+    """Return a finished kernel with code for mean rows (``means``): their factor, products with A and solutions.
 
-    ``accelerate`` stays the kernel's, with rows and a factor of its own.
+    ``h`` [s], ``r0`` and ``R0`` are the arrays of the step's length and start. ``accelerate`` stays the kernel's, with
+    rows and a factor of its own.
     """
     needed = "rows", "factorise", "solve", "push", "slips"
-    return k._replace(**_split_entries(system, k, needed, "mean", [h, r0, R0, k.r, k.R, k.v], [k.phi])[0])
+    own = k._replace(state=k.state.copy())  # the choice of rows starts from pivots of this code, not of ``accelerate``
+    return k._replace(**_split_entries(system, own, needed, "mean", [h, r0, R0, k.r, k.R, k.v], [k.phi])[0])
 
 
-def _use_fused(system: MultibodySystem, k: Kernel) -> Coded:
+def _use_fused(system: MultibodySystem, k: Kernel) -> CodedKernel:
+    """Return the kernel with ``accelerate`` and ``project`` of code, each one function with the rows inside."""
     code, operations, (size,) = code_of_mechanism(system, k)
     factor, at = np.zeros(size), [k.t, k.r, k.R, k.v]
     moved = [np.zeros_like(x) for x in at[1:]]
     project = (code.address("project"), [*at, factor, *moved]), (code.address("copy"), [*moved, *at[1:]])
+    bounds, shares = choice_arrays(k)
     kernel = k._replace(
-        accelerate=Program([(code.address("accelerate"), [*at, k.v_dot, k.lam, factor])], (code, k, factor)),
+        accelerate=choosing(k, code, "accelerate", [*at, *bounds, k.v_dot, k.lam, factor, *shares], at),
         project=Program(project, (code, k, factor, moved)),
     )
-    return Coded(kernel, operations)
+    return CodedKernel(kernel, operations)
+
+
+def choice_arrays(k: Kernel) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return the last inputs and last results of code that factorises, for the choice among redundant rows.
+
+    They are the pivots' bounds and inverse shares; none where rows are never chosen.
+    """
+    return ([k.pivot_bound], [k.inverse_share]) if len(k.dense) else ([], [])
+
+
+def choosing(k: Kernel, code: Code, name: str, arrays: list[np.ndarray], rows: list[np.ndarray]) -> Program:
+    """Return the program of function ``name`` that factorises and, where rows are redundant, of their choice.
+
+    ``arrays`` are its arguments; ``rows`` are the inputs of ``couple``, which computes S of the rows at hand.
+    """
+    made = Program([(code.address(name), arrays)], (code, k, arrays))
+    if not len(k.dense):
+        return made
+    couple = Program([(code.address("couple"), [*rows, k.dense])], (code, k, rows))
+    choose = Bound(choose_rows_of_code, k._replace(factorise_code=made, fill_dense=couple))
+    return Program([*made.steps, *choose.steps], keeps=(made, couple, choose))
 
 
 def _split_entries(
-    system: MultibodySystem, k: Kernel, needed: Collection[str], step: str, given_rows: list[np.ndarray],
+    system: MultibodySystem,
+    k: Kernel,
+    needed: Collection[str],
+    step: str,
+    given_rows: list[np.ndarray],
     results: list[np.ndarray],
-) -> tuple[dict[str, Any], int]:  # fmt: skip
-    """Entries of those ``needed`` that ``SPLIT`` has, ``rows`` from ``given_rows`` to ``results``; operations."""
+) -> tuple[dict[str, Any], int]:
+    """Return the ``needed`` entries that ``SPLIT`` has, of code, and the operations of an evaluation.
+
+    ``step`` is "split" or "mean"; its function ``rows`` computes ``results`` from ``given_rows``.
+    """
     own = [name for name in SPLIT if name in needed]
     code, operations, (count, size) = code_of_mechanism(system, k, step, names=_functions(needed))
     A, A_kept, factor, poses = np.zeros(count), np.zeros(count), np.zeros(size), [k.t, k.r, k.R, k.v]
-    x, w, r, R = (np.zeros_like(a) for a in (k.x, k.w, k.r, k.R))  # results on their way to where they are read
-    shift = np.ndarray(1, buffer=k.state)
+    x, w, r, R = (np.zeros_like(a) for a in (k.x, k.w, k.r, k.R))  # buffers for results before they are read
+    shift, (bounds, shares) = np.ndarray(1, buffer=k.state), choice_arrays(k)
     given: dict[str, list[np.ndarray]] = {
-        "rows": [*given_rows, A, *results], "factorise": [A, shift, factor],
-        "forces": [*poses, k.force], "applied_forces": [*poses, k.force],
-        "react": [*poses, A, k.gamma, factor, k.v_dot, k.lam], "close_joints": [k.r, k.R, A, k.phi, factor, r, R],
-        "copy_poses": [r, R, k.r, k.R], "project_rates": [A, k.slip, factor, k.v, w, k.rhs],
-        "slips": [A, k.slip, k.w, k.x], "solve": [factor, k.rhs, x], "copy_rows": [x, k.rhs],
-        "push": [A, k.x, k.w, w], "copy_entries": [A, A_kept], "copy_bodies": [w, k.w],
-    }  # fmt: skip
+        "rows": [*given_rows, A, *results],
+        "factorise": [A, shift, *bounds, factor, *shares],
+        "forces": [*poses, k.force],
+        "applied_forces": [*poses, k.force],
+        "react": [*poses, A, k.gamma, factor, k.v_dot, k.lam],
+        "close_joints": [k.r, k.R, A, k.phi, factor, r, R],
+        "copy_poses": [r, R, k.r, k.R],
+        "project_rates": [A, k.slip, factor, k.v, w, k.rhs],
+        "slips": [A, k.slip, k.w, k.x],
+        "solve": [factor, k.rhs, x],
+        "copy_rows": [x, k.rhs],
+        "push": [A, k.x, k.w, w],
+        "copy_entries": [A, A_kept],
+        "copy_bodies": [w, k.w],
+    }
     of_entry = {"push_kept": {"push": [A_kept, k.x, k.w, w]}}
     of_entry |= {name: {"copy_bodies": [w, k.v]} for name in ("project", "project_rates")}
     keeps = code, k, given, of_entry
-    entries: dict[str, Any] = {
-        name: Program([(code.address(f), of_entry.get(name, {}).get(f, given[f])) for f in SPLIT[name]], keeps)
-        for name in own
-    }
+    factorise = choosing(k, code, "factorise", given["factorise"], [A])
+    entries: dict[str, Any] = {}
+    for name in own:
+        steps = [
+            step
+            for f in SPLIT[name]
+            for step in (
+                factorise.steps if f == "factorise" else [(code.address(f), of_entry.get(name, {}).get(f, given[f]))]
+            )
+        ]
+        entries[name] = Program(steps, (keeps, factorise))
+    if "leave_out" in needed and len(k.dense):
+        entries["leave_out"] = Bound(leave_out_of_code, k)
     return entries, operations
 
 
 def _functions(needed: Collection[str]) -> tuple[str, ...]:
-    """Of ``rows.split_mechanism``, for entries; those of ``EVALUATION`` always."""
+    """Return the names of functions of ``rows.split_mechanism`` that these entries need, and of an evaluation."""
     return tuple(sorted(set(SPLIT_EVALUATION).union(*(SPLIT[name] for name in needed if name in SPLIT))))
 
 
@@ -130,22 +192,24 @@ def _functions(needed: Collection[str]) -> tuple[str, ...]:
 def code_of_mechanism(
     system: MultibodySystem, k: Kernel, step: str = "", **choices: Any
 ) -> tuple[Code, int, list[int]]:
-    """Code of accelerations, of a ``step`` of ``rows.simplified_step``, or "split"; operations of an evaluation; sizes.
+    """Return code of a mechanism, made or read from disk, the operations of an evaluation, and sizes of arrays.
 
-    NoCode where none can be made.
+    ``step``: "" for accelerations, a step of ``rows.simplified_step``, "split" or "mean"; ``choices`` are its settings.
+    Raises ``NoMechanismCode`` where none can be made.
     """
     reason = refusal(system, k)
     if reason:
-        raise NoCode(reason)
+        raise NoMechanismCode(reason)
     code, about = Code(lambda: _print(system, k, step, choices), _key(system, k, step, choices)), np.zeros(4)
     code.function("about", 1)(about.ctypes.data)
     operations, *sizes = (int(x) for x in about)
     if operations > MOST_OPERATIONS:
-        raise NoCode(_too_large(operations))
+        raise NoMechanismCode(_too_large(operations))
     return code, operations, sizes[: 2 if step else 1]
 
 
 def _too_large(operations: int) -> str:
+    """Return the refusal of code that takes so many ``operations``."""
     return (
         f"code for the mechanism takes up to {MOST_OPERATIONS} operations an evaluation (needs {operations} or more): "
         "use code = kernel"
@@ -153,34 +217,39 @@ def _too_large(operations: int) -> str:
 
 
 def _print(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any]) -> str:
-    """IR of the functions, and of ``about``, operations and sizes; alone, where they are too large."""
+    """Return the IR of the functions of a mechanism, and of ``about``: its operations and array sizes.
+
+    It is that of ``about`` alone if the code is too large.
+    """
     import casadi as ca
 
-    from ..generated.functions import Straight, record_function
-    from ..rows.mechanism import Mechanism, Part
+    from ..generated.functions import GeneratedFunction, record_function
+    from ..rows.mechanism import JointPart, SymbolicMechanism
     from ..rows.simplified_step import SimplifiedStep
     from ..rows.split_mechanism import MeanMechanism, SplitMechanism
 
     parts = [
-        Part(str(joints.KINDS[part.kind]), tuple(range(part.lo, part.hi)), part.joint, (int(i), int(j)), int(first))
-        for part, (i, j), first in zip(parts_of(system)[1], k.body, k.row, strict=False)
+        JointPart(
+            str(joints.KINDS[part.kind]), tuple(range(part.lo, part.hi)), part.joint, (int(i), int(j)), int(first)
+        )
+        for part, (i, j), first in zip(list_parts(system)[1], k.body, k.row, strict=False)
     ]
-    kinds = {"": Mechanism, "iterate": SimplifiedStep, "split": SplitMechanism, "mean": MeanMechanism}
-    functions, sizes = kinds[step](system, parts, _order(k)).functions(**choices)
+    kinds = {"": SymbolicMechanism, "iterate": SimplifiedStep, "split": SplitMechanism, "mean": MeanMechanism}
+    functions, sizes = kinds[step](system, parts, _order(k), len(k.dense) > 0).functions(**choices)
     operations = sum(len(record_function(functions[name]).tape.operations) for name in EVALUATION[step])
     if operations > MOST_OPERATIONS:
         functions = {}
     about = ca.vertcat(operations, *sizes, *(0 for _ in range(3 - len(sizes))))
-    return print_functions({**functions, "about": Straight([], [about])})
+    return print_functions({**functions, "about": GeneratedFunction([], [about])})
 
 
 def _order(k: Kernel) -> list[int]:
-    """Rows as the kernel eliminates them."""
+    """Return the kernel's constraint rows in their order of elimination."""
     return [int(first) + a for first, size in zip(k.blocks.row, k.blocks.size, strict=True) for a in range(size)]
 
 
 def _least_operations(k: Kernel) -> int:
-    """Fewer than code has: known at once, where to write it would take seconds."""
+    """Return a lower bound on the operations of the code, without writing it, which would take seconds."""
     columns, products = np.repeat(k.blocks.size, np.diff(k.blocks.update_start)), k.blocks.update
     height = k.blocks.size[k.blocks.other]
     factor = np.sum(columns * height[products[:, 1]] * height[products[:, 2]])
@@ -188,9 +257,9 @@ def _least_operations(k: Kernel) -> int:
 
 
 def _key(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any]) -> str:
-    """A digest of all numbers of a system, of the kernel's order, and of what makes code of them."""
-    makers = texts_of_makers(), text_of((__file__, str(FACTOR)))
-    digest = hashlib.sha256(f"{makers} {_order(k)} {k.row.tolist()} {k.body.tolist()}".encode())
+    """Return the key of the code on disk: a digest of the system's numbers, the kernel's order and the makers' text."""
+    makers = texts_of_makers(), digest_files((__file__, str(FACTOR)))
+    digest = hashlib.sha256(f"{makers} {_order(k)} {k.row.tolist()} {k.body.tolist()} {len(k.dense)}".encode())
     digest.update(system.regular_inertia.tobytes())
     for field in fields(system):
         value = getattr(system, field.name)

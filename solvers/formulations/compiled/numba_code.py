@@ -1,4 +1,4 @@
-"""Numba's part: bundles as numba sees them, ``run``, functions as LLVM IR. Loaded when something compiles."""
+"""Numba's part: bundles as numba's types, ``run``, functions as LLVM IR. Loaded when something compiles."""
 
 import contextlib
 import sys
@@ -17,7 +17,7 @@ from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, mod
 from numba.np import arrayobj
 
 from . import entries
-from .entries import PACKAGE, Inner
+from .entries import PACKAGE, InlineFunction
 
 KNOWN = "0.68."  # the version whose private methods do what ``_lowered_only`` needs
 WORD = ir.IntType(64)
@@ -25,8 +25,8 @@ OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "n
 
 
 def print_function(function: Callable[..., None], name: str, bundle: Any) -> str:
-    """LLVM IR of ``name`` (words) -> void, optimised."""
-    arm(function.__module__, set())
+    """Return optimised LLVM IR of a function ``name`` (words) -> void, which runs ``function`` on the bundle there."""
+    arm_functions(function.__module__, set())
     inner = numba.njit(**OPTIONS, forceinline=True)(function)
     view = _viewer(Bundle(bundle))
 
@@ -45,9 +45,9 @@ def print_function(function: Callable[..., None], name: str, bundle: Any) -> str
 
 
 def _wrapper(name: str, function: str) -> str:
-    """IR of ``name`` (words) -> void, which calls ``function``; where that raises, Python does when it is back.
+    """Return IR of ``name`` (words) -> void, which calls ``function``; exceptions in it are raised back in Python.
 
-    All calls from Python hold its lock (``PYFUNCTYPE``), which looks for an exception once they have returned.
+    All calls from Python hold its lock (``PYFUNCTYPE``), and check for an exception once they have returned.
     """
     text = f"an exception was raised in compiled code ({name})"
     return f'''
@@ -70,10 +70,10 @@ done:
 
 @contextlib.contextmanager
 def _lowered_only() -> Iterator[None]:
-    """Numba links functions and neither optimises them nor makes machine code: that is done once for all of an entry.
+    """Let numba link functions without optimising or compiling them, which is done once for all of an entry.
 
-    Numba has no option for it: five methods of the version ``KNOWN`` stand aside meanwhile. Another version makes
-    machine code beside it, at two or three times the price.
+    Numba has no option for it: five methods of the version ``KNOWN`` are replaced meanwhile. Another version makes
+    machine code in addition, at two or three times the price.
     """
     if not numba.__version__.startswith(KNOWN):
         yield
@@ -97,16 +97,18 @@ def _lowered_only() -> Iterator[None]:
 
 
 def _keep_layout(library: Any, module: Any) -> None:
+    """Set the module's data layout, which is all that is left of numba's optimisation."""
     module.data_layout = library.codegen._data_layout
 
 
 def _close(library: Any) -> None:
+    """Mark a library as finished without making machine code."""
     library._finalize_dynamic_globals()
     library._finalized = True
 
 
 class Bundle(types.Type):  # type: ignore[misc]
-    """A bundle as the address of its words: fields are loaded where they are named, and to hand it on costs nothing."""
+    """A bundle as the address of its words: fields are loaded where they are named, and passing it on costs nothing."""
 
     def __init__(self, bundle: Any) -> None:
         self.fields: dict[str, tuple[int, Any]] = {}
@@ -118,6 +120,7 @@ class Bundle(types.Type):  # type: ignore[misc]
 
 
 def _field_type(x: Any) -> Any:
+    """Return numba's type of a bundle's field."""
     if isinstance(x, np.ndarray):
         of = numba.from_dtype(x.dtype)
         return of if x.dtype.names else types.Array(of, x.ndim, "C")
@@ -126,7 +129,7 @@ def _field_type(x: Any) -> Any:
 
 @register_model(Bundle)
 class BundleModel(models.PrimitiveModel):  # type: ignore[misc]
-    """An address of words."""
+    """The data model of a bundle, an address of words."""
 
     def __init__(self, manager: Any, of: Any) -> None:
         super().__init__(manager, of, WORD.as_pointer())
@@ -134,17 +137,18 @@ class BundleModel(models.PrimitiveModel):  # type: ignore[misc]
 
 @infer_getattr
 class BundleFields(AttributeTemplate):  # type: ignore[misc]
-    """Types of fields."""
+    """Types of a bundle's fields."""
 
     key = Bundle
 
     def generic_resolve(self, of: Any, name: str) -> Any:
-        """The type of one, None where there is none."""
+        """Return the type of a field, None where there is none."""
         return of.fields.get(name, (0, None))[1]
 
 
 @lower_getattr_generic(Bundle)
 def _load_field(context: Any, builder: Any, of: Any, words: Any, name: str) -> Any:
+    """Write the loading of a bundle's field, as numba asks for it where compiled code names the field."""
     at, kind = of.fields[name]
     words = builder.gep(words, [ir.Constant(WORD, at)])
     if isinstance(kind, Bundle):
@@ -156,13 +160,14 @@ def _load_field(context: Any, builder: Any, of: Any, words: Any, name: str) -> A
 
 
 def _load_word(builder: Any, words: Any, at: int) -> Any:
+    """Write the loading of the word at place ``at``, which never changes while a function runs."""
     value = builder.load(builder.gep(words, [ir.Constant(WORD, at)]))
     value.set_metadata("invariant.load", builder.module.add_metadata([]))
     return value
 
 
 def _array_loader(context: Any, module: Any, kind: Any) -> Any:
-    """A function words -> array: written once, as arrays are named often."""
+    """Return the IR function that makes numba's array of the words at an address, written once a module."""
     name = f"mbsbench.load.{kind.dtype}.{kind.ndim}"
     if name in module.globals:
         return module.globals[name]
@@ -185,6 +190,8 @@ def _array_loader(context: Any, module: Any, kind: Any) -> Any:
 
 
 def _viewer(of: Bundle) -> Any:
+    """Return an intrinsic that takes the address of words as a bundle of type ``of``."""
+
     @intrinsic
     def view(typing: Any, words: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
@@ -196,15 +203,18 @@ def _viewer(of: Bundle) -> Any:
     return view
 
 
-def arm(name: str, seen: set[str]) -> None:
-    """Make numba's functions of all ``Inner`` functions of a module and of those it imports from."""
+def arm_functions(name: str, seen: set[str]) -> None:
+    """Replace all marked functions of a module, and of those it imports from, by numba's compiled ones.
+
+    ``seen`` are names of modules that are done.
+    """
     if name in seen or not name.startswith(PACKAGE) or name == entries.__name__:
         return
     seen.add(name)
     space = vars(sys.modules[name])
     for key, value in list(space.items()):
-        if isinstance(value, Inner):
-            arm(value.function.__module__, seen)
+        if isinstance(value, InlineFunction):
+            arm_functions(value.function.__module__, seen)
             space[key] = _compile_inner(value)
         elif value is entries.run:
             space[key] = run
@@ -213,17 +223,18 @@ def arm(name: str, seen: set[str]) -> None:
         elif callable(value):
             of = getattr(getattr(value, "py_func", value), "__module__", None)
             if isinstance(of, str) and of in sys.modules:
-                arm(of, seen)
+                arm_functions(of, seen)
 
 
 @cache
-def _compile_inner(of: Inner) -> Any:
+def _compile_inner(of: InlineFunction) -> Any:
+    """Return numba's function of a marked one, with its options."""
     return numba.njit(**OPTIONS, **of.options)(of.function)
 
 
 @intrinsic
 def run(typing: Any, entry: Any) -> Any:
-    """Carry out the calls of a program, by its word."""
+    """Carry out the calls of a program, given by its word, in compiled code."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         program = builder.inttoptr(given[0], WORD.as_pointer())
@@ -237,7 +248,7 @@ def run(typing: Any, entry: Any) -> Any:
 
 @intrinsic
 def call_law(typing: Any, address: Any, t: Any, state: Any, load: Any) -> Any:
-    """law(t, state, load) at the address of its C function."""
+    """Call a user's law(t, state, load) at the address of its C function, in compiled code."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         double = ir.DoubleType()

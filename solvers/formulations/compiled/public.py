@@ -1,6 +1,6 @@
 """``accelerations``, ``equations`` and ``project`` of the public interface on the compiled kernel, one a thread.
 
-Whatever the kernel leaves not finite goes to the harness's own functions in NumPy, which say what is wrong.
+Where results of the kernel are not finite, the harness's own functions in NumPy take over, and say what is wrong.
 """
 
 import threading
@@ -18,15 +18,15 @@ from ....harness.mechanics.step_time import check_time
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from .kernel import Kernel, make_kernel, start_at
 
-SHIFT = 1e-6  # of S's diagonal: what redundant rows carry is then good to 1e-10, and weak rows settle in a few passes
-PASSES = 30  # of refinement at most
-SETTLED = 1e-13  # of the reaction: the last pass
-KEPT = 32  # kernels
-ITERATIONS, CLOSED = 20, 1e-14  # of Gauss-Newton, [m] of phi: as in ``mechanics.consistency``
+SHIFT = 1e-6  # share of S's diagonal: redundant rows' loads are then right to 1e-10, weak rows settle in a few passes
+PASSES = 30  # passes of refinement at most
+SETTLED = 1e-13  # relative change of the reaction that ends refinement
+KEPT = 32  # kernels a thread
+ITERATIONS, CLOSED = 20, 1e-14  # Gauss-Newton iterations, [m] limit of phi: as in ``mechanics.consistency``
 
 
 class _Entry(NamedTuple):
-    """A kernel with the system that it is for, which stays alive, and what its callers need beside it."""
+    """A kernel with the system that it belongs to, which stays alive, and additional data for its callers."""
 
     system: MultibodySystem
     kernel: Kernel
@@ -35,7 +35,7 @@ class _Entry(NamedTuple):
 
 
 class _Dense(NamedTuple):
-    """The mass matrices, and where ``way`` and ``X`` of the kernel stand in a dense A."""
+    """The mass matrices, and the places of the kernel's ``way`` and ``X`` in a dense A."""
 
     M: np.ndarray  # (nb, 6, 6)
     end: np.ndarray  # (m,)
@@ -45,7 +45,7 @@ class _Dense(NamedTuple):
 
 
 class _Kept(threading.local):
-    """The last ``KEPT`` entries of each thread, by id of the system and what they are for."""
+    """The last ``KEPT`` entries of each thread, by id of the system and purpose."""
 
     def __init__(self) -> None:
         self.entries: dict[tuple[int, str], _Entry] = {}
@@ -56,12 +56,12 @@ _kept = _Kept()
 
 @count_calls(factorises=True)
 def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray, " nrows"] | float = 0.0) -> Rates:
-    """Rates (nb, 3) of v [m/s2, space] and Omega [rad/s2, body], and reactions (nrows,) of index 1 at a state.
+    """Return rates (nb, 3) of v [m/s2, space] and Omega [rad/s2, body], and reactions (nrows,) of index 1 at a state.
 
     M a = f + A^T reaction with A a + A_dot v = ``phi_ddot``. Redundant rows share their load: of all reactions with
     this load the sum of squares is least, rows scaled to length one in the metric of M^-1. Off the constraints, where
-    redundant rows contradict each other, the others hold. ValueError where a body is
-    accelerated about an axis without inertia.
+    redundant rows contradict each other, the others hold. ValueError where a body is accelerated about an axis without
+    inertia.
     """
     check_time(s)
     _, k, added, _ = _entries(system, "accelerations")
@@ -104,9 +104,10 @@ def equations(system: MultibodySystem, s: State) -> Equations:
 
 
 def project(system: MultibodySystem, state: State, iterations: int = ITERATIONS) -> State:
-    """The nearest consistent state: Gauss-Newton on phi, then velocities, both least change in the mass metric.
+    """Return the nearest consistent state: Gauss-Newton on phi, then velocities, both by least change.
 
-    A body's inertia counts as the same about all axes, the mean. InconsistentStart where no pose is found.
+    The metric is mass; a body's inertia counts as the same about all axes, the mean. Raises ``InconsistentStart`` where
+    no pose is found.
     """
     k = _entries(system, "project").kernel
     start_at(k, state)
@@ -135,6 +136,7 @@ NEEDED = {
 
 
 def _entries(system: MultibodySystem, what: str) -> _Entry:
+    """Return the kernel of a system for the purpose ``what``, kept by the thread or made."""
     key, kept = (id(system), what), _kept.entries
     if key not in kept:
         k = make_kernel(system, NEEDED[what])
@@ -149,7 +151,7 @@ def _entries(system: MultibodySystem, what: str) -> _Entry:
 
 
 def _prepare_dense(system: MultibodySystem, k: Kernel) -> _Dense:
-    """Return what of ``equations`` does not change, and where each row of the kernel stands in A at ends on bodies."""
+    """Return M, and the place in a dense A of each constraint row of the kernel at each end on a body."""
     body = np.repeat(k.body, np.diff(k.row), axis=0)  # (nrows, 2)
     end, row = np.nonzero(body.T != GROUND)
     first = np.argsort(k.order)[row] * 6 * system.nb + 6 * body[row, end]
@@ -161,7 +163,10 @@ def _prepare_dense(system: MultibodySystem, k: Kernel) -> _Dense:
 
 
 def _share(k: Kernel) -> None:
-    """Take from ``lam`` what carries no load, its part n with S n = 0: n -= (S + e D)^-1 S n, from n = ``lam``."""
+    """Subtract from the multipliers ``k.lam`` their part n without load: redundant rows then share theirs evenly.
+
+    S n = 0; it is found by n -= (S + e D)^-1 S n, from n = ``lam``.
+    """
     k.state["shift"] = SHIFT
     k.factorise.run()
     k.state["shift"] = 0.0

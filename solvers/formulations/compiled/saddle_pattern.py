@@ -12,21 +12,25 @@ import numpy as np
 from .bundles import make_bundle, make_record
 from .greedy_order import eliminate
 
-NUMBERS = {  # of the factors and of a solution, by elimination position
-    "low": "nlow 6 6", "pivot_inverse": "N 6 6", "panel": "npanel",  # blocks of L, panels of U
+NUMBERS = {  # arrays of the factors and of a solution, by elimination position
+    "low": "nlow 6 6",
+    "pivot_inverse": "N 6 6",
+    "panel": "npanel",  # blocks of L, panels of U
     "pivot": "n",  # |pivots|
-    "dense": "6 n", "strip": "n",  # a row in the making
+    "dense": "6 n",
+    "strip": "n",  # the row being eliminated
     "x": "n",  # right-hand side and solution
-}  # fmt: skip
+}
 
 
 def analyse(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.ndarray) -> tuple[Any, Any]:
-    """Blocks of the saddle, each by rows; elimination order, fill, all blocks one after another, room for numbers.
+    """Return the bundle of the saddle's blocks and that of its LU factors: elimination order, fill and storage.
 
-    ``bodies``: load of one body by velocities of another, pairs of the kernel; ``column``: load of end e by the
-    multipliers of a joint; ``row``: rows of a joint by the velocities of end e; ``joint``: a diagonal of its own.
-    ``bodies`` (nj, 2) of joints, -1 is the ground, and their first rows (nj + 1,); ``pairs`` (npairs, 2) of bodies,
-    first each with itself, of which those ``apart`` (indices) have a block, too.
+    In the first, blocks by rows: ``bodies``: load of one body by velocities of another, pairs of the kernel;
+    ``column``: load of end e by the multipliers of a joint; ``row``: rows of a joint by the velocities of end e;
+    ``joint``: a diagonal of its own. Arguments: ``bodies`` (nj, 2) of joints, -1 is the ground, and their first rows
+    (nj + 1,); ``pairs`` (npairs, 2) of bodies, first each with itself, of which those ``apart`` (indices) have a block,
+    too.
     """
     nb, nj, nrows = int(np.sum(pairs[:, 0] == pairs[:, 1])), len(bodies), int(row[-1])
     sizes = (36 * len(pairs), 6 * nrows, 6 * nrows, 6 * nrows, 6 * nrows, 36 * nj)
@@ -34,9 +38,14 @@ def analyse(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.nd
     blocks = np.zeros(first[-1])
     parts = [blocks[first[n] : first[n + 1]] for n in range(6)]
     saddle = make_bundle(
-        "Saddle", {}, {}, bodies=parts[0].reshape(-1, 6, 6), column=blocks[first[1] : first[3]].reshape(2, -1),
-        row=blocks[first[3] : first[5]].reshape(2, -1), joint=parts[5].reshape(-1, 36),
-    )  # fmt: skip
+        "Saddle",
+        {},
+        {},
+        bodies=parts[0].reshape(-1, 6, 6),
+        column=blocks[first[1] : first[3]].reshape(2, -1),
+        row=blocks[first[3] : first[5]].reshape(2, -1),
+        joint=parts[5].reshape(-1, 36),
+    )
     keys: dict[tuple[int, int], int] = {(b, b): 36 * b for b in range(nb)}
     for j, ends in enumerate(bodies):
         for e, b in enumerate(ends):
@@ -62,18 +71,30 @@ def analyse(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.nd
     column = place[[b for _, b in ordered]]
     found: dict[str, Any] = {
         # first scalar of each; of the original blocks of row p the first scalars of their columns, widths and places
-        "blocks": blocks, "body_at": at[place][:nb], "joint_at": at[place][nb:],
+        "blocks": blocks,
+        "body_at": at[place][:nb],
+        "joint_at": at[place][nb:],
         "pair_start": np.searchsorted(place[[a for a, _ in ordered]], np.arange(nb + nj + 1)).astype(np.int64),
-        "pair_column": at[column], "pair_width": size[order][column],
+        "pair_column": at[column],
+        "pair_width": size[order][column],
         "pair_place": np.array([keys[k] for k in ordered], dtype=np.int64),
-    }  # fmt: skip
+    }
     return saddle, _structure(order, [later[a] for a in found_order], place, size[order], at, found)
 
 
 def _structure(
-    order: np.ndarray, behind: list[set[int]], place: np.ndarray, size: np.ndarray, at: np.ndarray,
+    order: np.ndarray,
+    behind: list[set[int]],
+    place: np.ndarray,
+    size: np.ndarray,
+    at: np.ndarray,
     found: dict[str, Any],
-) -> Any:  # fmt: skip
+) -> Any:
+    """Return the bundle of LU factors: storage and index tables from the elimination ``order`` and later neighbours.
+
+    ``behind`` are the later neighbours of each node, ``place`` its place in the order, ``size`` and ``at`` the number
+    and first place of its scalars; ``found`` are further fields.
+    """
     N, n = len(order), int(at[-1])
     low: list[list[int]] = [[] for _ in range(N)]
     up: list[np.ndarray] = []
@@ -85,8 +106,13 @@ def _structure(
     width = np.array([len(u) for u in up], dtype=np.int64)
     sizes = {"N": N, "n": n, "nlow": sum(map(len, low)), "npanel": int(np.sum(width * size))}
     return make_bundle(
-        "LU", NUMBERS, sizes, state=make_record(singular=0), **found,
-        size=size, start=at,  # scalars of node p, its first one
+        "LU",
+        NUMBERS,
+        sizes,
+        state=make_record(singular=0),
+        **found,
+        size=size,
+        start=at,  # scalars of node p, its first one
         # nodes before p that p's row meets, ascending; scalar columns behind p in its row, ascending; its panel of U
         low_start=np.concatenate(([0], np.cumsum([len(q) for q in low]))).astype(np.int64),
         low_node=np.array([q for qs in low for q in qs], dtype=np.int64),
@@ -94,4 +120,4 @@ def _structure(
         up=np.concatenate(up).astype(np.int64) if up else np.zeros(0, dtype=np.int64),
         panel_start=np.concatenate(([0], np.cumsum(width * size))).astype(np.int64),
         swapped=np.zeros(6, dtype=np.int64),  # rows swapped in a pivot block
-    )  # fmt: skip
+    )

@@ -17,14 +17,17 @@ from .kernel import Kernel, empty_kernel, finish_kernel
 from .mechanism import use_code
 
 ROW = list(joints.KINDS).index("driven distance")
-ARRAYS = ("t", "r", "R", "v", "force", "phi", "slip", "rhs", "x", "w")  # of ``Kernel``, one of each stage
-ENTRIES = ("rows", "factorise", "solve", "forces", "divide", "push", "slips")  # 0 where one is not needed
+ARRAYS = ("t", "r", "R", "v", "force", "phi", "slip", "rhs", "x", "w")  # arrays of ``Kernel``, one for each stage
+ENTRIES = ("rows", "factorise", "solve", "leave_out", "forces", "divide", "push", "slips")  # 0 where one is not needed
 
 
 def stack_kernels(
     system: MultibodySystem, n: int, needed: Collection[str], code: str = "kernel"
 ) -> tuple[Any, list[Kernel]]:
-    """``n`` kernels of a system, stacked, and apart: these keep the entries alive."""
+    """Return a bundle of ``n`` kernels of a system in stacked arrays, and the kernels, which keep the entries alive.
+
+    ``code`` is "kernel" (loops) or "mechanism".
+    """
     one = empty_kernel(system)
     stacked: dict[str, Any] = {name: np.zeros((n, *getattr(one, name).shape)) for name in ARRAYS}
     made = []
@@ -37,15 +40,30 @@ def stack_kernels(
 
 
 def make_springs(system: MultibodySystem, n: int) -> tuple[Any, list[Kernel], np.ndarray]:
-    """``n`` kernels whose joints are the springs of a system; stiffness, free length and damping (3, ns)."""
+    """Make ``n`` kernels whose constraint rows are the lengths of a system's springs.
+
+    Return their bundle, the kernels, and stiffness, free length and damping (3, ns) in the kernels' order.
+    """
     s, m = system, len(system.spring_k)
     none, some, of_time = np.zeros(m, dtype=np.int64), np.zeros((m, 3)), np.zeros((m, 7))
     as_joints = replace(
-        s, joint_i=s.spring_i, joint_j=s.spring_j, joint_s_i=s.spring_p_i, joint_s_j=s.spring_p_j,
-        joint_sort=none + ROW, joint_points=none, joint_lines=none, joint_axes=none, joint_moving=none + 1,
-        joint_u=some, joint_w=some, joint_n=np.zeros((m, 3, 3)), joint_length=np.zeros(m), joint_motion=of_time,
+        s,
+        joint_i=s.spring_i,
+        joint_j=s.spring_j,
+        joint_s_i=s.spring_p_i,
+        joint_s_j=s.spring_p_j,
+        joint_sort=none + ROW,
+        joint_points=none,
+        joint_lines=none,
+        joint_axes=none,
+        joint_moving=none + 1,
+        joint_u=some,
+        joint_w=some,
+        joint_n=np.zeros((m, 3, 3)),
+        joint_length=np.zeros(m),
+        joint_motion=of_time,
         **_none(s, "spring", "torsion", "load", "user"),
-    )  # fmt: skip
+    )
     stages, made = stack_kernels(as_joints, n, ("rows", "push", "slips"))
     for k in made:
         k.J_inv[:] = inverse(s.regular_inertia)  # added inertia depends on joints
@@ -54,11 +72,12 @@ def make_springs(system: MultibodySystem, n: int) -> tuple[Any, list[Kernel], np
     return stages, made, law
 
 
-def without_springs(system: MultibodySystem) -> MultibodySystem:
-    """A system less its spring-dampers; torsional ones and user forces stay."""
+def remove_springs(system: MultibodySystem) -> MultibodySystem:
+    """Return a copy of the system without its spring-dampers; torsional springs and user forces stay."""
     return replace(system, **_none(system, "spring"))
 
 
 def _none(system: MultibodySystem, *kinds: str) -> dict[str, Any]:
+    """Return the system's fields of these ``kinds`` of parts, cut to no parts at all."""
     names = [name for name in vars(system) if name.split("_")[0] in kinds]
     return {name: getattr(system, name)[:0] for name in names}

@@ -1,13 +1,13 @@
 """User forces (``mechanics.user_forces``), called by address (compiled)."""
 
-from .algebra import turned_by
-from .entries import apart, call_law, inner
+from .algebra import turn_rotation
+from .entries import call_law, compile_inline, compile_separately
 
-DIFFERENCE = 1e-5  # of central differences: rounding and truncation are 1e-10
+DIFFERENCE = 1e-5  # step of central differences: rounding and truncation are 1e-10
 
 
 def add_user_forces(k):
-    """``k.force`` += what the laws give, torques in the body."""
+    """Add the forces of the laws to ``k.force``, torques in the body."""
     u = k.users
     for i in range(len(u.body)):
         read_state(k, u, i)
@@ -22,9 +22,9 @@ def add_user_forces(k):
                     k.force[b, 3 + a] += k.R[b, c, a] * u.load[2 + e, c]
 
 
-@inner
+@compile_inline
 def read_state(k, u, i):
-    """Set the state that law ``i`` reads: r, R, v, Omega of both bodies, of the ground none and R = I."""
+    """Fill ``u.state``, the input of law ``i``: r, R, v, Omega of both bodies; zero and R = I for the ground."""
     x = u.state
     for e in range(2):
         b = u.body[i, e]
@@ -37,7 +37,7 @@ def read_state(k, u, i):
 
 
 def add_user_slopes(k):
-    """``k.by_pose``, ``k.by_rate`` += slopes of what the laws, which are the user's code, give: central differences."""
+    """Add slopes of the users' laws by poses and velocities, by central differences, to the kernel's."""
     u = k.users
     for i in range(len(u.body)):
         for p in range(len(k.pair)):
@@ -49,16 +49,16 @@ def add_user_slopes(k):
                                 _add_slope(k, u, i, e, o, c, side, k.by_pose[p], k.by_rate[p])
 
 
-@apart
+@compile_separately
 def _add_slope(k, u, i, e, o, c, side, by_pose, by_rate):
-    """One half of one column of both: end ``e``'s load, end ``o`` moved."""
+    """Add one half of column ``c`` of both slopes: of end ``e``'s load, with end ``o`` moved to one side."""
     h = DIFFERENCE * (1.0 - 2.0 * side)
     read_state(k, u, i)
     if c < 3:
         u.state[3 * o + c] += h
     else:
         R = u.state[6 + 9 * o : 15 + 9 * o].reshape(3, 3)
-        turned_by(R, h * (c == 3), h * (c == 4), h * (c == 5), R)
+        turn_rotation(R, h * (c == 3), h * (c == 4), h * (c == 5), R)
     _add_column(k, u, i, e, o, c, side, by_pose, 0.5 / h)
     read_state(k, u, i)
     if c < 3:
@@ -68,8 +68,9 @@ def _add_slope(k, u, i, e, o, c, side, by_pose, by_rate):
     _add_column(k, u, i, e, o, c, side, by_rate, 0.5 / h)
 
 
-@apart
+@compile_separately
 def _add_column(k, u, i, e, o, c, side, K, weight):
+    """Add ``weight`` times end ``e``'s load, with the torque in the body, to column ``c`` of K."""
     call_law(u.law[i], k.t[0], u.state, u.load)
     for a in range(3):
         K[a, c] += weight * u.load[e, a]

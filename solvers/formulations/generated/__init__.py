@@ -11,13 +11,13 @@ from .code import Code, compile_functions
 from .program import Program
 
 if TYPE_CHECKING:
-    from .functions import Loop, Straight
+    from .functions import GeneratedFunction, Loop
 
-__all__ = ["Code", "Loop", "Program", "Straight", "compile_functions"]
+__all__ = ["Code", "GeneratedFunction", "Loop", "Program", "compile_functions"]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in ("Loop", "Straight"):
+    if name not in ("GeneratedFunction", "Loop"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from . import functions
 

@@ -19,17 +19,17 @@ import llvmlite.binding as llvm
 
 from ....harness.cache import cache_folder
 from ....harness.code_meter import making_code
+from ....harness.confined_paths import ConfinedPath
 from ....harness.machine import llvm_target
-from ....harness.places import Place
 
 if TYPE_CHECKING:
-    from .functions import Loop, Straight
+    from .functions import GeneratedFunction, Loop
 
 FOLDER = cache_folder("generated", Path(__file__).parent / "__pycache__")
 LARGEST = 1 << 28  # bytes of an object
 MOST = 1 << 29  # bytes of all that are kept: some thousand kernels
 WAIT = 60.0  # [s] for another process to make an object: most take less than five
-LEVEL = 1  # of optimisation: machine code alone; LLVM's passes gain nothing on tapes
+LEVEL = 1  # level of optimisation: machine code alone; LLVM's passes gain nothing on tapes
 
 
 class Code:
@@ -37,27 +37,29 @@ class Code:
 
     @making_code
     def __init__(self, ir: str | Callable[[], str], key: str = "") -> None:
-        """From IR; or from what prints it, which is called only if nothing is kept under ``key``."""
+        """Load IR, or what a function prints, which is called only if nothing is kept on disk under ``key``."""
         self._machine = _machine()
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), self._machine)
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(_object(ir, key, self._machine)))
         self._engine.finalize_object()
 
     def address(self, name: str) -> int:
-        """Where function ``name`` begins; KeyError if there is none."""
+        """Return the address of function ``name``; KeyError if there is none."""
         address = self._engine.get_function_address(name)
         if not address:
             raise KeyError(f"no function {name!r} in this code")
         return address
 
     def function(self, name: str, arguments: int) -> Callable[..., None]:
-        """For calls from Python, with addresses of arrays."""
+        """Return the function ``name``, to be called from Python with the addresses of that many ``arguments``."""
         return ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.address(name))
 
 
 @making_code
-def compile_functions(functions: "Mapping[str, Straight | Loop | tuple[Sequence[Any], Sequence[Any]]]") -> Code:
-    """Code with one function for each name; a tuple (inputs, outputs) of CasADi's SX is a ``Straight``.
+def compile_functions(
+    functions: "Mapping[str, GeneratedFunction | Loop | tuple[Sequence[Any], Sequence[Any]]]",
+) -> Code:
+    """Compile one function for each name; a tuple (inputs, outputs) of CasADi's SX is a ``GeneratedFunction``.
 
     Raises ValueError on operations of CasADi without counterpart, and on inputs that are not dense symbols.
     """
@@ -65,72 +67,74 @@ def compile_functions(functions: "Mapping[str, Straight | Loop | tuple[Sequence[
 
 
 @making_code
-def print_functions(functions: "Mapping[str, Straight | Loop | tuple[Sequence[Any], Sequence[Any]]]") -> str:
-    """The IR of ``compile_functions``."""
-    from .functions import Straight
+def print_functions(functions: "Mapping[str, GeneratedFunction | Loop | tuple[Sequence[Any], Sequence[Any]]]") -> str:
+    """Return the LLVM IR that ``compile_functions`` compiles, one function for each name."""
+    from .functions import GeneratedFunction
     from .printing import print_module
 
-    return print_module({k: Straight(*f) if isinstance(f, tuple) else f for k, f in functions.items()})
+    return print_module({k: GeneratedFunction(*f) if isinstance(f, tuple) else f for k, f in functions.items()})
 
 
 def _machine() -> llvm.TargetMachine:
+    """Return LLVM's description of this processor, for which code is made."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    llvm.add_symbol("mbsbench_error", id(ArithmeticError))  # of code that raises; numba takes the name PyExc_...
+    llvm.add_symbol("mbsbench_error", id(ArithmeticError))  # for code that raises; numba uses the name PyExc_...
     target = llvm.Target.from_triple(llvm.get_process_triple())
     cpu, features = llvm_target()
     return target.create_target_machine(cpu=cpu, features=features, opt=LEVEL, reloc="pic", codemodel="jitdefault")
 
 
 def is_kept(key: str) -> bool:
-    """Whether code is kept under ``key``."""
+    """Return whether an object of code is kept on disk under ``key``, for this processor and version of LLVM."""
     return _place(key, _machine()).path.exists()
 
 
-def _place(key: str, machine: llvm.TargetMachine) -> Place:
+def _place(key: str, machine: llvm.TargetMachine) -> ConfinedPath:
+    """Return the path of the object file of ``key``, named by a digest of it, the processor and LLVM's version."""
     version = f"{llvmlite.__version__} {llvm.llvm_version_info} {LEVEL}"
     name = hashlib.sha256("\0".join((key, *llvm_target(), machine.triple, version)).encode()).hexdigest()
-    return Place(FOLDER) / f"{name}.o"
+    return ConfinedPath(FOLDER) / f"{name}.o"
 
 
 def _object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMachine) -> bytes:
-    """The object file of ``ir``, from disk if it is there."""
+    """Return the content of the object file of ``ir``, read from disk or made and kept there."""
     place = _place(ir if isinstance(ir, str) else key, machine)
     if (content := _read(place)) is not None:
         return content
-    with _alone(place):
+    with _lock_object(place):
         if (content := _read(place)) is not None:  # another process has made it meanwhile
             return content
         content = _compile(ir if isinstance(ir, str) else ir(), machine)
-        with contextlib.suppress(OSError):  # nowhere to write
+        with contextlib.suppress(OSError):  # no place to write
             FOLDER.mkdir(parents=True, exist_ok=True)
             place.write(hashlib.sha256(content).digest() + content, durable=False)
             _remove_oldest(FOLDER, MOST)
     return content
 
 
-def _read(place: Place) -> bytes | None:
-    """The object kept there; None if there is none, or a damaged one."""
+def _read(place: ConfinedPath) -> bytes | None:
+    """Return the content of the object file at ``place`` and mark it as used; None if missing or damaged."""
     with contextlib.suppress(OSError):
         kept = place.read(LARGEST)
         digest, content = kept[:32], kept[32:]
         if hashlib.sha256(content).digest() == digest:
-            os.utime(place.path)  # used: the last to be removed
+            os.utime(place.path)  # marks it as used: it is removed last
             return content
     return None
 
 
 @contextlib.contextmanager
-def _alone(place: Place) -> Iterator[None]:
+def _lock_object(place: ConfinedPath) -> Iterator[None]:
     """Keep other processes from making the same object meanwhile: each has a byte of one file to lock.
 
-    Where no lock is to be had, or not within ``WAIT``, both make it.
+    Where no lock is available, or not within ``WAIT``, both make it.
     """
     with contextlib.ExitStack() as held:
         with contextlib.suppress(OSError):
             FOLDER.mkdir(parents=True, exist_ok=True)
-            file = held.enter_context((Place(FOLDER) / "lock").open_file(os.O_RDWR | os.O_CREAT))
-            until = time.monotonic() + WAIT  # not for ever: who holds it may be stopped, or on a machine that is gone
+            file = held.enter_context((ConfinedPath(FOLDER) / "lock").open_file(os.O_RDWR | os.O_CREAT))
+            until = time.monotonic() + WAIT  # not for ever: the holder may be stopped, or on a machine that is down
             while time.monotonic() < until:
                 with contextlib.suppress(BlockingIOError):
                     fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, int(place.name[:15], 16))
@@ -142,7 +146,7 @@ def _alone(place: Place) -> Iterator[None]:
 def _remove_oldest(folder: Path, most: int) -> None:
     """Remove objects, those unused for longest first, until all take half of ``most`` bytes, if they take more.
 
-    Another process may remove them too, or read one meanwhile: what it has opened stays readable.
+    Another process may remove them too, or read one meanwhile: a file that it has opened stays readable.
     """
     found = list[tuple[float, int, Path]]()
     for path in folder.glob("*.o"):
@@ -159,6 +163,7 @@ def _remove_oldest(folder: Path, most: int) -> None:
 
 
 def _compile(ir: str, machine: llvm.TargetMachine) -> bytes:
+    """Return the object file that LLVM makes of ``ir``."""
     module = llvm.parse_assembly(ir)
     module.verify()
     return machine.emit_object(module)

@@ -11,7 +11,7 @@ from .tape import Tape, record
 
 
 @dataclass(frozen=True)
-class Straight:
+class GeneratedFunction:
     """``void f(double* inputs..., double* outputs...)``: one array for each expression; matrices by columns.
 
     Outputs must not overlap inputs, nor each other.
@@ -21,21 +21,21 @@ class Straight:
     outputs: Sequence[ca.SX]
 
     @cached_property
-    def recorded(self) -> "Recorded":
-        """The operations of ``record_function``."""
+    def recorded(self) -> "RecordedTape":
+        """Tape of the function's scalar operations, recorded once."""
         return _record_arrays([("whole", x) for x in self.inputs], [("whole", x) for x in self.outputs])
 
 
 @dataclass(frozen=True)
 class Loop:
-    """The same expressions for each of n elements: as many bodies or joints as there are, without Python.
+    """Expressions evaluated for each of n elements: as many bodies or joints as there are, without Python.
 
     The C arguments, all pointers, in this order: ``int64 n``; each of ``whole``, an array read by all elements; each of
     ``rows``, an array (n, size) of which each element reads its row; each of ``gathered`` as two, the array read and an
     ``int64`` table (n, size) of the places; each of ``blocks`` likewise, with a table (n,) of the first places of as
     many numbers in a row; each of ``stored``, an array (n, size) that is written by rows; each of ``added`` as two, the
     array added to and the table of places; each of ``added_blocks`` likewise, by first places. Nothing checks the
-    tables: what is to be dropped goes to a spare place at the end of the array. Outputs must not overlap inputs.
+    tables: dropped values go to a spare place at the end of the array. Outputs must not overlap inputs.
     """
 
     whole: Sequence[ca.SX] = ()
@@ -48,13 +48,13 @@ class Loop:
 
 
 class Array(NamedTuple):
-    """One array argument: how it is accessed, and its size (of a row)."""
+    """An array argument: how it is accessed, and its size (of a row)."""
 
     access: str  # whole, rows, gathered, blocks; stored, added, added_blocks
     size: int
 
 
-class Recorded(NamedTuple):
+class RecordedTape(NamedTuple):
     """A tape with the arrays that it reads and writes."""
 
     tape: Tape
@@ -63,9 +63,9 @@ class Recorded(NamedTuple):
     results: list[list[int]]  # numbers on the tape, one list an output
 
 
-def record_function(function: Straight | Loop) -> Recorded:
-    """The operations of ``function``; ValueError on inputs that are not dense symbols."""
-    if isinstance(function, Straight):
+def record_function(function: GeneratedFunction | Loop) -> RecordedTape:
+    """Record the operations of ``function``; ValueError on inputs that are not dense symbols."""
+    if isinstance(function, GeneratedFunction):
         return function.recorded
     return _record_arrays(
         [(how, x) for how in ("whole", "rows", "gathered", "blocks") for x in getattr(function, how)],
@@ -73,7 +73,8 @@ def record_function(function: Straight | Loop) -> Recorded:
     )
 
 
-def _record_arrays(inputs: list[tuple[str, ca.SX]], outputs: list[tuple[str, ca.SX]]) -> Recorded:
+def _record_arrays(inputs: list[tuple[str, ca.SX]], outputs: list[tuple[str, ca.SX]]) -> RecordedTape:
+    """Record the operations from ``inputs`` to ``outputs``, each with its kind of access; ValueError if not dense."""
     made = ca.Function("f", [x for _, x in inputs], [ca.densify(x) for _, x in outputs])
     tape = Tape()
     numbers = [[tape.input(k, place) for place in range(x.numel())] for k, (_, x) in enumerate(inputs)]
@@ -82,4 +83,4 @@ def _record_arrays(inputs: list[tuple[str, ca.SX]], outputs: list[tuple[str, ca.
             raise ValueError(f"inputs are dense symbols (got {x.nnz()} nonzeros of {len(own)})")
     results = record(tape, made, numbers)
     read, written = ([Array(how, x.numel()) for how, x in part] for part in (inputs, outputs))
-    return Recorded(tape, read, written, results)
+    return RecordedTape(tape, read, written, results)

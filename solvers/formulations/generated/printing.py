@@ -1,7 +1,7 @@
 """LLVM IR of recorded functions.
 
-Long functions are cut in parts of ``PART`` operations, which hand over in an array on the stack: the time that LLVM
-takes grows faster than the number of operations in one function.
+Long functions are cut in parts of ``PART`` operations, which pass values on in an array on the stack: the time that
+LLVM takes grows faster than the number of operations in one function.
 
 A product that one sum or difference alone reads is contracted with it, written out as ``llvm.fma``: left to LLVM, which
 of two products is contracted would be the processor's choice, and the last bits of a motion with it.
@@ -10,21 +10,31 @@ of two products is contracted would be the processor's choice, and the last bits
 from collections import Counter
 from collections.abc import Iterator
 
-from .functions import Array, Loop, Recorded, Straight, record_function
+from .functions import Array, GeneratedFunction, Loop, RecordedTape, record_function
 from .tape import find_needed
 
-PART = 1500  # operations
+PART = 1500  # operations of a part
 TABLED = ("gathered", "blocks", "added", "added_blocks")  # accessed through a table of places
 ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv", "fmod": "frem"}
 COMPARED = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
 LEAST_AND_LARGEST = {"fmin": "minnum", "fmax": "maxnum"}  # LLVM's names
-INTRINSIC = (  # of LLVM; else of libm
-    "sin", "cos", "exp", "log", "sqrt", "fabs", "floor", "ceil", "pow", "copysign", *LEAST_AND_LARGEST.values(),
-)  # fmt: skip
+INTRINSIC = (  # functions of LLVM; the others are libm's
+    "sin",
+    "cos",
+    "exp",
+    "log",
+    "sqrt",
+    "fabs",
+    "floor",
+    "ceil",
+    "pow",
+    "copysign",
+    *LEAST_AND_LARGEST.values(),
+)
 
 
-def print_module(functions: dict[str, Straight | Loop]) -> str:
-    """The IR of all ``functions``."""
+def print_module(functions: dict[str, GeneratedFunction | Loop]) -> str:
+    """Print the IR of all ``functions``."""
     lines: list[str] = []
     callees: dict[str, None] = {}
     for name, function in functions.items():
@@ -36,9 +46,9 @@ Result = tuple[int, int, int]  # output, place in it, number on the tape
 
 
 class _Printer:
-    """One function and its parts."""
+    """A function and its parts."""
 
-    def __init__(self, name: str, recorded: Recorded, loops: bool, callees: dict[str, None]) -> None:
+    def __init__(self, name: str, recorded: RecordedTape, loops: bool, callees: dict[str, None]) -> None:
         self._name, self._recorded, self._loops, self._callees = name, recorded, loops, callees
         self._operations = recorded.tape.operations
         live = find_needed(recorded.tape, [number for result in recorded.results for number in result])
@@ -51,6 +61,7 @@ class _Printer:
         self._slots: dict[int, int] = {}  # place of a number in the array between parts
 
     def function(self) -> list[str]:
+        """Return the lines of IR of the function, after those of its parts if it is long."""
         cuts = range(0, max(1, len(self._live)), PART)
         parts = [self._live[start : start + PART] for start in cuts]
         given = [self._given[start : start + PART] for start in range(0, max(1, len(self._given)), PART)]
@@ -71,7 +82,8 @@ class _Printer:
         return [*lines, *self._entry(calls)]
 
     def _entry(self, calls: list[str]) -> Iterator[str]:
-        shared = any("%slots" in call for call in calls)  # parts take it also where no number passes between them
+        """Yield the lines of the function that callers see: ``calls`` once, or in a loop over the elements."""
+        shared = any("%slots" in call for call in calls)  # all parts take it, even where no number passes between them
         slots = [f"  %slots = alloca double, i64 {max(len(self._slots), 1)}"] if shared else []
         if not self._loops:
             calls = [line.replace("i64 %e", "i64 0") for line in calls]
@@ -79,19 +91,30 @@ class _Printer:
             return
         separator = ", " if self._arguments() else ""
         yield from (
-            f'define void @"{self._name}"(ptr %n{separator}{self._arguments()}) {{', "entry:", *slots,
-            "  %count = load i64, ptr %n", "  %any = icmp sgt i64 %count, 0",
-            "  br i1 %any, label %element, label %done", "element:",
-            "  %e = phi i64 [ 0, %entry ], [ %next, %element ]", *calls, "  %next = add nsw i64 %e, 1",
-            "  %more = icmp slt i64 %next, %count", "  br i1 %more, label %element, label %done", "done:",
-            "  ret void", "}",
-        )  # fmt: skip
+            f'define void @"{self._name}"(ptr %n{separator}{self._arguments()}) {{',
+            "entry:",
+            *slots,
+            "  %count = load i64, ptr %n",
+            "  %any = icmp sgt i64 %count, 0",
+            "  br i1 %any, label %element, label %done",
+            "element:",
+            "  %e = phi i64 [ 0, %entry ], [ %next, %element ]",
+            *calls,
+            "  %next = add nsw i64 %e, 1",
+            "  %more = icmp slt i64 %next, %count",
+            "  br i1 %more, label %element, label %done",
+            "done:",
+            "  ret void",
+            "}",
+        )
 
     def _arrays(self) -> Iterator[tuple[str, Array]]:
+        """Yield the name in IR and the description of each array argument, inputs first."""
         for letter, arrays in (("x", self._recorded.inputs), ("y", self._recorded.outputs)):
             yield from ((f"{letter}{k}", array) for k, array in enumerate(arrays))
 
     def _arguments(self) -> str:
+        """Return the list of array arguments as written in IR, each table of places after its array."""
         names = []
         for name, array in self._arrays():
             names.append(f"ptr %{name}")
@@ -100,11 +123,11 @@ class _Printer:
         return ", ".join(names)
 
     def _parameters(self) -> str:
-        """The arguments as they are declared: arrays of straight functions do not overlap, which spares LLVM half."""
+        """Return the arguments as declared: arrays of straight functions do not overlap, which halves LLVM's time."""
         return self._arguments() if self._loops else self._arguments().replace("ptr", "ptr noalias")
 
     def _find_slots(self, parts: list[list[int]]) -> None:
-        """Numbers that a later part reads."""
+        """Give each number of the tape that a later part reads a place in the array on the stack."""
         at = {number: k for k, part in enumerate(parts) for number in part}
         for k, part in enumerate(parts):
             for number in part:
@@ -114,7 +137,10 @@ class _Printer:
                         self._slots.setdefault(x, len(self._slots))
 
     def _find_fused(self, part: list[int]) -> dict[int, int]:
-        """The product that each sum or difference of ``part`` is contracted with: the first that nothing else reads."""
+        """Return the product that each sum or difference of ``part`` is contracted with, if there is one.
+
+        It is the first of its two arguments that is a product of the same part and is read by it alone.
+        """
         own, out = set(part), dict[int, int]()
         for number in part:
             name, a, b = self._operations[number]
@@ -125,7 +151,10 @@ class _Printer:
         return out
 
     def _body(self, part: list[int], given: list[Result]) -> Iterator[str]:
-        """The operations of ``part``, then what it hands over and its results, and those ``given``."""
+        """Return lines of IR for the operations of ``part``, then stores of its slots, of its results and of ``given``.
+
+        ``given`` are results that are constants or inputs.
+        """
         body = _Body(self._recorded, self._slots, self._callees, self._find_fused(part))
         for number in part:
             body.write_operation(number)
@@ -143,31 +172,32 @@ class _Body:
     """Lines of straight code; each value read from outside is loaded once."""
 
     def __init__(
-        self, recorded: Recorded, slots: dict[int, int], callees: dict[str, None], fused: dict[int, int]
+        self, recorded: RecordedTape, slots: dict[int, int], callees: dict[str, None], fused: dict[int, int]
     ) -> None:
         self.lines: list[str] = []
         self._recorded, self._slots, self._callees, self._fused = recorded, slots, callees, fused
         self._products = set(fused.values())
         self._names: dict[int, str] = {}
-        self._truths: dict[int, str] = {}  # of numbers that are truth values
+        self._truths: dict[int, str] = {}  # numbers that are truth values
         self._rows: dict[str, str] = {}
         self._fresh = 0
 
     def write(self, line: str) -> None:
+        """Append an indented line of IR."""
         self.lines.append("  " + line)
 
     def define(self, line: str) -> str:
-        """The name of a new value."""
+        """Write the definition of a new IR value by the instruction ``line``; return the value's name."""
         self._fresh += 1
         self.write(f"%t{self._fresh} = {line}")
         return f"%t{self._fresh}"
 
     def point(self, array: str, place: str, kind: str = "double") -> str:
-        """The address of a place in an array argument."""
+        """Write the computation of the address of a place in an array argument; return the address's name."""
         return self.define(f"getelementptr {kind}, ptr %{array}, i64 {place}")
 
     def name(self, number: int) -> str:
-        """The value of ``number``, loaded if it is from outside."""
+        """Return the IR name of the tape's ``number``; load it first if it is an input or from an earlier part."""
         if number not in self._names:
             name, a, b = self._recorded.tape.operations[number]
             if name == "constant":
@@ -178,6 +208,7 @@ class _Body:
         return self._names[number]
 
     def _place(self, name: str, array: Array, place: int) -> str:
+        """Write the computation of the address of an element's entry ``place`` in ``array``; return its name."""
         if array.access == "whole":
             return self.point(name, str(place))
         if array.access in ("blocks", "added_blocks"):
@@ -194,6 +225,7 @@ class _Body:
         return at if table == name else self.point(name, self.define(f"load i64, ptr {at}"))
 
     def write_result(self, output: int, place: int, number: int) -> None:
+        """Store the tape's ``number`` at ``place`` of an output, or add it there; an added zero is left out."""
         array = self._recorded.outputs[output]
         added = array.access in ("added", "added_blocks")
         if added and number == self._recorded.tape.zero:
@@ -204,6 +236,10 @@ class _Body:
         self.write(f"store double {value}, ptr {address}")
 
     def write_operation(self, number: int) -> None:
+        """Write the instructions that compute the tape's ``number``.
+
+        A product that is fused into a sum is written with that sum.
+        """
         name, a, b = self._recorded.tape.operations[number]
         if name in (*COMPARED, "not", "and", "or"):
             if name in COMPARED:
@@ -238,7 +274,7 @@ class _Body:
             self._names[number] = self.define(f"call double {callee}({', '.join(arguments)})")
 
     def _fuse(self, name: str, a: int, b: int, product: int) -> str:
-        """a + b or a - b, of which ``product`` is one, in one rounding."""
+        """Write a + b or a - b, one of them the number ``product``, as one fused multiply-add; return its name."""
         _, x, y = self._recorded.tape.operations[product]
         first, second, other = self.name(x), self.name(y), self.name(b if product == a else a)
         if name == "sub" and product == a:
@@ -249,6 +285,7 @@ class _Body:
         return self.define(f"call double @llvm.fma.f64(double {first}, double {second}, double {other})")
 
     def _truth(self, number: int) -> str:
+        """Return the name of the IR truth value (i1) of the tape's ``number``: whether it is not zero."""
         if number not in self._truths:
             self._truths[number] = self.define(f"fcmp une double {self.name(number)}, 0.0")
         return self._truths[number]

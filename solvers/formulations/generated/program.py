@@ -15,13 +15,13 @@ MOST_ARGUMENTS = 56
 
 
 class Program:
-    """Calls of addresses with arrays, in order. It holds the arrays and what keeps the addresses valid.
+    """Calls of addresses with arrays, in order. It keeps alive the arrays and the owners of the addresses.
 
     ``entry``, also ``int`` of it, is the word by which compiled code runs them.
     """
 
     def __init__(self, steps: Sequence[tuple[int, Sequence[np.ndarray]]], keeps: Any = None) -> None:
-        """Arrays are used where they are: C-contiguous, float64 or of the type that the function expects."""
+        """Prepare the calls; arrays are used in place: C-contiguous, float64 or of the function's own type."""
         self.steps = list(steps)
         words = [runner().address("run"), len(steps)]
         for address, arrays in steps:
@@ -34,29 +34,42 @@ class Program:
         self._keeps = keeps
         self.entry = self._words.ctypes.data
         self._run = runner().function("run", 1)
-        self.step = runner().address("run"), [self._words[1:]]  # of another program, which must keep this one
+        # a step of another program, which must keep this one alive
+        self.step = runner().address("run"), [self._words[1:]]
 
     def __int__(self) -> int:
         return self.entry
 
     def run(self) -> None:
-        """Carry out the calls."""
+        """Carry out the calls, in order."""
         self._run(self.entry + 8)
 
 
 @cache
 def runner() -> Code:
-    """``run(program)`` over (address, number of arguments, arguments...) of each step; the first word counts them."""
+    """Return the code of ``run(program)``, which carries out a list of calls.
+
+    The program's first word counts its steps; each is (address, number of arguments, arguments...).
+    """
     cases = range(MOST_ARGUMENTS + 1)
     lines = [
-        "define void @run(ptr %program) {", "entry:", "  %steps = load i64, ptr %program",
-        "  %first = getelementptr i64, ptr %program, i64 1", "  br label %next", "next:",
-        "  %k = phi i64 [ 0, %entry ], [ %k1, %ran ]", "  %at = phi ptr [ %first, %entry ], [ %at1, %ran ]",
-        "  %more = icmp slt i64 %k, %steps", "  br i1 %more, label %call, label %done", "call:",
-        "  %f = load ptr, ptr %at", "  %countp = getelementptr i64, ptr %at, i64 1", "  %n = load i64, ptr %countp",
+        "define void @run(ptr %program) {",
+        "entry:",
+        "  %steps = load i64, ptr %program",
+        "  %first = getelementptr i64, ptr %program, i64 1",
+        "  br label %next",
+        "next:",
+        "  %k = phi i64 [ 0, %entry ], [ %k1, %ran ]",
+        "  %at = phi ptr [ %first, %entry ], [ %at1, %ran ]",
+        "  %more = icmp slt i64 %k, %steps",
+        "  br i1 %more, label %call, label %done",
+        "call:",
+        "  %f = load ptr, ptr %at",
+        "  %countp = getelementptr i64, ptr %at, i64 1",
+        "  %n = load i64, ptr %countp",
         "  %arguments = getelementptr i64, ptr %at, i64 2",
         f"  switch i64 %n, label %done [ {' '.join(f'i64 {n}, label %with{n}' for n in cases)} ]",
-    ]  # fmt: skip
+    ]
     for n in cases:
         lines.append(f"with{n}:")
         for k in range(n):
@@ -64,7 +77,14 @@ def runner() -> Code:
             lines.append(f"  %a{n}.{k} = load ptr, ptr %p{n}.{k}")
         lines += [f"  call void %f({', '.join(f'ptr %a{n}.{k}' for k in range(n))})", "  br label %ran"]
     lines += [
-        "ran:", "  %k1 = add i64 %k, 1", "  %words = add i64 %n, 2", "  %at1 = getelementptr i64, ptr %at, i64 %words",
-        "  br label %next", "done:", "  ret void", "}", "",
-    ]  # fmt: skip
+        "ran:",
+        "  %k1 = add i64 %k, 1",
+        "  %words = add i64 %n, 2",
+        "  %at1 = getelementptr i64, ptr %at, i64 %words",
+        "  br label %next",
+        "done:",
+        "  ret void",
+        "}",
+        "",
+    ]
     return Code("\n".join(lines))

@@ -17,33 +17,40 @@ Step = tuple[int, list[np.ndarray]]
 
 
 def set_to_zero(target: Float[np.ndarray, " n"]) -> Step:
-    """``target`` = 0."""
+    """Return a step that sets ``target`` = 0."""
     return _step("zero", len(target), target)
 
 
 def take(source: Float[np.ndarray, " m"], table: Int[np.ndarray, " n"], target: Float[np.ndarray, " n"]) -> Step:
-    """``target`` = source[table]."""
+    """Return a step that sets ``target`` = source[table]."""
     return _step("take", len(table), source, _indices(table), target)
 
 
 def take_negative(
     source: Float[np.ndarray, " m"], table: Int[np.ndarray, " n"], target: Float[np.ndarray, " n"]
 ) -> Step:
-    """``target`` = -source[table]."""
+    """Return a step that sets ``target`` = -source[table]."""
     return _step("take_negative", len(table), source, _indices(table), target)
 
 
 def add_products(
-    p: Float[np.ndarray, " m_p"], p_table: Int[np.ndarray, " n"], q: Float[np.ndarray, " m_q"],
-    q_table: Int[np.ndarray, " n"], target: Float[np.ndarray, " m"], place: Int[np.ndarray, " n"],
-) -> Step:  # fmt: skip
-    """``target``[place] += p[p_table] q[q_table], term by term."""
+    p: Float[np.ndarray, " m_p"],
+    p_table: Int[np.ndarray, " n"],
+    q: Float[np.ndarray, " m_q"],
+    q_table: Int[np.ndarray, " n"],
+    target: Float[np.ndarray, " m"],
+    place: Int[np.ndarray, " n"],
+) -> Step:
+    """Return a step that adds p[p_table] q[q_table] to ``target``[place], term by term."""
     tables = [_indices(table) for table in (p_table, q_table, place)]
     return _step("add_products", len(place), p, tables[0], q, tables[1], target, tables[2])
 
 
 def call_lapack(name: str, *arguments: np.ndarray) -> Step:
-    """LAPACK's routine ``name``; integers are int32, characters bytes. Its ``info`` is for the caller to look at."""
+    """Return, without carrying it out, a step that calls LAPACK's ``name``; its caller checks ``info``.
+
+    Integers are arrays of int32, characters arrays of bytes.
+    """
     capsule = vars(cython_lapack)["__pyx_capi__"][name]
     get = ctypes.pythonapi.PyCapsule_GetPointer
     get.restype, get.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
@@ -53,21 +60,24 @@ def call_lapack(name: str, *arguments: np.ndarray) -> Step:
 
 
 def integer(value: Any) -> Int[np.ndarray, " 1"]:
-    """An integer as LAPACK takes it."""
+    """Return an integer as LAPACK takes it: an array of one int32."""
     return np.array([value], dtype=np.int32)
 
 
 def _indices(table: np.ndarray) -> np.ndarray:
+    """Return a table of places as the loops read it: contiguous int64."""
     return np.ascontiguousarray(table, dtype=np.int64)
 
 
 def _step(name: str, n: int, *arrays: np.ndarray) -> Step:
+    """Return the step that calls the loop ``name`` over ``n`` elements with ``arrays``."""
     return _loops().address(name), [np.array([n]), *arrays]
 
 
 @cache
 @making_code
 def _loops() -> Code:
+    """Compile the loops over flat arrays that the steps call."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     return compile_functions(
         {

@@ -12,23 +12,66 @@ from typing import NamedTuple
 import casadi as ca
 
 UNARY: dict[int, str] = {
-    ca.OP_NEG: "neg", ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_SQRT: "sqrt", ca.OP_SIN: "sin", ca.OP_COS: "cos",
-    ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan", ca.OP_NOT: "not",
-    ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FABS: "fabs", ca.OP_SIGN: "sign", ca.OP_ERF: "erf",
-    ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_ASINH: "asinh", ca.OP_ACOSH: "acosh",
-    ca.OP_ATANH: "atanh", ca.OP_LOG1P: "log1p", ca.OP_EXPM1: "expm1",
-}  # fmt: skip
+    ca.OP_NEG: "neg",
+    ca.OP_EXP: "exp",
+    ca.OP_LOG: "log",
+    ca.OP_SQRT: "sqrt",
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_NOT: "not",
+    ca.OP_FLOOR: "floor",
+    ca.OP_CEIL: "ceil",
+    ca.OP_FABS: "fabs",
+    ca.OP_SIGN: "sign",
+    ca.OP_ERF: "erf",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
+    ca.OP_TANH: "tanh",
+    ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh",
+    ca.OP_LOG1P: "log1p",
+    ca.OP_EXPM1: "expm1",
+}
 BINARY: dict[int, str] = {
-    ca.OP_ADD: "add", ca.OP_SUB: "sub", ca.OP_MUL: "mul", ca.OP_DIV: "div", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow",
-    ca.OP_LT: "lt", ca.OP_LE: "le", ca.OP_EQ: "eq", ca.OP_NE: "ne", ca.OP_AND: "and", ca.OP_OR: "or",
-    ca.OP_FMOD: "fmod", ca.OP_REMAINDER: "remainder", ca.OP_COPYSIGN: "copysign", ca.OP_FMIN: "fmin",
-    ca.OP_FMAX: "fmax", ca.OP_ATAN2: "atan2", ca.OP_HYPOT: "hypot", ca.OP_IF_ELSE_ZERO: "if_else_zero",
-}  # fmt: skip
+    ca.OP_ADD: "add",
+    ca.OP_SUB: "sub",
+    ca.OP_MUL: "mul",
+    ca.OP_DIV: "div",
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+    ca.OP_LT: "lt",
+    ca.OP_LE: "le",
+    ca.OP_EQ: "eq",
+    ca.OP_NE: "ne",
+    ca.OP_AND: "and",
+    ca.OP_OR: "or",
+    ca.OP_FMOD: "fmod",
+    ca.OP_REMAINDER: "remainder",
+    ca.OP_COPYSIGN: "copysign",
+    ca.OP_FMIN: "fmin",
+    ca.OP_FMAX: "fmax",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_HYPOT: "hypot",
+    ca.OP_IF_ELSE_ZERO: "if_else_zero",
+}
 COMMUTES = frozenset(("add", "mul", "eq", "ne", "and", "or"))
 FOLDED: dict[str, Callable[..., float]] = {
-    "add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b, "div": lambda a, b: a / b,
-    "neg": lambda a: -a, "sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, "exp": math.exp, "fabs": abs,
-}  # fmt: skip
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b,
+    "neg": lambda a: -a,
+    "sqrt": math.sqrt,
+    "sin": math.sin,
+    "cos": math.cos,
+    "exp": math.exp,
+    "fabs": abs,
+}
 
 
 class Operation(NamedTuple):
@@ -40,7 +83,7 @@ class Operation(NamedTuple):
 
 
 class Tape:
-    """Operations in an order in which each follows its arguments; ``operations[k]`` is what number k stands for."""
+    """Operations, each after its arguments; ``operations[k]`` defines the number k."""
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
@@ -48,20 +91,23 @@ class Tape:
         self.zero, self.one = self.constant(0.0), self.constant(1.0)
 
     def constant(self, value: float) -> int:
-        """The number of a constant; zero has no sign."""
+        """Return the number on the tape of a constant, -0 as 0."""
         return self._record(Operation("constant", struct.unpack("<q", struct.pack("<d", value + 0.0))[0]))
 
     def input(self, array: int, place: int) -> int:
-        """The number of what stands at ``place`` of input ``array``."""
+        """Return the number of the entry at ``place`` of input ``array``."""
         return self._record(Operation("input", array, place))
 
     def value(self, number: int) -> float | None:
-        """The value of a constant, None of anything else."""
+        """Return the value of a constant, None for anything else."""
         name, bits, _ = self.operations[number]
         return struct.unpack("<d", struct.pack("<q", bits))[0] if name == "constant" else None
 
     def apply(self, name: str, a: int, b: int = -1) -> int:
-        """The number of operation ``name`` on numbers, simplified."""
+        """Record operation ``name`` of the numbers ``a``, ``b`` (-1: of one alone); return its number.
+
+        Operations of constants are carried out, others simplified where that is exact, and equal ones recorded once.
+        """
         values = [self.value(x) for x in (a, b) if x >= 0]
         if name in FOLDED and None not in values:
             try:
@@ -76,6 +122,7 @@ class Tape:
         return self._record(Operation(name, a, b))
 
     def _simplify(self, name: str, a: int, b: int) -> int | None:
+        """Return the number that an operation equals by algebra (x + 0, x 1, x - x, ...), or None if it does not."""
         zero, one = self.zero, self.one
         if name == "neg" and self.operations[a].name == "neg":
             return self.operations[a].a
@@ -98,6 +145,7 @@ class Tape:
         return None
 
     def _record(self, operation: Operation) -> int:
+        """Return the number of ``operation``, appended to the tape unless it is there."""
         number = self._numbers.setdefault(operation, len(self.operations))
         if number == len(self.operations):
             self.operations.append(operation)
@@ -105,7 +153,10 @@ class Tape:
 
 
 def record(tape: Tape, function: ca.Function, inputs: list[list[int]]) -> list[list[int]]:
-    """The numbers of a function's outputs, of dense expressions in SX, where its ``inputs`` have these numbers."""
+    """Record all operations of a CasADi ``function`` on ``tape``; return the numbers of its outputs.
+
+    ``inputs`` are the numbers of its inputs; outputs are dense. ValueError on an operation without counterpart.
+    """
     work: dict[int, int] = {}
     outputs = [[tape.zero] * function.nnz_out(k) for k in range(function.n_out())]
     for k in range(function.n_instructions()):
@@ -133,7 +184,7 @@ def record(tape: Tape, function: ca.Function, inputs: list[list[int]]) -> list[l
 
 
 def find_needed(tape: Tape, results: list[int]) -> list[int]:
-    """The numbers on which ``results`` depend, in order: what is not among them is dead."""
+    """Return the numbers of the tape that ``results`` depend on, themselves included, in order."""
     live, waiting = set(results), list(results)
     while waiting:
         name, a, b = tape.operations[waiting.pop()]

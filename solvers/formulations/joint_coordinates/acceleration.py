@@ -1,8 +1,8 @@
 """Anderson's acceleration of the sweeps of a step (compiled): Walker and Ni 2011, SIAM J. Numer. Anal. 49.
 
-The next unknowns are that combination of the sweeps so far, with weights of sum 1, whose changes cancel best. It takes
-no Jacobian and leaves the equations of a step as they are. Of the changes of changes an orthonormal basis is kept, and
-beside each of its columns by what the unknowns after a sweep differ along it.
+The next unknowns are that combination of the sweeps so far, with weights of sum 1, whose changes cancel best. It needs
+no Jacobian and leaves the equations of a step as they are. An orthonormal basis of the changes of changes is kept, and
+beside each of its columns the difference of the unknowns after a sweep along it.
 """
 
 from typing import Any
@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from ..compiled.algebra import clear, copy
-from ..compiled.entries import inner
+from ..compiled.entries import compile_inline
 
-MEMORY = 12  # sweeps that it combines: with half of them it takes 1 in 9 more on the pendulum, with twice no less
-DEPENDENT = 1e-8  # of a change of changes, beside what others span: rounding
+MEMORY = 12  # sweeps combined: with half of them it takes 1 in 9 more on the pendulum, with twice no less
+DEPENDENT = 1e-8  # share of a change of changes outside the span of others below which it is rounding
 
 
-@inner
+@compile_inline
 def accelerate(s: Any, h: float, known: int) -> int:
-    """Replace ``unknowns`` after a sweep by those of Anderson's method; return how many columns are known.
+    """Replace ``unknowns`` after a sweep by Anderson's combination; return the number of columns known then.
 
     ``known``: how many columns of ``basis`` have been found in this step, -1 before the first sweep; a new one takes
-    the place of the oldest.
+    the place of the oldest. ``h`` [s] is the step.
     """
     n, k = len(s.unknowns), len(s.weights)
     if known < 0:
@@ -59,9 +59,9 @@ def accelerate(s: Any, h: float, known: int) -> int:
     return known
 
 
-@inner
+@compile_inline
 def _weigh(s: Any, h: float) -> None:
-    """Set the weights by which changes of coordinates are measured beside 1 + |q|, of momenta beside the largest."""
+    """Set the weights of changes: of coordinates relative to 1 + |q|, of momenta relative to the largest."""
     n, moment = len(s.start[0]), 0.0
     for k in range(n):
         moment = max(moment, abs(s.start[1, k]))
@@ -72,9 +72,9 @@ def _weigh(s: Any, h: float) -> None:
         s.weights[a] = h / (1.0 + abs(s.start[0, k])) if is_rate else (h / moment if moment > 0.0 else 0.0)
 
 
-@inner
+@compile_inline
 def _remove(s: Any, j: int, change: Any, unknowns: Any) -> None:
-    """Take away what ``change`` has along column j of ``basis``, and what that is in unknowns."""
+    """Remove the component of ``change`` along column j of ``basis``, and its counterpart in the unknowns."""
     q, u = s.basis[j], s.images[j]
     along = _product(q, change)
     for a in range(len(change)):
@@ -83,9 +83,9 @@ def _remove(s: Any, j: int, change: Any, unknowns: Any) -> None:
         unknowns[a] -= along * u[a]
 
 
-@inner
+@compile_inline
 def _product(x: Any, y: Any) -> float:
-    """Return x . y by four sums, that do not wait for each other."""
+    """Return the scalar product of x and y, by four independent sums."""
     n = len(x) - len(x) % 4
     p = q = r = t = 0.0
     for a in range(0, n, 4):

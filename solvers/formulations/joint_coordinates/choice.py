@@ -1,11 +1,11 @@
-"""What evaluates a mechanism: code made for it or, where that is none, the recursion over its bodies."""
+"""Choice of the evaluation of a mechanism: code made for it or, where there is none, the recursion over its bodies."""
 
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem
 from ..recursion.evaluation import MOST_ROWS, TreeEvaluation, TreeMechanism, too_many_rows
 from ..recursion.phases import TreePhase
-from .code import JointCode, TooLarge, make_code
+from .code import CodeTooLarge, JointCode, make_code
 from .counting import refuse_code
 from .elimination import Order
 from .evaluation import Evaluation
@@ -14,11 +14,14 @@ from .tree import Tree, spanning_tree
 
 
 def choose_code(problem: Problem, tree: Tree) -> JointCode | TreeMechanism:
-    """Return code of a mechanism; above its limit, and with user forces, the recursion. ValueError: neither."""
+    """Return the code of a mechanism in its joints' coordinates, or the recursion over its bodies.
+
+    The recursion serves where code would be too large and where there are user forces. ValueError where neither can.
+    """
     if refuse_code(problem) is None:
         try:
             return make_code(problem.system, tree)
-        except TooLarge:
+        except CodeTooLarge:
             pass
     return TreeMechanism(problem.system, tree)
 
@@ -26,24 +29,30 @@ def choose_code(problem: Problem, tree: Tree) -> JointCode | TreeMechanism:
 def choose_phase(
     problem: Problem, tree: Tree, *, radial: bool
 ) -> tuple[JointCode | TreeMechanism, HamiltonCode | TreePhase]:
-    """Return the same for Hamilton's equations: both parts are code, or neither is."""
+    """Return what evaluates a mechanism, and what evaluates its Hamilton's equations: both code, or both recursion.
+
+    ``radial``: with the energy and the rows that hold quaternions at length one (module ``hamilton``).
+    """
     if refuse_code(problem) is None:
         try:
             made = make_code(problem.system, tree, whole=False)
             return made, make_hamilton_code(problem.system, tree, radial=radial)
-        except TooLarge:
+        except CodeTooLarge:
             pass
     mechanism = TreeMechanism(problem.system, tree)
     return mechanism, TreePhase(mechanism, radial=radial)
 
 
 def evaluate(made: JointCode | TreeMechanism, nq: int, chosen: Order | None = None) -> Evaluation | TreeEvaluation:
-    """Return what evaluates a mechanism, rows in the order ``chosen`` or in that of the start."""
+    """Return the arrays and programs that evaluate a mechanism, not a value.
+
+    Rows are eliminated in the order ``chosen``, or in that of the start; ``nq`` is the number of coordinates.
+    """
     return made.evaluate(chosen) if isinstance(made, TreeMechanism) else Evaluation(made, nq, chosen)
 
 
 def refusal(problem: Problem) -> str | None:
-    """Refuse mechanisms that are too large for code and have too many rows of loops for the recursion."""
+    """Return the refusal of a mechanism too large for code and with too many loop rows for the recursion, or None."""
     if refuse_code(problem) is None:
         return None
     rows = count_rows(problem.system, problem.initial)
@@ -51,5 +60,5 @@ def refusal(problem: Problem) -> str | None:
 
 
 def count_rows(system: MultibodySystem, start: State) -> int:
-    """Return how many rows close the loops of a tree."""
+    """Return the number of constraint rows of the joints that close the loops of a spanning tree."""
     return sum(int(system.joint_rows[k]) for k in spanning_tree(system, start).cuts)

@@ -35,22 +35,22 @@ from .tree import Tree
 if TYPE_CHECKING:
     import casadi as ca
 
-    from ..generated import Straight
-    from .loops import Row
-    from .motion import Motion
+    from ..generated import GeneratedFunction
+    from .loops import LoopRow
+    from .motion import TreeMotion
 
-MOST_OPERATIONS = 30_000
+MOST_OPERATIONS = 30_000  # larger code exceeds the processor's caches and does not pay (docs/decisions/kernels.md)
 ACCELERATION = "entries", "factor", "solve"
 SHARED = *ACCELERATION, "gaps", "move", "conclude", "record"
 SMALL = 700  # operations of ``accelerate`` up to which the stages of a step are written out
 
 
-MOST_LOADED = 8  # codes that a process keeps: the last ones
+MOST_LOADED = 8  # codes that a process keeps loaded: the last ones
 _LOADED: "dict[str, JointCode]" = {}
 
 
-class TooLarge(ValueError):
-    """Code of a mechanism would have more than ``MOST_OPERATIONS``."""
+class CodeTooLarge(ValueError):
+    """Raised where code of a mechanism would have more than ``MOST_OPERATIONS``."""
 
 
 class JointCode(NamedTuple):
@@ -59,34 +59,35 @@ class JointCode(NamedTuple):
     code: Code
     pattern: Pattern
     order: Order
-    rows: int  # of its loops
-    operations: int  # of accelerations
-    entries: int  # of L
-    whole: bool  # with ``accelerate`` in one
+    rows: int  # rows of its loops
+    operations: int  # operations of accelerations
+    entries: int  # entries of L
+    whole: bool  # whether ``accelerate`` is one function
 
     @property
     def kept(self) -> int:
-        """Return how many rows of the loops hold."""
+        """Number of loop rows in use: those of the elimination, without rows that depend on others."""
         return sum(k >= self.pattern.first for k in self.order.rows)
 
     @property
     def words(self) -> str:
-        """Say what evaluates the mechanism."""
+        """Words for a note on the trajectory, which say that code evaluates the mechanism."""
         return f"code of {self.operations} operations an evaluation"
 
     @property
     def is_small(self) -> bool:
-        """Return whether there is a ``step``."""
+        """Flag of a mechanism so small that its code has ``step``, all stages of a step in one function."""
         return self.operations <= SMALL
 
 
 @making_code
 def make_code(system: MultibodySystem, tree: Tree, *, whole: bool = True) -> JointCode:
-    """Made, or loaded; ValueError where none can be made. Its order of elimination is found at the start.
+    """Return the code of a mechanism, loaded from disk or made; ValueError where none can be made.
 
-    ``whole``: with ``accelerate`` in one, else with ``solve_rows``.
+    ``whole``: with ``accelerate`` as one function, else with ``solve_rows``. Its order of elimination is found at the
+    start. ``CodeTooLarge``, a ValueError, is raised above ``MOST_OPERATIONS``.
     """
-    equations = key_of(system, tree)
+    equations = digest_mechanism(system, tree)
     key = f"{equations}\0{whole}"
     made = _LOADED.pop(key, None) or _load(Code(lambda: _print(system, tree, equations, whole), key), whole)
     _LOADED[key] = made
@@ -95,14 +96,14 @@ def make_code(system: MultibodySystem, tree: Tree, *, whole: bool = True) -> Joi
     if made.operations < 0:
         raise ValueError("needs inertia for each velocity of a joint; a point mass on a ball has none: use rkmk_dop853")
     if made.operations > MOST_OPERATIONS:
-        raise TooLarge(too_large(made.operations))
+        raise CodeTooLarge(too_large(made.operations))
     if made.kept < made.rows and not system.is_holonomic:
         raise ValueError("leaves out rows that depend on others, and not every row has a phi to watch: use rkmk_dop853")
     return made
 
 
-def key_of(system: MultibodySystem, tree: Tree) -> str:
-    """Return what code of a mechanism is kept under."""
+def digest_mechanism(system: MultibodySystem, tree: Tree) -> str:
+    """Return the key under which code of a mechanism is kept on disk: makers' text and numbers of system and tree."""
     return f"{texts_of_makers()}\0{_own_text()}\0{_digest(system, tree)}"
 
 
@@ -110,7 +111,7 @@ ABOUT = "operations", "rows", "entries", "pairs", "variable", "ordered", "nu", "
 
 
 def _load(code: Code, whole: bool) -> JointCode:
-    """Read what the code says about itself."""
+    """Return the code with its sizes and tables, which its functions ``about`` and ``pattern`` state."""
     numbers = np.zeros(len(ABOUT))
     code.function("about", 1)(numbers.ctypes.data)
     about = dict(zip(ABOUT, numbers.astype(int).tolist(), strict=True))
@@ -123,7 +124,7 @@ def _load(code: Code, whole: bool) -> JointCode:
 
 
 def too_large(operations: int) -> str:
-    """The refusal of a mechanism of that size."""
+    """Return the refusal of a mechanism whose code takes so many ``operations`` an evaluation."""
     return (
         f"writes code for the mechanism, up to {MOST_OPERATIONS} operations an evaluation (needs {operations} or "
         "more): use rkmk_dop853"
@@ -131,16 +132,19 @@ def too_large(operations: int) -> str:
 
 
 def _print(system: MultibodySystem, tree: Tree, key: str, whole: bool) -> str:
-    """IR of the functions, and of what they are; that alone, where they are too large."""
+    """Return the IR of the mechanism's functions, and of ``about`` and ``pattern``, their sizes and tables.
+
+    It is that of the latter alone where the functions are too large; operations are -1 where inertia is missing.
+    """
     import casadi as ca
 
-    from ..generated.functions import Straight, record_function
+    from ..generated.functions import GeneratedFunction, record_function
     from .stages import write_step
 
-    def tell(operations: int, parts: "Parts | None" = None) -> "dict[str, Straight]":
+    def tell(operations: int, parts: "Parts | None" = None) -> "dict[str, GeneratedFunction]":
         about = (operations, *parts.sizes) if parts else (operations, *(0 for _ in ABOUT[1:]))
         what = parts.tables if parts else [ca.SX(0, 1)] * 4
-        return {"about": Straight([], [ca.vertcat(*about)]), "pattern": Straight([], what)}
+        return {"about": GeneratedFunction([], [ca.vertcat(*about)]), "pattern": GeneratedFunction([], what)}
 
     try:
         parts = Parts(system, tree, find_equations(system, tree, key))
@@ -163,23 +167,23 @@ class Equations(NamedTuple):
 
     t: "ca.SX"
     y: "ca.SX"
-    motion: "Motion"
+    motion: "TreeMotion"
     K: "Matrix"
     first: int
-    rows: "list[Row]"
+    rows: "list[LoopRow]"
     order: "Order"
 
     @property
     def held(self) -> int:
-        """Return how many rows hold opened balls."""
+        """Number of rows that hold opened balls."""
         return 3 * len(self.motion.opened)
 
 
-_FOUND: dict[str, Equations] = {}  # the last
+_FOUND: dict[str, Equations] = {}  # the last equations found
 
 
 def find_equations(system: MultibodySystem, tree: Tree, key: str) -> Equations:
-    """Return those of ``choose_order``, the last ones where they have this key."""
+    """Return the equations of ``choose_order``, those found last if they have this ``key``."""
     import casadi as ca
 
     if key not in _FOUND:
@@ -189,17 +193,18 @@ def find_equations(system: MultibodySystem, tree: Tree, key: str) -> Equations:
 
 
 def choose_order(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX") -> Equations:
-    """Return equations with balls opened or not, by the shorter elimination."""
+    """Return the equations of a tree, with its balls opened or not, whichever has the shorter elimination."""
     balls = [limb.body for limb in tree.limbs if limb.ball and limb.parent != GROUND]
     found = [_equations(system, tree, t, y, way) for way in ([], balls)[: 1 + bool(balls)]]
     return min(found, key=lambda equations: equations.order.products)
 
 
 def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int]) -> Equations:
+    """Return the matrix K of a tree with these balls ``opened``, as expressions, and its order of elimination."""
     from . import loops
-    from .motion import Motion
+    from .motion import TreeMotion
 
-    motion = Motion(system, tree, t, y, opened=opened)
+    motion = TreeMotion(system, tree, t, y, opened=opened)
     held, rows, K = loops.list_ball_rows(motion), loops.rows(motion), motion.inertia()
     n = len(K)
     for k, row in enumerate([*held, *rows], n):
@@ -211,20 +216,23 @@ def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", open
 
 
 def list_entries(found: Equations) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """Return places of K's entries, each of its halves once: those that move with the mechanism, and constants."""
+    """Return the places (row, column) of K's entries that depend on the motion, and of constant ones.
+
+    Each pair of K's halves is listed once.
+    """
     pairs = [(k, row) for k, column in found.K.items() for row in column if k <= row]
     constant = {(k, row) for k, row in pairs if found.K[k][row].is_constant()}
     return [pair for pair in pairs if pair not in constant], [pair for pair in pairs if pair in constant]
 
 
 class Parts:
-    """Functions of a mechanism as expressions, by which its accelerations and its projection are put together."""
+    """Functions of a mechanism as expressions, from which its accelerations and its projection are composed."""
 
     def __init__(self, system: MultibodySystem, tree: Tree, found: Equations) -> None:
-        """Constants of K and of L stay constants."""
+        """Write the functions; constants of K and of L stay constants."""
         import casadi as ca
 
-        from ..generated import Straight
+        from ..generated import GeneratedFunction
         from .motion import coordinate_rates
         from .stages import write_measure
 
@@ -252,29 +260,27 @@ class Parts:
         efforts = motion.efforts(motion.compute_carried_loads(motion.applied_forces()))
         loads = ca.vertcat(-efforts, *(-row.acceleration for row in rows))
         self.functions = {
-            "entries": Straight(
+            "entries": GeneratedFunction(
                 [t, y], [_column([found.K[k][row] for k, row in variable]), ca.densify(loads), motion.q_dot(u)]
             ),
-            "factor": Straight([given], [_column(factor.entries), ratio]),
-            "solve": Straight(
+            "factor": GeneratedFunction([given], [_column(factor.entries), ratio]),
+            "solve": GeneratedFunction(
                 [L, b], [_column([x[k] for k in range(nu)]), _column([-x.get(k, ca.SX(0)) for k in lam_at])]
             ),
-            "solve_rows": Straight([L, b[nu:]], [lam_of_rows]),
+            "solve_rows": GeneratedFunction([L, b[nu:]], [lam_of_rows]),
             "measure": write_measure(tree),
             "record": _record(system, tree, nr),
-        }  # fmt: skip
+        }
         step, q = ca.SX.sym("step", nu), ca.SX.sym("q", nq)
         moved = _normalise(tree, motion.q + motion.q_dot(step) if rows else motion.q)
         gaps_and_rates = [_column([row.phi for row in rows]), _column([row.rate for row in rows])]
         phi, rates = ca.Function("rows", [t, y], gaps_and_rates)(t, ca.vertcat(moved, u))
         still = [ca.SX(0)] * nu
         self.functions |= {
-            "gaps": Straight([t, y], [_column([*still, *(-row.phi for row in rows)])]),
-            "move": Straight(
-                [t, y, step], [moved, _column([*still, *_parts(-rates)]), ca.densify(phi)]
-            ),
-            "conclude": Straight([y, q, step], [ca.vertcat(q, u + step), coordinate_rates(tree, q, u + step)]),
-        }  # fmt: skip
+            "gaps": GeneratedFunction([t, y], [_column([*still, *(-row.phi for row in rows)])]),
+            "move": GeneratedFunction([t, y, step], [moved, _column([*still, *_parts(-rates)]), ca.densify(phi)]),
+            "conclude": GeneratedFunction([y, q, step], [ca.vertcat(q, u + step), coordinate_rates(tree, q, u + step)]),
+        }
         places = [place for pair in (*variable, *constant) for place in pair]
         constants = [float(found.K[k][row]) for k, row in constant]
         tables = places, constants, found.order.rows, found.order.pivots
@@ -289,23 +295,23 @@ class Parts:
             found.held,
         )
 
-    def accelerate(self) -> "Straight":
-        """Return (t, y) -> y_dot, least in one."""
+    def accelerate(self) -> "GeneratedFunction":
+        """Return the function (t, y) -> y_dot, least pivot, composed of entries, factor and solution."""
         import casadi as ca
 
-        from ..generated import Straight
+        from ..generated import GeneratedFunction
 
         t, y = self._found.t, self._found.y
         entries, factor, solve = (self._call(name) for name in ACCELERATION)
         K, b, q_dot = entries(t, y)
         L, ratio = factor(K)
-        return Straight([t, y], [ca.vertcat(q_dot, solve(L, b)[0]), ratio])
+        return GeneratedFunction([t, y], [ca.vertcat(q_dot, solve(L, b)[0]), ratio])
 
-    def finish(self) -> "Straight":
-        """Return (t, y) -> y projected, y_dot, lam in one."""
+    def finish(self) -> "GeneratedFunction":
+        """Return the function (t, y) -> y projected onto the loops, y_dot, lam."""
         import casadi as ca
 
-        from ..generated import Straight
+        from ..generated import GeneratedFunction
 
         t, y = self._found.t, self._found.y
         entries, factor, solve, gaps, move, conclude = (
@@ -316,25 +322,30 @@ class Parts:
         u_dot, lam = solve(L, b)
         q, slips, _ = move(t, y, solve(L, gaps(t, y))[0])
         after, q_dot = conclude(y, q, solve(L, slips)[0])
-        return Straight([t, y], [after, ca.vertcat(q_dot, u_dot), lam])
+        return GeneratedFunction([t, y], [after, ca.vertcat(q_dot, u_dot), lam])
 
     def _call(self, name: str) -> "ca.Function":
+        """Return one of the functions as CasADi's, to be called with expressions."""
         import casadi as ca
 
         function = self.functions[name]
         return ca.Function(name, list(function.inputs), [ca.densify(x) for x in function.outputs])
 
 
-def _record(system: MultibodySystem, tree: Tree, rows: int) -> "Straight":
+def _record(system: MultibodySystem, tree: Tree, rows: int) -> "GeneratedFunction":
+    """Return the function ``record``: motion and reactions of all bodies and joints at (t, y, y_dot, lam).
+
+    ``rows`` is the number of loop rows, those of lam.
+    """
     import casadi as ca
 
-    from ..generated import Straight
+    from ..generated import GeneratedFunction
     from . import loops
-    from .motion import Motion, Wrench
+    from .motion import TreeMotion, Wrench
 
     t, y, y_dot = ca.SX.sym("t"), ca.SX.sym("y", tree.nq + tree.nu), ca.SX.sym("y_dot", tree.nq + tree.nu)
     lam = ca.SX.sym("lam", rows)
-    motion = Motion(system, tree, t, y, y_dot[tree.nq :])
+    motion = TreeMotion(system, tree, t, y, y_dot[tree.nq :])
     loads, held = motion.applied_forces(), loops.row_loads(motion, lam)
     carried = motion.compute_carried_loads({b: Wrench(x.f + held[b].f, x.n + held[b].n) for b, x in loads.items()})
     first = system.row_start
@@ -355,10 +366,11 @@ def _record(system: MultibodySystem, tree: Tree, rows: int) -> "Straight":
         R.append(ca.vec((back @ R_b).T))
         v += [back @ (motion.v[b] + ca.cross(omega, c)), R_b.T @ omega]
         v_dot += [back @ (motion.a[b] + motion.W[b] @ c), R_b.T @ motion.alpha[b]]
-    return Straight([t, y, y_dot, lam], [ca.densify(_column(x)) for x in (r, R, v, v_dot, reaction)])
+    return GeneratedFunction([t, y, y_dot, lam], [ca.densify(_column(x)) for x in (r, R, v, v_dot, reaction)])
 
 
 def _evaluate(K: dict[int, dict[int, Any]], t: "ca.SX", y: "ca.SX", start: np.ndarray) -> dict[int, dict[int, float]]:
+    """Return K with numbers for its expressions, at t = 0 and the coordinates ``start``."""
     import casadi as ca
 
     places = [(k, row) for k, column in K.items() for row in column]
@@ -370,6 +382,7 @@ def _evaluate(K: dict[int, dict[int, Any]], t: "ca.SX", y: "ca.SX", start: np.nd
 
 
 def _normalise(tree: Tree, q: "ca.SX") -> "ca.SX":
+    """Return the coordinates ``q`` with the quaternions of balls divided by their lengths."""
     import casadi as ca
 
     out = ca.SX(q)
@@ -381,17 +394,19 @@ def _normalise(tree: Tree, q: "ca.SX") -> "ca.SX":
 
 
 def _parts(x: "ca.SX") -> list[Any]:
+    """Return the entries of a CasADi column as a list."""
     return [x[k] for k in range(x.numel())]
 
 
 def _column(x: list[Any]) -> "ca.SX":
+    """Return expressions as a dense CasADi column, also where there are none."""
     import casadi as ca
 
     return ca.densify(ca.vertcat(*x)) if len(x) else ca.SX(0, 1)
 
 
 def _digest(system: MultibodySystem, tree: Tree) -> str:
-    """Digest of all numbers of a system and of its tree."""
+    """Return a digest of all numbers of a system and of its tree."""
     digest = hashlib.sha256(repr([limb[:4] for limb in tree.limbs]).encode())
     arrays = {field.name: getattr(system, field.name) for field in fields(system)}
     arrays |= {f"limb {k} {n}": a for k, limb in enumerate(tree.limbs) for n, a in limb._asdict().items()}
@@ -404,6 +419,7 @@ def _digest(system: MultibodySystem, tree: Tree) -> str:
 
 @cache
 def _own_text() -> str:
+    """Return a digest of the modules that write the code: code made by another version is made again."""
     names = ("code", "elimination", "loops", "motion", "pivots", "stages", "tree")
     paths = [*(Path(__file__).with_name(f"{name}.py") for name in names), Path(fixed_order.__file__)]
     return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()

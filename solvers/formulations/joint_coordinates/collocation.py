@@ -1,6 +1,6 @@
 """Tableaux of symplectic steps with constraints: Gauss with Lobatto, and RATTLE.
 
-Nodes are known to 2^-``BITS``, all that follows from them is computed in fractions and rounded once: the same bits on
+Nodes are known to 2^-``BITS``; everything derived from them is computed in fractions and rounded once: the same bits on
 every machine, whatever linear algebra it has.
 """
 
@@ -13,16 +13,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-BITS = 90  # of a node: 37 more than a float has
-DEPTH = 4  # steps before by which a step is estimated
-DEGREE = 7  # of the polynomial of such an estimate, at most
+BITS = 90  # bits of a node: 37 more than a float has
+DEPTH = 4  # earlier steps from which a step is estimated
+DEGREE = 7  # degree of the polynomial of such an estimate, at most
 
 
-class Tableau(NamedTuple):
-    """Stages (q_i, p_i) at c h and rows at ``nodes`` h, the first at the start and the last at the end of a step::
+class CollocationTableau(NamedTuple):
+    """A tableau of stages (q_i, p_i) at c h and rows at ``nodes`` h, the first at the start and the last at the end.
 
-    q_i = q_0 + h sum a_ij q_dot_j,   p_i = p_0 + h sum a_p_ij p_dot_j - h sum a_row_ij G^T lam_j
-    q at node i = q_0 + h sum a_node_ij q_dot_j,   weights b and b_row at the end
+        q_i = q_0 + h sum a_ij q_dot_j,   p_i = p_0 + h sum a_p_ij p_dot_j - h sum a_row_ij G^T lam_j
+        q at node i = q_0 + h sum a_node_ij q_dot_j,   weights b and b_row at the end
 
     Symplectic: b_i a_p_ij + b_j a_ji = b_i b_j, b_i a_row_ij + b_row_j a_node_ji = b_i b_row_j.
     """
@@ -39,9 +39,11 @@ class Tableau(NamedTuple):
     b_row: Float[np.ndarray, " m"]
 
     def estimates(self) -> tuple[Float[np.ndarray, "d s ds"], Float[np.ndarray, "d n dm"]]:
-        """Return first estimates of stages, and of lam at nodes but the last, as weights of those of k steps before.
+        """Return weights of earlier steps' stages, and of their lam, that extrapolate those of the next step.
 
-        By k - 1; where stages collocate, of one polynomial through two steps, or one of lam; else of one for each.
+        The first axis is k - 1, for k steps before; lam of the last node is not estimated. Where stages collocate, one
+        polynomial goes through the stages of two steps, and one through lam of the last; else there is one for each
+        stage and node.
         """
         s, m = len(self.c), len(self.nodes)
         stages, rows = np.zeros((DEPTH, s, DEPTH, s)), np.zeros((DEPTH, m - 1, DEPTH, m))
@@ -60,16 +62,21 @@ class Tableau(NamedTuple):
         return stages.reshape(DEPTH, s, -1), rows.reshape(DEPTH, m - 1, -1)
 
     def newton(self) -> Float[np.ndarray, "n n"]:
-        """Return C^-1, C = a_node a_row without the first node and the last row."""
+        """Return C^-1, by which Newton's method corrects lam of all nodes but the last.
+
+        C = a_node a_row without the first node and the last row.
+        """
         at, by = ([[Fraction(x) for x in row] for row in a.tolist()] for a in (self.a_node[1:], self.a_row[:, :-1]))
-        C = [[sum((x * y for x, y in zip(row, column, strict=True)), ZERO) for column in zip(*by, strict=True)]
-             for row in at]  # fmt: skip
+        C = [
+            [sum((x * y for x, y in zip(row, column, strict=True)), ZERO) for column in zip(*by, strict=True)]
+            for row in at
+        ]
         return _rounded(_solve(C, _unit(len(C))))
 
 
 @cache
-def gauss_lobatto(s: int) -> Tableau:
-    """Gauss collocation, rows at the s + 1 nodes of Lobatto: order 2 s (Jay 2007)."""
+def gauss_lobatto(s: int) -> CollocationTableau:
+    """Return the tableau of Gauss collocation of s stages, with rows at Lobatto's s + 1 nodes: order 2 s (Jay 2007)."""
     P = _legendre(s)
     x = _roots(P[s])
     slope = _derivative(P[s])
@@ -78,37 +85,57 @@ def gauss_lobatto(s: int) -> Tableau:
     b_row = [1 / (s * (s + 1) * _value(P[s], z) ** 2) for z in ends]
 
     def integrals(to: list[Fraction]) -> Exact:
-        """From -1 of the polynomials that are 1 at one node of Gauss and 0 at the others; half of them."""
-        known = [[sum((_value(_integral(P[k]), z) * (k + Fraction(1, 2)) * _value(P[k], node) for k in range(s)), ZERO)
-                  for node in x] for z in to]  # fmt: skip
+        """Return half the integrals from -1 of the polynomials that are 1 at one node of Gauss and 0 at the others."""
+        known = [
+            [
+                sum((_value(_integral(P[k]), z) * (k + Fraction(1, 2)) * _value(P[k], node) for k in range(s)), ZERO)
+                for node in x
+            ]
+            for z in to
+        ]
         return [[weight * share for weight, share in zip(row, b, strict=True)] for row in known]
 
     a, a_node = integrals(x), integrals(ends)
     a_row = [[w * (1 - a_node[j][i] / b[i]) for j, w in enumerate(b_row)] for i in range(s)]
     c, nodes = ([(1 + z) / 2 for z in of] for of in (x, ends))
     rounded = _rounded(a)
-    return Tableau(
-        2 * s, True, _rounded([c])[0], rounded, rounded, _rounded([b])[0], _rounded([nodes])[0], _rounded(a_node),
-        _rounded(a_row), _rounded([b_row])[0],
-    )  # fmt: skip
+    return CollocationTableau(
+        2 * s,
+        True,
+        _rounded([c])[0],
+        rounded,
+        rounded,
+        _rounded([b])[0],
+        _rounded([nodes])[0],
+        _rounded(a_node),
+        _rounded(a_row),
+        _rounded([b_row])[0],
+    )
 
 
-def rattle() -> Tableau:
-    """Lobatto IIIA and IIIB of two stages (Hairer, Lubich, Wanner 2006, VII.1.4)."""
+def rattle() -> CollocationTableau:
+    """Return the tableau of RATTLE: Lobatto IIIA and IIIB of two stages (Hairer, Lubich, Wanner 2006, VII.1.4)."""
     ends, half, first = np.array([0.0, 1.0]), np.full(2, 0.5), np.array([[0.5, 0.0], [0.5, 0.0]])
     to_end = np.array([[0.0, 0.0], [0.5, 0.5]])
-    return Tableau(2, False, ends, to_end, first, half, ends, to_end, first, half)
+    return CollocationTableau(2, False, ends, to_end, first, half, ends, to_end, first, half)
 
 
 @cache
 def extrapolation(of: tuple[float, ...], to: tuple[float, ...], degree: int) -> Float[np.ndarray, "n m"]:
-    """Values at ``to`` of the polynomial through those at ``of``, or closest to them, by its values there."""
+    """Return weights (n, m) that turn values at the m points ``of`` into values at the n points ``to``.
+
+    They are those of the polynomial of this ``degree`` through, or closest to, the values.
+    """
     V, W = ([[Fraction(x) ** k for k in range(degree + 1)] for x in points] for points in (of, to))
     columns = list(zip(*V, strict=True))
     normal = [[sum((x * y for x, y in zip(a, b, strict=True)), ZERO) for b in columns] for a in columns]
-    fitted = _solve(normal, [list(column) for column in columns])  # coefficients by values
-    return _rounded([[sum((w * row[k] for w, row in zip(powers, fitted, strict=True)), ZERO) for k in range(len(of))]
-                     for powers in W])  # fmt: skip
+    fitted = _solve(normal, [list(column) for column in columns])  # coefficients as functions of values
+    return _rounded(
+        [
+            [sum((w * row[k] for w, row in zip(powers, fitted, strict=True)), ZERO) for k in range(len(of))]
+            for powers in W
+        ]
+    )
 
 
 Exact = list[list[Fraction]]
@@ -116,17 +143,19 @@ ZERO = Fraction(0)
 
 
 def _rounded(rows: Exact) -> np.ndarray:
+    """Return a read-only array of fractions, each rounded once."""
     out = np.array([[float(x) for x in row] for row in rows])
     out.flags.writeable = False
     return out
 
 
 def _unit(n: int) -> Exact:
+    """Return the identity matrix in fractions."""
     return [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]
 
 
 def _solve(A: Exact, B: Exact) -> Exact:
-    """Return A^-1 B by elimination; in fractions any pivot but 0 will do."""
+    """Return A^-1 B by elimination; in fractions any nonzero pivot will do."""
     n = len(A)
     rows = [[*a, *b] for a, b in zip(A, B, strict=True)]
     for k in range(n):
@@ -140,7 +169,7 @@ def _solve(A: Exact, B: Exact) -> Exact:
 
 
 def _legendre(s: int) -> list[list[Fraction]]:
-    """Return coefficients of the polynomials of Legendre up to degree s, lowest power first."""
+    """Return the coefficients of Legendre's polynomials up to degree s, lowest power first."""
     P = [[Fraction(1)], [ZERO, Fraction(1)]]
     for k in range(1, s):
         up, low = [ZERO, *P[k]], [*P[k - 1], ZERO, ZERO]
@@ -149,6 +178,7 @@ def _legendre(s: int) -> list[list[Fraction]]:
 
 
 def _value(p: Sequence[Fraction], x: Fraction) -> Fraction:
+    """Return the value at ``x`` of the polynomial with coefficients ``p``, lowest power first."""
     out = ZERO
     for a in reversed(p):
         out = out * x + a
@@ -156,17 +186,21 @@ def _value(p: Sequence[Fraction], x: Fraction) -> Fraction:
 
 
 def _derivative(p: Sequence[Fraction]) -> list[Fraction]:
+    """Return the coefficients of the derivative of a polynomial, lowest power first."""
     return [k * a for k, a in enumerate(p)][1:]
 
 
 def _integral(p: Sequence[Fraction]) -> list[Fraction]:
-    """Return the integral from -1."""
+    """Return the coefficients of the integral of a polynomial from -1, lowest power first."""
     rest = [ZERO, *(a / (k + 1) for k, a in enumerate(p))]
     return [-_value(rest, Fraction(-1)), *rest[1:]]
 
 
 def _roots(p: Sequence[Fraction]) -> list[Fraction]:
-    """Return the roots in (-1, 1), all simple and real, ascending, by Newton's method and Maehly's deflation."""
+    """Return the roots of a polynomial, ascending, known to 2^-``BITS``; all are simple, real and in (-1, 1).
+
+    By Newton's method and Maehly's deflation.
+    """
     slope, found = _derivative(p), list[Fraction]()
     for _ in range(len(p) - 1):
         x, step = Fraction(1), Fraction(1)

@@ -1,4 +1,4 @@
-"""How many operations code of a mechanism has at least, from numbers at the start: known before any is made.
+"""A lower bound on the operations of a mechanism's code, from numbers at the start: known before any is made.
 
 Entries that happen to be zero at the start make the elimination look shorter than it is: a product counts for six
 operations, below the 8 to 40 that grids, platforms and linkages have.
@@ -13,14 +13,18 @@ from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.types import Problem
 from .code import MOST_OPERATIONS, too_large
 from .elimination import Matrix, NoInertia, find_order
-from .tree import Tree, snap, spanning_tree
+from .tree import Tree, remove_rounding, spanning_tree
 
-OF_AN_ENTRY, OF_A_BALL, OF_A_BODY, OF_A_PRODUCT = 3, 150, 30, 6  # of H; and of the elimination
-MOST_BODIES = 1000  # these alone take ``OF_A_BODY`` each
+# operations an entry of H, a ball, a body; a product of the elimination
+OF_AN_ENTRY, OF_A_BALL, OF_A_BODY, OF_A_PRODUCT = 3, 150, 30, 6
+MOST_BODIES = 1000  # above it bodies alone are counted, at ``OF_A_BODY`` each
 
 
 def refuse_code(problem: Problem) -> str | None:
-    """Say why no code can be made of a problem, as far as that is known beforehand."""
+    """Return why no code can be made of a problem's mechanism, as far as known beforehand, or None.
+
+    Reasons: user forces, or too many operations.
+    """
     if len(problem.system.user_i):
         return "writes out declared forces only, no user forces: use rkmk_dop853"
     operations = least_operations(problem.system, problem.initial)
@@ -28,7 +32,10 @@ def refuse_code(problem: Problem) -> str | None:
 
 
 def least_operations(system: MultibodySystem, start: State) -> int:
-    """Fewer than code has: of bodies, of entries of H between balls, of the elimination where no ball can be opened."""
+    """Return a lower bound on the operations of an evaluation by code.
+
+    It counts bodies, entries of H between balls, and the elimination without opened balls.
+    """
     if system.nb > MOST_BODIES:
         return OF_A_BODY * system.nb
     tree, depth, total = spanning_tree(system, start), {GROUND: 0}, 0
@@ -45,14 +52,14 @@ def least_operations(system: MultibodySystem, start: State) -> int:
 
 
 def _matrix(system: MultibodySystem, tree: Tree, start: State) -> Matrix:
-    """[[H, J^T], [J, 0]] at the start."""
+    """Return K = [[H, J^T], [J, 0]] of tree and loop rows in numbers at the start, by columns."""
     T = _velocities(system, tree)
     v, Omega = T[:, :3], T[:, 3:]
     H = np.einsum("b,bix,biy->xy", system.mass, v, v, optimize=True)
     H += np.einsum("bij,bix,bjy->xy", system.regular_inertia, Omega, Omega, optimize=True)
     rows = np.concatenate([np.arange(system.row_start[k], system.row_start[k + 1]) for k in tree.cuts])
     J = np.asarray(constraint_jacobian(system, start)[rows] @ T.reshape(-1, tree.nu))
-    H, J = snap(H), snap(J)
+    H, J = remove_rounding(H), remove_rounding(J)
     K: Matrix = {k: {int(u): float(column[u]) for u in np.flatnonzero(column)} for k, column in enumerate(H)}
     for k, row in enumerate(J, tree.nu):
         K[k] = {int(u): float(row[u]) for u in np.flatnonzero(row)}
@@ -62,7 +69,7 @@ def _matrix(system: MultibodySystem, tree: Tree, start: State) -> Matrix:
 
 
 def _velocities(system: MultibodySystem, tree: Tree) -> Float[np.ndarray, "nb 6 nu"]:
-    """v in space and Omega of each body for a unit of each velocity of the tree."""
+    """Return v in space and Omega of each body for a unit of each velocity of the tree."""
     T, out = np.zeros((system.nb + 1, 6, tree.nu)), np.zeros((system.nb, 6, tree.nu))
     centre = np.zeros((system.nb + 1, 3))
     for limb in tree.limbs:

@@ -1,8 +1,8 @@
 """K = [[H, J^T], [J, 0]] = L D L^T by scalars, in an order found once, at numbers.
 
 Of the rows and columns whose pivots are safe there, the one with the fewest neighbours is eliminated first; rows that
-are left without pivot depend on the others and are left out. A row behind all velocities has a pivot of J H^-1 J^T,
-which vanishes nowhere but where the rank changes; ahead of one that moves it, it may vanish in any position.
+are left without pivot depend on the others and are left out. A row after all velocities has a pivot of J H^-1 J^T,
+which vanishes nowhere but where the rank changes; before one that moves it, it may vanish in any position.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -10,30 +10,39 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-SAFE = 1e-3  # of its size: a pivot
-DEPENDENT = 1e-9
+SAFE = 1e-3  # share of its size at which a pivot is safe
+DEPENDENT = 1e-9  # share of its size: between rounding, 1e-15, and ``SAFE``
 
 Matrix = dict[int, dict[int, Any]]  # symmetric, by columns {row: entry}, both halves; zeros left out
 
 
 class NoInertia(ValueError):
-    """H is singular."""
+    """Raised where H is singular."""
 
 
 class Order(NamedTuple):
-    """Rows and columns as they are eliminated, their pivots, and how many products of entries of L that takes."""
+    """Rows and columns in order of elimination, their pivots, and the number of products of L's entries it takes."""
 
     rows: list[int]
     pivots: list[float]
     products: int
 
 
-def find_order(K: Matrix, nu: int, behind: Mapping[int, Collection[int]] | None = None, sure: int = 0) -> Order:
-    """The order at numbers; the first ``nu`` rows are H's, and rows come ``behind`` others. NoInertia: singular H.
+def find_order(
+    K: Matrix,
+    nu: int,
+    behind: Mapping[int, Collection[int]] | None = None,
+    sure: int = 0,
+    size: Sequence[float] | None = None,
+) -> Order:
+    """Return an order of elimination of K, given in numbers, with its pivots and its number of products.
 
-    The first ``sure`` rows have safe pivots in such an order wherever the mechanism is.
+    The first ``nu`` rows are H's, and rows come ``behind`` others. The first ``sure`` rows have safe pivots in such an
+    order wherever the mechanism is. Pivots are compared with ``size``; without it with the present rows, of which one
+    that vanishes here seems as safe as any. Rows without a pivot are left out; ``NoInertia`` is raised where H is
+    singular.
     """
-    size = sizes(K, nu)
+    size = sizes(K, nu) if size is None else size
     K = {k: dict(column) for k, column in K.items()}
     order, pivots, products = list[int](), list[float](), 0
     largest = max(size[nu:], default=0.0)
@@ -61,17 +70,21 @@ def find_order(K: Matrix, nu: int, behind: Mapping[int, Collection[int]] | None 
 
 
 def sizes(K: Matrix, nu: int) -> list[float]:
-    """The diagonal of H, then that of J H^-1 J^T without couplings."""
+    """Return the size with which each row's pivot is compared: H's diagonal, then that of J H^-1 J^T.
+
+    The latter is taken without the couplings of H.
+    """
     size = [K[k].get(k, 0.0) for k in range(nu)]
     return size + [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
 
 
 def _fill(K: Matrix, k: int) -> int:
-    """Entries that are zero until ``k`` is eliminated."""
+    """Return the number of entries of K that the elimination of row ``k`` makes nonzero."""
     return sum(b not in K[a] for a in K[k] for b in K[k] if k not in (a, b))
 
 
 def _eliminate(K: Matrix, k: int) -> None:
+    """Eliminate row and column ``k`` of K in place: subtract the product of its column with itself over its pivot."""
     column = K.pop(k)
     pivot = column.pop(k)
     for row in column:
@@ -101,11 +114,14 @@ class Factor:
                     lower[c][row] = lower[c].get(row, ca.SX(0)) - self.L[k][row] * column[c]
 
     def invert(self, k: int, pivot: Any) -> Any:
-        """1/D of row ``k``."""
+        """Return 1/D of row ``k`` from its ``pivot``, an expression."""
         return 1.0 / pivot
 
     def name_entries(self) -> ca.SX:
-        """Put symbols in the place of 1/D and L, which ``entries`` keeps; constants stay."""
+        """Replace 1/D and L by symbols, and return these as a column; constants stay.
+
+        The expressions that they stand for are kept in ``entries``.
+        """
         self.entries: list[ca.SX] = []
         for k in self.order:
             for column, row in [(self.inverse, k), *((self.L[k], row) for row in self.L[k])]:
@@ -116,7 +132,7 @@ class Factor:
         return ca.densify(ca.vertcat(*names)) if names else ca.SX(0, 1)
 
     def solve(self, rhs: dict[int, ca.SX]) -> dict[int, ca.SX]:
-        """K^-1 rhs; rows that were left out have none."""
+        """Return the solution x of K x = rhs, as expressions; rows that were left out are not in it."""
         x = {k: rhs.get(k, ca.SX(0)) for k in self.order}
         for k in self.order:
             for row, entry in self.L[k].items():

@@ -37,96 +37,102 @@ from ..generated import Code, Program
 from ..generated.code import print_functions
 from .code import (
     MOST_OPERATIONS,
-    TooLarge,
+    CodeTooLarge,
     _column,
     _evaluate,
     _normalise,
     _parts,
+    digest_mechanism,
     find_equations,
-    key_of,
     list_entries,
     too_large,
 )
 from .elimination import Factor, Matrix
 from .pivots import order_rows
-from .tree import Limb, Tree, snap
+from .tree import Limb, Tree, remove_rounding
 
 if TYPE_CHECKING:
     import casadi as ca
 
-    from ..generated import Straight
+    from ..generated import GeneratedFunction
     from .code import Equations
-    from .motion import Motion
+    from .motion import TreeMotion
 
 
 class HamiltonCode(NamedTuple):
-    """The code of a mechanism, and sizes."""
+    """The code of Hamilton's equations of a mechanism, and its sizes."""
 
     code: Code
-    rows: int  # of the loops, and with ``radial`` those of |x|^2
+    rows: int  # rows of the loops, and with ``radial`` those of |x|^2
     spins: int
-    operations: int  # of ``stage``
+    operations: int  # operations of ``stage``
 
     @property
     def words(self) -> str:
-        """Say what evaluates a stage."""
+        """Words for a note on the trajectory, which say that code evaluates the stages."""
         return f"code of {self.operations} operations a stage"
 
     def bind(self, name: str, *arrays: np.ndarray) -> Program:
-        """Return the program of a function."""
+        """Return the program that calls the code's function ``name`` with these arrays; run nothing."""
         return Program([(self.code.address(name), arrays)], self)
 
 
 @making_code
 def make_hamilton_code(system: MultibodySystem, tree: Tree, *, radial: bool = False) -> HamiltonCode:
-    """Made, or loaded; ValueError where it is too large."""
+    """Return the code of Hamilton's equations, loaded or made; ``CodeTooLarge``, a ValueError, above its limit.
+
+    ``radial``: with the energy and the rows that hold quaternions at length one.
+    """
     files = [Path(__file__), Path(__file__).with_name("spins.py")]
     text = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
-    equations = key_of(system, tree)
+    equations = digest_mechanism(system, tree)
     code = Code(lambda: _print(system, tree, equations, radial), f"{equations}\0{text}\0{radial}")
     about = np.zeros(3)
     code.function("about", 1)(about.ctypes.data)
     rows, spins, operations = (int(x) for x in about)
     if operations > MOST_OPERATIONS:
-        raise TooLarge(too_large(operations))
+        raise CodeTooLarge(too_large(operations))
     return HamiltonCode(code, rows, spins, operations)
 
 
 def _print(system: MultibodySystem, tree: Tree, equations: str, radial: bool) -> str:
+    """Return the IR of the functions, and of ``about``, their sizes; of that alone where they are too large."""
     import casadi as ca
 
-    from ..generated.functions import Straight, record_function
+    from ..generated.functions import GeneratedFunction, record_function
 
     functions, rows, spins = _functions(system, tree, find_equations(system, tree, equations), radial)
     operations = len(record_function(functions["stage"]).tape.operations)
     if operations > MOST_OPERATIONS:
         functions = {}
-    return print_functions({**functions, "about": Straight([], [ca.vertcat(rows, spins, operations)])})
+    return print_functions({**functions, "about": GeneratedFunction([], [ca.vertcat(rows, spins, operations)])})
 
 
 def _functions(
     system: MultibodySystem, tree: Tree, found: "Equations", radial: bool
-) -> "tuple[dict[str, Straight], int, int]":
+) -> "tuple[dict[str, GeneratedFunction], int, int]":
+    """Return the functions of the module's table as expressions, the number of rows, and that of free spins."""
     import casadi as ca
 
-    from ..generated import Straight
-    from .motion import Motion
+    from ..generated import GeneratedFunction
+    from .motion import TreeMotion
     from .spins import find_spins
 
     nq, nu, first, rows = tree.nq, tree.nu, found.first, found.rows
     t, y, q, p = found.t, found.y, ca.SX.sym("q", nq), ca.SX.sym("p", nq)
-    x, u, pi = y[:nq], y[nq:], ca.SX.sym("pi", nu)  # of unit quaternions
+    x, u, pi = y[:nq], y[nq:], ca.SX.sym("pi", nu)  # with unit quaternions
     balls = [limb for limb in tree.limbs if limb.ball]
     spins = find_spins(system, tree) if radial else []
     added: Matrix = {k: {} for k in range(first)}
     for spin in spins:
         spin.add_inertia(added, found.motion)
-    H = {k: {row: entry + added[k].get(row, 0) for row, entry in found.K[k].items() if row < first}
-         for k in range(first)}  # fmt: skip
+    H = {
+        k: {row: entry + added[k].get(row, 0) for row, entry in found.K[k].items() if row < first} for k in range(first)
+    }
     at_start = _evaluate(H, t, y, tree.start)
     of_tree = Factor(H, order_rows({k: dict(column) for k, column in at_start.items()}, nu, found.held).rows)
 
-    moving, resting = (Motion(system, tree, t, ca.vertcat(x, w)) for w in (u, ca.SX.zeros(nu)))
+    moving, resting = (TreeMotion(system, tree, t, ca.vertcat(x, w)) for w in (u, ca.SX.zeros(nu)))
     energy = _kinetic_energy(moving)
     whole_energy = sum((spin.added_energy(moving) for spin in spins), energy)
     forces = _project_momenta(tree, x, ca.gradient(whole_energy, y)[:nq]) - _loads(moving, resting)
@@ -138,7 +144,7 @@ def _functions(
         spin.add_turn(q_held, u_held, found.motion, pi)
 
     def express(outputs: Sequence[ca.SX], velocities: ca.SX, momenta: ca.SX) -> list[ca.SX]:
-        """Expressions in unit quaternions at ``q``, velocities and momenta."""
+        """Return expressions in unit quaternions at ``q``, velocities and momenta."""
         values = ca.Function("expressed", [t, y, pi, lam], list(outputs))
         out = values(t, ca.vertcat(_normalise(tree, q), velocities), momenta, lam)
         return list(out) if isinstance(out, tuple) else [out]
@@ -167,52 +173,59 @@ def _functions(
         push[own] += lam[len(rows) + n] * q[own]
         soft.append(softened[n] / alpha)
     functions = {
-        "stage": Straight([t, q, p], [q_dot, p_dot]),
-        "enter": Straight([y], [_lift_momenta(tree, x, ca.gradient(energy, y)[nq:])]),
-        "gaps": Straight([t, q], [phi]),
-        "push": Straight([t, q, lam], [push]),
-        "pose": Straight([t, q, p], [ca.vertcat(_normalise(tree, q), rest), ca.vertcat(lowered, slips)]),
-        "close": Straight([t, q, p, own_u, lam[: len(rows)]], [held, mu]),
-        "soften": Straight([softened], [_column(soft)]),
+        "stage": GeneratedFunction([t, q, p], [q_dot, p_dot]),
+        "enter": GeneratedFunction([y], [_lift_momenta(tree, x, ca.gradient(energy, y)[nq:])]),
+        "gaps": GeneratedFunction([t, q], [phi]),
+        "push": GeneratedFunction([t, q, lam], [push]),
+        "pose": GeneratedFunction([t, q, p], [ca.vertcat(_normalise(tree, q), rest), ca.vertcat(lowered, slips)]),
+        "close": GeneratedFunction([t, q, p, own_u, lam[: len(rows)]], [held, mu]),
+        "soften": GeneratedFunction([softened], [_column(soft)]),
     }
     if spins:
         variable, _ = list_entries(found)
         K = ca.SX.sym("K", len(variable))
-        entries = [entry + added[k].get(row, 0) if k < first else entry
-                   for (k, row), entry in zip(variable, _parts(K), strict=True)]  # fmt: skip
-        functions["add_spins"] = Straight([y, K], [_column(entries)])
+        entries = [
+            entry + added[k].get(row, 0) if k < first else entry
+            for (k, row), entry in zip(variable, _parts(K), strict=True)
+        ]
+        functions["add_spins"] = GeneratedFunction([y, K], [_column(entries)])
     return functions, lam.numel(), len(spins)
 
 
-def _kinetic_energy(motion: "Motion") -> "ca.SX":
+def _kinetic_energy(motion: "TreeMotion") -> "ca.SX":
+    """Return the kinetic energy [J] of all bodies of a motion, without added inertia."""
     import casadi as ca
 
     T = ca.SX(0)
     for b in motion.limb:
         F, system = motion.tree.frames[b], motion.system
         v, turn = motion.v[b] + ca.cross(motion.omega[b], motion.centre[b]), motion.R[b].T @ motion.omega[b]
-        inertia = ca.SX(ca.DM(snap(product(product(F, system.regular_inertia[b]), F.T))))
+        inertia = ca.SX(ca.DM(remove_rounding(product(product(F, system.regular_inertia[b]), F.T))))
         T += 0.5 * (system.mass[b] * ca.dot(v, v) + ca.dot(turn, inertia @ turn))
     return T
 
 
-def _loads(moving: "Motion", resting: "Motion") -> "ca.SX":
-    """Return what joints carry of weights and of loads at rest, along the velocities."""
+def _loads(moving: "TreeMotion", resting: "TreeMotion") -> "ca.SX":
+    """Return minus the generalised forces of weights and applied forces along the velocities.
+
+    ``moving`` has the velocities on which the forces depend; at rest there are no loads of inertia.
+    """
     return resting.efforts(resting.compute_carried_loads(moving.applied_forces()))
 
 
 def _quaternion(limb: Limb) -> slice:
+    """Return where the quaternion of a ball stands among the coordinates."""
     return slice(limb.q_at + len(limb.slides), limb.q_at + limb.sizes[0])
 
 
 def _parts_of(limb: Limb, u: "ca.SX") -> "tuple[ca.SX, ca.SX]":
-    """Rates of slides, and rates of turns."""
+    """Return the velocities of a limb among ``u``: those of its slides, and those of its turns."""
     ns = len(limb.slides)
     return u[limb.u_at : limb.u_at + ns, 0], u[limb.u_at + ns : limb.u_at + limb.sizes[1], 0]  # columns, even if empty
 
 
 def _coordinate_rates(tree: Tree, q: "ca.SX", u: "ca.SX", slides: float = 1.0) -> "ca.SX":
-    """Rates of coordinates at ``u``; with ``slides = 0``, of quaternions alone."""
+    """Return the rates of coordinates at ``q`` and velocities ``u``; with ``slides = 0`` those of quaternions alone."""
     import casadi as ca
 
     out = ca.SX.zeros(tree.nq)
@@ -229,7 +242,7 @@ def _coordinate_rates(tree: Tree, q: "ca.SX", u: "ca.SX", slides: float = 1.0) -
 
 
 def _project_momenta(tree: Tree, q: "ca.SX", p: "ca.SX") -> "ca.SX":
-    """pi of ``p``: the power of p along rates of coordinates is that of pi along velocities."""
+    """Return the momenta pi, along velocities, of ``p``: both have the same power along any motion."""
     import casadi as ca
 
     out = ca.SX.zeros(tree.nu)
@@ -243,7 +256,7 @@ def _project_momenta(tree: Tree, q: "ca.SX", p: "ca.SX") -> "ca.SX":
 
 
 def _lift_momenta(tree: Tree, q: "ca.SX", pi: "ca.SX") -> "ca.SX":
-    """p of ``pi``, of balls normal to the quaternion."""
+    """Return the momenta p, along rates of coordinates, of ``pi``; for a ball the one normal to its quaternion."""
     import casadi as ca
 
     out = _coordinate_rates(tree, q, pi)
@@ -255,6 +268,9 @@ def _lift_momenta(tree: Tree, q: "ca.SX", pi: "ca.SX") -> "ca.SX":
 
 
 def _softness(limb: Limb, H: dict[int, dict[int, float]]) -> float:
-    """alpha of the inertia of a ball at the start: a quaternion of that inertia about all axes has 4 I along x."""
+    """Return alpha of a ball's radial energy, from its inertia at the start.
+
+    A quaternion of that inertia I about all axes has 4 I along x.
+    """
     at = limb.u_at + len(limb.slides)
     return 0.25 / float(np.mean([H[k][k] for k in range(at, at + 3)]))

@@ -9,12 +9,12 @@ import numpy as np
 from ....harness.mechanics.fixed_order import apply
 from ....harness.mechanics.system import GROUND
 from ..rows.expressions import joint_numbers, row_expressions
-from .motion import ZERO, Motion, Wrench, weighted_sum
-from .tree import Limb, snap
+from .motion import ZERO, TreeMotion, Wrench, weighted_sum
+from .tree import Limb, remove_rounding
 
 
-class Row(NamedTuple):
-    """One row: by velocities {number: entry}, phi, phi_dot, and phi_ddot at the accelerations of the motion."""
+class LoopRow(NamedTuple):
+    """A row: its entries by velocities {number: entry}, phi, phi_dot, and phi_ddot at the motion's accelerations."""
 
     J: dict[int, ca.SX]
     phi: ca.SX
@@ -22,16 +22,16 @@ class Row(NamedTuple):
     acceleration: ca.SX
 
 
-def rows(motion: Motion) -> list[Row]:
-    """Return those of the cut joints."""
+def rows(motion: TreeMotion) -> list[LoopRow]:
+    """Return the constraint rows of the cut joints, which close the tree's loops."""
     out = []
     for k in motion.tree.cuts:
         ends = int(motion.system.joint_i[k]), int(motion.system.joint_j[k])
         A, phi, phi_t, gamma = _evaluate_joint(motion, k)
-        below = _meeting(motion, *ends)
-        if any(b in motion.opened for e in ends for b in _below(motion, e, below)):
-            below = GROUND  # nothing meets there
-        balls = any(motion.limb[b].ball for e in ends for b in _below(motion, e, below))
+        below = _find_common_body(motion, *ends)
+        if any(b in motion.opened for e in ends for b in _list_outboard(motion, e, below)):
+            below = GROUND  # no loads meet at the ground
+        balls = any(motion.limb[b].ball for e in ends for b in _list_outboard(motion, e, below))
         for row in range(A.shape[0]):
             J: dict[int, ca.SX] = {}
             left = ZERO
@@ -50,22 +50,25 @@ def rows(motion: Motion) -> list[Row]:
             if below != GROUND:  # forces are in balance there; moments are not, if a ball passes none on
                 for u, entry in motion.along(below, Wrench(ZERO, left)):
                     J[u] = J.get(u, 0) + entry
-            out.append(Row({u: x for u, x in J.items() if not x.is_zero()}, phi[row], rate, acceleration))
+            out.append(LoopRow({u: x for u, x in J.items() if not x.is_zero()}, phi[row], rate, acceleration))
     return out
 
 
-def list_ball_rows(motion: Motion) -> list[Row]:
-    """Rows that hold opened balls: what they free is what P of the parent does; nothing is left of it at rest."""
+def list_ball_rows(motion: TreeMotion) -> list[LoopRow]:
+    """Return the rows that hold opened balls: the freed velocity is that of the parent at P.
+
+    They have no phi and no residual at rest.
+    """
     out = []
     for b in motion.opened:
         for k, e in motion.freed_directions(b):
             J = {u: -x for u, x in motion.along(motion.limb[b].parent, motion.passed_on(b, Wrench(e, ZERO)))}
-            out.append(Row({u: x for u, x in J.items() if not x.is_zero()} | {k: ca.SX(1)}, *[ca.SX(0)] * 3))
+            out.append(LoopRow({u: x for u, x in J.items() if not x.is_zero()} | {k: ca.SX(1)}, *[ca.SX(0)] * 3))
     return out
 
 
-def row_loads(motion: Motion, lam: ca.SX) -> dict[int, Wrench]:
-    """Reactions of the cut joints on the bodies."""
+def row_loads(motion: TreeMotion, lam: ca.SX) -> dict[int, Wrench]:
+    """Return the reactions of the cut joints with multipliers ``lam`` on each body, about its P."""
     out = {b: Wrench(ZERO, ZERO) for b in motion.limb}
     at = 0
     for k in motion.tree.cuts:
@@ -80,8 +83,11 @@ def row_loads(motion: Motion, lam: ca.SX) -> dict[int, Wrench]:
     return out
 
 
-def reaction(motion: Motion, limb: Limb, load: Wrench) -> ca.SX:
-    """Reactions of the rows of a tree joint that carries ``load``; the rows are orthonormal about the point of i."""
+def reaction(motion: TreeMotion, limb: Limb, load: Wrench) -> ca.SX:
+    """Return the multipliers of a tree joint's rows that carry ``load``, the wrench on the limb about its P.
+
+    The rows are orthonormal about the point of i.
+    """
     A = _evaluate_joint(motion, limb.joint, at_joint=True)[0]
     sign = 1.0 if limb.child_is_i else -1.0
     way = motion.R[limb.parent] @ ca.SX(ca.DM(limb.beside))  # from P to the point of i
@@ -91,14 +97,14 @@ def reaction(motion: Motion, limb: Limb, load: Wrench) -> ca.SX:
     return sign * (A[:, :3] @ load.f + A[:, 3:6] @ (load.n - ca.cross(way, load.f)))
 
 
-def _evaluate_joint(motion: Motion, k: int, *, at_joint: bool = False) -> tuple[ca.SX, ...]:
-    """A, phi, phi_t, gamma of joint k, of V = (v of C, omega) of both ends; A alone with C ``at_joint``."""
+def _evaluate_joint(motion: TreeMotion, k: int, *, at_joint: bool = False) -> tuple[ca.SX, ...]:
+    """Return A, phi, phi_t, gamma of joint k for V = (v of C, omega) of both ends; A alone with C ``at_joint``."""
     s, ends = motion.system, (int(motion.system.joint_i[k]), int(motion.system.joint_j[k]))
     numbers = joint_numbers(s, np.array([k]))[0]
     i, j = (motion.frame(b).T for b in ends)
     size = float(np.max(np.abs(numbers[:6]), initial=0.0))
     for at, frame in ((0, i), (3, j), (6, i), (9, i), (12, j), (15, j), (18, j)):
-        numbers[at : at + 3] = snap(apply(frame.T, numbers[at : at + 3]), size if at < 6 else 1.0)
+        numbers[at : at + 3] = remove_rounding(apply(frame.T, numbers[at : at + 3]), size if at < 6 else 1.0)
     if at_joint:
         numbers[:6] = 0.0
     x, V = [], []
@@ -108,7 +114,8 @@ def _evaluate_joint(motion: Motion, k: int, *, at_joint: bool = False) -> tuple[
     return _row_function(str(s.joint_kind(k)))(ca.vertcat(*x), ca.vertcat(*V), motion.t, numbers)
 
 
-def _path(motion: Motion, b: int) -> list[int]:
+def _path(motion: TreeMotion, b: int) -> list[int]:
+    """Return body ``b``, its parent, and so on to the ground."""
     path = [b]
     while b != GROUND:
         b = motion.limb[b].parent
@@ -116,20 +123,20 @@ def _path(motion: Motion, b: int) -> list[int]:
     return path
 
 
-def _meeting(motion: Motion, i: int, j: int) -> int:
-    """The last body that both hang on."""
+def _find_common_body(motion: TreeMotion, i: int, j: int) -> int:
+    """Return the outermost body, or the ground, from which both ``i`` and ``j`` hang."""
     above = set(_path(motion, j))
     return next(b for b in _path(motion, i) if b in above)
 
 
-def _below(motion: Motion, b: int, below: int) -> list[int]:
-    """Bodies from b on that hang on ``below``."""
+def _list_outboard(motion: TreeMotion, b: int, below: int) -> list[int]:
+    """Return the bodies from ``b`` inward, up to but without ``below``."""
     path = _path(motion, b)
     return path[: path.index(below)]
 
 
-def _transmit_moment(motion: Motion, b: int, load: Wrench, below: int) -> ca.SX:
-    """Moment of a load on b that reaches ``below``."""
+def _transmit_moment(motion: TreeMotion, b: int, load: Wrench, below: int) -> ca.SX:
+    """Return the moment of a load on ``b`` that the joints pass on to ``below``, about its P."""
     while b != below:
         load, b = motion.passed_on(b, load), motion.limb[b].parent
     return load.n
@@ -137,5 +144,6 @@ def _transmit_moment(motion: Motion, b: int, load: Wrench, below: int) -> ca.SX:
 
 @cache
 def _row_function(kind: str) -> ca.Function:
+    """Return the constraint rows of a kind of joint as a CasADi function of poses, velocities, time and numbers."""
     e = row_expressions(kind, None, space=True)
     return ca.Function("rows", [e.x, e.V, e.t, e.numbers], [e.A, e.phi, e.phi_t, e.gamma])

@@ -7,8 +7,8 @@ Motions pass singular positions smoothly, accelerations off the loops do not: ga
 whose pivots fall to ``LOW`` and whose error is too large is tried again on f(P(P(y))), with P the projection: the same
 motion to the same order, without that division. It fails only where a stage all but hits the position, and its other
 lengths, ``TRIALS`` of the first one, move the stages. The step after it has that first length again: after short ones
-steps would creep towards the position, never over it. After ``MOST_CUTS`` beside,
-another order of elimination goes on if it has safe pivots there, else the kernel for good.
+steps would creep towards the position, never over it. After ``MOST_CUTS`` beside, another order of elimination
+continues if it has safe pivots there, else the kernel does to the end.
 """
 
 import dataclasses
@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.code_meter import Stopwatch, making_code, settle
+from ....harness.code_meter import Stopwatch, collect_garbage, making_code
 from ....harness.mechanics.state import State
 from ....harness.types import Problem, Status, StepControl, Trajectory
 from ..compiled import host as kernel
 from ..compiled.algebra import copy
-from ..compiled.entries import Bound, inner, run
+from ..compiled.entries import Bound, compile_inline, run
 from ..compiled.host import ENDS, FIRST_STEP, UNTOLD, Method, _march
 from ..compiled.marching import FULL, SAFETY, STUCK, March, Record, empty_record, march, new_control
 from ..generated import Program
@@ -36,13 +36,15 @@ from .evaluation import Evaluation
 from .pivots import LostRank
 from .tree import Tree, spanning_tree
 
-LEAST_PIVOT, LEAST_IN_STAGES = 3e-6, 1e-8  # over its value at the start: where a step is projected, and before
-LOW = 3e-3  # the same: a singular position may be near
-FAIR = 0.03  # the same: an earlier code goes on
-OPEN = 1e-6  # of the size of the mechanism: rows that were left out
+# ratios to the value at the start: where a step is projected, and in its stages
+LEAST_PIVOT, LEAST_IN_STAGES = 3e-6, 1e-8
+LOW = 3e-3  # the same: at it a singular position may be near
+FAIR = 0.03  # the same: above it an earlier order continues
+OPEN = 1e-6  # gap of rows that were left out, as a share of the mechanism's size
+# fewer blame the order of elimination for a step that is hard by itself, more creep towards the position
 MOST_CUTS = 10
-NEAR = 10.0  # as an error: a step that comes too near is cut to two thirds
-ONE = 1.0 + 1e-15  # as an error: the next step is ``SAFETY`` of h
+NEAR = 10.0  # error given to a step that comes too near, which cuts it to two thirds
+ONE = 1.0 + 1e-15  # error after which the next step is ``SAFETY`` of h
 TRIALS = np.array([0.8, 1.25, 0.65, 1.5, 0.5, 0.9, 0.4, 0.3, 0.2, 0.1, 0.05])
 ROOM, MOST_AT_ONCE = 1_000_000, 1000  # bytes and steps that are recorded before Python takes them over
 
@@ -59,10 +61,10 @@ class Bodies(NamedTuple):
 
 
 class Stages(NamedTuple):
-    """Room for one step."""
+    """Arrays of one step."""
 
     control: Any
-    given: Any  # (3,) t, h, rtol, as code reads them
+    given: Any  # (3,) t, h, rtol, the input of code
     a: Any  # tableau: (s, s)
     b: Any  # (s,)
     c: Any  # (s,)
@@ -75,7 +77,7 @@ class Stages(NamedTuple):
     sums: Any  # (2, n)
     error: Any  # (1,)
     least: Any  # (1,) pivot of the last evaluation, or of all of a step in one
-    guard: Any  # (2,) of the step: least pivot, gap
+    guard: Any  # (2,) least pivot and gap of the step
     limits: Any  # (4,) least pivot of stages and at the end, largest gap, pivot of a passage
     tries: Any  # (4,) rejections before this step; first length of a passage, or 0, and its trials; least pivot
     accelerate: int
@@ -86,13 +88,13 @@ class Stages(NamedTuple):
 
 
 def step(s: Any) -> None:
-    """Stages and the error of a step of ``control.h``."""
+    """Evaluate the stages of a step of ``control.h`` and its error, and project it if that is small enough."""
     if not _is_stuck(s):
         _close(s, _try(s, 0))
 
 
 def step_at_once(s: Any) -> None:
-    """``step`` by code that has all stages in it."""
+    """Take a step like ``step``, by code that contains all stages in one function."""
     c = s.control
     if _is_stuck(s):
         return
@@ -103,14 +105,17 @@ def step_at_once(s: Any) -> None:
 
 
 def finish(s: Any) -> None:
-    """Go on from what was projected; the accelerations at what came in are the next step's first."""
+    """Continue from the projected state of an accepted step, and compute what is recorded of it.
+
+    The accelerations before the projection are the next step's first slope, except near a singular position.
+    """
     c = s.control
     c.factorisations = c.evaluations
     copy(s.after, s.y)
     copy(s.after, s.start)
     copy(s.y_dot, s.slopes[0])
     run(s.record)
-    if not s.tries[3] > s.limits[3]:  # those at what came in are far off there
+    if not s.tries[3] > s.limits[3]:  # accelerations before the projection are far off there
         run(s.accelerate)
         copy(s.y_dot, s.slopes[0])
         c.evaluations += 1
@@ -119,8 +124,9 @@ def finish(s: Any) -> None:
     s.tries[0], s.tries[1], s.tries[2] = c.rejected, 0.0, 0.0
 
 
-@inner
+@compile_inline
 def _is_stuck(s: Any) -> bool:
+    """Return whether a step has been rejected ``MOST_CUTS`` times; if so, end the march by ``control.status``."""
     c = s.control
     if c.rejected - s.tries[0] - s.tries[2] < MOST_CUTS:
         return False
@@ -128,9 +134,12 @@ def _is_stuck(s: Any) -> bool:
     return True
 
 
-@inner
+@compile_inline
 def _try(s: Any, projections: int) -> float:
-    """Stages, each after so many projections, and the error: the least pivot. Without any, the first slope is there."""
+    """Evaluate all stages, each after ``projections`` onto the loops, and the error; return the least pivot.
+
+    Without projections the first slope is already known.
+    """
     c, n = s.control, len(s.b)
     least = 1.0
     for i in range(0 if projections else 1, n):
@@ -150,9 +159,13 @@ def _try(s: Any, projections: int) -> float:
     return least
 
 
-@inner
+@compile_inline
 def _close(s: Any, least: float) -> None:
-    """Project a step whose error is small enough; choose the next length of one that passes a singular position."""
+    """Project a step whose error is small enough, and set the error that the step control reads.
+
+    ``least`` is the least pivot of its stages. Near a singular position the step is evaluated again, and the next
+    length to try is chosen.
+    """
     c = s.control
     if not least > s.limits[3] and not s.error[0] <= 1.0:
         least = _try(s, 2)
@@ -175,9 +188,9 @@ def _close(s: Any, least: float) -> None:
         c.h, c.error = s.tries[1] * TRIALS[tried] / SAFETY, ONE
 
 
-@inner
+@compile_inline
 def _combine(s: Any, weights: Any, n: int, out: Any, h: float) -> None:
-    """out = start + h sum weights slopes"""
+    """Set out = start + h sum weights slopes."""
     copy(s.start, out)
     for i in range(n):
         w = h * weights[i]
@@ -187,9 +200,9 @@ def _combine(s: Any, weights: Any, n: int, out: Any, h: float) -> None:
                 out[k] += w * slope[k]
 
 
-@inner
+@compile_inline
 def _add_errors(s: Any) -> None:
-    """Return both estimates of the error, over h."""
+    """Set ``s.sums`` to both estimates of the step's error, over h."""
     for e in range(2):
         total = s.sums[e]
         for k in range(len(total)):
@@ -203,7 +216,7 @@ def _add_errors(s: Any) -> None:
 
 
 class Marcher:
-    """The code of a problem's mechanism at work; ValueError where none can be made."""
+    """The code of a problem's mechanism in progress; ValueError where none can be made."""
 
     tree: Tree
     code: JointCode | TreeMechanism
@@ -212,16 +225,20 @@ class Marcher:
     def __init__(
         self, problem: Problem, state: np.ndarray, before: "Marcher | None" = None, chosen: Order | None = None
     ) -> None:
-        """From the start, or from where the one ``before`` stands, by the order of elimination ``chosen`` there."""
+        """Begin at the start, or at the state of the one ``before``, with the order of elimination ``chosen`` there."""
         system, tree = problem.system, before.tree if before else spanning_tree(problem.system, problem.initial)
         self.tree, self.code = tree, before.code if before else choose_code(problem, tree)
         self.evaluation = evaluate(self.code, tree.nq, chosen)
         nb, n, tableau = system.nb, len(tree.start), DOPRI853
         self.state = state
         self.kernel = bodies = Bodies(
-            np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6)), np.zeros(system.nrows),
+            np.zeros((nb, 3)),
+            np.zeros((nb, 3, 3)),
+            np.zeros((nb, 6)),
+            np.zeros((nb, 6)),
+            np.zeros(system.nrows),
             np.arange(system.nrows),
-        )  # fmt: skip
+        )
         given, y, y_dot, after, lam, guard, start = (np.zeros(k) for k in (3, n, n, n, self.code.rows, 2, n))
         t, slopes, sums, error, least = given[:1], np.zeros((len(tableau.b), n)), np.zeros((2, n)), *np.zeros((2, 1))
         own = self.evaluation
@@ -235,10 +252,25 @@ class Marcher:
         ]
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
         self.stages = Stages(
-            state, given, tableau.a, tableau.b, tableau.c, tableau.error, start, y, y_dot, after, slopes, sums, error,
-            least, guard, np.array([LEAST_IN_STAGES, LEAST_PIVOT, OPEN * (reach or 1.0), LOW]),
-            np.array([0.0, 0.0, 0.0, 1.0]), *(program.entry for program in self._programs),
-        )  # fmt: skip
+            state,
+            given,
+            tableau.a,
+            tableau.b,
+            tableau.c,
+            tableau.error,
+            start,
+            y,
+            y_dot,
+            after,
+            slopes,
+            sums,
+            error,
+            least,
+            guard,
+            np.array([LEAST_IN_STAGES, LEAST_PIVOT, OPEN * (reach or 1.0), LOW]),
+            np.array([0.0, 0.0, 0.0, 1.0]),
+            *(program.entry for program in self._programs),
+        )
         one = step_at_once if at_once else step
         self._entries = Bound(one, self.stages), Bound(finish, self.stages)
         t[0], first = state["t"], before.stages.start if before else tree.start
@@ -250,7 +282,10 @@ class Marcher:
         self.stretch(0)
 
     def stretch(self, n: int) -> Record:
-        """Up to ``n`` steps, or as many as there is room for; ``state`` says why it has ended."""
+        """March up to ``n`` steps, or as many as the record holds; return the record of those accepted.
+
+        ``state["outcome"]`` says why it has ended.
+        """
         if self._room is None:
             bytes_of_a_step = 8 * (1 + 18 * len(self.kernel.r) + len(self.kernel.lam))
             self._room = self._make_room(min(1 + ROOM // bytes_of_a_step, MOST_AT_ONCE))
@@ -260,6 +295,7 @@ class Marcher:
         return Record(*(a.copy() for a in taken)) if self.state["outcome"] == FULL else taken
 
     def _make_room(self, n: int) -> tuple[Record, Bound]:
+        """Return a record of ``n`` steps, and the compiled march that fills it."""
         record = empty_record(n, len(self.kernel.r), len(self.kernel.lam))
         for a in record:
             a.fill(0.0)  # the system provides pages as they are touched
@@ -268,11 +304,11 @@ class Marcher:
 
     @property
     def here(self) -> np.ndarray:
-        """y."""
+        """Coordinates and velocities y at the end of the last step."""
         return self.stages.start
 
     def explain(self, outcome: int) -> str:
-        """Say why the march has ended."""
+        """Return words for the ``outcome`` of the march."""
         if outcome != STUCK:
             return ENDS[outcome][1]
         pivot, gap = self.stages.guard
@@ -283,7 +319,7 @@ class Marcher:
 
 
 class Relay:
-    """A march by code; where that cannot go on, by another order of elimination, then by the kernel."""
+    """A march by code; where that cannot continue, by another order of elimination, then by the kernel."""
 
     def __init__(self, problem: Problem, code: Marcher) -> None:
         self.state, self.kernel, self.reaction = code.state, code.kernel, code.reaction
@@ -293,27 +329,33 @@ class Relay:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Changes of code."""
+        """Notes on the times at which pivots were chosen anew, and on a change to the kernel."""
         times = ", ".join(f"{t:g}" for t in self.changes[:3]) + (", ..." if len(self.changes) > 3 else "")
         return (*([f"pivots chosen anew at t = {times} s"] if self.changes else []), *self._notes)
 
     def stretch(self, n: int) -> Record:
-        """Up to ``n`` steps, reactions as the system has them."""
+        """March up to ``n`` steps and return their record, reactions in the system's order.
+
+        Where the march is stuck, change to another order of elimination, or to the kernel.
+        """
         if self._fallback:
             record: Record = self._fallback.stretch(n)
             return record._replace(lam=record.lam[:, self._fallback.kernel.order])
         record = self._runner.stretch(n)
         if self.state["outcome"] == STUCK:
-            record = Record(*(a.copy() for a in record))  # its room may be used again
+            record = Record(*(a.copy() for a in record))  # its memory may be used again
             with making_code:
                 if not self._choose_pivots():
                     self.state["outcome"] = STUCK  # whatever was tried
                     self._go_on_without()
-            settle()
+            collect_garbage()
         return record
 
     def _choose_pivots(self) -> bool:
-        """Go on by an order whose pivots are safe here, an earlier one if it can, and return whether there is one."""
+        """Change to an order of elimination whose pivots are safe here; return whether there is one.
+
+        An earlier order is taken if it can. There is none at the time of the last change.
+        """
         t = float(self.state["t"])
         if self.changes and not t > self.changes[-1]:
             return False
@@ -334,9 +376,11 @@ class Relay:
         return True
 
     def _made_by(self, order: Order | None) -> Marcher:
+        """Return a marcher at the present state, with this order of elimination, None for that of the start."""
         return Marcher(self._problem, self.state, self._runner, order)
 
     def _go_on_without(self) -> None:
+        """Continue from the present state by the kernel of ``rkmk_dop853``, to the end, and note it."""
         t, k = float(self.state["t"]), self._runner.kernel
         self._notes.append(f"{self._runner.explain(STUCK)} at t = {t:g} s; from there on by the kernel of rkmk_dop853")
         here = State(k.r.copy(), k.R.copy(), k.v[:, :3].copy(), k.v[:, 3:].copy(), t)
@@ -344,23 +388,31 @@ class Relay:
         self._fallback = kernel.Marcher(rest, explicit_pair(DOPRI853), self.state)
 
     def explain(self, outcome: int) -> str:
-        """Say why the march has ended."""
+        """Return words for the ``outcome`` of the march, after notes on changes."""
         return "; ".join([*self.notes, (self._fallback or self._runner).explain(outcome)])
 
 
 METHOD = Method(
-    lambda kernel, state: None, step, finish, order=float(DOPRI853.order),
+    lambda kernel, state: None,
+    step,
+    finish,
+    order=float(DOPRI853.order),
     counters=("evaluations", "rejected", "factorisations"),
-)  # fmt: skip
+)
 
 
 def integrate(problem: Problem, control: StepControl) -> Trajectory:
-    """March to the end or to a failure, which is a status."""
+    """Integrate in joint coordinates to the end, a limit or a failure; the latter are a status of the trajectory."""
     watch = Stopwatch()
     state = new_control(
-        t_end=problem.t_end, adaptive=True, order=METHOD.order, last_error=1e-4, rtol=control.rtol or 0.0,
-        max_step=control.max_step or np.inf, next_step=min(FIRST_STEP, problem.t_end),
-    )  # fmt: skip
+        t_end=problem.t_end,
+        adaptive=True,
+        order=METHOD.order,
+        last_error=1e-4,
+        rtol=control.rtol or 0.0,
+        max_step=control.max_step or np.inf,
+        next_step=min(FIRST_STEP, problem.t_end),
+    )
     try:
         marcher = Marcher(problem, state)
     except ValueError as error:

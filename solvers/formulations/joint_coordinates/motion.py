@@ -1,10 +1,10 @@
 """Motion of a tree as expressions in its coordinates: poses, velocities, inertia, loads, in the base frame.
 
-Of each body, about its point P: mass m, h = m (C - P), inertia I. At accelerations a of P and alpha of the body
+For each body, about its point P: mass m, h = m (C - P), inertia I. At accelerations a of P and alpha of the body
 
     f = m (a - g) + W h,   n = I alpha + omega x I omega + h x (a - g),   W = [alpha]x + omega omega^T - omega^2
 
-of the tree's joints carry (f, n) of all bodies behind them (Newton-Euler), and H u_dot = (f, n) of unit accelerations
+the tree's joints carry (f, n) of all bodies behind them (Newton-Euler), and H u_dot = (f, n) of unit accelerations
 of composite bodies. Behind a ball nothing turns with the parent: its moment is its own equation and is not passed on.
 """
 
@@ -21,10 +21,10 @@ from ....harness.mechanics.fixed_order import apply, dot, product
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..rows.expressions import force_numbers, time_function
 from ..rows.symbols import Symbol
-from .tree import Limb, Tree, snap
+from .tree import Limb, Tree, remove_rounding
 
 ZERO = ca.SX.zeros(3)
-DIRECTIONS = {"p_i": "i", "p_j": "j", "u": "i", "n": "j", "p": "i"}  # numbers of forces that are fixed in a body
+DIRECTIONS = {"p_i": "i", "p_j": "j", "u": "i", "n": "j", "p": "i"}  # vectors of forces that are fixed in a body
 
 
 class Axes(NamedTuple):
@@ -41,17 +41,22 @@ class Wrench(NamedTuple):
     n: ca.SX
 
 
-class Motion:
+class TreeMotion:
     """A tree at ``y`` (coordinates, then velocities) and t; with ``u_dot`` also its accelerations, else those at 0.
 
-    ``opened`` balls carry nothing in ``inertia`` and ``rows``: P of each moves freely there, by three numbers more
-    behind the velocities, and three rows more hold it on its parent. H is sparse then, which long chains need.
+    ``opened`` balls carry nothing in ``inertia`` and ``rows``: P of each moves freely there, by three more numbers
+    after the velocities, and three more rows hold it on its parent. H is sparse then, which long chains need.
     """
 
     def __init__(
-        self, system: MultibodySystem, tree: Tree, t: ca.SX, y: ca.SX, u_dot: ca.SX | None = None,
+        self,
+        system: MultibodySystem,
+        tree: Tree,
+        t: ca.SX,
+        y: ca.SX,
+        u_dot: ca.SX | None = None,
         opened: Sequence[int] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.system, self.tree, self.t, self.opened = system, tree, t, opened
         self.q, self.u = y[: tree.nq], y[tree.nq :]
         self._u_dot = u_dot if u_dot is not None else ca.SX.zeros(tree.nu)
@@ -63,6 +68,7 @@ class Motion:
             self._move(limb)
 
     def _move(self, limb: Limb) -> None:
+        """Compute pose, velocity and acceleration of a limb's body from those of its parent."""
         b, p, ns = limb.body, limb.parent, len(limb.slides)
         R, omega, alpha = self.R[p], self.omega[p], self.alpha[p]
         q = [self.q[limb.q_at + k] for k in range(limb.sizes[0])]
@@ -90,11 +96,11 @@ class Motion:
         self.h[b] = self.system.mass[b] * self.centre[b]
 
     def q_dot(self, u: ca.SX) -> ca.SX:
-        """Rates of the coordinates at velocities ``u``."""
+        """Return the rates of the coordinates at velocities ``u``."""
         return coordinate_rates(self.tree, self.q, u)
 
     def inertia(self) -> dict[int, dict[int, ca.SX]]:
-        """H by columns {row: entry}, both halves."""
+        """Return the mass matrix H of the tree's velocities by columns {row: entry}, both halves, zeros left out."""
         H: dict[int, dict[int, ca.SX]] = {k: {} for k in range(self.tree.nu + 3 * len(self.opened))}
         m, h, inertia = dict(enumerate(self.system.mass.tolist())), dict(self.h), dict(self.inertias())
         for limb in reversed(self.tree.limbs):
@@ -112,30 +118,37 @@ class Motion:
         return H
 
     def inertias(self) -> dict[int, ca.SX]:
-        """Inertia of each body about P."""
+        """Return the inertia of each body about its point P, in the base frame."""
         out = {}
         for limb in self.tree.limbs:
             b, c, F = limb.body, limb.centre, self.tree.frames[limb.body]
             about_c = product(product(F, self.system.regular_inertia[b]), F.T)
-            J = snap(about_c + self.system.mass[b] * (dot(c, c) * np.eye(3) - np.outer(c, c)))
+            J = remove_rounding(about_c + self.system.mass[b] * (dot(c, c) * np.eye(3) - np.outer(c, c)))
             out[b] = _symmetric(self.R[b] @ ca.SX(ca.DM(0.5 * (J + J.T))), self.R[b])
         return out
 
     def _momenta(self, limb: Limb, m: float, h: ca.SX, inertia: ca.SX) -> list[tuple[int, Wrench]]:
+        """Return the momenta of the bodies outboard of a limb at a unit of each of its velocities, by their numbers.
+
+        ``m``, ``h`` and ``inertia`` are mass, first moment and inertia of these bodies about P.
+        """
         slides = [Wrench(m * w, ca.cross(h, w)) for w in self.axes[limb.body].slides]
         turns = [Wrench(ca.cross(s, h), inertia @ s) for s in self.axes[limb.body].turns]
         free = [(k, Wrench(m * e, ca.cross(h, e))) for k, e in self.freed_directions(limb.body)]
         return [*enumerate([*slides, *turns], limb.u_at), *free]
 
     def freed_directions(self, b: int) -> list[tuple[int, ca.SX]]:
-        """Numbers of what an opened ball frees, and its directions."""
+        """Return the numbers of the velocities that an opened ball at body ``b`` frees, and their directions."""
         if b not in self.opened:
             return []
         at = self.tree.nu + 3 * self.opened.index(b)
         return [(at + k, ca.SX(ca.DM(e))) for k, e in enumerate(np.eye(3))]
 
     def along(self, b: int, load: Wrench, until: int = GROUND) -> list[tuple[int, ca.SX]]:
-        """(number of a velocity, power of ``load`` on b at it), from b down to where ``until`` begins."""
+        """Return (number of a velocity, power of ``load`` on body ``b`` at a unit of it), from b inward to ``until``.
+
+        ``load`` is about the P of b.
+        """
         out = []
         while b != until:
             limb, axes = self.limb[b], self.axes[b]
@@ -147,12 +160,15 @@ class Motion:
         return out
 
     def passed_on(self, b: int, load: Wrench) -> Wrench:
-        """The load on b, about P of its parent, as far as its joint passes it on."""
+        """Return what the joint of body ``b`` passes on of a load on it, about the P of its parent.
+
+        A ball passes no moment on.
+        """
         n = ca.cross(self.arm[b], load.f)
         return Wrench(load.f, n if self.limb[b].ball else n + load.n)
 
     def compute_carried_loads(self, loads: dict[int, Wrench]) -> dict[int, Wrench]:
-        """Return what joints carry so that their bodies move as they do under ``loads``: (f, n) above."""
+        """Return the wrench that each body's joint carries so that the bodies have this motion under ``loads``."""
         out, inertias = {}, self.inertias()
         for b in self.limb:
             m, h, omega, fall = self.system.mass[b], self.h[b], self.omega[b], self.a[b] - self._gravity()
@@ -167,7 +183,7 @@ class Motion:
         return out
 
     def efforts(self, carried: dict[int, Wrench]) -> ca.SX:
-        """Their parts along the velocities."""
+        """Return the generalised forces of the ``carried`` wrenches, their components along the velocities."""
         out = []
         for limb in self.tree.limbs:
             axes, (f, n) = self.axes[limb.body], carried[limb.body]
@@ -175,10 +191,11 @@ class Motion:
         return ca.vertcat(*out) if out else ca.SX(0, 1)
 
     def _gravity(self) -> ca.SX:
-        return ca.SX(ca.DM(snap(apply(self.tree.base, self.system.gravity))))
+        """Return the acceleration of gravity [m/s2] in the base frame."""
+        return ca.SX(ca.DM(remove_rounding(apply(self.tree.base, self.system.gravity))))
 
     def applied_forces(self) -> dict[int, Wrench]:
-        """Springs, dampers and loads on each body."""
+        """Return the wrench of springs, dampers and loads on each body, about its P."""
         out = {b: Wrench(ZERO, ZERO) for b in self.limb}
         s = self.system
         for kind, declared in forces.DECLARED.items():
@@ -195,6 +212,10 @@ class Motion:
         return out
 
     def _force_numbers(self, kind: str, numbers: np.ndarray, ends: tuple[int, int]) -> SimpleNamespace:
+        """Return a force's numbers by name as symbols, vectors in the frames of the tree.
+
+        ``ends`` are the bodies i and j of the force, ``numbers`` those of its declaration.
+        """
         parts: dict[str, Any] = {}
         at, declared = 0, forces.DECLARED[kind]
         follows = kind == "load" and bool(numbers[9])
@@ -206,27 +227,28 @@ class Motion:
             elif shape:
                 end = DIRECTIONS.get(name) or ("i" if follows else "")
                 frame = self.frame(ends["ij".index(end)]) if end else self.tree.base
-                parts[name] = _symbols(snap(product(own.reshape(-1, 3), frame.T)).reshape(shape))
+                parts[name] = _symbols(remove_rounding(product(own.reshape(-1, 3), frame.T)).reshape(shape))
             else:
                 parts[name] = Symbol(ca.SX(float(own[0])))
         return SimpleNamespace(**parts)
 
     def frame(self, b: int) -> np.ndarray:
-        """From body b, or from space, to the base, at the start."""
+        """Return the rotation from body ``b``, or from space for the ground, to the base frame, at the start."""
         return self.tree.frames[b] if b != GROUND else self.tree.base
 
     def _pose(self, b: int) -> Pose:
+        """Return position, rotation and velocities of body ``b`` at C, as arrays of symbols."""
         C = self.P[b] + self.centre[b]
         v = self.v[b] + ca.cross(self.omega[b], self.centre[b])
         return Pose(*(_symbols(x) for x in (C, self.R[b], v, self.omega[b])))
 
 
 def coordinate_rates(tree: Tree, q: ca.SX, u: ca.SX) -> ca.SX:
-    """Rates of coordinates at ``q`` and velocities ``u``."""
+    """Return the rates of a tree's coordinates at ``q`` and velocities ``u``; quaternions in ``q`` have length one."""
     out = []
     for limb in tree.limbs:
         if not limb.sizes[1]:
-            continue  # a slice without entries of a single number is a row
+            continue  # an empty slice of a single number would be a row
         ns, at, own = len(limb.slides), limb.q_at, u[limb.u_at : limb.u_at + limb.sizes[1]]
         if limb.ball:
             s, x = q[at + ns], q[at + ns + 1 : at + ns + 4]
@@ -236,7 +258,7 @@ def coordinate_rates(tree: Tree, q: ca.SX, u: ca.SX) -> ca.SX:
 
 
 def weighted_sum(directions: list[ca.SX], values: Sequence[ca.SX]) -> ca.SX:
-    """Sum of directions times values."""
+    """Return the sum of directions times values."""
     out = ZERO
     for a, x in zip(directions, values, strict=False):
         out = out + a * x
@@ -244,6 +266,7 @@ def weighted_sum(directions: list[ca.SX], values: Sequence[ca.SX]) -> ca.SX:
 
 
 def _of_quaternion(q: Sequence[ca.SX]) -> ca.SX:
+    """Return the rotation matrix of a unit quaternion (scalar first)."""
     s, x, y, z = q
     return ca.vertcat(
         ca.horzcat(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - s * z), 2.0 * (x * z + s * y)),
@@ -253,7 +276,7 @@ def _of_quaternion(q: Sequence[ca.SX]) -> ca.SX:
 
 
 def _rotate_about(R: ca.SX, axis: np.ndarray, angle: ca.SX) -> ca.SX:
-    """R exp(angle hat(axis)): two columns, and the third normal to them."""
+    """Return R exp(angle hat(axis)): two columns, and the third normal to them."""
     c, s = ca.cos(angle), ca.sin(angle)
     along = np.outer(axis, axis)
     turn = c * ca.SX(ca.DM(np.eye(3) - along)) + s * ca.skew(ca.SX(ca.DM(axis))) + ca.SX(ca.DM(along))
@@ -262,7 +285,7 @@ def _rotate_about(R: ca.SX, axis: np.ndarray, angle: ca.SX) -> ca.SX:
 
 
 def _symmetric(RJ: ca.SX, R: ca.SX) -> ca.SX:
-    """RJ R^T, whose halves are the same expressions."""
+    """Return RJ R^T, symmetric: both halves are the same expressions."""
     out = ca.SX.zeros(3, 3)
     for a in range(3):
         for c in range(a + 1):
@@ -271,6 +294,7 @@ def _symmetric(RJ: ca.SX, R: ca.SX) -> ca.SX:
 
 
 def _symbols(a: Any) -> np.ndarray:
+    """Return numbers, or the entries of a CasADi matrix, as an array of ``Symbol``."""
     if isinstance(a, np.ndarray):
         return np.array([Symbol(ca.SX(float(x))) for x in a.ravel()], dtype=object).reshape(a.shape)
     out = np.array([Symbol(a[r, c]) for r in range(a.shape[0]) for c in range(a.shape[1])], dtype=object)
@@ -278,4 +302,5 @@ def _symbols(a: Any) -> np.ndarray:
 
 
 def _value(x: Any) -> Any:
+    """Return the CasADi expression of a ``Symbol``, or a number as it is."""
     return x.x if isinstance(x, Symbol) else x

@@ -1,24 +1,24 @@
 """The elimination of K in an order found at numbers, as lists of places (compiled once for all mechanisms).
 
-Code of a mechanism has one order written out. Where its pivots are poor, another one is a list of whole numbers that
-``factor_by_lists`` and ``solve_by_lists`` read: nothing is compiled, nor is CasADi needed.
+Code of a mechanism has one order written out. Where its pivots are poor, another one is a list of integers that
+``factor_by_lists`` and ``solve_by_lists`` read: nothing is compiled, and CasADi is not needed.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..compiled.algebra import clear
-from ..compiled.entries import inner
+from ..compiled.entries import compile_inline
 from .elimination import Matrix, Order, find_order, sizes
 
-AGAIN = 0.03  # of its size at the start: a pivot of an order found later
-ROUNDING = 1e-9  # of entries of rows, whose largest are 1 where a joint holds anything
+AGAIN = 0.03  # least share of its size at the start, for a pivot of an order found later
+ROUNDING = 1e-9  # entries of rows below it are rounding: the largest are 1 where a joint holds anything
 
 
 class LostRank(ValueError):
-    """No order of elimination has safe pivots."""
+    """Raised where no order of elimination has safe pivots."""
 
 
 class Pattern(NamedTuple):
@@ -27,62 +27,71 @@ class Pattern(NamedTuple):
     pairs: Any  # (n, 2), each of K's halves once
     constants: Any
     nu: int
-    held: int  # rows of opened balls, and velocities that they free
-    rows: int  # that close loops
+    held: int  # number of rows of opened balls, and of velocities that these free
+    rows: int  # number of rows that close loops
 
     @property
     def first(self) -> int:
-        """Return the first row that closes a loop."""
+        """Number of the first row of K that closes a loop."""
         return self.nu + 2 * self.held
 
     @property
     def variable(self) -> int:
-        """Return how many entries are not constant."""
+        """Number of K's entries that are not constant; they come first."""
         return len(self.pairs) - len(self.constants)
 
     def at_numbers(self, K: np.ndarray) -> Matrix:
-        """Return K by columns, of an array of its entries."""
+        """Return K by columns, from the array ``K`` of its entries."""
         out: Matrix = {k: {} for k in range(self.first + self.rows)}
         for (k, row), value in zip(self.pairs.tolist(), K.tolist(), strict=True):
             out[k][row] = out[row][k] = value
         return out
 
 
-def order_rows(K: Matrix, nu: int, held: int) -> Order:
-    """Return the order at numbers, with rows that close loops behind all others where that takes fewer products.
+def order_rows(K: Matrix, nu: int, held: int, size: Sequence[float] | None = None) -> Order:
+    """Return the order of elimination of K, given in numbers, with loop rows last if that takes fewer products.
 
-    Each of the ``held`` rows of opened balls, which follow ``nu`` velocities and as many freed ones, is behind the
-    velocity it alone takes away: before, its pivot is of the parent's turns alone and vanishes in some orientations.
-    Behind it no pivot does.
+    Each of the ``held`` rows of opened balls, which follow ``nu`` velocities and as many freed ones, is after the
+    velocity that it alone takes away: before it, its pivot is of the parent's turns alone and vanishes in some
+    orientations. After it no pivot does. Pivots are compared with ``size``, as in ``find_order``.
     """
     n, first = nu + held, nu + 2 * held
     _drop_rounding(K, n)
     behind: dict[int, Collection[int]] = {k: (k - held,) for k in range(n, first)}
-    last = find_order(K, n, {**behind, **dict.fromkeys(range(first, len(K)), range(first))}, first)
+    last = find_order(K, n, {**behind, **dict.fromkeys(range(first, len(K)), range(first))}, first, size)
     if first == len(K):
         return last
-    mixed = find_order(K, n, behind)
+    mixed = find_order(K, n, behind, size=size)
     return last if last.products < mixed.products else mixed
 
 
 def find_order_here(pattern: Pattern, here: np.ndarray, start: np.ndarray) -> Order:
-    """Return the order at entries ``here``; LostRank where a pivot of a row is not safe beside its size at the start.
+    """Return an order of elimination at K's entries ``here``, compared with those at the ``start``.
 
-    The same where not as many rows hold.
+    Raises ``LostRank`` where a row's pivot is not safe relative to its size at the start, or where fewer or more rows
+    are independent than there.
     """
     n = pattern.nu + pattern.held
-    at_start, now = pattern.at_numbers(start), pattern.at_numbers(here)
+    at_start = pattern.at_numbers(start)
     kept = len(order_rows(at_start, pattern.nu, pattern.held).rows)
-    order, size = order_rows(now, pattern.nu, pattern.held), sizes(at_start, n)
+    size = sizes(at_start, n)
     largest = max(size[n:], default=0.0)
-    of_rows = [(abs(pivot), size[k] or largest) for k, pivot in zip(order.rows, order.pivots, strict=True) if k >= n]
-    if len(order.rows) != kept or any(pivot < AGAIN * of for pivot, of in of_rows):
-        raise LostRank
-    return order
+    of_rows = [*size[:n], *(x or largest for x in size[n:])]
+    for compared in (None, of_rows):  # a row may vanish here where another one takes its place
+        now = pattern.at_numbers(here)
+        if compared is not None:
+            compared = [*sizes(now, n)[:n], *of_rows[n:]]
+        order = order_rows(now, pattern.nu, pattern.held, compared)
+        safe = all(
+            abs(pivot) >= AGAIN * of_rows[k] for k, pivot in zip(order.rows, order.pivots, strict=True) if k >= n
+        )
+        if len(order.rows) == kept and safe:
+            return order
+    raise LostRank
 
 
 def _drop_rounding(K: Matrix, nu: int) -> None:
-    """Take away entries of rows that have nothing but rounding: of a joint of the tree that is declared twice."""
+    """Remove entries of rows of K that contain only rounding: of a joint of the tree that is declared twice."""
     size = sizes(K, nu)
     nothing = (ROUNDING / max(size[:nu], default=1.0)) * ROUNDING
     for k in range(nu, len(K)):
@@ -93,14 +102,14 @@ def _drop_rounding(K: Matrix, nu: int) -> None:
 
 
 class Lists(NamedTuple):
-    """An order, by columns of L, each with its pivot first; where K's entries go; and room."""
+    """An order, by columns of L, each with its pivot first; destinations of K's entries; and work arrays."""
 
     K: Any
     source: Any  # (m,) entries of K
-    target: Any  # (m,) and their places in ``W``
+    target: Any  # (m,) their places in ``W``
     start: Any  # (n + 1,) first place of each column
     row: Any  # (size,) of each place
-    update: Any  # places from which products are taken away, in the order in which they are
+    update: Any  # places from which products are subtracted, in order of execution
     value: Any  # (n,) pivots where the order was found
     W: Any  # (size,) D and L D
     L: Any  # (size,) 1/D and L
@@ -110,11 +119,14 @@ class Lists(NamedTuple):
     u: Any  # (nu,) results
     lam: Any  # (rows,) results, with the opposite sign; 0 of rows that are left out
     first: int  # row that closes a loop
-    ahead: int  # of the order, columns ahead of the first such row
+    ahead: int  # columns of the order before the first such row
 
 
 def make_lists(pattern: Pattern, order: Order, K: np.ndarray) -> Lists:
-    """Find the places of an order; arrays for results are to be replaced."""
+    """Return the places by which an order of elimination is carried out on the entries ``K``.
+
+    The arrays for right sides and results are placeholders.
+    """
     rank = {k: n for n, k in enumerate(order.rows)}
     n, size, nothing = len(order.rows), pattern.first + pattern.rows, len(order.rows)
     left: list[set[int]] = [set() for _ in range(n)]
@@ -133,23 +145,36 @@ def make_lists(pattern: Pattern, order: Order, K: np.ndarray) -> Lists:
         for j, b in enumerate(below):
             left[b].update(below[j + 1 :])
             update += [(c, b) for c in below[j:]]
-    at = [place.get((max(a, b), min(a, b)), -1) for a, b in
-          ((rank.get(k, nothing), rank.get(row, nothing)) for k, row in pattern.pairs.tolist())]  # fmt: skip
+    at = [
+        place.get((max(a, b), min(a, b)), -1)
+        for a, b in ((rank.get(k, nothing), rank.get(row, nothing)) for k, row in pattern.pairs.tolist())
+    ]
     source = np.flatnonzero(np.array(at, dtype=np.int64) >= 0)
     ahead = next((a for a, k in enumerate(order.rows) if k >= pattern.first), n)
-    columns, of_places, updates = (
-        np.array(x, dtype=np.int64) for x in (start, rows, [place[pair] for pair in update])
-    )  # fmt: skip
+    columns, of_places, updates = (np.array(x, dtype=np.int64) for x in (start, rows, [place[pair] for pair in update]))
     W, L = np.zeros((2, len(rows)))
     return Lists(
-        K, source, np.array(at, dtype=np.int64)[source], columns, of_places, updates, np.array(order.pivots), W, L,
-        np.zeros(1), np.zeros(pattern.nu + pattern.rows), np.zeros(size), np.zeros(pattern.nu), np.zeros(pattern.rows),
-        pattern.first, ahead,
-    )  # fmt: skip
+        K,
+        source,
+        np.array(at, dtype=np.int64)[source],
+        columns,
+        of_places,
+        updates,
+        np.array(order.pivots),
+        W,
+        L,
+        np.zeros(1),
+        np.zeros(pattern.nu + pattern.rows),
+        np.zeros(size),
+        np.zeros(pattern.nu),
+        np.zeros(pattern.rows),
+        pattern.first,
+        ahead,
+    )
 
 
 def factor_by_lists(s: Any) -> None:
-    """L of ``K``, and its least pivot."""
+    """Factorise ``K`` into ``L`` in the order of the lists; set ``least``, the least pivot over its value there."""
     clear(s.W)
     for n in range(len(s.source)):
         s.W[s.target[n]] = s.K[s.source[n]]
@@ -171,7 +196,7 @@ def factor_by_lists(s: Any) -> None:
 
 
 def solve_by_lists(s: Any) -> None:
-    """K x = b: velocities and rows that close loops."""
+    """Solve K (u, -lam) = b with the factor: ``u`` and ``lam``."""
     clear(s.x)
     nu = len(s.u)
     for k in range(nu):
@@ -184,7 +209,7 @@ def solve_by_lists(s: Any) -> None:
 
 
 def solve_rows_by_lists(s: Any) -> None:
-    """The same for rows alone, which begin ``b`` here."""
+    """Solve for ``lam`` where only rows have loads, with which ``b`` begins here."""
     for k in range(s.ahead, len(s.value)):
         s.x[s.row[s.start[k]]] = 0.0
     for k in range(len(s.lam)):
@@ -192,9 +217,9 @@ def solve_rows_by_lists(s: Any) -> None:
     _substitute(s, s.ahead)
 
 
-@inner
+@compile_inline
 def _substitute(s: Any, ahead: int) -> None:
-    """Forward and back, without the columns ``ahead``."""
+    """Substitute forward and back, without the first ``ahead`` columns of the order; set ``lam``."""
     clear(s.lam)
     n = len(s.value)
     for k in range(ahead, n):

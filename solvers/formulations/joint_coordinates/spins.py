@@ -26,12 +26,12 @@ from jaxtyping import Float
 from ....harness.mechanics.fixed_order import apply, dot, principal_axes
 from ....harness.mechanics.forces import DECLARED
 from ....harness.mechanics.system import MultibodySystem
-from .motion import Motion
-from .tree import NOISE, Limb, Tree, snap
+from .motion import TreeMotion
+from .tree import NOISE, Limb, Tree, remove_rounding
 
 
 class Spin(NamedTuple):
-    """The axis in the base frame at the start, the inertia about it, and what is added."""
+    """The axis in the base frame at the start, the inertia about it, and the added inertia."""
 
     limb: Limb
     axis: Float[np.ndarray, " 3"]
@@ -40,25 +40,30 @@ class Spin(NamedTuple):
 
     @property
     def _velocities(self) -> slice:
+        """Slice of the ball's angular velocity among the tree's velocities."""
         limb = self.limb
         return slice(limb.u_at + len(limb.slides), limb.u_at + limb.sizes[1])
 
-    def _direction(self, motion: Motion) -> ca.SX:
+    def _direction(self, motion: TreeMotion) -> ca.SX:
+        """Return the spin's axis at a motion, in the base frame."""
         return motion.R[self.limb.body] @ ca.SX(ca.DM(self.axis))
 
-    def add_inertia(self, H: dict[int, dict[int, ca.SX]], motion: Motion) -> None:
-        """Add what is added to H, by columns."""
+    def add_inertia(self, H: dict[int, dict[int, ca.SX]], motion: TreeMotion) -> None:
+        """Add the added inertia about the axis to H, given by columns."""
         e, first = self._direction(motion), self._velocities.start
         for a in range(3):
             for c in range(3):
                 H[first + a][first + c] = H[first + a].get(first + c, 0) + self.added * e[a] * e[c]
 
-    def added_energy(self, motion: Motion) -> ca.SX:
-        """Return the energy of the added inertia at the motion's velocities."""
+    def added_energy(self, motion: TreeMotion) -> ca.SX:
+        """Return the kinetic energy [J] of the added inertia at the motion's velocities."""
         return 0.5 * self.added * ca.dot(self._direction(motion), motion.u[self._velocities]) ** 2
 
-    def add_turn(self, q: ca.SX, u: ca.SX, motion: Motion, pi: ca.SX) -> None:
-        """Turn coordinates and velocities to the time of the motion, by momenta ``pi`` about P."""
+    def add_turn(self, q: ca.SX, u: ca.SX, motion: TreeMotion, pi: ca.SX) -> None:
+        """Add to ``q`` and ``u``, in place, the body's turn about its axis since t = 0 that the steps leave out.
+
+        ``pi`` are the momenta about P; the turn's rate follows from the one along the axis.
+        """
         e, limb = self._direction(motion), self.limb
         rate = (1.0 / self.inertia - 1.0 / (self.inertia + self.added)) * ca.dot(e, pi[self._velocities])
         own = slice(limb.q_at + len(limb.slides), limb.q_at + limb.sizes[0])
@@ -69,7 +74,7 @@ class Spin(NamedTuple):
 
 
 def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
-    """Find the spins of slender bodies."""
+    """Return the free spins of a tree: of slender bodies of revolution that balls on their axes hold."""
     pushed = {int(b) for kind in DECLARED for end in "ij" for b in getattr(system, f"{kind}_{end}", ())}
     out = []
     for limb in tree.limbs:
@@ -81,12 +86,14 @@ def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
         added = 0.5 * (J[1] + J[2]) + system.mass[limb.body] * dot(limb.centre, limb.centre) - J[0]
         is_round = J[2] - J[1] <= NOISE * J[2] and off_axis <= NOISE * float(np.max(np.abs(arms), initial=0.0))
         if is_round and added > 0.0:
-            out.append(Spin(limb, snap(apply(tree.frames[limb.body], axes[:, 0])), float(J[0]), float(added)))
+            out.append(
+                Spin(limb, remove_rounding(apply(tree.frames[limb.body], axes[:, 0])), float(J[0]), float(added))
+            )
     return out
 
 
 def _held_by_balls(system: MultibodySystem, body: int) -> Float[np.ndarray, "n 3"] | None:
-    """Return the points of its joints in the body; None where some are no balls."""
+    """Return the points [m, in the body] of a body's joints; None where some are not spherical."""
     ends = ((system.joint_i, system.joint_s_i), (system.joint_j, system.joint_s_j))
     if any(system.joint_kind(int(k)) != "spherical" for of, _ in ends for k in np.flatnonzero(of == body)):
         return None

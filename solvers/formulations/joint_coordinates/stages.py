@@ -1,20 +1,23 @@
 """DOP853 as expressions: the error of a step, and all stages of a small mechanism in one function.
 
-Tolerances are ``rtol (1 + |x|)`` of slides and velocities, vectors by their length, ``rtol`` of angles and half of it
-of quaternions.
+Tolerances are ``rtol (1 + |x|)`` for slides and velocities, vectors by their length, ``rtol`` for angles and half of it
+for quaternions.
 """
 
 import casadi as ca
 
-from ..generated import Straight
+from ..generated import GeneratedFunction
 from ..methods.tableaux import DOPRI853
 from .tree import Tree
 
-NOTHING = 1e-300  # no error at all is 0, not 0/0
+NOTHING = 1e-300  # makes an error of zero 0, not 0/0
 
 
-def write_measure(tree: Tree) -> Straight:
-    """(t, h, rtol), start, y, sums of both estimates by columns -> RMS of the error estimate over the tolerances."""
+def write_measure(tree: Tree) -> GeneratedFunction:
+    """Return the function of a step's error over its tolerances, a root mean square.
+
+    Inputs: (t, h, rtol), y at the start and at the end, and the sums of both error estimates.
+    """
     n = tree.nq + tree.nu
     given, start, y, sums = ca.SX.sym("given", 3), ca.SX.sym("start", n), ca.SX.sym("y", n), ca.SX.sym("sums", 2 * n)
     first = second = ca.SX(0)
@@ -24,17 +27,18 @@ def write_measure(tree: Tree) -> Straight:
         weight = 1.0 / (scale * scale)
         first, second = first + weight * ca.dot(x, x), second + weight * ca.dot(z, z)
     error = given[1] * first / (given[2] * ca.sqrt((first + 0.01 * second) * n + NOTHING))
-    return Straight([given, start, y, sums], [error])
+    return GeneratedFunction([given, start, y, sums], [error])
 
 
-def write_step(accelerate: Straight, measure: Straight) -> Straight:
-    """(t, h, rtol), start, its slope -> y at the end, its error, the least pivot of all stages."""
+def write_step(accelerate: GeneratedFunction, measure: GeneratedFunction) -> GeneratedFunction:
+    """Return the function of a whole step: (t, h, rtol), start, its slope -> y at the end, error, least pivot."""
     f, error = (ca.Function("f", x.inputs, x.outputs) for x in (accelerate, measure))
     n = accelerate.inputs[1].numel()
     given, start, first = ca.SX.sym("given", 3), ca.SX.sym("start", n), ca.SX.sym("first", n)
     t, h, slopes, least = given[0], given[1], [first], ca.SX(1)
 
     def combine_slopes(weights: "list[float]") -> ca.SX:
+        """Return the sum of the slopes so far times these weights."""
         terms = [w * slope for w, slope in zip(weights, slopes, strict=False) if w]
         return sum(terms[1:], terms[0])
 
@@ -44,11 +48,14 @@ def write_step(accelerate: Straight, measure: Straight) -> Straight:
         least = ca.fmin(least, pivot)
     y = start + h * combine_slopes(DOPRI853.b.tolist())
     sums = ca.vertcat(*(combine_slopes(row) for row in DOPRI853.error.tolist()))
-    return Straight([given, start, first], [y, error(given, start, y, sums), least])
+    return GeneratedFunction([given, start, first], [y, error(given, start, y, sums), least])
 
 
 def tolerance_blocks(tree: Tree) -> list[tuple[int, int, int]]:
-    """(first, last + 1, 0 of what has a length, else twice the tolerance of an angle) of the parts of y."""
+    """Return (first, last + 1, kind) of the parts of y that have one tolerance each.
+
+    Kind 0: rtol (1 + length); else kind / 2 times rtol, 1 for a quaternion and 2 for an angle.
+    """
     out: list[tuple[int, int, int]] = []
     for limb in tree.limbs:
         for at, kind in ((limb.q_at, 2), (tree.nq + limb.u_at, 0)):

@@ -1,7 +1,7 @@
 """Symplectic steps of fixed size on Hamilton's equations of a tree and of its loops (compiled).
 
-A step by a ``Tableau`` finds q_dot, p_dot of its stages and lam of its rows in sweeps: each stage by the newest of the
-others, then lam of all nodes by one step of a simplified Newton method,
+A step by a ``CollocationTableau`` finds q_dot, p_dot of its stages and lam of its rows in sweeps: each stage by the
+newest of the others, then lam of all nodes by one step of a simplified Newton method,
 
     (C x S) d lam = phi / h^2,   C = a_node a_row,   S = G H^-1 G^T at the start of the step,
 
@@ -20,39 +20,39 @@ import numpy as np
 from ....harness.code_meter import Stopwatch
 from ....harness.types import Problem, Status, StepControl, Trajectory
 from ..compiled.algebra import clear, copy
-from ..compiled.entries import Bound, inner, run
+from ..compiled.entries import Bound, compile_inline, run
 from ..compiled.host import ENDS, ROUNDINGS, Method, _march
 from ..compiled.marching import FULL, STUCK, new_control
 from ..generated import Program
 from ..recording import no_trajectory
 from ..recursion.evaluation import TreeEvaluation
 from ..recursion.phases import TreeClosing, TreePhase
-from ..refusals import without_phi
+from ..refusals import refuse_without_phi
 from . import marching
 from .acceleration import MEMORY, accelerate
 from .choice import choose_phase, evaluate
 from .choice import refusal as refuse_loops
-from .collocation import DEPTH, Tableau
+from .collocation import DEPTH, CollocationTableau
 from .elimination import Order
-from .evaluation import Evaluation, Steps
+from .evaluation import Calls, Evaluation
 from .hamilton import HamiltonCode
 from .marching import OPEN, Bodies
 from .tree import spanning_tree
 
-MOST_SWEEPS = 60  # twice what the longest steps take that are accurate at all
-LOOK = 5  # sweeps between two looks at their rate
+MOST_SWEEPS = 60  # twice what the longest steps with any accuracy take
+LOOK = 5  # sweeps between two checks of their rate
 PLAIN_SWEEPS = 16  # acceleration begins where these would leave more than ``TIGHT``; 11 and 21 do as well
-LOOSE, TIGHT = 1e-9, 1e-13  # larger changes are no rounding; smaller ones are little else
-IDLE = 4  # sweeps in which changes do not halve: rounding; two are enough below ``TIGHT``
-ROUNDING = 3e-17  # of the estimated changes of sweeps to come, beside q and p
+LOOSE, TIGHT = 1e-9, 1e-13  # changes above the first are not rounding; those below the second are mostly rounding
+IDLE = 4  # sweeps without halving the changes that indicate rounding; two are enough below ``TIGHT``
+ROUNDING = 3e-17  # limit of the estimated further changes, relative to q and p
 SHORTER = ": take a shorter one, on chains as 1 / (links x speed); gauss_joint takes longer ones than rattle_joint"
 CALLS = ("stage", "gaps", "push", "solve", "close", "finish", "record")
-POOR_PIVOT, LEAST_PIVOT = 1e-3, 1e-6  # of their first values: others are looked for, and the march ends
+POOR_PIVOT, LEAST_PIVOT = 1e-3, 1e-6  # shares of their first values: others are searched for, and the march ends
 FASTEST = 1e-2  # assumed convergence of a sweep, at best
 
 
 class Stages(NamedTuple):
-    """Tableau and room for one step."""
+    """The tableau and the arrays of one step."""
 
     control: Any
     t: Any  # (1,)
@@ -68,17 +68,17 @@ class Stages(NamedTuple):
     guess: Any  # (d, s, d s) by stages of the step before, of the two before, ...
     guess_rows: Any  # (d, m - 1, d m)
     start: Any  # (2, nq) q and p
-    rest: Any  # (2, nq) what their last sums have lost
+    rest: Any  # (2, nq) compensation of their last sums
     z: Any  # (2, nq)
     z_dot: Any  # (2, nq)
     unknowns: Any  # (n,) F, pushes and lam behind each other
     F: Any  # (s, 2, nq) z_dot of the stages
-    before: Any  # (d, s, 2, nq) of steps before, the last one last
+    before: Any  # (d, s, 2, nq) F of steps before, the last one last
     lam: Any  # (m, r)
     lam_before: Any  # (d, m, r)
     phi: Any  # (m - 1, r)
-    rows: Any  # (r,) in and out of code
-    kept: Any  # numbers of those that hold
+    rows: Any  # (r,) input and output of code
+    kept: Any  # numbers of the rows in use
     gaps: Any  # (r,)
     solved: Any  # (r,)
     push: Any  # (nq,)
@@ -95,7 +95,7 @@ class Stages(NamedTuple):
     change: Any  # (k,) weighted, of a sweep
     change_before: Any  # (k,)
     basis: Any  # (MEMORY, k) orthonormal, of changes of changes
-    images: Any  # (MEMORY, n) by what the unknowns after a sweep differ along each
+    images: Any  # (MEMORY, n) differences of the unknowns after a sweep along each
     stage: int
     gap: int
     pushed: int
@@ -106,7 +106,10 @@ class Stages(NamedTuple):
 
 
 def step(s: Any) -> None:
-    """Take a step of ``control.h``; ``start`` stays."""
+    """Solve for stages and multipliers of a step of ``control.h`` by sweeps; the step is added by ``finish``.
+
+    ``control.status`` is STUCK where sweeps do not converge or pivots are poor.
+    """
     c, h = s.control, s.control.h
     if not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1]):
         c.status = STUCK
@@ -133,7 +136,7 @@ def step(s: Any) -> None:
         if size == 0.0 or (size < LOOSE and settled):
             return
         last = size
-        if slow and (idle == 0 or size > TIGHT):  # weights of changes that are rounding would magnify it
+        if slow and (idle == 0 or size > TIGHT):  # weights for changes that are rounding would magnify it
             known = accelerate(s, h, known)
         elif not slow and sweep % LOOK == 0:
             if sweep > 0:
@@ -146,7 +149,10 @@ def step(s: Any) -> None:
 
 
 def finish(s: Any) -> None:
-    """Close velocities, and record with accelerations and reactions of index 1."""
+    """Add the step to q and p, close velocities at its end, and compute what is recorded.
+
+    Accelerations and reactions recorded are those of index 1.
+    """
     c, h = s.control, s.control.h
     n, m = len(s.start[0]), len(s.nodes)
     copy(s.start, s.z)
@@ -179,18 +185,21 @@ def finish(s: Any) -> None:
     run(s.record)
 
 
-@inner
+@compile_inline
 def _add(s: Any, e: int, k: int, change: float) -> None:
-    """Add to z, with what the sum before has lost."""
+    """Add ``change`` to entry (e, k) of z, with the compensation of the sum before (Kahan)."""
     change += s.rest[e, k]
     total = s.z[e, k] + change
     s.rest[e, k] = change - (total - s.z[e, k])
     s.z[e, k] = total
 
 
-@inner
+@compile_inline
 def _estimate(s: Any, t: float) -> None:
-    """Estimate ``F`` and ``lam``."""
+    """Estimate the stages' slopes ``F`` and the multipliers ``lam`` from earlier steps.
+
+    Without earlier steps, all stages get the slope at the start ``t`` [s].
+    """
     past, d, stages, m = int(s.past[0]), len(s.before), len(s.b), len(s.nodes)
     if past == 0:
         s.t[0] = t
@@ -216,9 +225,9 @@ def _estimate(s: Any, t: float) -> None:
         _push(s, j, t, s.control.h)
 
 
-@inner
+@compile_inline
 def _sweep(s: Any, t: float, h: float) -> float:
-    """Evaluate all stages; return the largest change of a step, beside the size of coordinates and momenta."""
+    """Evaluate all stages once; return the largest change of q and p by it, relative to their size."""
     n, m = len(s.start[0]), len(s.nodes)
     worst = 0.0
     change = moment = 0.0
@@ -245,9 +254,9 @@ def _sweep(s: Any, t: float, h: float) -> float:
     return max(worst, change / moment) if moment > 0.0 else worst
 
 
-@inner
+@compile_inline
 def _node(s: Any, j: int, t: float, h: float) -> None:
-    """Set ``z`` to the coordinates at node ``j``."""
+    """Set time and ``z[0]`` to those of node ``j``, where rows hold."""
     s.t[0] = t + s.nodes[j] * h
     for k in range(len(s.start[0])):
         q = 0.0
@@ -256,9 +265,9 @@ def _node(s: Any, j: int, t: float, h: float) -> None:
         s.z[0, k] = s.start[0, k] + h * q
 
 
-@inner
+@compile_inline
 def _push(s: Any, j: int, t: float, h: float) -> None:
-    """Set ``pushes`` to G^T lam of node ``j``."""
+    """Set ``pushes`` of node ``j`` to G^T lam, the force of its multipliers."""
     if len(s.rows) > 0:
         _node(s, j, t, h)
         copy(s.lam[j], s.rows)
@@ -266,9 +275,9 @@ def _push(s: Any, j: int, t: float, h: float) -> None:
         copy(s.push, s.pushes[j])
 
 
-@inner
+@compile_inline
 def _correct(s: Any, t: float, h: float) -> float:
-    """Correct all ``lam``; return the largest phi, or 0."""
+    """Correct the multipliers of all nodes by Newton's method; return the largest phi, 0 where that is rounding."""
     m, nr = len(s.nodes), len(s.rows)
     worst = 0.0
     for j in range(1, m):
@@ -296,7 +305,7 @@ def _correct(s: Any, t: float, h: float) -> float:
 
 
 class Closing:
-    """K at the end of a step, by which velocities are closed there, and then lam of the next step are corrected."""
+    """K at the end of a step, which closes velocities there, and then corrects lam of the next step."""
 
     def __init__(self, evaluation: Evaluation, own: HamiltonCode) -> None:
         self._evaluation, self._own = evaluation, own
@@ -307,35 +316,40 @@ class Closing:
         self.kept = np.array([*sorted(loops), *range(pattern.rows, own.rows)], dtype=np.int64)
 
     def factor(self, t: np.ndarray, z: np.ndarray) -> Program:
-        """Return the program of K's factor."""
+        """Return the program that factorises K at the coordinates and momenta ``z``."""
         return Program(self._factor(t, z), self)
 
     def close(self, t: np.ndarray, z: np.ndarray, y: np.ndarray, rows: np.ndarray) -> Program:
-        """Return the program of y and lam."""
+        """Return the program that closes velocities at the end of a step.
+
+        It sets ``y``, and in ``rows`` the impulses of the last node.
+        """
         solve = self._evaluation.solve(self._b, self._u, self._lam)
         return Program([*self._factor(t, z), *solve, self._step("close", t, *z, self._u, self._lam, y, rows)], self)
 
     def solve(self, rows: np.ndarray, solved: np.ndarray) -> Program:
-        """Return the program of S^-1 rows."""
+        """Return the program that sets ``solved`` := S^-1 rows, S = G H^-1 G^T of the last factor."""
         loops, radial = (np.split(x, [self._evaluation.made.rows]) for x in (rows, solved))
         steps = self._evaluation.solve_rows(loops[0], radial[0])
         return Program([*steps, *([self._step("soften", loops[1], radial[1])] if len(loops[1]) else [])], self)
 
-    def _factor(self, t: np.ndarray, z: np.ndarray) -> Steps:
+    def _factor(self, t: np.ndarray, z: np.ndarray) -> Calls:
+        """Return the steps that compute pose and K at ``z``, with added inertia of free spins, and factorise it."""
         e, variable = self._evaluation, self._evaluation.made.pattern.variable
         pose, loads = self._step("pose", t, *z, self._y, self._b), np.zeros_like(self._b)
         if not self._own.spins:
             return [pose, *e.entries(t, self._y, loads, self._rates), *e.factor(np.zeros(1))]
         K = np.zeros(variable)
-        entries = e.step("entries", t, self._y, K, loads, self._rates)
+        entries = e.call_function("entries", t, self._y, K, loads, self._rates)
         return [pose, *entries, self._step("add_spins", self._y, K, e.K[:variable]), *e.factor(np.zeros(1))]
 
     def _step(self, name: str, *arrays: np.ndarray) -> tuple[int, list[np.ndarray]]:
+        """Return the call of a function ``name`` of the code of Hamilton's equations; run nothing."""
         return self._own.code.address(name), list(arrays)
 
 
 def make_closing(evaluation: Evaluation | TreeEvaluation, own: HamiltonCode | TreePhase) -> Closing | TreeClosing:
-    """Return what closes velocities at the ends of steps; both arguments are code, or neither is."""
+    """Return what closes velocities at the ends of steps; both arguments are code, or both recursion."""
     if isinstance(evaluation, TreeEvaluation) and isinstance(own, TreePhase):
         return TreeClosing(evaluation, own)
     assert isinstance(evaluation, Evaluation) and isinstance(own, HamiltonCode)  # chosen together
@@ -343,15 +357,21 @@ def make_closing(evaluation: Evaluation | TreeEvaluation, own: HamiltonCode | Tr
 
 
 class Marcher(marching.Marcher):
-    """The code of a problem's mechanism at work, from its start; ValueError where none can be made."""
+    """The code of a problem's mechanism in progress; ValueError where none can be made."""
 
     hamilton: HamiltonCode | TreePhase
 
     def __init__(
-        self, problem: Problem, state: np.ndarray, tableau: Tableau, before: "Marcher | None" = None,
-        chosen: Order | None = None, *, radial: bool,
-    ) -> None:  # fmt: skip
-        """From the start, or from where the one ``before`` stands, by the order of elimination ``chosen`` there."""
+        self,
+        problem: Problem,
+        state: np.ndarray,
+        tableau: CollocationTableau,
+        before: "Marcher | None" = None,
+        chosen: Order | None = None,
+        *,
+        radial: bool,
+    ) -> None:
+        """Begin at the start, or at the state of the one ``before``, with the order of elimination ``chosen`` there."""
         system, tree = problem.system, before.tree if before else spanning_tree(problem.system, problem.initial)
         self.tree = tree
         self.code, own = (before.code, before.hamilton) if before else choose_phase(problem, tree, radial=radial)
@@ -361,9 +381,13 @@ class Marcher(marching.Marcher):
         stages, m = len(tableau.b), len(tableau.nodes)
         self.state = state
         self.kernel = bodies = Bodies(
-            np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6)), np.zeros(system.nrows),
+            np.zeros((nb, 3)),
+            np.zeros((nb, 3, 3)),
+            np.zeros((nb, 6)),
+            np.zeros((nb, 6)),
+            np.zeros(system.nrows),
             np.arange(system.nrows),
-        )  # fmt: skip
+        )
         t, y, after, y_dot, lam, guard = (np.zeros(k) for k in (1, ny, ny, ny, self.code.rows, 2))
         z, z_dot, push = np.zeros((2, nq)), np.zeros((2, nq)), np.zeros(nq)
         rows, gaps, solved = np.zeros((3, r))
@@ -373,35 +397,70 @@ class Marcher(marching.Marcher):
         F, pushes, lam_of_nodes = (room[a:b].reshape(size) for a, b, size in zip(ends, ends[1:], sizes, strict=False))
         unknowns, changing = (room, ends[2]) if r else (room[: ends[1]], ends[1])
         steps = {
-            "stage": [t, z[0], z[1], z_dot[0], z_dot[1]], "gaps": [t, z[0], gaps], "push": [t, z[0], rows, push],
+            "stage": [t, z[0], z[1], z_dot[0], z_dot[1]],
+            "gaps": [t, z[0], gaps],
+            "push": [t, z[0], rows, push],
             "enter": [y, z[1]],
-        }  # fmt: skip
+        }
         programs = {name: own.bind(name, *arrays) for name, arrays in steps.items()}
         closing = make_closing(evaluate(self.code, nq, chosen), own)
         programs |= {
-            "close": closing.close(t, z, y, rows), "solve": closing.solve(rows, solved),
+            "close": closing.close(t, z, y, rows),
+            "solve": closing.solve(rows, solved),
             "finish": self.evaluation.finish(t, y, after, y_dot, lam, guard),
             "record": self.evaluation.record(t, after, y_dot, lam, *bodies[:5]),
-        }  # fmt: skip
+        }
         self._programs = list(programs.values())
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
         self.stages = Stages(  # type: ignore[assignment]
-            state, t, *tableau[2:], tableau.newton(),
-            *tableau.estimates(), np.zeros((2, nq)), np.zeros((2, nq)), z, z_dot, unknowns, F,
-            np.zeros((DEPTH, stages, 2, nq)), lam_of_nodes, np.zeros((DEPTH, m, r)),
-            np.zeros((m - 1, r)), rows, closing.kept, gaps, solved, push, pushes, y, after, guard,
-            np.array([
-                POOR_PIVOT, OPEN * (reach or 1.0), ROUNDINGS * np.finfo(float).eps * max(reach, 1.0), PLAIN_SWEEPS,
-            ]),
-            np.zeros(2), np.zeros(1), unknowns.copy(), unknowns.copy(), np.zeros(changing), np.zeros(changing),
+            state,
+            t,
+            *tableau[2:],
+            tableau.newton(),
+            *tableau.estimates(),
+            np.zeros((2, nq)),
+            np.zeros((2, nq)),
+            z,
+            z_dot,
+            unknowns,
+            F,
+            np.zeros((DEPTH, stages, 2, nq)),
+            lam_of_nodes,
+            np.zeros((DEPTH, m, r)),
+            np.zeros((m - 1, r)),
+            rows,
+            closing.kept,
+            gaps,
+            solved,
+            push,
+            pushes,
+            y,
+            after,
+            guard,
+            np.array(
+                [
+                    POOR_PIVOT,
+                    OPEN * (reach or 1.0),
+                    ROUNDINGS * np.finfo(float).eps * max(reach, 1.0),
+                    PLAIN_SWEEPS,
+                ]
+            ),
+            np.zeros(2),
+            np.zeros(1),
+            unknowns.copy(),
+            unknowns.copy(),
             np.zeros(changing),
-            np.zeros((MEMORY, changing)), np.zeros((MEMORY, len(unknowns))), *(programs[name].entry for name in CALLS),
-        )  # fmt: skip
+            np.zeros(changing),
+            np.zeros(changing),
+            np.zeros((MEMORY, changing)),
+            np.zeros((MEMORY, len(unknowns))),
+            *(programs[name].entry for name in CALLS),
+        )
         t[0], y[:] = state["t"], before.here if before else tree.start
         for name in ("finish", "record"):  # projected velocities, the reaction
             programs[name].run()
         self.reaction = bodies.lam.copy()[None]
-        if before:  # the same canonical coordinates; rows that hold may be others
+        if before:  # the same canonical coordinates; the rows in use may be others
             for name in ("start", "rest", "most"):
                 getattr(self.stages, name)[:] = getattr(before.stages, name)
         else:
@@ -416,17 +475,17 @@ class Marcher(marching.Marcher):
 
     @property
     def here(self) -> np.ndarray:
-        """y at the end of the last step."""
+        """Coordinates and velocities y at the end of the last step."""
         return self.stages.y  # type: ignore[no-any-return]
 
     @property
     def is_near(self) -> bool:
-        """Return whether pivots or rows that were left out end the march here."""
+        """Flag of poor pivots, or of open rows that were left out, which end the march here."""
         s = self.stages
         return not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1])
 
     def explain(self, outcome: int) -> str:
-        """Say why the march has ended."""
+        """Return words for the ``outcome`` of the march, with advice."""
         if self.is_near:
             return f"{super().explain(outcome)}: use rattle"
         helps = SHORTER if outcome == STUCK and isinstance(self.hamilton, TreePhase) else ""
@@ -434,23 +493,26 @@ class Marcher(marching.Marcher):
 
 
 class Relay(marching.Relay):
-    """A march whose pivots are chosen anew at the end of a step where they are poor; it ends where they are lost."""
+    """A march that chooses other pivots at the end of a step where they are poor, and ends where there are none."""
 
     _runner: Marcher
 
     @property
     def most_sweeps(self) -> int:
-        """Return the largest number of sweeps in a step."""
+        """Largest number of sweeps that a step has taken."""
         return int(self._runner.stages.most[0])  # type: ignore[attr-defined]
 
     def _choose_pivots(self) -> bool:
+        """Change to an order with safe pivots, where the present ones are poor; return whether it did."""
         return self._runner.is_near and super()._choose_pivots()
 
     def _made_by(self, order: Order | None) -> Marcher:
+        """Return a marcher at the same canonical coordinates, with this order of elimination."""
         before = self._runner
         return Marcher(self._problem, self.state, before.tableau, before, order, radial=before.radial)
 
     def _go_on_without(self) -> None:
+        """Continue with the present, poor pivots as long as they are above ``LEAST_PIVOT``; else the march ends."""
         s = self._runner.stages
         if s.limits[0] > LEAST_PIVOT and s.guard[0] > LEAST_PIVOT and s.guard[1] < s.limits[1]:
             s.limits[0], self.state["outcome"] = LEAST_PIVOT, FULL
@@ -460,12 +522,18 @@ METHOD = Method(lambda kernel, state: None, step, finish, counters=("evaluations
 
 
 def refusal(problem: Problem) -> str | None:
-    """Refuse rows without phi, and large mechanisms that have many closed loops."""
-    return without_phi(problem.system) or refuse_loops(problem)
+    """Return the refusal of rows without phi, and of large mechanisms with many loop rows, or None."""
+    return refuse_without_phi(problem.system) or refuse_loops(problem)
 
 
-def integrate(problem: Problem, control: StepControl, tableau: Tableau, *, radial: bool = False) -> Trajectory:
-    """March to the end or to a failure, which is a status."""
+def integrate(
+    problem: Problem, control: StepControl, tableau: CollocationTableau, *, radial: bool = False
+) -> Trajectory:
+    """Integrate by symplectic steps of a tableau to the end, a limit or a failure, which is a status.
+
+    ``radial``: with the energy and the rows that hold quaternions at length one, for methods that do not keep quadratic
+    invariants.
+    """
     watch = Stopwatch()
     state = new_control(t_end=problem.t_end, dt=control.dt or 0.0)
     try:

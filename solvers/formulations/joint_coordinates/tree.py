@@ -13,15 +13,20 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.mechanics.fixed_order import apply, dot, product
+from ....harness.mechanics.joint_walk import walk_joints
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
 
-NOISE = 1e-12  # of an array's size: a constant that is zero but for rounding
+NOISE = 1e-12  # share of an array's size below which a constant is rounding of zero
 
-MOTIONS = {  # directions that joints turn about, and slide along: u in i, n in j; a spherical one is a ball
-    "spherical": ("", ""), "universal": ("nu", ""), "revolute": ("u", ""), "fixed": ("", ""), "cylindrical": ("u", "u"),
+MOTIONS = {  # directions that joints turn about and slide along: u in i, n in j; a spherical joint is a ball
+    "spherical": ("", ""),
+    "universal": ("nu", ""),
+    "revolute": ("u", ""),
+    "fixed": ("", ""),
+    "cylindrical": ("u", "u"),
     "prismatic": ("", "u"),
-}  # fmt: skip
+}
 
 
 class Limb(NamedTuple):
@@ -42,7 +47,7 @@ class Limb(NamedTuple):
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Numbers of coordinates and of velocities."""
+        """Number of the limb's coordinates, and of its velocities."""
         n = len(self.slides) + len(self.turns)
         return (n + 4, n + 3) if self.ball else (n, n)
 
@@ -68,10 +73,10 @@ class Tree(NamedTuple):
 
 
 def spanning_tree(system: MultibodySystem, start: State) -> Tree:
-    """The tree and its cut joints, by the rule above."""
-    reached = _breadth_first(system)
+    """Return the spanning tree of a system and its cut joints, by the rule above, with its coordinates at ``start``."""
+    reached = walk_joints(system, MOTIONS).reached
     base = _base(system, start, reached)
-    frames = snap(product(base, start.R))
+    frames = remove_rounding(product(base, start.R))
     ground = [*frames, base]  # the last one is the ground's
     points = np.zeros((system.nb + 1, 3))  # P of each body, in the base frame
     limbs: list[Limb] = []
@@ -86,8 +91,11 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
     return tree._replace(start=np.concatenate(_coordinates(tree, start)))
 
 
-def snap(a: np.ndarray, size: float | None = None) -> np.ndarray:
-    """``a`` without what is rounding beside ``size``, or beside its largest number."""
+def remove_rounding(a: np.ndarray, size: float | None = None) -> np.ndarray:
+    """Return ``a`` with numbers that differ from 0, 1 or -1 by rounding alone set to these.
+
+    Rounding is ``NOISE`` of ``size``, or of the largest number of ``a``.
+    """
     out = np.array(a, dtype=float)
     noise = NOISE * (float(np.max(np.abs(out), initial=0.0)) if size is None else size)
     out[np.abs(out) < noise] = 0.0
@@ -96,32 +104,11 @@ def snap(a: np.ndarray, size: float | None = None) -> np.ndarray:
     return out
 
 
-def _breadth_first(system: MultibodySystem) -> dict[int, tuple[int, int]]:
-    """(parent, joint) by body, joint -1 for a body that floats."""
-    reached: dict[int, tuple[int, int]] = {}
-    held: dict[int, list[tuple[int, int]]] = {b: [] for b in range(GROUND, system.nb)}
-    for k, (i, j) in enumerate(zip(system.joint_i.tolist(), system.joint_j.tolist(), strict=True)):
-        if system.joint_kind(k) in MOTIONS:
-            held[i].append((j, k))
-            held[j].append((i, k))
-
-    def spread(queue: list[int]) -> None:
-        for parent in queue:  # grows meanwhile
-            for other, k in held[parent]:
-                if other != GROUND and other not in reached:
-                    reached[other] = (parent, k)
-                    queue.append(other)
-
-    spread([GROUND])
-    for b in range(system.nb):
-        if b not in reached:
-            reached[b] = (GROUND, -1)
-            spread([b])
-    return reached
-
-
 def _base(system: MultibodySystem, start: State, reached: dict[int, tuple[int, int]]) -> np.ndarray:
-    """z along the first hinge, or slide, or against gravity; y against gravity as far as it is normal to that."""
+    """Return the rotation from space to the base frame: z along the first hinge or slide, else against gravity.
+
+    y is against gravity, normal to z.
+    """
     up, z = -system.gravity, np.zeros(3)
     joints = [k for _, k in reached.values() if k >= 0]
     for kinds in (("revolute", "cylindrical"), ("universal", "prismatic")):
@@ -135,14 +122,18 @@ def _base(system: MultibodySystem, start: State, reached: dict[int, tuple[int, i
         if dot(y, y) > 1e-12 * max(1.0, dot(up, up)):
             break
     y = y / np.sqrt(dot(y, y))
-    return snap(np.stack((np.cross(y, z), y, z)))
+    return remove_rounding(np.stack((np.cross(y, z), y, z)))
 
 
 def _limb(
-    system: MultibodySystem, start: State, base: np.ndarray, frames: list[np.ndarray], points: np.ndarray,
+    system: MultibodySystem,
+    start: State,
+    base: np.ndarray,
+    frames: list[np.ndarray],
+    points: np.ndarray,
     of: tuple[int, int, int],
-) -> Limb:  # fmt: skip
-    """``points`` gets P of the body."""
+) -> Limb:
+    """Return the limb of a body on its parent by joint k, ``of`` (body, parent, k); set its P in ``points``."""
     s, (body, parent, k) = system, of
     r, none = apply(base, start.r[body]), np.zeros((0, 3))
     if k < 0:
@@ -150,21 +141,26 @@ def _limb(
         return Limb(body, GROUND, k, True, none, np.eye(3), True, r, np.zeros(3), np.zeros(3), 0, 0)
     i, j, kind = int(s.joint_i[k]), int(s.joint_j[k]), str(s.joint_kind(k))
     child_is_i = i == body
-    ends = [(apply(base, start.r[e]) if e != GROUND else np.zeros(3)) + apply(frames[e], arm)
-            for e, arm in ((i, s.joint_s_i[k]), (j, s.joint_s_j[k]))]  # fmt: skip
+    ends = [
+        (apply(base, start.r[e]) if e != GROUND else np.zeros(3)) + apply(frames[e], arm)
+        for e, arm in ((i, s.joint_s_i[k]), (j, s.joint_s_j[k]))
+    ]
     points[body] = ends[0 if child_is_i else 1]
     direction = {"u": apply(frames[i], s.joint_u[k]), "n": apply(frames[j], s.joint_n[k, 0])}
-    turns, slides = (snap(np.array([direction[x] for x in xs]).reshape(-1, 3)) for xs in MOTIONS[kind])
+    turns, slides = (remove_rounding(np.array([direction[x] for x in xs]).reshape(-1, 3)) for xs in MOTIONS[kind])
     size = float(np.max(np.abs(np.concatenate((s.joint_s_i, s.joint_s_j, start.r))), initial=0.0))
     arm, beside, centre = (
-        snap(a, size) for a in (points[body] - points[parent], ends[0] - points[body], r - points[body])
-    )  # fmt: skip
+        remove_rounding(a, size) for a in (points[body] - points[parent], ends[0] - points[body], r - points[body])
+    )
     turns = turns if child_is_i else turns[::-1]
     return Limb(body, parent, k, child_is_i, turns, slides, kind == "spherical", arm, beside, centre, 0, 0)
 
 
 def _coordinates(tree: Tree, start: State) -> tuple[np.ndarray, np.ndarray]:
-    """At the start all angles are 0; velocities by joints, those of its bodies as far as it lets them."""
+    """Return coordinates and velocities of a tree at the start.
+
+    Angles are 0; velocities are taken joint by joint, as far as a joint allows them.
+    """
     q, u = np.zeros(tree.nq), np.zeros(tree.nu)
     omega = np.concatenate((apply(tree.frames, start.Omega), np.zeros((1, 3))))
     v = np.concatenate((product(start.v, tree.base.T), np.zeros((1, 3))))
@@ -172,7 +168,7 @@ def _coordinates(tree: Tree, start: State) -> tuple[np.ndarray, np.ndarray]:
     for limb in tree.limbs:
         b, p, ns = limb.body, limb.parent, len(limb.slides)
         centre[b] = limb.centre
-        v_p = v[p] + np.cross(omega[p], limb.arm - centre[p])  # of the point of the parent at P
+        v_p = v[p] + np.cross(omega[p], limb.arm - centre[p])  # velocity of the parent's point at P
         v_b = v[b] - np.cross(omega[b], limb.centre)
         own = u[limb.u_at : limb.u_at + limb.sizes[1]]
         own[:ns] = apply(limb.slides, v_b - v_p)
@@ -184,7 +180,7 @@ def _coordinates(tree: Tree, start: State) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rates_about(turns: Float[np.ndarray, "nt 3"], omega: Float[np.ndarray, " 3"]) -> np.ndarray:
-    """Rates about one or two axes whose rotations together are nearest to ``omega``."""
+    """Return the rates about one or two axes whose rotations together are nearest to ``omega``."""
     first, *second = turns
     if not second:
         return np.array([dot(first, omega) / dot(first, first)])

@@ -13,47 +13,73 @@ Simplified Newton with S at the first estimate of q_1, d = M^-1 (f + A^T lam) - 
     index 3      S dlam = -A d - phi / (beta' h^2)
     stabilised   S dlam = -A d - A v_1 / (gamma' h),   S deta = -phi + (beta' h / gamma') A v_1
 
-The matrix of the iteration is M alone: springs with h^2 k/m of order one and more are out of its reach.
+The matrix of the iteration is M alone: it does not converge with springs whose h^2 k/m is of order one and more.
 """
 
 from functools import partial
 
-import numpy as np
-
 from ....harness.types import Problem
-from ..compiled.algebra import clear, copy, largest
+from ..compiled.algebra import clear, copy, find_largest
 from ..compiled.bundles import make_record, make_step
-from ..compiled.entries import inner, run
-from ..compiled.host import Method, tolerance_of
+from ..compiled.entries import compile_inline, run
+from ..compiled.host import Method, choose_tolerance
 from ..compiled.marching import STUCK
-from .iteration import FAILED, MOST_ITERATIONS, SLOW, has_settled
+from .iteration import iterate
 from .products import add_scaled, move, set_rates
+from .stiff_springs import explaining
 
 COUNTERS = ("iterations", "factorisations")
 ARRAYS = {
-    "r0": "nb 3", "R0": "nb 3 3", "v0": "nb 6", "vdot0": "nb 6",
+    "r0": "nb 3",
+    "R0": "nb 3 3",
+    "v0": "nb 6",
+    "vdot0": "nb 6",
     "a0": "nb 6",  # the scheme's own acceleration
     "slack": "nb 6",  # M^-1 A^T eta
-    "dq": "nb 6", "lam": "nr", "eta": "nr",
-}  # fmt: skip
+    "dq": "nb 6",
+    "lam": "nr",
+    "eta": "nr",
+}
 
 
 def alpha_steps(
-    problem: Problem, tolerance: float, *, beta: float, gamma: float, alpha_m: float = 0.0, alpha_f: float = 0.0,
-    shift: float = 0.0, stabilised: bool = False, projected: bool = False,
-) -> Method:  # fmt: skip
-    """The method; ``tolerance`` of phi and of the last correction of poses [m; without unit], ``shift`` of S."""
-    tolerance, notes = tolerance_of(tolerance, problem)
+    problem: Problem,
+    tolerance: float,
+    *,
+    beta: float,
+    gamma: float,
+    alpha_m: float = 0.0,
+    alpha_f: float = 0.0,
+    shift: float = 0.0,
+    stabilised: bool = False,
+    projected: bool = False,
+) -> Method:
+    """Return the generalised-alpha method with these coefficients, for the march; it solves nothing yet.
+
+    ``tolerance`` is that of phi and of the last correction of poses [m; without unit]; ``shift`` is added to the
+    diagonal of S, relative to it; ``stabilised`` holds A v = 0 too, by a second multiplier; ``projected`` projects
+    velocities and accelerations after each step.
+    """
+    tolerance, notes = choose_tolerance(tolerance, problem)
     scheme = make_record(
-        alpha_m=alpha_m, alpha_f=alpha_f, beta=beta, gamma=gamma, tolerance=tolerance, shift=shift,
-        stabilised=stabilised, projected=projected,
-    )  # fmt: skip
+        alpha_m=alpha_m,
+        alpha_f=alpha_f,
+        beta=beta,
+        gamma=gamma,
+        tolerance=tolerance,
+        shift=shift,
+        stabilised=stabilised,
+        projected=projected,
+    )
     of_system = partial(make_step, arrays=ARRAYS, scheme=scheme)  # ``v_dot`` of the kernel is vdot
-    return Method(of_system, step, finish, start, counters=COUNTERS, notes=notes)
+    return Method(of_system, step, finish, start, counters=COUNTERS, notes=notes, explain=explaining(problem))
 
 
 def start(s):
-    """vdot and a of index 1. lam grows from 0: redundant rows share it where none is dropped."""
+    """Set vdot and a to the acceleration of index 1.
+
+    lam grows from 0: redundant rows share it where none is dropped.
+    """
     run(s.kernel.accelerate)
     s.control.factorisations += 1
     copy(s.kernel.v_dot, s.a0)
@@ -61,7 +87,7 @@ def start(s):
 
 
 def step(s):
-    """One step of ``control.h``."""
+    """Solve the step of ``control.h`` by Newton's iteration; ``control.status`` is STUCK where it does not converge."""
     c, k, h = s.control, s.kernel, s.control.h
     k.t[0] = c.t + h
     copy(k.r, s.r0)
@@ -69,26 +95,12 @@ def step(s):
     copy(k.v, s.v0)
     copy(k.v_dot, s.vdot0)
     clear(s.slack)
-    last, state, slow = np.inf, 0, False
-    for i in range(MOST_ITERATIONS):
-        _predict(s, k, h)
-        run(k.rows)
-        if i == 0 or slow:
-            run(k.factorise)
-            c.factorisations += 1
-        size = _correct(s, k, h)
-        c.iterations += 1
-        state = has_settled(size, last, s.scheme.tolerance)
-        slow = size > SLOW * last
-        last = size
-        if state != 0:
-            break
-    if state == FAILED or not last <= s.scheme.tolerance:
+    if not iterate(s, _sweep, s.scheme.tolerance):
         c.status = STUCK
 
 
 def finish(s):
-    """The scheme's acceleration at the end; velocities and accelerations projected."""
+    """Compute the scheme's acceleration at the end; project velocities and accelerations."""
     k = s.kernel
     _predict(s, k, s.control.h)
     for b in range(len(s.a0)):
@@ -99,17 +111,32 @@ def finish(s):
     copy(s.lam, k.lam)
 
 
-@inner
+@compile_inline
+def _sweep(s, i, slow):
+    """Correct vdot, lam and eta once, and return the size of the residuals.
+
+    S is that of the first estimate of q_1 or, where the correction ``i`` was ``slow``, of the last one.
+    """
+    k, h = s.kernel, s.control.h
+    _predict(s, k, h)
+    run(k.rows)
+    if i == 0 or slow:
+        run(k.factorise)
+        s.control.factorisations += 1
+    return _correct(s, k, h)
+
+
+@compile_inline
 def _scheme_acceleration(s, b, a):
-    """a_1 of body ``b``, component ``a``."""
+    """Return a_1 of body ``b``, component ``a``."""
     c = s.scheme
     known = c.alpha_f * s.vdot0[b, a] - c.alpha_m * s.a0[b, a]
     return ((1.0 - c.alpha_f) * s.kernel.v_dot[b, a] + known) / (1.0 - c.alpha_m)
 
 
-@inner
+@compile_inline
 def _predict(s, k, h):
-    """Velocities and poses of ``k`` that belong to vdot."""
+    """Set velocities and poses of ``k`` at the end of the step that belong to the present vdot."""
     c = s.scheme
     for b in range(len(s.v0)):
         for a in range(6):
@@ -119,19 +146,19 @@ def _predict(s, k, h):
     move(s.r0, s.R0, s.dq, k.r, k.R)
 
 
-@inner
+@compile_inline
 def _correct(s, k, h):
-    """Correct vdot, lam and eta with the rows at hand; returns the size of what was off."""
+    """Correct vdot, lam and eta with the present rows; return the size of the residuals."""
     c = s.scheme
     share = (1.0 - c.alpha_f) / (1.0 - c.alpha_m)
     on_q, on_v = share * c.beta * h * h, share * c.gamma * h
-    size = largest(k.phi)
+    size = find_largest(k.phi)
     if c.stabilised:
         copy(k.v, k.w)
         run(k.slips)
         for a in range(len(s.eta)):
             s.eta[a] = -k.x[a]
-        size = max(size, on_q / on_v * largest(s.eta))
+        size = max(size, on_q / on_v * find_largest(s.eta))
     run(k.forces)
     copy(k.force, k.w)
     run(k.divide)
@@ -147,7 +174,7 @@ def _correct(s, k, h):
     add_scaled(1.0, k.x, s.lam)
     for b in range(len(k.w)):
         add_scaled(1.0, k.w[b], k.v_dot[b])
-    size = max(size, on_q * largest(k.w))
+    size = max(size, on_q * find_largest(k.w))
     if c.stabilised:
         copy(s.eta, k.rhs)
         copy(s.slack, k.w)
@@ -156,19 +183,20 @@ def _correct(s, k, h):
     return size
 
 
-@inner
+@compile_inline
 def _push_solution(k):
-    """w += M^-1 A^T x, x = S^-1 rhs"""
+    """Add M^-1 A^T x to w, x = S^-1 rhs."""
     run(k.solve)
     copy(k.rhs, k.x)
     run(k.push)
 
 
-@inner
+@compile_inline
 def _project(s, k):
-    """v onto A v + phi_t = 0, then vdot onto A vdot = -gamma, along M^-1 A^T; twice each, for S is that of an estimate.
+    """Project v onto A v + phi_t = 0, then vdot onto A vdot = -gamma, along M^-1 A^T.
 
-    What the second adds to M vdot is a reaction, too, and of the order of h: ``lam`` takes it up.
+    Twice each, as S is estimated. The second projection adds a reaction to M vdot, too, of the order of h, which is
+    added to ``lam``.
     """
     run(k.rows)
     run(k.project_rates)

@@ -1,5 +1,6 @@
-"""The free choices of the scheme (the paper leaves them open): options common to ODE-GC and its augmented version,
-and the form in which the kernels read them.
+"""The free choices of the scheme, which the paper leaves open: options common to ODE-GC and its augmented version.
+
+Kernels read them as ``Settings``.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from ..compiled import mechanism
 from ..compiled.host import code_option, refuse_unused
 from ..compiled.kernel import empty_kernel
 
-CHOICES = ("a", "mass", "translation")  # of c_R
+CHOICES = ("a", "mass", "translation")  # choices of c_R
 FINAL_ITERATES = ("passing", "corrected", "after_correction")  # which Newton iterate ends a step
 PASSING, CORRECTED, AFTER_CORRECTION = range(3)
 ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
@@ -46,22 +47,22 @@ class Settings(NamedTuple):
     active: int = 0  # 1: augmented Lagrangian, which alone reads what follows
     always_nested: int = 0  # 1: the paper's nested loop, Newton to convergence, then (85)
     penalty: float = 1.0  # xi
-    max_augmentations: int = 1  # of the nested loop
+    max_augmentations: int = 1  # rounds of the nested loop
     accept: float = 0.0  # [sqrt(J)] (81) at which a step counts as done though (81) does not reach the tolerance
     closes_pose: int = 0  # 1: poses corrected to phi = 0 after every step
     soft: float = 1.0  # xi (omega dt)^2 of the nested loop at singular configurations
     lambda_bar: int = 0  # 1: lam - xi phi of Eq. (84) in the nested loop
     growth: float = 1.0  # factor on xi after an augmentation that does not reduce phi_dot enough
     singular_turn: float = np.inf  # [rad] limit on the turn in a step once a singular configuration has been met
-    redundant: int = 0  # 1: rows are redundant, and what of phi_dot no velocity can change is left
+    redundant: int = 0  # 1: rows are redundant, and the part of phi_dot that no velocity can change is left
 
     def numbers(self) -> dict[str, float]:
-        """By name, for a record: whole ones as such."""
+        """Return the settings by name, as numbers for a record: integers as such, others as floats."""
         return {name: type(self._field_defaults[name])(x) for name, x in self._asdict().items()}
 
 
 def needs_more(settings: Settings, system: MultibodySystem) -> str:
-    """What the simplified method lacks of the step that ``settings`` describe; empty where it solves it."""
+    """Return words for what the simplified method lacks of the step in ``settings``, empty where it solves it."""
     if any(len(a) for a in (system.spring_k, system.torsion_k, system.load_i, system.user_i)):
         return "forces beside gravity"
     if settings.corrective or settings.carry_sigma or settings.always_nested:
@@ -78,19 +79,23 @@ TOLD = (
     "constraint_norm",
     "penalty",
     "log_determinant",
-)  # of each step
-ROUNDINGS = 1e-14  # of the root of the energy, 45 of them: a residual has a few, and no smaller tolerance is met
+)  # diagnostics of each step
+# share of the root of the energy, 45 roundings: a residual has a few, no smaller tolerance can be met
+ROUNDINGS = 1e-14
 GAUGES = {"symmetric": "symmetric", "zero": "zero gauge", "accumulate": "accumulating"}
 
 
 def energy_at_hand(problem: Problem) -> float:
-    """[J] T(0), and the work that the forces at the start do over the size of the bodies."""
+    """Return the scale of energy [J] of a problem, 1 where it is at rest without forces.
+
+    It is T(0), and the work that the forces at the start do over the size of the bodies.
+    """
     system, start = problem.system, States.one(problem.initial)
     arms = np.concatenate((system.joint_s_i, system.joint_s_j[system.joint_j != GROUND]))
     size = np.max(np.concatenate((system.gyration, np.linalg.norm(arms, axis=1))))
     force, torque = np.split(np.linalg.norm(applied_loads(system, start)[0].reshape(-1, 2, 3), axis=2), 2, axis=1)
     found = float(kinetic_energy(system, start)[0] + np.sum(force) * size + np.sum(torque))
-    return found or 1.0  # at rest and free of forces: nothing will move
+    return found or 1.0  # at rest and without forces nothing will move
 
 
 @dataclass(frozen=True)
@@ -98,9 +103,11 @@ class GaugeChoices:
     """Options of a geometric solver; the first of each list is the default, and docs/notation.md says why."""
 
     gauge: str = option(
-        "symmetric", "value of mu at a step's start, of which only increments are physical: minus its end value "
-        "(time-reversible), zero, or carried on as printed", choices=tuple(GAUGES),
-    )  # fmt: skip
+        "symmetric",
+        "value of mu at a step's start, of which only increments are physical: minus its end value "
+        "(time-reversible), zero, or carried on as printed",
+        choices=tuple(GAUGES),
+    )
     mu0: str = option(
         "zero", "first mu of the accumulate gauge: zero or the velocity along c_R", choices=("zero", "velocity")
     )
@@ -129,28 +136,31 @@ class GaugeChoices:
         "longer contracts by 5; exact: that of each iterate, Eq. (79), in the unknowns v and M_bar mu and without the "
         "slopes of M_bar, which is constant for translations",
         choices=("simplified", "kept", "exact"),
-    )  # fmt: skip
+    )
     estimate: str = option(
-        "extrapolated", "first estimate of a step, which the paper leaves open: extrapolated from the steps before, or "
-        "the step's start", choices=("extrapolated", "start"),
-    )  # fmt: skip
+        "extrapolated",
+        "first estimate of a step, which the paper leaves open: extrapolated from the steps before, or "
+        "the step's start",
+        choices=("extrapolated", "start"),
+    )
     final_iterate: str = option(
-        "passing", "Newton iterate that ends a step, which the paper leaves open: the first that passes (80), (81), be "
+        "passing",
+        "Newton iterate that ends a step, which the paper leaves open: the first that passes (80), (81), be "
         "it the estimate itself; that one corrected once more by (79); or the first that passes after one correction",
         choices=FINAL_ITERATES,
-    )  # fmt: skip
+    )
     code: str = code_option("kernel", "mechanism", "plain")
     max_cuts: int = option(16, "halvings of dt before the run ends in step underflow", "", at_least=0, at_most=40)
     max_turn: float = option(
         0.0, "cut the step where a body would turn further in it; 0: no limit", "rad", at_least=0.0
     )
 
-    variant: ClassVar[str] = ""  # of ODE-GC, in front of the gauge
+    variant: ClassVar[str] = ""  # variant of ODE-GC, named before the gauge
     has_plain: ClassVar[bool] = False  # a form in solvers/plain
 
     @property
     def follows_paper(self) -> bool:
-        """Whether nothing differs from what Sect. 4.2 prints.
+        """Flag of choices that differ in nothing from what the paper's Sect. 4.2 prints.
 
         c_R, mu0, tolerance, first estimate and final iterate are open there.
         """
@@ -162,48 +172,60 @@ class GaugeChoices:
 
     @property
     def paper_label(self) -> str:
-        """ODE-GC with what tells the variants apart: as printed, or the gauge and what is carried."""
+        """Label of ODE-GC with these choices: as printed, or with the gauge and the quantities carried."""
         if self.follows_paper:
             return f"ODE-GC ({self.variant}as printed)"
         words = [GAUGES[self.gauge]]
         if self.sigma0 == "carried":
             words.append("sigma carried")
         if self.c_bar or self.k_bar:
-            words = ["C_bar, K_bar given"]  # mu is physical then and has no gauge
+            words = ["C_bar, K_bar given"]  # mu is then physical and has no gauge
         return f"ODE-GC ({self.variant}{', '.join(words)})"
 
     def settings(self, problem: Problem) -> Settings:
-        """The kernels' form of the choices. Where C_bar or K_bar is not zero, mu, lam and sigma are carried."""
+        """Return the choices in the kernels' form. Where C_bar or K_bar is not zero, mu, lam and sigma are carried."""
         by_forces = self.corrective and len(problem.system.spring_k) > 0
         corrective = by_forces or self.c_bar > 0.0 or self.k_bar > 0.0
         exact = self.newton == "exact"
         return Settings(
             gauge=-1.0 if self.gauge == "symmetric" and not corrective else 0.0,
-            keep_nu=self.gauge == "accumulate" or corrective, direction=CHOICES.index(self.direction),
-            use_f_bar=self.f_bar, corrective=corrective, by_forces=by_forces, c_bar=self.c_bar, k_bar=self.k_bar,
-            carry_sigma=self.sigma0 == "carried" or corrective, b_term=float(self.b_term),
-            tolerance=self.of_energy(self.tolerance, problem), max_newton=self.max_newton,
-            refresh=0.0 if exact else 0.2, couple=exact, extrapolate=float(self.estimate == "extrapolated"),
+            keep_nu=self.gauge == "accumulate" or corrective,
+            direction=CHOICES.index(self.direction),
+            use_f_bar=self.f_bar,
+            corrective=corrective,
+            by_forces=by_forces,
+            c_bar=self.c_bar,
+            k_bar=self.k_bar,
+            carry_sigma=self.sigma0 == "carried" or corrective,
+            b_term=float(self.b_term),
+            tolerance=self.of_energy(self.tolerance, problem),
+            max_newton=self.max_newton,
+            refresh=0.0 if exact else 0.2,
+            couple=exact,
+            extrapolate=float(self.estimate == "extrapolated"),
             final=FINAL_ITERATES.index(self.final_iterate),
             simplified=(self.newton, self.estimate, self.mu0, self.final_iterate)
             == ("simplified", "extrapolated", "zero", "passing"),
             whole=self.code == "mechanism",
-        )  # fmt: skip
+        )
 
     @staticmethod
     def of_energy(tolerance: float, problem: Problem) -> float:
-        """``tolerance`` [sqrt(J)] for what the system moves with: the joule is no scale for a milligram."""
+        """Return ``tolerance`` [sqrt(J)] scaled to the problem's energy: the joule is no scale for a milligram.
+
+        It is not below the rounding of that energy.
+        """
         root = float(np.sqrt(energy_at_hand(problem)))
         return max(tolerance * min(root, 1.0), ROUNDINGS * root)
 
     def notes(self, problem: Problem) -> tuple[str, ...]:
-        """Options that have no effect on the problem."""
+        """Return notes on options that have no effect on the problem."""
         if self.settings(problem).corrective and self.gauge != "accumulate":
             return (f"mu is carried on as printed, for C_bar or K_bar is not zero: gauge = {self.gauge} has no effect",)
         return ()
 
     def refuses_choice(self, problem: Problem, control: StepControl) -> str | None:
-        """Why these options do not fit the problem, or None."""
+        """Return why these options do not fit the problem or the step control, or None."""
         if control.dt is None:
             return "takes a fixed step: give dt, not rtol"
         steps = problem.t_end / control.dt
@@ -215,7 +237,7 @@ class GaugeChoices:
         return self.refuses_direction(problem) or self.refuses_code(problem)
 
     def refuses_code(self, problem: Problem) -> str | None:
-        """Why no code can be made of the mechanism, where it is asked for, or None."""
+        """Return why code of the mechanism, or plain code, where asked for, does not solve the problem, or None."""
         if self.code == "kernel":
             return None
         if self.code == "plain":
@@ -228,7 +250,7 @@ class GaugeChoices:
         return mechanism.refusal(problem.system, empty_kernel(problem.system))
 
     def refuses_direction(self, problem: Problem) -> str | None:
-        """Why c_R does not exist for a joint of the problem, or None."""
+        """Return why c_R does not exist for a joint of the problem, or None."""
         if self.direction == "translation" and not np.all(problem.system.joint_rows == problem.system.joint_points):
             return "direction 'translation' needs spherical joints: other rows have no translation of their own"
         return None

@@ -15,6 +15,7 @@ _KAHAN_LI_8 = (
 
 
 def _symmetric(half: tuple[float, ...]) -> np.ndarray:
+    """Return all coefficients of a symmetric composition of sum 1, from its first half without the middle one."""
     middle = 1.0 - 2.0 * sum(half)
     return np.array([*half, middle, *reversed(half)])
 

@@ -20,34 +20,49 @@ import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem
-from ..compiled.algebra import clear, copy, largest
+from ..compiled.algebra import clear, copy, find_largest
 from ..compiled.bundles import make_record, make_step
-from ..compiled.entries import inner, run
-from ..compiled.host import Method, tolerance_of
+from ..compiled.entries import compile_inline, run
+from ..compiled.host import Method, choose_tolerance
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from ..compiled.means import make_means
 from ..compiled.mechanism import use_mean_code
-from .iteration import FAILED, MOST_ITERATIONS, SLOW, has_settled
+from .iteration import iterate
 from .products import add_scaled, set_rates
+from .stiff_springs import explaining
 
 ARRAYS = {
-    "v0": "nb 6", "v": "nb 6",  # at the start and at the end
-    "gain": "nb 6",  # v_1 - v_0, the estimate of the next step's
-    "F": "nr", "F1": "nr", "F2": "nr",  # multipliers of the middle, and of those of the two steps before
-}  # fmt: skip
+    "v0": "nb 6",
+    "v": "nb 6",  # at the start and at the end
+    "gain": "nb 6",  # v_1 - v_0, by which the next step's is estimated
+    "F": "nr",
+    "F1": "nr",
+    "F2": "nr",  # multipliers of the midpoint, and of the midpoints of the two steps before
+}
 
 
 def mean_value_steps(problem: Problem, tolerance: float, code: str) -> Method:
-    """The method, ``tolerance`` of phi and of the last correction of poses [m; without unit]."""
-    tolerance, notes = tolerance_of(tolerance, problem)
+    """Return the mean-value method, for the march; it solves nothing yet.
+
+    ``tolerance`` is that of phi and of the last correction of poses [m; without unit]; ``code`` is the option.
+    """
+    tolerance, notes = choose_tolerance(tolerance, problem)
     of_system = partial(prepare, system=problem.system, tolerance=tolerance, code=code)
     notes += ("code of the mechanism",) if code == "mechanism" else ()
-    return Method(of_system, step, finish, start, counters=("iterations", "factorisations"), notes=notes)
+    return Method(
+        of_system,
+        step,
+        finish,
+        start,
+        counters=("iterations", "factorisations"),
+        notes=notes,
+        explain=explaining(problem),
+    )
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float, code: str) -> Any:
-    """The bundle of a step, with mean-value entries."""
+    """Make the bundle of a step: arrays, and entries of mean rows and forces by loops or by code."""
     means, scheme = make_means(system, kernel), make_record(tolerance=tolerance)
     if code == "mechanism":
         kernel = use_mean_code(system, kernel, means.h, means.r0, means.R0)
@@ -56,7 +71,7 @@ def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tol
 
 
 def start(s):
-    """The reaction at the start, by index 1, stands for the middles before it."""
+    """Set the reaction at the start, of index 1, which stands for those of the midpoints before it."""
     run(s.kernel.accelerate)
     s.control.factorisations += 1
     for F in (s.F, s.F1, s.F2):
@@ -65,7 +80,7 @@ def start(s):
 
 
 def step(s):
-    """One step of ``control.h``."""
+    """Solve the step of ``control.h`` by Newton's iteration; ``control.status`` is STUCK where it does not converge."""
     c, k, m = s.control, s.kernel, s.means
     k.t[0], m.h[0] = c.t + c.h, c.h
     copy(k.r, m.r0)
@@ -73,26 +88,12 @@ def step(s):
     copy(k.v, s.v0)
     copy(k.v, s.v)
     _add(1.0, s.gain, s.v)
-    last, state, slow = np.inf, 0, False
-    for i in range(MOST_ITERATIONS):
-        _set_end(s, k, m)
-        run(m.mean_rows)
-        if i == 0 or slow:
-            run(k.factorise)
-            c.factorisations += 1
-        size = _correct(s, k, m)
-        c.iterations += 1
-        state = has_settled(size, last, s.scheme.tolerance)
-        slow = size > SLOW * last
-        last = size
-        if state != 0:
-            break
-    if state == FAILED or not last <= s.scheme.tolerance:
+    if not iterate(s, _sweep, s.scheme.tolerance):
         c.status = STUCK
 
 
 def finish(s):
-    """Poses, velocities and multipliers at the end."""
+    """Set poses, velocities and multipliers at the end."""
     k = s.kernel
     _set_end(s, k, s.means)
     copy(s.v, k.v)
@@ -104,9 +105,24 @@ def finish(s):
     copy(s.F, s.F1)
 
 
-@inner
+@compile_inline
+def _sweep(s, i, slow):
+    """Correct v and F once, and return the size of the residuals.
+
+    S is that of the first estimate of the mean rows or, where the correction ``i`` was ``slow``, of the last one.
+    """
+    k, m = s.kernel, s.means
+    _set_end(s, k, m)
+    run(m.mean_rows)
+    if i == 0 or slow:
+        run(k.factorise)
+        s.control.factorisations += 1
+    return _correct(s, k, m)
+
+
+@compile_inline
 def _set_end(s, k, m):
-    """q_1 by the mean velocities, which ``k.v`` gets."""
+    """Set the poses q_1 of the end by the mean velocities, which are left in ``k.v``."""
     h = m.h[0]
     for b in range(len(k.v)):
         for a in range(6):
@@ -122,9 +138,9 @@ def _set_end(s, k, m):
             k.R[b, a, 2] = o + f * (l + i * y - j * x)
 
 
-@inner
+@compile_inline
 def _correct(s, k, m):
-    """Correct v and F with the mean rows at hand; returns the size of what was off."""
+    """Correct v and F with the present mean rows; return the size of the residuals."""
     h = m.h[0]
     run(m.mean_forces)
     copy(k.force, k.w)
@@ -142,11 +158,11 @@ def _correct(s, k, m):
     run(k.push)
     add_scaled(1.0 / h, k.x, s.F)
     _add(1.0, k.w, s.v)
-    return max(largest(k.phi), h * largest(k.w))
+    return max(find_largest(k.phi), h * find_largest(k.w))
 
 
-@inner
+@compile_inline
 def _add(share, x, y):
-    """y += share x, arrays (nb, 6)."""
+    """Add ``share`` times x to y, both (nb, 6)."""
     for b in range(len(x)):
         add_scaled(share, x[b], y[b])

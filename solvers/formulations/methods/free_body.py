@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 
 from ....harness.mechanics.fixed_order import dot, principal_axes
-from ..compiled.algebra import turned_by
+from ..compiled.algebra import turn_rotation
 from ..compiled.bundles import make_bundle
-from ..compiled.entries import inner
+from ..compiled.entries import compile_inline
 
-EQUAL = 1e-14  # of the inertia: two principal values that are one
+EQUAL = 1e-14  # share of the inertia below which two principal values count as equal
 NEWTON = 30  # corrections of the discrete free body
 
 
 def principal(inertia: np.ndarray) -> Any:
-    """Principal axes (columns of Q) and inertias of each body; 0 and 1 are turned about, J[2] is the isotropic part's.
+    """Return the bundle of principal axes (columns of Q) and inertias J of bodies, in the order that turns need.
 
-    So ordered that an axisymmetric body needs one turn and a sphere none. ``turned`` is 1 where Q is not the identity,
-    ``rate`` (nb, 2) is 1/J_i - 1/J_3, 0 where they are equal.
+    Turns are about axes 0 and 1, J[2] is the isotropic part's: an axisymmetric body needs one turn and a sphere none.
+    ``turned`` is 1 where Q is not the identity, ``rate`` (nb, 2) is 1/J_i - 1/J_3, 0 where they are equal.
     """
     nb = len(inertia)
     Q, J = np.zeros((nb, 3, 3)), np.zeros((nb, 3))
@@ -42,9 +42,9 @@ def principal(inertia: np.ndarray) -> Any:
     return make_bundle("Principal", {}, {}, Q=Q.copy(), turned=turned, J=J, rate=rate)
 
 
-@inner
+@compile_inline
 def _about(R, b, axis, z, L):
-    """R[b] := R[b] exp(z e_axis), L := exp(-z e_axis) L"""
+    """Turn body ``b`` by z [rad] about its axis ``axis``: R[b] := R[b] exp(z e), L := exp(-z e) L."""
     c, s = math.cos(z), math.sin(z)
     i, j = (axis + 1) % 3, (axis + 2) % 3
     for a in range(3):
@@ -54,9 +54,9 @@ def _about(R, b, axis, z, L):
     L[i], L[j] = c * x + s * y, c * y - s * x
 
 
-@inner
+@compile_inline
 def _rotate(Q, b, R, L, forward):
-    """R := R Q, L := Q^T L (forward), or back."""
+    """Change body ``b`` to its principal axes (``forward``), R := R Q and L := Q^T L, or back."""
     x0, x1, x2 = L[0], L[1], L[2]
     for a in range(3):
         if forward:
@@ -72,14 +72,14 @@ def _rotate(Q, b, R, L, forward):
                 R[b, a, c] = y0 * Q[b, c, 0] + y1 * Q[b, c, 1] + y2 * Q[b, c, 2]
 
 
-@inner
+@compile_inline
 def turn_freely(p, b, h, R, L):
-    """Body ``b`` turns freely for ``h`` [s]: ``R[b]`` and its body momentum ``L`` (3,) are changed in place."""
+    """Turn body ``b`` freely for ``h`` [s]: ``R[b]`` and its body momentum ``L`` (3,) are changed in place."""
     if p.turned[b]:
         _rotate(p.Q, b, R, L, 1)
     if p.rate[b, 1] != 0.0:
         _about(R, b, 1, 0.5 * h * p.rate[b, 1] * L[1], L)
-    turned_by(R[b], h * L[0] / p.J[b, 2], h * L[1] / p.J[b, 2], h * L[2] / p.J[b, 2], R[b])
+    turn_rotation(R[b], h * L[0] / p.J[b, 2], h * L[1] / p.J[b, 2], h * L[2] / p.J[b, 2], R[b])
     if p.rate[b, 0] != 0.0:
         _about(R, b, 0, h * p.rate[b, 0] * L[0], L)
     if p.rate[b, 1] != 0.0:
@@ -88,12 +88,13 @@ def turn_freely(p, b, h, R, L):
         _rotate(p.Q, b, R, L, 0)
 
 
-@inner
+@compile_inline
 def turn_discretely(J, h, R, L):
-    """R := R F, L := F^T L by Moser and Veselov: hat(h L) = F J_d - J_d F^T, J_d = tr(J)/2 - J, all in the body.
+    """Turn a free body for ``h`` [s] by Moser and Veselov's equations: R := R F, L := F^T L, in the body.
 
-    With F = (1 + hat(f)) (1 - hat(f))^-1 that is g + g x f + (g . f) f = 2 J f, g = h L (Lee, Leok, McClamroch 2007,
-    Comput. Methods Appl. Mech. Eng. 196), here by Newton's method; NaN where it does not converge.
+    hat(h L) = F J_d - J_d F^T, J_d = tr(J)/2 - J. With F = (1 + hat(f)) (1 - hat(f))^-1 that is g + g x f + (g . f) f =
+    2 J f, g = h L (Lee, Leok, McClamroch 2007, Comput. Methods Appl. Mech. Eng. 196), here by Newton's method; NaN
+    where it does not converge.
     """
     g0, g1, g2 = h * L[0], h * L[1], h * L[2]
     f0 = f1 = f2 = 0.0

@@ -11,29 +11,39 @@ from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from .choices import Settings
-from .gc_step import NEEDED, accept_step, begin_march, begin_step, factor_again, make_step, take_step
+from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, refresh_factor, take_step
 
 
 def composed_steps(system: MultibodySystem, choices: Settings, gamma: np.ndarray, rate: float) -> Method:
-    """The method with sub-steps ``gamma dt``; ``rate`` [rad/s] of reversible steps."""
+    """Return the method of a symmetric composition of ODE-GC's step, for the march; it solves nothing yet.
+
+    Its sub-steps are ``gamma`` times dt; ``rate`` [rad/s] is that of reversible step control, 0: none.
+    """
 
     def prepare(kernel: Kernel, control: np.ndarray) -> Any:
+        """Make the bundle of a step for this kernel and control."""
         return make_bundle("Composed", {}, {}, step=make_step(system, kernel, control, choices), gamma=gamma)
 
     counters = "iterations", "factorisations"
     return Method(
-        prepare, step, finish, start, rate=rate, counters=counters, needs=() if choices.whole else NEEDED,
+        prepare,
+        step,
+        finish,
+        start,
+        rate=rate,
+        counters=counters,
+        needs=() if choices.whole else NEEDED,
         code="mechanism" if choices.whole else "kernel",
-    )  # fmt: skip
+    )
 
 
 def start(m):
-    """Acceleration and multipliers of index 1."""
+    """Compute acceleration and multipliers of index 1 at the start, for the first estimate."""
     begin_march(m.step)
 
 
 def step(m):
-    """All sub-steps of ``control.h``."""
+    """Take all sub-steps of ``control.h``; ``control.status`` is STUCK where one does not converge."""
     s = m.step
     t = s.control.t
     for i in range(len(m.gamma)):
@@ -47,6 +57,6 @@ def step(m):
 
 
 def finish(m):
-    """Reactions of index 1, and the factor for the next step."""
+    """Compute the reactions recorded, those of index 1, and the factor for the next step."""
     run(m.step.kernel.accelerate)
-    factor_again(m.step)
+    refresh_factor(m.step)

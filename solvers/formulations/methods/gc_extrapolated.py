@@ -11,27 +11,35 @@ from typing import Any
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
-from ..compiled.algebra import copy, turned_by
+from ..compiled.algebra import copy, turn_rotation
 from ..compiled.bundles import make_bundle, make_record
-from ..compiled.entries import inner, run
+from ..compiled.entries import compile_inline, run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from .choices import Settings
-from .gc_step import NEEDED, accept_step, begin_march, begin_step, factor_again, make_step, restart, take_step
+from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, refresh_factor, restart, take_step
 
-WIDEST = 2.5  # [rad] of a turn in one step: its logarithm is unique below pi
-NEAR, FORGET = 0.7, 1.05  # of a step that did not converge: how close the next ones come, and its growth a step
+WIDEST = 2.5  # [rad] largest turn in one step: its logarithm is unique below pi
+# share of a step that did not converge, up to which the next ones may grow; that limit's growth a step
+NEAR, FORGET = 0.7, 1.05
 
-ARRAYS = {  # the start of the whole step, accelerations and multipliers of index 1
-    "r": "nb 3", "R": "nb 3 3", "v": "nb 6", "v_dot": "nb 6", "lam": "nr", "new": "12", "old": "12",
-}  # fmt: skip
+ARRAYS = {  # start of the whole step, accelerations and multipliers of index 1
+    "r": "nb 3",
+    "R": "nb 3 3",
+    "v": "nb 6",
+    "v_dot": "nb 6",
+    "lam": "nr",
+    "new": "12",
+    "old": "12",
+}
 
 
 def extrapolated_steps(system: MultibodySystem, choices: Settings, columns: int) -> Method:
-    """The method of order 2 ``columns``."""
+    """Return the extrapolated method of order 2 ``columns``, for the march; it solves nothing yet."""
     arrays = ARRAYS | {"table": f"{columns} nb 12"}  # last row of the scheme
 
     def prepare(kernel: Kernel, control: np.ndarray) -> Any:
+        """Make the bundle of a step for this kernel and control."""
         step = make_step(system, kernel, control, choices)
         # [s] shortest step that lately did not converge; as asked
         memory = make_record(failed=math.inf, max_step=float(control["max_step"]))
@@ -40,19 +48,28 @@ def extrapolated_steps(system: MultibodySystem, choices: Settings, columns: int)
 
     counters = ("rejected", "iterations", "factorisations")
     return Method(
-        prepare, step, finish, start, order=2.0 * columns - 1.0, counters=counters,
-        needs=() if choices.whole else NEEDED, code="mechanism" if choices.whole else "kernel",
-    )  # fmt: skip
+        prepare,
+        step,
+        finish,
+        start,
+        order=2.0 * columns - 1.0,
+        counters=counters,
+        needs=() if choices.whole else NEEDED,
+        code="mechanism" if choices.whole else "kernel",
+    )
 
 
 def start(m):
-    """Acceleration and multipliers of index 1."""
+    """Compute acceleration and multipliers of index 1 at the start, and keep them for its repetitions."""
     begin_march(m.step)
     _remember(m)
 
 
 def step(m):
-    """The scheme's last row over ``control.h``, and its error: infinite where an iteration does not converge."""
+    """Compute the extrapolated end of a step of ``control.h``, and its error.
+
+    The error is infinite if an iteration does not converge.
+    """
     c = m.step.control
     c.error = _error(m, c.rtol) if _extrapolate(m, c.h) else np.inf
     if not math.isfinite(c.error):
@@ -60,25 +77,29 @@ def step(m):
 
 
 def finish(m):
-    """The end, projected; steps keep away from what did not converge lately."""
+    """Set the extrapolated end and project it onto the constraints.
+
+    The next steps are kept below the length that lately did not converge.
+    """
     k, c, best = m.step.kernel, m.step.control, m.table[len(m.table) - 1]
     for b in range(len(m.r)):
         for a in range(3):
             k.r[b, a] = m.r[b, a] + best[b, a]
-        turned_by(m.R[b], best[b, 3], best[b, 4], best[b, 5], k.R[b])
+        turn_rotation(m.R[b], best[b, 3], best[b, 4], best[b, 5], k.R[b])
         for a in range(6):
             k.v[b, a] = best[b, 6 + a]
     run(k.accelerate)
     run(k.project)
     run(k.accelerate)
-    m.step.scheme.rank = factor_again(m.step)
+    m.step.scheme.rank = refresh_factor(m.step)
     _remember(m)
     c.max_step = min(m.memory.max_step, max(0.5 * c.h, NEAR * m.memory.failed))
     m.memory.failed *= FORGET
 
 
-@inner
+@compile_inline
 def _remember(m):
+    """Keep poses, velocities, accelerations and multipliers of the kernel as the start of the next step."""
     k = m.step.kernel
     copy(k.r, m.r)
     copy(k.R, m.R)
@@ -87,9 +108,9 @@ def _remember(m):
     copy(k.lam, m.lam)
 
 
-@inner
+@compile_inline
 def _attempt(m, H, n):
-    """n steps of H / n from the start; whether all converge."""
+    """Take n steps of H / n [s] from the start kept; return whether all converge."""
     s, k, h = m.step, m.step.kernel, H / n
     copy(m.r, k.r)
     copy(m.R, k.R)
@@ -104,9 +125,12 @@ def _attempt(m, H, n):
     return True
 
 
-@inner
+@compile_inline
 def _find_change(m, b, out):
-    """out (12,) := (r - r0, log(R0^T R), v) of body b; whether the turn is below ``WIDEST``."""
+    """Set out (12,) := (r - r0, log(R0^T R), v) of body b, its change since the start.
+
+    Return whether its turn is below ``WIDEST``.
+    """
     k, R, cosine = m.step.kernel, m.R[b], -1.0
     for a in range(3):
         out[a] = k.r[b, a] - m.r[b, a]
@@ -126,9 +150,12 @@ def _find_change(m, b, out):
     return angle < WIDEST
 
 
-@inner
+@compile_inline
 def _extrapolate(m, H):
-    """The scheme's last row T_K,1 .. T_K,K into ``table``; whether all steps converge."""
+    """Compute the last row T_K,1 .. T_K,K of the scheme in ``table``, over H [s].
+
+    Return whether all steps converge and no body turns too far.
+    """
     for j in range(len(m.table)):
         if not _attempt(m, H, j + 1):
             return False
@@ -145,9 +172,12 @@ def _extrapolate(m, H):
     return True
 
 
-@inner
+@compile_inline
 def _error(m, rtol):
-    """RMS of the last correction over ``rtol (1 + |y|)``; angles over ``rtol``."""
+    """Return the step's error over its tolerance: the RMS of the last correction over ``rtol (1 + |y|)``.
+
+    Angles are compared with ``rtol``.
+    """
     total, K = 0.0, len(m.table)
     for b in range(len(m.r)):
         for a in range(12):

@@ -14,51 +14,81 @@ import math
 
 import numpy as np
 
-from ..compiled.algebra import clear, copy, sines, times, times_transposed, turned_by
-from ..compiled.entries import apart, inner, run
+from ..compiled.algebra import clear, copy, sines, times, times_transposed, turn_rotation
+from ..compiled.entries import compile_inline, compile_separately, run
 from ..compiled.marching import NOT_FINITE, STUCK
 from .choices import AFTER_CORRECTION, CORRECTED
 from .gc_step import move_poses
 
 CONVERGED, LOOSE, SLOW, INFINITE, SINGULAR_MATRIX = range(5)
 NEAR = 3.0  # decades of the determinant below its largest, where rows that lose rank look like redundant ones
-SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
-MOST_PASSES = 6  # of the filter of redundant rows; each takes off what a penalty of 1e3 leaves a hundredfold
-SMALL_LEAK = 0.1  # of the tolerance: phi_dot that the next pass of the filter would take off
+SINKING = -0.05  # decades a step: a determinant that falls so fast may approach zero, and is computed in each step
+MOST_PASSES = 6  # passes of the filter of redundant rows; with a penalty of 1e3 each reduces the rest a hundredfold
+SMALL_LEAK = 0.1  # share of the tolerance: phi_dot that the next pass of the filter would remove
 ENOUGH = 0.25  # an augmentation that leaves more of phi_dot raises xi (Powell; Bertsekas)
 
-TERMS = (  # of all rows, in the kernel's order; suffix 0: at the start of the step, 1: at its end
-    "nu", "nu_start",  # nu0 = gauge nu + nu_start
-    "lam0", "mu0", "sigma0", "phi0", "phi_dot0", "f_bar0", "c_bar0", "k_bar0",
-    "phi1", "phi_dot1", "m_bar", "f_bar1", "c_bar1", "k_bar1",
-    "G0", "G1", "dG",  # dG1/dnu1
-    "p", "z",  # factors of D1 in (74), of D_dot1
+TERMS = (  # values of all rows, in the kernel's order; suffix 0: at the start of the step, 1: at its end
+    "nu",
+    "nu_start",  # nu0 = gauge nu + nu_start
+    "lam0",
+    "mu0",
+    "sigma0",
+    "phi0",
+    "phi_dot0",
+    "f_bar0",
+    "c_bar0",
+    "k_bar0",
+    "phi1",
+    "phi_dot1",
+    "m_bar",
+    "f_bar1",
+    "c_bar1",
+    "k_bar1",
+    "G0",
+    "G1",
+    "dG",  # dG1/dnu1
+    "p",
+    "z",  # factors of D1 in (74), of D_dot1
     "stiff",  # -dp/dnu1
-    "on_rate", "on_phi",  # factors of phi_dot1 and phi1 in (75)
+    "on_rate",
+    "on_phi",  # factors of phi_dot1 and phi1 in (75)
     "nu_kept",  # multiplier of the nested loop
-    "left",  # what of (75) no velocity can change, see ``leave_redundant``
+    "left",  # the part of (75) that no velocity can change, see ``leave_redundant``
     "softness",  # (Xi M_bar)^-1
     "off",  # (75) over M_bar
-    "old", "increment",  # nu of the last step, its change over the step before (0 after a change of the step)
-)  # fmt: skip
+    "old",
+    "increment",  # nu of the last step, its change over the step before (0 after a change of the step)
+)
 ARRAYS = {
     "plan": "3",  # dt/2, B, gauge
-    "c": "2 nr 6",  # c_R on both ends, of the ground 0
-    "y": "n",  # as ``lu.x``
+    "c": "2 nr 6",  # c_R on both ends, 0 on the ground
+    "y": "n",  # a vector like ``lu.x``
     "passed": "nr",  # nu before a pass of the filter of redundant rows
-    "T": "nb 9", "r0": "nb 3", "R0": "nb 3 3", "v0": "nb 6", "force0": "nb 6",
+    "T": "nb 9",
+    "r0": "nb 3",
+    "R0": "nb 3 3",
+    "v0": "nb 6",
+    "force0": "nb 6",
     "known": "nb 6",  # the part of (74) that the end does not change, in space
     "off": "nb 6",  # residual (74)
     "old_v": "nb 6",  # velocities one step before the present ones
-}  # fmt: skip
-PARTS = (  # in which order they are made: each calls those before it
-    "complete", "evaluate", "assemble", "begin_step", "estimate", "refresh", "leave_redundant", "correct",
-    "correct_pose", "keep_end",
-)  # fmt: skip
+}
+PARTS = (  # parts in order of making: each calls those before it
+    "complete",
+    "evaluate",
+    "assemble",
+    "begin_step",
+    "estimate",
+    "refresh",
+    "leave_redundant",
+    "correct",
+    "correct_pose",
+    "keep_end",
+)
 
 
 def start(s):
-    """The start complete, and its mu."""
+    """Complete the terms of the equations at the start, with its mu."""
     k, g, o = s.kernel, s.scheme, s.terms
     clear(o.nu)
     run(s.complete)
@@ -80,7 +110,11 @@ def start(s):
 
 
 def step(s):
-    """One step of ``control.h``; one that fails leaves the kernel at its start."""
+    """Take one step of ``control.h``; one that fails leaves the kernel at its start.
+
+    ``control.status`` is STUCK where it fails, or where a body would turn further than the limit; NOT_FINITE where the
+    residual is no number.
+    """
     c, g, k = s.control, s.scheme, s.kernel
     g.corrections = c.iterations
     if math.sqrt(_fastest_square(k)) * c.h > g.max_turn and c.level < c.most_cuts:
@@ -101,7 +135,10 @@ def step(s):
 
 
 def finish(s):
-    """The end is accepted; ``lam`` becomes the mean row force of the step."""
+    """Accept the end of the step; set ``lam`` to the mean row force of the step.
+
+    mu, lam and sigma are carried where the settings say so.
+    """
     c, g, k, o = s.control, s.scheme, s.kernel, s.terms
     if g.outcome == LOOSE:
         c.loose_steps += 1
@@ -135,7 +172,7 @@ def finish(s):
 
 
 def keep_end(s):
-    """The end becomes the next start."""
+    """Make the end of the step the start of the next one: forces and terms with suffix 0 become those with 1."""
     o = s.terms
     copy(s.kernel.force, s.force0)
     copy(o.phi1, o.phi0)
@@ -145,18 +182,18 @@ def keep_end(s):
     copy(o.k_bar1, o.k_bar0)
 
 
-@inner
+@compile_inline
 def _fastest_square(k):
-    """Largest |Omega|^2 of all bodies [1/s2]."""
+    """Return the largest |Omega|^2 of all bodies [1/s2]."""
     square = 0.0
     for b in range(len(k.v)):
         square = max(square, k.v[b, 3] ** 2 + k.v[b, 4] ** 2 + k.v[b, 5] ** 2)
     return square
 
 
-@apart
+@compile_separately
 def _attempt(s):
-    """One step from its start to its end, first estimate included: ``outcome``.
+    """Try one step from its start to its end, first estimate included; set ``outcome``.
 
     Augmented Lagrangian: the proximal saddle does Newton's correction and the augmentation at once. Near a singular
     configuration it need not converge, for the violation phi = O(dt^2) makes phi_dot = 0 inconsistent along the
@@ -184,9 +221,12 @@ def _attempt(s):
         _nested_loop(s)
 
 
-@inner
+@compile_inline
 def _nested_loop(s):
-    """The paper's loop: Newton to convergence at a fixed multiplier, then (85), until phi_dot is small enough."""
+    """Run the paper's nested loop: Newton to convergence at a fixed multiplier, then (85), until phi_dot is small.
+
+    Set ``outcome``: LOOSE where rounds run out below ``accept``, SLOW above it.
+    """
     g, o, before = s.scheme, s.terms, np.inf
     copy(o.nu, o.nu_kept)
     g.nested = 1
@@ -205,12 +245,12 @@ def _nested_loop(s):
     g.outcome = LOOSE if g.slip < g.accept else SLOW
 
 
-@apart
+@compile_separately
 def _newton(s):
-    """Drive the residual below the tolerance. A kept factorisation is renewed when it no longer contracts.
+    """Correct the end of the step until the residual is below the tolerance; set ``outcome``.
 
-    ``final`` says which iterate is the step's end: the first that passes the tests, the same once more corrected by
-    (79), or the first that passes after a correction.
+    A kept factorisation is renewed when it no longer contracts. ``final`` says which iterate is the step's end: the
+    first that passes the tests, the same once more corrected by (79), or the first that passes after a correction.
     """
     g, o, before = s.scheme, s.terms, np.inf
     # without sigma (80) implies (81), with C_bar or K_bar (81) cannot hold, and Sect. 4.3 asks (81) after (85)
@@ -253,7 +293,7 @@ def _newton(s):
 
 
 def begin_step(s):
-    """G0, and the part of (74) that the end does not change."""
+    """Compute G0, and the part of (74) that the end of the step does not change."""
     g, k, o = s.scheme, s.kernel, s.terms
     half = 0.5 * g.h
     s.plan[0], s.plan[1], s.plan[2] = half, half * g.b_term, g.gauge
@@ -273,7 +313,7 @@ def begin_step(s):
 
 
 def estimate(s):
-    """Velocities and nu of the end, extrapolated from the last two steps or those of the start."""
+    """Estimate velocities and nu of the end: extrapolated from the last two steps, or those of the start."""
     g, k, o = s.scheme, s.kernel, s.terms
     ratio = g.extrapolate * g.h / g.last if g.last > 0.0 else 0.0
     for b in range(len(k.mass)):
@@ -287,7 +327,7 @@ def estimate(s):
 
 
 def complete(s):
-    """Everything that follows from poses and velocities of ``kernel``."""
+    """Compute forces and terms of the rows that follow from poses and velocities of the kernel, those with suffix 1."""
     k, g, o = s.kernel, s.scheme, s.terms
     run(k.applied_forces)
     run(s.measure)
@@ -316,7 +356,7 @@ def complete(s):
 
 
 def evaluate(s):
-    """Residual of the present estimate; norms [sqrt(J)].
+    """Compute the residual of the present estimate, and its norms [sqrt(J)].
 
     (80): sqrt(R_v . M^-1 R_v + R_mu . M_bar R_mu), R_mu being (75) over M_bar; (81): sqrt(phi_dot . M_bar phi_dot).
     """
@@ -369,15 +409,18 @@ def evaluate(s):
 
 
 def assemble(s):
-    """Eq. (79) at the present estimate."""
+    """Assemble the matrix of Eq. (79) at the present estimate."""
     k, g, o, half = s.kernel, s.scheme, s.terms, 0.5 * s.scheme.h
     K = s.saddle.bodies
     clear(K)
     for b in range(len(k.mass)):
         _set_differential(
-            half * (s.v0[b, 3] + k.v[b, 3]), half * (s.v0[b, 4] + k.v[b, 4]), half * (s.v0[b, 5] + k.v[b, 5]), half,
+            half * (s.v0[b, 3] + k.v[b, 3]),
+            half * (s.v0[b, 4] + k.v[b, 4]),
+            half * (s.v0[b, 5] + k.v[b, 5]),
+            half,
             s.T[b],
-        )  # fmt: skip
+        )
         J, T, v = k.J[b], s.T[b], k.v[b]
         p0, p1, p2 = times(J, v[3], v[4], v[5])
         for q in range(3):
@@ -411,9 +454,9 @@ def assemble(s):
                     K[p, a, 3 + q] -= half * (x * T[q] + y * T[3 + q] + z * T[6 + q] + by_rate[a, 3 + q])
 
 
-@inner
+@compile_inline
 def _set_differential(x, y, z, scale, out):
-    """out (9,) := scale dexp(a) by rows: exp(a + d) = exp(a) exp(dexp d) to first order.
+    """Set out (9,) := scale dexp(a) by rows: exp(a + d) = exp(a) exp(dexp d) to first order.
 
     dexp = 1 - (1 - cos a)/a^2 hat(a) + (a - sin a)/a^3 hat(a)^2; series where a^2 < 1e-2, cut at a^10.
     """
@@ -431,25 +474,28 @@ def _set_differential(x, y, z, scale, out):
 
 
 def refresh(s):
-    """Assemble and factor the saddle at the present estimate."""
+    """Assemble and factorise the matrix of Eq. (79) at the present estimate; ``lu.state.singular`` says if it failed.
+
+    With a penalty, its determinant is monitored.
+    """
     g = s.scheme
     run(s.assemble)
     s.control.factorisations += 1
     run(s.factor_saddle)
     g.factored = 0.0 if s.lu.state.singular else g.h
-    if g.active and g.xi == g.penalty:  # soft steps weigh the redundant rows otherwise
+    if g.active and g.xi == g.penalty:  # soft steps weigh the redundant rows differently
         total = _log_determinant(s)
         g.fall = total - g.log_det
         g.log_det = total
         g.highest = max(g.highest, total)
 
 
-@inner
+@compile_inline
 def _log_determinant(s):
-    """log10 of the product of the constraint rows' |pivots| times M_bar.
+    """Return log10 of the product of the constraint rows' |pivots| times M_bar.
 
-    It is det(A M^-1 D' + (Xi M_bar)^-1) in scaled rows: a constant 1/xi for each redundant row times the squares of
-    the singular values, so near a loss of rank it falls by sigma^2 whatever the elimination order.
+    It is det(A M^-1 D' + (Xi M_bar)^-1) in scaled rows: a constant 1/xi for each redundant row times the squares of the
+    singular values, so near a loss of rank it falls by sigma^2 whatever the elimination order.
     """
     total = 0.0
     for a in range(len(s.row_at)):
@@ -458,7 +504,7 @@ def _log_determinant(s):
 
 
 def correct(s):
-    """Newton correction (78) with the kept factorisation."""
+    """Apply Newton's correction (78) to velocities and nu, with the kept factorisation."""
     g, k, lu, x = s.scheme, s.kernel, s.lu, s.lu.x
     for b in range(len(k.mass)):
         for q in range(6):
@@ -478,14 +524,14 @@ def correct(s):
 
 
 def leave_redundant(s):
-    """Take out of a correction the nu of redundant rows, which A^T sends to zero; what they ask for is ``left``.
+    """Remove from a correction the nu of redundant rows, which A^T sends to zero; their residual is ``left``.
 
     Such rows agree on the constraint manifold only: off it, by phi = O(dt^3) within a step, they ask for velocities
-    that there are not. Each correction would raise their nu by xi phi_dot in vain, and D1 nu = 0 leaves (D0 + D1) nu
-    = O(dt) nu, a spurious force that brakes the motion. The saddle itself tells that part: with
+    that do not exist. Each correction would raise their nu by xi phi_dot in vain, and D1 nu = 0 would leave
+    (D0 + D1) nu = O(dt) nu, a spurious force that brakes the motion. The saddle itself yields that part: with
     (Xi M_bar)^-1 dnu as the only right side it returns dnu where A^T dnu = 0, and next to nothing elsewhere. How little
-    depends on xi: what is returned is sent again until it changes phi_dot by less than the tolerance, or else a low
-    penalty would leave phi_dot that velocities can take away.
+    depends on xi: the result is sent again until it changes phi_dot by less than the tolerance, or else a low penalty
+    would leave phi_dot that velocities can take away.
     """
     g, lu, o = s.scheme, s.lu, s.terms
     copy(lu.x, s.y)
@@ -513,10 +559,10 @@ def leave_redundant(s):
 
 
 def correct_pose(s):
-    """Least change of the poses that takes phi to zero (one correction with the kept factorisation).
+    """Correct the poses of the end by the least change that takes phi to zero.
 
-    At a singular configuration phi = O(dt^2) is not harmless: with phi along the lost direction the mechanism cannot
-    pass it, and misses by sqrt(phi).
+    It is one correction with the kept factorisation. At a singular configuration phi = O(dt^2) is not harmless: with
+    phi along the lost direction the mechanism cannot pass it, and misses by sqrt(phi).
     """
     k, lu = s.kernel, s.lu
     clear(lu.x)
@@ -527,6 +573,6 @@ def correct_pose(s):
         x = lu.x[lu.body_at[b] : lu.body_at[b] + 6]
         for q in range(3):
             k.r[b, q] += x[q]
-        turned_by(k.R[b], x[3], x[4], x[5], k.R[b])
+        turn_rotation(k.R[b], x[3], x[4], x[5], k.R[b])
     s.control.solves += 1
     run(s.complete)

@@ -12,7 +12,7 @@ from ..compiled.block_lu import factor, solve
 from ..compiled.bundles import make_bundle, make_record
 from ..compiled.entries import Bound
 from ..compiled.host import Method, integrate
-from ..compiled.kernel import Kernel, Loops, places_of
+from ..compiled.kernel import Kernel, Loops, list_places
 from ..compiled.kernel import Step as Call
 from ..compiled.marching import NOT_FINITE
 from ..compiled.saddle_pattern import analyse
@@ -26,19 +26,22 @@ COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augm
 
 
 def integrate_newton(problem: Problem, control: StepControl, method: Method) -> Trajectory:
-    """March with ``newton_steps``; reactions are those of the nodes, from means over steps."""
-    return with_node_reactions(integrate(problem, control, method))
+    """Integrate by ``method``, and convert mean reactions over steps to reactions at the nodes."""
+    return move_reactions_to_nodes(integrate(problem, control, method))
 
 
-def with_node_reactions(out: Trajectory) -> Trajectory:
-    """The same motion, its reactions those of the nodes instead of means over the steps before."""
-    if out.reaction is None:  # refused
+def move_reactions_to_nodes(out: Trajectory) -> Trajectory:
+    """Return the same motion with reactions at the nodes instead of means over the steps before them."""
+    if out.reaction is None:  # the run was refused
         return out
-    return replace(out, reaction=at_nodes(np.diff(out.t), out.reaction[1:]))
+    return replace(out, reaction=interpolate_to_nodes(np.diff(out.t), out.reaction[1:]))
 
 
-def at_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """Values at the nodes from means over the steps between (second order), linear at the ends."""
+def interpolate_to_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """Return values at the nodes from means over the steps between (second order), linear at the ends.
+
+    ``dt`` [s] are the steps' lengths; NaN without any step.
+    """
     n = len(dt)
     if n == 0:
         return np.full((1, mean.shape[1]), np.nan)
@@ -52,14 +55,24 @@ def at_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 
 def newton_steps(system: MultibodySystem, settings: Settings, max_cuts: int, max_turn: float, mu0: str) -> Method:
-    """The method with these choices."""
+    """Return ODE-GC's method by full Newton iterations with these choices, for the march; it solves nothing yet.
+
+    ``max_turn`` [rad] of a body in a step, 0: no limit; ``mu0`` "velocity": the first mu is the velocity along c_R.
+    """
     of_system = partial(
         make_step, system=system, settings=settings, max_turn=max_turn or np.inf, velocity=mu0 == "velocity"
     )
     return Method(
-        of_system, gc_newton.step, gc_newton.finish, gc_newton.start, counters=COUNTERS, most_cuts=max_cuts,
-        tells=TOLD if settings.active else TOLD[:4], explain=partial(explain, most_cuts=max_cuts), needs=NEEDED,
-    )  # fmt: skip
+        of_system,
+        gc_newton.step,
+        gc_newton.finish,
+        gc_newton.start,
+        counters=COUNTERS,
+        most_cuts=max_cuts,
+        tells=TOLD if settings.active else TOLD[:4],
+        explain=partial(explain, most_cuts=max_cuts),
+        needs=NEEDED,
+    )
 
 
 NEEDED = ("applied_forces", "applied_slopes", "spring_slopes")
@@ -67,34 +80,67 @@ ENTRIES = (*PARTS, "measure", "direction", "begin", "balance", "slopes", "factor
 
 
 def make_step(
-    k: Kernel, control: np.ndarray, *, system: MultibodySystem, settings: Settings, max_turn: float = np.inf,
+    k: Kernel,
+    control: np.ndarray,
+    *,
+    system: MultibodySystem,
+    settings: Settings,
+    max_turn: float = np.inf,
     velocity: bool = False,
-) -> Any:  # fmt: skip
-    """Arrays of one step; ``velocity``: the first mu is the velocity along c_R."""
+) -> Any:
+    """Make the bundle of one step: its arrays and entries; it takes no step.
+
+    ``velocity``: the first mu is the velocity along c_R; ``max_turn`` [rad] of a body in a step.
+    """
     nb, nr, direction, couple = len(k.mass), len(k.lam), settings.direction, bool(settings.couple)
     pushes = any(len(getattr(system, f"{kind}_i")) for kind in ("spring", "torsion", "load", "user"))
     scheme = make_record(
-        **settings.numbers(), max_turn=max_turn, velocity=velocity, pushed=pushes,
-        # of the present step: its length, penalty, length of the factor's step (0: none), norms (80) and (81), log10 of
+        **settings.numbers(),
+        max_turn=max_turn,
+        velocity=velocity,
+        pushed=pushes,
+        # the present step: its length, penalty, length of the factor's step (0: none), norms (80) and (81), log10 of
         # the determinant, its change, its largest; length of the last step (0: none)
-        h=0.0, xi=settings.penalty, factored=0.0, norm=0.0, slip=0.0, log_det=0.0, fall=0.0, highest=-np.inf, last=0.0,
-        nested=0, outcome=0, corrections=0,  # inside the nested loop; of the last try: outcome, corrections before it
-    )  # fmt: skip
+        h=0.0,
+        xi=settings.penalty,
+        factored=0.0,
+        norm=0.0,
+        slip=0.0,
+        log_det=0.0,
+        fall=0.0,
+        highest=-np.inf,
+        last=0.0,
+        nested=0,
+        outcome=0,
+        corrections=0,  # inside the nested loop; of the last try: outcome, corrections before it
+    )
     pair_at = {(int(a), int(b)): n for n, (a, b) in enumerate(k.pair)}
-    pushed = {(int(a), int(b)) for kind in ("spring", "torsion", "user")
-              for one in zip(getattr(system, f"{kind}_i"), getattr(system, f"{kind}_j"), strict=True)
-              for a, b in (one, one[::-1]) if a != b and min(a, b) >= 0}  # fmt: skip
+    pushed = {
+        (int(a), int(b))
+        for kind in ("spring", "torsion", "user")
+        for one in zip(getattr(system, f"{kind}_i"), getattr(system, f"{kind}_j"), strict=True)
+        for a, b in (one, one[::-1])
+        if a != b and min(a, b) >= 0
+    }
     apart = np.arange(nb, len(k.pair)) if couple else np.array(sorted(pair_at[p] for p in pushed), dtype=np.int64)
     saddle, lu = analyse(k.body, k.row, k.pair, apart)
     couples = [[[pair_at.get((int(a), int(b)), -1) for b in ends] for a in ends] for ends in k.body]
     step = make_bundle(
-        "Step", ARRAYS, {"nb": nb, "nr": nr, "n": len(lu.x)}, ENTRIES, control=control, kernel=k, scheme=scheme,
+        "Step",
+        ARRAYS,
+        {"nb": nb, "nr": nr, "n": len(lu.x)},
+        ENTRIES,
+        control=control,
+        kernel=k,
+        scheme=scheme,
         told=np.zeros(len(TOLD) if settings.active else 4),
         terms=make_bundle("Terms", dict.fromkeys(TERMS, "nr"), {"nr": nr}),
         # pairs of the kernel: load of end e by the motion of end o; places of rows in ``lu.x``
-        couple=np.array(couples, dtype=np.int64).reshape(-1, 2, 2), saddle=saddle, lu=lu,
+        couple=np.array(couples, dtype=np.int64).reshape(-1, 2, 2),
+        saddle=saddle,
+        lu=lu,
         row_at=np.repeat(lu.joint_at - k.row[:-1], np.diff(k.row)) + np.arange(nr),
-    )  # fmt: skip
+    )
     loops = NewtonLoops(system, k)
     loops.at, loops.couple, loops.choice = step, couple, direction
     entries: dict[str, Any] = dict(loops.entries())
@@ -109,7 +155,7 @@ def make_step(
 
 
 def explain(s: Any, outcome: int, *, most_cuts: int) -> str:
-    """Why a march has ended."""
+    """Return words for the ``outcome`` of a march that failed: the tolerance that was missed, and by how much."""
     cut = f"with the step cut {most_cuts} times"
     if outcome == NOT_FINITE:
         return f"not a finite number {cut}"
@@ -121,19 +167,17 @@ def explain(s: Any, outcome: int, *, most_cuts: int) -> str:
 
 
 class NewtonLoops(Loops):
-    """Entries of ``rows.newton``."""
+    """Entries of ``rows.newton``, bound to a kernel's arrays."""
 
-    at: Any  # step of ``gc_newton``
+    at: Any  # the step of ``gc_newton``
     couple: bool
-    choice: int  # of c in Eq. (31)
+    choice: int  # choice of c in Eq. (31)
 
     def entries(self) -> dict[str, Any]:
-        """All of them."""
+        """Return a program for each function of ``rows.newton``, over all groups of joints."""
         s, k = self.at, self._k
         o, system, symmetric = s.terms, self._system, bool(s.scheme["gauge"] != 0.0)
-        inertia = np.concatenate(
-            (system.mass[:, None], k.J.reshape(-1, 9), k.J_inv.reshape(-1, 9)), axis=1
-        )  # fmt: skip
+        inertia = np.concatenate((system.mass[:, None], k.J.reshape(-1, 9), k.J_inv.reshape(-1, 9)), axis=1)
         use_f_bar = bool(s.scheme["use_f_bar"])
         calls: dict[str, list[Call]] = {name: [] for name in ("measure", "direction", "begin", "balance", "slopes")}
         for group in self._groups:
@@ -149,17 +193,54 @@ class NewtonLoops(Loops):
                 to += [s.saddle.bodies, 36 * np.array([self._place[int(x[a]), int(x[b])] for x in group.body])]
             sloped = (*pose, *more, (s.T, 9)) if self.couple and use_f_bar else (*pose, (s.T, 9))
             given = {
-                "measure": [k.t, group.numbers, *places_of(group, *pose, *more),
-                            o.phi1[own], o.phi_dot1[own], o.m_bar[own], o.f_bar1[own]],
-                "direction": [k.t, group.numbers, *places_of(group, *pose, *more), *(s.c[e, own] for e in ends)],
-                "begin": [k.t, s.plan, group.numbers, o.nu_start[own], o.G0[own], *places_of(group, *pose), *room,
-                          *places_of(group, (s.known, 6))],
-                "balance": [k.t, s.plan, group.numbers, *room, o.nu[own], o.p[own], o.z[own],
-                            *places_of(group, *pose), *places_of(group, (s.off, 6))],
-                "slopes": [k.t, s.plan, group.numbers, *room, o.nu[own], o.p[own], o.z[own], o.stiff[own],
-                           o.on_rate[own], o.on_phi[own], *places_of(group, *sloped),
-                           *(s.saddle.column[e, six] for e in ends), *(s.saddle.row[e, six] for e in ends), *to],
-            }  # fmt: skip
+                "measure": [
+                    k.t,
+                    group.numbers,
+                    *list_places(group, *pose, *more),
+                    o.phi1[own],
+                    o.phi_dot1[own],
+                    o.m_bar[own],
+                    o.f_bar1[own],
+                ],
+                "direction": [k.t, group.numbers, *list_places(group, *pose, *more), *(s.c[e, own] for e in ends)],
+                "begin": [
+                    k.t,
+                    s.plan,
+                    group.numbers,
+                    o.nu_start[own],
+                    o.G0[own],
+                    *list_places(group, *pose),
+                    *room,
+                    *list_places(group, (s.known, 6)),
+                ],
+                "balance": [
+                    k.t,
+                    s.plan,
+                    group.numbers,
+                    *room,
+                    o.nu[own],
+                    o.p[own],
+                    o.z[own],
+                    *list_places(group, *pose),
+                    *list_places(group, (s.off, 6)),
+                ],
+                "slopes": [
+                    k.t,
+                    s.plan,
+                    group.numbers,
+                    *room,
+                    o.nu[own],
+                    o.p[own],
+                    o.z[own],
+                    o.stiff[own],
+                    o.on_rate[own],
+                    o.on_phi[own],
+                    *list_places(group, *sloped),
+                    *(s.saddle.column[e, six] for e in ends),
+                    *(s.saddle.row[e, six] for e in ends),
+                    *to,
+                ],
+            }
             for name, arrays in given.items():
                 calls[name].append((code.address(name), [group.members, *arrays]))
             self._keeps.append(code)

@@ -17,60 +17,86 @@ from typing import Any
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
-from ..compiled.algebra import clear, copy, times, times_transposed, turned_by
+from ..compiled.algebra import clear, copy, times, times_transposed, turn_rotation
 from ..compiled.bundles import make_bundle, make_record
-from ..compiled.entries import Bound, inner, run
+from ..compiled.entries import Bound, compile_inline, run
 from ..compiled.kernel import Kernel
-from ..compiled.mechanism import code_of_mechanism
+from ..compiled.mechanism import choice_arrays, choosing, code_of_mechanism
+from ..compiled.row_choice import NEVER
 from ..generated import Program
 from .choices import TOLD, Settings
 from .gc_wrenches import WrenchLoops
 
-EARLY = 0.1  # of the change before, in place of ``refresh``: by code a factor costs less than an iteration
+EARLY = 0.1  # replaces ``refresh``: by code a factor costs less than an iteration
 DEPTH, DEEP = 4, 7  # past steps from which the next one is estimated: by loops over joints, by code
-MOST = 30  # iterations a step
+MOST = 30  # iterations a step: more help those that converge slowly, fewer end hopeless ones sooner
 REFRESHES = 2  # factors of S in a step
-PASSES = 2  # of the pose correction: the factor is that of the step's first estimate
-NEEDED = ("rows", "factorise", "solve")  # of loops; code has its own
-SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
+ON_OTHER_ROWS = 8  # the same after rows were chosen anew: an estimate from other rows is farther off
+PASSES = 2  # passes of the pose correction: the factor is that of the step's first estimate
+NEEDED = ("rows", "factorise", "solve")  # entries that loops need; code has its own
+SINKING = -0.05  # decades a step: a determinant that falls so fast may approach zero, and is computed in each step
 
 ARRAYS = {  # suffix 0: the start of the step
     "u": "nb 6",  # r_dot, omega
-    "load": "nb 6", "nu_start": "nr", "nu": "nr", "f_bar": "nr", "f_bar0": "nr",
+    "load": "nb 6",
+    "nu_start": "nr",
+    "nu": "nr",
+    "f_bar": "nr",
+    "f_bar0": "nr",
     "slip": "nr",  # M_bar phi_dot^2
-    "r0": "nb 3", "R0": "nb 3 3", "v0": "nb 6",
+    "r0": "nb 3",
+    "R0": "nb 3 3",
+    "v0": "nb 6",
     "known": "nb 6",  # the part of w that the end does not change
     "acceleration": "depth nb 6",  # means over the last steps, in turn
     "impulse": "depth nr",  # (nu1 - nu0) / dt of these steps
-    "middle": "depth", "share": "depth",  # [s] their middles; theirs in the estimate of the next step
+    "middle": "depth",
+    "share": "depth",  # [s] their middles; their weights in the estimate of the next step
     "found": "2",  # rank and log10 det S of the last factor
     "square": "1",  # [J] of the last change
-}  # fmt: skip
+}
 ENTRIES = (
-    "impulses", "rates", "loads", "start",  # of ``gc_wrenches``
-    "begin",  # ``known``, ``f_bar0`` and what else the start of a step leaves
+    "impulses",
+    "rates",
+    "loads",
+    "start",  # entries of ``gc_wrenches``
+    "begin",  # ``known``, ``f_bar0`` and other results of the start of a step
     "factor",  # S at the poses of the kernel, ``found``
     "iterate",  # v and nu at the poses of the kernel, ``square``
     "correct",  # poses onto phi = 0, with the factor at hand
-)  # fmt: skip
+)
 
 
 def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choices: Settings) -> Any:
-    """Arrays and entries of one step."""
+    """Make the bundle of one step: its arrays, and entries by loops or by code; it takes no step."""
     nb, depth = len(kernel.mass), DEEP if choices.whole else DEPTH
     scheme = make_record(
         # log10 det S and its last change; steps known of the past, whether there is a factor, the rank of the rows at
         # the start, whether the next step has begun
-        **choices.numbers(), log_det=0.0, fall=0.0, known=0, factored=0, rank=0, begun=0,
-    )  # fmt: skip
+        **choices.numbers(),
+        log_det=0.0,
+        fall=0.0,
+        known=0,
+        factored=0,
+        rank=0,
+        begun=0,
+    )
     weight = system.mass[:, None] * system.gravity
     numbers = np.concatenate(
         (weight, system.mass[:, None], kernel.J_inv.reshape(nb, 9), kernel.J.reshape(nb, 9)), axis=1
     )
     step = make_bundle(
-        "Step", ARRAYS, {"nb": nb, "nr": len(kernel.lam), "depth": depth}, ENTRIES, control=control, kernel=kernel,
-        scheme=scheme, told=np.zeros(len(TOLD)), plan=np.array([0.0, 0.0, choices.gauge]), numbers=numbers,
-    )  # fmt: skip
+        "Step",
+        ARRAYS,
+        {"nb": nb, "nr": len(kernel.lam), "depth": depth},
+        ENTRIES,
+        control=control,
+        kernel=kernel,
+        scheme=scheme,
+        told=np.zeros(len(TOLD)),
+        plan=np.array([0.0, 0.0, choices.gauge]),
+        numbers=numbers,
+    )
     if choices.whole:
         return _with_code(system, step, choices)
     loops = WrenchLoops(system, kernel)
@@ -79,15 +105,20 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
     step = step._replace(start=made.pop("begin"), **made)
     correct = Bound(correct_poses, kernel) if choices.closes_pose else Program([])
     return step._replace(
-        begin=Bound(begin_by_loops, step), factor=Bound(factor_by_loops, step), iterate=Bound(iterate_by_loops, step),
+        begin=Bound(begin_by_loops, step),
+        factor=Bound(factor_by_loops, step),
+        iterate=Bound(iterate_by_loops, step),
         correct=correct,
-    )  # fmt: skip
+    )
 
 
 def _with_code(system: MultibodySystem, s: Any, choices: Settings) -> Any:
-    """Entries of straight code for the mechanism."""
+    """Return the bundle of a step with entries of straight code for the mechanism."""
     k, names, given = s.kernel, ("gauge", "b_term", "direction", "use_f_bar", "keep_nu"), choices.numbers()
     s.scheme["refresh"] = EARLY
+    if choices.active:  # where kept rows become dependent, the proximal saddle takes over
+        k = k._replace(dense=k.dense[:0])
+    bounds, shares = choice_arrays(k)
     code, _, (kept, size) = code_of_mechanism(system, k, "iterate", **{name: given[name] for name in names})
     start, factor, poses = np.zeros(kept), np.zeros(size), [k.t, k.r, k.R]
     moved, v, nu = [np.zeros_like(k.r), np.zeros_like(k.R)], np.zeros_like(k.v), np.zeros_like(s.nu)
@@ -98,18 +129,21 @@ def _with_code(system: MultibodySystem, s: Any, choices: Settings) -> Any:
     correct = ("correct", [*poses, factor, *moved]), ("copy_poses", [*moved, *poses[1:]])
     return s._replace(
         begin=program(("begin", [k.t, s.plan, k.r, k.R, k.v, s.nu_start, s.known, start, s.slip, s.f_bar0])),
-        factor=program(("factor", [*poses, factor, s.found])),
+        factor=choosing(k, code, "factor", [*poses, *bounds, factor, s.found, *shares], poses),
         iterate=program(
             ("iterate", [k.t, s.plan, k.r, k.R, k.v, s.known, start, s.nu, factor, v, nu, s.square]),
             ("copy", [v, nu, k.v, s.nu]),
         ),
         correct=program(*correct * PASSES * choices.closes_pose),
-    )  # fmt: skip
+    )
 
 
-@inner
+@compile_inline
 def begin_march(s):
-    """Acceleration and multipliers of index 1 at the start stand for a step before the first."""
+    """Prepare the first step: acceleration and multipliers of index 1 stand for a step before it.
+
+    The rank of the factor there is that of the march.
+    """
     run(s.kernel.accelerate)
     run(s.factor)
     s.scheme.rank = s.found[0]
@@ -117,9 +151,9 @@ def begin_march(s):
     restart(s, s.kernel.v_dot, s.kernel.lam)
 
 
-@inner
-def factor_again(s):
-    """After ``accelerate``, whose factor the next step takes, or code makes its own: the rank found."""
+@compile_inline
+def refresh_factor(s):
+    """Take the factor that ``accelerate`` has left for the next step, or make it by code; return the rank found."""
     s.scheme.factored = 1
     if s.scheme.whole:
         run(s.factor)
@@ -127,40 +161,43 @@ def factor_again(s):
     return float(s.kernel.state.rank)
 
 
-@inner
+@compile_inline
 def restart(s, v_dot, lam):
-    """From the poses and velocities of ``k``, with these means for the only step of the past."""
+    """Restart the estimate from the means ``v_dot`` and ``lam`` alone, as of a step before the present state."""
     copy(v_dot, s.acceleration[0])
     copy(lam, s.impulse[0])
     s.scheme.known = 1
     s.middle[0] = 0.0
 
 
-@inner
+@compile_inline
 def _spin(k, u):
-    """u := (r_dot, R Omega) of the velocities of ``k``."""
+    """Set u := (r_dot, R Omega), velocities in space, from the velocities of ``k``."""
     for b in range(len(k.mass)):
         omega = times(k.R[b], k.v[b, 3], k.v[b, 4], k.v[b, 5])
         for a in range(3):
             u[b, a], u[b, 3 + a] = k.v[b, a], omega[a]
 
 
-@inner
+@compile_inline
 def move_poses(s):
-    """Poses (66) of the end from its velocities."""
+    """Set the poses (66) of the end from the velocities at both ends."""
     k, half = s.kernel, s.plan[0]
     for b in range(len(k.mass)):
         for a in range(3):
             k.r[b, a] = s.r0[b, a] + half * (s.v0[b, a] + k.v[b, a])
-        turned_by(
-            s.R0[b], half * (s.v0[b, 3] + k.v[b, 3]), half * (s.v0[b, 4] + k.v[b, 4]), half * (s.v0[b, 5] + k.v[b, 5]),
+        turn_rotation(
+            s.R0[b],
+            half * (s.v0[b, 3] + k.v[b, 3]),
+            half * (s.v0[b, 4] + k.v[b, 4]),
+            half * (s.v0[b, 5] + k.v[b, 5]),
             k.R[b],
-        )  # fmt: skip
+        )
 
 
-@inner
+@compile_inline
 def begin_step(s, h):
-    """The start of a step of h from ``k``, its impulses that the end does not change."""
+    """Begin a step of h [s] at the state of the kernel: keep it, and compute what the end does not change."""
     k = s.kernel
     s.plan[0], s.plan[1] = 0.5 * h, 0.5 * h * s.scheme.b_term
     copy(k.r, s.r0)
@@ -170,7 +207,7 @@ def begin_step(s, h):
 
 
 def begin_by_loops(s):
-    """``begin`` of any mechanism."""
+    """Compute the impulses ``known`` of a step, which the end does not change, by loops over joints."""
     k, h = s.kernel, 2.0 * s.plan[0]
     for b in range(len(k.mass)):
         v = k.v[b]
@@ -184,9 +221,12 @@ def begin_by_loops(s):
     copy(k.w, s.known)
 
 
-@inner
+@compile_inline
 def _estimate(s, h, t):
-    """v1 and nu1 with acceleration and row forces extrapolated to the middle of the step, at ``t``."""
+    """Estimate v1 and nu1 of a step of h [s].
+
+    Accelerations and row forces of steps before are extrapolated to its middle, at ``t``.
+    """
     k, known = s.kernel, min(s.scheme.known, len(s.middle))
     for d in range(known):
         s.share[d] = h
@@ -205,9 +245,9 @@ def _estimate(s, h, t):
             s.nu[a] += share * weight * s.impulse[d, a]
 
 
-@inner
+@compile_inline
 def _to_velocities(s):
-    """w := M^-1 R^T w; ``u`` those velocities in space; load := 0."""
+    """Turn the impulses w into velocities, w := M^-1 R^T w; ``u`` := these in space; load := 0."""
     k = s.kernel
     for b in range(len(k.mass)):
         p = times_transposed(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5])
@@ -220,7 +260,7 @@ def _to_velocities(s):
 
 
 def factor_by_loops(s):
-    """``factor`` of any mechanism."""
+    """Factorise S at the poses of the kernel by loops; set ``found`` to its rank and log10 of its determinant."""
     k, total = s.kernel, 0.0
     run(k.rows)
     run(k.factorise)
@@ -232,10 +272,13 @@ def factor_by_loops(s):
     s.found[0], s.found[1] = k.state.rank, total
 
 
-@inner
+@compile_inline
 def _factor(s):
-    """S at the poses of ``k``; returns whether it has the rank of the start."""
+    """Factorise S at the poses of the kernel; return whether it has the rank of the start."""
     run(s.factor)
+    copy(s.nu, s.kernel.rhs)
+    run(s.kernel.leave_out)
+    copy(s.kernel.rhs, s.nu)
     s.control.factorisations += 1
     s.scheme.factored = 1
     s.scheme.fall = s.found[1] - s.scheme.log_det
@@ -244,7 +287,7 @@ def _factor(s):
 
 
 def iterate_by_loops(s):
-    """``iterate`` of any mechanism."""
+    """Correct v and nu of the end once by loops over joints; set ``square`` [J] of the change."""
     k, share = s.kernel, 1.0 / (1.0 - s.scheme.gauge)
     _spin(k, s.u)
     copy(s.known, k.w)
@@ -258,9 +301,9 @@ def iterate_by_loops(s):
     s.square[0] = _take_velocities(s)
 
 
-@inner
+@compile_inline
 def _take_velocities(s):
-    """v := w + M^-1 R^T load; the square of the change in the norm of M [J]."""
+    """Set v := w + M^-1 R^T load; return the square of its change in the norm of M [J]."""
     k, total = s.kernel, 0.0
     for b in range(len(k.mass)):
         m = s.load[b]
@@ -281,14 +324,18 @@ def _take_velocities(s):
     return total
 
 
-@inner
+@compile_inline
 def take_step(s, h, t):
-    """The step begun, of h and with its middle at t: last change of v1 [sqrt(J)], or -1 where it does not converge."""
+    """Solve the step begun, of h [s] with its middle at t; return the last change of v1 [sqrt(J)].
+
+    Return -1 where it does not converge, or S has lost rank.
+    """
     g = s.scheme
     _estimate(s, h, t)
     change, before, refreshed = np.inf, np.inf, 0
     if g.fall < SINKING or g.rank < len(s.nu):
-        g.factored = 0  # on its way to a loss of rank, seen step by step; or exact for motions of its own poses alone
+        # near a loss of rank, or with redundant rows, whose factor is exact at its own poses alone
+        g.factored = 0
     for _ in range(MOST + 1):
         move_poses(s)
         if change < g.tolerance:
@@ -305,17 +352,18 @@ def take_step(s, h, t):
         if not np.isfinite(change):
             return -1.0
         if change >= g.tolerance and change > g.refresh * before:
-            if refreshed == REFRESHES and change > 0.5 * before:
+            most = REFRESHES if s.kernel.state.chosen == NEVER else ON_OTHER_ROWS
+            if refreshed >= most and change > 0.5 * before:
                 return -1.0
-            if refreshed < REFRESHES:
+            if refreshed < most:
                 g.factored = 0
         before = change
     return -1.0
 
 
-@inner
+@compile_inline
 def accept_step(s, h, t):
-    """The step of h just made, its middle at t, becomes the past: its means, for the estimate of those that follow."""
+    """Store the means of the step of h [s] just made, its middle at t, for the estimate of those that follow."""
     k = s.kernel
     s.scheme.known += 1
     d = (s.scheme.known - 1) % len(s.middle)
@@ -330,7 +378,7 @@ def accept_step(s, h, t):
 
 
 def correct_poses(k):
-    """Least change of the poses, in the norm of M, that takes phi to zero, with the factor at hand."""
+    """Correct the poses by the least change, in the norm of M, that takes phi to zero, with the present factor."""
     for _ in range(PASSES):
         run(k.rows)
         for a in range(len(k.rhs)):
@@ -343,4 +391,4 @@ def correct_poses(k):
         for b in range(len(k.mass)):
             for a in range(3):
                 k.r[b, a] += k.w[b, a]
-            turned_by(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5], k.R[b])
+            turn_rotation(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5], k.R[b])

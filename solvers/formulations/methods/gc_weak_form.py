@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ....harness.code_meter import making_code, settle
+from ....harness.code_meter import collect_garbage, making_code
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem, StepControl, Trajectory
 from ...plain import ode_gc
@@ -19,19 +19,19 @@ from ..compiled.host import Marcher, Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import FULL, STUCK, Record
 from .choices import TOLD, GaugeChoices, Settings, needs_more
-from .gc_newton_arrays import integrate_newton, newton_steps, with_node_reactions
+from .gc_newton_arrays import integrate_newton, move_reactions_to_nodes, newton_steps
 from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, take_step
 
-ROUNDING = 1e-14  # of the square of the largest velocity, in any units: what is no acceleration and no load
+ROUNDING = 1e-14  # share of the square of the largest velocity below which accelerations and loads are rounding
 PATIENCE, MOST_PATIENCE = 8, 1024  # steps of the full method after one that the simplified method does not solve
 
 
 def integrate_weak_form(
     problem: Problem, control: StepControl, choices: GaugeChoices, settings: Settings
 ) -> Trajectory:
-    """March by the simplified method where that serves, else by the full one; or by plain steps."""
+    """Integrate by the simplified method where it applies, else by the full one; or by plain steps if asked for."""
     if choices.code == "plain":
-        return with_node_reactions(ode_gc.integrate(problem, control, choices, settings))
+        return move_reactions_to_nodes(ode_gc.integrate(problem, control, choices, settings))
     method = newton_steps(problem.system, settings, choices.max_cuts, choices.max_turn, choices.mu0)
     if not (choices.max_turn or needs_more(settings, problem.system)):
         method = simplified_steps(problem.system, settings, method)
@@ -39,25 +39,36 @@ def integrate_weak_form(
 
 
 def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -> Method:
-    """The method, with the full one for stretches in which it does not converge."""
+    """Return the simplified method, for the march, with ``full`` for stretches in which it does not converge.
+
+    It solves nothing yet.
+    """
 
     def prepare(kernel: Kernel, control: np.ndarray) -> Any:
+        """Make the bundle of a step for this kernel and control."""
         one = make_step(system, kernel, control, choices)
         told, penalty = one.told if choices.active else one.told[:4], np.array([choices.penalty])
         plain = make_bundle("Plain", {}, {}, ("begin_next",), step=one, told=told, penalty=penalty)
         return plain._replace(begin_next=Bound(begin_next, plain))
 
     def relieve(problem: Problem, marcher: Marcher) -> Any:
-        return Relieved(problem, marcher, full, bool(choices.active))
+        """Return the march that changes to the full method where the simplified one does not converge."""
+        return FallbackMarcher(problem, marcher, full, bool(choices.active))
 
     return Method(
-        prepare, step, finish, start, counters=full.counters, tells=TOLD if choices.active else TOLD[:4],
-        needs=(*NEEDED, *(("push",) if choices.closes_pose else ())), relieve=relieve,
+        prepare,
+        step,
+        finish,
+        start,
+        counters=full.counters,
+        tells=TOLD if choices.active else TOLD[:4],
+        needs=(*NEEDED, *(("push",) if choices.closes_pose else ())),
+        relieve=relieve,
         notes=("code of the mechanism",) if choices.whole else (),
-    )  # fmt: skip
+    )
 
 
-class Relieved:
+class FallbackMarcher:
     """The simplified method's march, and the full one's for stretches in which that does not converge."""
 
     def __init__(self, problem: Problem, simple: Marcher, full: Method, saddle: bool) -> None:
@@ -81,19 +92,22 @@ class Relieved:
 
     @property
     def _marcher(self) -> Marcher:
-        """The full method's, made when it is needed."""
+        """March of the full method, made when it is first needed."""
         if self._other is None:
             with making_code:
                 self._other = Marcher(self._problem, self._full, self.state)
-            settle()
+            collect_garbage()
         return self._other
 
     def explain(self, outcome: int) -> str:
-        """Why the march has ended."""
+        """Return the full method's words for the ``outcome`` of the march."""
         return self._marcher.explain(outcome)
 
     def stretch(self, n: int) -> Record:
-        """Up to ``n`` steps; those of the full method begin and end anywhere, those of the simplified on the grid."""
+        """March up to ``n`` steps by either method; return the record of those accepted.
+
+        The full method's begin and end anywhere, the simplified one's on the grid.
+        """
         c = self.state
         if self._never or self._stuck or c["place"] or c["level"] or self._is_turn_limited:
             return self._marcher_stretch(n)
@@ -111,9 +125,14 @@ class Relieved:
 
     @property
     def _is_turn_limited(self) -> bool:
+        """Flag of a limit on turns in the full method's march, which the simplified one does not know."""
         return self._other is not None and bool(np.isfinite(self._other.bundle.scheme["max_turn"]))
 
     def _marcher_stretch(self, n: int) -> Record:
+        """March up to ``n`` steps by the full method, and pass its state back to the simplified one.
+
+        The number of steps doubles from call to call.
+        """
         c, other = self.state, self._marcher
         c["most_cuts"] = self._full.most_cuts
         record = other.stretch(n if self._never else min(n, self._patience))
@@ -124,7 +143,10 @@ class Relieved:
         return record
 
     def _join_determinants(self, teller: Marcher, record: Record) -> None:
-        """Both methods' determinants as one series: each drops other redundant rows, so that their ratio changes."""
+        """Change the determinants of ``record`` so that both methods' are one series, without a jump.
+
+        Each method drops other redundant rows, so their ratio changes. ``teller`` is the march of the record.
+        """
         if self._saddle and len(record.t):
             told = record.told[:, 5]
             if self._teller not in (None, teller):
@@ -134,7 +156,7 @@ class Relieved:
             self._level = told[-1]
 
     def _hand_over(self) -> None:
-        """Where the simplified method stands, and its last steps as the past of the full one."""
+        """Pass the state of the simplified method, and its last steps as the past, to the full one."""
         s, other, c = self._simple.bundle.step, self._marcher, self.state
         k, f, h = other.kernel, other.bundle, float(c["dt"])
         if self._stuck:
@@ -152,7 +174,7 @@ class Relieved:
                 f.terms.increment[:] = f.terms.old - scale * s.impulse[before] if s.scheme["known"] > 1 else 0.0
 
     def _take_back(self) -> None:
-        """Where the full method stands, and its last step as the past of the simplified one."""
+        """Pass the state of the full method, and its last step as the past, to the simplified one."""
         s, f, c = self._simple.bundle.step, self._marcher.bundle, self.state
         k, o, h, g = s.kernel, f.kernel, float(f.scheme["last"]), s.scheme
         k.r[:], k.R[:], k.v[:], k.t[0] = o.r, o.R, o.v, o.t[0]
@@ -164,17 +186,20 @@ class Relieved:
 
 
 def start(m):
-    """Acceleration and multipliers of index 1."""
+    """Compute acceleration and multipliers of index 1 at the start, for the first estimate."""
     begin_march(m.step)
 
 
 def begin_next(m):
-    """``begin_step`` as an entry."""
+    """Begin the next step, of ``control.h``: ``begin_step`` as an entry of its own."""
     begin_step(m.step, m.step.control.h)
 
 
 def step(m):
-    """One step of ``control.h``; what does not converge leaves the start in ``r0``, ``R0``, ``v0``."""
+    """Take one step of ``control.h``; ``control.status`` is STUCK where it does not converge.
+
+    Its start stays in ``r0``, ``R0``, ``v0``.
+    """
     s, c = m.step, m.step.control
     s.told[0] = c.iterations
     if not (s.scheme.begun and s.plan[0] == 0.5 * c.h):
@@ -186,7 +211,10 @@ def step(m):
 
 
 def finish(m):
-    """Poses of the end are corrected and closed; the step becomes the past, and ``lam`` its mean reaction."""
+    """Correct the poses of the end, store the step as the past, and set ``lam`` to its mean reaction.
+
+    The next step is begun, since its f_bar at the start is that of this one's end.
+    """
     s, c, k = m.step, m.step.control, m.step.kernel
     run(s.correct)
     close_rotations(k.R)

@@ -5,9 +5,9 @@ Brasey and Hairer 1993, SIAM J. Numer. Anal. 30, five stages (HEM4); with R = R_
     Q_i = q_0 + h sum_{j<i} a_ij q'_j,   V_i = v_0 + h sum_{j<i} a_ij V'_j,   M V'_i = f(Q_i, V_i) + A(Q_i)^T lam_i
     lam_i such that A(Q_{i+1}) V_{i+1} = 0, the sixth being the end of the step
 
-Q_{i+1} does not depend on lam_i, so each lam_i is found from linear equations, A(Q_{i+1}) M^-1 A(Q_i)^T dlam = what is
-left of A V: by generalised conjugate residuals (Eisenstat, Elman, Schultz 1983, SIAM J. Numer. Anal. 20) with the S of
-the step's start as preconditioner. Repetition with S alone does not converge where light bodies turn, nor where S is
+Q_{i+1} does not depend on lam_i, so each lam_i is found from linear equations, A(Q_{i+1}) M^-1 A(Q_i)^T dlam = the
+residual of A V: by generalised conjugate residuals (Eisenstat, Elman, Schultz 1983, SIAM J. Numer. Anal. 20) with the S
+of the step's start as preconditioner. Repetition with S alone does not converge where light bodies turn, nor where S is
 nearly singular. lam at the ends of steps, which are recorded, are those of index 1.
 """
 
@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from ..compiled.algebra import clear, copy, largest, theta_dot
+from ..compiled.algebra import clear, copy, find_largest, theta_dot
 from ..compiled.bundles import make_record, make_step
-from ..compiled.entries import inner, run
+from ..compiled.entries import compile_inline, run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import NOT_FINITE, STUCK, TURNED
@@ -27,7 +27,7 @@ from .iteration import MOST_ITERATIONS
 from .products import add_scaled, move, set_rates
 
 STAGES = 5
-DIRECTIONS, NUMBERS = 200, 4_000_000  # kept at most, and what they may hold
+DIRECTIONS, NUMBERS = 200, 4_000_000  # directions kept at most, and numbers in all of them
 _S = math.sqrt(6.0)
 A = np.array([
     [0.0, 0.0, 0.0, 0.0, 0.0],
@@ -39,35 +39,42 @@ A = np.array([
 ])  # fmt: skip
 COUNTERS = ("iterations", "factorisations")
 ARRAYS = {
-    "r0": "nb 3", "R0": "nb 3 3", "v0": "nb 6",
+    "r0": "nb 3",
+    "R0": "nb 3 3",
+    "v0": "nb 6",
     "q": "nb 6",  # r (3), theta (3) from the start of the step
-    "moves": f"{STAGES} nb 6", "gains": f"{STAGES} nb 6",  # q', V'
-    "left": "nr",  # of the equations of the multipliers
-}  # fmt: skip
+    "moves": f"{STAGES} nb 6",
+    "gains": f"{STAGES} nb 6",  # q', V'
+    "left": "nr",  # residual of the equations of the multipliers
+}
 
 
 def half_explicit_steps(tolerance: float) -> Method:
-    """The method, ``tolerance`` of the last correction of velocities [m/s, rad/s]."""
+    """Return the half-explicit method, for the march; it solves nothing yet.
+
+    ``tolerance`` is that of the last correction of velocities [m/s, rad/s].
+    """
     return Method(partial(prepare, tolerance=tolerance), step, finish, start, counters=COUNTERS)
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, tolerance: float) -> Any:
-    """The bundle of a step: multipliers that are tried, and what these do to what is left of the equations."""
+    """Make the bundle of a step, with room for trial multipliers and their effect on the residual."""
     nr = len(kernel.lam)
     depth = max(1, min(DIRECTIONS, nr, NUMBERS // max(nr, 1)))
     tried = {"tried": f"{depth} nr", "reached": f"{depth} nr"}
     scheme = make_record(tolerance=tolerance)
-    return make_step(kernel, control, arrays=ARRAYS | tried, scheme=scheme, a=A, c=A.sum(axis=1))  # the end is last
+    # the last stage is the end
+    return make_step(kernel, control, arrays=ARRAYS | tried, scheme=scheme, a=A, c=A.sum(axis=1))
 
 
 def start(s):
-    """Rows, factor and multipliers of index 1."""
+    """Compute constraint rows, factor of S and multipliers of index 1 at the start."""
     run(s.kernel.accelerate)
     s.control.factorisations += 1
 
 
 def step(s):
-    """Stages of ``control.h``, with the factor of the start at hand."""
+    """Compute all stages of a step of ``control.h``, with the factor of its start; the last is its end."""
     c, k = s.control, s.kernel
     copy(k.r, s.r0)
     copy(k.R, s.R0)
@@ -83,15 +90,15 @@ def step(s):
 
 
 def finish(s):
-    """Multipliers of index 1 at the end, which is projected with the factor there."""
+    """Compute multipliers of index 1 at the end, and project it onto the constraints with the factor there."""
     run(s.kernel.accelerate)
     run(s.kernel.project)
     s.control.factorisations += 1
 
 
-@inner
+@compile_inline
 def _slope(s, k, i):
-    """q' and V' of stage i with the multipliers of the last one, and its rows kept."""
+    """Compute q' and V' of stage i with the multipliers of the last one, and keep the stage's rows."""
     run(k.forces)
     copy(k.force, k.w)
     run(k.divide)
@@ -105,9 +112,12 @@ def _slope(s, k, i):
         out[3], out[4], out[5] = theta_dot(q[3], q[4], q[5], v[3], v[4], v[5])
 
 
-@inner
+@compile_inline
 def _next_stage(s, k, c, i):
-    """Poses and velocities of stage i + 1, and the multipliers of stage i; returns the status."""
+    """Compute poses and velocities of stage i + 1, and the multipliers of stage i.
+
+    Return the march's status, 0 if it is done.
+    """
     for b in range(len(k.v)):
         for a in range(6):
             x = y = 0.0
@@ -126,9 +136,12 @@ def _next_stage(s, k, c, i):
     return _hold(s, k, c.h * s.a[i + 1, i], i)
 
 
-@inner
+@compile_inline
 def _hold(s, k, weight, i):
-    """Add to lam of stage i what makes A V + phi_t = 0 at the poses of ``k``; returns the status."""
+    """Correct lam of stage i so that A V + phi_t = 0 at the poses of ``k``; return the march's status, 0 if done.
+
+    ``weight`` is h a_(i+1)i, by which lam changes V.
+    """
     depth = len(s.tried)
     copy(k.v, k.w)
     run(k.slips)
@@ -163,26 +176,26 @@ def _hold(s, k, weight, i):
     return STUCK
 
 
-@inner
+@compile_inline
 def _solve(k, out):
-    """out := S^-1 x"""
+    """Set out := S^-1 x, with x of the kernel."""
     copy(k.x, k.rhs)
     run(k.solve)
     copy(k.rhs, out)
 
 
-@inner
+@compile_inline
 def _push(k, x):
-    """w := M^-1 A_i^T x; returns its largest entry."""
+    """Set ``k.w`` := M^-1 A_i^T x, with the rows kept; return its largest entry."""
     clear(k.w)
     copy(x, k.x)
     run(k.push_kept)
-    return largest(k.w)
+    return find_largest(k.w)
 
 
-@inner
+@compile_inline
 def _product(x, y):
-    """x . y"""
+    """Return the scalar product of x and y."""
     out = 0.0
     for a in range(len(x)):
         out += x[a] * y[a]

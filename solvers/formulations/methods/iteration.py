@@ -1,20 +1,42 @@
-"""When the iteration of a step has settled (compiled)."""
+"""The iteration of a step to the end of its corrections (compiled)."""
 
 import numpy as np
 
-from ..compiled.entries import inner
+from ..compiled.entries import compile_inline
 
-MOST_ITERATIONS = 60
-SLOW = 0.5  # of the size before: then S is factored anew, whose redundant rows are those of the poses at hand
+MOST_ITERATIONS = 60  # more help iterations that converge slowly, fewer end hopeless ones sooner
+# ratio to the size before, above which S is factorised anew, of the present poses: less pays factors, more iterations
+SLOW = 0.5
 GO_ON, SETTLED, FAILED = range(3)
 
 
-@inner
+@compile_inline
 def has_settled(size, last, tolerance):
-    """Whether residual and correction are below the tolerance and fall no more, or are no longer finite.
+    """Return the state of an iteration: GO_ON, SETTLED or FAILED.
 
-    Growth is no failure: errors in poses and velocities may turn into each other before both fall.
+    It has settled when ``size``, of residual and correction, is below the tolerance and falls no more; it has failed
+    when that is no longer finite. Growth is no failure: errors in poses and velocities may turn into each other before
+    both fall.
     """
     if not np.isfinite(size):
         return FAILED
     return SETTLED if size <= tolerance and (size == 0.0 or size > 0.1 * last) else GO_ON
+
+
+@compile_inline
+def iterate(s, sweep, tolerance):
+    """Repeat ``size = sweep(s, i, slow)`` until it settles; return whether ``size`` is within the tolerance.
+
+    ``sweep`` corrects the unknowns once and returns the size of residual and correction; ``slow`` says that the last
+    one hardly reduced ``size``: its matrix is old.
+    """
+    last, slow = np.inf, False
+    for i in range(MOST_ITERATIONS):
+        size = sweep(s, i, slow)
+        s.control.iterations += 1
+        state = has_settled(size, last, tolerance)
+        slow = size > SLOW * last
+        last = size
+        if state != GO_ON:
+            break
+    return state != FAILED and last <= tolerance

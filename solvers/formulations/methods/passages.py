@@ -1,4 +1,4 @@
-"""Singular passages of a finished run: where A nearly lost rank, and what the solver did there."""
+"""Singular passages of a finished run: where A nearly lost rank, and how the solver coped there."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,22 +9,24 @@ from ....harness.mechanics.jacobian import singular_values
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Trajectory
 
-DENSE_ROWS = 1000  # singular values are dense: beyond this size passages are not looked for
+DENSE_ROWS = 1000  # singular values need dense algebra: beyond this size passages are not searched for
 DECADES = (
     2.0  # a dip of det(A M^-1 A^T) by less is not taken for a passage: sigma^2 falls by a tenth in 0.1 rad already
 )
 LOST = 0.02  # smallest singular value, relative to the start's, below which a dip counts as a loss of rank
-AROUND = 5  # steps on both sides whose penalty, cuts and corrections are told; nearer dips are one passage
+AROUND = 5  # steps on both sides whose penalty, cuts and corrections are reported; nearer dips are one passage
 
 
 def passages(system: MultibodySystem, run: Trajectory) -> tuple[Mapping[str, Any], ...]:
-    """One entry a passage: time, smallest singular value there, lowest penalty, cuts, corrections.
+    """Return one entry for each singular passage of a finished run, none where they cannot be searched for.
 
-    Found as dips of the determinant that the factorisations leave, confirmed by the singular values of A at the dip.
+    Keys: time [s], smallest singular value there, lowest penalty, cuts, corrections. They are found as dips of the
+    determinant of the factorisations, confirmed by the singular values of A at the dip.
     """
-    if system.nrows > DENSE_ROWS or len(run.t) < 4 or "log_determinant" not in run.diagnostics:  # plain steps have none
+    # plain steps record none
+    if system.nrows > DENSE_ROWS or len(run.t) < 4 or "log_determinant" not in run.diagnostics:
         return ()
-    from scipy.signal import find_peaks  # here, or every start of the program takes a third of a second more
+    from scipy.signal import find_peaks  # imported here, as it adds a third of a second to every start of the program
 
     depth = -run.diagnostics["log_determinant"][1:]
     dips, _ = find_peaks(depth, prominence=DECADES, distance=AROUND)
@@ -40,11 +42,13 @@ def passages(system: MultibodySystem, run: Trajectory) -> tuple[Mapping[str, Any
         near = slice(max(1, k - AROUND), k + AROUND + 1)
         found.append(
             {
-                "kind": "singular passage", "t": float(run.t[k]), "smallest_singular_value": sigma,
+                "kind": "singular passage",
+                "t": float(run.t[k]),
+                "smallest_singular_value": sigma,
                 "lowest_penalty": float(np.min(run.diagnostics["penalty"][near])),
                 "cuts": int(np.max(run.diagnostics["cut_level"][near])),
                 "most_corrections": int(np.max(run.diagnostics["newton_iterations"][near])),
                 "worst_constraint_norm": float(np.max(run.diagnostics["constraint_norm"][near])),
             }
-        )  # fmt: skip
+        )
     return tuple(found)

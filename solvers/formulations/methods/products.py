@@ -1,28 +1,28 @@
 """Products and motions that several methods share (compiled)."""
 
-from ..compiled.algebra import turned_by
-from ..compiled.entries import inner, run
+from ..compiled.algebra import turn_rotation
+from ..compiled.entries import compile_inline, run
 
 
-@inner
+@compile_inline
 def set_rates(k):
-    """x := A w"""
+    """Set ``k.x`` := A w, the rates of the constraint rows at the velocities ``k.w``."""
     run(k.slips)
     for a in range(len(k.x)):
         k.x[a] = -k.x[a] - k.slip[a]
 
 
-@inner
+@compile_inline
 def add_scaled(share, x, y):
-    """y += share x, arrays (n,)."""
+    """Add ``share`` times x to y, arrays (n,)."""
     for a in range(len(x)):
         y[a] += share * x[a]
 
 
-@inner
+@compile_inline
 def move(r0, R0, change, r, R):
-    """r, R := r0 + change_r, R0 exp(change_theta), change (nb, 6)."""
+    """Set the poses r, R := r0 + change_r, R0 exp(change_theta), with change (nb, 6) in m and rad."""
     for b in range(len(change)):
         for a in range(3):
             r[b, a] = r0[b, a] + change[b, a]
-        turned_by(R0[b], change[b, 3], change[b, 4], change[b, 5], R[b])
+        turn_rotation(R0[b], change[b, 3], change[b, 4], change[b, 5], R[b])

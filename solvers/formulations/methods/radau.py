@@ -23,13 +23,13 @@ import numpy as np
 from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem
-from ..compiled.algebra import clear, copy, largest, theta_dot
+from ..compiled.algebra import clear, copy, find_largest, theta_dot
 from ..compiled.bundles import make_record, make_step
-from ..compiled.entries import inner, run
-from ..compiled.host import Method, tolerance_of
+from ..compiled.entries import compile_inline, run
+from ..compiled.host import Method, choose_tolerance
 from ..compiled.kernel import Kernel
 from ..compiled.marching import SAFETY
-from ..compiled.soft_rows import stack_kernels, without_springs
+from ..compiled.soft_rows import remove_springs, stack_kernels
 from .products import add_scaled, move
 from .springs import ENTRIES, add_entries, make_soft_rows, set_rates
 
@@ -42,24 +42,34 @@ A = np.array([
 C = np.array([(4.0 - _S) / 10.0, (4.0 + _S) / 10.0, 1.0])
 ERROR = np.array([-13.0 - 7.0 * _S, -13.0 + 7.0 * _S, -1.0]) / 3.0
 GAMMA = 1.0 / (3.0 + 3.0 ** (2.0 / 3.0) - 3.0 ** (1.0 / 3.0))  # the real eigenvalue of A
-MOST_ITERATIONS = 25
-NEEDED = ("rows", "factorise", "solve", "forces", "divide", "push", "slips")
+MOST_ITERATIONS = 25  # more help iterations that converge slowly, fewer end hopeless ones sooner
+NEEDED = ("rows", "factorise", "solve", "leave_out", "forces", "divide", "push", "slips")
 ARRAYS = {  # the first axis is that of the stages
-    "vdot": "3 nb 6", "lam": "3 nr", "eta": "3 nr",
-    "y": "3 nb 6", "rate": "3 nb 6",  # r_i - r_0 and theta_i
+    "vdot": "3 nb 6",
+    "lam": "3 nr",
+    "eta": "3 nr",
+    "y": "3 nb 6",
+    "rate": "3 nb 6",  # r_i - r_0 and theta_i
     "off": "3 nr",  # A v + phi_t
-    "old_vdot": "3 nb 6", "old_lam": "3 nr",  # of the last accepted step
-}  # fmt: skip
+    "old_vdot": "3 nb 6",
+    "old_lam": "3 nr",  # those of the last accepted step
+}
 
 
 def tolerance_for(rtol: float) -> float:
-    """Where the iteration ends: at 1e-10, or a thousandth of ``rtol`` if that is less, so that constraints hold."""
+    """Return the tolerance of Newton's iteration: 1e-10, or a thousandth of ``rtol`` if that is less.
+
+    Constraints hold so far.
+    """
     return max(1e-13, min(1e-10, 1e-3 * rtol))
 
 
 def radau_steps(problem: Problem, rtol: float, code: str) -> Method:
-    """The method."""
-    tolerance, notes = tolerance_of(tolerance_for(rtol), problem)
+    """Return the Radau method, for the march; it solves nothing yet.
+
+    ``rtol`` sets the tolerance of its iteration; ``code`` is the option.
+    """
+    tolerance, notes = choose_tolerance(tolerance_for(rtol), problem)
     of_system = partial(prepare, system=problem.system, tolerance=tolerance, code=code)
     counters = ("rejected", "iterations", "factorisations")
     notes += ("code of the mechanism",) if code == "mechanism" else ()
@@ -67,18 +77,32 @@ def radau_steps(problem: Problem, rtol: float, code: str) -> Method:
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float, code: str) -> Any:
-    """The bundle of a step, with kernels of the stages, which have no spring-dampers; ``before`` is the last step."""
-    stages, made = stack_kernels(without_springs(system), 3, NEEDED, code)
+    """Make the bundle of a step: kernels of the stages without spring-dampers, and the springs as soft rows.
+
+    ``before`` in its scheme is the length of the last step.
+    """
+    stages, made = stack_kernels(remove_springs(system), 3, NEEDED, code)
     springs = make_soft_rows(system, len(kernel.lam), A, made)
     scheme = make_record(tolerance=tolerance, before=0.0, changed=0.0)
-    return add_entries(make_step(
-        kernel, control, arrays=ARRAYS, entries=tuple(ENTRIES), stages=stages, springs=springs, scheme=scheme, a=A,
-        c=C, inverse=inverse(A), estimate=ERROR,
-    ))  # fmt: skip
+    return add_entries(
+        make_step(
+            kernel,
+            control,
+            arrays=ARRAYS,
+            entries=tuple(ENTRIES),
+            stages=stages,
+            springs=springs,
+            scheme=scheme,
+            a=A,
+            c=C,
+            inverse=inverse(A),
+            estimate=ERROR,
+        )
+    )
 
 
 def start(s):
-    """vdot and lam of index 1, and the tensions of the springs."""
+    """Compute vdot and lam of index 1 at the start, and the tensions of the springs, for the first estimate."""
     k, g = s.kernel, s.stages
     run(k.accelerate)
     s.control.factorisations += 1
@@ -95,7 +119,10 @@ def start(s):
 
 
 def step(s):
-    """Stages and the error of a step of ``control.h``; an iteration that does not converge halves the step."""
+    """Solve for the stages of a step of ``control.h``, and estimate its error.
+
+    Where the iteration does not converge, the error is that which halves the step.
+    """
     c = s.control
     c.error = (SAFETY / 0.5) ** c.order
     _guess(s, c.h)
@@ -111,13 +138,13 @@ def step(s):
         last = size
         converged = size <= s.scheme.tolerance
         if converged:
-            _set_poses(s, c.h, converged)  # not True, of which numba would compile another function
+            _set_poses(s, c.h, converged)  # not True, for which numba would compile another function
             c.error = _error(s, c.h, c.rtol)
             break
 
 
 def finish(s):
-    """The last stage is the end."""
+    """Make the last stage the state of the kernel, and keep the stages for the next estimate."""
     k, g = s.kernel, s.stages
     copy(g.r[2], k.r)
     copy(g.R[2], k.R)
@@ -130,9 +157,9 @@ def finish(s):
     s.scheme.before = s.control.h
 
 
-@inner
+@compile_inline
 def _guess(s, h):
-    """vdot, lam and p of the stages on the parabola through those of the last step; eta = 0, theta = c h Omega_0."""
+    """Extrapolate vdot, lam and p by the parabola through the last step's stages; eta = 0, theta = c h Omega_0."""
     last = s.scheme.before
     clear(s.vdot)
     clear(s.lam)
@@ -152,9 +179,12 @@ def _guess(s, h):
                 s.y[i, b, a] = s.c[i] * h * s.kernel.v[b, a]
 
 
-@inner
+@compile_inline
 def _set_poses(s, h, sloped):
-    """Velocities and poses of the stages; ``sloped``: the rows of the last iterate stand for those of z."""
+    """Set velocities and poses of the stages from their accelerations.
+
+    ``sloped``: the slack z is that of eta with the rows of the last iterate; else it is zero.
+    """
     g = s.stages
     for i in range(3):
         clear(g.w[i])
@@ -180,9 +210,12 @@ def _set_poses(s, h, sloped):
         move(s.kernel.r, s.kernel.R, s.y[i], g.r[i], g.R[i])
 
 
-@inner
+@compile_inline
 def _iterate(s, h, first):
-    """One correction of vdot, lam, eta and p; returns the size of what was off."""
+    """Correct vdot, lam, eta and p of all stages once; return the size of the residuals.
+
+    ``first``: factorise S, and compute the response of the springs.
+    """
     _set_poses(s, h, not first)
     g, size = s.stages, 0.0
     for i in range(3):
@@ -191,10 +224,14 @@ def _iterate(s, h, first):
         run(g.slips[i])
         for a in range(s.off.shape[1]):
             s.off[i, a] = -g.x[i, a]
-        size = max(size, largest(g.phi[i]), h * largest(s.off[i]))
+        size = max(size, find_largest(g.phi[i]), h * find_largest(s.off[i]))
     run(s.follow)
     if first:
         run(g.factorise[1])
+        for i in range(3):
+            copy(s.lam[i], g.rhs[1])
+            run(g.leave_out[1])
+            copy(g.rhs[1], s.lam[i])
         run(s.respond)
     for i in range(3):
         size = max(size, h * h * _correct_stage(s, g, h, i))
@@ -203,9 +240,9 @@ def _iterate(s, h, first):
     return max(size, h * h * s.scheme.changed)
 
 
-@inner
+@compile_inline
 def _correct_stage(s, g, h, i):
-    """Correct vdot, lam and eta of stage i, springs aside; returns the largest change of vdot."""
+    """Correct vdot, lam and eta of stage i, springs aside; return the largest change of vdot."""
     right = g.rhs[1]
     run(g.forces[i])
     copy(g.force[i], g.w[i])
@@ -235,12 +272,15 @@ def _correct_stage(s, g, h, i):
     add_scaled(1.0, right, s.eta[i])
     for b in range(len(s.kernel.v)):
         add_scaled(1.0, g.w[i, b], s.vdot[i, b])
-    return largest(g.w[i])
+    return find_largest(g.w[i])
 
 
-@inner
+@compile_inline
 def _error(s, h, rtol):
-    """RMS of gamma (h y'_0 + e . (y_i - y_0)) over ``rtol (1 + |y|)``; angles over ``rtol``."""
+    """Return the step's error over its tolerance: an RMS over ``rtol (1 + |y|)``, angles over ``rtol``.
+
+    The estimate is gamma (h y'_0 + e . (y_i - y_0)).
+    """
     total, start, g = 0.0, s.kernel, s.stages
     for b in range(len(start.v)):
         for a in range(12):

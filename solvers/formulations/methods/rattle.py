@@ -1,8 +1,8 @@
 """RATTLE on SO(3) with the free body as drift, and symmetric compositions of it (compiled).
 
-One sub-step of h from (q_0, v_0) with the factor of S at q_0 at hand (McLachlan, Modin, Verdier, Wilkins 2014)::
+One sub-step of h from (q_0, v_0) with the factor of S at q_0 (McLachlan, Modin, Verdier, Wilkins 2014)::
 
-    p_half = M v_0 + h/2 f(q_0) + A_0^T x         translation and body momentum L = J Omega; f without gyroscopic term
+    p_half = M v_0 + h/2 f(q_0) + A_0^T x  translation and body momentum L = J Omega; f without gyroscopic term
     q_1 = free motion over h from (q_0, p_half)   x such that phi(q_1) = 0: S_0 dx = -phi / h, repeated
     v_1 = M^-1 (p_1 + h/2 f(q_1) + A_1^T y)       S_1 y = -A_1 (...): A_1 v_1 = 0
 
@@ -14,46 +14,59 @@ from functools import partial
 import numpy as np
 
 from ....harness.types import Problem
-from ..compiled.algebra import copy, largest
+from ..compiled.algebra import copy, find_largest
 from ..compiled.bundles import make_record, make_step
-from ..compiled.entries import inner, run
-from ..compiled.host import Method, tolerance_of
+from ..compiled.entries import compile_inline, run
+from ..compiled.host import Method, choose_tolerance
 from ..compiled.marching import STUCK
 from .free_body import principal, turn_discretely, turn_freely
-from .iteration import FAILED, MOST_ITERATIONS, SETTLED, has_settled
+from .iteration import iterate
+from .stiff_springs import explaining
 
-DAMPER_PASSES = 6
+DAMPER_PASSES = 6  # passes over forces at the new velocities: each leaves about h c / (2 m) of the error before it
 ARRAYS = {
-    "r0": "nb 3", "R0": "nb 3 3", "L": "3",
+    "r0": "nb 3",
+    "R0": "nb 3 3",
+    "L": "3",
     "half": "nb 6",  # M^-1 p without the impulse of the constraints
-    "impulse": "nr",  # of the first half
+    "impulse": "nr",  # impulse of the first half
     "lam": "nr",  # reaction at the start of the sub-step
-}  # fmt: skip
+}
 
 
 def symplectic_steps(
     problem: Problem, gamma: np.ndarray, tolerance: float, *, discrete: bool = False, rate: float = 0.0
 ) -> Method:
-    """The method with sub-steps ``gamma`` h, phi below ``tolerance`` [m; axis rows without unit].
+    """Return RATTLE or a composition of it with sub-steps ``gamma`` h, for the march; it solves nothing yet.
 
-    Free bodies turn exactly, or by the discrete equations of Moser and Veselov; ``rate`` [rad/s] of reversible steps.
+    phi is held below ``tolerance`` [m; axis rows without unit]. Free bodies turn exactly, or by the ``discrete``
+    equations of Moser and Veselov; ``rate`` [rad/s] is that of reversible step control, 0: none.
     """
-    system, (tolerance, notes) = problem.system, tolerance_of(tolerance, problem)
-    scheme = make_record(tolerance=tolerance, damped=not system.is_conservative, discrete=discrete)
+    system, (tolerance, notes) = problem.system, choose_tolerance(tolerance, problem)
+    scheme = make_record(h=0.0, tolerance=tolerance, damped=not system.is_conservative, discrete=discrete)
     axes = principal(system.regular_inertia)
     of_system = partial(make_step, arrays=ARRAYS, scheme=scheme, axes=axes, gamma=gamma)
-    return Method(of_system, step, finish, start, rate=rate, counters=("iterations", "factorisations"), notes=notes)
+    return Method(
+        of_system,
+        step,
+        finish,
+        start,
+        rate=rate,
+        counters=("iterations", "factorisations"),
+        notes=notes,
+        explain=explaining(problem),
+    )
 
 
 def start(s):
-    """The reaction of index 1; its rows and factor are those of the first step."""
+    """Compute the reaction of index 1; its rows and its factor of S are those of the first step."""
     run(s.kernel.accelerate)
     s.control.factorisations += 1
     copy(s.kernel.lam, s.lam)
 
 
 def step(s):
-    """All sub-steps of ``control.h``."""
+    """Take all sub-steps of ``control.h``; ``control.status`` is STUCK where one does not converge."""
     c, k = s.control, s.kernel
     k.t[0] = c.t
     for i in range(len(s.gamma)):
@@ -63,13 +76,13 @@ def step(s):
 
 
 def finish(s):
-    """Reactions of index 1: 2 y / h is one order less exact."""
+    """Compute the reactions recorded, those of index 1: 2 y / h is one order less exact."""
     run(s.kernel.reactions)
 
 
-@inner
+@compile_inline
 def _sub_step(s, k, c, h):
-    """One sub-step, which moves the time of ``k``; returns whether phi came down to the tolerance."""
+    """Take one sub-step of h [s], which moves the time of ``k``; return whether phi came down to the tolerance."""
     copy(k.r, s.r0)
     copy(k.R, s.R0)
     copy(k.v, s.half)
@@ -78,27 +91,8 @@ def _sub_step(s, k, c, h):
         s.impulse[a] = 0.5 * h * s.lam[a]
     run(k.keep_rows)
     k.t[0] += h
-    last = np.inf
-    for _ in range(MOST_ITERATIONS):
-        copy(s.half, k.w)
-        copy(s.impulse, k.x)
-        run(k.push_kept)
-        _drift(s, k, h)
-        run(k.rows)
-        for a in range(len(k.phi)):
-            k.rhs[a] = -k.phi[a] / h
-        c.iterations += 1
-        size = largest(k.phi)
-        state = has_settled(size, last, s.scheme.tolerance)
-        if state == FAILED:
-            return False
-        last = size
-        if state == SETTLED:
-            break
-        run(k.solve)
-        for a in range(len(s.impulse)):
-            s.impulse[a] += k.rhs[a]
-    if last > s.scheme.tolerance:
+    s.scheme.h = h
+    if not iterate(s, _sweep, s.scheme.tolerance):
         return False
     copy(k.w, k.v)
     run(k.rows)
@@ -114,9 +108,27 @@ def _sub_step(s, k, c, h):
     return True
 
 
-@inner
+@compile_inline
+def _sweep(s, i, slow):
+    """Correct the impulse by the last phi, and move to the end; return the size of phi there."""
+    k, h = s.kernel, s.scheme.h
+    if i > 0:
+        run(k.solve)
+        for a in range(len(s.impulse)):
+            s.impulse[a] += k.rhs[a]
+    copy(s.half, k.w)
+    copy(s.impulse, k.x)
+    run(k.push_kept)
+    _drift(s, k, h)
+    run(k.rows)
+    for a in range(len(k.phi)):
+        k.rhs[a] = -k.phi[a] / h
+    return find_largest(k.phi)
+
+
+@compile_inline
 def _kick(s, k, h):
-    """half += h/2 M^-1 f at the poses and velocities of ``k``."""
+    """Add h/2 M^-1 f, of the forces at the state of the kernel, to the velocities ``half``."""
     run(k.applied_forces)
     for b in range(len(s.half)):
         t0, t1, t2 = k.force[b, 3], k.force[b, 4], k.force[b, 5]
@@ -126,9 +138,12 @@ def _kick(s, k, h):
             s.half[b, 3 + a] += 0.5 * h * (J[0] * t0 + J[1] * t1 + J[2] * t2)
 
 
-@inner
+@compile_inline
 def _drift(s, k, h):
-    """Poses of ``k`` from the start of the sub-step at ``w``, whose Omega becomes that at its end."""
+    """Move all bodies freely from the start of the sub-step for h [s] at the velocities ``k.w``.
+
+    Their Omega becomes that at the end.
+    """
     for b in range(len(k.mass)):
         w0, w1, w2 = k.w[b, 3], k.w[b, 4], k.w[b, 5]
         for a in range(3):

@@ -16,21 +16,22 @@ from typing import ClassVar
 
 from ....harness.types import Problem, StepControl, Trajectory
 from ...plain import rkmk
-from ..compiled.algebra import clear, close_rotations, copy, theta_dot, turned_by
+from ..compiled.algebra import clear, close_rotations, copy, theta_dot, turn_rotation
 from ..compiled.bundles import make_step
-from ..compiled.entries import inner, run
-from ..compiled.host import WITH_PLAIN, Marched, Method, code_option
+from ..compiled.entries import compile_inline, run
+from ..compiled.host import WITH_PLAIN, MarchedSolver, Method, code_option
 from .tableaux import Tableau
 
 ARRAYS = {  # columns are r (3), theta (3), v (6)
-    "start": "nb 12", "R": "nb 3 3",  # at the start of the step
+    "start": "nb 12",
+    "R": "nb 3 3",  # at the start of the step
     "y": "nb 12",
-    "sums": "2 nb 12",  # of slopes: one estimate of the error, or two (E5, E3) that DOP853 combines
-}  # fmt: skip
+    "sums": "2 nb 12",  # sums of slopes: one estimate of the error, or two (E5, E3) that DOP853 combines
+}
 
 
 @dataclass(frozen=True)
-class ExplicitPair(Marched):
+class ExplicitPair(MarchedSolver):
     """A solver by an embedded pair."""
 
     code: str = code_option(*WITH_PLAIN)
@@ -40,30 +41,36 @@ class ExplicitPair(Marched):
     pair: ClassVar[str]  # its name in solvers/plain
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
+        """Return the method of the pair with the option ``code``."""
         return replace(explicit_pair(self.tableau), code=self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate by the pair in plain NumPy."""
         return rkmk.integrate(problem, control, self.pair)
 
 
 def explicit_pair(tableau: Tableau) -> Method:
-    """The method of an embedded pair, first same as last."""
+    """Return the method of an embedded pair, first same as last, for the march; it solves nothing yet."""
     t, arrays = tableau, ARRAYS | {"slopes": f"{len(tableau.b) + 1} nb 12"}
     return Method(
-        partial(make_step, arrays=arrays, a=t.a, b=t.b, c=t.c, estimate=t.error), step, finish, start,
-        order=float(t.order), counters=("evaluations", "rejected", "factorisations"),
-    )  # fmt: skip
+        partial(make_step, arrays=arrays, a=t.a, b=t.b, c=t.c, estimate=t.error),
+        step,
+        finish,
+        start,
+        order=float(t.order),
+        counters=("evaluations", "rejected", "factorisations"),
+    )
 
 
 def start(s):
-    """The first slope and the multipliers at the start."""
+    """Compute the first slope, and the multipliers of index 1, at the start."""
     _begin(s)
     copy(s.start, s.y)
     _slope(s, s.kernel.t[0], 0)
 
 
 def step(s):
-    """Stages and the error of a step of ``control.h``; the kernel is left at the last stage."""
+    """Compute the stages of a step of ``control.h`` and its error; the kernel is left at the last stage."""
     c, n = s.control, len(s.b)
     for i in range(1, n):
         _combine(s, s.a[i], i, c.h)
@@ -74,10 +81,10 @@ def step(s):
 
 
 def finish(s):
-    """Project; the last slope becomes the first one, but for its velocities."""
+    """Project the end onto the constraints; the last slope becomes the first one, except for its velocities."""
     k, n = s.kernel, len(s.b)
     run(k.project)
-    close_rotations(k.R)  # before they are the start of the next step
+    close_rotations(k.R)  # rotations, exact to rounding, for the start of the next step
     _begin(s)
     for b in range(len(k.mass)):
         for a in range(6):
@@ -85,8 +92,9 @@ def finish(s):
             s.slopes[0, b, 6 + a] = s.slopes[n, b, 6 + a]
 
 
-@inner
+@compile_inline
 def _begin(s):
+    """Set the start of the next step to the state of the kernel: r, theta = 0, v, and R."""
     for b in range(len(s.y)):
         for a in range(3):
             s.start[b, a], s.start[b, 3 + a] = s.kernel.r[b, a], 0.0
@@ -95,14 +103,15 @@ def _begin(s):
     copy(s.kernel.R, s.R)
 
 
-@inner
+@compile_inline
 def _slope(s, t, out):
+    """Compute the slope y' at ``y`` and time t [s], by accelerations of index 1; store it as slope ``out``."""
     k = s.kernel
     k.t[0] = t
     for b in range(len(s.y)):
         for a in range(3):
             k.r[b, a] = s.y[b, a]
-        turned_by(s.R[b], s.y[b, 3], s.y[b, 4], s.y[b, 5], k.R[b])
+        turn_rotation(s.R[b], s.y[b, 3], s.y[b, 4], s.y[b, 5], k.R[b])
         for a in range(6):
             k.v[b, a] = s.y[b, 6 + a]
     run(k.accelerate)
@@ -118,18 +127,18 @@ def _slope(s, t, out):
             s.slopes[out, b, 6 + a] = k.v_dot[b, a]
 
 
-@inner
+@compile_inline
 def _combine(s, weights, n, h):
-    """y = start + h sum weights slopes"""
+    """Set y = start + h sum weights slopes."""
     _add(s, weights, n, s.y)
     for b in range(len(s.y)):
         for a in range(12):
             s.y[b, a] = s.start[b, a] + h * s.y[b, a]
 
 
-@inner
+@compile_inline
 def _add(s, weights, n, out):
-    """out = sum weights slopes: one slope after the other, which is read once"""
+    """Set out = sum weights slopes: one slope after the other, each read once."""
     clear(out)
     for i in range(n):
         w, slope = weights[i], s.slopes[i]
@@ -139,9 +148,12 @@ def _add(s, weights, n, out):
                     out[b, a] += w * slope[b, a]
 
 
-@inner
+@compile_inline
 def _error(s, h, rtol):
-    """RMS of the error estimate over ``rtol (1 + |y|)``; angles over ``rtol``."""
+    """Return the step's error over its tolerance: the RMS of the estimate over ``rtol (1 + |y|)``.
+
+    Angles are compared with ``rtol``.
+    """
     first = second = 0.0
     two, n = len(s.estimate) == 2, s.estimate.shape[1]
     for e in range(len(s.estimate)):

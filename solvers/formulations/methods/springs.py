@@ -20,41 +20,55 @@ import numpy as np
 
 from ....harness.mechanics.fixed_order import product
 from ....harness.mechanics.system import MultibodySystem
-from ..compiled.algebra import clear, copy, largest
+from ..compiled.algebra import clear, copy, find_largest
 from ..compiled.bundles import make_bundle
-from ..compiled.entries import Bound, inner, run
+from ..compiled.entries import Bound, compile_inline, run
 from ..compiled.soft_rows import make_springs
 from ..generated import Program
 from .products import add_scaled
 
 ARRAYS = {
-    "p": "3 ns", "old": "3 ns",  # of the last accepted step
-    "tension": "3 ns",  # of the law
+    "p": "3 ns",
+    "old": "3 ns",  # p of the last accepted step
+    "tension": "3 ns",  # tension by the law
     "pull": "3 nb 6",  # M^-1 A_s^T p
     "stretch": "3 ns",  # A_s d
     "W": "ns nr",  # change of lam by each p
     "G": "ns ns",  # [1/kg]
-    "change": "ns",  # of p
-}  # fmt: skip
+    "change": "ns",  # change of p
+}
 
 
 def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: Any) -> Any:
-    """Rows of the springs of ``system`` for three stages with the tableau ``a``; keeps alive ``keeps``, too.
+    """Make the bundle of a system's springs as soft rows of three stages, with the tableau ``a``.
 
-    ``matrix`` are by ``_factorise`` its factors, ``right`` is by ``_solve`` the solution.
+    ``nrows`` are the mechanism's constraint rows; ``keeps`` is kept alive. ``matrix`` holds its factors after
+    ``_factorise``, ``right`` the solution after ``_solve``.
     """
     stages, made, law = make_springs(system, 3)
     ns = law.shape[1]
     matrix, right = np.zeros((3 * ns, 3 * ns)), np.zeros(3 * ns)
     return make_bundle(
-        "Springs", ARRAYS, {"nb": system.nb, "ns": ns, "nr": nrows}, stages=stages, law=law, a=a, square=product(a, a),
-        matrix=matrix, right=right, pivots=np.zeros(3 * ns, dtype=np.int64), kept=Program([], (keeps, made)),
-    )  # fmt: skip
+        "Springs",
+        ARRAYS,
+        {"nb": system.nb, "ns": ns, "nr": nrows},
+        stages=stages,
+        law=law,
+        a=a,
+        square=product(a, a),
+        matrix=matrix,
+        right=right,
+        pivots=np.zeros(3 * ns, dtype=np.int64),
+        kept=Program([], (keeps, made)),
+    )
 
 
-@inner
+@compile_inline
 def _factorise(A, pivots):
-    """A := its factors by rows, with the largest pivot of each column; in one order of operations, unlike LAPACK's."""
+    """Factorise the dense matrix A in place by rows, with the largest pivot of each column.
+
+    In one order of operations, unlike LAPACK's: the same bits on every machine.
+    """
     n = len(A)
     for k in range(n):
         best = k
@@ -70,9 +84,9 @@ def _factorise(A, pivots):
                 A[i, j] -= A[i, k] * A[k, j]
 
 
-@inner
+@compile_inline
 def _solve(A, pivots, x):
-    """x := A^-1 x by the factors."""
+    """Set x := A^-1 x by the factors of ``_factorise``."""
     n = len(A)
     for k in range(n):
         x[k], x[pivots[k]] = x[pivots[k]], x[k]
@@ -84,16 +98,19 @@ def _solve(A, pivots, x):
         x[k] /= A[k, k]
 
 
-@inner
+@compile_inline
 def set_rates(g, i):
-    """x := A w of stage ``i``."""
+    """Set x := A w of stage ``i``, the rates of its rows at its velocities w."""
     run(g.slips[i])
     for a in range(g.x.shape[1]):
         g.x[i, a] = -g.x[i, a] - g.slip[i, a]
 
 
 def follow(step):
-    """Rows and tensions of the springs at the poses and velocities of all stages; pull := M^-1 A_s^T p."""
+    """Evaluate lengths' rates and tensions of the springs at poses and velocities of all stages.
+
+    Set pull := M^-1 A_s^T p.
+    """
     g, s, k = step.stages, step.springs, step.springs.stages
     for i in range(3):
         copy(g.r[i], k.r[i])
@@ -110,9 +127,9 @@ def follow(step):
         copy(k.w[i], s.pull[i])
 
 
-@inner
+@compile_inline
 def _add_pull(k, i, p, w):
-    """w += M^-1 A_s^T p with the rows of stage ``i``."""
+    """Add M^-1 A_s^T p to w with the rows of stage ``i``."""
     copy(w, k.w[i])
     copy(p, k.x[i])
     run(k.push[i])
@@ -120,7 +137,10 @@ def _add_pull(k, i, p, w):
 
 
 def respond(step):
-    """W, G and the factors of the matrix with the factor and rows of the second stage."""
+    """Compute how lam and the lengths' rates respond to each p, W and G, and factorise the matrix of the springs.
+
+    Factor and rows are those of the second stage.
+    """
     g, s, k, h = step.stages, step.springs, step.springs.stages, step.control.h
     ns = len(s.G)
     for t in range(ns):
@@ -149,7 +169,10 @@ def respond(step):
 
 
 def correct(step):
-    """Correct p, lam and vdot of all stages, whose w is the change d; ``changed`` is the largest change of vdot."""
+    """Correct p, lam and vdot of all stages by the springs' equations, whose w is the other changes d of vdot.
+
+    ``changed`` becomes the largest change of vdot.
+    """
     g, s, k, h = step.stages, step.springs, step.springs.stages, step.control.h
     ns = len(s.G)
     for i in range(3):
@@ -175,13 +198,13 @@ def correct(step):
         _add_pull(k, i, s.change, g.w[i])
         for b in range(g.w.shape[1]):
             add_scaled(1.0, g.w[i, b], step.vdot[i, b])
-        step.scheme.changed = max(step.scheme.changed, largest(g.w[i]))
+        step.scheme.changed = max(step.scheme.changed, find_largest(g.w[i]))
 
 
-ENTRIES = {"follow": follow, "respond": respond, "correct": correct}  # of a step
+ENTRIES = {"follow": follow, "respond": respond, "correct": correct}  # entries of a step
 
 
 def add_entries(step: Any) -> Any:
-    """A step with the entries of its springs; without springs they do nothing and nothing is compiled."""
+    """Return the bundle of a step with the entries of its springs; without springs they do nothing."""
     some = len(step.springs.G)
     return step._replace(**{name: Bound(f, step) if some else Program([]) for name, f in ENTRIES.items()})

@@ -8,7 +8,7 @@ from scipy.integrate._ivp.rk import DOP853, RK45
 
 
 class Tableau(NamedTuple):
-    """``error`` has one row, or two (E5, E3) that DOP853 combines; stages first, the derivative at the end last."""
+    """A pair's coefficients; ``error`` has one row, or two (E5, E3) for DOP853, stages first, the end's slope last."""
 
     c: np.ndarray  # (s,)
     a: np.ndarray  # (s, s)

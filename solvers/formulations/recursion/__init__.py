@@ -1,1 +1,1 @@
-"""A mechanism in the coordinates of its joints by recursion over its bodies, which are data: compiled once for all."""
+"""A mechanism in joint coordinates by recursion over its bodies, which are data: compiled once for all mechanisms."""

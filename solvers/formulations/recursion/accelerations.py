@@ -1,21 +1,22 @@
-"""Accelerations of a tree with closing rows, its projection, and what is recorded of it (compiled).
+"""Accelerations of a tree with closing rows, its projection, and the record of it (compiled).
 
-H u_dot = effort + J^T mu, J u_dot = -gamma: those without rows, then the rows' answer by the factor of J H^-1 J^T.
+H u_dot = effort + J^T mu, J u_dot = -gamma: accelerations without rows, then the rows' response by the factor of
+J H^-1 J^T.
 """
 
 import math
 from typing import Any, NamedTuple
 
 from ..compiled.algebra import clear, copy, times
-from ..compiled.entries import inner, run
+from ..compiled.entries import compile_inline, run
 from .closing_rows import couple_rows, factor_closing, rate_rows, release, respond, solve_closing
 from .limbs import Closing, Limbs
 from .sweeps import move_to, turn_about_centre
 from .twists import cross
 
 
-class Coupled(NamedTuple):
-    """A tree, and where it is."""
+class CoupledTree(NamedTuple):
+    """A tree and its present state."""
 
     limbs: Limbs
     closing: Closing
@@ -24,8 +25,8 @@ class Coupled(NamedTuple):
     u: Any  # (nu,)
 
 
-class Accelerated(NamedTuple):
-    """A tree, where it is, and results."""
+class AcceleratedTree(NamedTuple):
+    """A tree, its present state, and results."""
 
     limbs: Limbs
     closing: Closing
@@ -38,8 +39,8 @@ class Accelerated(NamedTuple):
     loads: int  # program of forces
 
 
-class Finished(NamedTuple):
-    """The same, and results of a projection."""
+class ProjectedTree(NamedTuple):
+    """A tree, its present state, and results of a projection."""
 
     limbs: Limbs
     closing: Closing
@@ -52,21 +53,21 @@ class Finished(NamedTuple):
     loads: int
     q_after: Any
     u_after: Any
-    lam: Any  # (rows,) as the cut joints have them
-    gap: Any  # (1,) of rows that are left out
+    lam: Any  # (rows,) in the cut joints' order
+    gap: Any  # (1,) largest gap of rows that are left out
     q_moved: Any  # (nq,)
     change: Any  # (nu,)
 
 
 def accelerate_tree(s: Any) -> None:
-    """(t, q, u) -> q_dot, u_dot, least"""
+    """Compute ``q_dot``, ``u_dot`` and the ``least`` pivot of the closing rows from t, q and u."""
     s.least[0] = _accelerate(s)
     rate_coordinates(s.limbs, s.q, s.u, s.q_dot)
 
 
-@inner
+@compile_inline
 def _accelerate(s: Any) -> float:
-    """Leave ``u_dot`` and ``mu``."""
+    """Compute ``u_dot`` and the multipliers ``mu`` of rows in use; return their least pivot, 1 without rows."""
     l, c = s.limbs, s.closing
     l.t[0] = s.t[0]
     move_to(l, s.q, s.u)
@@ -93,9 +94,9 @@ def _accelerate(s: Any) -> float:
     return least
 
 
-@inner
+@compile_inline
 def set_loads(l: Any) -> None:
-    """Set loads to forces, less what inertia takes of accelerations ``bias``."""
+    """Set each limb's load to its forces, less the inertia forces of the accelerations ``bias``."""
     for k in range(len(l.parent)):
         body, m, bias, load = l.body[k], l.mass[k], l.bias[k], l.load[k]
         x, y, z = l.c[k, 0], l.c[k, 1], l.c[k, 2]
@@ -108,33 +109,33 @@ def set_loads(l: Any) -> None:
         load[3], load[4], load[5] = f0, f1, f2
 
 
-@inner
+@compile_inline
 def _acceleration_of_centre(l: Any, k: int, a: Any) -> Any:
-    """Return that of C, where ``a`` has those of the turn and of P."""
+    """Return the acceleration [m/s2, in space] of limb k's C, where ``a`` has those of its turn and of P."""
     d0, d1, d2 = _centripetal(l, k)
     e0, e1, e2 = cross(a[0], a[1], a[2], l.c[k, 0], l.c[k, 1], l.c[k, 2])
     return a[3] + d0 + e0, a[4] + d1 + e1, a[5] + d2 + e2
 
 
-@inner
+@compile_inline
 def add_centripetal(l: Any, k: int, a: Any, out: Any) -> None:
-    """Set ``out`` to accelerations ``a``, with that part of C's beside which the turn gives the rest."""
+    """Set ``out`` to limb k's accelerations ``a``, plus the centripetal part of the acceleration of C."""
     d0, d1, d2 = _centripetal(l, k)
     out[0], out[1], out[2] = a[0], a[1], a[2]
     out[3], out[4], out[5] = a[3] + d0, a[4] + d1, a[5] + d2
 
 
-@inner
+@compile_inline
 def _centripetal(l: Any, k: int) -> Any:
-    """Return omega x (omega x c)."""
+    """Return omega x (omega x c), the centripetal acceleration of limb k's C about P."""
     w0, w1, w2 = l.motion[k, 0], l.motion[k, 1], l.motion[k, 2]
     x, y, z = cross(w0, w1, w2, l.c[k, 0], l.c[k, 1], l.c[k, 2])
     return cross(w0, w1, w2, x, y, z)
 
 
-@inner
+@compile_inline
 def rate_coordinates(l: Any, q: Any, u: Any, out: Any) -> None:
-    """Set ``out`` to q_dot."""
+    """Set ``out`` to the rates q_dot of the coordinates ``q`` at velocities ``u``."""
     for k in range(len(l.parent)):
         ns, at, first = l.slides[k], l.q_at[k], l.u_at[k]
         count = ns if l.ball[k] else ns + l.turns[k]
@@ -144,9 +145,12 @@ def rate_coordinates(l: Any, q: Any, u: Any, out: Any) -> None:
             rate_quaternion(q, u, out, at + ns, first + ns, 0.5)
 
 
-@inner
+@compile_inline
 def rate_quaternion(q: Any, u: Any, out: Any, j: int, i: int, factor: float) -> None:
-    """Set what begins at j of ``out`` to factor u q, u what begins at i."""
+    """Set four numbers of ``out``, from j on, to ``factor`` times the quaternion product (0, w) x.
+
+    w are the three numbers of ``u`` from i on, x the four of ``q`` from j on.
+    """
     a, b, c = u[i], u[i + 1], u[i + 2]
     s, x, y, z = q[j], q[j + 1], q[j + 2], q[j + 3]
     d, e, f = cross(a, b, c, x, y, z)
@@ -154,9 +158,9 @@ def rate_quaternion(q: Any, u: Any, out: Any, j: int, i: int, factor: float) -> 
     out[j + 1], out[j + 2], out[j + 3] = factor * (s * a + d), factor * (s * b + e), factor * (s * c + f)
 
 
-@inner
+@compile_inline
 def normalise(l: Any, q: Any) -> None:
-    """Give quaternions the length 1."""
+    """Normalise the quaternions of balls in ``q`` to length 1."""
     for k in range(len(l.parent)):
         if l.ball[k]:
             j = l.q_at[k] + l.slides[k]
@@ -166,7 +170,7 @@ def normalise(l: Any, q: Any) -> None:
 
 
 def couple_tree(s: Any) -> None:
-    """(t, q, u) -> S of the rows that hold, without a factor."""
+    """Compute S = J H^-1 J^T of the rows in use at t, q and u, without factorising it."""
     l = s.limbs
     l.t[0] = s.t[0]
     move_to(l, s.q, s.u)
@@ -177,7 +181,11 @@ def couple_tree(s: Any) -> None:
 
 
 def finish_tree(s: Any) -> None:
-    """(t, q, u) -> q, u projected; q_dot there, u_dot and lam at what came in; least pivot, largest gap of rows out."""
+    """Project q and u onto the loops, from t, q and u, and compute q_dot there.
+
+    ``u_dot`` and ``lam`` are those before the projection; ``least`` is the least pivot, ``gap`` the largest phi of rows
+    that are left out.
+    """
     l, c = s.limbs, s.closing
     s.least[0] = _accelerate(s)
     if len(c.joint) > 0:

@@ -1,16 +1,16 @@
-"""Rows that close loops, beside the sweeps: S = J H^-1 J^T by a response to each, and its dense factor (compiled)."""
+"""Rows that close loops, added to the sweeps: S = J H^-1 J^T by a response to each, and its dense factor (compiled)."""
 
 from typing import Any
 
 from ..compiled.algebra import clear, times
-from ..compiled.entries import apart, inner, run
+from ..compiled.entries import compile_inline, compile_separately, run
 from .sweeps import set_rate
 from .twists import cross
 
 
-@inner
+@compile_inline
 def add_row(s: Any, c: Any, a: int, x: float) -> None:
-    """Add x times row ``a`` to the loads."""
+    """Add x times closing row ``a``, as a load on both bodies, to the limbs' loads."""
     for e in range(2):
         body = c.body[c.joint[a], e]
         if body < 0:
@@ -28,9 +28,9 @@ def add_row(s: Any, c: Any, a: int, x: float) -> None:
         load[5] += f2
 
 
-@apart
+@compile_separately
 def rate_rows(s: Any, c: Any, motion: Any) -> None:
-    """Set ``rates`` to those of all rows at a motion, or its change."""
+    """Set ``rates`` to J V of all closing rows at the limbs' ``motion`` V, velocities or accelerations."""
     for j in range(len(c.body)):
         first, last = c.row[j], c.row[j + 1]
         for a in range(first, last):
@@ -48,9 +48,9 @@ def rate_rows(s: Any, c: Any, motion: Any) -> None:
                 )
 
 
-@apart
+@compile_separately
 def couple_rows(s: Any, c: Any) -> None:
-    """Find responses to the rows that hold, and S of these, its lower half."""
+    """Compute the velocities' response ``Y`` to each row in use, and the lower half of S = J H^-1 J^T."""
     m = len(c.kept)
     clear(s.effort)
     for k in range(m):
@@ -64,9 +64,12 @@ def couple_rows(s: Any, c: Any) -> None:
             c.S[j, k] = c.rates[c.kept[j]]
 
 
-@apart
+@compile_separately
 def factor_closing(s: Any, c: Any) -> float:
-    """Find responses, and the factor of S = L D L^T, 1/D on its diagonal; return the least pivot."""
+    """Compute responses and factorise S = L D L^T in place, 1/D on its diagonal; return the least pivot.
+
+    Pivots are shares of their values where the order of rows was found.
+    """
     m, least = len(c.kept), 1.0
     if m > 0:
         couple_rows(s, c)
@@ -83,9 +86,9 @@ def factor_closing(s: Any, c: Any) -> float:
     return least
 
 
-@apart
+@compile_separately
 def solve_closing(c: Any) -> None:
-    """mu := S^-1 mu"""
+    """Set ``mu`` := S^-1 mu with the factor of S."""
     m = len(c.kept)
     for i in range(m):
         x = c.mu[i]
@@ -99,17 +102,17 @@ def solve_closing(c: Any) -> None:
         c.mu[i] = x
 
 
-@inner
+@compile_inline
 def respond(c: Any, x: Any) -> None:
-    """x += Y^T mu"""
+    """Add Y^T mu, the response of the velocities to the multipliers of rows in use, to ``x``."""
     for k in range(len(c.kept)):
         for i in range(len(x)):
             x[i] += c.mu[k] * c.Y[k, i]
 
 
-@inner
+@compile_inline
 def release(c: Any, out: Any) -> None:
-    """Set ``out`` to ``mu``, as the cut joints have their rows; 0 for rows that are left out."""
+    """Set ``out`` to the multipliers ``mu`` in the cut joints' order of rows; 0 for rows that are left out."""
     clear(c.rates)
     for k in range(len(c.kept)):
         c.rates[c.kept[k]] = c.mu[k]

@@ -1,4 +1,4 @@
-"""A tree with its closing rows as ``joint_coordinates.marching`` and ``symplectic`` want it: rows chosen, programs."""
+"""A tree with its closing rows for ``joint_coordinates.marching`` and ``symplectic``: choice of rows, programs."""
 
 from typing import Any, NamedTuple
 
@@ -12,31 +12,31 @@ from ..joint_coordinates.elimination import DEPENDENT, Order
 from ..joint_coordinates.pivots import AGAIN, ROUNDING, LostRank
 from ..joint_coordinates.stages import tolerance_blocks
 from ..joint_coordinates.tree import Tree
-from .accelerations import Accelerated, Coupled, Finished, accelerate_tree, couple_tree, finish_tree
-from .limbs import Mechanism, hold_rows, make_mechanism
-from .recording import Measured, make_record, measure_error, record_tree
+from .accelerations import AcceleratedTree, CoupledTree, ProjectedTree, accelerate_tree, couple_tree, finish_tree
+from .limbs import ClosedTree, hold_rows, make_mechanism
+from .recording import ErrorParts, make_record, measure_error, record_tree
 
-MOST_ROWS = 600  # that close loops: their factor is dense, and each asks for a sweep over all bodies
+MOST_ROWS = 600  # rows that close loops: their factor is dense, and each needs a sweep over all bodies
 DEPENDENT_RATES = "leaves out rows that depend on others, and not every row has a phi to watch: use rkmk_dop853"
 NO_INERTIA = "needs inertia for each velocity of a joint; a point mass on a ball has none: use rkmk_dop853"
 
-Steps = list[tuple[int, list[np.ndarray]]]
+Calls = list[tuple[int, list[np.ndarray]]]
 
 
 def too_many_rows(rows: int) -> str:
-    """Return the refusal of a mechanism with so many."""
+    """Return the refusal of a mechanism with so many closing rows."""
     return f"eliminates the rows of closed loops densely, up to {MOST_ROWS} of them (got {rows}): use rkmk_dop853"
 
 
 class Coupling(NamedTuple):
-    """S of all closing rows where the mechanism is, and what each would have with free bodies."""
+    """S of all closing rows at the present state, and the diagonal that each would have with free bodies."""
 
     S: Float[np.ndarray, "nr nr"]
     free: Float[np.ndarray, " nr"]
 
 
 class TreeMechanism:
-    """A mechanism by recursion over its bodies, in place of a ``JointCode``; ValueError where it cannot be."""
+    """A mechanism by recursion over its bodies, instead of a ``JointCode``; ValueError where that is impossible."""
 
     is_small = False
     operations = 0  # none are made
@@ -55,24 +55,24 @@ class TreeMechanism:
 
     @property
     def kept(self) -> int:
-        """Return how many rows of the loops hold."""
+        """Number of loop rows in use: those of the elimination, without rows that depend on others."""
         return len(self.order.rows)
 
     @property
     def words(self) -> str:
-        """Say what evaluates the mechanism."""
+        """Words for a note on the trajectory, which say that a recursion evaluates the mechanism."""
         return f"recursion over {self.system.nb} {'body' if self.system.nb == 1 else 'bodies'}"
 
     def evaluate(self, chosen: Order | None = None) -> "TreeEvaluation":
-        """Return what evaluates it with rows in this order."""
+        """Return the arrays and programs that evaluate the mechanism, not a value; rows in the order ``chosen``."""
         return TreeEvaluation(self, chosen)
 
     def couple_at(self, t: float, y: np.ndarray) -> Coupling:
-        """Return S of all rows, as the cut joints have them."""
+        """Return S of all closing rows, in the cut joints' order, at ``t`` [s] and y."""
         of = self.mechanism
         closing = hold_rows(of.closing, range(self.rows), np.ones(self.rows))
         q, u = np.split(np.array(y), [self.tree.nq])
-        Bound(couple_tree, Coupled(of.limbs, closing, np.array([t]), q, u))()
+        Bound(couple_tree, CoupledTree(of.limbs, closing, np.array([t]), q, u))()
         cut, place, (i, j) = of.cut, of.closing.place, of.cut.body.T[:, of.closing.joint]
         mass = [np.where(e < 0, 0.0, 1.0 / of.whole.mass[e]) for e in (i, j)]
         turn = np.einsum("eak,eak->ea", cut.X, cut.Y) * (np.stack((i, j)) >= 0)
@@ -80,9 +80,14 @@ class TreeMechanism:
         return Coupling(np.tril(closing.S) + np.tril(closing.S, -1).T, free[place])
 
 
-def choose_rows(at: Coupling) -> Order:
-    """Return independent rows with their pivots: next is the one whose pivot is the largest share of its size."""
-    S, size = at.S.copy(), np.diag(at.S).copy()
+def choose_rows(at: Coupling, size: np.ndarray | None = None) -> Order:
+    """Return an order of independent closing rows with their pivots: next is the largest share of a row's size.
+
+    ``size`` is that of another position: a row that vanishes here is small relative to it, but not to its size here.
+    Dependent rows are left out.
+    """
+    S = at.S.copy()
+    size = np.diag(S).copy() if size is None else size
     left = size > max(DEPENDENT**2 * float(np.max(size, initial=0.0)), 0.0)
     left &= size > ROUNDING**2 * at.free
     rows, pivots = list[int](), list[float]()
@@ -107,25 +112,42 @@ class TreeEvaluation:
         self._limbs, self._loads = made.mechanism.limbs, int(made.mechanism.forces)
 
     def accelerate(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, least: np.ndarray) -> Program:
-        """Return the program of accelerations."""
+        """Return the program that computes ``y_dot`` and the ``least`` pivot from ``t`` and ``y``."""
         q, u = np.split(y, [self.nq])
         q_dot, u_dot = np.split(y_dot, [self.nq])
-        task = Accelerated(self._limbs, self.closing, t, q, u, q_dot, u_dot, least, self._loads)
+        task = AcceleratedTree(self._limbs, self.closing, t, q, u, q_dot, u_dot, least, self._loads)
         return Bound(accelerate_tree, task)
 
     def finish(
         self, t: np.ndarray, y: np.ndarray, after: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, guard: np.ndarray
     ) -> Program:
-        """Return the program of y projected, with accelerations and ``lam`` at what came in; pivots and gap."""
+        """Return the program that projects ``y`` onto the loops: ``after``, with ``y_dot`` and ``lam``.
+
+        Accelerations and ``lam`` are those before the projection; ``guard`` gets the least pivot, and the largest phi
+        of rows that were left out.
+        """
         (q, u), (q_dot, u_dot), (q_after, u_after) = (np.split(x, [self.nq]) for x in (y, y_dot, after))
-        task = Finished(
-            self._limbs, self.closing, t, q, u, q_dot, u_dot, guard[:1], self._loads, q_after, u_after, lam, guard[1:],
-            np.zeros(len(q)), np.zeros(len(u)),
-        )  # fmt: skip
+        task = ProjectedTree(
+            self._limbs,
+            self.closing,
+            t,
+            q,
+            u,
+            q_dot,
+            u_dot,
+            guard[:1],
+            self._loads,
+            q_after,
+            u_after,
+            lam,
+            guard[1:],
+            np.zeros(len(q)),
+            np.zeros(len(u)),
+        )
         return Bound(finish_tree, task)
 
     def record(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, *results: np.ndarray) -> Program:
-        """Return the program of r, R, v, v_dot of all bodies and of reactions."""
+        """Return the program that computes r, R, v, v_dot of all bodies and all joints' reactions, the ``results``."""
         (q, u), (_, u_dot) = (np.split(x, [self.nq]) for x in (y, y_dot))
         of = self.made.mechanism._replace(closing=self.closing)
         return Bound(record_tree, make_record(self.made.system, self.made.tree, of, (t, q, u, u_dot, lam, *results)))
@@ -133,23 +155,28 @@ class TreeEvaluation:
     def measure(
         self, given: np.ndarray, start: np.ndarray, y: np.ndarray, sums: np.ndarray, error: np.ndarray
     ) -> Program:
-        """Return the program of the error of a step."""
+        """Return the program that computes the ``error`` of a step, over its tolerances.
+
+        ``given`` are t, h and rtol; ``sums`` are both estimates of the error, over h.
+        """
         blocks = np.array(tolerance_blocks(self.made.tree), dtype=np.int64).reshape(-1, 3).T
         low, high, angle = (np.ascontiguousarray(x) for x in blocks)
-        return Bound(measure_error, Measured(low, high, angle, given, start, y, sums, error))
+        return Bound(measure_error, ErrorParts(low, high, angle, given, start, y, sums, error))
 
     def find_order(self, t: float, y: np.ndarray, start: np.ndarray) -> Order:
-        """Return an order whose pivots are safe at y; LostRank if there is none."""
-        order, size = choose_rows(self.made.couple_at(t, y)), np.diag(self.made.at_start.S)
-        largest = float(np.max(size, initial=0.0))
-        of = [(pivot, float(size[k]) or largest) for k, pivot in zip(order.rows, order.pivots, strict=True)]
-        if len(order.rows) != self.made.kept or any(pivot < AGAIN * of_start for pivot, of_start in of):
-            raise LostRank
-        return order
+        """Return an order of rows whose pivots are safe at ``t`` [s] and ``y``; ``LostRank`` if there is none."""
+        here, size = self.made.couple_at(t, y), np.diag(self.made.at_start.S)
+        of = np.where(size > 0.0, size, float(np.max(size, initial=0.0)))
+        for compared in (None, of):  # a row may vanish here where another one takes its place
+            order = choose_rows(here, compared)
+            safe = all(pivot >= AGAIN * of[k] for k, pivot in zip(order.rows, order.pivots, strict=True))
+            if len(order.rows) == self.made.kept and safe:
+                return order
+        raise LostRank
 
 
-def _is_moved(of: Mechanism) -> bool:
-    """Return whether each velocity moves inertia."""
+def _is_moved(of: ClosedTree) -> bool:
+    """Return whether each velocity of the tree moves inertia: whether no limb's inertia along its axes vanishes."""
     l: Any = of.limbs
     for k in range(len(l.parent)):
         n = int(l.slides[k] + l.turns[k])

@@ -6,15 +6,15 @@ along a rotation about s is
 
     T_theta = <h, [V, s]> = s . (h_turn x omega + h_move x v)
 
-of V ahead of that joint, of a slide along w, w . (h_move x omega). Ahead of a ball, what hangs on it moves with its P
-alone and turns with nothing: of its momentum p, v_P x p is a moment there.
+with V before that joint; along a slide w it is w . (h_move x omega). Before a ball, the bodies that hang on it move
+with its P alone and turn with nothing: of their momentum p, v_P x p is a moment there.
 """
 
 import math
 from typing import Any, NamedTuple
 
 from ..compiled.algebra import clear, copy, times, times_transposed
-from ..compiled.entries import apart, inner, run
+from ..compiled.entries import compile_inline, compile_separately, run
 from .accelerations import normalise, rate_coordinates, rate_quaternion
 from .closing_rows import add_row, factor_closing, rate_rows, release, respond, solve_closing
 from .limbs import Closing, Limbs
@@ -30,21 +30,21 @@ class Phase(NamedTuple):
     loads: int  # program of forces, gyroscopic torques left out
     soft: Any  # (n,) alpha of balls' lengths, 0: none
     spin: Any  # (n,) rate of a free spin over its momentum, 0: none
-    axis: Any  # (n, 3) of it, in the base frame
+    axis: Any  # (n, 3) axis of the spin, in the base frame
     still: Any  # (nu,) zeros
-    force: Any  # (nu,) room
+    force: Any  # (nu,) work array
     t: Any
     q: Any
     p: Any
     q_dot: Any
     p_dot: Any
     u: Any
-    lam: Any  # (rows,) in
-    out: Any  # rows, or the push
+    lam: Any  # (rows,) input
+    out: Any  # output: rows, or the push
 
 
 def find_slopes(s: Any) -> None:
-    """stage(t, q, p) -> q_dot, p_dot"""
+    """Compute q_dot and p_dot, the slopes of the Hamiltonian and the forces, from t, q and p, without closing rows."""
     l = s.limbs
     l.t[0] = s.t[0]
     move_to(l, s.q, s.still)
@@ -77,9 +77,9 @@ def find_slopes(s: Any) -> None:
                 s.p_dot[j + a] -= along * s.p[j + a]
 
 
-@apart
+@compile_separately
 def find_momenta(l: Any) -> None:
-    """Set ``momentum`` of each body about its P."""
+    """Set ``momentum`` of each limb's body, (moment about its P, momentum), from its motion."""
     for k in range(len(l.parent)):
         V, m, out = l.motion[k], l.mass[k], l.momentum[k]
         x, y, z = l.c[k, 0], l.c[k, 1], l.c[k, 2]
@@ -90,9 +90,12 @@ def find_momenta(l: Any) -> None:
         out[0], out[1], out[2], out[3], out[4], out[5] = n0 + x, n1 + y, n2 + z, a, b, c
 
 
-@inner
+@compile_inline
 def _gather_slopes(l: Any, out: Any) -> None:
-    """Set ``out`` (nu,) to slopes of the energy with loads' power, from bodies' own momenta and loads on."""
+    """Set ``out`` (nu,) to the slopes of the kinetic energy plus the loads' power along each velocity.
+
+    The bodies' own momenta and loads become those that the joints carry.
+    """
     n = len(l.parent)
     for k in range(n - 1, -1, -1):
         p, ns, first, V, h, F = l.parent[k], l.slides[k], l.u_at[k], l.motion[k], l.momentum[k], l.load[k]
@@ -117,9 +120,9 @@ def _gather_slopes(l: Any, out: Any) -> None:
                     l.load[p, i] -= a * (i == 0) + b * (i == 1) + c * (i == 2)
 
 
-@inner
+@compile_inline
 def lower_momenta(l: Any, q: Any, p: Any, out: Any) -> None:
-    """Set ``out`` to momenta conjugate to velocities, of balls in the base frame."""
+    """Set ``out`` to the momenta pi along velocities, for balls in the base frame, of the momenta ``p``."""
     for k in range(len(l.parent)):
         ns, at, first = l.slides[k], l.q_at[k], l.u_at[k]
         for i in range(ns if l.ball[k] else ns + l.turns[k]):
@@ -132,9 +135,9 @@ def lower_momenta(l: Any, q: Any, p: Any, out: Any) -> None:
             out[i + 2] = 0.5 * (q[j] * p[j + 3] - p[j] * q[j + 3] + c)
 
 
-@inner
+@compile_inline
 def lift_momenta(l: Any, q: Any, pi: Any, out: Any) -> None:
-    """Set ``out`` to p of ``pi``, of balls normal to the quaternion."""
+    """Set ``out`` to the momenta p of ``pi``, for a ball the one normal to its quaternion."""
     for k in range(len(l.parent)):
         ns, at, first = l.slides[k], l.q_at[k], l.u_at[k]
         for i in range(ns if l.ball[k] else ns + l.turns[k]):
@@ -144,16 +147,16 @@ def lift_momenta(l: Any, q: Any, pi: Any, out: Any) -> None:
             rate_quaternion(q, pi, out, j, first + ns, 2.0 / _along(q, q, j))
 
 
-@inner
+@compile_inline
 def add_quaternion(q: Any, u: Any, out: Any, j: int, i: int, factor: float) -> None:
-    """Add factor u q to what begins at j of ``out``."""
+    """Add ``factor`` times the product of ``u`` at i and the quaternion of ``q`` at j to ``out`` at j."""
     a, b, c, d = out[j], out[j + 1], out[j + 2], out[j + 3]
     rate_quaternion(q, u, out, j, i, factor)
     out[j], out[j + 1], out[j + 2], out[j + 3] = out[j] + a, out[j + 1] + b, out[j + 2] + c, out[j + 3] + d
 
 
 def enter_phase(s: Any) -> None:
-    """enter(q, u) -> p"""
+    """Compute the momenta p at coordinates q and velocities u."""
     l = s.limbs
     move_to(l, s.q, s.u)
     find_momenta(l)
@@ -162,7 +165,7 @@ def enter_phase(s: Any) -> None:
 
 
 def find_gaps(s: Any) -> None:
-    """gaps(t, q) -> phi"""
+    """Compute phi of the closing rows, and of the lengths of quaternions, at t and q, in ``out``."""
     l, c = s.limbs, s.closing
     if len(c.joint) > 0:
         l.t[0] = s.t[0]
@@ -179,7 +182,7 @@ def find_gaps(s: Any) -> None:
 
 
 def find_push(s: Any) -> None:
-    """push(t, q, lam) -> G^T lam"""
+    """Compute G^T lam, the force of all rows on the coordinates, at t and q, in ``out``."""
     l, c = s.limbs, s.closing
     clear(l.found)
     if len(c.joint) > 0:
@@ -201,12 +204,13 @@ def find_push(s: Any) -> None:
 
 
 def factor_phase(s: Any) -> None:
-    """Find the factor of the rows at (t, q)."""
+    """Factorise H and S of the closing rows at t and q."""
     _factor(s)
 
 
-@inner
+@compile_inline
 def _factor(s: Any) -> None:
+    """Move to t and q at rest, and factorise H and S of the closing rows there."""
     l, c = s.limbs, s.closing
     l.t[0] = s.t[0]
     move_to(l, s.q, s.still)
@@ -217,7 +221,10 @@ def _factor(s: Any) -> None:
 
 
 def close_phase(s: Any) -> None:
-    """close(t, q, p) -> q with unit quaternions and u on phi_dot = 0, free spins added; what lam takes p there."""
+    """Compute y = (q, u) at t, q and p with unit quaternions, u on phi_dot = 0 and free spins added.
+
+    They are left in ``q_dot`` and ``u``; ``out`` gets the multipliers by which p moves on phi_dot = 0.
+    """
     l, c = s.limbs, s.closing
     _factor(s)
     lower_momenta(l, s.q, s.p, l.effort)
@@ -246,9 +253,12 @@ def close_phase(s: Any) -> None:
             _add_spin(l, k, s.spin[k], s.t[0], s.axis[k], s.q_dot, j, s.u, i)
 
 
-@inner
+@compile_inline
 def _add_spin(l: Any, k: int, share: float, t: float, axis: Any, q: Any, j: int, u: Any, i: int) -> None:
-    """Turn body k about an axis by ``share`` of its moment of momentum, from time 0 on."""
+    """Turn limb k's body about its ``axis`` by ``share`` of its angular momentum, counted from time 0.
+
+    ``t`` [s] is the time; the quaternion of ``q`` at j and the angular velocity of ``u`` at i change.
+    """
     x, y, z = axis[0], axis[1], axis[2]
     a, b, c = times_transposed(l.base, x, y, z)
     a, b, c = times(l.turned[k], a, b, c)
@@ -265,7 +275,7 @@ def _add_spin(l: Any, k: int, share: float, t: float, axis: Any, q: Any, j: int,
 
 
 def solve_phase(s: Any) -> None:
-    """(phi) -> S^-1 phi of rows that hold, alpha^-1 phi of lengths"""
+    """Compute S^-1 phi of the closing rows in use, and phi / alpha of quaternions' lengths, from ``lam`` to ``out``."""
     l, c = s.limbs, s.closing
     if len(c.joint) > 0:
         for a in range(len(c.joint)):
@@ -281,7 +291,7 @@ def solve_phase(s: Any) -> None:
             at += 1
 
 
-@inner
+@compile_inline
 def _along(q: Any, p: Any, j: int) -> float:
-    """Return the product of the four numbers that begin at j."""
+    """Return the scalar product of the four numbers at j of q and of p."""
     return q[j] * p[j] + q[j + 1] * p[j + 1] + q[j + 2] * p[j + 2] + q[j + 3] * p[j + 3]

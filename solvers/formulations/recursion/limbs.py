@@ -1,4 +1,4 @@
-"""A spanning tree as arrays: its limbs parents first, the joints that close its loops as rows, and room for sweeps.
+"""A spanning tree as arrays: its limbs parents first, the joints that close its loops as rows, and arrays for sweeps.
 
 Directions and points are those of ``Tree``, in space at the start. A motion of a body is (omega, v of P), a load on it
 (moment about P, force), P its point in the joint. The last place of arrays by limbs is the ground's.
@@ -17,16 +17,16 @@ from ..compiled.kernel import Kernel, empty_kernel, finish_kernel
 from ..joint_coordinates.tree import Limb, Tree
 from .sweeps import factor_inertia, find_response, place_bodies
 
-MOST = 6  # velocities of a limb: of one that floats
+MOST = 6  # velocities of a limb at most, for one that floats
 
 
 class Limbs(NamedTuple):
-    """Numbers of a tree, where it is, and the factor of its inertia."""
+    """The numbers of a tree, its present state, and the factor of its inertia."""
 
-    body: Any  # (n,) of each limb
+    body: Any  # (n,) body of each limb
     parent: Any  # (n,) limb, n: the ground
-    slides: Any  # (n,) numbers of them
-    turns: Any  # (n,) the same; 3 of a ball
+    slides: Any  # (n,) number of slides
+    turns: Any  # (n,) number of turns; 3 for a ball
     ball: Any  # (n,) 1: orientation and angular velocity are in the base frame, nothing of the parent's is passed on
     q_at: Any  # (n,) first coordinate
     u_at: Any  # (n,) first velocity
@@ -38,26 +38,26 @@ class Limbs(NamedTuple):
     mass: Any  # (n,)
     inertia: Any  # (n, 3, 3) about C, in the body
     t: Any  # (1,)
-    r: Any  # (nb, 3) of bodies, as kernels have them
+    r: Any  # (nb, 3) of bodies, in the kernels' form
     R: Any  # (nb, 3, 3)
     v: Any  # (nb, 6)
     force: Any  # (nb, 6) applied force in space, torque about C in the body
-    rate: Any  # (nb, 6) change of v: what rows are multiplied with
+    rate: Any  # (nb, 6) change of v, which rows are multiplied by
     turned: Any  # (n + 1, 3, 3) rotation since the start
     P: Any  # (n + 1, 3)
     L: Any  # (n, 3) from the parent's P
     c: Any  # (n + 1, 3) from P to C
     motion: Any  # (n + 1, 6)
-    bias: Any  # (n + 1, 6) accelerations where those of the joints are 0
+    bias: Any  # (n + 1, 6) accelerations while those of the joints are 0
     axes: Any  # (n, 6, 6) motions by velocities of the limb
-    carried: Any  # (n, 6, 6) inertia at P of the limb and of what hangs on it, its own joint fixed, then free
+    carried: Any  # (n, 6, 6) inertia at P of the limb and all behind it, its own joint fixed, then free
     gain: Any  # (n, 6, 6) loads that reach the parent by efforts along the axes
     D: Any  # (n, 6, 6) inverse of the inertia along the axes
     pull: Any  # (6, 6) loads by motions along the axes, of one limb
     load: Any  # (n + 1, 6)
-    back: Any  # (n + 1, 6) load, and what those behind pass on
+    back: Any  # (n + 1, 6) load, and the loads that limbs behind pass on
     effort: Any  # (nu,)
-    left: Any  # (nu,) efforts less what is passed on
+    left: Any  # (nu,) efforts less the parts passed on
     found: Any  # (nu,) accelerations, or velocities
     response: Any  # (n + 1, 6) motion by these
     momentum: Any  # (n + 1, 6)
@@ -69,42 +69,42 @@ class Limbs(NamedTuple):
 
 
 class Closing(NamedTuple):
-    """Rows of the joints that close loops, in their kernel's order, and a dense factor of those that hold."""
+    """Rows of the joints that close loops, in their kernel's order, and a dense factor of those in use."""
 
-    limb: Any  # (nb,) of each body
+    limb: Any  # (nb,) limb of each body
     body: Any  # (nj, 2) ends
     row: Any  # (nj + 1,) first rows
     pins: Any  # (nj,) as in ``Kernel``
-    joint: Any  # (nr,) of each row
+    joint: Any  # (nr,) joint of each row
     X: Any  # (2, nr, 3)
     way: Any  # (nr, 3), not of the bodies: ``Kernel.way``
     phi: Any  # (nr,)
     slip: Any  # (nr,)
     gamma: Any  # (nr,)
-    place: Any  # (nr,) in the kernel, of each row as the tree's cut joints have them
-    kept: Any  # (m,) rows that hold, in the order of elimination
-    out: Any  # the others
+    place: Any  # (nr,) place in the kernel of each row in the cut joints' order
+    kept: Any  # (m,) rows in use, in the order of elimination
+    out: Any  # the rows left out
     value: Any  # (m,) pivots where this order was found
     Y: Any  # (m, nu) responses to the rows
-    S: Any  # (m, m) of rows that hold, then its factor
+    S: Any  # (m, m) S of rows in use, then its factor
     mu: Any  # (m,) right-hand side and solution
     rates: Any  # (nr,)
     evaluate: int  # program of X, way, phi, slip, gamma
 
 
-class Mechanism(NamedTuple):
-    """A tree with its closing rows; what evaluates its forces; kernels hold its arrays."""
+class ClosedTree(NamedTuple):
+    """A tree with its closing rows, the evaluation of its forces, and the kernels that hold its arrays."""
 
     limbs: Limbs
     closing: Closing
-    forces: Any  # program: less the gyroscopic torque
-    applied: Any  # program: without it
+    forces: Any  # program of forces less the gyroscopic torque
+    applied: Any  # program of applied forces alone
     whole: Kernel  # rows of all joints
-    cut: Kernel  # of those that close loops
+    cut: Kernel  # rows of the joints that close loops
 
 
-def make_mechanism(system: MultibodySystem, tree: Tree) -> Mechanism:
-    """Return the arrays of a tree with all closing rows; none of them holds yet."""
+def make_mechanism(system: MultibodySystem, tree: Tree) -> ClosedTree:
+    """Make the arrays and kernels of a tree with all of its closing rows, none of them in use yet."""
     whole = finish_kernel(system, empty_kernel(system), {"rows", "forces", "applied_forces"})
     cut = empty_kernel(_with_joints(system, tree.cuts))._replace(
         J=whole.J, J_inv=whole.J_inv, t=whole.t, r=whole.r, R=whole.R, v=whole.v
@@ -114,31 +114,58 @@ def make_mechanism(system: MultibodySystem, tree: Tree) -> Mechanism:
     place = {limb.body: n for n, limb in enumerate(tree.limbs)}
     nr, none = len(cut.phi), np.zeros(0)
     closing = Closing(
-        np.array([place[b] for b in range(system.nb)], dtype=np.int64), cut.body, cut.row, cut.pins,
-        np.repeat(np.arange(len(cut.body)), np.diff(cut.row)), cut.X, cut.way, cut.phi, cut.slip, cut.gamma, cut.order,
-        np.zeros(0, dtype=np.int64), np.arange(nr), none, np.zeros((0, tree.nu)), np.zeros((0, 0)), none, np.zeros(nr),
+        np.array([place[b] for b in range(system.nb)], dtype=np.int64),
+        cut.body,
+        cut.row,
+        cut.pins,
+        np.repeat(np.arange(len(cut.body)), np.diff(cut.row)),
+        cut.X,
+        cut.way,
+        cut.phi,
+        cut.slip,
+        cut.gamma,
+        cut.order,
+        np.zeros(0, dtype=np.int64),
+        np.arange(nr),
+        none,
+        np.zeros((0, tree.nu)),
+        np.zeros((0, 0)),
+        none,
+        np.zeros(nr),
         int(cut.rows),
-    )  # fmt: skip
-    return Mechanism(limbs, closing, whole.forces, whole.applied_forces, whole, cut)
+    )
+    return ClosedTree(limbs, closing, whole.forces, whole.applied_forces, whole, cut)
 
 
 def hold_rows(closing: Closing, rows: Sequence[int], pivots: Any) -> Closing:
-    """Return closing rows of which these hold, numbered as the cut joints have them, with room of their own."""
+    """Return a copy of ``closing`` with these ``rows`` in use, in this order, and arrays of their own.
+
+    Rows are numbered in the cut joints' order; ``pivots`` are those where the order was found.
+    """
     kept, m = closing.place[list(rows)].astype(np.int64), len(rows)
     out = np.setdiff1d(closing.place, kept).astype(np.int64)
     return closing._replace(
-        kept=kept, out=out, value=np.array(pivots, dtype=float), Y=np.zeros((m, closing.Y.shape[1])),
-        S=np.zeros((m, m)), mu=np.zeros(m),
-    )  # fmt: skip
+        kept=kept,
+        out=out,
+        value=np.array(pivots, dtype=float),
+        Y=np.zeros((m, closing.Y.shape[1])),
+        S=np.zeros((m, m)),
+        mu=np.zeros(m),
+    )
 
 
 def _with_joints(system: MultibodySystem, joints: Sequence[int]) -> MultibodySystem:
-    own: dict[str, Any] = {name: a[list(joints)] for name, a in vars(system).items()
-                           if name.startswith("joint_") and isinstance(a, np.ndarray)}  # fmt: skip
+    """Return the system with these ``joints`` alone."""
+    own: dict[str, Any] = {
+        name: a[list(joints)]
+        for name, a in vars(system).items()
+        if name.startswith("joint_") and isinstance(a, np.ndarray)
+    }
     return replace(system, **own, joint_names=())
 
 
 def _limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
+    """Return the arrays of a tree, those of bodies shared with the kernel of the whole system."""
     n, back = len(tree.limbs), tree.base.T
     place = {limb.body: k for k, limb in enumerate(tree.limbs)} | {GROUND: n}
     body = np.array([limb.body for limb in tree.limbs], dtype=np.int64)
@@ -150,37 +177,64 @@ def _limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
     turned[n] = np.eye(3)
 
     def count(of: str) -> np.ndarray:
+        """Return an integer of each limb."""
         return np.array([getattr(limb, of) for limb in tree.limbs], dtype=np.int64)
 
     def point(of: str) -> np.ndarray:
+        """Return a vector of each limb, turned from the base frame to space."""
         return apply(back, np.array([getattr(limb, of) for limb in tree.limbs]).reshape(n, 3))
 
     slides = np.array([len(limb.slides) for limb in tree.limbs], dtype=np.int64)
     shapes = {
-        "rate": (system.nb, 6), "P": (n + 1, 3), "L": (n, 3), "c": (n + 1, 3), "pull": (MOST, MOST),
+        "rate": (system.nb, 6),
+        "P": (n + 1, 3),
+        "L": (n, 3),
+        "c": (n + 1, 3),
+        "pull": (MOST, MOST),
         **dict.fromkeys(("motion", "bias", "load", "back", "response", "momentum"), (n + 1, 6)),
         **dict.fromkeys(("axes", "carried", "gain", "D"), (n, MOST, MOST)),
-        **dict.fromkeys(("effort", "left", "found", "u"), (tree.nu,)), "q": (tree.nq,),
-    }  # fmt: skip
-    return bind_sweeps(Limbs(
-        body=body, parent=np.array([place[limb.parent] for limb in tree.limbs], dtype=np.int64), slides=slides,
-        turns=np.array([limb.sizes[1] for limb in tree.limbs], dtype=np.int64) - slides, ball=count("ball"),
-        q_at=count("q_at"), u_at=count("u_at"), way=way, arm=point("arm"), centre=point("centre"),
-        frame=product(back, tree.frames[body]), base=np.array(tree.base), mass=system.mass[body],
-        inertia=np.array(system.regular_inertia[body]), t=kernel.t, r=kernel.r, R=kernel.R, v=kernel.v,
-        force=kernel.force, turned=turned, placing=0, factoring=0, responding=0,
-        **{name: np.zeros(shape) for name, shape in shapes.items()},
-    ))  # fmt: skip
+        **dict.fromkeys(("effort", "left", "found", "u"), (tree.nu,)),
+        "q": (tree.nq,),
+    }
+    return bind_sweeps(
+        Limbs(
+            body=body,
+            parent=np.array([place[limb.parent] for limb in tree.limbs], dtype=np.int64),
+            slides=slides,
+            turns=np.array([limb.sizes[1] for limb in tree.limbs], dtype=np.int64) - slides,
+            ball=count("ball"),
+            q_at=count("q_at"),
+            u_at=count("u_at"),
+            way=way,
+            arm=point("arm"),
+            centre=point("centre"),
+            frame=product(back, tree.frames[body]),
+            base=np.array(tree.base),
+            mass=system.mass[body],
+            inertia=np.array(system.regular_inertia[body]),
+            t=kernel.t,
+            r=kernel.r,
+            R=kernel.R,
+            v=kernel.v,
+            force=kernel.force,
+            turned=turned,
+            placing=0,
+            factoring=0,
+            responding=0,
+            **{name: np.zeros(shape) for name, shape in shapes.items()},
+        )
+    )
 
 
 def bind_sweeps(limbs: Limbs) -> Limbs:
     """Return limbs with the programs of their sweeps: compiled once, not into each function that takes them."""
     return limbs._replace(
-        placing=Bound(place_bodies, limbs), factoring=Bound(factor_inertia, limbs),
+        placing=Bound(place_bodies, limbs),
+        factoring=Bound(factor_inertia, limbs),
         responding=Bound(find_response, limbs),
-    )  # fmt: skip
+    )
 
 
 def _directions(limb: Limb) -> np.ndarray:
-    """Those of its slides, then of its turns, in the base frame."""
+    """Return the directions of a limb's slides, then of its turns, in the base frame."""
     return np.concatenate((limb.slides, np.eye(3) if limb.ball else limb.turns))

@@ -1,4 +1,4 @@
-"""Functions of a tree in canonical coordinates as programs, in the place of a ``HamiltonCode``."""
+"""Functions of a tree in canonical coordinates as programs, which replace a ``HamiltonCode``."""
 
 from typing import Any
 
@@ -12,10 +12,12 @@ from .hamilton import Phase, close_phase, enter_phase, factor_phase, find_gaps, 
 from .limbs import bind_sweeps, hold_rows
 
 NONE = np.zeros(0)
-FUNCTIONS: dict[str, tuple[Any, tuple[str, ...]]] = {  # and what their arrays are
-    "stage": (find_slopes, ("t", "q", "p", "q_dot", "p_dot")), "gaps": (find_gaps, ("t", "q", "out")),
-    "push": (find_push, ("t", "q", "lam", "out")), "enter": (enter_phase, ("q", "u", "p")),
-}  # fmt: skip
+FUNCTIONS: dict[str, tuple[Any, tuple[str, ...]]] = {  # functions by name, and their arrays
+    "stage": (find_slopes, ("t", "q", "p", "q_dot", "p_dot")),
+    "gaps": (find_gaps, ("t", "q", "out")),
+    "push": (find_push, ("t", "q", "lam", "out")),
+    "enter": (enter_phase, ("q", "u", "p")),
+}
 
 
 class TreePhase:
@@ -24,7 +26,7 @@ class TreePhase:
     operations = 0  # none are made
 
     def __init__(self, made: TreeMechanism, *, radial: bool) -> None:
-        """``radial``: with rows |x|^2 = 1 of balls, and free spins apart."""
+        """Prepare the functions; ``radial``: with rows |x|^2 = 1 of balls, and free spins separate."""
         of, tree, limbs = made.mechanism, made.tree, made.mechanism.limbs
         n = len(tree.limbs)
         inertia, soft, spin, axis = limbs.inertia.copy(), np.zeros(n), np.zeros(n), np.zeros((n, 3))
@@ -42,28 +44,38 @@ class TreePhase:
         self.made, self.rows, self.spins = made, made.rows + len(balls), len(spins)
         turning = bind_sweeps(limbs._replace(inertia=inertia))
         self.phase = Phase(
-            turning, of.closing, int(of.applied), soft, spin, axis, np.zeros(tree.nu),
-            np.zeros(tree.nu), *(NONE for _ in range(8)),
-        )  # fmt: skip
+            turning,
+            of.closing,
+            int(of.applied),
+            soft,
+            spin,
+            axis,
+            np.zeros(tree.nu),
+            np.zeros(tree.nu),
+            *(NONE for _ in range(8)),
+        )
 
     @property
     def words(self) -> str:
-        """Say what evaluates a stage."""
+        """Words for a note on the trajectory, which say that a recursion evaluates the stages."""
         return self.made.words
 
     def bind(self, name: str, *arrays: np.ndarray) -> Program:
-        """Return the program of a function, or of ``enter``, which has y in one."""
+        """Return the program of the function ``name`` of ``FUNCTIONS`` on these arrays; run nothing.
+
+        ``enter`` takes y in one array.
+        """
         function, names = FUNCTIONS[name]
         phase = self.phase
         if name == "enter":
             arrays = *np.split(arrays[0], [self.made.tree.nq]), *arrays[1:]
-            phase = phase._replace(limbs=self.made.mechanism.limbs)  # no inertia of spins
+            phase = phase._replace(limbs=self.made.mechanism.limbs)  # without the inertia added for spins
         given: dict[str, Any] = dict(zip(names, arrays, strict=True))
         return Bound(function, phase._replace(**given))
 
 
 class TreeClosing:
-    """Rows at the end of a step, by which velocities are closed there, and then lam of the next step are corrected."""
+    """Rows at the end of a step, which close velocities there, and then correct lam of the next step."""
 
     def __init__(self, evaluation: TreeEvaluation, own: TreePhase) -> None:
         order, made = evaluation.order, own.made
@@ -72,14 +84,17 @@ class TreeClosing:
         self.kept = np.array([*sorted(order.rows), *range(made.rows, own.rows)], dtype=np.int64)
 
     def factor(self, t: np.ndarray, z: np.ndarray) -> Program:
-        """Return the program of the factor."""
+        """Return the program that factorises H and S at the coordinates and momenta ``z``."""
         return Bound(factor_phase, self._phase._replace(t=t, q=z[0], p=z[1]))
 
     def close(self, t: np.ndarray, z: np.ndarray, y: np.ndarray, rows: np.ndarray) -> Program:
-        """Return the program of y and lam."""
+        """Return the program that closes velocities at the end of a step.
+
+        It sets ``y``, and in ``rows`` the impulses of the last node.
+        """
         q, u = np.split(y, [self._nq])
         return Bound(close_phase, self._phase._replace(t=t, q=z[0], p=z[1], q_dot=q, u=u, out=rows))
 
     def solve(self, rows: np.ndarray, solved: np.ndarray) -> Program:
-        """Return the program of S^-1 rows."""
+        """Return the program that sets ``solved`` := S^-1 rows, with the last factor of S."""
         return Bound(solve_phase, self._phase._replace(lam=rows, out=solved))

@@ -1,4 +1,4 @@
-"""What is recorded of a tree, and the error of a step of DOP853 (compiled)."""
+"""The record of a tree, and the error of a step of DOP853 (compiled)."""
 
 import math
 from typing import Any, NamedTuple
@@ -11,43 +11,43 @@ from ..compiled.entries import run
 from ..joint_coordinates.tree import Tree
 from .accelerations import add_centripetal, set_loads
 from .closing_rows import add_row
-from .limbs import Closing, Limbs, Mechanism
+from .limbs import ClosedTree, Closing, Limbs
 from .sweeps import find_motion, gather_efforts, move_to, set_rate
 from .twists import cross
 
-NOTHING = 1e-300  # no error at all is 0, not 0/0
+NOTHING = 1e-300  # makes an error of zero 0, not 0/0
 
 
-class Recorded(NamedTuple):
+class RecordedTree(NamedTuple):
     """A tree, the rows of its own joints, and arrays of a record."""
 
     limbs: Limbs
     closing: Closing
     loads: int  # program of forces
     whole: int  # program of all rows
-    X: Any  # (2, nr, 3) of all rows
+    X: Any  # (2, nr, 3) torques of all rows
     way: Any  # (nr, 3)
-    row: Any  # (m,) of joints of the tree
+    row: Any  # (m,) rows of joints of the tree
     limb: Any  # (m,)
-    end: Any  # (m,) of the joint, that the limb is
+    end: Any  # (m,) end of the joint that the limb is on
     first: Any  # (m,) body i of the joint
-    point: Any  # (m, 3) of the joint in it
+    point: Any  # (m, 3) point of the joint in it
     to: Any  # (m,) places in the reaction
-    to_cut: Any  # (rows,) places of those that close loops
+    to_cut: Any  # (rows,) places of the rows that close loops
     t: Any
     q: Any
     u: Any
     u_dot: Any
     lam: Any
-    r: Any  # (nb, 3) results, as the system has bodies
+    r: Any  # (nb, 3) results, in the system's order of bodies
     R: Any
     v: Any
     v_dot: Any
     reaction: Any
 
 
-def make_record(system: MultibodySystem, tree: Tree, of: Mechanism, arrays: "tuple[Any, ...]") -> Recorded:
-    """Return the bundle; ``arrays`` are t, q, u, u_dot, lam and the results."""
+def make_record(system: MultibodySystem, tree: Tree, of: ClosedTree, arrays: "tuple[Any, ...]") -> RecordedTree:
+    """Make the bundle of ``record_tree``; ``arrays`` are t, q, u, u_dot, lam and the results."""
     row, limbs, ends = list[int](), list[int](), list[int]()
     for k, limb in enumerate(tree.limbs):
         if limb.joint >= 0:
@@ -58,16 +58,26 @@ def make_record(system: MultibodySystem, tree: Tree, of: Mechanism, arrays: "tup
     joint = np.array([tree.limbs[k].joint for k in limbs], dtype=np.int64)
     cut = [np.arange(system.row_start[k], system.row_start[k + 1]) for k in tree.cuts]
     to = np.array(row, dtype=np.int64)
-    return Recorded(
-        of.limbs, of.closing, int(of.forces), int(of.whole.rows), of.whole.X, of.whole.way, of.whole.order[to],
-        np.array(limbs, dtype=np.int64), np.array(ends, dtype=np.int64), system.joint_i[joint].astype(np.int64),
-        np.ascontiguousarray(system.joint_s_i[joint]), to,
-        np.concatenate([np.zeros(0, dtype=np.int64), *cut]).astype(np.int64), *arrays,
-    )  # fmt: skip
+    return RecordedTree(
+        of.limbs,
+        of.closing,
+        int(of.forces),
+        int(of.whole.rows),
+        of.whole.X,
+        of.whole.way,
+        of.whole.order[to],
+        np.array(limbs, dtype=np.int64),
+        np.array(ends, dtype=np.int64),
+        system.joint_i[joint].astype(np.int64),
+        np.ascontiguousarray(system.joint_s_i[joint]),
+        to,
+        np.concatenate([np.zeros(0, dtype=np.int64), *cut]).astype(np.int64),
+        *arrays,
+    )
 
 
 def record_tree(s: Any) -> None:
-    """(t, q, u, u_dot, lam) -> r, R, v, v_dot of all bodies, reactions of all joints."""
+    """Compute r, R, v, v_dot of all bodies and reactions of all joints from t, q, u, u_dot and lam."""
     l, c = s.limbs, s.closing
     l.t[0] = s.t[0]
     move_to(l, s.q, s.u)
@@ -101,17 +111,21 @@ def record_tree(s: Any) -> None:
         m0, m1, m2 = cross(x - l.r[body, 0], y - l.r[body, 1], z - l.r[body, 2], f0, f1, f2)
         p0, p1, p2 = cross(x - l.P[k, 0], y - l.P[k, 1], z - l.P[k, 2], load[3], load[4], load[5])
         s.reaction[s.to[n]] = -(
-            f0 * load[3] + f1 * load[4] + f2 * load[5]
-            + (n0 - m0) * (load[0] - p0) + (n1 - m1) * (load[1] - p1) + (n2 - m2) * (load[2] - p2)
-        )  # fmt: skip
+            f0 * load[3]
+            + f1 * load[4]
+            + f2 * load[5]
+            + (n0 - m0) * (load[0] - p0)
+            + (n1 - m1) * (load[1] - p1)
+            + (n2 - m2) * (load[2] - p2)
+        )
 
 
-class Measured(NamedTuple):
+class ErrorParts(NamedTuple):
     """Parts of y that have one tolerance, and arrays of a step."""
 
     low: Any  # first places
     high: Any  # places behind the last ones
-    angle: Any  # 0 of what has a length, else twice the tolerance of an angle
+    angle: Any  # 0 for a vector by its length, else twice the tolerance of an angle
     given: Any  # (3,) t, h, rtol
     start: Any  # (n,)
     y: Any  # (n,)
@@ -120,7 +134,10 @@ class Measured(NamedTuple):
 
 
 def measure_error(s: Any) -> None:
-    """Set the RMS of the error estimate over the tolerances, as ``joint_coordinates.stages`` has it."""
+    """Set ``error`` to the RMS of a step's error estimate over its tolerances.
+
+    Tolerances follow the rule of ``joint_coordinates.stages``.
+    """
     first = second = 0.0
     for k in range(len(s.low)):
         a = b = x = z = 0.0

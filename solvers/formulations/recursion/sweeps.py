@@ -1,30 +1,33 @@
-"""Sweeps over the bodies of a tree: where they are, the factor of H, accelerations by it (compiled).
+"""Sweeps over the bodies of a tree: their poses, the factor of H, accelerations by it (compiled).
 
 Featherstone (2008), ch. 7: from the leaves on, each body has the inertia I of all that hangs on it, joints free:
 
     D = S^T I S,   I_parent += X^T (I - I S D^-1 S^T I) X,   x = D^-1 (effort - S^T p) - D^-1 S^T I X a_parent
 
-with S the motions by a limb's velocities, X a motion of the parent as the limb takes part in it: behind a ball, by its
-P alone. Cost is linear in bodies.
+with S the motions by a limb's velocities, X a_parent the motion that a limb takes from its parent: behind a ball, that
+of its P alone. Cost is linear in bodies.
 """
 
 from typing import Any
 
-from ..compiled.algebra import copy, times, times_transposed, turned_by
-from ..compiled.entries import apart, inner, run
+from ..compiled.algebra import copy, times, times_transposed, turn_rotation
+from ..compiled.entries import compile_inline, compile_separately, run
 from .twists import copy_rotation, cross, dot, put, turn_by_quaternion
 
 
-@inner
+@compile_inline
 def move_to(s: Any, q: Any, u: Any) -> None:
-    """Place bodies at coordinates and velocities, by the one ``place_bodies`` there is in the process."""
+    """Place all bodies at coordinates ``q`` and velocities ``u``, by the one compiled ``place_bodies``."""
     copy(q, s.q)
     copy(u, s.u)
     run(s.placing)
 
 
 def place_bodies(s: Any) -> None:
-    """Bodies at coordinates ``q`` and velocities ``u``, and accelerations where those of the joints are 0."""
+    """Compute poses and motions of all bodies at coordinates ``q`` and velocities ``u``.
+
+    ``bias`` gets their accelerations while those of the joints are 0.
+    """
     n, q, u = len(s.parent), s.q, s.u
     for l in range(n):
         p, ns, at, first = s.parent[l], s.slides[l], s.q_at[l], s.u_at[l]
@@ -63,7 +66,7 @@ def place_bodies(s: Any) -> None:
                 f0, f1, f2 = cross(w0, w1, w2, d0, d1, d2)
                 a, b, c = a + rate * f0, b + rate * f1, c + rate * f2
                 w0, w1, w2 = w0 + rate * d0, w1 + rate * d1, w2 + rate * d2
-                turned_by(own, angle * x, angle * y, angle * z, own)
+                turn_rotation(own, angle * x, angle * y, angle * z, own)
         put(s.motion[l], w0, w1, w2, v0, v1, v2)
         put(s.bias[l], a, b, c, e0, e1, e2)
         x, y, z = times(own, s.centre[l, 0], s.centre[l, 1], s.centre[l, 2])
@@ -77,18 +80,18 @@ def place_bodies(s: Any) -> None:
         set_rate(s, l, s.motion[l], s.v[body])
 
 
-@inner
+@compile_inline
 def set_rate(s: Any, l: int, motion: Any, out: Any) -> None:
-    """Set what kernels have of a motion: that of C in space, the turn in the body."""
+    """Set ``out`` to limb l's motion in the kernels' form: velocity of C in space, angular velocity in the body."""
     w0, w1, w2 = motion[0], motion[1], motion[2]
     x, y, z = cross(w0, w1, w2, s.c[l, 0], s.c[l, 1], s.c[l, 2])
     a, b, c = times_transposed(s.R[s.body[l]], w0, w1, w2)
     put(out, motion[3] + x, motion[4] + y, motion[5] + z, a, b, c)
 
 
-@inner
+@compile_inline
 def turn_about_centre(s: Any, l: int, w0: float, w1: float, w2: float) -> Any:
-    """Return R J R^T w of a body, J about C."""
+    """Return R J R^T w of limb l's body, its angular momentum about C, in space, at the angular velocity w."""
     R, J = s.R[s.body[l]], s.inertia[l]
     a, b, c = times_transposed(R, w0, w1, w2)
     a, b, c = times(J, a, b, c)
@@ -96,7 +99,7 @@ def turn_about_centre(s: Any, l: int, w0: float, w1: float, w2: float) -> Any:
 
 
 def factor_inertia(s: Any) -> None:
-    """Find ``D`` and ``gain`` of all limbs."""
+    """Compute ``D`` and ``gain`` of all limbs, the factor of H, from the leaves on."""
     n = len(s.parent)
     for l in range(n):
         A, m, x, y, z = s.carried[l], s.mass[l], s.c[l, 0], s.c[l, 1], s.c[l, 2]
@@ -106,8 +109,10 @@ def factor_inertia(s: Any) -> None:
             a, b, c = turn_about_centre(s, l, e0, e1, e2)
             along = s.c[l, j]
             A[0, j], A[1, j], A[2, j] = (
-                a + m * (square * e0 - x * along), b + m * (square * e1 - y * along), c + m * (square * e2 - z * along)
-            )  # fmt: skip
+                a + m * (square * e0 - x * along),
+                b + m * (square * e1 - y * along),
+                c + m * (square * e2 - z * along),
+            )
             a, b, c = cross(x, y, z, e0, e1, e2)
             A[0, 3 + j], A[1, 3 + j], A[2, 3 + j] = m * a, m * b, m * c
             A[3 + j, 0], A[3 + j, 1], A[3 + j, 2] = m * a, m * b, m * c
@@ -120,9 +125,12 @@ def factor_inertia(s: Any) -> None:
             _add_inertia(s.carried[l], s.L[l, 0], s.L[l, 1], s.L[l, 2], s.ball[l], s.carried[p])
 
 
-@inner
+@compile_inline
 def _free_joint(A: Any, axes: Any, pull: Any, gain: Any, D: Any, count: int) -> None:
-    """pull = S^T A, D = (S^T A S)^-1, gain = D pull, A := A - pull^T gain."""
+    """Let a limb's joint move in its inertia A: A := A - pull^T gain.
+
+    pull = S^T A, D = (S^T A S)^-1, gain = D pull, with the ``count`` motions S along the axes.
+    """
     for k in range(count):
         for i in range(6):
             pull[k, i] = dot(A[i], axes[k])
@@ -154,9 +162,12 @@ def _free_joint(A: Any, axes: Any, pull: Any, gain: Any, D: Any, count: int) -> 
             A[j, i] = A[i, j]
 
 
-@inner
+@compile_inline
 def _add_inertia(A: Any, x: float, y: float, z: float, ball: int, out: Any) -> None:
-    """Add X^T A X: A at a point L = (x, y, z) from the parent's; behind a ball its masses alone."""
+    """Add X^T A X, a limb's inertia A at a point L = (x, y, z) from its parent's, to the parent's inertia ``out``.
+
+    Behind a ball its masses alone are added.
+    """
     for j in range(3):
         # rows of M = A_turn_move + hat(L) A_move, then A_turn + L x rows of A_turn_move + hat(L) M^T
         a, b, c = cross(x, y, z, A[3, 3 + j], A[4, 3 + j], A[5, 3 + j])
@@ -194,7 +205,10 @@ def _add_inertia(A: Any, x: float, y: float, z: float, ball: int, out: Any) -> N
 
 
 def find_response(s: Any) -> None:
-    """Find accelerations ``found`` by loads and efforts, and the bodies' ``response``: linear in both."""
+    """Compute the velocities' response ``found`` = H^-1 (loads and efforts), and the bodies' ``response``.
+
+    Both are linear in loads and efforts.
+    """
     n = len(s.parent)
     for l in range(n):
         for i in range(6):
@@ -220,36 +234,38 @@ def find_response(s: Any) -> None:
         _add_axes(s, l, s.found, own)
 
 
-@apart
+@compile_separately
 def find_motion(s: Any, u: Any) -> None:
-    """Set ``response`` to the bodies' motion at velocities, or accelerations, of the joints."""
+    """Set ``response`` to the bodies' motion at velocities, or accelerations, ``u`` of the joints."""
     for l in range(len(s.parent)):
         own = s.response[l]
         _take_part(s, l, s.response[s.parent[l]], own)
         _add_axes(s, l, u, own)
 
 
-@inner
+@compile_inline
 def _take_part(s: Any, l: int, before: Any, out: Any) -> None:
-    """X a_parent."""
+    """Set ``out`` to X a_parent, the part of its parent's motion ``before`` that limb l takes."""
     x, y, z = cross(before[0], before[1], before[2], s.L[l, 0], s.L[l, 1], s.L[l, 2])
     share = 0.0 if s.ball[l] else 1.0
-    put(
-        out, share * before[0], share * before[1], share * before[2], before[3] + x, before[4] + y, before[5] + z
-    )  # fmt: skip
+    put(out, share * before[0], share * before[1], share * before[2], before[3] + x, before[4] + y, before[5] + z)
 
 
-@inner
+@compile_inline
 def _add_axes(s: Any, l: int, u: Any, out: Any) -> None:
+    """Add limb l's motion along its own axes, at velocities ``u``, to ``out``."""
     for k in range(s.slides[l] + s.turns[l]):
         x = u[s.u_at[l] + k]
         for i in range(6):
             out[i] += x * s.axes[l, k, i]
 
 
-@apart
+@compile_separately
 def gather_efforts(s: Any, loads: Any, out: Any) -> None:
-    """Set ``out`` (nu,) to the loads' power by each velocity; loads become those that joints carry."""
+    """Set ``out`` (nu,) to the power of ``loads`` along each velocity, the generalised forces.
+
+    The loads are replaced by those that the joints carry.
+    """
     n = len(s.parent)
     for l in range(n - 1, -1, -1):
         for k in range(s.slides[l] + s.turns[l]):
@@ -258,12 +274,17 @@ def gather_efforts(s: Any, loads: Any, out: Any) -> None:
             pass_on(s, l, loads[l], loads[s.parent[l]])
 
 
-@inner
+@compile_inline
 def pass_on(s: Any, l: int, load: Any, out: Any) -> None:
-    """Add X^T load."""
+    """Add X^T load, what limb l's joint passes on of its ``load``, to its parent's load ``out``."""
     x, y, z = cross(s.L[l, 0], s.L[l, 1], s.L[l, 2], load[3], load[4], load[5])
     share = 0.0 if s.ball[l] else 1.0
     put(
-        out, out[0] + share * load[0] + x, out[1] + share * load[1] + y, out[2] + share * load[2] + z,
-        out[3] + load[3], out[4] + load[4], out[5] + load[5],
-    )  # fmt: skip
+        out,
+        out[0] + share * load[0] + x,
+        out[1] + share * load[1] + y,
+        out[2] + share * load[2] + z,
+        out[3] + load[3],
+        out[4] + load[4],
+        out[5] + load[5],
+    )

@@ -2,38 +2,38 @@
 
 from typing import Any
 
-from ..compiled.entries import inner
+from ..compiled.entries import compile_inline
 
 
-@inner
+@compile_inline
 def cross(a: float, b: float, c: float, x: float, y: float, z: float) -> Any:
-    """(a, b, c) x (x, y, z)"""
+    """Return (a, b, c) x (x, y, z)."""
     return b * z - c * y, c * x - a * z, a * y - b * x
 
 
-@inner
+@compile_inline
 def dot(a: Any, b: Any) -> float:
-    """Return the power of six numbers along six others."""
+    """Return the product of six numbers and six others: the power of a load along a motion."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
 
 
-@inner
+@compile_inline
 def put(out: Any, a: float, b: float, c: float, x: float, y: float, z: float) -> None:
-    """Set six numbers."""
+    """Set the six numbers of the array ``out``."""
     out[0], out[1], out[2], out[3], out[4], out[5] = a, b, c, x, y, z
 
 
-@inner
+@compile_inline
 def copy_rotation(source: Any, target: Any) -> None:
-    """target := source"""
+    """Copy a rotation to the target."""
     for i in range(3):
         for k in range(3):
             target[i, k] = source[i, k]
 
 
-@inner
+@compile_inline
 def turn_by_quaternion(s: float, x: float, y: float, z: float, R: Any) -> None:
-    """R := the rotation of a quaternion of any length."""
+    """Set R := the rotation of the quaternion (s, x, y, z), scalar first, of any length."""
     f = 2.0 / (s * s + x * x + y * y + z * z)
     R[0, 0], R[0, 1], R[0, 2] = 1.0 - f * (y * y + z * z), f * (x * y - s * z), f * (x * z + s * y)
     R[1, 0], R[1, 1], R[1, 2] = f * (x * y + s * z), 1.0 - f * (x * x + z * z), f * (y * z - s * x)

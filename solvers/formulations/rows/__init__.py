@@ -1,1 +1,1 @@
-"""From declarations of joints and forces to what solvers evaluate: rows, their slopes, pushes, as expressions."""
+"""The expressions that solvers evaluate, from declarations of joints and forces: rows, their slopes, pushes."""

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from ....harness.mechanics import forces, joints
-from ....harness.mechanics.declaring import JointDeclaration, Numbers, Pose, Push, cross
+from ....harness.mechanics.declaring import JointDeclaration, Numbers, PointLoad, Pose, cross
 from .numbers import NUMBERS, force_size
 from .numbers import force_numbers as force_numbers
 from .numbers import joint_numbers as joint_numbers
@@ -32,24 +32,24 @@ class RowExpressions:
     t: ca.SX
     numbers: ca.SX
     lam: ca.SX
-    phi: ca.SX  # (n,) zero of rows of velocities alone
-    phi_t: ca.SX  # (n,) what is not A V in phi_dot
+    phi: ca.SX  # (n,) zero for rows that restrict velocities alone
+    phi_t: ca.SX  # (n,) phi_dot less A V
     A: ca.SX  # (n, 12)
     gamma: ca.SX  # (n,)
 
     @property
     def phi_dot(self) -> ca.SX:
-        """(n,)"""
+        """Rate of phi (n,) along the motion."""
         return self.A @ self.V + self.phi_t
 
     @property
     def load_slopes(self) -> ca.SX:
-        """dW/d(pose) (12, 12), exact."""
+        """Slopes dW/d(pose) (12, 12), exact."""
         return slopes(self.A.T @ self.lam, self.x)
 
     @property
     def rate_slopes(self) -> ca.SX:
-        """d(phi_dot)/d(pose) (n, 12), exact."""
+        """Slopes d(phi_dot)/d(pose) (n, 12), exact."""
         return slopes(self.phi_dot, self.x)
 
 
@@ -65,18 +65,21 @@ class PushExpressions:
 
     @property
     def pose_slopes(self) -> ca.SX:
-        """d(load)/d(pose) (12, 12), exact."""
+        """Slopes d(load)/d(pose) (12, 12), exact."""
         return slopes(self.load, self.x)
 
     @property
     def velocity_slopes(self) -> ca.SX:
-        """d(load)/dV (12, 12), exact."""
+        """Slopes d(load)/dV (12, 12), exact."""
         return ca.densify(ca.jacobian(self.load, self.V))
 
 
 @cache
 def row_expressions(kind: str, rows: tuple[int, ...] | None = None, *, space: bool = False) -> RowExpressions:
-    """All rows of a kind, or some of them; in ``space``, V is (r_dot, omega = R Omega)."""
+    """Return the constraint rows of a ``kind`` of joint, all or those with these numbers, as expressions.
+
+    In ``space``, the velocities V are (r_dot, omega = R Omega), else (r_dot, Omega).
+    """
     declared = joints.DECLARED[kind]
     x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", NUMBERS)
     i, j, p = _pose(x, V, 0, space), _pose(x, V, 1, space), _joint_numbers(declared, numbers, t)
@@ -96,9 +99,9 @@ def row_expressions(kind: str, rows: tuple[int, ...] | None = None, *, space: bo
 
 @cache
 def push_expressions(kind: str) -> PushExpressions:
-    """The load of a kind of force."""
+    """Return the load of a ``kind`` of force on both bodies, as an expression."""
     x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", force_size(kind))
-    i, j, (force, torque, point) = push_of(kind, x, V, t, numbers)
+    i, j, (force, torque, point) = express_load(kind, x, V, t, numbers)
     load = []
     for body, sign in ((i, 1.0), (j, -1.0)):
         moment = body.R.T @ (torque + cross(point - body.r, force))
@@ -106,8 +109,8 @@ def push_expressions(kind: str) -> PushExpressions:
     return PushExpressions(x, V, t, numbers, ca.densify(column(np.concatenate(load))))
 
 
-def push_of(kind: str, x: ca.SX, V: ca.SX, t: ca.SX, numbers: ca.SX) -> tuple[Pose, Pose, Push]:
-    """Both bodies and the push of a kind of force on them."""
+def express_load(kind: str, x: ca.SX, V: ca.SX, t: ca.SX, numbers: ca.SX) -> tuple[Pose, Pose, PointLoad]:
+    """Return the poses of both bodies and the force, torque and point by which a ``kind`` of force loads body i."""
     declared = forces.DECLARED[kind]
     i, j = _pose(x, V, 0), _pose(x, V, 1)
     parts: dict[str, Any] = {}
@@ -125,13 +128,13 @@ def push_of(kind: str, x: ca.SX, V: ca.SX, t: ca.SX, numbers: ca.SX) -> tuple[Po
 
 
 def time_function(numbers: ca.SX, t: ca.SX) -> ca.SX:
-    """c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p)."""
+    """Return c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p), the seven ``numbers`` in this order."""
     c0, c1, c2, c3, a, w, p = (numbers[k] for k in range(7))
     return c0 + t * (c1 + t * (c2 + t * c3)) + a * ca.sin(w * t + p)
 
 
 def pose_rate(x: ca.SX, V: ca.SX, *, space: bool = False) -> ca.SX:
-    """x_dot = (r_dot, R hat(Omega) by rows) of both bodies; R_dot = hat(omega) R in ``space``."""
+    """Return x_dot = (r_dot, R hat(Omega) by rows) of both bodies; R_dot = hat(omega) R in ``space``."""
     parts = []
     for e in range(2):
         R = matrix(x[12 * e + 3 : 12 * e + 12])
@@ -141,37 +144,40 @@ def pose_rate(x: ca.SX, V: ca.SX, *, space: bool = False) -> ca.SX:
 
 
 def slopes(g: ca.SX, x: ca.SX) -> ca.SX:
-    """dg/d(pose) (., 12): by (dr, dtheta) of both bodies."""
+    """Return the slopes dg/d(pose) (., 12) of an expression of poses ``x``, by (dr, dtheta) of both bodies."""
     d = ca.SX.sym("d", 12)
     return ca.densify(ca.jacobian(g, x) @ ca.jacobian(pose_rate(x, d), d))
 
 
 def _pose(x: ca.SX, V: ca.SX, e: int, space: bool = False) -> Pose:
+    """Return pose and velocities of body ``e`` (0: i, 1: j) as arrays of symbols."""
     R = _symbols(x[12 * e + 3 : 12 * e + 12]).reshape(3, 3)
     Omega = _symbols(V[6 * e + 3 : 6 * e + 6])
     return Pose(_symbols(x[12 * e : 12 * e + 3]), R, _symbols(V[6 * e : 6 * e + 3]), Omega if space else R @ Omega)
 
 
 def _joint_numbers(declared: JointDeclaration, a: ca.SX, t: ca.SX) -> Numbers:
+    """Return a joint's numbers by name, from their column ``a``, with its function of time at ``t``."""
     points, n = _symbols(a[:12]).reshape(4, 3), _symbols(a[12:21]).reshape(3, 3)
     f = Symbol(time_function(a[22:29], t)) if declared.motion else Symbol(ca.SX(0))
     return Numbers(points[0], points[1], points[2], points[3], n, Symbol(a[21]), f)
 
 
 def _symbols(a: ca.SX) -> np.ndarray:
+    """Return the entries of a CasADi column as an array of ``Symbol``."""
     return np.array([Symbol(a[k]) for k in range(a.numel())], dtype=object)
 
 
 def column(a: Sequence[Any] | np.ndarray) -> ca.SX:
-    """Numbers as a vector."""
+    """Return numbers and symbols as a CasADi column."""
     return ca.vertcat(*[x.x if isinstance(x, Symbol) else x for x in a]) if len(a) else ca.SX(0, 1)
 
 
 def matrix(a: ca.SX) -> ca.SX:
-    """(3, 3) of nine numbers by rows."""
+    """Return nine numbers by rows as a matrix (3, 3)."""
     return ca.reshape(a, 3, 3).T
 
 
-def by_rows(a: ca.SX) -> ca.SX:
-    """The entries of a matrix by rows."""
+def list_by_rows(a: ca.SX) -> ca.SX:
+    """Return the entries of a matrix, row by row, as a dense column."""
     return ca.vec(ca.densify(a).T)

@@ -16,7 +16,7 @@ from ..generated.code import print_functions
 
 
 class RowCode(NamedTuple):
-    """Function ``rows``, and what it leaves out because it is constant: forces (n, 3) of rows, whether phi_t is 0."""
+    """Function ``rows``, and its constant results, which it leaves out: forces (n, 3) of rows, whether phi_t is 0."""
 
     code: Code
     way: np.ndarray | None
@@ -26,8 +26,8 @@ class RowCode(NamedTuple):
 @cache
 @making_code
 def row_code(kind: str, rows: tuple[int, ...], ground: bool) -> RowCode:
-    """``loops.rows`` as code."""
-    code = code_of("loops.rows", kind, rows, ground)
+    """Return the code of a kind's constraint rows (``loops.rows``), with its constant results."""
+    code = load_or_make_code("loops.rows", kind, rows, ground)
     constants = np.zeros(2 + 3 * len(rows))
     code.function("constants", 1)(constants.ctypes.data)
     way = constants[2:].reshape(len(rows), 3) if constants[0] else None
@@ -35,21 +35,30 @@ def row_code(kind: str, rows: tuple[int, ...], ground: bool) -> RowCode:
 
 
 def newton_code(*of: Any, **choices: bool) -> Code:
-    """Functions of ``newton.newton_loops``."""
-    return code_of("newton.newton_loops", *of, **choices)
+    """Return the code of ODE-GC's full Newton method for a kind of joint (``newton.newton_loops``).
+
+    ``of`` and ``choices`` are its arguments.
+    """
+    return load_or_make_code("newton.newton_loops", *of, **choices)
 
 
 def wrench_code(*of: Any, use_f_bar: bool) -> tuple[Code, int, int]:
-    """Functions of ``wrenches.wrench_loops``, and how many entries of the start and of the end are kept."""
-    code, sizes = code_of("wrenches.wrench_loops", *of, use_f_bar=use_f_bar), np.zeros(2)
+    """Return the code of ODE-GC's simplified method for a kind of joint (``wrenches.wrench_loops``).
+
+    With it, the numbers of matrix entries that it keeps of the start and of the end of a step.
+    """
+    code, sizes = load_or_make_code("wrenches.wrench_loops", *of, use_f_bar=use_f_bar), np.zeros(2)
     code.function("sizes", 1)(sizes.ctypes.data)
     return code, int(sizes[0]), int(sizes[1])
 
 
 @cache
 @making_code
-def code_of(maker: str, kind: str = "", *of: Any, **choices: Any) -> Code:
-    """What ``maker``, a function of a module of this folder, makes of a kind of joint or force."""
+def load_or_make_code(maker: str, kind: str = "", *of: Any, **choices: Any) -> Code:
+    """Return the code that ``maker`` makes of a ``kind`` of joint or force, loaded from disk if it is kept there.
+
+    ``maker`` is "module.function" of this folder; ``of`` and ``choices`` are its further arguments.
+    """
 
     def print_code() -> str:
         module, function = maker.split(".")
@@ -58,20 +67,20 @@ def code_of(maker: str, kind: str = "", *of: Any, **choices: Any) -> Code:
     key = (kind, *of) if kind else of
     declared = {**joints.DECLARED, **forces.DECLARED}
     paths = {f.__code__.co_filename for f in vars(declared[kind]).values() if hasattr(f, "__code__")} if kind else ()
-    return Code(print_code, f"{maker} {key} {choices}\0{texts_of_makers()}\0{text_of(tuple(sorted(paths)))}")
+    return Code(print_code, f"{maker} {key} {choices}\0{texts_of_makers()}\0{digest_files(tuple(sorted(paths)))}")
 
 
 @cache
 @making_code
 def texts_of_makers() -> str:
-    """A digest of the modules that make code of declarations, of all that the project declares, and of CasADi."""
+    """Return a digest of the text of all modules that make code, of all declarations, and CasADi's version."""
     here = Path(__file__).resolve().parent
     folders = (here, here.parent / "generated", Path(joints.__file__).parent / "kinds", Path(forces.__file__).parent)
     paths = [path for folder in folders for path in sorted(folder.glob("*.py"))]
-    return text_of((*map(str, paths), str(declaring.__file__), str(fixed_order.__file__))) + version("casadi")
+    return digest_files((*map(str, paths), str(declaring.__file__), str(fixed_order.__file__))) + version("casadi")
 
 
 @cache
-def text_of(paths: tuple[str, ...]) -> str:
-    """A digest of these files."""
+def digest_files(paths: tuple[str, ...]) -> str:
+    """Return a digest of the content of these files."""
     return hashlib.sha256(b"\0".join(Path(path).read_bytes() for path in paths)).hexdigest()

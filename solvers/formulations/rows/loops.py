@@ -1,4 +1,4 @@
-"""Loops over all joints or forces of one kind, from their expressions: what machine code is made of.
+"""Loops over all joints or forces of one kind, from their expressions, as the source of machine code.
 
 All read numbers and, of body i and then of body j unless that is the ground, blocks r, R, v, J^-1 or the first of them.
 """
@@ -7,14 +7,16 @@ from itertools import chain
 
 import casadi as ca
 
-from ..generated import Loop, Straight
-from .expressions import PushExpressions, RowExpressions, by_rows, matrix, push_expressions, row_expressions
+from ..generated import GeneratedFunction, Loop
+from .expressions import PushExpressions, RowExpressions, list_by_rows, matrix, push_expressions, row_expressions
 
 
-def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Straight]:
-    """``rows``: phi, gamma, X and Y = X J^-1 on the bodies; then forces of the rows and phi_t, where they vary.
+def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
+    """Return the functions ``rows`` and ``constants`` of a kind's constraint rows, as loops to compile.
 
-    ``constants``: whether forces are constant, whether phi_t is zero, and these forces by rows.
+    ``rows``: phi, gamma, X and Y = X J^-1 on the bodies; then forces of the rows and phi_t, where they vary.
+    ``constants``: whether forces are constant, whether phi_t is zero, and these forces by rows. ``of`` are the numbers
+    of the rows; on the ``ground`` there is body i alone.
     """
     e, bodies = row_expressions(kind, of), _bodies(ground, 4)
     A, phi, gamma, phi_t = _at(e, [e.A, e.phi, e.gamma, e.phi_t], bodies)
@@ -22,49 +24,54 @@ def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Strai
     Y = [x @ matrix(body[3]) for x, body in zip(X, bodies, strict=True)]
     way = A[:, :3]
     fixed, still = way.is_constant(), (phi_t.is_constant() and phi_t.nnz() == 0) or bool(phi_t.is_zero())
-    stored = [phi, gamma, *map(by_rows, (*X, *Y, *([] if fixed else [way]))), *([] if still else [phi_t])]
-    constants = ca.vertcat(float(fixed), float(still), by_rows(way if fixed else ca.SX(len(of), 3)))
+    stored = [phi, gamma, *map(list_by_rows, (*X, *Y, *([] if fixed else [way]))), *([] if still else [phi_t])]
+    constants = ca.vertcat(float(fixed), float(still), list_by_rows(way if fixed else ca.SX(len(of), 3)))
     return {
         "rows": Loop(whole=[e.t], rows=[e.numbers], stored=[ca.densify(x) for x in stored], blocks=[*chain(*bodies)]),
-        "constants": Straight([], [constants]),
+        "constants": GeneratedFunction([], [constants]),
     }
 
 
-def row_slopes(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Straight]:
-    """``load_slopes``: d(A^T lam)/d(pose), added to blocks (6, 6) by rows, of i by i, i by j, j by i, j by j.
+def row_slopes(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
+    """Return the functions ``load_slopes`` and ``rate_slopes`` of a kind's constraint rows, as loops to compile.
 
+    ``load_slopes``: d(A^T lam)/d(pose), added to blocks (6, 6) by rows, of i by i, i by j, j by i, j by j.
     ``rate_slopes``: d(phi_dot)/d(pose) (n, 6), by body i and by body j.
     """
     e, bodies = row_expressions(kind, of), _bodies(ground, 3)
     K, slopes = _at(e, [e.load_slopes, e.rate_slopes], bodies, e.lam)
     poses = [part for body in bodies for part in body[:2]]
-    stored = [by_rows(slopes[:, 6 * k : 6 * k + 6]) for k in range(len(bodies))]
+    stored = [list_by_rows(slopes[:, 6 * k : 6 * k + 6]) for k in range(len(bodies))]
     return {
         "load_slopes": Loop(whole=[e.t], rows=[e.numbers, e.lam], blocks=poses, added_blocks=_blocks(K, ground)),
         "rate_slopes": Loop(whole=[e.t], rows=[e.numbers], stored=stored, blocks=[*chain(*bodies)]),
     }
 
 
-def push(kind: str, ground: bool) -> dict[str, Loop | Straight]:
-    """The loads of one kind, added to the bodies."""
+def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
+    """Return the function ``push`` of a kind of force, as a loop to compile: its load, added to the bodies."""
     e, bodies = push_expressions(kind), _bodies(ground, 3)
     (load,) = _at(e, [e.load], bodies)
     added = [load[6 * k : 6 * k + 6] for k in range(len(bodies))]
     return {"push": Loop(whole=[e.t], rows=[e.numbers], blocks=[*chain(*bodies)], added_blocks=added)}
 
 
-def push_slopes(kind: str, ground: bool) -> dict[str, Loop | Straight]:
-    """Slopes of the loads of one kind by poses, then by velocities, added to blocks as ``load_slopes`` are."""
+def push_slopes(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
+    """Return the function ``slopes`` of a kind of force, as a loop to compile.
+
+    Slopes of its load by poses, then by velocities, are added to blocks like ``load_slopes``.
+    """
     e, bodies = push_expressions(kind), _bodies(ground, 3)
     by_pose, by_rate = _at(e, [e.pose_slopes, e.velocity_slopes], bodies)
     added = [*_blocks(by_pose, ground), *_blocks(by_rate, ground)]
     return {"slopes": Loop(whole=[e.t], rows=[e.numbers], blocks=[*chain(*bodies)], added_blocks=added)}
 
 
-def bodies() -> dict[str, Loop | Straight]:
-    """Gravity as the load (n, 6), of rows m g (3), J (9), v (6), in ``forces`` less Omega x J Omega.
+def bodies() -> dict[str, Loop | GeneratedFunction]:
+    """Return the functions of bodies alone, as loops to compile: "forces", "applied", "slopes" and "zero".
 
-    ``slopes`` of ``forces`` by velocities (n, 36), of rows J, v; ``zero``: numbers set to zero.
+    ``applied``: gravity as the load (n, 6), from rows m g (3), J (9), v (6); ``forces``: less Omega x J Omega;
+    ``slopes`` of ``forces`` by velocities (n, 36), from rows J, v; ``zero``: numbers set to zero.
     """
     weight, J, v = ca.SX.sym("weight", 3), ca.SX.sym("J", 9), ca.SX.sym("v", 6)
     turning = ca.vertcat(ca.SX.zeros(3), -ca.cross(v[3:], matrix(J) @ v[3:]))
@@ -72,24 +79,26 @@ def bodies() -> dict[str, Loop | Straight]:
     return {
         "forces": Loop(rows=[weight, J, v], stored=[ca.densify(still + turning)]),
         "applied": Loop(rows=[weight, J, v], stored=[ca.densify(still)]),
-        "slopes": Loop(rows=[J, v], stored=[by_rows(ca.jacobian(turning, v))]), "zero": Loop(stored=[ca.SX(0.0)]),
-    }  # fmt: skip
+        "slopes": Loop(rows=[J, v], stored=[list_by_rows(ca.jacobian(turning, v))]),
+        "zero": Loop(stored=[ca.SX(0.0)]),
+    }
 
 
 def _blocks(K: ca.SX, ground: bool) -> list[ca.SX]:
+    """Return the blocks (6, 6) of slopes K by loaded and moving body, each by rows; of i alone on the ground."""
     ends = (slice(0, 6),) if ground else (slice(0, 6), slice(6, 12))
-    return [by_rows(K[a, b]) for a in ends for b in ends]
+    return [list_by_rows(K[a, b]) for a in ends for b in ends]
 
 
 def _bodies(ground: bool, n: int) -> list[list[ca.SX]]:
-    """Symbols of the moving bodies: the first ``n`` of r, R, v, J^-1."""
+    """Return the symbols of the bodies that move: of each the first ``n`` of r, R, v, J^-1."""
     parts = (("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))[:n]
     return [[ca.SX.sym(f"{name}_{end}", size) for name, size in parts] for end in ("i" if ground else "ij")]
 
 
 def _at(e: RowExpressions | PushExpressions, of: list[ca.SX], bodies: list[list[ca.SX]], *rest: ca.SX) -> list[ca.SX]:
-    """Expressions at the symbols of two bodies, the second of which may be the ground."""
+    """Return the expressions ``of`` in the symbols of two ``bodies``, the second of which may be the ground."""
     free = ca.Function("free", [e.x, e.V, e.t, e.numbers, *rest], of)
-    i, j = [*bodies, [ca.SX.zeros(3), by_rows(ca.SX.eye(3)), ca.SX.zeros(6)]][:2]
+    i, j = [*bodies, [ca.SX.zeros(3), list_by_rows(ca.SX.eye(3)), ca.SX.zeros(6)]][:2]
     out = free(ca.vertcat(*i[:2], *j[:2]), ca.vertcat(i[2], j[2]), e.t, e.numbers, *rest)
     return [ca.simplify(x) for x in (out if isinstance(out, tuple) else (out,))]

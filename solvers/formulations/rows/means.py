@@ -1,4 +1,4 @@
-"""Discrete gradients: rows and forces between two poses, such that joints do no work and springs give it all back.
+"""Discrete gradients: rows and forces between two poses, such that joints do no work and springs return all theirs.
 
 With q_1 = q_0 moved by Cayley's map, R_m = (R_0 + R_1) / 2 (no rotation), R_1 - R_0 = R_m hat(h Omega_m), a row whose
 phi is quadratic in the numbers of the poses has phi_1 - phi_0 = d(phi)/dx (x_m) (x_1 - x_0): the mean row is the
@@ -11,24 +11,26 @@ from typing import Any
 
 import casadi as ca
 
-from ..generated import Loop, Straight
-from .expressions import RowExpressions, by_rows, column, matrix, push_of, row_expressions
+from ..generated import GeneratedFunction, Loop
+from .expressions import RowExpressions, column, express_load, list_by_rows, matrix, row_expressions
 from .numbers import force_size
 
-BODY = (("r0", 3), ("R0", 9), ("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))  # of the start, of the end; v is the mean
+# poses at the start, at the end; v is the mean
+BODY = (("r0", 3), ("R0", 9), ("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))
 
 
-def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Straight]:
-    """phi at the end; X and Y = X J^-1 of the mean rows on body i and, unless on the ground, on j; way where it varies.
+def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
+    """Return the function ``rows`` of a kind's mean rows, as a loop to compile.
 
-    Reads h; numbers; blocks of ``BODY`` of i, then of j.
+    It reads h; numbers; blocks of ``BODY`` of i, then of j; and gives phi at the end; X and Y = X J^-1 of the mean rows
+    on body i and, off the ground, j; way where it varies.
     """
     e, h, (i, j) = row_expressions(kind, of), ca.SX.sym("h"), _bodies(ground)
     phi, forces, X = mean_rows(e, e.numbers, h, (i, j))
     X = X[: 1 if ground else 2]
     Y = [x @ matrix(body[5]) for x, body in zip(X, (i, j), strict=False)]
-    way = [] if e.A[:, :3].is_constant() else [by_rows(forces)]
-    stored = [phi, *map(by_rows, X), *map(by_rows, Y), *way]
+    way = [] if e.A[:, :3].is_constant() else [list_by_rows(forces)]
+    stored = [phi, *map(list_by_rows, X), *map(list_by_rows, Y), *way]
     made = [ca.densify(ca.simplify(a)) for a in stored]
     return {"rows": Loop(whole=[h], rows=[e.numbers], stored=made, blocks=[*i, *([] if ground else j)])}
 
@@ -36,7 +38,7 @@ def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Strai
 def mean_rows(
     e: RowExpressions, numbers: Any, h: ca.SX, bodies: Sequence[Sequence[ca.SX]]
 ) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """phi at the end, forces (n, 3) on body i, torques X (n, 3) on both ``bodies``, each as ``BODY`` has it.
+    """Return phi at the end, forces (n, 3) on body i, torques X (n, 3) on both ``bodies`` (in the form of ``BODY``).
 
     ValueError where phi is not quadratic or rows have none.
     """
@@ -51,18 +53,22 @@ def mean_rows(
     for k, body in enumerate(bodies):
         R = 0.5 * (matrix(body[1]) + matrix(body[3]))
         columns = [P[:, 12 * k + 3 + c : 12 * k + 12 : 3] for c in range(3)]  # d(phi)/d(c-th column of R)
-        T = ca.vertcat(*[
-            sum((ca.cross(R[:, c], columns[c][a, :].T) for c in range(3)), ca.SX.zeros(3)).T for a in range(P.shape[0])
-        ])  # fmt: skip
+        T = ca.vertcat(
+            *[
+                sum((ca.cross(R[:, c], columns[c][a, :].T) for c in range(3)), ca.SX.zeros(3)).T
+                for a in range(P.shape[0])
+            ]
+        )
         X.append(T @ _back(body, h).T)
     return phi, P[:, :3], X
 
 
-def push(kind: str, ground: bool) -> dict[str, Loop | Straight]:
-    """The mean loads of springs or loads added to both bodies; reads t at the end and h; numbers; blocks as above.
+def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
+    """Return the function ``push`` of the mean loads of springs or loads, as a loop to compile.
 
-    A spring pulls with k (1 - 2 d_free / (d_0 + d_1)) along the mean line, a damper with (2 c / h) (d_1 - d_0) /
-    (d_0 + d_1). Forces and torques of a load are means of both ends.
+    It reads t at the end and h; numbers; blocks; and adds to both bodies. A spring pulls with k (1 - 2 d_free / (d_0 +
+    d_1)) along the mean line, a damper with (2 c / h) (d_1 - d_0) / (d_0 + d_1). Forces and torques of a load are means
+    of both ends.
     """
     t, h, numbers, (i, j) = ca.SX.sym("t"), ca.SX.sym("h"), ca.SX.sym("p", force_size(kind)), _bodies(ground)
     if kind == "spring":
@@ -76,7 +82,7 @@ def push(kind: str, ground: bool) -> dict[str, Loop | Straight]:
     else:
         still = ca.SX.zeros(12)
         pushes = [
-            push_of(kind, ca.vertcat(i[at], i[at + 1], j[at], j[at + 1]), still, time, numbers)[2]
+            express_load(kind, ca.vertcat(i[at], i[at + 1], j[at], j[at + 1]), still, time, numbers)[2]
             for at, time in ((0, t - h), (2, t))
         ]
         force, torque, point = (0.5 * (column(a) + column(b)) for a, b in zip(*pushes, strict=True))
@@ -88,13 +94,13 @@ def push(kind: str, ground: bool) -> dict[str, Loop | Straight]:
 
 
 def _bodies(ground: bool) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Symbols of ``BODY`` of i and j; of the ground, zeros and R = I."""
+    """Return the symbols of ``BODY`` of i and j; zeros and R = I for the ground."""
     i, j = ([ca.SX.sym(f"{name}_{end}", size) for name, size in BODY] for end in "ij")
-    one = by_rows(ca.SX.eye(3))
+    one = list_by_rows(ca.SX.eye(3))
     still = [one if name in ("R0", "R") else ca.SX.zeros(size) for name, size in BODY]
     return i, still if ground else j
 
 
 def _back(body: Sequence[ca.SX], h: ca.SX) -> ca.SX:
-    """R_m^-1"""
+    """Return R_m^-1, which turns a mean torque from space to the body."""
     return (ca.SX.eye(3) - ca.skew(0.5 * h * body[4][3:])) @ matrix(body[1]).T

@@ -2,6 +2,8 @@
 
 S = A M^-1 A^T = L D L^T by scalars, in the order of the kernel's blocks; where a pivot is below ``DEPENDENT`` of its
 own diagonal, its row is redundant there and 1/D is 0, as in the kernel: the rank may change with the configuration.
+Where rows of loops may be chosen anew (``compiled.row_choice``), that share is an input of each row, infinite for one
+that is left out; the pivots are a result, as is S by ``couple``.
 """
 
 from collections.abc import Sequence
@@ -13,16 +15,16 @@ import numpy as np
 from ....harness.mechanics import forces
 from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.system import GROUND, MultibodySystem
-from ..generated import Straight
+from ..generated import GeneratedFunction
 from ..joint_coordinates.elimination import Factor, Matrix
-from .expressions import by_rows, force_numbers, joint_numbers, matrix, push_expressions, row_expressions
+from .expressions import force_numbers, joint_numbers, list_by_rows, matrix, push_expressions, row_expressions
 
-DEPENDENT = 1e-9  # as in ``compiled.factor``
-NOISE = 1e-15  # of the largest of its array: a constant that is zero but for rounding
+DEPENDENT = 1e-9  # the bound of ``compiled.factor``
+NOISE = 1e-15  # share of the largest of an array below which a constant is rounding of zero
 LAST = 18  # power of the angle at which the series of a correction ends
 
 
-class Part(NamedTuple):
+class JointPart(NamedTuple):
     """Rows ``of`` a joint, its bodies, and the first of these rows in the kernel."""
 
     kind: str
@@ -32,7 +34,7 @@ class Part(NamedTuple):
     first: int
 
 
-class State(NamedTuple):
+class SymbolicState(NamedTuple):
     """Time, poses and velocities of all bodies."""
 
     t: ca.SX
@@ -41,7 +43,7 @@ class State(NamedTuple):
     v: ca.SX  # (6 nb,)
 
 
-class Row(NamedTuple):
+class SymbolicRow(NamedTuple):
     """A row at a state; A (6,) on each body that moves."""
 
     A: dict[int, ca.SX]
@@ -51,49 +53,62 @@ class Row(NamedTuple):
 
 
 class RankedFactor(Factor):
-    """L and 1/D of S, its diagonal larger by ``shift`` times itself; 1/D is 0 where a row depends on those before."""
+    """L and 1/D of S, whose diagonal grows by its share ``shift``; 1/D is 0 where a row depends on those before.
 
-    def __init__(self, S: Matrix, order: Sequence[int], shift: Any = 0.0) -> None:
-        self.diagonal = {k: S[k][k] for k in order}
+    ``bounds``: shares of the diagonal below which a row is left out, one for each, in place of ``DEPENDENT``.
+    """
+
+    def __init__(self, S: Matrix, order: Sequence[int], shift: Any = 0.0, bounds: ca.SX | None = None) -> None:
+        self.diagonal, self._bounds = {k: S[k][k] for k in order}, bounds
         super().__init__({k: {**S[k], k: S[k][k] * (1.0 + shift)} for k in order}, order)
 
     def invert(self, k: int, pivot: Any) -> Any:
-        """1/D of row ``k``."""
-        inverse = ca.if_else(pivot > DEPENDENT * self.diagonal[k], 1 / pivot, 0)
-        return ca.fabs(inverse)  # else CasADi makes a division and a choice of every product with it
+        """Return 1/D of row ``k`` from its ``pivot``, 0 where that is below the row's bound."""
+        bound = DEPENDENT if self._bounds is None else self._bounds[k]
+        inverse = ca.if_else(pivot > bound * self.diagonal[k], 1 / pivot, 0)
+        return ca.fabs(inverse)  # without it CasADi turns every product with it into a division and a choice
+
+    def inverse_shares(self) -> ca.SX:
+        """Return each row's diagonal over its pivot; 0 for a row left out."""
+        return make_column([self.inverse[k] * self.diagonal[k] for k in range(len(self.order))])
 
     def exchange_numbers(self, kept: ca.SX | None = None) -> ca.SX:
-        """The numbers of 1/D and L; those of ``kept`` take their places."""
+        """Return the expressions of 1/D and L as a column, and replace them by the symbols ``kept`` if given."""
         places: list[tuple[dict[int, Any], int]] = []
         for k in self.order:
             places += [(self.inverse, k), *((self.L[k], row) for row in self.L[k])]
-        numbers = as_column([column[row] for column, row in places])
+        numbers = make_column([column[row] for column, row in places])
         if kept is not None:
             for n, (column, row) in enumerate(places):
                 column[row] = kept[n]
         return numbers
 
 
-class Mechanism:
+class SymbolicMechanism:
     """A system, its rows by parts, and the order in which the kernel eliminates them."""
 
-    def __init__(self, system: MultibodySystem, parts: Sequence[Part], order: Sequence[int]) -> None:
+    def __init__(
+        self, system: MultibodySystem, parts: Sequence[JointPart], order: Sequence[int], chooses: bool
+    ) -> None:
         self.system, self.parts, self.order = system, parts, order
+        self._bounds = [ca.SX.sym("bounds", len(order))] if chooses else []
         self.J_inv = [ca.sparsify(ca.DM(snap_zeros(a))) for a in inverse(system.regular_inertia)]
 
-    def state(self) -> State:
-        """Symbols."""
+    def state(self) -> SymbolicState:
+        """Return new symbols for time, poses and velocities of all bodies."""
         nb = self.system.nb
-        return State(ca.SX.sym("t"), ca.SX.sym("r", 3 * nb), ca.SX.sym("R", 9 * nb), ca.SX.sym("v", 6 * nb))
+        return SymbolicState(ca.SX.sym("t"), ca.SX.sym("r", 3 * nb), ca.SX.sym("R", 9 * nb), ca.SX.sym("v", 6 * nb))
 
-    def functions(self) -> tuple[dict[str, Straight], list[int]]:
-        """``accelerate`` (t, r, R, v) -> (v_dot, lam, factor), ``project`` (t, r, R, v, factor) -> (r, R, v), ``copy``.
+    def functions(self) -> tuple[dict[str, GeneratedFunction], list[int]]:
+        """Return the functions ``accelerate``, ``project`` and ``copy``, and the size of the factor.
 
-        Projections take one pass each with the factor given. The second result is its size.
+        ``accelerate`` (t, r, R, v) -> (v_dot, lam, factor), ``project`` (t, r, R, v, factor) -> (r, R, v).
+        Projections take one pass each with the factor given. Where rows are chosen, ``accelerate`` reads bounds, too,
+        and returns inverse shares, and ``couple`` (t, r, R, v) -> S, each row and column over its diagonal's root.
         """
         n, at = len(self.order), self.state()
         rows = self._rows(at)
-        factor = RankedFactor(self._matrix(rows), self.order)
+        factor, shares, couple = self._make_factor(rows, [*at])
         free = [self._inverse_mass(b, load) for b, load in enumerate(self._loads(at))]
         lam = factor.solve({k: -row.gamma - product_of_row(row, free) for k, row in rows.items()})
         v_dot = self._push(free, rows, lam)
@@ -106,31 +121,50 @@ class Mechanism:
         v = ca.vertsplit(at.v, 6)
         x = factor.solve({k: -row.phi_t - product_of_row(row, v) for k, row in rows.items()})
         return {
-            "accelerate": Straight([*at], [ca.vertcat(*v_dot), as_column([lam[k] for k in range(n)]), numbers]),
-            "project": Straight([*at, kept], [moved.r, moved.R, ca.vertcat(*self._push(v, rows, x))]),
-            "copy": Straight([*at[1:]], [*at[1:]]),
+            "accelerate": GeneratedFunction(
+                [*at, *self._bounds], [ca.vertcat(*v_dot), make_column([lam[k] for k in range(n)]), numbers, *shares]
+            ),
+            "project": GeneratedFunction([*at, kept], [moved.r, moved.R, ca.vertcat(*self._push(v, rows, x))]),
+            "copy": GeneratedFunction([*at[1:]], [*at[1:]]),
+            **couple,
         }, [numbers.numel()]
 
-    def _close_joints(self, at: State, rows: dict[int, Row], factor: Factor) -> State:
-        """After one correction of the poses."""
+    def _make_factor(
+        self, rows: dict[int, SymbolicRow], inputs: Sequence[ca.SX], shift: Any = 0.0
+    ) -> tuple[RankedFactor, list[ca.SX], dict[str, GeneratedFunction]]:
+        """Return the factor of S = A M^-1 A^T, and where rows are chosen its inverse shares and ``couple``.
+
+        ``inputs`` are the symbols that the rows depend on; ``shift`` is added to the diagonal, relative to it.
+        """
+        S, n = self._matrix(rows), len(self.order)
+        factor = RankedFactor(S, self.order, shift, self._bounds[0] if self._bounds else None)
+        if not self._bounds:
+            return factor, [], {}
+        root = [ca.sqrt(ca.if_else(S[k][k] > 0, 1 / S[k][k], 0)) for k in range(n)]
+        scaled = ca.vertcat(*(S[a].get(c, ca.SX(0)) * root[a] * root[c] for a in range(n) for c in range(n)))
+        return factor, [factor.inverse_shares()], {"couple": GeneratedFunction([*inputs], [scaled])}
+
+    def _close_joints(self, at: SymbolicState, rows: dict[int, SymbolicRow], factor: Factor) -> SymbolicState:
+        """Return the state after one correction of the poses towards phi = 0, with this factor."""
         x = factor.solve({k: -row.phi for k, row in rows.items()})
         change = self._push([ca.SX.zeros(6)] * self.system.nb, rows, x)
         R = [_turn_by_series(matrix(at.R[9 * b : 9 * b + 9]), a[3:]) for b, a in enumerate(change)]
-        return at._replace(r=at.r + ca.vertcat(*[a[:3] for a in change]), R=ca.vertcat(*map(by_rows, R)))
+        return at._replace(r=at.r + ca.vertcat(*[a[:3] for a in change]), R=ca.vertcat(*map(list_by_rows, R)))
 
-    def _rows(self, at: State) -> dict[int, Row]:
-        out: dict[int, Row] = {}
+    def _rows(self, at: SymbolicState) -> dict[int, SymbolicRow]:
+        """Return the constraint rows of all joints at a state, by their numbers in the kernel."""
+        out: dict[int, SymbolicRow] = {}
         for part in self.parts:
             e = row_expressions(part.kind, part.of)
             free = ca.Function("free", [e.x, e.V, e.t, e.numbers], [e.A, e.phi, e.phi_t, e.gamma])
-            A, *scalars = free(*ends_of(at, part.body), at.t, joint_numbers_of(self.system, part.joint))
+            A, *scalars = free(*join_ends(at, part.body), at.t, joint_numbers_of(self.system, part.joint))
             for k in range(len(part.of)):
                 own = {b: A[k, 6 * e : 6 * e + 6].T for e, b in enumerate(part.body) if b != GROUND}
-                out[part.first + k] = Row(own, *(x[k] for x in scalars))
+                out[part.first + k] = SymbolicRow(own, *(x[k] for x in scalars))
         return out
 
-    def _matrix(self, rows: dict[int, Row]) -> Matrix:
-        """S, both halves."""
+    def _matrix(self, rows: dict[int, SymbolicRow]) -> Matrix:
+        """Return S = A M^-1 A^T by columns {row: entry}, both halves, zeros left out."""
         S: Matrix = {k: {k: ca.SX(0)} for k in rows}
         holding: dict[int, list[int]] = {}
         for k, row in rows.items():
@@ -143,8 +177,8 @@ class Mechanism:
                 holding[b].append(k)
         return S
 
-    def _loads(self, at: State, *, turning: bool = True) -> list[ca.SX]:
-        """Applied forces; ``turning``: less Omega x J Omega."""
+    def _loads(self, at: SymbolicState, *, turning: bool = True) -> list[ca.SX]:
+        """Return the load (6,) of weight and applied forces on each body; ``turning``: less Omega x J Omega."""
         s, out = self.system, list[ca.SX]()
         for b, v in enumerate(ca.vertsplit(at.v, 6)):
             J = ca.sparsify(ca.DM(snap_zeros(s.regular_inertia[b])))
@@ -153,20 +187,22 @@ class Mechanism:
         for kind, declared in forces.DECLARED.items():
             e = push_expressions(kind)
             free = ca.Function("free", [e.x, e.V, e.t, e.numbers], [e.load])
-            for m, numbers in enumerate(force_numbers(s, kind)):  # of several units: none is small beside others
+            # numbers of several units: none is small compared with others
+            for m, numbers in enumerate(force_numbers(s, kind)):
                 j = int(getattr(s, f"{kind}_j")[m]) if declared.pair else GROUND
                 ends = int(getattr(s, f"{kind}_i")[m]), j
-                load = free(*ends_of(at, ends), at.t, numbers)
+                load = free(*join_ends(at, ends), at.t, numbers)
                 for e_b, b in enumerate(ends):
                     if b != GROUND:
                         out[b] = out[b] + load[6 * e_b : 6 * e_b + 6]
         return out
 
     def _inverse_mass(self, b: int, load: ca.SX) -> ca.SX:
+        """Return M^-1 load of body ``b``."""
         return ca.vertcat(load[:3] * (1.0 / self.system.mass[b]), self.J_inv[b] @ load[3:])
 
-    def _push(self, w: Sequence[ca.SX], rows: dict[int, Row], x: dict[int, ca.SX]) -> list[ca.SX]:
-        """w + M^-1 A^T x"""
+    def _push(self, w: Sequence[ca.SX], rows: dict[int, SymbolicRow], x: dict[int, ca.SX]) -> list[ca.SX]:
+        """Return w + M^-1 A^T x of each body: velocities w changed by the multipliers x."""
         load = [ca.SX.zeros(6) for _ in w]
         for k, row in rows.items():
             for b, a in row.A.items():
@@ -174,9 +210,9 @@ class Mechanism:
         return [w_b + self._inverse_mass(b, load[b]) for b, w_b in enumerate(w)]
 
 
-def ends_of(at: State, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:
-    """Poses (24,) and velocities (12,) of a pair of bodies, the ground at rest."""
-    still = ca.SX.zeros(3), by_rows(ca.SX.eye(3)), ca.SX.zeros(6)
+def join_ends(at: SymbolicState, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:
+    """Return poses (24,) and velocities (12,) of a pair of bodies, the ground at rest."""
+    still = ca.SX.zeros(3), list_by_rows(ca.SX.eye(3)), ca.SX.zeros(6)
     (r_i, R_i, v_i), (r_j, R_j, v_j) = (
         still if b == GROUND else (at.r[3 * b : 3 * b + 3], at.R[9 * b : 9 * b + 9], at.v[6 * b : 6 * b + 6])
         for b in body
@@ -185,7 +221,7 @@ def ends_of(at: State, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:
 
 
 def joint_numbers_of(system: MultibodySystem, joint: int) -> np.ndarray:
-    """Numbers of a joint, free of rounding where they are zero."""
+    """Return the numbers of a joint in the order of the expressions, with exact zeros instead of rounding."""
     numbers = joint_numbers(system, np.array([joint]))[0]
     for part in (slice(0, 6), slice(6, 12), slice(12, 21)):
         numbers[part] = snap_zeros(numbers[part])
@@ -193,17 +229,17 @@ def joint_numbers_of(system: MultibodySystem, joint: int) -> np.ndarray:
 
 
 def snap_zeros(a: np.ndarray) -> np.ndarray:
-    """``a`` with zeros where it is zero but for rounding."""
+    """Return ``a`` with exact zeros where it is rounding of zero."""
     return np.where(np.abs(a) < NOISE * np.max(np.abs(a), initial=0.0), 0.0, a)
 
 
-def product_of_row(row: Row, w: Sequence[ca.SX]) -> Any:
-    """A w"""
+def product_of_row(row: SymbolicRow, w: Sequence[ca.SX]) -> Any:
+    """Return the product A w of one constraint row and the velocities ``w`` of all bodies."""
     return sum((ca.dot(a, w[b]) for b, a in row.A.items()), ca.SX(0))
 
 
 def _turn_by_series(R: ca.SX, a: ca.SX) -> ca.SX:
-    """R exp(hat(a)) of a correction, by series."""
+    """Return R exp(hat(a)) for a small turn a [rad], by series."""
     s: Any = ca.dot(a, a)
     f = g = ca.SX(1)
     for n in range(LAST, 0, -2):
@@ -212,6 +248,6 @@ def _turn_by_series(R: ca.SX, a: ca.SX) -> ca.SX:
     return R @ (ca.SX.eye(3) + f * hat + 0.5 * g * (hat @ hat))
 
 
-def as_column(a: Sequence[ca.SX]) -> ca.SX:
-    """Dense (n, 1)."""
+def make_column(a: Sequence[ca.SX]) -> ca.SX:
+    """Return a dense column (n, 1)."""
     return ca.densify(ca.vertcat(*a)) if len(a) else ca.SX(0, 1)

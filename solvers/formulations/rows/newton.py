@@ -9,7 +9,7 @@ the switch of the B term of Eq. (71), Z0 = D0 + B D_dot0, the motion at the end 
     balance    R_v += gauge Z0 nu1 + D1 p + D_dot1 z, p = -nu1 - dt/2 G1, z = B nu1; torques in the body of the end
     slopes     Eq. (79): columns of nu1, rows of (75), blocks of bodies
 
-Of M_bar and C_bar, K_bar slopes are left out, of f_bar what comes by the forces: of order dt^2.
+The slopes of M_bar and of C_bar, K_bar are left out, and those of f_bar by the forces: of order dt^2.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,8 @@ from collections.abc import Sequence
 import casadi as ca
 
 from ..generated import Loop
-from .expressions import by_rows, matrix, pose_rate, row_expressions, slopes
-from .wrenches import TRANSLATION, by_ends, measures
+from .expressions import list_by_rows, matrix, pose_rate, row_expressions, slopes
+from .wrenches import TRANSLATION, list_by_ends, measures
 
 BODY = (("r", 3), ("R", 9), ("v", 6), ("force", 6), ("inertia", 19), ("T", 9))  # inertia: m, J, J^-1
 
@@ -26,7 +26,11 @@ BODY = (("r", 3), ("R", 9), ("v", 6), ("force", 6), ("inertia", 19), ("T", 9))  
 def newton_loops(
     kind: str, rows: tuple[int, ...], ground: bool, direction: int, *, symmetric: bool, use_f_bar: bool, couple: bool
 ) -> dict[str, Loop]:
-    """All loops; ``couple``: with slopes of each body's load by the other body, and of f_bar."""
+    """Return the functions of the module's table for a kind of joint, as loops to compile.
+
+    ``direction`` is that of c in Eq. (31); ``symmetric``: in the symmetric gauge; ``use_f_bar``: with f_bar of Eq.
+    (30); ``couple``: with slopes of each body's load by the other body, and of f_bar.
+    """
     e, n, ends = row_expressions(kind, rows), len(rows), 1 if ground else 2
     i, j = ([ca.SX.sym(f"{part}_{end}", size) for part, size in BODY] for end in "ij")
     still = [ca.SX.zeros(3), ca.vec(ca.SX.eye(3)), ca.SX.zeros(6), *(ca.SX.zeros(size) for _, size in BODY[3:])]
@@ -42,10 +46,12 @@ def newton_loops(
     D = e.A.T  # torques in the body
     along = ca.vertcat(e.x, e.t), ca.vertcat(pose_rate(e.x, e.V), 1)
     D_dot = ca.jtimes(D, *along)
-    D_dot = ca.vertcat(*[
-        ca.vertcat(D_dot[at : at + 3, :], D_dot[at + 3 : at + 6, :] + ca.skew(Omega) @ D[at + 3 : at + 6, :])
-        for at, Omega in ((0, e.V[3:6]), (6, e.V[9:12]))
-    ])  # fmt: skip
+    D_dot = ca.vertcat(
+        *[
+            ca.vertcat(D_dot[at : at + 3, :], D_dot[at + 3 : at + 6, :] + ca.skew(Omega) @ D[at + 3 : at + 6, :])
+            for at, Omega in ((0, e.V[3:6]), (6, e.V[9:12]))
+        ]
+    )
     load = D @ p + D_dot @ z
     by_pose, by_rate = slopes(load, e.x), ca.jacobian(load, e.V)
     if couple and use_f_bar and direction != TRANSLATION:
@@ -63,6 +69,7 @@ def newton_loops(
     rest = [part for body in moving for part in body[3:]]
 
     def at(*of: ca.SX) -> list[ca.SX]:
+        """Return expressions simplified, at the symbols of the bodies in place of the general poses and velocities."""
         given = [e.x, e.V, e.t, e.numbers]
         free = [*rest, *(b[1] for b in moving), plan, nu, p, z, start, G0, stiff, on_rate, on_phi]
         made = ca.Function("at", [*given, *free], [ca.densify(x) for x in of])
@@ -84,35 +91,45 @@ def newton_loops(
             whole=[e.t], rows=[e.numbers], blocks=[x for b in moving for x in b[:5]], stored=[phi, rate, m_bar, f_bar]
         ),
         "direction": Loop(
-            whole=[e.t], rows=[e.numbers], blocks=[x for b in moving for x in b[:5]], stored=[by_rows(x) for x in c]
+            whole=[e.t],
+            rows=[e.numbers],
+            blocks=[x for b in moving for x in b[:5]],
+            stored=[list_by_rows(x) for x in c],
         ),
         "begin": Loop(
-            whole=[e.t, plan], rows=[e.numbers, start, G0], blocks=poses,
-            stored=[values] if symmetric else [], added_blocks=by_ends(Z0 @ start + first),
+            whole=[e.t, plan],
+            rows=[e.numbers, start, G0],
+            blocks=poses,
+            stored=[values] if symmetric else [],
+            added_blocks=list_by_ends(Z0 @ start + first),
         ),
-    }  # fmt: skip
+    }
     given = [e.numbers]
     if symmetric:
         given = [e.numbers, kept]
         turned_back = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), matrix(b[1]).T) for b in moving])
         pushed = pushed + turned_back @ (Z0_kept @ (gauge * nu))
         column = column + gauge * (turned_back @ Z0_kept)
-    loops["balance"] = Loop(whole=[e.t, plan], rows=[*given, nu, p, z], blocks=poses, added_blocks=by_ends(pushed))
+    loops["balance"] = Loop(whole=[e.t, plan], rows=[*given, nu, p, z], blocks=poses, added_blocks=list_by_ends(pushed))
     blocks = [(a, b) for a in range(ends) for b in range(ends) if couple or a == b]
     loops["slopes"] = Loop(
-        whole=[e.t, plan], rows=[*given, nu, p, z, stiff, on_rate, on_phi],
+        whole=[e.t, plan],
+        rows=[*given, nu, p, z, stiff, on_rate, on_phi],
         blocks=[x for b in moving for x in (b if couple and use_f_bar else [*b[:3], b[5]])],
         stored=[
-            *(by_rows(column[6 * b : 6 * b + 6, :]) for b in range(ends)),
-            *(by_rows(row[:, 6 * b : 6 * b + 6]) for b in range(ends)),
+            *(list_by_rows(column[6 * b : 6 * b + 6, :]) for b in range(ends)),
+            *(list_by_rows(row[:, 6 * b : 6 * b + 6]) for b in range(ends)),
         ],
-        added_blocks=[by_rows(K[6 * a : 6 * a + 6, 6 * b : 6 * b + 6]) for a, b in blocks],
-    )  # fmt: skip
+        added_blocks=[list_by_rows(K[6 * a : 6 * a + 6, 6 * b : 6 * b + 6]) for a, b in blocks],
+    )
     return loops
 
 
 def _by_end_velocities(by_pose: ca.SX, by_rate: ca.SX, both: Sequence[list[ca.SX]], half: ca.SX) -> ca.SX:
-    """Slopes by the velocities of the end of both bodies: dr = dt/2 dr_dot, theta = T dOmega."""
+    """Return slopes by the velocities at the end of the step: dr = dt/2 dr_dot, theta = T dOmega.
+
+    ``by_pose`` and ``by_rate`` are those by poses and velocities of ``both`` bodies.
+    """
     parts = []
     for b in range(2):
         at = 6 * b
@@ -124,7 +141,7 @@ def _by_end_velocities(by_pose: ca.SX, by_rate: ca.SX, both: Sequence[list[ca.SX
 
 
 def _varying(Z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Symbols and values of the entries of a matrix, and the matrix in these symbols, constants aside."""
+    """Return symbols and values of all entries of a matrix, and the matrix in these symbols but for constants."""
     Z = ca.densify(Z)
     kept, inside = ca.SX.sym("kept", Z.numel()), ca.SX(Z)
     for c in range(Z.numel()):

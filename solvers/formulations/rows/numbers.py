@@ -1,4 +1,4 @@
-"""Numbers of joints and forces in the order in which expressions have them."""
+"""Numbers of joints and forces in the order of the expressions."""
 
 from typing import Any
 
@@ -6,23 +6,23 @@ import numpy as np
 
 from ....harness.mechanics import forces
 
-NUMBERS = 29  # of a joint: s_i, s_j, u, w, n by rows, length, then the function of time
+NUMBERS = 29  # numbers of a joint: s_i, s_j, u, w, n by rows, length, then the function of time
 
 
 def force_size(kind: str) -> int:
-    """How many numbers a force of a kind has."""
+    """Return how many numbers a force of a kind has."""
     return sum(7 if name == "factor" else int(np.prod(shape)) for name, shape in forces.DECLARED[kind].numbers.items())
 
 
 def joint_numbers(system: Any, joint: np.ndarray) -> np.ndarray:
-    """Numbers of joints (m, 29), as expressions have them."""
+    """Return the numbers of the joints with these indices (m, 29), in the order of the expressions."""
     s = system
     parts = (s.joint_s_i, s.joint_s_j, s.joint_u, s.joint_w, s.joint_n, s.joint_length, s.joint_motion)
     return np.concatenate([a[joint].reshape(len(joint), -1) for a in parts], axis=1)
 
 
 def force_numbers(system: Any, kind: str) -> np.ndarray:
-    """Numbers of all forces of a kind (m, size)."""
+    """Return the numbers of all forces of a kind (m, size), in the order of the expressions."""
     arrays = [np.asarray(getattr(system, f"{kind}_{name}"), dtype=float) for name in forces.DECLARED[kind].numbers]
     m = len(arrays[0])
     return np.concatenate([a.reshape(m, -1) for a in arrays], axis=1) if m else np.zeros((0, force_size(kind)))

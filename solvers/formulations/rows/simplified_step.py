@@ -8,34 +8,34 @@ import casadi as ca
 import numpy as np
 
 from ....harness.mechanics.fixed_order import inverse
-from ..generated import Straight
+from ..generated import GeneratedFunction
 from .expressions import matrix, pose_rate, row_expressions
 from .mechanism import (
-    Mechanism,
-    Part,
-    RankedFactor,
-    State,
-    as_column,
-    ends_of,
+    JointPart,
+    SymbolicMechanism,
+    SymbolicState,
+    join_ends,
     joint_numbers_of,
+    make_column,
     product_of_row,
     snap_zeros,
-)  # fmt: skip
+)
 from .wrenches import distinct_entries, measures_in_space
 
 IN_A_PRODUCT = 16  # ratios of pivots, each above 1e-9, of which one logarithm is taken
 
 
-class SimplifiedStep(Mechanism):
-    """A system of pins under gravity."""
+class SimplifiedStep(SymbolicMechanism):
+    """The functions of a step for a system of pins under gravity."""
 
     def functions(  # type: ignore[override]
         self, *, gauge: float, b_term: float, direction: int, use_f_bar: int, keep_nu: int
-    ) -> tuple[dict[str, Straight], list[int]]:
-        """The functions, and how many numbers of the start and of the factor are kept.
+    ) -> tuple[dict[str, GeneratedFunction], list[int]]:
+        """Return the functions, and the numbers of entries kept of the start and of the factor.
 
         ``begin`` (t, plan, r, R, v, nu_start) -> (known, kept, slip, f_bar) at the start of a step;
-        ``factor`` (t, r, R) -> (factor, (rank, log10 det S over its diagonal));
+        ``factor`` (t, r, R) -> (factor, (rank, log10 det S over its diagonal)), where rows are chosen
+        (t, r, R, bounds) -> (factor, found, inverse shares), with ``couple`` (t, r, R) -> scaled S;
         ``iterate`` (t, plan, r, R, v, known, kept, nu, factor) -> (v, nu, (change^2,)) at the end;
         ``correct`` (t, r, R, factor) -> (r, R); ``copy`` (v, nu) and ``copy_poses`` (r, R).
         """
@@ -43,9 +43,14 @@ class SimplifiedStep(Mechanism):
         half = plan[0]
         B = b_term * half
         nu, nu_start, known = ca.SX.sym("nu", n), ca.SX.sym("nu_start", n), ca.SX.sym("known", 6 * nb)
-        spun = at._replace(v=ca.vertcat(*[
-            ca.vertcat(v[:3], matrix(at.R[9 * b : 9 * b + 9]) @ v[3:]) for b, v in enumerate(ca.vertsplit(at.v, 6))
-        ]))  # fmt: skip
+        spun = at._replace(
+            v=ca.vertcat(
+                *[
+                    ca.vertcat(v[:3], matrix(at.R[9 * b : 9 * b + 9]) @ v[3:])
+                    for b, v in enumerate(ca.vertsplit(at.v, 6))
+                ]
+            )
+        )
         first, w = self._momenta(at, half), [known[6 * b : 6 * b + 6] for b in range(nb)]
         values: list[ca.SX] = []
         starts: list[Callable[[Any], ca.SX]] = []
@@ -71,7 +76,8 @@ class SimplifiedStep(Mechanism):
             _add(w, part, load - half * (D @ f_bar) if use_f_bar else load)
 
         rows = self._rows(at)
-        factor = RankedFactor(self._matrix(rows), self.order)
+        poses = [at.t, at.r, at.R]
+        factor, shares, couple = self._make_factor(rows, poses)
         free = [
             self._inverse_mass(b, ca.vertcat(p[:3], matrix(at.R[9 * b : 9 * b + 9]).T @ p[3:])) for b, p in enumerate(w)
         ]
@@ -88,25 +94,30 @@ class SimplifiedStep(Mechanism):
         square = sum(
             (self._energy(b, a - o) for b, (a, o) in enumerate(zip(v, ca.vertsplit(at.v, 6), strict=True))), ca.SX(0)
         )
-        change = as_column([x[k] for k in range(n)])
+        change = make_column([x[k] for k in range(n)])
         closed = self._close_joints(at, rows, factor)
-        poses = [at.t, at.r, at.R]
         return {
-            "begin": Straight(
+            "begin": GeneratedFunction(
                 [at.t, plan, at.r, at.R, at.v, nu_start],
-                [ca.vertcat(*first), ca.vertcat(*values) if values else ca.SX(1, 1), *map(as_column, (slips, f_bars))],
+                [
+                    ca.vertcat(*first),
+                    ca.vertcat(*values) if values else ca.SX(1, 1),
+                    *map(make_column, (slips, f_bars)),
+                ],
             ),
-            "factor": Straight(poses, [numbers, found]),
-            "iterate": Straight(
+            "factor": GeneratedFunction([*poses, *self._bounds], [numbers, found, *shares]),
+            **couple,
+            "iterate": GeneratedFunction(
                 [at.t, plan, *poses[1:], at.v, known, kept, nu, told],
                 [ca.vertcat(*v), nu + change * (1.0 / (1.0 - gauge)), square],
             ),
-            "correct": Straight([*poses, told], [closed.r, closed.R]),
-            "copy": Straight([at.v, nu], [at.v, nu]), "copy_poses": Straight(poses[1:], poses[1:]),
-        }, [kept.numel(), numbers.numel()]  # fmt: skip
+            "correct": GeneratedFunction([*poses, told], [closed.r, closed.R]),
+            "copy": GeneratedFunction([at.v, nu], [at.v, nu]),
+            "copy_poses": GeneratedFunction(poses[1:], poses[1:]),
+        }, [kept.numel(), numbers.numel()]
 
-    def _momenta(self, at: State, half: ca.SX) -> list[ca.SX]:
-        """(m r_dot + dt m g, R J Omega) of each body."""
+    def _momenta(self, at: SymbolicState, half: ca.SX) -> list[ca.SX]:
+        """Return (m r_dot + dt m g, R J Omega) of each body, its momenta in space with the impulse of gravity."""
         s, out = self.system, []
         for b, v in enumerate(ca.vertsplit(at.v, 6)):
             weight = 2.0 * half * ca.SX(ca.DM(s.mass[b] * s.gravity))
@@ -115,25 +126,29 @@ class SimplifiedStep(Mechanism):
         return out
 
     def _energy(self, b: int, v: ca.SX) -> ca.SX:
-        """v . M v"""
+        """Return v . M v of body ``b``, twice the kinetic energy of its velocities ``v``."""
         return self.system.mass[b] * ca.dot(v[:3], v[:3]) + ca.dot(v[3:], self._inertia(b) @ v[3:])
 
     def _inertia(self, b: int) -> ca.DM:
+        """Return the inertia of body ``b`` about C, with exact zeros instead of rounding."""
         return ca.sparsify(ca.DM(snap_zeros(self.system.regular_inertia[b])))
 
-    def _list_inputs(self, spun: State, part: Part) -> list[Any]:
-        """What ``_wrenches`` reads, but for B."""
+    def _list_inputs(self, spun: SymbolicState, part: JointPart) -> list[Any]:
+        """Return the inputs of ``_wrenches``, except B, for the rows of a joint."""
         s, bodies = self.system, []
         for b in part.body:
             J = snap_zeros(s.regular_inertia[max(b, 0)]), snap_zeros(inverse(s.regular_inertia[max(b, 0)]))
             numbers = s.mass[b] * s.gravity, s.mass[b : b + 1], J[1].ravel(), J[0].ravel()
             bodies.append(ca.DM(np.concatenate(numbers)) if b >= 0 else ca.DM.zeros(22))
-        return [*ends_of(spun, part.body), spun.t, joint_numbers_of(s, part.joint), *bodies]
+        return [*join_ends(spun, part.body), spun.t, joint_numbers_of(s, part.joint), *bodies]
 
 
 @cache
 def _wrenches(kind: str, of: tuple[int, ...], both: bool, direction: int) -> ca.Function:
-    """Z = D + B D_dot (6 or 12, n), D, f_bar and M_bar phi_dot^2 by poses, spatial velocities and numbers."""
+    """Return the wrenches of a kind's rows as a CasADi function of poses, spatial velocities, numbers and B.
+
+    It gives Z = D + B D_dot (6 or 12, n), D, f_bar and M_bar phi_dot^2; ``both``: on two bodies.
+    """
     e, x, B = row_expressions(kind, of, space=True), ca.SX.sym("x", len(of)), ca.SX.sym("B")
     numbers, ends = [ca.SX.sym(f"numbers_{end}", 22) for end in "ij"], 2 if both else 1
     rate = ca.jtimes(e.A.T @ x, ca.vertcat(e.x, e.t), ca.vertcat(pose_rate(e.x, e.V, space=True), 1))
@@ -144,22 +159,25 @@ def _wrenches(kind: str, of: tuple[int, ...], both: bool, direction: int) -> ca.
     return ca.Function("wrenches", given, [Z, D, f_bar, m_bar * e.phi_dot**2])
 
 
-def _own(part: Part) -> slice:
+def _own(part: JointPart) -> slice:
+    """Return the slice of the kernel's rows that a joint's rows are."""
     return slice(part.first, part.first + len(part.of))
 
 
-def _add(w: list[ca.SX], part: Part, load: ca.SX) -> None:
-    """Both ends of a load."""
+def _add(w: list[ca.SX], part: JointPart, load: ca.SX) -> None:
+    """Add a joint's load to both of its bodies."""
     for e, b in enumerate(part.body):
         if b >= 0:
             w[b] = w[b] + load[6 * e : 6 * e + 6]
 
 
 def _skip_first(filled: Callable[[Any], ca.SX], first: int) -> Callable[[Any], ca.SX]:
+    """Return ``filled`` as a function of all entries, of which its own begin at ``first``."""
     return lambda kept: filled(kept[first:])
 
 
 def _product(factors: Sequence[ca.SX]) -> Any:
+    """Return the product of these factors, 1 of none."""
     out: Any = 1
     for x in factors:
         out = out * x

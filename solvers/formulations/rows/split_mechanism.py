@@ -1,7 +1,7 @@
-"""Entries of a kernel for a whole mechanism, one function each: rows hand over those entries of A that vary.
+"""Entries of a kernel for a whole mechanism, one function each: rows pass on those entries of A that vary.
 
-``Mechanism`` has one function for accelerations, in which nothing is handed over; methods that iterate with the factor
-of one pose and the rows of others need them apart.
+``SymbolicMechanism`` has one function for accelerations, in which nothing is passed on; methods that iterate with the
+factor of one pose and the rows of others need separate ones.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,20 +10,28 @@ from typing import Any
 import casadi as ca
 
 from ....harness.mechanics.system import GROUND
-from ..generated import Straight
-from .expressions import by_rows, row_expressions
+from ..generated import GeneratedFunction
+from .expressions import list_by_rows, row_expressions
 from .means import mean_rows
-from .mechanism import Mechanism, RankedFactor, Row, State, as_column, joint_numbers_of, product_of_row
+from .mechanism import (
+    SymbolicMechanism,
+    SymbolicRow,
+    SymbolicState,
+    joint_numbers_of,
+    make_column,
+    product_of_row,
+)
 from .wrenches import distinct_entries
 
 
-class SplitMechanism(Mechanism):
+class SplitMechanism(SymbolicMechanism):
     """A system and its rows, by functions that share A (entries that vary) and ``factor``."""
 
-    def functions(self, *, names: Sequence[str]) -> tuple[dict[str, Straight], list[int]]:  # type: ignore[override]
-        """Those of ``names``, and how many entries of A vary and numbers the factor has; ``copy_*`` of their results.
+    def functions(self, *, names: Sequence[str]) -> tuple[dict[str, GeneratedFunction], list[int]]:  # type: ignore[override]
+        """Return the functions ``names``, ``copy_*`` of their results, and the sizes of varying A and of the factor.
 
-        ``rows`` (t, r, R, v) -> (A, phi, phi_t, gamma); ``factorise`` (A, shift) -> factor;
+        ``rows`` (t, r, R, v) -> (A, phi, phi_t, gamma); ``factorise`` (A, shift) -> factor, where rows are chosen
+        (A, shift, bounds) -> (factor, inverse shares), with ``couple`` (A) -> scaled S;
         ``solve`` (factor, rhs) -> x; ``forces``, ``applied_forces`` (t, r, R, v) -> force;
         ``react`` (t, r, R, v, A, gamma, factor) -> (v_dot, lam); ``push`` (A, x, w) -> w; ``slips`` (A, phi_t, w) -> x;
         ``close_joints`` (r, R, A, phi, factor) -> (r, R); ``project_rates`` (A, phi_t, factor, v) -> (v, impulse).
@@ -33,59 +41,70 @@ class SplitMechanism(Mechanism):
         entries, fill = self._find_entries(full)
         A, x, w, shift = (ca.SX.sym(*a) for a in (("A", entries.numel()), ("x", n), ("w", 6 * nb), ("shift", 1)))
         phi, phi_t, gamma = (ca.SX.sym(name, n) for name in ("phi", "phi_t", "gamma"))
-        rows = {k: Row(a, phi[k], phi_t[k], gamma[k]) for k, a in fill(A).items()}
-        factor = RankedFactor(self._matrix(rows), self.order, shift)
+        rows = {k: SymbolicRow(a, phi[k], phi_t[k], gamma[k]) for k, a in fill(A).items()}
+        factor, shares, couple = self._make_factor(rows, [A], shift)
         numbers = factor.exchange_numbers()
         kept = ca.SX.sym("factor", numbers.numel())
         factor.exchange_numbers(kept)
         poses, by_body = [at.t, at.r, at.R, at.v], ca.vertsplit(w, 6)
 
         def listed(values: dict[int, Any]) -> ca.SX:
-            return as_column([values[k] for k in range(n)])
+            """Return values by row as a column."""
+            return make_column([values[k] for k in range(n)])
 
-        def react() -> Straight:
+        def react() -> GeneratedFunction:
             free = [self._inverse_mass(b, load) for b, load in enumerate(self._loads(at))]
             lam = factor.solve({k: -row.gamma - product_of_row(row, free) for k, row in rows.items()})
-            return Straight([*poses, A, gamma, kept], [ca.vertcat(*self._push(free, rows, lam)), listed(lam)])
+            return GeneratedFunction([*poses, A, gamma, kept], [ca.vertcat(*self._push(free, rows, lam)), listed(lam)])
 
-        def close_joints() -> Straight:
+        def close_joints() -> GeneratedFunction:
             closed = self._close_joints(at, rows, factor)
-            return Straight([at.r, at.R, A, phi, kept], [closed.r, closed.R])
+            return GeneratedFunction([at.r, at.R, A, phi, kept], [closed.r, closed.R])
 
-        def project_rates() -> Straight:
+        def project_rates() -> GeneratedFunction:
             impulse = factor.solve({k: -row.phi_t - product_of_row(row, by_body) for k, row in rows.items()})
-            return Straight([A, phi_t, kept, w], [ca.vertcat(*self._push(by_body, rows, impulse)), listed(impulse)])
+            return GeneratedFunction(
+                [A, phi_t, kept, w], [ca.vertcat(*self._push(by_body, rows, impulse)), listed(impulse)]
+            )
 
-        def slips() -> Straight:
+        def slips() -> GeneratedFunction:
             slip = {k: -row.phi_t - product_of_row(row, by_body) for k, row in rows.items()}
-            return Straight([A, phi_t, w], [listed(slip)])
+            return GeneratedFunction([A, phi_t, w], [listed(slip)])
 
         def columns(name: str) -> ca.SX:
+            """Return one result of all rows as a column."""
             return listed({k: getattr(row, name) for k, row in full.items()})
 
-        makers: dict[str, Callable[[], Straight]] = {
-            "rows": lambda: Straight(self._inputs(at), [entries, *map(columns, self._results)]),
-            "factorise": lambda: Straight([A, shift], [numbers]),
-            "solve": lambda: Straight([kept, x], [listed(factor.solve({k: x[k] for k in range(n)}))]),
-            "forces": lambda: Straight(poses, [ca.vertcat(*self._loads(at))]),
-            "applied_forces": lambda: Straight(poses, [ca.vertcat(*self._loads(at, turning=False))]),
-            "react": react, "close_joints": close_joints, "project_rates": project_rates, "slips": slips,
-            "push": lambda: Straight(
+        makers: dict[str, Callable[[], GeneratedFunction]] = {
+            "rows": lambda: GeneratedFunction(self._inputs(at), [entries, *map(columns, self._results)]),
+            "factorise": lambda: GeneratedFunction([A, shift, *self._bounds], [numbers, *shares]),
+            "solve": lambda: GeneratedFunction([kept, x], [listed(factor.solve({k: x[k] for k in range(n)}))]),
+            "forces": lambda: GeneratedFunction(poses, [ca.vertcat(*self._loads(at))]),
+            "applied_forces": lambda: GeneratedFunction(poses, [ca.vertcat(*self._loads(at, turning=False))]),
+            "react": react,
+            "close_joints": close_joints,
+            "project_rates": project_rates,
+            "slips": slips,
+            "push": lambda: GeneratedFunction(
                 [A, x, w], [ca.vertcat(*self._push(by_body, rows, {k: x[k] for k in range(n)}))]
             ),
-            "copy_entries": lambda: Straight([A], [A]), "copy_rows": lambda: Straight([x], [x]),
-            "copy_bodies": lambda: Straight([w], [w]), "copy_poses": lambda: Straight([at.r, at.R], [at.r, at.R]),
-        }  # fmt: skip
-        return {name: makers[name]() for name in names}, [entries.numel(), numbers.numel()]
+            "copy_entries": lambda: GeneratedFunction([A], [A]),
+            "copy_rows": lambda: GeneratedFunction([x], [x]),
+            "copy_bodies": lambda: GeneratedFunction([w], [w]),
+            "copy_poses": lambda: GeneratedFunction([at.r, at.R], [at.r, at.R]),
+        }
+        return {**{name: makers[name]() for name in names}, **couple}, [entries.numel(), numbers.numel()]
 
-    _results: Sequence[str] = ("phi", "phi_t", "gamma")  # of ``rows``, after A
+    _results: Sequence[str] = ("phi", "phi_t", "gamma")  # results of ``rows``, after A
 
-    def _inputs(self, at: State) -> list[ca.SX]:
-        """What ``rows`` reads."""
+    def _inputs(self, at: SymbolicState) -> list[ca.SX]:
+        """Return the inputs of the function ``rows``: time, poses and velocities."""
         return [*at]
 
-    def _find_entries(self, rows: dict[int, Row]) -> tuple[ca.SX, Callable[[ca.SX], dict[int, dict[int, ca.SX]]]]:
-        """Entries of A that vary, each once in the rows of a joint, and what makes A of each row of them."""
+    def _find_entries(
+        self, rows: dict[int, SymbolicRow]
+    ) -> tuple[ca.SX, Callable[[ca.SX], dict[int, dict[int, ca.SX]]]]:
+        """Return the entries of A that vary, each once in the rows of a joint, and a function that makes A of them."""
         values: list[ca.SX] = []
         parts = []
         for part in self.parts:
@@ -107,7 +126,7 @@ class SplitMechanism(Mechanism):
 
 
 class MeanMechanism(SplitMechanism):
-    """The same with mean rows: ``rows`` (h, r0, R0, r, R, v) -> (A, phi), v the mean velocities."""
+    """A split mechanism with mean rows: ``rows`` (h, r0, R0, r, R, v) -> (A, phi), v the mean velocities."""
 
     _results = ("phi",)
 
@@ -116,13 +135,15 @@ class MeanMechanism(SplitMechanism):
         nb = self.system.nb
         self._h, self._r0, self._R0 = ca.SX.sym("h"), ca.SX.sym("r0", 3 * nb), ca.SX.sym("R0", 9 * nb)
 
-    def _inputs(self, at: State) -> list[ca.SX]:
+    def _inputs(self, at: SymbolicState) -> list[ca.SX]:
+        """Return the inputs of the function ``rows``: h, poses at both ends, and mean velocities."""
         return [self._h, self._r0, self._R0, at.r, at.R, at.v]
 
-    def _rows(self, at: State) -> dict[int, Row]:
-        out: dict[int, Row] = {}
+    def _rows(self, at: SymbolicState) -> dict[int, SymbolicRow]:
+        """Return the mean rows of all joints, by their numbers in the kernel; phi is that at the end."""
+        out: dict[int, SymbolicRow] = {}
         arrays = (self._r0, 3), (self._R0, 9), (at.r, 3), (at.R, 9), (at.v, 6)
-        one = by_rows(ca.SX.eye(3))
+        one = list_by_rows(ca.SX.eye(3))
         still = ca.SX.zeros(3), one, ca.SX.zeros(3), one, ca.SX.zeros(6)
         for part in self.parts:
             bodies = [still if b == GROUND else [a[n * b : n * b + n] for a, n in arrays] for b in part.body]
@@ -131,7 +152,8 @@ class MeanMechanism(SplitMechanism):
             for k in range(len(part.of)):
                 A = {
                     b: ca.vertcat((1.0 - 2.0 * e) * forces[k, :].T, X[e][k, :].T)
-                    for e, b in enumerate(part.body) if b != GROUND
-                }  # fmt: skip
-                out[part.first + k] = Row(A, phi[k], ca.SX(0), ca.SX(0))
+                    for e, b in enumerate(part.body)
+                    if b != GROUND
+                }
+                out[part.first + k] = SymbolicRow(A, phi[k], ca.SX(0), ca.SX(0))
         return out

@@ -1,4 +1,4 @@
-"""Expressions that NumPy takes for numbers, so that equations written on numbers record what they do."""
+"""Expressions that NumPy takes for numbers, so that equations written for numbers record their operations."""
 
 import operator
 from collections.abc import Callable
@@ -24,6 +24,8 @@ class Symbol:
 
 
 def _binary(of: Callable[[Any, Any], Any], *, swapped: bool) -> Callable[[Symbol, Any], Any]:
+    """Return the method of ``Symbol`` for an operation of two; ``swapped``: of the other and itself."""
+
     def combine(a: Symbol, b: Any) -> Any:
         if isinstance(b, np.ndarray):
             return NotImplemented  # element by element, by NumPy
@@ -34,6 +36,7 @@ def _binary(of: Callable[[Any, Any], Any], *, swapped: bool) -> Callable[[Symbol
 
 
 def _unary(of: Callable[[Any], Any]) -> Callable[[Symbol], Symbol]:
+    """Return the method of ``Symbol`` for a function of one."""
     return lambda a: Symbol(of(a.x))
 
 
@@ -43,6 +46,6 @@ for _name in ("add", "sub", "mul", "truediv", "pow"):
 for _name in ("lt", "le", "gt", "ge", "eq", "ne"):
     setattr(Symbol, f"__{_name}__", _binary(getattr(operator, _name), swapped=False))
 for _name in ("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh", "sqrt", "exp", "log", "fabs"):
-    setattr(Symbol, _name, _unary(getattr(ca, _name)))  # what NumPy calls on objects
+    setattr(Symbol, _name, _unary(getattr(ca, _name)))  # NumPy calls these methods on objects
 for _name, _of in (("__abs__", _unary(ca.fabs)), ("arctan2", _binary(ca.atan2, swapped=False))):
     setattr(Symbol, _name, _of)

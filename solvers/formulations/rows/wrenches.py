@@ -17,7 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..generated import Loop, Straight
+from ..generated import GeneratedFunction, Loop
 from .expressions import RowExpressions, matrix, pose_rate, row_expressions
 
 ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
@@ -26,8 +26,12 @@ BODY = (("r", 3), ("R", 9), ("u", 6), ("numbers", 22))  # numbers: m g, m, J^-1,
 
 def wrench_loops(
     kind: str, rows: tuple[int, ...], ground: bool, direction: int, *, use_f_bar: bool
-) -> dict[str, Loop | Straight]:
-    """All loops, and ``sizes``: how many entries of the start and of the end are kept."""
+) -> dict[str, Loop | GeneratedFunction]:
+    """Return the functions of the module's table for a kind of joint, as loops to compile, and ``sizes``.
+
+    ``sizes`` are the numbers of entries kept of the start and of the end. ``direction`` is that of c in Eq. (31);
+    ``use_f_bar``: with f_bar of Eq. (30).
+    """
     e, n = row_expressions(kind, rows, space=True), 1 if ground else 2
     x, nu_start = (ca.SX.sym(name, len(rows)) for name in ("x", "nu_start"))
     plan = ca.SX.sym("plan", 3)
@@ -56,33 +60,39 @@ def wrench_loops(
     last = [ca.densify(f_bar)] if use_f_bar else []
     return {
         "begin": Loop(
-            whole=[e.t, plan], rows=[e.numbers], blocks=[part for b in bodies[:n] for part in b],
-            stored=[entries0[1], ca.densify(slip), *last], added_blocks=by_ends(first[: 6 * n]),
+            whole=[e.t, plan],
+            rows=[e.numbers],
+            blocks=[part for b in bodies[:n] for part in b],
+            stored=[entries0[1], ca.densify(slip), *last],
+            added_blocks=list_by_ends(first[: 6 * n]),
         ),
         "impulses": Loop(
-            whole=[e.t, plan], rows=[e.numbers, given[0], x, nu_start], blocks=blocks,
-            stored=[entries[1], *last], added_blocks=by_ends(w),
+            whole=[e.t, plan],
+            rows=[e.numbers, given[0], x, nu_start],
+            blocks=blocks,
+            stored=[entries[1], *last],
+            added_blocks=list_by_ends(w),
         ),
         "rates": Loop(rows=[given[1]], blocks=[ends[b][2] for b in range(n)], stored=[ca.densify(-D_kept.T @ u)]),
-        "loads": Loop(rows=[given[1], x], added_blocks=by_ends(D_kept @ x)),
-        "sizes": Straight([], [ca.DM([entries0[0].numel(), entries[0].numel()])]),
-    }  # fmt: skip
+        "loads": Loop(rows=[given[1], x], added_blocks=list_by_ends(D_kept @ x)),
+        "sizes": GeneratedFunction([], [ca.DM([entries0[0].numel(), entries[0].numel()])]),
+    }
 
 
-def by_ends(w: ca.SX) -> list[ca.SX]:
-    """Six entries of each end."""
+def list_by_ends(w: ca.SX) -> list[ca.SX]:
+    """Return the six entries of each body of a load ``w`` (6 or 12)."""
     return [ca.densify(w[at : at + 6]) for at in range(0, w.numel(), 6)]
 
 
 def _entries(Z: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
-    """Symbols and values of the entries of a matrix that vary, and the matrix in these symbols."""
+    """Return symbols and values of the entries of a matrix that vary, and the matrix in these symbols."""
     values, fill = distinct_entries(Z)
     kept = ca.SX.sym("kept", len(values))
     return (kept, ca.vertcat(*values)), fill(kept)
 
 
 def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
-    """The entries of a matrix that vary, and what makes the matrix of them.
+    """Return the entries of a matrix that vary, each once, and a function that makes the matrix of them.
 
     Two are one where they are equal, or opposite, at random numbers.
     """
@@ -117,7 +127,7 @@ def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
 
 
 def measures_in_space(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX]:
-    """M_bar and f_bar of rows in space under gravity, with the ``BODY`` of each end."""
+    """Return M_bar and f_bar of rows in space under gravity, with the ``BODY`` of each end."""
     turn = [ca.diagcat(ca.SX.eye(3), matrix(e.x[12 * end + 3 : 12 * end + 12])) for end in range(2)]
     ends = [(x[3], matrix(x[13:22]), matrix(x[4:13]), ca.vertcat(x[:3], ca.SX(3, 1))) for *_, x in bodies]
     return measures(e.A @ ca.diagcat(*turn), ends, direction)[:2]
@@ -126,9 +136,9 @@ def measures_in_space(e: RowExpressions, bodies: Sequence[list[ca.SX]], directio
 def measures(
     A: ca.SX, ends: Sequence[tuple[ca.SX, ca.SX, ca.SX, ca.SX]], direction: int
 ) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """M_bar = c . M c and f_bar = c . f of each row in the body (n, 12), and c on each end (n, 6).
+    """Return M_bar = c . M c and f_bar = c . f of each row in the body (n, 12), and c on each end (n, 6).
 
-    Of each end mass, J, J^-1 and force [space] with torque [body].
+    Each of ``ends`` gives mass, J, J^-1 and force [space] with torque [body]; ``direction`` is that of c in Eq. (31).
     """
     n, c = A.shape[0], list[ca.SX]()
     if direction == TRANSLATION:

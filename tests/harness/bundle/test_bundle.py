@@ -119,11 +119,13 @@ def test_a_bundle_holds_the_records_and_states_of_its_results(results, made):
     records = {r.run_id: r for r in store.load(results).records}
     told = json.loads(files["records.json"])
     assert [r["run_id"] for r in told] == sorted(records)
-    assert all(float(r["energy_drift_max_J"]) == pytest.approx(records[r["run_id"]].energy_drift_max_J, nan_ok=True)
-               for r in told)  # fmt: skip
+    assert all(
+        float(r["energy_drift_max_J"]) == pytest.approx(records[r["run_id"]].energy_drift_max_J, nan_ok=True)
+        for r in told
+    )
     lossless = json.loads(files["bundle.json"])["lossless"]
     for run in json.loads(files["runs.json"]):
-        series = store.series_of(results, records[run["run_id"]])
+        series = store.read_run_series(results, records[run["run_id"]])
         states = states_of_run(files, run)
         assert bool(states) == (series is not None)
         if series is None:
@@ -145,8 +147,9 @@ def test_a_bundle_holds_the_records_and_states_of_its_results(results, made):
         assert not lossless or np.array_equal(times, series["sample_t"])
         system = make_problem(problem["problem"], problem["parameters"]).system
         for name in ("mass", "inertia", "joint_s_i", "joint_n", "joint_motion"):
-            assert np.array_equal(np.array(problem["numbers"][name]).reshape(getattr(system, name).shape),
-                                  getattr(system, name))  # fmt: skip
+            assert np.array_equal(
+                np.array(problem["numbers"][name]).reshape(getattr(system, name).shape), getattr(system, name)
+            )
     assert len([n for n in files if n.startswith("problems/")]) == 3  # two runs share one
 
 
@@ -188,8 +191,16 @@ def test_the_page_lists_every_file_and_array(made):
     names = {re.sub(r"\.[0-9a-f]{12}\.", ".<id>.", n).replace("s/<id>.npy", "s/<run_id>.npy") for n in hidden}
     names = {n.replace("references/<run_id>", "references/<id>") for n in names}
     assert names <= listed
-    assert {"records.json", "runs.json", "bundle.json", METADATA, MANIFEST, "runs/<run_id>.npy", "problems/<id>.json",
-            "references/<id>.npy"} <= names  # fmt: skip
+    assert {
+        "records.json",
+        "runs.json",
+        "bundle.json",
+        METADATA,
+        MANIFEST,
+        "runs/<run_id>.npy",
+        "problems/<id>.json",
+        "references/<id>.npy",
+    } <= names
     runs = json.loads(files["runs.json"])
     for entry in (*runs, json.loads(files["bundle.json"])):
         assert set(entry) <= listed
@@ -239,7 +250,7 @@ def test_a_hostile_name_is_never_written(tmp_path, name):
 def test_a_record_with_another_id_and_a_series_without_whole_states_are_refused(results, tmp_path, capsys):
     moved = shutil.copytree(results, tmp_path / "run")
     (record,) = [r for r in store.load(moved).records if r.solver == "rattle"]
-    series = store.series_of(moved, record)
+    series = store.read_run_series(moved, record)
     broken = {k: a for k, a in series.arrays.items() if k != "state_R"}
     digest = write_series(moved / record.series, type(series)(broken, *list(vars(series).values())[1:]))
     store.write_record(moved, dataclasses.replace(record, series_sha256=digest))

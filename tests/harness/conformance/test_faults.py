@@ -81,24 +81,32 @@ FORCES, NEGATIVE = "reaction=x[n:]", "reaction=-x[n:]"
 
 FAULTS = {  # the solver, what is changed (from, to, ...), the requirements that fail with the value measured
     "gyroscopic torque 20 % too small": ("midpoint", (GYRO, LESS), {TORQUE: 0.8, ORDER: 0.0}),
-    "order 4 declared, 2 true": ("midpoint", ("order: ClassVar[float] = 2.0", "order: ClassVar[float] = 4.0"),
-                                 {ORDER: 2.0}),
+    "order 4 declared, 2 true": (
+        "midpoint",
+        ("order: ClassVar[float] = 2.0", "order: ClassVar[float] = 4.0"),
+        {ORDER: 2.0},
+    ),
     "reaction with the wrong sign": ("midpoint", (FORCES, NEGATIVE), {REACTION: 2.0}),
     "every tenth step recorded": ("midpoint", (STACKED, FEWER + STACKED), {GAPS: 10.0}),
     "every tenth step recorded, all counted": (
-        "midpoint", (STACKED, FEWER + STACKED, '{"steps": len(times) - 1', '{"steps": counted'),
+        "midpoint",
+        (STACKED, FEWER + STACKED, '{"steps": len(times) - 1', '{"steps": counted'),
         {GAPS: 10.0, COUNTED: 0.1},
     ),
     "error control, gyroscopic torque 20 % too small": (
-        "dormand_prince", (GYRO, LESS), {TORQUE: 0.8, ORDER: 1.0},
+        "dormand_prince",
+        (GYRO, LESS),
+        {TORQUE: 0.8, ORDER: 1.0},
     ),
     "error control, reaction with the wrong sign": ("dormand_prince", (FORCES, NEGATIVE), {REACTION: 2.0}),
     "error control, every tenth step recorded": (
-        "dormand_prince", ("for s in states]\n" + STACKED, "for s in states]\n" + FEWER_LOADS + STACKED), {GAPS: 10.0},
+        "dormand_prince",
+        ("for s in states]\n" + STACKED, "for s in states]\n" + FEWER_LOADS + STACKED),
+        {GAPS: 10.0},
     ),
     "nothing": ("midpoint", (), {}),
     "error control, nothing": ("dormand_prince", (), {}),
-}  # fmt: skip
+}
 
 
 def measured(name, text, folder):
@@ -112,10 +120,10 @@ def measured(name, text, folder):
             own = getattr(requirements, motion)
             patch.setattr(requirements, motion, {**own, "t_end": 0.5 * own["t_end"]})
         registry.load_plugin(path)
-        specs = {k: s for k, s in requirements.runs_of(name).items() if k.startswith(("finer", "spinning"))}
+        specs = {k: s for k, s in requirements.group_runs(name).items() if k.startswith(("finer", "spinning"))}
         store.create(folder / "run")
         mine = {role: run_here(Job(spec, folder / "run")) for role, spec in specs.items()}  # in this process
-        series = {role: store.series_of(folder / "run", r) for role, r in mine.items()}
+        series = {role: store.read_run_series(folder / "run", r) for role, r in mine.items()}
         made = registry.make_solver(name)
         evidence = Evidence(made.control, made.order, mine, series)
         names = (ORDER, TORQUE, REACTION, COUNTED, GAPS)
@@ -135,7 +143,7 @@ def test_a_solver_that_drops_time_does_not_follow_drives(text, tmp_path, monkeyp
     path.write_text(text, encoding="utf-8")
     registry.load_plugin(path)
     store.create(tmp_path / "run")
-    spec = requirements.runs_of("midpoint")["driven"]
+    spec = requirements.group_runs("midpoint")["driven"]
     record = run_here(Job(spec, tmp_path / "run"))
     found = check_drives(Evidence("dt", 2.0, {"driven": record}, {}))
     assert found.is_tested and found.holds == (text == FIXED)

@@ -121,8 +121,9 @@ def test_a_singular_matrix_names_redundant_rows_where_there_are_any():
         e = equations(system, state)
         M = np.kron(np.eye(system.nb), np.ones((6, 6)))
         M[M != 0] = e.M.ravel()
-        x = np.linalg.solve(np.block([[M, -e.A.T], [e.A, np.zeros((len(e.A), len(e.A)))]]),
-                            np.concatenate((e.f.ravel(), -e.A_dot_v)))  # fmt: skip
+        x = np.linalg.solve(
+            np.block([[M, -e.A.T], [e.A, np.zeros((len(e.A), len(e.A)))]]), np.concatenate((e.f.ravel(), -e.A_dot_v))
+        )
         a = x[: 6 * system.nb].reshape(-1, 6)
         return advance(state, Rates(state.v, state.Omega, a[:, :3], a[:, 3:], x[6 * system.nb :]), dt)
 

@@ -61,11 +61,15 @@ def measured(errors: list[float], order: float = 4.0):
     """The finding on a solver of fixed steps with these errors at halved steps."""
     runs = {
         f"finer {k}": RunRecord(
-            status="success", claimed="success", dt_s=0.5**k, length_scale_m=1.0, position_error_max_m=e,
+            status="success",
+            claimed="success",
+            dt_s=0.5**k,
+            length_scale_m=1.0,
+            position_error_max_m=e,
             orientation_error_max_rad=0.0,
         )
         for k, e in enumerate(errors)
-    }  # fmt: skip
+    }
     return check_order(Evidence("dt", order, runs, {}))
 
 

@@ -20,36 +20,52 @@ EXAMPLE = WHOLE.replace("t_end=2.0", "t_end=0.2")  # a tenth of the time, in whi
 FAULTS = {  # what is changed in the example (from, to), and the requirements that must fail
     "turned sign in the start": ("np.cross(omega, r)[None]", "-np.cross(omega, r)[None]", "its start is consistent"),
     "precession too fast": (
-        "Precession(begin, rate, spin)", "Precession(begin, 1.01 * rate, spin)",
-        "its reference begins at the start", "its reference obeys Newton and Euler",
+        "Precession(begin, rate, spin)",
+        "Precession(begin, 1.01 * rate, spin)",
+        "its reference begins at the start",
+        "its reference obeys Newton and Euler",
     ),
     "spin without its equation": ("(AXIAL * rate)\n", "(AXIAL * rate) + 1.0\n", "its reference obeys Newton and Euler"),
     "velocities of something else": (
-        "np.cross(self.rate * E_3, r)[:, None]", "0.0 * r[:, None]", "its reference begins at the start",
-        "velocities of its reference are those of its poses", "its reference obeys Newton and Euler",
+        "np.cross(self.rate * E_3, r)[:, None]",
+        "0.0 * r[:, None]",
+        "its reference begins at the start",
+        "velocities of its reference are those of its poses",
+        "its reference obeys Newton and Euler",
     ),
     "a joint that opens": (
-        "r = turn @ self.start.r[0]", "r = turn @ self.start.r[0] * (1.0 + 1e-3 * t[:, None])",
-        "its reference keeps the joints closed", "its reference keeps the energy",
+        "r = turn @ self.start.r[0]",
+        "r = turn @ self.start.r[0] * (1.0 + 1e-3 * t[:, None])",
+        "its reference keeps the joints closed",
+        "its reference keeps the energy",
     ),
     "an invariant that is none": (
-        "s.Omega[:, 0, 2]", "s.Omega[:, 0, 0]", "its invariants are constant along the motion",
+        "s.Omega[:, 0, 2]",
+        "s.Omega[:, 0, 0]",
+        "its invariants are constant along the motion",
     ),
     "an observable without time": (
-        "s.r[:, 0, 2]", "s.r[0, 0, 2]", "observables and invariants are numbers over time",
+        "s.r[:, 0, 2]",
+        "s.r[0, 0, 2]",
+        "observables and invariants are numbers over time",
     ),
     "no words": (
-        '"""Disc on a spherical joint in steady precession."""', "pass", "it can be made and is documented",
+        '"""Model a disc on a spherical joint in steady precession."""',
+        "pass",
+        "it can be made and is documented",
     ),
     "another start each time": (
-        "math.radians(theta)", "math.radians(theta + np.random.rand())", "making it twice gives the same problem",
+        "math.radians(theta)",
+        "math.radians(theta + np.random.rand())",
+        "making it twice gives the same problem",
     ),
     "an error that is none": ("return 1e-15 * (1.0", "return -1e-15 * (1.0", "its reference states its error"),
     "a crash in the reference": (
-        "turn = so3.exp(self.rate", "import os; os._exit(3)\n        turn = so3.exp(self.rate",
+        "turn = so3.exp(self.rate",
+        "import os; os._exit(3)\n        turn = so3.exp(self.rate",
         "its reference begins at the start",
     ),
-}  # fmt: skip
+}
 
 
 def checked(tmp_path, text):

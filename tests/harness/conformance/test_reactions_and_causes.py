@@ -42,9 +42,9 @@ def judged(text: str, folder, monkeypatch, *roles: str):
     monkeypatch.setattr(solver, "MOVING", {**solver.MOVING, "t_end": 0.3})
     registry.load_plugin(path)
     store.create(folder / "run")
-    specs = {role: s for role, s in solver.runs_of("midpoint").items() if role.startswith(roles)}
+    specs = {role: s for role, s in solver.group_runs("midpoint").items() if role.startswith(roles)}
     records = {role: run_here(Job(spec, folder / "run")) for role, spec in specs.items()}
-    series = {role: store.series_of(folder / "run", r) for role, r in records.items()}
+    series = {role: store.read_run_series(folder / "run", r) for role, r in records.items()}
     evidence = trials.Evidence("dt", 2.0, records, series)
     return {r.name: r.measure(evidence) for r in solver.REQUIREMENTS if r.name in (ORDER, MOMENTS, COLUMNS)}
 
@@ -71,7 +71,7 @@ def test_one_error_is_one_failure(tmp_path):
     path.write_text(MIDPOINT.replace("dt / 2", "dt / None"), encoding="utf-8")
     registry.load_plugin(path)
     store.create(tmp_path / "run")
-    records = tuple(run_here(Job(s, tmp_path / "run")) for s in solver.runs_of("midpoint").values())
+    records = tuple(run_here(Job(s, tmp_path / "run")) for s in solver.group_runs("midpoint").values())
     found = solver.check_solver("midpoint", tmp_path / "run", records)
     (failed,) = [f for f in found if not f.holds]
     assert "TypeError" in failed.measured.words and "midpoint.py:" in failed.measured.words
@@ -96,7 +96,7 @@ def test_a_problem_that_cannot_be_made_is_said_once(tmp_path):
     (name,) = [n for n in registry.problems() if not registry.is_own_problem(n)]
     found = problem.check_problem(name, (str(path),))
     failed = [f for f in found if not f.holds]
-    assert len(failed) == 1 and re.search(r"joint 0 \(O\): .*\(gyroscope.py:\d+\)", failed[0].measured.words)
+    assert len(failed) == 1 and re.search(r"joint 'O': .*\(gyroscope.py:\d+\)", failed[0].measured.words)
     assert not [f for f in found if f.is_tested and f.holds]
 
 

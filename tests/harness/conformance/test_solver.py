@@ -95,11 +95,16 @@ def test_each_requirement_not_met_is_explained(example, command, tmp_path):
     assert done.returncode == 1 and all(f["remedy"] and f["why"] for f in findings)
     failed = {f["quantity"] for f in findings if f["verdict"] == "failed"}
     assert failed == {
-        "it succeeds or refuses", "a refusal has a reason", "moments of its reactions are those of the exact motion",
-        "errors fall with the declared order, or with rtol", "errors of reactions fall with the steps, or with rtol",
-        "the same run gives the same numbers", "max_steps stops it", "it stops itself at the limit on CPU time",
+        "it succeeds or refuses",
+        "a refusal has a reason",
+        "moments of its reactions are those of the exact motion",
+        "errors fall with the declared order, or with rtol",
+        "errors of reactions fall with the steps, or with rtol",
+        "the same run gives the same numbers",
+        "max_steps stops it",
+        "it stops itself at the limit on CPU time",
         "steps are kept when it is stopped",
-    }  # fmt: skip
+    }
 
 
 BAD = {
@@ -144,7 +149,7 @@ def test_entry_points_run_only_when_named(tmp_path, monkeypatch):
         registry.load_plugin("oter")
     registry.load_plugin("outer")
     assert "midpoint" in registry.solvers()
-    assert plugins.sources_of("outer") == (tmp_path / "outside_package.py",)
+    assert plugins.list_sources("outer") == (tmp_path / "outside_package.py",)
 
 
 WRONG_CALLS = {

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.ensemble.clouds import Code, make_ensemble, run_cloud
-from mbsbench.harness.ensemble.sampling import state_at
+from mbsbench.harness.ensemble.clouds import ConfiguredSolver, make_ensemble, run_cloud
+from mbsbench.harness.ensemble.sampling import interpolate_state
 from mbsbench.harness.ensemble.verdict import ALL_C, NO_DIFFERENCE, compare_clouds, judge
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.mechanics.state import States
@@ -24,9 +24,9 @@ def ensemble():
     return make_ensemble(registry.make_problem("simple_pendulum"), SPREAD, 1, AT)
 
 
-def make_code(name: str, **control: float) -> Code:
+def make_code(name: str, **control: float) -> ConfiguredSolver:
     """A solver of the catalogue."""
-    return Code(name, "", registry.make_solver(name), StepControl(**control))
+    return ConfiguredSolver(name, "", registry.make_solver(name), StepControl(**control))
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_without_chaos_the_error_of_members_is_that_of_the_run(ensemble, true):
     found = compare_clouds(ensemble, run_cloud(ensemble, code, range(12), 1), *(_first(c, 12) for c in true))
     (last,) = (c for c in found if c.quantity == ALL_C and c.t_s == AT[-1])
     runs = [c.solver.solve(ensemble.problem, c.control) for c in (code, true[0].code)]
-    single, exact = (state_at(run.states, AT[-1]).r for run in runs)
+    single, exact = (interpolate_state(run.states, AT[-1]).r for run in runs)
     assert last.error == pytest.approx(np.linalg.norm(single - exact), rel=20.0 * SPREAD)
 
 
@@ -85,12 +85,12 @@ def test_states_between_steps_are_those_of_the_motion(ensemble):
     s = code.solver.solve(problem, code.control).states
     for t in (0.0131, 0.211, 0.487):
         end = dataclasses.replace(problem, t_end=t)
-        wanted, found = code.solver.solve(end, code.control).states[-1], state_at(s, t)
+        wanted, found = code.solver.solve(end, code.control).states[-1], interpolate_state(s, t)
         for name in ("r", "R", "v", "Omega"):
             np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=1e-9)
-    np.testing.assert_array_equal(state_at(s, s.times[3]).R, s.R[3])
+    np.testing.assert_array_equal(interpolate_state(s, s.times[3]).R, s.R[3])
     with pytest.raises(ValueError, match="ends at"):
-        state_at(s, 1.0)
+        interpolate_state(s, 1.0)
 
 
 def test_missing_members_are_counted_and_leave_no_clean_verdict(ensemble, true):

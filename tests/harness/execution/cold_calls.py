@@ -29,10 +29,14 @@ from mbsbench.solvers.formulations.compiled import host
 from mbsbench.solvers.formulations.joint_coordinates import marching, symplectic
 
 OF_LLVM = (  # all machine code goes through these: ours, and numba's
-    (llvm, "parse_assembly"), (llvm, "parse_bitcode"), (llvm, "create_mcjit_compiler"),
-    (llvm.TargetMachine, "emit_object"), (llvm.ExecutionEngine, "add_object_file"),
-    (llvm.ExecutionEngine, "add_module"), (llvm.ExecutionEngine, "finalize_object"),
-)  # fmt: skip
+    (llvm, "parse_assembly"),
+    (llvm, "parse_bitcode"),
+    (llvm, "create_mcjit_compiler"),
+    (llvm.TargetMachine, "emit_object"),
+    (llvm.ExecutionEngine, "add_object_file"),
+    (llvm.ExecutionEngine, "add_module"),
+    (llvm.ExecutionEngine, "finalize_object"),
+)
 OF_CASADI = ((ca, "jacobian"), (ca, "substitute"), (ca, "jtimes"), (ca.SX, "sym"), (ca.Function, "__init__"))
 SAFE = marching.LEAST_PIVOT, symplectic.POOR_PIVOT
 POOR = 0.999  # of its start: a pivot below it is poor
@@ -49,8 +53,11 @@ class Events:
             whole = f"{getattr(owner, '__name__', owner)}.{name}"
             plain = inspect.getattr_static(owner, name)
             static = isinstance(plain, staticmethod | classmethod)
-            setattr(owner, name, staticmethod(self._tell(whole, getattr(owner, name))) if static
-                    else self._tell(whole, plain))  # fmt: skip
+            setattr(
+                owner,
+                name,
+                staticmethod(self._tell(whole, getattr(owner, name))) if static else self._tell(whole, plain),
+            )
         sys.addaudithook(self._hear)
 
     @contextlib.contextmanager
@@ -97,11 +104,20 @@ def call(events: Events, spec: RunSpec, t_end: float | None = None) -> dict[str,
     cost = {name: float(value) for name, value in handed.report.cost.items()}
     notes, own = (t.notes, t.cpu_time) if (t := handed.trajectory) else ((), 0.0)
     return {
-        "solver": spec.solver, "problem": spec.problem, "options": dict(spec.options), "t_end": t_end,
-        "status": str(handed.report.claimed), "notes": notes, "marchers": len(marchers),
-        "metered": dict(events.metered), "unmetered": dict(events.unmetered), "spent": spent, "made": made,
-        "cost": cost, "own": own,
-    }  # fmt: skip
+        "solver": spec.solver,
+        "problem": spec.problem,
+        "options": dict(spec.options),
+        "t_end": t_end,
+        "status": str(handed.report.claimed),
+        "notes": notes,
+        "marchers": len(marchers),
+        "metered": dict(events.metered),
+        "unmetered": dict(events.unmetered),
+        "spent": spent,
+        "made": made,
+        "cost": cost,
+        "own": own,
+    }
 
 
 @contextlib.contextmanager

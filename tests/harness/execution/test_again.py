@@ -5,16 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mbsbench.cli.again import find_brief
+from mbsbench.cli.full_series import find_brief
 from mbsbench.cli.progress import run_watched
 from mbsbench.harness.bundle.contents import list_contents
 from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.execution import again
-from mbsbench.harness.execution.again import solve_again
+from mbsbench.harness.execution import full_series
+from mbsbench.harness.execution.full_series import solve_every_step
 from mbsbench.harness.execution.runner import Request
 from mbsbench.harness.files import FileError
 from mbsbench.harness.results import codes, store
-from mbsbench.harness.results.envelopes import FEW, span_of
+from mbsbench.harness.results.envelopes import FEW, find_spans
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.suites.suite import Suite
 
@@ -50,13 +50,15 @@ def brief(tmp_path_factory):
 @pytest.fixture(scope="module")
 def pairs(full, brief):
     """Each run with both of its series."""
-    found = [(r, store.series_of(full[0], r), store.series_of(brief[0], brief[1][s])) for s, r in full[1].items()]
+    found = [
+        (r, store.read_run_series(full[0], r), store.read_run_series(brief[0], brief[1][s])) for s, r in full[1].items()
+    ]
     assert len(found) == len(RUNS)
     return found
 
 
 def solve(folder, records, place, **how):
-    return solve_again(folder, records, place, 1, lambda request: run_watched(request, quiet=True), **how)
+    return solve_every_step(folder, records, place, 1, lambda request: run_watched(request, quiet=True), **how)
 
 
 def test_each_envelope_contains_each_step(pairs):
@@ -70,7 +72,7 @@ def test_each_envelope_contains_each_step(pairs):
             enveloped += 1
             values = whole[name] if name in whole else whole[f"obs_{name[5:]}"] - whole[f"ref_{name[5:]}"]
             good = np.isfinite(values)
-            span = span_of(whole["t"][good], e.begin, e.end, len(e.low))
+            span = find_spans(whole["t"][good], e.begin, e.end, len(e.low))
             assert np.all(e.low[span] <= values[good]) and np.all(values[good] <= e.high[span]), name
             assert np.array_equal(series.tail(name, 9), values[-9:], equal_nan=True) or record.status != "stalled"
         same = {k for k in series.arrays if k in whole.arrays and series[k].shape == whole["t"].shape}
@@ -81,12 +83,12 @@ def test_each_envelope_contains_each_step(pairs):
 
 def test_poses_are_as_near_as_pages_allow(pairs):
     """Between the poses kept, the bodies of the full file are at most 0.005 of a body off, and 0.015 rad."""
-    from mbsbench.reports.mechanism.theatre.poses import Poses, _apart, interpolate_poses
+    from mbsbench.reports.mechanism.theatre.poses import Poses, _compare_poses, interpolate_poses
 
     for _, whole, series in pairs:
         ours, theirs = (Poses(s["frame_t"], s["frame_r"].astype(float), s["frame_q"]) for s in (series, whole))
         span = np.linalg.norm(whole["joint_s_i"], axis=1).max()
-        distance, angle = _apart(interpolate_poses(ours, theirs.t), theirs)
+        distance, angle = _compare_poses(interpolate_poses(ours, theirs.t), theirs)
         assert np.max(distance) < 0.01 * span + series.length * 4e-4 and np.max(angle) < 0.015
 
 
@@ -108,7 +110,7 @@ def test_steps_on_demand_are_those_of_the_run_bit_for_bit(full, brief, tmp_path)
     assert find_brief(full[0], list(full[1].values())) == []
     found = solve(folder, list(records.values()), tmp_path / "again", lossless=False)
     for settings, record in records.items():
-        whole, series = store.series_of(full[0], full[1][settings]), found[record.run_id]
+        whole, series = store.read_run_series(full[0], full[1][settings]), found[record.run_id]
         rows = [k for k, a in whole.arrays.items() if a.shape == whole["t"].shape]
         assert len(rows) > 12 and len(series["t"]) == record.steps + 1
         assert all(series[k].tobytes() == whole[k].tobytes() for k in rows)
@@ -145,16 +147,19 @@ def test_steps_are_refused_where_they_would_not_be_those_of_the_run(brief, tmp_p
     folder, records = brief
     record = next(iter(records.values()))
     if what == "code":
-        monkeypatch.setattr(codes, "code_of", lambda *of: "of another commit")
+        monkeypatch.setattr(codes, "digest_run_code", lambda *of: "of another commit")
         expected = "is of code .*, here is of another commit"
     elif what == "platform":
-        own = again.environment.stamp("", "", 1, ())
-        monkeypatch.setattr(again.environment, "stamp", lambda *of: {**own, "libc": "glibc 1.0"})
+        own = full_series.environment.describe_environment("", "", 1, ())
+        monkeypatch.setattr(full_series.environment, "describe_environment", lambda *of: {**own, "libc": "glibc 1.0"})
         expected = "C library .* -> glibc 1.0"
     else:
-        series = store.series_of(folder, record)
-        monkeypatch.setattr(again.store, "series_of", lambda where, r, **how: dataclasses.replace(
-            series, steps_sha256="0" * 64 if where == folder else "1" * 64))  # fmt: skip
+        series = store.read_run_series(folder, record)
+        monkeypatch.setattr(
+            full_series.store,
+            "read_run_series",
+            lambda where, r, **how: dataclasses.replace(series, steps_sha256="0" * 64 if where == folder else "1" * 64),
+        )
         expected = "its steps have other bits"
     with pytest.raises(FileError, match=expected) as refused:
         solve(folder, [record], tmp_path / "again", lossless=False)

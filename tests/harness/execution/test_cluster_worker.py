@@ -12,10 +12,10 @@ import pytest
 from mbsbench.harness.execution import cluster
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.pool import PoolError
-from mbsbench.harness.execution.protocol import Done
+from mbsbench.harness.execution.protocol import RunEnded
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import store
-from mbsbench.harness.results.codes import code_of
+from mbsbench.harness.results.codes import digest_run_code
 from mbsbench.harness.suites.suite import parse_suite
 
 from ..conftest import PLUGIN, Silent
@@ -28,7 +28,7 @@ def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
     store.create(tmp_path)
     plugins = (str(PLUGIN),)
     suite = parse_suite(TEXT, "test", "test", plugins=plugins)
-    codes_of = [code_of(s.problem, s.solver, plugins) for s in suite.specs]
+    codes_of = [digest_run_code(s.problem, s.solver, plugins) for s in suite.specs]
     jobs = [
         Job(s, tmp_path, "test", code, "", plugins, total_limit=7.0).to_json()
         for s, code in zip(suite.specs, codes_of, strict=True)
@@ -36,15 +36,15 @@ def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
 
     def ends(text: str):
         job = Job.from_json(text)
-        cluster._store(job, cluster.run_run(text, "ticket").files)
+        cluster._store(job, cluster.run_job(text, "ticket").files)
         return store.read_record(tmp_path / "runs" / f"{job.id}.json")
 
     try:
         assert [ends(text).status for text in jobs[:2]] == ["success", "crashed"]
-        threading.Thread(target=lambda: (time.sleep(1.0), cluster.stop_here("ticket"))).start()
+        threading.Thread(target=lambda: (time.sleep(1.0), cluster.stop_ticket("ticket"))).start()
         last = ends(jobs[2])
         assert last.ended_by == "total_limit" and last.ended_limit_s == 7.0 and last.status == "unfinished"
-        assert cluster.run_run(jobs[0], "ticket") == cluster.Sent()
+        assert cluster.run_job(jobs[0], "ticket") == cluster.WorkerResult()
     finally:
         cluster._supervisor().close()
 
@@ -89,12 +89,14 @@ def change(folder, job):
 HOSTILE = {  # what the first run does in the folder of its worker: how many results there are, and what is said
     "another run's record": (lambda folder, job, others: lay(folder, f"{others[0].id}.json"), 2, "exact.*wrote runs/"),
     "another run's series": (
-        lambda folder, job, others: (folder / "series" / f"{others[0].id}.npz").write_bytes(b""), 2, "wrote series/",
+        lambda folder, job, others: (folder / "series" / f"{others[0].id}.npz").write_bytes(b""),
+        2,
+        "wrote series/",
     ),
     "its own record": (lambda folder, job, others: change(folder, job), 1, "wrote runs/"),
     "no record": (lambda folder, job, others: (folder / "runs" / f"{job.id}.json").unlink(), 1, "no result in"),
     "nothing: it cannot begin": (None, 1, "1 run could not begin, which says nothing of their solvers: no room"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("how", HOSTILE)
@@ -111,10 +113,14 @@ def test_one_run_costs_a_clusters_suite_no_other(tmp_path, monkeypatch, how):
         if len(begun) > 1:
             return honest(self, job)
         if act is None:
-            return Done(job.id, unbegun="no room")
+            return RunEnded(job.id, unbegun="no room")
         told = honest(self, job)
         other = next(s for s in suite.specs if s.solver != job.spec.solver)
-        act(job.folder, job, [replace(job, spec=other, code=code_of(other.problem, other.solver, suite.plugins))])
+        act(
+            job.folder,
+            job,
+            [replace(job, spec=other, code=digest_run_code(other.problem, other.solver, suite.plugins))],
+        )
         return told
 
     monkeypatch.setattr(cluster._Supervisor, "run", run)

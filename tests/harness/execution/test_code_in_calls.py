@@ -22,16 +22,20 @@ MODULE = "mbsbench.tests.harness.execution.cold_calls"
 OURS = sorted(path.stem for path in Path(solvers.__file__).parent.glob("[!_]*.py"))  # not engines
 SECOND_ROUTES = (
     "gc_weak_form:chain:1:0.01",  # steps that the simplified method does not solve: the full one takes over
-    "gauss_joint:heavy_top:1!", "dop853_joint:spherical_pendulum:0.1!",  # other pivots
-)  # fmt: skip
+    "gauss_joint:heavy_top:1!",
+    "dop853_joint:spherical_pendulum:0.1!",  # other pivots
+)
 
 
 def calls_in_cold_process(folder, *chosen):
     """The calls of a process that keeps its code in the empty ``folder``."""
     done = subprocess.run(
-        (sys.executable, "-m", MODULE, *chosen), env={**os.environ, "MBSBENCH_CACHE": str(folder)}, text=True,
-        stdout=subprocess.PIPE, check=True,
-    )  # fmt: skip
+        (sys.executable, "-m", MODULE, *chosen),
+        env={**os.environ, "MBSBENCH_CACHE": str(folder)},
+        text=True,
+        stdout=subprocess.PIPE,
+        check=True,
+    )
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 

@@ -13,14 +13,14 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import costs
 from mbsbench.harness.execution.costs import (
     SIZES,
-    Prepared,
-    at_size,
+    WarmCaches,
     cost_of_run,
     describe_command,
-    expect,
+    interpolate_by_size,
+    predict_times,
     read_costs,
 )
-from mbsbench.harness.execution.eta import in_words
+from mbsbench.harness.execution.remaining_time import format_duration
 from mbsbench.harness.execution.runner import Request, list_waiting
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.store import create, write_record
@@ -58,7 +58,7 @@ def test_cost_follows_steps_and_size(cold):
             cost_of_run(spec_of("chain", solver, dt=dt), facts["chain"], read_costs()) for dt in (4e-4, 2e-4, 1e-4)
         )
         assert four - two == pytest.approx(2.0 * (two - one))
-    step = [at_size(read_costs().solvers["rattle"].step_us, f.size) for f in facts.values()]
+    step = [interpolate_by_size(read_costs().solvers["rattle"].step_us, f.size) for f in facts.values()]
     assert step == sorted(step) and step[2] > 50.0 * step[0]
 
 
@@ -72,10 +72,13 @@ def test_a_finer_tolerance_costs_more(cold, solver):
 def test_sizes_are_interpolated_and_go_on_in_proportion():
     """At the sizes of the table its numbers; between them powers; beyond the last that was run in proportion."""
     values = (1.0, 30.0, 300.0)
-    assert [at_size(values, s) for s in SIZES] == pytest.approx(list(values))
-    assert at_size(values, math.sqrt(SIZES[0] * SIZES[1])) == pytest.approx(math.sqrt(30.0))
-    assert at_size(values, 2.0 * SIZES[2]) == pytest.approx(600.0)
-    assert at_size((1.0, 30.0, -1.0), 2.0 * SIZES[1]) == pytest.approx(60.0) and at_size((-1.0, -1.0, -1.0), 9.0) == 0.0
+    assert [interpolate_by_size(values, s) for s in SIZES] == pytest.approx(list(values))
+    assert interpolate_by_size(values, math.sqrt(SIZES[0] * SIZES[1])) == pytest.approx(math.sqrt(30.0))
+    assert interpolate_by_size(values, 2.0 * SIZES[2]) == pytest.approx(600.0)
+    assert (
+        interpolate_by_size((1.0, 30.0, -1.0), 2.0 * SIZES[1]) == pytest.approx(60.0)
+        and interpolate_by_size((-1.0, -1.0, -1.0), 9.0) == 0.0
+    )
 
 
 def test_every_solver_has_a_cost(cold):
@@ -93,7 +96,7 @@ def test_a_loop_is_part_of_the_cost_of_a_run(cold):
     for dt, looped in ((0.05, True), (1e-5, False)):
         spec = spec_of("heavy_top", "rattle", dt=dt)
         once, in_loop = (cost_of_run(replace(spec, min_time=seconds), facts, table) for seconds in (0.0, 0.2))
-        set_up = at_size(table.solvers["rattle"].setup_s, facts.size)
+        set_up = interpolate_by_size(table.solvers["rattle"].setup_s, facts.size)
         solve = costs.cost_of_solve(spec, facts, table)
         assert in_loop == pytest.approx(once - set_up - solve + 0.2 if looped else once) and (solve < 0.02) is looped
 
@@ -101,10 +104,11 @@ def test_a_loop_is_part_of_the_cost_of_a_run(cold):
 def test_what_a_run_took_here_counts_more_than_the_table(cold):
     """The record of the same settings in a results folder of this place."""
     specs = parse_suite(TEXT, "t", "t").specs
-    record = RunRecord(run_id="x", case="c", problem="p", solver="s", status="success", wall_s=123.0,
-                       settings_id=specs[0].settings_id)  # fmt: skip
+    record = RunRecord(
+        run_id="x", case="c", problem="p", solver="s", status="success", wall_s=123.0, settings_id=specs[0].settings_id
+    )
     write_record(create(cold / "local" / "t-1"), record)
-    runs = expect(specs, 1, "t", cold / "local").runs
+    runs = predict_times(specs, 1, "t", cold / "local").runs
     assert runs[specs[0].settings_id] == pytest.approx(123.0 + read_costs().store_s)
     assert 0.0 < runs[specs[1].settings_id] < 5.0
 
@@ -112,33 +116,33 @@ def test_what_a_run_took_here_counts_more_than_the_table(cold):
 def test_what_is_cold_counts_once(cold):
     """Kernels, laws and a computed reference; remembered, they count no more; for other code again."""
     specs = [spec_of("chain", "gc_weak_form", dt=0.01)]
-    first = expect(specs, 1, "", cold)
+    first = predict_times(specs, 1, "", cold)
     assert first.is_cold and 10.0 < first.once < 40.0 and "this once" in first.words
-    Prepared().add(["laws", "gc_weak_form", "reference of chain"])
-    warm = expect(specs, 1, "", cold)
+    WarmCaches().add(["laws", "gc_weak_form", "reference of chain"])
+    warm = predict_times(specs, 1, "", cold)
     assert not warm.is_cold and warm.once == 0.0 and "once" not in warm.words
     assert first.seconds - warm.seconds == pytest.approx(first.once)
     (file,) = (cold / "caches").iterdir()
     file.write_text(file.read_text().replace(costs._digest_for("laws")[2:10], "elsewhere"))
-    assert expect(specs, 1, "", cold).once > 5.0
+    assert predict_times(specs, 1, "", cold).once > 5.0
     file.write_text("no JSON")
-    assert expect(specs, 1, "", cold).once == first.once
+    assert predict_times(specs, 1, "", cold).once == first.once
 
 
 def test_a_pool_remembers_what_it_prepared(cold):
     """After a run of the suite its estimate is a warm one."""
     suite = parse_suite(TEXT, "t", "t")
-    assert expect(suite.specs, 1, "", cold / "none").is_cold
+    assert predict_times(suite.specs, 1, "", cold / "none").is_cold
     run_in(cold / "out", TEXT, plugins=())
-    assert not expect(suite.specs, 1, "", cold / "none").is_cold
+    assert not predict_times(suite.specs, 1, "", cold / "none").is_cold
 
 
 def test_a_slower_machine_takes_longer(cold, monkeypatch):
     """In proportion, cold and warm."""
     specs = parse_suite(TEXT, "t", "t").specs
-    before = expect(specs, 2, "", cold / "none")
+    before = predict_times(specs, 2, "", cold / "none")
     monkeypatch.setattr(costs, "slowness", lambda jobs: 3.0)
-    after = expect(specs, 2, "", cold / "none")
+    after = predict_times(specs, 2, "", cold / "none")
     assert after.seconds == pytest.approx(3.0 * before.seconds) and after.once == pytest.approx(3.0 * before.once)
 
 
@@ -168,7 +172,7 @@ def test_rivals_are_the_other_processes_that_run_now(monkeypatch):
 def test_a_problem_of_a_plugin_is_not_made(cold):
     """It might hang or crash; its runs have a cost all the same."""
     specs = parse_suite('[[runs]]\nproblem = "free_fall"\nsolver = "exact"\n', "t", "t", plugins=(str(PLUGIN),)).specs
-    assert all(x > 0.0 for x in expect(specs, 1, "", cold).runs.values())
+    assert all(x > 0.0 for x in predict_times(specs, 1, "", cold).runs.values())
 
 
 def test_the_runs_that_wait_are_listed(cold):
@@ -211,7 +215,7 @@ def test_those_at_once_are_known_not_to_take_long(cold):
     fixed = [spec_of("chain", name, dt=dt) for name, dt in (("mujoco", 0.01), ("rattle", 0.01), ("exudyn", 1e-5))]
     specs = [*fixed, spec_of("chain", "dart", dt=0.01), spec_of("chain", "ida_index1", rtol=1e-4)]
     assert costs.select_quick(specs) == {"mujoco", "ida_index1"}
-    Prepared().add(["rattle"])
+    WarmCaches().add(["rattle"])
     assert costs.select_quick(specs) == {"mujoco", "ida_index1", "rattle"}
 
 
@@ -220,7 +224,7 @@ def test_a_command_takes_longer_for_more(cold, command):
     """Its start once, and as much for each run, trial or step of a body, shared by those at a time."""
     start, each = read_costs().commands[command]
     many = math.ceil(100.0 / each)
-    assert describe_command(command, many) == f"about {in_words(start + each * many)}"
+    assert describe_command(command, many) == f"about {format_duration(start + each * many)}"
     assert describe_command(command, 2 * many, 2) == describe_command(command, many)
 
 
@@ -229,8 +233,10 @@ def test_judging_and_reports_say_what_they_will_take(cold, tmp_path, capsys):
     suite, out = tmp_path / "few.toml", tmp_path / "few"
     suite.write_text(TEXT)
     assert main(["run", str(suite), "--out", str(out)]) == 0
-    for command, words in ((["judge", str(out), "--partial"], "2 runs to be judged: about 3 s"),
-                           (["report", str(out)], "pages of 2 runs: about 4 s")):  # fmt: skip
+    for command, words in (
+        (["judge", str(out), "--partial"], "2 runs to be judged: about 3 s"),
+        (["report", str(out)], "pages of 2 runs: about 4 s"),
+    ):
         capsys.readouterr()
         main(command)
         assert words in capsys.readouterr().err

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mbsbench.harness.execution.eta import Estimate, durations, in_words, schedule_end
+from mbsbench.harness.execution.remaining_time import RemainingTime, durations, format_duration, schedule_end
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.store import create, write_record
 from mbsbench.harness.suites.suite import parse_suite
@@ -25,33 +25,35 @@ def test_places_take_the_next_in_order():
 def test_what_is_left_goes_at_the_pace_of_what_has_ended():
     """Runs expected at 1, 10 and 40 s; after 200 s of runs that were expected at 100, the others take twice as long."""
     short, long, longest, *_ = specs()
-    e = Estimate({short.settings_id: 100.0, long.settings_id: 10.0, longest.settings_id: 40.0})
-    assert e.guess(long) == 10.0 and e.estimate_left([], [long, long], 2) == 10.0
-    e.learn(short, 200.0)
-    assert e.guess(long) == pytest.approx(20.0, rel=0.02) and e.guess(longest) == pytest.approx(80.0, rel=0.02)
+    e = RemainingTime({short.settings_id: 100.0, long.settings_id: 10.0, longest.settings_id: 40.0})
+    assert e.estimate_run(long) == 10.0 and e.estimate_left([], [long, long], 2) == 10.0
+    e.note_time(short, 200.0)
+    assert e.estimate_run(long) == pytest.approx(20.0, rel=0.02) and e.estimate_run(longest) == pytest.approx(
+        80.0, rel=0.02
+    )
 
 
 def test_the_first_short_run_does_not_set_the_pace():
     """A run of 0.1 s that took 0.4 s says nothing on one of a minute."""
     short, long, *_ = specs()
-    e = Estimate({short.settings_id: 0.1, long.settings_id: 60.0})
-    e.learn(short, 0.4)
-    assert e.guess(long) < 75.0
+    e = RemainingTime({short.settings_id: 0.1, long.settings_id: 60.0})
+    e.note_time(short, 0.4)
+    assert e.estimate_run(long) < 75.0
 
 
 def test_a_late_run_is_never_about_to_end():
     """The last of 58, expected at 2 s: after 40 s it is not "about 0 s" from its end."""
     late, *_ = specs()
-    e = Estimate({late.settings_id: 2.0})
-    assert [e.rest(late, since) for since in (1.0, 20.0, 60.0)] == [1.0, 10.0, 30.0]
+    e = RemainingTime({late.settings_id: 2.0})
+    assert [e.estimate_remaining(late, since) for since in (1.0, 20.0, 60.0)] == [1.0, 10.0, 30.0]
 
 
 def test_progress_counts_work():
     """57 of 58 runs are done, of 0.1 s each; the last takes a minute: most of the work is to come."""
     short, long, *_ = specs()
-    e = Estimate({short.settings_id: 0.1, long.settings_id: 40.0})
+    e = RemainingTime({short.settings_id: 0.1, long.settings_id: 40.0})
     for _ in range(57):
-        e.learn(short, 0.1)
+        e.note_time(short, 0.1)
     assert e.share_done([], [long]) == pytest.approx(5.7 / 45.7)
     assert e.share_done([(long, 20.0)], []) == pytest.approx(25.7 / 45.7) and e.share_done([], []) == 1.0
 
@@ -75,4 +77,4 @@ def test_times_of_earlier_runs_are_found(tmp_path):
 )
 def test_times_in_words(seconds, words):
     """As precise as a guess can be."""
-    assert in_words(seconds) == words
+    assert format_duration(seconds) == words

@@ -27,7 +27,7 @@ def run(folder, problem, parameters, solver, control, *, lossless=False):
     job = Job(make_spec(made, solver, None, control), store.create(folder), lossless=lossless)
     record = run_here(job)
     assert record.status == "success", record.message or record.wrong_because
-    return made, record, store.series_of(folder, record)
+    return made, record, store.read_run_series(folder, record)
 
 
 def states(series, kind):
@@ -56,9 +56,11 @@ def test_every_reported_maximum_is_that_of_the_kept_states(tmp_path, name):
     rate = States(there.r, there.R, here.v - there.v, here.Omega - there.Omega)
     rates = np.max(speeds(system, rate), axis=1)
     for found, column in (
-        (position, "position_error_judged_m"), (turned, "orientation_error_judged_rad"),
-        (motion, "motion_error_judged_m"), (rates, "rate_error_judged_m_per_s"),
-    ):  # fmt: skip
+        (position, "position_error_judged_m"),
+        (turned, "orientation_error_judged_rad"),
+        (motion, "motion_error_judged_m"),
+        (rates, "rate_error_judged_m_per_s"),
+    ):
         assert np.max(found[within]) == pytest.approx(getattr(record, column), rel=1e-9, abs=1e-14), column
     assert np.max(position) == pytest.approx(record.position_error_max_m, rel=1e-9, abs=1e-14)
     own = series["sample_error"][at][within]

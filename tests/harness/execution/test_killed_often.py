@@ -113,7 +113,7 @@ def test_kills_and_suspensions_lose_nothing(tmp_path, RUNS, KILLS, SUSPENSIONS):
 
 def test_the_environment_of_a_run_does_not_depend_on_what_else_is_imported(monkeypatch):
     """Libraries of linear algebra that come with another package change no number of ours."""
-    before = environment.stamp("f", "s", 1, ())
+    before = environment.describe_environment("f", "s", 1, ())
     found = [{**one, "num_threads": 1} for one in threadpoolctl.threadpool_info()]
     other = {
         **found[0],
@@ -121,6 +121,6 @@ def test_the_environment_of_a_run_does_not_depend_on_what_else_is_imported(monke
         "filepath": str(Path(np.__file__).parents[1] / "other.libs" / "libopenblas.so"),
     }
     monkeypatch.setattr(threadpoolctl, "threadpool_info", lambda: [*found, other])
-    assert environment.identity(environment.stamp("f", "s", 1, ())) == environment.identity(before)
+    assert environment.identity(environment.describe_environment("f", "s", 1, ())) == environment.identity(before)
     monkeypatch.setattr(threadpoolctl, "threadpool_info", lambda: [{**one, "version": "0"} for one in found])
-    assert environment.identity(environment.stamp("f", "s", 1, ())) != environment.identity(before)
+    assert environment.identity(environment.describe_environment("f", "s", 1, ())) != environment.identity(before)

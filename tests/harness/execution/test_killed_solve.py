@@ -21,10 +21,14 @@ def started(tmp_path, *more):
     words = ("solve", "free_fall", "sleeps", "--plugin", str(PLUGIN), "--out", "x.npz")
     line = (sys.executable, "-m", "mbsbench.cli", *words)
     process = subprocess.Popen(
-        (*line, *more), cwd=tmp_path, env=dict(os.environ), text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        (*line, *more),
+        cwd=tmp_path,
+        env=dict(os.environ),
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 a background shell has it ignored
-    )  # fmt: skip
+    )
     until = time.monotonic() + 60.0
     while not (children := solving(process.pid)) and time.monotonic() < until:
         time.sleep(0.02)

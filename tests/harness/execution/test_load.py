@@ -58,14 +58,22 @@ def test_a_busy_machine_changes_no_status(tmp_path, busy):
 def test_what_the_harness_ended_is_in_no_count():
     """Not in those of pages and tables, and no mark against its solver."""
     from mbsbench.harness.results.records import RunRecord
-    from mbsbench.harness.results.words import why
-    from mbsbench.reports.model.results import Run
+    from mbsbench.harness.results.words import list_reasons
+    from mbsbench.reports.model.results import StoredRun
     from mbsbench.reports.model.scores import score
-    from mbsbench.reports.model.words import mark
+    from mbsbench.reports.model.words import mark_status
 
     good = RunRecord(run_id="a", solver="alpha", status="success", claimed="success", ended_by="solver")
-    cut = dataclasses.replace(good, run_id="b", status="unfinished", claimed="stalled", ended_by="cpu_limit",
-                              message="CPU limit of 60 s reached at t = 3 s")  # fmt: skip
-    counted = score([Run(good), Run(cut)])
+    cut = dataclasses.replace(
+        good,
+        run_id="b",
+        status="unfinished",
+        claimed="stalled",
+        ended_by="cpu_limit",
+        message="CPU limit of 60 s reached at t = 3 s",
+    )
+    counted = score([StoredRun(good), StoredRun(cut)])
     assert (counted.runs, counted.succeeded, counted.stopped) == (1, 1, 0) and counted.words == "1 succeeded"
-    assert mark("unfinished").word == "not finished here" and why(cut)[0].startswith("not finished here: CPU limit")
+    assert mark_status("unfinished").word == "not finished here" and list_reasons(cut)[0].startswith(
+        "not finished here: CPU limit"
+    )

@@ -12,7 +12,7 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.pool import PoolError
 from mbsbench.harness.results import environment, store
-from mbsbench.harness.sandbox.apart import ASLEEP, Apart
+from mbsbench.harness.sandbox.forked_process import ASLEEP, ForkedProcess
 
 from ..conftest import HOSTILE, PLUGIN, Silent, run_in
 
@@ -21,18 +21,18 @@ SLEEPS = '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\ncpu_limit = {wall}
 
 def test_a_process_that_ended_before_anyone_looked_was_not_killed():
     """Its end is read before the clock: past its deadline, it still ended by itself."""
-    process = Apart(lambda send: send("done"), limit=5.0, memory=500.0, wall=0.3)
+    process = ForkedProcess(lambda send: send("done"), limit=5.0, memory=500.0, wall=0.3)
     time.sleep(ASLEEP + 0.5)
-    while (ended := process.look()) is None:
+    while (ended := process.check_end()) is None:
         pass
     assert (ended.code, ended.killed, ended.suspended) == (0, False, True)
 
 
 def test_a_deadline_leaves_out_time_in_which_its_keeper_was_stopped():
     """Nobody looked for longer than the limit: the process has its time still, and is ended when that is over."""
-    process = Apart(lambda send: time.sleep(600.0), limit=5.0, memory=500.0, wall=1.0)
+    process = ForkedProcess(lambda send: time.sleep(600.0), limit=5.0, memory=500.0, wall=1.0)
     time.sleep(ASLEEP + 0.5)
-    assert process.look() is None and not process.killed
+    assert process.check_end() is None and not process.killed
     ended, began = process.wait(), time.monotonic()
     assert ended.killed and ended.suspended and time.monotonic() - began < 30.0
 
@@ -89,7 +89,7 @@ def test_a_record_that_changes_behind_the_runner_is_noticed(tmp_path, monkeypatc
     told = Silent.on_end
 
     def changing(self, job, record):
-        path = store.path_of(job.folder, job.id).path
+        path = store.locate_record(job.folder, job.id).path
         path.write_bytes(path.read_bytes().replace(b"success", b"crashed"))
         told(self, job, record)
 
@@ -104,11 +104,16 @@ def test_a_parent_that_ignores_its_children_changes_nothing(tmp_path):
     suite.write_text(f'plugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "segfaults"]\n')
     line = (sys.executable, "-m", "mbsbench.cli", "run", str(suite), "--out", str(tmp_path / "run"))
     done = subprocess.run(
-        line, cwd=environment.ROOT, capture_output=True, text=True, check=False,
+        line,
+        cwd=environment.ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
         preexec_fn=lambda: signal.signal(signal.SIGCHLD, signal.SIG_IGN),
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr
     assert {r.solver: r.status for r in store.load(tmp_path / "run").records} == {
-        "exact": "success", "segfaults": "crashed",
-    }  # fmt: skip
+        "exact": "success",
+        "segfaults": "crashed",
+    }
     assert not [p for p in (tmp_path / "run").rglob(".*.part*") if os.path.lexists(p)]

@@ -10,7 +10,7 @@ import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution import remeasure
-from mbsbench.harness.execution.begun import Begun
+from mbsbench.harness.execution.started_runs import StartedRuns
 from mbsbench.harness.results import codes, environment, store
 from mbsbench.harness.results.comparison import METRICS
 
@@ -69,8 +69,8 @@ def other_code(monkeypatch):
     """All that is measured has another digest; solvers, problems and clocks are as they were."""
 
     def change():
-        whole = codes.code_of
-        monkeypatch.setattr(codes, "code_of", lambda *a, **k: whole(*a, **k)[::-1])
+        whole = codes.digest_run_code
+        monkeypatch.setattr(codes, "digest_run_code", lambda *a, **k: whole(*a, **k)[::-1])
         monkeypatch.setattr(remeasure, "open_sources", lambda: nullcontext(lambda commit: codes.package_sources()))
         monkeypatch.setenv("STRICTER", "1")
 
@@ -94,7 +94,7 @@ def test_a_law_that_changes_needs_no_new_motion(tmp_path, strict, other_code, ho
     before = read(folder)
     assert {r.status for r in before.values()} >= {"success", "crashed", "refused", "step_underflow"}
     other_code()
-    Begun(folder).begin(r.run_id for r in before.values())  # as a runner leaves it that is killed
+    StartedRuns(folder).begin(r.run_id for r in before.values())  # as a runner leaves it that is killed
     assert main(command(folder, *plugins)) == 0
     after = read(folder)
     assert after.keys() == before.keys()
@@ -108,7 +108,7 @@ def test_a_law_that_changes_needs_no_new_motion(tmp_path, strict, other_code, ho
         assert bool(new.series) == bool(old.series) and new.stderr.startswith("stderr/") == bool(old.stderr)
         if old.series:
             assert not (folder / old.series).exists()
-            assert store.series_of(folder, new).is_brief == (how == "brief")
+            assert store.read_run_series(folder, new).is_brief == (how == "brief")
     assert main(command(folder, *plugins)) == 0  # nothing is left to do
     _, watcher = run_in(folder, TEXT, 1, lossless=how == "lossless", keep=keep, resume=True, plugins=plugins)
     assert watcher.ran == [] and watcher.set_aside == []
@@ -146,9 +146,9 @@ def test_what_is_more_than_a_law_is_run_again(tmp_path, monkeypatch, other_code,
     before = {p.name: p.read_bytes() for p in (folder / "runs").iterdir()}
     other_code()
     here = codes.package_sources()
-    then = SimpleNamespace(solvers=here.solvers, problems=here.problems, of=here.of)
+    then = SimpleNamespace(solvers=here.solvers, problems=here.problems, digest_modules=here.digest_modules)
     if what == "costs":
-        then.of = lambda *modules: "another"
+        then.digest_modules = lambda *modules: "another"
     elif what in ("solvers", "problems"):
         setattr(then, what, {**getattr(here, what), "gc_weak_form": "another", "heavy_top": "another"})
     if what == "commit":
@@ -164,10 +164,12 @@ def test_what_is_more_than_a_law_is_run_again(tmp_path, monkeypatch, other_code,
 
 
 WORDS = {
-    "solvers": "its solver is other code now", "problems": "its problem is other code now",
-    "costs": "what counts its cost is other code now", "plugins": "it was made with --plugin misbehaving.py",
+    "solvers": "its solver is other code now",
+    "problems": "its problem is other code now",
+    "costs": "what counts its cost is other code now",
+    "plugins": "it was made with --plugin misbehaving.py",
     "commit": "of its code is not here",
-}  # fmt: skip
+}
 
 
 def test_an_interruption_keeps_what_is_done(tmp_path, monkeypatch, other_code):
@@ -198,7 +200,7 @@ def test_the_code_of_a_commit_is_read_once(tmp_path):
         head = environment.commit().removesuffix("+dirty")
         then = sources_of(head)
         assert then is sources_of(head) and then.root != codes.package_sources().root
-        assert then.solvers.keys() and then.of(*codes.COSTS)
+        assert then.solvers.keys() and then.digest_modules(*codes.COSTS)
         for commit in ("", "1" * 40, f"{head}+dirty", "HEAD", f"--output={tmp_path}/written", "../outside"):
             with pytest.raises(ValueError, match="run its suite again"):
                 sources_of(commit)

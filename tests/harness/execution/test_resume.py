@@ -14,10 +14,10 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.pool import LocalPool, PoolError
-from mbsbench.harness.execution.protocol import Done, Lost, Start, Supervised
+from mbsbench.harness.execution.protocol import RunEnded, StartOrder, Supervised, SupervisorLost
 from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.execution.runner import Request, last_folder, run_suite
-from mbsbench.harness.files import FileError, partial_of
+from mbsbench.harness.files import FileError, name_partial
 from mbsbench.harness.results import codes, environment, store
 from mbsbench.harness.suites.suite import parse_suite
 
@@ -76,9 +76,13 @@ def test_a_signal_to_all_ends_all(tmp_path, number, code):
     suite.write_text(f'plugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = "spins"\n')
     line = (sys.executable, "-m", "mbsbench.cli", "run", str(suite), "--out", str(tmp_path / "run"))
     process = subprocess.Popen(
-        line, cwd=environment.ROOT, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        line,
+        cwd=environment.ROOT,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 a background shell has it ignored
-    )  # fmt: skip
+    )
     until = time.monotonic() + 60.0
     started: list[psutil.Process] = []
     while time.monotonic() < until and len(started) != 4:  # supervisor, keeper, solver and the solver's own child
@@ -119,10 +123,10 @@ def test_a_success_whose_news_is_lost_is_done_again(run_text, monkeypatch):
 
     def losing(self, timeout=None):
         news = receive(self, timeout)
-        if not lost and any(isinstance(n, Done) for n in news):
+        if not lost and any(isinstance(n, RunEnded) for n in news):
             lost.append(news)
             self.process.kill()
-            raise Lost(self.process.wait())
+            raise SupervisorLost(self.process.wait())
         return news
 
     monkeypatch.setattr(Supervised, "receive", losing)
@@ -135,11 +139,11 @@ def test_what_a_supervisor_told_before_its_end_is_read_first(run_text, monkeypat
     send, starts = Supervised.send, []
 
     def dying(self, order):
-        if isinstance(order, Start):
+        if isinstance(order, StartOrder):
             starts.append(order)
             if len(starts) == 2:
                 told = b""
-                while b'"Done"' not in told:
+                while b'"RunEnded"' not in told:
                     told += os.read(self.process.stdout.fileno(), 2**16)
                 self.process.kill()
                 self.process.wait()
@@ -191,7 +195,7 @@ def test_what_a_killed_process_left_half_written_goes(run_text, tmp_path):
     """Nobody else writes while the folder is locked; what only looks alike stays."""
     text, folder = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"', tmp_path / "run"
     run_text(text)
-    own = [partial_of(folder / place, 99999) for place in ("runs/ab.json", "series/ab.npz", "runs.parquet")]
+    own = [name_partial(folder / place, 99999) for place in ("runs/ab.json", "series/ab.npz", "runs.parquet")]
     other = folder / "runs" / ".notes.part"
     for path in (*own, other):
         path.write_bytes(b"half")
@@ -267,8 +271,10 @@ def test_runs_of_older_code_are_set_aside_and_made_anew(tmp_path, monkeypatch):
         return watcher, {r.solver: r for r in loaded.records}
 
     _, before = made(resume=False)
-    now = codes.code_of
-    monkeypatch.setattr(codes, "code_of", lambda p, s, plugins=(): now(p, s, plugins) + "changed" * (s == "exact"))
+    now = codes.digest_run_code
+    monkeypatch.setattr(
+        codes, "digest_run_code", lambda p, s, plugins=(): now(p, s, plugins) + "changed" * (s == "exact")
+    )
     watcher, after = made(resume=True)
     assert after["sleeps"].run_id == before["sleeps"].run_id and watcher.ran == [after["exact"].case]
     assert after["exact"].run_id != before["exact"].run_id

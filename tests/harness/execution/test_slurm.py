@@ -170,10 +170,13 @@ def test_runs_of_a_cancelled_job_go_to_another(slurm, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("options", "words"), [
-    ({"memory": "900GB"}, "Requested node configuration is not available"),
-    ({"queue": "elsewhere"}, "invalid partition specified: elsewhere"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"memory": "900GB"}, "Requested node configuration is not available"),
+        ({"queue": "elsewhere"}, "invalid partition specified: elsewhere"),
+    ],
+)
 def test_a_job_that_slurm_refuses_is_one_line(slurm, options, words):
     with pytest.raises(PoolError, match=f"SLURM refuses the job: .*{words}") as error:
         on_slurm(**options)

@@ -9,11 +9,11 @@ from mbsbench.harness.gate.check import judge
 from mbsbench.harness.gate.thresholds import Thresholds
 from mbsbench.harness.results import store
 from mbsbench.harness.results.findings import Verdict
-from mbsbench.harness.results.provisional import files_of, is_provisional
+from mbsbench.harness.results.provisional import is_provisional, list_record_files
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.words import words_of_ending
 from mbsbench.harness.suites.suite import parse_suite
-from mbsbench.harness.types import EndedBy
+from mbsbench.harness.types import EndCause
 
 from ..conftest import PLUGIN, Silent, run_in
 
@@ -96,9 +96,9 @@ def test_what_the_limit_ended_is_run_again_on_resume(tmp_path):
 
 def test_what_a_run_did_itself_is_no_matter_of_the_run():
     """Its own limit on time, its own crash and what its solver returned stay."""
-    lost = {EndedBy.SUPERVISOR_LOST, EndedBy.WORKERS_LOST}
-    passing = {EndedBy.TOTAL_LIMIT, EndedBy.KILLED, EndedBy.SUSPENDED, *lost}
-    assert all(is_provisional(RunRecord(ended_by=str(by))) is (by in passing) for by in EndedBy)
+    lost = {EndCause.SUPERVISOR_LOST, EndCause.WORKERS_LOST}
+    passing = {EndCause.TOTAL_LIMIT, EndCause.KILLED, EndCause.SUSPENDED, *lost}
+    assert all(is_provisional(RunRecord(ended_by=str(by))) is (by in passing) for by in EndCause)
 
 
 def test_the_series_of_such_a_record_goes_aside_too(tmp_path):
@@ -107,7 +107,7 @@ def test_the_series_of_such_a_record_goes_aside_too(tmp_path):
     record = RunRecord(run_id="abc", status="stalled", ended_by="total_limit", series="series/abc.npz", stderr="")
     store.write_record(folder, record)
     (folder / record.series).write_bytes(b"x")
-    assert [u.path.name for u in files_of(folder, record)] == ["abc.json", "abc.npz"]
+    assert [u.path.name for u in list_record_files(folder, record)] == ["abc.json", "abc.npz"]
 
 
 def test_the_run_says_what_is_left(tmp_path, capsys):

@@ -4,7 +4,7 @@ import re
 
 from rich.console import Console
 
-from mbsbench.cli.progress import Watch
+from mbsbench.cli.progress import ProgressDisplay
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.suites.suite import parse_suite
@@ -47,11 +47,12 @@ def test_each_solver_is_news_of_its_own_before_the_first_run(tmp_path):
 def test_a_line_for_what_took_its_time(tmp_path):
     """Code from the cache is not mentioned."""
     console = Console(record=True, width=100)
-    watch = Watch(console, None)
+    watch = ProgressDisplay(console, None)
     watch.on_warmup({}, {"chain": 58.0, "heavy_top": 0.1})
     watch.on_warmup({"rattle": 40.4}, {})
     watch.on_warmup({"gc_weak_form": 0.2}, {})
     lines = console.export_text().splitlines()
     assert [re.sub(r",.*:", ":", line) for line in lines] == [
-        "reference computed in 58 s: chain", "compiled in 40 s: rattle",
-    ]  # fmt: skip
+        "reference computed in 58 s: chain",
+        "compiled in 40 s: rattle",
+    ]

@@ -79,9 +79,15 @@ def built(folder: Path, name: str, after: str = "pass", names=None) -> Path:
     J = s.inertia[0] + s.mass[0] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     q = Rotation.from_matrix(start.R[0]).as_quat(scalar_first=True)
     text = SLAVE.format(
-        name="Body", step=problem.dt, start=[*map(float, (*q, *start.Omega[0]))], J=J.tolist(), s=arm.tolist(),
-        torque=(s.mass[0] * s.gravity).tolist(), names=names or CASES[name], after=after,
-    )  # fmt: skip
+        name="Body",
+        step=problem.dt,
+        start=[*map(float, (*q, *start.Omega[0]))],
+        J=J.tolist(),
+        s=arm.tolist(),
+        torque=(s.mass[0] * s.gravity).tolist(),
+        names=names or CASES[name],
+        after=after,
+    )
     script = folder / "body.py"
     script.write_text(text)
     return Path(FmuBuilder.build_FMU(str(script), dest=str(folder)))
@@ -108,10 +114,13 @@ def test_the_communication_step_is_that_of_dt(tmp_path):
     assert 12.0 < errors[0] / errors[1] < 20.0
 
 
-@pytest.mark.parametrize(("after", "words"), [
-    ("import os; os._exit(3)", "its process exited with code 3"),
-    ("raise ArithmeticError", "fmi3DoStep"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("after", "words"),
+    [
+        ("import os; os._exit(3)", "its process exited with code 3"),
+        ("raise ArithmeticError", "fmi3DoStep"),
+    ],
+)
 def test_an_fmu_that_fails_is_reported_in_one_line(tmp_path, after, words):
     """It may end the process that it runs in, which is not ours."""
     path, problem = built(tmp_path, "heavy_top", after), make_problem("heavy_top", {"t_end": 0.2})

@@ -8,7 +8,7 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.files import FileError
 from mbsbench.harness.foreign.conventions import Reading
 from mbsbench.harness.foreign.judge import FileSettings, judge_file
-from mbsbench.harness.reference.computation import reference_of
+from mbsbench.harness.reference.computation import find_reference
 
 pytest.importorskip("mujoco")
 
@@ -29,7 +29,7 @@ def test_a_motion_under_actuators_is_not_judged(tmp_path, more):
     """The servo may be why it gains energy; without one it is wrong. The passive motion is a success in both."""
     (tmp_path / "leg.xml").write_text(LEG.format(more=more))
     problem = make_problem(str(tmp_path / "leg.xml"), t_end=0.2)
-    t, exact = np.linspace(0.0, 0.2, 201), reference_of(make_problem(problem.name, t_end=0.4))
+    t, exact = np.linspace(0.0, 0.2, 201), find_reference(make_problem(problem.name, t_end=0.4))
     motions = {}
     for name, factor in (("passive", 1.0), ("driven", 1.5)):  # one and a half times as fast after the start
         s = exact.states(factor * t)

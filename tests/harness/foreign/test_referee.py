@@ -20,6 +20,7 @@ from mbsbench.harness.foreign.conventions import Reading
 from mbsbench.harness.foreign.judge import FileSettings, judge_file, open_results
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
+from mbsbench.tests.comparing import assert_close
 
 AWK = ROOT / "docs" / "examples" / "top.awk"
 TOP = make_problem("heavy_top", {"t_end": 0.5})
@@ -95,7 +96,7 @@ def test_orientations_that_start_alike_in_both_directions_are_found_by_their_rat
     free = make_problem("torque_free_body", {"t_end": 1.0, "rotation": (-np.pi / 2, 0.0, 0.0)})
     t = np.linspace(0.0, 1.0, 501)
     s = free.reference().states(t)
-    assert np.allclose(s.R[0, 0], np.eye(3), atol=1e-12)
+    assert_close(s.R[0, 0], np.eye(3), atol=1e-12)
     q = Rotation.from_matrix(np.swapaxes(s.R[:, 0], -1, -2)).as_quat(scalar_first=True)
     path = written(tmp_path / "body.csv", np.column_stack((t, s.r[:, 0], q, s.v[:, 0], s.Omega[:, 0])))
     r = judge(path, free)
@@ -178,7 +179,7 @@ REFUSED = {
     "t,x,y,z\n": "no rows",
     "": "no rows",
     "t,x,y,z\n0,0,-0.0342,0.0940\n0,0,-0.0342,0.0940\n": "times must increase",
-    "t,x,y,z\n0,0,-0.5,0.5\n0.5,0,-0.5,0.5\n": "starts elsewhere",
+    "t,x,y,z\n0,0,-0.5,0.5\n0.5,0,-0.5,0.5\n": "its start is not that of the problem",
     "t,x,y,z\n0,0,0,0\n0.5,0,0,0\n": "positions of the centre of mass .* --length m;",
     "t,x,y,z\n0.1,0,-0.0342020143,0.0939692621\n0.5,0,0,0.1\n": "first row",
 }
@@ -249,7 +250,8 @@ def test_export_has_all_numbers_that_a_code_needs(tmp_path):
         state = State(*(np.array([b[k] for b in d["start"]]) for k in ("r", "R", "v", "Omega")))
         p = make_problem(name, {"rows": 1} if parameters else {})
         ours, theirs = accelerations(p.system, p.initial), accelerations(system, state)
-        assert np.allclose(theirs.v_dot, ours.v_dot, atol=1e-10) and d["t_end"] == p.t_end
+        assert_close(theirs.v_dot, ours.v_dot, atol=1e-10)
+        assert d["t_end"] == p.t_end
 
 
 def written_wrong_spin(path: Path, columns: int, header: str = "") -> Path:
@@ -281,7 +283,7 @@ def test_a_file_of_positions_is_judged_by_positions_alone(tmp_path):
     assert "not judged without: orientations and angular velocities, the energy error, |phi|" in r.notes
     assert r.position_error_max_m == pytest.approx(with_orientations.position_error_max_m, rel=1e-6)
     folder = open_results(tmp_path / "all")
-    series = store.series_of(folder, judge_file(TOP, alone, FileSettings("other"), folder))
+    series = store.read_run_series(folder, judge_file(TOP, alone, FileSettings("other"), folder))
     for name in ("energy", "phi_norm", "orientation_error", "frame_q", "end_R"):  # no page draws the reference's
         assert np.all(np.isnan(series[name])), name
 
@@ -320,7 +322,7 @@ def test_euler_angles_are_read_or_named_as_ignored(tmp_path):
     assert np.isnan(ignored.orientation_error_max_rad)
     r = judge(path, euler="ZXZ")
     assert r.status == "success" and r.orientation_error_max_rad < 2e-8
-    with pytest.raises(FileError, match=r"starts elsewhere: orientations .* --euler ZYX"):
+    with pytest.raises(FileError, match=r"its start is not that of the problem: orientations .* --euler ZYX"):
         judge(path, euler="ZYX")
     degrees = with_angles() * np.repeat((1.0, 180.0 / np.pi), (4, 3))
     assert judge(written(path, degrees, "t,x,y,z,phi,theta,psi"), euler="ZXZ", angle="deg").status == "success"

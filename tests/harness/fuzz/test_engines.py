@@ -3,7 +3,7 @@
 import pytest
 
 from mbsbench.harness.fuzz.drawing import draw_mechanism
-from mbsbench.harness.fuzz.oracle import FINDINGS, FLOOR, Kind, Oracle
+from mbsbench.harness.fuzz.oracle import FINDINGS, FLOOR, Behaviour, Oracle
 from mbsbench.harness.fuzz.presenting import Form
 
 LOOPS, TREES = (0, 1, 2, 3, 4, 5), (8, 9, 13)  # in the third the rows that Exudyn keeps of hinges have to be ours
@@ -29,5 +29,5 @@ def test_a_split_and_turned_mechanism_moves_as_it_was_drawn(engine, form):
     outcomes = [Oracle(draw_mechanism(1, number), form, floor).examine(engine) for number in ENGINES[engine]]
     if all("not installed" in o.words for o in outcomes):
         pytest.skip(outcomes[0].words)
-    assert {o.kind for o in outcomes} & {Kind.SOUND} and not [o for o in outcomes if o.kind in FINDINGS]
-    assert engine == "opensim" or all(o.kind is not Kind.PARTLY_REFUSED for o in outcomes)
+    assert {o.kind for o in outcomes} & {Behaviour.SOUND} and not [o for o in outcomes if o.kind in FINDINGS]
+    assert engine == "opensim" or all(o.kind is not Behaviour.PARTLY_REFUSED for o in outcomes)

@@ -77,8 +77,8 @@ FAULTS = (
     Fault("harness/metrics/scales.py", "Scales(*(float(v) for v in", "Scales(*(float(10.0 * v) for v in", ONE),
     Fault(
         "harness/metrics/reactions.py",
-        '_rate(motion, t, "v") - applied_loads(',
-        '_rate(motion, t, "v") + applied_loads(',
+        "load = index_1(system, near).load",
+        "load = -index_1(system, near).load",
         ONE,
     ),
     Fault(
@@ -96,7 +96,7 @@ FAULTS = (
     ),
     Fault(
         "harness/execution/measuring.py",
-        "because = doubts(problem, trajectory, measured, numbers)",
+        "because = list_broken_laws(problem, trajectory, measured, numbers)",
         "because = []",
         WRONG,
     ),
@@ -150,8 +150,8 @@ FAULTS = (
     ),
     Fault(
         METHODS + "gc_step.py",
-        "s.R0[b], half * (s.v0[b, 3] + k.v[b, 3])",
-        "s.R0[b], 0.999 * half * (s.v0[b, 3] + k.v[b, 3])",
+        "half * (s.v0[b, 3] + k.v[b, 3])",
+        "0.999 * half * (s.v0[b, 3] + k.v[b, 3])",
         of("torque_free_body[inertia_factors=(1,1.5,2),t_end=10]", "gc_augmented_lagrangian"),  # turns about all axes
     ),
     Fault(

@@ -25,11 +25,11 @@ from mbsbench.harness.gate.thresholds import (
     ROUNDING,
     SAME_PROBLEM,
     SAME_STEPS,
-    Expectation,
+    ExpectedStatus,
     Threshold,
     Thresholds,
     propose_bounds,
-)  # fmt: skip
+)
 from mbsbench.harness.mechanics.state import State as Pose
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.metrics.identity import fingerprint
@@ -114,9 +114,15 @@ def test_a_run_without_a_step_passes_nothing():
 def test_an_error_that_goes_away_closes_the_gate():
     """Nothing computes better for no reason: a drift that is zeroed, or errors that are no longer measured."""
     record = RunRecord(
-        case=CASE, status="success", control="dt", energy_drift_max_J=2e-3, energy_scale_J=5.0, steps=100,
-        position_error_max_m=1e-4, length_scale_m=1.0,
-    )  # fmt: skip
+        case=CASE,
+        status="success",
+        control="dt",
+        energy_drift_max_J=2e-3,
+        energy_scale_J=5.0,
+        steps=100,
+        position_error_max_m=1e-4,
+        length_scale_m=1.0,
+    )
     bounds = {b.metric: b for b in propose_bounds([record])}
     for metric in ("energy_drift_max_J", "position_error_max_m", "energy_scale_J"):
         value = getattr(record, metric)
@@ -232,9 +238,10 @@ def test_the_worst_is_printed_last(capsys, monkeypatch):
     cases = [r.case for r in runs]
     good = [RunRecord(settings_id=r.settings_id, case=r.case, status="success", phi_max=1.0) for r in runs]
     records = [
-        dataclasses.replace(good[0], phi_max=1.1), dataclasses.replace(good[1], status="diverged", phi_max=0.0),
+        dataclasses.replace(good[0], phi_max=1.1),
+        dataclasses.replace(good[1], status="diverged", phi_max=0.0),
         dataclasses.replace(good[2], phi_max=7.0),
-    ]  # fmt: skip
+    ]
     result = judge(runs, records, Thresholds("t", tuple(threshold(c, lower=0.5) for c in cases)))
     gate_command._print(result, everything=False)
     lines = capsys.readouterr().out.splitlines()
@@ -259,7 +266,7 @@ def test_github_gets_an_annotation_a_case():
 
 def test_the_end_of_a_run_is_known_to_the_microsecond():
     """Two files judged within a second are told apart."""
-    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z", environment.now(fine=True))
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z", environment.read_utc_time(fine=True))
 
 
 def test_expected_failures_are_distinguished():
@@ -268,7 +275,7 @@ def test_expected_failures_are_distinguished():
     assert state(bounds=bounds).verdict is Verdict.XFAIL and state(bounds=bounds).is_open
     bounds = with_bound(expect="fail")
     assert state(bounds=bounds).verdict is Verdict.XPASS and not state(bounds=bounds).is_open
-    expects = Thresholds("t", BOUNDS.bounds[1:], (Expectation(CASE, Status.REFUSED, "redundant rows"),))
+    expects = Thresholds("t", BOUNDS.bounds[1:], (ExpectedStatus(CASE, Status.REFUSED, "redundant rows"),))
     assert state(changed(status="refused"), expects).verdict is Verdict.XFAIL
     assert state(RECORDS, expects).verdict is Verdict.XPASS
     assert state(changed(status="crashed"), expects).verdict is Verdict.FAILED
@@ -311,7 +318,7 @@ def test_what_update_writes_can_be_read_and_goes_the_same_way(tmp_path, lower, u
 def test_any_words_come_back_as_written(tmp_path):
     """Characters beyond the basic plane, DEL, quotes: the file is TOML whatever a case is called."""
     odd = 'a "b" \\ \x7f \x00 \U0001f600 é #'
-    bounds = Thresholds(odd, (threshold(odd, reason=odd),), (Expectation(odd, Status.REFUSED, odd),))
+    bounds = Thresholds(odd, (threshold(odd, reason=odd),), (ExpectedStatus(odd, Status.REFUSED, odd),))
     path = tmp_path / "t.toml"
     path.write_text(write_thresholds(bounds), encoding="utf-8")
     assert read_thresholds(path) == bounds
@@ -385,7 +392,7 @@ def test_thresholds_come_back_as_written(tmp_path, seed):
     draw = random.Random(seed)
     chosen = {(case, metric): draw.choice(KINDS) for case in CASES for metric in sorted(METRICS)}
     bounds = [Threshold(case=case, metric=metric, **b) for (case, metric), b in chosen.items() if b]
-    wanted = Thresholds("t", tuple(bounds), (Expectation("x", Status.REFUSED, 'so "it" is'),))
+    wanted = Thresholds("t", tuple(bounds), (ExpectedStatus("x", Status.REFUSED, 'so "it" is'),))
     path = tmp_path / "t.toml"
     path.write_text(write_thresholds(wanted))
     assert read_thresholds(path) == wanted
@@ -419,13 +426,15 @@ BOUND = '[problem.a.bounds."s dt=1"]\nphi_max = { upper = 1.0, reason = "r" }\n'
         (ROW.replace("1.2  1.0  100", ""), "a s dt=1: 0 cells for 3 columns"),
         ("schema = 2\nsuite = 't'\n" + ROW, "of which the first must be width"),
         (ROW.replace("1.2", "1.3"), "width must be 1.2 or 2.5 .got '1.3'"),
-        *((ROW.replace("1.0", cell), "phi_max must be v, v<u, l<v<u or - .got")
-          for cell in ("x", "nan", "1<", "<1", "1<2<3<4", "1<5x", "inf", "1>2")),
+        *(
+            (ROW.replace("1.0", cell), "phi_max must be v, v<u, l<v<u or - .got")
+            for cell in ("x", "nan", "1<", "<1", "1<2<3<4", "1<5x", "inf", "1>2")
+        ),
         (ROW.replace("1.0", "3<2<1"), "lower is above upper"),
         ("x = " + "[" * 5000, "too deeply"),
         ('[[status]]\ncase = "a"\nstatus = "refusd"\nreason = "r"\n', "unknown status"),
     ],
-)  # fmt: skip
+)
 def test_wrong_thresholds_are_reported(tmp_path, text, words):
     """A gate with a misread bound would be green for nothing."""
     path = tmp_path / "t.toml"
@@ -475,7 +484,7 @@ def test_a_run_without_its_package_is_left_out_only_where_it_was_named():
         assert [f.measured.quantity for f in found.findings if f.subject == CASE] == ["status"]
     assert found.headline == "open for 1 of 2; 1 not measured here: a" and found.counts["SKIP"] == 1
     assert found.absent == {CASE: "a"} and found.notable == []
-    expects = Thresholds("t", BOUNDS.bounds[1:], (Expectation(CASE, Status.REFUSED, "redundant rows"),))
+    expects = Thresholds("t", BOUNDS.bounds[1:], (ExpectedStatus(CASE, Status.REFUSED, "redundant rows"),))
     assert not judge(RUNS, lacking, expects).is_open  # refused, but not for the reason that was expected
     breached = [lacking[0], dataclasses.replace(lacking[1], phi_max=9.0)]
     closed = judge(RUNS, breached, BOUNDS, without=("a",))

@@ -68,7 +68,9 @@ def test_motions_from_files_are_gated_as_the_page_says(tmp_path, monkeypatch, ca
     assert AWK.count("(It - Ia) * y[5]") == 1
     Path("top.awk").write_text(AWK.replace("(It - Ia) * y[5]", "(Ia - It) * y[5]"), encoding="utf-8")
     run(GATING[0])
-    assert run(GATING[1]) != 0 and run(GATING[2]) == 1 and "gate CLOSED" in capsys.readouterr().out
+    assert run(GATING[1]) != 0 and run(GATING[2]) == 1
+    said = capsys.readouterr()
+    assert "gate CLOSED" in said.out and "where a number should have moved, add --update" in said.err
     run(GATING[1].replace("awk_rk4", "another"))
     assert run(GATING[2]) == 1 and "no threshold for this run" in capsys.readouterr().out
     Path("empty/runs").mkdir(parents=True)

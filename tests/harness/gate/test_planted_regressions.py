@@ -100,9 +100,10 @@ def classical_with(monkeypatch, new: str) -> None:
 
 def joints_with(monkeypatch, new: str) -> None:
     """Joint coordinates with another gyroscopic term, and code of their own."""
-    broken = changed(motion.Motion.compute_carried_loads, motion, "+ ca.cross(omega, spin)", new)
-    monkeypatch.setattr(motion.Motion, "compute_carried_loads", broken)
+    broken = changed(motion.TreeMotion.compute_carried_loads, motion, "+ ca.cross(omega, spin)", new)
+    monkeypatch.setattr(motion.TreeMotion, "compute_carried_loads", broken)
     monkeypatch.setattr(code, "_own_text", lambda: f"planted {new}")
+    monkeypatch.setattr(code, "SMALL", 0)  # all stages of a step as one function take seconds to compile
 
 
 def geometric_with(monkeypatch, **change: float) -> None:
@@ -112,9 +113,16 @@ def geometric_with(monkeypatch, **change: float) -> None:
 
 
 ON_KERNEL = (
-    "al_index3", "energy_momentum", "generalized_alpha", "half_explicit", "lie_variational", "radau_ggl", "rattle",
-    "rkmk_dop853", "rkmk_dopri5",
-)  # fmt: skip
+    "al_index3",
+    "energy_momentum",
+    "generalized_alpha",
+    "half_explicit",
+    "lie_variational",
+    "radau_ggl",
+    "rattle",
+    "rkmk_dop853",
+    "rkmk_dopri5",
+)
 
 
 def kernel_with(monkeypatch, factor: float) -> None:

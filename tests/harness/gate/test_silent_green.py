@@ -14,9 +14,15 @@ from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.records import RunRecord
 
 GOOD = RunRecord(
-    run_id="a", case="c", problem="p", solver="s", status="success", claimed="success", ended_by="solver",
-    finished=environment.now(),
-)  # fmt: skip
+    run_id="a",
+    case="c",
+    problem="p",
+    solver="s",
+    status="success",
+    claimed="success",
+    ended_by="solver",
+    finished=environment.read_utc_time(),
+)
 LEAVES = {  # a plugin that leaves wherever it is imported, and one that does where it was tried before
     "everywhere": "import os\nos._exit(0)\n",
     "then": "import os\nif os.path.exists('tried'):\n    os._exit(0)\nopen('tried', 'w').close()\n",
@@ -50,8 +56,12 @@ def test_a_plugin_that_leaves_takes_no_verdict_with_it(tmp_path: Path, where: st
     given = [str(x) for pair in files.items() for x in pair]
     done = subprocess.run(
         [sys.executable, "-m", "mbsbench", "gate", "--suite", "s.toml", "--thresholds", "t.toml", *given],
-        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
     assert done.returncode != 0
     assert words in done.stderr
     if where == "at its end":  # it judged, and the plugin cannot turn that into 0

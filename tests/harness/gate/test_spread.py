@@ -18,8 +18,8 @@ from mbsbench.harness.execution.protocol import Supervised
 from mbsbench.harness.gate import rounding
 from mbsbench.harness.gate.baseline import read_thresholds, write_thresholds
 from mbsbench.harness.gate.check import tighten_bounds
-from mbsbench.harness.gate.rounding import FRAME, SIZE, START, TOLERANCE, cores_here, repeat_run
-from mbsbench.harness.gate.spread import Sample, find_unstable, widen_by_spread
+from mbsbench.harness.gate.rounding import FRAME, SIZE, START, TOLERANCE, list_core_types, repeat_run
+from mbsbench.harness.gate.spread import SpreadSample, find_unstable, widen_by_spread
 from mbsbench.harness.gate.thresholds import Spread, Threshold, Thresholds, propose_bounds
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.results.environment import ROOT
@@ -42,11 +42,11 @@ def drift_bound(**change) -> Threshold:
 OLD = Thresholds("t", (drift_bound(),))
 
 
-def samples_of(*values: float, **change) -> dict[str, list[Sample]]:
+def samples_of(*values: float, **change) -> dict[str, list[SpreadSample]]:
     """Runs of one case under error control, each with its energy drift [J] and a name of its own."""
     base = RunRecord(**{"status": "success", "control": "rtol", "energy_scale_J": 1.0, "length_scale_m": 1.0, **change})
     records = [dataclasses.replace(base, case=f"{CASE} {k}", energy_drift_max_J=v) for k, v in enumerate(values)]
-    return {CASE: [Sample(KINDS[k % len(KINDS)], r) for k, r in enumerate(records)]}
+    return {CASE: [SpreadSample(KINDS[k % len(KINDS)], r) for k, r in enumerate(records)]}
 
 
 def test_bounds_lie_around_what_rounding_gives():
@@ -88,10 +88,10 @@ def test_bounds_of_a_case_whose_status_rounding_decides_are_left():
     """It is named with the kinds of rounding that lead to each status; nor do runs that all fail have bounds."""
     failed = samples_of(1e-5, 4e-5, 2e-5)
     assert find_unstable(failed) == {}
-    failed[CASE][1] = Sample(START, dataclasses.replace(failed[CASE][1].record, status="step_underflow"))
+    failed[CASE][1] = SpreadSample(START, dataclasses.replace(failed[CASE][1].record, status="step_underflow"))
     assert find_unstable(failed) == {CASE: "success (unchanged, frame); step_underflow (start)"}
     assert widen_by_spread(OLD, failed) == OLD
-    wrong = {CASE: [Sample(s.kind, dataclasses.replace(s.record, status="wrong")) for s in failed[CASE]]}
+    wrong = {CASE: [SpreadSample(s.kind, dataclasses.replace(s.record, status="wrong")) for s in failed[CASE]]}
     assert find_unstable(wrong) == {} and widen_by_spread(OLD, wrong) == OLD
 
 
@@ -99,7 +99,7 @@ def test_the_file_says_what_was_measured(tmp_path):
     """How often, by what, and where a fixed step moved most; numbers that are nothing but rounding do not count."""
     samples = samples_of(1e-5, 1.01e-5, 1e-5, control="dt", steps=100)
     for k, sample in enumerate(samples[CASE]):
-        samples[CASE][k] = Sample(sample.kind, dataclasses.replace(sample.record, phi_max=1e-17 * (1 + k)))
+        samples[CASE][k] = SpreadSample(sample.kind, dataclasses.replace(sample.record, phi_max=1e-17 * (1 + k)))
     new = widen_by_spread(OLD, samples)
     assert new.spread == Spread(3, (FRAME, START), 1.01, f"{CASE} energy_drift_max_J")
     path = tmp_path / "t.toml"
@@ -132,11 +132,15 @@ def test_repeats_with_other_kernels_differ_in_them_alone(native):
     given = {k: v for k, v in os.environ.items() if k != "OPENBLAS_CORETYPE"} | {machine.NATIVE: native}
     plain, other = (
         subprocess.run(
-            (sys.executable, "-c", f"{program}; {shown}"), cwd=ROOT, env={**given, **environ}, capture_output=True,
-            text=True, check=True,
+            (sys.executable, "-c", f"{program}; {shown}"),
+            cwd=ROOT,
+            env={**given, **environ},
+            capture_output=True,
+            text=True,
+            check=True,
         ).stdout.splitlines()
         for environ in ({}, repeat.environ)
-    )  # fmt: skip
+    )
     assert plain[0] == other[0] and "Sandybridge" in other[1] and "Sandybridge" not in plain[1]
     assert native == "1" or "haswell" in other[0]
 
@@ -170,7 +174,7 @@ def test_kernels_are_those_that_the_processor_has(monkeypatch):
         ("avx avx2 avx512f avx512vl", ("Haswell", "Zen", "Sandybridge", "SkylakeX")),
     ):
         monkeypatch.setattr(rounding, "processor_flags", lambda flags=flags: frozenset(flags.split()))
-        assert cores_here() == cores
+        assert list_core_types() == cores
 
 
 def test_runs_are_made_by_processes_with_these_variables():

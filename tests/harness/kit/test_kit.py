@@ -10,7 +10,7 @@ from mbsbench import States, accelerations, advance, kit
 from mbsbench.harness.kit.cases import make_case
 from mbsbench.harness.kit.conditioning import measure_growth
 from mbsbench.harness.kit.verdict import DEVIATIONS, EVALUATION, UNIT
-from mbsbench.harness.reference.computation import reference_of
+from mbsbench.harness.reference.computation import find_reference
 from mbsbench.harness.types import Law
 
 SINGLE, DOUBLE = np.float32, np.float64
@@ -32,7 +32,7 @@ def exact(dtype=DOUBLE, change=lambda s, t: s):
     def motion(case):
         t = case.dt * np.arange(round(case.problem.t_end / case.dt) + 1)
         t[-1] = case.problem.t_end
-        return rows(change(reference_of(case.problem).states(t), t), dtype)
+        return rows(change(find_reference(case.problem).states(t), t), dtype)
 
     return motion
 

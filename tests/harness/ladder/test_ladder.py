@@ -14,19 +14,19 @@ import pytest
 from mbsbench.cli import submit
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.harness.ladder import blind, bundling, submission
 from mbsbench.harness.ladder.bundling import Entry, read_entry
-from mbsbench.harness.ladder.instances import KINDS, WITHIN, digest_of, draw_instances
-from mbsbench.harness.ladder.ranking import OURS, mean_of, rank_entries
-from mbsbench.harness.ladder.submission import Refused, read_submission, run_submission
-from mbsbench.harness.places import Place
+from mbsbench.harness.ladder.instances import KINDS, WITHIN, digest_submission, draw_instances
+from mbsbench.harness.ladder.ranking import OURS, average_geometrically, rank_entries
+from mbsbench.harness.ladder.submission import RefusedSubmission, read_submission, run_submission
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.sandbox.apart import Ended
+from mbsbench.harness.sandbox.forked_process import ProcessEnd
 from mbsbench.reports.ladder import write_page
 
 from .forgeries.test_submissions import SHORT, TEXT
 
-ENDED = Ended(0, killed=False, sent="", peak=1.0, cpu=1.0)
+ENDED = ProcessEnd(0, killed=False, sent="", peak=1.0, cpu=1.0)
 
 
 def test_instances_follow_from_submission_and_seed_alone():
@@ -43,9 +43,18 @@ def test_instances_follow_from_submission_and_seed_alone():
 
 def record(problem="p", status="success", error=1e-6, cpu=1.0, dt=0.1):
     return RunRecord(
-        run_id="a", case="c", problem=problem, solver="s", control="dt", dt_s=dt, rtol=float("nan"), status=status,
-        motion_error_max_m=error, length_scale_m=1.0, cpu_median_s=cpu,
-    )  # fmt: skip
+        run_id="a",
+        case="c",
+        problem=problem,
+        solver="s",
+        control="dt",
+        dt_s=dt,
+        rtol=float("nan"),
+        status=status,
+        motion_error_max_m=error,
+        length_scale_m=1.0,
+        cpu_median_s=cpu,
+    )
 
 
 def entry(name, *records):
@@ -82,19 +91,19 @@ def test_cost_decides_between_equal_points_and_the_frontier_needs_a_sure_differe
 
 def test_the_interval_of_equal_costs_is_a_point_and_holds_the_mean():
     """No spread, no doubt; with spread the mean lies inside."""
-    same, spread = mean_of(np.full(5, 2.0)), mean_of(np.array([1.0, 2.0, 4.0]))
+    same, spread = average_geometrically(np.full(5, 2.0)), average_geometrically(np.array([1.0, 2.0, 4.0]))
     assert same.low == pytest.approx(2.0) == same.high
     assert spread.low < spread.value < spread.high and spread.value == pytest.approx(2.0)
 
 
 def test_what_cannot_be_a_submission_is_refused_in_a_line(tmp_path):
     """No file; a file without a solver; one that leaves at import."""
-    with pytest.raises(Refused, match="no file"):
+    with pytest.raises(RefusedSubmission, match="no file"):
         read_submission(str(tmp_path / "none.py"))
     for k, text in enumerate(("x = 1", "import os\nos._exit(0)", "raise SystemExit")):
         file = tmp_path / f"bad{k}.py"
         file.write_text(text)
-        with pytest.raises(Refused, match="one solver"):
+        with pytest.raises(RefusedSubmission, match="one solver"):
             read_submission(str(file))
 
 
@@ -111,7 +120,7 @@ def test_submit_and_ladder_from_the_command_line(tmp_path, monkeypatch, capsys):
         plain = json.loads(out.out)
         assert plain["solved"] == (code == 0) and plain["trial"] is True and "trial: " in out.err
         assert plain["fenced"] is ("not fenced" not in out.err)
-        assert plain["digest"] == digest_of((tmp_path / f"{name}.py").read_bytes())
+        assert plain["digest"] == digest_submission((tmp_path / f"{name}.py").read_bytes())
         assert main(["submit", str(tmp_path / f"{name}.py"), "--digest"]) == 0
         assert capsys.readouterr().out.split() == [plain["digest"]]
     rows = rank_entries([(read_entry(tmp_path / f"{name}.zip", SHORT), "<ours>") for name in ("bad", "good")])
@@ -148,10 +157,10 @@ def test_what_is_called_compilation_is_limited_for_submissions(tmp_path, monkeyp
     """Of solvers of the catalogue it is left out."""
     seen = []
     monkeypatch.setattr(
-        blind, "Watched", lambda work, **k: seen.append(k["code"]) or SimpleNamespace(wait=lambda: ENDED)
+        blind, "WatchedProcess", lambda work, **k: seen.append(k["code"]) or SimpleNamespace(wait=lambda: ENDED)
     )
     for plugin in ("a.py", ""):
-        blind._run(blind.Task(None, None, "s", plugin, tmp_path, Place(tmp_path) / "e", 20.0, 500.0))
+        blind._run(blind.BlindTask(None, None, "s", plugin, tmp_path, ConfinedPath(tmp_path) / "e", 20.0, 500.0))
     assert seen == [0.0, blind.CODE_LIMIT]
 
 
@@ -170,11 +179,13 @@ def test_one_run_without_a_fence_marks_the_entry(tmp_path, monkeypatch, first):
 def test_what_a_submission_sends_says_nothing_of_its_fence(tmp_path, monkeypatch):
     """Its lines come after the one that its process sent before there was a submission."""
     loaded = []
-    monkeypatch.setattr(blind, "shut_in", lambda folder: loaded.append("shut in") or False)
+    monkeypatch.setattr(blind, "confine_process", lambda folder: loaded.append("shut in") or False)
     send = lambda word: loaded.append(word)  # noqa: E731
-    task = blind.Task(None, None, "s", str(tmp_path / "none.py"), tmp_path, Place(tmp_path) / "e", 20.0, 5000.0)
+    task = blind.BlindTask(
+        None, None, "s", str(tmp_path / "none.py"), tmp_path, ConfinedPath(tmp_path) / "e", 20.0, 5000.0
+    )
     monkeypatch.setattr(blind.registry, "load_plugin", lambda file: send(blind.FENCED))
-    blind.attempt(task, send)
+    blind.attempt_solve(task, send)
     assert loaded == ["shut in", "", blind.FENCED]
     assert blind._run(task).sent == ""
 

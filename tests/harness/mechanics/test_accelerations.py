@@ -11,7 +11,7 @@ from mbsbench import MultibodySystem, State, States, StepControl, advance, equat
 from mbsbench.harness.catalogue.registry import make_problem, make_solver, problems
 from mbsbench.harness.mechanics import consistency, dynamics, index1, motion
 from mbsbench.harness.mechanics.consistency import perturb, project
-from mbsbench.harness.mechanics.counting import Count, counting
+from mbsbench.harness.mechanics.counting import CallCount, collect_counts
 
 from ...solvers.arbitrary_systems import consistent, with_user_forces
 
@@ -32,9 +32,15 @@ def test_states_that_are_all_not_finite_have_no_accelerations(most, monkeypatch)
 
 @pytest.mark.parametrize(
     ("name", "parameters"),
-    [("bricard", {}), ("slider_crank", {}), ("heavy_top", {}), ("driven_slider_crank", {}),
-     ("four_bar_grid", {"columns": 4, "rows": 3}), ("chain", {"links": 30})],
-)  # fmt: skip
+    [
+        ("bricard", {}),
+        ("slider_crank", {}),
+        ("heavy_top", {}),
+        ("driven_slider_crank", {}),
+        ("four_bar_grid", {"columns": 4, "rows": 3}),
+        ("chain", {"links": 30}),
+    ],
+)
 def test_sparse_and_dense_algebra_agree(name, parameters, monkeypatch):
     """Also with redundant rows, where reactions are not unique and what they do to bodies is."""
     problem = make_problem(name, {"t_end": 0.2, **parameters})
@@ -56,8 +62,9 @@ def test_large_systems_are_solved_to_rounding(name):
     found = index1.index_1(system, s)
     f = motion.applied_loads(system, s)
     f[..., 3:] -= np.cross(one.Omega, np.einsum("bij,bj->bi", system.inertia, one.Omega))
-    Ma = np.concatenate((system.mass[:, None] * found.a[..., :3],
-                         np.einsum("bij,tbj->tbi", system.inertia, found.a[..., 3:])), axis=-1)  # fmt: skip
+    Ma = np.concatenate(
+        (system.mass[:, None] * found.a[..., :3], np.einsum("bij,tbj->tbi", system.inertia, found.a[..., 3:])), axis=-1
+    )
     np.testing.assert_allclose(Ma, f + found.load, rtol=0, atol=1e-9 * np.max(np.abs(f)))
     faster = States(s.r, s.R, found.a[..., :3], found.a[..., 3:])  # A a, where no row moves by itself
     opening = motion.constraint_rate(system, faster) + motion.drift(system, s)
@@ -83,9 +90,13 @@ def test_redundant_rows_stay_redundant_in_a_stage_off_the_constraints(accelerati
 
 
 @pytest.mark.parametrize(
-    "drawn", [{"size": 1e5, "mechanism_seed": 31}, {"size": 1e5, "mechanism_seed": 5},
-              {"size": 1e-5, "contrast": 10.0, "mechanism_seed": 31}],
-)  # fmt: skip
+    "drawn",
+    [
+        {"size": 1e5, "mechanism_seed": 31},
+        {"size": 1e5, "mechanism_seed": 5},
+        {"size": 1e-5, "contrast": 10.0, "mechanism_seed": 31},
+    ],
+)
 @both_routes
 def test_rows_of_small_or_heavy_bodies_are_no_redundant_ones(drawn, accelerations):
     """A a + A_dot v = 0 in every row, whatever the sizes and masses: none is taken for redundant."""
@@ -207,7 +218,7 @@ def test_equations_are_free_to_change_and_take_no_differences(monkeypatch: pytes
 
 def test_a_call_is_one_evaluation_with_its_factorisation_if_any() -> None:
     system, s = started("bricard", 1)
-    with counting(Count()) as count:
+    with collect_counts(CallCount()) as count:
         mbsbench.accelerations(system, s)
         mbsbench.equations(system, s)
         mbsbench.project(system, s)

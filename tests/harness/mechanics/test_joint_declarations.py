@@ -39,7 +39,7 @@ ROUNDING = 1e-11
         ({"kind": "rolling disc", "axis_i": (1, 0, 0), "axis_j": (0, 0, 1)}, "length must be finite and > 0"),
         ({"kind": "driven position", "axis_j": (1, 0, 0), "motion": TimeFunction((1, 2, 3, 4, 5))}, "up to"),
     ],
-)  # fmt: skip
+)
 def test_an_incomplete_joint_is_refused(given, said) -> None:
     with pytest.raises(ValueError, match=said):
         assemble([RigidBody(1.0, np.eye(3))], [Joint(0, (0, 0, 0), **given)])
@@ -56,7 +56,7 @@ def test_rows_that_are_none_are_refused(rows: Any) -> None:
 def test_joints_behind_chosen_rows_keep_their_numbers() -> None:
     body, first = [RigidBody(1.0, np.eye(3))], Joint(0, (0, 0, 0), rows=np.array([2, 0]))
     names = assemble(body, [first, Joint(0, (0.1, 0, 0))]).joint_names
-    assert names == ("joint 1, row 2", "joint 1, row 0", "joint 2")
+    assert names == ("joint 0, row 2", "joint 0, row 0", "joint 1")
     with pytest.raises(ValueError, match="joint 1: length must be"):
         assemble(body, [first, Joint(0, (0, 0, 0), kind="distance")])
     with pytest.raises(ValueError, match="joint 1: expected body i"):
@@ -86,11 +86,14 @@ def test_pictures_and_tables_of_the_manual_are_those_of_the_declarations() -> No
     """As ``make joints`` draws and writes them: an arrow for each freedom."""
     draws: Any = SourceFileLoader("draw_joints", str(ROOT / "docs" / "draw_joints.py")).load_module()
     for kind in draws.drawn():
+        assert (ROOT / "docs" / "images" / "joints" / draws.name(kind)).is_file(), "make joints"
         drawn = draws.picture(kind)
         assert drawn.count('stroke-width="2"') == 6 - sum(kind.count)
-        assert (ROOT / "docs" / "images" / "joints" / draws.name(kind)).read_text(encoding="utf-8") == drawn
+        assert (ROOT / "docs" / "images" / "joints" / draws.name(kind)).read_text(encoding="utf-8") == drawn, (
+            "make joints"
+        )
     text = (ROOT / "docs" / "joints-and-forces.md").read_text(encoding="utf-8")
-    assert draws.page(text) == text
+    assert draws.page(text) == text, "docs/joints-and-forces.md lags behind the declarations: make joints"
 
 
 def test_a_load_on_the_ground_is_refused() -> None:
@@ -110,7 +113,7 @@ def test_a_point_of_two_numbers_is_named() -> None:
     for parts, words in (
         (
             {"joints": [Joint(0, (0, 0, 0)), Joint(0, (-0.5, 0), name="pin")]},
-            r"joint 1 \(pin\): s_i must be three .*-0.5",
+            r"joint 'pin': s_i must be three .*-0.5",
         ),
         ({"joints": [Joint(0, (0, 0, 0), axis_i=(0, 0, 1), axis_j=(0, 1))]}, r"joint 0: axis_j must be three numbers"),
         ({"springs": [SpringDamper(0, "x", -1, (0, 0, 0), 1.0, 0.1)]}, r"spring 0: p_i must be three .* \(got x\)"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbsbench import MultibodySystem, Problem, State, States, TimeFunction, constraint_jacobian
-from mbsbench.harness.catalogue.registry import in_frame
+from mbsbench.harness.catalogue.registry import rotate_problem
 from mbsbench.harness.mechanics import motion, so3, time_functions, work
 from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.dynamics import advance as along
@@ -20,6 +20,7 @@ from mbsbench.solvers.formulations.layout import Layout
 from mbsbench.solvers.formulations.start import Accelerations, coordinates_and_velocities
 from mbsbench.solvers.formulations.strong_form import RowTerms, StrongForm
 from mbsbench.solvers.formulations.system_elements import equations_of_motion
+from mbsbench.tests.comparing import assert_close, assert_each
 
 from ...solvers.arbitrary_joints import KINDS, MOVING, SWAY, all_joints, moving_rows, one_joint
 from ...solvers.arbitrary_systems import arbitrary, linkage, settle, with_user_forces
@@ -27,8 +28,12 @@ from ...solvers.arbitrary_systems import arbitrary, linkage, settle, with_user_f
 STEP = 1e-5  # [s] of central differences: truncation and rounding 1e-10 of values of order 10
 DIFFERENCES = 1e-6
 ROUNDING = 1e-11  # a thousand operations on values of order 10
-SYSTEMS = {"joints": all_joints(), "moving rows": moving_rows(None), "linkage": linkage(springs=True),
-           "user forces": with_user_forces()}  # fmt: skip
+SYSTEMS = {
+    "joints": all_joints(),
+    "moving rows": moving_rows(None),
+    "linkage": linkage(springs=True),
+    "user forces": with_user_forces(),
+}
 TAKEN = {"spherical": 3, "universal": 4, "revolute": 5, "fixed": 6, "cylindrical": 4, "prismatic": 5,
          "point on line": 2, "point on plane": 1, "normal axes": 1, "distance": 1}  # fmt: skip
 each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
@@ -68,11 +73,11 @@ def test_rates_of_the_rows_are_their_derivatives(system, seed) -> None:
     )
     has = np.setdiff1d(np.arange(system.nrows), without)
     assert np.max(np.abs((ahead - behind) / (2.0 * STEP) - phi_dot)[has]) < DIFFERENCES
-    assert np.all(motion.constraint(system, States.one(state))[0][without] == 0.0)
+    assert_each(motion.constraint(system, States.one(state))[0][without], "==", 0.0)
     v = np.concatenate((state.v, state.Omega), axis=1).ravel()
     still = State(state.r, state.R, 0 * state.v, 0 * state.Omega, state.t)
     phi_t = motion.constraint_rate(system, States.one(still))[0]
-    assert bool(np.max(np.abs(phi_t)) > 0.1) is bool(start)
+    assert (np.max(np.abs(phi_t)) > 0.1) == bool(start)
     assert np.max(np.abs(constraint_jacobian(system, state) @ v + phi_t - phi_dot)) < ROUNDING
 
 
@@ -281,9 +286,13 @@ def test_a_row_of_loads_and_dampers_works_along_the_motion() -> None:
 
 
 OTHERWISE = [
-    {"mirror": "X"}, {"mirror": "Z"}, {"renumber": 3}, {"duplicate": 2}, {"unit_length": 100.0, "unit_time": 7.0},
+    {"mirror": "X"},
+    {"mirror": "Z"},
+    {"renumber": 3},
+    {"duplicate": 2},
+    {"unit_length": 100.0, "unit_time": 7.0},
     {"mirror": "Y", "duplicate": 1, "renumber": 5, "unit_length": 0.25, "unit_mass": 7.0, "unit_time": 3.0},
-]  # fmt: skip
+]
 PRESENTED = [
     (SYSTEMS[name], given)
     for name in SYSTEMS
@@ -315,14 +324,16 @@ def test_a_presentation_changes_no_energy_and_no_power(system, given) -> None:
     assert abs(P_there - P * watt) < doubt + 1e-9 * abs(P * watt)
     assert np.max(np.abs(motion.constraint(shown, States.one(there)))) < 1e-12 * max(asked.unit_length, 1.0)
     assert np.max(np.abs(motion.constraint_rate(shown, States.one(there)))) < 1e-10 * max(asked.speed, 1.0)
-    assert np.all(np.linalg.eigvalsh(shown.inertia)[:, 0] > 0.0)
+    assert_each(np.linalg.eigvalsh(shown.inertia)[:, 0], ">", 0.0)
     back = asked.states_back(system, States.one(there))
     assert back.times[0] == pytest.approx(s.t)
     for name in ("r", "R", "v", "Omega"):
-        assert np.allclose(getattr(back[0], name), getattr(s, name), rtol=1e-14, atol=0.0), name
+        assert_close(getattr(back[0], name), getattr(s, name), rtol=1e-14, atol=0.0, what=name)
     apart = arbitrary(system, 6)
-    sizes = [np.linalg.norm(motion.constraint_energy_norm(x, States.one(y)))
-             for x, y in ((system, apart), (shown, asked.state(system, apart)))]  # fmt: skip
+    sizes = [
+        np.linalg.norm(motion.constraint_energy_norm(x, States.one(y)))
+        for x, y in ((system, apart), (shown, asked.state(system, apart)))
+    ]
     if set(given) <= {"mirror", "renumber"}:  # a mixes metres and numbers: its c depends on the units
         assert sizes[1] == pytest.approx(sizes[0], rel=1e-11)
 
@@ -332,7 +343,7 @@ def test_a_turned_frame_changes_no_energy_and_no_power(system) -> None:
     """T + V, the power and phi_dot stay when everything is turned."""
     s = settle(system, timed(system, 7))
     p = Problem("turned", system, s, 1.0, 1e-3, "", "made up")
-    q = in_frame(p, so3.exp(np.array([0.3, -0.2, 0.5])))
+    q = rotate_problem(p, so3.exp(np.array([0.3, -0.2, 0.5])))
     there = States(*(getattr(States.one(q.initial), n) for n in ("r", "R", "v", "Omega")), np.array([s.t]))
     for of in (motion.energy, work.power):
         assert of(q.system, there)[0] == pytest.approx(of(system, States.one(s))[0], rel=1e-9)

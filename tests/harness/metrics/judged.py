@@ -5,14 +5,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbsbench import Problem, States, Status, Trajectory
-from mbsbench.harness.metrics.measure import Measured, measure
+from mbsbench.harness.metrics.measure import MeasuredSeries, measure
 from mbsbench.harness.metrics.summary import columns
-from mbsbench.harness.metrics.verdict import doubts, inaccuracy
+from mbsbench.harness.metrics.verdict import inaccuracy, list_broken_laws
 from mbsbench.harness.types import Law, Reason
 
 
 class Judgement(NamedTuple):
-    m: Measured
+    m: MeasuredSeries
     c: dict[str, Any]
     inaccuracy: list[Reason]
     doubts: list[Reason]
@@ -22,7 +22,7 @@ class Judgement(NamedTuple):
 def judge(problem: Problem, run: Trajectory) -> Judgement:
     m = measure(problem, run)
     c = columns(problem, run, m)
-    broken = doubts(problem, run, m, c)
+    broken = list_broken_laws(problem, run, m, c)
     return Judgement(m, c, inaccuracy(m, c), broken, [r.law for r in broken])
 
 

@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 from mbsbench import Joint, RigidBody, SpringDamper, States, assemble
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.metrics import measure, passes, rows, scales, thinning
-from mbsbench.harness.metrics.summary import largest, time_mean, trend
+from mbsbench.harness.metrics.summary import find_largest, time_mean, trend
 from mbsbench.harness.metrics.thinning import frames_to_keep, rows_to_keep
 from mbsbench.harness.types import ACCURATE, Law, Problem, State, StepControl
+from mbsbench.tests.comparing import assert_close
 
 from .judged import claimed, judge
 
@@ -78,8 +79,8 @@ def test_damper_work_is_no_drift():
     s = States(r, np.broadcast_to(np.eye(3), (len(t), 1, 3, 3)), rate, np.zeros_like(r))
     m = judge(Problem("p", system, s[0], 2.0, 0.1, "", ""), claimed(t, s)).m
     assert np.max(np.abs(m.energy - m.energy[0])) > 0.3
-    assert largest(m.energy_error) < 1e-6
-    assert largest(np.array([0.0, np.nan])) == np.inf  # max() of numpy comparisons would drop NaN
+    assert find_largest(m.energy_error) < 1e-6
+    assert find_largest(np.array([0.0, np.nan])) == np.inf  # max() of numpy comparisons would drop NaN
 
 
 def test_trend_weights_time_not_steps():
@@ -224,7 +225,7 @@ def test_all_laws_and_sizes_are_those_of_numpy(anywhere, monkeypatch):
     }
     for name, call in calls.items():
         for k, (plain, fast) in enumerate(zip(*in_both(call, monkeypatch), strict=True)):
-            assert np.allclose(fast, plain, rtol=0.0, atol=ROUNDING * np.max(np.abs(plain), initial=1.0)), (name, k)
+            assert_close(fast, plain, rtol=0.0, atol=ROUNDING * np.max(np.abs(plain), initial=1.0), what=(name, k))
 
 
 def test_what_is_no_number_stays_none(monkeypatch):

@@ -166,7 +166,7 @@ def test_a_small_mechanism_is_judged_by_its_computed_reference(tmp_path, monkeyp
         rest, at = np.zeros((1, 3)), np.array([[size, 0.0, 0.0]])
         p = Problem("p", system, State(at, np.eye(3)[None], rest, rest), 1.0, 0.01, "", "")
         t = np.linspace(0.0, 1.0, 101)
-        exact = computation.reference_of(p)
+        exact = computation.find_reference(p)
         for late, laws in ((0.0, []), (0.3, [Law.MOTION])):
             judged = judge(p, claimed(t, exact.states(np.maximum(t - late, 0.0))))
             assert judged.c["judged_to_s"] == 1.0 and [r.law for r in judged.inaccuracy] == laws
@@ -175,8 +175,8 @@ def test_a_small_mechanism_is_judged_by_its_computed_reference(tmp_path, monkeyp
 def test_a_start_as_printed_has_no_reference_and_may_open_its_joints():
     """The motion that follows is not that of a consistent start; laws of the joints are not its laws."""
     literal = make_problem("spherical_pendulum", {"omega_z": 0.1, "literal_start": True})
-    assert literal.reference() is None and computation.reference_of(literal) is None
-    assert computation.source_of(literal) is computation.Source.NONE
+    assert literal.reference() is None and computation.find_reference(literal) is None
+    assert computation.describe_source(literal) is computation.Source.NONE
     t = np.linspace(0.0, literal.t_end, 101)
     away = t[:, None, None] * np.array([0.0, 0.0, 0.05])
     one = States.one(literal.initial)

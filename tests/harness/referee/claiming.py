@@ -2,7 +2,7 @@
 
 from mbsbench.harness.referee.claims.count import judge
 from mbsbench.harness.referee.claims.register import parse_register
-from mbsbench.harness.results.judgements.claims import Because, Claim, Finding, Verdict
+from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdict, JudgedClaim, VerdictEvidence
 
 from .synthetic import HEAD, record, runs_of
 
@@ -42,8 +42,10 @@ RUNS = runs_of(SUITE)
 
 def judged(name, verdict, kind="result"):
     """A claim with its verdict beyond the paper's settings, judged from nothing."""
-    found = Finding(Verdict(verdict))
-    return Claim(name, kind, "5.1", (1,), "words", name, None, found, (), (), Because(), (), (), {}, (), (), {}, ())
+    found = ClaimFinding(ClaimVerdict(verdict))
+    return JudgedClaim(
+        name, kind, "5.1", (1,), "words", name, None, found, (), (), VerdictEvidence(), (), (), {}, (), (), {}, ()
+    )
 
 
 def options(spec):

@@ -6,7 +6,7 @@ import pytest
 
 from mbsbench.harness.referee.claims.count import judge
 from mbsbench.harness.referee.claims.register import parse_register
-from mbsbench.harness.results.judgements.claims import Ending, LeftOut
+from mbsbench.harness.results.judgements.claims import Ending, ExcludedSettings
 
 from .claiming import MAP, RUNS, SUITE, claim, options
 from .synthetic import HEAD, record, runs_of
@@ -18,7 +18,7 @@ PHI = 'metric = "column", name = "phi_max"'
 def open_for(c, why=Ending.UNCOMPARED):
     """How many settings are left open, all of them for this reason."""
     left = [row.holds for row in c.map].count(None)
-    assert c.beyond.left_out == ((LeftOut(why, left),) if left else ())
+    assert c.beyond.left_out == ((ExcludedSettings(why, left),) if left else ())
     return left
 
 
@@ -74,8 +74,9 @@ def test_a_group_without_the_values_named_is_left_open(along, left):
 
 
 @pytest.mark.parametrize("combine", ["last over first", "worst step"])
-@pytest.mark.parametrize(("steps", "holds"), [((1000, 1000, 1000), None), ((1000, 1005, 1009), None),
-                                              ((1000, 2000, 4000), True)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("steps", "holds"), [((1000, 1000, 1000), None), ((1000, 1005, 1009), None), ((1000, 2000, 4000), True)]
+)
 def test_equal_steps_show_nothing_about_reducing_them(combine, steps, holds):
     """The same error at each tolerance: it did not help where steps shrank; where they are the same it did not act."""
     text = f'map = "m"\nacross = "tolerance"\ntests = [{{ {PHI}, combine = "{combine}", at_least = 1, unit = "" }}]\n'
@@ -87,8 +88,10 @@ def test_equal_steps_show_nothing_about_reducing_them(combine, steps, holds):
 def test_a_step_that_did_not_act_does_not_hide_one_that_did():
     """From 1e-3 to 1e-4 nothing changes; to 1e-6 steps and the error fall: each reduction that acted helps."""
     text = f'map = "m"\nacross = "tolerance"\ntests = [{{ {PHI}, combine = "worst step", at_most = 0.9, unit = "" }}]\n'
-    found = [record(x, phi_max=0.1 if x.control.rtol == 1e-6 else 0.5, steps=2000 if x.control.rtol == 1e-6 else 1000)
-             for x in RUNS]  # fmt: skip
+    found = [
+        record(x, phi_max=0.1 if x.control.rtol == 1e-6 else 0.5, steps=2000 if x.control.rtol == 1e-6 else 1000)
+        for x in RUNS
+    ]
     c = claim(text, found)
     assert c.verdict == "reproduced" and c.tests[0].measured == 0.2
 
@@ -130,11 +133,18 @@ def test_at_equal_work_a_cheaper_and_better_run_counts_against(error, work, hold
     assert {row.holds for row in of_maps(RIVALS, EQUAL_WORK, specs, found).map} == {holds}
 
 
-@pytest.mark.parametrize(("metric", "own", "other", "holds"), [
-    ("loss", 1.0, 0.5, True), ("loss", math.inf, 0.5, True), ("loss", 0.5, math.inf, False),
-    ("loss", math.inf, math.inf, None), ("column", math.inf, 0.5, None), ("column", 0.5, math.inf, None),
-    ("column", math.inf, math.inf, None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("metric", "own", "other", "holds"),
+    [
+        ("loss", 1.0, 0.5, True),
+        ("loss", math.inf, 0.5, True),
+        ("loss", 0.5, math.inf, False),
+        ("loss", math.inf, math.inf, None),
+        ("column", math.inf, 0.5, None),
+        ("column", 0.5, math.inf, None),
+        ("column", math.inf, math.inf, None),
+    ],
+)
 def test_two_failures_beside_each_other_compare_nothing(metric, own, other, holds):
     """A stopped run is worse than one that ended, whichever side it is on; of two stopped ones neither is.
 

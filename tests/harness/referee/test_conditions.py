@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.harness.referee.claims.conditions import decide_along, decision, factors, separation, sufficient
+from mbsbench.harness.referee.claims.conditions import decide_along, decision, factors, find_sufficient, separation
 from mbsbench.harness.referee.claims.predicates import COMBINE, COMPARE, Band
-from mbsbench.harness.results.judgements.claims import Condition, Count
+from mbsbench.harness.results.judgements.claims import Condition, SettingsCount
 
 DIMENSIONS = {
     "tolerance": [1e-3, 1e-4, 1e-6],
@@ -26,15 +26,22 @@ def points(holds):
 EULER, LAMBDA = {"chart": ("euler313",)}, {"lambda_in_error_test": (True,)}
 
 
-@pytest.mark.parametrize(("holds", "by", "unless"), [
-    (lambda at: at["chart"] == "euler313", EULER, False),
-    (lambda at: at["chart"] == "euler313" and at["lambda_in_error_test"], EULER | LAMBDA, False),
-    (lambda at: at["chart"] != "euler313" or not at["lambda_in_error_test"], EULER | LAMBDA, True),
-    (lambda at: at["tolerance"] >= 1e-4, {"tolerance": ("at least 0.0001",)}, False),
-    (lambda at: at["tolerance"] <= 1e-4, {"tolerance": ("at most 0.0001",)}, False),
-    (lambda at: at["tolerance"] == 1e-4, {"tolerance": (1e-4,)}, False),
-    (lambda at: (at["chart"] == "euler313") == at["lambda_in_error_test"], {}, False),  # a diagonal: no line says it
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("holds", "by", "unless"),
+    [
+        (lambda at: at["chart"] == "euler313", EULER, False),
+        (lambda at: at["chart"] == "euler313" and at["lambda_in_error_test"], EULER | LAMBDA, False),
+        (lambda at: at["chart"] != "euler313" or not at["lambda_in_error_test"], EULER | LAMBDA, True),
+        (lambda at: at["tolerance"] >= 1e-4, {"tolerance": ("at least 0.0001",)}, False),
+        (lambda at: at["tolerance"] <= 1e-4, {"tolerance": ("at most 0.0001",)}, False),
+        (lambda at: at["tolerance"] == 1e-4, {"tolerance": (1e-4,)}, False),
+        (
+            lambda at: (at["chart"] == "euler313") == at["lambda_in_error_test"],
+            {},
+            False,
+        ),  # a diagonal: no line says it
+    ],
+)
 def test_one_dimension_or_two_that_decide_are_named(holds, by, unless):
     """Alone, together, or as where it does not hold; the order of points does not matter, nor what follows from one."""
     found = decision(points(holds))
@@ -63,8 +70,8 @@ def test_a_mixed_map_names_what_always_and_never_holds():
 
 def test_factors_count_every_value():
     counts = factors(points(lambda at: at["chart"] == "euler313"))
-    assert counts["chart"] == (Count("euler313", 6, 6), Count("quaternion", 0, 6))
-    assert counts["tolerance"][-1] == Count(1e-3, 2, 4)
+    assert counts["chart"] == (SettingsCount("euler313", 6, 6), SettingsCount("quaternion", 0, 6))
+    assert counts["tolerance"][-1] == SettingsCount(1e-3, 2, 4)
 
 
 NAN, INF = math.nan, math.inf
@@ -138,14 +145,14 @@ def test_values_that_suffice_cover_what_holds():
     random = np.random.default_rng(3)
     for _ in range(20):
         own = [({"a": a, "b": b, "c": c}, bool(random.random() < 0.4)) for a in (0, 1, 2) for b in "xy" for c in "uvw"]
-        found = sufficient(own)
+        found = find_sufficient(own)
         for c in found:
             inside = [holds for at, holds in own if all(at[n] == v for n, v in c.at.items())]
             assert inside and all(inside) and len(inside) == c.settings
         covered = sum(holds and any(all(at[n] == v for n, v in c.at.items()) for c in found) for at, holds in own)
         d = decision(own)
         assert d.by or covered + d.rest == sum(holds for _, holds in own)
-        assert sufficient(own[::-1]) == found
+        assert find_sufficient(own[::-1]) == found
 
 
 def test_values_along_a_dimension_are_named_one_by_one_or_by_their_range():
@@ -154,3 +161,26 @@ def test_values_along_a_dimension_are_named_one_by_one_or_by_their_range():
     assert decide_along("tolerance", [1e-2, 1e-4], tried).by == {"tolerance": (1e-4, 1e-2)}
     assert decide_along("tolerance", tried[:5], tried).by == {"tolerance": ("1e-05 to 0.1",)}
     assert decide_along("tolerance", [*tried[:4], tried[7]], tried).by == {"tolerance": ("1e-08", "0.0001 to 0.1")}
+
+
+MOTIONS = [
+    ({"problem": problem, "duration": t, "max_step": h, "solver": solver} | more, problem == "top" and h == 1e-3)
+    for problem, t, h in (("top", 5.0, 1e-3), ("top", 5.0, 2e-4), ("chain", 2.0, 2e-3), ("chain", 2.0, 5e-3))
+    for solver, more in (("gc", {"direction": "a"}), ("gc", {"direction": "mass"}), ("rk", {}))
+]
+
+
+def test_a_condition_names_the_problem_it_is_about():
+    """Not its duration, which the problem determines, nor its step limit alone, which no other problem has."""
+    found = separation(MOTIONS)
+    assert found.by == {"problem": ("top",), "max_step": (1e-3,)}
+    by_problem = separation([(at, at["problem"] == "top") for at, _ in MOTIONS])
+    assert by_problem.by == {"problem": ("top",)}
+
+
+def test_an_option_is_said_of_the_solver_that_has_it():
+    """c_R is one solver's: that the claim holds with it says nothing of the other."""
+    points = [(at, at.get("direction") == "a" and at["max_step"] != 5e-3) for at, _ in MOTIONS]
+    for c in find_sufficient(points):
+        assert c.at["solver"] == "gc" and c.at["direction"] == "a"
+    assert all(c.at.get("solver") == "gc" for c in decision(points).conditions if "direction" in c.at)

@@ -2,7 +2,7 @@
 
 import math
 
-from mbsbench.reports.model.claim_words import by_solver, control
+from mbsbench.reports.model.claim_words import control, format_by_solver
 
 from .claiming import RUNS, claim, options
 from .synthetic import record, runs_of
@@ -63,9 +63,10 @@ def test_codes_are_columns():
     found = [record(x, phi_max=0.1 if x.solver == "rk45_strong_form" else 2.0) for x in SPECS]
     c = claim(both + "\n" + maps, found, specs=SPECS)
     assert {k: (f.verdict, f.settings) for k, f in c.by_solver.items()} == {
-        "ida_index1": ("reproduced", 12), "rk45_strong_form": ("not reproduced", 6)
-    }  # fmt: skip
-    assert "by ida_index1 reproduced, for all 12 tried" in by_solver(c) and claim().by_solver == {}
+        "ida_index1": ("reproduced", 12),
+        "rk45_strong_form": ("not reproduced", 6),
+    }
+    assert "by ida_index1 reproduced, for all 12 tried" in format_by_solver(c) and claim().by_solver == {}
 
 
 def test_ranges_of_a_dimension_are_readings_of_one_claim():

@@ -5,36 +5,42 @@ import dataclasses
 import pytest
 from msgspec.structs import replace
 
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.harness.files import FileError
-from mbsbench.harness.places import Place
 from mbsbench.harness.referee import judge as judging
 from mbsbench.harness.referee.claims.register import parse_register, read_register
 from mbsbench.harness.referee.currency import code_now, describe_changes, describe_older, find_older_runs
-from mbsbench.harness.results.codes import code_of
+from mbsbench.harness.results.codes import digest_run_code
 from mbsbench.harness.results.judgements import files
-from mbsbench.harness.results.judgements.claims import Code
+from mbsbench.harness.results.judgements.claims import CodeDigests
 from mbsbench.harness.results.judgements.files import CLAIMS, read_judgement
+from mbsbench.tests.stale import REMEDY
 
 from .claiming import MAP, RUNS, TEST
 from .synthetic import HEAD, record
 
-NOW = Code({"alpha": "1", "beta": "2"}, {"chain": "3"}, "4", "5", "6")
+NOW = CodeDigests({"alpha": "1", "beta": "2"}, {"chain": "3"}, "4", "5", "6")
 
 
+@pytest.mark.published
 def test_published_verdicts_are_of_this_code():
     """The remedy is in the words: make the runs concerned anew, or judge again, and publish."""
-    assert not judging.describe_outdated(files.PUBLISHED, code_now(read_register(), judging.list_whole()))
+    outdated = judging.describe_outdated(files.PUBLISHED, code_now(read_register(), judging.list_whole()))
+    assert not outdated, f"{outdated}\n{REMEDY}"
 
 
-@pytest.mark.parametrize(("changed", "words"), [
-    ({}, ""),
-    ({"solvers": {"alpha": "0", "beta": "2"}}, "code of alpha: mbsbench run referee --resume, then mbsbench judge"),
-    ({"solvers": {}}, "code of alpha, beta (all)"),
-    ({"problems": {"chain": "0"}}, "problem chain"),
-    ({"measuring": "0"}, "what measures motions"),
-    ({"runs": "0"}, "register or the suites"),
-    ({"judging": "0"}, "rules of judging: mbsbench judge --publish"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({}, ""),
+        ({"solvers": {"alpha": "0", "beta": "2"}}, "code of alpha: mbsbench run referee --resume, then mbsbench judge"),
+        ({"solvers": {}}, "code of alpha, beta (all)"),
+        ({"problems": {"chain": "0"}}, "problem chain"),
+        ({"measuring": "0"}, "what measures motions"),
+        ({"runs": "0"}, "register or the suites"),
+        ({"judging": "0"}, "rules of judging: mbsbench judge --publish"),
+    ],
+)
 def test_what_changed_is_said_in_a_line_with_the_command(changed, words):
     line = describe_changes(replace(NOW, **changed), NOW, "referee")
     assert words in line and bool(line) is bool(words) and "\n" not in line
@@ -42,7 +48,7 @@ def test_what_changed_is_said_in_a_line_with_the_command(changed, words):
 
 def test_runs_of_other_code_are_named_by_their_solvers():
     """One of thirteen is old; those of a plugin's solver are not ours to know."""
-    good = [record(x, code=code_of(x.problem, x.solver), suite="paper") for x in RUNS]
+    good = [record(x, code=digest_run_code(x.problem, x.solver), suite="paper") for x in RUNS]
     assert find_older_runs(good) == ()
     old = dataclasses.replace(good[-1], code="before")
     assert find_older_runs([*good[:-1], old]) == (old,)
@@ -62,4 +68,4 @@ def test_verdicts_of_an_older_version_are_refused_in_a_line(tmp_path):
     for text, schema in (('[{"id": "a", "verdict": "SUPPORTED"}]', 1), ('{"schema": 2, "claims": []}', 2)):
         (tmp_path / "claims.json").write_text(text)
         with pytest.raises(FileError, match=rf"^[^\n]*older version \(schema {schema}, expected 3\)$"):
-            read_judgement(CLAIMS, Place(tmp_path))
+            read_judgement(CLAIMS, ConfinedPath(tmp_path))

@@ -7,7 +7,7 @@ import pytest
 
 from mbsbench.harness.metrics.periods import find_periods
 from mbsbench.harness.metrics.thinning import rows_to_keep
-from mbsbench.harness.referee.certificates.drift import MATTERS, dissect, split_error
+from mbsbench.harness.referee.certificates.drift import MATTERS, split_energy_error, split_error
 from mbsbench.harness.referee.certificates.trend import FEWEST, fit_trend
 from mbsbench.harness.results.series import Series
 
@@ -33,8 +33,9 @@ def parts(t, e, observable):
 def test_a_pure_oscillation_has_neither_trend_nor_walk():
     """Whole periods leave nothing: the interval of the trend is a millionth of the swing."""
     a = parts(*swinging(swing=2.0))
-    exact = 0.5 * np.ptp(2.0 * np.cos(2.0 * np.linspace(0, 2 * np.pi, 4000) + 0.3)
-                         + 0.6 * np.sin(np.linspace(0, 2 * np.pi, 4000)))  # fmt: skip
+    exact = 0.5 * np.ptp(
+        2.0 * np.cos(2.0 * np.linspace(0, 2 * np.pi, 4000) + 0.3) + 0.6 * np.sin(np.linspace(0, 2 * np.pi, 4000))
+    )
     assert a.oscillation == pytest.approx(exact, rel=0.01)
     assert a.trend.low <= 0.0 <= a.trend.high or abs(a.trend.slope) * a.span < 1e-6
     assert max(abs(a.trend.low), abs(a.trend.high)) * a.span < 1e-3 * a.oscillation
@@ -141,10 +142,12 @@ def test_the_period_is_that_of_the_most_regular_observable():
     t, e, o = swinging()
     random = np.random.default_rng(0)
     noisy = o + 0.02 * random.standard_normal(len(t))
-    a = dissect(series(t, e, obs_chaos=np.cumsum(random.standard_normal(len(t))), obs_swing=noisy, obs_still=0.0 * t))
+    a = split_energy_error(
+        series(t, e, obs_chaos=np.cumsum(random.standard_normal(len(t))), obs_swing=noisy, obs_still=0.0 * t)
+    )
     assert a is not None
     assert PERIODS - 25 <= a.periods <= PERIODS
     assert a.span / a.periods == pytest.approx(PERIOD, rel=1e-3)
-    assert dissect(series(t, e, obs_still=0.0 * t)) is None
-    assert dissect(series(t[:800], e[:800], obs_swing=o[:800])) is None
-    assert dissect(series(t, np.where(t > 100.0, np.nan, e), obs_swing=o)) is None
+    assert split_energy_error(series(t, e, obs_still=0.0 * t)) is None
+    assert split_energy_error(series(t[:800], e[:800], obs_swing=o[:800])) is None
+    assert split_energy_error(series(t, np.where(t > 100.0, np.nan, e), obs_swing=o)) is None

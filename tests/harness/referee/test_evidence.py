@@ -12,6 +12,7 @@ from .synthetic import altered, bare, series
 
 T = np.linspace(0.0, 10.0, 101)
 SHORT = np.linspace(0.0, 4.0, 41)
+BACK = {"series": "a", "low": "low", "within": 0.5, "from": 8.0, "to": 9.0}
 WAVE = 2.0 - np.abs(T - 3.0)  # lowest at the ends; -WAVE is lowest at 3 s
 
 
@@ -36,6 +37,8 @@ WAVE = 2.0 - np.abs(T - 3.0)  # lowest at the ends; -WAVE is lowest at 3 s
         ("rate", {"series": "slope", "at": 0.0}, 2.0),
         ("drop at lowest", {"series": "fall", "low": "low", "within": 0.5}, -4.0),
         ("peak after lowest", {"series": "bump", "low": "low", "to": 9.0}, 0.2),
+        ("left after lowest", BACK | {"least": 2.0}, 7.0 / 3.0),  # |-7| of 3 at the lowest point
+        ("left after lowest", BACK | {"least": 4.0}, math.nan),  # it has not moved by 4: nothing can return
         ("energy ratio", {}, 3.0),
         ("away", {"of": "theta"}, 0.5),
     ],
@@ -55,7 +58,7 @@ def test_measures_find_what_was_put_in(name, arguments, value):
         obs_theta=theta + 0.5,
         ref_theta=np.where(T > 8.0, np.nan, theta),
     )
-    assert evaluate(name, bare(), s, arguments) == pytest.approx(value, rel=1e-9)
+    assert evaluate(name, bare(), s, arguments) == pytest.approx(value, rel=1e-9, nan_ok=True)
 
 
 WHOLE = ("largest", "highest", "lowest", "extent", "grows", "keeps growing")
@@ -178,3 +181,10 @@ def test_sizes_and_operators_are_those_of_the_problem():
     assert evaluate("operators", top, None, {"of": "corrected"}) < 1e-12
     assert evaluate("operators", top, None, {"of": "body frame"}) > 0.1
     assert math.isnan(evaluate("operators", top, None, {"of": "none"}))
+
+
+def test_a_stop_later_than_asked_is_another_event():
+    """A claim on the stop at 5.5 s says nothing of a run that stops at 8 s."""
+    stopped = bare(t_reached_s=8.0)
+    assert evaluate("stop time", stopped, None, {}) == 8.0 == evaluate("stop time", stopped, None, {"by": 8.0})
+    assert math.isnan(evaluate("stop time", stopped, None, {"by": 6.0}))

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.harness.referee.claims.endings import by_open_joint, classify_ending
-from mbsbench.harness.results.judgements.claims import Ending, Gap, LeftOut
-from mbsbench.reports.model.claim_words import because, by_solver, control, metric, verdict
+from mbsbench.harness.referee.claims.endings import classify_ending, ended_by_open_joint
+from mbsbench.harness.results.judgements.claims import ClaimGap, Ending, ExcludedSettings
+from mbsbench.reports.model.claim_words import control, explain_verdicts, format_by_solver, metric, verdict
 
 from .claiming import RUNS, TEST, claim, options
 from .synthetic import bare, record, runs_of, series
@@ -48,15 +48,22 @@ def first_of(columns):
 
 
 @pytest.mark.parametrize("band", ["at_least = 9", "at_most = 9"])
-@pytest.mark.parametrize("asked", [
-    'metric = "stops at"', 'metric = "stop time"', 'metric = "loss"', 'metric = "late energy"',
-    'metric = "column", name = "phi_max"', 'metric = "column", name = "out_of_plane_max_m", partial = true',
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "asked",
+    [
+        'metric = "stops at"',
+        'metric = "stop time"',
+        'metric = "loss"',
+        'metric = "late energy"',
+        'metric = "column", name = "phi_max"',
+        'metric = "column", name = "out_of_plane_max_m", partial = true',
+    ],
+)
 def test_a_run_that_we_ended_is_open_in_every_kind_of_test(asked, band):
     """Its joint was open by more than its arm: our guard ended it, and neither side may lean on that end."""
     found = claim(f'map = "m"\ntests = [{{ {asked}, {band}, unit = "" }}]\n', first_of(APART | {"phi_max": 0.52}))
     assert found.map[0].holds is None
-    assert LeftOut(Ending.APART, 1) in found.beyond.left_out or "phi_max" in asked or "partial" in asked
+    assert ExcludedSettings(Ending.APART, 1) in found.beyond.left_out or "phi_max" in asked or "partial" in asked
 
 
 def test_what_a_run_that_we_ended_had_settled_counts():
@@ -73,11 +80,13 @@ def test_the_guard_is_told_by_the_joint():
     """By status and size of the gap, not by its message: a method that ends by itself with an open joint failed."""
     ends = {"problem": "spherical_pendulum", "problem_parameters": "{}"}
     assert classify_ending(bare(**ends | APART)) is Ending.APART
-    assert not by_open_joint(bare(**ends | APART | {"phi_end": 0.4}))
-    assert not by_open_joint(bare(**ends | APART | {"status": "step_underflow"}))
-    assert not by_open_joint(bare(**ends | APART | {"control": "dt"}))  # fixed steps have no guard: it is their doing
-    assert not by_open_joint(bare(**ends | APART | {"phi_end": math.nan}))
-    assert not by_open_joint(bare(**ends | APART | {"t_reached_s": 10.0}))
+    assert not ended_by_open_joint(bare(**ends | APART | {"phi_end": 0.4}))
+    assert not ended_by_open_joint(bare(**ends | APART | {"status": "step_underflow"}))
+    assert not ended_by_open_joint(
+        bare(**ends | APART | {"control": "dt"})
+    )  # fixed steps have no guard: it is their doing
+    assert not ended_by_open_joint(bare(**ends | APART | {"phi_end": math.nan}))
+    assert not ended_by_open_joint(bare(**ends | APART | {"t_reached_s": 10.0}))
 
 
 def test_tried_with_lists_what_is_judged():
@@ -90,7 +99,7 @@ def test_tried_with_lists_what_is_judged():
     c = claim(text + MAPS, found, specs=BOTH)
     assert c.settings["solver"] == ("ida_index1",) and c.settings["tolerance"] == (1e-4, 1e-3)
     assert c.because.unjudged == ("ndf_index1",) and len(c.because.stand_ins) == 1
-    assert "No setting of ndf_index1 is judged: the verdicts say nothing of it" in because(c)
+    assert "No setting of ndf_index1 is judged: the verdicts say nothing of it" in explain_verdicts(c)
     assert c.settings["jacobian"] == ("exact",)  # a code may be taken for another by its Jacobian: said where one alone
     assert len(c.settings_ids) == 12  # runs of the map stay linked
 
@@ -127,7 +136,7 @@ def test_a_claim_that_there_are_such_says_where():
     some = TEST.replace('map = "m"', 'map = "m"\nquantifier = "some"')
     c = claim(some, [record(x, phi_max=0.5 if options(x)["chart"] == "euler313" else 2.0) for x in RUNS])
     assert c.verdict == "reproduced" and verdict(c.beyond) == "reproduced: there are such if chart euler313"
-    assert "It holds with chart euler313 always, and never without" in because(c)
+    assert "It holds with chart euler313 always, and never without" in explain_verdicts(c)
     assert verdict(claim(some).beyond) == "reproduced" and claim(some).beyond.decision is None
 
 
@@ -157,23 +166,23 @@ def test_total_and_solvers_treat_a_failed_run_alike():
     sound = {("ndf_index1", "euler313", 1e-3), ("ndf_index1", "euler313", 1e-4)}
     c = met_by("ida_index1", sound | {("ida_index1", "quaternion", 1e-3)})
     assert c.verdict == "reproduced if" and (c.beyond.holds, c.beyond.settings, c.beyond.lone) == (1, 4, 1)
-    assert "ida_index1" not in verdict(c.beyond) and "1 setting that one failed run alone meets" in because(c)
-    assert c.by_solver["ndf_index1"].holds == 1 and "hangs" not in by_solver(c)
+    assert "ida_index1" not in verdict(c.beyond) and "1 setting that one failed run alone meets" in explain_verdicts(c)
+    assert c.by_solver["ndf_index1"].holds == 1 and "hangs" not in format_by_solver(c)
     rest = {(s, k, 1e-3) for s in ("ida_index1", "ndf_index1") for k in ("euler313", "quaternion")}
     most = met_by("ida_index1", rest | {("ida_index1", "euler313", 1e-4), ("ida_index1", "euler313", 1e-6)})
     assert most.verdict == "reproduced if" and (most.beyond.holds, most.beyond.lone) == (3, 1)  # and no doubt in it
     alone = met_by("ida_index1", {("ida_index1", "quaternion", 1e-3)})
-    assert alone.verdict == "cannot be told" and alone.beyond.missing[0].gap is Gap.HANGS
+    assert alone.verdict == "cannot be told" and alone.beyond.missing[0].gap is ClaimGap.HANGS
 
 
 def test_one_stop_of_many_runs_is_no_verdict_and_one_in_the_start_up_none():
     """All others get to the end: where one stops is rounding. One in the first hundredth of the time tells nothing."""
     text = 'map = "m"\ntests = [{ metric = "stop time", at_least = 2, at_most = 9, unit = "s" }]\n'
     c = claim(text, first_of(STOPPED))
-    assert c.map[0].holds is True and c.verdict == "cannot be told" and c.beyond.missing[0].gap is Gap.HANGS
+    assert c.map[0].holds is True and c.verdict == "cannot be told" and c.beyond.missing[0].gap is ClaimGap.HANGS
     early = [record(x, **(STOPPED | {"t_reached_s": 0.05 if k else 8.0})) for k, x in enumerate(RUNS)]
     c = claim(text, early)
-    assert c.beyond.left_out == (LeftOut(Ending.START_UP, 11),) and c.map[1].holds is None
+    assert c.beyond.left_out == (ExcludedSettings(Ending.START_UP, 11),) and c.map[1].holds is None
     assert claim(text, [record(x, **STOPPED | {"t_reached_s": 0.11}) for x in RUNS]).verdict == "not reproduced"
 
 
@@ -181,7 +190,7 @@ def test_a_run_that_ended_and_broke_a_law_is_a_result():
     """One of twelve is off and wrong: it did not fail, so that the verdict does not hang on it."""
     c = claim(records=first_of({"phi_max": 9.0, "status": "wrong"}))
     assert c.verdict == "reproduced if" and (c.beyond.holds, c.beyond.settings) == (11, 12)
-    assert claim(records=first_of({"phi_max": 9.0} | STOPPED)).beyond.left_out == (LeftOut(Ending.EARLY, 1),)
+    assert claim(records=first_of({"phi_max": 9.0} | STOPPED)).beyond.left_out == (ExcludedSettings(Ending.EARLY, 1),)
 
 
 def test_conditions_at_the_papers_settings_name_its_values_alone():
@@ -194,7 +203,7 @@ def test_conditions_at_the_papers_settings_name_its_values_alone():
 
     c = claim(TEST.replace('"m"', '"p"'), [row(x) for x in RUNS])
     assert (c.paper.settings, c.paper.rows, c.paper.like) == (2, 2, 1) and c.paper.decision.by
-    assert "1 setting beyond them with the series of one counted with it" in because(c)
+    assert "1 setting beyond them with the series of one counted with it" in explain_verdicts(c)
 
 
 def test_the_number_shown_is_one_that_the_verdict_rests_on():
@@ -256,4 +265,6 @@ tests = [
 """
     found = [record(x, phi_max=2.0 if k < 2 else 0.5, **(STOPPED if k < 2 else {})) for k, x in enumerate(RUNS)]
     c = claim(text, found)
-    assert (c.verdict, c.beyond.settings) == ("reproduced", 2) and c.beyond.left_out == (LeftOut(Ending.ENDED, 10),)
+    assert (c.verdict, c.beyond.settings) == ("reproduced", 2) and c.beyond.left_out == (
+        ExcludedSettings(Ending.ENDED, 10),
+    )

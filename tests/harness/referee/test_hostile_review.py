@@ -10,7 +10,7 @@ from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.files import parse_toml
 from mbsbench.harness.referee.claims.evidence import MEASURES, evaluate
-from mbsbench.harness.referee.claims.maps import place, same, select
+from mbsbench.harness.referee.claims.maps import are_equal, read_dimensions, select
 from mbsbench.harness.referee.claims.predicates import Band
 from mbsbench.harness.referee.claims.register import REGISTER, read_register
 from mbsbench.harness.referee.judge import list_tried
@@ -34,7 +34,7 @@ def named(key: str) -> Any:
 
 @cache
 def places():
-    return [place(s) for s in list_tried()]
+    return [read_dimensions(s) for s in list_tried()]
 
 
 @named("runs")
@@ -43,7 +43,7 @@ def test_runs_that_answer_are_in_the_map_of_the_claim(given):
     for run in given["runs"]:
         claim, settings = CLAIMS[run["claim"]], run["settings"]
         own = select(places(), claim.map.over)
-        assert any(all(same(p.dimensions.get(k), v) for k, v in settings.items()) for p in own), run
+        assert any(all(are_equal(p.dimensions.get(k), v) for k, v in settings.items()) for p in own), run
         assert run["number"] in {t.metric for t in claim.tests}, run
 
 
@@ -53,7 +53,7 @@ def test_small_runs_answer(given, tmp_path):
     made = run_suite(Request(parse_suite(given["suite"], "review", given["id"]), tmp_path, 1), Silent(), LocalPool)
     assert made.records
     for record in made.records:
-        series = store.series_of(tmp_path, record)
+        series = store.read_run_series(tmp_path, record)
         for test in given["tests"]:
             band, metric = BAND | {k: v for k, v in test.items() if k in BAND}, test["metric"]
             arguments = {k: v for k, v in test.items() if k in MEASURES[metric].takes}
@@ -65,8 +65,14 @@ def page() -> str:
     """The page, with its list made from the file."""
     rows = []
     for o in OBJECTIONS:
-        rows += textwrap.wrap(f"**{o['objection']}** {o['answer']}", 138, initial_indent="- ",
-                              subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)  # fmt: skip
+        rows += textwrap.wrap(
+            f"**{o['objection']}** {o['answer']}",
+            98,
+            initial_indent="- ",
+            subsequent_indent="  ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
     head = PAGE.read_text(encoding="utf-8").split("\n- **", maxsplit=1)[0]
     return "\n".join((head, *rows, "<!-- end -->", ""))
 

@@ -10,12 +10,12 @@ from msgspec.structs import replace
 
 from mbsbench.cli import judge as command
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
-from mbsbench.harness.places import Place
 from mbsbench.harness.referee import judge as judging
 from mbsbench.harness.referee.claims.count import judge
-from mbsbench.harness.referee.claims.maps import place, select
+from mbsbench.harness.referee.claims.maps import read_dimensions, select
 from mbsbench.harness.referee.claims.register import read_register
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements import files
@@ -46,7 +46,7 @@ def made(tmp_path, monkeypatch):
             store.write_record(folder, record(x, phi_max=phi_max, series=""))
         return folder
 
-    monkeypatch.setattr(command, "PUBLISHED", Place(tmp_path / "published"))
+    monkeypatch.setattr(command, "PUBLISHED", ConfinedPath(tmp_path / "published"))
     monkeypatch.setattr(command, "find_older_runs", lambda *_: ())  # records made up here have no code
     monkeypatch.setattr(command, "check_not_installed", lambda *_: None)
 
@@ -213,10 +213,20 @@ def test_texts_of_a_register_are_not_markup(made, capsys):
 
 
 CHEAP = (  # claims whose runs take half a minute or so: most problems, most verdicts
-    "1-one-step", "1-any-tolerance", "5-gc-near-tolerance", "5-ode45-smallest", "7-start", "11-gc-coincident",
-    "11-ode45-coincident", "11-ode45-step-decrease", "beyond-redundant", "12-joint-A", "4-nonholonomic", "6-rheonomic",
+    "1-one-step",
+    "1-any-tolerance",
+    "5-gc-near-tolerance",
+    "5-ode45-smallest",
+    "7-start",
+    "11-gc-coincident",
+    "11-ode45-coincident",
+    "11-ode45-step-decrease",
+    "beyond-redundant",
+    "12-joint-A",
+    "4-nonholonomic",
+    "6-rheonomic",
     "general-no-scaling",
-)  # fmt: skip
+)
 
 
 def maps_of(claim):
@@ -229,14 +239,14 @@ def twice(tmp_path_factory):
     """The verdicts on some claims from their runs run with one and with two processes."""
     register, runs_tried = read_register(), judging.list_tried()
     few = dataclasses.replace(register, claims=tuple(c for c in register.claims if c.id in CHEAP))
-    places = [place(c) for c in runs_tried]
+    places = [read_dimensions(c) for c in runs_tried]
     specs = {p.spec.settings_id: p.spec for c in few.claims for m in maps_of(c) for p in select(places, m.over)}
     part = Suite("part", "", tuple(specs.values()), "")
     out = []
     for jobs in (1, 2):
         folder = tmp_path_factory.mktemp(f"jobs{jobs}")
         loaded = run_suite(Request(part, folder, jobs), Silent(), LocalPool)
-        out.append(judge(few, runs_tried, loaded.records, partial(store.series_of, folder)))
+        out.append(judge(few, runs_tried, loaded.records, partial(store.read_run_series, folder)))
     return out
 
 
@@ -262,8 +272,17 @@ def test_verdicts_are_those_published(twice):
 def test_ladders_that_do_not_show_the_declared_order_are_printed(capsys, monkeypatch):
     """With the order and the reason; the certified ones are counted."""
     monkeypatch.setenv("COLUMNS", "200")
-    low = replace(ORDER, case="beta", verdict="below declared", order=1.04, low=0.98, high=1.08, fit="power", dt=(0.1,),
-                  used=(True,))  # fmt: skip
+    low = replace(
+        ORDER,
+        case="beta",
+        verdict="below declared",
+        order=1.04,
+        low=0.98,
+        high=1.08,
+        fit="power",
+        dt=(0.1,),
+        used=(True,),
+    )
     no = replace(ORDER, case="gamma", verdict="refused", order=math.nan, status="refused", message="no springs")
     command.show_orders([replace(ORDER, verdict="certified"), low, no])
     said = capsys.readouterr().out

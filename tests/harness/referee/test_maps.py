@@ -1,6 +1,6 @@
 """Runs stand where their settings put them, and no claim gathers runs it was not written for."""
 
-from mbsbench.harness.referee.claims.maps import find_varied, is_printed, place, select, values_of
+from mbsbench.harness.referee.claims.maps import find_varied, is_printed, list_values, read_dimensions, select
 
 from .synthetic import runs_of
 
@@ -38,7 +38,7 @@ parameters = { t_end = 300.0 }
 solver = "gc_weak_form"
 dt = 300.0
 """
-PLACES = tuple(place(c) for c in runs_of(PENDULUM))
+PLACES = tuple(read_dimensions(c) for c in runs_of(PENDULUM))
 BASE = {"problem": "spherical_pendulum", "solver": "ida_index1", "max_step": 0.01, "tolerance": "any"}
 
 
@@ -46,8 +46,12 @@ def test_dimensions_have_the_names_of_claims():
     """Charts, gains, frames and steps are called the same for every solver."""
     first = PLACES[0].dimensions
     assert (first["form"], first["chart"], first["gain"], first["tolerance"], first["frame"]) == (
-        "fi", "euler313", 5.0, 1e-3, "aligned",
-    )  # fmt: skip
+        "fi",
+        "euler313",
+        5.0,
+        1e-3,
+        "aligned",
+    )
     assert PLACES[8].dimensions["gain"] == 20.0
     assert PLACES[9].dimensions["frame"] == "yawed by 0.7 rad"
     assert PLACES[10].dimensions["step"] == 0.01 and PLACES[10].dimensions["tolerance"] == 1e-8
@@ -64,7 +68,7 @@ solver = "ndf_index1"
 options = { accelerations = ["unknown", "eliminated"] }
 rtol = 1e-4
 """
-    fi, se = (place(c) for c in runs_of(text))
+    fi, se = (read_dimensions(c) for c in runs_of(text))
     assert (fi.dimensions["form"], se.dimensions["form"]) == ("fi", "se") and "accelerations" not in fi.dimensions
     asked = {"problem": "heavy_top", "solver": "ndf_index1", "tolerance": 1e-4}
     assert select((fi, se), [asked]) == (fi,) and select((fi, se), [asked | {"form": "se"}]) == (se,)
@@ -92,7 +96,7 @@ def test_of_runs_that_differ_in_limits_alone_the_one_with_a_budget_counts():
     """A stuck run without a limit on its steps is ended by a clock; whichever comes first."""
     text = '[[runs]]\nproblem = "heavy_top"\nsolver = "gc_weak_form"\ndt = 0.001\n'
     for suite in (text + text + "max_steps = 20000\n", text + "max_steps = 20000\n" + text):
-        places = [place(c) for c in runs_of(suite)]
+        places = [read_dimensions(c) for c in runs_of(suite)]
         found = select(places, [{"problem": "heavy_top", "solver": "gc_weak_form", "step": 0.001, "tolerance": "any"}])
         assert [p.spec.control.max_steps for p in found] == [20_000]
 
@@ -113,5 +117,5 @@ def test_printed_values_are_those_of_the_suite():
 
 def test_values_come_in_order():
     """Numbers by size, truth before its contrary, texts, and last what does not exist."""
-    assert values_of([None, "b", 2.0, 1.0, "a"]) == [1.0, 2.0, "a", "b", None]
-    assert values_of([False, True]) == [True, False]
+    assert list_values([None, "b", 2.0, 1.0, "a"]) == [1.0, 2.0, "a", "b", None]
+    assert list_values([False, True]) == [True, False]

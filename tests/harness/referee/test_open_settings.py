@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mbsbench.harness.results.judgements.claims import Ending, Gap, LeftOut
-from mbsbench.reports.model.claim_words import because
+from mbsbench.harness.results.judgements.claims import ClaimGap, Ending, ExcludedSettings
+from mbsbench.reports.model.claim_words import explain_verdicts
 
 from .claiming import RUNS, claim
 from .synthetic import record, series
@@ -26,8 +26,8 @@ def test_runs_ended_by_a_clock_are_left_out_and_named():
     """They would decide it, and another machine might let them go on: by a clock, out of memory, killed."""
     for columns in (CUT | {"steps": 8}, CUT | {"status": "memory"}):
         c = claim(records=one_of(columns))
-        assert c.verdict == "reproduced" and "holds for all 11 tried" in because(c) and c.map[0].holds is None
-        assert c.beyond.left_out == (LeftOut(Ending.MACHINE, 1),)
+        assert c.verdict == "reproduced" and "holds for all 11 tried" in explain_verdicts(c) and c.map[0].holds is None
+        assert c.beyond.left_out == (ExcludedSettings(Ending.MACHINE, 1),)
     killed = {"status": "crashed", "message": "the solver was done, but measuring its motion took more than 120 s"}
     assert claim(records=one_of(killed | {"t_reached_s": float("nan")})).verdict == "reproduced"
 
@@ -37,10 +37,10 @@ def test_a_budget_of_steps_ends_stuck_runs_and_interrupts_slow_ones():
     slow, stuck = (claim(records=one_of(CUT), of=pace(last)) for last in (0.01, 1e-3))
     assert (
         slow.verdict == "reproduced"
-        and slow.beyond.left_out == (LeftOut(Ending.SLOW, 1),)
+        and slow.beyond.left_out == (ExcludedSettings(Ending.SLOW, 1),)
         and slow.map[0].holds is None
     )
-    assert stuck.beyond.left_out == (LeftOut(Ending.EARLY, 1),)  # final, and short of the end all the same
+    assert stuck.beyond.left_out == (ExcludedSettings(Ending.EARLY, 1),)  # final, and short of the end all the same
     at = 'map = "m"\ntests = [{ metric = "stops at", at_least = 9, unit = "s" }]\n'
     slow, stuck = (claim(at, records=one_of(CUT), of=pace(last)) for last in (0.01, 1e-3))
     assert slow.map[0].holds is None and stuck.map[0].holds is False
@@ -56,20 +56,30 @@ def first_holds(test, x=0.5, leaves=9.0):
     return claim(f'map = "m"\ntests = [{{ {test} }}]\n', one_of(CUT), of).map[0].holds
 
 
-@pytest.mark.parametrize(("asked", "phi", "holds"), [
-    ("to = 2.0, at_most = 1.0", 0.5, True), ("to = 4.0, at_most = 1.0", 0.5, None),
-    ("partial = true, at_most = 1.0", 0.5, None), ("partial = true, at_most = 1.0", 1.5, False),
-    ("partial = true, at_least = 1.0", 1.5, True), ("partial = true, at_least = 1.0", 0.5, None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("asked", "phi", "holds"),
+    [
+        ("to = 2.0, at_most = 1.0", 0.5, True),
+        ("to = 4.0, at_most = 1.0", 0.5, None),
+        ("partial = true, at_most = 1.0", 0.5, None),
+        ("partial = true, at_most = 1.0", 1.5, False),
+        ("partial = true, at_least = 1.0", 1.5, True),
+        ("partial = true, at_least = 1.0", 0.5, None),
+    ],
+)
 def test_what_a_slow_run_had_settled_counts(asked, phi, holds):
     """Over 2 s it got through, nothing is open; |phi| beyond its band so far is beyond it, within it is not yet."""
     assert first_holds(f'metric = "largest", series = "phi_norm", {asked}, unit = "m"', phi) is holds
 
 
-@pytest.mark.parametrize(("leaves", "band", "holds"), [
-    (9.0, "at_least = 1, at_most = 2", False), (9.0, "at_least = 5, at_most = 6", None),
-    (1.5, "at_least = 1, at_most = 2", True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("leaves", "band", "holds"),
+    [
+        (9.0, "at_least = 1, at_most = 2", False),
+        (9.0, "at_least = 5, at_most = 6", None),
+        (1.5, "at_least = 1, at_most = 2", True),
+    ],
+)
 def test_a_slow_run_passes_a_limit_and_stops_later_than_it_was_interrupted(leaves, band, holds):
     """At 3 s: it does not stop between 1 and 2 s; between 5 and 6 s it might. Passed at 1.5 s: that stays."""
     assert first_holds(f'metric = "leaves at", series = "y", limit = 0.5, {band}, unit = "s"', leaves=leaves) is holds
@@ -82,7 +92,7 @@ def test_the_time_of_a_stop_is_asked_of_runs_that_stop():
     text = 'map = "m"\ntests = [{ metric = "stop time", at_least = 2, at_most = 4, unit = "s" }]\n'
     for stops, holds in ((3.0, True), (5.0, False)):
         c = claim(text, one_of({"status": "diverged", "t_reached_s": stops, "steps": 9}))
-        assert c.map[0].holds is holds and c.beyond.left_out == (LeftOut(Ending.ENDED, 11),)
+        assert c.map[0].holds is holds and c.beyond.left_out == (ExcludedSettings(Ending.ENDED, 11),)
     assert claim(text, one_of(CUT), pace(0.01)).verdict == "cannot be told"
     assert claim(text).verdict == "cannot be told"
 
@@ -94,7 +104,7 @@ def test_runs_that_took_no_step_are_left_out_and_named():
         text = f'map = "m"\ntests = [{{ metric = "stops at", {band}, unit = "s" }}]\n'
         c = claim(text, one_of(never))
         assert c.map[0].holds is None
-        assert c.beyond.left_out == (LeftOut(Ending.NO_START, 1),)
+        assert c.beyond.left_out == (ExcludedSettings(Ending.NO_START, 1),)
         assert claim(text + "starting = true\n", one_of(never)).map[0].holds is (band == "at_most = 5")
     assert claim(text, one_of(never | {"status": "refused"})).map[0].holds is False
 
@@ -116,8 +126,8 @@ def test_a_comparison_with_a_run_cut_short_is_left_out():
 
 def test_no_setting_that_settles_it_is_untestable():
     c = claim(records=[record(x, phi_max=0.5, **CUT | {"steps": 8}) for x in RUNS])
-    assert c.verdict == "cannot be told" and [m.gap for m in c.missing] == [Gap.SETTLED]
-    assert c.beyond.left_out == (LeftOut(Ending.MACHINE, 12),)
+    assert c.verdict == "cannot be told" and [m.gap for m in c.missing] == [ClaimGap.SETTLED]
+    assert c.beyond.left_out == (ExcludedSettings(Ending.MACHINE, 12),)
 
 
 def test_the_count_of_those_that_hold_because_a_run_stopped():
@@ -125,19 +135,25 @@ def test_the_count_of_those_that_hold_because_a_run_stopped():
     text = 'map = "m"\ntests = [{ metric = "loss", at_least = 1, unit = "m" }]\n'
     ends = [{"t_reached_s": 3.0, "steps": 9, "status": "diverged"}] * 2 + [{}] * len(RUNS)
     found = [record(x, position_error_judged_m=2.0, **e) for x, e in zip(RUNS, ends, strict=False)]
-    assert "holds for all 12 tried. In 2 of these 12 because a run stopped before its end" in because(
+    assert "holds for all 12 tried. In 2 of these 12 because a run stopped before its end" in explain_verdicts(
         claim(text, found)
     )
-    assert "because a run" not in because(claim(text, [record(x, position_error_judged_m=2.0) for x in RUNS]))
+    assert "because a run" not in explain_verdicts(claim(text, [record(x, position_error_judged_m=2.0) for x in RUNS]))
 
 
 FAILED = {"status": "step_underflow", "t_reached_s": 3.0, "steps": 9}  # of 10 s, by itself
 
 
-@pytest.mark.parametrize(("asked", "phi", "holds"), [
-    ("at_least = 1.0", 0.5, None), ("at_least = 1.0", 1.5, True), ("at_most = 1.0", 0.5, None),
-    ("at_most = 1.0", 1.5, False), ("at_least = 1.0, at_most = 2.0", 1.5, None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("asked", "phi", "holds"),
+    [
+        ("at_least = 1.0", 0.5, None),
+        ("at_least = 1.0", 1.5, True),
+        ("at_most = 1.0", 0.5, None),
+        ("at_most = 1.0", 1.5, False),
+        ("at_least = 1.0, at_most = 2.0", 1.5, None),
+    ],
+)
 def test_an_early_end_is_open_for_partial_tests_too(asked, phi, holds):
     """A peak that has come counts, one that may have come later does not count against; one too high stays so."""
 
@@ -159,13 +175,15 @@ def test_one_early_end_counts_for_nobody():
     for test in ('metric = "late energy"', 'metric = "column", name = "out_of_plane_max_m", partial = true'):
         for band in ("at_least = 0.1", "at_most = 0.1"):
             c = claim(f'map = "m"\ntests = [{{ {test}, {band}, unit = "" }}]\n', found)
-            assert {m.holds for m in c.map} == {None} and c.beyond.left_out == (LeftOut(Ending.EARLY, 12),)
+            assert {m.holds for m in c.map} == {None} and c.beyond.left_out == (ExcludedSettings(Ending.EARLY, 12),)
 
 
 def test_a_comparison_with_a_run_that_stopped_grows_alone():
     """The energy moved so far by a run that stopped is a lower bound, that of the run beside it is none."""
-    text = 'map = "m"\nagainst = "gc"\ntests = [{ metric = "column", name = "phi_max", partial = true, ' \
-           'compare = "over largest", at_least = 2, unit = "" }]\n'  # fmt: skip
+    text = (
+        'map = "m"\nagainst = "gc"\ntests = [{ metric = "column", name = "phi_max", partial = true, '
+        'compare = "over largest", at_least = 2, unit = "" }]\n'
+    )
 
     def first(own, beside):
         found = [record(x, phi_max=0.1, **beside) if x.solver == "gc_weak_form" else record(x, **own) for x in RUNS]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.run import run_here as run
-from mbsbench.harness.places import Place
 from mbsbench.harness.referee.certificates.fitting import fit_ladder, fit_scattered
 from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify, select_motion
 from mbsbench.harness.results.judgements.files import ORDERS, format_judgement, read_judgement
@@ -44,11 +44,14 @@ def test_a_floor_is_detected_and_left_out(order):
     assert fit.floor == pytest.approx(floor, rel=0.5)
 
 
-@pytest.mark.parametrize(("error", "first", "last"), [
-    (DT**2 + 1e-8 / np.sqrt(DT), True, False),  # errors of the steps' solution pile up like sqrt(1/dt)
-    (3.0 * DT**2 * (1.0 + 20.0 * DT), False, True),  # the first slopes are 2.4 and 2.2
-    (3.0 * DT**2 * (1.0 + 5.0 * DT) + 3e-8, False, False),  # all at once, as a real ladder has them
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("error", "first", "last"),
+    [
+        (DT**2 + 1e-8 / np.sqrt(DT), True, False),  # errors of the steps' solution pile up like sqrt(1/dt)
+        (3.0 * DT**2 * (1.0 + 20.0 * DT), False, True),  # the first slopes are 2.4 and 2.2
+        (3.0 * DT**2 * (1.0 + 5.0 * DT) + 3e-8, False, False),  # all at once, as a real ladder has them
+    ],
+)
 def test_steps_out_of_the_asymptotic_range_are_left_out(error, first, last):
     """Coarse ones and those at a floor, also one that grows with the number of steps."""
     fit = fit_ladder(DT, error)
@@ -89,19 +92,40 @@ def test_finest_slopes_into_a_floor_that_is_seen_are_explained(tail):
 def made_up(column, errors, **columns):
     """A ladder of the spatial pendulum that declares order two, with these errors of one column."""
     return [
-        bare(4.0, problem="spherical_pendulum", solver="made_up", case=f"pendulum made_up dt={dt}", control="dt",
-             dt_s=dt, steps=math.ceil(4.0 / dt - 1e-6), claimed="success", status="success", declared_order=2.0,
-             settings_id=str(dt), length_scale_m=0.5, speed_scale_m_per_s=3.132, energy_scale_J=4.9,
-             **{"reference_own_error_m": 1e-12, column: error, **columns})
+        bare(
+            4.0,
+            problem="spherical_pendulum",
+            solver="made_up",
+            case=f"pendulum made_up dt={dt}",
+            control="dt",
+            dt_s=dt,
+            steps=math.ceil(4.0 / dt - 1e-6),
+            claimed="success",
+            status="success",
+            declared_order=2.0,
+            settings_id=str(dt),
+            length_scale_m=0.5,
+            speed_scale_m_per_s=3.132,
+            energy_scale_J=4.9,
+            **{"reference_own_error_m": 1e-12, column: error, **columns},
+        )
         for dt, error in zip(DT, errors, strict=False)
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize(
     ("order", "verdict"),
-    [(1.5, "below declared"), (1.85, "below declared"), (1.95, "certified"), (2.0, "certified"), (2.09, "certified"),
-     (2.15, "above declared"), (2.6, "above declared"), (3.0, "above declared")],
-)  # fmt: skip
+    [
+        (1.5, "below declared"),
+        (1.85, "below declared"),
+        (1.95, "certified"),
+        (2.0, "certified"),
+        (2.09, "certified"),
+        (2.15, "above declared"),
+        (2.6, "above declared"),
+        (3.0, "above declared"),
+    ],
+)
 def test_a_certificate_has_two_sides(order, verdict):
     """Exact powers: within 0.1 of two is certified; what is higher is another order, said apart."""
     entry = by_quantity(made_up("position_error_max_m", 0.1 * DT**order))["position"]
@@ -228,9 +252,13 @@ SHARP = {"tolerance": 1e-12}
 
 @pytest.mark.parametrize(
     ("problem", "parameters", "dt"),
-    [("spherical_pendulum", {"t_end": 2.0}, 0.04), ("spherical_pendulum", {"t_end": 2.0, "omega_z": 0.1}, 0.04),
-     ("heavy_top", {"t_end": 0.5}, 0.004), ("chain", {"t_end": 0.4}, 0.008)],
-)  # fmt: skip
+    [
+        ("spherical_pendulum", {"t_end": 2.0}, 0.04),
+        ("spherical_pendulum", {"t_end": 2.0, "omega_z": 0.1}, 0.04),
+        ("heavy_top", {"t_end": 0.5}, 0.004),
+        ("chain", {"t_end": 0.4}, 0.008),
+    ],
+)
 def test_ode_gc_is_certified_of_order_two(ran, problem, parameters, dt):
     """q, v, energy, |phi| and the reaction, within 0.1; |phi_dot| is held by the tolerance at every step."""
     found = by_quantity(ran(problem, "gc_weak_form", [dt / 2**k for k in range(6)], parameters, SHARP))
@@ -290,7 +318,7 @@ def test_certificates_survive_their_file(ran, tmp_path):
     runs = ran("spherical_pendulum", "gc_weak_form", [0.04 / 2**k for k in range(6)], {"t_end": 2.0}, SHARP)
     found = certify(NOWHERE, runs)
     (tmp_path / "certificates.json").write_text(format_judgement(found))
-    assert repr(read_judgement(ORDERS, Place(tmp_path))) == repr(found)
+    assert repr(read_judgement(ORDERS, ConfinedPath(tmp_path))) == repr(found)
     assert found[0].settings_ids == tuple(r.settings_id for r in runs)
 
 
@@ -321,10 +349,17 @@ def test_the_order_of_a_motion_is_that_of_what_moves_with_the_step():
 def test_the_order_of_a_motion_is_the_worse_of_its_two():
     """Second order in positions hides no first order in orientations, nor the other way round; a floor hides none."""
     good, bad, flat = 0.1 * DT**2, 0.1 * DT, 1e-11 + 0.0 * DT
-    for r, R, worse in ((good, bad, "orientation"), (bad, good, "position"), (good, good, "position"),
-                        (flat, good, "orientation"), (good, flat, "position")):  # fmt: skip
-        runs = [dataclasses.replace(run, orientation_error_max_rad=e)
-                for run, e in zip(made_up("position_error_max_m", r), R, strict=True)]  # fmt: skip
+    for r, R, worse in (
+        (good, bad, "orientation"),
+        (bad, good, "position"),
+        (good, good, "position"),
+        (flat, good, "orientation"),
+        (good, flat, "position"),
+    ):
+        runs = [
+            dataclasses.replace(run, orientation_error_max_rad=e)
+            for run, e in zip(made_up("position_error_max_m", r), R, strict=True)
+        ]
         (found,) = select_motion(certify(NOWHERE, runs))
         assert found.quantity == worse and found.verdict == ("below declared" if bad is r or bad is R else "certified")
 

@@ -12,7 +12,7 @@ from mbsbench.harness.execution.run import run_here as run
 from mbsbench.harness.referee.certificates import symmetries
 from mbsbench.harness.referee.certificates.symmetries import Yardstick, _compare, _prepare_row, check_symmetries
 from mbsbench.harness.referee.false_successes import find_false_successes
-from mbsbench.harness.results.judgements.runs import Unjudged
+from mbsbench.harness.results.judgements.runs import UnjudgedSymmetry
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.types import Law
@@ -158,17 +158,17 @@ def test_what_has_no_end_pose_is_no_success_of_a_check(folder, told, monkeypatch
     Nor does it where the file of the series is lost.
     """
     records = told({"mirror": "X"})
-    read = symmetries.store.series_of
+    read = symmetries.store.read_run_series
 
     def series_of(where, r):
         if r.run_id != records[whose].run_id:
             return read(where, r)
         return altered(read(where, r), **{pose: np.full_like(read(where, r)[pose], NAN)}) if pose else None
 
-    monkeypatch.setattr(symmetries.store, "series_of", series_of)
+    monkeypatch.setattr(symmetries.store, "read_run_series", series_of)
     entry = card(folder, records)["mirror image"]
     assert entry.verdict == "failed", describe_symmetry(entry)
-    assert entry.unjudged in (Unjudged.END, Unjudged.BOUND)
+    assert entry.unjudged in (UnjudgedSymmetry.END, UnjudgedSymmetry.BOUND)
 
 
 def test_a_bound_above_the_size_decides_nothing_and_a_broken_row_says_by_how_much():
@@ -196,8 +196,14 @@ def test_the_tighter_run_has_the_same_largest_step_and_is_chosen_by_its_settings
     records = told({"mirror": "X"}, **solver)
     tighter = records[1]
     other = dataclasses.replace(tighter, max_step_s=0.01, settings_id="0", run_id="0", finished="0")
-    coarse = dataclasses.replace(tighter, rtol=1.5e-7, settings_id="1", run_id="1", series=records[0].series,
-                                 series_sha256=records[0].series_sha256)  # fmt: skip
+    coarse = dataclasses.replace(
+        tighter,
+        rtol=1.5e-7,
+        settings_id="1",
+        run_id="1",
+        series=records[0].series,
+        series_sha256=records[0].series_sha256,
+    )
     alone = card(folder, records)["mirror image"]
     for finished in ("0", "9"):
         coarse = dataclasses.replace(coarse, finished=finished)
@@ -208,8 +214,12 @@ def test_the_tighter_run_has_the_same_largest_step_and_is_chosen_by_its_settings
 def test_growth_is_the_motions_own(folder, told):
     """Under error control a changed start moves the steps too; the least growth of all solvers is the motion's."""
     loose = told({"retrace": True}, solver="ida_index1")
-    moved = [dataclasses.replace(r, series=loose[1].series, series_sha256=loose[1].series_sha256)
-             if "perturb" in r.problem_parameters else r for r in loose]  # fmt: skip
+    moved = [
+        dataclasses.replace(r, series=loose[1].series, series_sha256=loose[1].series_sha256)
+        if "perturb" in r.problem_parameters
+        else r
+        for r in loose
+    ]
     by = {e.solver: e.bound for e in check_symmetries(folder, [*told({"retrace": True}), *moved])}
     alone = card(folder, moved)["time reversal"].bound
     assert by["ida_index1"] < 0.1 * alone
@@ -219,5 +229,5 @@ def test_rounding_and_growth_make_the_bound_where_a_tolerance_moves_nothing():
     """Steps times rounding times growth: 1000 steps grown a hundredfold give 2e-10 of the size."""
     yard = Yardstick(level=0.0, halved=0.0, growth=100.0, steps=1000, size=1.0)
     assert yard.bound == pytest.approx(10.0 * 2.2e-16 * 1000 * 100.0)
-    assert yard.back == 101.0
+    assert yard.return_factor == 101.0
     assert np.isclose(Yardstick(1e-6, 1e-3, 1.0, 100, 1.0).bound, 1e-5 + 3e-3)

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.harness.places import Place
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.harness.referee.claims.predicates import Band
-from mbsbench.harness.results.judgements.claims import Code, Ending, Gap, LeftOut
+from mbsbench.harness.results.judgements.claims import ClaimGap, CodeDigests, Ending, ExcludedSettings
 from mbsbench.harness.results.judgements.files import (
     CLAIMS,
     add_code,
@@ -15,7 +15,14 @@ from mbsbench.harness.results.judgements.files import (
     read_judgement,
     shorten_claims,
 )
-from mbsbench.reports.model.claim_words import because, condition, distinct, list_rows, share, verdict
+from mbsbench.reports.model.claim_words import (
+    condition,
+    explain_verdicts,
+    format_distinct,
+    format_share,
+    list_rows,
+    verdict,
+)
 
 from .claiming import RUNS, TEST, claim, options
 from .synthetic import record, series
@@ -49,22 +56,28 @@ def test_a_condition_separates_or_values_that_suffice_are_named():
     assert c.verdict == "reproduced if" and condition(c.beyond.decision) == "tolerance at most 0.0001"
     c = claim(records=sizes(lambda x: 9.0 if options(x) == {"chart": "euler313", "lam": True} else 0.1))
     assert c.verdict == "reproduced if" and c.beyond.decision.unless
-    assert "It holds with multipliers in the error test and chart euler313 never" in because(c)
+    assert "It holds with multipliers in the error test and chart euler313 never" in explain_verdicts(c)
     c = claim(records=sizes(lambda x: 0.1 if (options(x)["chart"] == "euler313") == (x.control.rtol > 5e-4) else 9.0))
-    assert c.verdict == "reproduced if" and "for 6 of 12 tried" in because(c) and not c.beyond.decision.by
+    assert c.verdict == "reproduced if" and "for 6 of 12 tried" in explain_verdicts(c) and not c.beyond.decision.by
     enough = "chart quaternion and tolerance 1e-06 or 0.0001", "chart euler313 and tolerance 0.001"
     assert all(words in verdict(c.beyond) for words in enough) and verdict(c.beyond).startswith("reproduced if chart")
     assert c.beyond.decision.rest == 0 and sum(x.settings for x in c.beyond.decision.any_of) == 6
 
 
-@pytest.mark.parametrize(("size", "flips"), [
-    (1.4, [("wider", "reproduced", 12)]), (1.6, []), (0.7, [("narrower", "not reproduced", 0)]), (0.6, []),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("size", "flips"),
+    [
+        (1.4, [("wider", "reproduced", 12)]),
+        (1.6, []),
+        (0.7, [("narrower", "not reproduced", 0)]),
+        (0.6, []),
+    ],
+)
 def test_a_verdict_that_hangs_on_its_band_is_borderline(size, flips):
     """Of at most 1 m, half as much again or two thirds of it are taken for the band, and both outcomes said."""
     c = claim(records=sizes(lambda x: size))
     assert [(m.by, m.verdict, m.holds) for m in c.beyond.borderline] == flips
-    assert ("borderline" in share(c.beyond)) is bool(flips)
+    assert ("borderline" in format_share(c.beyond)) is bool(flips)
 
 
 def test_counts_and_ends_have_no_wider_band():
@@ -75,10 +88,17 @@ def test_counts_and_ends_have_no_wider_band():
     assert claim(reached).beyond.borderline == ()
 
 
-@pytest.mark.parametrize(("limit", "natural", "wider"), [
-    (2.0, {}, 3.0), (2.0, {"is_ratio": True}, 2.5), (1.0, {"is_ratio": True}, 1.0), (0.5, {"is_ratio": True}, 0.6),
-    (290.0, {"end": 300.0}, 293.3333), (10.0, {"end": 40.0}, 15.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("limit", "natural", "wider"),
+    [
+        (2.0, {}, 3.0),
+        (2.0, {"is_ratio": True}, 2.5),
+        (1.0, {"is_ratio": True}, 1.0),
+        (0.5, {"is_ratio": True}, 0.6),
+        (290.0, {"end": 300.0}, 293.3333),
+        (10.0, {"end": 40.0}, 15.0),
+    ],
+)
 def test_a_band_moves_from_its_natural_limit(limit, natural, wider):
     """Equality of a ratio and the end of the time do not move; a ratio and its inverse move alike."""
     high = Band(-math.inf, limit).move(1.5, **natural).high
@@ -114,7 +134,7 @@ def test_a_verdict_that_hangs_on_one_failed_run_is_none():
     c = with_failed(3)
     assert c.verdict == "cannot be told" and (c.beyond.holds, c.beyond.settings) == (11, 12)
     (doubt,) = c.beyond.missing
-    assert doubt.gap is Gap.HANGS and doubt.name == c.map[3].case and doubt.name in because(c)
+    assert doubt.gap is ClaimGap.HANGS and doubt.name == c.map[3].case and doubt.name in explain_verdicts(c)
     assert with_failed(3, 4).verdict == "reproduced if"
     ended = [record(x, phi_max=9.0 if k == 3 else 0.5) for k, x in enumerate(RUNS)]
     assert claim(PARTIAL, ended).verdict in ("reproduced if",)
@@ -132,9 +152,11 @@ def test_of_many_values_one_that_meets_it_must_not_be_a_failed_run():
 
     c = met(phi_max=9.0)
     assert c.verdict == "reproduced if" and c.beyond.met == (1, 3)
-    assert share(c.beyond) == "for 1 of 4 tried, at 1 of 3 values" and "met at 1 of 3 tolerances" in because(c)
+    assert format_share(
+        c.beyond
+    ) == "for 1 of 4 tried, at 1 of 3 values" and "met at 1 of 3 tolerances" in explain_verdicts(c)
     c = met(**FAILED)
-    assert c.verdict == "cannot be told" and [m.gap for m in c.beyond.missing] == [Gap.HANGS]
+    assert c.verdict == "cannot be told" and [m.gap for m in c.beyond.missing] == [ClaimGap.HANGS]
 
 
 def test_few_that_got_to_the_moment_settle_nothing():
@@ -145,7 +167,7 @@ def test_few_that_got_to_the_moment_settle_nothing():
         return claim(records=[record(x, phi_max=0.5, **({} if k < n else ended)) for k, x in enumerate(RUNS)])
 
     c = reached(1)
-    assert c.verdict == "cannot be told" and "1 of 12 settings got to the moment" in because(c)
+    assert c.verdict == "cannot be told" and "1 of 12 settings got to the moment" in explain_verdicts(c)
     assert reached(2).verdict == "reproduced"
 
 
@@ -171,7 +193,7 @@ def test_a_run_that_ended_before_the_moment_asked_about_is_open():
         for test in (f'metric = "value", series = "x", at = {at}', f'metric = "largest", series = "x", to = {at}'):
             c = first(f'{{ {test}, at_most = 1, unit = "m" }}')
             assert c.map[0].holds is holds and c.verdict == "reproduced"
-            assert c.beyond.left_out == (() if holds else (LeftOut(Ending.EARLY, 1),))
+            assert c.beyond.left_out == (() if holds else (ExcludedSettings(Ending.EARLY, 1),))
     c = first('{ metric = "largest", series = "x", at_most = 2, unit = "m" }')
     assert c.map[0].holds is None
     reaching = '{ metric = "reached", at_least = 1, unit = "" }'
@@ -187,8 +209,10 @@ def test_rows_with_equal_series_count_once():
         return record(x, phi_max=0.1 if holds(x) else 9.0, series_sha256=motion)
 
     c = claim(records=[made(x, lambda x: True) for x in RUNS])
-    assert (c.beyond.holds, c.beyond.settings, c.beyond.rows) == (6, 6, 12) and distinct(c.beyond) == "6 distinct of 12"
-    assert [m.twin for m in c.map].count(True) == 6 and "(6 distinct of 12)" in because(c)
+    assert (c.beyond.holds, c.beyond.settings, c.beyond.rows) == (6, 6, 12) and format_distinct(
+        c.beyond
+    ) == "6 distinct of 12"
+    assert [m.twin for m in c.map].count(True) == 6 and "(6 distinct of 12)" in explain_verdicts(c)
     c = claim(records=[made(x, lambda x: options(x)["chart"] == "euler313") for x in RUNS])
     assert (c.beyond.holds, c.beyond.settings) == (3, 6) and c.beyond.decision.by == {"chart": ("euler313",)}
     c = claim(PRINTED, [made(x, lambda x: True) for x in RUNS])
@@ -197,8 +221,10 @@ def test_rows_with_equal_series_count_once():
 
 def test_equal_series_of_which_the_others_differ_are_two():
     """A comparison is of two runs: the same motion beside two others is two settings."""
-    text = 'map = "m"\nagainst = "m"\npair_by = ["chart", "tolerance"]\ntests = [{ metric = "column", ' \
-           'name = "phi_max", compare = "over largest", at_most = 2, unit = "" }]\n'  # fmt: skip
+    text = (
+        'map = "m"\nagainst = "m"\npair_by = ["chart", "tolerance"]\ntests = [{ metric = "column", '
+        'name = "phi_max", compare = "over largest", at_most = 2, unit = "" }]\n'
+    )
     found = [record(x, phi_max=1.0, series_sha256="same" if options(x)["lam"] else str(k)) for k, x in enumerate(RUNS)]
     assert claim(text, found).beyond.settings == 12
 
@@ -210,11 +236,11 @@ def test_every_row_is_published_with_its_number_and_command(tmp_path):
     (kept,) = shorten_claims([c])
     assert [(m.holds, m.measured, m.printed) for m in kept.map] == [(m.holds, m.measured, m.printed) for m in c.map]
     assert len(kept.map) == 12 and not kept.settings_ids and kept.map[0].command.startswith("mbsbench solve")
-    assert kept.verdicts == c.verdicts and because(kept) == because(c)
-    (tmp_path / "claims.json").write_text(format_judgement(add_code([kept, kept], Code({}, {}, "", "", ""))))
+    assert kept.verdicts == c.verdicts and explain_verdicts(kept) == explain_verdicts(c)
+    (tmp_path / "claims.json").write_text(format_judgement(add_code([kept, kept], CodeDigests({}, {}, "", "", ""))))
     text = (tmp_path / "claims.json").read_text()
     assert text.count("mbsbench solve") == 12
-    for found in read_judgement(CLAIMS, Place(tmp_path)):
+    for found in read_judgement(CLAIMS, ConfinedPath(tmp_path)):
         assert list_rows(found) == list_rows(kept)
     assert list_rows(kept)[0].startswith(
         "printed, holds: 0.100 p, success: mbsbench solve spherical_pendulum ida_index1"

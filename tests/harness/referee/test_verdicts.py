@@ -8,7 +8,7 @@ import pytest
 from mbsbench.harness.referee.claims.count import judge
 from mbsbench.harness.referee.claims.register import parse_register
 from mbsbench.harness.results.judgements.files import format_judgement
-from mbsbench.reports.model.claim_words import because, describe_missing
+from mbsbench.reports.model.claim_words import describe_missing, explain_verdicts
 
 from .claiming import RUNS, TEST, claim, options
 from .synthetic import HEAD, record
@@ -21,10 +21,10 @@ def steps(spec):
 
 def test_holding_everywhere_or_nowhere_is_worded_for_the_solver_run():
     c = claim(records=[record(x, phi_max=1.5) for x in RUNS])
-    assert c.verdict == "not reproduced" and "none of 12" in because(c)
+    assert c.verdict == "not reproduced" and "none of 12" in explain_verdicts(c)
     c = claim()
     assert c.verdict == "reproduced" and c.tests[0].measured == 0.5 and c.tests[0].band == (None, 1.0)
-    assert "not ode15i" in because(c) and "all 12 tried" in because(c) and len(c.map) == 12
+    assert "not ode15i" in explain_verdicts(c) and "all 12 tried" in explain_verdicts(c) and len(c.map) == 12
     assert set(c.settings_ids) == {x.settings_id for x in RUNS if x.solver == "ida_index1"}
 
 
@@ -60,7 +60,7 @@ def test_some_needs_one_and_all_needs_all():
     """An existence claim is supported by one run; the map still says where."""
     found = [record(x, phi_max=0.5 if k == 0 else 1.5) for k, x in enumerate(RUNS)]
     c = claim(TEST + 'quantifier = "some"\n', found)
-    assert c.verdict == "reproduced" and "1 of 12" in because(c)
+    assert c.verdict == "reproduced" and "1 of 12" in explain_verdicts(c)
     assert claim(TEST + 'quantifier = "some"\n', [record(x, phi_max=1.5) for x in RUNS]).verdict == "not reproduced"
 
 
@@ -116,9 +116,9 @@ def test_one_tolerance_that_meets_all_tests_suffices():
         return record(x, phi_max=phi, phi_dot_max=phi_dot)
 
     c = claim(text, [both(x) for x in RUNS])
-    assert c.verdict == "reproduced if" and "holds for 2 of 4 tried" in because(c)
-    assert "One tolerance that meets it suffices: tolerance 0.0001 in 2" in because(c)
-    assert "chart euler313 and tolerance 0.0001" in because(c)
+    assert c.verdict == "reproduced if" and "holds for 2 of 4 tried" in explain_verdicts(c)
+    assert "One tolerance that meets it suffices: tolerance 0.0001 in 2" in explain_verdicts(c)
+    assert "chart euler313 and tolerance 0.0001" in explain_verdicts(c)
     (row,) = {(r.case.split()[2], r.measured) for r in c.map if r.holds}
     assert row == ("rtol=0.0001", 0.5)
 

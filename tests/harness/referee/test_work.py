@@ -17,13 +17,29 @@ NOWHERE = Path()
 
 def record(solver, step, error, evaluations, **more):
     values = {
-        "run_id": f"{solver}{step}", "settings_id": f"{solver}-{step}-{more.get('solver_options', '')}",
-        "case": f"swing {solver} dt={step}", "problem": "swing", "solver": solver,
-        "status": "success", "claimed": "success", "control": "dt", "dt_s": step, "t_end_s": 1.0, "t_reached_s": 1.0,
-        "reference": "by hand", "reference_own_error_m": 1e-12, "length_scale_m": 2.0, "judged_to_s": 1.0,
-        "position_error_judged_m": error, "orientation_error_judged_rad": error, "evaluations": float(evaluations),
-        "energy_drift_max_J": 1e-3, "phi_max": 1e-6, "steps": evaluations, "cpu_median_s": 1e-6 * evaluations,
-    }  # fmt: skip
+        "run_id": f"{solver}{step}",
+        "settings_id": f"{solver}-{step}-{more.get('solver_options', '')}",
+        "case": f"swing {solver} dt={step}",
+        "problem": "swing",
+        "solver": solver,
+        "status": "success",
+        "claimed": "success",
+        "control": "dt",
+        "dt_s": step,
+        "t_end_s": 1.0,
+        "t_reached_s": 1.0,
+        "reference": "by hand",
+        "reference_own_error_m": 1e-12,
+        "length_scale_m": 2.0,
+        "judged_to_s": 1.0,
+        "position_error_judged_m": error,
+        "orientation_error_judged_rad": error,
+        "evaluations": float(evaluations),
+        "energy_drift_max_J": 1e-3,
+        "phi_max": 1e-6,
+        "steps": evaluations,
+        "cpu_median_s": 1e-6 * evaluations,
+    }
     return RunRecord(**{**values, **more})
 
 

@@ -8,21 +8,23 @@ import numpy as np
 import pytest
 
 from mbsbench import Joint, Problem, Reference, RigidBody, State, assemble, so3
-from mbsbench.harness.catalogue.registry import in_frame, make_problem
+from mbsbench.harness.catalogue.registry import make_problem, rotate_problem
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy
 from mbsbench.harness.mechanics.state import rotate_states
 from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.mechanics.work import power
-from mbsbench.harness.metrics.reactions import DIFFERENCE
 from mbsbench.harness.reference import computation as module
 from mbsbench.harness.reference import orbit
-from mbsbench.harness.reference.computation import compute_reference, is_computable, reference_of
+from mbsbench.harness.reference.computation import compute_reference, find_reference, is_computable, say_why_it_ends
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
 from mbsbench.harness.reference.principal import LIGHT
 from mbsbench.problems.exact.one_body import one_body_motion
+from mbsbench.tests.comparing import assert_each
 
 from .mechanisms import problem, slider_crank, sprung
+
+DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0  # of sixth order, at seven times
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -66,7 +68,7 @@ def test_it_is_the_exact_motion_within_its_stated_error(name: str) -> None:
 @pytest.mark.parametrize("p", [slider_crank(t_end=0.2, hinged=True), sprung(0.0, 0.3), sprung(3.0, 0.3)], ids=range(3))
 def test_it_obeys_the_laws_where_nothing_is_known(p: Problem) -> None:
     """Joints, velocities, and energy less the dampers' work: stated in (r, R), not by either route."""
-    found = reference_of(p)
+    found = find_reference(p)
     assert found is not None and found.horizon == p.t_end
     t = np.linspace(0.0, p.t_end, 4001)
     s = found.states(t)
@@ -132,11 +134,11 @@ def test_a_turned_system_has_the_turned_motion() -> None:
     """Two computations, of other numbers throughout."""
     p = sprung(1.0, 0.2)
     Q = so3.exp(np.array([0.4, -1.1, 0.6]))
-    here, there = compute_reference(p), compute_reference(in_frame(p, Q))
+    here, there = compute_reference(p), compute_reference(rotate_problem(p, Q))
     assert here is not None and there is not None
     t = np.linspace(0.0, 0.2, 21)
     gap = rotate_states(here.states(t), Q).r - there.states(t).r
-    assert np.all(np.max(np.linalg.norm(gap, axis=2), axis=1) <= here.error(t) + there.error(t))
+    assert_each(np.max(np.linalg.norm(gap, axis=2), axis=1), "<=", here.error(t) + there.error(t))
 
 
 def _weaken(freedoms):
@@ -193,7 +195,7 @@ def test_a_perturbed_chain_has_a_reference_out_of_its_plane() -> None:
     """The planar linkage has none; the energy is that of the start, in all three directions."""
     p = make_problem("chain", {"perturb": 1e-3, "t_end": 0.05})
     assert p.reference() is None
-    found = reference_of(p)
+    found = find_reference(p)
     assert found is not None and found.horizon == 0.05
     s = found.states(np.linspace(0.0, 0.05, 41))
     assert np.max(np.abs(s.r[:, :, 2])) > 1e-5
@@ -223,7 +225,7 @@ def test_a_spent_budget_ends_it(monkeypatch: pytest.MonkeyPatch, tmp_path) -> No
 def test_a_large_system_has_none() -> None:
     """Hundreds of bodies would take hours: said at once."""
     p = make_problem("chain", {"links": 150, "perturb": 1e-6, "t_end": 0.01})
-    assert not is_computable(p.system) and reference_of(p) is None
+    assert not is_computable(p.system) and find_reference(p) is None
 
 
 brief = partial(sprung, 0.5, t_end=0.05)  # its reference takes little to compute
@@ -273,3 +275,49 @@ def test_two_processes_at_once_get_the_same(tmp_path) -> None:
         process.join()
     assert a is not None and np.array_equal(a, b)
     assert [f.suffix for f in tmp_path.rglob("*") if f.is_file()] == [".npz"]
+
+
+def test_the_wide_tolerance_goes_on_where_the_narrow_one_ends(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    """The first level leaves its agreement in the first chunk, and the second cannot make a step at all."""
+    monkeypatch.setattr(orbit, "FOLDER", tmp_path)
+    monkeypatch.setattr(module, "AGREED", 0.0)
+    monkeypatch.setattr(module, "LEVELS", (module.LEVELS[0], (1e-13, 1e-40)))
+    p = make_problem("heavy_top", {"t_end": 0.1})
+    exact, found = p.reference(), compute_reference(p)
+    assert exact is not None and found is not None and found.horizon == p.t_end and found.ends == ""
+    assert agree(found, exact, np.linspace(0.0, p.t_end, 101))
+
+
+def test_where_the_narrow_tolerance_ends_the_wide_one_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    """Of a chaotic motion: what the narrow one knows stays as exact as it is, and more is known; also from disk."""
+    monkeypatch.setattr(orbit, "FOLDER", tmp_path)
+    p = make_problem("chain", {"perturb": 1e-6, "t_end": 10.0})
+    found = compute_reference(p)
+    assert found is not None and found.orbit.beyond is not None and found.ends
+    first, second = found.orbit.end, found.orbit.horizon
+    assert 2.5 < first < second < 10.0
+    t = np.linspace(0.0, second, 400)
+    error = found.error(t)
+    assert_each(np.diff(error), ">=", 0.0)
+    assert error[np.searchsorted(t, 0.1 * first)] < 1e-9
+    below, above = found.states(np.array([first])), found.states(np.array([first + 1e-9]))
+    assert np.max(np.abs(below.r - above.r)) < 2.0 * found.error(np.array([first + 1e-9]))[0] + 1e-6
+    again = compute_reference(p)
+    assert again is not None and again.horizon == second and np.array_equal(again.states(t).r, found.states(t).r)
+
+
+@pytest.mark.parametrize(
+    ("budget", "words"), [(0.02, "its budget of time is spent"), (4.0, "its routes differ by more")]
+)
+def test_one_that_ends_early_says_why(budget: float, words: str, monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    monkeypatch.setattr(orbit, "FOLDER", tmp_path)
+    monkeypatch.setattr(module, "BUDGET", budget)
+    monkeypatch.setattr(module, "FEWEST", 1)
+    if budget > 1.0:
+        monkeypatch.setattr(module, "WORST", 2e-11)
+    p = slider_crank(t_end=2.0, hinged=True)
+    found = compute_reference(p)
+    assert found is not None and 0.0 < found.horizon < p.t_end
+    (note,) = say_why_it_ends(found)
+    assert note.startswith(f"reference ends at {found.horizon:.4g} s: ") and words in note
+    assert say_why_it_ends(compute_reference(p)) == [note]  # from disk

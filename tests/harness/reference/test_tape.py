@@ -7,6 +7,7 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.mechanics.consistency import perturb
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
+from mbsbench.tests.comparing import assert_close
 
 
 @pytest.mark.parametrize("name", ["chain", "flyball_governor", "knife_edge", "stewart_platform", "driven_slider_crank"])
@@ -20,4 +21,4 @@ def test_rates_by_tape_are_those_by_numpy(name):
     first.compile()
     second.compile()
     for by_numpy, by_tape in zip(plain, (first.rate(y), second.rate(np.stack((z, z)))[1]), strict=True):
-        assert np.allclose(by_tape, by_numpy, rtol=1e-9, atol=1e-9 * np.max(np.abs(by_numpy)))
+        assert_close(by_tape, by_numpy, rtol=1e-9, atol=1e-9 * np.max(np.abs(by_numpy)))

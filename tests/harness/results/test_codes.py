@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import mbsbench
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.results.codes import MEASURING, Sources
 from mbsbench.harness.results.environment import ROOT
@@ -35,7 +36,7 @@ def edited(tmp_path, kept):
         if not root.exists():
             for name in ("cli", "harness", "problems", "solvers"):
                 shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__", "*.nb*"))
-            shutil.copy(ROOT / "requirements.lock", root)
+            shutil.copytree(ROOT / "locks", root / "locks")
         text = (ROOT / place).read_text(encoding="utf-8")
         if len(pair) == 2:
             assert pair[0] in text, (place, pair[0])
@@ -68,8 +69,18 @@ def reworded(text):
 
 def test_every_entry_of_the_catalogue_has_a_digest(whole):
     ours = [n for n, e in registry.solvers().items() if e.make.__module__.startswith("mbsbench.")]
-    assert set(whole.solvers) == set(ours) and len(set(whole.solvers.values())) == len(ours)
+    unlike = set(whole.solvers) ^ set(ours)
+    assert not unlike, f"in the catalogue a solver is a class marked @solver(NAME), see docs/adding.md: {unlike}"
+    assert len(set(whole.solvers.values())) == len(ours)
     assert set(whole.problems) == {n for n in registry.problems() if registry.is_own_problem(n)}
+
+
+def test_entries_of_the_catalogue_import_modules():
+    """Names of ``mbsbench`` itself are loaded when they are used, so that no digest would follow them."""
+    entries = [p for folder in ("problems", "solvers") for p in (ROOT / folder).rglob("*.py")]
+    public = re.compile(r"^\s*from (?:mbsbench|\.+) import (?:\(\s*)?(\w+)", re.MULTILINE)
+    used = {(p.name, name) for p in entries for name in public.findall(p.read_text(encoding="utf-8"))}
+    assert not {one for one in used if one[1] in mbsbench.__all__}, "import from ..harness or ..solvers: docs/adding.md"
 
 
 def test_comments_docstrings_and_layout_change_nothing(whole, edited):
@@ -89,8 +100,8 @@ def test_an_edit_of_one_solver_asks_for_it_alone(whole, edited):
     after = edited("solvers/rattle.py", "rate=self.rate", "rate=2.0 * self.rate")
     assert changed(whole.solvers, after.solvers) == {"rattle"}
     assert not changed(whole.problems, after.problems) and after.measuring == whole.measuring
-    assert after.code_of("chain", "rattle") != whole.code_of("chain", "rattle")
-    assert after.code_of("chain", "gc_weak_form") == whole.code_of("chain", "gc_weak_form")
+    assert after.digest_run_code("chain", "rattle") != whole.digest_run_code("chain", "rattle")
+    assert after.digest_run_code("chain", "gc_weak_form") == whole.digest_run_code("chain", "gc_weak_form")
 
 
 def test_an_edit_of_the_kernel_asks_for_all_solvers_that_march_on_it(whole, edited):
@@ -113,7 +124,7 @@ def test_an_edit_of_a_problem_or_of_measuring_asks_for_theirs(whole, edited):
     assert "heavy_top" in asked and "chain" not in asked
     after = edited("harness/metrics/scales.py", operator)
     assert after.measuring != whole.measuring and not changed(whole.solvers, after.solvers)
-    assert after.code_of("chain", "rattle") != whole.code_of("chain", "rattle")
+    assert after.digest_run_code("chain", "rattle") != whole.digest_run_code("chain", "rattle")
 
 
 @pytest.mark.parametrize(
@@ -121,7 +132,7 @@ def test_an_edit_of_a_problem_or_of_measuring_asks_for_theirs(whole, edited):
     [
         ("harness/execution/contract.py", "max(times)", "0.5 * max(times)"),
         ("harness/clock.py", "used.ru_utime + used.ru_stime", "used.ru_utime"),
-        ("harness/sandbox/apart.py", "usage.ru_utime + usage.ru_stime", "usage.ru_utime"),
+        ("harness/sandbox/forked_process.py", "usage.ru_utime + usage.ru_stime", "usage.ru_utime"),
         ("harness/sandbox/isolation.py", "set_keeper(own)", "set_keeper(parent)"),
     ],
 )
@@ -143,16 +154,26 @@ def test_the_digest_covers_all_that_a_run_runs(whole):
     done = subprocess.run((sys.executable, "-c", code), cwd=ROOT, capture_output=True, text=True, check=True)
     files = [Path(f).resolve().relative_to(ROOT).as_posix() for f in done.stdout.split()]
     loaded = {f for f in files if not f.endswith("__init__.py")}
-    left_out = {p for p in loaded - whole.reach(*MEASURING)[0].keys() if not whole._arranges(p)}
-    readers = ("closing", "mujoco_flags", "sdformat_words", "urdf", "usd_words", "xml_elements")  # of files of models
+    left_out = {p for p in loaded - whole.list_imported(*MEASURING)[0].keys() if not whole._arranges(p)}
+    readers = (
+        "closing",
+        "mujoco_bodies",
+        "mujoco_flags",
+        "rates",
+        "sdformat_words",
+        "urdf",
+        "usd_words",
+        "xml_elements",
+    )  # of files of models
     assert left_out == {
         *(f"harness/execution/{name}.py" for name in ("protocol", "supervisor", "warmup")),
         *(f"harness/catalogue/{name}.py" for name in readers),
+        "harness/types/presentations.py",  # names of options
     }
 
 
 def test_another_version_of_a_package_asks_for_those_that_use_it(whole, edited):
-    after = edited("requirements.lock", lambda text: text.replace("scipy-dae==", "scipy-dae==9"))
+    after = edited("locks/requirements.lock", lambda text: text.replace("scipy-dae==", "scipy-dae==9"))
     found = changed(whole.solvers, after.solvers)
     assert "ndf_index1" in found and not found & {"rattle", "gc_weak_form"}
 
@@ -161,5 +182,5 @@ def test_what_was_parsed_is_kept_and_a_damaged_file_costs_only_time(tmp_path, wh
     keep = tmp_path / "parsed.json"
     for text in ("{", '{"1 a": [1]}', "[]"):
         keep.write_text(text)
-        assert Sources(ROOT, keep).of("solvers/rattle") == whole.solvers["rattle"]
-    assert Sources(ROOT, keep).of("solvers/rattle") == whole.solvers["rattle"]  # from what is kept
+        assert Sources(ROOT, keep).digest_modules("solvers/rattle") == whole.solvers["rattle"]
+    assert Sources(ROOT, keep).digest_modules("solvers/rattle") == whole.solvers["rattle"]  # from what is kept

@@ -14,23 +14,39 @@ from mbsbench.harness.results.records import RunRecord
 from ..conftest import PLUGIN
 
 BASE = RunRecord(
-    run_id="a", settings_id="a", case="p s dt=0.1", problem="p", solver="s", status="success", control="dt", steps=10,
-    energy_drift_max_J=1e-3, energy_scale_J=1.0, length_scale_m=1.0, phi_max=1e-5,
-)  # fmt: skip
+    run_id="a",
+    settings_id="a",
+    case="p s dt=0.1",
+    problem="p",
+    solver="s",
+    status="success",
+    control="dt",
+    steps=10,
+    energy_drift_max_J=1e-3,
+    energy_scale_J=1.0,
+    length_scale_m=1.0,
+    phi_max=1e-5,
+)
 
 
 @pytest.mark.parametrize(
     ("change", "likeness"),
-    [({}, None), ({"wall_s": 3.0}, None), ({"energy_drift_max_J": 1e-3 * (1 + 1e-9)}, Likeness.ROUNDING),
-     ({"energy_drift_max_J": 1.01e-3}, Likeness.CHANGED), ({"steps": 11}, Likeness.CHANGED),
-     ({"status": "wrong"}, Likeness.CHANGED), ({"phi_max": float("nan")}, Likeness.CHANGED),
-     ({"phi_max": float("inf")}, Likeness.CHANGED)],
-)  # fmt: skip
+    [
+        ({}, None),
+        ({"wall_s": 3.0}, None),
+        ({"energy_drift_max_J": 1e-3 * (1 + 1e-9)}, Likeness.ROUNDING),
+        ({"energy_drift_max_J": 1.01e-3}, Likeness.CHANGED),
+        ({"steps": 11}, Likeness.CHANGED),
+        ({"status": "wrong"}, Likeness.CHANGED),
+        ({"phi_max": float("nan")}, Likeness.CHANGED),
+        ({"phi_max": float("inf")}, Likeness.CHANGED),
+    ],
+)
 def test_differences_are_distinguished(change, likeness):
     """Times are not compared; a last digit is rounding; one step, a status or a lost number is a change."""
     found = compare([BASE], [dataclasses.replace(BASE, **change)])
     assert {c.likeness for c in found.changes} == ({likeness} if likeness else set())
-    assert found.alike == (likeness is not Likeness.CHANGED) and found.same == (likeness is None)
+    assert found.alike == (likeness is not Likeness.CHANGED) and found.is_identical == (likeness is None)
 
 
 def test_runs_that_come_and_go_are_named():
@@ -45,7 +61,7 @@ def test_of_two_results_of_a_run_the_newest_counts():
         for x, y in (("2026-01-01", 9.0), ("2026-01-02", 1.0))
     )
     for folder in ([old, new], [new, old]):
-        assert compare(folder, [new]).same and not compare(folder, [old]).same
+        assert compare(folder, [new]).is_identical and not compare(folder, [old]).is_identical
 
 
 def test_limits_make_a_run_unrepeatable():

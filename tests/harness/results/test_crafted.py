@@ -9,19 +9,19 @@ import zipfile
 import numpy as np
 import pytest
 
+from mbsbench.harness.confined_paths import UnsafeFile
 from mbsbench.harness.execution import run_file
-from mbsbench.harness.execution.eta import durations
 from mbsbench.harness.execution.handover import Handover, SolverReport, read, write
+from mbsbench.harness.execution.remaining_time import durations
 from mbsbench.harness.files import FileError
 from mbsbench.harness.mechanics.system import RigidBody, assemble
-from mbsbench.harness.places import NotOwn
 from mbsbench.harness.results import npz, store
 from mbsbench.harness.results.merging import merge
 from mbsbench.harness.results.npz import read_npz
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series, read_series, write_series
-from mbsbench.harness.results.words import why
-from mbsbench.harness.types import EndedBy
+from mbsbench.harness.results.words import list_reasons
+from mbsbench.harness.types import EndCause
 
 RECORD = RunRecord(run_id="abc", case="p s dt=0.1", problem="p", solver="s", status="diverged", message="stopped")
 OUT = ["../../outside/x.npz", "/etc/passwd", "series/../../outside/x.npz", "series/", "series/.hidden", "runs/abc.json"]
@@ -63,13 +63,13 @@ def test_links_are_not_followed(tmp_path):
     folder = folder_with(tmp_path / "a", stderr="stderr/abc.txt")
     (folder / "stderr" / "abc.txt").symlink_to(secret)
     (record,) = store.load(folder).records
-    assert "secret" not in store.native_of(folder, record)
+    assert "secret" not in store.read_stderr(folder, record)
     merge(tmp_path / "out", [folder])
     assert not (tmp_path / "out" / "stderr" / "abc.txt").exists()
     (folder / "stderr" / "abc.txt").unlink()
     (folder / "stderr").rmdir()
     (folder / "stderr").symlink_to(tmp_path)
-    with pytest.raises(NotOwn, match="is a link"):
+    with pytest.raises(UnsafeFile, match="is a link"):
         store.load(folder)
 
 
@@ -141,8 +141,8 @@ def test_series_of_other_lengths_are_refused(tmp_path, name):
 def test_a_message_moves_no_cursor():
     """It is the solver's: kept as it is, shown without what a terminal obeys."""
     said = "\x1b[2J\x1b]0;owned\x07 done\r\x9b1m"
-    for by in (EndedBy.SOLVER, EndedBy.EXCEPTION, EndedBy.MEMORY_LIMIT):
-        (words,) = why(dataclasses.replace(RECORD, message=said, ended_by=str(by)))
+    for by in (EndCause.SOLVER, EndCause.EXCEPTION, EndCause.MEMORY_LIMIT):
+        (words,) = list_reasons(dataclasses.replace(RECORD, message=said, ended_by=str(by)))
         assert "done" in words and words.isprintable()
 
 
@@ -161,7 +161,7 @@ def test_a_bad_folder_beside_ours_ends_no_run(tmp_path):
     [{"t": np.zeros(3)}, {"t": np.zeros((2, 2))}, {"t": np.zeros(1), "r": np.zeros((1, 5, 3))}, {"evil": np.zeros(1)}],
 )
 def test_what_a_solver_hands_over_is_of_its_problem(tmp_path, arrays):
-    """The file is the solver's process's: nothing in it is believed."""
+    """The solver's process writes the file: its contents are untrusted and validated."""
     system = assemble([RigidBody(1.0, np.eye(3))])
     said = np.asarray(json.dumps({"claimed": "success"}))
     np.savez(tmp_path / "x.npz", said=said, **({"t": np.zeros(1)} | arrays))

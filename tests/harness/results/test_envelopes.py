@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mbsbench.harness.places import Place
-from mbsbench.harness.results.envelopes import SPANS, envelope_of, span_of
+from mbsbench.harness.confined_paths import ConfinedPath
+from mbsbench.harness.results.envelopes import SPANS, compute_envelope, find_spans
 from mbsbench.harness.results.packing import GRID, TURNS
-from mbsbench.harness.results.series import Enveloped, Series, read_series, write_series
+from mbsbench.harness.results.series import EnvelopedSeries, Series, read_series, write_series
 
 COARSE = 2.0**-10  # of a value, the error of its code
 KINDS = ("all sizes", "a swing", "rounding", "zeros of both signs", "with holes", "nearly constant", "constant", "none")
@@ -19,11 +19,14 @@ def some_values(kind, n):
     if kind == "all sizes":
         return random.normal(size=n) * 10.0 ** random.uniform(-320, 300, n)
     found = {
-        "a swing": np.sin(np.linspace(0.0, 40.0, n)), "rounding": 1e-16 * random.integers(-3, 4, n),
-        "zeros of both signs": np.where(random.random(n) < 0.5, 0.0, -0.0), "with holes": random.normal(size=n),
-        "nearly constant": -0.3 + 1e-14 * random.normal(size=n), "constant": np.full(n, 1.0 / 3.0),
+        "a swing": np.sin(np.linspace(0.0, 40.0, n)),
+        "rounding": 1e-16 * random.integers(-3, 4, n),
+        "zeros of both signs": np.where(random.random(n) < 0.5, 0.0, -0.0),
+        "with holes": random.normal(size=n),
+        "nearly constant": -0.3 + 1e-14 * random.normal(size=n),
+        "constant": np.full(n, 1.0 / 3.0),
         "none": np.full(n, np.nan),
-    }[kind]  # fmt: skip
+    }[kind]
     if kind == "with holes":
         found[::7], found[::31] = np.nan, np.inf
     return found
@@ -35,9 +38,9 @@ def test_an_envelope_contains_every_finite_value(kind, n):
     """Codes are rounded outwards, so no value is outside, whatever its size; nor is the envelope much wider."""
     t = np.sort(np.random.default_rng(n).uniform(0.0, 20.0, n))
     a = some_values(kind, n)
-    e = envelope_of(t, a)
+    e = compute_envelope(t, a)
     good = np.isfinite(a)
-    span = span_of(t[good], e.begin, e.end, SPANS)
+    span = find_spans(t[good], e.begin, e.end, SPANS)
     assert np.all(e.low[span] <= a[good]) and np.all(a[good] <= e.high[span])
     for k in np.unique(span):
         own = a[good][span == k]
@@ -52,7 +55,7 @@ def test_an_envelope_contains_every_finite_value(kind, n):
 @pytest.mark.parametrize("spans", [240, 180, 80, 60])
 def test_points_lie_in_the_spans_of_curves(spans):
     """A curve of fewer spans takes the points of an envelope to the spans that the rows were in."""
-    e = envelope_of(np.array([0.0, 7.3]), np.zeros(2))
+    e = compute_envelope(np.array([0.0, 7.3]), np.zeros(2))
     t, _ = e.points
     drawn = np.minimum((t[::2] / t[-1] * spans).astype(int), spans - 1)
     assert np.array_equal(drawn, np.arange(SPANS) * spans // SPANS)
@@ -64,19 +67,22 @@ def brief(n=1000, nb=2):
     t = np.concatenate(([0.0], np.cumsum(dt)))
     q = random.normal(size=(40, nb, 4))
     arrays = {
-        "t": t, "dt": np.insert(np.diff(t), 0, np.nan), "energy": random.normal(size=n), "frame_t": t[7:287:7],
+        "t": t,
+        "dt": np.insert(np.diff(t), 0, np.nan),
+        "energy": random.normal(size=n),
+        "frame_t": t[7:287:7],
         "frame_r": random.uniform(-3.0, 3.0, (40, nb, 3)).astype(np.float32),
         "frame_q": (q / np.linalg.norm(q, axis=2, keepdims=True)).astype(np.float32),
-    }  # fmt: skip
-    kept = {name: envelope_of(t, random.normal(size=n)) for name in ("phi_norm", "obs_y")}
-    kept["obs_x"] = envelope_of(t, 7.0 + random.random(n))
+    }
+    kept = {name: compute_envelope(t, random.normal(size=n)) for name in ("phi_norm", "obs_y")}
+    kept["obs_x"] = compute_envelope(t, 7.0 + random.random(n))
     return Series(arrays, (), ("a", "b"), (), {}, {}, {"phi_max": 1.0}, "own", kept, "5" * 64, 2.0)
 
 
 def test_a_brief_file_gives_back_what_is_judged_to_the_bit_and_what_is_drawn_to_the_grid(tmp_path):
     """Times are sums of steps, which is checked before they are left out; quaternions of both signs are one turn."""
     series = brief()
-    digest = write_series(Place(tmp_path) / "s.npz.xz", series)
+    digest = write_series(ConfinedPath(tmp_path) / "s.npz.xz", series)
     again = read_series(tmp_path / "s.npz.xz", digest)
     for name in ("t", "dt", "energy", "frame_t"):
         assert again[name].tobytes() == series[name].tobytes()
@@ -113,7 +119,7 @@ def test_rows_of_an_envelope_are_refused():
     """No rough value passes for one of a step: who asks for rows is told."""
     series = brief()
     for ask in (lambda: series["phi_norm"], lambda: series.get("phi_norm")):
-        with pytest.raises(Enveloped, match="phi_norm is kept as an envelope"):
+        with pytest.raises(EnvelopedSeries, match="phi_norm is kept as an envelope"):
             ask()
     assert series.get("nothing") is None and "phi_norm" in series
     assert len(series.points("phi_norm")[0]) == 2 * SPANS and len(series.points("energy")[0]) == 1000

@@ -28,10 +28,17 @@ def folder(place, name, commit, started, cpu="one", **specs: tuple[str, float, f
         store.write_record(
             run,
             RunRecord(
-                run_id=f"{commit}{n}", settings_id=settings, case=f"p s[{settings}]", problem="p", solver="s",
-                status=status, commit=commit, energy_drift_max_J=drift, cpu_min_s=seconds,
+                run_id=f"{commit}{n}",
+                settings_id=settings,
+                case=f"p s[{settings}]",
+                problem="p",
+                solver="s",
+                status=status,
+                commit=commit,
+                energy_drift_max_J=drift,
+                cpu_min_s=seconds,
             ),
-        )  # fmt: skip
+        )
     write_text(run / "environment.json", json.dumps({"started": started, "cpu": cpu}))
     return run
 
@@ -50,8 +57,12 @@ def test_rows_are_in_order_of_time_with_ratios_on_the_same_processor(three):
     """4 times the CPU time of the first run; another processor starts its own line; a wrong run has no ratio."""
     rows = load_history(three)
     assert [(r.commit, r.settings_id) for r in rows] == [
-        ("aaa", "a"), ("aaa", "b"), ("bbb+dirty", "a"), ("ccc", "a"), ("ccc", "b"),
-    ]  # fmt: skip
+        ("aaa", "a"),
+        ("aaa", "b"),
+        ("bbb+dirty", "a"),
+        ("ccc", "a"),
+        ("ccc", "b"),
+    ]
     ratios = [r.cpu_ratio for r in rows]
     assert ratios[:4] == [1.0, 1.0, 1.0, 4.0] and math.isnan(ratios[4])
     assert [r.energy_drift_max_J for r in rows if r.settings_id == "a"] == [1e-3, 1e-3, 4e-3]

@@ -32,9 +32,9 @@ def numbers(folder):
 
 def test_each_run_names_its_own_environment(tmp_path, monkeypatch):
     """Begun here and resumed on another processor, or merged from both: a folder has as many as its runs."""
-    here = environment.stamp
+    here = environment.describe_environment
     run(tmp_path / "1", (1, 2))
-    monkeypatch.setattr(environment, "stamp", lambda *given: {**here(*given), "cpu": "another"})
+    monkeypatch.setattr(environment, "describe_environment", lambda *given: {**here(*given), "cpu": "another"})
     run(tmp_path / "1", resume=True)
     run(tmp_path / "2", (2, 2))
     merge(tmp_path / "merged", [tmp_path / "2", tmp_path / "1"])

@@ -11,7 +11,7 @@ from mbsbench.cli.arguments import parse_assignments
 from mbsbench.cli.commands import CONTROL, add_commands
 from mbsbench.cli.parser import top_parser
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.job import Job, record_of
+from mbsbench.harness.execution.job import Job, make_job_record
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.reproduce import write_command
 from mbsbench.harness.suites.spec import make_spec
@@ -56,7 +56,7 @@ def test_the_command_means_the_same_run(suite, tmp_path):
     """Run, record, line, run: the settings come back."""
     specs = parse_suite(ODD, "odd", "odd", plugins=(str(PLUGIN),)).specs if suite == "odd" else load_suite(suite).specs
     for spec in specs[:: 1 if suite == "odd" else 5]:
-        record = record_of(Job(spec, tmp_path), Status.SUCCESS)
+        record = make_job_record(Job(spec, tmp_path), Status.SUCCESS)
         again, given = run_of(write_command(record, ["my own.py"], "a b.npz"))
         assert again.settings_id == spec.settings_id and again.cpu_limit == spec.cpu_limit
         assert given.plugin == ["my own.py"] and given.out == "a b.npz"

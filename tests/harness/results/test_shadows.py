@@ -4,7 +4,7 @@ import pytest
 
 from mbsbench.harness.files import FileError
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.results.shadows import FILE, SYMPLECTIC, Nearest, keep_nearest, nearest_of, read_nearest
+from mbsbench.harness.results.shadows import FILE, SYMPLECTIC, NearestMotion, choose_nearest, keep_nearest, read_nearest
 
 
 def record(run: str, case: str) -> RunRecord:
@@ -14,11 +14,11 @@ def record(run: str, case: str) -> RunRecord:
 def test_a_run_has_its_own_else_that_of_its_published_settings(tmp_path) -> None:
     """By run_id and by case; other settings have none."""
     own, like, other = (record(*x) for x in (("a1", "mine"), ("b2", "chain rattle dt=0.001"), ("c3", "chain rattle")))
-    keep_nearest(tmp_path, record("d4", "another"), Nearest())
-    keep_nearest(tmp_path, own, Nearest(5.0, 5.77e-4, 1.65e-4, 1e-12))
+    keep_nearest(tmp_path, record("d4", "another"), NearestMotion())
+    keep_nearest(tmp_path, own, NearestMotion(5.0, 5.77e-4, 1.65e-4, 1e-12))
     known = read_nearest(tmp_path)
-    found, published = nearest_of(own, known), nearest_of(like, known)
-    assert found is not None and published is not None and nearest_of(other, known) is None
+    found, published = choose_nearest(own, known), choose_nearest(like, known)
+    assert found is not None and published is not None and choose_nearest(other, known) is None
     assert found.words == "a true motion within 0.577 mm (rms 0.165 mm) over 5 s"
     assert published.until_s == 20.0 and published.words.endswith("over 20 s, as published")
     assert known["d4"].words == ""
@@ -27,7 +27,7 @@ def test_a_run_has_its_own_else_that_of_its_published_settings(tmp_path) -> None
 def test_the_verdict_on_the_modified_energy() -> None:
     """None where it is not defined."""
     swings = (None, 0.5 * SYMPLECTIC, 2.0 * SYMPLECTIC)
-    assert [Nearest(modified_energy=x).symplectic for x in swings] == ["", "yes", "not shown"]
+    assert [NearestMotion(modified_energy=x).symplectic for x in swings] == ["", "yes", "not shown"]
 
 
 @pytest.mark.parametrize("text", ["[]", '{"a": 1}', '{"a": {"until_s": "x"}}', "{"])

@@ -46,7 +46,7 @@ def test_record_and_series_come_back(tmp_path):
     loaded = store.load(tmp_path)
     assert len(loaded.records) == 1 and not loaded.unreadable
     assert same(loaded.records[0], record)
-    back = store.series_of(tmp_path, record)
+    back = store.read_run_series(tmp_path, record)
     assert np.array_equal(back["t"], series()["t"]) and back.events == ({"t": 0.5, "what": "passage"},)
     assert list(back.select("obs_")) == ["theta"]
 
@@ -99,13 +99,23 @@ def test_foreign_records_are_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("change", "words"),
-    [({"schema": 99}, "schema"), ({"phi_max": "big"}, "phi_max"), ({"steps": 1.5}, "steps"), ({"steps": None}, "steps"),
-     ({"status": 3}, "status"), ({"counters": "[]"}, "counters"), ({"notes": "x"}, "notes"),
-     ({"counters": json.dumps({"steps": 10**400})}, "counters"), ({"counters": '{"steps": 1.5}'}, "counters"),
-     ({"notes": "[1]"}, "notes"), ({"case": "\x1b]0;owned\x07"}, "case"), ({"solver": "a\nb"}, "solver"),
-     ({"invariant_drifts": '{"P": 3}'}, "invariant_drifts"),
-     ({"observable_errors": '{"x": {"max": "big"}}'}, "observable_errors")],
-)  # fmt: skip
+    [
+        ({"schema": 99}, "schema"),
+        ({"phi_max": "big"}, "phi_max"),
+        ({"steps": 1.5}, "steps"),
+        ({"steps": None}, "steps"),
+        ({"status": 3}, "status"),
+        ({"counters": "[]"}, "counters"),
+        ({"notes": "x"}, "notes"),
+        ({"counters": json.dumps({"steps": 10**400})}, "counters"),
+        ({"counters": '{"steps": 1.5}'}, "counters"),
+        ({"notes": "[1]"}, "notes"),
+        ({"case": "\x1b]0;owned\x07"}, "case"),
+        ({"solver": "a\nb"}, "solver"),
+        ({"invariant_drifts": '{"P": 3}'}, "invariant_drifts"),
+        ({"observable_errors": '{"x": {"max": "big"}}'}, "observable_errors"),
+    ],
+)
 def test_wrong_types_are_refused(change, words):
     """Numbers of 400 digits, escape sequences in names, other shapes than declared: checked before it is believed."""
     with pytest.raises(FileError, match=words):
@@ -144,9 +154,20 @@ def test_unwritable_folder_is_said_in_a_line():
 
 
 @pytest.mark.parametrize(
-    "line", ["report", "show", "verify", "judge", "figures", "diff {0}", "merge out", "gate --results", "history",
-             "run ci --resume --out"],
-)  # fmt: skip
+    "line",
+    [
+        "report",
+        "show",
+        "verify",
+        "judge",
+        "figures",
+        "diff {0}",
+        "merge out",
+        "gate --results",
+        "history",
+        "run ci --resume --out",
+    ],
+)
 @pytest.mark.parametrize("schema", [1, 2])
 def test_a_folder_of_an_older_version_is_refused_with_what_to_do(tmp_path, line, schema, capsys):
     """By every command that takes one; nothing in it is changed."""

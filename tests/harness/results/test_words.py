@@ -11,10 +11,21 @@ from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.words import comparison_words, status_words
 
 LAWFUL = RunRecord(
-    run_id="a", case="a bar", problem="p", solver="s", status="success", claimed="success", ended_by="solver",
-    t_reached_s=2000.0, t_end_s=2000.0, reference_horizon_s=58.8, compared_to_s=58.8, judged_to_s=58.8,
-    position_error_max_m=1e-6, position_error_judged_m=1e-6,
-)  # fmt: skip
+    run_id="a",
+    case="a bar",
+    problem="p",
+    solver="s",
+    status="success",
+    claimed="success",
+    ended_by="solver",
+    t_reached_s=2000.0,
+    t_end_s=2000.0,
+    reference_horizon_s=58.8,
+    compared_to_s=58.8,
+    judged_to_s=58.8,
+    position_error_max_m=1e-6,
+    position_error_judged_m=1e-6,
+)
 
 
 @pytest.mark.parametrize(

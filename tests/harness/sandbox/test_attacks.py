@@ -13,7 +13,7 @@ from mbsbench.harness.execution import run, supervisor
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.results import store
 from mbsbench.harness.sandbox import isolation
-from mbsbench.harness.sandbox.apart import CHUNK, MOST, Apart
+from mbsbench.harness.sandbox.forked_process import CHUNK, MOST, ForkedProcess
 from mbsbench.harness.suites.suite import parse_suite
 
 from ..conftest import HOSTILE, PLUGIN
@@ -29,7 +29,7 @@ def attacked(folder, what, **patches):
     store.create(folder)
     spec = parse_suite(SUITE.format(what), "t", "t").specs[0]
     job = Job(spec, folder, plugins=(str(PLUGIN), str(HOSTILE)))
-    job.stderr.parent.make()
+    job.stderr.parent.make_folder()
 
     def work(send):
         for name, function in patches.items():
@@ -49,9 +49,9 @@ def attacked(folder, what, **patches):
         send(str(left.exists() and psutil.pid_exists(int(left.read_text()))))
 
     began = time.monotonic()
-    ended = Apart(work, limit=60.0, memory=math.inf, wall=100.0).wait()
+    ended = ForkedProcess(work, limit=60.0, memory=math.inf, wall=100.0).wait()
     assert ended.code == 0 and time.monotonic() - began < 60.0, ended
-    return store.read_record(store.path_of(folder, job.id)), ended.sent.strip()
+    return store.read_record(store.locate_record(folder, job.id)), ended.sent.strip()
 
 
 def nothing():
@@ -71,7 +71,7 @@ def test_the_process_above_a_solver_is_out_of_its_reach(tmp_path, what):
 @pytest.mark.parametrize("what", ATTACKS)
 def test_what_reaches_it_all_the_same_loses_its_own_run_and_no_more(tmp_path, what):
     """Where no system keeps it in: no success is forged, no limit escaped, and kept steps are measured."""
-    record, left = attacked(tmp_path / "run", what, close_in=nothing, shut_out=nothing)
+    record, left = attacked(tmp_path / "run", what, isolate_process=nothing, protect_process=nothing)
     assert record.status not in ("success", "inaccurate") and left == "False", record
     if what in ("kills", "leaves_child"):
         assert record.ended_by == "killed"
@@ -81,7 +81,7 @@ def test_what_reaches_it_all_the_same_loses_its_own_run_and_no_more(tmp_path, wh
 
 def test_a_pipe_takes_no_more_than_a_run_has_to_say():
     """It is closed then: the process learns it at its next line, and nobody's memory fills."""
-    ended = Apart(lambda send: [send("x" * 2**20) for _ in range(64)], limit=20.0, memory=500.0).wait()
+    ended = ForkedProcess(lambda send: [send("x" * 2**20) for _ in range(64)], limit=20.0, memory=500.0).wait()
     assert ended.code == 70 and MOST < len(ended.sent) <= MOST + CHUNK
 
 
@@ -90,13 +90,13 @@ def test_memory_and_files_are_shut_without_landlock_too(shut, monkeypatch):
     """A user without capabilities, as most are, opens nothing of a process that is not dumpable."""
     if os.getuid():
         pytest.skip("only root can become another user")
-    monkeypatch.setattr(isolation, "close_in", nothing)
+    monkeypatch.setattr(isolation, "isolate_process", nothing)
 
     def reach(send):
         os.setuid(65534)
         isolation._prctl(isolation.PR_SET_DUMPABLE, 1)
         if shut:
-            isolation.shut_out()
+            isolation.protect_process()
         own = os.getpid()
         if os.fork() == 0:
             for part in ("fd/0", "mem"):
@@ -106,5 +106,5 @@ def test_memory_and_files_are_shut_without_landlock_too(shut, monkeypatch):
             os._exit(0)
         os.wait()
 
-    ended = Apart(reach, limit=5.0, memory=500.0).wait()
+    ended = ForkedProcess(reach, limit=5.0, memory=500.0).wait()
     assert ended.sent.split() == ([] if shut else ["fd/0", "mem"])

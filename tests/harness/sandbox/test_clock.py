@@ -4,7 +4,7 @@ import os
 
 from mbsbench.harness import clock
 from mbsbench.harness.clock import cpu_seconds
-from mbsbench.harness.sandbox.apart import Apart
+from mbsbench.harness.sandbox.forked_process import ForkedProcess
 
 SPENT = 0.1  # [s] of CPU: 25 ticks of 4 ms
 READINGS = 500  # at least, if it moves by less than 0.2 ms
@@ -22,7 +22,7 @@ def test_cpu_time_has_no_ticks_under_a_limit_on_it():
             last = now
         send(str(seen))
 
-    ended = Apart(target, limit=50.0, memory=500.0).wait()
+    ended = ForkedProcess(target, limit=50.0, memory=500.0).wait()
     assert ended.code == 0 and int(ended.sent) > READINGS
 
 

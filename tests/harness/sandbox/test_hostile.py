@@ -11,7 +11,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import solve_file
 from mbsbench.harness.results import store
-from mbsbench.harness.results.words import why
+from mbsbench.harness.results.words import list_reasons
 
 from ..conftest import HOSTILE, PLUGIN, run_in
 from ..misbehaving import free_fall
@@ -76,7 +76,7 @@ def test_a_breach_of_the_contract_costs_one_run_and_names_its_line(outcome):
     assert len(broken) == 5
     for r in (*broken, *of(outcome, "raises")):
         assert r.status == "crashed" and r.ended_by == "exception"
-        assert "hostile.py:" in why(r)[0] or "misbehaving.py:" in why(r)[0]
+        assert "hostile.py:" in list_reasons(r)[0] or "misbehaving.py:" in list_reasons(r)[0]
 
 
 def test_a_folder_in_place_of_a_file_costs_its_run_at_most(outcome):

@@ -82,9 +82,7 @@ OF_PROBLEMS = {
     "horizon": lambda p, x: known_by(p, horizon=x),
     "error": lambda p, x: known_by(p, bound=x),
     "reference": lambda p, x: known_by(p, height=x),
-    "invariant": lambda p, x: dataclasses.replace(
-        p, invariants=(Invariant("I", "J", lambda s: np.full(len(s), x)),)
-    ),
+    "invariant": lambda p, x: dataclasses.replace(p, invariants=(Invariant("I", "J", lambda s: np.full(len(s), x)),)),
     "planar_normal": lambda p, x: dataclasses.replace(p, planar_normal=np.array([0.0, 0.0, x])),
     "frame": lambda p, x: dataclasses.replace(p, frame=entry(p.frame, x)),
     **{
@@ -93,10 +91,8 @@ OF_PROBLEMS = {
         )
         for name in ("mass", "inertia", "gravity")
     },
-    "start": lambda p, x: dataclasses.replace(
-        p, initial=dataclasses.replace(p.initial, v=entry(p.initial.v, x))
-    ),
-}  # fmt: skip
+    "start": lambda p, x: dataclasses.replace(p, initial=dataclasses.replace(p.initial, v=entry(p.initial.v, x))),
+}
 
 
 MATTER = ("mass", "inertia")  # matter 1e15 m away is another system, beside which 3 m are nothing

@@ -9,10 +9,10 @@ import psutil
 import pytest
 
 from mbsbench.harness.results import store
-from mbsbench.harness.results.words import why, words_of_ending
-from mbsbench.harness.sandbox.apart import Apart
+from mbsbench.harness.results.words import list_reasons, words_of_ending
+from mbsbench.harness.sandbox.forked_process import ForkedProcess
 from mbsbench.harness.sandbox.isolation import describe_lacking, fork
-from mbsbench.harness.types import EndedBy, Status
+from mbsbench.harness.types import EndCause, Status
 
 from ..conftest import run_in
 
@@ -74,7 +74,7 @@ def test_a_run_that_waits_without_end_is_ended(tmp_path):
     """It uses no CPU time, so the limit on that never ends it: the net of wall time does."""
     text = '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\noptions = { seconds = 600.0 }\ncpu_limit = 0.1\n'
     (record,) = run_in(tmp_path / "run", text)[0].records
-    assert record.status == Status.UNFINISHED and record.ended_by == EndedBy.WALL_LIMIT, record
+    assert record.status == Status.UNFINISHED and record.ended_by == EndCause.WALL_LIMIT, record
 
 
 @pytest.mark.parametrize("solver", EXPECTED)
@@ -84,7 +84,7 @@ def test_each_ends_as_its_own_row(outcome, solver):
     (record,) = [r for r in loaded.records if r.solver == solver]
     status, words = EXPECTED[solver]
     assert record.status == status, record
-    assert words in "; ".join(why(record))
+    assert words in "; ".join(list_reasons(record))
     assert record.wall_s < record.wall_limit_s + 5.0
     assert "\n" not in record.message
 
@@ -118,22 +118,25 @@ def test_partial_motion_is_kept(outcome):
     """An honest failure hands back its steps, and they are measured like any other."""
     folder, loaded = outcome
     (record,) = [r for r in loaded.records if r.solver == "gives_up"]
-    series = store.series_of(folder, record)
+    series = store.read_run_series(folder, record)
     assert series is not None and series["t"][-1] == record.t_reached_s == 1.0
     assert record.position_error_max_m < 1e-14
 
 
 @pytest.mark.parametrize(
     ("end", "status", "words"),
-    [("", Status.UNFINISHED, "CPU"), ("[end=segfault]", Status.CRASHED, "SIGSEGV"),
-     ("[end=raise]", Status.CRASHED, "after half")],
-)  # fmt: skip
+    [
+        ("", Status.UNFINISHED, "CPU"),
+        ("[end=segfault]", Status.CRASHED, "SIGSEGV"),
+        ("[end=raise]", Status.CRASHED, "after half"),
+    ],
+)
 def test_steps_of_a_killed_run_are_kept(outcome, end, status, words):
     """A native loop that holds the interpreter, a segfault, an exception: what was handed over is measured."""
     folder, loaded = outcome
     (record,) = [r for r in loaded.records if r.case == f"free_fall hangs_later{end} dt=0.5"]
     assert record.status == status and words in words_of_ending(record) and record.claimed == ""
-    series = store.series_of(folder, record)
+    series = store.read_run_series(folder, record)
     assert series is not None and list(series["t"]) == [0.0, 0.5, 1.0] and record.t_reached_s == 1.0
     assert record.position_error_max_m < 1e-14 and record.wall_s < record.wall_limit_s + 5.0
     assert not list((folder / ".spool").glob("*.rows"))
@@ -184,18 +187,18 @@ def test_cpu_time_is_limited_too(tmp_path):
             pass
 
     began = time.monotonic()
-    ended = Apart(work, limit=0.0, memory=500.0, wall=60.0).wait()  # [s], rounded up to the next whole one
+    ended = ForkedProcess(work, limit=0.0, memory=500.0, wall=60.0).wait()  # [s], rounded up to the next whole one
     assert (ended.code == -signal.SIGXCPU or ended.over == "cpu") and time.monotonic() - began > 0.9
     job = Job(parse_suite('[[runs]]\nproblem = "free_fall"\nsolver = "exact"', "t", "t").specs[0], tmp_path)
-    record = record_unfinished(job, ended, 1.0, EndedBy.WALL_LIMIT, 60.0)
-    assert record.status == Status.UNFINISHED and record.ended_by == EndedBy.CPU_LIMIT
+    record = record_unfinished(job, ended, 1.0, EndCause.WALL_LIMIT, 60.0)
+    assert record.status == Status.UNFINISHED and record.ended_by == EndCause.CPU_LIMIT
 
 
 def test_garbage_in_the_pipe_of_a_run_costs_that_run_alone(tmp_path):
     """A solver can find its parent's pipe: what is no record is left out, and how the process ended is the record."""
     from mbsbench.harness.execution.job import Job
-    from mbsbench.harness.execution.run import Run
-    from mbsbench.harness.execution.supervisor import outcome_of
+    from mbsbench.harness.execution.run import RunProcess
+    from mbsbench.harness.execution.supervisor import read_outcome
     from mbsbench.harness.suites.suite import parse_suite
 
     def work(send):
@@ -203,9 +206,9 @@ def test_garbage_in_the_pipe_of_a_run_costs_that_run_alone(tmp_path):
         os.kill(os.getpid(), signal.SIGSEGV)
 
     job = Job(parse_suite('[[runs]]\nproblem = "free_fall"\nsolver = "exact"', "t", "t").specs[0], tmp_path)
-    run = Run(job, work)
-    record, stored = outcome_of(run, run.wait())
-    assert not stored and record.status == Status.CRASHED and record.ended_by == EndedBy.SIGNAL
+    run = RunProcess(job, work)
+    record, stored = read_outcome(run, run.wait())
+    assert not stored and record.status == Status.CRASHED and record.ended_by == EndCause.SIGNAL
 
 
 def test_a_process_is_ended_with_all_that_it_started_and_what_it_sent_is_kept(begun_here):
@@ -222,17 +225,17 @@ def test_a_process_is_ended_with_all_that_it_started_and_what_it_sent_is_kept(be
         raise KeyboardInterrupt
 
     began = time.monotonic()
-    ended = Apart(hang, limit=5.0, memory=500.0, wall=0.5).wait()
+    ended = ForkedProcess(hang, limit=5.0, memory=500.0, wall=0.5).wait()
     assert ended.killed and ended.code == -signal.SIGKILL and ended.sent.startswith("began\n")
-    assert Apart(hang, limit=60.0, memory=500.0).wait(lambda: True).killed
+    assert ForkedProcess(hang, limit=60.0, memory=500.0).wait(lambda: True).killed
     with pytest.raises(KeyboardInterrupt):
-        Apart(hang, limit=60.0, memory=500.0).wait(interrupted)
+        ForkedProcess(hang, limit=60.0, memory=500.0).wait(interrupted)
     assert time.monotonic() - began < 30.0 and not begun_here()
 
 
 def test_a_long_message_arrives_whole():
     """Longer than a pipe holds."""
-    ended = Apart(lambda send: send("x" * 2**20), limit=60.0, memory=500.0).wait()
+    ended = ForkedProcess(lambda send: send("x" * 2**20), limit=60.0, memory=500.0).wait()
     assert ended.sent == "x" * 2**20 + "\n" and ended.code == 0 and ended.words == "exited with code 0"
 
 

@@ -11,10 +11,10 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.code_meter import HARD
 from mbsbench.harness.execution.pool import MOST_UNBEGUN, LocalPool, PoolError
-from mbsbench.harness.execution.protocol import Done
+from mbsbench.harness.execution.protocol import RunEnded
 from mbsbench.harness.execution.runner import Request, _jobs
 from mbsbench.harness.sandbox import isolation
-from mbsbench.harness.sandbox.apart import Apart, NotBegunError
+from mbsbench.harness.sandbox.forked_process import ForkedProcess, NotBegunError
 from mbsbench.harness.suites.suite import load_suite
 
 SUITE = """[[runs]]
@@ -30,7 +30,7 @@ def limits_in_a_child(hard: int) -> list[list[int]]:
     """The limits of a process of ours whose parent was given ``hard`` [bytes] for files and data."""
 
     def inner(send) -> None:
-        ended = Apart(
+        ended = ForkedProcess(
             lambda tell: tell(str([list(resource.getrlimit(k)) for k in LIMITS])), limit=10.0, memory=1e5
         ).wait()
         send(ended.unbegun or ended.sent.strip())
@@ -40,7 +40,7 @@ def limits_in_a_child(hard: int) -> list[list[int]]:
             resource.setrlimit(what, (hard, hard))
         inner(send)
 
-    ended = Apart(outer, limit=20.0, memory=math.inf).wait()
+    ended = ForkedProcess(outer, limit=20.0, memory=math.inf).wait()
     assert not ended.unbegun
     return eval(ended.sent)  # of our own process
 
@@ -59,17 +59,17 @@ def test_a_child_that_cannot_be_prepared_says_why(monkeypatch) -> None:
     def fail(*_: object) -> None:
         raise PermissionError("not allowed")
 
-    began = Apart(lambda send: fail(), limit=10.0, memory=1000.0).wait()
+    began = ForkedProcess(lambda send: fail(), limit=10.0, memory=1000.0).wait()
     assert began.code == 70 and not began.unbegun
     monkeypatch.setattr(isolation, "limit_process", fail)
-    assert Apart(print, limit=10.0, memory=1000.0).watch().unbegun == "PermissionError: not allowed"
+    assert ForkedProcess(print, limit=10.0, memory=1000.0).wait_for_end().unbegun == "PermissionError: not allowed"
     with pytest.raises(NotBegunError, match="could not begin its work: PermissionError: not allowed"):
-        Apart(print, limit=10.0, memory=1000.0).wait()
+        ForkedProcess(print, limit=10.0, memory=1000.0).wait()
 
 
 def test_what_a_target_sends_cannot_take_back_that_it_began() -> None:
     """A solver that fails cannot pass for one that never began."""
-    ended = Apart(
+    ended = ForkedProcess(
         lambda send: (send("PermissionError: not allowed"), isolation.os._exit(71)), limit=10.0, memory=1e3
     ).wait()
     assert ended.code == 71 and not ended.unbegun and ended.sent == "PermissionError: not allowed\n"
@@ -96,9 +96,9 @@ def test_three_in_a_row_end_the_suite() -> None:
     pool = LocalPool(1)
     pool._flying = dict.fromkeys("abc")  # type: ignore[assignment]
     for name in "ab":
-        pool._receive(Done(name, unbegun="no room"), 0)
+        pool._receive(RunEnded(name, unbegun="no room"), 0)
     with pytest.raises(PoolError, match="3 runs could not begin"):
-        pool._receive(Done("c", unbegun="no room"), 0)
+        pool._receive(RunEnded("c", unbegun="no room"), 0)
     assert MOST_UNBEGUN == 3
 
 
@@ -114,7 +114,7 @@ def test_a_file_as_large_as_a_limit_from_outside_is_a_full_disk(monkeypatch) -> 
 def test_the_time_for_code_is_what_is_asked_for(code: float) -> None:
     """The system's own limit is that of the solver, of code, and of what the meter leaves."""
     look = lambda send: send(str(resource.getrlimit(resource.RLIMIT_CPU)[1]))  # noqa: E731
-    found = int(Apart(look, limit=7.0, memory=1e5, code=code).wait().sent)
+    found = int(ForkedProcess(look, limit=7.0, memory=1e5, code=code).wait().sent)
     assert 7 + code <= found <= 7 + code + HARD + 3  # a child's own time begins at zero
 
 
@@ -127,5 +127,5 @@ def test_a_child_on_a_full_disk_never_returns_into_its_parents_loop(tmp_path: Pa
             os.write(1, b"x" * 1000)
 
     own = os.getpid()
-    ended = Apart(fill, limit=10.0, memory=1000.0, stderr=tmp_path / "stderr").wait()
+    ended = ForkedProcess(fill, limit=10.0, memory=1000.0, stderr=tmp_path / "stderr").wait()
     assert os.getpid() == own and ended.code == isolation.CANNOT_WRITE and not ended.unbegun

@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 
-from mbsbench.harness.shadow.lanes import in_lanes, one_by_one, side_by_side
+from mbsbench.harness.shadow.lanes import one_by_one, side_by_side, vectorise_functions
 from mbsbench.solvers.formulations.generated import Code, Loop
 from mbsbench.solvers.formulations.generated.code import print_functions
 
@@ -18,7 +18,7 @@ def test_code_of_lanes_gives_the_numbers_of_code_for_one():
     given[:, :, 2] = np.abs(given[:, :, 2])
     lanes = side_by_side(given)
     one, many = np.empty((21, 4)), np.empty((lanes.shape[1], 4, lanes.shape[3]))
-    for text, rows, out in ((ir, given, one), (in_lanes(ir), lanes, many)):
+    for text, rows, out in ((ir, given, one), (vectorise_functions(ir), lanes, many)):
         code = Code(text)
         count = np.array([len(out)])
         code.function("f", 3)(count.ctypes.data, rows.ctypes.data, out.ctypes.data)

@@ -11,9 +11,10 @@ import pytest
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.shadow import long_motion
-from mbsbench.harness.shadow.long_motion import FIRST, SECOND, Run, load_long_motion, measure_difference, scale
+from mbsbench.harness.shadow.long_motion import FIRST, SECOND, Integration, load_long_motion, measure_difference, scale
 from mbsbench.harness.shadow.rods import RECIPES, Rod, Rods
 from mbsbench.harness.shadow.series import FORMULATIONS, GUARD, Flow
+from mbsbench.tests.comparing import assert_close, assert_each
 
 BITS = 200
 STORED = sorted(p.stem for p in long_motion.STORED.glob("*.json"))
@@ -60,11 +61,11 @@ def test_steps_see_coefficients_between_those_that_vanish(apart):
 def test_exact_starts_are_those_of_the_problems(name):
     """To the rounding of doubles, in poses and velocities."""
     recipe, problem = RECIPES[name](), registry.make_problem(name, {})
-    run = Run(recipe, *FIRST)
+    run = Integration(recipe, *FIRST)
     X, V = (np.array([a], dtype=float) / 2.0**run.flow.bits for a in (run.now.X, run.now.V))
     start = recipe.bodies(X, V)
     for part in ("r", "R", "v", "Omega"):
-        assert np.allclose(getattr(start, part)[0], getattr(problem.initial, part), rtol=0.0, atol=1e-14), part
+        assert_close(getattr(start, part)[0], getattr(problem.initial, part), rtol=0.0, atol=1e-14, what=part)
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -72,7 +73,7 @@ def test_both_formulations_agree_and_keep_energy_and_joints(name):
     """To fifty digits, after 0.05 s."""
     recipe, runs = RECIPES[name](), []
     for setting in (FIRST, SECOND):
-        run = Run(recipe, *setting)
+        run = Integration(recipe, *setting)
         start = run.now
         runs.append((start, march(run.flow, start, Fraction(1, 20)), run.flow.bits))
     assert measure_difference(*(r[1:] for r in runs)) < 1e-55
@@ -103,15 +104,15 @@ def test_stored_motion_is_that_of_the_reference_in_doubles(name):
     reference = problem.reference() or long_motion_reference(problem)
     t = np.array([float(a) for a in motion.t if a <= reference.horizon])
     apart = np.max(np.linalg.norm(motion.states(t).r - reference.states(t).r, axis=2), axis=1)
-    assert np.all(apart <= reference.error(t) + np.array(motion.difference[: len(t)]) + 1e-13)
+    assert_each(apart, "<=", reference.error(t) + np.array(motion.difference[: len(t)]) + 1e-13)
     E = energy(problem.system, motion.states(np.array([float(a) for a in motion.t])))
-    assert np.allclose(E, E[0], rtol=0.0, atol=1e-11)
+    assert_close(E, E[0], rtol=0.0, atol=1e-11)
 
 
 def long_motion_reference(problem):
-    from mbsbench.harness.reference.computation import reference_of
+    from mbsbench.harness.reference.computation import find_reference
 
-    return reference_of(problem)
+    return find_reference(problem)
 
 
 @pytest.mark.parametrize("name", STORED)

@@ -5,10 +5,11 @@ import pytest
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.results.findings import Verdict
-from mbsbench.harness.results.shadows import Nearest
+from mbsbench.harness.results.shadows import NearestMotion
 from mbsbench.harness.shadow.findings import describe_energy
 from mbsbench.harness.shadow.modified_energy import find_modified_energy, of_order
 from mbsbench.harness.types import Problem, StepControl, Trajectory
+from mbsbench.tests.comparing import assert_close
 
 from .test_shadow import OMEGA, oscillator
 
@@ -25,8 +26,8 @@ def test_leapfrog_keeps_the_modified_energy_of_the_oscillator():
     start, m = problem.initial, problem.system.mass[0]
     theta = np.arccos(1.0 - 0.5 * (h * OMEGA) ** 2)
     size = np.sum(start.v**2) + OMEGA**2 * (1.0 - 0.25 * (h * OMEGA) ** 2) * np.sum(start.r**2)
-    assert np.allclose(found.values, 0.5 * m * theta / np.sin(theta) * size, rtol=1e-12)
-    assert np.ptp(found.energy) > 1e6 * found.swing
+    assert_close(found.values, 0.5 * m * theta / np.sin(theta) * size, rtol=1e-12)
+    assert np.ptp(found.energy) > 1e6 * found.energy_range
 
 
 @pytest.mark.parametrize(
@@ -62,7 +63,7 @@ def test_tops_that_nutate_have_it(solver, shown):
     """Their free motion is two rotations; ``half_explicit`` keeps the energy to 4e-9, and is not symplectic."""
     problem = registry.make_problem("heavy_top", {"t_end": 1.0})
     found = find_modified_energy(problem, run(problem, solver, dt=1e-3))
-    assert Nearest(modified_energy=found.swing / found.scale).symplectic == shown
+    assert NearestMotion(modified_energy=found.energy_range / found.scale).symplectic == shown
     assert np.max(np.abs(found.values - found.energy)) < 1e-4 * found.scale  # both differ by dt^2
 
 
@@ -70,9 +71,9 @@ def test_coarse_steps_hide_it_on_the_chain():
     """At the whip (0.48 s) the swing is that of the differences: it falls by their order, at last below the bound."""
     problem = registry.make_problem("chain", {"t_end": 0.6})
     runs = [run(problem, "rattle", dt=h) for h in (1e-3, 5e-4, 2.5e-4)]
-    assert 3.7 < np.log2(of_order(problem, runs[1], 4).swing / of_order(problem, runs[2], 4).swing) < 4.3
+    assert 3.7 < np.log2(of_order(problem, runs[1], 4).energy_range / of_order(problem, runs[2], 4).energy_range) < 4.3
     best = [find_modified_energy(problem, r) for r in (runs[0], runs[2])]
-    assert [Nearest(modified_energy=m.swing / m.scale).symplectic for m in best] == ["not shown", "yes"]
+    assert [NearestMotion(modified_energy=m.energy_range / m.scale).symplectic for m in best] == ["not shown", "yes"]
 
 
 def test_bodies_of_three_inertias_that_nutate_are_refused():

@@ -24,8 +24,9 @@ from mbsbench.harness.shadow import precise, series_code
 from mbsbench.harness.shadow.precise import PreciseFlow, difference
 from mbsbench.harness.shadow.rods import Rod, Rods
 from mbsbench.harness.shadow.series import Flow
-from mbsbench.harness.shadow.taylor import Series, sum_exactly
+from mbsbench.harness.shadow.taylor import TaylorSeries, sum_exactly
 from mbsbench.problems.exact.pinned_body import PinnedBody
+from mbsbench.tests.comparing import assert_each
 from tests.problems.test_proved import motion_of, series
 
 BITS = (80, 113)
@@ -63,7 +64,7 @@ def test_a_body_on_a_pin_is_where_theta_functions_have_it(name, bits):
     start = State(-pin[None], np.eye(3)[None], np.cross(Omega, arm)[None], np.array([Omega]))
     flow = PreciseFlow(system, start, bits)
     poses = flow.poses(last(flow, "1/2"))
-    body = PinnedBody.of(system)
+    body = PinnedBody.from_system(system)
     t = np.array([0.5])
     with mp.workdps(50):
         R = exact(poses[3:12])
@@ -151,18 +152,20 @@ def test_the_error_follows_the_tolerance():
     best = last(PreciseFlow(system, start, 113), "1/4")
     errors = [difference(last(PreciseFlow(system, start, 113, tol), "1/4"), best) for tol in (1e-12, 1e-18, 1e-24)]
     ratios = np.diff(np.log10(errors))
-    assert np.all(np.abs(ratios + 6.0) < 1.0), errors
+    assert_each(np.abs(ratios + 6.0), "<", 1.0, errors)
 
 
 def test_functions_of_the_tape_have_their_series():
     """y_dot = f(y) of each, over a short step, in 113 bits and as mpmath integrates it."""
     import casadi as ca
 
-    from mbsbench.solvers.formulations.generated.functions import Straight
+    from mbsbench.solvers.formulations.generated.functions import GeneratedFunction
 
     y = ca.SX.sym("y", 2)
     f = ca.sin(y[0]) + ca.exp(-y[1]) * ca.log(2 + y[0]) + ca.sqrt(1 + y[1] ** 2) - ca.atan2(y[0], 2 + y[1])
-    s = Series(Straight([y], [ca.vertcat(f, ca.atan(y[0]) - ca.cos(y[1]) / (3 + y[0]))]), 113, 24, rates=True)
+    s = TaylorSeries(
+        GeneratedFunction([y], [ca.vertcat(f, ca.atan(y[0]) - ca.cos(y[1]) / (3 + y[0]))]), 113, 24, rates=True
+    )
     parts = np.zeros((2, 3))
     parts[:, 0] = 0.5, -0.25
     s.expand(parts)
@@ -197,13 +200,13 @@ def test_other_processors_and_functions_are_refused_in_one_line(monkeypatch):
     """80 bits are x86's own."""
     import casadi as ca
 
-    from mbsbench.solvers.formulations.generated.functions import Straight
+    from mbsbench.solvers.formulations.generated.functions import GeneratedFunction
 
     y = ca.SX.sym("y")
     with pytest.raises(ValueError, match="without Taylor series"):
-        Series(Straight([y], [ca.fabs(y)]), 80, 8, rates=True)
+        TaylorSeries(GeneratedFunction([y], [ca.fabs(y)]), 80, 8, rates=True)
     monkeypatch.setattr(platform, "machine", lambda: "aarch64")
-    series_code.machine_of.cache_clear()
+    series_code.compile_machine.cache_clear()
     with pytest.raises(ValueError, match="needs an x86-64"):
-        Series(Straight([y], [y]), 80, 8, rates=True)
+        TaylorSeries(GeneratedFunction([y], [y]), 80, 8, rates=True)
     assert precise.TOLERANCE.keys() == series_code.TYPES.keys()

@@ -3,9 +3,12 @@
 import importlib.util
 import json
 
+import pytest
+
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.shadow.shadow import GAP
 
+pytestmark = pytest.mark.published
 DATA = json.loads((ROOT / "results" / "published" / "chaos.json").read_text(encoding="utf-8"))
 
 

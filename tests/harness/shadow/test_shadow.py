@@ -11,16 +11,17 @@ from mbsbench.harness.mechanics.forces import SpringDamper
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.results.findings import Verdict
-from mbsbench.harness.shadow.coordinates import coordinates_of
+from mbsbench.harness.shadow.coordinates import compute_coordinates
 from mbsbench.harness.shadow.corrections import Continuity
-from mbsbench.harness.shadow.equations import Equations
+from mbsbench.harness.shadow.equations import FlowEquations
 from mbsbench.harness.shadow.findings import describe_shadow
 from mbsbench.harness.shadow.flow import flow, tangents
-from mbsbench.harness.shadow.plane import with_hinges
+from mbsbench.harness.shadow.plane import add_hinges
 from mbsbench.harness.shadow.refinement import Refinement
 from mbsbench.harness.shadow.shadow import GAP, find_shadow
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations.joint_coordinates.tree import spanning_tree
+from mbsbench.tests.comparing import assert_close
 
 OMEGA = 3.0  # [rad/s]
 
@@ -46,12 +47,12 @@ def shadow_of(name: str, solver: str, dt: float, t_end: float, parameters: tuple
     return problem, trajectory, find_shadow(problem, trajectory)
 
 
-def equations_of(name: str) -> tuple[Problem, Equations]:
+def equations_of(name: str) -> tuple[Problem, FlowEquations]:
     problem = registry.make_problem(name, {})
     system = problem.system
     if problem.planar_normal is not None:
-        system = with_hinges(system, problem.initial, problem.frame @ problem.planar_normal)
-    return problem, Equations(system, spanning_tree(system, problem.initial))
+        system = add_hinges(system, problem.initial, problem.frame @ problem.planar_normal)
+    return problem, FlowEquations(system, spanning_tree(system, problem.initial))
 
 
 @pytest.mark.parametrize("name", ["heavy_top", "bricard", "spring_pendulum", "cart_pendulum", "slider_crank"])
@@ -62,9 +63,9 @@ def test_coordinates_of_bodies_are_those_that_move_them(name):
     for _ in range(30):
         y = E.project(np.zeros(5), y)
     given = E.bodies(np.zeros(5), y)
-    again = E.bodies(np.zeros(5), coordinates_of(E.tree, given))
+    again = E.bodies(np.zeros(5), compute_coordinates(E.tree, given))
     for part in ("r", "R", "v", "Omega"):
-        assert np.allclose(getattr(again, part), getattr(given, part), atol=1e-11)
+        assert_close(getattr(again, part), getattr(given, part), atol=1e-11)
 
 
 @pytest.mark.parametrize("name", ["heavy_top", "bricard"])
@@ -75,7 +76,7 @@ def test_tangents_are_the_slopes_of_the_flow(name):
     many = np.full(1, 8)
     Y = np.random.default_rng(2).normal(size=(1, 1, E.ny))
     ahead, behind = (flow(E, t, h, y + s * d * Y[:, 0], many.copy()) for s in (1.0, -1.0))
-    assert np.allclose(tangents(E, t, h, y, Y, many)[:, 0], (ahead - behind) / (2.0 * d), atol=1e-6, rtol=1e-6)
+    assert_close(tangents(E, t, h, y, Y, many)[:, 0], (ahead - behind) / (2.0 * d), atol=1e-6, rtol=1e-6)
 
 
 def test_corrections_are_the_least_that_join_segments():
@@ -88,8 +89,8 @@ def test_corrections_are_the_least_that_join_segments():
     root = np.repeat(np.sqrt(w), 3)
     expected = np.linalg.pinv(B / root) @ b.ravel() / root
     linear = Continuity(A, w)
-    assert np.allclose(linear.least(b).ravel(), expected)
-    assert np.allclose(linear.apply(linear.least(b)), b)
+    assert_close(linear.least(b).ravel(), expected)
+    assert_close(linear.apply(linear.least(b)), b)
 
 
 def test_a_motion_that_goes_astray_costs_later_ones_nothing():
@@ -97,7 +98,7 @@ def test_a_motion_that_goes_astray_costs_later_ones_nothing():
     problem, E = equations_of("cart_pendulum")
     trajectory = registry.make_solver("rattle").solve(dataclasses.replace(problem, t_end=1.0), StepControl(dt=1e-3))
     rows = np.arange(0, 1001, 50)
-    refinement = Refinement(E, trajectory.t[rows], coordinates_of(E.tree, trajectory.states)[rows], 0.1)
+    refinement = Refinement(E, trajectory.t[rows], compute_coordinates(E.tree, trajectory.states)[rows], 0.1)
     assert refinement.close()
     linear, y = refinement._linearise(), refinement.y
     assert np.isfinite(refinement._step(linear, y))
@@ -123,7 +124,7 @@ def test_shadow_of_a_linear_problem_is_its_least_squares(factor):
     at = rotation(shadow.t, factor * OMEGA) @ start
     best = np.linalg.lstsq((weight @ exact).reshape(-1, 2), (weight @ at).reshape(-1, 3), rcond=None)[0]
     assert shadow.is_complete
-    assert np.allclose(shadow.true.r[:, 0], (exact @ best)[:, 0], atol=1e-3 * np.max(shadow.distance))
+    assert_close(shadow.true.r[:, 0], (exact @ best)[:, 0], atol=1e-3 * np.max(shadow.distance))
 
 
 def test_distance_without_chaos_is_the_error_less_a_shift_of_start():
@@ -131,7 +132,7 @@ def test_distance_without_chaos_is_the_error_less_a_shift_of_start():
     problem, trajectory, shadow = shadow_of("simple_pendulum", "rattle", 5e-3, 3.0)
     _, E = equations_of("simple_pendulum")
     t, h = shadow.t, np.diff(shadow.t)
-    given = coordinates_of(E.tree, shadow.given)
+    given = compute_coordinates(E.tree, shadow.given)
 
     def follow(start: np.ndarray) -> np.ndarray:
         out = [start]
@@ -148,7 +149,7 @@ def test_distance_without_chaos_is_the_error_less_a_shift_of_start():
     arm = np.linalg.norm(problem.initial.r[0])
     expected = arm * np.abs((error - Phi @ shift)[:, 0])
     assert np.max(shadow.distance) < 0.5 * arm * np.max(np.abs(error[:, 0]))  # the larger part of the error is a shift
-    assert np.allclose(shadow.distance[:, 0], expected, atol=0.02 * np.max(expected))
+    assert_close(shadow.distance[:, 0], expected, atol=0.02 * np.max(expected))
     assert trajectory.status is Status.SUCCESS
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench.harness.places import Place
-from mbsbench.reports.model.results import Results, read_results
+from mbsbench.harness.confined_paths import ConfinedPath
+from mbsbench.reports.model.results import StoredResults, read_results
 from mbsbench.reports.pages.base import FOLDER, Site
 from mbsbench.reports.pages.judged import claims, cost
 from mbsbench.reports.pages.runs import atlas, runs, solvers
@@ -17,13 +17,13 @@ from .synthetic import judge
 PAGES = {"claims.html": claims, "cost.html": cost, "atlas.html": atlas, "solver-alpha.html": solvers}
 
 
-def render(results: Results, modules) -> dict[str, str]:
+def render(results: StoredResults, modules) -> dict[str, str]:
     """The pages of ``modules`` by file name, as they stand in the report folder."""
     folder = results.folder / "report"
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(FOLDER / "assets", folder / "assets")
     (folder / "data").mkdir()
-    site = Site(results, Place(folder))
+    site = Site(results, ConfinedPath(folder))
     for module in dict.fromkeys(modules):
         module.write(results, site)
     site.finish()
@@ -31,7 +31,7 @@ def render(results: Results, modules) -> dict[str, str]:
 
 
 @pytest.fixture(scope="session")
-def judged_run(tmp_path_factory) -> Results:
+def judged_run(tmp_path_factory) -> StoredResults:
     folder: Path = tmp_path_factory.mktemp("judged") / "run"
     runs = [r.settings_id for r in every_kind(folder)]
     judge(folder, runs)

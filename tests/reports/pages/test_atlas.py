@@ -8,16 +8,25 @@ import pytest
 
 from mbsbench.harness.results.records import reasons_json
 from mbsbench.harness.types import Law, Reason
-from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.pages.runs.atlas import CAUSES, autopsy, group_broken, groups, survival, title, usual_step, zoom
-from mbsbench.reports.pages.svg import ticks
-from mbsbench.reports.plots.spec import looks
+from mbsbench.reports.model.results import StoredRun, read_results
+from mbsbench.reports.pages.runs.atlas import (
+    CAUSES,
+    find_first_cause,
+    group_broken,
+    groups,
+    plot_last_steps,
+    tabulate_survival,
+    title,
+    usual_step,
+)
+from mbsbench.reports.pages.svg import choose_ticks
+from mbsbench.reports.plots.spec import choose_styles
 
 from ..conftest import put, record, series
 
 
-def stopped(status: str = "diverged", **changes) -> Run:
-    return Run(record("aa01", status=status, t_reached_s=1.0, message="it stopped", **changes))
+def stopped(status: str = "diverged", **changes) -> StoredRun:
+    return StoredRun(record("aa01", status=status, t_reached_s=1.0, message="it stopped", **changes))
 
 
 def made(**arrays):
@@ -44,14 +53,14 @@ def test_each_cause_is_read_from_the_series_that_shows_it():
     }
     assert set(cases) == set(CAUSES)
     for key, (run, shown) in cases.items():
-        assert autopsy(run, shown)[0] == key, key
+        assert find_first_cause(run, shown)[0] == key, key
     assert len(t) == 200
 
 
 def test_values_that_are_no_numbers_are_a_blow_up():
     """An energy error of NaN is over every limit."""
     broken_off = np.append(np.zeros(199), math.nan)
-    assert autopsy(stopped(), made(energy_error=broken_off))[0] == "energy"
+    assert find_first_cause(stopped(), made(energy_error=broken_off))[0] == "energy"
 
 
 def test_usual_step_is_not_that_of_the_many_small_ones_before_a_stop():
@@ -62,16 +71,18 @@ def test_usual_step_is_not_that_of_the_many_small_ones_before_a_stop():
 
 
 def test_evidence_says_numbers_with_units():
-    _, told = autopsy(stopped(), made())
+    _, told = find_first_cause(stopped(), made())
     assert any(" J at the end" in e for e in told) and any(" m at the end" in e for e in told)
 
 
 def test_survival_counts_every_run_once():
     """Of ten runs: two stop, one is refused, three are wrong: 7 of 9 reach the end, 4 right."""
-    runs = [Run(record(f"w{k}", status="wrong")) for k in range(3)] + [Run(record(f"s{k}")) for k in range(4)]
-    runs += [Run(record("d1", status="diverged", t_reached_s=0.5)), Run(record("r1", status="refused"))]
-    runs += [Run(record("d2", status="crashed", t_reached_s=math.nan))]
-    ((found, least),) = survival(runs).values()
+    runs = [StoredRun(record(f"w{k}", status="wrong")) for k in range(3)] + [
+        StoredRun(record(f"s{k}")) for k in range(4)
+    ]
+    runs += [StoredRun(record("d1", status="diverged", t_reached_s=0.5)), StoredRun(record("r1", status="refused"))]
+    runs += [StoredRun(record("d2", status="crashed", t_reached_s=math.nan))]
+    ((found, least),) = tabulate_survival(runs).values()
     assert (found.began, found.refused, found.stopped, found.wrong, found.succeeded) == (9, 1, 2, 3, 4)
     assert least == 0.0
     assert title(found) == "2 of 9 runs stopped, 3 report success and are wrong"
@@ -79,21 +90,23 @@ def test_survival_counts_every_run_once():
 
 def test_wrong_ones_are_grouped_by_the_law_they_break():
     reasons = Reason(Law.ENERGY, 3.0, 1.0, "J"), Reason(Law.ENERGY, 9.0, 1.0, "J"), Reason(Law.CONSTRAINT, 1.0, 0.1)
-    runs = [Run(record(f"w{k}", status="wrong", wrong_because=reasons_json([why]))) for k, why in enumerate(reasons)]
-    found = group_broken([*runs, Run(record("aa01"))])
+    runs = [
+        StoredRun(record(f"w{k}", status="wrong", wrong_because=reasons_json([why]))) for k, why in enumerate(reasons)
+    ]
+    found = group_broken([*runs, StoredRun(record("aa01"))])
     assert [(law, sum(map(len, own))) for law, own in found.items()] == [("the energy error", 2), ("|phi|", 1)]
 
 
 def test_zoom_ends_with_a_star_and_survives_what_is_no_number():
-    assert zoom(stopped(), None, "#000") == ()
-    panels = zoom(stopped(), made(energy_error=np.full(200, math.nan)), "#123456")
+    assert plot_last_steps(stopped(), None, "#000") == ()
+    panels = plot_last_steps(stopped(), made(energy_error=np.full(200, math.nan)), "#123456")
     assert len(panels) == 3 and 'class="star"' in panels[0] and "#123456" in panels[0]
     assert "no number" in panels[1] and 'class="star"' not in panels[1]
 
 
 @pytest.mark.parametrize(("low", "high"), [(1e-15, 1e3), (2e-4, 9e-4), (0.5, 2.0), (3e-7, 3.1e-7), (1.0, 1000.0)])
 def test_ticks_are_few_round_and_inside(low, high):
-    found = ticks(low, high)
+    found = choose_ticks(low, high)
     assert len(found) <= 4 and all(low <= v <= high for v in found)
     assert found == sorted(found)
 
@@ -105,7 +118,9 @@ def test_stops_of_one_solver_on_one_problem_stand_together(tmp_path):
     put(tmp_path, record("c1", status="crashed", t_reached_s=1.0), series(40, 1.0))
     put(tmp_path, record("o1", "beta", status="stalled", t_reached_s=1.0), series(40, 1.0))
     results = read_results(tmp_path)
-    found = groups(results, [c for c in results.runs if c.has_stopped and not c.is_unfinished], looks(results.solvers))
+    found = groups(
+        results, [c for c in results.runs if c.has_stopped and not c.is_unfinished], choose_styles(results.solvers)
+    )
     assert {k: g["total"] for k, g in found.items()} == {"killed": 1, "limit": 4}
     heads = [
         (f["runs"][0].record.solver, len(f["runs"]), f["runs"][0].record.run_id) for f in found["limit"]["families"]

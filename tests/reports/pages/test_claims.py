@@ -5,17 +5,17 @@ import re
 
 from msgspec.structs import replace
 
-from mbsbench.harness.results.judgements.claims import Decision, Finding, Gap, Missing, Verdict
+from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimGap, ClaimVerdict, Decision, MissingReason
 from mbsbench.reports.model.claim_words import (
     band,
-    because,
     decision,
     describe_count,
     describe_missing,
+    explain_verdicts,
     format_measured,
     list_rows,
 )
-from mbsbench.reports.pages.judged.claims import VERDICTS, claims_of, counts, differences, grids
+from mbsbench.reports.pages.judged.claims import VERDICTS, counts, differences, grids, select_claims
 from mbsbench.reports.pages.svg import describe_bar, number_line, scale_for
 
 from . import synthetic
@@ -30,26 +30,35 @@ def rows():
 def test_a_claim_without_its_runs_has_the_published_verdict_and_says_so():
     """A bench runs a part of the maps: what it cannot judge is neither blank nor passed off as its own."""
     lacking = [
-        replace(c, beyond=Finding(Verdict.CANNOT_BE_TOLD), missing=(Missing(Gap.RUNS, found=2, wanted=9),))
+        replace(
+            c,
+            beyond=ClaimFinding(ClaimVerdict.CANNOT_BE_TOLD),
+            missing=(MissingReason(ClaimGap.RUNS, found=2, wanted=9),),
+        )
         for c in rows()
     ]
-    found = claims_of([lacking[0], *rows()[1:]], NONE, rows())
+    found = select_claims([lacking[0], *rows()[1:]], NONE, rows())
     assert [c.of.id for c in found if c.published] == ["first-claim", "fourth-claim"]  # the last lacks its runs anyway
-    assert [c.of.verdict for c in found] == [c.of.verdict for c in claims_of(rows(), NONE)]
-    assert not any(c.published for c in claims_of(lacking, NONE))  # nothing is published: it cannot be told, and why
+    assert [c.of.verdict for c in found] == [c.of.verdict for c in select_claims(rows(), NONE)]
+    assert not any(
+        c.published for c in select_claims(lacking, NONE)
+    )  # nothing is published: it cannot be told, and why
 
 
 def test_counts_are_those_of_the_file_and_name_absent_verdicts():
-    found = counts(claims_of(rows(), NONE))
+    found = counts(select_claims(rows(), NONE))
     assert {m.word: n for m, n in found} == {
-        "not reproduced": 2, "reproduced if": 1, "reproduced": 2, "cannot be told": 1
-    }  # fmt: skip
+        "not reproduced": 2,
+        "reproduced if": 1,
+        "reproduced": 2,
+        "cannot be told": 1,
+    }
     assert {m.word: n for m, n in counts([])}["not reproduced"] == 0
 
 
 def test_checks_of_the_presentation_are_no_results():
     """They are on the page, but not in the tally of what was found about solvers."""
-    found = claims_of(rows(), NONE)
+    found = select_claims(rows(), NONE)
     assert [c.of.id for c in found if c.presentation] == ["presentation-claim"] and len(found) == len(rows())
     assert sum(n for _, n in counts(found)) == len(rows()) - 1
 
@@ -63,7 +72,7 @@ def test_settings_left_open_are_not_counted_as_failing():
 
 
 def test_verdicts_have_a_symbol_and_a_word_each():
-    marks = [VERDICTS[v] for v in Verdict]
+    marks = [VERDICTS[v] for v in ClaimVerdict]
     assert len({m.symbol for m in marks}) == len({m.word for m in marks}) == 4
 
 
@@ -88,7 +97,7 @@ def test_conditions_are_worded_with_counts():
     assert words == "it holds with chart euler313 always, and never without"
     words = decision(Decision({"gain": (0.0, 5.0), "lambda_in_error_test": (True,)}, unless=True))
     assert words == "it holds with gain 0 or gain 5 and multipliers in the error test never, and always without"
-    mixed = because(rows()[3])
+    mixed = explain_verdicts(rows()[3])
     assert "always with gain 0 (6 of 6)" in mixed.lower() and "gain matters most: gain 0 6 of 6" in mixed
     assert "settings are left out beyond them: the limit on steps ended them" in mixed
     assert "At the paper's settings it holds for none of 1 tried. Beyond them it holds for" in mixed
@@ -148,13 +157,13 @@ def test_runs_that_share_a_place_are_all_there():
 
 def test_changed_verdicts_against_the_published_are_found_and_put_first():
     now = rows()
-    good = Finding(Verdict.REPRODUCED)
+    good = ClaimFinding(ClaimVerdict.REPRODUCED)
     then = [replace(c, beyond=good) for c in now if c.id not in ("fourth-claim", "conditional-claim")]
-    then.append(replace(synthetic.CLAIM, id="gone", beyond=Finding(Verdict.NOT_REPRODUCED)))
-    found = differences(now, then, claims_of(now, NONE))
+    then.append(replace(synthetic.CLAIM, id="gone", beyond=ClaimFinding(ClaimVerdict.NOT_REPRODUCED)))
+    found = differences(now, then, select_claims(now, NONE))
     assert [d["id"] for d in found] == ["second-claim", "third-claim", "gone", "conditional-claim", "fourth-claim"]
     assert found[0]["before"].word == "reproduced" and found[0]["after"].word == "not reproduced"
-    assert differences(now, now, claims_of(now, NONE)) == []
+    assert differences(now, now, select_claims(now, NONE)) == []
 
 
 def test_a_place_that_many_runs_share_is_one_box_with_their_count():

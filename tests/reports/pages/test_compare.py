@@ -7,19 +7,19 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from mbsbench.harness.places import Place
-from mbsbench.harness.results.judgements.claims import Finding, Verdict
+from mbsbench.harness.confined_paths import ConfinedPath
+from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdict
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.compare import (
     Rank,
-    apart,
     changes,
     claims,
     endings,
     find_unmeasured,
-    physics,
+    format_distinguishably,
+    list_changed_physics,
+    list_changed_work,
     timings,
-    work,
     write_compare,
 )
 
@@ -45,25 +45,25 @@ def test_a_large_part_of_the_scale_outranks_many_decades_of_nothing():
     """1e-15 to 1e-11 J of 1 J is five decades of nothing; 0.01 to 0.05 J is four hundredths of all there is."""
     before = [record("aa01", energy_drift_max_J=1e-15), record("aa02", energy_drift_max_J=0.01)]
     after = [record("aa01", energy_drift_max_J=1e-6), record("aa02", energy_drift_max_J=0.05)]
-    found = physics(before, after)
+    found = list_changed_physics(before, after)
     assert [r.settings_id for r in found] == ["aa02", "aa01"]
     assert found[0].worse and "4.00 % of the problem's scale" in found[0].size
 
 
 def test_rounding_is_no_change():
     """Fixed steps: 1e-9 relative is what another machine gives."""
-    assert physics([record("aa01")], [record("aa01", energy_drift_max_J=1e-3 * (1.0 + 1e-9))]) == []
+    assert list_changed_physics([record("aa01")], [record("aa01", energy_drift_max_J=1e-3 * (1.0 + 1e-9))]) == []
 
 
 def test_crossing_the_benchmarks_limit_is_said():
     a, b = (record("aa01", energy_allowed_J=1.0, energy_drift_max_J=v) for v in (0.9, 1.1))
-    assert "crosses the benchmark's limit of 1.00 J" in physics([a], [b])[0].size
+    assert "crosses the benchmark's limit of 1.00 J" in list_changed_physics([a], [b])[0].size
 
 
 def test_one_row_a_run_with_its_other_changes_beneath():
     a = record("aa01")
     b = record("aa01", energy_drift_max_J=0.5, phi_max=0.01, position_error_max_m=0.2)
-    (row,) = physics([a], [b])
+    (row,) = list_changed_physics([a], [b])
     assert row.what == "largest energy error" and len(row.others) == 2
 
 
@@ -72,13 +72,13 @@ def test_a_column_that_one_run_never_measured_is_not_a_change():
     before = [record(f"a{k}", out_of_plane_max_m=math.nan) for k in range(3)]
     after = [record(f"a{k}", out_of_plane_max_m=0.1) for k in range(3)]
     assert find_unmeasured(before, after) == ({"out_of_plane_max_m"}, set())
-    assert physics(before, after) == []
+    assert list_changed_physics(before, after) == []
 
 
 def test_work_is_a_ratio_and_timings_need_more_than_spread():
     a = record("aa01", control="rtol", evaluations=900.0, cpu_min_s=0.9, cpu_median_s=1.0, cpu_max_s=1.6)
     b = dataclasses.replace(a, evaluations=9000.0, cpu_min_s=1.5, cpu_median_s=1.8, cpu_max_s=2.0)
-    (row,) = work([a], [b])
+    (row,) = list_changed_work([a], [b])
     assert row.size == "10.0 times" and row.worse
     assert timings([a], [b]) == []  # their spreads touch
     (slow,) = timings([a], [dataclasses.replace(b, cpu_min_s=1.7)])
@@ -87,17 +87,19 @@ def test_work_is_a_ratio_and_timings_need_more_than_spread():
 
 def test_changed_verdicts_say_which_way():
     before = [
-        replace(CLAIM, id=k, beyond=Finding(Verdict(v))) for k, v in (("a", "reproduced"), ("b", "not reproduced"))
+        replace(CLAIM, id=k, beyond=ClaimFinding(ClaimVerdict(v)))
+        for k, v in (("a", "reproduced"), ("b", "not reproduced"))
     ]
     after = [
-        replace(CLAIM, id=k, beyond=Finding(Verdict(v))) for k, v in (("a", "not reproduced"), ("b", "reproduced if"))
+        replace(CLAIM, id=k, beyond=ClaimFinding(ClaimVerdict(v)))
+        for k, v in (("a", "not reproduced"), ("b", "reproduced if"))
     ]
     assert [(r.settings_id, r.worse) for r in claims(before, after)] == [("a", True), ("b", False)]
 
 
 @pytest.mark.parametrize(("x", "y"), [(1.0, 1.0 + 1e-7), (0.00142, 0.0014203), (3.0, 4.0)])
 def test_numbers_that_differ_look_different(x, y):
-    first, second = apart(x, y)
+    first, second = format_distinguishably(x, y)
     assert first != second
 
 
@@ -120,7 +122,7 @@ def two_runs(tmp_path_factory):
 
 def test_page_of_two_runs(two_runs, tmp_path):
     a, b = two_runs
-    page = write_compare(a, b, Place(tmp_path) / "out")
+    page = write_compare(a, b, ConfinedPath(tmp_path) / "out")
     html = page.read_text(encoding="utf-8")
     assert page == tmp_path / "out" / "compare.html"
     assert "<script>alert" not in html and HOSTILE in Outline(html).plain
@@ -139,5 +141,5 @@ def test_page_of_two_runs(two_runs, tmp_path):
 def test_a_run_compared_with_itself_has_no_change(two_runs, tmp_path):
     a, _ = two_runs
     assert changes(read_results(a), read_results(a)) == {}
-    text = Outline(write_compare(a, a, Place(tmp_path)).read_text(encoding="utf-8")).plain
+    text = Outline(write_compare(a, a, ConfinedPath(tmp_path)).read_text(encoding="utf-8")).plain
     assert "No input differs, and no result does." in text and "Nothing changed" in text

@@ -9,10 +9,10 @@ from msgspec.structs import replace
 
 from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.reports.model.results import group_by, read_results
-from mbsbench.reports.pages.judged.cost import fields, plots_of, profiles, work_at
-from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, fit_of, list_points, verdict_mark
+from mbsbench.reports.pages.judged.cost import fields, find_work, make_cost_plots, profiles
+from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, find_fit_ends, list_points, verdict_mark
 from mbsbench.reports.pages.judged.symmetries import tally
-from mbsbench.reports.plots.work import profile_plot, steps_of
+from mbsbench.reports.plots.work import make_step_line, profile_plot
 
 from ..conftest import every_kind, put, record, series
 from . import synthetic
@@ -28,7 +28,7 @@ def test_points_left_out_of_a_fit_say_why():
 def test_drawn_fit_has_the_order_and_goes_through_the_points():
     """error = dt^2 exactly: the drawn line is that law."""
     order = next(o for o in synthetic.orders(["aa01"]) if o.quantity == "q")
-    x, y = fit_of(order)
+    x, y = find_fit_ends(order)
     assert math.log(y[1] / y[0]) / math.log(x[1] / x[0]) == pytest.approx(order.order)
     assert y == pytest.approx(x**2)
 
@@ -57,11 +57,11 @@ def test_box_of_the_scorecard_shows_its_worst_outcome():
 
 def test_profile_rises_by_one_target_at_its_work():
     p = WorkProfile("alpha", "evaluations", 4, (10.0, 100.0, 1000.0))
-    x, y = steps_of(p)
+    x, y = make_step_line(p)
     assert np.array_equal(x, [10, 10, 100, 100, 1000, 1000])
     assert y == pytest.approx([0.0, 0.25, 0.25, 0.5, 0.5, 0.75])
-    assert work_at(p, 0.5) == 100.0
-    assert math.isnan(work_at(p, 1.0))
+    assert find_work(p, 0.5) == 100.0
+    assert math.isnan(find_work(p, 1.0))
     plot = profile_plot(profiles(synthetic.work(["aa01"]).profile), (), "evaluations")
     assert len(plot.traces) == 3 and plot.x.log
 
@@ -71,19 +71,19 @@ def test_work_of_records_stands_in_until_it_is_judged(tmp_path):
     every_kind(tmp_path)
     results = read_results(tmp_path)
     found = next(f for f in fields(results, ()) if f["variant"] == "pendulum")
-    traces = plots_of(found)["error-evaluations"].traces
+    traces = make_cost_plots(found)["error-evaluations"].traces
     ends = {t.solver: list(t.ends) for t in traces if t.solver}
     assert ends["beta"] == ["wrong"] and ends["delta"] == ["failed"]
     assert all(t.solver for t in traces)  # no run comes near the reference's stated error: it is not drawn
     near = found | {"measure": dataclasses.replace(found["measure"], own=1e-4)}
-    region = plots_of(near)["error-evaluations"].traces[0]
+    region = make_cost_plots(near)["error-evaluations"].traces[0]
     assert not region.solver and region.high[0] == pytest.approx(1e-4) and region.low[0] < 1e-4
 
 
 def test_zeros_stay_zeros(tmp_path):
     put(tmp_path, record("aa01", phi_max=0.0), series())
     (found,) = fields(read_results(tmp_path), ())
-    plots = plots_of(found)
+    plots = make_cost_plots(found)
     zeros = next(t for t in plots["phi-evaluations"].traces if t.solver)
     assert np.all(zeros.y == 0.0)  # what is drawn for them is the axis' matter
     assert "error-factorisations" not in plots  # nobody counted them

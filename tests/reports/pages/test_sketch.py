@@ -22,8 +22,10 @@ def test_names_hide_no_bar(angles):
     lines = bars(angles)
     names = [("bar 1", lines[0].mean(axis=0)), (f"bar {len(lines)}", lines[-1].mean(axis=0))]
     drawing = str(sketch(Picture(lines, lines[:, 0], lines[:1, 0], (), tuple(names)), "a chain"))
-    drawn = [[float(v) for v in found] for found in
-             re.findall(r'class="body" x1="([^"]+)" x2="([^"]+)" y1="([^"]+)" y2="([^"]+)"', drawing)]  # fmt: skip
+    drawn = [
+        [float(v) for v in found]
+        for found in re.findall(r'class="body" x1="([^"]+)" x2="([^"]+)" y1="([^"]+)" y2="([^"]+)"', drawing)
+    ]
     placed = re.findall(r'class="name" x="([^"]+)" y="([^"]+)"[^>]*>([^<]+)<', drawing)
     assert len(drawn) == len(lines) and len(placed) == 2
     for x, y, name in placed:

@@ -45,11 +45,19 @@ def series_for(problem, t_end: float, size: float) -> Series:
     q = Rotation.from_matrix(still.R.reshape(-1, 3, 3)).as_quat().reshape(ROWS, -1, 4)
     system = problem.system
     arrays = {
-        "t": t, "dt": np.append(np.nan, np.diff(t)), "energy": 1.0 + wave, "energy_error": wave,
-        "phi_norm": np.abs(wave), "phi_dot_norm": np.abs(wave), "frame_t": t, "frame_r": still.r, "frame_q": q,
-        **{f"obs_{k}": a + wave for k, a in seen.items()}, **{f"ref_{k}": a for k, a in seen.items()},
+        "t": t,
+        "dt": np.append(np.nan, np.diff(t)),
+        "energy": 1.0 + wave,
+        "energy_error": wave,
+        "phi_norm": np.abs(wave),
+        "phi_dot_norm": np.abs(wave),
+        "frame_t": t,
+        "frame_r": still.r,
+        "frame_q": q,
+        **{f"obs_{k}": a + wave for k, a in seen.items()},
+        **{f"ref_{k}": a for k, a in seen.items()},
         **{n: getattr(system, n) for n in ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "gravity")},
-    }  # fmt: skip
+    }
     units = {f"{p}_{o.name}": o.unit for o in problem.observables for p in ("obs", "ref")}
     names = tuple(system.body_names), tuple(system.joint_names)
     return Series(arrays, (), *names, units, {f"obs_{o.name}": o.symbol for o in problem.observables})
@@ -61,17 +69,39 @@ def record_for(spec: RunSpec, n: int = 1, **changes) -> RunRecord:
     nan, c = float("nan"), spec.control
     base = RunRecord(
         paper_label=registry.read_declaration(registry.make_solver(spec.solver, spec.options))[0],
-        run_id=f"{n:016x}", settings_id=spec.settings_id, case=spec.case, suite="made up", label=spec.label,
-        problem=spec.problem, section=problem.section, problem_parameters=json.dumps(dict(spec.parameters)),
-        solver=spec.solver, solver_options=json.dumps(dict(spec.options)), control="rtol" if c.dt is None else "dt",
-        dt_s=nan if c.dt is None else c.dt, rtol=nan if c.rtol is None else c.rtol,
-        max_step_s=nan if c.max_step is None else c.max_step, t_end_s=problem.t_end, status="success",
-        claimed="success", t_reached_s=problem.t_end, energy_start_J=1.0, energy_scale_J=10.0, length_scale_m=1.0,
-        energy_drift_max_J=1.234e-3 * n, energy_drift_end_J=-5.67e-4 * n, phi_max=1e-4 * n, phi_dot_max=1e-3 * n,
-        position_error_max_m=2.345e-3 * n, orientation_error_max_rad=3.456e-3 * n, steps=ROWS - 1,
-        step_min_s=1e-5 * n, step_max_s=1e-2 * n, finished="2026-01-01",
+        run_id=f"{n:016x}",
+        settings_id=spec.settings_id,
+        case=spec.case,
+        suite="made up",
+        label=spec.label,
+        problem=spec.problem,
+        section=problem.section,
+        problem_parameters=json.dumps(dict(spec.parameters)),
+        solver=spec.solver,
+        solver_options=json.dumps(dict(spec.options)),
+        control="rtol" if c.dt is None else "dt",
+        dt_s=nan if c.dt is None else c.dt,
+        rtol=nan if c.rtol is None else c.rtol,
+        max_step_s=nan if c.max_step is None else c.max_step,
+        t_end_s=problem.t_end,
+        status="success",
+        claimed="success",
+        t_reached_s=problem.t_end,
+        energy_start_J=1.0,
+        energy_scale_J=10.0,
+        length_scale_m=1.0,
+        energy_drift_max_J=1.234e-3 * n,
+        energy_drift_end_J=-5.67e-4 * n,
+        phi_max=1e-4 * n,
+        phi_dot_max=1e-3 * n,
+        position_error_max_m=2.345e-3 * n,
+        orientation_error_max_rad=3.456e-3 * n,
+        steps=ROWS - 1,
+        step_min_s=1e-5 * n,
+        step_max_s=1e-2 * n,
+        finished="2026-01-01",
         energy_allowed_J=nan if problem.energy_allowed is None else problem.energy_allowed,
-    )  # fmt: skip
+    )
     return dataclasses.replace(base, **changes)
 
 

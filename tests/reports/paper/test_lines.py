@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.reports.mechanism.segments import flat, mechanism_of, view_of
+from mbsbench.reports.mechanism.segments import choose_view, project_points, read_mechanism
 from mbsbench.reports.model.curves import Curve
 from mbsbench.reports.paper.catalogue import Panel
-from mbsbench.reports.paper.lines import is_rounding, limits_of, within
+from mbsbench.reports.paper.lines import clip_points, find_limits, is_rounding
 from mbsbench.reports.plots.spec import Axis
 
 from .conftest import asked, record_for, series_for
@@ -22,27 +22,27 @@ def test_axes_show_everything_unless_one_line_hides_the_others():
     energy, length = Panel("", ("energy",), Axis("E"), (0.0, 1.0)), Panel("", ("obs_C_z",), Axis("Z"), (0.0, 1.0))
     t = np.linspace(0.0, 1.0, 5)
     calm, wild = Curve(t, 1.0 + t), Curve(t, 1.0 + 1e9 * t)
-    low, high = limits_of(energy, records, {"J"}, [calm], None)
+    low, high = find_limits(energy, records, {"J"}, [calm], None)
     assert low < 1.0 and 2.0 < high < 2.2
-    assert limits_of(energy, records, {"J"}, [calm, wild], None)[1] < 400.0
+    assert find_limits(energy, records, {"J"}, [calm, wild], None)[1] < 400.0
     noise = Curve(t, 1e-15 * t)
     assert is_rounding(records, {"m"}, [noise])
-    assert limits_of(length, records, {"m"}, [noise], None) == (-1e-3, 1e-3)
+    assert find_limits(length, records, {"m"}, [noise], None) == (-1e-3, 1e-3)
 
 
 def test_steps_at_the_very_start_do_not_stretch_the_axis_but_a_failure_does():
     panel, t = Panel("", ("dt",), Axis("step", log=True), (0.0, 10.0)), np.linspace(0.01, 10.0, 200)
     small_start = np.where(t < 0.05, 1e-9, 1e-2)
-    assert limits_of(panel, [], {"s"}, [Curve(t, small_start)], None)[0] > 1e-3
+    assert find_limits(panel, [], {"s"}, [Curve(t, small_start)], None)[0] > 1e-3
     small_end = np.where(t > 9.99, 1e-9, 1e-2)
-    assert limits_of(panel, [], {"s"}, [Curve(t, small_end)], None)[0] < 1e-9
+    assert find_limits(panel, [], {"s"}, [Curve(t, small_end)], None)[0] < 1e-9
 
 
 def test_a_window_keeps_its_peaks():
     t = np.linspace(0.0, 300.0, 100_001)
     a = np.zeros_like(t)
     a[98_000] = 5.0  # at 294 s
-    cut = within(t, a, (290.0, 300.0))
+    cut = clip_points(t, a, (290.0, 300.0))
     assert cut.y.max() == 5.0 and cut.t[np.argmax(cut.y)] == t[98_000] and 289.9 < cut.t[0] <= 290.0
 
 
@@ -57,7 +57,7 @@ def test_a_window_keeps_its_peaks():
 )
 def test_bodies_are_as_long_as_their_joints_say(name, lengths):
     problem = registry.make_problem(name, {})
-    m = mechanism_of(series_for(problem, 1.0, 0.0))
+    m = read_mechanism(series_for(problem, 1.0, 0.0))
     ends = m.segments(0)
     assert {round(float(x), 9) for x in np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)} == lengths
     assert set(m.body) == set(range(problem.system.nb))
@@ -65,14 +65,14 @@ def test_bodies_are_as_long_as_their_joints_say(name, lengths):
 
 def test_joints_of_both_bodies_meet_in_the_drawing():
     """At the start phi = 0: the point of each joint in its first body lies on a segment's end of its second body."""
-    m = mechanism_of(series_for(registry.make_problem("chain", {}), 1.0, 0.0))
+    m = read_mechanism(series_for(registry.make_problem("chain", {}), 1.0, 0.0))
     ends = m.segments(0).reshape(-1, 3)
     for at in m.joints(0):
         assert np.min(np.linalg.norm(ends - at, axis=1)) < 1e-6  # poses are kept in single precision
 
 
 def test_no_poses_no_mechanism():
-    assert mechanism_of(None) is None
+    assert read_mechanism(None) is None
 
 
 def turning(t_end: float = 2.0, n: int = 81):
@@ -91,16 +91,16 @@ def turning(t_end: float = 2.0, n: int = 81):
 
 def test_the_body_is_where_its_pose_says():
     """At 0.5 s it has turned by a quarter: upright, seen from the front."""
-    mechanism = mechanism_of(turning())
-    view = view_of(mechanism)
+    mechanism = read_mechanism(turning())
+    view = choose_view(mechanism)
     assert np.allclose(view, [[1, 0, 0], [0, 1, 0]], atol=1e-6)
-    ends = flat(mechanism.segments(int(np.argmin(np.abs(mechanism.t - 0.5)))), view)[0]
+    ends = project_points(mechanism.segments(int(np.argmin(np.abs(mechanism.t - 0.5)))), view)[0]
     assert np.allclose(ends[1] - ends[0], [0.0, 1.0], atol=1e-6)
 
 
 def test_spatial_motion_is_seen_at_an_angle():
     """Right and up stay square and of unit length, whatever the view."""
-    m = mechanism_of(series_for(registry.make_problem("torque_free_body", {}), 1.0, 0.0))
-    view = view_of(m)
+    m = read_mechanism(series_for(registry.make_problem("torque_free_body", {}), 1.0, 0.0))
+    view = choose_view(m)
     assert np.allclose(view @ view.T, np.eye(2), atol=1e-12)
     assert np.abs(view).max() < 0.999

@@ -7,13 +7,13 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.places import Place
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.harness.referee.judge import write_judgements
-from mbsbench.harness.results.judgements.claims import Code, Finding, Verdict
+from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdict, CodeDigests
 from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED, read_claims
 from mbsbench.reports import site
 from mbsbench.reports.model.claim_words import band
-from mbsbench.reports.model.results import Run, read_results
+from mbsbench.reports.model.results import StoredRun, read_results
 from mbsbench.reports.paper import build, captions, lines
 from mbsbench.reports.paper.catalogue import FIGURES
 from mbsbench.reports.plots import spec
@@ -29,12 +29,12 @@ def drawn(folder, name):
     results = read_results(folder, check_series=False)
     own = lines.choose(BY_NAME[name].picks, suite(), results.runs, results.readable_series)
     with style():
-        return build.draw(BY_NAME[name], own, spec.looks({k.asked.solver for k in own})), own
+        return build.draw(BY_NAME[name], own, spec.choose_styles({k.asked.solver for k in own})), own
 
 
 def one(folder, name, suffixes=("png",)):
     """The caption of a figure, which is written."""
-    return build.one(read_results(folder), BY_NAME[name], suite(), suffixes)
+    return build.draw_figure(read_results(folder), BY_NAME[name], suite(), suffixes)
 
 
 def legend(figure) -> str:
@@ -140,7 +140,7 @@ def test_a_solver_has_its_colour_and_its_settings_dashes(whole):
     assert [dash for _, dash in fi] == [0, 1, 2]
     (legend,) = figure.legends
     colours = {h.get_color() for h in legend.legend_handles}
-    assert colours == {look.colour for look in spec.looks(["ida_index1", "gc_weak_form"]).values()}
+    assert colours == {look.colour for look in spec.choose_styles(["ida_index1", "gc_weak_form"]).values()}
 
 
 def test_a_damaged_series_is_named(tmp_path):
@@ -164,9 +164,9 @@ def test_a_run_made_again_takes_the_place_of_the_old_one():
     figure = BY_NAME["fig08"]
     old = record_for(asked("fig08")[0])
     new = dataclasses.replace(old, run_id="f" * 16, finished="2026-02-02")
-    assert lines.choose(figure.picks, suite(), [Run(new), Run(old)])[0].run.record is new
+    assert lines.choose(figure.picks, suite(), [StoredRun(new), StoredRun(old)])[0].run.record is new
     other = dataclasses.replace(old, settings_id="another")
-    assert lines.choose(figure.picks, suite(), [Run(other)])[0].run is None
+    assert lines.choose(figure.picks, suite(), [StoredRun(other)])[0].run is None
 
 
 def test_claims_of_a_figure_are_in_its_caption(tmp_path):
@@ -178,9 +178,9 @@ def test_claims_of_a_figure_are_in_its_caption(tmp_path):
     assert [c.id for c in before.claims] == [c.id for c in published if 9 in c.figure]
     assert one(tmp_path, "fig09-recommended").claims == ()
     judged = next(c for c in published if c.id == "9-energy-drop")
-    refuted = Finding(Verdict.NOT_REPRODUCED, 0, 2, 2)
+    refuted = ClaimFinding(ClaimVerdict.NOT_REPRODUCED, 0, 2, 2)
     own = (replace(judged, paper=refuted, beyond=None),)
-    write_judgements(Place(tmp_path) / FOLDER, {"claims": own}, Code({}, {}, "", "", ""))
+    write_judgements(ConfinedPath(tmp_path) / FOLDER, {"claims": own}, CodeDigests({}, {}, "", "", ""))
     (claim,) = one(tmp_path, "fig09").claims
     assert (claim.paper, claim.beyond) == (("not reproduced", "for none of 2 tried"), ("", ""))
     assert claim.tests[0][1] == band(judged.tests[0])

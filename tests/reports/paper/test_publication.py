@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -13,8 +14,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.harness.files import write_text
-from mbsbench.harness.places import Place
 from mbsbench.reports import publication
 from mbsbench.reports.model import tables
 from mbsbench.reports.model.floats import latex_caption
@@ -45,9 +46,9 @@ def value(latex: str) -> float | None:
 def test_latex_and_csv_have_the_same_numbers(results):
     """Run by run: LaTeX has three digits of what the CSV has in full."""
     variant = max(results.variants, key=lambda p: len(p.runs))
-    latex = tables.latex_of(variant.title, variant.runs)
+    latex = tables.format_as_latex(variant.title, variant.runs)
     rows = [line.removesuffix(r" \\").split(" & ") for line in latex.splitlines() if line.endswith(r"\\")][1:]
-    plain = list(csv.DictReader(io.StringIO(tables.csv_of(variant.runs))))
+    plain = list(csv.DictReader(io.StringIO(tables.format_as_csv(variant.runs))))
     heads = [f"{c.key} [{c.unit}]" if c.unit else c.key for c in tables.list_printed_columns(variant.runs)]
     compared = 0
     assert len(rows) == len(plain) == len(variant.runs)
@@ -64,7 +65,7 @@ def test_latex_and_csv_have_the_same_numbers(results):
 def test_latex_is_balanced_and_harmless(results):
     """Braces close, dollars pair, every row has as many columns, nothing hostile is a command."""
     for variant in results.variants:
-        lines = [k for k in tables.latex_of(variant.title, variant.runs).splitlines() if not k.startswith("%")]
+        lines = [k for k in tables.format_as_latex(variant.title, variant.runs).splitlines() if not k.startswith("%")]
         text = "\n".join(lines)
         body = re.sub(r"\\[\\{}$&%#_]", "", text)
         assert body.count("{") == body.count("}")
@@ -79,7 +80,7 @@ def test_latex_is_balanced_and_harmless(results):
 def test_latex_fits_one_column_of_a_journal(results):
     """86 mm at 8 pt: a digit is half an em wide, 1.4 mm; 2 pt to each side of a column; words wrap where it says."""
     for variant in results.variants:
-        text = tables.latex_of("t", variant.runs)
+        text = tables.format_as_latex("t", variant.runs)
         rows = [k.removesuffix(r" \\").split(" & ") for k in text.splitlines() if k.endswith(r"\\")]
         widths = []
         for column, cells in zip(tables.list_printed_columns(variant.runs), zip(*rows, strict=True), strict=True):
@@ -92,11 +93,15 @@ def test_latex_fits_one_column_of_a_journal(results):
 def test_widths_are_those_of_a_journal(results):
     assert 84.0 <= SINGLE * 25.4 <= 90.0 and 174.0 <= DOUBLE * 25.4 <= 180.0
     variant = next(p for p in results.variants if p.title == "pendulum")
-    made = {name: (width, draw) for name, _, width, draw in publication.figures_of(results, variant)}
-    assert {"pendulum-recommended-energy", "pendulum-recommended-constraints", "pendulum-recommended-step",
-            "pendulum-work",
-            "pendulum-recommended-laws"} <= set(made)  # fmt: skip
-    folder = Place(results.folder) / "widths"
+    made = {name: (width, draw) for name, _, width, draw in publication.list_figures(results, variant)}
+    assert {
+        "pendulum-recommended-energy",
+        "pendulum-recommended-constraints",
+        "pendulum-recommended-step",
+        "pendulum-work",
+        "pendulum-recommended-laws",
+    } <= set(made)
+    folder = ConfinedPath(results.folder) / "widths"
     for name in ("pendulum-recommended-constraints", "pendulum-work"):
         (pdf,) = save(made[name][1], folder, name, ("pdf",))
         box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", pdf.read_bytes())
@@ -148,21 +153,21 @@ def test_solvers_are_called_as_asked(results, capsys):
 
 def test_captions_say_what_is_counted(results):
     """Where a panel has evaluations, and there alone."""
-    made = {name: caption for p in results.variants for name, caption, _, _ in publication.figures_of(results, p)}
+    made = {name: caption for p in results.variants for name, caption, _, _ in publication.list_figures(results, p)}
     assert "evaluation of the equations with its factorisation" in made["pendulum-work"]
     assert not any("factorisation" in caption for name, caption in made.items() if not name.endswith("-work"))
 
 
 def test_captions_name_what_a_cross_is_and_whose_clock(results, tmp_path):
     """Where a figure has a false success, or CPU times, and there alone."""
-    made = {name: caption for p in results.variants for name, caption, _, _ in publication.figures_of(results, p)}
+    made = {name: caption for p in results.variants for name, caption, _, _ in publication.list_figures(results, p)}
     assert all(publication.CROSS in made[f"pendulum-recommended-{name}"] for name in ("energy", "laws"))
     assert publication.CROSS in made["pendulum-work"] and "on one machine." in made["pendulum-work"]
     for k in range(3):
         put(tmp_path, record(f"aa0{k}", dt_s=0.1 / 2**k, position_error_max_m=0.01 / 4**k), series(40))
     write_text(tmp_path / "environment.json", '{"cpu": "a processor"}')
     found = read_results(tmp_path)
-    made = {name: caption for name, caption, _, _ in publication.figures_of(found, found.variants[0])}
+    made = {name: caption for name, caption, _, _ in publication.list_figures(found, found.variants[0])}
     assert "on one machine (a processor)." in made["pendulum-work"]
     assert made.keys() >= {"pendulum-convergence"} and not any(publication.CROSS in c for c in made.values())
 
@@ -183,25 +188,28 @@ def test_command_writes_figures_tables_and_captions(results, capsys):
     assert capsys.readouterr().err.startswith("error: no problem 'nobody'")
 
 
+@pytest.mark.published
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")
 @pytest.mark.skipif(not (BIN / "mbsbench").exists(), reason="the command mbsbench is not installed beside this Python")
 def test_make_pictures_writes_those_of_the_pages(tmp_path):
     """A picture that nobody can make again goes stale; elsewhere nothing that is published changes."""
-    published = sorted((TOP / "results" / "published" / "engines" / "runs").glob("*.json"))
-    before = [(p.name, p.stat().st_mtime_ns) for p in published]
-    results, pictures = tmp_path / "chain-run", tmp_path / "pictures"
+    copy, results, pictures = tmp_path / "mbsbench", tmp_path / "chain-run", tmp_path / "pictures"
+    left_out = shutil.ignore_patterns(".*", "build", "local", "tests")
+    shutil.copytree(TOP, copy, ignore=left_out)  # with kept machine code
+    published = sorted((copy / "results" / "published" / "engines" / "runs").glob("*.json"))
+    before = [(p.name, p.read_bytes()) for p in published]
     pictures.mkdir()
     (ready := tmp_path / "ready").touch()  # newer than the locks: nothing is installed
     for k, solver in enumerate(("alpha", "beta")):
         put(results, record(f"{k:04x}", solver, problem="chain"), series(40))
     given = {"RESULTS": results, "PICTURES": pictures, "VENV": tmp_path, "BIN": BIN, "READY": ready}
-    make = ["make", "-C", str(TOP), "pictures", *(f"{k}={v}" for k, v in given.items())]
-    subprocess.run(make, check=True, capture_output=True)
-    pages = "".join((TOP / name).read_text(encoding="utf-8") for name in ("README.md", "docs/judging.md"))
+    make = ["make", "-C", str(copy), "pictures", *(f"{k}={v}" for k, v in given.items())]
+    subprocess.run(make, check=True, capture_output=True, env={**os.environ, "PYTHONPATH": str(tmp_path)})
+    pages = "".join((copy / name).read_text(encoding="utf-8") for name in ("README.md", "docs/judging.md"))
     shown = re.findall(r"!\[[^]]+\]\((?:docs/)?images/([^)]+)\)", pages)
     assert sorted(p.name for p in pictures.iterdir()) == sorted(shown)
     assert all("<svg" in p.read_text(encoding="utf-8") for p in pictures.iterdir())
-    assert before and before == [(p.name, p.stat().st_mtime_ns) for p in published]
+    assert before and before == [(p.name, p.read_bytes()) for p in sorted(published[0].parent.glob("*.json"))]
 
 
 def test_a_legend_is_smaller_than_its_plot(tmp_path):
@@ -209,15 +217,16 @@ def test_a_legend_is_smaller_than_its_plot(tmp_path):
     for k in range(12):
         put(tmp_path, record(f"{k:04x}", f"solver{k % 4}", dt_s=1e-3 * (k + 1), paper_label="a long label"), series(40))
     found = read_results(tmp_path)
-    made = {name: draw for name, _, _, draw in publication.figures_of(found, found.variants[0])}
+    made = {name: draw for name, _, _, draw in publication.list_figures(found, found.variants[0])}
     with style():
         drawn = made["pendulum-recommended-energy"]()
         FigureCanvasAgg(drawn).draw()
         (legend,), (ax,) = drawn.legends, drawn.axes
         assert legend.get_window_extent().height < ax.get_window_extent().height
         assert [t.get_text() for t in legend.get_texts()] == [
-            *(f"solver{k} [a long label]" for k in range(4)), "limit 0.100 J",
-        ]  # fmt: skip
+            *(f"solver{k} [a long label]" for k in range(4)),
+            "limit 0.100 J",
+        ]
 
 
 def test_many_runs_are_parted_by_solver(tmp_path):
@@ -227,10 +236,14 @@ def test_many_runs_are_parted_by_solver(tmp_path):
         put(tmp_path, c, series(20))
     results = read_results(tmp_path)
     found = publication.parts(results.runs)
-    made = {name: caption for name, caption, _, _ in publication.figures_of(results, results.variants[0])}
+    made = {name: caption for name, caption, _, _ in publication.list_figures(results, results.variants[0])}
     for k, part in enumerate(found, 1):  # a figure of some solvers says of which
         ends = f"figure {k} of {len(found)}: {part[0].record.solver} to {part[-1].record.solver}. "
         assert ends in made["pendulum-recommended-energy" if k == 1 else f"pendulum-recommended-{k}-energy"]
     assert sum(map(len, found)) == 32 and max(map(len, found)) <= publication.MOST
-    assert all(len({c.record.solver for c in a} & {c.record.solver for c in b}) == 0
-               for a in found for b in found if a is not b)  # fmt: skip
+    assert all(
+        len({c.record.solver for c in a} & {c.record.solver for c in b}) == 0
+        for a in found
+        for b in found
+        if a is not b
+    )

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbsbench.harness.places import Place
+from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.harness.results.series import Series
-from mbsbench.reports.model.results import Results, read_results
+from mbsbench.reports.model.results import StoredResults, read_results
 from mbsbench.reports.pages.base import FOLDER, Site
 from mbsbench.reports.pages.runs import theatre as page
 
@@ -47,10 +47,18 @@ def bars(angle: np.ndarray, stretch: float = 1.0) -> tuple[np.ndarray, np.ndarra
 def series(t, r, q, joints, error, gravity=(0.0, 0.0, -9.81), events=(), names=("body",)) -> Series:
     """A series file with poses."""
     arrays = {
-        "t": t, "dt": np.append(np.nan, np.diff(t)), "energy_error": error, "phi_norm": np.abs(error) + 1e-12,
-        "phi_dot_norm": np.abs(error), "frame_t": t, "frame_r": r.astype(np.float32), "frame_q": q.astype(np.float32),
-        "gravity": np.array(gravity), "end_r": r[-1], **{k: np.array(v) for k, v in joints.items()},
-    }  # fmt: skip
+        "t": t,
+        "dt": np.append(np.nan, np.diff(t)),
+        "energy_error": error,
+        "phi_norm": np.abs(error) + 1e-12,
+        "phi_dot_norm": np.abs(error),
+        "frame_t": t,
+        "frame_r": r.astype(np.float32),
+        "frame_q": q.astype(np.float32),
+        "gravity": np.array(gravity),
+        "end_r": r[-1],
+        **{k: np.array(v) for k, v in joints.items()},
+    }
     return Series(arrays, tuple(events), names, ("A",), {}, {})
 
 
@@ -72,10 +80,16 @@ def staged(tmp_path_factory):
     event = {"kind": "singular passage", "t": 0.5, "smallest_singular_value": 1e-4, "note": HOSTILE}
     put(folder, record("a1"), two_bars(exact=True))
     put(folder, record("a2", "beta", dt_s=0.02), two_bars(size=0.1, events=[event, {"kind": "no time"}]))
-    put(folder, record("a3", "gamma", "diverged", label="as printed", message=f"lost {HOSTILE}", t_reached_s=0.8),
-        two_bars(160, 0.8, size=0.3))  # fmt: skip
-    put(folder, record("a4", "delta", "wrong", label=HOSTILE, wrong_because=because(HOSTILE)),
-        two_bars(stretch=1e6, bar=HOSTILE))  # fmt: skip
+    put(
+        folder,
+        record("a3", "gamma", "diverged", label="as printed", message=f"lost {HOSTILE}", t_reached_s=0.8),
+        two_bars(160, 0.8, size=0.3),
+    )
+    put(
+        folder,
+        record("a4", "delta", "wrong", label=HOSTILE, wrong_because=because(HOSTILE)),
+        two_bars(stretch=1e6, bar=HOSTILE),
+    )
     put(folder, record("a5", "epsilon", "refused", message="not for two bars"))
     put(folder, record("b1", HOSTILE, problem=HOSTILE), held(20.0, (0.0, 0.0, -0.1)))
     put(folder, record("c1", problem="lonely", status="refused"))
@@ -83,10 +97,10 @@ def staged(tmp_path_factory):
     return results, staged_pages(results)
 
 
-def staged_pages(results: Results) -> Path:
+def staged_pages(results: StoredResults) -> Path:
     """The folder of the theatres of these results."""
     folder = results.folder / "report"
-    site = Site(results, Place(folder))
+    site = Site(results, ConfinedPath(folder))
     shutil.copytree(FOLDER / "assets", folder / "assets")
     (folder / "data").mkdir()
     page.write(results, site)

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from mbsbench.reports.mechanism.theatre.scene import AT_MOST, choose_players
-from mbsbench.reports.model.results import Run, Variant
+from mbsbench.reports.model.results import StoredRun, Variant
 
 from ..conftest import record
 
 
 def variant(*runs) -> Variant:
-    return Variant("p", "p", tuple(Run(c) for c in runs))
+    return Variant("p", "p", tuple(StoredRun(c) for c in runs))
 
 
 def names(runs) -> list[str]:
@@ -22,10 +22,15 @@ def test_everyone_plays_or_is_reported(seed):
     """The cast and those left out are all runs, once each; every solver with a motion is on the stage."""
     random = np.random.default_rng(seed)
     runs = [
-        record(f"c{k}", f"s{random.integers(6)}", str(random.choice(["success", "diverged", "wrong"])),
-               label=str(random.choice(["a", "b", "c"])), dt_s=float(random.choice([0.1, 0.01])))
+        record(
+            f"c{k}",
+            f"s{random.integers(6)}",
+            str(random.choice(["success", "diverged", "wrong"])),
+            label=str(random.choice(["a", "b", "c"])),
+            dt_s=float(random.choice([0.1, 0.01])),
+        )
         for k in range(30)
-    ]  # fmt: skip
+    ]
     moved = [c.run_id for c in runs if random.uniform() < 0.8]
     chosen, left = choose_players(variant(*runs), moved)
     assert sorted(names(chosen) + names(left)) == sorted(c.run_id for c in runs)
@@ -50,9 +55,11 @@ def test_the_solid_one_is_sound_and_plain():
 def test_the_same_settings_play_once():
     """Under another label, or with more steps allowed, they move alike; another step or option does not."""
     runs = [
-        record("first", label="map"), record("again", label="as printed", max_steps=7),
-        record("finer", label="map", dt_s=0.001), record("odd", label="as printed", solver_options='{"gauge": "zero"}'),
-    ]  # fmt: skip
+        record("first", label="map"),
+        record("again", label="as printed", max_steps=7),
+        record("finer", label="map", dt_s=0.001),
+        record("odd", label="as printed", solver_options='{"gauge": "zero"}'),
+    ]
     chosen, left = choose_players(variant(*runs), [c.run_id for c in runs])
     assert len(chosen) == 3 and {"finer", "odd"} < set(names(chosen))
     assert names(left) in (["first"], ["again"])

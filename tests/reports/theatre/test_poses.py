@@ -10,11 +10,11 @@ from mbsbench.reports.mechanism.theatre.poses import (
     TURNED,
     Box,
     Poses,
-    box_of,
-    enough,
+    bound_points,
+    choose_poses,
     finite,
     interpolate_poses,
-    off,
+    measure_deviation,
     rates,
     thin_poses,
     turns,
@@ -55,11 +55,11 @@ def test_even_turning_is_drawn_exactly():
     poses = spinning(4.0)
     rows = np.arange(0, len(poses), 23)
     rows = np.append(rows, len(poses) - 1)
-    distance, angle = off(poses, rows)
+    distance, angle = measure_deviation(poses, rows)
     widest = np.max(np.diff(4.0 * poses.t[rows]))
     assert angle < 1e-6
     assert 0.5 * (1.0 - np.cos(widest / 2)) < distance <= (1.0 - np.cos(widest / 2)) * (1.0 + 1e-6)
-    assert off(poses, np.arange(len(poses))) < (1e-12, 1e-6)
+    assert measure_deviation(poses, np.arange(len(poses))) < (1e-12, 1e-6)
 
 
 def test_as_few_poses_as_the_eye_needs():
@@ -67,12 +67,12 @@ def test_as_few_poses_as_the_eye_needs():
     counts = []
     for rate in (0.5, 5.0, 40.0):
         poses = spinning(rate, n=6000)
-        rows = enough(poses, 5000, 1.0)
-        distance, angle = off(poses, rows)
+        rows = choose_poses(poses, 5000, 1.0)
+        distance, angle = measure_deviation(poses, rows)
         assert distance <= NEAR and angle <= TURNED
         counts.append(len(rows))
     assert counts[0] < counts[1] < counts[2] <= 5000
-    assert len(enough(spinning(300.0, n=1500), 100, 1.0)) <= 100
+    assert len(choose_poses(spinning(300.0, n=1500), 100, 1.0)) <= 100
 
 
 def test_poses_go_where_they_are_needed():
@@ -81,8 +81,11 @@ def test_poses_go_where_they_are_needed():
     angle = 6.0 * np.clip((t - 0.5) / 0.01, 0.0, 1.0) + 0.05 * t
     r = np.stack((np.cos(angle), np.sin(angle), 0 * t), axis=-1)[:, None]
     poses = Poses(t, r, about_z(angle)[:, None])
-    rows = enough(poses, 60, 1.0)
-    assert len(rows) <= 60 and off(poses, rows)[0] < 0.1 * off(poses, thin_poses(poses, 60, 1.0))[0] + NEAR
+    rows = choose_poses(poses, 60, 1.0)
+    assert (
+        len(rows) <= 60
+        and measure_deviation(poses, rows)[0] < 0.1 * measure_deviation(poses, thin_poses(poses, 60, 1.0))[0] + NEAR
+    )
 
 
 def test_between_takes_the_shorter_way():
@@ -110,7 +113,7 @@ def test_positions_are_off_by_half_a_step_at_most(seed):
     """Rounding to a grid of 2 LEVELS steps over the box."""
     random = np.random.default_rng(seed)
     r = random.normal(0.0, 10.0 ** random.integers(-3, 4), (50, 4, 3))
-    box = box_of(r)
+    box = bound_points(r)
     back = 0.5 * (box.low + box.high) + packing.positions(r, box) * box.quantum
     assert np.all(np.abs(back - r) <= 0.5 * box.quantum * (1.0 + 1e-9))
     assert np.allclose(box.quantum, (box.high - box.low) / (2 * LEVELS))
@@ -125,7 +128,7 @@ def test_what_leaves_the_box_stays_at_its_wall():
 
 def test_box_of_points_that_are_no_numbers():
     """A motion of NaN alone still has a stage."""
-    assert np.all(box_of(np.full((3, 3), np.nan)).quantum > 0.0)
+    assert np.all(bound_points(np.full((3, 3), np.nan)).quantum > 0.0)
 
 
 def test_quaternions_keep_the_orientation_and_never_jump():

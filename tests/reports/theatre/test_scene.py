@@ -5,9 +5,9 @@ import pytest
 
 from mbsbench.reports.mechanism.theatre.poses import Poses
 from mbsbench.reports.mechanism.theatre.scene import players, scene
-from mbsbench.reports.mechanism.theatre.shapes import STRIPS, marks_of, shapes_of, strip, strips_of
-from mbsbench.reports.model.results import Run
-from mbsbench.reports.pages.runs.theatre import fair
+from mbsbench.reports.mechanism.theatre.shapes import STRIPS, list_marks, make_shapes, make_strips, strip
+from mbsbench.reports.model.results import StoredRun
+from mbsbench.reports.pages.runs.theatre import share_size
 
 from ..conftest import HOSTILE, record
 from .conftest import held, two_bars
@@ -31,8 +31,8 @@ def test_the_step_cut_to_end_at_t_end_is_no_small_step():
     """Of a run that stopped it is the point, and stays."""
     series = two_bars(50)
     series.arrays["dt"][-1] = 1e-9
-    whole = strips_of(series, Run(record("x")), 2.0)
-    stopped = strips_of(series, Run(record("x", "a", "diverged")), 2.0)
+    whole = make_strips(series, StoredRun(record("x")), 2.0)
+    stopped = make_strips(series, StoredRun(record("x", "a", "diverged")), 2.0)
     row = sum(2 if s["both"] else 1 for s in STRIPS[:-1])
     assert np.nanmin(whole[row]) > 1e-3 and np.nanmin(stopped[row]) == 1e-9
 
@@ -40,7 +40,7 @@ def test_the_step_cut_to_end_at_t_end_is_no_small_step():
 def test_moments_are_the_stop_the_events_and_the_whip():
     events = [{"kind": "singular passage", "t": 0.5, "value": 0.125}, {"kind": "x"}, {"kind": "y", "t": float("nan")}]
     series = two_bars(events=events)
-    found = marks_of(series, Run(record("x", "a", "diverged", message="lost")), 3)
+    found = list_marks(series, StoredRun(record("x", "a", "diverged", message="lost")), 3)
     assert [(m["kind"], m["t"]) for m in found] == [("event", 0.5), ("whip", series["t"][100]), ("stop", 2.0)]
     assert found[0]["words"] == "singular passage, value 0.125" and "lost" in found[2]["words"]
     assert {m["player"] for m in found} == {3}
@@ -49,7 +49,7 @@ def test_moments_are_the_stop_the_events_and_the_whip():
 
 def kinds(series) -> list[str]:
     poses = Poses(series["frame_t"], series["frame_r"], series["frame_q"])
-    return [s.kind for s in shapes_of(series, poses, 1.0)]
+    return [s.kind for s in make_shapes(series, poses, 1.0)]
 
 
 def test_shapes_follow_from_joints_and_turning():
@@ -62,7 +62,7 @@ def test_shapes_follow_from_joints_and_turning():
 
 def test_a_bar_reaches_from_joint_to_joint():
     series = two_bars()
-    rod = shapes_of(series, Poses(series["frame_t"], series["frame_r"], series["frame_q"]), 1.0)[0]
+    rod = make_shapes(series, Poses(series["frame_t"], series["frame_r"], series["frame_q"]), 1.0)[0]
     assert sorted([rod.a, rod.b]) == [(-0.5, 0.0, 0.0), (0.5, 0.0, 0.0)]
 
 
@@ -87,7 +87,7 @@ class _Look:
 @pytest.mark.parametrize("whole", [1, 50, 200, 10**9])
 def test_the_largest_are_cut_so_that_all_fit(whole):
     sizes = [3, 100, 20, 55, 20]
-    level = fair(sizes, whole)
+    level = share_size(sizes, whole)
     cut = sum(min(s, level) for s in sizes)
     assert cut <= whole * (1 + 1e-12)
     assert cut == pytest.approx(min(sum(sizes), whole))

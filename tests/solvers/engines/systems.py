@@ -128,8 +128,11 @@ def tilting() -> Problem:
 PROBLEMS = {
     f.__name__: f for f in (closed_chain, grid, duplicated, perturbed_chain, sliding, driven, guided, tilting)
 } | {
-    "slider_crank": lambda: slider_crank(hinged=True), "sprung": lambda: sprung(0.7),
-    "loaded": lambda: loaded(varying=False), "loaded_in_time": lambda: loaded(varying=True),
-    "jointed": lambda: jointed(plain=True), "jointed_otherwise": lambda: jointed(plain=False),
+    "slider_crank": lambda: slider_crank(hinged=True),
+    "sprung": lambda: sprung(0.7),
+    "loaded": lambda: loaded(varying=False),
+    "loaded_in_time": lambda: loaded(varying=True),
+    "jointed": lambda: jointed(plain=True),
+    "jointed_otherwise": lambda: jointed(plain=False),
     "rolling": lambda: make_problem("rolling_disc", {"rotation": (0.3, -0.5, 0.7)}),
-}  # fmt: skip
+}

@@ -13,13 +13,14 @@ import pytest
 from mbsbench import JointKind, States, StepControl, load, make_problem
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import mechanism_files, plugins, registry
-from mbsbench.harness.catalogue.mechanism import CompiledMechanism, Omitted
+from mbsbench.harness.catalogue.mechanism import CompiledMechanism, OmittedContents
 from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.results.environment import ROOT, code_digest
 from mbsbench.solvers.engines import mujoco as engine
 from mbsbench.solvers.engines.export.model_check import SAME, EngineModel, differences
 from mbsbench.solvers.engines.export.tree import spanning_tree
+from mbsbench.tests.comparing import assert_close
 
 from .systems import PROBLEMS
 
@@ -160,7 +161,7 @@ def test_the_system_is_the_one_mujoco_makes(tmp_path, name):
     found = differences(made, model)
     assert max(found.values()) < SAME, found
     if name == "sprung":
-        assert not {Omitted.STIFFNESS, Omitted.DAMPING, Omitted.ARMATURE} & {*m.omitted}
+        assert not {OmittedContents.STIFFNESS, OmittedContents.DAMPING, OmittedContents.ARMATURE} & {*m.omitted}
         assert len(made.system.torsion_k) == 4 and len(made.system.spring_k) == 3
         ours, data = accelerations(made.system, made.initial), m.mj.MjData(m.model)
         data.qpos[:], data.qvel[:] = qpos, qvel
@@ -185,8 +186,8 @@ def test_our_own_problems_come_back(name):
     m = CompiledMechanism("again", Path(), "", mj, engine._spec(mj, engine.MuJoCo(), made, tree, 1e-3).compile(), {})
     again = m.problem(qpos=tuple(tree.start), qvel=tuple(tree.start_velocity))
     order = [int(name.split()[1]) for name in again.system.body_names]
-    assert np.allclose(again.initial.v, made.initial.v[order], atol=1e-12)
-    assert np.allclose(again.system.mass, made.system.mass[order])
+    assert_close(again.initial.v, made.initial.v[order], atol=1e-12)
+    assert_close(again.system.mass, made.system.mass[order])
     assert len(again.system.spring_k) == len(made.system.spring_k)
     assert max(differences(again, theirs(m, tree.start, tree.start_velocity)).values()) < SAME
 
@@ -203,21 +204,34 @@ def test_what_is_not_taken_over_is_counted(tmp_path):
     """Motors and contacts; a rotor between moving bodies, a damper of a ball, springs that are not linear."""
     text = LOOPS.replace('<joint axis="0 1 0"/>', '<joint name="j" damping="1" stiffness="2" axis="0 1 0"/>', 1)
     text = text.replace("</mujoco>", '<actuator><motor joint="j"/></actuator></mujoco>')
-    assert mechanism_files.read(written(tmp_path, text)).omitted == {Omitted.ACTUATORS: 1, Omitted.COLLIDING: 5}
+    assert mechanism_files.read(written(tmp_path, text)).omitted == {
+        OmittedContents.ACTUATORS: 1,
+        OmittedContents.COLLIDING: 5,
+    }
     text = SPRUNG.replace('axis="0 1 .5" stiffness="3"', 'axis="0 1 .5" armature=".1" stiffness="3 1 0"')
     omitted = mechanism_files.read(
         written(tmp_path, text.replace('<joint type="ball"', '<joint type="ball" damping="1"'))
     ).omitted
-    assert omitted[Omitted.ARMATURE] == 1 and omitted[Omitted.DAMPING] == 3 and omitted[Omitted.STIFFNESS] == 1
+    assert (
+        omitted[OmittedContents.ARMATURE] == 1
+        and omitted[OmittedContents.DAMPING] == 3
+        and omitted[OmittedContents.STIFFNESS] == 1
+    )
 
 
-@pytest.mark.parametrize(("part", "words"), [
-    ('<equality><joint joint1="j"/></equality>', "equality 1: couplings of type joint are not taken over"),
-    ('<worldbody><body name="odd"><joint/><joint type="ball"/><geom size=".1"/></body></worldbody>', "hinge, ball"),
-    ("<worldbody><boddy/></worldbody>", "boddy"),
-    ('<asset><mesh name="m" file="m.stl"/></asset>'
-     '<worldbody><body name="z"><freejoint/><geom type="mesh" mesh="m"/></body></worldbody>', "inertia from a mesh"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        ('<equality><joint joint1="j"/></equality>', "equality 0: couplings of type joint are not taken over"),
+        ('<worldbody><body name="odd"><joint/><joint type="ball"/><geom size=".1"/></body></worldbody>', "hinge, ball"),
+        ("<worldbody><boddy/></worldbody>", "boddy"),
+        (
+            '<asset><mesh name="m" file="m.stl"/></asset>'
+            '<worldbody><body name="z"><freejoint/><geom type="mesh" mesh="m"/></body></worldbody>',
+            "inertia from a mesh",
+        ),
+    ],
+)
 def test_what_cannot_be_read_is_refused_in_one_line(tmp_path, part, words):
     base = f'<mujoco><worldbody><body><joint name="j"/>{BOX}</body></worldbody>{part}</mujoco>'
     with pytest.raises(ValueError, match="plugin") as error:
@@ -239,15 +253,16 @@ def test_a_keyframe_is_a_start_and_is_moved_onto_the_joints(tmp_path):
     key = f'<keyframe><key name="home" qpos="{text}"/></keyframe></mujoco>'
     registry.load_plugin(written(tmp_path, LOOPS.replace("</mujoco>", key), "keyed.xml"))
     made = make_problem("keyed", {"keyframe": "home"})
-    assert np.allclose(States.one(made.initial).r[0], closed.problem().initial.r, atol=2e-3)
+    assert_close(States.one(made.initial).r[0], closed.problem().initial.r, atol=2e-3)
 
 
 def test_the_files_content_is_part_of_the_runs_identity(tmp_path):
     """Included files as well: a mass changed in one changes the digest."""
     whole = written(tmp_path, '<mujoco><include file="arm.xml"/></mujoco>', "whole.xml")
-    arm = written(tmp_path, f'<mujocoinclude><worldbody><body><joint/>{BOX}</body></worldbody></mujocoinclude>',
-                  "arm.xml")  # fmt: skip
-    assert plugins.sources_of(str(whole)) == (whole, arm)
+    arm = written(
+        tmp_path, f"<mujocoinclude><worldbody><body><joint/>{BOX}</body></worldbody></mujocoinclude>", "arm.xml"
+    )
+    assert plugins.list_sources(str(whole)) == (whole, arm)
     before = code_digest((str(whole),))
     arm.write_text(arm.read_text().replace("<joint/>", '<joint axis="1 0 0"/>'))
     code_digest.cache_clear()
@@ -315,11 +330,12 @@ def test_the_settings_of_a_file_are_its_own(tmp_path):
     model = engine.Model(soft, problem, control).model
     mj = engine.package("mujoco")
     assert model.opt.integrator == mj.mjtIntegrator.mjINT_IMPLICITFAST and model.opt.timestep == 0.005
-    assert np.allclose(model.eq_solref, (0.01, 1.0)) and np.allclose(model.eq_solimp[0, :2], (0.9, 0.95))
+    assert_close(model.eq_solref, (0.01, 1.0))
+    assert_close(model.eq_solimp[0, :2], (0.9, 0.95))
     assert not any("timestep" in note for note in engine.Model(soft, problem, control).notes())
     finer = StepControl(dt=0.001)
     other = engine.Model(soft, problem, finer)
     assert soft.refuses(problem, finer) is None and other.model.opt.timestep == 0.001
-    assert np.allclose(other.model.eq_solref, (0.01, 1.0))
+    assert_close(other.model.eq_solref, (0.01, 1.0))
     assert "dt = 0.001 s; the file's timestep is 0.005 s" in other.notes()
     assert "not read from" in soft.refuses(make_problem("chain"), StepControl(dt=0.001))

@@ -7,6 +7,7 @@ import pytest
 
 from mbsbench import accelerations
 from mbsbench.harness.catalogue import mechanism_files, mujoco_flags
+from mbsbench.tests.comparing import assert_close
 
 from .test_mechanism_files import written
 
@@ -34,13 +35,19 @@ def rates(path, **start):
     return accelerations(problem.system, problem.initial).Omega_dot
 
 
-@pytest.mark.parametrize(("flag", "expected"), [
-    ("contact", -4 * 0.5 - 0.5), ("spring", -0.5), ("damper", -4 * 0.5), ("constraint", -4 * 0.5 - 0.5),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("flag", "expected"),
+    [
+        ("contact", -4 * 0.5 - 0.5),
+        ("spring", -0.5),
+        ("damper", -4 * 0.5),
+        ("constraint", -4 * 0.5 - 0.5),
+    ],
+)
 def test_flags_switch_springs_and_dampers_off(tmp_path, flag, expected):
     """-(k theta + c omega) / J of what is on; the tendon keeps its length."""
     path = written(tmp_path, WHEEL.format(flag=f'{flag}="disable"'))
-    assert np.allclose(rates(path, qpos=(0.5,), qvel=(1.0,)), [[0.0, 0.0, expected]], atol=1e-12)
+    assert_close(rates(path, qpos=(0.5,), qvel=(1.0,)), [[0.0, 0.0, expected]], atol=1e-12)
     system = mechanism_files.read(path).system()
     on = (flag != "spring", flag != "damper")
     assert [float(np.sum(a)) != 0.0 for a in (system.spring_k, system.spring_c)] == [*on]
@@ -66,7 +73,7 @@ def test_looks_are_left_out_with_what_refers_to_them(tmp_path):
     <contact><pair geom1="hill" geom2="pad"/><pair geom1="hill" geom2="box"/></contact>
     <tendon><spatial material="red"><site site="tip"/><site site="wall"/></spatial></tendon>
     <sensor><touch site="tip"/><distance geom1="hill" geom2="pad"/></sensor></mujoco>"""
-    assert np.allclose(rates(written(tmp_path, text)), [[0.0, FALL, 0.0]], atol=1e-12)
+    assert_close(rates(written(tmp_path, text)), [[0.0, FALL, 0.0]], atol=1e-12)
 
 
 def test_included_files_are_found_where_mujoco_finds_them(tmp_path):
@@ -77,35 +84,45 @@ def test_included_files_are_found_where_mujoco_finds_them(tmp_path):
     bar = f'<worldbody><body><joint axis="0 1 0"/>{BAR}</body></worldbody>'
     b = written(tmp_path, f"<mujocoinclude>{bar}</mujocoinclude>", "sub/b.xml")
     assert mechanism_files.files(top) == (top, a, b)
-    assert np.allclose(rates(top), [[0.0, FALL, 0.0]], atol=1e-12)
+    assert_close(rates(top), [[0.0, FALL, 0.0]], atol=1e-12)
 
 
 def test_limits_that_lock_a_joint_of_a_urdf_fix_it(tmp_path):
     """Two bars become one: moments of inertia by Steiner about the shoulder. Blanks may be before the declaration."""
     path = written(tmp_path, '\n\n<?xml version="1.0"?>\n' + ROBOT)
     about = 2 * 0.0833 + 0.5**2 + 1.5**2
-    assert np.allclose(rates(path), [[0.0, 9.81 * 2.0 / about, 0.0]], atol=1e-12)
+    assert_close(rates(path), [[0.0, 9.81 * 2.0 / about, 0.0]], atol=1e-12)
 
 
 def test_words_of_other_tools_are_named(tmp_path):
     """Extensions, transmissions, and a joint without limits, which is free."""
     text = ROBOT.replace('lower="0" upper="0"', "").replace("</robot>", '<gazebo/><transmission name="t"/></robot>')
     omitted = mechanism_files.read(written(tmp_path, text)).omitted
-    assert {*omitted} == {"extensions for Gazebo", "transmissions",
-                          "joints without lower and upper limit, which are free here"}  # fmt: skip
+    assert {*omitted} == {
+        "extensions for Gazebo",
+        "transmissions",
+        "joints without lower and upper limit, which are free here",
+    }
 
 
-@pytest.mark.parametrize(("before", "after", "words"), [
-    ('lower="0" upper="0"', 'lower=".3" upper=".3"', "taken over at 0 (got 0.3)"),
-    ('lower="0" upper="0"', 'lower="1" upper="0"', "lower must be at most upper (got 1, 0)"),
-    ('<axis xyz="0 1 0"/></joint>', '<axis xyz="0 1 0"/><spring k="1"/></joint>', "<spring>: not taken over"),
-    ('<origin xyz="0.5', '<origin quat="1 0 0 0" xyz="0.5', "<origin>: attribute 'quat' is not taken over"),
-    ('<limit lower="0" upper="0" effort="0" velocity="0"/>', '<mimic joint="shoulder"/>', "coupled to 'shoulder'"),
-    ('<link name="base"/>', '<xacro:arm/><link name="base"/>', "a macro of xacro; expand the file first"),
-    (f'<link name="upper">{INERTIAL}', '<link name="upper">', "<link name='upper'>: joint 'shoulder'"),
-    ('iyy="0.0833" izz="0.0833"', 'iyy="0.0833" izz="0.5"', "the largest by 0.416 more than the other two together"),
-    ('ixx="0.001"', 'ixx="-0.001"', "<inertia>: no rigid body has the inertia of 'upper'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ('lower="0" upper="0"', 'lower=".3" upper=".3"', "taken over at 0 (got 0.3)"),
+        ('lower="0" upper="0"', 'lower="1" upper="0"', "lower must be at most upper (got 1, 0)"),
+        ('<axis xyz="0 1 0"/></joint>', '<axis xyz="0 1 0"/><spring k="1"/></joint>', "<spring>: not taken over"),
+        ('<origin xyz="0.5', '<origin quat="1 0 0 0" xyz="0.5', "<origin>: attribute 'quat' is not taken over"),
+        ('<limit lower="0" upper="0" effort="0" velocity="0"/>', '<mimic joint="shoulder"/>', "coupled to 'shoulder'"),
+        ('<link name="base"/>', '<xacro:arm/><link name="base"/>', "a macro of xacro; expand the file first"),
+        (f'<link name="upper">{INERTIAL}', '<link name="upper">', "<link name='upper'>: joint 'shoulder'"),
+        (
+            'iyy="0.0833" izz="0.0833"',
+            'iyy="0.0833" izz="0.5"',
+            "the largest by 0.416 more than the other two together",
+        ),
+        ('ixx="0.001"', 'ixx="-0.001"', "<inertia>: no rigid body has the inertia of 'upper'"),
+    ],
+)
 def test_a_refused_element_of_a_urdf_is_named_with_its_line(tmp_path, before, after, words):
     """In terms of URDF, not of MuJoCo's own format, and in one line."""
     assert before in ROBOT

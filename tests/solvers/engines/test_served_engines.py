@@ -60,7 +60,7 @@ def control(name: str, dt: float = 1e-3) -> StepControl:
 
 def needs(name):
     served = SERVED[name]
-    absent = importlib.util.find_spec(served.package) is None and process.environment_of(name) is None
+    absent = importlib.util.find_spec(served.package) is None and process.find_environment(name) is None
     return pytest.mark.skipif(absent, reason=f"{served.wheel} is an optional extra: make test-engines")
 
 
@@ -78,7 +78,7 @@ def test_every_engine_is_tested():
 def test_without_the_package_it_refuses_with_the_remedy(name, monkeypatch):
     """A refusal is a result, in one line."""
     monkeypatch.setitem(sys.modules, SERVED[name].package, None)
-    monkeypatch.setattr(protocol, "environment_of", lambda inside: None)
+    monkeypatch.setattr(protocol, "find_environment", lambda inside: None)
     said = make_solver(name).refuses(make_problem("heavy_top"), control(name))
     assert said == f"{SERVED[name].wheel} is not installed: {type(make_solver(name)).remedy}"
 
@@ -118,12 +118,12 @@ def test_torsional_springs_and_dampers_are_the_engines_own(name):
 @pytest.mark.parametrize("wrong", [lambda J: J * (1.0 + 1e-8), lambda J: J + 1e-8 * np.ones((3, 3))])
 def test_a_planted_inertia_is_refused(engine, wrong, monkeypatch):
     """The fault is in what the engine is given, not in the problem: there is no race."""
-    right = protocol.plain
+    right = protocol.flatten_tree
 
     def planted(tree, system, start):
         return right(tree, replace(system, inertia=wrong(system.inertia)), start)
 
-    monkeypatch.setattr(protocol, "plain", planted)
+    monkeypatch.setattr(protocol, "flatten_tree", planted)
     t = make_solver(engine, SERVED[engine].loops).solve(PROBLEMS["perturbed_chain"](), control(engine))
     assert t.status is Status.REFUSED and t.counters["steps"] == 0
     assert "is not that of chain: its" in t.message and "differs by" in t.message
@@ -142,7 +142,7 @@ def test_a_drive_that_opensim_cannot_differentiate_is_refused():
     """By name; each of its parts alone moves as the exact kinematics do."""
     solver = make_solver("opensim")
     said = solver.refuses(make_problem("driven_slider_crank"), control("opensim"))
-    assert said is not None and "the drive drive is a polynomial and a sine" in said
+    assert said is not None and "the drive 'drive' is a polynomial and a sine" in said
     p = make_problem("driven_slider_crank", {"wobble": 0.0, "t_end": 0.2})
     t = solver.solve(p, control("opensim"))
     assert t.status is Status.SUCCESS, t.message
@@ -186,8 +186,9 @@ ORDERS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "options", "problem", "dt", "order"),
-                         [pytest.param(*row, marks=needs(row[0])) for row in ORDERS])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "options", "problem", "dt", "order"), [pytest.param(*row, marks=needs(row[0])) for row in ORDERS]
+)
 def test_the_order_is_the_declared_one(name, options, problem, dt, order):
     p = make_problem(*problem)
     assert make_solver(name, options).order == order
@@ -198,7 +199,7 @@ TOLERANCES = [
     pytest.param("drake_adaptive", {}, SPATIAL, 1.0, marks=needs("drake")),
     pytest.param("drake_adaptive", {"integrator": "cenic"}, SPATIAL, 0.5, marks=needs("drake")),
     *(pytest.param("opensim", {}, p, 0.8, marks=needs("opensim")) for p in (SPATIAL, GRID)),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("name", "options", "problem", "power"), TOLERANCES)
@@ -214,10 +215,14 @@ def test_the_error_falls_with_the_tolerance(name, options, problem, power):
     assert np.log(errors[0] / errors[1]) / np.log(100.0) == pytest.approx(power, abs=0.2)
 
 
-@pytest.mark.parametrize(("name", "options", "words"), [
-    ("drake", {}, "its continuous plant ignores constraints"), ("drake", {"integrator": "tamsi"}, "TAMSI has no"),
-    ("drake_adaptive", {"integrator": "cenic"}, "CENIC has no"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("drake", {}, "its continuous plant ignores constraints"),
+        ("drake", {"integrator": "tamsi"}, "TAMSI has no"),
+        ("drake_adaptive", {"integrator": "cenic"}, "CENIC has no"),
+    ],
+)
 @needs("drake")
 def test_loops_are_refused_where_drake_does_not_hold_them(name, options, words, monkeypatch):
     """In words; and without these the model check finds what Drake does not say of a continuous plant."""
@@ -263,5 +268,5 @@ def test_what_engines_are_given_is_plain():
     """JSON there and back changes nothing."""
     problem = PROBLEMS["sliding"]()
     tree = protocol.spanning_tree(problem.system, problem.initial)
-    text = json.dumps(protocol.plain(tree, problem.system, problem.initial), default=lambda a: a.tolist())
+    text = json.dumps(protocol.flatten_tree(tree, problem.system, problem.initial), default=lambda a: a.tolist())
     assert json.dumps(json.loads(text)) == text

@@ -32,7 +32,7 @@ CONTROL = StepControl(dt=1e-3)
 
 
 def needs(name):
-    absent = process.environment_of(name) is None and importlib.util.find_spec(name) is None
+    absent = process.find_environment(name) is None and importlib.util.find_spec(name) is None
     return pytest.mark.skipif(absent, reason=f"{WHEELS[name]} is an optional extra: make test-engines")
 
 
@@ -49,7 +49,7 @@ def settings(request):
 def test_without_the_package_it_refuses_with_the_remedy(name, monkeypatch):
     """A refusal is a result, in one line."""
     monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.setattr(protocol, "environment_of", lambda inside: None)
+    monkeypatch.setattr(protocol, "find_environment", lambda inside: None)
     said = make_solver(name).refuses(make_problem("heavy_top"), CONTROL)
     assert said == f"{WHEELS[name]} is not installed: pip install 'mbsbench[engines]'"
 
@@ -59,12 +59,12 @@ def test_its_model_is_ours_and_a_planted_inertia_is_not(settings, monkeypatch):
     name, options, share = settings
     problem = make_problem(*PENDULUM)
     assert make_solver(name, options).refuses(problem, CONTROL) is None
-    right = protocol.plain
+    right = protocol.flatten_tree
 
     def planted(tree, system, start):
         return right(tree, replace(system, inertia=(1.0 + share) * system.inertia), start)
 
-    monkeypatch.setattr(protocol, "plain", planted)
+    monkeypatch.setattr(protocol, "flatten_tree", planted)
     said = make_solver(name, options).refuses(problem, CONTROL)
     assert said is not None and "is not that of spherical_pendulum" in said
 
@@ -83,8 +83,10 @@ def test_loops_of_tilted_bodies_are_ours(settings):
     assert np.max(np.abs(constraint(problem.system, t.states))) < 0.02
 
 
-BY_FORCES = [pytest.param(*SETTINGS[key][:2], marks=needs(SETTINGS[key][0]), id=key)
-             for key in ("newton_mujoco", "xpbd", "mujoco_warp")]  # fmt: skip
+BY_FORCES = [
+    pytest.param(*SETTINGS[key][:2], marks=needs(SETTINGS[key][0]), id=key)
+    for key in ("newton_mujoco", "xpbd", "mujoco_warp")
+]
 
 
 @pytest.mark.parametrize(("name", "options"), BY_FORCES)
@@ -103,9 +105,10 @@ MOTIONS = [  # name and options, problem, distance [m] that rounding or the orde
 ]
 
 
-@pytest.mark.parametrize(("name", "options", "which", "close"), [
-    pytest.param(*row, marks=needs(row[0]), id=f"{row[0]} {row[1].get('solver', '')} {row[2]}") for row in MOTIONS
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "options", "which", "close"),
+    [pytest.param(*row, marks=needs(row[0]), id=f"{row[0]} {row[1].get('solver', '')} {row[2]}") for row in MOTIONS],
+)
 def test_slides_welds_springs_and_loads_move_as_by_another_method(name, options, which, close):
     """A row that is right at the start may say something else once the bodies have turned."""
     problem = replace(PROBLEMS[which](), t_end=0.1)
@@ -118,7 +121,7 @@ def test_slides_welds_springs_and_loads_move_as_by_another_method(name, options,
 @pytest.mark.parametrize(("name", "options"), BY_FORCES)
 @pytest.mark.parametrize("what", ["gravity", "mass", "point of a cut joint", "point of a joint"])
 def test_a_fault_of_a_thousandth_is_seen(name, options, what, monkeypatch):
-    right = protocol.plain
+    right = protocol.flatten_tree
 
     def planted(tree, system, start):
         data = right(tree, system, start)
@@ -132,7 +135,7 @@ def test_a_fault_of_a_thousandth_is_seen(name, options, what, monkeypatch):
             data["cuts"][0]["s_i"] = data["cuts"][0]["s_i"] + 1e-3
         return data
 
-    monkeypatch.setattr(protocol, "plain", planted)
+    monkeypatch.setattr(protocol, "flatten_tree", planted)
     said = make_solver(name, options).refuses(PROBLEMS["grid"](), CONTROL)
     assert said is not None and "is not that of four_bar_grid" in said
 
@@ -176,7 +179,7 @@ def test_a_model_of_bullet_that_is_replaced_is_freed():
     for models in (2, 10):
         for _ in range(models):
             assert solver.refuses(problem, CONTROL) is None
-        one = process.process_of("pybullet", process.environment_of("pybullet"))
+        one = process.get_process("pybullet", process.find_environment("pybullet"))
         lines = Path(f"/proc/{one._child.pid}/status").read_text().splitlines()
         used.append(int(next(line for line in lines if line.startswith("VmData")).split()[1]))
     assert used[1] - used[0] < 100_000  # kB

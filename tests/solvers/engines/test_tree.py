@@ -116,9 +116,15 @@ def own_model(problem) -> EngineModel:
     load[:, 3:] -= np.cross(Omega, np.einsum("bij,bj->bi", system.inertia, Omega))
     forces = T.T @ (load.ravel() - M @ bias.ravel())
     return EngineModel(
-        T, T.T @ M @ T, T.T @ applied_loads(system, States.one(rest))[0].ravel(), float(kinetic_energy(system, one)[0]),
-        float(potential_energy(system, one)[0]), bias, forces, tree.loop_jacobian(),
-    )  # fmt: skip
+        T,
+        T.T @ M @ T,
+        T.T @ applied_loads(system, States.one(rest))[0].ravel(),
+        float(kinetic_energy(system, one)[0]),
+        float(potential_energy(system, one)[0]),
+        bias,
+        forces,
+        tree.loop_jacobian(),
+    )
 
 
 def test_equations_of_the_tree_are_those_of_the_bodies(problem):
@@ -162,10 +168,16 @@ def test_springs_at_rest_are_measured_by_what_cancels_in_them(name, kind):
     s, start = problem.system, problem.initial
     if kind == "torsion_k":
         s = replace(
-            s, torsion_i=np.array([2]), torsion_j=np.array([1]), torsion_u=np.array([[0.6, 0.8, 0.0]]),
-            torsion_n=np.eye(3)[None, :2], torsion_k=np.array([3.0]), torsion_rest=np.zeros(1), torsion_c=np.zeros(1),
+            s,
+            torsion_i=np.array([2]),
+            torsion_j=np.array([1]),
+            torsion_u=np.array([[0.6, 0.8, 0.0]]),
+            torsion_n=np.eye(3)[None, :2],
+            torsion_k=np.array([3.0]),
+            torsion_rest=np.zeros(1),
+            torsion_c=np.zeros(1),
             torsion_wound=np.zeros(1),
-        )  # fmt: skip
+        )
     still = States.one(replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega))
     lengths = np.array([np.linalg.norm(spring_line(s, still, k)[0]) for k in range(len(s.spring_k))])
     angles = torsion(s, still)[0][0] + s.torsion_rest

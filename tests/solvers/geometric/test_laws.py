@@ -99,8 +99,10 @@ def test_a_step_that_no_cut_saves_ends_in_step_underflow_with_the_steps_so_far()
 def test_a_tolerance_below_rounding_is_raised_to_it():
     """No iteration meets it: the step is solved to 45 roundings of the root of the energy instead, as without it."""
     problem = make_problem("heavy_top", {"t_end": 0.1})
-    ends = [make_solver("gc_weak_form", {"tolerance": tolerance, "max_cuts": 3}).solve(problem, StepControl(dt=1e-3))
-            for tolerance in (3e-16, 1e-13)]  # fmt: skip
+    ends = [
+        make_solver("gc_weak_form", {"tolerance": tolerance, "max_cuts": 3}).solve(problem, StepControl(dt=1e-3))
+        for tolerance in (3e-16, 1e-13)
+    ]
     assert [out.status for out in ends] == [Status.SUCCESS] * 2
     np.testing.assert_allclose(ends[0].states.r[-1], ends[1].states.r[-1], rtol=0.0, atol=1e-11)
 

@@ -9,9 +9,16 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.types import StepControl
 
 SOLVERS = (
-    "gc_weak_form", "gc_augmented_lagrangian", "gc_composed", "gc_extrapolated", "generalized_alpha", "energy_momentum",
-    "al_index3", "half_explicit", "radau_ggl",
-)  # fmt: skip
+    "gc_weak_form",
+    "gc_augmented_lagrangian",
+    "gc_composed",
+    "gc_extrapolated",
+    "generalized_alpha",
+    "energy_momentum",
+    "al_index3",
+    "half_explicit",
+    "radau_ggl",
+)
 STEP = 1e-3  # [s]
 
 

@@ -8,7 +8,7 @@ from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, SpringDamper, assemble
 from mbsbench.harness.types import Problem, Trajectory
-from mbsbench.solvers.formulations.compiled.soft_rows import without_springs
+from mbsbench.solvers.formulations.compiled.soft_rows import remove_springs
 from mbsbench.solvers.formulations.methods import radau
 from mbsbench.solvers.formulations.methods.springs import make_soft_rows
 
@@ -21,8 +21,8 @@ def solve(problem: Problem, rtol: float = ACCEPTED, **limits: float) -> Trajecto
 
 def iterate_without_springs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Springs as forces of each iterate, none in the matrix."""
-    monkeypatch.setattr(radau, "without_springs", lambda system: system)
-    monkeypatch.setattr(radau, "make_soft_rows", lambda system, *rest: make_soft_rows(without_springs(system), *rest))
+    monkeypatch.setattr(radau, "remove_springs", lambda system: system)
+    monkeypatch.setattr(radau, "make_soft_rows", lambda system, *rest: make_soft_rows(remove_springs(system), *rest))
 
 
 def on_a_spring(

@@ -16,6 +16,7 @@ from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
 from mbsbench.solvers.formulations.compiled.marching import new_control
 from mbsbench.solvers.formulations.methods.choices import Settings
 from mbsbench.solvers.formulations.methods.gc_newton_arrays import NEEDED, make_step
+from mbsbench.tests.comparing import assert_close
 
 from ..arbitrary_joints import LOADS, MOVING, SPRING, all_joints, moving_row
 from ..arbitrary_systems import arbitrary, law, linkage
@@ -36,9 +37,11 @@ def all_moving() -> MultibodySystem:
 
 
 SYSTEMS = {
-    "pins": linkage(springs=False), "springs": linkage(springs=True), "all joints": all_joints(),
+    "pins": linkage(springs=False),
+    "springs": linkage(springs=True),
+    "all joints": all_joints(),
     "all moving rows": all_moving(),
-}  # fmt: skip
+}
 each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
 alive = []
 
@@ -118,7 +121,7 @@ def test_weights_agree_with_the_batched_mechanics(system):
     start_at(s.kernel, arbitrary(system, 5))
     Program.run(s.complete)
     one, order = States.one(arbitrary(system, 5)), s.kernel.order
-    assert np.allclose(s.terms.m_bar[order], scaling_masses(system, one)[0], rtol=1e-12)
+    assert_close(s.terms.m_bar[order], scaling_masses(system, one)[0], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +157,7 @@ def test_block_factors_solve_the_assembled_matrix(system):
     wanted = np.random.default_rng(1).standard_normal(len(matrix))
     s.lu.x[at] = matrix @ wanted
     Program.run(s.solve_saddle)
-    assert np.allclose(s.lu.x[at], wanted, atol=1e-10)
+    assert_close(s.lu.x[at], wanted, atol=1e-10)
 
 
 def test_lambda_bar_is_lam_minus_xi_phi():
@@ -169,4 +172,4 @@ def test_lambda_bar_is_lam_minus_xi_phi():
         forces.append(s.terms.G1.copy())
     added = -1e3 * s.terms.k_bar1 * s.terms.phi1
     assert np.max(np.abs(added)) > 1.0
-    assert np.allclose(forces[1] - forces[0], added, rtol=1e-12, atol=1e-9)
+    assert_close(forces[1] - forces[0], added, rtol=1e-12, atol=1e-9)

@@ -17,6 +17,7 @@ from mbsbench.solvers.formulations.compiled import marching
 from mbsbench.solvers.plain import radau_ggl, rkmk
 from mbsbench.solvers.plain.error_control import ErrorControl
 from mbsbench.solvers.plain.march import march
+from mbsbench.tests.comparing import assert_close
 
 from ..arbitrary_joints import KINDS, MOVING, moving_rows, one_joint
 from ..arbitrary_systems import consistent, linkage, with_user_forces
@@ -93,9 +94,16 @@ def test_control_chooses_the_compiled_steps(order, longest):
     random, t_end = np.random.default_rng(int(order)), 3.0
     control = StepControl(rtol=1e-6, max_step=longest)
     c = SimpleNamespace(
-        t=0.0, t_end=t_end, adaptive=1, next_step=1e-4, max_step=longest or np.inf, order=order, last_error=1e-4,
-        rejected=0, outcome=marching.FULL,
-    )  # fmt: skip
+        t=0.0,
+        t_end=t_end,
+        adaptive=1,
+        next_step=1e-4,
+        max_step=longest or np.inf,
+        order=order,
+        last_error=1e-4,
+        rejected=0,
+        outcome=marching.FULL,
+    )
     plain, t, taken = ErrorControl(SimpleNamespace(t_end=t_end), control, order), 0.0, 0
     while (h := plain.next(t)) is not None:
         end = marching._next_end(c, None)
@@ -130,7 +138,8 @@ def test_runs_choose_the_same_steps(solver):
         assert evaluations == found.counters["evaluations"] == found.counters["factorisations"]
     where = f"{solver}, {problem.name}: ends of steps are {found.t}, by the plain method {plain.t}"
     close = 1e-2 if solver == "radau_ggl" else 1e-5
-    assert len(plain.t) == len(found.t) and np.allclose(plain.t, found.t, rtol=close, atol=0.0), where
+    assert len(plain.t) == len(found.t), where
+    assert_close(plain.t, found.t, rtol=close, atol=0.0, what=where)
 
 
 def test_what_is_left_is_the_rest_of_a_geometric_series():

@@ -22,10 +22,21 @@ from ..arbitrary_joints import KINDS, MOVING, all_joints, moving_rows, one_joint
 from ..arbitrary_systems import consistent, judge_accelerations, linkage
 
 PROBLEMS: dict[str, dict[str, Any]] = {
-    "heavy_top": {}, "spherical_pendulum": {}, "cart_pendulum": {}, "simple_pendulum": {}, "damped_linkage": {},
-    "chain": {"links": 9}, "bricard": {}, "slider_crank": {}, "driven_slider_crank": {}, "andrews": {},
-    "four_bar_grid": {"rows": 2, "columns": 2}, "n_four_bar": {"windows": 3}, "stewart_platform": {},
-}  # fmt: skip
+    "heavy_top": {},
+    "spherical_pendulum": {},
+    "cart_pendulum": {},
+    "simple_pendulum": {},
+    "damped_linkage": {},
+    "chain": {"links": 9},
+    "bricard": {},
+    "slider_crank": {},
+    "driven_slider_crank": {},
+    "andrews": {},
+    "four_bar_grid": {"rows": 2, "columns": 2},
+    "n_four_bar": {"windows": 3},
+    "stewart_platform": {},
+}
+pytestmark = pytest.mark.usefixtures("without_whole_steps")
 RANDOM = [(seed, 3 + seed % 7, seed % 4) for seed in range(12)]  # seed, bodies, loops
 CLOSE = 2e-12  # of the largest number, or of 1: sums over a tree in another order
 
@@ -55,12 +66,12 @@ def _with_start(system: MultibodySystem, seed: int) -> tuple[MultibodySystem, St
     return system, dataclasses.replace(consistent(system, seed), t=0.0)
 
 
-def place(system: MultibodySystem, tree: Tree, t: np.ndarray) -> np.ndarray:
+def place(tree: Tree, made: TreeMechanism, t: np.ndarray) -> np.ndarray:
     """Coordinates and velocities away from the start, on the loops."""
-    made, n = make_code(system, tree), len(tree.start)
+    n = len(tree.start)
     y = tree.start + 0.05 * np.random.default_rng(4).standard_normal(n)
     after, y_dot, lam, guard = np.zeros(n), np.zeros(n), np.zeros(made.rows), np.zeros(2)
-    onto = Evaluation(made, tree.nq).finish(t, y, after, y_dot, lam, guard)
+    onto = made.evaluate().finish(t, y, after, y_dot, lam, guard)
     if made.rows > made.kept:  # off the loops other rows are other motions
         y[: tree.nq] = tree.start[: tree.nq]
     for _ in range(15):
@@ -83,7 +94,7 @@ def test_accelerations_projections_and_records_are_those_of_code(make: Any) -> N
     tree, t, nb = spanning_tree(system, start), np.array([0.3]), system.nb
     made, swept = make_code(system, tree), TreeMechanism(system, tree)
     assert (swept.rows, swept.kept) == (made.rows, made.kept)
-    y, n, found = place(system, tree, t), len(tree.start), []
+    y, n, found = place(tree, swept, t), len(tree.start), []
     for own in (Evaluation(made, tree.nq), swept.evaluate()):
         accelerated, y_dot, after, lam, guard = (*np.zeros((3, n)), np.zeros(made.rows), np.zeros(2))
         own.accelerate(t, y, accelerated, guard[:1]).run()
@@ -105,8 +116,8 @@ def test_canonical_functions_are_those_of_code(make: Any, radial: bool) -> None:
     if not system.is_holonomic:
         pytest.skip("needs phi in every row")
     tree, t = spanning_tree(system, start), np.array([0.3])
-    y, nq, random = place(system, tree, t), tree.nq, np.random.default_rng(2)
     code, swept = make_code(system, tree, whole=False), TreeMechanism(system, tree)
+    y, nq, random = place(tree, swept, t), tree.nq, np.random.default_rng(2)
     phases = make_hamilton_code(system, tree, radial=radial), TreePhase(swept, radial=radial)
     assert phases[0].rows == phases[1].rows and phases[0].spins == phases[1].spins
     found, p = [], np.zeros(nq)

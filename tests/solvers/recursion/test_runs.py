@@ -10,12 +10,12 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.types import Problem, Status, StepControl
 from mbsbench.solvers.formulations.compiled import algebra
-from mbsbench.solvers.formulations.compiled.entries import Inner
+from mbsbench.solvers.formulations.compiled.entries import InlineFunction
 from mbsbench.solvers.formulations.generated import code as generated_code
 from mbsbench.solvers.formulations.joint_coordinates import choice, marching, symplectic
 from mbsbench.solvers.formulations.joint_coordinates.tree import spanning_tree
 from mbsbench.solvers.formulations.recursion import accelerations, closing_rows, evaluation, hamilton, sweeps, twists
-from mbsbench.solvers.formulations.recursion.accelerations import Coupled
+from mbsbench.solvers.formulations.recursion.accelerations import CoupledTree
 from mbsbench.solvers.formulations.recursion.evaluation import TreeMechanism
 from mbsbench.solvers.formulations.recursion.limbs import hold_rows
 from mbsbench.solvers.formulations.recursion.phases import TreePhase
@@ -96,9 +96,14 @@ def test_steps_of_rattle_end_where_the_limitation_says(links: int, dt: float) ->
     run(long_chain(float(out.t[-1]), links), 0.4 * dt, "rattle_joint")
 
 
-@pytest.mark.parametrize(("solver", "step", "bound"), [
-    ("dop853_joint", 1e-11, 1e-9), ("gauss_joint", 5e-3, 1e-8), ("rattle_joint", 2e-3, 1e-3),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("solver", "step", "bound"),
+    [
+        ("dop853_joint", 1e-11, 1e-9),
+        ("gauss_joint", 5e-3, 1e-8),
+        ("rattle_joint", 2e-3, 1e-3),
+    ],
+)
 def test_user_forces_are_those_of_the_kernel(solver: str, step: float, bound: float) -> None:
     """No code is made of a user's law; the recursion calls it, as the kernel does."""
     system = with_user_forces()
@@ -176,7 +181,7 @@ def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
     """The sweeps as plain Python, whatever has been compiled before."""
     for module in (algebra, twists, sweeps, closing_rows, accelerations, hamilton):
         for name, value in list(vars(module).items()):
-            plain = value.function if isinstance(value, Inner) else getattr(value, "py_func", None)
+            plain = value.function if isinstance(value, InlineFunction) else getattr(value, "py_func", None)
             if plain is not None:
                 monkeypatch.setattr(module, name, plain)
         monkeypatch.setattr(module, "run", lambda entry: None if isinstance(entry, int) else entry(), raising=False)
@@ -195,14 +200,15 @@ def test_work_grows_in_proportion_to_bodies(function: str) -> None:
             **{n: a.view(Counted) for n, a in own.mechanism.limbs._asdict().items() if isinstance(a, np.ndarray)}
         )
         limbs = limbs._replace(
-            placing=lambda: sweeps.place_bodies(limbs), factoring=lambda: sweeps.factor_inertia(limbs),
+            placing=lambda: sweeps.place_bodies(limbs),
+            factoring=lambda: sweeps.factor_inertia(limbs),
             responding=lambda: sweeps.find_response(limbs),
-        )  # fmt: skip
+        )
         q, u = np.split(tree.start, [tree.nq])
         closing = hold_rows(own.mechanism.closing, own.order.rows, own.order.pivots)
         Counted.reads = 0
         if function == "couple":
-            accelerations.couple_tree(Coupled(limbs, closing, np.zeros(1), q, u))
+            accelerations.couple_tree(CoupledTree(limbs, closing, np.zeros(1), q, u))
         else:
             phase = TreePhase(own, radial=True).phase
             hamilton.find_slopes(

@@ -19,10 +19,12 @@ from ..arbitrary_joints import all_joints, moving_rows
 from ..arbitrary_systems import arbitrary, consistent, linkage, rounding_of_rows, settle, with_user_forces
 
 SYSTEMS = {
-    "linkage": linkage(springs=True), "all joints": all_joints(), "moving rows": moving_rows(None),
+    "linkage": linkage(springs=True),
+    "all joints": all_joints(),
+    "moving rows": moving_rows(None),
     "user forces": with_user_forces(),
     "added inertia": make_problem("simple_pendulum", {"support": "link", "yaw": 0.4}).system,
-}  # fmt: skip
+}
 each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
 ROUNDING = 1e-12  # relative
 STEP, SLOPES = 1e-5, 1e-8  # of central differences; relative to the largest slope

@@ -129,8 +129,24 @@ def test_each_entry_of_code_does_what_the_kernels_does(system: MultibodySystem) 
     names = tuple(mechanism.SPLIT)
     k = make_kernel(system, names)
     c = mechanism.use_code(system, empty_kernel(system), names).kernel
-    order = ("rows", "factorise", "keep_rows", "push", "slips", "solve", "push_kept", "forces", "react",
-             "applied_forces", "project_rates", "project", "rows", "reactions", "accelerate", "push_kept")  # fmt: skip
+    order = (
+        "rows",
+        "factorise",
+        "keep_rows",
+        "push",
+        "slips",
+        "solve",
+        "push_kept",
+        "forces",
+        "react",
+        "applied_forces",
+        "project_rates",
+        "project",
+        "rows",
+        "reactions",
+        "accelerate",
+        "push_kept",
+    )
     for one in (k, c):
         random_numbers(one, s, 5)
     for name in order:
@@ -152,8 +168,10 @@ RUNS = [
     *((solver, "bricard") for solver in FIXED),  # not by ``al_index3``, whose redundant rows share what 1e-7 decides
     *(("radau_ggl", name) for name in ("heavy_top", "chain", "damped_linkage")),
     *((solver, name) for solver in ("gc_composed", "gc_extrapolated") for name in ("heavy_top", "chain", "bricard")),
-    ("half_explicit", "rolling_disc"), ("rattle", "stewart_platform"), ("generalized_alpha", "driven_slider_crank"),
-]  # fmt: skip
+    ("half_explicit", "rolling_disc"),
+    ("rattle", "stewart_platform"),
+    ("generalized_alpha", "driven_slider_crank"),
+]
 
 
 @pytest.mark.parametrize(("solver", "name"), RUNS)

@@ -7,13 +7,21 @@ from ..frames import frame_ahead
 
 
 def phi(i, j, p):  # type: ignore[no-untyped-def]
-    """u . (n_1 cos f + n_2 sin f) = sin(theta - f), theta from across_j to u = across_i about the axis."""
+    """Return the row u . (n_1 cos f + n_2 sin f) = sin(theta - f) [-]; theta leads from across_j to u = across_i."""
     return [i.turn(p.u) @ j.turn(p.n[0] * np.cos(p.f) + p.n[1] * np.sin(p.f))]
 
 
 KIND = JointDeclaration(
-    "driven angle", 10, Count(moving=1), leaves="all but the angle of across_i from across_j, about the axis",
-    equation="sin(theta - f(t)) = 0", axes="ij", across=True, motion="rad",
-    given="the axis in both bodies, `across_i`, `across_j`, `motion` f [rad]", frame=frame_ahead, phi=phi,
+    "driven angle",
+    10,
+    Count(moving=1),
+    leaves="all but the angle of across_i from across_j, about the axis",
+    equation="sin(theta - f(t)) = 0",
+    axes="ij",
+    across=True,
+    motion="rad",
+    given="the axis in both bodies, `across_i`, `across_j`, `motion` f [rad]",
+    frame=frame_ahead,
+    phi=phi,
     turning=(True,),
-)  # fmt: skip
+)

@@ -4,7 +4,13 @@ from ...declaring import Count, JointDeclaration, slides
 from ..frames import axis_alone
 
 KIND = JointDeclaration(
-    "driven position", 9, Count(moving=1), leaves="all but the way of the point of i along axis_j, from that of j",
-    equation="n_1 . d - f(t) = 0", axes="j", motion="m", frame=axis_alone,
+    "driven position",
+    9,
+    Count(moving=1),
+    leaves="all but the motion of the point of i along axis_j, from that of j",
+    equation="n_1 . d - f(t) = 0",
+    axes="j",
+    motion="m",
+    frame=axis_alone,
     phi=lambda i, j, p: [slides(i, j, p, p.n[0])[0] - p.f],
-)  # fmt: skip
+)

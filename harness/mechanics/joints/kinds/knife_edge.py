@@ -5,13 +5,21 @@ from ..frames import blade
 
 
 def rates(i, j, p):  # type: ignore[no-untyped-def]
-    """u . (v_i(x) - v_j(x)) - f(t) [m/s] at the point x of i."""
+    """Return the row u . (v_i(x) - v_j(x)) - f(t) [m/s]: the velocity across the blade at the point x of i."""
     x = i.at(p.s_i)
     return [i.turn(p.u) @ (i.velocity(x) - j.velocity(x)) - p.f]
 
 
 KIND = JointDeclaration(
-    "knife edge", 11, Count(moving=1), leaves="all but the velocity of the point of i along axis_i, seen from j",
-    equation="u . (v_i - v_j) - f(t) = 0", axes="i", motion="m/s", needs_motion=False, frame=blade, rates=rates,
+    "knife edge",
+    11,
+    Count(moving=1),
+    leaves="all but the velocity of the point of i along axis_i, seen from j",
+    equation="u . (v_i - v_j) - f(t) = 0",
+    axes="i",
+    motion="m/s",
+    needs_motion=False,
+    frame=blade,
+    rates=rates,
     note="the normal of its blade",
-)  # fmt: skip
+)

@@ -4,6 +4,12 @@ from ...declaring import Count, JointDeclaration, tilts
 from ..frames import axis_alone
 
 KIND = JointDeclaration(
-    "normal axes", 13, Count(axis=1), leaves="all but the angle of axis_i and axis_j, which stay normal to each other",
-    equation="u . n_1 = 0", axes="ij", frame=axis_alone, phi=lambda i, j, p: tilts(i, j, (p.u, p.n[0])),
-)  # fmt: skip
+    "normal axes",
+    13,
+    Count(axis=1),
+    leaves="all but the angle of axis_i and axis_j, which stay normal to each other",
+    equation="u . n_1 = 0",
+    axes="ij",
+    frame=axis_alone,
+    phi=lambda i, j, p: tilts(i, j, (p.u, p.n[0])),
+)

@@ -4,8 +4,12 @@ from ...declaring import Count, JointDeclaration, slides
 from ..frames import normals
 
 KIND = JointDeclaration(
-    "point on line", 6, Count(line=2),
+    "point on line",
+    6,
+    Count(line=2),
     leaves="all rotation, and the point of i along axis_j through the point of j",
-    equation="n_1 . d = n_2 . d = 0", axes="j", frame=normals,
+    equation="n_1 . d = n_2 . d = 0",
+    axes="j",
+    frame=normals,
     phi=lambda i, j, p: slides(i, j, p, p.n[0], p.n[1]),
-)  # fmt: skip
+)

@@ -4,7 +4,12 @@ from ...declaring import Count, JointDeclaration, slides
 from ..frames import axis_alone
 
 KIND = JointDeclaration(
-    "point on plane", 7, Count(line=1),
-    leaves="all but the way of the point of i along axis_j, the normal of a plane of j",
-    equation="n_1 . d = 0", axes="j", frame=axis_alone, phi=lambda i, j, p: slides(i, j, p, p.n[0]),
-)  # fmt: skip
+    "point on plane",
+    7,
+    Count(line=1),
+    leaves="all but the motion of the point of i along axis_j, the normal of a plane of j",
+    equation="n_1 . d = 0",
+    axes="j",
+    frame=axis_alone,
+    phi=lambda i, j, p: slides(i, j, p, p.n[0]),
+)

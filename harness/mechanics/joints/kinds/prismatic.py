@@ -4,9 +4,16 @@ from ...declaring import Count, JointDeclaration, slides, tilts
 from ..frames import normals
 
 KIND = JointDeclaration(
-    "prismatic", 5, Count(line=2, axis=3), leaves="sliding along the common axis",
-    equation="n_1 . d = n_2 . d = 0, u . n_1 = u . n_2 = w . n_2 = 0", axes="ij", across=True, frame=normals,
+    "prismatic",
+    5,
+    Count(line=2, axis=3),
+    leaves="sliding along the common axis",
+    equation="n_1 . d = n_2 . d = 0, u . n_1 = u . n_2 = w . n_2 = 0",
+    axes="ij",
+    across=True,
+    frame=normals,
     phi=lambda i, j, p: [
-        *slides(i, j, p, p.n[0], p.n[1]), *tilts(i, j, (p.u, p.n[0]), (p.u, p.n[1]), (p.w, p.n[1])),
+        *slides(i, j, p, p.n[0], p.n[1]),
+        *tilts(i, j, (p.u, p.n[0]), (p.u, p.n[1]), (p.w, p.n[1])),
     ],
-)  # fmt: skip
+)

@@ -4,7 +4,12 @@ from ...declaring import Count, JointDeclaration, gap, tilts
 from ..frames import axis_alone
 
 KIND = JointDeclaration(
-    "universal", 1, Count(point=3, axis=1), leaves="rotation about axis_i and axis_j, which stay normal to each other",
-    equation="d = 0, u . n_1 = 0", axes="ij", frame=axis_alone,
+    "universal",
+    1,
+    Count(point=3, axis=1),
+    leaves="rotation about axis_i and axis_j, which stay normal to each other",
+    equation="d = 0, u . n_1 = 0",
+    axes="ij",
+    frame=axis_alone,
     phi=lambda i, j, p: [*gap(i, j, p), *tilts(i, j, (p.u, p.n[0]))],
-)  # fmt: skip
+)

@@ -81,9 +81,9 @@ def drawn_again(p: Problem) -> object:
     """The instance of its own digest, and the exact motion of that as it is presented."""
     import_anew()
     from mbsbench.harness.catalogue import registry
-    from mbsbench.harness.ladder.instances import KINDS, digest_of, draw_instances
+    from mbsbench.harness.ladder.instances import KINDS, digest_submission, draw_instances
 
-    own = digest_of(Path(sys.modules[MEMORY["module"]].__file__).read_bytes())  # type: ignore[index, arg-type]
+    own = digest_submission(Path(sys.modules[MEMORY["module"]].__file__).read_bytes())  # type: ignore[index, arg-type]
     short = dataclasses.replace(KINDS[0], fixed={"t_end": 0.5})
     (instance,) = draw_instances(own, "1", (short,))
     home = registry.make_problem(instance.problem, instance.parameters)
@@ -95,10 +95,10 @@ def drawn_again(p: Problem) -> object:
 
 def known_motion(problem: Any) -> Trajectory:
     import_anew()
-    from mbsbench.harness.reference.computation import reference_of
+    from mbsbench.harness.reference.computation import find_reference
 
     t = np.linspace(0.0, problem.t_end, 101)
-    return Trajectory(t, reference_of(problem).states(t), Status.SUCCESS, "known", {})
+    return Trajectory(t, find_reference(problem).states(t), Status.SUCCESS, "known", {})
 
 
 def in_memory(p: Problem) -> object:
@@ -408,7 +408,12 @@ def make(how: str, module: str) -> type:
 
     kinds = {"paper_label": ClassVar[str], "control": ClassVar[str]}
     own: dict[str, Any] = {
-        "__module__": module, "__doc__": "Forges.", "__annotations__": kinds, "paper_label": "", "control": "dt",
-        "refuses": refuses, "solve": solve,
-    }  # fmt: skip
+        "__module__": module,
+        "__doc__": "Forges.",
+        "__annotations__": kinds,
+        "paper_label": "",
+        "control": "dt",
+        "refuses": refuses,
+        "solve": solve,
+    }
     return solver(NAME)(dataclass(frozen=True)(type("Forger", (), own)))

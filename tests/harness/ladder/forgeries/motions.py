@@ -12,9 +12,15 @@ Change = Callable[[Trajectory, Problem], object]
 
 
 def swing(
-    p: Problem, control: StepControl, *, gravity: float = 1.0, inertia: float = 1.0, gyroscopic: float = 1.0,
-    pinned: bool = True, scale: float = 1.0,
-) -> Trajectory:  # fmt: skip
+    p: Problem,
+    control: StepControl,
+    *,
+    gravity: float = 1.0,
+    inertia: float = 1.0,
+    gyroscopic: float = 1.0,
+    pinned: bool = True,
+    scale: float = 1.0,
+) -> Trajectory:
     """Euler's equation about the joint by RK4, at steps of ``dt``; factors of its terms are 1 for the true motion."""
     s = p.system
     arm, joint = s.joint_s_i[0], s.joint_s_j[0]  # from C to the joint, in the body; the joint, in space
@@ -177,6 +183,9 @@ MOTIONS: dict[str, Change] = {
     "times that run back": lambda f, p: dataclasses.replace(f, t=poisoned(f.t, 0.0)),
     "every row twice": lambda f, p: rows(f, np.repeat(np.arange(len(f.t)), 2)),
     "reactions scaled": lambda f, p: dataclasses.replace(f, reaction=3.0 * f.reaction),
+    "reactions scaled, poses a little aside": lambda f, p: dataclasses.replace(
+        states(f, r=f.states.r + 0.002 * p.system.joint_s_i[0] * (f.t > 0.0)[:, None, None]), reaction=1.5 * f.reaction
+    ),
     "reactions of the other sign": lambda f, p: dataclasses.replace(f, reaction=-f.reaction),
     "reactions of zero": lambda f, p: dataclasses.replace(f, reaction=0.0 * f.reaction),
     "reactions in another order": lambda f, p: dataclasses.replace(f, reaction=np.roll(f.reaction, 1, axis=1)),

@@ -7,7 +7,7 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.ladder import bundling
 from mbsbench.harness.ladder.bundling import check_bundle, read_entry, write_bundle
-from mbsbench.harness.ladder.instances import digest_of
+from mbsbench.harness.ladder.instances import digest_submission
 from mbsbench.harness.ladder.ranking import INDEPENDENT, RE_RUN, rank_entries
 from mbsbench.harness.ladder.submission import Blind, Submission, run_submission
 
@@ -24,9 +24,13 @@ def bundle(tmp_path_factory):
     file.write_text(TEXT.format("nothing"))
     with Blind() as blind:
         run_submission(
-            Submission(NAME, "dt", str(file), digest_of(file.read_bytes())), "1", place / "run", kinds=SHORT, repeats=1,
+            Submission(NAME, "dt", str(file), digest_submission(file.read_bytes())),
+            "1",
+            place / "run",
+            kinds=SHORT,
+            repeats=1,
             blind=blind,
-        )  # fmt: skip
+        )
     write_bundle(place / "run", path)
     return path
 
@@ -103,7 +107,7 @@ def test_an_entry_without_evidence_is_removed(bundle, tmp_path, lossless):
 
     def hide(members):
         members["bundle.json"] = json.dumps(json.loads(members["bundle.json"]) | {"lossless": lossless}).encode()
-        nothing = {"states": "none", "problem": "", "peaks_s": {}, "arrays": {}, "reaction": [], "between": False}
+        nothing = {"states": "none", "problem": "", "peaks_s": {}, "arrays": {}, "reactions": {}, "between": False}
         members["runs.json"] = json.dumps([run | nothing for run in json.loads(members["runs.json"])]).encode()
         for name in [n for n in members if n.startswith(("runs/", "series/", "problems/", "references/"))]:
             del members[name]

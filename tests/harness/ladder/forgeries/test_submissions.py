@@ -2,17 +2,21 @@
 
 import pytest
 
-from mbsbench.harness.ladder.blind import shut_in
+from mbsbench.harness.ladder.blind import confine_process
 from mbsbench.harness.ladder.bundling import Entry
-from mbsbench.harness.ladder.instances import Kind, digest_of
+from mbsbench.harness.ladder.instances import InstanceKind, digest_submission
 from mbsbench.harness.ladder.ranking import rank_entries
 from mbsbench.harness.ladder.submission import Blind, Submission, read_submission, run_submission
-from mbsbench.harness.sandbox.apart import Apart
+from mbsbench.harness.sandbox.forked_process import ForkedProcess
 
 from .forger import AWAY, CONDUCT, COSTS, FALSE, NAME, WORK
 
 TEXT = "from mbsbench.tests.harness.ladder.forgeries.forger import make\n\nForger = make({!r}, __name__)\n"
-SHORT = (Kind("spherical_pendulum", {"mass": 1.0, "half_length": 0.5, "omega_x": 5.0, "omega_z": 3.0}, {"t_end": 0.5}),)
+SHORT = (
+    InstanceKind(
+        "spherical_pendulum", {"mass": 1.0, "half_length": 0.5, "omega_x": 5.0, "omega_z": 3.0}, {"t_end": 0.5}
+    ),
+)
 TICKS = 0.9  # of the work: other processes are accounted in ticks of 10 ms
 
 
@@ -27,7 +31,10 @@ def blind():
 def fenced(tmp_path_factory):
     """Skip where the system keeps nobody in."""
     place = tmp_path_factory.mktemp("fence")
-    if Apart(lambda send: send(str(shut_in(place))), limit=5.0, memory=500.0).wait().sent.strip() != "True":
+    if (
+        ForkedProcess(lambda send: send(str(confine_process(place))), limit=5.0, memory=500.0).wait().sent.strip()
+        != "True"
+    ):
         pytest.skip("this system cannot keep a submission in (landlock, user namespaces)")
 
 
@@ -39,7 +46,7 @@ def submit(tmp_path, blind):
         """Twice where it may keep something for a second process."""
         file = tmp_path / "forgery.py"
         file.write_text(TEXT.format(how))
-        submission = Submission(NAME, "dt", str(file), digest_of(file.read_bytes()))
+        submission = Submission(NAME, "dt", str(file), digest_submission(file.read_bytes()))
         records = run_submission(
             submission, "1", tmp_path / "run", kinds=SHORT, steps=(2e-3,), repeats=repeats, blind=blind
         )

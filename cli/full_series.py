@@ -1,0 +1,46 @@
+"""Solve runs again for steps that results lack, and print a line that says so."""
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..harness.execution.full_series import solve_every_step
+from ..harness.execution.runner import Request
+from ..harness.results import store
+from ..harness.results.records import RunRecord
+from ..harness.results.series import Series
+from .progress import run_watched
+from .terminal import error_console, plural
+
+
+def find_brief(folder: Path, records: Sequence[RunRecord]) -> list[RunRecord]:
+    """Return the runs of ``folder`` whose stored series lack steps or states."""
+    kept = ((r, store.read_run_series(folder, r, poses=False)) for r in records)
+    return [r for r, series in kept if series is not None and series.is_brief]
+
+
+@contextmanager
+def provide_full_series(
+    folder: Path, records: Sequence[RunRecord], jobs: int, plugins: tuple[str, ...], *, lossless: bool
+) -> Iterator[dict[str, Series]]:
+    """Provide by run_id the series of ``records`` with every step; with ``lossless`` with every state, too.
+
+    The runs are solved again in a temporary folder that ends with the context, ``jobs`` at a time; none without
+    records.
+    """
+    with tempfile.TemporaryDirectory() as place:
+
+        def run(request: Request) -> None:
+            """Print that runs are solved again and how long they took before, and run the suite."""
+            seconds = sum(r.cpu_process_s for r in records if r.cpu_process_s > 0.0)
+            took = f", which took {seconds:.2g} s of CPU time" if seconds else ""
+            words = f"{plural(len(records), 'run')} of these results"
+            error_console().print(f"not every step is kept: solving {words} again{took}", highlight=False)
+            run_watched(request, quiet=True, resumable=False)
+
+        yield (
+            solve_every_step(folder, records, Path(place) / "run", jobs, run, plugins, lossless=lossless)
+            if records
+            else {}
+        )

@@ -1,0 +1,296 @@
+"""Find things of one kind by patterns of syntax trees (docs/list_kinds.py lists them)."""
+
+import ast
+import re
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from functools import cache
+
+from syntax_trees import (  # type: ignore[import-not-found]  # beside this file
+    Loop,
+    Module,
+    Scope,
+    bodies_of,
+    called_in,
+    name_of,
+    names_in,
+    read_modules,
+)
+
+Found = Iterator[tuple[str, int]]
+
+
+def find_spanning_trees(module: Module) -> Found:
+    """Find functions that follow joints from the ground outwards: a loop over a list of bodies that grows in it."""
+    for name, scope, _ in bodies_of(module.tree):
+        if isinstance(scope, ast.FunctionDef) and "GROUND" in names_in(scope):
+            for loop in [n for n in ast.walk(scope) if isinstance(n, Loop)]:
+                over = name_of(loop.test if isinstance(loop, ast.While) else loop.iter)
+                if over and called_in(loop) & {"append", "extend", "insert", "pop", "popleft", "visit", "follow"}:
+                    yield name, scope.lineno
+
+
+def find_tableaus(module: Module) -> Found:
+    """Find scopes that read the coefficients of DOP853 where scipy has them."""
+    for name, _, own in bodies_of(module.tree):
+        for node in own:
+            if (
+                isinstance(node, ast.Attribute)
+                and node.attr in ["A", "B", "C", "E3", "E5"]
+                and name_of(node.value).lower() == "dop853"
+            ):
+                yield name, node.lineno
+
+
+def find_steppers(module: Module) -> Found:
+    """Find loops over the stages of a pair: they read weights ``a`` and nodes ``c``, in files that name a tableau."""
+    if not any(re.search("dop(ri)?853|tableau", n, re.IGNORECASE) for n in names_in(module.tree)):
+        return
+    for name, _, own in bodies_of(module.tree):
+        for loop in [n for n in own if isinstance(n, Loop)]:
+            if {"a", "c"} <= names_in(loop):
+                yield name, loop.lineno
+
+
+SOLVES = re.compile(r"_?(solve\w*|lstsq|iterate|correct|push_kept|least\w*|change|step|sweep|newton)")
+LEAVES = ast.Break | ast.Return
+
+
+def find_newton_loops(module: Module) -> Found:
+    """Find loops that repeat a solution, or a correction by one, until a test of its size is passed."""
+    for name, _, own in bodies_of(module.tree):
+        for loop in [n for n in own if isinstance(n, Loop)]:
+            repeats = isinstance(loop, ast.While) or "range" in called_in(loop.iter)
+            sized = any(isinstance(n, ast.Compare) for n in ast.walk(loop)) or called_in(loop) & {
+                "has_settled",
+                "_judge",
+            }
+            leaves = isinstance(loop, ast.While) or any(isinstance(n, LEAVES) for n in ast.walk(loop))
+            if repeats and sized and leaves and any(SOLVES.fullmatch(n) for n in called_in(loop)):
+                yield name, loop.lineno
+
+
+UNTIL = re.compile(r"\bt_end\b|\bspan\b|\bt_max\b|\bt <|record\.t\b|\bwanted\b|pace\.next")
+
+
+def find_integration_loops(module: Module) -> Found:
+    """Find loops that go on until a time is reached."""
+    for name, _, own in bodies_of(module.tree):
+        for loop in own:
+            if isinstance(loop, ast.While) and UNTIL.search(ast.unparse(loop.test)):
+                yield name, loop.lineno
+
+
+def find_controllers(module: Module) -> Found:
+    """Find powers such as ``error ** (-1 / order)``, by which the next step is chosen."""
+    for name, _, own in bodies_of(module.tree):
+        for node in own:
+            if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+                power, base = ast.unparse(node.right), ast.unparse(node.left)
+                if "/" in power and re.search("error|size|defect|disagree", base):
+                    yield name, node.lineno
+
+
+FACTORS = {"splu", "cho_factor", "lu_factor", "cholesky", "dpbtrf", "dgbtrf", "ldl"}
+FACTORING = re.compile(r"_?(factor|factorise|eliminate)(_\w+)?")
+
+
+def find_factorisations(module: Module) -> Found:
+    """Find calls of libraries' factorisations, and functions named ``factor``, ``factorise`` or ``eliminate``."""
+    for name, scope, own in bodies_of(module.tree):
+        if isinstance(scope, ast.FunctionDef) and FACTORING.fullmatch(scope.name):
+            yield name, scope.lineno
+        for node in own:
+            if isinstance(node, ast.Call):
+                pivoted = name_of(node.func) == "qr" and any(k.arg == "pivoting" for k in node.keywords)
+                lapack = name_of(node.func) == "call_lapack" and "trf" in ast.unparse(node.args[0])
+                if pivoted or lapack or name_of(node.func) in FACTORS:
+                    yield name, node.lineno
+
+
+def find_protocols(module: Module) -> Found:
+    """Find where another process is started to exchange messages with: ``Popen``, ``fork``, ``Process``."""
+    for name, _, own in bodies_of(module.tree):
+        for node in own:
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in (
+                "subprocess.Popen",
+                "Popen",
+                "os.fork",
+                "multiprocessing.Process",
+                "Pool",
+            ):
+                yield name, node.lineno
+
+
+def find_caches(module: Module) -> Found:
+    """Find folders of caches: calls of ``cache_folder``, and settings of a folder of numba's."""
+    for name, _, own in bodies_of(module.tree):
+        for node in own:
+            if isinstance(node, ast.Call) and name_of(node.func) == "cache_folder":
+                yield name, node.lineno
+            if isinstance(node, ast.Assign) and any(name_of(t) == "CACHE_DIR" for t in node.targets):
+                yield name, node.lineno
+
+
+def find_runs_of_one(module: Module) -> Found:
+    """Find functions that call ``solve`` of a solver with a problem and its control."""
+    for name, _, own in bodies_of(module.tree):
+        for node in own:
+            if isinstance(node, ast.Call) and name_of(node.func) in ("solve", "run_one", "solve_repeatedly"):
+                words = " ".join(map(ast.unparse, node.args))
+                if re.search(r"problem|job|short", words):
+                    yield name, node.lineno
+
+
+PRESENTED = {
+    "mirror",
+    "duplicate",
+    "renumber",
+    "unit_length",
+    "unit_mass",
+    "unit_time",
+    "yaw",
+    "rotation",
+    "retrace",
+    "split",
+    "weld",
+    "perturb",
+}
+
+
+def find_presentations(module: Module) -> Found:
+    """Find classes, tables, tuples and calls that name four or more of the ways in which a problem is presented."""
+    for name, scope, own in bodies_of(module.tree):
+        if isinstance(scope, ast.ClassDef):
+            fields = {name_of(n.target) for n in scope.body if isinstance(n, ast.AnnAssign)}
+            if len(fields & PRESENTED) >= 4:
+                yield name, scope.lineno
+        for node in own:
+            if isinstance(node, ast.Dict | ast.Tuple | ast.List | ast.Set | ast.Call):
+                words = {n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and isinstance(n.value, str)}
+                words |= {k.arg for k in node.keywords if k.arg} if isinstance(node, ast.Call) else set()
+                if len(words & PRESENTED) >= 4:
+                    yield name, node.lineno
+
+
+IR = re.compile(
+    r"\b(define|declare) (void|double|i64|i32|linkonce|internal)|= call \w|= getelementptr|@llvm\.|<\{?LANES"
+)
+ROADS = {"njit", "jit", "cfunc", "CFunc", "intrinsic", "parse_assembly", "IRBuilder", "vectorize"}
+
+
+def find_roads(module: Module) -> Found:
+    """Find files that compile: by numba, by LLVM, or by text of LLVM that stands in the file."""
+    for node in ast.walk(module.tree):
+        called = node.func if isinstance(node, ast.Call) else None
+        decorated = node.decorator_list if isinstance(node, ast.FunctionDef) else []
+        text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+        marks = {name_of(called)} if called else {name_of(d) for d in decorated}
+        if marks & ROADS or (IR.search(text) and not is_docstring(node, module.tree)):
+            yield "", node.lineno  # type: ignore[attr-defined]
+
+
+def is_docstring(node: ast.AST, tree: ast.Module) -> bool:
+    """Return whether a constant is a docstring."""
+    first = (s.body[0] for _, s, _ in bodies_of(tree) if s.body)
+    return any(isinstance(f, ast.Expr) and f.value is node for f in first)
+
+
+INTERNAL = ("numba.core", "numba.np")  # not in numba's documented interface
+
+
+def find_private(module: Module) -> Found:
+    """Find private names of libraries: imports of ``_module``, attributes ``_name`` that no file of ours defines."""
+    ours = names_of_ours()
+    foreign = {
+        a.asname or a.name.partition(".")[0]
+        for n in ast.walk(module.tree)
+        if isinstance(n, ast.Import)
+        for a in n.names
+    }
+    foreign |= {
+        a.asname or a.name
+        for n in ast.walk(module.tree)
+        if isinstance(n, ast.ImportFrom) and not n.level
+        for a in n.names
+    }
+    for name, _, own in bodies_of(module.tree):
+        for node in own:
+            modules = [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+            modules += [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            modules += (
+                [f"{m}.{a.name}" for m in modules for a in node.names] if isinstance(node, ast.ImportFrom) else []
+            )
+            if any(is_private(part) for m in modules for part in m.split(".")) or any(
+                m.startswith(INTERNAL) for m in modules
+            ):
+                yield name, node.lineno
+            if isinstance(node, ast.Attribute) and is_private(node.attr):
+                root = node.value
+                while isinstance(root, ast.Attribute):
+                    root = root.value
+                if name_of(root) in foreign or node.attr not in ours:
+                    yield name, node.lineno
+            targets = node.targets if isinstance(node, ast.Assign) else []
+            if any(isinstance(t, ast.Attribute) and name_of(t.value) in foreign - {"sys"} for t in targets):
+                yield name, node.lineno
+
+
+# documented in Python's manual in spite of their names
+DOCUMENTED = {"_asdict", "_replace", "_make", "_fields", "_field_defaults", "_exit", "_getframe"}
+
+
+def is_private(name: str) -> bool:
+    """Return whether a name is ``_private``."""
+    return name.startswith("_") and not name.startswith("__") and name.strip("_") != "" and name not in DOCUMENTED
+
+
+@cache
+def names_of_ours() -> set[str]:
+    """Return all private names that files of the product define."""
+    out = set()
+    for module in read_modules():
+        for node in ast.walk(module.tree):
+            if isinstance(node, Scope) and not isinstance(node, ast.Module):
+                out.add(node.name)
+            elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
+                out |= (
+                    {name_of(node)} if isinstance(node, ast.Name) or name_of(node.value) in ("self", "cls") else set()
+                )
+    return out
+
+
+@cache
+def names_of_classes() -> dict[str, set[str]]:
+    """Return the files that define a class, by its name."""
+    out: dict[str, set[str]] = defaultdict(set)
+    for module in read_modules():
+        for node in ast.walk(module.tree):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                out[node.name].add(module.path)
+    return out
+
+
+def find_shared_names(module: Module) -> Found:
+    """Find classes whose name a class of another file has too."""
+    for name, scope, _ in bodies_of(module.tree):
+        if isinstance(scope, ast.ClassDef) and len(names_of_classes().get(scope.name, ())) > 1:
+            yield name, scope.lineno
+
+
+FINDERS: dict[str, Callable[[Module], Found]] = {
+    "spanning trees": find_spanning_trees,
+    "tableaus of DOP853": find_tableaus,
+    "steppers of pairs": find_steppers,
+    "Newton loops": find_newton_loops,
+    "integration loops": find_integration_loops,
+    "step controllers": find_controllers,
+    "factorisations": find_factorisations,
+    "processes to talk to": find_protocols,
+    "cache folders": find_caches,
+    "runs of one run": find_runs_of_one,
+    "lists of presentations": find_presentations,
+    "roads to machine code": find_roads,
+    "private interfaces of libraries": find_private,
+    "names that classes share": find_shared_names,
+}

@@ -1,0 +1,72 @@
+"""Projection of recorded poses onto their constraints, so that redundant rows agree where a quantity is computed.
+
+Rows that are redundant on the constraints alone (planar loops in space, linkages of Bennett and Bricard) contradict
+each other at a pose that is off by 1e-7: accelerations of index 1 there belong to no mechanism.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from . import so3
+from .index1 import least_changes
+from .motion import constraint
+from .state import States
+from .system import MultibodySystem
+
+NEAR = 64.0 * np.finfo(float).eps  # share of the size: a pose that is as near as that is left as it is
+INDEPENDENT = 1e-5  # least to largest singular value of rows that move the pose: redundant ones are left out
+SETTLED = 0.5  # ratio to the residual before: one that falls less is rounding
+PASSES = 8  # Gauss-Newton passes, which square the residual
+
+
+def find_arms(system: MultibodySystem) -> Float[np.ndarray, " nb"]:
+    """Return a length [m] of each body that turns moments into forces: of its longest joint arm or its gyration."""
+    arm = np.append(system.gyration, 0.0)  # the last one is the ground
+    for body, s in ((system.joint_i, system.joint_s_i), (system.joint_j, system.joint_s_j)):
+        np.maximum.at(arm, body, np.linalg.norm(s, axis=1))
+    return arm[:-1]
+
+
+def project_poses(system: MultibodySystem, s: States) -> States:
+    """Return the states at the nearest poses that satisfy the constraints, with the same velocities.
+
+    Nearest by displacements weighed with mass and gyration, by Newton's method; a step that increases a gap is taken
+    back.
+    """
+    if system.nrows == 0 or len(s) == 0:
+        return s
+    metres = np.ones(system.nrows)
+    metres[system.turning_rows] = np.max(system.gyration)
+    near = NEAR * (float(np.max(np.abs(s.r), initial=0.0)) + float(np.max(find_arms(system))))
+    r, R = s.r.copy(), s.R.copy()
+    left, before = np.arange(len(s)), np.full(len(s), np.inf)
+    last_r, last_R = r.copy(), R.copy()
+    for _ in range(PASSES):
+        here = States(r[left], R[left], s.v[left], s.Omega[left], s.times[left])
+        phi = constraint(system, here)
+        size = np.max(np.abs(phi * metres), axis=1)
+        worse = left[~(size < before)]
+        r[worse], R[worse] = last_r[worse], last_R[worse]
+        off = np.isfinite(size) & (size > near) & (size < SETTLED * before)
+        left, here, phi, before = left[off], here.at(off), phi[off], size[off]
+        if not len(left):
+            break
+        last_r[left], last_R[left] = r[left], R[left]
+        change = least_changes(system, here, -phi, INDEPENDENT)
+        r[left] += change[..., :3]
+        R[left] = R[left] @ so3.exp(change[..., 3:])
+    return States(r, R, s.v, s.Omega, s.times, s.angles)
+
+
+def disturb_poses(system: MultibodySystem, s: States, by: np.ndarray, seed: int) -> States:
+    """Return the states at poses moved at random by about ``by`` [m] (nt,), from ``seed``, and projected again.
+
+    A quantity computed there differs from that at ``s`` by as much as an error of ``by`` makes it uncertain.
+    """
+    random = np.random.default_rng(seed)
+    arm = float(np.max(find_arms(system)))
+    move, turn = random.standard_normal((2, system.nb, 3))
+    size = by[:, None, None]
+    return project_poses(
+        system, States(s.r + size * move, s.R @ so3.exp(size / arm * turn), s.v, s.Omega, s.times, s.angles)
+    )

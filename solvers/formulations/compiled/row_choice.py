@@ -1,0 +1,240 @@
+"""Choice of other rows of S where those kept become nearly dependent although all rows together do not (compiled).
+
+The factor takes rows in a fixed order and leaves out those that depend on earlier ones. Along a motion a kept row may
+come into the span of the others while one left out leaves it, as in Bennett's linkage with its crank at 180 degrees:
+two rows change places, the motion is regular, but no step crosses the pose with the kept ones. There the rows are taken
+by the largest pivot next, each a share of its own diagonal; the others are left out of the same factor, until those of
+the fixed order are well independent again. Near a change of rank no choice is better, and the kept rows stay.
+Code made for a mechanism factorises in a fixed order, too, and chooses in the same way from the pivots that it returns.
+"""
+
+import math
+
+from ....harness.mechanics.loops import closes_loops
+from ....harness.mechanics.system import MultibodySystem
+from .blocks import WIDTH
+from .entries import compile_inline, inner_fused, run
+from .factor import DEPENDENT, assemble, eliminate, turn_rows, turn_rows_back
+
+POOR = 1e-2  # share of its own diagonal (a squared sine) of a kept row's pivot, at which others are searched for
+WORN = 0.1  # the same as a share of the least pivot at the start
+# multiple of a poor pivot at which the rows by order are used again: a step's repetitions keep its rows
+RECOVERED = 4.0
+BETTER, GOOD = 10.0, 0.2  # others are taken above this multiple of the kept rows' least pivot; share of what is poor
+AGAIN = 0.25  # share of the least pivot at a vain search, to search again
+VAGUE = 1e-6  # pivot that an error of the pose may leave for a dependent row
+NEVER, IN_USE, BEFORE = range(3)  # whether rows are chosen
+KEEP, AS_CHOSEN, SEARCH = range(3)  # what is done with a factor
+MOST_ROWS = 300  # rows of a mechanism at most: a search costs their cube
+
+
+def may_choose(system: MultibodySystem) -> bool:
+    """Return whether rows may be chosen: joints close loops, as rows of a tree are independent, and rows are few."""
+    return 0 < system.nrows <= MOST_ROWS and closes_loops(system)
+
+
+def choose_rows(k):
+    """Keep the factor in ``k.L``, or make it anew on other rows where those kept are nearly dependent."""
+    _choose_rows(k, WIDTH)
+
+
+def choose_rows_points(k):
+    """Choose rows like ``choose_rows``, where no joint has more than three."""
+    _choose_rows(k, 3)
+
+
+def leave_out(k):
+    """Set ``k.rhs`` := 0 in the constraint rows left out of the factor.
+
+    Their multipliers may come from an estimate by steps that kept them, and no solution corrects them there. Without a
+    choice so far they have been zero all along.
+    """
+    if k.state.chosen == NEVER:
+        return
+    b = k.blocks
+    turn_rows(k, k.rhs)
+    for col in range(len(b.joint)):
+        for c in range(b.size[col]):
+            if k.L[b.start[col], c, c] == 0.0:
+                k.rhs[b.row[col] + c] = 0.0
+    turn_rows_back(k, k.rhs)
+
+
+def choose_rows_of_code(k):
+    """Keep the factor that code of the mechanism has made, or make it anew on better rows."""
+    state, rank = k.state, _rank_of_code(k)
+    least = _least_pivot_of_code(k)
+    look = _look(state, len(k.inverse_share), rank, least)
+    if look == KEEP:
+        return
+    if look == AS_CHOSEN:
+        _keep_chosen(k)
+        if _rank_of_code(k) == rank and _least_pivot_of_code(k) > state.poor:
+            return
+    run(k.fill_dense)
+    if _take(state, _choose(k, rank, state.first), least):
+        _keep_chosen(k)
+    else:
+        run(k.factorise_code)
+
+
+def leave_out_of_code(k):
+    """Set ``k.rhs`` := 0 in the rows left out, like ``leave_out``, for a factor by code of the mechanism."""
+    if k.state.chosen == NEVER:
+        return
+    for a in range(len(k.rhs)):
+        if k.inverse_share[a] == 0.0:
+            k.rhs[a] = 0.0
+
+
+@compile_inline
+def _look(state, n, rank, least):
+    """Return what to do with a factor of ``n`` rows in the fixed order: KEEP, AS_CHOSEN or SEARCH.
+
+    ``rank`` is the number of rows kept in it, ``least`` their least pivot as a share of its diagonal.
+    """
+    if rank >= n:
+        state.first = rank if state.first < 0 else state.first
+        return KEEP
+    if state.first < 0:
+        state.first, state.poor = rank, min(POOR, WORN * least)
+        state.limit = state.poor
+    if state.chosen == IN_USE:
+        if least > RECOVERED * state.poor:
+            state.chosen = BEFORE
+            return KEEP
+        return AS_CHOSEN
+    if least > state.poor:
+        state.limit = state.poor
+        return KEEP
+    return KEEP if least > state.limit else SEARCH
+
+
+@compile_inline
+def _take(state, better, least):
+    """Return whether to take the rows chosen, whose least pivot is ``better``, for those whose least is ``least``."""
+    if better > BETTER * max(least, GOOD * state.poor):
+        state.chosen = IN_USE
+        return True
+    state.limit = AGAIN * least
+    state.chosen = BEFORE if state.chosen != NEVER else NEVER
+    return False
+
+
+@inner_fused
+def _choose_rows(k, W):
+    """Keep the factor of the fixed order, make it on the rows chosen before, or search for rows anew."""
+    state, rank = k.state, k.state.rank
+    least = _least_pivot(k) if rank < len(k.diagonal) else 1.0
+    look = _look(state, len(k.diagonal), rank, least)
+    if look == KEEP:
+        return
+    if look == AS_CHOSEN:
+        assemble(k, W)
+        _leave_others(k)
+        eliminate(k, W)
+        if state.rank == rank and _least_pivot(k) > state.poor:
+            return
+    assemble(k, W)
+    _copy_scaled(k)
+    better = _choose(k, rank, state.first)
+    assemble(k, W)
+    if _take(state, better, least):
+        _leave_others(k)
+    eliminate(k, W)
+
+
+@compile_inline
+def _keep_chosen(k):
+    """Make the factor by code again on the chosen rows alone; later factors are in the fixed order again."""
+    for a in range(len(k.pivot_bound)):
+        if k.chosen[a] == 0:
+            k.pivot_bound[a] = math.inf
+    run(k.factorise_code)
+    for a in range(len(k.pivot_bound)):
+        k.pivot_bound[a] = DEPENDENT
+
+
+@compile_inline
+def _rank_of_code(k):
+    """Return the number of rows kept in a factor by code, and set ``k.state.rank`` to it."""
+    rank = 0
+    for a in range(len(k.inverse_share)):
+        rank += k.inverse_share[a] > 0.0
+    k.state.rank = rank
+    return rank
+
+
+@compile_inline
+def _least_pivot_of_code(k):
+    """Return the least pivot of the rows kept in a factor by code, each as a share of its own diagonal."""
+    most = 1.0
+    for a in range(len(k.inverse_share)):
+        most = max(most, k.inverse_share[a])
+    return 1.0 / most
+
+
+@compile_inline
+def _leave_others(k):
+    """Make ``eliminate`` leave out the rows that are not chosen, by an infinite ``k.diagonal``."""
+    for a in range(len(k.diagonal)):
+        if k.chosen[a] == 0:
+            k.diagonal[a] = math.inf
+
+
+@compile_inline
+def _least_pivot(k):
+    """Return the least pivot of the rows kept, each as a share of its own diagonal."""
+    b, least = k.blocks, 1.0
+    for col in range(len(b.joint)):
+        for c in range(b.size[col]):
+            inverse = k.L[b.start[col], c, c]
+            if inverse > 0.0:
+                least = min(least, 1.0 / (inverse * inverse * k.diagonal[b.row[col] + c]))
+    return least
+
+
+@compile_inline
+def _copy_scaled(k):
+    """Copy S, scaled to a diagonal of one, to ``k.dense``; rows of zero diagonal stay zero."""
+    b, S, n = k.blocks, k.dense, len(k.diagonal)
+    for a in range(n):
+        for c in range(n):
+            S[a, c] = 0.0
+    for col in range(len(b.joint)):
+        for p in range(b.start[col], b.start[col + 1]):
+            at, to = b.row[b.other[p]], b.row[col]
+            for a in range(b.size[b.other[p]]):
+                for c in range(b.size[col]):
+                    square = k.diagonal[at + a] * k.diagonal[to + c]
+                    if square > 0.0:
+                        S[at + a, to + c] = k.L[p, a, c] / math.sqrt(square)
+                        S[to + c, at + a] = S[at + a, to + c]
+
+
+@compile_inline
+def _choose(k, rank, first):
+    """Mark ``rank`` rows in ``k.chosen`` by the largest pivot next; return the least pivot.
+
+    Beyond the ``first`` rows that are independent at the start, a ``VAGUE`` pivot is an error of the pose.
+    """
+    S, chosen, n, least = k.dense, k.chosen, len(k.diagonal), 1.0
+    for a in range(n):
+        chosen[a] = 0
+    for count in range(rank):
+        best = -1
+        for a in range(n):
+            if chosen[a] == 0 and (best < 0 or S[a, a] > S[best, best]):
+                best = a
+        pivot = S[best, best]
+        if not pivot > (VAGUE if count >= first else DEPENDENT):
+            break
+        chosen[best] = 1
+        least = min(least, pivot)
+        for a in range(n):
+            if chosen[a] == 0:
+                share = S[a, best] / pivot
+                for c in range(n):
+                    if chosen[c] == 0:
+                        S[a, c] -= share * S[best, c]
+    return least

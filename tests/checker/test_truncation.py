@@ -1,0 +1,44 @@
+"""Each ratio of the law of truncation by itself, on a body in free fall that spins about an axis of inertia."""
+
+import numpy as np
+import pytest
+
+from .test_check_bundle import checker
+
+G, SPIN, T_END, H = 10.0, 2.0, 1.0, 0.01  # [m/s^2], [rad/s], [s], [s]
+SIZES = {"body": 1, "user": 0, "joint": 0}
+
+
+def problem_of(gravity=G):
+    """The problem of one free body, without an exact motion that could excuse an error."""
+    numbers = {key: np.zeros([SIZES.get(axis, axis) for axis in axes]) for key, axes in checker.SHAPES.items()}
+    numbers |= {"mass": np.ones(1), "inertia": np.diag([0.1, 0.2, 0.3])[None], "gyration": np.full(1, 0.6)}
+    numbers |= {"gravity": np.array([0.0, 0.0, -gravity]), "start_R": np.eye(3)[None]}
+    head = {"t_end_s": T_END, "literal_start": False, "not_serialised": [], "invariants": [], "joint_kinds": []}
+    head |= {"reference": {"route": "", "horizon_s": 0.0}, "numbers": {k: a.tolist() for k, a in numbers.items()}}
+    return checker.Problem(head, None, "free fall")
+
+
+def move(extra_velocity=0.0):
+    """The exact states; velocities along x too large by a constant, which changes no quotient of velocities."""
+    t = np.arange(0.0, T_END + H / 2, H)
+    states = np.zeros((len(t), 20))
+    states[:, 0], states[:, 3] = t, -0.5 * G * t**2
+    states[:, 4:13] = checker.exp(t[:, None] * np.array([0.0, 0.0, SPIN])).reshape(-1, 9)
+    states[:, 13], states[:, 15], states[:, 18] = extra_velocity, -G * t, SPIN
+    return states
+
+
+def find_ratio(problem, states):
+    return checker.TruncationLaw(problem, states, None, speed=G * T_END, length=5.0).find_ratios()[0]
+
+
+def test_the_exact_motion_keeps_the_law():
+    assert find_ratio(problem_of(), move()) < 1e-6
+
+
+@pytest.mark.parametrize("what", ["velocities", "accelerations"])
+def test_one_ratio_finds_what_it_is_for(what):
+    """Velocities that poses do not follow, with right accelerations; and a motion of another gravity."""
+    right, states = problem_of(), move(0.5 * G * T_END if what == "velocities" else 0.0)
+    assert find_ratio(right if what == "velocities" else problem_of(0.5 * G), states) > 1.0

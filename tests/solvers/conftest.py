@@ -1,0 +1,13 @@
+"""Code of mechanisms without what takes long to compile, for tests that do not look at it."""
+
+import pytest
+
+from mbsbench.solvers.formulations.joint_coordinates import code
+
+
+@pytest.fixture
+def without_whole_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Code that lacks all stages of a step as one function, which takes seconds to compile."""
+    own = code._own_text()
+    monkeypatch.setattr(code, "SMALL", 0)
+    monkeypatch.setattr(code, "_own_text", lambda: f"{own} without steps")  # kept under a key of its own
