@@ -7,7 +7,7 @@ J H^-1 J^T.
 import math
 from typing import Any, NamedTuple
 
-from ..compiled.algebra import clear, copy, times
+from ..compiled.algebra import clear, copy, take_larger, times
 from ..compiled.entries import compile_inline, run
 from .closing_rows import couple_rows, factor_closing, rate_rows, release, respond, solve_closing
 from .limbs import Closing, Limbs
@@ -207,7 +207,7 @@ def finish_tree(s: Any) -> None:
         run(c.evaluate)
         gap = 0.0
         for k in range(len(c.out)):
-            gap = max(gap, abs(c.phi[c.out[k]]))
+            gap = take_larger(gap, abs(c.phi[c.out[k]]))
         s.gap[0] = gap
         rate_rows(l, c, l.motion)
         for k in range(len(c.kept)):
