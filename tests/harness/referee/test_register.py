@@ -131,6 +131,13 @@ def test_whoever_is_to_leave_the_plane_can(places):
         assert {p.dimensions["frame"] for p in select(places, c.map.over)} == {"yawed by 0.3 rad", "yawed by 0.7 rad"}
 
 
+def test_a_frame_turned_against_the_plane_is_not_the_papers(places):
+    """Sect. 5.2 prints the plane OXY and gravity along OY, Sect. 5.3 the axes of the chain."""
+    for m in (c.map for c in REGISTER.claims if c.map and c.map.printed):
+        own = [p for p in select(places, m.over) if p.spec.problem in ("spherical_pendulum", "chain")]
+        assert {p.dimensions["frame"] for p in own if is_printed(p, m.printed)} <= {"aligned"}, m.name
+
+
 def test_paired_claims_find_their_partners(places):
     """A comparison without the other run is none."""
     for c in (c for c in REGISTER.claims if c.map and c.against):
