@@ -156,7 +156,7 @@ def test_solvers_with_a_stand_in_are_worded_for_what_was_run(places):
     """Every classical solver of a claim of the paper has its sentence: IDA is not ode15i. Others stand for none."""
     own = [c for c in REGISTER.claims if c.map and not c.id.startswith("beyond-")]
     run = {p.spec.solver for c in own for p in select(places, c.map.over)}
-    modern = {"rkmk_dopri5", "rkmk_dop853", "radau_ggl"}  # stand for none: the paper invites such methods
+    modern = {"gc_composed", "gc_extrapolated", "scipy_strong_form"}  # stand for none: the paper invites such methods
     assert run - {"gc_weak_form", "gc_augmented_lagrangian"} - modern <= REGISTER.solvers.keys()
 
 
