@@ -187,7 +187,7 @@ def _finding(
     runs = [(numbers.records[p.spec.settings_id], _ending(claim, p, numbers)) for p in (*own, *beside)]
     if _ends_early(claim, test, value, (*own, *beside), numbers):
         return None
-    if math.isnan(value) and (_compares(test) or MEASURES[test.metric].of_event):
+    if math.isnan(value) and _compares(test):
         return None
     if not (is_settled(test, *runs[0], value) if len(runs) == 1 else all(covers_interval(test, *run) for run in runs)):
         return None
