@@ -8,7 +8,7 @@ import numpy as np
 
 from ...results.records import RunRecord
 from ...results.series import Series
-from .measures import END, NAN, bound, cut_interval, measure, measure_over
+from .measures import END, NAN, cut_interval, measure, measure_over
 
 START_UP = 0.01  # fraction of t_end after which step sizes are judged
 
