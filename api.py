@@ -126,7 +126,7 @@ class Results:
     unreadable: tuple[store.UnreadableFile, ...]  # damaged files or files of another version, with the reason
 
     def table(self) -> "pd.DataFrame":
-        """Return one row per run, with the columns of ``RunRecord``."""
+        """Return a table with one row per run and the columns of ``RunRecord``."""
         return store.table(run.record for run in self.runs)
 
     def __repr__(self) -> str:
@@ -158,8 +158,8 @@ def solve(
     ``t_end`` [s] replaces the problem's end time. The solver stops itself after ``max_steps``, and at ``cpu_limit``
     [s].
 
-    A run that fails is returned with its status and its steps; a wrong call raises ValueError, a fault in the solver
-    whatever it raises.
+    A run that fails is returned with its status and its steps; a wrong call raises ValueError, and an exception of the
+    solver is passed on.
     """
     _warn_of_own_bits()
     variant = _resolve_problem(problem, t_end)
@@ -204,7 +204,7 @@ def scipy(method: str, **options: Any) -> Solver:
 
 @cache
 def _warn_of_own_bits() -> None:
-    """Warn once if runs have the bits of this processor, e.g. as NumPy was loaded before it could be pinned."""
+    """Warn once if numbers depend on this processor, e.g. because NumPy was loaded before it could be pinned."""
     if words := machine.explain_deviations():
         remedy = ": import mbsbench before numpy and numba" if machine.variables() else ""
         warnings.warn(words + remedy, stacklevel=3)
@@ -251,7 +251,7 @@ def _resolve_solver(
 
 
 def _draw_figure(given: list[tuple[RunRecord, Series]]) -> "Figure":
-    """Draw these runs as the reports do: write them to a temporary results folder and plot from there."""
+    """Draw runs as the reports do, from a temporary results folder to which they are written."""
     from .reports.model.motion import read_curves
     from .reports.model.results import read_results
     from .reports.plots.laws import Drawing, errors, laws

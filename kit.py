@@ -1,4 +1,4 @@
-"""Check an engine's model of our problems, stepped by the engine's own tests (``mbsbench.kit``, docs/engines.md).
+"""Check an engine's motion of our problems, from the engine's own tests (``mbsbench.kit``, docs/engines.md).
 
 Call ``kit.check(case, motion, order=..., precision=...)`` for each of ``kit.CASES``, or in a terminal ``python -m
 mbsbench.kit FILE.py:FUNCTION [CASE ...]``.

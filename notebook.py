@@ -92,7 +92,7 @@ def _show_title(title: str) -> str:
 
 
 def _escape(text: str) -> str:
-    """Return text in which nothing is markup: names and messages come from plug-ins and from files of others."""
+    """Return text with markup escaped: names and messages come from plug-ins and from files of others."""
     return escape(escape_text(text))
 
 

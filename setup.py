@@ -1,4 +1,4 @@
-"""Set what pyproject.toml cannot: the repository's root is the package mbsbench, with the packages found below."""
+"""Set options that pyproject.toml cannot: the repository's root is the package mbsbench, with the packages below it."""
 
 from setuptools import find_packages, setup
 

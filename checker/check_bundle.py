@@ -9,7 +9,7 @@ A reader can follow the check from top to bottom, in the order in which it is do
 
  1. ``read_files``         sizes, names, digests, shapes of all members          [Files]
  2. ``Report``             runs the checks, notes agreement and disagreement
-      check_head           lossless, codes, which files there must be            [Files]
+      check_head           lossless, codes, files that are required              [Files]
       check_suites         suites and environments                               [Files]
       check_table          every cell of the table                               [Table]
  3. ``Problem``            numbers and mechanics of a problem                    [A problem]
@@ -30,7 +30,7 @@ A reader can follow the check from top to bottom, in the order in which it is do
       check_trend          slope and means of the energy error                   [Energy trend]
       check_plane          distance from the plane of a planar motion            [Plane]
       check_maxima         largest and last of phi, energy, errors               [Maxima]
-      check_errors_in_time until when the run follows the exact motion           [In time]
+      check_errors_in_time how long the run tracks the exact motion              [In time]
       check_peaks          when each maximum occurred                            [Peaks]
       check_first_breaks   when each law was first broken                        [First breaks]
       check_kinematics     poses follow velocities                               [Kinematic defect]
@@ -58,7 +58,7 @@ from pathlib import Path
 
 import numpy as np
 
-# What a file may be: generous for thousands of runs, little for a computer.
+# Limits of a file: generous for thousands of runs, and small for a computer.
 FILE_NAMES = re.compile(
     r"((runs|references|series)/[\w-]{1,64}\.npy|(problems/)?[\w.-]{1,64}\.(json|toml|txt))",
     re.ASCII,
@@ -75,7 +75,7 @@ PLAIN_COMPRESSIONS = {0, 8, 12}  # stored, deflate, bzip2
 VERSION = 5  # of the format of bundles
 SCHEMA = 3  # of records
 
-# By how much numbers may differ.
+# Differences allowed between numbers.
 RELATIVE = 1e-6  # recorded from recomputed: other formulas of the same law, other libraries
 ROUNDING = 1e-12  # of the terms that are added: some thousand roundings of 2e-16
 STEP = 1e-30  # of complex steps: its square vanishes beside 1, its quotient is exact to rounding
@@ -254,7 +254,7 @@ class BodyStates:
 
 
 def unpack(states):
-    """Return the bodies of states (n, 2 + 18 nb)."""
+    """Return the BodyStates of states (n, 2 + 18 nb)."""
     n = len(states)
     nb = states.shape[1] // BODY_NUMBERS
     each = states[:, 1:-1].reshape(n, nb, BODY_NUMBERS)
@@ -265,9 +265,10 @@ def unpack(states):
 def interpolate_pose(states, t):
     """Return r (nb, 3) and R (nb, 3, 3) at a time between two states [Instants].
 
-    Cubics with the values and the rates of both ends, of r and of theta in R exp(theta). With
-    x = (t - t0) / h: x^2 (3 - 2x) of the change, h x (1-x)^2 of the first rate, h x^2 (x-1) of the
-    last. Of theta's turns those nearest to the mean Omega are taken.
+    Cubics with the values and the rates of both ends interpolate r, and theta in R exp(theta). With
+    x = (t - t0) / h their weights are x^2 (3 - 2x) of the change, h x (1-x)^2 of the first rate,
+    and h x^2 (x-1) of the last. Of the vectors theta that differ by whole turns, the nearest to the
+    mean Omega is used.
     """
     times = states[:, TIME]
     k = min(max(np.searchsorted(times, t, "right") - 1, 0), len(states) - 2)
@@ -291,13 +292,13 @@ def interpolate_pose(states, t):
 
 
 def demand(condition, message):
-    """Refuse the bundle unless a condition holds."""
+    """Raise ValueError with a message, which refuses the bundle, unless a condition holds."""
     if not condition:
         raise ValueError(message)
 
 
 def read_files(path):
-    """Return the members of a bundle by name, parsed once sizes and digests are sound [Files]."""
+    """Return the members of a bundle by name, parsed once sizes and digests are checked [Files]."""
     files = read_members(path)
     check_manifest(files)
     for name, raw in files.items():
@@ -309,7 +310,10 @@ def read_files(path):
 
 
 def read_members(path):
-    """Return the bytes of all members: at most 20,000 of 1 GiB, plain files of known names."""
+    """Return the bytes of all members by name.
+
+    Refuse more than 20,000 members or 1 GiB, and anything but plain files of known names.
+    """
     sound = (
         path.is_file()
         and path.stat().st_size <= MAX_BYTES
@@ -334,7 +338,7 @@ def read_members(path):
 
 
 def check_manifest(files):
-    """Take out the manifest; refuse the files unless it has the SHA-256 of each and no more."""
+    """Remove the manifest from ``files``; refuse all unless it lists exactly their SHA-256."""
     listed = files.pop(MANIFEST).decode("ascii").splitlines()
     found = {f"{hashlib.sha256(raw).hexdigest()}  {name}" for name, raw in files.items()}
     wrong = sorted(set(listed) ^ found)
@@ -342,7 +346,7 @@ def check_manifest(files):
 
 
 def parse_numbers(name, raw):
-    """Return an array of float64, a row a state, after times have been found to increase."""
+    """Return an array of float64, a row per state or a vector; refuse times not in order."""
     values = np.lib.format.read_array(io.BytesIO(raw), allow_pickle=False).T
     times = values[:, TIME] if values.ndim == 2 else ZERO[:1]
     ordered = np.isfinite(times).all() and (np.diff(times) > 0).all()
@@ -351,14 +355,14 @@ def parse_numbers(name, raw):
 
 
 def parse_json(name, raw):
-    """Return the content of a JSON file of bounded size in which no key occurs twice."""
+    """Return the content of a JSON file; refuse one that is too large or has a key twice."""
     values = raw.count(b",") + raw.count(b"[") + raw.count(b"{")
     demand(len(raw) <= MAX_JSON_BYTES and values <= MAX_JSON_VALUES, f"{name} is too large")
     return json.loads(raw, object_pairs_hook=read_object)
 
 
 def read_object(pairs):
-    """Return a JSON object as a dictionary, of keys that occur once each."""
+    """Return a JSON object as a dictionary; refuse a key that occurs twice."""
     found = dict(pairs)
     demand(len(found) == len(pairs), "a key twice")
     return found
@@ -399,7 +403,7 @@ def list_point_rows(g):
 
 
 def list_line_rows(g):
-    """Return the rows of lines: n_k.d = 0 [m]; of a distance (d.d - L^2) / 2L."""
+    """Return the rows of lines: n_k.d = 0 [m]; the row of a distance is (d.d - L^2) / 2L."""
     distance = (dot(g.d, g.d) / g.length - g.length) / 2
     first = np.where(g.is_distance, distance, dot(g.n1, g.d))
     return [first, dot(g.n2, g.d), dot(g.n3, g.d)]
@@ -442,7 +446,10 @@ def list_rolling_disc_rows(g):
 
 
 def find_slip(g, point):
-    """Return i STEP (v_i - v_j), the velocities of both bodies' matter at a point (n, nj, 3)."""
+    """Return i STEP (v_i - v_j), with the velocities of both bodies at a point (n, nj, 3).
+
+    They are those of the material of each body at that point.
+    """
 
     def move_matter(r, R):
         at_rest = R.real.swapaxes(2, 3) @ (point - r).real[..., None]  # the point in the body frame
@@ -551,7 +558,7 @@ class Problem:
         self.read_exact(exact, data["reference"])
 
     def read_numbers(self, numbers, name):
-        """Take every number under its name, all finite and of their shapes [Numbers]."""
+        """Set every number as an attribute; refuse one not finite or of a wrong shape [Numbers]."""
         sizes = {}  # how many bodies, user forces and joints: of the first array of each
         for key, axes in SHAPES.items():
             values = np.array(numbers[key], float)
@@ -582,7 +589,7 @@ class Problem:
         self.normal = None if normal is None else np.array(normal, float).reshape(3)
 
     def place_rows(self):
-        """Find the joint of each row, and its place in PLACES, joint by joint [Rows]."""
+        """Set the joint and the place in PLACES of each row, joint by joint, and masks [Rows]."""
         counts = {"points": self.points, "lines": self.lines, "axes": self.axes}
         for kind in ROW_FUNCTIONS:
             counts.setdefault(kind, self.moving * (self.kinds == kind))
@@ -595,7 +602,7 @@ class Problem:
         self.row_is_angle = np.isin(self.row_place, ANGLE_PLACES)
 
     def read_switches(self, data):
-        """Take what turns laws on and off: literal start, user forces, work, invariants."""
+        """Set the switches of laws: literal start, user forces, work, invariants."""
         self.literal = bool(data["literal_start"])
         self.has_user_forces = bool(self.user_count or data["not_serialised"])
         self.find_work()
@@ -605,10 +612,10 @@ class Problem:
             self.laws += ["gap", "gap_rate"]
 
     def find_work(self):
-        """Find the joints and forces that do work: numbers without effect turn no law off [Energy].
+        """Set the mask (nj) of the joints and forces that do work [Energy].
 
-        A damper has c and a row; a drive, knife edge or load has a row and an f that is not 0, a
-        load a force or torque, too.
+        A damper has c and a row; a drive, knife edge or load has a row and an f that is not 0, and
+        a load a force or torque, too. Numbers without effect switch no law off.
         """
         a, w, p = self.motion[:, 4:].T
         has_f = (self.motion[:, :4] != 0).any(1) | ((a != 0) & ((w != 0) | (p != 0)))
@@ -621,14 +628,14 @@ class Problem:
         self.has_work = bool(self.has_user_forces or self.works.any())
 
     def does_work(self, part):
-        """Return whether work is done on the mechanism of the bodies in a mask ``part`` (nb)."""
+        """Return whether work is done on the bodies in a mask ``part`` (nb) of a mechanism."""
         with_ground = np.append(part, False)
         joints = with_ground[self.i] | with_ground[self.j]
         forces = with_ground[self.user_i] | with_ground[self.user_j]
         return bool((joints & self.works).any() or forces.any())
 
     def find_mechanisms(self):
-        """Find bodies that joints and forces connect, those held, and their arms [Mechanisms].
+        """Set the mechanisms, which joints and forces connect, held bodies and arms [Mechanisms].
 
         mechanisms: list of masks (nb); held (nb): by a joint, spring or user force at the ground;
         arm (nb): |s| of the farthest joint, or the gyration if that is longer [m]; arm_sum (nb):
@@ -661,7 +668,7 @@ class Problem:
         self.rim = self.gyration.max() + self.arm_sum.sum()
 
     def read_exact(self, exact, reference):
-        """Take the start, the exact motion, and its states that set scales, all (n, 2 + 18 nb)."""
+        """Set the start, the exact motion, and its states that set scales, all (n, 2 + 18 nb)."""
         bodies = [self.start_r, self.start_R, self.start_v, self.start_Omega]
         bodies = np.concatenate([values.reshape(self.nb, -1) for values in bodies], 1)
         self.start = np.array([[0, *bodies.ravel(), 0]])
@@ -696,7 +703,7 @@ class Problem:
         """Return phi and phi_dot (n, rows), and which gaps are half a turn off (n, rows) [Rows].
 
         The velocities are those of the states; or ((v_i, Omega_i), (v_j, Omega_j)) of every joint,
-        while time stands still. ``ahead`` [s]: at poses and times that much later.
+        with time held fixed. ``ahead`` [s] moves poses and times forward by that much.
         """
         g = self.place_joints(states, velocities, ahead)
         nothing = np.zeros((len(states), len(self.kinds)))
@@ -716,9 +723,9 @@ class Problem:
         return rows.real, rows.imag / STEP, half_turned
 
     def find_reversed_joints(self, states):
-        """Return the mask (nj) of joints whose u, held along n3, ever points the other way [Gaps].
+        """Return the mask (nj) of joints whose u reverses its direction along n3 [Gaps].
 
-        The other way than at the start, where two or three axis rows hold u.
+        It is compared with that at the start; only two or three axis rows align u with n3.
         """
 
         def find_sides(some):
@@ -734,7 +741,7 @@ class Problem:
         return turned & (self.axes > 1)
 
     def place_joints(self, states, velocities, ahead):
-        """Return the Geometry of all joints, the ground being one more body at rest."""
+        """Return the Geometry of all joints, with the ground as one more body at rest."""
         n = len(states)
         with_ground = np.concatenate([states[:, :-1], np.tile(GROUND, (n, 1)), states[:, -1:]], 1)
         bodies = unpack(with_ground)  # index -1 is the ground
@@ -790,13 +797,13 @@ class Problem:
         return {key: np.concatenate([piece[key] for piece in pieces]) for key in pieces[0]}
 
     def measure_piece(self, states, part):
-        """Return the series of ``measure`` of a few states."""
+        """Return the series of ``measure`` for a few states."""
         b, start = unpack(states), unpack(self.start)
         mass = self.mass * part
         phi, phi_dot, half_turned = self.find_rows(states)
         series = self.measure_rows(phi, phi_dot, half_turned, part)
 
-        # what the ground does not hold is measured from its common C
+        # a mechanism that no joint holds to the ground is measured from its common C
         share = mass / mass.sum()
         if (part & self.held).any():
             share = 0 * share
@@ -822,7 +829,7 @@ class Problem:
         return series
 
     def touches(self, part):
-        """Return the mask of rows (rows) that a mechanism has."""
+        """Return the mask (rows) of the rows that act on the bodies in a mask ``part`` (nb)."""
         with_ground = np.append(part, False)
         return (with_ground[self.i] | with_ground[self.j])[self.row_joint]
 
@@ -842,8 +849,8 @@ class Problem:
         """Return the series of a mechanism and its scales [Scales].
 
         Scales are maxima over the exact motion to its horizon, and over steps of the run beyond it
-        before the first break [s] of a law; those at rest where neither moves, which is known of a
-        motion that is there as a whole.
+        before the first break [s] of a law. If neither moves, and the whole motion is known, they
+        are the scales of a mechanism at rest.
         """
         series, exact = self.measure(states, part), self.measure(self.scale_states, part)
         t = states[:, TIME]
@@ -863,7 +870,7 @@ class Problem:
             return np.append(exact[key], series[key][late])
 
         reach, speed, V, momentum = join("reach"), join("speed"), join("V"), join("momentum")
-        gained = np.maximum(series["energy"][late], 0)  # was not there to be exchanged
+        gained = np.maximum(series["energy"][late], 0)  # an error, not energy to be exchanged
         T = np.append(exact["T"], series["T"][late] - gained)
         stretch = np.inf  # how far apart joints with points could be
         if not self.is_loose[part].any():
@@ -883,10 +890,10 @@ class Problem:
         }
 
     def find_scales_at_rest(self, exact, part):
-        """Return the scales of a mechanism that stays at rest, of its numbers alone [Scales].
+        """Return the scales of a mechanism that stays at rest, from its numbers alone [Scales].
 
-        Length L: its longest arm of a joint, largest gyration or spread of the C's. Energy: T(0)
-        + m g L + that of springs, at least m (1e-6 L)^2; speed: sqrt(2 energy / m).
+        Length L: its longest arm of a joint, largest gyration or spread of the C's. Energy: T(0) +
+        m g L + that of springs, at least m (1e-6 L)^2; speed: sqrt(2 energy / m).
         """
         spread = norm(np.ptp(self.start_r[part], 0))
         length = max(self.gyration[part].max(), spread, self.longest_arm[:-1][part].max())
@@ -910,7 +917,7 @@ class Problem:
         }
 
     def differentiate(self, states):
-        """Return A (n, rows, nb, 6): rates of phi for each unit of v and Omega of each body."""
+        """Return A (n, rows, nb, 6): the rate of each phi per unit of v and Omega of each body."""
         rows = np.arange(len(self.row_joint))
         A = np.zeros((len(states), len(rows), self.nb + 1, 6))  # the last body is the ground
         still = self.find_rows(states, np.zeros((2, 2, 3)))[1]
@@ -975,8 +982,8 @@ class Problem:
     def project(self, states):
         """Return states with the nearest poses on phi = 0, by mass and gyration [Truncation].
 
-        Newton's steps y = A^+ phi of each state, rows scaled to one, until phi is rounding or no
-        longer halves; a step that makes it larger is taken back.
+        Newton's steps y = A^+ phi of each state, with rows scaled to one, end when phi is rounding
+        or no longer halves; a step that increases it is undone.
         """
         if not self.row_is_joint.any():
             return states.copy()
@@ -1009,11 +1016,11 @@ class Problem:
         return states
 
     def find_top_error(self):
-        """Return how far the exact motion is from Lagrange's top, a closed form [Exact motion].
+        """Return the deviation of the exact motion from that of Lagrange's top [Exact motion].
 
-        The cosine u to the vertical obeys u'^2 = d (u - u1)(u - u2)(u - u3), so that
-        u = u1 + (u2 - u1) sn^2: its phase grows with time. (n), without unit: the error of the
-        phase times u' over its speed, and how far u is outside u1 .. u2.
+        This is a closed form: the cosine u to the vertical obeys u'^2 = d (u - u1)(u - u2)(u - u3),
+        so that u = u1 + (u2 - u1) sn^2: its phase grows with time. The deviation (n), without unit,
+        is the error of the phase times u' over its speed, plus the distance of u from u1 .. u2.
         """
         top = unpack(np.append(self.start, self.exact, 0))  # the first is the start
         J, m, size, g = self.inertia[0], self.mass[0], norm(self.s_i[0]), norm(self.gravity)
@@ -1078,9 +1085,10 @@ def find_field(rates, Omega=ZERO, turned=ZERO):
 
 
 def find_ratio(off, left, counted):
-    """Return the sum of errors over that of what is open, of the worst body; 0 if undecided.
+    """Return the summed errors over the summed bounds, of the worst body; 0 if undecided.
 
-    off, left (k, nb); counted (k): steps to take, at least nine in ten, of which 3 are finite.
+    off, left (k, nb): errors, and what the steps leave open; counted (k): mask of the steps that
+    count. It is undecided if fewer than nine in ten count, or fewer than 3 of these are finite.
     """
     finite = counted & np.isfinite(off).all(1) & np.isfinite(left).all(1)
     if finite.sum() < 3 or counted.sum() < 0.9 * len(off):
@@ -1090,9 +1098,10 @@ def find_ratio(off, left, counted):
 
 
 def bound_errors(off, left, most):
-    """Return errors and what is open, both scaled down where an error is above ``most``.
+    """Return errors and what is left open, both scaled down where an error is above ``most``.
 
-    Two rates differ by at most twice the largest; of one that is infinite nothing is left open.
+    Two rates differ by at most twice the largest. An infinite error becomes ``most``, with nothing
+    left open.
     """
     share = np.minimum(1, most / np.where(off > 0, off, most))
     infinite = np.isinf(off)
@@ -1101,7 +1110,7 @@ def bound_errors(off, left, most):
 
 
 class TruncationLaw:
-    """The law that rates follow from poses, and from the equations of motion, as far as steps tell.
+    """The law that rates follow from poses and the equations of motion, within the steps' errors.
 
     Limit: no ratio of errors to what the steps leave open is above 1 [Truncation].
     """
@@ -1122,10 +1131,10 @@ class TruncationLaw:
         self.nothing = np.zeros((len(self.steps), problem.nb))
 
     def find_ratios(self):
-        """Return the largest of the first three ratios, and the largest field a over speed [1/s].
+        """Return the largest of three ratios, and the largest acceleration over the speed [1/s].
 
-        Ratios of velocities, accelerations and reactions; those above 1 are found again, with wider
-        bounds and beside those of the exact motion.
+        The ratios are those of velocities, accelerations and reactions. Ratios above 1 are computed
+        again, with wider bounds, and divided by those of the exact motion.
         """
         if len(self.steps) < 3 or not self.speed > 0:
             return 0.0, 0.0
@@ -1145,9 +1154,9 @@ class TruncationLaw:
         return max(velocities, accelerations, reactions), fastest
 
     def list_inner_steps(self):
-        """Return up to 100 inner steps, evenly picked where no body turns by 0.5 rad.
+        """Return up to 100 inner steps, evenly chosen where no body turns by 0.5 rad in a step.
 
-        Of large systems fewer: 2e8 numbers of A^T A are some seconds.
+        They are fewer for large systems: 2e8 numbers of A^T A take some seconds.
         """
         turning = norm(unpack(self.states).Omega).max(1)  # [rad/s]
         fastest = np.maximum(np.maximum(turning[:-2], turning[1:-1]), turning[2:])
@@ -1248,10 +1257,11 @@ class TruncationLaw:
         return np.maximum(norm(load / self.lever).max(1, keepdims=True), self.p.mass * self.slow)
 
     def judge_with_wider_bounds(self, projected, a, load, largest):
-        """Return the ratios of accelerations and reactions, bounds wider by ten times *moved*.
+        """Return the ratios of accelerations and reactions, with wider bounds.
 
-        Moved is what a and the loads change by where poses are moved by their own error. Steps
-        count where it is at most a tenth of the largest.
+        They are wider by ten times the change of accelerations and loads where poses are moved by
+        their own error. Only steps count at which this change is at most a tenth of the largest
+        value.
         """
         b, near = unpack(self.states), unpack(projected)
         k = self.steps
@@ -1269,7 +1279,7 @@ class TruncationLaw:
         return accelerations, self.judge_reactions(load, 10 * moved, counted)
 
     def disturb(self, states, by, seed):
-        """Return states moved at random by about ``by`` (k) [m] and projected again."""
+        """Return states moved at random by about ``by`` (k) [m], then projected again."""
         shift, turned = np.random.default_rng(seed).standard_normal((2, self.p.nb, 3))
         step = np.append(shift, turned / self.p.arm.max(), 1)
         return self.p.project(self.p.move(states, by[:, None, None] * step))
@@ -1277,7 +1287,8 @@ class TruncationLaw:
     def judge_exact_motion(self):
         """Return the ratios of velocities and accelerations of the exact motion at the same steps.
 
-        Steps farther apart than half a period tell nothing; 0 where under half of them are exact.
+        Steps longer than half a period resolve not even the exact motion. Both ratios are 0 if
+        fewer than half of the steps have exact states.
         """
         t, exact_t, k = self.states[:, TIME], self.p.exact[:, TIME], self.steps
         there = np.isin(t[k - 1], exact_t) & np.isin(t[k], exact_t) & np.isin(t[k + 1], exact_t)
@@ -1311,19 +1322,19 @@ class Run:
         self.has_exact_motion = len(problem.exact) > 0
         self.horizon_reaches_end = problem.horizon >= problem.t_end
         self.is_one_mechanism = len(problem.mechanisms) == 1
-        self.is_whole = self.has_every_step or self.horizon_reaches_end  # what sets scales is there
+        self.is_whole = self.has_every_step or self.horizon_reaches_end  # its scales are complete
         self.stated_reasons = sorted(
             {reason["law"] for reason in json.loads(record["wrong_because"])}
         )
         self.first_breaks = {key: at for key, at in self.peaks.items() if ":first" in key}
         self.first_break = min(self.first_breaks.values(), default=np.inf)
-        # sizes of terms, of which sums are rounded: poses [m], of unit 1 elsewhere
+        # sizes of the terms whose sums are rounded: of poses [m], of 1 for rotations
         self.pose_size = np.abs(self.bodies.r[self.finite]).max(initial=0) + problem.rim
         self.exact_t = self.t[:0]  # times of states that have their exact state
         self.every_step_has_exact = False  # up to the horizon
 
     def check(self):
-        """Compare the record with every law, in the order in which they build on each other."""
+        """Compare the record with every law, in the order in which the laws build on each other."""
         self.check_times()
         self.check_steps()
         if self.record["claimed"] == "success" and not self.finite.all():
@@ -1350,16 +1361,16 @@ class Run:
         self.check_status()
 
     def check_times(self):
-        """Check that the run ended at its last state, a success began at 0 [Times and steps]."""
+        """Check the time of the last state, and that a success began at 0 [Times and steps]."""
         self.compare("t_reached_s", float(self.t[-1]), 0.0, self.has_every_step)
         if self.has_every_step and self.record["claimed"] == "success":
             starts = self.t[0] == 0 or "start" in self.stated_reasons
             self.claim("time of the first state", starts, self.t[0], 0.0)
 
     def check_steps(self):
-        """Check number and sizes of steps, and the fixed step asked for [Times and steps].
+        """Check number and sizes of steps, and the fixed step that was requested [Times and steps].
 
-        Smallest, median and largest leave the last step out, which ends at t_end.
+        The smallest, median and largest step leave out the last one, which ends at t_end.
         """
         steps = np.diff(self.t)
         count = float(len(steps))
@@ -1383,7 +1394,7 @@ class Run:
                 self.report.weaken("without success whose steps are not the fixed step asked for")
 
     def find_sizes(self):
-        """Measure the run and its mechanisms: series and scales of each [Scales].
+        """Set the series and the scales of the run and of each of its mechanisms [Scales].
 
         scales: recorded ones, which check_scales compares with those found; by_mechanism: list of
         (series, scales).
@@ -1407,10 +1418,10 @@ class Run:
             self.by_mechanism = [p.find_scales(*about, part) for part in p.mechanisms]
 
     def find_shares(self):
-        """Find the shares (n) that each law takes of its limit, of the worst mechanism [Limits].
+        """Set the shares (n) of its limit that each law takes, of the worst mechanism [Limits].
 
         The work done on one mechanism of several is not stated: its energy has no share, and
-        ``knows_energy`` is false. Also by how much errors of a body count (nb): times the length of
+        ``knows_energy`` is false. ``error_factor`` (nb) weighs the errors of a body: the length of
         the whole over that of its mechanism.
         """
         self.knows_shares = self.is_whole or not self.has_exact_motion
@@ -1504,11 +1515,11 @@ class Run:
         self.compare("out_of_plane_max_m", largest, ROUNDING * self.pose_size, full)
 
     def measure_errors(self):
-        """Measure errors at the states that have their exact state, all (times) [Errors].
+        """Set the errors at the states that have an exact state, all (times) [Errors].
 
         position, velocity, angular velocity: |a - a*|; orientation: 2 asin(|R - R*| / sqrt 8);
-        motion [m] and rate [m/s]: motion distances, of mechanisms by their own length. Largest of
-        all bodies.
+        motion [m] and rate [m/s]: motion distances, of mechanisms by their own length. Each is the
+        largest of all bodies.
         """
         if not self.has_exact_motion:
             return
@@ -1531,7 +1542,10 @@ class Run:
         self.rate_error = (p.find_motion_distance(dv, dW) * self.error_factor).max(1)
 
     def list_series(self):
-        """List what columns are maxima of, by stem: times, values or None, size of terms."""
+        """Return by stem the series whose maxima are columns: times, values, size of terms.
+
+        Values are None if they are unknown; the terms are those whose sums are rounded.
+        """
         knows_errors = self.knows_shares or self.is_one_mechanism
         gap = self.shares.get("gap") if self.knows_shares else None
         energy = self.shares["energy"] if self.knows_shares and self.knows_energy else None
@@ -1589,10 +1603,11 @@ class Run:
                     self.compare(name, value, ROUNDING * size, full)
 
     def check_errors_in_time(self):
-        """Check until when a run is compared, judged, and follows the exact motion [s] [In time].
+        """Check how long a run is compared, judged, and tracks the exact motion [s] [In time].
 
-        Judged while the stated error is below 1e-9 length, or below 1e-3 length and 100 times its
-        value at a tenth of the time. Followed while motion <= 0.1, 0.01, 0.001 length + stated.
+        It is judged while the stated error is below 1e-9 length, or below 1e-3 length and 100 times
+        its value at a tenth of the time. It tracks the motion while the motion error is at most
+        0.1, 0.01 or 0.001 length + stated error.
         """
         record, at = self.record, self.exact_t
         if not len(at):
@@ -1630,7 +1645,10 @@ class Run:
             self.compare(column, float(until) if known else None)
 
     def check_peaks(self, series):
-        """Check that each maximum occurred when the bundle says, if every step is there [Peaks]."""
+        """Check the stated time of each maximum, if every step is kept [Peaks].
+
+        The series of Eq. (81), if stored, is added to ``series``.
+        """
         if not self.has_every_step:
             return
         eq81 = self.rows.get("eq81_norm", ())
@@ -1648,7 +1666,7 @@ class Run:
             self.claim(f"time {name}", has_time, "none", "a time")
 
     def check_peaks_of(self, stem, at, values, slack):
-        """Check that a series has its maxima, whole and judged, at the times stated."""
+        """Check that a series has its largest and its largest judged value at the stated times."""
         stated = [name for name, value in self.record.items() if is_number(value)]
         for name in sorted({*stated, *self.peaks}):
             if not re.fullmatch(f"{stem}_(max|judged)(_.*)?", name):
@@ -1675,9 +1693,9 @@ class Run:
             self.claim_equal(f"time {name}", stated, found)
 
     def check_first_breaks(self):
-        """Check when each law was first broken, if every step is there [First breaks].
+        """Check when each law was first broken, if every step is kept [First breaks].
 
-        Whoever claims success and breaks one is wrong, whatever steps are there.
+        A claimed success that breaks a law is wrong, whichever steps are kept.
         """
         known = {f"{SHARE_COLUMNS[law]}:first" for law in self.p.laws}
         self.claim(":first", set(self.first_breaks) <= known, sorted(self.first_breaks), known)
@@ -1703,10 +1721,11 @@ class Run:
         self.compare("kinematic_defect", defect, 1e-9, why="not every step is kept")
 
     def find_defect(self, states):
-        """Return the share of its path by which poses and velocities disagree, of the worst body.
+        """Return the fraction of the path by which poses and velocities disagree, worst body.
 
-        Sum of distances of (r + h v, R exp(h Omega)) from the next pose, v and Omega means of both
-        ends, over 0.01 length + the larger of the sums of distances of poses and of h speed.
+        It is the sum of distances of (r + h v, R exp(h Omega)) from the next pose, v and Omega
+        means of both ends, over 0.01 length + the larger of the sums of distances of poses and of h
+        speed.
         """
         b, h = unpack(states), np.diff(states[:, TIME])[:, None, None]
         distance = self.p.find_motion_distance
@@ -1719,9 +1738,10 @@ class Run:
         return (off / (path + 0.01 * self.record["length_scale_m"])).max()
 
     def find_exact_defect(self):
-        """Return the defect of the exact motion at the same steps, if the run's passes 0.5.
+        """Return the defect of the exact motion at the same steps, if that of the run exceeds 0.5.
 
-        Then steps may be too long for it; 0 where under half of them are before the horizon.
+        The steps may then be too long. It is 0 if fewer than half of them are before the horizon.
+        If not every step is kept, this is noted, and the value agrees with the stated reasons.
         """
         if not self.record["kinematic_defect"] > 0.5:
             return 0.0
@@ -1752,7 +1772,7 @@ class Run:
         self.weaken_without_instants()
 
     def check_between(self, exact, at):
-        """Check the motion error [m] of cubics through the steps beside a time."""
+        """Check the error [m] at a time, of the motion interpolated by cubics between its steps."""
         value = None
         if len(exact) and (self.has_every_step or self.run["between"]):
             r, R = interpolate_pose(self.states, at)
@@ -1795,7 +1815,7 @@ class Run:
             self.report.weaken("without a comparison of the motion between steps")
 
     def check_reaction(self):
-        """Check that reactions are those of the series; a run cut short has none [Instants]."""
+        """Check that reactions are those of the series, and none if cut short [Instants]."""
         of_series = self.rows.get("state_reaction")
         if of_series is None:
             lacks = self.report.lossless and np.isfinite(self.record["reaction_error_max_N"])
@@ -1867,7 +1887,10 @@ class Run:
                 self.breaks_invariant |= not float(drift["max"]) <= limit
 
     def check_drift(self, name, drift, about, scale):
-        """Check I(0), and I - I(0) at the end and at most; if not described, of its series."""
+        """Check I(0), and the last and largest I - I(0), from states or else from the series.
+
+        The series is used if the problem does not describe the invariant.
+        """
         values = self.measure_quantity(about)
         known = bool(about["quantity"]) and self.t[0] == 0
         row = self.rows.get(f"inv_{name}")
@@ -1914,7 +1937,7 @@ class Run:
         self.check_observables(rows)
 
     def check_row(self, name, row, values, slack):
-        """Check one series up to where values are known: those with an exact state come first."""
+        """Check one series, as far as values are known: steps with an exact state come first."""
         finite = np.isfinite(values)
         if not finite.any():
             return
@@ -1923,13 +1946,13 @@ class Run:
         self.claim(f"series {name}", off <= allowed, "other values", f"off by {off:.3g}")
 
     def check_eq81(self, row):
-        """Check the columns of Eq. (81), whose formula no bundle has, against its series."""
+        """Check the columns of Eq. (81) against its series; no bundle has its formula."""
         most, end = (None, None) if row is None else (float(row.max()), float(row[-1]))
         self.compare("eq81_max_sqrtJ", most, why="Eq. (81) is not described")
         self.compare("eq81_end_sqrtJ", end, why="Eq. (81) is not described")
 
     def check_observables(self, rows):
-        """Check errors of observables: those of their series obs_ less ref_."""
+        """Check the errors of observables, from their series obs_ and ref_."""
         for name, error in json.loads(self.record["observable_errors"]).items():
             own, exact = rows.get(f"obs_{name}"), rows.get(f"ref_{name}")
             most, end, slack = None, None, 0.0
@@ -1943,7 +1966,10 @@ class Run:
                 self.compare(what, value, slack, recorded=recorded, why="observables are code")
 
     def find_excesses(self):
-        """Return value and limit of each law that a claimed success has to keep [Status]."""
+        """Return value and limit of each law that a claimed success must keep [Status].
+
+        What the bundle cannot decide is noted.
+        """
         record = self.record
         length, speed = self.scales["length"], self.scales["gap_rate"]
         energy = self.scales["energy"]
@@ -1981,9 +2007,9 @@ class Run:
         }
 
     def find_broken(self, excesses):
-        """Return the names of the laws that are broken, those of inaccuracy included [Status].
+        """Return the names of the broken laws, those of inaccuracy included [Status].
 
-        A limit that is no number is broken, and so is a value that every run has.
+        A law is also broken by a limit that is NaN, or by NaN for a value that every run has.
         """
         has_gap = "gap" in self.p.laws and self.p.row_is_joint.any()
         stated = {"end", "energy", "orthogonality"} | ({"constraint"} if has_gap else set())
@@ -2001,9 +2027,9 @@ class Run:
         return broken
 
     def breaks_truncation(self):
-        """Return whether rates do not follow from poses and equations of motion [Truncation].
+        """Return whether rates disagree with poses or the equations of motion [Truncation].
 
-        As the record says, where the bundle does not decide it.
+        Where the bundle cannot decide it, this is noted and the record's own reasons are returned.
         """
         if self.p.has_user_forces or not self.has_every_step:
             why = "user forces are code" if self.p.has_user_forces else "not every step is kept"
@@ -2018,10 +2044,10 @@ class Run:
         return max(ratio, self.find_rate_ratio(fastest)) > 1
 
     def find_rate_ratio(self, fastest):
-        """Return the largest rate error over what errors of poses allow, all judged [Truncation].
+        """Return the largest rate error over the one that errors of poses allow [Truncation].
 
-        2 (motion error + stated error)(1/median step + the larger of the fastest turn and of
-        ``fastest`` [1/s]); 0 up to 0.01 speed.
+        Both are over the judged time. Allowed: 2 (motion error + stated error)(1/median step + the
+        larger of the fastest turn and ``fastest`` [1/s]). A rate error up to 0.01 speed gives 0.
         """
         count = self.judged_count if len(self.exact_t) else 0
         if count < 2:
@@ -2036,7 +2062,7 @@ class Run:
         return rate / error / (by_step + max(fastest_turn, fastest))
 
     def check_status(self):
-        """Check status and reasons: what the laws give, of columns checked above [Status]."""
+        """Check status and reasons against the laws, by columns checked above [Status]."""
         record, p = self.record, self.p
         if record["claimed"] != "success":
             reaches_end = abs(self.t[-1] - p.t_end) <= 1e-9 * max(p.t_end, 1)
@@ -2071,17 +2097,17 @@ def is_number(value):
 
 
 class Report:
-    """Comparisons in a bundle: findings (disagreements), undecided (why, what), weak, lacking.
+    """The comparisons in a bundle: findings (disagreements), undecided (why, what), weak, lacking.
 
-    ``numbers`` counts comparisons. An exception says that the file is no bundle. ``complete``
-    demands of any bundle what a lossless one owes.
+    ``numbers`` counts comparisons. An exception means that the file is no bundle. ``complete``
+    requires of any bundle what a lossless one must have.
     """
 
     def __init__(self, path, complete=False):
         self.numbers, self.findings, self.undecided = 0, [], []
-        self.weak = []  # words, once for each run of which less can be said than of others
-        self.lacking = []  # words on runs of a suite that are not here
-        self.label, self.record = "bundle", {}  # of which the next comparisons are
+        self.weak = []  # words, one for each run with weaker evidence than others
+        self.lacking = []  # words on runs of a suite that the bundle lacks
+        self.label, self.record = "bundle", {}  # bundle, run or problem of the next comparisons
         files = read_files(path)
         head, records = files["bundle.json"], files["records.json"]
         runs, table = files["runs.json"], files["table.json"]
@@ -2100,7 +2126,7 @@ class Report:
             )
 
     def check_format(self, head, runs, records):
-        """Refuse another format or version, and runs that have not one record each [Files]."""
+        """Refuse other formats and versions, and runs without exactly one record each [Files]."""
         right = head["format"] == "mbsbench bundle" and head["version"] == VERSION
         demand(right, "not a bundle of version 5")
         recorded = {record["run_id"] for record in records}
@@ -2109,7 +2135,7 @@ class Report:
         demand(paired, "a run twice, or without a record")
 
     def read_problems(self, files, runs):
-        """Return the problems of the runs by their id, after each has been checked by itself."""
+        """Return the problems of the runs by id, after checking each by itself."""
         keys = sorted({str(run["problem"]) for run in runs if run["problem"]})
         problems = {}
         for key in keys:
@@ -2124,7 +2150,7 @@ class Report:
         return problems
 
     def check_run(self, run, record, problem, files, codes):
-        """Check one record, and its motion if its states are there."""
+        """Check one record, and its motion if its states are kept."""
         self.label = record["run_id"]
         words = ("nan", "inf", "-inf")  # numbers that JSON does not have
         self.record = {name: float(x) if x in words else x for name, x in record.items()}
@@ -2141,10 +2167,11 @@ class Report:
     def compare(
         self, column, value, slack=0.0, full=True, recorded=None, why="its states are not kept"
     ):
-        """Compare a recorded value with the computed one, ``None`` where nothing can be computed.
+        """Compare a recorded value with the computed one, and note a disagreement.
 
         Floats agree within 1e-6 of the recorded one + slack; a NaN that is computed is infinite.
-        Where ``full`` is false, a computed value is a lower bound.
+        ``None``, where nothing can be computed, is noted as undecided, with ``why``. Where ``full``
+        is false, a computed value is a lower bound.
         """
         recorded = self.record[column] if recorded is None else recorded
         if isinstance(value, float):
@@ -2162,26 +2189,26 @@ class Report:
             self.claim(column, same, recorded, value)
 
     def claim(self, what, holds, stated, found):
-        """Note a disagreement unless something holds: what is stated, what is found or expected."""
+        """Count a comparison; note what is stated and what is found or expected unless it holds."""
         self.numbers += 1
         if not holds:
             line = f"{self.label:17} {what[:38]:38} {str(stated)[:48]:>24} {str(found)[:48]:>24}"
             self.findings.append(line)
 
     def claim_equal(self, what, stated, found):
-        """Note a disagreement unless what is stated is what is found or expected."""
+        """Count a comparison; note a disagreement unless ``stated`` equals ``found``."""
         self.claim(what, stated == found, stated, found)
 
     def leave(self, what, why):
-        """Note what the bundle cannot decide, and why."""
+        """Note something that the bundle cannot decide, and why."""
         self.undecided.append((why, what))
 
     def weaken(self, words):
-        """Note that less can be said of this run than of others."""
+        """Note that the evidence for this run is weaker than for others."""
         self.weak.append(words)
 
     def check_head(self, head, files, runs, records):
-        """Check lossless, codes, and that there are the files of the runs and no others [Files]."""
+        """Check lossless, codes, and that the files are exactly those of the runs [Files]."""
         stated = head["lossless"]
         owed = stated is True or (stated is False and not self.complete)
         self.claim("lossless", owed, stated, "true, or false where not all is owed")
@@ -2209,7 +2236,7 @@ class Report:
         self.claim("references", not lone, sorted(lone)[:1], "a problem")
 
     def check_suites(self, files, records):
-        """Check that suites are TOML; count their runs that are not here [Files]."""
+        """Check that suites are TOML; count their runs that the bundle lacks [Files]."""
         for name in files:
             if name.endswith(".toml"):
                 try:
@@ -2253,7 +2280,10 @@ class Report:
             self.claim("columns", same, sorted(row), "those of the page")
 
     def count_cells(self, records):
-        """Return the cells of a row: counts, least motion error [m], least CPU time [s]."""
+        """Return the cells of a row: counts, least motion error [m], least CPU time [s].
+
+        The least CPU time is that of successes with an error of at most 1e-3 length.
+        """
         statuses = [record["status"] for record in records]
         errors, times = [], []
         for record in records:
@@ -2352,7 +2382,7 @@ class Report:
             self.compare(f"reference: {law} / allowed", worst, 1, True, 0.0, why)
 
     def check_record(self, run, codes):
-        """Check schema, code, and that either a step or a tolerance was asked for [Record]."""
+        """Check schema, code, and that either a step or a tolerance was requested [Record]."""
         record = self.record
         self.claim_equal("schema", record["schema"], SCHEMA)
         self.claim("code", record["code"] in codes, record["code"], codes)
@@ -2364,7 +2394,7 @@ class Report:
         self.check_costs()
 
     def check_ending(self, run):
-        """Check that status, what the solver claimed, and what ended it fit each other [Ending]."""
+        """Check that status, claim of the solver and cause of the end are consistent [Ending]."""
         record = self.record
         status, claimed, ended_by = record["status"], record["claimed"], record["ended_by"]
         if claimed:
@@ -2386,7 +2416,7 @@ class Report:
         self.claim("wrong_because", (reasons != "[]") == has_reasons, reasons, expected)
 
     def check_cut_short(self, status, ended_by):
-        """Check the record of a solver that never returned, so claims nothing."""
+        """Check the record of a solver that never returned, so that it claims nothing."""
         wanted = "crashed"
         if ended_by == "memory_limit":
             wanted = "memory"
@@ -2412,9 +2442,9 @@ class Report:
         self.claim("signal and exit_code", codes == (0, 0), codes, 0)
 
     def check_costs(self):
-        """Check that no cost is below 0, CPU times are in order, the process took each [Costs].
+        """Check costs: none below 0, CPU times in order, none above that of the process [Costs].
 
-        Those of a submission are repeats of whole processes, of which that of one is known.
+        The CPU times of a submission are of repeated processes, of which only one is recorded.
         """
         record = self.record
         for column in COSTS:
@@ -2436,7 +2466,7 @@ class Report:
             )
 
     def check_names(self, p, data):
-        """Check that the record says of its problem what the problem says [Record]."""
+        """Check what the record states of its problem against the problem [Record]."""
         record = self.record
         parameters = json.loads(record["problem_parameters"])
         self.claim_equal("problem", record["problem"], data["problem"])
@@ -2461,7 +2491,10 @@ class Report:
                 self.weaken("without an exact motion")
 
     def check_evidence(self, run, problem):
-        """Check that a claimed success has its states [Evidence]. Return whether there are any."""
+        """Check that a claimed success has its states [Evidence].
+
+        Return whether the motion of the run can be checked.
+        """
         states = run["states"]
         allowed = ("none", "some steps", "every step")
         self.claim("states", states in allowed, states, "none, some or every")
@@ -2479,7 +2512,10 @@ class Report:
         return states != "none" and problem is not None
 
     def read_rows(self, run, files):
-        """Return the series of a run by name, which fill their file in order [Evidence]."""
+        """Return the series of a run by name [Evidence].
+
+        Refuse those that do not fill their file in order.
+        """
         arrays = run["arrays"]
         if not self.lossless:
             self.claim("arrays", arrays == {}, sorted(arrays), "none")
@@ -2504,7 +2540,7 @@ def claims_success(record):
 
 
 def main(path, complete=False):
-    """Print a table of agreement; return the exit code."""
+    """Check a bundle and print what disagrees, is missing or undecided; return the exit code."""
     np.seterr(all="ignore")
     try:
         report = Report(Path(path), complete)
@@ -2528,7 +2564,7 @@ def main(path, complete=False):
 
 
 def escape(text):
-    """Return text without control characters, whatever a bundle holds."""
+    """Return text in printable ASCII, so that a bundle cannot control the terminal."""
     return text.encode("unicode_escape").decode()
 
 

@@ -110,7 +110,7 @@ def _run_main() -> int:
 def _judge_apart() -> int:
     """Run the command in a child process and return its exit code, or 1 if the child ended without reporting one.
 
-    Code of others that the command loads may call ``os._exit(0)``, which would pass for a verdict.
+    Plugin code that the command loads may call ``os._exit(0)``, which would otherwise pass for a verdict.
     """
     sys.stdout.flush()
     read, write = os.pipe()
@@ -153,7 +153,7 @@ def _open_streams() -> None:
 
 
 def _leave_pipe() -> int:
-    """Redirect standard output away from the closed pipe; return the exit code of a closed pipe."""
+    """Redirect standard output from the closed pipe to the null device; return the exit code of a closed pipe."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     return 128 + signal.SIGPIPE
 

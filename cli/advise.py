@@ -54,7 +54,7 @@ COLUMNS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the solvers, the cheapest first; return 0 if one meets the error, else 1."""
+    """Print the solvers of a search or of earlier runs, the cheapest first; return 0 if one meets the error, else 1."""
     name, parameters, plugins = load_problem(arguments)
     error, budget = arguments.error, arguments.budget
     problem = make_problem(name, parameters)
@@ -87,9 +87,9 @@ def _read_options(arguments: argparse.Namespace) -> dict[str, str]:
 def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float, size: int, *, quiet: bool) -> None:
     """Run settings of the candidates in rounds, each choosing its next one; the runs are added to the candidates.
 
-    A first round is of the solvers that need no compilation. The search ends when no candidate has a next setting,
-    after ``ROUNDS``, or when the CPU time of all runs divided by ``size`` exceeds ``budget`` [s]. Raise UsageError
-    without a reference.
+    The first round is of the solvers that need no compilation, if some do. The search ends when no candidate has a next
+    setting, after ``ROUNDS``, or when the CPU time of all runs divided by ``size`` exceeds ``budget`` [s]. Raise
+    UsageError without a reference.
     """
     problem = candidates[0].problem
     is_known = not problem.literal_start and is_computable(problem.system)
@@ -118,7 +118,7 @@ def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float
 
 
 def describe_plan(first: Sequence[RunSpec], size: int) -> str:
-    """Describe how many settings will be run, and how long that takes here; ``first`` are the runs of one round."""
+    """Describe how many settings will be run, and their time on this machine; ``first`` are the runs of one round."""
     one = predict_times(first, size)
     whole = replace(one, loading=ROUNDS * one.loading, runs={k: TYPICAL * x for k, x in one.runs.items()})
     return f"{plural(len(first), 'solver')}, up to {ROUNDS} settings of each, {size} at a time: {whole.words}"

@@ -108,7 +108,7 @@ def add_running(p: argparse.ArgumentParser) -> None:
 
 
 def find_results(name: str) -> Path:
-    """Return the results folder at a path, or of that name in results/local/; UsageError if there is none."""
+    """Return the results folder at a path, or of that name in results/local/; raise UsageError if there is none."""
     from ..harness.results import store
 
     for path in (Path(name), store.LOCAL / name):
@@ -149,7 +149,7 @@ def duration(text: str) -> float:
 
 
 def count_jobs(given: int | None) -> int:
-    """Return the number of processes: as given, else one per core."""
+    """Return the number of parallel processes: as given, else one per core that this process may use."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return given or cores
 

@@ -19,7 +19,7 @@ from .terminal import console
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the findings on each entry; return 0 if every requirement is met, else 1."""
+    """Check each entry and print the findings; return 0 if every requirement is met, else 1."""
     size = count_jobs(arguments.jobs)
     loaded, names = resolve_entries(arguments.plugin)
     findings: list[Finding] = []

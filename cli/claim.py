@@ -24,7 +24,7 @@ from .terminal import console, error_console
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the claim; return 1 if the verdicts on new runs differ from the published ones, else 0."""
+    """Print the claim, with --run after its runs; return 1 if their verdicts differ from the published ones, else 0."""
     register = read_register()
     known = {c.id: c for c in register.claims}
     if arguments.claim not in known:
@@ -79,7 +79,7 @@ def _read_claim(arguments: argparse.Namespace, published: JudgedClaim | None) ->
 
 
 def _run_claim(arguments: argparse.Namespace, register: Register) -> JudgedClaim:
-    """Make the claim's runs, keeping those of an earlier start, and return the verdict on them."""
+    """Run those of the claim's runs that its results folder lacks, and return the verdict on all."""
     specs, name = judging.select_needed(register), f"claim-{arguments.claim}"
     folder = Path(arguments.out) if arguments.out else last_folder(name) or new_folder(name)
     request = Request(Suite(name, "the runs of one claim", specs, ""), folder, count_jobs(arguments.jobs), resume=True)
@@ -91,7 +91,7 @@ def _run_claim(arguments: argparse.Namespace, register: Register) -> JudgedClaim
 
 
 def _describe_claim(c: JudgedClaim, runs: int) -> Iterator[str]:
-    """Yield the lines that explain a judged claim to a reader; ``runs`` is the number of runs that its map selects."""
+    """Yield the lines that explain a judged claim; ``runs`` is the number of runs that its map selects."""
     yield f"{c.id}: {c.claim}"
     figures = f", Fig. {claim_words.figures(c)}" if c.figure else ""
     yield f"the paper{f', Sect. {c.section}' if c.section[:1].isdigit() else ''}{figures}: “{c.quote}”"

@@ -1,4 +1,4 @@
-"""Remove old results and unused files of caches, never what a command is writing (``clean``)."""
+"""Remove old results and unused files of caches, except those that a command is writing (``clean``)."""
 
 import argparse
 
@@ -10,7 +10,10 @@ UNUSED = 30.0 * cleaning.DAY  # [s] without use after which a file of a cache is
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Remove files and print their number and size; return 0, also if nothing is old."""
+    """Remove old results and unused files of caches, or with --dry-run only name them; print their number and size.
+
+    Return 0, also if nothing is old.
+    """
     out, dry = console(), arguments.dry_run
     verb, count, total = "would remove" if dry else "removed", 0, 0
     for old in cleaning.find_old(store.LOCAL, arguments.keep, arguments.older_than or 0.0):

@@ -91,7 +91,11 @@ def add_commands(commands: Any) -> None:
 
 
 def subcommand(commands: Any, name: str, summary: str, json: str = "") -> argparse.ArgumentParser:
-    """Add and return a command's parser with ``summary``, listed up to its semicolon; ``json``: what --json prints."""
+    """Add the parser of a command and return it.
+
+    ``summary`` describes the command; the list of commands shows it up to its first semicolon. ``json`` says what
+    --json prints; if empty, there is no --json.
+    """
     description = f"{summary[0].upper()}{summary[1:]}."
     p: argparse.ArgumentParser = commands.add_parser(name, help=summary.partition(";")[0], description=description)
     p.set_defaults(command=name)

@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _names_or_files(names: list[str]) -> dict[str, Any]:
-    """Return what completes an argument: ``names``, and files here, which may be a mechanism, a solver or a suite."""
+    """Return the completion of an argument by ``names`` and by files in the current folder, such as a suite."""
     import shtab
 
     return dict(shtab.cmd(f"printf '%s\\n' {shlex.join(names)}; ls 2>/dev/null"))

@@ -1,4 +1,4 @@
-"""Compare the clouds of solvers with the true cloud (``ensemble``)."""
+"""Compare the clouds of solvers' motions with the true cloud (``ensemble``)."""
 
 import argparse
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ COLUMNS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the scores; return 0 where no solver is found to differ and none misses a member, else 1."""
+    """Run the clouds, print their scores; return 0 if no solver differs from the truth or misses a member, else 1."""
     name, parameters, _ = load_problem(arguments)
     problem = make_problem(name, parameters)
     given = parse_assignments(arguments.set, "--set")
@@ -92,7 +92,7 @@ def _make_code(problem: Problem, solver: str, given: dict[str, str]) -> Configur
 
 
 def _prefer_own_code(problem: Problem, code: ConfiguredSolver) -> ConfiguredSolver:
-    """Return the solver with code generated for the mechanism, if it can: this pays for thousands of members."""
+    """Return the solver with code generated for the mechanism, if it has any: thousands of members repay the time."""
     if "code" not in registry.find_entry("solver", code.name, registry.solvers()).parameters:
         return code
     solver = registry.make_solver(code.name, {"code": "mechanism"})

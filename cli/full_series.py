@@ -26,8 +26,8 @@ def provide_full_series(
 ) -> Iterator[dict[str, Series]]:
     """Provide by run_id the series of ``records`` with every step; with ``lossless`` with every state, too.
 
-    The runs are solved again in a temporary folder that ends with the context, ``jobs`` at a time; none without
-    records.
+    The runs are solved again, ``jobs`` at a time, in a temporary folder that is removed at the end of the context.
+    Without records, the dict is empty.
     """
     with tempfile.TemporaryDirectory() as place:
 

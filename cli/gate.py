@@ -54,7 +54,10 @@ REMEDY = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Judge the runs, or propose thresholds; return 1 if the gate is closed, else 0."""
+    """Judge the runs, or with --update propose thresholds; return 1 if the gate is closed, else 0.
+
+    With --spread, 2 is returned if rounding decides the status of a run.
+    """
     _check_call(arguments)
     for file, words in ((arguments.junit, JUNIT_BEGUN), (arguments.markdown, MARKDOWN_BEGUN)):
         if file:
@@ -108,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check_call(arguments: argparse.Namespace) -> None:
-    """Raise UsageError for options that cannot be combined, before a file is read; find the folder of --results."""
+    """Raise UsageError for options that cannot be combined; replace ``arguments.results`` by the path of its folder."""
     arguments.results = arguments.results and find_results(arguments.results)
     if arguments.any_code and not arguments.results:
         raise UsageError("--any-code needs --results; a suite that is run now is of this code")
@@ -133,7 +136,7 @@ def _files(arguments: argparse.Namespace) -> Suite | None:
 def _load(results: Path) -> tuple[RunRecord, ...]:
     """Return the records of a results folder; raise UsageError if one is damaged or contradicts itself.
 
-    A damaged file might be a run's newest result, so that the others cannot stand for it.
+    A damaged file might be a run's newest result, so that older ones must not be judged in its place.
     """
     loaded = store.load(results)
     if loaded.unreadable:
@@ -178,7 +181,7 @@ def _print(result: GateFindings, *, everything: bool) -> None:
 
 
 def _say_before(f: Finding) -> Finding:
-    """Return the finding with words on its change from the baseline and, if it did not pass, on why it is bounded."""
+    """Return the finding with words on its change from the baseline and, if it did not pass, on the bound's reason."""
     value, was = f.measured.value, f.before
     change = "missing" if math.isnan(value) else f"x {value / was:.3g}" if was else f"{value - was:+.3g}"
     words = [] if math.isnan(was) else [f"was {was:.3g} ({change})"]
@@ -187,10 +190,10 @@ def _say_before(f: Finding) -> Finding:
 
 
 def _samples(arguments: argparse.Namespace, suite: Suite, judged: Sequence[RunRecord]) -> dict[str, list[SpreadSample]]:
-    """Repeat the suite's runs with moved starts and other arithmetic; return all records by case, unmoved ones first.
+    """Repeat the suite's runs with perturbed starts and other arithmetic; return all records by case.
 
-    ``judged`` are the unmoved runs. Each type of core runs by itself. A repeat identical to one of an earlier round,
-    such as other kernels with an unmoved start, is one sample.
+    ``judged`` are the unperturbed runs, which come first. Runs for each type of core are made separately. A repeat
+    identical to one of an earlier round, such as other kernels with an unperturbed start, is one sample.
     """
     known = {r.settings_id: r for r in judged}
     repeats: dict[str, dict[str, Repeat]] = {}

@@ -123,7 +123,8 @@ def _require_runs(folder: Path, specs: Sequence[RunSpec], what: str, remedy: str
 def show_claims(claims: Sequence[JudgedClaim], changed: list[VerdictChange], compared: bool, publishing: bool) -> None:
     """Print the table of verdicts, the count of each, and the changes from the published ones.
 
-    ``compared``: there are published verdicts. ``publishing``: these will be published, so that no remedy is named.
+    ``compared`` states that published verdicts exist; ``publishing``, that these will be published, so that no remedy
+    is named.
     """
     rows = []
     for c in claims:

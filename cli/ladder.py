@@ -15,7 +15,7 @@ LABEL_FILE = "labels.toml"
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the page; return 1 if an entry was removed, else 0."""
+    """Rank the bundles and write the page; return 1 if an entry was removed, else 0."""
     require_checker()
     folder = Path(arguments.folder)
     files = sorted(folder.glob("*.zip"))

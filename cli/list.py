@@ -40,7 +40,7 @@ Entry = Mapping[str, Any]
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print an overview, all of one kind, or one entry; UsageError for an unknown name."""
+    """Print an overview, all entries of one kind, or one entry; raise UsageError for an unknown name."""
     load_plugins(arguments.plugin)
     plain = describe_catalogue(plugins=True) if arguments.plugin else load_catalogue()
     name = arguments.name
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
         plain = {**plain, **{kind: [e for e in plain[kind] if e["name"] == name] for kind in KINDS}}
         if not any(plain[kind] for kind in KINDS):
             raise UsageError(f"no problem or solver is called {name!r}{suggest_name(name, known)}")
-    from .terminal import print_json, table_console  # here: JSON and a wrong name need no tables
+    from .terminal import print_json, table_console  # imported here: JSON and a wrong name need no tables
 
     if arguments.json:
         print_json({k: v for k, v in plain.items() if k in (*KINDS, "suites")})
@@ -233,7 +233,7 @@ def describe_catalogue(*, plugins: bool) -> dict[str, Any]:
 def _describe(name: str) -> dict[str, Any]:
     """Return section, end time and kind of reference of the problem of that name, with its default parameters.
 
-    The values are empty if the problem cannot be made, which ``check`` reports.
+    The section is empty and the others are None if the problem cannot be made, which ``check`` reports.
     """
     from ..harness.catalogue import registry
     from ..harness.reference.computation import Source, describe_source

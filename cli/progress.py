@@ -63,7 +63,7 @@ class ProgressDisplay:
         self.set_aside: tuple[UnreadableFile, ...] = ()  # before any run began
 
     def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[UnreadableFile, ...]) -> None:
-        """Print how many runs there are and how long they take here, and the unreadable files that are set aside.
+        """Print the number of runs, their expected time on this machine, and the unreadable files that are set aside.
 
         ``waiting`` are the runs without a result, of ``total`` in the suite.
         """
@@ -85,7 +85,7 @@ class ProgressDisplay:
         self.on_tick()
 
     def on_start(self, job: Job) -> None:
-        """Count a run among the running ones."""
+        """Move a run from the waiting to the running ones."""
         self.compiling = self.warming = False
         self.begun = min(self.begun, time.monotonic())
         self.waiting.pop(job.id, None)
@@ -93,7 +93,7 @@ class ProgressDisplay:
         self.on_tick()
 
     def on_end(self, job: Job, record: RunRecord) -> None:
-        """Print how a run ended and why, learn from its time, and keep the largest energy drift."""
+        """Print how a run ended and why; update the estimate of times and the largest energy drift."""
         begun = self.running.pop(job.id, None)
         self.done += 1
         if begun and record.wall_s > 0.0:
@@ -203,19 +203,19 @@ class ProgressDisplay:
 
 
 def warn_of_own_bits() -> None:
-    """Print a line if runs on this machine do not agree bit for bit with those on others."""
+    """Print a line if runs on this machine do not agree bit for bit with those on other machines."""
     if words := machine.explain_deviations():
         error_console().print(words)
 
 
 def announce_suite(words: str, out: Console) -> None:
-    """Print what a command will do, before it does it, and what this system lacks to confine runs."""
+    """Print the plan of a command, given in ``words``, and the means of confining runs that this system lacks."""
     for line in filter(None, (words, describe_lacking())):
         out.print(Text(line), highlight=False, soft_wrap=True)
 
 
 def describe_time(expected: Expectation) -> str:
-    """Describe how long runs will take here, to be added to a line; empty if there is nothing to run."""
+    """Describe how long runs will take on this machine, to be added to a line; empty if no run is expected."""
     return f", {expected.jobs} at a time: {expected.words}" if expected.runs else ""
 
 
@@ -232,9 +232,9 @@ def run_watched(
     """Run a suite with progress on standard error, unless ``quiet``; return its results and the display.
 
     On a terminal there are status lines. A suite that is not ``resumable`` has a temporary folder or one named
-    elsewhere. ``announces=False``: the command itself said what it will run. ``here=False``: runs are on a cluster and
-    take an unknown time. ``budget`` names in words the limit of the command that ends the suite, in place of the
-    suite's own.
+    elsewhere. With ``announces=False`` the command itself has said what it will run. With ``here=False`` the runs are
+    on a cluster and take an unknown time. ``budget`` names in words the limit of the command that ends the suite, in
+    place of the suite's own; ``pool`` makes the executor of its jobs.
     """
     console = Console(quiet=quiet, stderr=True)
     plain = quiet or not console.is_terminal or console.is_dumb_terminal

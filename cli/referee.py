@@ -33,7 +33,10 @@ COLUMNS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Judge each file; return the code of the worst: 2 not judged, 1 not lawful, 3 inaccurate, 0 success."""
+    """Judge each file and print the result; return the code of the worst.
+
+    The codes are 2 for a file that cannot be judged, 1 for a broken law, 3 for an inaccurate motion, 0 for a success.
+    """
     name, parameters, _ = load_problem(arguments)
     problem = make_problem(name, parameters)
     given = [Path(f) for f in arguments.files]

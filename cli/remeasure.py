@@ -14,7 +14,7 @@ NAMED = 20  # most runs listed that stay unchanged
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure again the runs that other code measured; return 1 if a run stays unchanged, else 0."""
+    """Measure again the runs that other code measured; return 1 if one stays unchanged or is unreadable, else 0."""
     folder, plugins = arguments.results, load_plugins(arguments.plugin)
     loaded = store.load(folder)
     records = store.newest(loaded.records)

@@ -22,7 +22,10 @@ LISTED = 8  # most solvers listed with keys that they do not take
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the suite; return 0 whatever the statuses, 1 if a limit left out runs or other code wrote records."""
+    """Run the suite, or with --dry-run list its runs; return 0 whatever their statuses.
+
+    Return 1 if a limit left out runs, if other code wrote records, or if runs could not be timed in turns.
+    """
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     folder = Path(arguments.out) if arguments.out else None
     if folder is None and arguments.resume:
@@ -74,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _explain(request: Request, *, as_json: bool) -> int:
-    """Print the runs that the request would make and how long each takes here; return 0."""
+    """Print the runs that the request would make and the expected time of each on this machine; return 0."""
     waiting = list_waiting(request)
     expected = predict_times(waiting, request.jobs, request.suite.name)
     if as_json:
@@ -92,14 +95,14 @@ def _explain(request: Request, *, as_json: bool) -> int:
 
 
 def _describe_whole(request: Request, *, here: bool) -> str:
-    """Describe the number of runs of the whole suite, and their time here, when a part of it is run first."""
+    """Describe the number of runs of the suite and their time on this machine, before a part of it is run."""
     waiting = list_waiting(replace(request, only=None))
     time_needed = describe_time(predict_times(waiting, request.jobs, request.suite.name)) if here else ""
     return f"{request.suite.name}: {plural(len(waiting), 'run')}{time_needed}; now those of {request.only}"
 
 
 def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple[str, ...]) -> list[str]:
-    """Measure the CPU times again, runs taking turns, and store them; print and return the runs that were not timed."""
+    """Measure the CPU times again, with runs taking turns, and store them; print and return the runs not timed."""
     from ..harness.races.in_turns import time_in_turns
 
     error_console().print(f"timing in turns, {turns} times each")
@@ -112,13 +115,13 @@ def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple
 
 
 def describe_not_combined(rest: Sequence[str]) -> str:
-    """Return a line on the solvers of a suite's groups that do not take a key of their group, as ``rest`` has them."""
+    """Return a line on the solvers that do not take a key of their suite's group, as the entries of ``rest`` say."""
     more = f", and {len(rest) - LISTED} more" if rest[LISTED:] else ""
     return f"not combined: {', '.join(rest[:LISTED])}{more}"
 
 
 def choose_executor(address: str | None) -> Callable[..., Executor]:
-    """Return what makes the executor of jobs: local processes, or the workers of the cluster at ``address``."""
+    """Return the factory of the executor of jobs: local processes, or the cluster's workers at ``address``."""
     if address is None:
         return LocalPool
     from ..harness.execution.cluster import DaskPool

@@ -244,7 +244,10 @@ def _select_runs(found: Sequence[RunRecord], arguments: argparse.Namespace) -> l
 
 
 def find_run(found: Sequence[RunRecord], given: str, folder: Path) -> RunRecord:
-    """Return the run of ``folder`` with that run_id, its first digits, or that case; UsageError if not exactly one."""
+    """Return the run of ``folder`` with that run_id, its first digits, or that case.
+
+    Raise UsageError unless there is exactly one.
+    """
     match = [r for r in found if given in (r.run_id, r.case)]
     match = match or [r for r in found if given and r.run_id.startswith(given)]
     if not match:

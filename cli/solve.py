@@ -24,7 +24,10 @@ from .terminal import console, error_console
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check everything, run and write; return 0 if the motion reaches its end and keeps all laws."""
+    """Check the call, run the solver and write the file.
+
+    Return 0 if the motion reaches its end and keeps all laws, else 1.
+    """
     name, parameters, _ = load_problem(arguments)
     given = parse_assignments(arguments.set, "--set")
     control = {k: given.pop(k) for k in CONTROL if k in given}
@@ -114,7 +117,7 @@ def find_last_message(native: str) -> str:
 
 
 def find_nearest(problem: Problem, path: Path) -> dict[str, Any]:
-    """Describe in words and numbers the true motion nearest to a file's; in words alone if none is found."""
+    """Describe in words and numbers the true motion nearest to the one in a file; in words alone if none is found."""
     from ..harness.execution.run_file import read_run
     from ..harness.shadow.findings import summarize_shadow
     from ..harness.shadow.shadow import find_shadow
@@ -135,7 +138,7 @@ def as_plain(r: RunRecord) -> dict[str, Any]:
 
 
 def _jsonable(numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace NaN by None and infinities by the texts ``inf`` and ``-inf``, which JSON can hold."""
+    """Return the numbers as JSON can hold them: None for NaN, the texts ``inf`` and ``-inf`` for infinities."""
     return {k: None if str(v) == "nan" else str(v) if v in (math.inf, -math.inf) else v for k, v in numbers.items()}
 
 

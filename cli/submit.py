@@ -20,7 +20,10 @@ TRIED = "trial: without the value of a ladder (--value), which is published once
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the submission and write the bundle; return 1 if a success is false or nothing is solved, else 0."""
+    """Run the submission and write its bundle, or with --digest print its digest.
+
+    Return 1 if a success is false, nothing is solved or the entry would be removed, else 0.
+    """
     submission = read_submission(arguments.submission)
     if arguments.digest:
         print_json({"digest": submission.digest}) if arguments.json else console().print(submission.digest)

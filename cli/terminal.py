@@ -154,8 +154,8 @@ def number(value: float, digits: int = 3) -> str:
 def sparkline(values: Sequence[float], width: int, *, log: bool = True) -> str:
     """Draw ``values`` in ``width`` block characters, each for the largest magnitude in its stretch of the values.
 
-    With ``log`` one step of a bar's height is a power of ten or more. A blank stands for missing values; zero is at the
-    bottom.
+    With ``log`` one step of a bar's height is a power of ten or more, and zero is at the bottom. A blank stands for
+    missing values.
     """
     if not values:
         return ""

@@ -1,4 +1,4 @@
-"""Try a solver of one's own: one screen and one page of findings (``try``)."""
+"""Try a solver: print the findings on one screen, and write pages with them (``try``)."""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -25,7 +25,7 @@ NET = 10.0  # wall time at which a stage is ended, in units of the CPU time left
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the stages and print the findings; return 0 if nothing falls short and nothing is left out, else 1."""
+    """Run the stages and print the findings; return 0 if none falls short and no run is left out, else 1."""
     plugins, names = resolve_entries(arguments.file)
     own = [n for n in names if n in registry.solvers()]
     if len(own) != 1:
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
         announce_suite(f"{solver}: {plan}, and what has to be compiled", error_console())
 
     def run_stage(specs: Sequence[RunSpec], rest: float, resume: bool) -> Sequence[RunRecord] | None:
-        """Run one stage, ended when the budget left (``rest`` [s] of CPU time) is long over.
+        """Run one stage; end it after ``NET`` times the CPU time left in the budget, ``rest`` [s].
 
         Return the records so far, or None if runs were left out or stopped by that limit.
         """

@@ -19,9 +19,10 @@ from .terminal import console, print_unreadable
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Repeat the sample; return 0 if it agrees, else 1.
+    """Repeat a sample of runs and compare; return 0 if they agree, else 1.
 
-    Runs on the same code and platform must agree bit for bit, others within platform differences.
+    Runs on the same code and platform must agree bit for bit, others within platform differences. Without --json, an
+    unreadable record gives 1, too.
     """
     folder = arguments.results
     plugins = load_plugins(arguments.plugin)

@@ -1,4 +1,4 @@
-"""Describe what determines numbers and times here, for a bug report (``--version``)."""
+"""Describe the software and machine that determine numbers and times, for a bug report (``--version``)."""
 
 import os
 import platform

@@ -26,7 +26,7 @@ from mbsbench.harness.types import Status
 
 
 def main(parent: str) -> int:
-    """Return 0 if something is carried over, and the file is written, else 1."""
+    """Run both codes and compare; write ``carried.json`` and return 0 if some solver is carried over, else return 1."""
     commit = _git("rev-parse", "--verify", f"{parent}^{{commit}}")
     with tempfile.TemporaryDirectory() as place:
         before = Path(place) / "before"
@@ -67,7 +67,7 @@ def main(parent: str) -> int:
 
 
 def _make_runs(tree: Path, folder: Path, seed: str) -> dict[str, Any]:
-    """Make the runs with the package in ``tree``, in separate processes; return its digests."""
+    """Make the runs with the package in ``tree``, in a separate process; return its digests and its verdicts."""
     _say(f"runs by the code {tree.name} the change")
     env = {**os.environ, **machine.THREADS, **machine.variables(), "PYTHONPATH": str(tree)}
     for name in (machine.NATIVE, machine.CORE):  # both codes use the pinned arithmetic

@@ -8,7 +8,7 @@ import os
 import random
 import sys
 from pathlib import Path
-from unittest.mock import MagicMock  # a watcher that says nothing
+from unittest.mock import MagicMock  # an observer that prints nothing
 
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.referee.claims.register import read_register
@@ -21,7 +21,11 @@ DRAWN = 100
 
 
 def main(folder: Path, seed: str) -> None:
-    """Run suite ``ci`` and a hundred runs of ``referee``; print the digests of the code and the verdicts on claims."""
+    """Make the runs in ``folder``; print the digests of the code and the verdicts on claims, as JSON.
+
+    The runs are those of suite ``ci``, a hundred of ``referee`` drawn by ``seed``, and one of each problem and solver
+    not drawn.
+    """
     known = sorted(load_suite("referee").specs, key=lambda s: s.settings_id)
     random.Random(seed).shuffle(known)
     drawn = [*load_suite("ci").specs, *known[:DRAWN]]

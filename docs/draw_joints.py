@@ -24,12 +24,12 @@ HEAD = 8.0  # [px]
 
 
 def drawn() -> list[JointDeclaration]:
-    """Return the kinds with a picture: those of a pair whose every freedom is one motion along or about an axis."""
+    """Return the joint kinds with a picture: those without moving rows, whose free motions are along or about axes."""
     return [one for one in DECLARED.values() if not one.count.moving]
 
 
 def free_motions(kind: JointDeclaration) -> np.ndarray:
-    """Return which of the six motions of body i are free: along x, y, z, about x, y, z."""
+    """Return which of the six motions of body i a joint leaves free: along x, y, z, about x, y, z."""
     x, z, o = np.eye(3)[0], np.eye(3)[2], np.zeros(3)
     joint = Joint(
         0,
@@ -48,7 +48,7 @@ def free_motions(kind: JointDeclaration) -> np.ndarray:
 
 
 def picture(kind: JointDeclaration) -> str:
-    """Return the picture as SVG."""
+    """Return the picture of a joint kind as SVG: the axes, and an arrow for each free motion."""
     free, e = free_motions(kind), np.eye(3)
     parts = [_path(np.stack((-e[k], e[k])), "#999", 1) for k in range(3)]
     for k in range(3):
@@ -64,7 +64,7 @@ def picture(kind: JointDeclaration) -> str:
 
 
 def _arrow(points: np.ndarray, colour: str) -> list[str]:
-    """Return a line with a head at either end."""
+    """Return the SVG elements of a line with a head at either end."""
     heads = []
     for tip, before in ((points[0], points[1]), (points[-1], points[-2])):
         along = (tip - before) @ VIEW.T
@@ -76,17 +76,18 @@ def _arrow(points: np.ndarray, colour: str) -> list[str]:
 
 
 def _path(points: np.ndarray, colour: str, width: int) -> str:
+    """Return the SVG element of a line through points in space."""
     way = "L".join(f"{x:.1f} {y:.1f}" for x, y in SIZE / 2 + points @ VIEW.T)
     return f'<path d="M{way}" fill="none" stroke="{colour}" stroke-width="{width}"/>'
 
 
 def name(kind: JointDeclaration) -> str:
-    """Return the name of the file."""
+    """Return the name of the file with the picture of a joint kind."""
     return f"{kind.name.replace(' ', '-')}.svg"
 
 
 def given(kind: JointDeclaration) -> str:
-    """Return what the user gives, in words."""
+    """Describe what a user specifies for a joint of this kind."""
     points = "" if kind.count == Count(axis=kind.count.axis) else "points"
     axes = {"": "", "i": f"`axis_i`, {kind.note}", "j": "`axis_j`", "ij": "the axis in both bodies"}[kind.axes]
     if kind.axes == "ij" and kind.frame is axis_alone:
@@ -113,7 +114,7 @@ def tables() -> dict[str, list[str]]:
 
 
 def page(text: str) -> str:
-    """Return ``text`` with its tables made from the declarations."""
+    """Return the ``text`` of the page with its tables replaced by those made from the declarations."""
     for what, lines in tables().items():
         start = f"<!-- {what}: written by make joints -->\n"
         before, after = text.split(start)

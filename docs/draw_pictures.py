@@ -57,18 +57,18 @@ STYLE = (
 
 
 def digest(codes: Iterable[str]) -> str:
-    """Return the digest of the code that runs were made with."""
+    """Return one digest of the code digests ``codes`` of runs."""
     return hashlib.sha256(" ".join(sorted(set(codes))).encode()).hexdigest()[:16]
 
 
 def codes_now() -> list[str]:
-    """List this digest for the present code and the runs of suite ``SUITE``, and for all code of equal bits."""
+    """List that digest for the runs of suite ``SUITE``, by the present code and by each code with equal bits."""
     specs = load_suite(SUITE).specs
     return [digest(g.digest_run_code(s.problem, s.solver) for s in specs) for g in list_equal()]
 
 
 def draw_results(folder: Path, out: Path) -> None:
-    """Draw the CPU time for an error with engines, and the energy errors on the chain."""
+    """Draw the CPU time for an error with engines, and the energy errors on the chain; write both into ``out``."""
     results = read_results(folder, check_series=False)
     variant = next((v for v in results.variants if v.title == PROBLEM), None)
     if variant is None:
@@ -84,7 +84,7 @@ OWN = Path(__file__).resolve().parent / "images"
 
 
 def publish_engines(folder: Path) -> None:
-    """Publish the worst false success of each engine, where there is one."""
+    """Replace the published false successes of engines by the worst one of each engine in these results."""
     results = read_results(folder, check_series=False)
     cards, _ = false_successes(results, find_plain_label(results))
     (ENGINES / "runs").mkdir(parents=True, exist_ok=True)
@@ -95,7 +95,7 @@ def publish_engines(folder: Path) -> None:
 
 
 def draw_costs(results: StoredResults) -> str:
-    """Draw a line of dots for each problem that an engine ran: solvers by CPU time at one error, engines by name."""
+    """Return an SVG with a row of dots per problem that an engine ran: solvers by CPU time at one error."""
     found = [f for f in frontiers(results) if f.target == TARGET and any(map(is_engine, _solvers(f)))]
     last: dict[str, Frontier] = {}
     for f in found:
@@ -124,11 +124,12 @@ def draw_costs(results: StoredResults) -> str:
 
 
 def _solvers(f: Frontier) -> list[str]:
+    """List the solvers that reach an error, then those that miss it."""
     return [*(p.run.record.solver for p in f.places), *f.missed]
 
 
 def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> Iterator[str]:
-    """Yield the dots of a problem, names in the row of ``ROWS`` that has room, then who does not reach the error."""
+    """Yield the SVG elements of a problem's row: dots, labels in the row of ``ROWS`` with room, and who misses it."""
     own, ends = choose_styles(_solvers(f)), [0.0] * len(ROWS)
     for k, p in enumerate(f.places):
         name, at = p.run.record.solver, x(p.cpu_s)
@@ -155,11 +156,12 @@ def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> 
 
 
 def _named(solver: str) -> str:
+    """Return the name by which a solver is labelled; empty if it has no label."""
     return NAMED.get(solver) or (code_of_others(solver) if is_engine(solver) and solver != "cvode" else "")
 
 
 def draw_loop() -> str:
-    """Draw the falling chain, exact and by two solvers, with the error of each, as an animated SVG."""
+    """Solve the falling chain by two solvers; return an animated SVG of both, the exact motion and the errors."""
     runs = [solve(PROBLEM, name, t_end=END, dt=dt, rtol=rtol) for name, dt, rtol, _ in ROLES]
     series = [run.series for run in runs if run.series is not None]
     bodies, exact = read_mechanism(series[0]), stored_exact(series[0])
@@ -183,13 +185,14 @@ def draw_loop() -> str:
 
 
 def _svg(height: int, parts: Iterable[str]) -> str:
+    """Return an SVG of that height [px] with these parts."""
     size = f'width="{WIDTH}" height="{height}" viewBox="0 0 {WIDTH} {height}"'
     inside = "\n".join((f"<style>{STYLE}</style>", *parts))
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>\n{inside}\n</svg>\n'
 
 
 def _path(frames: np.ndarray, colour: str) -> str:
-    """Return a moving mechanism; ``frames`` are segments [px] over time."""
+    """Return the SVG element of a moving mechanism; ``frames`` are its segments [px] over time."""
     ways = ["".join(f"M{a:.0f} {b:.0f}L{c:.0f} {d:.0f}" for a, b, c, d in f.reshape(-1, 4)) for f in frames]
     look = (
         f'fill="none" stroke="{colour or "currentColor"}" stroke-width="{2.5 if colour else 5}" stroke-linecap="round"'
@@ -198,7 +201,7 @@ def _path(frames: np.ndarray, colour: str) -> str:
 
 
 def _count(x: int, y: int, r: RunRecord, series: Series, colour: str) -> list[str]:
-    """Return the error of a run as a text for each part of the time; the last one stays."""
+    """Return SVG texts on a run: its error in each part of the time (the last stays), its status and energy error."""
     times = np.linspace(0.0, END, COUNTS)
     off = np.interp(times, series["t"], 1e3 * series["position_error"])
     out = []
@@ -213,13 +216,14 @@ def _count(x: int, y: int, r: RunRecord, series: Series, colour: str) -> list[st
 
 
 def _moved(name: str, values: Sequence[str], mode: str) -> str:
-    """Animate an attribute over the loop; the last value is held."""
+    """Return the SVG animation of an attribute over the loop, at whose end the last value is held."""
     at = ";".join(f"{t:.3f}" for t in (*np.linspace(0.0, HELD, len(values)), 1.0))
     way = f'values="{";".join((*values, values[-1]))}" keyTimes="{at}" calcMode="{mode}"'
     return f'<animate attributeName="{name}" dur="{SECONDS}s" repeatCount="indefinite" {way}/>'
 
 
 def _text(x: int, y: int, words: str, colour: str = "", extra: str = "", inside: str = "") -> str:
+    """Return the SVG element of a text at ``x``, ``y`` [px]."""
     return f'<text x="{x}" y="{y}" fill="{colour or "currentColor"}"{extra}>{words}{inside}</text>'
 
 

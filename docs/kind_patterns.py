@@ -31,7 +31,7 @@ def find_spanning_trees(module: Module) -> Found:
 
 
 def find_tableaus(module: Module) -> Found:
-    """Find scopes that read the coefficients of DOP853 where scipy has them."""
+    """Find scopes that read the coefficients of DOP853 from scipy."""
     for name, _, own in bodies_of(module.tree):
         for node in own:
             if (
@@ -74,7 +74,7 @@ UNTIL = re.compile(r"\bt_end\b|\bspan\b|\bt_max\b|\bt <|record\.t\b|\bwanted\b|p
 
 
 def find_integration_loops(module: Module) -> Found:
-    """Find loops that go on until a time is reached."""
+    """Find loops that continue until a time is reached."""
     for name, _, own in bodies_of(module.tree):
         for loop in own:
             if isinstance(loop, ast.While) and UNTIL.search(ast.unparse(loop.test)):
@@ -159,7 +159,7 @@ PRESENTED = {
 
 
 def find_presentations(module: Module) -> Found:
-    """Find classes, tables, tuples and calls that name four or more of the ways in which a problem is presented."""
+    """Find classes, tables, tuples and calls that name four or more of the presentations of a problem."""
     for name, scope, own in bodies_of(module.tree):
         if isinstance(scope, ast.ClassDef):
             fields = {name_of(n.target) for n in scope.body if isinstance(n, ast.AnnAssign)}
@@ -180,7 +180,7 @@ ROADS = {"njit", "jit", "cfunc", "CFunc", "intrinsic", "parse_assembly", "IRBuil
 
 
 def find_roads(module: Module) -> Found:
-    """Find files that compile: by numba, by LLVM, or by text of LLVM that stands in the file."""
+    """Find places that compile code: by numba, by LLVM, or from LLVM source text in the file."""
     for node in ast.walk(module.tree):
         called = node.func if isinstance(node, ast.Call) else None
         decorated = node.decorator_list if isinstance(node, ast.FunctionDef) else []
@@ -191,7 +191,7 @@ def find_roads(module: Module) -> Found:
 
 
 def is_docstring(node: ast.AST, tree: ast.Module) -> bool:
-    """Return whether a constant is a docstring."""
+    """Return whether a node is the docstring of a scope of ``tree``."""
     first = (s.body[0] for _, s, _ in bodies_of(tree) if s.body)
     return any(isinstance(f, ast.Expr) and f.value is node for f in first)
 
@@ -200,7 +200,10 @@ INTERNAL = ("numba.core", "numba.np")  # not in numba's documented interface
 
 
 def find_private(module: Module) -> Found:
-    """Find private names of libraries: imports of ``_module``, attributes ``_name`` that no file of ours defines."""
+    """Find uses of libraries' private names: imports of ``_module``, attributes ``_name`` that no file of ours defines.
+
+    Modules in ``INTERNAL`` and assignments to an attribute of a library count, too.
+    """
     ours = names_of_ours()
     foreign = {
         a.asname or a.name.partition(".")[0]
@@ -241,13 +244,13 @@ DOCUMENTED = {"_asdict", "_replace", "_make", "_fields", "_field_defaults", "_ex
 
 
 def is_private(name: str) -> bool:
-    """Return whether a name is ``_private``."""
+    """Return whether a name is ``_private`` and not documented in Python's manual."""
     return name.startswith("_") and not name.startswith("__") and name.strip("_") != "" and name not in DOCUMENTED
 
 
 @cache
 def names_of_ours() -> set[str]:
-    """Return all private names that files of the product define."""
+    """Return all names that files of the product define."""
     out = set()
     for module in read_modules():
         for node in ast.walk(module.tree):
@@ -262,7 +265,7 @@ def names_of_ours() -> set[str]:
 
 @cache
 def names_of_classes() -> dict[str, set[str]]:
-    """Return the files that define a class, by its name."""
+    """Return the paths of the files that define a public class, by its name."""
     out: dict[str, set[str]] = defaultdict(set)
     for module in read_modules():
         for node in ast.walk(module.tree):

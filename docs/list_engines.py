@@ -36,7 +36,10 @@ SAME = {"drake_adaptive": "drake"}  # one column for both
 
 
 def publish(folder: Path) -> None:
-    """Publish both runs of every pair, or the frontier, and where they were made."""
+    """Write the published data of results: both runs of every contestant, or the frontier, with commit and machine.
+
+    Exit with an error if the results are of several commits or of changed code.
+    """
     results = read_results(folder)
     e = results.environment
     commits = {run.record.commit for run in results.runs}
@@ -52,6 +55,7 @@ def publish(folder: Path) -> None:
 
 
 def _costs(f: Frontier) -> dict[str, Any]:
+    """Return a row of the published frontier: the cheapest code for an error, its cost, and the best engine."""
     first = f.places[0]
     engine = next(((p.run.record.solver, p.factor) for p in f.places if is_engine(p.run.record.solver)), None)
     return {
@@ -71,6 +75,7 @@ def _costs(f: Frontier) -> dict[str, Any]:
 
 
 def _of(contest: Contest) -> dict[str, Any]:
+    """Return the published data of a contest: both runs of each contestant, by name, and the settings tried."""
     pairs = {
         pair.who: {"shipped": _run(contest, pair.shipped), "best": _run(contest, pair.best)} for pair in contest.pairs
     }
@@ -84,6 +89,7 @@ def _of(contest: Contest) -> dict[str, Any]:
 
 
 def _run(contest: Contest, run: StoredRun | None) -> dict[str, Any] | None:
+    """Return the published numbers of a run, with None for NaN; None without a run."""
     if run is None:
         return None
     numbers = {
@@ -100,7 +106,7 @@ def _run(contest: Contest, run: StoredRun | None) -> dict[str, Any] | None:
 
 
 def tables() -> str:
-    """Return how many reach the target; errors by contestant and problem; the cheapest code of each problem."""
+    """Return the tables of contests: how many reach the target, errors by contestant, the cheapest codes."""
     if not PUBLISHED.exists():
         return "No run of this code is published; `python docs/list_engines.py RESULTS` writes its tables here.\n"
     found = json.loads(PUBLISHED.read_text(encoding="utf-8"))
@@ -140,11 +146,15 @@ def tables() -> str:
 
 
 def _made_by(found: dict[str, Any]) -> str:
+    """Return a sentence that names the packages of the runs; empty if none are recorded."""
     return f" Made by {', '.join(found['packages'])}." if found.get("packages") else ""
 
 
 def frontier_table() -> str:
-    """Return a row for each variant, with the cheapest code at each error; those where an engine leads come first."""
+    """Return the table of the frontier: a row per variant with the cheapest code at each error.
+
+    Variants on which an engine leads come first.
+    """
     lead = "**The frontier** (`mbsbench run frontier`)"
     if not COSTS.exists():
         return f"{lead}: no run of it is published; `python docs/list_engines.py RESULTS` writes its table here.\n"
@@ -165,6 +175,7 @@ def frontier_table() -> str:
 
 
 def _place(row: dict[str, Any] | None) -> str:
+    """Format one cell of the frontier's table; a dash without a row."""
     if row is None:
         return "–"
     engine = f"{row['engine'][1]:.2g}" if row["engine"] else "–"
@@ -176,7 +187,7 @@ def _place(row: dict[str, Any] | None) -> str:
 
 
 def elements() -> str:
-    """Return the elements that each engine supports, and why one is not supported."""
+    """Return the table of the elements that each engine supports, and the reasons why it lacks others."""
     takes: dict[str, SupportedElements] = {
         name: taken
         for name in engines()
@@ -203,21 +214,25 @@ OURS = ("rattle", "gc_composed", "rkmk_dop853", "dop853_joint")
 
 
 def _within(run: dict[str, Any] | None, target: float) -> bool:
+    """Return whether a run exists and its error is within ``target``."""
     return run is not None and run["error"] is not None and run["error"] <= target
 
 
 def _reached(contest: dict[str, Any], which: str, target: float) -> tuple[int, int]:
+    """Count the runs of a contest within ``target``, and those that were made and not refused."""
     runs = [pair[which] for pair in contest["pairs"].values()]
     made = [run for run in runs if run is not None and run["status"] != "refused"]
     return sum(_within(run, target) for run in made), len(made)
 
 
 def _total(every: list[dict[str, Any]], which: str, target: float) -> tuple[int, int]:
+    """Return the sums of ``_reached`` over all contests."""
     reached, made = zip(*(_reached(one, which, target) for one in every), strict=True)
     return sum(reached), sum(made)
 
 
 def _cell(pair: dict[str, Any] | None) -> str:
+    """Format the errors of a contestant on a problem, as shipped and at best, and the CPU time of the best."""
     if pair is None or pair["best"]["status"] == "refused":
         return "refused"
     best = pair["best"]
@@ -226,16 +241,19 @@ def _cell(pair: dict[str, Any] | None) -> str:
 
 
 def _error(run: dict[str, Any] | None) -> str:
+    """Format the error of a run; its status if it has none, a dash without a run."""
     if run is None:
         return "–"
     return run["status"] if run["error"] is None else f"{run['error']:.0e}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def _cost(pair: tuple[float, str] | None) -> str:
+    """Format a contestant and its CPU time, from the pair of both; a dash without one."""
     return "–" if pair is None else f"`{pair[1]}` {_time(pair[0])}"
 
 
 def _time(seconds: float) -> str:
+    """Format a CPU time with its unit."""
     return f"{1e3 * seconds:.2g} ms" if seconds < 0.0995 else f"{seconds:.2g} s"
 
 

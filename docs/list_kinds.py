@@ -36,7 +36,7 @@ def find_places(kind: str) -> dict[str, Place]:
 
 
 def find_by_name(key: str) -> Place | None:
-    """Return a place that no pattern finds, if it is still there."""
+    """Return the place of a key of ``kinds.toml``, whether or not a pattern finds it; None if it no longer exists."""
     path, _, wanted = key.partition(" ")
     found = [scope for m in read_modules() if m.path == path for name, scope, _ in bodies_of(m.tree) if name == wanted]
     return Place(path, wanted, getattr(found[0], "lineno", 1)) if found else None
@@ -49,7 +49,7 @@ def read_reasons() -> dict[str, dict[str, str]]:
 
 
 def list_faults() -> list[str]:
-    """Return what differs between the product and ``kinds.toml``, a line each."""
+    """Return a line for each difference between the product and ``kinds.toml``."""
     out = []
     for kind, reasons in read_reasons().items():
         found = find_places(kind)
@@ -70,7 +70,7 @@ def is_counted(reason: str) -> bool:
 
 
 def count_places() -> dict[str, tuple[int, int, int]]:
-    """Return by kind how many places count, how many of these are to be merged, and how many are apart on purpose."""
+    """Return by kind the number of places that count, of those to be merged, and of those separate on purpose."""
     return {
         kind: (
             sum(map(is_counted, reasons.values())),
@@ -96,14 +96,14 @@ def describe() -> Iterator[str]:
 
 
 def list_new() -> Iterator[str]:
-    """Yield tables with the lines that ``kinds.toml`` lacks."""
+    """Yield the tables of lines that ``kinds.toml`` lacks."""
     for kind, reasons in read_reasons().items():
         if new := [key for key in find_places(kind) if key not in reasons]:
             yield "\n".join((f'["{kind}"]', *(f'"{key}" = ""' for key in new), ""))
 
 
 def main(arguments: list[str]) -> int:
-    """Print the list; return 1 where it and the product differ."""
+    """Print the list, or with --new the missing lines; return 1 if ``kinds.toml`` and the product differ, else 0."""
     faults = list_faults()
     sys.stdout.write("\n".join((*(list_new() if "--new" in arguments else describe()), "")))
     sys.stderr.write("\n".join((*faults, "") if faults else ()))

@@ -17,7 +17,7 @@ def read_questions() -> list[dict[str, Any]]:
 
 
 def read_figure(question: dict[str, Any], printed: str) -> float:
-    """Return the number that answers a question from the output of its command."""
+    """Return the number that answers a question from the output of its command; raise ValueError if it is not found."""
     found = re.search(FIGURES.get(question["figure"], question["figure"]), printed, re.MULTILINE)
     if found is None:
         raise ValueError(f"{question['command']}: expected {question['figure']} in:\n{printed}")
@@ -25,7 +25,7 @@ def read_figure(question: dict[str, Any], printed: str) -> float:
 
 
 def stated(question: dict[str, Any]) -> tuple[float, float]:
-    """Return the number in its answer, and half a unit of its last digit."""
+    """Return the number stated in a question's answer, and half a unit of its last digit."""
     text = question["value"].split()[0]
     mantissa, _, power = text.partition("e")
     digits = len(mantissa.partition(".")[2])
@@ -33,7 +33,7 @@ def stated(question: dict[str, Any]) -> tuple[float, float]:
 
 
 def table() -> str:
-    """Return a row for each question: threads, answer, command, or what is missing where it is not answered."""
+    """Return the table of questions, with threads, answer and command of each, or what is missing to answer it."""
     rows = ["| question | answer | command |", "|---|---|---|"]
     for q in read_questions():
         links = ", ".join(f"[{t}](https://github.com/{t.replace('#', '/issues/')})" for t in q["threads"])

@@ -51,7 +51,7 @@ SOUND = ("success", "inaccurate")
 
 
 def measure(problem: Problem, solver: str) -> dict[str, Any]:
-    """Return a row of the data."""
+    """Return the row of a solver: its run, which is solved unless this code's is kept, its errors and its shadow."""
     spec = make_spec(problem, solver)
     code = digest_run_code(problem.name, solver)
     path = RUNS / f"{solver}-{code}.npz"
@@ -82,7 +82,7 @@ def measure(problem: Problem, solver: str) -> dict[str, Any]:
 
 
 def measure_modified_energy(problem: Problem, trajectory: Trajectory) -> float | None:
-    """Return its range relative to the scale; None where it is not defined."""
+    """Return the range of the modified energy relative to its scale; None where it is not defined."""
     try:
         found = find_modified_energy(problem, trajectory)
     except ValueError:
@@ -91,7 +91,7 @@ def measure_modified_energy(problem: Problem, trajectory: Trajectory) -> float |
 
 
 def measure_errors(problem: Problem, trajectory: Trajectory) -> dict[str, float]:
-    """Return the largest error of any C at two times [m]."""
+    """Return the largest error of any centre of mass [m] at ``EARLY`` and ``LATE``, by time, where it is known."""
     out = {}
     reference, far = problem.reference(), load_long_motion(problem.name)
     for t, true in ((EARLY, reference), (LATE, far)):
@@ -102,7 +102,7 @@ def measure_errors(problem: Problem, trajectory: Trajectory) -> dict[str, float]
 
 
 def describe(problem: Problem, trajectory: Trajectory) -> dict[str, Any]:
-    """Return its shadow, or why none can be sought."""
+    """Return numbers on the shadow of a motion, or the reason why none can be computed."""
     began = cpu_seconds()
     try:
         s = find_shadow(problem, trajectory)
@@ -127,10 +127,10 @@ def without_nan(numbers: dict[str, Any]) -> dict[str, Any]:
 
 
 def score(problem: Problem, solvers: list[str], starts: int) -> dict[str, Any]:
-    """Return for each solver its starts, and excess and p of two scores at each time.
+    """Score the ensembles of solvers and store each; return by solver the number of starts and two scores at each time.
 
-    The scores are the energy score of all C and the CRPS of the energy. All clouds have the same starts: part of their
-    excess is due to this draw, as ``TRUTH`` shows.
+    The scores are the energy score of all C and the CRPS of the energy, each with its excess, p, bias and spread. All
+    clouds have the same starts: part of their excess is due to this draw, as ``TRUTH`` shows.
     """
     e = make_ensemble(problem, SPREAD, SEED, SCORED)
     true = registry.make_solver(TRUTH, {"code": "mechanism"})
@@ -159,12 +159,12 @@ def score(problem: Problem, solvers: list[str], starts: int) -> dict[str, Any]:
 
 
 def read() -> dict[str, dict[str, Any]]:
-    """Read the data."""
+    """Return the published data; empty without the file."""
     return json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
 
 
 def keep(part: str, rows: dict[str, Any]) -> None:
-    """Add ``rows`` to a part of the data, which other processes add to as well."""
+    """Add ``rows`` to a part of the data in its file, under a lock, since other processes add to it as well."""
     with LOCK.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         plain = read()
@@ -173,7 +173,7 @@ def keep(part: str, rows: dict[str, Any]) -> None:
 
 
 def table() -> str:
-    """Return a row for each solver: those with a shadow over the whole time first, the nearest on top."""
+    """Return the table with a row per solver: the longest shadows first, then the nearest."""
     data = read()
     heads = [
         "solver",
@@ -215,7 +215,7 @@ def table() -> str:
 
 
 def page() -> str:
-    """Return what the table teaches, and the table."""
+    """Return the summary of the table in words, and the table."""
     data = read()
     rows = list(data["runs"].values())
     shadows = [r["shadow"] for r in rows if (r["shadow"].get("until_s") or 0.0) >= LATE]
@@ -248,24 +248,24 @@ def page() -> str:
 
 
 def rank(row: dict[str, Any]) -> tuple[float, float]:
-    """Return the order by the time of the shadow, then by its distance."""
+    """Return the sort key of a row: the longest shadow first, then the nearest."""
     s = row["shadow"]
     return -(s.get("until_s") or 0.0), s.get("rms_m") or math.inf
 
 
 def number(value: float | None, scale: float = 1.0, digits: int = 2) -> str:
-    """Return a number, or a dash where there is none."""
+    """Format a number, multiplied by ``scale``; a dash for None."""
     return "–" if value is None else f"{scale * value:.{digits}g}"
 
 
 def scored_starts(cloud: dict[str, Any]) -> str:
-    """Return how many starts there are, and how many of them did not reach the end."""
+    """Format the number of starts of an ensemble, and how many of them did not reach the end."""
     missing = max((score["missing"] for score in cloud.values() if isinstance(score, dict)), default=0)
     return number(cloud.get("starts"), digits=4) + (f", {missing} missing" if missing else "")
 
 
 def excess(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
-    """Return the excess of all C at 2 s, less that of ``TRUTH`` from the same starts."""
+    """Format the excess of all C at 2 s, less that of ``TRUTH`` from the same starts; a dash if one is missing."""
     score, own = (of.get(f"{ALL_C} 2", {}) for of in (cloud, clouds.get(TRUTH, {})))
     if score.get("excess") is None or own.get("excess") is None or cloud["starts"] != clouds[TRUTH]["starts"]:
         return "–"
@@ -273,7 +273,10 @@ def excess(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
 
 
 def bias(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
-    """Return the bias of the energy at 20 s; its standard error is that of two means, the second of ``TRUTH``."""
+    """Format the bias of the energy at 20 s, in bold if it is significant; a dash if it is missing.
+
+    Its standard error is that of the difference of two means, the second of ``TRUTH``.
+    """
     score, true = (of.get("energy 20", {}) for of in (cloud, clouds.get(TRUTH, {})))
     if score.get("bias") is None or true.get("spread") is None:
         return "–"
@@ -283,7 +286,7 @@ def bias(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Run one of the three commands."""
+    """Run the command that the arguments name: measure, cloud, or without any write the page."""
     problem = registry.make_problem("chain", {})
     RUNS.mkdir(parents=True, exist_ok=True)
     if sys.argv[1:2] == ["measure"]:

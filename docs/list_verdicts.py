@@ -21,12 +21,12 @@ DATA = ROOT / "docs" / "decisions" / "verdicts.toml"
 
 
 def cell(finding: ClaimFinding | None) -> str:
-    """Return text such as ``reproduced if gain 0; for 39 of 76 tried``; a dash where there is no such setting."""
+    """Format a verdict: ``reproduced if gain 0; for 39 of 76 tried``; a dash without one."""
     return "; ".join(filter(None, (verdict(finding), format_share(finding)))) if finding else "–"
 
 
 def table() -> str:
-    """Return every claim before and now, with a reason where one is given."""
+    """Return the table of every claim before and now, with the reason of a change where one is recorded."""
     data = tomllib.loads(DATA.read_text(encoding="utf-8"))
     claims = {c.id: c for c in read_judgement(CLAIMS, PUBLISHED)}
     before, reasons = data.get("before", {}), data.get("reasons", {})
@@ -41,7 +41,7 @@ def table() -> str:
 
 
 def earlier(plain: Any) -> dict[str, str]:
-    """Return one cell for each claim of a ``claims.json`` of schema 1, or of the present one."""
+    """Return the verdict on each claim, by id, from the content of a ``claims.json`` of schema 1 or the present one."""
     if isinstance(plain, list):
         return {c["id"]: f"{c['verdict']} {c['because']['holds']} of {c['because']['settings']}" for c in plain}
     sides = (("", "paper"), ("beyond ", "beyond"))
@@ -54,13 +54,13 @@ def earlier(plain: Any) -> dict[str, str]:
 
 
 def with_before(text: str, before: dict[str, str]) -> str:
-    """Return the data with another ``before``, which is its last part."""
+    """Return the text of the data with its last part, ``[before]``, replaced."""
     rows = "".join(f"{json.dumps(k)} = {json.dumps(v)}\n" for k, v in before.items())
     return text.partition("[before]\n")[0] + "[before]\n" + rows
 
 
 def main() -> None:
-    """Write the data."""
+    """Write the verdicts that were published before into ``verdicts.toml``."""
     parser = argparse.ArgumentParser(description="Write what was published before into verdicts.toml.")
     parser.add_argument("old", type=Path, metavar="OLD.json", help="claims.json published before")
     old = earlier(json.loads(parser.parse_args().old.read_text(encoding="utf-8")))

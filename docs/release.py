@@ -48,7 +48,10 @@ def read_version(root: Path) -> str:
 
 
 def check_versions(root: Path) -> Iterator[str]:
-    """Yield what does not state the version: the citation, the newest section of the changelog, a tag that is taken."""
+    """Yield each place that does not state the version: citation, newest section of the changelog.
+
+    A tag of that version which exists already is a fault, too.
+    """
     version = read_version(root)
     found = re.search(r"^version: *(\S+)", (root / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
     if found is None or found[1].strip("\"'") != version:
@@ -66,13 +69,13 @@ def check_versions(root: Path) -> Iterator[str]:
 
 
 def check_tree(root: Path) -> Iterator[str]:
-    """Yield files that are not committed."""
+    """Yield a line if files are not committed."""
     if changed := _git(root, "status", "--porcelain").splitlines():
         yield f"{len(changed)} files are not committed, {changed[0][3:]} first: commit or remove them"
 
 
 def check_published(root: Path) -> Iterator[str]:
-    """Yield published results that other code than this computed."""
+    """Yield the published verdicts and pictures that are of other code than this."""
     if words := judge.describe_outdated(PUBLISHED, code_now(read_register(), judge.list_whole())):
         yield f"{words}; {REMEDY}"
     for name in ("costs", "chain"):
@@ -106,7 +109,10 @@ def check_formats(root: Path) -> Iterator[str]:
 
 
 def check_contract(root: Path) -> Iterator[str]:
-    """Yield public names that the last tag had and this has not, unless the first or second number has risen."""
+    """Yield public names that the last tag had and this code lacks, unless the version allows their removal.
+
+    It does if its first number, or before version 1 its second one, has risen.
+    """
     tags = [t for t in _git(root, "tag", "--list", "v*").splitlines() if re.fullmatch(r"v\d+(\.\d+)+", t)]
     if not tags:
         return
@@ -129,7 +135,7 @@ def read_public_names(text: str) -> set[str]:
 
 
 def check_wheel(root: Path) -> Iterator[str]:
-    """Make the wheel of what is committed, and yield what tests/test_packaging.py finds missing in it."""
+    """Build the wheel of the committed files in ``WHEELS``; yield a fault in it, or in tests/test_packaging.py."""
     shutil.rmtree(WHEELS, ignore_errors=True)
     source = WHEELS / "source"
     source.mkdir(parents=True)

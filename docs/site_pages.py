@@ -27,7 +27,7 @@ HIDDEN = {".py", ".toml", ".j2"}  # of docs/, unless a page links to it
 
 
 def on_files(given: Files, config: MkDocsConfig) -> Files:
-    """Return the pages, what is beside them in docs/, and each file of the repository that a page links to."""
+    """Return the pages, the other files in docs/ and each file that a page links to; set ``config.nav``."""
     pages = [ROOT / "README.md", *sorted(p for p in ROOT.glob("*.md") if p.stem != "README")]
     pages += sorted((ROOT / "docs").rglob("*.md"))
     linked = {(p.parent / link).resolve() for p in pages for link in LINK.findall(p.read_text(encoding="utf-8"))}
@@ -44,7 +44,7 @@ def on_files(given: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(text: str, page: Page, **_: object) -> str:
-    """Return the text with its table of verdicts; a link to a folder leads to its first page."""
+    """Return the text with the table of verdicts, and with links to folders replaced by links to their first page."""
     place = (ROOT / page.file.src_uri).parent
 
     def target(found: re.Match[str]) -> str:
@@ -56,7 +56,7 @@ def on_page_markdown(text: str, page: Page, **_: object) -> str:
 
 
 def _reference(part: str) -> str:
-    """Return the page of the public names that the modules of one ``part`` define."""
+    """Return the page, in Markdown, of the public names that the modules of one ``part`` define."""
     text = [f"# {TITLES.get(part, part.capitalize())}\n"]
     for module, names in mbsbench._HOMES.items():
         path = module if part in ("api", "solvers") else f"harness.{module}"

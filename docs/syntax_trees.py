@@ -28,12 +28,12 @@ class Place(NamedTuple):
 
     @property
     def key(self) -> str:
-        """Path and name as they stand in ``kinds.toml``."""
+        """The path and the name, as they stand in ``kinds.toml``."""
         return f"{self.path} {self.name}".strip()
 
 
 class Body(NamedTuple):
-    """A module, class or function by qualified name, with its nodes but those of classes and functions within it."""
+    """A module, class or function by qualified name, with its own nodes: without those of scopes within it."""
 
     name: str
     scope: Scope
@@ -48,7 +48,7 @@ def read_modules() -> tuple[Module, ...]:
 
 
 def walk_scopes(tree: ast.AST, prefix: str = "") -> Iterator[tuple[str, Scope]]:
-    """Yield the module (without a name), its functions and classes, and theirs, by qualified name."""
+    """Yield the module (without a name) and all functions and classes in it, by qualified name."""
     if isinstance(tree, ast.Module):
         yield "", tree
     for node in ast.iter_child_nodes(tree):
@@ -70,12 +70,12 @@ def walk_own(scope: ast.AST) -> Iterator[ast.AST]:
 
 @cache
 def bodies_of(tree: ast.Module) -> tuple[Body, ...]:
-    """Return all scopes of a module."""
+    """Return all scopes of a module by qualified name, each with its own nodes."""
     return tuple(Body(name, scope, tuple(walk_own(scope))) for name, scope in walk_scopes(tree))
 
 
 def name_of(node: ast.AST) -> str:
-    """Return the last part of a name: ``solve`` of ``lu.solve``; "" of what is not a name."""
+    """Return the last part of a name: ``solve`` of ``lu.solve``; "" for a node that is not a name."""
     return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
 
 
@@ -91,5 +91,5 @@ def called_in(node: ast.AST) -> set[str]:
 
 
 def names_in(node: ast.AST) -> set[str]:
-    """Return the last parts of all names."""
+    """Return the last parts of all names within a node."""
     return {name_of(n) for n in ast.walk(node)}

@@ -53,11 +53,13 @@ def is_checkout() -> bool:
 
 
 def cache_folder(name: str, in_checkout: Path) -> Path:
-    """Make the folder of the cache ``name``, below ``in_checkout`` or in the user's cache, and return it.
+    """Make the folder of the cache ``name`` for this user alone and return it.
 
-    The user's cache serves where this is no writable checkout: ``mbsbench/`` in ``$XDG_CACHE_HOME`` or ``~/.cache``;
-    ``$MBSBENCH_CACHE``, an absolute path, replaces all of these. The folder is made for this user alone. If others may
-    write to it, a warning names it, and a private folder is used instead, also by processes started from here.
+    It is below ``in_checkout`` or, without a writable checkout, in the user's cache: ``mbsbench/`` in
+    ``$XDG_CACHE_HOME`` or ``~/.cache``. ``$MBSBENCH_CACHE``, an absolute path, replaces both. If others may write to
+    the folder, a warning names it, and this process and those that it starts use a private folder instead
+    (``$MBSBENCH_CACHE`` is set). If a folder in the checkout or in ``$MBSBENCH_CACHE`` cannot be made, its path is
+    returned all the same.
     """
     folder, above = _choose_place(name, in_checkout)
     try:
@@ -77,7 +79,10 @@ def cache_folder(name: str, in_checkout: Path) -> Path:
 
 
 def read_kept(path: Path, largest: int) -> bytes:
-    """Read a file in a cache; raise OSError unless it is a regular file of this user and not too large."""
+    """Return the content of a file in a cache.
+
+    Raise OSError unless it is a regular file that this user owns, no link, of at most ``largest`` bytes.
+    """
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         about = os.fstat(descriptor)
@@ -91,13 +96,13 @@ def read_kept(path: Path, largest: int) -> bytes:
 
 
 def _chosen() -> str:
-    """Return the folder in ``$MBSBENCH_CACHE``; empty if it is not set or no absolute path."""
+    """Return the folder in ``$MBSBENCH_CACHE``; empty if that is unset or not an absolute path."""
     chosen = os.environ.get(CHOSEN, "")
     return chosen if os.path.isabs(chosen) else ""
 
 
 def _choose_place(name: str, in_checkout: Path) -> tuple[Path, Path | None]:
-    """Return the folder of the cache ``name``, and the one above it if that holds only caches; None in a checkout."""
+    """Return the folder of the cache ``name``, and its parent if that holds caches alone, else (in a checkout) None."""
     if chosen := _chosen():
         return Path(chosen) / name, Path(chosen)
     if is_checkout() and os.access(ROOT, os.W_OK):
@@ -108,9 +113,9 @@ def _choose_place(name: str, in_checkout: Path) -> tuple[Path, Path | None]:
 
 
 def _make_private(folder: Path, above: Path | None) -> str:
-    """Make the folder, and that ``above``, for this user alone.
+    """Make ``folder``, and its parent ``above`` if given, for this user alone.
 
-    Return why an existing one is not safe, empty if all are; raise OSError if one cannot be made or written to.
+    Return why an existing one is not safe, else an empty string; raise OSError if one cannot be made or written to.
     """
     (above or folder).parent.mkdir(parents=True, exist_ok=True)
     for place in filter(None, (above, folder)):
@@ -127,7 +132,8 @@ def _make_private(folder: Path, above: Path | None) -> str:
 def _explain_risk(place: Path, *, chosen: bool) -> str:
     """Return why others could write to the folder ``place``; empty if they cannot.
 
-    A folder ``chosen`` by the user (``$MBSBENCH_CACHE``) may be a link, belong to root, or be sticky like /tmp.
+    A folder ``chosen`` by the user (``$MBSBENCH_CACHE``) may be a link, belong to root, or be sticky like /tmp. Raise
+    NotADirectoryError if ``place`` is a file.
     """
     about = place.stat() if chosen else place.lstat()
     if stat.S_ISLNK(about.st_mode):
@@ -142,7 +148,7 @@ def _explain_risk(place: Path, *, chosen: bool) -> str:
 
 
 def _private_folder() -> Path:
-    """Return a private temporary folder, used if the home is missing, read-only, or writable by others."""
+    """Make and return a private temporary folder, for a home that is missing, read-only, or writable by others."""
     own = Path(tempfile.gettempdir()) / f"mbsbench-{os.getuid()}"
     try:
         usable = not _make_private(own, None)

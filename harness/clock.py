@@ -1,7 +1,7 @@
 """Measure the CPU time of this process and of process trees, with the same resolution under the sandbox's limits."""
 
 import contextlib
-import encodings.ascii  # noqa: F401  here, or at the first look at /proc, which may be within a timed call
+import encodings.ascii  # noqa: F401  else imported at the first read of /proc, perhaps in a timed call
 import os
 import resource
 from collections.abc import Collection, Iterator
@@ -29,16 +29,16 @@ def set_keeper(pid: int) -> None:
 
 
 def cpu_seconds_of_tree() -> float:
-    """Return the CPU time of this process and of all that it has started [s]."""
+    """Return the CPU time of this process and of all processes that it has started [s]."""
     return cpu_seconds() + cpu_seconds_of_others()
 
 
 def cpu_seconds_of_others() -> float:
-    """Return the CPU time of all processes started from here, without this one, in whatever session, to 10 ms each [s].
+    """Return the CPU time of all processes started from here except this one, in any session, to 10 ms each [s].
 
-    Reading it takes 20 times as long as ``cpu_seconds``: time a call with both, ``cpu_seconds`` next to the call. Finer
-    clocks may count more of one of those: differences with them are cut at zero. The system does not account for a
-    process that ends without being waited for.
+    Reading it takes 20 times as long as ``cpu_seconds``: to time a call, read both, with ``cpu_seconds`` next to the
+    call. A finer clock may show more time of the same processes; clip differences between the two at zero. A process
+    that ends without being waited for is not counted.
     """
     root = _keepers[-1] if _keepers else os.getpid()
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -48,19 +48,19 @@ def cpu_seconds_of_others() -> float:
 
 
 def cpu_seconds_below(root: int) -> float:
-    """Return the CPU time of the process ``root`` and all below it, including ended ones that were waited for [s]."""
+    """Return the CPU time of the process ``root`` and its descendants, also ended ones that were waited for [s]."""
     return sum(sum(_times(pid)) for pid in (root, *descendants(root)))
 
 
 def cpu_by_process(root: int) -> dict[int, float]:
-    """Return the CPU time of each process below ``root``, without its children [s], by process id."""
+    """Return the CPU time of each descendant of ``root``, without that of its children [s], by process id."""
     return {pid: _times(pid)[0] for pid in descendants(root)}
 
 
 def descendants(root: int, spared: Collection[int] = ()) -> list[int]:
-    """Return the ids of all processes below ``root``, including zombies; empty without /proc.
+    """Return the ids of all descendants of the process ``root``, including zombies; empty without /proc.
 
-    Processes in ``spared`` and those below them are left out.
+    Processes in ``spared`` and their descendants are left out.
     """
     found, new = list[int](), [root]
     while new:
@@ -72,7 +72,7 @@ def descendants(root: int, spared: Collection[int] = ()) -> list[int]:
 
 
 def _children(pid: int) -> Iterator[int]:
-    """Yield the ids of a process's children, over all its threads; a thread that ends meanwhile has none."""
+    """Yield the ids of the children of all threads of a process; a thread that ends meanwhile is skipped."""
     with contextlib.suppress(OSError):
         for task in os.listdir(f"/proc/{pid}/task"):
             with contextlib.suppress(OSError):

@@ -39,9 +39,9 @@ class CodePage:
             self.report(slot, 0.0)
 
     def report(self, slot: int, seconds: float, since: float = -1.0) -> None:
-        """Write to a slot how long [s] its process has made code in closed blocks, and ``since`` when a block is open.
+        """Write to ``slot`` the CPU time [s] that its process took to make code in closed blocks, and ``since``.
 
-        ``since`` is the process's CPU time [s] when the block opened, -1 if none is open.
+        ``since`` is the process's CPU time [s] when the block that is open began, -1 if none is open.
         """
         self._numbers[2 * slot], self._numbers[2 * slot + 1] = seconds, since
 
@@ -51,7 +51,7 @@ class CodePage:
         return seconds, since
 
     def is_making(self, first: int = 0) -> bool:
-        """Return whether a process from slot ``first`` on makes code now, or did when it ended."""
+        """Return whether the process of slot ``first`` or of a later one makes code now, or did when it ended."""
         return any(self.read(slot)[1] >= 0.0 for slot in range(first, SLOTS))
 
 
@@ -65,10 +65,10 @@ class CodeReading:
         self._open = dict[int, tuple[float, float]]()  # by slot: when the open block began, and ``used`` before it
 
     def seconds(self, used: float) -> float:
-        """Return the CPU time of making code so far, of processes that have used ``used`` [s] of CPU time together [s].
+        """Read the page; return the CPU time of making code so far [s], of processes that used ``used`` [s] together.
 
-        Of an open block it counts the CPU time since the reading before the block, and at most since the block's
-        process was as old as it reports: ``used`` also holds what other processes used earlier.
+        An open block counts from the last reading before it, or from its process's own ``since`` if that is later:
+        ``used`` also contains what other processes used before.
         """
         total = 0.0
         for slot in range(self.first, SLOTS):
@@ -112,7 +112,7 @@ _thread, _process = _Thread(), _Process()
 
 
 def _start_anew() -> None:
-    """Set the meter of a forked child to zero, as its CPU time is."""
+    """Set the meter to zero in a forked child, whose CPU time starts at zero."""
     global _thread, _process
     _thread, _process = _Thread(), _Process()
 
@@ -142,9 +142,9 @@ def _close() -> None:
 
 
 def _check(space: dict[str, Any]) -> None:
-    """Raise RuntimeError unless the caller, of the global names ``space``, is of this package.
+    """Raise RuntimeError unless the caller, whose global names are ``space``, belongs to this package.
 
-    A plugin could hide its own time otherwise; it returns ``setup_time`` instead.
+    Otherwise a plugin could hide its own time; plugins return ``setup_time`` instead.
     """
     caller = str(space.get("__name__", ""))
     if caller.split(".")[0] != PACKAGE:
@@ -210,7 +210,7 @@ def add_code_below(seconds: float) -> None:
 
 
 def solver_seconds() -> float:
-    """Return the CPU time [s] of this process without that of making code: a clock that stops meanwhile."""
+    """Return the CPU time [s] of this process without that of making code: a clock that stands still meanwhile."""
     return cpu_seconds() - code_seconds()
 
 
@@ -254,9 +254,9 @@ _listening: list[Any] = []
 
 
 def page_for_child() -> tuple[CodePage, int]:
-    """Return the page, and the slot in it, to which a child of this process reports its time of making code.
+    """Choose and clear a slot to which a child of this process reports its time of making code; return page and slot.
 
-    It is the page to which this process itself reports, with the next slot, or a new one.
+    It is the next slot of the page to which this process itself reports or, without one that is free, of a new page.
     """
     below = _process.slot + 1
     page, slot = (_process.page, below) if _process.page and below < SLOTS else (CodePage(), 0)
@@ -270,13 +270,13 @@ def report_code_time(page: CodePage, slot: int) -> None:
 
 
 def leave_code_out_of(soft_limit: float) -> None:
-    """Set the CPU time at which the system ends this process, ``soft_limit`` [s], not counting that of making code."""
+    """Limit the CPU time of this process to ``soft_limit`` [s], without the time of making code from now on."""
     _process.soft_limit = math.ceil(soft_limit - code_seconds())
     _move_limit(making=is_making_code())
 
 
 def _move_limit(*, making: bool) -> None:
-    """Set the system's soft limit to the hard one while code is made, else to the solver's own."""
+    """Set the system's soft limit on CPU time, to ``HARD`` below the hard one while code is made, else the solver's."""
     if _process.soft_limit:
         with contextlib.suppress(ValueError, OSError):  # a plugin has changed it
             hard = resource.getrlimit(resource.RLIMIT_CPU)[1]

@@ -45,7 +45,7 @@ class ConfinedPath:
     parts: tuple[str, ...] = ()
 
     def __truediv__(self, name: str) -> "ConfinedPath":
-        """Return the place ``name`` below this one; raise ValueError for a path that leads out of it."""
+        """Return the path ``name`` below this one; raise ValueError if it could lead out of it."""
         parts = tuple(name.split("/"))
         if any(part in ("", ".", "..") or "\0" in part for part in parts):
             raise ValueError(f"{name!r} is no place below {self}")
@@ -69,7 +69,7 @@ class ConfinedPath:
         return ConfinedPath(self.root, self.parts[:-1])
 
     def sibling(self, name: str) -> "ConfinedPath":
-        """Return the place ``name`` beside it."""
+        """Return the path ``name`` in the same folder."""
         return self.parent / name
 
     def kind(self) -> str:
@@ -103,7 +103,7 @@ class ConfinedPath:
             return []
 
     def make_folder(self) -> None:
-        """Make this folder and those above it, up to the results folder, which must be there."""
+        """Make this folder and its parents below the results folder, which must exist."""
         with self.open_folder(make=True):
             pass
 
@@ -134,7 +134,10 @@ class ConfinedPath:
             return self._content(file, largest)
 
     def contents(self, largest: int) -> Iterator[tuple[str, bytes | OSError]]:
-        """Yield each name in this folder without a leading dot, sorted, with the content or the error."""
+        """Yield the name of each file in this folder, sorted, and its content or the error of reading it.
+
+        Names with a leading dot are skipped; a file of more than ``largest`` bytes is an error.
+        """
         names = [name for name in self.names() if not name.startswith(".")]
         with self.open_folder() as here:
             for name in names:
@@ -154,11 +157,10 @@ class ConfinedPath:
 
     @contextmanager
     def write_atomically(self, *, durable: bool = True) -> Iterator[BinaryIO]:
-        """Provide a file to write, which replaces this one at the end of the block; it is removed if the block fails.
+        """Provide a new file to write, which replaces this one when the block ends and is removed if the block fails.
 
-        Its folders are created. It is a new file, so that other names of an old one (hard links) keep their content.
-        ``durable`` waits until it is on the disk, which takes milliseconds; files that can be made again do not need
-        it.
+        Missing folders are created. Other names of an old file (hard links) keep its content. With ``durable`` it is
+        on the disk when the block ends, which takes milliseconds; files that can be made again do not need it.
         """
         partial = partial_name(self.name, os.getpid())
         with self.parent.open_folder(make=True) as above:
@@ -182,7 +184,7 @@ class ConfinedPath:
             file.write(content.encode() if isinstance(content, str) else content)
 
     def open_new(self) -> BinaryIO:
-        """Create an empty file in place of an old one, opened for appending."""
+        """Create an empty file in place of any old one; return it, opened for appending."""
         with self.parent.open_folder(make=True) as above:
             if (kind := _kind(above, self.name)) not in ("", "a file"):
                 raise self._refuse(kind)
@@ -207,7 +209,7 @@ class ConfinedPath:
                 shutil.rmtree(self.name, dir_fd=above)
 
     def move_to(self, target: "ConfinedPath") -> None:
-        """Rename whatever has this name to ``target``, whose folder is created."""
+        """Rename the file, folder or link of this name to ``target``, whose folder is created."""
         with self.parent.open_folder() as here, target.parent.open_folder(make=True) as there:
             os.rename(self.name, target.name, src_dir_fd=here, dst_dir_fd=there)
 
@@ -248,13 +250,13 @@ class ConfinedPath:
         return OSError(error.errno, error.strerror, str(self))
 
     def _refuse(self, kind: str) -> UnsafeFile:
-        """Return the error that says what is here, ``a link`` for example, in place of a file or folder."""
+        """Return the UnsafeFile to raise for a ``kind`` of entry, such as ``a link``, in place of a file or folder."""
         words = f"it is {kind}; a results folder holds files and folders of its own only: remove it"
         return UnsafeFile(errno.EINVAL, words, str(self))
 
 
 def confine_path(path: Path | ConfinedPath) -> ConfinedPath:
-    """Convert a user's path to the place of its name in its folder; return a ConfinedPath unchanged."""
+    """Return a user's path as its name below its folder; return a ConfinedPath unchanged."""
     if isinstance(path, ConfinedPath):
         return path
     path = path if path.name not in ("", "..") else Path(os.path.abspath(path))  # "." has no name of its own
@@ -262,7 +264,7 @@ def confine_path(path: Path | ConfinedPath) -> ConfinedPath:
 
 
 def read_whole(path: Path, largest: int = LARGEST) -> bytes:
-    """Read a file that the user named, as ``open_whole`` opens it."""
+    """Return the content of a file that the user named; raise OSError where ``open_whole`` does."""
     with open_whole(path, largest) as file:
         return file.read(os.fstat(file.fileno()).st_size)
 
@@ -293,7 +295,7 @@ def partial_name(name: str, pid: int) -> str:
 
 
 def _kind(above: int, name: str) -> str:
-    """Return what ``name`` is in the folder with descriptor ``above``, ``a link`` for example; empty if nothing."""
+    """Return the kind of ``name`` in the folder with descriptor ``above``, such as ``a link``; empty if none exists."""
     try:
         return KINDS.get(stat.S_IFMT(os.stat(name, dir_fd=above, follow_symlinks=False).st_mode), "no regular file")
     except FileNotFoundError:

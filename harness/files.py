@@ -22,7 +22,7 @@ class FileError(ValueError):
 def read_text(path: Path | ConfinedPath, what: str) -> str:
     """Read the text of ``path`` without a byte-order mark; ``what`` names its expected content in messages.
 
-    Raise FileError if it cannot be read, UnsafeFile for a place in a results folder that is a link or the like.
+    Raise FileError if it cannot be read, UnsafeFile for a link, a device or the like in a results folder.
     """
     try:
         content = path.read(LARGEST) if isinstance(path, ConfinedPath) else read_whole(path, LARGEST)
@@ -54,7 +54,7 @@ def parse_json(text: str | bytes, where: str) -> Any:
 
 
 def to_json(value: Any, *, indent: int = 0) -> str:
-    """Format strict JSON; a number that is NaN or infinite becomes null."""
+    """Format a value as strict JSON; a number that is NaN or infinite becomes null."""
     text = msgspec.json.encode(value, enc_hook=lambda x: x.tolist())  # arrays and scalars of numpy
     return (msgspec.json.format(text, indent=indent) if indent else text).decode()
 
@@ -71,7 +71,7 @@ def name_partial(path: Path, pid: int) -> Path:
 
 @contextmanager
 def write_atomically(path: Path) -> Iterator[Path]:
-    """Provide a path to write, whose file replaces ``path`` when the block ends; it is removed if the block fails."""
+    """Provide the path of a new file, which replaces ``path`` when the block ends and is removed if the block fails."""
     partial = name_partial(path, os.getpid())
     try:
         yield partial

@@ -1,4 +1,4 @@
-"""Pin what of this machine determines the bits of a run, before NumPy loads, and describe what is in force.
+"""Pin the settings of this machine that determine the bits of a run, before NumPy loads, and describe those in force.
 
 Three libraries choose instructions by the processor: OpenBLAS its kernels, NumPy its loops, LLVM (numba, and our own
 code) its target. Each reads the environment once, when it loads. ``pin_arithmetic`` sets all three to what every
@@ -98,7 +98,7 @@ def pin_arithmetic() -> None:
 
 
 def unpin_arithmetic() -> None:
-    """Restore what ``pin_arithmetic`` found, here and for children; call it before NumPy loads."""
+    """Turn the pin off and restore the environment that it replaced, also for children; call before NumPy loads."""
     os.environ[NATIVE] = "1"
     for name, value in _before.items():
         if value is None:
@@ -110,7 +110,7 @@ def unpin_arithmetic() -> None:
 
 @cache
 def variables() -> dict[str, str]:
-    """Return the environment variables that pin the arithmetic, with values; empty if this processor cannot follow."""
+    """Return the environment variables that pin the arithmetic, by name; empty if no target suits this processor."""
     target = _target()
     if target is None:
         return {}
@@ -146,7 +146,7 @@ def _host() -> tuple[str, str]:
 
 
 def find_deviations() -> list[str]:
-    """List in words each library of this process that does not follow the pin; NumPy is loaded for it."""
+    """List, a sentence each, the libraries of this process that do not follow the pin; NumPy is loaded for it."""
     target = _target()
     if target is None:
         return [f"this processor ({platform.machine()}, {platform.system()}) is none that the pin knows"]
@@ -192,7 +192,7 @@ def list_features() -> list[str]:
 
 
 def describe() -> dict[str, Any]:
-    """Return what determines bits and times here, as in ``environment.json``.
+    """Return what determines bits and times on this machine, as in ``environment.json``.
 
     ``pinned``; NumPy's SIMD features, LLVM's processor, libc; the clock governor, turbo, and the load of the last
     minute [1]. Facts that the system does not provide are empty.
@@ -231,7 +231,7 @@ def _target() -> Target | None:
 
 @cache
 def processor_flags() -> frozenset[str]:
-    """Return the processor's flags as Linux lists them (``Features`` on arm64); empty elsewhere: nothing is pinned."""
+    """Return the processor's flags as Linux lists them (``Features`` on arm64); empty, thus unpinned, elsewhere."""
     lines = _read("/proc/cpuinfo").splitlines()
     return frozenset(next((x.partition(":")[2] for x in lines if x.startswith(("flags", "Features"))), "").split())
 
@@ -251,7 +251,7 @@ def _list_unwanted(target: Target) -> tuple[str, ...]:
         names = done.stdout.strip()
         if done.returncode != 0 or not NAMES.fullmatch(names):
             return ()
-        from .files import write_text  # here: most starts write nothing
+        from .files import write_text  # imported here, since most starts write nothing
 
         with contextlib.suppress(OSError):
             kept.parent.mkdir(parents=True, exist_ok=True)
@@ -262,7 +262,7 @@ def _list_unwanted(target: Target) -> tuple[str, ...]:
 
 
 def _read_names(kept: Path) -> str | None:
-    """Return the names in a complete file, as its last line shows; else None, to ask NumPy again."""
+    """Return the names in the file ``kept``; None if it is missing or its last line is not the digest of the others."""
     with contextlib.suppress(OSError, UnicodeDecodeError):
         names, _, digest = read_kept(kept, LARGEST).decode().rstrip("\n").rpartition("\n")
         return names if digest == _digest(names) else None

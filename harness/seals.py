@@ -1,4 +1,4 @@
-"""Seal files that another library writes and reads back: files that differ from their seal are removed before it reads.
+"""Seal files that another library writes and reads back, and remove those that differ from their seal before it reads.
 
 numba writes its cache without waiting for the disk and trusts what it finds: a power cut leaves incomplete files.
 """

@@ -1,4 +1,4 @@
-"""Convert parsed files to frozen structs, or refuse them in one line that names the place.
+"""Convert parsed files to frozen structs, or refuse them in one line that names the faulty entry.
 
 ::
 
@@ -43,7 +43,7 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def convert_shape(plain: Any, kind: type[T], where: str) -> T:
-    """Convert ``plain`` (tables, lists, numbers, text) to ``kind``; raise FileError with the place below ``where``."""
+    """Convert ``plain`` (tables, lists, numbers, text) to ``kind``; raise FileError naming file ``where`` and entry."""
     try:
         return msgspec.convert(plain, kind)
     except msgspec.ValidationError as e:
@@ -54,10 +54,10 @@ def convert_shape(plain: Any, kind: type[T], where: str) -> T:
 
 
 def _find_fault(plain: Any, kind: Any, said: str) -> list[str]:
-    """Return the place of a fault in ``plain``, a part an entry, and last what is wrong there.
+    """Return the path to the fault in ``plain``, one entry per part, and last what is wrong with it.
 
-    ``["runs 2", "label must be ..."]`` for msgspec's message ``said``, which ends in ``at `$.runs[1].label```; ``kind``
-    is the type that was expected.
+    It is ``["runs 2", "label must be ..."]`` where msgspec's message ``said`` ends in ``at `$.runs[1].label```;
+    ``kind`` is the type that was expected.
     """
     words, _, path = said.partition(" - at `$")
     at: list[str] = []
@@ -83,7 +83,7 @@ def _find_fault(plain: Any, kind: Any, said: str) -> list[str]:
 
 
 def _describe_misfit(plain: Any, kind: Any) -> str:
-    """Return msgspec's message why ``plain`` does not fit the type ``kind``; empty if it fits."""
+    """Return msgspec's message on why ``plain`` does not fit the type ``kind``; empty if it fits."""
     try:
         msgspec.convert(plain, kind)
     except msgspec.ValidationError as e:
@@ -92,7 +92,7 @@ def _describe_misfit(plain: Any, kind: Any) -> str:
 
 
 def _describe_type(words: str, plain: Any, kind: Any) -> str:
-    """Return what was expected and what came, ``must be a number > 0 (got -1)``, from msgspec's message ``words``."""
+    """Return what was expected and got, as in ``must be a number > 0 (got -1)``, from msgspec's message ``words``."""
     got = format_value(plain)
     described = [m.description for o in (kind, *_options(kind)) for m in get_args(o)[1:] if isinstance(m, Meta)]
     if any(described):
@@ -106,7 +106,7 @@ def _describe_type(words: str, plain: Any, kind: Any) -> str:
 
 
 def _options(kind: Any) -> tuple[Any, ...]:
-    """Return the types of a union; a type that is none is its only option."""
+    """Return the types of a union; any other type is its only option."""
     if get_origin(kind) is Annotated:
         kind = get_args(kind)[0]
     return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)

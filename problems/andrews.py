@@ -3,8 +3,8 @@
 Numbers: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, VI.9; IVP test set II-9, with the start
 of A03 (beta = -0.0620, 0.05 s, the path of F); that of the test set is ``beta`` = -0.0617138900142764496, for 0.03 s.
 B_x = -0.03635: A03 in github RehabEngGroup/MBSbenchmarksInOpenSim prints +0.03635, with which no loop closes.
-The other angles of the start close the loops. Inertia out of the plane is that of flat discs, which the motion does
-not see. The 50 rows have rank 41. Reference: computed.
+The other angles of the start close the loops. Inertia out of the plane is that of flat discs, without effect on the
+motion. The 50 rows have rank 41. Reference: computed.
 """
 
 from typing import Annotated
@@ -40,11 +40,11 @@ def andrews(
     """Model IFToMM A03: seven bodies in a plane with one degree of freedom, driven to 1140 rad/s within 0.05 s."""
 
     def with_crank(x: np.ndarray) -> np.ndarray:
-        """Return all seven angles from the other six [rad]."""
+        """Return all seven angles [rad] from the six others than beta."""
         return np.append(beta, x)
 
     def gaps(x: np.ndarray) -> np.ndarray:
-        """Return by how much the loops are open [m] at six angles."""
+        """Return the gaps of the loops [m] for the six angles other than beta."""
         return _gaps(with_crank(x))
 
     q = with_crank(root(gaps, CLOSED, tol=1e-13).x)
@@ -133,7 +133,7 @@ def _poses(q: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]
 
 
 def _gaps(q: np.ndarray) -> np.ndarray:
-    """Return how far three loops are open (6,) [m]: the point E by the three other paths less E on the body BDE."""
+    """Return the gaps of three loops (6,) [m]: the point E by the three other paths less E on the body BDE."""
     beta, Theta, _, phi, delta, Omega, eps = q
     p = _poses(q)[2]
     ways = (

@@ -1,4 +1,4 @@
-"""Bricard's mechanism, the rectangular one (IFToMM library, A04): it moves although six hinges should lock it.
+"""Bricard's mechanism, the rectangular one (IFToMM library, A04): it moves although a count of its rows forbids it.
 
 Numbers: A04: five bars of 1 m and 1 kg, gravity along -Y, from rest, 10 s; the hinges' axes at P0 .. P5 are
 Y Z X Y Z X (github RehabEngGroup/MBSbenchmarksInOpenSim, A04: createModel.cpp, modelProperties.h). 30 rows of rank 29

@@ -2,7 +2,7 @@
 
 Numbers: Sect. 5.3: 15 bars of 1 kg and 0.3048 m, supports A, B, C, D 0.9144 m apart, that is 3/5 of the length of the
 five bars of a span; ``span_ratio`` keeps this for other numbers of links, with bars of the same size. The axial
-inertia is not given: 1e-4 kg m2, which planar motion does not see. Start: the equilibrium of rigid bars, computed.
+inertia is not given: 1e-4 kg m2, without effect on planar motion. Start: the equilibrium of rigid bars, computed.
 Reference: planar, certified (exact/certification, docs/decisions); the motion is chaotic and it ends after 5.3 s.
 """
 

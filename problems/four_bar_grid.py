@@ -1,7 +1,7 @@
 """Grid of four-bar linkages with redundant joints (Sect. 5.5, Fig. 12), hanging from the ground, with initial rates.
 
 Numbers: Sect. 5.5: 5 x 5 cells, bars of 1 m and 1 kg, revolute joints along OX, gravity along -Z, 2 pi/3 rad/s, 10 s,
-energy drift of 1 J allowed. "Negligible" axial inertia: 1e-4 kg m2, which planar motion does not see. The wording
+energy drift of 1 J allowed. "Negligible" axial inertia: 1e-4 kg m2, without effect on planar motion. The wording
 ("the six top bodies") sets only the top row turning (``top_row``: the rows below translate); ``all_rows`` turns all.
 Reference: every row stays a set of parallel bars, so it moves as one rod with the mass of its verticals, the
 horizontals riding on its end; certified (problems/exact/certification, docs/decisions).
@@ -151,12 +151,12 @@ def _joints(rows: int, columns: int, length: float) -> list[Joint]:
 
 
 def _angle(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
-    """Return the observable that is a vertical bar's angle about OX [rad], continuous in time."""
+    """Return the function of states for a vertical bar's angle about OX [rad], continuous in time."""
     return lambda s: np.unwrap(np.arctan2(s.R[:, body, 1, 0], -s.R[:, body, 2, 0]))
 
 
 def _rate(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
-    """Return the observable that is a vertical bar's rate about OX [rad/s]."""
+    """Return the function of states for a vertical bar's rate about OX [rad/s]."""
     return lambda s: s.Omega[:, body, 2]
 
 

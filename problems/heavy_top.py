@@ -78,12 +78,12 @@ def _nutation(s: States) -> Float[np.ndarray, " nt"]:
 
 
 def _spin_rate(s: States) -> Float[np.ndarray, " nt"]:
-    """Return psi_dot = Omega_z - phi_dot cos(theta) [rad/s]; NaN with the axis upright."""
+    """Return the spin rate psi_dot = Omega_z - phi_dot cos(theta) [rad/s]; NaN with the axis upright."""
     return s.Omega[:, 0, 2] - _precession_rate(s) * s.R[:, 0, 2, 2]
 
 
 def _precession_rate(s: States) -> Float[np.ndarray, " nt"]:
-    """Return phi_dot = (Omega_x k_x + Omega_y k_y)/(k_x^2 + k_y^2), k = OZ in the body frame; NaN if upright."""
+    """Return phi_dot = (Omega_x k_x + Omega_y k_y)/(k_x^2 + k_y^2) [rad/s], k = OZ in the body; NaN if upright."""
     k, Omega = s.R[:, 0, 2], s.Omega[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
         return (Omega[:, 0] * k[:, 0] + Omega[:, 1] * k[:, 1]) / (k[:, 0] ** 2 + k[:, 1] ** 2)

@@ -3,7 +3,7 @@
 Numbers: A02: N + 1 uprights on the ground at X = 0 .. N and N couplers, all 1 m and 1 kg, slender; revolute joints
 about OZ, upright at the start with v(B0) = (1, 0), gravity along -Y, 10 s (github RehabEngGroup/
 MBSbenchmarksInOpenSim, A02). The library's published curve is that of 40 windows: its text says 2, which is 0.69 m
-away from it, its code and its plot say 40. The axial inertia is not given: 1e-4 kg m2, unseen by planar motion.
+away from it, its code and its plot say 40. The axial inertia is not given: 1e-4 kg m2, without effect on planar motion.
 Reference: one angle, the uprights as one rod with the couplers on its end; certified (problems/exact/certification).
 """
 

@@ -9,7 +9,7 @@ joint that is declared twice (``random_mechanism``, ``repeated``) has rows that 
     sarrus     3 hinges of one direction, 3 of another
     bricard    6 hinges: three arbitrary, and the same turned by half a turn about a line (line-symmetric)
 
-Numbers: of the seed. Reference: computed.
+Numbers: drawn by the seed. Reference: computed.
 """
 
 from typing import Annotated

@@ -134,7 +134,7 @@ def arbitrary_body(random: np.random.Generator) -> RigidBody:
 
 
 def closed_joint(kind: JointKind, i: int, j: int, poses: Poses, random: np.random.Generator) -> Joint:
-    """Draw a joint of this kind between two bodies, at an arbitrary place and closed in these poses."""
+    """Draw a joint of this kind between two bodies, at a random point, that is closed in these poses."""
     r, R = poses
     axis, x = so3.exp(random.standard_normal(3))[0], 0.5 * (r[i] + r[j]) + 0.3 * random.standard_normal(3)
     across = np.cross(axis, random.standard_normal(3))

@@ -1,4 +1,4 @@
-"""Slider-crank, planar or spatial: the mechanism of every textbook.
+"""Slider-crank, planar or spatial: a standard textbook mechanism.
 
 Spatial: IFToMM's rigid slider-crank (github jgerstmayr/EXUDYN, TestModels/sliderCrank3Dbenchmark.py): crank of 0.08 m
 and 0.12 kg about X at (0, 0.1, 0.12), upright at the start with 6 rad/s; rod of 0.3 m and 0.5 kg on a spherical joint

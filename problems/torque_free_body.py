@@ -70,6 +70,6 @@ def _momentum(system: MultibodySystem, k: int, s: States) -> Float[np.ndarray, "
 
 
 def _axis_error(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """Return the angle of the angular momentum (the axis for spherical inertia) to its constant direction [rad]."""
+    """Return the angle [rad] of the angular momentum (the axis for spherical inertia) to that at the start."""
     L = angular_momentum(system, s)
     return np.arctan2(np.linalg.norm(np.cross(L[0], L), axis=1), L @ L[0])  # exact to rounding for small angles

@@ -22,7 +22,7 @@ DRAWN = 2  # observables drawn
 
 @dataclass(frozen=True)
 class ScoredCloud:
-    """A solver's cloud of motions with its comparisons to the true cloud, and what they show in words."""
+    """A solver's cloud of motions with its comparisons to the true cloud, and the verdict on them in words."""
 
     cloud: Cloud
     rows: Sequence[CloudComparison]  # one per score time and quantity
@@ -56,7 +56,7 @@ def write_page(
 
 
 def _plots(e: Ensemble, true: Cloud, s: ScoredCloud, moving: Sequence[int]) -> Iterator[tuple[str, list[Plot]]]:
-    """Yield a caption and its panels for each chart of one solver."""
+    """Yield a caption and its panels for each chart of one solver: its cloud with the true one, and rank histograms."""
     clouds = [_fan(e, true, s, i) for i in moving] + (
         [_dots(e, true, s, moving, k) for k in range(len(e.at))] if len(moving) > 1 else []
     )
@@ -97,7 +97,7 @@ def _dots(e: Ensemble, true: Cloud, s: ScoredCloud, moving: Sequence[int], k: in
 
 
 def _histogram(s: ScoredCloud, c: CloudComparison) -> Plot:
-    """Plot the rank histogram of one comparison between the levels that hold 95 % of a perfect solver's bars."""
+    """Plot the rank histogram of one comparison, with lines that enclose 95 % of a perfect solver's bars."""
     assert c.ranks is not None
     counts = c.ranks.counts
     bins, drawn = len(counts), float(np.sum(counts))

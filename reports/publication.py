@@ -70,10 +70,10 @@ def command(
     names: Mapping[str, str] | None = None,
     font: Font = DEFAULT_FONT,
 ) -> list[Path]:
-    """Run ``mbsbench figures``: write figures and tables, and return their paths.
+    """Write the figures and tables of ``mbsbench figures``, and return their paths.
 
     ``only`` names variants, or problems if there is no variant of that name; empty for all. ``tell`` receives a line
-    per variant. Solvers are renamed by ``names``; letters have the ``font``. Raise ValueError for an unknown name.
+    per variant. ``names`` renames solvers; ``font`` is that of the letters. Raise ValueError for an unknown name.
     """
     results = read_results(Path(folder), check_series=False)
     results, own = _rename_solvers(results, choose_print_styles(results.solvers), names or {})
@@ -86,7 +86,7 @@ def command(
     out, captions, files = ConfinedPath(Path(folder)) / FOLDER, list[dict[str, Any]](), list[Path]()
 
     def keep(printed: Printed, place: ConfinedPath, problem: str = "") -> None:
-        """Write a figure in ``place`` and add its files and its caption, for ``problem``, to those of the command."""
+        """Write a figure in ``place``, and add its files and its caption, for ``problem``, to those of the command."""
         name, caption, width, draw = printed
         made = save(draw, place, name, SUFFIXES, font)
         files.extend(made)
@@ -194,7 +194,7 @@ def _cross(plots: Sequence[Plot]) -> str:
 
 
 def _caption(title: str, plots: Sequence[Plot]) -> str:
-    """Return a caption: the title, then each panel's title with its caption, then the cross if there is one."""
+    """Return a caption: the title, then each panel's title and caption, then the meaning of a cross if there is one."""
     words = " ".join(f"{p.title}: {p.caption[0].lower()}{p.caption[1:]}" for p in plots)
     return " ".join(filter(None, (f"{title}. {words}", _cross(plots))))
 
@@ -210,7 +210,7 @@ def parts(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
 
 
 def heat_figure(heat: HeatMap) -> Figure:
-    """Draw one row per solver and one column per problem; numbers are errors as fractions of their limits."""
+    """Draw the heat map, a row per solver and a column per problem; numbers are errors as fractions of their limits."""
     out = sheet(DOUBLE, scale() * (ROW * len(heat.rows) + HEAD))
     ax = out.add_subplot()
     for y, row in enumerate(heat.rows):

@@ -34,7 +34,7 @@ def environment() -> Environment:
 
 
 def render(template: str, **values: Any) -> str:
-    """Render the template of that name in ``templates/`` with ``values``; a missing value raises."""
+    """Render the template of that name in ``templates/`` with ``values``; raise UndefinedError for a missing value."""
     return environment().get_template(template).render(values)
 
 

@@ -32,11 +32,11 @@ def write_site(results: StoredResults, folder: ConfinedPath) -> Path:
 def _clear(folder: ConfinedPath) -> None:
     """Remove the files of an earlier report, such as pages of runs that no longer exist.
 
-    A folder or page that is a link to elsewhere raises before anything is removed.
+    Raise UnsafeFile, before anything is removed, if a folder or page is a link to elsewhere.
     """
     pages = [name for name in folder.names() if name.endswith(".html")]
     for name in (*OURS, *KEPT, *pages):
-        (folder / name).is_there()  # raises NotOwn before anything is removed
+        (folder / name).is_there()  # raises UnsafeFile before anything is removed
     for name in OURS:
         (folder / name).remove_folder()
     for name in pages:

@@ -1,10 +1,11 @@
 """Augmented Lagrangian of index 3 with mass-orthogonal projections, for systems that are not stiff.
 
 Bayo and Ledesma (1996), Nonlinear Dyn. 9; Cuadrado, Cardenal and Bayo (1997), Multibody Syst. Dyn. 1; Dopico et al.
-(2014). Trapezoidal rule, M vdot = f + A^T lam, lam := lam + alpha phi repeated until phi = 0, then velocities and
-accelerations projected onto A v = 0 and A vdot = -gamma along M^-1 A^T. With M eliminated, the matrix M + alpha A^T A
-becomes A M^-1 A^T + 1/alpha; here 1/alpha is ``regularisation`` times its diagonal. No redundant row is dropped: they
-share the reaction. The projections take energy away. Stiff springs: as in ``generalized_alpha``.
+(2014). Trapezoidal rule, M vdot = f + A^T lam, with lam := lam + alpha phi repeated until phi = 0; then velocities and
+accelerations are projected onto A v = 0 and A vdot = -gamma along M^-1 A^T. With M eliminated, the matrix
+M + alpha A^T A becomes A M^-1 A^T + 1/alpha; here 1/alpha is ``regularisation`` times its diagonal. No redundant row is
+dropped: redundant rows share the reaction. The projections dissipate energy. Stiff springs limit the step as in
+``generalized_alpha``.
 """
 
 from dataclasses import dataclass, replace
@@ -33,11 +34,14 @@ class AlIndex3(ClosedMarch):
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the problem is refused, or None: a regularisation with plain steps, or rows without phi."""
+        """Return why the problem is refused, or None.
+
+        Causes: a regularisation with plain steps, rows without phi, and no code of the mechanism where asked for.
+        """
         return refuse_unused(self, "regularisation") or super().refuses(problem, control)
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
-        """Return generalised alpha's method as the trapezoidal rule with projections."""
+        """Return generalised alpha's method with the parameters of the trapezoidal rule, and with projections."""
         method = alpha_steps(problem, self.tolerance, beta=0.25, gamma=0.5, shift=self.regularisation, projected=True)
         return replace(method, code=self.code)
 

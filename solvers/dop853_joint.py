@@ -1,13 +1,14 @@
 """DOP853, the pair 8(5,3) of Hairer, Norsett and Wanner (1993), in joint coordinates, by code made for the mechanism.
 
-Relative coordinates of a spanning tree's joints, quaternions of balls; H u_dot + b = J^T lam, J u_dot = -gamma, with H
-of composite bodies, b of Newton and Euler (Featherstone 2008, ch. 5, 6, 8), J of the joints that close loops. They are
-written out as straight code for the mechanism at hand, in which constants are folded: a planar mechanism has planar
-code. Rows that depend on others at the start are left out. After every accepted step coordinates are projected onto
-phi = 0 and velocities onto phi_dot = 0, least change in the metric of H. Making the code is set-up.
+Unknowns are relative coordinates of a spanning tree's joints, with quaternions for spherical joints; H u_dot + b =
+J^T lam, J u_dot = -gamma, with H by composite bodies, b by the recursive Newton-Euler algorithm (Featherstone 2008,
+ch. 5, 6, 8), J of the joints that close loops. They are written out as straight-line code for the mechanism, in which
+constants are folded: a planar mechanism has planar code. Rows that depend on others at the start are left out. After
+every accepted step coordinates are projected onto phi = 0 and velocities onto phi_dot = 0 by the least change in the
+metric of H. Making the code is set-up.
 
-Above 30,000 operations, and with user forces, a recursion over bodies takes the place of that code (``recursion``): the
-tree is data, cost grows in proportion to bodies, and the rows of its loops, up to 600, have a dense factor.
+Above 30,000 operations, and with user forces, a recursion over bodies replaces that code (``recursion``): the tree is
+data, the cost is proportional to the number of bodies, and the rows of loops, up to 600, have a dense factor.
 """
 
 from dataclasses import dataclass
@@ -33,5 +34,5 @@ class Dop853Joint:
         return refusal(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate with error control at ``control.rtol``."""
+        """Integrate with error control at ``control.rtol`` and return the trajectory."""
         return integrate(problem, control)

@@ -1,11 +1,11 @@
 """Energy-momentum conserving steps with Cayley's map on index 3, for systems that are not stiff.
 
 Simo and Wong (1991), Int. J. Numer. Meth. Eng. 31, for the rotations; rows and springs by discrete gradients after
-Gonzalez (1996), J. Nonlinear Sci. 6, so that joints do no work in a step and a spring gives back what it took. Energy
-and the components of momentum that gravity leaves alone are kept to the tolerance of the iteration in steps of any
-length; a damper takes away c (dd/dt)^2. phi = 0 holds at the ends of steps, A v = 0 in their middle: at the ends A v is
-of the order of dt^2. Redundant rows get a multiplier of zero. The iteration of a step has M, not springs, in its
-matrix: stiff ones need steps below their own period, or the iteration fails.
+Gonzalez (1996), J. Nonlinear Sci. 6, so that joints do no work in a step and a spring returns all of its energy. Energy
+and the components of momentum on which gravity does not act are conserved to the tolerance of the iteration in steps of
+any length; a damper dissipates c (dd/dt)^2. phi = 0 holds at the ends of steps, A v = 0 at their midpoints; at the ends
+A v is of the order of dt^2. Redundant rows get a multiplier of zero. The matrix of a step's iteration contains M, not
+springs: stiff springs need steps below their own period, or the iteration fails.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from .plain import energy_momentum
 @solver("energy_momentum")
 @dataclass(frozen=True)
 class EnergyMomentum(MarchedSolver):
-    """Mean-value steps of fixed size that keep energy and momentum."""
+    """Mean-value steps of fixed size that conserve energy and momentum."""
 
     tolerance: float = option(
         1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
@@ -32,7 +32,10 @@ class EnergyMomentum(MarchedSolver):
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the problem is refused, or None: rows and forces without discrete gradients, or no code made."""
+        """Return why the problem is refused, or None.
+
+        Causes: rows or forces without discrete gradients, and no code of the mechanism where asked for.
+        """
         return refuse_without_gradient(problem.system) or super().refuses(problem, control)
 
     def _method(self, problem: Problem, control: StepControl) -> Method:

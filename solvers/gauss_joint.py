@@ -1,17 +1,17 @@
 """Gauss collocation of orders 4 to 12 on Hamilton's equations in joint coordinates, by code made for the mechanism.
 
-Hairer, Lubich, Wanner (2006), II.1.3, VI.4, VIII.6. Angles and lengths of a spanning tree's joints, with momenta; of a
-ball a quaternion x with four momenta, a canonical system of R^8 without chart, hence without singularity: |x|^2 is a
-quadratic invariant, which Gauss methods keep. Joints that close loops are rows at the nodes of Lobatto, with
-velocities closed at the ends of steps: the Gauss-Lobatto SPARK methods of Jay (2007), SIAM J. Numer. Anal. 45, of
-order 2 s, too.
+Hairer, Lubich, Wanner (2006), II.1.3, VI.4, VIII.6. Unknowns are angles and lengths of a spanning tree's joints, with
+their momenta; a spherical joint has a quaternion x with four momenta, a canonical system in R^8 without chart, hence
+without singularity: |x|^2 is a quadratic invariant, which Gauss methods conserve. Joints that close loops are rows at
+the nodes of Lobatto, with velocities closed at the ends of steps: the Gauss-Lobatto SPARK methods of Jay (2007), SIAM
+J. Numer. Anal. 45, also of order 2 s.
 
-Symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step ends; energy
-is not kept exactly, but does not drift. With dampers, loads, drives or user forces the order holds, and no claim on
-energy. Of rows that depend on each other, independent ones hold; others are chosen, at the end of a step, where their
-pivots are poor.
+The method is symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step
+ends; energy is not conserved exactly, but does not drift. With dampers, loads, drives or user forces the order remains,
+and nothing is claimed on energy. Of rows that depend on each other, independent ones are used; others are chosen, at
+the end of a step, where their pivots are poor.
 
-Above 30,000 operations, and with user forces, a recursion over bodies as data takes the place of code (``recursion``).
+Above 30,000 operations, and with user forces, a recursion over bodies as data replaces the code (``recursion``).
 """
 
 from dataclasses import dataclass
@@ -44,5 +44,5 @@ class GaussJoint:
         return refusal(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate with the fixed step ``control.dt``."""
+        """Integrate with the fixed step ``control.dt`` and return the trajectory."""
         return integrate(problem, control, gauss_lobatto(self.stages))

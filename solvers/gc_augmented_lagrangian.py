@@ -64,15 +64,16 @@ class GcAugmentedLagrangian(GaugeChoices):
 
     @property
     def follows_paper(self) -> bool:
-        """Flag of options as in Sect. 4.3 of the paper.
+        """Flag of options that follow Sect. 4.3 of the paper.
 
-        They are a nested loop, mu_bar and lambda_bar, raised penalties, and nothing accepted above the tolerance.
+        They are the choices of Sect. 4.2, the nested loop, lambda_bar, penalties that grow, no correction of poses, and
+        no step accepted above the tolerance.
         """
         loop = self.loop == "nested" and self.lambda_bar and self.penalty_growth > 1.0
         return super().follows_paper and loop and self.correct_pose == "never" and self.accept <= self.tolerance
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the options contradict each other, the problem or the step control, or None."""
+        """Return why the options do not fit each other, the problem or the step control, or None."""
         if self.loop != "nested" and (self.lambda_bar or self.penalty_growth > 1.0):
             return "lambda_bar and penalty_growth belong to the nested loop: set loop = nested"
         if self.loop == "nested" and self.code == "mechanism":
@@ -82,7 +83,7 @@ class GcAugmentedLagrangian(GaugeChoices):
         return refuse_unused(self, "soft_penalty", "singular_turn") or self.refuses_choice(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate with the fixed step ``control.dt``; singular passages are in ``events``."""
+        """Integrate with the fixed step ``control.dt`` and return the trajectory, singular passages in ``events``."""
         began = cpu_seconds()
         with making_code:  # imported now for ``passages``, so that its time is set-up
             import scipy.signal  # noqa: F401  for ``passages``

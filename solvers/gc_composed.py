@@ -1,4 +1,4 @@
-"""ODE-GC composed to orders 4, 6 and 8: sub-steps of ``gc_weak_form`` in the symmetric gauge, some of them backwards.
+"""ODE-GC composed to orders 4, 6 and 8: sub-steps of ``gc_weak_form`` in the symmetric gauge, some backward in time.
 
 The symmetric gauge makes the step of Eqs. (66), (74), (75) its own inverse, and mu, of which only increments are
 physical, starts anew in each sub-step, so symmetric compositions raise the order by two each time (Suzuki 1990, Kahan,
@@ -54,23 +54,24 @@ class GcComposed:
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None.
 
-        Causes: forces but gravity, joints but pins, directions that the joints do not have, and too much code.
+        Causes: forces other than gravity, joints other than spherical and revolute ones, a direction that the joints do
+        not have, and no code of the mechanism where asked for.
         """
         return refusal(problem.system) or self._step.refuses_direction(problem) or self._step.refuses_code(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate with the fixed step ``control.dt``."""
+        """Integrate with the fixed step ``control.dt`` and return the trajectory."""
         settings, gamma = self._step.settings(problem), COMPOSITIONS[self.composition][0]
         return integrate(problem, control, composed_steps(problem.system, settings, gamma, self.rate))
 
     @property
     def _step(self) -> GcWeakForm:
-        """Weak form's solver with the same options, of which the sub-steps are."""
+        """Solver of the weak form with the same options, whose steps are the sub-steps."""
         return GcWeakForm(direction=self.direction, tolerance=self.tolerance, code=self.code)
 
 
 def refusal(system: MultibodySystem) -> str | None:
-    """Return why the simplified step alone cannot take the system, or None."""
+    """Return why the simplified step cannot integrate the system, or None: other forces or joints than it has."""
     if len(system.spring_k) or len(system.torsion_k) or len(system.load_i) or len(system.user_i):
         return SPRINGS
     return None if system.is_pinned else JOINTS

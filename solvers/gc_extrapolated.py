@@ -1,8 +1,8 @@
 """ODE-GC extrapolated to orders 4, 6 and 8 with error control: its step in the symmetric gauge has an expansion in h^2.
 
-Runs of 1, 2, ..., K steps over H are combined as in Gragg's, Bulirsch's and Stoer's method (Hairer, Norsett, Wanner,
+Runs of 1, 2, ..., K steps over H are combined as in the method of Gragg, Bulirsch and Stoer (Hairer, Norsett, Wanner,
 Solving ODEs I, II.9), on changes of the poses in space and on the rotation group. The projection that ends each step
-makes phi = 0 and costs the reversibility: energy drifts with the tolerance, as it does with Runge-Kutta methods.
+makes phi = 0 but is not reversible: energy drifts with the tolerance, as it does with Runge-Kutta methods.
 """
 
 from dataclasses import dataclass
@@ -39,17 +39,18 @@ class GcExtrapolated:
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None.
 
-        Causes: forces but gravity, joints but pins, directions that the joints do not have, and too much code.
+        Causes: forces other than gravity, joints other than spherical and revolute ones, a direction that the joints do
+        not have, and no code of the mechanism where asked for.
         """
         return refusal(problem.system) or self._step.refuses_direction(problem) or self._step.refuses_code(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate with error control at ``control.rtol``."""
+        """Integrate with error control at ``control.rtol`` and return the trajectory."""
         return integrate(
             problem, control, extrapolated_steps(problem.system, self._step.settings(problem), self.columns)
         )
 
     @property
     def _step(self) -> GcWeakForm:
-        """Weak form's solver with the same options, whose steps are extrapolated."""
+        """Solver of the weak form with the same options, whose steps are extrapolated."""
         return GcWeakForm(direction=self.direction, tolerance=self.tolerance, code=self.code)

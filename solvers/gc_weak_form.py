@@ -1,9 +1,10 @@
 """ODE-GC: the three-field weak form with geometrically consistent steps (Sect. 4.2, Eqs. 66 to 81).
 
-Unknown per step: v and nu = M_bar mu at its end. Momentum balance (74) in space with the trapezoidal rule, velocity
-constraints (75), poses by the autoparallel through the mean velocity (66), lam by (67). Newton's method (78), (79)
-with the exact block Jacobian; a step that does not converge is halved and grown back. Second order, time-reversible
-in the symmetric gauge. phi itself is not corrected: it stays O(dt^2).
+Unknowns of a step are v and nu = M_bar mu at its end. Momentum balance (74) in space with the trapezoidal rule,
+velocity constraints (75), poses by the autoparallel through the mean velocity (66), lam by (67). Newton's method (78),
+(79) is simplified, with a kept Jacobian, or exact (option ``newton``); a step that does not converge is halved, and the
+step size grows back. Second order, time-reversible in the symmetric gauge. phi itself is not corrected: it stays
+O(dt^2).
 """
 
 from dataclasses import dataclass, replace
@@ -32,7 +33,8 @@ class GcWeakForm(GaugeChoices):
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None.
 
-        Causes: redundant rows, which make the Newton matrix singular, and options that contradict each other.
+        Causes: redundant rows, which make the Newton matrix singular, and options that do not fit the problem or the
+        step control.
         """
         reason = self.refuses_choice(problem, control)
         if reason is not None:
@@ -47,6 +49,6 @@ class GcWeakForm(GaugeChoices):
         return None
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate with the fixed step ``control.dt``."""
+        """Integrate with the fixed step ``control.dt`` and return the trajectory."""
         out = integrate_weak_form(problem, control, self, self.settings(problem))
         return replace(out, notes=(*out.notes, *self.notes(problem)))

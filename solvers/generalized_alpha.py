@@ -2,10 +2,10 @@
 
 Chung and Hulbert (1993), J. Appl. Mech. 60, in the Lie-group form of Bruls, Cardona and Arnold (2012), Mech. Mach.
 Theory 48; stabilised index 2, phi = 0 and A v = 0 together, as in Arnold, Bruls and Cardona (2015), Numer. Math. 129.
-``rho_inf`` is the spectral radius at infinite frequency: below 1 the scheme damps what it cannot resolve, and energy
-with it. At 1 the stabilised form loses energy even so, and index 3 is weakly unstable. Redundant rows get a multiplier
-of zero. The iteration of a step has M, not springs and dampers, in its matrix: stiff ones need steps below their own
-period, or the iteration fails.
+``rho_inf`` is the spectral radius at infinite frequency: below 1 the scheme damps frequencies that it cannot resolve,
+and dissipates energy. At 1 the stabilised form still loses energy, and index 3 is weakly unstable. Redundant rows get a
+multiplier of zero. The matrix of a step's iteration contains M, not springs and dampers: stiff ones need steps below
+their own period, or the iteration fails.
 """
 
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ class GeneralizedAlpha(ClosedMarch):
 
     @property
     def _scheme(self) -> dict[str, Any]:
-        """Keyword arguments of the scheme: Chung and Hulbert's parameters of ``rho_inf``, and the form."""
+        """Keyword arguments of the scheme: the parameters of Chung and Hulbert for ``rho_inf``, and the form."""
         rho = self.rho_inf
         alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
         gamma = 0.5 + alpha_f - alpha_m

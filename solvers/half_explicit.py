@@ -1,10 +1,10 @@
 """Half-explicit Runge-Kutta method HEM4 of Brasey and Hairer on index 2, order 4, five stages.
 
-Brasey and Hairer (1993), SIAM J. Numer. Anal. 30; Hairer and Wanner (1996), VII.6. Explicit in poses and velocities;
-only the multipliers of each stage are solved for, so that A v = 0 holds at the next. On the rotation group by rotation
-vectors of the step (Munthe-Kaas 1999). Each step's end is projected onto phi = 0. Recorded reactions are those of index
-1 there. Redundant rows get a multiplier of zero. A(Q_{i+1}) M^-1 A(Q_i)^T must be regular; singular passages between
-the stages are crossed.
+Brasey and Hairer (1993), SIAM J. Numer. Anal. 30; Hairer and Wanner (1996), VII.6. The method is explicit in poses and
+velocities; only the multipliers of each stage are solved for, such that A v = 0 holds at the next stage. Rotations are
+integrated by rotation vectors of the step (Munthe-Kaas 1999). The end of each step is projected onto phi = 0, then onto
+A v = 0. Recorded reactions are those of index 1 there. Redundant rows get a multiplier of zero.
+A(Q_{i+1}) M^-1 A(Q_i)^T must be regular; singular passages between the stages are crossed.
 """
 
 from dataclasses import dataclass, replace
@@ -31,7 +31,10 @@ class HalfExplicit(MarchedSolver):
     order: ClassVar[float] = 4.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the problem is refused, or None: a tolerance with plain steps, or no code of the mechanism."""
+        """Return why the problem is refused, or None.
+
+        Causes: a tolerance with plain steps, and no code of the mechanism where asked for.
+        """
         return refuse_unused(self, "tolerance") or super().refuses(problem, control)
 
     def _method(self, problem: Problem, control: StepControl) -> Method:

@@ -3,8 +3,8 @@
     p' - G u = 0,   M u' + h - f - A^T lam = 0,   phi_ddot + 2 alpha phi_dot + beta^2 phi = 0
 
 by variable-order BDF with exact Jacobian; ``form`` as in ``solvers.formulations.dae``. Defaults are the recommended
-choices: lambda out of the error test (with it in, form fi stalls: its lambda carries the noise of u'), consistent
-start, quaternions.
+choices: lambda left out of the error test (with it, form fi stalls, since its lambda carries the noise of u'),
+consistent start, quaternions.
 """
 
 from dataclasses import dataclass
@@ -31,11 +31,11 @@ class IdaIndex1(BaumgarteOptions):
     paper_label: ClassVar[str] = "DAE-FI"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the problem is refused, or None: a missing package, or what all solvers of this kind refuse."""
+        """Return why the problem is refused, or None: scikit-sundae is missing, or as all symbolic solvers refuse."""
         return not_installed() or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Integrate index 1 with Baumgarte's terms by IDA."""
+        """Integrate index 1 with Baumgarte's terms by IDA, and return the trajectory."""
         layout, notes = layout_for(problem, self.coordinates)
 
         def begin(layout: Layout, at: Problem) -> InitialValueProblem:

@@ -1,11 +1,12 @@
-"""SUNDIALS IDA on index 2: the stabilised form of Gear, Gupta and Leimkuhler (1985), or phi_dot with a pull on phi.
+"""SUNDIALS IDA on index 2: the stabilised form of Gear, Gupta and Leimkuhler (1985), or phi_dot + alpha phi = 0.
 
     ggl        p' - G (u + A^T eta) = 0,   M u' + h - f - A^T lam = 0,   phi = 0,   A u = 0
     velocity   p' - G u = 0,               M u' + h - f - A^T lam = 0,   A u + alpha phi = 0
 
-by variable-order BDF. This is what Baumgarte's idea becomes below index 1 (docs/decisions/baumgarte-index3.md): in ggl
-both levels hold at every step, in velocity phi decays as exp(-alpha t). lambda and eta stay out of the local error
-test, whose estimates for them do not vanish with the step at index 2; positions and velocities are controlled.
+by variable-order BDF. These are the counterparts of Baumgarte's stabilisation at index 2
+(docs/decisions/baumgarte-index3.md): in form ggl both levels hold at every step, in form velocity phi decays as
+exp(-alpha t). lambda and eta are by default left out of the local error test, whose estimates for them do not vanish
+with the step at index 2; positions and velocities are controlled.
 """
 
 from dataclasses import dataclass
@@ -38,7 +39,8 @@ class IdaIndex2(ImplicitOptions):
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None.
 
-        Causes: an alpha without effect, a missing package, rows without phi in form ggl, and what all refuse.
+        Causes: an alpha without effect, scikit-sundae missing, rows without phi in form ggl, and those of all symbolic
+        solvers.
         """
         if self.form == "ggl" and self.alpha != type(self).alpha:
             return f"alpha = {self.alpha:g} acts in form velocity only: form ggl holds phi = 0 itself"
@@ -46,7 +48,7 @@ class IdaIndex2(ImplicitOptions):
         return not_installed() or reason or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Integrate index 2, in the form of the option, by IDA."""
+        """Integrate index 2, in the ``form`` of the option, by IDA, and return the trajectory."""
         layout, notes = layout_for(problem, self.coordinates)
         rate = self.alpha if self.form == "velocity" else 0.0  # the row's derivative: phi_ddot + rate phi_dot
         if self.form == "ggl":

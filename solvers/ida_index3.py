@@ -2,9 +2,9 @@
 
     p' - G u = 0,   M u' + h - f - A^T lam = 0,   phi = 0
 
-by variable-order BDF with exact Jacobian. Velocities and multipliers are kept out of the local error test, whose
-estimates for them do not vanish with the step at index 3; only positions are controlled. phi_dot = 0 holds to the
-integration error only, and the start is made consistent down to lambda.
+by variable-order BDF with exact Jacobian. Velocities and multipliers are by default left out of the local error test,
+whose estimates for them do not vanish with the step at index 3; only positions are controlled. phi_dot = 0 holds to the
+integration error only; the start is made consistent, lambda included.
 """
 
 from dataclasses import dataclass
@@ -36,11 +36,14 @@ class IdaIndex3(ImplicitOptions):
     paper_label: ClassVar[str] = "IDA index 3 (ADAMS/MotionSolve class)"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the problem is refused, or None: a missing package, rows without phi, and what all refuse."""
+        """Return why the problem is refused, or None.
+
+        Causes: scikit-sundae missing, rows without phi, and those of all symbolic solvers.
+        """
         return not_installed() or refuse_without_phi(problem.system) or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Integrate index 3, phi = 0, by IDA."""
+        """Integrate index 3, phi = 0, by IDA, and return the trajectory."""
         layout, notes = layout_for(problem, self.coordinates)
 
         def begin(layout: Layout, at: Problem) -> InitialValueProblem:

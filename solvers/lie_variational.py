@@ -1,9 +1,9 @@
 """Lie-group variational integrator of second order with the discrete free body of Moser and Veselov.
 
 Moser and Veselov (1991), Commun. Math. Phys. 139; Lee, Leok and McClamroch (2007), Comput. Methods Appl. Mech. Eng.
-196: the discrete Euler-Lagrange equations of kinetic energy by chords, potential by the trapezoidal rule, rows at the
-ends of steps. In momentum form these are RATTLE's equations with another free body: symplectic, time-reversible,
-spatial momentum kept, phi and A v at rounding. Redundant rows get a multiplier of zero.
+196: the discrete Euler-Lagrange equations with kinetic energy by chords, potential energy by the trapezoidal rule, and
+rows at the ends of steps. In momentum form these are RATTLE's equations with another free body: symplectic,
+time-reversible, spatial momentum conserved, phi and A v at rounding. Redundant rows get a multiplier of zero.
 """
 
 from dataclasses import dataclass, replace

@@ -8,7 +8,7 @@ the discrete equations are those of form fi of ``solvers.formulations.dae``.
 
 ``accelerations="eliminated"`` substitutes w = M^-1 (f - h + A^T lam) in the constraint row (form se). The solution is
 the same, but a Jacobian one step old then errs by dA M^-1 / dt: on the four-bar grid, where A M^-1 A^T has condition
-1.7e8, Newton's contraction goes from 5e-3 to 40 at a step of 1e-3 s, and a run from 127 to 10,281 steps.
+number 1.7e8, Newton's contraction rate grows from 5e-3 to 40 at a step of 1e-3 s, and a run from 127 to 10,281 steps.
 
 ``accelerations="mass_matrix"`` is the form that ode15s takes, E(y) y' = f(y), E = [I 0 0; 0 M 0; 0 A 0] singular. The
 residual is that of form fi, written so; ode15s's default for such an E ("weak" dependence on the state) leaves
@@ -16,8 +16,8 @@ d(E y')/dy out of Newton's matrix E / (gamma dt) - df/dy, and so does this form.
 
 ode15s measures errors in the maximum norm, scipy_dae in the root mean square: equal tolerances are not equal errors.
 ``norm="max"`` is ode15s's, in the error test, Newton's test and the choice of order; the first step is scipy_dae's.
-Counted: accepted steps, evaluations, Jacobians, factorisations, linear solves (one a Newton iteration), and the
-evaluations spent on Jacobians by differences, which the evaluations include. Rejected steps are not.
+Counted are accepted steps, evaluations, Jacobians, factorisations, linear solves (one per Newton iteration), and the
+evaluations spent on Jacobians by differences, which the evaluations include. Rejected steps are not counted.
 """
 
 from dataclasses import dataclass
@@ -63,9 +63,9 @@ class NdfIndex1(BaumgarteOptions):
     scheme: ClassVar[Scheme] = Scheme(BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Integrate index 1 with Baumgarte's terms by scipy_dae's NDF or Radau, step by step."""
+        """Integrate index 1 with Baumgarte's terms by the ``scheme`` of scipy_dae, and return the trajectory."""
         layout, notes = layout_for(problem, self.coordinates)
-        assert control.rtol is not None  # the catalogue has seen to it
+        assert control.rtol is not None  # checked by the catalogue
         norm = root_mean_square if self.norm == "rms" else maximum
         keep = self.accelerations != "mass_matrix"  # F = E(y) y' - f(y): without y', dF/dy reduces to -df/dy
         pieces = list[tuple[DaeSolver, ImplicitForm]]()
@@ -102,9 +102,9 @@ class NdfIndex1(BaumgarteOptions):
 
 
 def _step(ndf: DaeSolver, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:
-    """Take one step of scipy_dae's method, or raise ``StepFailure``.
+    """Take one step of scipy_dae's method; return its time [s], y and the reaction on all constraint rows.
 
-    Return its time [s], y and the reaction on all constraint rows.
+    Raises ``StepFailure`` where the step fails, singular and non-finite matrices included.
     """
     try:
         message = ndf.step()

@@ -1,8 +1,9 @@
 """Radau IIA of order 5 on the semi-explicit index-1 DAE of ``ndf_index1``: its equations and options but ``norm``.
 
-Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.8, as scipy_dae has it for implicit DAEs, with
-its own error estimate and Baumgarte stabilisation. Implicit in springs and dampers: stiff ones run. Linear solves are
-counted as scipy_dae does: a real and a complex one an iteration, and those of the error estimate.
+Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.8, as scipy_dae implements it for implicit
+DAEs, with its error estimate, and with Baumgarte stabilisation. The method is implicit in springs and dampers, so that
+stiff ones do not limit the step. Linear solves are counted as scipy_dae does: a real and a complex one per iteration,
+and those of the error estimate.
 """
 
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ class RadauIndex1(NdfIndex1):
     scheme: ClassVar[Scheme] = Scheme(RadauDAE, radau, "solve_collocation_system", radau_newton, {})
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the problem is refused, or None: another norm than the root mean square, or as ``ndf_index1``."""
+        """Return why the problem is refused, or None: a norm other than the root mean square, or as ``ndf_index1``."""
         if self.norm != "rms":
             return "errors are measured in the root mean square only: norm = max is an option of ndf_index1"
         return super().refuses(problem, control)

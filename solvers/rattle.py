@@ -1,8 +1,8 @@
 """RATTLE on the rotation group with the free rigid body as drift, plain or composed to orders 4, 6 and 8.
 
 McLachlan, Modin, Verdier, Wilkins (2014), SIAM J. Sci. Comput. 36: half a kick by forces and constraints, free motion
-of every body (exact where two principal inertias are equal), half a kick, velocities projected. Symplectic and
-time-reversible; phi and A v at rounding in every step. Compositions: Suzuki (1990), Kahan and Li (1997).
+of every body (exact where two principal inertias are equal), half a kick by forces, velocities projected. Symplectic
+and time-reversible; phi and A v at rounding in every step. Compositions: Suzuki (1990), Kahan and Li (1997).
 """
 
 from dataclasses import dataclass, replace
@@ -36,7 +36,10 @@ class Rattle(ClosedMarch):
         return float(COMPOSITIONS[self.composition][1])
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the problem is refused, or None: rows without phi, and options that plain steps do not have."""
+        """Return why the problem is refused, or None.
+
+        Causes: options that plain steps do not have, rows without phi, and no code of the mechanism where asked for.
+        """
         if self.code == "plain" and (self.composition != "plain" or self.rate):
             return "plain steps are those of order 2 of one size: leave out composition and rate"
         return super().refuses(problem, control)

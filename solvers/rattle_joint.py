@@ -1,16 +1,17 @@
 """RATTLE on Hamilton's equations in joint coordinates, by code made for the mechanism.
 
-Andersen (1983); Hairer, Lubich, Wanner (2006), VII.1.4: the momentum of the middle by the slope of the energy at the
-start, coordinates by the mean velocity of both ends, the momentum of the end by the slope there. H depends on q, so
-that all three are implicit. phi and phi_dot of loops vanish at the ends of steps; |x|^2 = 1 of a ball's quaternion is
-a row. The spin of slender bodies that balls on their axes hold is added exactly (``joint_coordinates.spins``), since
-steps would have no solution where they turn fast.
+Andersen (1983); Hairer, Lubich, Wanner (2006), VII.1.4: the momentum at mid-step by the slope of the energy at the
+start, coordinates by the mean velocity of both ends, the momentum at the end by the slope there. The kinetic energy
+depends on q, so that steps are implicit. phi and phi_dot of loops vanish at the ends of steps; |x|^2 = 1 of the
+quaternion of a spherical joint is a row. The free spin of slender bodies about an axis through their spherical joints
+is added exactly (``joint_coordinates.spins``), since steps would have no solution where they spin fast.
 
-Order two; symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step
-ends. With dampers, loads, drives or user forces the order holds, and no claim on energy. Of rows that depend on each
-other, independent ones hold; others are chosen, at the end of a step, where their pivots are poor.
+The method is of order two; symplectic and time-reversible, for trees and for loops, to the rounding at which the
+iteration of a step ends. With dampers, loads, drives or user forces the order remains, and nothing is claimed on
+energy. Of rows that depend on each other, independent ones are used; others are chosen, at the end of a step, where
+their pivots are poor.
 
-Above 30,000 operations, and with user forces, a recursion over bodies as data takes the place of code (``recursion``).
+Above 30,000 operations, and with user forces, a recursion over bodies as data replaces the code (``recursion``).
 """
 
 from dataclasses import dataclass
@@ -37,5 +38,5 @@ class RattleJoint:
         return refusal(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate with the fixed step ``control.dt``."""
+        """Integrate with the fixed step ``control.dt`` and return the trajectory."""
         return integrate(problem, control, rattle(), radial=True)

@@ -8,7 +8,8 @@ decays as (M_bar phi_dot)' + C_bar phi_dot + K_bar phi = 0, Eq. (64). ``alpha`` 
 which the paper's strong form does not have. lam and lam_dot are quadratures that affect nothing else
 (``strong_form``), so by default they are left out of the error test.
 
-Counted: accepted steps and evaluations; rejected steps follow (six evaluations an attempt, two at the start).
+Counted are accepted steps and evaluations, from which rejected steps follow: an attempted step takes six evaluations,
+the start two.
 """
 
 from dataclasses import dataclass
@@ -33,5 +34,5 @@ class Rk45StrongForm(StrongOptions):
     paper_label: ClassVar[str] = "ODE-45"
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Integrate Eq. (65) by scipy's RK45."""
+        """Integrate Eq. (65) by scipy's RK45, and return the trajectory."""
         return integrate(problem, control, RK45, self, self.lambda_in_error_test, clock=clock)

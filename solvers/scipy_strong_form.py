@@ -1,11 +1,11 @@
-"""The methods of scipy on the strong form, Eq. (65), as in ``rk45_strong_form``, which is the paper's choice of them.
+"""Methods of scipy on the strong form, Eq. (65): those of ``rk45_strong_form``, the paper's choice, and others.
 
-DOP853 and the pairs of Bogacki and Shampine, Dormand and Prince (explicit); Radau IIA of order 5 and BDF with Jacobians
-by differences (implicit); LSODA switches between Adams and BDF. rtol = atol on p, u; lam and lam_dot, quadratures that
-affect nothing else, are left out of the error test.
+Explicit are DOP853 and the pairs of Bogacki and Shampine, and of Dormand and Prince; implicit are Radau IIA of order 5
+and BDF, with Jacobians by differences; LSODA switches between Adams and BDF. rtol = atol on p, u; lam and lam_dot,
+quadratures that affect nothing else, are left out of the error test.
 
-Counted: accepted steps and evaluations, among them those for Jacobians and, except for the explicit pairs, one a step
-for the reaction.
+Counted are accepted steps and evaluations, which include those for Jacobians and, except for the explicit pairs, one
+per step for the reaction.
 """
 
 from dataclasses import dataclass
@@ -29,5 +29,5 @@ class ScipyStrongForm(StrongOptions):
     method: str = option("DOP853", "method of scipy.integrate", choices=tuple(METHODS))
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Integrate Eq. (65) by the scipy method of the option."""
+        """Integrate Eq. (65) by the scipy method of the option ``method``, and return the trajectory."""
         return integrate(problem, control, METHODS[self.method], self, lambda_in_test=False, clock=clock)

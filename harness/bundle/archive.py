@@ -28,7 +28,7 @@ def write_archive(path: Path, members: Iterable[tuple[str, bytes]]) -> int:
 
 
 def _write_member(archive: zipfile.ZipFile, name: str, content: bytes, digests: dict[str, str]) -> None:
-    """Write a file into the archive and its SHA-256 into ``digests``; raise FileError for a forbidden name.
+    """Write a file into the archive and its SHA-256 into ``digests``; raise FileError for an invalid or repeated name.
 
     Time, rights and system are the same for all, so that equal content gives equal bytes.
     """

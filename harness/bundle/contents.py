@@ -54,19 +54,19 @@ FORCES = {  # listed after the joints, as joints of one row: names of their numb
 
 @dataclass
 class _Exact:
-    """Collect exact states of a problem at the times of all its runs, each kept once."""
+    """Exact states of a problem at the times of all its runs, each time once."""
 
     about: dict[str, Any]  # every number of the problem
     at: dict[float, dict[str, Array]] = field(default_factory=dict)  # by time [s]: r, R, v, Omega, stated error
 
     def add(self, series: Series, chosen: Array) -> None:
-        """Add the exact states beside a run at the times that ``chosen`` marks; known times stay."""
+        """Add the exact states at the samples of a run's series that ``chosen`` marks, except at known times."""
         for k in np.flatnonzero(chosen):
             state = {name: series[f"sample_{name}"][k] for name in (*STATE, "error")}
             self.at.setdefault(float(series["sample_t"][k]), state)
 
     def matrix(self) -> bytes:
-        """Return an NPY matrix of all states in the order of time, with the reference's stated error [m]."""
+        """Return all states in order of time, with the reference's stated error [m], as the bytes of an NPY matrix."""
         times = sorted(self.at)
         stated, *states = (np.array([self.at[t][name] for t in times]) for name in ("error", *STATE))
         return _write_states(stated, np.array(times), *states)
@@ -92,7 +92,7 @@ def _list_data(
 ) -> Iterator[tuple[str, bytes]]:
     """Yield name and content of each file but the metadata; ``again`` and ``lossless`` as in ``list_contents``.
 
-    Raise FileError where a series is damaged, or has too few states for a lossless bundle.
+    Raise FileError where the id of a run is invalid, or its series damaged or too short for a lossless bundle.
     """
     runs, exact_of = list[dict[str, Any]](), dict[str, _Exact]()
     codes = sorted({r.code for r in records})
@@ -142,7 +142,7 @@ def _list_data(
 
 @contextlib.contextmanager
 def _whole_series(record: RunRecord) -> Iterator[None]:
-    """Raise a FileError that names the run where its series holds arrays of other types or shapes than a run writes."""
+    """Convert errors in the block that malformed arrays of a series cause to a FileError that names the run."""
     try:
         yield
     except FileError:
@@ -152,7 +152,10 @@ def _whole_series(record: RunRecord) -> Iterator[None]:
 
 
 def _check_arrays(record: RunRecord, series: Series) -> None:
-    """Raise FileError unless states, exact states and all numbers of the problem are present in the right shapes."""
+    """Raise FileError unless all numbers of the problem are present and finite, and states have the right shapes.
+
+    Raise it, too, where a torsional spring turns beyond half a turn about rest.
+    """
     if "end_turns" in series and np.any(series["end_turns"]):
         raise FileError(
             f"run {record.run_id}: its torsional springs turn beyond half a turn about rest, which "
@@ -172,7 +175,7 @@ def _check_arrays(record: RunRecord, series: Series) -> None:
 
 
 def _energy_of_states(series: Series) -> Array:
-    """Return the energy error [J] of each state; a series of every step has it in its rows only."""
+    """Return the energy error [J] of each state, from the rows at the same times if states have none of their own."""
     if f"state_{ENERGY}" in series:
         return series[f"state_{ENERGY}"]
     return series[ENERGY][np.searchsorted(series["t"], series["state_t"])]
@@ -233,14 +236,18 @@ def _add_forces(plain: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _write_states(stated: Array, *states: Array) -> bytes:
-    """Return an NPY matrix: times, then each number of each body along them, then the stated error or energy error."""
+    """Return an NPY matrix with time along its columns, as bytes.
+
+    Its rows are the times, each number of each body, and ``stated``: the stated error or the energy error. ``states``
+    are t, r, R, v, Omega.
+    """
     t, r, *_ = states
     bodies = np.concatenate([a.reshape(*r.shape[:2], -1) for a in states[1:]], axis=2)
     return _write_npy(np.concatenate([t[None], bodies.reshape(len(t), -1).T, stated[None]]))
 
 
 def _pack(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:
-    """Return arrays as one vector, and where each begins: {name: [offset, shape]}."""
+    """Return where each array begins in a vector of all, {name: [offset, shape]}, and that vector as NPY bytes."""
     index, offset = dict[str, Any](), 0
     for name, a in arrays.items():
         index[name] = [offset, list(a.shape)]
@@ -249,14 +256,17 @@ def _pack(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:
 
 
 def _write_npy(a: Array) -> bytes:
-    """Return an NPY file whose bytes do not depend on the version of NumPy."""
+    """Return the bytes of an NPY file, which do not depend on the version of NumPy."""
     head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {a.shape}, }}"
     head += " " * (-(len(head) + 11) % 64) + "\n"
     return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head.encode() + np.asarray(a, "<f8").tobytes()
 
 
 def _texts(folder: Path) -> Iterator[tuple[str, bytes]]:
-    """Yield the suite of a results folder with the suites it includes, and its environments."""
+    """Yield name and content of the suite of a results folder, of suites that it includes, and of its environments.
+
+    Entries of an environment that name this machine's folders are left out.
+    """
     here = ConfinedPath(folder)
     for name in filter(TEXT.fullmatch, here.names()):
         text = read_text(here / name, name)

@@ -20,7 +20,10 @@ STATES, SEED, SAME = 8, 1, 1e-12  # random states at which invariants are compar
 
 @cache
 def describe_invariants(name: str, parameters: str) -> list[dict[str, Any]]:
-    """Return each invariant of a problem: name, unit, and quantity, which is absent where it has no form here."""
+    """Return name and unit of each invariant of a problem and, where it is recognised, its quantity and direction.
+
+    The list is empty if the problem cannot be made.
+    """
     try:
         problem = make_problem(name, parse_json(parameters, "parameters"))
     except (ValueError, KeyError):  # from a plugin that is not loaded, or from an older version of the code

@@ -14,7 +14,7 @@ ACCURATE = 1e-3  # relative to the length of the motion: error within which the 
 
 
 def make_table(records: Sequence[RunRecord]) -> list[dict[str, Any]]:
-    """Return a row for each problem and solver, in their order."""
+    """Return a row of the table for each problem, its parameters and solver, sorted by these."""
     return [
         {"problem": key[0], "problem_parameters": key[1], "solver": key[2], **_count(list(runs))}
         for key, runs in groupby(sorted(records, key=_key), _key)
@@ -29,8 +29,8 @@ def _key(r: RunRecord) -> tuple[str, str, str]:
 def _count(runs: Sequence[RunRecord]) -> dict[str, Any]:
     """Return how many runs ended with each judged status, the least motion error [m], and the least CPU time [s].
 
-    Errors are those of successes; times are those of successes within ``ACCURATE``. Both are infinite where there is
-    none.
+    Errors are those of successes; times are those of successes within ``ACCURATE``. Where there is none, the number is
+    the text ``inf``.
     """
     good = [r for r in runs if r.status == Status.SUCCESS and math.isfinite(r.motion_error_judged_m)]
     near = [r.cpu_median_s for r in good if r.motion_error_judged_m <= ACCURATE * r.length_scale_m]

@@ -118,7 +118,7 @@ def _cpu_seconds() -> float:
 
 
 def plan_long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSpec | None:
-    """Return a run of the pendulum for ``seconds`` of CPU time; None if that gives too few periods."""
+    """Return a run of the pendulum for ``seconds`` of CPU time; None if it has too few periods or unknown speed."""
     control = registry.solvers()[solver].control
     done = [r for r in _select(solver, records, "ladder") if r.problem == "spherical_pendulum" and r.steps]
     if not done:
@@ -176,14 +176,14 @@ def _select(solver: str, runs: Sequence[Run], label: str) -> list[Run]:
 
 
 def _describe_cut(left: int, run: int) -> str:
-    """Report that nothing was determined: of its runs ``left`` were left out by the budget, and ``run`` made."""
+    """Return the words for an undetermined finding, of whose runs the budget left out ``left`` and allowed ``run``."""
     if not run:
         return "not determined: no run of it within the budget"
     return f"not determined: {left} of {left + run} runs of it are left out by the budget"
 
 
 def _assess_problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
-    """Yield how the solver ended on each problem of the catalogue; refused or too slow is not judged."""
+    """Yield how the solver ended on each problem of the catalogue; refusals and slow runs are not judged."""
     for r in sorted(runs, key=lambda r: r.problem):
         # neither a refusal nor slowness is wrong
         open_ = r.status in (Status.REFUSED, Status.STALLED, Status.UNFINISHED)

@@ -87,7 +87,7 @@ class Subject:
 
     @property
     def largest_error(self) -> float:
-        """The largest stated error [m]; 0 where the stated ones are no numbers, which has a finding of its own."""
+        """The largest stated error [m]; 0 where stated errors are not finite, which has a finding of its own."""
         own = self.stated_error
         return float(np.max(own)) if own.shape == self.t.shape and np.all(np.isfinite(own)) else 0.0
 
@@ -102,7 +102,7 @@ class Subject:
 
     @property
     def allowed_share(self) -> float:
-        """The error allowed for an exact motion with that stated error, as a fraction of its scales."""
+        """The error allowed for an exact motion with the largest stated error, as a fraction of its scales."""
         return SMALL + 100.0 * self.largest_error / self.size.length
 
     def allowed_difference(self, step: float) -> float:
@@ -111,7 +111,7 @@ class Subject:
 
 
 def check_documentation(s: Subject) -> Finding:
-    """Check docstring, a meaning for each parameter of its own, source and name."""
+    """Check that the problem has a docstring, a meaning for each parameter of its own, a source and its own name."""
     entry = registry.problems()[s.name]
     own = {k: p for k, (_, p) in entry.parameters.items() if k not in registry.COMMON_PARAMETERS}
     missing = [] if entry.doc.strip() else ["the docstring of its function"]
@@ -123,7 +123,7 @@ def check_documentation(s: Subject) -> Finding:
 
 
 def check_initial_state(s: Subject) -> Finding:
-    """Check that phi and phi_dot of the start vanish, as every solver does before its first step."""
+    """Check that phi and phi_dot vanish at the start, as solvers do before the first step."""
     made = registry.problems()[s.name].make()
     try:
         check_start(made.system, made.initial)
@@ -153,7 +153,7 @@ def _count_freedom(made: Problem) -> str:
 def find_redundant_joints(system: MultibodySystem, state: State) -> list[int]:
     """Return nearly the fewest joints that can lose all redundant rows, so that the other rows are independent.
 
-    Joints are taken in order of their number of rows; each is kept whose rows are independent of those kept before.
+    Joints are taken in the order of their numbers of rows, and kept if their rows are independent of those kept before.
     """
     A = constraint_jacobian(system, state).toarray()
     length = np.linalg.norm(A, axis=1, keepdims=True)
@@ -219,7 +219,7 @@ def check_repeatability(s: Subject) -> Finding:
 
 
 def check_turned(s: Subject) -> Finding:
-    """Check that observables of the start agree to 1e-9 in a frame rotated by exp(0.3, -0.2, 0.5)."""
+    """Check that observables of the start agree to 1e-9 if the problem is rotated by exp(0.3, -0.2, 0.5)."""
     turned = registry.make_problem(s.name, {"rotation": (0.3, -0.2, 0.5)})  # checks the rotated start
     here = s.problem.observe(States.one(s.problem.initial))
     there = turned.observe(States.one(turned.initial))
@@ -255,7 +255,7 @@ def check_reference_start(s: Subject) -> Finding:
 
 
 def check_independent(s: Subject) -> Finding:
-    """Check that positions and angles (times radii of gyration) of the two motions agree to their stated errors."""
+    """Check that reference and computed reference agree to their stated errors, in position and angle times radius."""
     if s.computed_reference is None:
         return leave_open("none can be computed for this system")
     t = s.t[s.t <= s.computed_reference.horizon]

@@ -21,7 +21,7 @@ EXPECTED = "frames, mirror, units, numbering, time"
 
 
 def plan_symmetries(solver: str, problem: str, parameters: Mapping[str, Any], wall: float) -> list[RunSpec]:
-    """Return runs of a problem unchanged, finer, perturbed and in each presentation; ``wall`` [s] limits each."""
+    """Return runs of a problem unchanged, finer, perturbed and in each presentation, of at most ``wall`` [s] of CPU."""
     entry = registry.solvers()[solver]
     base = {"dt": 0.01} if entry.control == "dt" else {"rtol": 1e-6}
     finer = {"dt": 0.005} if entry.control == "dt" else {"rtol": 1e-7}
@@ -38,7 +38,7 @@ def plan_symmetries(solver: str, problem: str, parameters: Mapping[str, Any], wa
 
 
 def assess_symmetries(folder: Path, runs: Sequence[RunRecord], none: str) -> Iterator[Finding]:
-    """Yield findings on broken symmetries and on how many hold; ``none`` explains why there may be none."""
+    """Yield findings on broken symmetries and on how many hold; ``none`` is what a finding says if none was checked."""
     found = check_symmetries(folder, runs)
     if not found:
         yield state("symmetries", none, EXPECTED)
@@ -48,7 +48,7 @@ def assess_symmetries(folder: Path, runs: Sequence[RunRecord], none: str) -> Ite
 
 
 def _count_symmetries(found: Sequence[Symmetry], messages: Mapping[str, str]) -> Finding:
-    """Return how many of the symmetries hold that the solver did not refuse; undetermined if it refused all."""
+    """Return the finding on how many of the symmetries that the solver did not refuse hold; open if it refused all."""
     taken = [s for s in found if s.verdict != "refused"]
     refused = Counter((s.problem, s.message or messages.get(s.settings_ids[0], "")) for s in found if s not in taken)
     words = "; ".join(f"{n} refused on {problem}: {why}" for (problem, why), n in refused.items())

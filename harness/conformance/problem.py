@@ -38,14 +38,14 @@ def check_problem(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
 
 
 def locate_error(error: BaseException, plugins: Sequence[str]) -> str:
-    """Return `` (fourbar.py:31)``, the last line of a plugin's file that the exception passed through."""
+    """Return the last line of a plugin's file that the exception passed, as `` (fourbar.py:31)``; empty if none."""
     own = {str(Path(p).resolve()) for p in plugins}
     frames = [f for f in traceback.extract_tb(error.__traceback__) if str(Path(f.filename).resolve()) in own]
     return f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
 
 
 def _measure(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> None:
-    """Send a line with a finding for each requirement."""
+    """Measure all requirements on the problem ``name``, and send the finding on each as a line of JSON."""
     for plugin in plugins:
         registry.load_plugin(plugin)
     subject, complaint = Subject(name), ""

@@ -9,7 +9,7 @@ from ..results.findings import Finding, leave_open
 
 @dataclass(frozen=True)
 class Requirement:
-    """A requirement; one ``of_reference`` does not apply to a problem without a reference."""
+    """A requirement with its reason and remedy; ``of_reference`` marks those on a problem's reference only."""
 
     name: str
     why: str
@@ -19,7 +19,7 @@ class Requirement:
 
 
 def assign_findings(subject: str, requirements: Sequence[Requirement], found: Iterable[Finding]) -> list[Finding]:
-    """Return findings with their requirements; a failure with an earlier cause is left open, so that it counts once."""
+    """Return findings with the texts of their requirements; a failure by an earlier cause is left open."""
     out, causes = list[Finding](), set[str]()
     for r, f in zip(requirements, found, strict=True):
         repeated = bool(f.cause) and not f.holds and f.cause in causes

@@ -67,7 +67,7 @@ def make_suite(solver: str, plugins: tuple[str, ...]) -> Suite:
 
 
 def check_solver(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> list[Finding]:
-    """Return the findings on every requirement, from the records of its runs."""
+    """Return a finding for every requirement on the solver, from ``records`` and series of its runs in ``folder``."""
     by_settings = {r.settings_id: r for r in records}
     mine = {role: by_settings[spec.settings_id] for role, spec in group_runs(solver).items()}
     series = {role: store.read_run_series(folder, r) for role, r in mine.items()}
@@ -79,7 +79,7 @@ def check_solver(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> l
 def _run(
     solver: str, problem: str, parameters: Mapping[str, Any], control: Mapping[str, Any] | None = None, **limits: float
 ) -> RunSpec:
-    """Return a run of the solver on a problem; ``control`` is its step or tolerance, ``limits`` are of CPU time."""
+    """Return a run of the solver on a problem with its step or tolerance ``control``; ``limits`` bound its CPU time."""
     made = registry.make_problem(problem, parameters)
     return make_spec(made, solver, None, control, **{"cpu_limit": LIMIT, **limits})
 

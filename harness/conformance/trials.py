@@ -64,7 +64,7 @@ def check_endings(e: Evidence) -> Finding:
 
 
 def check_accepts(e: Evidence) -> Finding:
-    """Count easy runs that are neither refused nor crash."""
+    """Count easy runs that the solver neither refused nor crashed on; at least one is required."""
     easy = e.select_runs("easy")
     refused, crashed = ([r for r in easy if r.status == s] for s in (Status.REFUSED, Status.CRASHED))
     if crashed and len(refused) + len(crashed) == len(easy):
@@ -264,7 +264,7 @@ def check_stop(
 
 
 def _find_missing(*runs: RunRecord) -> Finding | None:
-    """Return the finding where one of the runs did not reach its end: failed, or left open where all were refused.
+    """Return the finding for runs that did not all reach the end: a failure, or left open if all were refused.
 
     Return None if all reached it.
     """

@@ -27,9 +27,10 @@ DRAWN = 120  # times of a picture
 
 @dataclass(frozen=True)
 class Ensemble:
-    """Define the starts: a normal change, of relative size ``spread``, of every pose and velocity, then projected.
+    """A problem with the random starts around its own, at the times of scores.
 
-    The change is that of ``mechanics.consistency.perturb``.
+    Each start has a normally distributed change of every pose and velocity, of relative size ``spread``, projected onto
+    the constraints (``mechanics.consistency.perturb``).
     """
 
     problem: Problem  # with t_end at the last of ``at``
@@ -39,7 +40,7 @@ class Ensemble:
     observables: tuple[Observable, ...]  # functions of the state alone, energy included
 
     def start(self, member: int) -> State:
-        """Return the start of a member, which does not depend on the size of the ensemble."""
+        """Draw the start of a member, by its number and the seed alone, whatever the size of the ensemble."""
         seed = int(np.random.SeedSequence((self.seed, member)).generate_state(1)[0])
         return perturb(self.problem.system, self.problem.initial, self.spread, seed)
 
@@ -51,7 +52,7 @@ class Ensemble:
 
 @dataclass(frozen=True)
 class ConfiguredSolver:
-    """Name a solver with its setting."""
+    """A solver with its options, its step control, and the name of this setting."""
 
     name: str  # of the solver
     setting: str
@@ -61,7 +62,7 @@ class ConfiguredSolver:
 
 @dataclass(frozen=True)
 class Cloud:
-    """Hold the motions of all members by one solver; NaN where one is missing."""
+    """The motions of all members by one solver; NaN where a member did not get so far."""
 
     code: ConfiguredSolver
     values: Float[np.ndarray, "n observables at"]  # at the times of scores
@@ -72,7 +73,10 @@ class Cloud:
 
 
 def make_ensemble(problem: Problem, spread: float, seed: int, at: Sequence[float]) -> Ensemble:
-    """Return an ensemble of starts around the problem's; observables that depend on more than the state are omitted."""
+    """Return an ensemble of starts around the problem's, without observables that depend on more than the state.
+
+    Raise ValueError unless the times ``at`` [s] are positive and increase.
+    """
     if not at or min(at) <= 0.0 or list(at) != sorted(set(at)):
         raise ValueError(f"times of scores must be > 0 and increase (got {', '.join(map('{:g}'.format, at))})")
     parameters = {**problem.parameters, "t_end": at[-1]}
@@ -90,7 +94,7 @@ def make_ensemble(problem: Problem, spread: float, seed: int, at: Sequence[float
 
 
 def run_cloud(ensemble: Ensemble, code: ConfiguredSolver, members: Sequence[int], jobs: int) -> Cloud:
-    """Run ``members`` in ``jobs`` processes; a crash loses only the member at work."""
+    """Solve ``members`` in up to ``jobs`` processes and return their cloud; a crash loses one member only."""
     with tempfile.TemporaryDirectory() as place:
         left = [list(members[j::jobs]) for j in range(jobs)]
         active = {j: _begin(ensemble, code, own, Path(place)) for j, own in enumerate(left) if own}
@@ -129,7 +133,7 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # values, C, drawn
 
 
 def _run_member(e: Ensemble, code: ConfiguredSolver, member: int) -> tuple[Parts, str]:
-    """Return the numbers of a member, NaN where it did not get, and why it did not reach the end (else empty)."""
+    """Solve a member; return its numbers, NaN at times it did not reach, and why it did not reach the end, or ""."""
     parts = _nothing(e)
     try:
         problem = dataclasses.replace(e.problem, initial=e.start(member))
@@ -161,7 +165,7 @@ def _sample(e: Ensemble, s: States, parts: Parts) -> None:
 
 
 def _nothing(e: Ensemble) -> Parts:
-    """Return the arrays of a member of which nothing is known: all NaN."""
+    """Return the arrays of a member that is not solved yet: all NaN."""
     n, nb = len(e.observables), e.problem.system.nb
     shapes = ((n, len(e.at)), (len(e.at), nb, 3), (n, DRAWN))
     return tuple(np.full(shape, np.nan) for shape in shapes)  # type: ignore[return-value]
@@ -181,5 +185,5 @@ def _file(place: Path, member: int) -> Path:
 
 
 def _stack(states: Sequence[State]) -> States:
-    """Return single states as the states of a motion."""
+    """Join single states along the axis of time."""
     return States(*(np.stack([getattr(s, name) for s in states]) for name in ("r", "R", "v", "Omega")))

@@ -21,7 +21,7 @@ Weights = Float[np.ndarray, "rows n"]
 
 
 class Score(NamedTuple):
-    """Give a score, its excess over that of the truth itself, and the excess that chance gives."""
+    """A score, its excess over that of the truth itself, and the excess to expect by chance."""
 
     score: float
     excess: float  # unbiased estimate of half the energy distance of the two laws: 0 on average for a perfect solver
@@ -30,7 +30,7 @@ class Score(NamedTuple):
 
 
 class Ranks(NamedTuple):
-    """Give counts of the draws' ranks among the members, and the test of their flatness."""
+    """Counts of the draws' ranks among the members, and the chi-squared test that they are uniform."""
 
     counts: Float[np.ndarray, " bins"]
     statistic: float  # chi-square over its degrees of freedom
@@ -50,8 +50,8 @@ def score(x: Points, y: Points, w: Weights | None = None, u: Weights | None = No
 def compare(x: Points, y: Points, seed: int) -> Score:
     """Score members ``x`` against draws ``y`` of the truth, with a permutation test.
 
-    Its ``DEALS`` permutations, drawn with ``seed``, exchange members and draws: by chance alone, any of them would
-    score like the first.
+    Its ``DEALS`` permutations, drawn with ``seed``, exchange members and draws; for a perfect solver all of them score
+    alike on average.
     """
     both, n = np.concatenate((x, y)), len(x)
     deals = np.zeros((1 + DEALS, len(both)))
@@ -66,7 +66,7 @@ def compare(x: Points, y: Points, seed: int) -> Score:
 
 
 def rank_histogram(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " m"]) -> Ranks:
-    """Rank draws ``y`` among members ``x``; a draw that equals members is distributed over its possible ranks.
+    """Count the ranks of draws ``y`` among members ``x``; a draw that equals members is spread over its possible ranks.
 
     Both are samples, so counts vary more than multinomial ones: by (n + m + 1) / (n + 2), their Dirichlet law.
     """

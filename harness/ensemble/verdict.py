@@ -16,7 +16,7 @@ NO_DIFFERENCE = "no difference found"
 
 @dataclass(frozen=True)
 class CloudComparison:
-    """Compare one quantity at one time; ``score`` is the CRPS or, for ``ALL_C``, the energy score, rms over bodies."""
+    """The comparison of one quantity at one time; ``score`` is the CRPS or, for ``ALL_C``, the energy score."""
 
     solver: str
     setting: str
@@ -99,5 +99,5 @@ def _compare(
 
 
 def _rms(a: np.ndarray) -> float:
-    """Return the root mean square of numbers, or of the lengths of points by rows."""
+    """Return the root mean square of numbers, or of the lengths of the rows; NaN if there are none."""
     return float(np.sqrt(np.sum(a * a) / len(a))) if len(a) else float("nan")

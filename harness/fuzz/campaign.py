@@ -47,7 +47,7 @@ def draw_form(seed: int, number: int, m: RandomMechanism) -> Form:
 
 @dataclass(frozen=True)
 class CampaignSettings:
-    """Define what the trials of a campaign have in common; a form is drawn for each trial where none is given."""
+    """The settings that all trials of a campaign share; without ``form`` one is drawn for each mechanism."""
 
     seed: int
     floor: float = FLOOR  # fraction of the mechanism's size below which no deviation counts
@@ -55,7 +55,7 @@ class CampaignSettings:
     form: Form | None = None
 
     def oracle(self, number: int) -> Oracle:
-        """Return the oracle of mechanism ``number``, which has it as drawn and in its form."""
+        """Draw mechanism ``number``, and its form unless one is given, and return the oracle of both."""
         m = draw_mechanism(self.seed, number)
         return Oracle(m, self.form or draw_form(self.seed, number, m), self.floor)
 
@@ -63,7 +63,7 @@ class CampaignSettings:
 def run_campaign(settings: CampaignSettings, pairs: Sequence[Pair], jobs: int) -> Iterator[OracleOutcome]:
     """Run the solver of each pair on its mechanism, in up to ``jobs`` processes; yield each outcome when it is known.
 
-    A pair that ends its process is crashed or failed, and the pairs after it go to another process.
+    A pair during which its process ends has the outcome crashed or failed; the next pairs run in another process.
     """
     _warm(settings.seed, {solver for _, solver in pairs})
     waiting = [list(pairs[k : k + CHUNK]) for k in range(0, len(pairs), CHUNK)][::-1]
@@ -93,7 +93,7 @@ def run_campaign(settings: CampaignSettings, pairs: Sequence[Pair], jobs: int) -
 
 @dataclass
 class _Chunk:
-    """Keep pairs and the process at work on them, and how many are ``done``."""
+    """Pairs, the process that examines them, and the number of pairs that are ``done``."""
 
     pairs: list[Pair]
     process: ForkedProcess
@@ -116,7 +116,7 @@ def _begin(settings: CampaignSettings, chunk: Sequence[Pair]) -> ForkedProcess:
 
 
 def _crash(pair: Pair, ended: ProcessEnd) -> OracleOutcome:
-    """Return the outcome of a pair that ended its process: failed at a limit, else crashed."""
+    """Return the outcome of a pair during which its process ended: failed at a limit, else crashed."""
     what = "memory" if ended.over == "memory" else f"{ended.over or 'cpu'} time"
     words = f"over its limit of {what}" if ended.at_limit else ended.words
     return OracleOutcome(
@@ -125,7 +125,7 @@ def _crash(pair: Pair, ended: ProcessEnd) -> OracleOutcome:
 
 
 def _warm(seed: int, solvers: Iterable[str]) -> None:
-    """Compile the kernels of these solvers before all forks; foreign codes are not run in this process."""
+    """Compile the kernels of these solvers before any fork, by examining mechanism 0; skip engines and plugins."""
     own = [s for s in solvers if registry.is_own_solver(s) and s not in registry.engines()]
     oracle = CampaignSettings(seed).oracle(0)
     for solver in own:

@@ -27,10 +27,10 @@ NONE = "No other route was asked, or none confirms it."
 
 @dataclass(frozen=True)
 class Case:
-    """Describe a mechanism, its form, what a code does with them, what other routes say of it, and the known cause.
+    """A mechanism and its form, the outcome of a code on them, the verdict of other routes, and the cause if known.
 
-    ``ends`` has the places of the bodies at the end, exact and by form; ``notes`` are those of the code's run, with its
-    version.
+    ``ends`` has the positions of the bodies at the end, exact and by form; ``notes`` are those of the code's run, with
+    its version.
     """
 
     outcome: OracleOutcome
@@ -62,7 +62,7 @@ class Case:
 
 
 def write_cases(folder: Path, cases: Sequence[Case]) -> None:
-    """Write for each case its JSON and its mechanism as MJCF; a cause that is already written there is kept."""
+    """Write each case as JSON, and its mechanism as MJCF where that is possible; a cause in an old file is kept."""
     folder.mkdir(parents=True, exist_ok=True)
     for case in cases:
         path = folder / f"{case.name}.json"
@@ -109,7 +109,7 @@ def _fill(text: str) -> str:
 
 
 def _numbers(case: Case) -> str:
-    """Return in words the form and the steps of a case, and how far the answer is off."""
+    """Return a sentence with the form, the steps and the deviations of a case."""
     o, m = case.outcome, case.mechanism
     where = f"Form: `{case.form}`, {m.steps} steps of {m.dt:g} s."
     if not o.limit:
@@ -125,7 +125,7 @@ def _numbers(case: Case) -> str:
 
 
 def _ends(case: Case) -> str:
-    """Return the places at the end in a sentence, and the notes of the run."""
+    """Return a sentence with the notes of the run and the positions of C of each body at the end [m]."""
     places = [f"{who} " + ", ".join(f"({x:.6g}, {y:.6g}, {z:.6g})" for x, y, z in at) for who, at in case.ends.items()]
     options = "".join(f", {name}={value}" for name, value in case.options.items())
     who = f"Run: {case.outcome.solver}{options}; {'; '.join(case.notes)}. " if case.notes else ""
@@ -135,7 +135,7 @@ def _ends(case: Case) -> str:
 
 
 def read_case(path: Path) -> Case:
-    """Read a case from its file; raise ValueError if it is invalid."""
+    """Read a case from its file; raise ValueError if it is unreadable or invalid."""
     try:
         return msgspec.json.decode(read_text(path, "case"), type=Case)
     except msgspec.MsgspecError as error:

@@ -24,7 +24,7 @@ Turn = Float[np.ndarray, "3 3"]
 
 
 def draw_mechanism(seed: int, number: int) -> RandomMechanism:
-    """Draw mechanism ``number`` of a campaign, the same one every time."""
+    """Draw mechanism ``number`` of a campaign, the same one every time; raise ValueError if ``TRIES`` draws fail."""
     for attempt in range(TRIES):
         random = np.random.default_rng((seed, number, attempt))
         family = FAMILIES[random.integers(len(FAMILIES))]
@@ -38,7 +38,7 @@ def draw_mechanism(seed: int, number: int) -> RandomMechanism:
 
 
 def _tree(random: Draw, simple: bool) -> RandomMechanism:
-    """Draw bodies on joints of all kinds, some of them free; ``simple`` gives simple numbers, here and below."""
+    """Draw a tree of bodies on joints of all kinds, some of them free; with ``simple`` by simple numbers, as below."""
     n = int(random.integers(1, 5))
     places = [_vector(random, simple, n ** (1 / 3)) for _ in range(n)]
     rare = random.random() < 0.2
@@ -56,7 +56,7 @@ def _tree(random: Draw, simple: bool) -> RandomMechanism:
 
 
 def _loop(random: Draw, simple: bool) -> RandomMechanism:
-    """Draw a chain in space whose end is held by a ball joint."""
+    """Draw a chain of bodies in space that a ball joint closes to a loop."""
     n = int(random.integers(2, 5))
     places = [_vector(random, simple, 1.0) for _ in range(n)]
     free, connections = -3, []
@@ -169,7 +169,7 @@ def _axis(random: Draw, simple: bool) -> Vec:
 
 
 def _plain(x: np.ndarray, simple: bool) -> Vec:
-    """Return the vector, rounded to multiples of a half if simple."""
+    """Return the vector ``x`` as a tuple, rounded to multiples of a half if ``simple``."""
     return _vec(np.round(2.0 * x) / 2.0 if simple else x)
 
 

@@ -21,7 +21,7 @@ CPU = 180.0  # [s] for the second route: the reference of a difficult mechanism 
 
 @dataclass(frozen=True)
 class Trial:
-    """Keep an outcome, its settings and code and, for a deviation, what the second route says."""
+    """An outcome with its settings, code and, for a deviation, the verdict of the second route and its evidence."""
 
     settings: CampaignSettings
     code: str  # digest of the solver; "" for plugins
@@ -39,7 +39,7 @@ class Trial:
 
     @property
     def is_deviation(self) -> bool:
-        """True if the code deviates by its outcome, so that the second route must be asked."""
+        """True if the outcome is a deviation, which the second route must confirm."""
         return self.outcome.kind in FINDINGS
 
 
@@ -49,7 +49,10 @@ def digest_solver(solver: str) -> str:
 
 
 def read_trials(folder: Path) -> list[Trial]:
-    """Read all trials in ``folder``, each from its last line; an incomplete last line is removed from the file."""
+    """Read all trials in ``folder``, each from its last line, and remove an incomplete line at the end of the file.
+
+    Raise FileError for a line that is not a trial.
+    """
     path, trials = folder / NAME, {}
     text = read_text(path, "trials") if path.exists() else ""
     if text and not text.endswith("\n"):
@@ -72,9 +75,9 @@ def append_trial(folder: Path, trial: Trial) -> None:
 
 
 def ask_second_route(trial: Trial) -> Trial:
-    """Return a trial with the verdict of other routes on its deviation, which a separate process finds.
+    """Judge the deviation of a trial by other routes in a separate process; return the trial with its verdict.
 
-    The verdict is undecidable if that process ends without one.
+    The verdict is undecidable if the process ends without one.
     """
 
     def target(send: Callable[[str], None]) -> None:
@@ -89,7 +92,7 @@ def ask_second_route(trial: Trial) -> Trial:
 
 
 def count_trials(trials: Iterable[Trial]) -> dict[str, dict[str, int]]:
-    """Count by solver trials, those of each behaviour, deviations, and deviations by verdict; ``all`` has the sums."""
+    """Count trials, by behaviour, deviations, and these by verdict, for each solver; ``all`` has the sums."""
     counts: dict[str, dict[str, int]] = {}
     for trial in trials:
         names = ["trials", str(trial.outcome.kind)]

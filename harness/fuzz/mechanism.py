@@ -1,6 +1,6 @@
 """Define a mechanism by numbers of its start in space; joints share points and axes, so any change keeps it closed.
 
-What a joint or spring needs in the frames of bodies is computed from their poses; velocities are projected onto the
+Points and axes in the frames of bodies are computed from the poses at the start; velocities are projected onto the
 joints.
 """
 
@@ -28,7 +28,7 @@ FASTER = 2  # factor on the rates of springs, which are computed for point masse
 
 @dataclass(frozen=True)
 class RandomBody:
-    """Hold mass [kg], inertia about C in the body's frame [kg m2], C [m], rotation vector, velocity of C, Omega."""
+    """A body: mass [kg], inertia about C in its frame [kg m2], and its pose and velocities at the start."""
 
     mass: float
     inertia: tuple[Vec, Vec, Vec]
@@ -40,7 +40,7 @@ class RandomBody:
 
 @dataclass(frozen=True)
 class RandomJoint:
-    """Connect bodies i and j (-1: ground) by a joint at a point of space, with axis; a distance has a second point."""
+    """A joint of bodies i and j (-1: ground) at a point of space, with axis; a distance has a second point."""
 
     kind: JointKind
     i: int
@@ -52,7 +52,7 @@ class RandomJoint:
 
 @dataclass(frozen=True)
 class Spring:
-    """Connect points of space, carried by bodies i and j, by a spring-damper."""
+    """A spring-damper between points of bodies i and j, given in space at the start."""
 
     i: int
     j: int
@@ -65,7 +65,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class RandomMechanism:
-    """Hold all of a random mechanism; ``t_end`` [s] is ``steps`` steps."""
+    """A random mechanism by the numbers of its start in space; the motion takes ``steps`` steps of ``dt``."""
 
     bodies: tuple[RandomBody, ...]
     connections: tuple[RandomJoint, ...] = ()
@@ -113,7 +113,10 @@ class RandomMechanism:
         return max(float(np.max(np.ptp(np.array(points), axis=0))), 0.1)
 
     def choose_step(self) -> "RandomMechanism":
-        """Return the mechanism with steps in which nothing turns by more than ``TURN``, estimated at the start."""
+        """Return the mechanism with a step, at most ``LONGEST``, in which no angle or phase exceeds ``TURN``.
+
+        It is estimated from rates, accelerations and springs at the start.
+        """
         p = self.problem()
         rates = accelerations(p.system, p.initial)
         stiff = [s.stiffness / min(self.bodies[b].mass for b in (s.i, s.j) if b != GROUND) for s in self.springs]

@@ -1,9 +1,9 @@
-"""Examine whether a code has one answer to all forms of a mechanism, and the right one.
+"""Examine whether a code computes one motion for all forms of a mechanism, and the true one.
 
 ``own`` is the code's own error: how far half the step (or a tolerance ``FINER`` times as small) moves its answer, in
 both forms together. A deviation counts beyond ``TIMES`` of it and ``floor`` of the size of the mechanism, with the
-coarse and with the fine step. The truth is ``TRUTH`` at two tolerances, in both forms; where these differ nothing is
-decided.
+coarse and with the fine step. The true motion is that of ``TRUTH`` at two tolerances, in both forms; where these
+differ, the outcome is undecided.
 """
 
 from contextlib import suppress
@@ -48,7 +48,7 @@ class Behaviour(StrEnum):
 
 
 class OracleVerdict(StrEnum):
-    """Classify what other routes say of a deviation."""
+    """Classify the verdicts of independent solutions on a deviation."""
 
     CONFIRMED = "confirmed"  # they agree on the motion, and the code differs from it
     DISMISSED = "dismissed"  # they agree on the motion, and the code has it
@@ -61,9 +61,9 @@ SHOWN = (*FINDINGS, Behaviour.ONE_SIDED, Behaviour.CRASHED)
 
 @dataclass(frozen=True)
 class OracleOutcome:
-    """Describe how ``solver`` does on a mechanism in a form; lengths in m, with the coarse and with the fine step.
+    """The behaviour of ``solver`` on a mechanism in a form; deviations [m] with the coarse and with the fine step.
 
-    Infinite lengths are replaced by the largest number: JSON has no infinity, and the file must be readable again.
+    Lengths that are infinite or NaN are replaced by the largest number, since JSON has neither.
     """
 
     solver: str
@@ -88,7 +88,7 @@ class OracleOutcome:
 
 @dataclass(frozen=True)
 class Oracle:
-    """Hold a mechanism in two forms: as drawn, and in ``form``."""
+    """A mechanism in two forms, as drawn and in ``form``, on which codes are examined."""
 
     mechanism: RandomMechanism
     form: Form
@@ -113,12 +113,12 @@ class Oracle:
         return one, max(self.measure_distance(one, other) for other in others)
 
     def measure_distance(self, a: State, b: State) -> float:
-        """Return the largest distance of two states over all bodies [m]: of C, or angle times radius of gyration."""
+        """Return the largest difference of two states over all bodies [m]: distance of C, or angle times gyration."""
         turned = np.linalg.norm(a.R - b.R, axis=(1, 2)) / np.sqrt(2.0) * self.problem.system.gyration
         return float(max(np.max(np.linalg.norm(a.r - b.r, axis=1)), np.max(turned)))
 
     def examine(self, name: str, solver: Solver | None = None) -> OracleOutcome:
-        """Solve the mechanism in both forms by the solver ``name``, with two steps each, and return how it behaves.
+        """Solve the mechanism in both forms by the solver ``name``, with two steps each, and return its behaviour.
 
         The solver has its default options unless it is given.
         """
@@ -166,7 +166,7 @@ class Oracle:
         return found
 
     def collect_answers(self, solver: Solver) -> tuple[dict[str, Places], tuple[str, ...]]:
-        """Return the places of C at the end of the motion, by form, and the notes of the solver's run.
+        """Solve again; return the positions of C at the end of the motion [m], by form, and the notes of the run.
 
         They are those of ``solver`` with the fine step, in each form in which it succeeds, and of the true
         motion (``exact``).
@@ -186,7 +186,8 @@ class Oracle:
     def decide(self, name: str, solver: Solver | None = None) -> tuple[OracleVerdict, str]:
         """Decide whether other routes confirm a deviation of the solver ``name``; return verdict and evidence.
 
-        The deviation is examined again first. If nothing can be decided, the evidence says why.
+        The deviation is examined again first. The routes are a computed reference and the solvers ``TRUTH`` and
+        ``SECOND``. If nothing can be decided, the evidence says why.
         """
         solver = registry.make_solver(name) if solver is None else solver
         found = self.examine(name, solver)
@@ -220,7 +221,7 @@ class Oracle:
         return (OracleVerdict.CONFIRMED if max(off.values()) > 0.4 * found.limit else OracleVerdict.DISMISSED), evidence
 
     def _refusal(self, solver: Solver, form: Form, step: StepControl) -> str | None:
-        """Return why a solver refuses the problem in a form, also by an exception; None if it takes it."""
+        """Return why a solver refuses the problem in a form, or the exception that it raises; None if it accepts it."""
         try:
             reason = form.refuses(solver, self.problem, step)
             return None if reason is None else str(reason)  # the log holds text only
@@ -228,7 +229,7 @@ class Oracle:
             return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
     def _motion(self, solver: Solver, form: Form, step: StepControl) -> "Answer | str":
-        """Return the last state of the bodies as drawn, in a tuple, or in words why the end is not reached."""
+        """Solve; return a tuple of the last state, of the bodies as drawn, or the reason why the end is not reached."""
         try:
             with np.errstate(all="ignore"):
                 found = form.solve(solver, self.problem, step)
@@ -269,7 +270,7 @@ def _finite(length: float) -> float:
 
 
 def _steps(control: str, dt: float) -> list[StepControl]:
-    """Return the coarse and the fine control of a solver; ``control`` is what controls it, ``dt`` or ``rtol``.
+    """Return the coarse and the fine step control of a solver whose ``control`` is ``dt`` or ``rtol``.
 
     ``dt`` is the coarse step [s].
     """
@@ -279,5 +280,5 @@ def _steps(control: str, dt: float) -> list[StepControl]:
 
 
 def _final_state(motion: "Answer | str") -> State | None:
-    """Return the last state of an answer; None for the words of a motion that did not reach its end."""
+    """Return the last state of a motion; None where it is the reason why the end was not reached."""
     return None if isinstance(motion, str) else motion[-1]

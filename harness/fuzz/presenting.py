@@ -39,7 +39,7 @@ class Form:
 
     @staticmethod
     def parse(words: Mapping[str, str]) -> "Form":
-        """Return the form in words like those of ``str(form)``; raise ValueError if one is unknown or no number."""
+        """Parse a form from its changes by name, as ``str(form)`` writes them; raise ValueError for an invalid one."""
         defaults, given = vars(Presentation()), dict(words)
         try:
             split = int(given.pop("split", "0"))
@@ -53,9 +53,9 @@ class Form:
             raise ValueError(f"a form has no {error.args[0]!r} (it has {known})") from None
 
     def problem(self, problem: Problem) -> Problem:
-        """Return ``problem`` with its body split and all turned; the rest of the form is noted as its presentation.
+        """Return ``problem`` with its body split and all rotated; the rest of the form is stored as its presentation.
 
-        ``present_problem`` also applies that.
+        ``present_problem`` applies that too. Reference, observables and invariants are dropped.
         """
         bare = replace(problem, reference_from=None, observables=(), invariants=(), presentation=Presentation())
         if self.split:
@@ -64,7 +64,7 @@ class Form:
         return replace(rotate_problem(bare, so3.exp(np.array(self.rotation))), presentation=self.plain)
 
     def present_problem(self, problem: Problem) -> Problem:
-        """Return ``problem`` in this form as a code gets it, with the presentation applied."""
+        """Return ``problem`` in this form as a solver receives it, with the presentation applied."""
         return present_problem(self.problem(problem), StepControl(dt=problem.dt))[0]
 
     def refuses(self, solver: Solver, problem: Problem, control: StepControl) -> str | None:
@@ -72,7 +72,7 @@ class Form:
         return PresentedSolver(solver).refuses(self.problem(problem), control)
 
     def solve(self, solver: Solver, problem: Problem, control: StepControl) -> Trajectory:
-        """Solve ``problem`` in this form, and return the motion of its bodies as drawn, without reactions."""
+        """Solve ``problem`` in this form; return the motion, transformed back to its own bodies, without reactions."""
         found = PresentedSolver(solver).solve(self.problem(problem), control)
         home = rotate_states(found.states, so3.exp(-np.array(self.rotation)))
         if self.split:
@@ -80,7 +80,7 @@ class Form:
         return replace(found, states=home, reaction=None)
 
     def parts(self) -> tuple["Form", ...]:
-        """Return smaller forms, in each of which one of the changes is undone."""
+        """Return the forms in which one of the changes of this form is undone."""
         out = []
         if self.split:
             out.append(replace(self, split=0))
@@ -104,7 +104,7 @@ class Form:
 
 @dataclass(frozen=True)
 class _Parts:
-    """Split body number ``body`` of the system ``whole`` into two parts."""
+    """The system ``whole`` with body number ``body`` split into two parts."""
 
     whole: MultibodySystem
     body: int
@@ -163,7 +163,7 @@ class _Parts:
         return State(r, R, v, Omega, state.t)
 
     def states_back(self, s: States) -> States:
-        """Return the states of the system as it was, from those of the split one: the first part gives the body's."""
+        """Return the states of the unsplit system from those of the split one: the body follows from its first part."""
         at = self._at(s, -self.offsets[0])
         r, v = s.r[:, :-1].copy(), s.v[:, :-1].copy()
         r[:, self.body], v[:, self.body] = at.r[:, 0], at.v[:, 0]

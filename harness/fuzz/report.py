@@ -1,4 +1,4 @@
-"""Choose the deviations of a campaign to be written: a few of each sort, shrunk, with the evidence of other routes."""
+"""Choose deviations of a campaign to write: a few of each sort, shrunk, with the evidence of independent solutions."""
 
 import json
 from collections import Counter
@@ -20,9 +20,9 @@ CPU = 300.0  # [s] to shrink a case
 
 
 def choose(trials: Iterable[Trial], most: int) -> list[Case]:
-    """Choose confirmed deviations to be written, shrunk: up to ``most`` of each sort, the clearest first.
+    """Return confirmed deviations as shrunk cases to write: up to ``most`` of each sort, the clearest first.
 
-    A sort is a solver, a behaviour and the changes of the form.
+    Deviations of one sort have the same solver, behaviour and changes of the form.
     """
     counted, cases = Counter[str](), []
     confirmed = (t for t in trials if t.verdict is OracleVerdict.CONFIRMED)
@@ -36,7 +36,7 @@ def choose(trials: Iterable[Trial], most: int) -> list[Case]:
 
 
 def make_case(settings: CampaignSettings, found: OracleOutcome) -> Case:
-    """Return a deviation as a case, shrunk and confirmed in a separate process; not shrunk if that ends early."""
+    """Shrink and confirm a deviation in a separate process, and return the case; not shrunk if that process fails."""
     first, options, floor = settings.oracle(found.number), settings.options, settings.floor
 
     def target(send: Callable[[str], None]) -> None:
@@ -60,6 +60,6 @@ def describe(o: OracleOutcome) -> str:
 
 
 def _changes(form: Form) -> str:
-    """Return which changes a form makes, as text: ``["rotation", "unit"]``."""
+    """Return the sorted kinds of changes that a form makes, as JSON such as ``["rotation", "unit"]``."""
     given = [w.partition("=")[0] for w in str(form).split()]
     return json.dumps(sorted({w.partition("_")[0] for w in given}))

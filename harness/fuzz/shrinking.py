@@ -17,9 +17,9 @@ Case = tuple[RandomMechanism, Form]
 
 
 def shrink(case: Case, keeps_kind: Callable[[Case], bool], most: int = MOST) -> Case:
-    """Return the smallest case found for which ``keeps_kind`` holds, by accepting every change that keeps it.
+    """Return the smallest case found for which ``keeps_kind`` holds, by accepting every change that preserves it.
 
-    ``most`` limits how often it is asked.
+    ``most`` limits the number of its calls.
     """
     left, changed = most, True
     while changed:
@@ -61,7 +61,7 @@ def shrink_outcome(
 
 
 def _list_smaller_cases(case: Case) -> Iterator[Case]:
-    """Yield cases with one part less."""
+    """Yield cases with one part fewer: a change of the form, a body, a spring, a joint, or half of the steps."""
     m, form = case
     yield from ((m, part) for part in form.parts())
     for b in range(len(m.bodies)):
@@ -113,7 +113,7 @@ def _remove_body(m: RandomMechanism, body: int, grounded: bool) -> RandomMechani
     """Return the mechanism without a body and its joints and springs or, if ``grounded``, with ground in its place."""
 
     def at(b: int) -> int:
-        """Return the number that body ``b`` has afterwards."""
+        """Return the number of body ``b`` after the removal; ``GROUND`` for the removed body."""
         return GROUND if b == body else b - (b > body)
 
     bodies = m.bodies[:body] + m.bodies[body + 1 :]
@@ -140,7 +140,7 @@ def _stays(part: RandomJoint | Spring, body: int, grounded: bool) -> bool:
 
 
 def _remove_from_form(form: Form, m: RandomMechanism, body: int) -> Form:
-    """Return ``form`` for what remains of mechanism ``m`` without a body, whose number others take."""
+    """Return ``form`` for mechanism ``m`` without a body, after which the bodies are numbered anew."""
     split = form.split - (form.split > body + 1)
     again = form.plain.duplicate
     if again and body in (m.connections[again - 1].i, m.connections[again - 1].j):

@@ -47,7 +47,7 @@ STIFFNESS, DAMPING, FREQUENCY, ANGLE = 20.0, 0.5, 5.0, 0.5  # [N m/rad], [N m s/
 
 
 def make_case(name: str) -> Problem:
-    """Return the problem of a case."""
+    """Return the problem of a case; raise ValueError for an unknown name."""
     if name not in CASES:
         raise ValueError(f"unknown case {name!r}{suggest_name(name, list(CASES))}; there are {', '.join(CASES)}")
     problem, parameters = CASES[name]
@@ -96,7 +96,10 @@ def _reframe(p: Problem, Q: Float[np.ndarray, "3 3"]) -> Problem:
 
 
 def _hinge(name: str, torque: float) -> Problem:
-    """Return a bar hinged about OZ, without gravity, from rest at ``ANGLE``; ``torque`` [N m] is the amplitude a."""
+    """Return the problem of a bar hinged about OZ, without gravity, from rest at ``ANGLE``.
+
+    ``torque`` [N m] is the amplitude a of the sine that drives it.
+    """
     half = np.array([0.5 * LENGTH, 0.0, 0.0])
     bar = planar.slender(MASS, LENGTH, AXIAL, "bar")
     joint = Joint(0, -half, GROUND, (0.0, 0.0, 0.0), planar.AXIS, planar.OZ, "O")

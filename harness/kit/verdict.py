@@ -1,6 +1,6 @@
 """Pass or fail an engine by two runs, at a step and at half of it, against the exact motion.
 
-What a law may show at time t is the sum of three parts::
+The allowed deviation from a law at time t is the sum of three parts::
 
     rounding   u (3 + n) growth(t): u = 2^-24 or 2^-53 of all numbers given (three standard deviations), and of the
                state once in each of n steps, carried along the exact motion (module ``conditioning``)
@@ -68,7 +68,9 @@ def check(
 
     ``motion(model)`` yields (r, q, v, omega) of all bodies at the start and after each step of ``model.dt``: centres of
     mass (nb, 3), quaternions (w, x, y, z) or matrices to space, velocities of the centres, angular velocities, all in
-    the space frame. ``order`` is what the engine claims.
+    the space frame. ``order`` is the order that the engine claims, ``precision`` that of its numbers. Return the
+    largest deviation from each law as a share of its allowance. Raise ValueError for an unknown case, order or
+    precision.
     """
     if precision not in UNIT:
         raise ValueError(f"precision must be float32 or float64 (got {precision!r})")
@@ -87,7 +89,11 @@ def check(
 
 
 def _run(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: int, unit: float) -> States:
-    """Return the motion as States; raise EngineFailure where it ends early, is not finite or starts elsewhere."""
+    """Run the engine for ``steps`` steps and return its motion.
+
+    Raise EngineFailure where it ends early, has wrong shapes, is not finite, or starts elsewhere than the case;
+    ``unit`` is the rounding of the engine's numbers.
+    """
     t = np.linspace(0.0, problem.t_end, steps + 1)
     rows = [
         tuple(np.array(part, dtype=float) for part in row)
@@ -161,13 +167,16 @@ def _compare(
 
 @cache
 def _growth(case: str) -> tuple[np.ndarray, dict]:
-    """Return ``measure_growth`` of a case, computed once."""
+    """Return times [s] and the growth of each law's quantity for a case, as ``measure_growth``, computed once."""
     return measure_growth(make_case(case))
 
 
 @cache
 def _exact(case: str, steps: int) -> tuple[States, float]:
-    """Return the exact motion at equal steps and its stated error [m]."""
+    """Return the exact motion at equal steps and its largest stated error [m].
+
+    Raise ValueError if the case has no reference up to its end.
+    """
     problem = make_case(case)
     reference = find_reference(problem)
     if reference is None or reference.horizon < problem.t_end * (1.0 - 1e-9):
@@ -190,7 +199,7 @@ def _judge(problem: Problem, s: States, known: set[Law]) -> Iterator[Reason]:
 
 
 def _describe(case: str, r: Reason) -> str:
-    """Return a line such as ``top: energy is off by 172 J, allowed 1.7 J, first at t = 0.4 s``."""
+    """Return a line such as ``top: energy: off by 172 J, allowed 1.7 J, first at t = 0.4 s``."""
     words = r.name or WORDS.get(r.law, (str(r.law), ""))[0]
     when = "" if math.isnan(r.time_s) else f", first at t = {r.time_s:.4g} s"
     if math.isnan(r.value):

@@ -1,1 +1,1 @@
-"""Bodies, joints and forces as plain arrays, and the laws of their motion."""
+"""Describe bodies, joints and forces as plain arrays, and evaluate the laws of their motion."""

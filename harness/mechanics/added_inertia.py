@@ -1,4 +1,4 @@
-"""Inertia added to bodies that have none about some axis, slender rods and point masses, so that M has an inverse.
+"""Add inertia to bodies that have none about some axis, slender rods and point masses, so that M has an inverse.
 
 It changes nothing where the axis is not accelerated; other systems are refused (module ``zero_inertia``).
 """
@@ -16,7 +16,7 @@ SHARE = 1e-2  # added share of a rod's other principal inertias, or of m arm^2 f
 def principal(inertia: Float[np.ndarray, "nb 3 3"]) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, "nb 3"]]:
     """Return principal inertias (nb, 3) [kg m2], their axes (columns, nb 3 3), and flags of those that are zero.
 
-    Zero to rounding is meant, ``NONE`` of the largest.
+    Below the share ``NONE`` of the body's largest an inertia counts as zero.
     """
     values, axes = principal_axes(inertia)
     return values, axes, values <= NONE * values[:, 2:]
@@ -40,10 +40,10 @@ def check_idle(
     f: Float[np.ndarray, "nb 6"],
     Omega_dot: Float[np.ndarray, "nb 3"],
 ) -> None:
-    """Raise ValueError where the loads ``f`` accelerate added inertia, which then changes the motion.
+    """Raise ValueError where added inertia is accelerated, since it then changes the motion.
 
-    ``f`` are forces [N, space] and torques [N m, body] on each body, ``Omega_dot`` [rad/s2] what they cause, ``arm``
-    [m] turns forces into moments.
+    ``f`` are forces [N, space] and torques [N m, body] on each body, ``Omega_dot`` [rad/s2] the accelerations, ``arm``
+    [m] converts forces to moments for comparison.
     """
     taken = np.max(np.abs(np.einsum("bij,bj->bi", added, Omega_dot)), axis=1, initial=0.0)
     size = max(np.max(np.abs(f[:, :3]) * arm[:, None], initial=0.0), np.max(np.abs(f[:, 3:]), initial=0.0))

@@ -1,4 +1,4 @@
-"""Checks of the data of a system: ValueError naming the part."""
+"""Check the data of a system; raise ValueError that names the part."""
 
 import math
 from collections.abc import Mapping

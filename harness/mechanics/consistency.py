@@ -1,4 +1,4 @@
-"""Starts that satisfy the constraints: checked, and reached by projection."""
+"""Check that a start satisfies the constraints, and project one onto them."""
 
 import numpy as np
 
@@ -13,16 +13,16 @@ START_TOLERANCE = 1e-9  # [m], [m/s]: rounding of data given in float64 at the s
 
 
 class InconsistentStart(ValueError):
-    """The start violates the constraints; the message has the numbers."""
+    """A start that violates the constraints; the message says where and by how much."""
 
 
 def check_start(
     system: MultibodySystem, state: State, *, literal: bool = False, what: str = "the start", any_root: bool = False
 ) -> None:
-    """Raise unless poses are rotations and phi = phi_dot = 0, to ``START_TOLERANCE``; ``literal`` waives phi_dot.
+    """Raise InconsistentStart unless R are rotations and phi = phi_dot = 0, to ``START_TOLERANCE``.
 
-    With ``any_root`` a joint may also be half a turn from the angle that it prescribes, where its row vanishes, too.
-    ``what`` names the state in the InconsistentStart that is raised.
+    ``literal`` waives phi_dot. With ``any_root`` a joint may also be half a turn from the angle that it prescribes,
+    where its row vanishes, too. ``what`` names the state in the message.
     """
     for name in ("r", "R", "v", "Omega"):
         if not np.all(np.isfinite(getattr(state, name))):
@@ -52,7 +52,7 @@ def check_start(
 
 
 def _describe_gap(system: MultibodySystem, s: States, joint: int, row: int) -> str:
-    """Return in words what is open at a joint, its points or its axes; empty where ``row`` is neither."""
+    """Return in words how far the points or the axes of a joint are apart; empty where ``row`` belongs to neither."""
     phi, first = constraint(system, s)[0], int(system.row_start[joint])
     points, axis = system.joint_points[joint], system.axis_rows()
     if row < first + points:
@@ -89,7 +89,7 @@ def perturb(system: MultibodySystem, state: State, size: float, seed: int) -> St
 
     ``size`` is relative: to 1 rad in orientation, to the largest joint arm (1 m without joints) in position, and to the
     largest speed or sqrt(g arm) in velocities; standard normal in each component, from ``seed``. A body without inertia
-    about an axis is not spun about it: where no joint acts there, its spin must stay 0.
+    about an axis gets no angular velocity about it: where no joint acts there, its spin must stay 0.
     """
     random = np.random.default_rng(seed)
     arm = float(np.max(np.abs(system.joint_s_i), initial=0.0)) or 1.0
@@ -115,7 +115,7 @@ def _with_inertia(system: MultibodySystem, Omega: np.ndarray) -> np.ndarray:
 
 
 def _least_change(system: MultibodySystem, state: State, wanted: np.ndarray) -> np.ndarray:
-    """Return x (nb, 6) of least mass norm with A x = ``wanted``, redundant rows allowed: LSQR on the scaled A."""
+    """Return x (nb, 6) of least mass norm with A x = ``wanted``, by LSQR on the scaled A, also for redundant rows."""
     import scipy.sparse as sp
     import scipy.sparse.linalg as spl
 

@@ -1,4 +1,4 @@
-"""Counts of evaluations that code of users asks for: how often it calls ``accelerations`` and ``equations``."""
+"""Count the evaluations that a user's code requests by calls of ``accelerations`` and ``equations``."""
 
 import functools
 from collections.abc import Callable, Iterator

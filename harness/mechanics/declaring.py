@@ -1,7 +1,7 @@
-"""Declarations of kinds of joints and forces: equations written once, evaluated on numbers or recorded as symbols.
+"""Declare kinds of joints and forces by equations, written once, which numbers evaluate and symbols record.
 
 Vectors are NumPy arrays of three scalars, which may be floats or recorded symbols; declarations use ``+ - * / @``, and
-``np.sin``, ``np.cos``, ``np.sqrt``, ``np.arctan2`` of scalars. Nothing here knows who reads the equations.
+``np.sin``, ``np.cos``, ``np.sqrt``, ``np.arctan2`` of scalars. This module depends on no reader of the equations.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ Vec = np.ndarray  # (3,) of scalars
 
 
 class Count(NamedTuple):
-    """Rows of a joint."""
+    """Numbers of rows of a joint, by sort."""
 
     point: int = 0  # points coincide: 0 or 3
     line: int = 0  # a point stays in a plane, or at a distance
@@ -25,7 +25,7 @@ class Count(NamedTuple):
 
 @dataclass(frozen=True)
 class Pose:
-    """Place and motion of one body: r, v in space, R (3, 3) body to space, omega in space."""
+    """Pose and velocities of one body: r [m], v [m/s] and omega [rad/s] in space, R (3, 3) body to space."""
 
     r: Vec
     R: np.ndarray
@@ -33,11 +33,11 @@ class Pose:
     omega: Vec
 
     def at(self, s: Vec) -> Vec:
-        """Return the place in space [m] of the body's point ``s`` (from C, body frame)."""
+        """Return the position in space [m] of the body's point ``s`` [m] (from C, body frame)."""
         return self.r + self.R @ s
 
     def turn(self, u: Vec) -> Vec:
-        """Return the direction in space of ``u``, given in the body frame."""
+        """Return a direction ``u`` of the body frame, turned to space."""
         out: Vec = self.R @ u
         return out
 
@@ -118,7 +118,7 @@ def slides(i: Pose, j: Pose, p: Numbers, *ways: Vec) -> list[Scalar]:
 
 
 def tilts(i: Pose, j: Pose, *pairs: tuple[Vec, Vec]) -> list[Scalar]:
-    """Return the rows u . n [-], zero where they are normal, for pairs of directions fixed in i and in j."""
+    """Return the rows u . n [-] for pairs of directions fixed in i and in j, zero where they are normal."""
     return [i.turn(u) @ j.turn(n) for u, n in pairs]
 
 
@@ -137,7 +137,7 @@ class PointLoad(NamedTuple):
 
 @dataclass(frozen=True)
 class ForceDeclaration:
-    """A kind of applied force: the arrays of ``MultibodySystem`` it reads, and its push as an equation.
+    """A kind of applied force: the arrays of ``MultibodySystem`` that it reads, and its force and torque as equations.
 
     ``numbers`` are names and sizes of the arrays that the system holds as ``<name>_<number>``; ``factor`` is a function
     of time.

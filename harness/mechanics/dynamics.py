@@ -1,6 +1,6 @@
-"""Newton and Euler with joints, for authors of solvers: M a = f + A^T reaction, A a = -A_dot v.
+"""Solve the Newton-Euler equations with joints, for authors of solvers: M a = f + A^T reaction, A a = -A_dot v.
 
-Nothing here is used by the solvers and references of this package, which have their own equations.
+Solvers and references of this package integrate by their own equations; these check engines and serve plugins.
 """
 
 from dataclasses import dataclass
@@ -56,8 +56,8 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     """Return the rates of a state, from index 1: M a = f + A^T reaction with A a + A_dot v = ``phi_ddot``.
 
     Redundant rows share their load by least squares. With L L^T = M and B = A L^-T: x = L^T a is L^-1 f, without
-    joints, plus the least correction that yields B x = phi_ddot - A_dot v. ValueError where a body is accelerated about
-    an axis without inertia.
+    joints, plus the least correction that yields B x = phi_ddot - A_dot v. Raise ValueError where a body is accelerated
+    about an axis without inertia.
     """
     e = equations(system, s)
     inverse = np.linalg.inv(np.linalg.cholesky(e.M))

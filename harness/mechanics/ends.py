@@ -1,4 +1,4 @@
-"""Points and directions fixed in bodies or in the ground, in space, of many joints at once."""
+"""Compute points and directions fixed in bodies or in the ground, in space, for many joints at once."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from .system import MultibodySystem
 
 
 def append_ground(a: np.ndarray, ground: np.ndarray) -> np.ndarray:
-    """Append the ground to an array of bodies (nt, nb, ...) as its last one, where index -1 finds it."""
+    """Append values of the ``ground`` to an array of bodies (nt, nb, ...), last, so that index -1 is the ground."""
     return np.concatenate((a, np.broadcast_to(ground, (len(a), 1, *ground.shape))), axis=1)
 
 

@@ -1,6 +1,6 @@
-"""Small linear algebra, one term after another: the same bits on every processor, which BLAS and LAPACK do not promise.
+"""Compute small linear algebra term by term, with the same bits everywhere, which BLAS and LAPACK do not guarantee.
 
-For numbers of set-up that enter a motion; NumPy's elementwise products and sums round once each everywhere.
+It serves numbers of the set-up that enter a motion. NumPy's elementwise products and sums round once on any processor.
 """
 
 import numpy as np

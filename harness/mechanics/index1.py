@@ -1,4 +1,4 @@
-"""Accelerations and reactions of index 1 at many states at once, by code that no solver uses: runs are judged by it.
+"""Compute accelerations and reactions of index 1 at many states at once, to judge runs; no solver uses this code.
 
 M a = f + A^T reaction, A a = -A_dot v, unique in a and in A^T reaction where rows are redundant, too.
 """
@@ -29,7 +29,7 @@ INDEPENDENT = 1e-4  # least to largest part of a row that earlier rows leave: ro
 
 
 class Index1(NamedTuple):
-    """Solutions of index 1 at each time; NaN where a run is no longer finite, and where M is singular."""
+    """Solutions of index 1 at each time; NaN where the state, its loads or its drift are not finite."""
 
     a: Float[np.ndarray, "nt nb 6"]  # (v_dot [space], Omega_dot [body])
     reaction: Float[np.ndarray, "nt nrows"]
@@ -51,7 +51,7 @@ def index_1(system: MultibodySystem, s: States) -> Index1:
 
 
 def is_dense(system: MultibodySystem) -> bool:
-    """Return whether a system is so small that dense matrices cost less than sparse ones."""
+    """Return whether a system is so small that dense factors cost less than sparse ones."""
     return 6.0 * system.nb * system.nrows**2 <= DENSE
 
 
@@ -80,7 +80,7 @@ def _weigh(system: MultibodySystem, inverse: np.ndarray, A: np.ndarray) -> Float
 def _dense(
     system: MultibodySystem, s: States, inverse: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray, out: Index1
 ) -> None:
-    """Fill ``out`` with solutions by dense matrices, at all instants at once; those that are not finite stay NaN.
+    """Fill ``out`` with solutions by dense matrices, at all instants at once; it stays NaN where input is not finite.
 
     ``inverse`` is L^-1, ``f`` the applied loads less gyroscopic ones (nt, nb, 6).
     """
@@ -97,7 +97,7 @@ def _dense(
 def _sparse(
     system: MultibodySystem, s: States, inverse: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray, out: Index1
 ) -> None:
-    """Fill ``out`` with solutions by sparse factors, one instant after the other; those that are not finite stay NaN.
+    """Fill ``out`` with solutions by sparse factors, instant by instant; it stays NaN where input is not finite.
 
     Arguments as of ``_dense``; the cost grows with the fill of the factors.
     """

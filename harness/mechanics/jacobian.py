@@ -1,4 +1,4 @@
-"""The constraint Jacobian A of ``phi_dot = A v`` as a sparse matrix, and the redundancy of its rows by its rank."""
+"""Assemble the constraint Jacobian A of ``phi_dot = A v + phi_t`` as a sparse matrix, and find independent rows."""
 
 import numpy as np
 import scipy.linalg as sl

@@ -1,11 +1,11 @@
-"""The order in which joints reach bodies from the ground: the spanning tree of all that has joint coordinates."""
+"""Find the order in which joints reach bodies from the ground: the spanning tree behind all joint coordinates."""
 
 from collections.abc import Collection
 from typing import NamedTuple
 
 from .system import GROUND, MultibodySystem
 
-FLOATS = -1  # in place of the joint of a body that none reaches
+FLOATS = -1  # stands for the joint to a body that no joint reaches
 
 
 class Walk(NamedTuple):

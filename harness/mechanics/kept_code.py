@@ -1,4 +1,4 @@
-"""Compiled laws stored on disk: the machine code of a C callback, by a digest of all that it was made from.
+"""Store compiled force laws on disk: the machine code of a C callback, under a digest of all that determines it.
 
 Numba's own cache identifies a function by its file and bytecode alone; a law may depend on numbers, arrays and
 functions outside it. All of them enter the digest, and a law that refers to anything else is compiled in each process.
@@ -67,7 +67,7 @@ class CallbackCache:
             return None
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
-        """Write the file whole or not at all; code that refers to this process's memory is not stored."""
+        """Write the compiled callback to the file, atomically, unless it refers to the memory of this process."""
         from numba.core.serialize import dumps
 
         if compiled.lifted or compiled.library.has_dynamic_globals:
@@ -82,7 +82,7 @@ class CallbackCache:
 def digest_callback(function: Callable[..., Any], *more: object) -> str:
     """Return a digest of all that determines a callback's machine code; raise ``UndigestibleValue`` if there is none.
 
-    That is bytecode, constants, closures, globals, versions and processor, and ``more``.
+    These are bytecode, constants, closures, globals, versions and processor, and ``more``.
     """
     import llvmlite
     import llvmlite.binding as llvm
@@ -98,7 +98,7 @@ def digest_callback(function: Callable[..., Any], *more: object) -> str:
 
 
 def _parts(value: Any, seen: list[Any]) -> Iterator[str | bytes]:
-    """Yield everything that ``value`` is made of, as text or bytes; raise ``UndigestibleValue`` for other things.
+    """Yield all parts of ``value``, as text or bytes, for a digest; raise ``UndigestibleValue`` for unknown types.
 
     ``seen`` are the functions yielded already, which may refer to themselves.
     """

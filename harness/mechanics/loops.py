@@ -1,4 +1,4 @@
-"""Loops of joints: bodies that joints connect in more than one way."""
+"""Detect loops of joints: bodies that joints connect in more than one way."""
 
 from .system import GROUND, MultibodySystem
 

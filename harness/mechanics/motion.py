@@ -1,6 +1,6 @@
-"""Quantities of a motion, whatever computed it: energy, momenta, phi and phi_dot, batched over time.
+"""Compute quantities of a motion of any origin: energy, momenta, phi and phi_dot, batched over time.
 
-One code for every solver: it sees only poses and velocities (r, R, v, Omega), never a solver's coordinates.
+The code is the same for every solver: it uses poses and velocities (r, R, v, Omega) alone, never its coordinates.
 """
 
 from collections.abc import Iterator
@@ -128,11 +128,11 @@ def constraint(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrow
 
 
 def measure_gaps(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
-    """Return phi as ``constraint``, but 2 less |phi| (its sign kept) for joints assembled half a turn away.
+    """Return phi as ``constraint`` does, but 2 - |phi| with its sign for joints assembled half a turn away.
 
-    There a row vanishes as well: driven angles, sin(theta - f), and the last row of fixed and prismatic joints, the
-    sine of the turn about the axis. The others have no second root, or one that is the same joint: the axis of a hinge
-    is a line.
+    Half a turn away a row vanishes as well: of driven angles, sin(theta - f), and the last row of fixed and prismatic
+    joints, the sine of the turn about the axis. The others have no second root, or one that is the same joint: the
+    axis of a hinge is a line.
     """
     phi, push = constraint(system, s), evaluate_moving_rows(system, s)
     axis = system.axis_rows()

@@ -1,6 +1,6 @@
-"""Moving rows: drives, which are functions f of time, and rows that restrict velocities alone (nonholonomic).
+"""Evaluate moving rows: drives, which are functions f of time, and rows that restrict velocities alone (nonholonomic).
 
-Every such row pushes both bodies with a force at one point and a torque, of opposite signs, so that::
+Every such row acts on both bodies by a force at one point and a torque, of opposite signs, so that::
 
     phi_dot = A v + phi_t = force . (v_i(x) - v_j(x)) + torque . (omega_i - omega_j) + phi_t
 
@@ -18,7 +18,7 @@ with v_b(x) the velocity of the material point of body b at x. In d = x_i - x_j,
     rack and pinion   phi = r theta - e . d, theta from e = across_j to u = across_i about the axis, the two together
                       within half a turn             force -e at x_i, torque r (u x (axis x u)) / |axis x u|^2
 
-A reaction of these rows works, for A v = -phi_t: its power -reaction . phi_t enters the energy balance.
+The reactions of these rows do work, since A v = -phi_t: their power -reaction . phi_t enters the energy balance.
 """
 
 import math
@@ -38,7 +38,7 @@ from .time_functions import values
 
 
 class MovingRowTerms(NamedTuple):
-    """All moving rows; vectors in space."""
+    """The terms of all moving rows in the order of phi; vectors in space."""
 
     joint: Int[np.ndarray, " m"]  # number of the joint
     row: Int[np.ndarray, " m"]  # its number in phi

@@ -9,7 +9,7 @@ DEFAULT = re.compile(r"(body|joint) \d+(, row \d+)?")
 
 @runtime_checkable
 class NamedSystem(Protocol):
-    """A system as far as its names go; a system may have none."""
+    """The names of a system's bodies and joints; both tuples may be empty."""
 
     @property
     def body_names(self) -> tuple[str, ...]: ...
@@ -19,19 +19,19 @@ class NamedSystem(Protocol):
 
 
 def name_part(kind: str, number: int, name: str | None = "") -> str:
-    """Return what messages call a part: ``body 'left leg'``, or ``body 0`` where it has no name of its own."""
+    """Return the name of a part in messages: ``body 'left leg'``, or ``body 0`` where it has no name of its own."""
     if not name:
         return f"{kind} {number}"
     return name if DEFAULT.fullmatch(name) else f"{kind} {name!r}"
 
 
 def name_body(system: NamedSystem, body: int) -> str:
-    """Return what messages call a body of ``system``, by name or number; -1 is the ground."""
+    """Return the name of a body of ``system`` in messages, by its name or number; -1 is the ground."""
     if body < 0:
         return "the ground"
     return name_part("body", body, system.body_names[body] if system.body_names else "")
 
 
 def name_joint(system: NamedSystem, joint: int) -> str:
-    """Return what messages call a joint of ``system``, by name or number."""
+    """Return the name of a joint of ``system`` in messages, by its name or number."""
     return name_part("joint", joint, system.joint_names[joint] if system.joint_names else "")

@@ -1,4 +1,4 @@
-"""Other presentations of a system: mirrored, a joint declared twice, bodies and joints renumbered, other units.
+"""Present a system in other forms: mirrored, a joint declared twice, bodies and joints renumbered, other units.
 
 A solver gets the presented system; its motion is transformed back before anything is measured, so that runs which
 differ only in their presentation can be compared directly. Order: mirror, duplicate, renumber, units.
@@ -60,7 +60,7 @@ class Presentation:
         )
 
     def states_back(self, s: MultibodySystem, presented: States) -> States:
-        """Return a solver's states, of the presented system, as states of the system ``s``; inverts ``state``."""
+        """Return a solver's states of the presented system as states of the system ``s``: the inverse of ``state``."""
         back = np.argsort(self._orders(s)[0])
         home = States(
             presented.r[:, back] / self.unit_length,
@@ -74,7 +74,7 @@ class Presentation:
     def reaction_back(self, s: MultibodySystem, presented: Float[np.ndarray, "nt n"]) -> Float[np.ndarray, "nt nrows"]:
         """Return a solver's reactions, of the presented system, as reactions of the rows of ``s`` [N, N m].
 
-        A joint declared twice carries the sum of both.
+        The reactions of a joint declared twice are the sums of both.
         """
         _, joints = self._orders(s)
         repeated = _repeat_joint(s, self.duplicate)
@@ -92,14 +92,14 @@ class Presentation:
         return home
 
     def _space(self) -> Float[np.ndarray, "3 3"]:
-        """Return the mirror of space as a diagonal matrix, the identity without one."""
+        """Return the reflection of space as a diagonal matrix; the identity without a mirror."""
         signs = np.ones(3)
         if self.mirror != "none":
             signs[SPACE_AXES[self.mirror]] = -1.0
         return np.diag(signs)
 
     def _orders(self, s: MultibodySystem) -> tuple[Int[np.ndarray, " nb"], Int[np.ndarray, " nj"]]:
-        """Return the numbers in ``s`` of bodies and of joints, the duplicate last, in their presented order."""
+        """Return the numbers in ``s`` of bodies and joints in their presented order; a duplicate is the last joint."""
         nj = s.nj + (1 if self.duplicate else 0)
         if self.renumber == 0:
             return np.arange(s.nb), np.arange(nj)

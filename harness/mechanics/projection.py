@@ -1,7 +1,7 @@
-"""Projection of recorded poses onto their constraints, so that redundant rows agree where a quantity is computed.
+"""Project recorded poses onto their constraints, so that redundant rows agree where a quantity is computed.
 
 Rows that are redundant on the constraints alone (planar loops in space, linkages of Bennett and Bricard) contradict
-each other at a pose that is off by 1e-7: accelerations of index 1 there belong to no mechanism.
+each other at a pose that is off by 1e-7, where accelerations of index 1 are meaningless.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ PASSES = 8  # Gauss-Newton passes, which square the residual
 
 
 def find_arms(system: MultibodySystem) -> Float[np.ndarray, " nb"]:
-    """Return a length [m] of each body that turns moments into forces: of its longest joint arm or its gyration."""
+    """Return the larger of the longest joint arm and the radius of gyration [m] of each body, to compare moments."""
     arm = np.append(system.gyration, 0.0)  # the last one is the ground
     for body, s in ((system.joint_i, system.joint_s_i), (system.joint_j, system.joint_s_j)):
         np.maximum.at(arm, body, np.linalg.norm(s, axis=1))
@@ -30,8 +30,8 @@ def find_arms(system: MultibodySystem) -> Float[np.ndarray, " nb"]:
 def project_poses(system: MultibodySystem, s: States) -> States:
     """Return the states at the nearest poses that satisfy the constraints, with the same velocities.
 
-    Nearest by displacements weighed with mass and gyration, by Newton's method; a step that increases a gap is taken
-    back.
+    Distances are weighted by mass and gyration. Newton's method ends where it converges, and undoes a step that
+    increases a gap.
     """
     if system.nrows == 0 or len(s) == 0:
         return s
@@ -61,7 +61,7 @@ def project_poses(system: MultibodySystem, s: States) -> States:
 def disturb_poses(system: MultibodySystem, s: States, by: np.ndarray, seed: int) -> States:
     """Return the states at poses moved at random by about ``by`` [m] (nt,), from ``seed``, and projected again.
 
-    A quantity computed there differs from that at ``s`` by as much as an error of ``by`` makes it uncertain.
+    The difference of a quantity between both motions estimates its uncertainty for poses with errors of ``by``.
     """
     random = np.random.default_rng(seed)
     arm = float(np.max(find_arms(system)))

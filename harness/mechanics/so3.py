@@ -1,8 +1,8 @@
-"""Rotations as matrices: hat, exponential, logarithm, batched over leading axes.
+"""Compute with rotations as matrices: hat, exponential, logarithm, batched over leading axes.
 
 ``R`` takes body to space, so ``R_dot = R hat(Omega)`` with ``Omega`` in the body frame (Sect. 4.2; Eq. 66 uses
 the exponential because autoparallels of the SO(3) connection are rotations about a fixed axis).
-SciPy is imported in functions, here and in this folder: commands that integrate nothing are spared a third of a second.
+SciPy is imported in functions, since it takes a third of a second, which commands that integrate nothing are spared.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Poses and velocities of all bodies, coordinate-free: the result of every solver, whatever its coordinates."""
+"""Define poses and velocities of all bodies: the result of every solver, whatever its coordinates."""
 
 from dataclasses import dataclass
 
@@ -56,9 +56,9 @@ class States:
         return States(self.r, self.R, self.v, self.Omega, t, self.angles)
 
     def with_angles(self, angles: Float[np.ndarray, "nt m"]) -> "States":
-        """Return the same motion with angles [rad] of torsional springs, right to less than half a turn.
+        """Return the same motion with ``angles`` [rad] of torsional springs, accurate to less than half a turn.
 
-        They count the whole turns, which poses do not determine.
+        They determine the whole turns, which poses do not.
         """
         return States(self.r, self.R, self.v, self.Omega, self.t, angles)
 
@@ -74,13 +74,13 @@ class States:
         return self.r.shape[1]
 
     def at(self, index: np.ndarray | slice) -> "States":
-        """Return the motion at the rows of time that ``index`` picks, as NumPy would."""
+        """Return the motion at the times that ``index`` selects, as in NumPy."""
         angles = None if self.angles is None else self.angles[index]
         return States(self.r[index], self.R[index], self.v[index], self.Omega[index], self.times[index], angles)
 
     @staticmethod
     def one(state: State) -> "States":
-        """Return a stack of one instant, ``state``."""
+        """Return the motion that consists of one instant, ``state``."""
         return States(state.r[None], state.R[None], state.v[None], state.Omega[None], np.array([state.t]))
 
 

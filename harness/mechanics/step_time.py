@@ -1,4 +1,4 @@
-"""The time at which the step in progress began, so that a state without its time is refused, not evaluated at t = 0.
+"""Store when the step in progress began, so that a state without its time is refused, not evaluated at t = 0.
 
 ``State.t`` is 0 unless given, as for a start. A step that forgets it would follow drives and loads of t = 0.
 """
@@ -15,7 +15,7 @@ REMEDY = "pass the time on: State(r, R, v, Omega, t), or dataclasses.replace(sta
 
 @contextmanager
 def step_from(t: float) -> Iterator[None]:
-    """Let ``check_time`` treat evaluations within this context as parts of a step from ``t`` [s]."""
+    """Let ``check_time`` treat evaluations within this context as parts of a step that began at ``t`` [s]."""
     token = _begun.set(t)
     try:
         yield

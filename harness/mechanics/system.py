@@ -1,4 +1,4 @@
-"""A multibody system as plain arrays of bodies, joints and forces; nothing about how it is solved.
+"""Define a multibody system as plain arrays of bodies, joints and forces, independent of how it is solved.
 
 Velocities are ``v = (r_dot [space], Omega [body])`` per body; in them the mass matrix is the constant
 ``blockdiag(m I, J)``. Joints and their rows: module ``joints``. Body index -1 is the ground (r = 0, R = I).

@@ -1,4 +1,4 @@
-"""Functions of time for drives and loads: a cubic polynomial and a sine, with exact derivatives and integrals.
+"""Define functions of time for drives and loads: a cubic polynomial and a sine, with exact derivatives and integrals.
 
     f(t) = c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p)
 
@@ -85,7 +85,7 @@ def are_varying(numbers: Float[np.ndarray, "m 7"]) -> np.ndarray:
 
 
 def shift_time(numbers: Float[np.ndarray, "m 7"], t: float) -> Float[np.ndarray, "m 7"]:
-    """Return the numbers of the functions f(t + .), which begin where f is at ``t`` [s]."""
+    """Return the numbers of the functions s -> f(t + s), which begin at s = 0 with the value of f at ``t`` [s]."""
     c = numbers[:, :4].T
     out = np.array(numbers, dtype=float)
     out[:, 0] = c[0] + t * (c[1] + t * (c[2] + t * c[3]))

@@ -1,11 +1,11 @@
-"""Torsional springs and dampers: the angle from a direction of j to one of i about an axis of j, and their torque.
+"""Evaluate torsional springs and dampers: the angle from a direction of j to one of i about an axis of j, and torque.
 
     theta = atan2(u . b, u . e),  e = across_j, b = axis x e in j, u = across_i in i
     m = (p u x b - q u x e) / (p^2 + q^2),  p = u . e, q = u . b:   theta_dot = m . (omega_i - omega_j)
 
 The torque on i is -(k (theta - theta_0) + c theta_dot) m, the opposite on j; m is the axis where u is normal to it.
-A pose determines the angle up to whole turns: it is taken within half a turn of theta_0, plus the angle by which the
-system winds the spring there; ``follow_turns`` gives the states of a motion their angles from row to row.
+A pose determines the angle up to whole turns: it is taken within half a turn of theta_0, plus the system's
+``torsion_wound``; ``follow_turns`` counts the angles of a motion from row to row.
 """
 
 from dataclasses import replace
@@ -40,9 +40,9 @@ def torsion(
 
 
 def follow_turns(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> States:
-    """Return the motion with its springs' angles counted through all turns; unchanged if none leaves half a turn.
+    """Return the motion with its springs' angles counted through all turns; unchanged if all stay within half a turn.
 
-    Half a turn about rest is meant. The rates at both ends of a step decide by how many whole turns an angle changes.
+    That is half a turn about rest. The rates at both ends of a step decide by how many whole turns an angle changes.
     """
     angles = count_turns(system, t, s)
     return s if angles is None else s.with_angles(angles)
@@ -62,9 +62,9 @@ def count_turns(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States)
 
 
 def count_right(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> int:
-    """Count the rows of a motion, from its start, for which the angles that poses alone determine are right.
+    """Return the number of rows of a motion, from its start, where poses alone give the springs' true angles.
 
-    They are until a spring with stiffness leaves half a turn about the angle that the system's law is made for.
+    They do until a spring with stiffness leaves the half turn about rest within which the system counts its angle.
     """
     angles = count_turns(system, t, s) if np.any(system.torsion_k) else None
     if angles is None:
@@ -75,7 +75,7 @@ def count_right(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States)
 
 
 def wind(system: MultibodySystem, here: State) -> MultibodySystem:
-    """Return the system with springs of the same law, rewritten to hold within half a turn of their angles ``here``."""
+    """Return the system with the same spring laws, for angles within half a turn of those at the state ``here``."""
     angle = torsion(system, States.one(here))[0][0]
     bare = replace(system, torsion_wound=np.zeros_like(angle))
     pose = torsion(bare, States.one(here))[0][0] + system.torsion_rest

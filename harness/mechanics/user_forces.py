@@ -1,4 +1,4 @@
-"""Forces that a user writes as a function of time and of the state of two bodies.
+"""Define forces that a user writes as a function of time and of the state of two bodies.
 
     law(t, r, R, v, Omega, F, T)
 
@@ -30,7 +30,7 @@ BODY_MIRROR = np.diag([1.0, 1.0, -1.0])  # mirror of every body frame, so that a
 
 @dataclass(frozen=True)
 class UserForce:
-    """``law`` (above) between body ``i`` and body ``j``, in plain Python or decorated with ``numba.njit``."""
+    """A force by the function ``law`` between two bodies, in plain Python or decorated with ``numba.njit``."""
 
     law: Callable[..., None]
     i: int
@@ -76,7 +76,7 @@ class ForceLaw:
 
     @cached_property
     def entry(self) -> Any:
-        """The compiled law behind a C signature, (t, NUMBERS, F and T of both bodies)."""
+        """The compiled law as a C function of t and two pointers: to ``NUMBERS`` of the state, to F and T of both."""
         import numba  # takes half a second, which systems without user forces are spared
 
         law, double = self.build_function(numba.njit), numba.types.double
@@ -107,7 +107,7 @@ class ForceLaw:
 def present_laws(
     laws: Shaped[np.ndarray, " nu"], frame: Float[np.ndarray, "3 3"], units: tuple[float, float, float] = SI
 ) -> Shaped[np.ndarray, " nu"]:
-    """Return the same laws in a space turned or mirrored by ``frame``, and in other units on top."""
+    """Return the same laws in a space turned or mirrored by ``frame``, with units scaled by ``units``."""
     out = np.empty(len(laws), dtype=object)
     for k, law in enumerate(laws):
         L, M, T = (a * b for a, b in zip(law.units, units, strict=True))

@@ -1,4 +1,4 @@
-"""Work of dampers, loads, user forces and drives over recorded steps, and how well it is known.
+"""Compute the work of dampers, loads, user forces and drives over recorded steps, and its error.
 
 The motion between two recorded steps is not recorded. It is reconstructed in two ways, and in each step the more
 certain one counts::
@@ -8,8 +8,8 @@ certain one counts::
             1/n^2; its error is what the last doubling of n changed
 
 The second is as exact as the recorded states, whatever the order of the method and the length of its steps. Where
-neither can tell, the step is unknown: its work counts as what the energy changed by, so that energy is judged anew from
-its end.
+neither has a finite error, the work of the step is unknown: it is set to the change of the energy, so that the energy
+is judged anew from the step's end.
 """
 
 import math
@@ -39,10 +39,10 @@ STATES = 60_000  # evaluations of index 1 at most, the uncertain steps first
 def compute_work(
     system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States, energy: Float[np.ndarray, " nt"]
 ) -> tuple[Float[np.ndarray, " nt"], Float[np.ndarray, " nt"], Bool[np.ndarray, " steps"]]:
-    """Return the work since the start [J] at each time, its error [J], and which steps are of unknown work.
+    """Return the work since the start [J] at each time, its error [J], and flags of the steps of unknown work.
 
-    As exact as judging the drift of ``energy`` (T + V [J]) needs. Over an unknown step the work counts as what the
-    energy changed by.
+    Steps are refined until the error is small beside the drift of ``energy`` (T + V [J]), or their limits are reached.
+    Over an unknown step the work is set to the change of the energy.
     """
     if system.is_conservative or len(t) < 2:
         return np.zeros(len(t)), np.zeros(len(t)), np.zeros(max(len(t) - 1, 0), dtype=bool)
@@ -66,7 +66,7 @@ def compute_work(
             steps = uncertain[doubled[uncertain] == k]
             spent += len(steps) * (2 ** (k + 1) + 1)
             found, change = _extrapolate(columns, steps, int(k), _flow(system, s.at(steps), h[steps], 2 ** int(k + 1)))
-            change[angle[steps] > RESOLVED * 2**k] = np.inf  # whole periods in a part are aliased to none
+            change[angle[steps] > RESOLVED * 2**k] = np.inf  # a whole period in a part is aliased to a constant
             surer = change < error[steps]
             gained[steps[surer]], error[steps[surer]] = found[surer], change[surer]
             doubled[steps] += 1
@@ -99,7 +99,7 @@ def _along_cubics(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the work of each step along its cubic [J], and its error [J]; infinite where none can be estimated.
 
-    ``angle`` [rad] is what bodies, drives and loads turn by over the step.
+    ``angle`` [rad] is the largest turn of bodies, drives and loads over each step.
     """
     gained, error = work_along_cubics(system, s, h), np.full(len(h), np.inf)
     n = len(h) - len(h) % 2

@@ -1,4 +1,4 @@
-"""Slender rods and point masses: how joints act about an axis n of a body with J n = 0, at the start and near it.
+"""Check how joints act about an axis n of a slender rod or point mass, J n = 0, at the start and near it.
 
     decoupled  no row of A and no load acts about n, e.g. a point mass on links, a rod between ball joints on its axis:
                its spin has no equation and stays 0
@@ -42,7 +42,7 @@ def check_axes(system: MultibodySystem, start: State, t_end: float) -> None:
     for b in map(int, np.flatnonzero(np.any(none, axis=1))):
         turns = np.concatenate([s.turns(b) for s in found], axis=1)
         sides, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(turns.T, mode="r")))
-        free = sides[:, : int(np.sum(size > TURNS))] if len(found) > 1 else sides  # one pose alone shows none locked
+        free = sides[:, : int(np.sum(size > TURNS))] if len(found) > 1 else sides  # one pose cannot show a locked axis
         acts = np.concatenate([s.acts[:, b, none[b]] for s in found]) @ free
         _, size, rows = np.linalg.svd(np.linalg.qr(acts, mode="r"))
         n = int(np.sum(size > ACTS))
@@ -61,7 +61,7 @@ def check_axes(system: MultibodySystem, start: State, t_end: float) -> None:
 
 
 def _can_be_looked_at(system: MultibodySystem, start: State) -> bool:
-    """Return whether the start can be examined: False for one that ``check_start`` refuses anyway.
+    """Return whether the start can be examined: False for invalid numbers, which ``check_start`` refuses.
 
     Raise ValueError for a system that is too large.
     """
@@ -74,7 +74,7 @@ def _can_be_looked_at(system: MultibodySystem, start: State) -> bool:
 
 
 def _nearby(system: MultibodySystem, start: State, t_end: float) -> list[State]:
-    """Return consistent states about the start, at several times where drives prescribe them."""
+    """Return random states near the start that satisfy the constraints, at several times if joints are driven."""
     out, driven = [], bool(np.any(system.joint_motion))
     for seed, place in enumerate(PLACES, 1):
         for size in NEARBY:
@@ -146,7 +146,7 @@ def _null_space(B: Float[np.ndarray, "nrows n"]) -> Float[np.ndarray, "n d"]:
 
 
 def _about(system: MultibodySystem, b: int, n: np.ndarray) -> str:
-    """Return the beginning of a message: the body ``b`` has no inertia about the direction ``n`` of its frame."""
+    """Return the beginning of a message that body ``b`` has no inertia about the direction ``n`` of its frame."""
     n = n / n[np.argmax(np.abs(n))]
     n = np.where(np.abs(n) < NOISE, 0.0, n)
     return f"{name_body(system, b)} has no inertia about ({', '.join(f'{x:.3g}' for x in n + 0.0)}) of its frame"

@@ -25,13 +25,13 @@ CLOCK = 1e-3  # [s] shorter times count as equal
 
 
 def compute_cost(r: RunRecord) -> tuple[float, float]:
-    """Return what candidates are ranked by: CPU time [s], at least a clock's resolution, then index-1 evaluations."""
+    """Return the cost of a run: CPU time [s], at least the clock's resolution, then index-1 evaluations for ties."""
     return max(r.cpu_median_s, CLOCK), index_1_evaluations(r)
 
 
 @dataclass
 class Candidate:
-    """Keep a solver with its options, the error that it must meet, and its runs so far."""
+    """A solver with its options, the error that it must meet, and its runs so far."""
 
     solver: str
     problem: Problem
@@ -110,9 +110,9 @@ class Candidate:
         return None if met and missed and value >= min(missed) else value
 
     def _observe_order(self) -> float:
-        """Return the order of the error in dt or rtol, as the last two successful runs show it.
+        """Return the order of the error in dt or rtol, as measured on the last two successful runs.
 
-        If they show none it is the declared order, or 2 (dt) or 1 (rtol).
+        If they show none, it is the declared order (2 if none is declared) for dt, and 1 for rtol.
         """
         good = [r for r in self.runs if r.status == Status.SUCCESS and r.motion_error_judged_m > 0.0][-2:]
         if len(good) == 2:

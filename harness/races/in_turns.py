@@ -78,15 +78,15 @@ def _variant(r: RunRecord) -> tuple[str, str]:
 def _time_apart(
     runs: Sequence[RunRecord], turns: int, plugins: Sequence[str], budget: float
 ) -> tuple[list[list[float]], str]:
-    """Return the CPU times [s] of each run, as of ``take_turns`` in a separate process, and why it failed, or "".
+    """Run ``take_turns`` in a separate process; return the CPU times [s] of each run, and why it failed, or "".
 
-    It is separate since an engine may crash or print.
+    The process is separate because an engine may crash or print.
     """
     with tempfile.TemporaryDirectory() as place:
         native = Path(place) / "stderr"
 
         def target(send: Callable[[str], None]) -> None:
-            """Take the turns in a folder of its own, and send the times."""
+            """Load the plugins, take the turns in a temporary folder, and send the times."""
             for plugin in plugins:
                 registry.load_plugin(plugin)
             os.chdir(place)  # engines may write files
@@ -100,7 +100,7 @@ def _time_apart(
 
 
 def _replace_times(r: RunRecord, times: Sequence[float], runs: int) -> RunRecord:
-    """Return the record with these CPU times [s] as its costs, and a note; ``runs`` is how many took turns."""
+    """Return the record with these CPU times [s] as its costs, and a note; ``runs`` is the number of runs in turns."""
     note = f"CPU times: {len(times)} turns in one process, {runs} runs of the problem in turns"
     return dataclasses.replace(
         r,

@@ -69,7 +69,7 @@ def _angle(axis: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarra
 
 
 def _rates(limb: Limb, q: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Return the rates [rad/s] of a limb's hinges that come nearest to ``omega``, in the frame of the parent."""
+    """Return the rates [rad/s] of a limb's hinges that fit ``omega`` [rad/s], in the frame of the parent, best."""
     axes = np.broadcast_to(limb.turns, (len(q), *limb.turns.shape)).copy()
     if len(limb.turns) == 2:
         axes[:, 1] = Rotation.from_rotvec(q[:, :1] * limb.turns[0]).apply(limb.turns[1])

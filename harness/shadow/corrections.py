@@ -20,16 +20,16 @@ from .equations import FlowEquations
 
 @dataclass(frozen=True)
 class Frames:
-    """Hold bases of the tangent spaces at nodes, and the map from a small change of y to coordinates in them."""
+    """Bases of the tangent spaces at nodes, and the maps from small changes of y to coordinates in them."""
 
     basis: Float[np.ndarray, "n ny m"]
     coordinates: Float[np.ndarray, "n m ny"]
 
     @staticmethod
     def at(E: FlowEquations, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], tau: float) -> "Frames":
-        """Return bases at states ``y``, orthonormal in the metric above, of those changes of y that keep loops closed.
+        """Compute bases, orthonormal in the module's metric, of the changes of the states ``y`` that keep loops closed.
 
-        ``tau`` [s] weighs velocities.
+        ``t`` [s] are the times, ``tau`` [s] is the weight of velocities.
         """
         T, H, slopes = E.frame(t, y)
         nu = E.nu
@@ -72,7 +72,7 @@ class Continuity:
             self._factors.append(cho_factor(S, lower=True, check_finite=False))
 
     def apply(self, z: Float[np.ndarray, "nodes m"]) -> Float[np.ndarray, "n m"]:
-        """Return B z: by how much corrections z change the gaps."""
+        """Return B z, the changes of the gaps by corrections z."""
         return np.einsum("kij,kj->ki", self.A, z[:-1]) - z[1:]
 
     def least(self, b: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "nodes m"]:
@@ -90,7 +90,7 @@ class Continuity:
         return z / self.w[:, None]
 
     def size(self, z: Float[np.ndarray, "nodes m"]) -> float:
-        """Return the norm of corrections [m], the root of ``product`` with themselves."""
+        """Return the norm of corrections [m], the root of their ``product`` with themselves."""
         return float(np.sqrt(self.product(z, z)))
 
     def product(self, y: Float[np.ndarray, "nodes m"], z: Float[np.ndarray, "nodes m"]) -> float:

@@ -28,7 +28,7 @@ ARGUMENTS = {"about": 2, "rate": 4, "tangent": 5, "project": 4, "frame": 6, "bod
 
 
 class FlowEquations:
-    """Evaluate the functions above on arrays with the states first; raise ValueError where no code can be generated."""
+    """The functions of the module, compiled for a mechanism, on arrays with states along the first axis."""
 
     def __init__(self, system: MultibodySystem, tree: Tree) -> None:
         joint_code.make_code(system, tree)  # raises ValueError for mechanisms that it refuses

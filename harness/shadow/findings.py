@@ -42,7 +42,7 @@ def describe_shadow(s: Shadow) -> list[Finding]:
 
 
 def summarize_shadow(s: Shadow) -> dict[str, str | float]:
-    """Return a line of words on a shadow and its numbers, by name: ``words``, ``until_s`` ..."""
+    """Return a sentence on a shadow (``words``) and its numbers by name: ``until_s``, ``largest_m``, ``rms_m`` ..."""
     largest, rms = float(np.max(s.distance)), float(np.sqrt(np.mean(s.distance**2)))
     numbers = {"until_s": s.until, "largest_m": largest, "rms_m": rms, "gap_m": s.gap, "glitch_s": s.glitch}
     if not s.until > 0.0:
@@ -67,9 +67,9 @@ def describe_extent(s: Shadow) -> str:
 
 
 def describe_energy(m: ModifiedEnergy) -> list[Finding]:
-    """Return findings on a modified energy: how much it varies, over the energy scale, and the verdict from that.
+    """Return findings on a modified energy: its range as a share of the energy scale, and the verdict from that.
 
-    Its words are ``symplectic: yes`` where it varies by less than ``SYMPLECTIC`` of the scale.
+    The verdict is ``symplectic: yes`` where the range is below ``SYMPLECTIC`` of the scale.
     """
     name = f"swing of the modified energy, differences of order {m.order}"
     swing, shown = m.energy_range / m.scale, NearestMotion(modified_energy=m.energy_range / m.scale).symplectic
@@ -81,5 +81,5 @@ def describe_energy(m: ModifiedEnergy) -> list[Finding]:
 
 
 def _name(quantity: str, f: Finding) -> Finding:
-    """Return the finding with another name of its quantity."""
+    """Return the finding with its quantity renamed."""
     return replace(f, measured=replace(f.measured, quantity=quantity))

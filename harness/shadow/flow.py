@@ -23,9 +23,10 @@ def flow(
     tolerance: float = TOLERANCE,
     most: int = MOST_STEPS,
 ) -> Float[np.ndarray, "n ny"]:
-    """Return the states to which the true motion takes ``y`` at t by t + h [s]; NaN where no number of steps suffices.
+    """Integrate from the states ``y`` at t to t + h [s], doubling ``steps`` in place; return the states there.
 
-    ``steps`` of each segment are doubled in place, up to ``most``, until the error of a step is below ``tolerance``.
+    ``steps`` of each segment are doubled, up to ``most``, until the error of a step is below ``tolerance``. States are
+    NaN where that is not reached.
     """
     out, left = np.full_like(y, np.nan), np.arange(len(y))
     while len(left):
@@ -50,7 +51,7 @@ def tangents(
     Y: Float[np.ndarray, "n m ny"],
     steps: Int[np.ndarray, " n"],
 ) -> Float[np.ndarray, "n m ny"]:
-    """Return small changes ``Y`` of the states at t as the true motion transports them to t + h [s].
+    """Return the small changes of the states at t + h [s] that the changes ``Y`` of those at t cause.
 
     ``steps`` are those that ``flow`` needed.
     """
@@ -64,7 +65,7 @@ def tangents(
 
 
 def _march(E: FlowEquations, t: np.ndarray, h: np.ndarray, y: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return y after n steps of h [s] of DOP853, and the largest error of one, relative to 1 + |y|."""
+    """Return y after n steps of h [s] of DOP853, and the largest error of a step, relative to 1 + |y|."""
     c, a, b, e = DOPRI853.c, DOPRI853.a, DOPRI853.b, DOPRI853.error
     K = np.empty((len(b) + 1, *y.shape))
     K[0] = E.rate(t, y)

@@ -1,4 +1,4 @@
-"""Convert machine code for one number at a time to ``LANES`` numbers at a time, in arrays (..., LANES)."""
+"""Convert code for one number at a time to code for ``LANES`` numbers at a time, in arrays (..., LANES)."""
 
 import re
 

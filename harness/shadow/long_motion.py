@@ -37,7 +37,7 @@ READ = "angles", FEWEST  # formulation and bits to integrate from a stored state
 
 @dataclass(frozen=True)
 class LongMotion:
-    """Hold q and u of the first run as decimals, and the largest difference of the two runs up to each time [m]."""
+    """A stored motion: q and u of the first run as decimals, and the largest difference of both runs so far [m]."""
 
     problem: str
     t: tuple[Fraction, ...]
@@ -92,7 +92,7 @@ def load_long_motion(problem: str) -> LongMotion:
 
 
 def _collect(problem: str, plain: dict[str, Any]) -> LongMotion:
-    """Return the motion from the content of its file."""
+    """Convert the content of a file to the motion."""
     q, u = (tuple(tuple(r) for r in plain[name]) for name in ("q", "u"))
     return LongMotion(problem, tuple(map(Fraction, plain["t"])), q, u, tuple(plain["difference"]))
 
@@ -103,7 +103,7 @@ def scale(a: Fraction, bits: int) -> int:
 
 
 class Integration:
-    """A run, the first or the second, which ``integrate_to`` continues; ``saved`` is one that was interrupted."""
+    """A run, the first or the second, which ``integrate_to`` continues from the start or from the numbers ``saved``."""
 
     def __init__(self, recipe: Recipe, formulation: str, bits: int, saved: dict[str, Any] | None = None) -> None:
         self._mechanism, self._formulation, self._most = recipe.rods.mechanism(), formulation, bits
@@ -135,7 +135,7 @@ class Integration:
                 yield None if p.t < at else reached
 
     def _round(self, bits: int) -> None:
-        """Continue with ``bits`` bits, which are fewer: chaos has lost the others."""
+        """Round the state and continue with fewer ``bits``: chaos has made the others meaningless."""
         drop, unit = self.flow.bits - bits, self.flow.unit
         X, V = ([[x >> drop for x in body] for body in part] for part in (self.now.X, self.now.V))
         self.now, self.flow = PreciseState(self.now.t >> drop, X, V), Flow(self._mechanism, self._formulation, bits)
@@ -143,7 +143,10 @@ class Integration:
 
 
 def make_long_motion(problem: str, t_end: Fraction, stored: Path, budget: float) -> None:
-    """Create or continue the file in ``stored`` up to ``t_end``, while CPU time [s] is left."""
+    """Create or continue the file of a problem in the folder ``stored`` up to ``t_end`` [s], and print the progress.
+
+    It ends early once ``budget`` [s] of CPU time is spent, or the runs differ by more than ``AGREED``.
+    """
     recipe, work, path = RECIPES[problem](), stored / f"{problem}.work.json", stored / f"{problem}.json"
     begun: dict[str, Any] = {"runs": [None, None], "t": [], "q": [], "u": [], "difference": []}
     saved = json.loads(work.read_text()) if work.exists() else begun

@@ -32,7 +32,7 @@ LARGEST_ORDER = 16
 
 @dataclass(frozen=True)
 class ModifiedEnergy:
-    """Hold the modified energy at rows far enough from the ends to be differenced, and the energy there."""
+    """The modified energy, and the energy, at the rows far enough from both ends for central differences."""
 
     t: Float[np.ndarray, " n"]
     values: Float[np.ndarray, " n"]  # [J] modified energy
@@ -47,7 +47,10 @@ class ModifiedEnergy:
 
 
 def find_modified_energy(problem: Problem, trajectory: Trajectory) -> ModifiedEnergy:
-    """Return the modified energy by the order of differences for which it varies least; ValueError if undefined."""
+    """Return the modified energy by the order of differences for which it varies least.
+
+    Raise ValueError where it is undefined, as ``of_order``.
+    """
     found = (of_order(problem, trajectory, order) for order in range(2, LARGEST_ORDER + 1, 2))
     return min(found, key=lambda m: m.energy_range)
 
@@ -55,7 +58,8 @@ def find_modified_energy(problem: Problem, trajectory: Trajectory) -> ModifiedEn
 def of_order(problem: Problem, trajectory: Trajectory, order: int) -> ModifiedEnergy:
     """Return the modified energy by central differences of even ``order``; raise ValueError where it is undefined.
 
-    It is for steps that are not fixed, too few steps, systems that are not conservative and some bodies that nutate.
+    It is undefined for variable steps, too few steps, systems that are not conservative, and asymmetric bodies or long
+    steps where bodies nutate.
     """
     t, s, system = trajectory.t, trajectory.states, problem.system
     h = float(t[-1] / (len(t) - 1)) if len(t) > 1 else 0.0
@@ -97,7 +101,7 @@ def _nutate(inertia: Float[np.ndarray, "3 3"], turned: Float[np.ndarray, "steps 
     """Return h^2 times twice the energy of a symmetric free top that turns by exp(``turned``) in each step h.
 
     With exp(``turned``) = exp(w) exp(c w_a e), w = h L / I_t: e is the axis of symmetry, c = I_t / I_a - 1; w_a = e . w
-    by Newton steps. ValueError for a body that is not symmetric or turns too far.
+    by Newton steps. Raise ValueError for a body that is not symmetric or turns too far in a step.
     """
     sizes, axes = np.linalg.eigh(inertia)
     a = 0 if sizes[2] - sizes[1] < sizes[1] - sizes[0] else 2

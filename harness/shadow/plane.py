@@ -1,4 +1,4 @@
-"""Restrict planar mechanisms to their plane by hinges in place of spherical joints, so that tangents lie in it."""
+"""Restrict planar mechanisms to their plane by hinges in place of spherical joints, so that tangents stay in it."""
 
 from dataclasses import replace
 

@@ -73,11 +73,11 @@ class PreciseFlow:
         self.steps = 0
 
     def close(self, x: Sums) -> Sums:
-        """Return the state x after a Newton step onto closed loops and unit quaternions."""
+        """Return the state x after one Newton step towards closed loops and unit quaternions."""
         return np.concatenate((x[:1], self._close.values(x)))
 
     def poses(self, x: Sums) -> Sums:
-        """Return r, R by rows, then (v, Omega) by bodies, of the state x, in one column."""
+        """Return r, R by rows, then (v, Omega) by bodies, of the state x, as one column of sums."""
         return self._poses.values(x)
 
     def march(self, times: Sequence[Fraction]) -> Iterator[Sums]:
@@ -96,7 +96,7 @@ class PreciseFlow:
             self.steps += 1
 
     def _step(self) -> Fraction:
-        """Return the length [s] of the next step: the radius of convergence by the last orders, over e^2 and a little.
+        """Return the length [s] of the next step: the estimated radius of convergence over a little more than e^2.
 
         Jorba and Zou, Sect. 3.2. Raise ArithmeticError if the series is not finite.
         """
@@ -108,14 +108,14 @@ class PreciseFlow:
 
 
 def difference(a: Sums, b: Sums) -> float:
-    """Return the largest difference of two states or poses, whose leading doubles are close."""
+    """Return the largest difference of two states or poses, as sums of doubles whose leading ones are close."""
     return float(np.max(np.abs(np.sum(a - b, axis=1))))
 
 
 def make_precise_motion(
     problem: Problem, t_end: Fraction, bits: int, rows: int
 ) -> tuple[States, np.ndarray, PreciseFlow]:
-    """Return the motion at ``rows`` even times up to ``t_end`` [s], its error so far at each, and the flow itself.
+    """Compute a motion at ``rows`` even times up to ``t_end`` [s]; return it, its error up to each time, and the flow.
 
     Raise ArithmeticError if the motion does not stay finite.
     """

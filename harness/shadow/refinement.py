@@ -1,4 +1,4 @@
-"""Refine states at the ends of segments until the true flow joins them: the true motion nearest to a computed one.
+"""Refine states at the ends of segments until the true flow connects them: the true motion nearest to a computed one.
 
 First the gaps are closed, by damped Gauss-Newton steps of smallest correction (error-oriented damping, Deuflhard 2004,
 sect. 4.4); then the motion is moved along the true ones to the nearest, which minimises the sum of squares. No shift of
@@ -29,9 +29,9 @@ NEARLY = 1e-4  # relative to the distance: gaps allowed during the search for th
 
 
 class Refinement:
-    """Refine the nodes of a motion towards a true one.
+    """The nodes of a motion, refined towards a true one.
 
-    ``frames`` are those of the last linearisation: corrections and gaps are in these until the next one.
+    ``frames`` are those of the last linearisation, in which corrections and gaps are expressed.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Refinement:
     def _place(self, y: np.ndarray, rough: bool = False) -> None:
         """Set the nodes to ``y``, with closed loops, and compute the jumps of the true flow from node to node.
 
-        With ``rough`` at the wider tolerance of intermediate iterations.
+        With ``rough`` the flow has the wider tolerance of intermediate iterations.
         """
         for _ in range(PROJECTIONS):
             y = self.E.project(self.t, y)
@@ -78,7 +78,7 @@ class Refinement:
     def close(self, linear: Continuity | None = None) -> bool:
         """Close the gaps by corrections of the nodes; return whether that succeeded.
 
-        ``linear`` are conditions from tangents at hand, which save the first ones.
+        ``linear`` are conditions from known tangents, which saves computing the first ones.
         """
         try:
             return np.isfinite(self.gap) and self._close(linear)
@@ -86,9 +86,10 @@ class Refinement:
             return False
 
     def _close(self, linear: Continuity | None) -> bool:
-        """Close the gaps by at least one correction: otherwise an accurate motion would be its own shadow.
+        """Close the gaps by at least one correction, and return whether they are below ``CLOSED``.
 
-        Return whether they are below ``CLOSED``; raise LinAlgError where the mechanism is singular.
+        Without a correction an accurate motion would be its own shadow. Raise LinAlgError where the mechanism is
+        singular.
         """
         left = MOST_TANGENTS
         for _ in range(MOST_ITERATIONS):
@@ -111,7 +112,7 @@ class Refinement:
         return self.gap < CLOSED
 
     def approach(self) -> None:
-        """Move a closed motion to the nearest true one, as far as that makes it nearer; it stays closed."""
+        """Move a closed motion towards the nearest true one; restore it if the gaps cannot be closed again."""
         before = self.y
         linear = self._approach()
         self._place(self.y)
@@ -119,7 +120,7 @@ class Refinement:
             self._place(before)
 
     def _approach(self) -> Continuity | None:
-        """Approach the nearest motion by conjugate directions; return the conditions where it ends, if still right."""
+        """Approach the nearest motion by conjugate directions; return the last conditions if valid at the nodes."""
         damping, direction, last = 1.0, np.zeros_like(self.y), np.inf
         for _ in range(MOST_APPROACHES):
             linear = self._linearise()

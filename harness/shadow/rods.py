@@ -19,7 +19,7 @@ ONE, NONE = Fraction(1), Fraction(0)
 
 @dataclass(frozen=True)
 class Rod:
-    """Define a rod with its centre of mass at ``centre`` [m] from its upper end and ``inertia`` [kg m2] about that."""
+    """A rod with its centre of mass at ``centre`` [m] from its upper end and ``inertia`` [kg m2] about that."""
 
     mass: Fraction
     length: Fraction
@@ -29,7 +29,7 @@ class Rod:
 
 @dataclass(frozen=True)
 class Rods:
-    """Define a chain of rods from the origin, or from a cart on OX; the end of the last one may be fixed on OX."""
+    """A chain of rods from the origin, or from a cart on OX; the end of the last one may be fixed on OX."""
 
     rods: tuple[Rod, ...]
     gravity: Fraction  # [m/s2] along -y
@@ -92,7 +92,7 @@ class Rods:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Define a problem of the catalogue, with its default parameters, as rods from an exact start."""
+    """A problem of the catalogue, with its default parameters, as rods from an exact start."""
 
     rods: Rods
     start: Callable[[], tuple[list[flint.arb], list[flint.arb]]]  # q, u in the precision of the context
@@ -105,7 +105,7 @@ def _chain() -> Recipe:
     bar = _bar(ONE, Fraction("0.3048"))
 
     def start() -> tuple[list[flint.arb], list[flint.arb]]:
-        """Return the start with static spans: tan of the angles is lever a, cosines sum to 3 (problems/chain.py)."""
+        """Return the start of three static spans: tan(angle) = lever a, five cosines sum to 3 (problems/chain.py)."""
         a = flint.arb(1)
         for _ in range(12):  # each Newton step doubles the correct digits
             cosines = [1 / (1 + (lever * a) ** 2).sqrt() for lever in (1, 2)]
@@ -160,7 +160,7 @@ def _bar(mass: Fraction, length: Fraction) -> Rod:
 
 
 def _point(along: Fraction, sign: Fraction, lane: int) -> tuple[Fraction, ...]:
-    """Return factors for x or y, ``lane``, of the point ``along`` [m] the axis of a body, times ``sign``."""
+    """Return the factors of (x, y, c, s), times ``sign``, for x or y (``lane``) of a point ``along`` [m] the axis."""
     factors = [NONE] * 4
     factors[X + lane], factors[C + lane] = sign, sign * along
     return tuple(factors)

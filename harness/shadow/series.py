@@ -29,7 +29,7 @@ Rows = Sequence[Mapping[int, tuple[Fraction, ...]]]  # by body: factors of its x
 
 @dataclass(frozen=True)
 class PlaneMechanism:
-    """Define rigid bodies in a plane, each with unit (c, s); ``rows`` have full rank."""
+    """Rigid bodies in a plane, each with a unit vector (c, s); the constraint rows have full rank."""
 
     mass: Sequence[Fraction]  # [kg]
     inertia: Sequence[Fraction]  # [kg m2] about the centres
@@ -39,7 +39,7 @@ class PlaneMechanism:
 
 @dataclass(frozen=True)
 class PreciseState:
-    """Hold a state, in units of 2^-bits: x, y [m], c, s of each body, and their rates [1/s]."""
+    """A state in units of 2^-bits: the time [s]; x, y [m] and c, s of each body; their rates [m/s], [1/s]."""
 
     t: int
     X: Sequence[Sequence[int]]
@@ -67,9 +67,9 @@ class Flow:
         return (a.numerator << self.bits) // a.denominator
 
     def march(self, state: PreciseState, t_end: int, at: Sequence[int] = ()) -> Iterator[tuple[PreciseState, bool]]:
-        """Yield states at the times ``at`` [s, 2^-bits] after ``state``, with True, and where steps end, with False.
+        """Integrate from ``state``; yield (state, True) at each time of ``at`` and (state, False) at the end of a step.
 
-        Steps go on until one ends at ``t_end`` or later.
+        Times are in units of 2^-bits s; those of ``at`` increase. The last step ends at ``t_end`` or later.
         """
         wanted = [t for t in at if t > state.t]
         while state.t < t_end:
@@ -82,7 +82,7 @@ class Flow:
             yield state, False
 
     def _series(self, state: PreciseState) -> list[list[Series]]:
-        """Return the Taylor coefficients of x, y, c, s of each body about ``state``, in the present unit of time."""
+        """Factor the rows at ``state``; return the Taylor coefficients of x, y, c, s of each body, time in ``unit``."""
         B, unit = self.bits, self.unit
         start = [[[x, v * unit >> B] for x, v in zip(X, V, strict=True)] for X, V in zip(state.X, state.V, strict=True)]
         self._pull = -self._to_fixed(self.mechanism.gravity) * unit * unit >> 2 * B
@@ -90,7 +90,7 @@ class Flow:
         return self._expand(start)
 
     def _step(self, series: list[list[Series]]) -> int:
-        """Return the step [s, 2^-bits] whose last term is 2^(GUARD - bits), by the largest of ``LAST`` coefficients."""
+        """Return the step [2^-bits s] whose last term is about 2^(GUARD - bits), from the ``LAST`` highest orders."""
         p, h = self.order, self.unit
         sizes = {k: max(abs(a[k]) for body in series for a in body).bit_length() for k in (0, *range(p - LAST, p + 1))}
         for k in range(p - LAST, p + 1):
@@ -101,7 +101,7 @@ class Flow:
         return h
 
     def _evaluate(self, series: list[list[Series]], begin: int, t: int) -> PreciseState:
-        """Return the state at ``t`` from the series about ``begin``, both [s, 2^-bits]."""
+        """Return the state at ``t`` from the series about ``begin``, both [2^-bits s]."""
         B = self.bits
         u = ((t - begin) << B) // self.unit
         values, rates = [], []
@@ -119,7 +119,7 @@ class Flow:
         return PreciseState(t, values, rates)
 
     def _factor(self, start: list[list[Series]]) -> None:
-        """Factor J W J^T into L D L^T by rows: the inverse pivot, and L left of the diagonal where it is not zero."""
+        """Factor J W J^T at ``start`` into L D L^T by rows; store inverse pivots and nonzero entries of L."""
         B = self.bits
         across = [(-b[S][0], b[C][0]) for b in start]
         slopes = []  # slopes of a row along x, y and the angle of its bodies
@@ -162,7 +162,7 @@ class Flow:
     def _react(self, known: list[list[int]]) -> list[list[int]]:
         """Return the forces Q = J^T lam on each body for which J X_dot_dot = 0.
 
-        ``known`` is the part of X_dot_dot that other terms give.
+        ``known`` is the part of X_dot_dot without these forces, at the same order.
         """
         B = self.bits
         lam = self._solve([-sum(a * known[b][k] for b, k, a in row) >> B for row in self._rows])

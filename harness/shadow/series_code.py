@@ -21,7 +21,7 @@ FUNCTIONS = ("sin", "cos", "exp", "log", "sqrt", "atan2", "none")  # evaluated f
 
 
 class Machine:
-    """Hold the functions of one precision, and their code while it is used."""
+    """The compiled functions of one precision, with their code, which must outlive them."""
 
     def __init__(self, type_: str, suffix: str) -> None:
         self._code = Code(_print(type_, suffix))
@@ -32,7 +32,7 @@ class Machine:
 
 @cache
 def compile_machine(bits: int) -> Machine:
-    """Compile the functions for numbers of 80 or 113 ``bits``; raise ValueError where the processor has none."""
+    """Compile the functions for numbers of 80 or 113 ``bits``; raise ValueError unless on x86-64 and Linux."""
     if platform.machine() not in ("x86_64", "AMD64") or platform.system() != "Linux":
         raise ValueError("arithmetic of 80 and 113 bits needs an x86-64 processor and Linux")
     for library in ("libgcc_s.so.1", "libm.so.6"):
@@ -41,9 +41,10 @@ def compile_machine(bits: int) -> Machine:
 
 
 def _loop(name: str, first: str, last: str, before: str, start: str, body: str, after: str) -> str:
-    """Return LLVM IR of a loop over %name.j from ``first`` up to ``last``, which leaves its result in %name.
+    """Return LLVM IR of a loop over %name.j from ``first`` to ``last``, whose result is %name.
 
-    ``body`` makes %name.new of %name.sum, which begins as ``start``; ``before`` is the block above, ``after`` follows.
+    ``body`` computes %name.new from %name.sum, which begins as ``start``; ``before`` names the block before the loop,
+    ``after`` is the code that follows.
     """
     return f"""
   %{name}.any = icmp sle i64 {first}, {last}
@@ -61,7 +62,7 @@ def _loop(name: str, first: str, last: str, before: str, start: str, body: str, 
 def _map(name: str, source: str, target: str, body: str) -> str:
     """Return LLVM IR of a function from ``source`` to ``target``, one of %x (sums of doubles) and %C (numbers).
 
-    ``body`` treats one of each, at %xp and %p.
+    ``body`` is the code for one element, at the addresses %xp and %p.
     """
     return f"""
 define void @{name}(ptr {source}, i64 %n, i64 %stride, ptr {target}) {{

@@ -29,7 +29,7 @@ FEWEST = 8  # nodes
 
 @dataclass(frozen=True)
 class Shadow:
-    """Hold the true motion that was found, at the nodes, beside the computed one."""
+    """The true motion that was found near a computed one, both at the nodes, and their distance."""
 
     t: Float[np.ndarray, " nodes"]
     given: States  # the computed motion

@@ -38,10 +38,10 @@ def sum_exactly(parts: Sequence[float] | np.ndarray) -> Fraction:
 
 
 class TaylorSeries:
-    """Evaluate ``function`` and, where its outputs are rates of its last inputs, the series of these."""
+    """The Taylor series of a function's operations and, where its outputs are rates of its inputs, of these."""
 
     def __init__(self, function: GeneratedFunction, bits: int, order: int = 0, *, rates: bool = False) -> None:
-        """Record ``function``; outputs beyond the rates are omitted. Raise ValueError for what has no series."""
+        """Record ``function``, with ``rates`` only those outputs. Raise ValueError for operations without series."""
         recorded = record_function(function)
         n = sum(x.size for x in recorded.inputs)
         results = [k for output in recorded.results for k in output][: n if rates else None]
@@ -91,7 +91,10 @@ class TaylorSeries:
 
 
 class _Table:
-    """List rows (kind, a, b, place of the result, second argument of a function), and order 0 of the given values."""
+    """The table of operations (kind, a, b, result, second argument of a function), and order 0 of given numbers.
+
+    Operands and results are indices of numbers; ``places`` has the index of each number of the tape.
+    """
 
     def __init__(self, tape: Tape, inputs: list[tuple[int, int]], results: list[int]) -> None:
         self.rows: list[tuple[int, int, int, int, int]] = []
@@ -109,20 +112,20 @@ class _Table:
         return len(self.start)
 
     def _new(self, x: float = 0.0) -> int:
-        """Add a number with order 0 of ``x``; return its place."""
+        """Add a number whose order 0 is ``x``; return its index."""
         self.start.append([x, *[0.0] * (PARTS - 1)])
         return len(self.start) - 1
 
     _constant = _new
 
     def _add(self, kind: str, a: int, b: int = 0, second: int = 0, out: int | None = None) -> int:
-        """Add an operation on the numbers at places a and b; return the place of its result, ``out`` or a new one."""
+        """Add an operation on the numbers a and b; return the index of its result, ``out`` or a new one."""
         out = self._new() if out is None else out
         self.rows.append(((*KINDS, *FUNCTIONS).index(kind), a, b, out, second))
         return out
 
     def _place(self, number: int) -> int:
-        """Return the place of the number that an operation of the tape gives, after adding the rows for it."""
+        """Add the rows for an operation of the tape; return the index of its result."""
         name, a, b = self._tape.operations[number]
         if name == "input":
             return self._inputs[a, b]
@@ -141,7 +144,7 @@ class _Table:
         return self._function(name, x, y)
 
     def _wave(self, a: int, x: int) -> tuple[int, int]:
-        """Add sine and cosine of the tape's number a at place x, each the rate of the other; return their places."""
+        """Add sine and cosine of the tape's number a, at index x, each the slope of the other; return their indices."""
         if a not in self._pairs:
             s, c, back = self._new(), self._new(), self._new()
             self._add("sin", x, c, out=s)
@@ -151,7 +154,7 @@ class _Table:
         return self._pairs[a]
 
     def _function(self, name: str, x: int, y: int) -> int:
-        """Add a function of the numbers at places x and y by its slope; return its place.
+        """Add a function of the numbers x and y with its slope; return the index of the result.
 
         The slope may be an operation on the result. Raise ValueError for a function without Taylor series here.
         """

@@ -1,14 +1,14 @@
-"""List the ways in which a problem can be presented to a solver without another problem.
+"""List the ways in which a solver can be presented with the same problem in another form.
 
-Each is a parameter of every problem (``catalogue.registry``). What ``mechanics.presentation`` does to a system is
-undone before a motion is measured; a motion that is turned in space is measured as it is.
+Each is a parameter of every problem (``catalogue.registry``). The changes of ``mechanics.presentation`` are undone
+before a motion is measured; a motion that is turned in space is measured as it is.
 """
 
 from typing import Any, NamedTuple
 
 
 class PresentationParameter(NamedTuple):
-    """A parameter that changes how a problem is presented, in the words of its check and of pages."""
+    """A parameter that changes how a problem is presented, with the words that checks and pages use for it."""
 
     name: str
     check: str  # the symmetry of a solver that it shows

@@ -31,7 +31,7 @@ class Trait(StrEnum):
 
 @dataclass(frozen=True)
 class Observable:
-    """A scalar of the motion to look at, in the problem's home frame."""
+    """A scalar of the motion to compare and plot, in the problem's home frame."""
 
     name: str
     symbol: str  # mathtext, without $
@@ -41,7 +41,7 @@ class Observable:
 
 @dataclass(frozen=True)
 class Invariant:
-    """A scalar that the exact motion keeps, in the problem's home frame."""
+    """A scalar that the exact motion conserves, in the problem's home frame."""
 
     name: str
     unit: str
@@ -84,7 +84,8 @@ class Reference(Protocol):
 class Problem:
     """A system, its start, and all that is known about its motion.
 
-    ``frame`` rotates the home frame (the paper's) to space: 1 unless the problem is presented in another frame.
+    ``frame`` rotates the home frame (the paper's) to space: the identity unless the problem is presented in another
+    frame.
     """
 
     name: str
@@ -182,7 +183,7 @@ class _TurnedReference:
         return (rotate_states(s, self.frame) if self._is_turned else s).with_times(t)
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Return the error in the home frame [m], plus an estimate of the rounding by which it is rotated."""
+        """Return the error in the home frame [m], plus an estimate of the rounding of the rotation to space."""
         if not self._is_turned:
             return self.home.error(t)
         s = self.home.states(t)

@@ -13,7 +13,7 @@ from .verdicts import Status
 
 
 class Spool(Protocol):
-    """A receiver of accepted steps during a run, which survive if the process is killed (harness/sandbox/spool)."""
+    """A receiver of accepted steps during a run, which are kept if the process is killed (harness/sandbox/spool)."""
 
     rows: int  # rows taken so far
 
@@ -22,7 +22,7 @@ class Spool(Protocol):
         ...
 
     def take(self, t: Float[np.ndarray, " nt"] | list[float], states: States) -> None:
-        """Take the steps that followed those taken before, with or without the start."""
+        """Take the steps since the last call, at the times ``t`` [s], with or without the start."""
         ...
 
 

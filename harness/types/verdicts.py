@@ -1,4 +1,4 @@
-"""Define how a run ended and what its motion is judged by: statuses, laws with their limits, reasons."""
+"""Define the ends of runs and the laws by which motions are judged: statuses, laws with their limits, reasons."""
 
 import math
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class NotInstalled(str):
     package: str
 
     def __new__(cls, package: str, remedy: str) -> "NotInstalled":
-        """Make the line ``<package> is not installed: <remedy>``, which keeps the package's name as an attribute."""
+        """Make the text ``<package> is not installed: <remedy>``, with the package's name as an attribute."""
         made = super().__new__(cls, f"{package} is not installed: {remedy}")
         made.package = package
         return made

@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 class BallTooWide(ArithmeticError):
-    """A ball without a bound: the start is too near a motion of another kind."""
+    """A ball without a finite bound: the start is too near a motion of another kind."""
 
 
 def run_in_balls(function: Callable[P, T]) -> Callable[P, T]:

@@ -62,7 +62,7 @@ class CayleyKlein:
 def even_turns(q0: Quaternion, left: Matrix, right: Matrix, mu_p: arb, mu_s: arb) -> CayleyKlein:
     """Return the attitude that starts as ``q0`` and rotates uniformly: p at ``mu_p``, s at ``mu_s`` [rad/s].
 
-    ``left`` and ``right`` are the constant rotations on its sides.
+    ``left`` and ``right`` are the constant rotations, in space and in the body, on both sides of it.
     """
     one, still = constant(acb(1)), ThetaPhase.from_radians(arb(0), arb(0))
     p, s = pair(q0)

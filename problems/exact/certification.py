@@ -25,7 +25,7 @@ FORMAT = 1  # version of the files; raise it when an equation of a route changes
 
 @dataclass(frozen=True)
 class CertifiedMotion:
-    """An orbit and the bodies on it."""
+    """A certified motion: an orbit of route 1, and the function from its states to those of the bodies."""
 
     orbit: Orbit
     bodies: Callable[[Float[np.ndarray, "nt ny"]], States]  # from states of route 1
@@ -48,9 +48,9 @@ class CertifiedMotion:
 
 
 def linkage_orbit(link: Linkage, y0: Float[np.ndarray, " coordinates"], t_max: float, span: float) -> Orbit:
-    """Return the motion of a linkage from ``y0``, its angles and rates, by its angles and by its nodes.
+    """Integrate a linkage from ``y0``, its angles and rates, by angles and by nodes; return the certified orbit.
 
-    It is sought up to ``t_max`` [s], in chunks of ``span`` [s].
+    It is integrated up to ``t_max`` [s], in chunks of ``span`` [s].
     """
 
     def gap(y: np.ndarray, z: np.ndarray) -> float:
@@ -66,7 +66,8 @@ def linkage_orbit(link: Linkage, y0: Float[np.ndarray, " coordinates"], t_max: f
 def certified_orbit(pair: Pair, data: str, t_max: float, span: float) -> Orbit:
     """Integrate both routes in chunks of ``span`` [s] to ``t_max`` [s] or the end of the certificate; return the orbit.
 
-    The orbit is cached on disk by its start and by ``data``, which holds all other inputs of the equations.
+    The orbit is cached on disk by its start and by ``data``, which holds all other inputs of the equations. Raise
+    ArithmeticError if no chunk can be integrated.
     """
     settings = (FORMAT, SAFETY, WORST, TOLERANCE, CORRECTION, t_max, span, pair.y0.tolist(), data)
     key = hashlib.sha256(repr(settings).encode()).hexdigest()
@@ -77,7 +78,7 @@ def certified_orbit(pair: Pair, data: str, t_max: float, span: float) -> Orbit:
 
 
 def _pieces(pair: Pair, t_max: float, span: float) -> Iterator[Piece]:
-    """Yield chunks of ``span`` [s] until ``t_max`` [s], ``MOST_STEPS`` or a route that fails."""
+    """Yield integrated chunks of ``span`` [s], up to ``t_max`` [s], ``MOST_STEPS`` or the failure of a route."""
     t, y, z, steps = 0.0, pair.y0, pair.z0, 0
     while t < t_max and steps < MOST_STEPS:
         try:

@@ -36,7 +36,7 @@ Angle = Callable[[Float[np.ndarray, " nt"]], tuple[np.ndarray, np.ndarray, np.nd
 
 @dataclass(frozen=True)
 class Swing:
-    """Define a pendulum by ``pull`` = m g d / (I_C + m d^2) [1/s2] and its angle from gravity and rate at the start."""
+    """A pendulum: ``pull`` = m g d / (I_C + m d^2) [1/s2], angle from gravity [rad] and rate [rad/s] at the start."""
 
     pull: float
     phi: float
@@ -60,7 +60,7 @@ class Swing:
         except (BallTooWide, ArithmeticError):
             found = None
         if found is None:
-            return self._to_rest()  # ArithmeticError where that is not where it goes
+            return self._to_rest()  # raises ArithmeticError for any other motion
 
         def by_theta(t: Float[np.ndarray, " nt"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             """Return the angle turned, its rate and error at ``t``, by theta functions."""
@@ -99,7 +99,7 @@ class Swing:
 
 @dataclass(frozen=True)
 class HingedMotion:
-    """Evaluate the body's motion, which is that of ``swing``, with the bound on its error."""
+    """The motion of the body by the angle of ``swing``, with an estimate of its error."""
 
     swing: Swing
     start: State
@@ -116,7 +116,7 @@ class HingedMotion:
 
     @property
     def ends(self) -> str:
-        """Reason why it ends before the problem; else empty."""
+        """Reason why the motion is known for less than the problem's time; empty if it is known throughout."""
         return (
             "" if self.horizon == self.t_end else "near an upright rest data within their rounding part from there on"
         )
@@ -170,7 +170,7 @@ class HingedMotion:
         return States((self.point + arm)[:, None], R[:, None], v[:, None], Omega[:, None])
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Return a bound [m] on the position error of C, and of points within the radius of gyration of it."""
+        """Return an estimate [m] of the position error of C and of points within the radius of gyration of it."""
         t = np.asarray(t, dtype=float)
         times, grown = self._growth
         before = grown[np.minimum(np.searchsorted(times, t), len(times) - 1)]
@@ -179,7 +179,7 @@ class HingedMotion:
 
 
 def is_hinged(system: MultibodySystem) -> bool:
-    """Return whether it is one body on one hinge to the ground, under gravity only."""
+    """Return whether the system is one body on one hinge to the ground, under gravity only."""
     forces = (system.spring_k, system.torsion_k, system.load_i, system.user_i)
     if (system.nb, system.nj) != (1, 1) or any(map(len, forces)) or np.any(system.joint_moving):
         return False
@@ -209,7 +209,7 @@ def hinged_motion(system: MultibodySystem, start: State, t_end: float) -> Hinged
     swing = Swing(pull, phi, float(u @ start.Omega[0]))
     found = HingedMotion(swing, start, point, axis, float(system.gyration[0]), t_end)
     try:
-        found.horizon  # noqa: B018  asks for the swing and those beside it
+        found.horizon  # noqa: B018  computes the swing and the disturbed ones
     except ArithmeticError:
         return None
     return found

@@ -1,4 +1,4 @@
-"""Move a point mass on a rigid massless link to the ground: it moves as the end of a massless arm on a ball joint."""
+"""Compute the motion of a point mass on a rigid massless link: that of the end of a massless arm on a ball joint."""
 
 from dataclasses import dataclass
 
@@ -46,7 +46,7 @@ class LinkMotion:
 
 @run_in_balls
 def link_motion(mass: float, length: float, gravity: Float[np.ndarray, " 3"], start: State) -> LinkMotion | None:
-    """Return the exact motion of a point mass on a link [m] to the origin; None if no formula is known."""
+    """Return the exact motion of a point mass on a link to the origin from ``start``; None if no formula is known."""
     r, v = vector(start.r[0]), vector(start.v[0])
     R = frame_about(r)  # frame of the arm, without spin about it
     massless, arm = np.zeros((3, 3)), np.array([0.0, 0.0, length])

@@ -21,7 +21,7 @@ def one_body_motion(system: MultibodySystem, start: State) -> PinnedMotion | Non
 
 
 def pinned_motion(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
-    """Return the exact motion of a pinned body from R0 and Omega0 [rad/s, body], in balls; None if there is none."""
+    """Return the exact motion of a pinned body from R0 and Omega0 [rad/s, body], in balls; None without a formula."""
     try:
         if not np.any(body.arm) or not np.any(body.gravity):
             return euler_top(body, R0, Omega0)

@@ -38,7 +38,7 @@ class RoundingEffect:
 
     @staticmethod
     def compute_unless(exact: bool, rate: float) -> "RoundingEffect":
-        """Return the effect of rounded data on a motion at ``rate`` [rad/s]; none if the data are ``exact``."""
+        """Return the effect of rounded data on a motion of ``rate`` [rad/s]; zero if the data are ``exact``."""
         return RoundingEffect() if exact else RoundingEffect(64.0 * ROUNDING, 4.0 * ROUNDING * rate)
 
 

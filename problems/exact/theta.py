@@ -72,7 +72,7 @@ class ThetaPhase:
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """Return a proved bound on the error of the value at ``t`` [s].
 
-        7 converts turns to radians; the rest are roundings of sums, table and product.
+        The factor 7 converts turns to radians; the other terms are roundings of sums, table and product.
         """
         rest = abs(float(self.low)) * np.abs(t)
         return 7.0 * (self.radius + self.rate_radius * np.abs(t) + 5.0 * UNIT * (1.0 + rest)) + 8.0 * UNIT

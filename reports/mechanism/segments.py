@@ -28,7 +28,7 @@ class DrawnMechanism:
     b: Float[np.ndarray, "ns 3"]
     joint_body: Int[np.ndarray, " nj"]  # first body of each joint
     joint_at: Float[np.ndarray, "nj 3"]  # the joint's point on it [m, body frame]
-    ground: Float[np.ndarray, "ng 3"]  # points of the ground that bodies hang on [m, space frame]
+    ground: Float[np.ndarray, "ng 3"]  # joint points on the ground [m, space frame]
     gravity: Float[np.ndarray, " 3"]  # [m/s^2, space frame]
 
     def segments(self, k: int) -> Float[np.ndarray, "ns 2 3"]:
@@ -51,7 +51,7 @@ class DrawnMechanism:
 
 
 def read_mechanism(series: Series | None) -> DrawnMechanism | None:
-    """Return the mechanism of a series up to its first pose that is not finite; None if no poses are stored."""
+    """Return the mechanism of a series up to its first pose that is not finite; None without poses and joints."""
     needed = ("frame_t", "frame_r", "frame_q", "joint_i", "joint_j", "joint_s_i", "joint_s_j")
     if series is None or any(name not in series for name in needed):
         return None
@@ -75,10 +75,10 @@ def joint_points(series: Series, bodies: int, scale: float) -> list[Float[np.nda
 
 
 def _segments(series: Series, nb: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the body of each segment and both its ends [m, body frame], as joint points suggest them.
+    """Return the body of each segment and both its ends [m, body frame], derived from the joint points.
 
-    Two joints away from C give one segment, more a star from C; one gives a rod to the other side of C with a cross bar
-    at its free end, none three rods along the body's axes.
+    Two joint points away from C give one segment, more of them a star from C, and one a rod through C with a cross bar
+    at its free end. A body without such points gets three rods along its axes.
     """
     s_i, s_j = series["joint_s_i"], series["joint_s_j"][series["joint_j"] >= 0]
     found = []
@@ -97,7 +97,7 @@ def _segments(series: Series, nb: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def _cross(end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ends of a bar through the body's free end, along the body axis most nearly normal to the body."""
+    """Return the ends of a bar normal to a rod at its free end, near the body axis that is most nearly normal to it."""
     free, axis = -end, np.eye(3)[int(np.argmin(np.abs(end)))]
     across = axis - free * (axis @ free) / (free @ free)
     half = CROSS * 2.0 * np.linalg.norm(end) * across / np.linalg.norm(across)
@@ -142,7 +142,7 @@ def choose_view(mechanism: DrawnMechanism) -> Float[np.ndarray, "2 3"]:
 
 @dataclass(frozen=True)
 class Picture:
-    """A mechanism at its start on paper: x right, y up [m]."""
+    """A mechanism at its start, projected onto the drawing plane: x right, y up [m]."""
 
     lines: Float[np.ndarray, "ns 2 2"]
     joints: Float[np.ndarray, "nj 2"]
@@ -152,7 +152,7 @@ class Picture:
 
 
 def draw_picture(series: Series | None) -> Picture | None:
-    """Return the bodies with joints, supports, gravity and axes at the start; None if no poses are stored."""
+    """Return the drawing of a mechanism at its start: bodies, joints, supports, gravity, axes; None without poses."""
     mechanism = read_mechanism(series)
     if mechanism is None or series is None:
         return None

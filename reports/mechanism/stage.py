@@ -1,4 +1,4 @@
-"""Prepare small moving pictures: runs over the exact motion, seen from the front, with the error of each."""
+"""Prepare small animations: runs drawn over the exact motion, with the error of each over time."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -32,10 +32,10 @@ def stage(
     looks: Mapping[str, LineStyle],
     frames: int = FRAMES,
 ) -> dict[str, Any] | None:
-    """Return segments of the exact motion and of runs, with their roles, at equal steps of time, as data for a page.
+    """Return the data of a small animation: segments of the exact motion and of runs at equal time steps, and errors.
 
-    ``roles`` pairs each run with words on why it is shown. Coordinates are in steps of the picture's box. None is
-    returned if no run stored poses.
+    ``roles`` pairs each run with words on why it is shown, ``looks`` gives line styles by solver, and ``frames`` is the
+    largest number of frames. Coordinates are in steps of the picture's box. None is returned if no run stored poses.
     """
     read = [(run, role, results.readable_series(run)) for run, role in roles]
     found = [(run, role, s, m) for run, role, s in read if s is not None and (m := read_mechanism(s)) is not None]
@@ -81,9 +81,9 @@ def stage(
 
 
 def moment(results: StoredResults, run: StoredRun, t: float) -> tuple[np.ndarray, np.ndarray | None, np.ndarray] | None:
-    """Return at ``t`` [s] the segments of a run and of the exact motion (None where unknown), and the ground's points.
+    """Return the drawing at time ``t`` [s]: the run's segments, those of the exact motion, and the ground's points [m].
 
-    All are projected for drawing [m]; None is returned if the run stored no poses.
+    The exact segments are None where the exact motion is unknown. None is returned if the run stored no poses.
     """
     series = results.readable_series(run)
     mechanism = read_mechanism(series)
@@ -108,7 +108,10 @@ def load_poses(series: Series) -> Poses:
 def place_segments(
     m: DrawnMechanism, poses: Poses, t: Float[np.ndarray, " n"], view: np.ndarray
 ) -> Float[np.ndarray, "n ns 2 2"]:
-    """Return both ends of every segment in the drawing plane; the last pose stays where the poses end."""
+    """Return both ends of every segment in the drawing plane [m] at times ``t`` [s].
+
+    Outside the times of the poses, the nearest one is used.
+    """
     at = interpolate_poses(poses, t)
     R = Rotation.from_quat(at.q.reshape(-1, 4)).as_matrix().reshape(*at.q.shape[:2], 3, 3)
     moved = replace(m, t=t, r=at.r, R=R)
@@ -116,7 +119,10 @@ def place_segments(
 
 
 def _measure_error(series: Series, measure: ErrorMeasure | None, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return the error that judges the runs at times ``t``, infinite where it is not known."""
+    """Return the magnitude of the error by which runs are judged, interpolated at times ``t`` [s].
+
+    It is infinite after the last known value, or everywhere if none is known.
+    """
     name = measure.name if measure else ""
     if name not in series:
         return np.full(len(t), np.inf)
@@ -129,8 +135,8 @@ def _measure_error(series: Series, measure: ErrorMeasure | None, t: Float[np.nda
 
 
 def _columns(values: np.ndarray) -> np.ndarray:
-    """Round coordinates to whole steps, one time history after another.
+    """Return coordinates rounded to whole steps of the box, one time history after another.
 
-    They are shifted to be positive, and cut four widths of the box outside it.
+    They are shifted by four widths of the box to be positive, and clipped to 16 bits.
     """
     return np.clip(np.rint(values.reshape(len(values), -1).T) + 4 * STEPS, 0, 65535).astype(np.int64).ravel()

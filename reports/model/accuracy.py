@@ -47,7 +47,10 @@ def measure_for(runs: Sequence[StoredRun]) -> ErrorMeasure | None:
 
 
 def find_judged_end(runs: Sequence[StoredRun]) -> float | None:
-    """Return the time up to which errors are judged [s]; None if it is the end of the reference or the longest run."""
+    """Return the time up to which errors are judged [s]; None if it is the end of the reference or of the longest run.
+
+    A time within 2 % of that end counts as the end.
+    """
     times = [c.record.judged_to_s for c in runs if not math.isnan(c.record.judged_to_s)]
     ends = [min(c.record.t_reached_s, c.record.reference_horizon_s) for c in runs if c.record.reference]
     if not times or not ends or max(times) > 0.98 * max(ends):
@@ -70,5 +73,5 @@ def drifts(run: StoredRun) -> bool | None:
 
 
 def energy_kind(run: StoredRun) -> str:
-    """Return "drifts" or "bounded", or an empty string if undecided."""
+    """Return "drifts" or "bounded" for the energy error of a run; an empty string if undecided."""
     return {None: "", True: "drifts", False: "bounded"}[drifts(run)]

@@ -78,7 +78,7 @@ def explain_verdicts(c: judged.JudgedClaim) -> str:
 
 
 def list_sides(c: judged.JudgedClaim) -> tuple[tuple[str, judged.ClaimFinding], ...]:
-    """Return the existing findings, each with its place: at the paper's settings or beyond them."""
+    """Return the findings that exist, each with words on its settings: at the paper's settings, or beyond them."""
     return tuple((where, f) for where, f in zip(WHERE, (c.paper, c.beyond), strict=True) if f)
 
 
@@ -124,7 +124,7 @@ def control(c: judged.JudgedClaim) -> str:
 
 
 def _left_alone(c: judged.JudgedClaim) -> str:
-    """Name the settings where the claim holds and nothing is known of the control, and why; empty if there are none."""
+    """Describe the settings where the claim holds and the control is unknown, and why; empty if there are none."""
     if c.control is None or not c.control.alone:
         return ""
     why = "; ".join(LEFT_OUT[x.why] for x in c.control.finding.left_out) or "it was not run there"
@@ -141,7 +141,7 @@ def format_by_solver(c: judged.JudgedClaim) -> str:
 
 
 def condition_and_share(f: judged.ClaimFinding) -> str:
-    """Format what follows the verdict's mark: for which choices it holds, and for how many of those tried."""
+    """Format the condition under which a claim holds, and for how many of the settings tried."""
     return "; ".join(filter(None, (format_condition(f), format_share(f))))
 
 
@@ -154,7 +154,7 @@ def format_share(f: judged.ClaimFinding | None) -> str:
 
 
 def _met(f: judged.ClaimFinding) -> str:
-    """Format at how many values of a dimension the claim is met, if one value suffices; else empty."""
+    """Format at how many values of a dimension the claim is met, if one value suffices; else return an empty string."""
     return f", at {f.met[0]} of {f.met[1]} values" if f.met else ""
 
 

@@ -14,7 +14,7 @@ FLAGS = {
 
 
 def value(name: str, given: judged.Value) -> str:
-    """Format the value ``given`` to the dimension ``name`` of a map: ``5``, ``a consistent start``."""
+    """Format the value ``given`` of the dimension ``name`` of a map: ``5``, ``a consistent start``."""
     if isinstance(given, bool):
         return FLAGS.get(name, (spell_out(name), f"no {spell_out(name)}"))[not given]
     if given is None:
@@ -80,7 +80,7 @@ def _list_values(name: str, values: Sequence[judged.Value]) -> str:
 
 
 def decision(d: judged.Decision) -> str:
-    """Describe on which settings it depends whether a claim holds: the condition that separates them.
+    """Describe the condition that separates the settings where a claim holds from the others.
 
     Without such a condition: the largest sets of settings where it always or never holds, and the dimension that
     separates best.

@@ -15,7 +15,7 @@ ROUNDING = 1e-17  # fraction of that scale; smaller values are drawn at the lowe
 
 @dataclass(frozen=True)
 class Curve:
-    """The points of a line; with ``low`` it is the upper edge of a band."""
+    """The points of a line; with ``low`` and ``high`` the line is the median of a band between them."""
 
     t: Float[np.ndarray, " n"]  # [s]
     y: Float[np.ndarray, " n"]
@@ -29,7 +29,7 @@ class Curve:
 def find_maxima(
     t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER
 ) -> Curve:
-    """Return the largest finite |a| in each of ``spans`` spans of [0, t_end] [s], to compare with an upper bound."""
+    """Return the curve through the largest finite |a| in each of ``spans`` equal spans of [0, t_end] [s]."""
     t, a = _finite(t, np.abs(a))
     at = _rows_of(np.maximum, a, _spans(t, t_end, spans))
     return Curve(t[at], a[at])
@@ -38,7 +38,7 @@ def find_maxima(
 def signed_curve(
     t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_SIGNED
 ) -> Curve:
-    """Return the least and largest value in each of ``spans`` spans of [0, t_end] [s] by time, and both ends."""
+    """Return the curve of the least and largest value in each of ``spans`` spans of [0, t_end] [s] and of both ends."""
     t, a = _finite(t, a)
     starts = _spans(t, t_end, spans)
     ends = [0, len(t) - 1] if len(t) else []
@@ -47,7 +47,10 @@ def signed_curve(
 
 
 def band(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER) -> Curve:
-    """Return the median, least and largest value in each of ``spans`` spans of [0, t_end] [s], at its last point."""
+    """Return the median of each of ``spans`` spans of [0, t_end] [s], in a band from its least to its largest value.
+
+    The time of each point is the last one of its span.
+    """
     t, a = _finite(t, a)
     starts = _spans(t, t_end, spans)
     lengths = _lengths(starts, a)
@@ -58,7 +61,7 @@ def band(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float,
 
 
 def drop_repeated(curve: Curve) -> Curve:
-    """Remove points inside stretches of equal values: a constant step needs two points."""
+    """Return the curve without the points inside stretches of equal values: a constant step needs two points."""
     rows = [e for e in (curve.y, curve.low, curve.high) if e is not None]
     if len(curve) < 3:
         return curve
@@ -71,7 +74,7 @@ def drop_repeated(curve: Curve) -> Curve:
 def log_limits(curves: Iterable[Curve | None], scale: float) -> tuple[float, float]:
     """Return the limits of a logarithmic axis for the curves, between rounding and a cap relative to ``scale``.
 
-    Without values above rounding they are those of three decades.
+    Without values above rounding they span three decades.
     """
     size = scale if np.isfinite(scale) and scale > 0.0 else 1.0
     floor = size * ROUNDING
@@ -85,7 +88,7 @@ def log_limits(curves: Iterable[Curve | None], scale: float) -> tuple[float, flo
 def find_log_range(curve: Curve, floor: float) -> tuple[float, float] | None:
     """Return the lowest and highest value of a line on a logarithmic axis; None if it is below ``floor``.
 
-    The smallest values, such as first errors, are left out.
+    The lowest value leaves out the smallest twentieth of the values, such as first errors.
     """
     rows = [e[e > floor] for e in (curve.y, curve.low, curve.high) if e is not None]
     rows = [e for e in rows if len(e)]
@@ -93,7 +96,7 @@ def find_log_range(curve: Curve, floor: float) -> tuple[float, float] | None:
 
 
 def find_range(curve: Curve, limits: tuple[float, float]) -> tuple[float, float]:
-    """Return the lowest and highest value of a line on a linear axis, cut to the axis's ``limits``."""
+    """Return the lowest and highest value of a line on a linear axis, clipped to the axis's ``limits``."""
     low, high = np.clip((curve.y.min(), curve.y.max()), *limits)
     return float(low), float(high)
 

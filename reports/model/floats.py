@@ -33,7 +33,10 @@ def latex_caption(text: str) -> str:
 
 
 def write_floats(title: str, figures: Sequence[Mapping[str, Any]], tables: Mapping[str, str]) -> str:
-    """Return all floats; ``figures`` as in captions.json, ``tables`` maps paths without suffix to captions."""
+    """Return the LaTeX code of all floats.
+
+    ``figures`` are entries of captions.json; ``tables`` maps paths without suffix to captions.
+    """
     out = [HEAD.replace("%s", latex_text(title), 1).replace("%%", "%")]
     for place, caption in tables.items():
         name = place.rpartition("/")[2]

@@ -89,7 +89,7 @@ def classify_doubt(spread: float, lead: float) -> Doubt:
     """Return "tie" or "spread" if the cheapest solver is undecided, else an empty string.
 
     It is undecided if the ``spread`` of its CPU times (upper over lower quartile) exceeds its ``lead`` (cost of the
-    second over its own); a tie if the lead is below ``EQUAL``. A single timing has no spread: there a lead below
+    second over its own); a tie if the lead is below ``EQUAL``. A single timing has no spread: then a lead below
     ``EQUAL`` is a tie, too.
     """
     known = spread > 1.0  # unknown for one timing (1) and for a median below the clock's resolution (NaN)
@@ -153,7 +153,7 @@ def _frontier(variant: Variant, measure: ErrorMeasure, target: float) -> Frontie
 
 
 def find_least_time(runs: Sequence[StoredRun], measure: ErrorMeasure, target: float) -> RankedSolver | None:
-    """Return the least CPU time for an error of ``target`` by one method's runs; None if none gets there."""
+    """Return the least CPU time for an error of ``target`` by the runs of one method; None if no run reaches it."""
     coarse_first = sorted(_pick_timed(runs), key=lambda c: -c.step_or_tolerance)
     found = find_least_cost([(measure.of(c), c.record.cpu_median_s) for c in coarse_first], target)
     return RankedSolver(coarse_first[found[2]], found[0], bound=found[1]) if found else None
@@ -228,7 +228,7 @@ def _costs(variant: Variant, found: Sequence[Frontier], url: Callable[[StoredRun
 
 
 def answer(f: Frontier) -> str:
-    """Format who is the cheapest: ``rkmk_dop853 needs 9.54 ms of CPU time; 9 of 21 solvers do not get there``."""
+    """Describe the cheapest solver: ``rkmk_dop853 needs 9.54 ms of CPU time; 9 of 21 solvers do not get there``."""
     best, missed = f.places[0], len(f.missed) + len(f.refused)
     parts = [f"{best.run.record.solver} needs {'at most ' if best.bound else ''}{seconds(best.cpu_s)} of CPU time"]
     if f.doubt:

@@ -24,7 +24,7 @@ def term(name: str, shown: str = "") -> Markup:
 
 
 def markdown() -> str:
-    """Return the list of ``docs/glossary.md``."""
+    """Return the list of terms for ``docs/glossary.md``, in Markdown."""
     entries = (f"- **{name}**: {text}" for name, text in GLOSSARY.items())
     return "".join(f"{textwrap.fill(e, WIDTH, subsequent_indent='  ', break_on_hyphens=False)}\n" for e in entries)
 

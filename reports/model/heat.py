@@ -51,7 +51,7 @@ class HeatCell:
 
     @property
     def why(self) -> str:
-        """The reason for its ending, or how near it came to a limit."""
+        """The reason for the run's ending, or how near the run came to a limit."""
         return self.run.reasons[0] if self.run.reasons else self.margin.words if self.margin else ""
 
     @property
@@ -116,7 +116,7 @@ class HeatMap:
 
 
 def rank(boxes: Iterable[HeatCell]) -> list[HeatCell]:
-    """Sort the cells, the best first, without refused and unfinished runs."""
+    """Sort the cells, the best first, leaving out refused and unfinished runs."""
     return sorted((b for b in boxes if b.mark.kind not in ("open", "refused")), key=lambda b: b.order)
 
 

@@ -56,7 +56,7 @@ def describe_break(e: Reason) -> str:
 
 
 def margin(run: StoredRun) -> Margin | None:
-    """Return the error of a run that is the largest fraction of its limit; None for a run without a measured step."""
+    """Return the error of a run that is the largest fraction of its limit; None if no error with a limit is known."""
     broken = parse_reasons(run.record.wrong_because)
     laws = {e.law for e in broken}
     found = [Margin(e) for e in (*broken, *_recompute_reasons(run)) if e in broken or e.law not in laws]
@@ -64,9 +64,10 @@ def margin(run: StoredRun) -> Margin | None:
 
 
 def _recompute_reasons(run: StoredRun) -> list[Reason]:
-    """Return reasons recomputed from the record's columns.
+    """Return the errors with their limits, recomputed from the record's columns.
 
-    For a judged run those above the limit are dropped: the run was judged by a wider limit (a mechanism beside others).
+    Unless the run stopped, errors above their limits are left out: the run was judged by wider limits (a mechanism
+    beside others).
     """
     r, own = run.record, judged_own(run.record)
     rows = (
@@ -85,7 +86,7 @@ def _recompute_reasons(run: StoredRun) -> list[Reason]:
 
 
 def _of_constraints(law: Law, share: float, value: float, limit: float, unit: str) -> Reason:
-    """Return a constraint error in metres if a limit is recorded, else as the fraction of its limit.
+    """Return a constraint error in its unit if a limit is recorded, else as the fraction of its limit.
 
     Only the fraction is known for axis rows and for several mechanisms.
     """

@@ -58,14 +58,14 @@ def count_bodies(series: Series) -> int:
 
 
 def _distance(series: Series, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times and the difference between an observable and its reference, as stored or computed here."""
+    """Return the times and the difference of an observable from its reference, as stored, or else computed."""
     if f"away_{name}" in series:
         return series.points(f"away_{name}")
     return series["t"], series[f"obs_{name}"] - series[f"ref_{name}"]
 
 
 def _steps(t: np.ndarray, dt: np.ndarray, stopped: bool, t_end: float, spans: int) -> Curve:
-    """Return the band of step sizes [s] without the last one, which may be cut; that of a run that stopped is kept."""
+    """Return the band of step sizes [s] without the last step, which may be cut; a stopped run keeps its last step."""
     if len(dt) < 3:
         return band(t, dt, t_end, spans)
     whole = band(t[:-1], dt[:-1], t_end, spans)  # the last step may be cut to end at t_end

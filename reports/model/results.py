@@ -63,7 +63,7 @@ class StoredRun:
 
     @cached_property
     def notes(self) -> Sequence[str]:
-        """The notes that the solver left on the run."""
+        """The notes of the solver on the run."""
         return [str(n) for n in json.loads(self.record.notes)]
 
     @cached_property
@@ -204,7 +204,7 @@ class StoredResults:
     def series(self, run: StoredRun, *, poses: bool = True) -> Series | None:
         """Return the stored time histories of a run, None if it has none; raise FileError for a damaged file.
 
-        Without ``poses`` they are kept in memory, since several pages draw them.
+        Without ``poses`` the other histories are kept in memory, since several pages draw them.
         """
         r = run.record
         if poses or not r.series:
@@ -267,13 +267,13 @@ def group_by_solver(runs: Iterable[StoredRun]) -> dict[str, list[StoredRun]]:
 
 
 def natural(text: str) -> list[tuple[int, float, str]]:
-    """Return a sort key that puts ``links=6`` before ``links=30``."""
+    """Return a sort key by which ``links=6`` precedes ``links=30``."""
     parts = re.split(r"(\d+(?:\.\d+)?)", text)
     return [(1, float(p), "") if k % 2 else (0, 0.0, p) for k, p in enumerate(parts)]
 
 
 def slug(title: str, taken: set[str]) -> str:
-    """Return a name for files and anchors made of ``title`` and unlike those ``taken``, to which it is added."""
+    """Return a name for files and anchors made from ``title`` but not ``taken``, and add it to these in lower case."""
     base = re.sub(r"[^a-zA-Z0-9.]+", "-", title).strip("-.")[:80] or "unnamed"
     names = chain([base], (f"{base}-{n}" for n in count(2)))
     name = next(name for name in names if name.lower() not in taken)

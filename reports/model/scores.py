@@ -87,7 +87,7 @@ def standings(results: StoredResults) -> list[dict[str, Any]]:
 
 
 def finest(variant: Variant, solver: str, label: str) -> StoredRun | None:
-    """Return a solver's run under ``label`` with the smallest step or tolerance, then fewest options, or None."""
+    """Return a solver's run under ``label`` of smallest step or tolerance, then fewest options; None without one."""
     own = [c for c in variant.runs if c.record.solver == solver and c.record.label == label]
     return min(own, key=lambda c: c.finest_first, default=None)
 

@@ -98,14 +98,14 @@ COLUMNS = tuple(PageColumn(key, **given) for key, given in tomllib.loads(TEXT).i
 
 
 def list_printed_columns(runs: Sequence[StoredRun]) -> Sequence[PageColumn]:
-    """Return the columns of a printed table, with only that of position and orientation error which judges the runs."""
+    """Return the columns of a printed table; of position and orientation error only the one that judges the runs."""
     measure = measure_for(runs)
     other = "position_error" if measure and measure.unit == "rad" else "orientation_error"
     return [c for c in COLUMNS if c.latex and c.key != other]
 
 
 def write_tables(variants: Sequence[Variant], folder: ConfinedPath) -> list[Path]:
-    """Write a CSV and a LaTeX table for each problem; return the paths."""
+    """Write a CSV and a LaTeX table for each variant into ``folder``; return the paths."""
     out = []
     for variant in variants:
         for suffix, text in (
@@ -137,7 +137,7 @@ def format_csv(rows: Sequence[Sequence[str]]) -> str:
 
 
 def format_as_latex(title: str, runs: Sequence[StoredRun]) -> str:
-    """Format the main columns as a LaTeX table (booktabs) of one journal column, with runs grouped by solver.
+    """Format the main columns as a LaTeX table (booktabs) of the width of a journal column, grouped by solver.
 
     A failed run keeps its row and states how it ended.
     """

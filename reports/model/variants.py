@@ -15,12 +15,12 @@ OTHER_PARAMETERS = "other end times, sizes and releases"
 
 
 def presentation(variant: Variant) -> str:
-    """Describe how the problem is presented (mirrored, renumbered, perturbed, ...); empty for that of its file."""
+    """Describe how a variant presents its problem (mirrored, perturbed, ...); empty if as in the problem's file."""
     return next((words for key, words in PRESENTED.items() if key in variant.runs[0].parameters), "")
 
 
 def same_motion(variant: Variant) -> bool:
-    """Return whether the variant has the motion of another one: its presentation is undone before measuring."""
+    """Return whether a variant has the motion of another one, since its presentation is undone before measuring."""
     return any(key in variant.runs[0].parameters for key in SAME_MOTION)
 
 

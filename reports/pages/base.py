@@ -2,7 +2,7 @@
 
 A module of a folder in ``reports/pages/`` with a function ``write(results, site) -> Page | None`` is called once
 (``RANK`` of the module, 0 without one, puts it later; ``APART = True`` calls it in another process beside all others,
-with a ``site`` that knows no other page). It hands over its page, or returns None ::
+with a ``site`` that knows no other page). It adds its page to the site and returns it, or returns None ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
@@ -13,7 +13,7 @@ Its template extends ``base.html`` and fills ``{% block main %}``. Templates are
   ``exists("theatre-chain.html")``. A page ``about`` a variant's slug, a solver or a run is linked from its page.
 - ``{% import "marks.html" as marks with context %}``: elements that pages share, such as ``marks.status(run)`` and
   ``marks.plot(p)`` for each of ``plots`` inside ``<div class="plots">``, after ``marks.plots_bar()``.
-- ``term(name, shown)`` of the glossary; ``num(value, show)``: a table's entry that sorts by its value;
+- ``term(name, shown)`` of the glossary; ``num(value, show)``: a table's cell that sorts by its value;
   ``looks[solver].colour``; the functions of reports/model/words.py.
 
 ``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``, with NaN as null; ``site.bundle``
@@ -114,7 +114,7 @@ class Site:
         return page
 
     def take(self, pages: Pending) -> None:
-        """Add pages to be rendered; ValueError if two have the same file."""
+        """Add pages to be rendered; raise ValueError if two have the same file."""
         for file in pages.keys() & self.pending.keys():
             raise ValueError(f"two pages want to be {file}: {self.pending[file][0].title}, {pages[file][0].title}")
         self.pending |= pages
@@ -128,7 +128,10 @@ class Site:
         return f"data/{name}.js"
 
     def bundle(self, name: str, value: Any) -> str:
-        """Write ``data/<name>.js`` deflated, for ``MBS.unpack``; arrays are for ``MBS.numbers``."""
+        """Write ``data/<name>.js`` deflated and return its path.
+
+        ``MBS.unpack`` reads it in a page, and ``MBS.numbers`` makes its arrays lists.
+        """
         return self.data(name, value, bundle)
 
     def url(self, about: StoredRun | Variant | str) -> str:
@@ -190,14 +193,14 @@ class Site:
 
 
 def writers() -> list[ModuleType]:
-    """Return the page modules: smallest ``RANK`` first (0 without one), then by name."""
+    """Return the page modules in the order of their calls: smallest ``RANK`` first (0 without one), then by name."""
     found = pkgutil.walk_packages([str(FOLDER / "pages")], f"{__package__}.")
     modules = [m for m in (importlib.import_module(m.name) for m in found) if hasattr(m, "write")]
     return sorted(modules, key=lambda m: (getattr(m, "RANK", 0), m.__name__))
 
 
 def write_pages(site: Site) -> None:
-    """Let every page module add its pages, those marked ``APART`` in a second process."""
+    """Call every page module, which adds its pages to the site; those marked ``APART`` in a second process."""
     apart = {m.__name__: getattr(m, "APART", False) for m in writers()}
     with ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as pool:
         untouched = pickle.dumps(site)  # pickled here: the pool's thread would pickle while pages are added
@@ -207,12 +210,12 @@ def write_pages(site: Site) -> None:
 
 
 def _write_apart(modules: Sequence[str], untouched: bytes) -> Pending:
-    """Let these page modules add their pages to a copy of the site, in another process; return the pages."""
+    """Call these page modules with a copy of the site, in another process; return the pages that they added."""
     return _write_some(modules, pickle.loads(untouched))
 
 
 def _write_some(modules: Sequence[str], site: Site) -> Pending:
-    """Let these page modules add their pages to the site; return all of its pages."""
+    """Call these page modules, which add their pages to the site; return all pages of the site."""
     for name in modules:
         importlib.import_module(name).write(site.results, site)
     return site.pending
@@ -231,7 +234,10 @@ class JudgementFile(Generic[T]):
 
 
 def read_judged_or_published(results: Path, file: File[T]) -> JudgementFile[T]:
-    """Read these results' judgement, else the published one with the reason; a damaged own file is reported."""
+    """Read the judgement of a results folder, or else the published one with the reason why.
+
+    A damaged file of the folder is reported, not replaced.
+    """
     own = read_judged(results, file)
     broken = own.found is None and (ConfinedPath(results) / files.FOLDER / f"{file.name}.json").is_there()
     if own.found or broken:
@@ -242,7 +248,7 @@ def read_judged_or_published(results: Path, file: File[T]) -> JudgementFile[T]:
 
 
 def read_judged(results: Path, file: File[T]) -> JudgementFile[T]:
-    """Read ``judgement/<name>.json`` of a results folder."""
+    """Read ``judgement/<name>.json`` of a results folder, or explain why it cannot be read."""
     return read_or_why(ConfinedPath(results) / files.FOLDER, file, f"{JUDGE} {results.name}")
 
 

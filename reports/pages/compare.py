@@ -81,7 +81,7 @@ class RankedChange:
 
 
 def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[RankedChange]:
-    """Return a change for each run whose status differs; runs that became wrong come first."""
+    """Return a change for each run whose status differs; runs that became worse come first."""
     out = []
     for a, b in pairs(before, after):
         if a.status != b.status:
@@ -180,7 +180,7 @@ def timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
 
 
 def pairs(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord]]:
-    """Return the record before and after of each run that both results have, matched by settings."""
+    """Return the records before and after of each run that both results have, matched by their settings."""
     there = {r.settings_id: r for r in after}
     return [(r, there[r.settings_id]) for r in before if r.settings_id in there]
 
@@ -199,7 +199,7 @@ def gather_by_run(found: list[RankedChange]) -> list[RankedChange]:
 def find_unmeasured(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> tuple[set[str], set[str]]:
     """Return the columns that only the second of two results has, and those that only the first has.
 
-    They tell that other quantities were measured, not that motions changed.
+    They show that other quantities were measured, not that motions changed.
     """
     both = pairs(before, after)
     none = [{m for m in METRICS if all(math.isnan(float(getattr(p[k], m))) for p in both)} for k in (0, 1)]
@@ -222,7 +222,7 @@ def _changes(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tu
 
 
 def _rank_physics(a: RunRecord, b: RunRecord, c: Change) -> RankedChange | None:
-    """Describe a number that changed; None if the status shows it already."""
+    """Describe the change of a number of the motion; None if the change of status explains it."""
     words, unit, column = PHYSICS[c.metric]
     x, y = (math.nan if isinstance(v, str) else v for v in (c.before, c.after))
     scale = float(getattr(a, column)) if column else 1.0
@@ -249,7 +249,7 @@ def format_distinguishably(x: float, y: float) -> tuple[str, str]:
 
 
 def write_compare(a: Path, b: Path, folder: ConfinedPath) -> Path:
-    """Write ``compare.html`` and its assets into ``folder``; return its path."""
+    """Write ``compare.html`` and its assets into ``folder``; return the path of the page."""
     both = read_results(a), read_results(b)
     copy_assets(folder, ASSETS)
     known = both[1].by_settings
@@ -303,7 +303,7 @@ def changes(a: StoredResults, b: StoredResults) -> dict[Rank, list[RankedChange]
 
 
 def overlays(a: StoredResults, b: StoredResults, parts: Mapping[Rank, Sequence[RankedChange]]) -> list[Plot]:
-    """Plot the energy errors of both runs where ending or motion changed, the most important first."""
+    """Plot the energy errors of both runs where status or motion changed, the most important ``OVERLAYS`` of them."""
     runs = [results.by_settings for results in (a, b)]
     wanted = dict.fromkeys(r.settings_id for rank in (Rank.ENDING, Rank.PHYSICS) for r in parts.get(rank, ()))
     taken: set[str] = set()

@@ -25,7 +25,7 @@ class Scale:
 
     low: float
     high: float
-    start: float  # [px] place of ``low``, and below of ``high``
+    start: float  # [px] position of ``low``, and below of ``high``
     end: float
     log: bool = False
 
@@ -114,7 +114,7 @@ def badge(name: str, facts: Sequence[tuple[str, str, str]]) -> Markup:
 
 
 def sketch(p: Picture, words: str) -> Markup:
-    """Draw a mechanism: bodies, joints, supports, arrows of unit length, names."""
+    """Draw a mechanism at its start: bodies, joints, supports, arrows for the axes and gravity, and names."""
     at = _fit_to_page(np.concatenate([p.lines.reshape(-1, 2), p.ground.reshape(-1, 2)]), 420.0, 300.0, 46.0)
     ways = [(name, 26.0 * float(way[0]), -26.0 * float(way[1])) for name, way in p.arrows]
     a, b = p.lines[:, None, 0], p.lines[:, None, 1]
@@ -157,7 +157,7 @@ def _fit_to_page(seen: np.ndarray, width: float, height: float, room: float) -> 
 
 
 def _place_name(at: np.ndarray, name: str, ink: np.ndarray) -> tuple[float, float]:
-    """Return the place nearest to ``at`` where a name covers nothing of ``ink``; below ``at`` if there is none."""
+    """Return the place nearest to ``at`` where a name covers no point of ``ink``, or else the place below ``at``."""
     half = np.array([LETTER * len(name) / 2.0 + 5.0, 11.0])
     places = [at + r * np.array([math.sin(a), math.cos(a)]) for r in range(16, 80, 4) for a in TURNS]
     free = (x for x in places if not np.any(np.all(np.abs(ink - x) < half, axis=1)))

@@ -44,7 +44,7 @@ def command(
     suffixes: Sequence[str] = SUFFIXES,
     font: Font = DEFAULT_FONT,
 ) -> list[Caption]:
-    """Run ``mbsbench figures --paper``: draw figures and write their captions, which are returned.
+    """Draw the figures of ``mbsbench figures --paper``, write their captions, and return these.
 
     ``only`` are names of figures, all if empty; ``specs`` are the runs of the suite ``paper``. ``tell`` receives a line
     per figure. Raise ValueError for an unknown name.
@@ -115,7 +115,7 @@ def draw(spec: PaperFigure, lines: Sequence[PaperLine], looks: Mapping[str, Line
 
 
 def _frame(ax: Axes, part: Panel, plot: Plot, lines: Sequence[PaperLine]) -> None:
-    """Draw the panel's labels, its caption and its band of allowed energy."""
+    """Set the panel's labels and ticks, write its caption, and shade the band of allowed energy."""
     ax.set_xlabel(label(plot.x))
     ax.set_ylabel("" if part.continued else label(plot.y))
     ax.tick_params(labelleft=not part.continued)

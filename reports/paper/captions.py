@@ -89,7 +89,10 @@ class Captions(msgspec.Struct, frozen=True):
 
 
 def read(folder: Path) -> tuple[Caption, ...]:
-    """Read the captions of figures drawn from the results in ``folder``; none if the file has another format."""
+    """Read the captions of figures drawn from the results in ``folder``; empty without a file of this format.
+
+    Raise UnsafeFile for a link or a device in its place.
+    """
     try:
         return msgspec.json.decode((ConfinedPath(folder) / FOLDER / FILE).read(LARGEST), type=Captions).figures
     except UnsafeFile:
@@ -99,7 +102,10 @@ def read(folder: Path) -> tuple[Caption, ...]:
 
 
 def write(folder: Path, environment: Any, made: list[Caption], order: list[str]) -> None:
-    """Write the new captions together with those of other figures drawn before."""
+    """Write the captions ``made`` now together with those of figures drawn earlier.
+
+    ``order`` are the names of all figures, in order.
+    """
     new = {c.name for c in made}
     every = [*(c for c in read(folder) if c.name in order and c.name not in new), *made]
     figures = tuple(sorted(every, key=lambda c: order.index(c.name)))
@@ -134,7 +140,7 @@ def caption(figure: PaperFigure, lines: Sequence[PaperLine], folder: Path, writt
 
 
 def _claim(c: JudgedClaim) -> CaptionClaim:
-    """Return a judged claim as the caption has it, in words."""
+    """Return a judged claim in the words of the caption."""
     tests = tuple((claim_words.format_measured(t), claim_words.band(t)) for t in c.tests)
     found = [(f.verdict, claim_words.condition_and_share(f)) if f else ("", "") for f in (c.paper, c.beyond)]
     return CaptionClaim(c.id, c.quote, c.claim, claim_words.describe_missing(c), tests, *found)
@@ -160,7 +166,7 @@ def _note(figure: PaperFigure, lines: Sequence[PaperLine]) -> list[str]:
 
 
 def _run(line: PaperLine) -> CaptionRun:
-    """Return a requested run as the caption has it: how it ended, and its numbers."""
+    """Return a requested run for the caption: how it ended, and its numbers."""
     asked, run = line.asked, line.run
     what = line.role, asked.solver, asked.case, asked.settings_id
     if run is None:

@@ -69,7 +69,7 @@ class PaperFigure:
 
 
 def _read(given: dict[str, Any]) -> Iterator[PaperFigure]:
-    """Yield the figures of the file, the printed one before the recommended one."""
+    """Yield the figures of the file; of each number the printed one before the recommended one."""
     sketches = {name: Sketch(**v) for name, v in given["sketches"].items()}
     panels = {}
     for name, v in given["panels"].items():

@@ -22,7 +22,7 @@ from .catalogue import FIGURES, Panel, PaperFigure, RunSelection
 
 NOTHING = 1e-9  # fraction of the problem's size: smaller displacements are rounding
 CUT = 30.0  # axis limit, in units of the exchangeable energy or of the problem's size
-START = 0.01  # fraction of the window whose tiny first steps (error control) do not stretch the axis
+START = 0.01  # first fraction of the window, whose tiny steps (error control) do not extend the axis
 ROLES = {
     "gc_weak_form": "ODE-GC",
     "gc_augmented_lagrangian": "ODE-GC (AL)",
@@ -117,7 +117,7 @@ def select_runs(pick: RunSelection, specs: Sequence[RequestedRun]) -> list[Reque
 def series_magnified(
     specs: Sequence[RequestedRun], duration: Callable[[RequestedRun], float], figures: Iterable[PaperFigure] = FIGURES
 ) -> dict[str, set[str]]:
-    """Return by settings_id the series of which a panel draws less than half of the ``duration`` [s].
+    """Return by settings_id the names of the series of which a panel draws less than half of the ``duration`` [s].
 
     The stored envelope of a series suffices to draw a whole run, but has too few spans for a small part of it.
     """
@@ -149,7 +149,7 @@ def select_lines(panel: Panel, lines: Sequence[PaperLine]) -> list[PaperLine]:
 
 
 def make_plot(panel: Panel, lines: Sequence[PaperLine]) -> Plot:
-    """Return the plot of a panel without its letter; the caption notes what lines do not show."""
+    """Return the plot of a panel without its letter; its caption notes values that the lines do not show."""
     found = [(k, curve(k, name, panel)) for k in select_lines(panel, lines) for name in panel.of]
     made = [(k, c) for k, c in found if c is not None and len(c)]
     drawn, exact, known = [c for _, c in made], choose_exact(panel, lines), list_records(lines)
@@ -204,7 +204,7 @@ def choose_exact(panel: Panel, lines: Sequence[PaperLine]) -> Curve | None:
 def _remark(
     panel: Panel, drawn: Sequence[Curve], limits: tuple[float, float], records: Sequence[RunRecord], units: set[str]
 ) -> str:
-    """Note what lines do not show: rounding, values beyond the axis, or that no run recorded the quantity."""
+    """Describe what the lines do not show: rounding, values beyond the axis, or an unrecorded quantity."""
     if not drawn:
         return "none of the runs recorded this"
     top = max(float(np.abs(c.y).max()) for c in drawn)
@@ -241,7 +241,7 @@ def find_limits(
 
 
 def is_rounding(records: Sequence[RunRecord], units: set[str], drawn: Sequence[Curve]) -> bool:
-    """Return whether what is drawn is a length that stays zero to rounding."""
+    """Return whether the curves are of a length that stays zero to rounding."""
     top = max(float(np.abs(c.y).max()) for c in drawn)
     return units == {"m"} and top < NOTHING * _largest(records, "length_scale_m", 1.0)
 

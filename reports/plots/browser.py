@@ -35,7 +35,10 @@ def bundle(name: str, value: Any) -> str:
 
 
 class Steps:
-    """An array stored in equal steps of two bytes, of its values or (``log``) their logarithms; zeros are kept."""
+    """An array to be stored as whole numbers of equal steps, in two bytes each, with zeros kept exactly.
+
+    With ``log`` the steps are of the logarithms, unless a value is negative.
+    """
 
     def __init__(self, values: np.ndarray, *, log: bool = False) -> None:
         self.values = np.asarray(values, dtype=float)
@@ -78,7 +81,7 @@ def _leaves(value: Any, parts: bytearray) -> Any:
 
 
 def _store_array(array: np.ndarray, parts: bytearray) -> dict[str, Any]:
-    """Append the bytes of an array to ``parts``, and return its kind, its place there and its length.
+    """Append the bytes of an array to ``parts``, and return its kind, its offset and its length.
 
     Floats become float32 and counts differences, low bytes first, which deflates better.
     """
@@ -102,12 +105,12 @@ def script(name: str, value: Any) -> str:
 
 
 def text(value: Any) -> str:
-    """Return strict JSON that is safe inside a script; NaN and infinities become null."""
+    """Return ``value`` as strict JSON that is safe inside a script; NaN and infinities become null."""
     return to_json(value).replace("\u2028", "\\u2028").replace("\u2029", "\\u2029").replace("</", "<\\/")
 
 
 def shorten_plots(plots: Sequence[Plot], looks: Mapping[str, LineStyle]) -> dict[str, Any]:
-    """Return the plots as ``assets/plots.js`` reads them, in short names without defaults; repeated texts are numbered.
+    """Return the plots as ``assets/plots.js`` reads them: short names, no default values, and repeated texts numbered.
 
     ``looks`` gives the colour and marker of each solver.
     """

@@ -77,14 +77,20 @@ DEFAULT_FONT = Font()
 
 
 def find_font(family: str = "", size: float | None = None) -> Font:
-    """Return the requested font; ValueError names the nearest families if it is not installed."""
+    """Return the requested font.
+
+    Raise ValueError for a size outside ``SIZES``, or with the nearest families for a family that is not installed.
+    """
     if size is not None and not SIZES[0] <= size <= SIZES[1]:
         raise ValueError(f"--font-size must be {SIZES[0]:g} to {SIZES[1]:g} points (got {size:g})")
     return Font(_find_family(family.strip()) if family else DEFAULT, SIZE if size is None else size)
 
 
 def _find_family(asked: str) -> str:
-    """Return the installed family for a name, a generic name (``serif``) or ``latex``; ValueError if there is none."""
+    """Return the installed family for a name, a generic name (``serif``) or ``latex``.
+
+    Raise ValueError if it is not installed, or has no letters.
+    """
     known = {name.casefold(): name for name in font_manager.fontManager.get_font_names()}
     if asked.casefold() == LATEX:
         return next(name for name in COMPUTER_MODERN if name.casefold() in known)

@@ -55,7 +55,7 @@ class Drawing:
         return replace(self.axis, high=min(self.axis.high, 1.02 * max(ends, default=math.inf)))
 
     def find_curves(self, kind: str) -> dict[str, str]:
-        """Return the curves whose names begin with ``kind``: the rest of the name, and the unit."""
+        """Return the units of the curves whose names begin with ``kind``, by the rest of the name."""
         out: dict[str, str] = {}
         for m in self.motions.values():
             for name in (n for n in m.curves if n.startswith(kind)):
@@ -63,12 +63,12 @@ class Drawing:
         return out
 
     def longest(self, name: str) -> Curve | None:
-        """Return of all runs' curves of that name the one that ends last; None if no run has it."""
+        """Return the curve of that name that ends last among those of all runs; None if no run has it."""
         found = (m.curves[name] for m in self.motions.values() if name in m.curves)
         return max(found, key=lambda c: float(c.t[-1]), default=None)
 
     def match_lines(self, name: str, lines: Iterable[Line]) -> list[tuple[Line, Curve]]:
-        """Return the lines that have the curve, each with it."""
+        """Return the lines whose runs have the curve of that name, each with its curve."""
         found = ((line, self.motions[line.run.record.run_id].curves.get(name)) for line in lines)
         return [(line, c) for line, c in found if c is not None]
 
@@ -139,7 +139,7 @@ def draw_runs(results: StoredResults, runs: Sequence[StoredRun], among: Sequence
 
 
 def laws(d: Drawing) -> Chapter | None:
-    """Return plots of energy error, |phi|, |phi_dot| and step; None if no run has any of them."""
+    """Return the chapter with plots of energy error, |phi|, |phi_dot| and step; None if no run has any of them."""
     energy, length = d.scale("energy_scale_J"), d.scale("length_scale_m")
     limits = {law: limit([line.run for line in d.lines], law, d.axis.high) for law in LIMITS}
     return _chapter(
@@ -187,7 +187,7 @@ def laws(d: Drawing) -> Chapter | None:
 
 
 def errors(d: Drawing) -> Chapter | None:
-    """Return plots of the distance from the exact motion; None if no run has any of them."""
+    """Return the chapter with plots of the distance from the exact motion; None if no run has any of them."""
     length, until, own = d.scale("length_scale_m"), find_judged_end(d.runs), d.longest("reference_own_error")
     floor = [] if own is None else [Trace("the reference's stated error", own.t, own.y, dash=2)]
     far = f"Worst body, {d.largest}, up to the end of the reference."
@@ -208,7 +208,7 @@ def errors(d: Drawing) -> Chapter | None:
 
 
 def observables(d: Drawing) -> Chapter | None:
-    """Return plots of each observable with its reference, and of the distance from it; None without observables."""
+    """Return the chapter with plots of each observable and its distance from the reference; None if there are none."""
     plots: list[Plot] = []
     for name, in_unit in d.find_curves("obs_").items():
         exact, drawn = d.longest(f"ref_{name}"), d.match_lines(f"obs_{name}", d.lines)
@@ -246,7 +246,7 @@ def observables(d: Drawing) -> Chapter | None:
 
 
 def invariants(d: Drawing) -> Chapter | None:
-    """Return plots of the departure of each invariant from its start; None without invariants."""
+    """Return the chapter with plots of the departure of each invariant from its start; None without invariants."""
     plots: list[Plot] = []
     for name, in_unit in d.find_curves("inv_").items():
         starts = [abs(float(c.invariant_drifts.get(name, {}).get("start", 0.0))) for c in d.runs]
@@ -280,7 +280,7 @@ def value_limits(shown: Sequence[Curve], exact: Curve | None, reach: float = np.
 
 
 def limit(runs: Sequence[StoredRun], law: Law, end: float) -> list[Trace]:
-    """Return the line from 0 to ``end`` that the errors of ``runs`` must not cross; none if no drawn value is judged.
+    """Return the line from 0 to ``end`` that the errors of ``runs`` must not cross; none if the law judges no run.
 
     Each run is judged by its own size: if limits differ, the least is drawn and named so.
     """

@@ -88,7 +88,10 @@ class Legend:
 
     @staticmethod
     def build(traces: Sequence[Trace], looks: Mapping[str, LineStyle], wide: bool, room: float = np.inf) -> "Legend":
-        """Return a legend with every name once, in as many columns as fit; above ``room``, with solvers only."""
+        """Return a legend with every name once, in as many columns as fit.
+
+        If it is higher than ``room`` [in], it names solvers only.
+        """
         for most in (NAMED, 0):
             handles = _handles(traces, looks, int((96 if wide else 62) / scale()), most)
             longest = max((len(str(h.get_label())) for h in handles), default=0)
@@ -116,7 +119,7 @@ def label(axis: Axis) -> str:
 
 
 def panel(ax: Axes, plot: Plot, looks: Mapping[str, LineStyle]) -> None:
-    """Draw the traces of a plot; ``set_limits`` follows."""
+    """Draw the traces, marks and triangles of a plot into ``ax``; call ``set_limits`` afterwards."""
     for which, axis in (("x", plot.x), ("y", plot.y)):
         if axis.log:
             log_axis(ax, which)
@@ -190,7 +193,7 @@ def set_limits(ax: Axes, plot: Plot) -> None:
 
 
 def _draw(ax: Axes, trace: Trace, look: LineStyle, floors: tuple[float, float], phase: float) -> None:
-    """Draw one trace; values below ``floors`` (x and y) are drawn there.
+    """Draw one trace; values below ``floors`` (x and y) are raised to them.
 
     ``phase`` from 0 to 1 shifts the markers of long lines against each other.
     """
@@ -269,19 +272,19 @@ def _handles(traces: Sequence[Trace], looks: Mapping[str, LineStyle], wrap: int,
 
 
 def _floor(traces: Sequence[Trace], key: str) -> float:
-    """Return where zeros of a coordinate (``key``, x or y) are drawn: well below the smallest positive value."""
+    """Return where zeros of a coordinate (``key``, x or y) are drawn: ``ZERO`` times below all positive values."""
     points = [t for t in traces if t.mode != "lines"] or traces
     above = [float(v[v > 0.0].min()) for t in points if (v := getattr(t, key)).size and np.any(v > 0.0)]
     return min(above) / ZERO if above else 1e-16
 
 
 def style(font: Font = DEFAULT_FONT) -> AbstractContextManager[None]:
-    """Return the context in which all drawing for print happens."""
+    """Return a context manager that sets matplotlib's style and the font for print."""
     return mpl.rc_context({**mpl.rcParamsDefault, "backend": "agg", **STYLE, **font.settings})
 
 
 def scale() -> float:
-    """Return the current letter size relative to the default size, by which sizes in a figure grow."""
+    """Return the current letter size relative to the default size, by which sizes in a figure are scaled."""
     return mpl.rcParams["font.size"] / SIZE
 
 
@@ -291,7 +294,7 @@ def note_size() -> float:
 
 
 def sheet(width: float, height: float) -> Figure:
-    """Return an empty figure [in] with automatic layout."""
+    """Return an empty figure of that size [in] with automatic layout."""
     return Figure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
 
 

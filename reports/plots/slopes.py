@@ -27,7 +27,7 @@ Points = np.ndarray  # (n, 2), fractions of the plot
 
 
 def find_order(x: np.ndarray, y: np.ndarray) -> int:
-    """Return the whole order that the most neighbouring slopes of a ladder follow; 0 for none."""
+    """Return the whole order that the longest sequence of neighbouring slopes of a ladder follows; 0 for none."""
     good = (x > 0.0) & (y > 0.0) & np.isfinite(x) & np.isfinite(y)
     at = np.argsort(x[good])
     x, y = x[good][at], y[good][at]
@@ -98,7 +98,7 @@ class _Frame:
         )
 
     def place(self, order: int, drawn: Points, own: Points) -> Triangle:
-        """Return the widest triangle that covers nothing of ``drawn``, as near as possible to its ``own`` points.
+        """Return the widest triangle that overlaps no point of ``drawn``, as near as possible to its ``own`` points.
 
         If there is no room between the data, the triangle is placed below them.
         """
@@ -133,14 +133,14 @@ class _Frame:
         return Triangle(order, (float(x0), x1), (float(y0), float(y0 * (x1 / x0) ** order)))
 
     def cover(self, triangle: Triangle) -> Points:
-        """Return points all over a triangle and its digits."""
+        """Return a grid of points that covers a triangle and its digits."""
         a, b = ((np.log(k) - self.low) / self.size for k in zip(triangle.x, triangle.y, strict=True))
         u, v = np.meshgrid(np.linspace(a[0], b[0] + DIGIT_X, 12), np.linspace(a[1] - DIGIT_Y, b[1], 12))
         return np.column_stack([u.ravel(), v.ravel()])
 
 
 def _find_covered(points: Points, width: float, height: float) -> np.ndarray:
-    """Return which points, relative to the lower left corner, lie in the triangle, at its digits, or too close."""
+    """Return the mask of points, relative to the lower left corner, in the triangle, at its digits, or too close."""
     u, v = points.T
     inside = (u > -CLEAR) & (u < width + DIGIT_X) & (v > -DIGIT_Y) & (v < height + CLEAR)
     return inside & (v < (u * height / width) + CLEAR * (1.0 + height / width))

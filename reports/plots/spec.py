@@ -64,7 +64,7 @@ class Trace:
     high: np.ndarray | None = None
     left: np.ndarray | None = None  # a bar from left to right through each point: the spread of its x
     right: np.ndarray | None = None
-    reach: tuple[float, ...] = ()  # the range of a logarithmic axis that the line needs
+    reach: tuple[float, ...] = ()  # the range of the y axis that the line needs
     group: str = ""
     main: bool = True
     hollow: bool = False  # markers as outlines

@@ -40,7 +40,10 @@ NOTE = (
 
 @dataclass(frozen=True)
 class PlottedWork:
-    """The cost and errors of one run; ``works`` by the keys of ``WORKS`` and ``step``, ``errors`` by ``ERRORS``."""
+    """The costs and errors of one run.
+
+    ``works`` are by the keys of ``WORKS`` and ``step``, ``errors`` by those of ``ERRORS``.
+    """
 
     run: StoredRun
     page: str
@@ -106,7 +109,7 @@ def work_chapter(variant: Variant, url: Callable[[StoredRun], str]) -> Chapter |
 def make_work_plots(
     variant: Variant, url: Callable[[StoredRun], str] = lambda run: "", *, front: bool = False
 ) -> list[Plot]:
-    """Plot error against work of all runs, for each kind of both that some run has."""
+    """Plot error against work of all runs, for each pair of ``PAIRS`` that some run has."""
     return list(work_plots("work", list_points(variant, url), measure_for(variant.runs), front=front).values())
 
 
@@ -148,10 +151,10 @@ def work_plots(
 
 
 def race(points: Sequence[PlottedWork], work: str, error: str, unit: str) -> tuple[str, tuple[str, ...]]:
-    """Return words on who is the cheapest, and the solvers to be shown in colour.
+    """Return words on which solver is the cheapest, and the solvers to be shown in colour.
 
-    They compare at the tightest power of ten that half of the solvers reach: ``rkmk_dopri5 needs 12.0 ms for 10⁻⁴ m,
-    ida_index3 96 times as much; 2 of 19 do not get there``. The words are empty if fewer than two solvers get there.
+    They are compared at the tightest power of ten that half of the solvers reach: ``rkmk_dopri5 needs 12.0 ms for 10⁻⁴
+    m, ida_index3 96 times as much; 2 of 19 do not get there``. The words are empty if fewer than two solvers reach it.
     """
     solvers = sorted({p.solver for p in points})
     sound = [p for p in points if p.run.status in SOUND]

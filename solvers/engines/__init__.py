@@ -1,1 +1,1 @@
-"""External engines as solvers: one public file each; their common parts are in ``export``."""
+"""Solvers that run external engines: one file each; ``export`` converts models, ``inside`` drives the engines."""

@@ -2,10 +2,10 @@
 
     y = (p, u),   y' = (G u, u_dot) with u_dot from Eq. (65)
 
-Newton's systems are solved by GMRES without a matrix: scikit-sundae takes no exact Jacobian that is cheaper, and
-the equations are not stiff. Every evaluation is a call of Python, which is in the CPU time. Constraints hold through
-phi_ddot = 0 alone unless ``alpha`` and ``beta`` are given. Counted: accepted steps and evaluations, one a step of which
-is for the reaction.
+Newton's linear systems are solved by matrix-free GMRES: scikit-sundae accepts no exact Jacobian that would be cheaper,
+and the equations are not stiff. Every evaluation calls Python, an overhead that is part of the CPU time. Constraints
+hold through phi_ddot = 0 alone unless ``alpha`` and ``beta`` are given. Counted are accepted steps and evaluations; one
+evaluation at the start and one per step yield the reaction.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ from ..formulations.strong_form import StrongForm
 from ..formulations.sundials import ONE_STEP_LIMIT, not_installed
 from .export.engine import describe_engine
 
-# steps between two checks of the rows in use: fewer pay more rank searches, more may pass dependent rows
+# steps between two checks of the rows in use: fewer cost more rank searches, more may miss dependent rows
 ROWS_EVERY = 2
 
 
@@ -44,11 +44,15 @@ class Cvode(SymbolicOptions):
     control: ClassVar[str] = "rtol"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the problem is refused, or None: a missing package, or what all solvers of this kind refuse."""
+        """Return why the problem is refused, or None: scikit-sundae is missing, or as all symbolic solvers refuse."""
         return not_installed() or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Integrate Eq. (65) without lam by CVODE, one accepted step at a time; each step costs one evaluation more."""
+        """Integrate Eq. (65) by CVODE without lam and lam_dot, one accepted step at a time; return the trajectory.
+
+        One additional evaluation per accepted step yields the reaction. Raises ``StepFailure`` at a limit of CPU time
+        before the first step.
+        """
         from sksundae.cvode import CVODE  # imported here, since on systems without it the class above refuses
 
         layout, notes = layout_for(problem, self.coordinates)

@@ -1,8 +1,9 @@
-"""DART: joint coordinates of a tree, semi-implicit Euler, loops as constraints of velocities with error reduction.
+"""DART: joint coordinates of a tree, semi-implicit Euler, loops as velocity constraints with error reduction.
 
-A step is u_1 = u_0 + h a, then impulses on cut joints, then q_1 along u_1. ``error_reduction`` of a gap is closed a
-step. dartpy has no other integrator: the variational one of DART's C++ is not in it. With ``settings`` "default" the
-world is as nobody configured it, with an error reduction of 0.01. Loads are those at the start of each step.
+A step computes u_1 = u_0 + h a, then the impulses at cut joints, then q_1 along u_1. In each step the share
+``error_reduction`` of a gap is closed. dartpy has no other integrator: it does not wrap the variational one of DART's
+C++ library. With ``settings`` "default" the error reduction is DART's own, 0.01. Loads are evaluated at the start of
+each step.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from .export.tree import DRIVES, KINDS
 @solver("dart")
 @dataclass(frozen=True)
 class Dart(Adapter):
-    """DART's steps."""
+    """DART's semi-implicit Euler steps of fixed size."""
 
     error_reduction: float = option(
         0.8, "share of a gap that is closed a step; 0.01 is its own", at_least=0.0, at_most=1.0

@@ -1,9 +1,10 @@
 """Drake: joint coordinates of a tree, discrete steps or integrators of its continuous plant, its own compiled loop.
 
-Discrete steps are of first order: a convex problem a step (sap; similar and lagged are newer approximations of contact
-in it) or TAMSI. Integrators are taken with fixed steps here, ``drake_adaptive`` is with error control. Loops are ball
-constraints of the convex steps, which it regularises; a continuous plant and TAMSI do not hold them: refused.
-With ``settings`` "default" the steps are those of a plant that nobody configured: lagged.
+Discrete steps are of first order: each solves a convex problem (sap; similar and lagged are newer approximations of
+contact in it) or applies TAMSI. Integrators take fixed steps here; ``drake_adaptive`` runs them with error control.
+Loops are ball constraints of the convex steps, which regularise them; a continuous plant and TAMSI do not enforce them,
+so that loops are refused there, as are loops cut at the ground, at which Drake crashes. With ``settings`` "default" the
+steps are those of an unconfigured plant: lagged.
 """
 
 from dataclasses import dataclass
@@ -48,7 +49,7 @@ TAKEN = SupportedElements(
 @solver("drake")
 @dataclass(frozen=True)
 class Drake(Adapter):
-    """Drake's fixed steps, discrete or continuous."""
+    """Drake's discrete or continuous plant with fixed steps."""
 
     integrator: str = option("runge_kutta3", "Drake's name of it, or of its discrete steps", choices=tuple(INTEGRATORS))
     settings: str = option("ours", "ours: the options above; default: the engine's own", choices=("ours", "default"))
@@ -60,16 +61,19 @@ class Drake(Adapter):
 
     @property
     def order(self) -> float:
-        """Observed order of its fixed steps."""
+        """Observed order of the chosen fixed steps."""
         return 1.0 if self.settings == "default" else INTEGRATORS[self.integrator]
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why these steps cannot close the loops of the problem, or None."""
+        """Return why the chosen steps cannot enforce the closed loops of the problem, or None if they can."""
         return loops_refusal(problem, "lagged" if self.settings == "default" else self.integrator)
 
 
 def loops_refusal(problem: Problem, integrator: str) -> str | None:
-    """Return why these steps cannot close the loops of a problem, or None."""
+    """Return why an integrator, or discrete scheme, cannot enforce the closed loops of a problem, or None if it can.
+
+    ``integrator`` is a key of ``INTEGRATORS``.
+    """
     cuts = spanning_tree(problem.system, problem.initial).cuts
     if integrator in ("sap", "similar", "lagged"):
         to_ground = any(GROUND in (cut.i, cut.j) for cut in cuts)

@@ -1,7 +1,8 @@
-"""Drake's integrators of its continuous plant with error control: accuracy is rtol.
+"""Drake: integrators of its continuous plant with error control, accuracy rtol.
 
 CENIC is the convex integrator for contact of Kurtz and Castro (arXiv:2511.08771). Loops are refused, as in ``drake``.
-With ``settings`` "default" a Simulator is as nobody configured it: third order, steps of at most 0.1 s.
+With ``settings`` "default" the integrator and the largest step are those of an unconfigured Simulator, runge_kutta3
+and 0.1 s; the accuracy is still rtol.
 """
 
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ INTEGRATORS = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "implicit_eu
 @solver("drake_adaptive")
 @dataclass(frozen=True)
 class DrakeAdaptive(Adapter):
-    """Drake's integrators with error control."""
+    """Drake's continuous plant, integrated with error control."""
 
     integrator: str = option("runge_kutta3", "Drake's name of it", choices=INTEGRATORS)
     settings: str = option("ours", "ours: the options above; default: the engine's own", choices=("ours", "default"))
@@ -32,5 +33,5 @@ class DrakeAdaptive(Adapter):
     takes: ClassVar[SupportedElements] = TAKEN
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why this integrator cannot close the loops of the problem, or None."""
+        """Return why the chosen integrator cannot enforce the closed loops of the problem, or None if it can."""
         return loops_refusal(problem, self.integrator)

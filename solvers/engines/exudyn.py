@@ -1,14 +1,18 @@
 """Exudyn: redundant coordinates, implicit integrators, its own compiled loop without range checks.
 
-A body is a node with Euler parameters and their norm as a constraint, a joint is rows of algebraic equations. Most are
-Exudyn's generic joint about its z axis, both joint frames equal at the start, with marker 0 on body j: an incomplete
-set of its rows is then one of ours. It does not know the rate of a drive (1.13.6). Redundant rows are left out, chosen
-by a pivoted QR of them in the frame in which Exudyn states them, or kept: then with Tait-Bryan angles, whose nodes have
-no row of their own, and dense LU that ignores the singular Jacobian, by the rows of index 3 alone. Where the rows in
-use lose rank before all do, the rest of a stretch is discarded and a model on better rows continues from there
-(``export.exudyn_rows``). Its defaults stay: modified Newton, and smaller steps where the iteration fails; such a run
-has no fixed steps any more and ends there. Sensors record poses inside the timed loop. Between stretches it restarts
-from its state, with initial accelerations computed anew. Its explicit integrators take no joints.
+A body is a node with Euler parameters and their norm as a constraint; a joint is a set of algebraic equations. Most
+joints are Exudyn's generic joint about its z axis, both joint frames equal at the start, with marker 0 on body j: a
+subset of its rows is then a subset of this project's rows. The generic joint does not know the rate of a drive
+(1.13.6).
+
+Redundant rows are left out, chosen by a pivoted QR of the rows in the frame in which Exudyn states them, or they are
+kept: then with Tait-Bryan angles, whose nodes have no norm constraint, dense LU that ignores the singular Jacobian, and
+rows of index 3 alone. Where the rows in use lose rank before all rows do, the rest of a stretch is discarded and a
+model on better rows continues from there (``export.exudyn_rows``).
+
+Exudyn's defaults remain: modified Newton, and smaller steps where the iteration fails; a run with smaller steps no
+longer has a fixed step and ends there. Sensors record poses inside the timed loop. Between stretches Exudyn restarts
+from its state and computes initial accelerations anew. Its explicit integrators take no joints.
 """
 
 import contextlib
@@ -47,7 +51,7 @@ SMALLER = "its iteration failed and it took a smaller step than dt"
 SHORT = 32  # least steps of a stretch after rows were chosen anew
 WITHIN = "the rows in use become dependent within a step, and no others hold on both sides of it: reduce dt"
 STEEP = 0.99  # sine of the second angle
-# a four-bar linkage turned against the axes then stops within a step, all its rows satisfied
+# with all rows, a four-bar linkage rotated against the axes stops moving within a step of TrapezoidalIndex2
 KEPT = (
     "TrapezoidalIndex2 holds rows as velocities, and off the constraints the redundant ones are independent and take "
     "freedoms away: set integrator=GeneralizedAlpha or redundant_rows=drop"
@@ -99,13 +103,13 @@ class Exudyn(ClockedSolver):
         return model_refusal(self.name, problem, model.at_start())
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Run Exudyn's own loop with the fixed step ``control.dt``."""
+        """Integrate by Exudyn's own loop with the fixed step ``control.dt`` and return the trajectory."""
         model = Model(self, problem, control)
         return replace(march(problem, control, model.advance, model.states, clock=clock, notes=()), notes=model.notes())
 
 
 class Model:
-    """An assembled Exudyn system at the end of the last stretch, and the handles to read its motion."""
+    """An assembled Exudyn system in its state at the end of the last stretch, with sensors that record its motion."""
 
     def __init__(self, options: Exudyn, problem: Problem, control: StepControl) -> None:
         self._exu, self._options, self._problem = _package(), options, problem
@@ -119,7 +123,7 @@ class Model:
         self._assemble(problem.initial)
 
     def _assemble(self, start: State) -> None:
-        """Assemble Exudyn's system with the rows in use, at ``start``."""
+        """Build and assemble a new Exudyn system in the state ``start`` with the constraint rows in use."""
         system, kept = self._problem.system, self._rows.kept
         self._container = self._exu.SystemContainer()
         self.mbs = mbs = self._container.AddSystem()
@@ -139,7 +143,13 @@ class Model:
         mbs.Assemble()
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """Return r, R, v, Omega body by body after each of the next steps, fewer where the rows in use lose rank."""
+        """Advance by up to ``steps`` of ``dt`` [s]; return r, R, v, Omega body by body after each step.
+
+        A row has 18 numbers per body: r, R by rows, v [space] and Omega [body]. There are fewer rows than ``steps``
+        shortly after the start of another choice of constraint rows, and where the rows in use lose rank; the system is
+        then assembled with others. Raises ``PartialStretch`` with the rows so far where Exudyn fails or takes a smaller
+        step, or no better choice exists.
+        """
         steps = min(steps, self._most)
         began, end = self._time, self._time + steps * dt
         kind, words = getattr(self._exu.DynamicSolverType, self._options.integrator), "its solver failed"
@@ -164,16 +174,18 @@ class Model:
         return rows
 
     def _choose_rows(self, kept: Bool[np.ndarray, " nrows"] | None, rows: Float[np.ndarray, "k n"], dt: float) -> None:
-        """Assemble the system anew with the rows ``kept`` in use, and continue from the last of ``rows``.
+        """Assemble the system anew with the constraint rows ``kept``, in the state of the last of ``rows``.
 
-        The next stretch is short, as it may be lost. Raises ``PartialStretch`` where no rows hold on.
+        ``rows`` are those of ``advance``, ``dt`` [s] apart. The next stretch is short, since it may be discarded.
+        Raises ``PartialStretch`` where ``kept`` is None, where rows were already changed at this time, or where the
+        state cannot be projected onto the constraints.
         """
         system, start = self._problem.system, self.states(rows[-1:])[0] if len(rows) else self._last
         self._time, self._most = self._time + len(rows) * dt, max(SHORT, 2 * len(rows))
         if kept is None or self._time in self._changes:
             raise PartialStretch(Status.DIVERGED, WITHIN, rows)
         self._changes.append(self._time)
-        try:  # norms of Euler parameters drift where they are held as velocities
+        try:  # norms of Euler parameters drift where their constraint acts on velocities
             self._last = project(system, replace(start, R=so3.exp(so3.log(start.R)), t=self._time))
             self._rows = KeptRows(system, self._last, kept)
             self._assemble(self._last)
@@ -187,7 +199,10 @@ class Model:
         return States(r, R.reshape(*R.shape[:2], 3, 3), v, Omega)
 
     def at_start(self) -> EngineModel:
-        """Return the quantities of the model check; Euler parameters p satisfy p . p_ddot = -p_dot . p_dot."""
+        """Return Exudyn's model at the start for the model check, and leave its velocities at zero.
+
+        Euler parameters p satisfy p . p_ddot = -p_dot . p_dot, the rows ``idle``.
+        """
         mbs, start, n = self.mbs, self._problem.initial, 6 if self.full else 7
         solver, settings = self._exu.MainSolverImplicitSecondOrder(), self._settings(0.0, self._problem.t_end, 1)
         solver.InitializeSolver(mbs, settings)
@@ -218,7 +233,7 @@ class Model:
         return EngineModel(T, mass_matrix, rest_forces, kinetic, None, bias, forces, G, idle)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on how joints and forces were modelled."""
+        """Return notes for the run: rows in use and left out, times at which they changed, Exudyn's version."""
         dropped, times = ", ".join(map(str, self._left_out)), ", ".join(f"{t:.4g}" for t in self._changes)
         return (
             f"{int(np.sum(self._rows.kept))} of {self._problem.system.nrows} constraint rows",
@@ -242,7 +257,7 @@ class Model:
         return s
 
     def _body(self, system: MultibodySystem, start: State, b: int) -> Any:
-        """Add a body to Exudyn's system at the state ``start``; return its number."""
+        """Add body ``b`` in the state ``start`` to Exudyn's system; return its number."""
         inertia = self._exu.rigidBodyUtilities.RigidBodyInertia(system.mass[b], system.regular_inertia[b])
         return self.mbs.CreateRigidBody(
             referencePosition=start.r[b],
@@ -255,13 +270,16 @@ class Model:
         )
 
     def _marker(self, body: int, place: np.ndarray, rotation: np.ndarray | None = None) -> Any:
-        """Add a marker on a body, or the ground, at ``place`` with axes ``rotation``; return its number."""
+        """Add a marker on a body, or the ground; return its number.
+
+        ``place`` [m] and the columns of ``rotation`` (None: the identity) are in the frame of the body.
+        """
         number = self._ground if body == GROUND else self.bodies[body]
         frame = self._exu.HT(rotation=np.eye(3) if rotation is None else rotation, translation=place)
         return self.mbs.AddMarker(self._exu.itemInterface.MarkerBodyRigid(bodyNumber=number, localHT=frame))
 
     def _joint(self, system: MultibodySystem, start: State, k: int, rows: Bool[np.ndarray, " n"]) -> None:
-        """Add joint ``k``, held by those of its ``rows`` that are in use."""
+        """Add joint ``k`` with those of its constraint rows that ``rows`` flags."""
         items, i, j = self._exu.itemInterface, int(system.joint_i[k]), int(system.joint_j[k])
         s_i, s_j = system.joint_s_i[k], system.joint_s_j[k]
         if system.joint_kind(k) == JointKind.SPHERICAL:
@@ -292,7 +310,10 @@ class Model:
         self.mbs.AddObject(self._exu.itemInterface.SpringDamper(markerNumbers=markers, **law))
 
     def _torsion(self, system: MultibodySystem, start: State, k: int) -> None:
-        """Add a torsional spring; its angle is that of marker 1 from marker 0, here from the rest angle."""
+        """Add torsional spring ``k``; Exudyn measures its angle from marker 0, placed at the rest angle, to marker 1.
+
+        Raises ValueError for a spring not about the axis of a hinge or cylinder, or wound by whole turns at the start.
+        """
         i, j, (e, b) = int(system.torsion_i[k]), int(system.torsion_j[k]), system.torsion_n[k]
         R, axis, u = np.concatenate((start.R, np.eye(3)[None])), np.cross(e, b), system.torsion_u[k]
         in_i = R[i].T @ R[j] @ axis
@@ -316,7 +337,10 @@ class Model:
         self.mbs.AddObject(self._exu.itemInterface.TorsionalSpringDamper(markerNumbers=markers, **law))
 
     def _disc(self, system: MultibodySystem, k: int, rows: Bool[np.ndarray, " n"]) -> None:
-        """Add rolling disc ``k`` about x of its marker, on the plane x, y of the ground's; ValueError on others."""
+        """Add rolling disc ``k``, which turns about x of its marker and rolls on the plane x, y of the ground's marker.
+
+        Raises ValueError unless it rolls on the ground, about its centre of mass, with all its rows in use.
+        """
         i, j, n, u = int(system.joint_i[k]), int(system.joint_j[k]), system.joint_n[k], system.joint_u[k]
         if j != GROUND or np.any(system.joint_s_i[k]) or not np.all(rows):
             raise ValueError(
@@ -335,7 +359,7 @@ class Model:
         )
 
     def _load(self, system: MultibodySystem, k: int) -> None:
-        """Add a load; where its factor varies, it is called in Python in every evaluation."""
+        """Add load ``k``; a factor that varies with time is computed by a Python call in every evaluation."""
         marker, factor = self._marker(int(system.load_i[k]), system.load_p[k]), system.load_factor[k : k + 1]
         items, follows, now = self._exu.itemInterface, bool(system.load_follows[k]), values(factor, np.zeros(1))[0]
         for kind, vector in (
@@ -368,13 +392,13 @@ def _package() -> ModuleType:
 
 
 def _euler_parameters(p: Float[np.ndarray, " 4"], rate: Float[np.ndarray, " 4"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return G of Omega = G rate for Euler parameters ``p``, and the rest of Omega_dot, which is 0."""
+    """Return G of Omega = G rate for Euler parameters ``p``, and G_dot rate (zero), the rest of Omega_dot."""
     a, b, c, d = p
     return 2.0 * np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]]), np.zeros(3)
 
 
 def _tait_bryan(angles: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return G of Omega = G rate for R = R_x R_y R_z, and the rest of Omega_dot, G_dot rate."""
+    """Return G of Omega = G rate for R = R_x R_y R_z of ``angles`` [rad], and G_dot rate, the rest of Omega_dot."""
     (sb, cb), (sc, cc) = ((np.sin(x), np.cos(x)) for x in angles[1:])
     _, b, c = rate
     G = np.array([[cb * cc, sc, 0.0], [-cb * sc, cc, 0.0], [sb, 0.0, 1.0]])

@@ -1,18 +1,20 @@
 """MuJoCo: joint coordinates of a tree, cut joints as soft equality constraints, its own compiled loop.
 
-A tree of ``export.tree``: hinge, slide, ball and free joints. A point of a cut joint is a ``connect`` constraint.
-MuJoCo's constraints are soft: a row follows
+The tree is that of ``export.tree``: hinge, slide, ball and free joints. Each point of a cut joint is a ``connect``
+constraint. MuJoCo's constraints are soft: a row with gap r, velocity v and acceleration a follows
 
     a + d (b v + k r) = (1 - d) a_0,   d = impedance,  b = 2/(d T),  k = 1/(d T)^2,  T = time_constant dt
 
-with a_0 its acceleration without the constraint: a gap of about (1 - d) a_0 T^2 stays, so that with T = 2 dt errors
+with a_0 its acceleration without the constraint. A gap of about (1 - d) a_0 T^2 remains, so that with T = 2 dt errors
 fall with dt^2 whatever the integrator. Trees have no such rows, and their motion has the order of the integrator.
 Contacts and automatic resets are off; constant loads are actuators, springs are tendons, torsional springs about a
 hinge are those of its joint.
-With ``settings`` "default" integrator, solref, solimp and constraint solver are those that MuJoCo ships; only the step
-is ours (its own is 0.002 s). Its treatment of free bodies has no option: implicitfast, implicit and discrete take their
-gyroscopic terms implicitly, Euler does not. With ``settings`` "file" integrator, solref and solimp are those of the
-MJCF file that the problem was read from: at its timestep, what its author runs; a note names another step.
+
+With ``settings`` "default" the integrator, the constraint solver, solref and solimp are MuJoCo's defaults; only the
+step is that of the run (MuJoCo's own is 0.002 s). Its treatment of free bodies has no option: implicitfast, implicit
+and discrete treat their gyroscopic terms implicitly, Euler does not. With ``settings`` "file" the integrator, the
+constraint solver, solref and solimp are those of the MJCF file from which the problem was read; at the file's timestep
+this is what its author runs, and a note names any other step.
 """
 
 import contextlib
@@ -61,7 +63,7 @@ WRONG_IF_SPARSE = "4.0.0"  # factors its Hessian wrongly: google-deepmind/mujoco
 @solver("mujoco")
 @dataclass(frozen=True)
 class MuJoCo(ClockedSolver):
-    """MuJoCo's integrators on its own tree with soft loop constraints."""
+    """MuJoCo's integrators in joint coordinates, with soft constraints at cut joints."""
 
     integrator: str = option("RK4", "MuJoCo's name of it; Euler is semi-implicit", choices=tuple(INTEGRATORS))
     constraint_solver: str = option("Newton", "solver of the soft constraints", choices=CONSTRAINT_SOLVERS)
@@ -87,7 +89,7 @@ class MuJoCo(ClockedSolver):
 
     @property
     def order(self) -> float:
-        """Order of its steps without loops, at most 2 with loops; NaN with settings of a file."""
+        """Order of the integrator, which loops reduce to at most 2; NaN with the settings of a file."""
         if self.settings == "file":
             return math.nan
         return INTEGRATORS[self.integrator if self.settings == "ours" else "Euler"]
@@ -107,7 +109,7 @@ class MuJoCo(ClockedSolver):
         return model_refusal(self.name, problem, model.at_start())
 
     def _describe_ignored(self) -> str | None:
-        """Return which options the chosen settings would override, or None."""
+        """Return a refusal that names the options which the chosen ``settings`` override, or None."""
         own = [f for f in fields(self) if f.name != "settings"]
         ignored = [f.name for f in own if self.settings != "ours" and getattr(self, f.name) != f.default]
         if not ignored:
@@ -116,16 +118,16 @@ class MuJoCo(ClockedSolver):
         return f"settings={self.settings} takes {', '.join(ignored)} from {whose}: leave {', '.join(ignored)} out"
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Run MuJoCo's own loop (``rollout``) with the fixed step ``control.dt``."""
+        """Integrate by MuJoCo's own loop (``rollout``) with the fixed step ``control.dt``; return the trajectory."""
         model = Model(self, problem, control)
         return march(problem, control, model.advance, model.states, clock=clock, notes=model.notes())
 
 
 class Model:
-    """A compiled model, and its state at the last step made."""
+    """A compiled MuJoCo model and its state after the last step."""
 
     def __init__(self, options: MuJoCo, problem: Problem, control: StepControl) -> None:
-        assert control.dt is not None  # the catalogue has seen to it
+        assert control.dt is not None  # checked by the catalogue
         self.mj = package("mujoco", "rollout")
         self.problem, self.tree = problem, spanning_tree(problem.system, problem.initial)
         self.model = _spec(self.mj, options, problem, self.tree, control.dt).compile()
@@ -140,7 +142,10 @@ class Model:
         self.data.qpos[:], self.data.qvel[:] = self.tree.start, self.tree.start_velocity
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """Return (time, qpos, qvel) after each of the next steps; from a warning on ``rollout`` repeats a state."""
+        """Advance by ``steps`` of ``dt`` [s]; return (time, qpos, qvel) after each step.
+
+        Raises ``PartialStretch`` with the rows before a warning of MuJoCo, after which ``rollout`` repeats a state.
+        """
         mj, self.model.opt.timestep = self.mj, dt
         kind = mj.mjtState.mjSTATE_FULLPHYSICS
         first = np.empty(mj.mj_stateSize(self.model, kind))
@@ -160,7 +165,7 @@ class Model:
         return self.tree.states(rows[:, 1 : 1 + nq], rows[:, 1 + nq : 1 + nq + self.model.nv])
 
     def at_start(self) -> EngineModel:
-        """Return the quantities of the model check."""
+        """Return MuJoCo's model at the start for the model check; ``data`` is evaluated there."""
         mj, m, d, problem = self.mj, self.model, self.data, self.problem
         mj.mj_forward(m, d)
         mj.mj_energyPos(m, d)
@@ -174,7 +179,7 @@ class Model:
             rows[:] = d.efc_J[: rows.size].reshape(rows.shape)
         G = np.zeros((m.neq, 3, m.nv))
         for cut in np.unique(d.efc_id):
-            G[cut] = rows[d.efc_id == cut]  # a cut whose rows vanish, as of a joint declared twice, is left out of them
+            G[cut] = rows[d.efc_id == cut]  # MuJoCo leaves out a cut whose rows vanish, as of a joint declared twice
         G = G.reshape(-1, m.nv)
         potential, kinetic = map(float, d.energy)
         still = mj.MjData(m)
@@ -184,7 +189,7 @@ class Model:
         return EngineModel(T, mass_matrix, still.qfrc_smooth, kinetic, potential, bias, d.qfrc_smooth, G)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on how joints and forces were modelled."""
+        """Return notes for the run: tree and cut joints, integrator, a timestep other than the file's, version."""
         cuts = len(self.tree.cuts)
         limbs = f"{len(self.tree.limbs)} bodies as a tree of {self.model.nv} velocities"
         held = f"{limbs}; {cuts} points of cut joints held by soft constraints" if cuts else limbs
@@ -196,7 +201,7 @@ class Model:
 
 
 def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: float) -> Any:
-    """Return MuJoCo's description of the problem, not compiled, with the options' settings."""
+    """Return the problem as an uncompiled ``MjSpec`` with steps of ``dt`` [s] and the settings of the options."""
     from .inside import mjcf  # it imports MuJoCo
 
     system, start = problem.system, problem.initial
@@ -250,14 +255,14 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
 
 
 def _file_of(problem: Problem) -> Any:
-    """Return MuJoCo's compiled model of the file that the problem was read from, or None."""
+    """Return MuJoCo's compiled model of the MJCF file from which the problem was read, or None if there is none."""
     entry = registry.problems().get(problem.name)
     made_by_file = getattr(getattr(entry, "make", None), "__self__", None)
     return made_by_file.model if isinstance(made_by_file, CompiledMechanism) else None
 
 
 def _not_as_in_file(problem: Problem) -> str | None:
-    """Return why the settings of a file cannot be taken, or None."""
+    """Return why ``settings`` "file" cannot be used for the problem, or None."""
     given = _file_of(problem)
     if given is None:
         return "settings=file: the problem was not read from an MJCF file"

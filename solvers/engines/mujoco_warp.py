@@ -1,8 +1,8 @@
-"""MuJoCo Warp on a CPU: MuJoCo's model in single precision, stepped by a loop in Python.
+"""MuJoCo Warp: MuJoCo's model in single precision on a CPU, stepped by a loop in Python.
 
-The tree and the soft constraints are those of ``mujoco``. Forces of its accelerations without constraints, and its rows
-of loops, are ours to the roundings of single precision (``export.model_check``).
-On a CPU a step takes a hundred launches of kernels: its times say nothing about its intended hardware.
+The tree and the soft constraints are those of ``mujoco``. The model check compares the forces of its unconstrained
+accelerations, and its rows of loops, to the rounding of single precision (``export.model_check``). On a CPU a step
+launches about a hundred kernels: its times say nothing about its intended hardware.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ INTEGRATORS = {"RK4": 4.0, "Euler": 1.0, "implicitfast": 1.0}
 @solver("mujoco_warp")
 @dataclass(frozen=True)
 class MuJoCoWarp(Adapter):
-    """MuJoCo Warp on a CPU."""
+    """MuJoCo Warp's integrators on a CPU."""
 
     integrator: str = option("RK4", "MuJoCo's name of it", choices=tuple(INTEGRATORS))
     time_constant: float = option(2.0, "time constant of the soft constraints, in steps", at_least=2.0)
@@ -38,5 +38,5 @@ class MuJoCoWarp(Adapter):
 
     @property
     def order(self) -> float:
-        """Order of its steps, as long as single precision does not show."""
+        """Order of the integrator, observed where the rounding of single precision is negligible."""
         return INTEGRATORS[self.integrator if self.settings == "ours" else "Euler"]

@@ -1,11 +1,13 @@
-"""Newton (NVIDIA, Google DeepMind, Disney): its solvers on a CPU, in single precision, stepped by a loop in Python.
+"""Newton: the engine of NVIDIA, Google DeepMind and Disney on a CPU, in single precision, stepped by a loop in Python.
 
 ``Featherstone`` has joint coordinates and semi-implicit Euler steps; ``MuJoCo`` is MuJoCo Warp under Newton's model;
-``XPBD`` and ``Kamino`` have six coordinates a body, and find joint forces by iteration: gaps of joints are theirs.
-Points of cut joints are ball joints outside of the tree, which Featherstone does not know. Joint armature is zero.
-Accelerations of Featherstone and Kamino are compared (``export.stepping``). XPBD has none: it moves bodies and takes
-velocities from that: what is compared is the model that it is given, by MuJoCo's forces (``export.model_check``).
-With ``settings`` "default" all else is as the solver ships: Featherstone's angular_damping 0.05 for one.
+``XPBD`` and ``Kamino`` have six coordinates per body and find joint forces by iteration, so that their joints show
+gaps. Points of cut joints are ball joints outside the tree, which Featherstone ignores. Joint armature is zero.
+
+The model check compares accelerations of Featherstone and Kamino (``export.stepping``). XPBD computes none: it moves
+bodies and derives velocities from that. For XPBD and MuJoCo it compares Newton's model by MuJoCo's forces
+(``export.model_check``). With ``settings`` "default" all else is as the solver ships, for example Featherstone's
+angular_damping of 0.05.
 """
 
 from dataclasses import dataclass, replace
@@ -61,20 +63,24 @@ class Newton(Stepped):
 
     @property
     def order(self) -> float:
-        """Order of its steps, as long as single precision does not show."""
+        """Order of the integrator, observed where the rounding of single precision is negligible."""
         return 4.0 if (self.solver, self.integrator, self.settings) == ("MuJoCo", "rk4", "ours") else 1.0
 
     def compare_model(self, problem: Problem, control: StepControl) -> str | None:
-        """Return how the solver's accelerations, or those of the model that it is given, differ from ours, or None."""
+        """Return the refusal of a model that differs from this project's equations, or None if they agree.
+
+        Featherstone and Kamino are compared by the accelerations of their steps, MuJoCo and XPBD by the forces of
+        Newton's model.
+        """
         of_steps = self.solver in ("Featherstone", "Kamino")
         return super().compare_model(problem, control) if of_steps else Adapter.compare_model(self, problem, control)
 
     def stiffest(self) -> "Newton":
-        """Return the same model without the damping of a default, its iterations many."""
+        """Return this solver for the model check: without damping or stabilisation, Kamino with ``MANY`` iterations."""
         return replace(self, settings="ours", max_iterations=MANY, alpha=0.0)
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why Featherstone cannot take a problem with loops, or None."""
+        """Return why Featherstone cannot solve a problem with closed loops, or None."""
         if self.solver == "Featherstone" and spanning_tree(problem.system, problem.initial).cuts:
             return "the system has loops, and Newton's Featherstone ignores them: use solver=MuJoCo, XPBD or Kamino"
         return None

@@ -1,8 +1,9 @@
-"""OpenSim: Simbody's joint coordinates and integrators with error control, in an environment of its own.
+"""OpenSim: Simbody's joint coordinates and integrators with error control, in a separate environment.
 
-Accuracy is rtol: Simbody estimates the error of each coordinate, weighted, and projects steps onto the loops, which are
-point constraints, where these are off by ``constraint_tolerance``; so are distances and points on lines. Drives
-prescribe coordinates. With ``settings`` "default" accuracy is that of a Manager that nobody configured.
+Accuracy is rtol: Simbody estimates the weighted error of each coordinate. Loops are point constraints; distances and
+points on lines are constraints, too; a step is projected onto them where they are violated by more than
+``constraint_tolerance``. Drives prescribe coordinates. With ``settings`` "default" the accuracy is that of an
+unconfigured Manager.
 """
 
 from dataclasses import dataclass

@@ -1,13 +1,13 @@
-"""Pinocchio: joint coordinates of a tree, cut joints as rigid constraints, stepped by a loop of ours.
+"""Pinocchio: joint coordinates of a tree, cut joints as rigid constraints, stepped by a loop in this file.
 
 Pinocchio computes accelerations and has no integrator: ``aba`` for trees, ``constraintDynamics`` (proximal, redundant
-rows allowed) with a ``CONTACT_3D`` per point of a cut joint. The loop is written here in Python, and its overhead is in
-the CPU time. ``RKMK4`` is the classical Runge-Kutta scheme in local coordinates theta of the step, q = q_0 + theta::
+rows allowed) with a ``CONTACT_3D`` per point of a cut joint. The loop is in Python, and its overhead is part of the CPU
+time. ``RKMK4`` is the classical Runge-Kutta scheme in local coordinates theta of the step, q = q_0 + theta::
 
     theta' = v + theta x v/2 + theta x (theta x v)/12  (of ball joints, order 4),   v' = acceleration(q, v)
 
 ``Euler`` is v_1 = v_0 + h a, q_1 = q_0 + h v_1, as in most scripts. Constraints hold through accelerations alone unless
-``gain`` turns Pinocchio's corrector on, K_d = 2 gain, K_p = gain^2. It has no springs.
+``gain`` turns Pinocchio's corrector on, K_d = 2 gain, K_p = gain^2. Pinocchio has no springs.
 """
 
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ STRETCH = 1_000  # steps times bodies between two readings of the clock
 @solver("pinocchio")
 @dataclass(frozen=True)
 class Pinocchio(ClockedSolver):
-    """Pinocchio's accelerations in a Runge-Kutta loop of ours."""
+    """Pinocchio's accelerations, integrated by a Runge-Kutta or semi-implicit Euler loop in Python."""
 
     integrator: str = option("RKMK4", "the loop's; Euler is semi-implicit", choices=tuple(INTEGRATORS))
     gain: float = option(0.0, "gain of the constraint corrector, as Baumgarte's alpha = beta", "1/s", at_least=0.0)
@@ -68,7 +68,7 @@ class Pinocchio(ClockedSolver):
 
     @property
     def order(self) -> float:
-        """Order of the time loop."""
+        """Order of the integrator."""
         return INTEGRATORS[self.integrator]
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
@@ -81,13 +81,13 @@ class Pinocchio(ClockedSolver):
             return str(error)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Run the loop with the fixed step ``control.dt``."""
+        """Integrate by the loop in Python with the fixed step ``control.dt`` and return the trajectory."""
         model = Model(self, problem, control)
         return march(problem, control, model.advance, model.states, clock=clock, notes=model.notes(), stretch=STRETCH)
 
 
 class Model:
-    """A model, and its state at the last step made."""
+    """A Pinocchio model with its cut joints, and its state (q, u) after the last step."""
 
     def __init__(self, options: Pinocchio, problem: Problem, control: StepControl) -> None:
         self.pin, self.problem, self._options = (pin := package("pinocchio")), problem, options
@@ -116,7 +116,7 @@ class Model:
         self.q, self.u = self._theirs(tree.start), tree.start_velocity.copy()
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """Return (q, u) after each of the next steps."""
+        """Advance by ``steps`` of ``dt`` [s]; return (q, u) after each step, in Pinocchio's coordinates."""
         step = self._rkmk4 if self._options.integrator == "RKMK4" else self._euler
         rows = np.empty((steps, self.model.nq + self.model.nv))
         for k in range(steps):
@@ -130,7 +130,7 @@ class Model:
         return self.tree.states(self._ours(rows[:, :nq]), rows[:, nq:])
 
     def at_start(self) -> EngineModel:
-        """Return the quantities of the model check."""
+        """Return Pinocchio's model for the model check, at its present state, which has to be the start."""
         pin, m, d, q, u = self.pin, self.model, self.model.createData(), self.q, self.u
         upper = np.triu(pin.crba(m, d, q))
         mass_matrix = upper + np.triu(upper, 1).T
@@ -146,13 +146,13 @@ class Model:
         return EngineModel(T, mass_matrix, rest_forces, kinetic, potential, bias, forces, G)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on how joints and forces were modelled."""
+        """Return notes for the run: tree and cut joints, the loop in Python, Pinocchio's version."""
         cuts = f"; {len(self.cuts)} points of cut joints held rigidly" if len(self.cuts) else ""
         limbs = f"{len(self.tree.limbs)} bodies as a tree of {self.model.nv} velocities{cuts}"
         return limbs, f"own loop {self._options.integrator} in Python, its overhead counted", describe_engine("pin")
 
     def _acceleration(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return Pinocchio's accelerations at q and u, with its constraints where loops are cut."""
+        """Return Pinocchio's accelerations u_dot at q and u, constrained at cut joints if there are any."""
         if not len(self.cuts):
             return self.pin.aba(self.model, self.data, q, u, self._no_torque)
         return self.pin.constraintDynamics(
@@ -176,7 +176,7 @@ class Model:
         return self.pin.integrate(self.model, q, h * u), u
 
     def _local_rate(self, theta: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return theta' to the order of the scheme."""
+        """Return theta', the rate of the local coordinates at velocities ``u``, to the order of the scheme."""
         out = u.copy()
         if len(self._turning):
             a, w = theta[self._turning], u[self._turning]
@@ -185,14 +185,14 @@ class Model:
         return out
 
     def _theirs(self, q: np.ndarray) -> np.ndarray:
-        """Return coordinates with quaternions as Pinocchio has them, (x, y, z, w)."""
+        """Return coordinates (nq,) of the tree with quaternions in Pinocchio's order, (x, y, z, w)."""
         out = q.copy()
         for at in self._quaternions:
             out[at : at + 4] = np.roll(q[at : at + 4], -1)
         return out
 
     def _ours(self, q: Float[np.ndarray, "k nq"]) -> Float[np.ndarray, "k nq"]:
-        """Return coordinates with quaternions as the tree has them, (w, x, y, z), at each time."""
+        """Return Pinocchio's coordinates (k, nq) with quaternions in the tree's order, (w, x, y, z)."""
         out = q.copy()
         for at in self._quaternions:
             out[:, at : at + 4] = np.roll(q[:, at : at + 4], 1, axis=1)
@@ -200,7 +200,10 @@ class Model:
 
 
 def _tree(pin: ModuleType, problem: Problem, tree: Tree) -> tuple[Any, dict[int, int], dict[int, Any]]:
-    """Return Pinocchio's model, its coordinates in the tree's order, and each body's joint and place there."""
+    """Return Pinocchio's model, with coordinates in the tree's order, and joint and placement of each body.
+
+    Both are by body: the number of the joint that carries it, and its placement (SE3) in that joint's frame.
+    """
     system, model = problem.system, pin.Model()
     model.gravity.linear = np.array(system.gravity)
     joint, at, zero = {GROUND: 0}, {GROUND: pin.SE3.Identity()}, pin.SE3.Identity()
@@ -224,5 +227,5 @@ def _tree(pin: ModuleType, problem: Problem, tree: Tree) -> tuple[Any, dict[int,
 
 
 def _cross(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return a x b; numpy's own takes four times as long on a few rows."""
+    """Return a x b of each row; ``np.cross`` takes four times as long on a few rows."""
     return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]

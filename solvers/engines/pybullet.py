@@ -1,8 +1,8 @@
-"""PyBullet: Bullet's multibody in joint coordinates, semi-implicit Euler, stepped one by one.
+"""PyBullet: Bullet's multibody in joint coordinates, semi-implicit Euler, stepped by a loop in Python.
 
-A tree of ``export.tree``; points of cut joints are point-to-point constraints, solved by impulses. The motors that
-every joint has at first are off. With ``settings`` "default" the damping of 0.04 that every body has, the limit of
-100 rad/s of a joint, and the iterations are as PyBullet ships them.
+The tree is that of ``export.tree``; points of cut joints are point-to-point constraints, solved by impulses. The motors
+that PyBullet adds to every joint are switched off. With ``settings`` "default" the damping of 0.04 of every body, the
+limit of 100 rad/s of a joint, erp and the iterations are as PyBullet ships them.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from .export.tree import DRIVES
 @solver("pybullet")
 @dataclass(frozen=True)
 class PyBullet(Adapter):
-    """Bullet's multibody."""
+    """Bullet's semi-implicit Euler steps of fixed size."""
 
     num_solver_iterations: int = option(1000, "numSolverIterations; 50 is its own", at_least=1)
     erp: float = option(0.2, "erp of point-to-point constraints; 0.2 is its own", at_least=0.0, at_most=1.0)

@@ -1,4 +1,4 @@
-"""Elements evaluated in batches and added into one vector: one loop of machine code a kind gathers and scatters.
+"""Elements evaluated in batches and summed into one vector: one compiled loop for each kind gathers and scatters.
 
 The code of a kind serves any number of bodies and joints (``generated.Loop``), so mechanisms share it. An ``Assembly``
 owns the arrays that it reads and writes: one instance serves one run at a time.
@@ -22,7 +22,7 @@ from .symbolic import ELEMENTS, Element
 
 @dataclass(frozen=True)
 class Batch:
-    """An ``element`` for m parts: parameters, indices of inputs z and w, and places of outputs (-1: nowhere)."""
+    """An ``element`` for m parts: their parameters, indices of inputs z and w, and indices of outputs (-1: dropped)."""
 
     element: Element
     parameters: Float[np.ndarray, "m n_parameters"]
@@ -32,7 +32,7 @@ class Batch:
 
 
 class Assembly:
-    """The assembled out(y, w) = sum over elements, with the nonzeros of its derivatives."""
+    """The sum of the outputs of all elements, out(y, w), and the nonzeros of its derivatives by y and w."""
 
     def __init__(self, layout: Layout, batches: Sequence[Batch], n_out: int, *, differentiable: bool) -> None:
         self._batches = [b for b in batches if len(b.z)]
@@ -49,7 +49,7 @@ class Assembly:
     def values(
         self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float = 0.0
     ) -> Float[np.ndarray, " n_out"]:
-        """Return a copy of the assembled outputs at unknowns ``y``, accelerations ``w`` and time ``t`` [s]."""
+        """Evaluate the outputs at unknowns ``y``, accelerations ``w`` and time ``t`` [s], and return a copy of them."""
         self.read(y, w, t)
         self.evaluate.run()
         return self.out[:-1].copy()
@@ -62,22 +62,22 @@ class Assembly:
     ) -> Program:
         """Return a program that adds ``weight`` times the derivative of each entry to ``data[place]``.
 
-        The derivative is d out[``row``] / d (w if ``of_w`` else y)[``column``]. The last of ``data`` is spare: entries
-        of place -1 go there, as must those whose row or column is -1 (constants and dropped outputs). The program works
-        on the values given to ``read``.
+        The derivative is d out[``row``] / d (w if ``of_w`` else y)[``column``]. The last element of ``data`` is a
+        dummy: entries with ``place`` -1 are added there. Entries whose row or column is -1 (constants and dropped
+        outputs) must have ``place`` -1. The program evaluates the derivatives at the values set by ``read``.
         """
         return self._program("derivatives", data, place, weight)
 
     def read(self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float) -> None:
-        """Set the unknowns ``y``, accelerations ``w`` and the time for the programs to work on."""
+        """Set the unknowns ``y``, accelerations ``w`` and time ``t`` [s] at which the programs evaluate."""
         self.y[:], self.w[:], self.t[0] = y, w, t
 
     def _program(self, name: str, target: np.ndarray, place: np.ndarray, weight: np.ndarray | None = None) -> Program:
-        """Return a program that runs the function ``name`` of every batch on the inputs read last.
+        """Return a program that runs the function ``name`` of every batch at the inputs set by ``read``.
 
-        ``name`` is "values" or "derivatives". Results are added to ``target[place]``, or to its last, spare slot where
-        ``place`` is -1. Without ``weight`` the target is set to zero first; with it, each result is multiplied by its
-        weight.
+        ``name`` is "values" or "derivatives". Results are added to ``target[place]``, or to its last element, a dummy,
+        where ``place`` is -1. Without ``weight`` the target is set to zero first; with it, each result is multiplied by
+        its weight.
         """
         place, start = np.where(place < 0, len(target) - 1, place), 0
         steps = [set_to_zero(target)] if weight is None else []
@@ -94,7 +94,7 @@ class Assembly:
 
 
 class _Compiled(NamedTuple):
-    """The code of one kind, with the number of outputs of an element and the sparsity of its derivatives."""
+    """The code of one kind of element, the number of results of each function, and the sparsity of the derivatives."""
 
     code: Code
     sizes: dict[str, int]
@@ -106,7 +106,8 @@ class _Compiled(NamedTuple):
 def _compile_element(e: Element, *, derivative: bool) -> _Compiled:
     """Compile the loops over all parts of one kind of element.
 
-    "values" adds the outputs; "derivatives", if asked for, adds the weighted nonzeros of their derivatives by (z, w).
+    Function "values" adds the outputs; "derivatives", if ``derivative``, adds the weighted nonzeros of d out / d (z,
+    w).
     """
     out = ca.vertcat(*e.outputs.values())
     loops = {"values": Loop(rows=[e.parameters], gathered=[e.z, e.w], added=[out])}
@@ -121,9 +122,9 @@ def _compile_element(e: Element, *, derivative: bool) -> _Compiled:
 
 
 def _entries(batches: Sequence[Batch], sparsities: Sequence[ca.Sparsity]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return row, column and ``of_w`` flag of every nonzero derivative of the batches, part by part.
+    """Return the row, column and ``of_w`` flag of every nonzero derivative of the batches, part by part.
 
-    The row is an output of the assembly, the column an unknown in y, or an acceleration in w where the flag is set.
+    The row is an output of the assembly; the column is an unknown in y, or an acceleration in w where the flag is set.
     """
     rows, columns, of_w = [], [], []
     for b, s in zip(batches, sparsities, strict=True):
@@ -137,5 +138,5 @@ def _entries(batches: Sequence[Batch], sparsities: Sequence[ca.Sparsity]) -> tup
 
 
 def _concatenate(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    """Return all entries of the arrays, row by row, as one vector; of no arrays, an empty vector of integers."""
+    """Return all entries of the arrays, row by row, as one vector; without arrays, an empty vector of integers."""
     return np.concatenate([np.ascontiguousarray(a).ravel() for a in arrays]) if arrays else np.zeros(0, dtype=np.int64)

@@ -51,7 +51,7 @@ class Chart(ABC):
         return ca.SX.zeros(self.size)
 
     def rotation_rates(self, p: Float[np.ndarray, "*batch size"]) -> Float[np.ndarray, "*batch 3 3"]:
-        """Return the matrix T of Omega = T u_rot, u_rot the last three velocities; the identity where u is V itself."""
+        """Return the matrix T of Omega = T u_rot, with u_rot the last three velocities; the identity where u = V."""
         return np.broadcast_to(np.eye(3), (*p.shape[:-1], 3, 3))
 
     @property
@@ -72,10 +72,13 @@ class Chart(ABC):
 
     @abstractmethod
     def margin(self, p: Float[np.ndarray, "nt nb size"]) -> Float[np.ndarray, " nt"]:
-        """Return how far the bodies are from the chart's singularity, the least over them: 1 far from it, 0 on it."""
+        """Return the distance of each time's poses from the chart's singularity: about 1 far from it, 0 on it.
+
+        It is the least value over all bodies.
+        """
 
     def refusal(self, system: NamedSystem, state: State) -> str | None:
-        """Return why the chart cannot represent ``state``, or None."""
+        """Return why the chart cannot represent ``state``, naming a body of ``system``; None if it can."""
         return None
 
 
@@ -120,7 +123,10 @@ class Euler313(Chart):
         return np.zeros(6)
 
     def coordinates(self, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Return p = (r, phi, theta, psi) and u = p_dot of all bodies; divides by sin(theta), see ``refusal``."""
+        """Return p = (r, phi, theta, psi) and u = p_dot of all bodies.
+
+        It divides by sin(theta); ``refusal`` excludes starts at which that vanishes.
+        """
         R = state.R
         theta = np.arctan2(np.hypot(R[:, 0, 2], R[:, 1, 2]), R[:, 2, 2])
         phi, psi = np.arctan2(R[:, 0, 2], -R[:, 1, 2]), np.arctan2(R[:, 2, 0], R[:, 2, 1])
@@ -141,7 +147,10 @@ class Euler313(Chart):
         return np.min(np.abs(np.sin(p[..., 4])), axis=-1)
 
     def refusal(self, system: NamedSystem, state: State) -> str | None:
-        """Return a refusal where a body starts at sin(theta) = 0, on which the angles are not unique, else None."""
+        """Return a refusal if a body starts at |sin(theta)| below ``SINGULAR_CHART``, else None.
+
+        Angles are not unique where sin(theta) = 0.
+        """
         sine = np.hypot(state.R[:, 0, 2], state.R[:, 1, 2])
         if np.min(sine) >= SINGULAR_CHART:
             return None

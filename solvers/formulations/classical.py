@@ -19,7 +19,7 @@ from .tracing import refuse_without_expression
 
 @dataclass(frozen=True)
 class SymbolicOptions(ClockedSolver):
-    """Coordinates, and the treatment of redundant rows."""
+    """Options of the solvers on symbolic elements: the chart of rotations and the treatment of redundant rows."""
 
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
@@ -35,8 +35,8 @@ class SymbolicOptions(ClockedSolver):
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why this solver cannot solve the problem, or None.
 
-        Causes: no ``rtol``, redundant constraint rows where these are to be refused, a start at the chart's
-        singularity, a user force that cannot be differentiated symbolically.
+        Reasons: no ``rtol``, redundant constraint rows with redundancy=refuse, a start at the chart's singularity, or a
+        user force that cannot be differentiated symbolically.
         """
         if control.rtol is None:
             return f"error control needs rtol; a fixed step was given (dt={control.dt:g})"
@@ -50,7 +50,7 @@ class SymbolicOptions(ClockedSolver):
 
 @dataclass(frozen=True)
 class ImplicitOptions(SymbolicOptions):
-    """Options for the Jacobian of F(t, y, y') = 0."""
+    """Options of the solvers of F(t, y, y') = 0: how its Jacobian is computed."""
 
     jacobian: str = option(
         "exact",
@@ -61,14 +61,15 @@ class ImplicitOptions(SymbolicOptions):
     def implicit(self, layout: Layout, form: str, alpha: float, beta: float) -> ImplicitForm:
         """Return the residual F(t, y, y') of ``form``, a name of ``ImplicitForm``.
 
-        Its Jacobian is exact or by differences, as the option ``jacobian`` says.
+        Its Jacobian is exact or by differences, as the option ``jacobian`` says; ``alpha`` and ``beta`` [1/s] are
+        Baumgarte's.
         """
         return (ImplicitForm if self.jacobian == "exact" else DifferencedForm)(layout, form, alpha, beta)
 
 
 @dataclass(frozen=True)
 class BaumgarteOptions(ImplicitOptions):
-    """Options of Eq. (94), and whether multipliers are in the error test; the paper gives no alpha, beta."""
+    """Options of Eq. (94), of its start, and of the error test; the paper states no alpha and beta."""
 
     alpha: float = option(5.0, "Baumgarte: 2 alpha phi_dot", "1/s", at_least=0.0)
     beta: float = option(5.0, "Baumgarte: beta^2 phi", "1/s", at_least=0.0)
@@ -78,7 +79,7 @@ class BaumgarteOptions(ImplicitOptions):
     def start(self, layout: Layout, problem: Problem) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Return (y, y') at the problem's initial state: accelerations and multipliers consistent, or lam = 0.
 
-        A state later than t = 0, where the integrator starts again on other constraint rows, is always made consistent.
+        A state later than t = 0, where the integrator restarts on other constraint rows, is always made consistent.
         """
         y, t = coordinates_and_velocities(layout, problem), problem.initial.t
         if self.consistent_start or t > 0.0:

@@ -29,9 +29,10 @@ from .system_elements import equations_of_motion
 
 
 class ImplicitForm:
-    """F and its Jacobian; ``form`` as above. Holds buffers: one instance a run.
+    """F(t, y, y') and its Jacobian; ``form`` is "fi", "se", "position", "velocity" or "both" (see the module).
 
-    ``evaluate`` computes ``F`` from ``y``, ``y_dot`` and ``t``, arrays that machine code may fill.
+    ``evaluate`` is a program that computes ``F`` from ``y``, ``y_dot`` and ``t``, arrays that machine code may fill.
+    The instance owns these arrays: use one instance for each run.
     """
 
     def __init__(self, layout: Layout, form: str, alpha: float, beta: float) -> None:
@@ -53,7 +54,7 @@ class ImplicitForm:
 
     @property
     def pattern(self) -> FixedPattern:
-        """Places of the nonzeros of dF/dy and of dF/dy' in one sparsity pattern for both, column by column."""
+        """Sparsity pattern, column by column, that dF/dy and dF/dy' share."""
         return self._parts.pattern
 
     @property
@@ -64,7 +65,7 @@ class ImplicitForm:
     def residual(
         self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
     ) -> Float[np.ndarray, " n"]:
-        """Return F(t, y, y'); t occurs where drives or loads are functions of it."""
+        """Evaluate F(t, y, y') and return a copy of it; t matters where drives or loads are functions of time."""
         self.y[:], self.y_dot[:], self.t[0] = y, y_dot, t
         self.evaluate.run()
         return self.F.copy()
@@ -72,14 +73,14 @@ class ImplicitForm:
     def jacobian(
         self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
     ) -> tuple[Float[np.ndarray, " nnz"], Float[np.ndarray, " nnz"]]:
-        """Return (dF/dy, dF/dy') as nonzeros of ``pattern``, in arrays that the next call changes."""
+        """Return the nonzeros of (dF/dy, dF/dy') in ``pattern``, in arrays that the next call overwrites."""
         self.y[:], self.y_dot[:], self.t[0] = y, y_dot, t
         self._differentiate.run()
         return self._parts.of_y, self._parts.of_y_dot
 
 
 class _Direct:
-    """Jacobian of all forms but se: the elements' own derivatives, signs and places."""
+    """The Jacobian of every form except "se": derivatives of the elements, with their signs and positions."""
 
     def __init__(self, layout: Layout, motion: Assembly) -> None:
         row, column = motion.row, motion.column
@@ -89,7 +90,10 @@ class _Direct:
         self.steps = [self._reset, self._add.step]
 
     def _set_pattern(self, layout: Layout, motion: Assembly, used: np.ndarray, more: np.ndarray) -> None:
-        """Set the pattern of the ``used`` entries of ``motion``, of ``more`` (row, column) in dF/dy, and of p'."""
+        """Set the sparsity pattern and the position of each entry in it.
+
+        Entries are the ``used`` ones of ``motion``, ``more`` (row, column) in dF/dy, and the diagonal of p' in dF/dy'.
+        """
         row, column, of_w, every = motion.row[used], motion.column[used], motion.of_w[used], np.arange(layout.n_p)
         self.pattern = FixedPattern(
             np.concatenate((row, more[:, 0], every)),
@@ -106,10 +110,7 @@ class _Direct:
         self.structure = of_y, of_y_dot
 
     def _set_data(self, more: int) -> None:
-        """Allocate dF/dy and dF/dy' in one array and make the step that resets it.
-
-        ``more`` numbers and a spare one stand behind them.
-        """
+        """Allocate one array for dF/dy, dF/dy', ``more`` numbers and a dummy, and make the step that resets it."""
         nnz = self.pattern.nnz
         at_rest = np.zeros(2 * nnz + more + 1)
         at_rest[nnz + self._of_p_dot] = 1.0  # dF/dy' of p'
@@ -119,7 +120,7 @@ class _Direct:
 
 
 class _Semi(_Direct):
-    """Jacobian of se: the constraint rows are those of c at w, with dw/dy = -M^-1 de/dy from the product."""
+    """The Jacobian of form "se": its constraint rows are c at w(y), with dw/dy = -M^-1 de/dy."""
 
     def __init__(self, layout: Layout, motion: Assembly, y_dot: Float[np.ndarray, " n"]) -> None:
         row, column, of_w = motion.row, motion.column, motion.of_w

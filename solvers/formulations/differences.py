@@ -20,7 +20,7 @@ INCREMENT = float(np.sqrt(np.finfo(float).eps))
 
 
 class DifferencedForm(ImplicitForm):
-    """F of ``ImplicitForm``, with dF/dy and dF/dy' by differences."""
+    """An ``ImplicitForm`` whose Jacobian is computed by forward differences."""
 
     def __init__(self, layout: Layout, form: str, alpha: float, beta: float) -> None:
         super().__init__(layout, form, alpha, beta)
@@ -29,7 +29,7 @@ class DifferencedForm(ImplicitForm):
     def jacobian(
         self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
     ) -> tuple[Float[np.ndarray, " nnz"], Float[np.ndarray, " nnz"]]:
-        """Return (dF/dy, dF/dy') as nonzeros of ``pattern``, each wrong by about sqrt(eps) of F's terms."""
+        """Return (dF/dy, dF/dy') as nonzeros of ``pattern``, with errors of about sqrt(eps) of the terms of F."""
         F = self.residual(y, y_dot, t)
         self.difference_evaluations += 1 + len(self._groups_y) + len(self._groups_y_dot)
         return (
@@ -40,9 +40,9 @@ class DifferencedForm(ImplicitForm):
     def _differences(
         self, F: np.ndarray, x: np.ndarray, residual: Callable, groups: list[Int[np.ndarray, " _"]]
     ) -> np.ndarray:
-        """Return the nonzeros of dF/dx by one evaluation of ``residual`` for each group of columns.
+        """Return the nonzeros of dF/dx, with one evaluation of ``residual`` for each group of columns.
 
-        ``F`` is its value at ``x``, an array of unknowns or of their rates.
+        ``F`` is the residual at ``x``, the unknowns or their rates.
         """
         rows, columns, out = self.pattern.rows, self.pattern.columns, np.zeros(self.pattern.nnz)
         h = x + INCREMENT * np.maximum(np.abs(x), 1.0) - x
@@ -56,8 +56,7 @@ class DifferencedForm(ImplicitForm):
 def column_groups(pattern: FixedPattern, used: np.ndarray) -> list[Int[np.ndarray, " _"]]:
     """Return groups of columns of which no two share a row, each group as the indices of its ``used`` nonzeros.
 
-    All columns of a group change in one evaluation of a difference Jacobian. A column joins the first group that it
-    fits.
+    One evaluation of a difference Jacobian changes all columns of a group. Each column joins the first group it fits.
     """
     entries = np.flatnonzero(used)
     rows, columns = pattern.rows[entries], pattern.columns[entries]

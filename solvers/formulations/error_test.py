@@ -1,4 +1,4 @@
-"""Absolute tolerances of codes with error control, by unknowns."""
+"""Absolute tolerances of integrators with error control, unknown by unknown."""
 
 from collections.abc import Sequence
 

@@ -1,8 +1,8 @@
 """SUNDIALS IDA (variable-order BDF) on an ``ImplicitForm``, one accepted step at a time, with a given Jacobian.
 
-Counted: accepted steps, residual and Jacobian evaluations (those spent on Jacobians by differences among the former);
-every Jacobian is factorised once. Errors are measured in the weighted root mean square alone, the norm that SUNDIALS
-fixes in its vectors.
+Counted: accepted steps, and residual and Jacobian evaluations; residuals that a Jacobian by differences needs are part
+of the evaluations. Every Jacobian is factorised once. Errors are measured in the weighted root mean square, which is
+the only norm of SUNDIALS' vectors.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ from .sundials import OUT_OF_TIME, Ida, IdaEquations
 
 
 class InitialValueProblem(NamedTuple):
-    """F, its start, and the parts of y that are in no error test."""
+    """The equations F = 0, their initial values (y, y'), and the slices of y that the error test leaves out."""
 
     form: ImplicitForm
     y: Float[np.ndarray, " n"]
@@ -59,12 +59,12 @@ def integrate(
     *,
     first_step: float = 0.0,
 ) -> Trajectory:
-    """Integrate by IDA, starting it again on other constraint rows when those kept become dependent.
+    """Integrate by IDA, restarting it on other constraint rows when those in use become dependent.
 
     ``begin`` returns the initial values: at the problem's start, and at the later states where rows change. ``clock``
-    runs since the set-up began; ``first_step`` [s], 0 lets IDA choose it.
+    has run since the set-up began; ``first_step`` is in s, and 0 leaves it to IDA. ``notes`` enter the trajectory.
     """
-    assert control.rtol is not None  # the catalogue has seen to it
+    assert control.rtol is not None  # the catalogue requires it
     pieces, latest = list[_Piece](), np.zeros(0)
 
     def restart(layout: Layout, problem: Problem) -> None:
@@ -103,7 +103,7 @@ def integrate(
 
 
 class _Piece:
-    """IDA on one choice of rows."""
+    """An integration by IDA on one choice of constraint rows."""
 
     def __init__(
         self,
@@ -136,21 +136,24 @@ class _Piece:
 
     @property
     def evaluations(self) -> int:
-        """Evaluations of the residual that IDA asked for, without those for Jacobians by differences."""
+        """Number of residuals that IDA evaluated, without those for Jacobians by differences."""
         return self._ida.evaluations
 
     @property
     def jacobians(self) -> int:
-        """Jacobians that IDA asked for; each is factorised once."""
+        """Number of Jacobians that IDA evaluated; each is factorised once."""
         return self._ida.jacobians
 
     @property
     def difference_evaluations(self) -> int:
-        """Evaluations spent on Jacobians by differences."""
+        """Number of residuals evaluated for Jacobians by differences."""
         return self._form.difference_evaluations
 
     def step(self, t_end: float) -> tuple[float, np.ndarray]:
-        """Take one step of IDA towards ``t_end`` [s]; return its time and y in our order, or raise ``StepFailure``."""
+        """Take one step of IDA towards ``t_end`` [s]; return its time and y in the layout's order.
+
+        Raises ``StepFailure`` where IDA fails or the CPU limit is reached.
+        """
         flag, t, y = self._ida.step(t_end)
         if flag in OUT_OF_TIME:
             raise self._clock.failure()
@@ -162,9 +165,10 @@ class _Piece:
 
 
 def _choose_order(form: ImplicitForm) -> tuple[np.ndarray, np.ndarray, str]:
-    """Return our index of each of IDA's unknowns, IDA's index of each of ours, and the linear solver's name.
+    """Return the order of unknowns for IDA, its inverse, and the linear solver's name.
 
-    "dense" for fewer than ``DENSE_BELOW`` unknowns, "sparse" where the band is too wide, both in our order; else
+    The first array has our index of each of IDA's unknowns, the second IDA's index of each of ours. The solver is
+    "dense" below ``DENSE_BELOW`` unknowns and "sparse" where the band is too wide, both in our order; else it is
     "band".
     """
     pattern, own = form.pattern, np.arange(len(form.y))
@@ -175,7 +179,7 @@ def _choose_order(form: ImplicitForm) -> tuple[np.ndarray, np.ndarray, str]:
 
 
 def _in_order(form: ImplicitForm, order: np.ndarray, place: np.ndarray) -> IdaEquations:
-    """Return ``form`` as IDA's equations: unknowns and equations permuted by ``order``, ``place`` its inverse."""
+    """Return ``form`` as IDA's equations, permuted by ``order``, of which ``place`` is the inverse."""
     y, y_dot, F = (np.zeros(len(order)) for _ in range(3))
     steps = [take(y, place, form.y), take(y_dot, place, form.y_dot), form.evaluate.step, take(form.F, order, F)]
 

@@ -1,8 +1,8 @@
-"""The places of all unknowns in y = (p, u, lam): body by body, then the kept constraint rows.
+"""The positions of all unknowns in y = (p, u, lam): body by body, then the constraint rows in use.
 
-Elements read through index arrays. Known quantities are read from constants behind y: the ground's coordinates, its
-zero velocity, one zero for the multiplier of a dropped row, and the time. Accelerations w = u_dot
-have the ground's zero behind.
+Elements read y through index arrays. Known quantities are constants stored after y: the ground's coordinates, its zero
+velocity, one zero for the multiplier of a dropped row, and the time. The accelerations w = u_dot are followed by the
+ground's, which are zero.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from .charts import Chart
 
 @dataclass(frozen=True)
 class Layout:
-    """Sizes and indices of y (n) = p (n_p), u (n_u), lam (k), for the ``kept`` rows of phi."""
+    """Sizes and indices of y (n) = p (n_p), u (n_u), lam (k), where lam belongs to the ``kept`` rows of phi."""
 
     system: MultibodySystem
     chart: Chart
@@ -34,7 +34,7 @@ class Layout:
 
     @property
     def k(self) -> int:
-        """Number of kept constraint rows, so of multipliers."""
+        """Number of kept constraint rows, and of multipliers."""
         return len(self.kept)
 
     @property
@@ -59,38 +59,38 @@ class Layout:
 
     @property
     def constants(self) -> Float[np.ndarray, " c"]:
-        """Numbers after y: the ground's p and u, a zero, and the time, which changes."""
+        """Constants stored after y: the ground's p and u, a zero, and the time, whose value is set later."""
         return np.concatenate((self.chart.at_rest, np.zeros(8)))
 
     @property
     def time(self) -> int:
-        """Index of the time in y with its constants."""
+        """Index of the time in y followed by its constants."""
         return self.n + self.chart.size + 7
 
     def body(self, b: Int[np.ndarray, " m"]) -> Int[np.ndarray, "m s"]:
-        """Return where (p, u) of the bodies ``b`` stand in y; of the ground, among the constants behind y."""
+        """Return the indices in y of (p, u) of the bodies ``b``; those of the ground point to the constants after y."""
         size, ground = self.chart.size, (b == GROUND)[:, None]
         p = np.where(ground, self.n + np.arange(size), b[:, None] * size + np.arange(size))
         u = np.where(ground, self.n + size + np.arange(6), self.n_p + b[:, None] * 6 + np.arange(6))
         return np.concatenate((p, u), axis=1)
 
     def velocity(self, b: Int[np.ndarray, " m"]) -> Int[np.ndarray, "m 6"]:
-        """Return where u_dot of the bodies ``b`` stands in the accelerations w; the ground's is behind them."""
+        """Return the indices of u_dot of the bodies ``b`` in the accelerations w; the ground's follow all others."""
         return np.where((b == GROUND)[:, None], self.n_u + np.arange(6), b[:, None] * 6 + np.arange(6))
 
     def row(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
-        """Return the place of each row of phi among the kept rows, -1 where it was dropped."""
+        """Return the index of each row of phi among the kept rows, -1 for a dropped row."""
         place = np.full(self.system.nrows, -1)
         place[self.kept] = np.arange(self.k)
         return place[rows]
 
     def multiplier(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
-        """Return where the multipliers of rows of phi stand in y; that of a dropped row is a constant zero behind y."""
+        """Return the indices in y of the multipliers of rows of phi; a dropped row has a constant zero after y."""
         place = self.row(rows)
         return np.where(place < 0, self.n + self.chart.size + 6, self.lam.start + place)
 
     def all_rows(self, lam: Float[np.ndarray, " k"]) -> Float[np.ndarray, " nrows"]:
-        """Return the multipliers ``lam`` of the kept rows in a vector of all rows of phi, zero on the dropped ones."""
+        """Return the multipliers ``lam`` of the kept rows as a vector over all rows, zero on the dropped ones."""
         out = np.zeros(self.system.nrows)
         out[self.kept] = lam
         return out
@@ -98,7 +98,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class StabilisedLayout(Layout):
-    """y = (p, u, lam, eta): a second multiplier of the kept rows, that of the stabilised index 2."""
+    """The layout of y = (p, u, lam, eta), with eta the second multipliers of stabilised index 2."""
 
     @property
     def n(self) -> int:
@@ -107,5 +107,5 @@ class StabilisedLayout(Layout):
 
     @property
     def eta(self) -> slice:
-        """Slice of y with the second multipliers, of the velocity rows A u = 0."""
+        """Slice of y with the second multipliers, those of the velocity rows A u = 0."""
         return slice(self.lam.stop, self.n)

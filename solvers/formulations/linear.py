@@ -17,7 +17,7 @@ BAND_WORK = 2e7  # products in a factorisation of a band, beyond which SuperLU i
 
 
 class BandOrder(NamedTuple):
-    """The order of unknowns and equations with the narrowest band found (reverse Cuthill-McKee), and its widths."""
+    """An order of unknowns and equations with a narrow band (reverse Cuthill-McKee), and the widths of that band."""
 
     order: Int[np.ndarray, " n"]  # our index of each unknown in the band's order
     place: Int[np.ndarray, " n"]  # the band's index of each of our unknowns
@@ -33,7 +33,7 @@ class BandOrder(NamedTuple):
 
 
 def find_band(pattern: FixedPattern) -> BandOrder:
-    """Return an order of unknowns that puts a square matrix of this pattern in a narrow band."""
+    """Return the order of unknowns that reverse Cuthill-McKee finds for a square matrix of this pattern."""
     ones = sp.csr_matrix((np.ones(pattern.nnz), (pattern.rows, pattern.columns)), shape=pattern.shape)
     order = reverse_cuthill_mckee(sp.csr_matrix(ones + ones.T), symmetric_mode=True).astype(np.int64)
     place = np.argsort(order)
@@ -44,8 +44,9 @@ def find_band(pattern: FixedPattern) -> BandOrder:
 class Factors:
     """LU factors of a matrix of fixed ``pattern``, real or complex, which solve systems in place.
 
-    ``x`` is the right side and then the solution, in an order of its own: ``order`` gives our unknowns in it, ``place``
-    its places in ours. A zero pivot gives inf, which Newton's iteration then rejects; SuperLU raises RuntimeError.
+    ``x`` is the right side, and the solution after ``solve``, in the order of the factors: x[i] belongs to the caller's
+    unknown ``order[i]``, and unknown k is x[``place[k]``]. A zero pivot gives inf, which Newton's iteration then
+    rejects; for a wide band SuperLU factorises, and raises RuntimeError.
     """
 
     def __init__(self, pattern: FixedPattern, kind: type = float) -> None:
@@ -81,7 +82,7 @@ class Factors:
         self._factor, self._solve = Program([factor]), Program(self.steps)
 
     def factorise(self, data: Num[np.ndarray, " nnz"]) -> None:
-        """Factorise the matrix whose nonzeros, in the order of the pattern, are ``data``."""
+        """Factorise the matrix with nonzeros ``data``, in the order of the pattern."""
         if not self.steps:
             self._superlu = splu(self._pattern.matrix(data))
             return
@@ -90,7 +91,7 @@ class Factors:
         self._factor.run()
 
     def solve(self) -> None:
-        """Replace the right side in ``x`` by the solution, both in the factors' own order."""
+        """Replace the right side in ``x`` by the solution, both in the order of the factors."""
         if self.steps:
             self._solve.run()
         else:
@@ -100,7 +101,7 @@ class Factors:
 def solve_between(before: list[Step], factors: Sequence[Factors], after: list[Step], keeps: Any) -> Callable[[], None]:
     """Return a function that runs the steps ``before``, solves with each of ``factors``, and runs the steps ``after``.
 
-    It is one call of machine code unless SuperLU takes part. ``keeps``: whatever owns the memory the steps use.
+    It is one call of machine code unless SuperLU takes part. ``keeps`` owns the memory that the steps use.
     """
     direct = all(f.steps for f in factors)
     between = [step for f in factors for step in f.steps] if direct else []

@@ -1,6 +1,7 @@
 """Newton's iterations of scipy_dae's methods on an ``ImplicitForm``, each iteration one call of machine code.
 
-They replace functions of scipy_dae with the same signature. Values that are not finite show in the norm.
+They replace functions of scipy_dae with the same signature. They need no separate test for values that are not finite:
+the norm of a correction is then not finite, and the iteration fails.
 """
 
 import math
@@ -39,7 +40,7 @@ def maximum(x: Float[np.ndarray, " n"]) -> float:
 
 
 class Scheme(NamedTuple):
-    """A method of scipy_dae: its class, its module, the name of Newton's iteration there, ours, and settings."""
+    """A method of scipy_dae: class, module, name of its Newton iteration, our replacement of that, and settings."""
 
     kind: type[DaeSolver]
     module: ModuleType
@@ -59,11 +60,12 @@ class Scheme(NamedTuple):
         *,
         keep_y_dot: bool,
     ) -> DaeSolver:
-        """Return the scipy_dae method set up on ``form``, ready to step.
+        """Return the method of scipy_dae set up on ``form``, ready to step.
 
-        ``start`` is (t [s], y, y'). Jacobians are taken at y' = 0 unless ``keep_y_dot``. Newton's iteration is replaced
-        by ours, and the method counts its evaluations and factorisations. Its step runs over a copy of its module's
-        names. Jacobians are nonzeros of the form's pattern, which scipy_dae only adds.
+        ``start`` is (t [s], y, y'). Jacobians are evaluated at y' = 0 unless ``keep_y_dot``. The method's Newton
+        iteration is replaced by ``newton``, for which its step runs on a copy of its module's names. It counts
+        evaluations and factorisations. Jacobians are passed as nonzeros of the form's pattern, of which scipy_dae only
+        forms sums.
         """
         factors = Factors(form.pattern), Factors(form.pattern, complex)
 
@@ -115,7 +117,7 @@ def ndf_newton(
 ) -> Callable:
     """Return Newton's iteration of one BDF or NDF step, a replacement of scipy_dae's ``solve_bdf_system``.
 
-    The function returned gives (converged, iterations, y, y', correction d); arguments as in scipy_dae.
+    The function returned takes scipy_dae's arguments and returns (converged, iterations, y, y', correction d).
     """
     n, own, code = len(form.y), factors[0], _ndf_loops()
     c, d, psi, inverse_scale, scaled = np.zeros(1), *(np.zeros(n) for _ in range(4))
@@ -160,9 +162,10 @@ def ndf_newton(
 def radau_newton(
     method: DaeSolver, form: ImplicitForm, factors: tuple[Factors, Factors], norm: Norm, clock: Clock
 ) -> Callable:
-    """Return Newton's iteration of one Radau IIA step of three stages, a replacement of ``solve_collocation_system``.
+    """Return Newton's iteration of one three-stage Radau IIA step, a replacement of ``solve_collocation_system``.
 
-    The function returned gives (converged, iterations, stage Y, stage Y', Y - y, rate); arguments as in scipy_dae.
+    The function returned takes scipy_dae's arguments and returns (converged, iterations, stages Y, stage rates Y', Y -
+    y, rate of convergence).
     """
     n, (real, pair), code = len(form.y), factors, _radau_loops()
     every, count, stages = np.arange(n), np.array([n]), np.arange(3) * n
@@ -215,9 +218,9 @@ def radau_newton(
 
 
 def _judge(size: float, before: float, k: int, most: int, tol: float) -> tuple[bool, bool, float | None]:
-    """Return whether Newton's iteration ``k`` of at most ``most`` converged, whether to continue, and its rate.
+    """Return whether Newton's iteration ``k`` of ``most`` has converged, whether to continue, and its rate.
 
-    ``size`` and ``before`` are the norms of this correction and of the last one; the rate is their quotient, None at k
+    ``size`` and ``before`` are the norms of this correction and of the last one. The rate is their quotient, None at k
     = 0.
     """
     rate = size / before if k else None

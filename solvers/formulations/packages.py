@@ -1,4 +1,4 @@
-"""Packages that a system may lack: the solver that needs one refuses with a line that says how to install it."""
+"""Optional packages: a solver whose package is missing refuses with a line that says how to install it."""
 
 import importlib.util
 
@@ -8,9 +8,9 @@ ENGINES = "pip install 'mbsbench[engines]'"
 
 
 def find_remedy(module: str, package: str = "", remedy: str = ENGINES) -> NotInstalled | None:
-    """Return how to install ``module`` where it is missing, or None.
+    """Return how to install ``module`` where it is missing, else None.
 
-    ``package`` is its name in the package registry, if that differs.
+    ``package`` is its name in the package registry where that differs, ``remedy`` the command that installs it.
     """
     try:
         found = importlib.util.find_spec(module) is not None

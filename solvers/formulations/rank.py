@@ -1,13 +1,13 @@
-"""Choice of the constraint rows to keep, without a dense matrix: pivots of a banded Cholesky of A A^T.
+"""Choice of the constraint rows to keep, without a dense matrix: pivots of a banded Cholesky factorisation of A A^T.
 
-Rows are scaled to length one and taken joint by joint, so that those left out all
-belong to joints that close a loop: rows of a tree never become dependent, whichever way it moves. In a plane loop the
-kept rows then stay independent as long as all rows together keep their rank.
+Rows are scaled to length one and taken joint by joint, so that those left out all belong to joints that close a loop:
+rows of a tree never become dependent, however it moves. In a planar loop the kept rows then stay independent as long
+as all rows together keep their rank.
 
-A little is added to the diagonal, so that the factorisation goes through; the squared pivot of a row is then its
-squared distance from the span of the rows before it, or about that little if it depends on them. On the four-bar grid
-the two kinds are 2e-12 and 0.1, on one of 20 x 20 cells too. Pivots between the two bounds leave the choice
-to an orthogonalisation, joint by joint in the same order.
+A small number is added to the diagonal, so that the factorisation succeeds. The squared pivot of a row is then its
+squared distance from the span of the rows before it, or about that small number if it depends on them. On the four-bar
+grid the two kinds are 0.1 and 2e-12, and so they are for 20 x 20 grid cells. Where a pivot is between the two bounds,
+an orthogonalisation decides, joint by joint in the same order.
 """
 
 import numpy as np
@@ -29,7 +29,7 @@ BETTER = 2.0  # factor of the least singular value at which rows are changed
 
 
 def rows_to_keep(system: MultibodySystem, state: State) -> Int[np.ndarray, " rank"]:
-    """Return a largest set of independent constraint rows (rows of A) at ``state``, in row order."""
+    """Return a maximal set of independent constraint rows (rows of A) at ``state``, in ascending order."""
     if system.nrows == 0:
         return np.zeros(0, dtype=np.int64)
     distance = squared_distances(system, state)
@@ -41,7 +41,7 @@ def rows_to_keep(system: MultibodySystem, state: State) -> Int[np.ndarray, " ran
 def better_rows(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
     """Return as many constraint rows as ``kept``, the most independent at ``state``, or ``kept`` itself.
 
-    It returns ``kept`` unless the least singular value of the others is more than ``BETTER`` times as large.
+    The result is ``kept`` unless the least singular value of the other rows is more than ``BETTER`` times as large.
     """
     A = even_jacobian(system, state).toarray()
     best = np.sort(sl.qr(A.T, mode="r", pivoting=True)[1][: len(kept)])
@@ -57,8 +57,8 @@ def least_singular_value(system: MultibodySystem, state: State, kept: Int[np.nda
 def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray, " nrows"]:
     """Return the squared distance of each constraint row, of length one, from the span of those before it.
 
-    Rows are taken joint by joint, a loop's closing joint last. All are undecided (between ``DEPENDENT`` and
-    ``INDEPENDENT``) where rounding stops the factorisation.
+    Rows are taken joint by joint, the closing joint of a loop last. If rounding stops the factorisation, all distances
+    are set between ``DEPENDENT`` and ``INDEPENDENT``, which leaves all rows undecided.
     """
     A = even_jacobian(system, state)
     S = sp.csr_matrix(A @ A.T)
@@ -78,7 +78,7 @@ def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray
 
 
 def _joints_in_order(system: MultibodySystem) -> Int[np.ndarray, " nj"]:
-    """Order joints body by body (Cuthill-McKee, a narrow band), a body's joint to the ground first.
+    """Return the joints ordered body by body (Cuthill-McKee, for a narrow band), a body's joint to the ground first.
 
     The last joint of each loop is the one that closes it.
     """
@@ -92,9 +92,9 @@ def _joints_in_order(system: MultibodySystem) -> Int[np.ndarray, " nj"]:
 
 
 def _choose_by_orthogonalisation(system: MultibodySystem, state: State) -> Int[np.ndarray, " rank"]:
-    """Return a largest set of independent constraint rows by a dense orthogonalisation, joint by joint.
+    """Return a maximal set of independent constraint rows by a dense orthogonalisation, joint by joint.
 
-    Of each joint's rows, those farthest from the rows already kept come first.
+    Among the rows of a joint, those farthest from the span of the rows already kept come first.
     """
     A = even_jacobian(system, state)
     rows, basis, kept = A.toarray(), np.zeros((0, A.shape[1])), []

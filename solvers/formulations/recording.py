@@ -1,4 +1,4 @@
-"""The loop around an error-controlled integrator: keeps accepted steps, checks limits, returns failures as a status."""
+"""The loop around an error-controlled integrator: it stores accepted steps and turns failures into a status."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -22,7 +22,7 @@ LARGEST_SVD = 1000  # rows, 0.3 s; 2000 take 2 s, which a run at its limit does 
 
 
 class StepFailure(Exception):
-    """Raised inside a step that cannot continue, with the reason."""
+    """Raised inside a step that cannot continue, with the status and message of the run."""
 
     def __init__(self, status: Status, message: str) -> None:
         super().__init__(message)
@@ -31,17 +31,14 @@ class StepFailure(Exception):
 
 @dataclass
 class Clock:
-    """CPU time of the integration; raises ``StepFailure`` at its limit, also from inside a step.
-
-    It stands still while code is made.
-    """
+    """CPU time of a run and of its integration, without that of making code, and its limit."""
 
     limit: float | None
     whole: Stopwatch = field(default_factory=Stopwatch)
     part: Stopwatch = field(default_factory=Stopwatch)
 
     def check(self) -> None:
-        """Raise ``StepFailure`` if the CPU time of the run, without that of making code, is beyond the limit."""
+        """Raise ``StepFailure`` if the CPU time of the run, without that of making code, exceeds the limit."""
         if self.limit is not None and self.whole.solver > self.limit:
             raise self.failure()
 
@@ -50,13 +47,13 @@ class Clock:
         return StepFailure(Status.STALLED, f"the CPU limit of {self.limit:g} s was reached")
 
     def cpu_left(self) -> float | None:
-        """Return the CPU time until the limit [s], if there is one."""
+        """Return the CPU time left until the limit [s], or None if there is no limit."""
         return None if self.limit is None else self.limit - self.whole.solver
 
     def restart(self) -> float:
-        """Return the CPU time [s] of set-up so far, code included, and begin to count the integration's.
+        """Return the CPU time [s] of set-up so far, including that of making code, and start counting the integration.
 
-        The limit still holds for the whole call.
+        The limit still applies to both together.
         """
         collect_garbage()
         before, self.part = self.part, Stopwatch()
@@ -67,12 +64,12 @@ class Clock:
         return self.part.solver
 
     def code_time(self) -> float:
-        """Return the CPU time [s] of making code since the restart, which is set-up."""
+        """Return the CPU time [s] of making code since the restart, which counts as set-up."""
         return self.part.code
 
 
 class ClockedSolver(ABC):
-    """A solver with ``solve`` under a ``Clock``; the start alone if refused or failed before the first step."""
+    """A solver whose ``solve`` runs under a ``Clock``, and returns the start alone after a refusal or early failure."""
 
     @abstractmethod
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
@@ -113,9 +110,10 @@ def march(
 ) -> Trajectory:
     """Integrate by calls of ``advance`` until the end or a failure, and return the trajectory of accepted steps.
 
-    ``y`` (p, u and more) and ``reaction`` are those of the start; arrays of ``advance`` are copied. ``counters`` gives
-    the run's counts, asked with the number of steps. A failure near a singularity of chart or constraints says so;
-    ``in_use`` gives the layout at the end and notes on its changes. Time until here was set-up.
+    ``y`` (p, u and more) and ``reaction`` are those of the start; the results of ``advance`` are copied. ``counters``
+    returns the counts of the run, given the number of steps. A failure near a singularity of the chart or of the
+    constraints is reported as such. ``in_use`` returns the layout at the end and notes on its changes. CPU time before
+    this call counts as set-up.
     """
     setup_time, times, ys, reactions = clock.restart(), [0.0], [y.copy()], [reaction.copy()]
     status, message = Status.SUCCESS, "reached the end"
@@ -168,13 +166,16 @@ def march(
 
 
 def no_trajectory(problem: Problem, status: Status, message: str) -> Trajectory:
-    """Return the start alone, for a run that was refused or failed before its first step."""
+    """Return a trajectory of the start alone, for a run that was refused or failed before its first step."""
     start = States.one(problem.initial)
     return Trajectory(np.zeros(1), start, status, message, {"steps": 0}, cpu_time=0.0, setup_time=0.0)
 
 
 def _check_constraints(layout: Layout, y: np.ndarray) -> None:
-    """Stop a run with a joint open by the length of its arms: it integrates another mechanism."""
+    """Raise ``StepFailure`` if the joints have come apart, as the run then integrates another mechanism.
+
+    That is so if a point or line row exceeds the longest joint arm [m], or an axis row ``LOST_AXIS``.
+    """
     s = layout.system
     phi = np.abs(constraint(s, _states(layout, y[None]))[0])
     apart = float(max(np.max(phi[rows], initial=0.0) for rows in (s.point_rows()[1], s.line_rows().row)))
@@ -185,16 +186,17 @@ def _check_constraints(layout: Layout, y: np.ndarray) -> None:
 
 
 def _states(layout: Layout, y: Float[np.ndarray, "nt n"]) -> States:
-    """Return the motion in space of the rows of unknowns ``y``."""
+    """Return the motion in space for the rows of ``y``, one row per time."""
     nt, nb = len(y), layout.system.nb
     p = y[:, layout.p].reshape(nt, nb, layout.chart.size)
     return layout.chart.states(p, y[:, layout.u].reshape(nt, nb, 6))
 
 
 def _blame(layout: Layout, states: States, margin: np.ndarray, status: Status) -> tuple[Status, str]:
-    """Return the status of a failed run and words to add to its message, from the singularities near its end.
+    """Return the status of a failed run and text to add to its message, from singularities near its end.
 
-    ``SINGULAR`` where the chart's or the kept constraint rows' singularity is near, else ``status`` and no words.
+    The status is ``SINGULAR`` near a singularity of the 3-1-3 chart, or where the kept constraint rows are nearly
+    dependent; else it is ``status``, and the text is empty.
     """
     said = ""
     if layout.chart.name == "euler313" and margin[-1] < NEAR_CHART_SINGULARITY:

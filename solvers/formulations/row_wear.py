@@ -1,8 +1,9 @@
-"""A check, at a few microseconds, whether the rows that a code keeps approach dependence, and a search for better ones.
+"""A cheap check whether the constraint rows in use approach dependence, and a search for better ones.
 
-Rows kept once may become dependent where all rows together do not; the constraints then seem to lose rank, and a code
-that passes the place integrates with a joint open. The sine of the angle between each row and the span of those before
-it is monitored, in the metric of ``even_jacobian``: that of the masses changes as slender bodies turn.
+Rows chosen at one pose may become dependent later although all rows together do not; the constraints then seem to lose
+rank, and an integrator that passes that pose continues with a joint open. The check monitors the sine of the angle
+between each row and the span of those before it, in the metric of ``even_jacobian``: that of the masses changes as
+slender bodies turn.
 """
 
 from dataclasses import replace
@@ -22,7 +23,7 @@ LARGEST = 100  # rows of phi that are monitored: beyond it singular values cost 
 
 
 class RowWear:
-    """The kept rows of ``layout`` along a motion; where none are redundant there is nothing to choose or monitor."""
+    """A monitor of the kept rows of ``layout`` along a motion; it does nothing where no row is redundant."""
 
     def __init__(self, layout: Layout) -> None:
         watched = 0 < layout.k < layout.system.nrows <= LARGEST
@@ -30,11 +31,12 @@ class RowWear:
         self._sines, self._first = Sines(layout) if watched else None, np.zeros(0)
 
     def better_rows(self, pu: Float[np.ndarray, " n"], t: float, every: int) -> Int[np.ndarray, " k"] | None:
-        """Return more independent constraint rows at an accepted step, or None while the kept ones serve.
+        """Check the rows in use at an accepted step; return more independent rows, or None to keep the present ones.
 
-        They are searched for if the sine of a row's angle is below half of that at the choice. After a search the limit
-        is half of the least sine then, until the rows recover. One of ``every`` steps is checked: a check costs some 9
-        us, of small mechanisms a sixth of a step of IDA. ``pu`` begins with (p, u), ``t`` is in s.
+        Only one of ``every`` calls checks: a check takes some 9 us, for small mechanisms a sixth of a step of IDA. Rows
+        are searched for when the sine of a row's angle has fallen to half of its value at the choice. After a search
+        the limit is half of the least ratio found then, until the rows recover. ``pu`` begins with (p, u); ``t`` is in
+        s.
         """
         turn, self._steps = self._steps % every, self._steps + 1
         if self._sines is None or turn:
@@ -53,7 +55,7 @@ class RowWear:
 
 
 class Sines:
-    """Sines of the angles between each kept row and the span of those before it, all velocities in m/s."""
+    """Evaluation of the sines between each kept row and the span of those before it, with all velocities in m/s."""
 
     def __init__(self, layout: Layout) -> None:
         s = layout.system
@@ -73,7 +75,7 @@ class Sines:
     def at(self, pu: Float[np.ndarray, " n"], t: float) -> Float[np.ndarray, " k"]:
         """Return the sine of each kept row's angle with the span of those before it, in the order of a band.
 
-        After a row that depends on those before it they are meaningless.
+        Entries after a row that depends on those before it are meaningless.
         """
         self._pu[:], self._rows.t[0] = pu[: self._size], t
         self._rows.evaluate.run()

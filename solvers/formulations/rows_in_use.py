@@ -1,4 +1,4 @@
-"""The rows that an implicit integrator keeps: where they become dependent, it starts again on others."""
+"""The constraint rows on which an implicit integrator runs: it restarts on others where they become dependent."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,9 +13,10 @@ from .row_wear import RowWear
 
 
 class RowsInUse:
-    """The present layout, and ``begin(layout, problem)``, which starts an integrator at the problem's initial state.
+    """The present layout of an integration, which is restarted by ``begin(layout, problem)`` on better rows.
 
-    ``every``: steps between two checks; those of a small mechanism cost 2 to 4 % of a run.
+    ``begin`` starts an integrator at the problem's initial state. ``every`` is the number of steps between two checks;
+    those of a small mechanism cost 2 to 4 % of a run.
     """
 
     def __init__(
@@ -26,25 +27,25 @@ class RowsInUse:
         begin(layout, problem)
 
     def update_rows(self, t: float, y: np.ndarray) -> None:
-        """Start the integrator again on better rows if those in use are nearly dependent.
+        """Restart the integrator on better rows if those in use are nearly dependent.
 
-        Called after each accepted step (t [s], y), of which one of ``every`` is checked. Raises ``StepFailure`` where
-        the state cannot be projected on the constraints.
+        Call it after each accepted step (t [s], y); one of ``every`` calls checks. Raises ``StepFailure`` where the
+        state cannot be projected onto the constraints.
         """
         self._renew(t, y, self._every)
 
     def can_rescue(self, t: float, y: np.ndarray) -> bool:
-        """Start the integrator again on better rows after a failed step; return whether there were any.
+        """Restart the integrator on better rows after a failed step; return whether there were any.
 
         ``t`` [s] and ``y`` are those of the last accepted step.
         """
         return self._renew(t, y, 1)
 
     def _renew(self, t: float, y: np.ndarray, every: int) -> bool:
-        """Choose rows anew and start the integrator on them if the kept ones are worn; return whether it did.
+        """Restart the integrator on other rows if those in use are nearly dependent; return whether it did.
 
-        ``every`` 1 is a rescue after a failed step: a state that cannot be projected then returns False, else it
-        raises.
+        With ``every`` = 1, after a failed step, a state that cannot be projected returns False; else it raises
+        ``StepFailure``.
         """
         kept = self._wear.better_rows(y, t, every)
         if kept is None:
@@ -65,6 +66,6 @@ class RowsInUse:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on the times at which rows were chosen anew."""
+        """Notes on the times at which rows were chosen anew, at most one."""
         times = ", ".join(f"{t:.4g}" for t in self.changes)
         return (f"rows chosen anew at t = {times} s",) if times else ()

@@ -1,8 +1,8 @@
 """Accelerations and reactions at given p, u: [[M, -A^T], [A, 0]] (u_dot, lam) = -(e, c), by a banded Cholesky.
 
-M is block diagonal, so S = A M^-1 A^T couples only rows that share a body; reordered (reverse Cuthill-McKee) it is a
+M is block diagonal, so S = A M^-1 A^T couples only rows that share a body. Reordered (reverse Cuthill-McKee) it is a
 narrow band for chains and grids, and one LAPACK pbtrf costs O(k band^2). S is positive definite while the kept rows
-are independent; when they cease to be, the factorisation says so.
+are independent; the factorisation reports when they no longer are.
 """
 
 from functools import cache
@@ -24,10 +24,10 @@ from .sparse_pattern import FixedPattern, FixedProduct
 
 
 class InverseMass:
-    """M^-1 of all bodies as 6 x 6 blocks ``data``: constant in body velocities, B^-1 M^-1 B^-T in a chart's own.
+    """M^-1 of all bodies as 6 x 6 blocks ``data``: constant in body velocities, B^-1 M^-1 B^-T in those of a chart.
 
-    ``steps`` update it to the coordinates in ``y``. ``pattern`` is that of M^-1 without structural zeros, and
-    ``places`` are the places of its nonzeros in ``data``.
+    ``steps`` update the blocks to the coordinates in ``y``. ``pattern`` is the pattern of M^-1 without structural
+    zeros, and ``places`` are the indices of its nonzeros in ``data``.
     """
 
     def __init__(self, layout: Layout, y: Float[np.ndarray, " n"]) -> None:
@@ -59,9 +59,9 @@ def _blocks(chart: Chart) -> Code:
 
 
 class Saddle:
-    """The solve, for A of one fixed ``pattern`` (k, n_u), its values ``A``, and ``e`` and ``c`` in given arrays.
+    """The solution for A of a fixed ``pattern`` (k, n_u), which reads ``A``, ``e`` and ``c`` from given arrays.
 
-    ``e`` is the load h - f without reactions, ``c`` the constraint row at u_dot = 0.
+    ``e`` is the load h - f without reactions, ``c`` are the constraint rows at u_dot = 0.
     """
 
     def __init__(
@@ -114,15 +114,19 @@ class Saddle:
         self._factor, self._solve = Program(factor), Program(solve)
 
     def sines(self) -> Float[np.ndarray, " k"]:
-        """Return the sine of each constraint row's angle with the span of those before it, in the band's order.
+        """Factorise A M^-1 A^T; return the sine of each row's angle with the span of those before it.
 
-        Angles are in the metric of M^-1. It factorises A M^-1 A^T and does not check that this went through.
+        Rows are in the band's order. Angles are in the metric of M^-1. It does not check that the factorisation
+        succeeded.
         """
         self._factor.run()
         return self._pivots / np.sqrt(self._squares)
 
     def solve(self) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
-        """Return (u_dot, lam), in arrays that the next call changes; ``StepFailure`` where rows became dependent."""
+        """Solve for (u_dot, lam), and return them in arrays that the next call overwrites.
+
+        Raises ``StepFailure`` where the kept rows have become dependent.
+        """
         self._factor.run()
         if self._info[0] != 0:
             raise StepFailure(

@@ -1,6 +1,6 @@
-"""Sparse matrices of one fixed pattern whose values change every step: sums of entries, and products.
+"""Sparse matrices of one fixed pattern whose values change in every step: sums of entries, and products.
 
-The pattern is structural, found once; zeros that happen to occur stay in it.
+The pattern is structural and found once; entries that happen to be zero stay in it.
 """
 
 import numpy as np
@@ -9,9 +9,9 @@ from jaxtyping import Float, Int, Num
 
 
 class FixedPattern:
-    """A matrix assembled from a fixed list of (row, column) entries; entries at one place add.
+    """A sparse matrix assembled from a fixed list of (row, column) entries; coinciding entries are summed.
 
-    ``data(values)`` are its values in the order of ``indices``: compressed rows, or columns if ``by_column``.
+    ``place`` is the nonzero that each entry is added to. Nonzeros are ordered by rows, or by columns if ``by_column``.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class FixedPattern:
         self._sum = sp.csr_array((np.ones(m), (self.place, np.arange(m))), shape=(self.nnz, m))
 
     def data(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " nnz"]:
-        """Return the nonzeros of the matrix: ``values`` of the entries, those at one place added."""
+        """Return the nonzeros of the matrix from the ``values`` of its entries, summed where they coincide."""
         return self._sum @ values
 
     @property
@@ -49,13 +49,13 @@ class FixedPattern:
         return self.major if self.by_column else self.indices
 
     def matrix(self, data: Num[np.ndarray, " nnz"]) -> sp.csr_array | sp.csc_array:
-        """Return a scipy array with the nonzeros ``data``: CSC if the pattern is by column, else CSR."""
+        """Return a SciPy array with the nonzeros ``data``: CSC if the pattern is by column, else CSR."""
         kind = sp.csc_array if self.by_column else sp.csr_array
         return kind((data, self.indices, self.indptr), shape=self.shape)
 
 
 class FixedProduct:
-    """P Q of two row-wise patterns: terms p[``p``] q[``q``] of the factors' nonzeros, entries of ``pattern``."""
+    """The product P Q of two patterns by rows: terms P.data[``p``] Q.data[``q``], the entries of ``pattern``."""
 
     def __init__(self, P: FixedPattern, Q: FixedPattern) -> None:
         count = np.diff(Q.indptr)[P.indices]

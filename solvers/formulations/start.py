@@ -1,4 +1,4 @@
-"""The start of an integration: the rows kept, and (y, y') with consistent accelerations and multipliers."""
+"""The start of an integration: the rows to keep, and (y, y') with consistent accelerations and multipliers."""
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +15,10 @@ RATE_STEP = 1e-5  # [s] step of the central difference for lam', which serves on
 
 
 def layout_for(problem: Problem, coordinates: str) -> tuple[Layout, tuple[str, ...]]:
-    """Return the layout of unknowns over independent constraint rows at the start, and notes on rows dropped."""
+    """Return the layout of unknowns over independent constraint rows at the start, and notes on rows dropped.
+
+    ``coordinates`` is the chart's name.
+    """
     system = problem.system
     kept = rows_to_keep(system, problem.initial)
     dropped = np.setdiff1d(np.arange(system.nrows), kept)
@@ -36,13 +39,13 @@ def redundancy_refusal(problem: Problem) -> str | None:
 
 
 def coordinates_and_velocities(layout: Layout, problem: Problem) -> Float[np.ndarray, " n"]:
-    """Return y = (p, u, lam) of the problem's start with lam = 0."""
+    """Return y = (p, u, lam) at the problem's initial state, with lam = 0."""
     p, u = layout.chart.coordinates(problem.initial)
     return np.concatenate((p.ravel(), u.ravel(), np.zeros(layout.k)))
 
 
 class Accelerations:
-    """u' and lam of plain index 1 with Baumgarte terms, at any (p, u)."""
+    """Accelerations u' and multipliers lam of index 1, with Baumgarte's terms, at any (p, u)."""
 
     def __init__(self, layout: Layout, alpha: float = 0.0, beta: float = 0.0) -> None:
         self._layout = layout
@@ -61,7 +64,10 @@ class Accelerations:
     def at(
         self, y: Float[np.ndarray, " n"], t: float = 0.0
     ) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
-        """Return (u', lam) at (p, u) of ``y`` and time ``t`` [s]; the lam in ``y`` is not read."""
+        """Return (u', lam) at (p, u) of ``y`` and time ``t`` [s]; the lam in ``y`` is ignored.
+
+        Raises ``StepFailure`` where the kept rows are dependent.
+        """
         at, y = self._layout, y.copy()
         y[at.lam] = 0.0
         self._motion.read(y, self._at_rest, t)
@@ -79,9 +85,10 @@ class Accelerations:
 def make_consistent(
     layout: Layout, y: Float[np.ndarray, " n"], alpha: float, beta: float, t: float = 0.0
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return (y, y') that satisfy the constraint rows and their derivatives, from p and u of ``y``.
+    """Return (y, y') with the coordinates and velocities of ``y`` and consistent accelerations and multipliers.
 
-    u' and lam are solved for; lam' is a central difference, which serves only an integrator's first predictor.
+    u' and lam solve the equations of index 1 with Baumgarte's ``alpha`` and ``beta`` [1/s]; p and u are not projected.
+    lam' is a central difference, which serves only an integrator's first predictor.
     """
     accelerations = Accelerations(layout, alpha, beta)
     u_dot, lam = accelerations.at(y, t)
@@ -95,7 +102,10 @@ def make_consistent(
 def start_unloaded(
     layout: Layout, y: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return (y, y') with u' of free fall and no multipliers: lam = 0, so the acceleration rows are violated."""
+    """Return (y, y') with the accelerations of free fall; without multipliers the acceleration rows are violated.
+
+    ``y`` is returned as it is, with its lam = 0.
+    """
     accelerations = Accelerations(Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64)))
     y_short = y[: layout.n - layout.k]
     u_dot, _ = accelerations.at(y_short)

@@ -33,7 +33,7 @@ from .system_elements import body_batch, force_batches, jacobian_pattern, pair_e
 
 
 class StrongRates(NamedTuple):
-    """Solution of Eq. (65): p_dot, u_dot, lam_ddot and the reaction F."""
+    """The solution of Eq. (65): p_dot, u_dot, lam_ddot and the reaction F."""
 
     p_dot: Float[np.ndarray, " n_p"]
     u_dot: Float[np.ndarray, " n_u"]
@@ -58,9 +58,10 @@ class RowTerms(NamedTuple):
 
 
 class StrongForm:
-    """Eq. (65) on the kept rows, with optional Baumgarte terms. Holds buffers: one instance a run.
+    """Eq. (65) on the kept rows, with optional Baumgarte terms; it owns its arrays: use one instance for each run.
 
-    Open in Eqs. (31), (32): the ``direction`` c, and ``c_bar`` [kg/s], ``k_bar`` [N/m] of point rows beyond (32).
+    What Eqs. (31), (32) leave open are arguments: the ``direction`` of c, and ``c_bar`` [kg/s] and ``k_bar`` [N/m] of
+    point rows, which are added to those of Eq. (32).
     """
 
     def __init__(
@@ -108,20 +109,20 @@ class StrongForm:
         self._after = Program([(code.address("lam_ddot"), [count, *shared, *outer, at.f_bar, self._lam_ddot])], code)
 
     def renew(self, pu: Float[np.ndarray, " n"], t: float, every: int) -> "StrongForm":
-        """Return itself, or the form on other constraint rows where those kept are nearly dependent.
+        """Return this form, or one on other constraint rows where the kept ones are nearly dependent.
 
-        Both have the same accelerations. Called after accepted steps, of which one of ``every`` is checked.
+        Both have the same accelerations. Call it after accepted steps; one of ``every`` calls checks.
         """
         kept = self._wear.better_rows(pu, t, every)
         return self if kept is None else StrongForm(replace(self._layout, kept=kept), *self._options)
 
     def terms(self, pu: Float[np.ndarray, " n"], t: float = 0.0) -> RowTerms:
-        """Return a copy of all terms of Eq. (65) at (p, u) and time ``t`` [s]."""
+        """Evaluate all terms of Eq. (65) at (p, u) and time ``t`` [s], and return a copy of them."""
         self._evaluate(pu, t)
         return RowTerms(*(part.copy() for part in self._at))
 
     def all_rows(self, reaction: Float[np.ndarray, " k"]) -> Float[np.ndarray, " nrows"]:
-        """Return ``reaction`` on all rows of phi, zero on the dropped ones."""
+        """Return ``reaction`` as a vector over all rows of phi, zero on the dropped ones."""
         return self._layout.all_rows(reaction)
 
     def rates(
@@ -131,9 +132,9 @@ class StrongForm:
         lam_dot: Float[np.ndarray, " k"],
         t: float = 0.0,
     ) -> StrongRates:
-        """Return p_dot, u_dot, lam_ddot and the reaction, the solution of Eq. (65).
+        """Solve Eq. (65) for p_dot, u_dot, lam_ddot and the reaction; ``pu`` are (p, u), ``t`` is in s.
 
-        They are in arrays that the next call changes.
+        The results are arrays that the next call overwrites. Raises ``StepFailure`` where the kept rows are dependent.
         """
         self._evaluate(pu, t)
         u_dot, F = self._saddle.solve()
@@ -158,7 +159,7 @@ class StrongForm:
     def _batches(self, layout: Layout, place: np.ndarray) -> list[Batch]:
         """Return the elements of bodies, forces and joints, whose outputs go to ``self._slices``.
 
-        ``place`` is the nonzero of A of each entry of the joints' rows.
+        ``place`` is the nonzero of A that each entry of the joints' rows goes to, -1 if it is dropped.
         """
         bare = self._bare
         A, gamma, phi_dot, phi, M_bar, M_bar_dot, c = (part.start for part in self._slices[2:])
@@ -180,7 +181,7 @@ class StrongForm:
 @lru_cache(ELEMENTS)
 @making_code
 def _compiled_rows(alpha: float, beta: float) -> Code:
-    """Compile Eq. (65) row by row: its right side of the saddle, and lam_ddot."""
+    """Compile the scalar formulas of Eq. (65) for a row: "right", the right side of the saddle, and "lam_ddot"."""
     names = ("phi", "phi_dot", "M_bar", "M_bar_dot", "C_bar", "K_bar", "gamma", "lam", "lam_dot", "F", "f_bar")
     phi, phi_dot, M_bar, M_bar_dot, C_bar, K_bar, gamma, lam, lam_dot, F, f_bar = (ca.SX.sym(name) for name in names)
     shared = [phi, phi_dot, M_bar, M_bar_dot, C_bar, K_bar]
@@ -196,7 +197,7 @@ def _compiled_rows(alpha: float, beta: float) -> Code:
 
 
 class _Springs:
-    """Slopes of the forces of all springs, in V."""
+    """The derivatives of the forces of all springs by velocities V and by poses."""
 
     def __init__(self, bare: Layout) -> None:
         s, n = bare.system, bare.n_u
@@ -212,18 +213,15 @@ class _Springs:
         self._slopes, self._at_rest = Assembly(bare, [batch], 2 * self._m, differentiable=False), np.zeros(n)
 
     def at(self, pu: np.ndarray) -> tuple[Any, Any]:
-        """Return the slopes of the forces f of all springs at (p, u), as two sparse matrices (n_u, n_u).
-
-        They are -df/dV, and -df/dx along the flow.
-        """
+        """Return -df/dV and -df/dx (along the flow) of all springs at (p, u), as two sparse matrices (n_u, n_u)."""
         found, of = self._slopes.values(pu, self._at_rest), self._pattern
         return of.matrix(of.data(found[: self._m])), of.matrix(of.data(found[self._m :]))
 
 
 def _slices(layout: Layout, nnz: int) -> tuple[list[slice], int]:
-    """Return the slices of the assembly's output and its length.
+    """Return the slices of the parts of the assembly's output, and its length.
 
-    They are in the order of ``RowTerms`` up to M_bar_dot, then c of Eq. (31).
+    The parts are those of ``RowTerms`` up to M_bar_dot, then c of Eq. (31).
     """
     k = layout.k
     ends = np.cumsum((0, layout.n_p, layout.n_u, nnz, k, k, k, k, k, nnz))

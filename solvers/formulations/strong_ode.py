@@ -1,4 +1,4 @@
-"""Eq. (65) as an explicit ODE, y = (p, u, lam, lam_dot), by a method of scipy; options that its solvers share."""
+"""Eq. (65) as an explicit ODE, y = (p, u, lam, lam_dot), integrated by a method of SciPy; options of these solvers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ STAGES = {"RK23": 3, "RK45": 6, "DOP853": 12}  # evaluations an attempt; the las
 
 @dataclass(frozen=True)
 class StrongOptions(SymbolicOptions):
-    """Choices that Eq. (65) leaves open, and Baumgarte's terms."""
+    """Options of Eq. (65): the choices that it leaves open, and Baumgarte's terms."""
 
     alpha: float = option(0.0, "Baumgarte: 2 alpha phi_dot (none in the paper)", "1/s", at_least=0.0)
     beta: float = option(0.0, "Baumgarte: beta^2 phi (none in the paper)", "1/s", at_least=0.0)
@@ -34,7 +34,7 @@ class StrongOptions(SymbolicOptions):
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why this solver cannot solve the problem, or None.
 
-        Direction "translation" is refused for joints with rows other than those of a point.
+        Direction "translation" is refused for joints that have rows other than point rows.
         """
         system = problem.system
         if self.direction == "translation" and np.any(system.joint_rows > 3 * (system.joint_points > 0)):
@@ -50,10 +50,10 @@ def integrate(
     lambda_in_test: bool,
     clock: Clock,
 ) -> Trajectory:
-    """Integrate Eq. (65) as an ODE by accepted steps of scipy's ``method``.
+    """Integrate Eq. (65) as an ODE by SciPy's ``method``, accepted step by accepted step.
 
-    ``lambda_in_test``: lam and lam_dot count in its error test. Reactions cost one more evaluation a step where the
-    method does not end a step with one.
+    ``lambda_in_test`` includes lam and lam_dot in the error test. If the method's steps do not end with an evaluation,
+    the reactions cost one more per step. ``clock`` has run since the set-up began.
     """
     pair = STAGES.get(method.__name__)
     layout, notes = layout_for(problem, options.coordinates)
@@ -70,7 +70,7 @@ def integrate(
     y = np.concatenate((coordinates_and_velocities(layout, problem)[:n], np.zeros(2 * k)))
     rhs(0.0, y)
     reaction = form.all_rows(latest)
-    assert control.rtol is not None  # the catalogue has seen to it
+    assert control.rtol is not None  # the catalogue requires it
     atol = tolerances(control.rtol, len(y), () if lambda_in_test else (slice(n, None),))
     limits: dict[str, Any] = {"rtol": control.rtol, "atol": atol, "max_step": control.max_step or np.inf}
     ode = method(rhs, 0.0, y, problem.t_end, **limits)

@@ -1,6 +1,7 @@
-"""SUNDIALS IDA from the libraries that scikit-sundae brings along, with residuals in machine code that calls no Python.
+"""SUNDIALS IDA from the libraries that scikit-sundae contains, with residuals in machine code that calls no Python.
 
-scikit-sundae's own interface makes arrays of vectors, a record of every step, and full matrices of banded Jacobians.
+It replaces scikit-sundae's own interface, which copies vectors, records every step, and passes full matrices for banded
+Jacobians.
 """
 
 import ctypes
@@ -34,7 +35,10 @@ WORK = ("evaluations", "deadline", "data_of", "y", "y_dot", "F", "bytes", "t", "
 
 
 def not_installed() -> NotInstalled | None:
-    """Return the refusal where scikit-sundae is missing, or None; import it here, before a solver's time counts."""
+    """Return how to install scikit-sundae where it is missing; else import it, and return None.
+
+    Importing it here excludes the import from a solver's CPU time.
+    """
     if (reason := find_remedy("sksundae", "scikit-sundae", REMEDY)) is None:
         with making_code:
             import_module("sksundae")
@@ -43,7 +47,7 @@ def not_installed() -> NotInstalled | None:
 
 @dataclass(frozen=True)
 class IdaEquations:
-    """F(t, y, y') = 0 in IDA's order: ``evaluate`` computes ``F`` from ``t``, ``y`` and ``y_dot``."""
+    """F(t, y, y') = 0 in IDA's order: the program ``evaluate`` computes ``F`` from ``t``, ``y`` and ``y_dot``."""
 
     evaluate: Program
     t: Float[np.ndarray, " 1"]
@@ -56,7 +60,7 @@ class IdaEquations:
 
 
 class Ida:
-    """IDA on ``equations``, whose ``y`` and ``y_dot`` hold the start. Use in a ``with`` statement, which frees it."""
+    """IDA on ``equations``, whose ``y`` and ``y_dot`` are the initial values; a context manager."""
 
     def __init__(
         self,
@@ -70,10 +74,10 @@ class Ida:
         seconds: float | None,
         start: float = 0.0,
     ) -> None:
-        """Prepare IDA at the start; a step fails ``seconds`` of CPU time from now.
+        """Prepare IDA at the initial values; steps fail after ``seconds`` of CPU time from now, if that is given.
 
-        ``linear_solver``: dense, band or sparse; steps of 0 leave the choice to IDA; ``start`` is the time [s] of the
-        start.
+        ``linear_solver`` is "dense", "band" or "sparse"; a ``first_step`` or ``max_step`` [s] of 0 is left to IDA;
+        ``start`` is the initial time [s].
         """
         self._equations, self._stack, self._said = equations, ExitStack(), list[str]()
         self._failure: BaseException | None = None
@@ -137,22 +141,22 @@ class Ida:
 
     @property
     def evaluations(self) -> int:
-        """Number of residuals F(t, y, y') that SUNDIALS asked for."""
+        """Number of residuals F(t, y, y') that SUNDIALS evaluated."""
         return int(self._work[0])
 
     @property
     def messages(self) -> str:
-        """Error messages of SUNDIALS so far, in one line."""
+        """Error messages of SUNDIALS so far, on one line."""
         return " ".join(self._said)
 
     def stop_at(self, t: float) -> None:
-        """Let no step pass ``t`` [s]."""
+        """Set the time [s] that no step may pass."""
         _check(_function("IDASetStopTime")(self._memory, NUMBER(t)))
 
     def step(self, t_end: float) -> tuple[int, float, Float[np.ndarray, " n"]]:
-        """Take one step towards ``t_end`` [s]; return IDA's flag (negative: failed), its time and y.
+        """Take one step towards ``t_end`` [s]; return IDA's flag (negative: it failed), its time and y.
 
-        y is an array that the next step changes. An exception raised in the Jacobian is raised again here.
+        y is an array that the next step overwrites. An exception in the Jacobian is raised again here.
         """
         solve, t, y, y_dot, how = self._step
         flag = solve(self._memory, NUMBER(t_end), t, y, y_dot, how)
@@ -167,9 +171,10 @@ class Ida:
         return out
 
     def _linear_algebra(self, kind: str, n: int, y: Any, context: Any) -> tuple[Any, Any]:
-        """Return the addresses of Newton's matrix and of its solver; set the places of the Jacobian's nonzeros.
+        """Make Newton's matrix and its solver and return their addresses; set the positions of the Jacobian's nonzeros.
 
-        ``kind``: dense, band or sparse; ``n`` unknowns; ``y`` and ``context`` are addresses of SUNDIALS' objects.
+        ``kind`` is "dense", "band" or "sparse"; ``n`` is the number of unknowns; ``y`` and ``context`` are addresses of
+        SUNDIALS' objects.
         """
         INDEX, rows, columns = _index(), self._equations.rows, self._equations.columns
         below, above = int(np.max(rows - columns)), int(np.max(columns - rows))
@@ -200,7 +205,7 @@ class Ida:
         return matrix, solver
 
     def _fill(self, t: float, cj: float, y: int, y_dot: int, *rest: int) -> int:
-        """Fill the matrix dF/dy + cj dF/dy', as IDA's ``jacfn``; return 0, or -1 after an exception, which is kept.
+        """Fill the matrix dF/dy + cj dF/dy', as IDA's ``jacfn``; return 0, or -1 after an exception, which is stored.
 
         SUNDIALS has set the matrix to zero.
         """
@@ -218,21 +223,21 @@ class Ida:
         return 0
 
     def _hear(self, line: int, function: bytes, file: bytes, message: bytes, code: int, *rest: int) -> None:
-        """Note an error message of SUNDIALS, as its error handler."""
+        """Store an error message of SUNDIALS, as its error handler."""
         self._said.append(f"[{function.decode()}, Error: {code}] {message.decode().strip()}")
 
     def _free(self, name: str, what: Any) -> None:
-        """Call SUNDIALS' function ``name`` on the object ``what`` when this object is closed."""
+        """Add a call of SUNDIALS' function ``name`` on the object ``what`` to those made when this object is closed."""
         self._stack.callback(_function(name), what)
 
 
 def _array(address: int, kind: Any, size: int) -> np.ndarray:
-    """Return an array of ``size`` numbers of a C type ``kind`` over the memory at ``address``."""
+    """Return an array of ``size`` numbers of the C type ``kind`` over the memory at ``address``."""
     return np.ctypeslib.as_array((kind * size).from_address(address))
 
 
 def _allocate(name: str, *arguments: Any) -> Any:
-    """Return the address of the object made by the function ``name``; MemoryError where it is NULL."""
+    """Return the address of the object made by SUNDIALS' function ``name``; raise MemoryError where it is NULL."""
     address = _function(name)(*arguments)
     if not address:
         raise MemoryError(f"{name} of SUNDIALS had no memory")
@@ -240,7 +245,7 @@ def _allocate(name: str, *arguments: Any) -> Any:
 
 
 def _check(flag: int) -> None:
-    """Raise MemoryError or RuntimeError if ``flag``, the result of a call of SUNDIALS, says that it failed."""
+    """Raise MemoryError or RuntimeError if ``flag``, the result of a call of SUNDIALS, reports a failure."""
     if flag == OUT_OF_MEMORY:
         raise MemoryError("SUNDIALS had no memory")
     if flag < 0:
@@ -257,7 +262,7 @@ def _index() -> Any:
 
 @cache
 def _function(name: str) -> Any:
-    """Return SUNDIALS' function ``name``, to be called by ctypes; it returns an address or a flag."""
+    """Return SUNDIALS' function ``name`` as a ctypes function; its result is an address or a flag."""
     from sksundae import _cy_ida
 
     # its dependencies include all of SUNDIALS that is used here
@@ -268,9 +273,9 @@ def _function(name: str) -> Any:
 
 @cache
 def _residual() -> Code:
-    """Return the code of IDA's ``resfn``: copies y and y' to buffers, runs the program, copies F.
+    """Return the code of IDA's ``resfn``, which copies y and y' to our arrays, runs the program and copies F back.
 
-    It returns -1 after the deadline, which it checks at one of ``CHECK_EVERY`` calls.
+    It returns -1 after the deadline, which one of ``CHECK_EVERY`` calls checks.
     """
     loads = []
     for k, name in enumerate(WORK):

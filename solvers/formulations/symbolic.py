@@ -1,7 +1,7 @@
-"""Bodies, rows of joints and forces as CasADi expressions, one of each kind, in any chart; exact derivatives follow.
+"""Bodies, rows of joints and forces as CasADi expressions, one element of each kind, in any chart.
 
 Rows and forces are those of their declarations (``rows.expressions``), on poses x = (r, R) and velocities
-V = (r_dot [space], Omega [body]) with the flow x_dot = (r_dot, R hat(Omega)); a chart is put in, V = B(p) u and
+V = (r_dot [space], Omega [body]) with the flow x_dot = (r_dot, R hat(Omega)). A chart is substituted, V = B(p) u and
 p_dot = G(p) u (module ``charts``)::
 
     body     e = B^T (M V_dot + (0, Omega x J Omega) - (m g, 0)),  V_dot = B u_dot + B_dot u
@@ -9,7 +9,7 @@ p_dot = G(p) u (module ``charts``)::
     forces   load -B^T f
 
 In 3-1-3 angles e is ``(M q_dot)' + h - f`` of Eqs. (63), (92) with M = blockdiag(m I, T^T J T). Nothing is divided
-by a factor that vanishes at a chart's singularity.
+by a factor that vanishes at a chart's singularity, and all derivatives are exact.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ ELEMENTS = 64  # elements of each kind that are kept for the next run
 
 
 class SymbolicPose(NamedTuple):
-    """r (3) and R (3, 3) of one body, symbolic."""
+    """The position r (3) and rotation R (3, 3) of one body, as expressions."""
 
     r: ca.SX
     R: ca.SX
@@ -39,7 +39,7 @@ class SymbolicPose(NamedTuple):
 
 
 class MovingBody(NamedTuple):
-    """A body in a chart: coordinates, velocities, and the motion in space that they describe."""
+    """A body in a chart: its coordinates and velocities as symbols, and the motion in space that they describe."""
 
     p: ca.SX
     u: ca.SX
@@ -53,7 +53,7 @@ class MovingBody(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """Inputs (columns of z, w, parameters) and outputs of one element; two are equal if they are one object.
+    """The inputs (columns z, w, parameters) and outputs of one element; elements compare equal by identity.
 
     ``z`` are the element's inputs among the unknowns y, ``w`` those among the accelerations u_dot.
     """
@@ -79,7 +79,7 @@ def moving_body(chart: Chart, end: str) -> MovingBody:
 @lru_cache(ELEMENTS)
 @making_code
 def body_element(chart: Chart) -> Element:
-    """Return the element of a body: parameters m, J (9), g (3); outputs p_dot and e, the unbalanced load."""
+    """Return the element of a body: parameters m, J (9), g (3); outputs "rate" = p_dot and "e", the unbalanced load."""
     b = moving_body(chart, "i")
     parameters = ca.SX.sym("body", 13)
     m, J, g = parameters[0], ca.reshape(parameters[1:10], 3, 3), parameters[10:]
@@ -92,7 +92,10 @@ def body_element(chart: Chart) -> Element:
 
 
 class Pair(NamedTuple):
-    """Rows phi of one kind between two bodies, with two rates along the motion; rows of velocities have no phi."""
+    """The rows phi of one kind of joint between two bodies, with their first and second rate along the motion.
+
+    Rows of velocities alone have no phi.
+    """
 
     i: MovingBody
     j: MovingBody
@@ -106,7 +109,7 @@ class Pair(NamedTuple):
 
 
 def joint_pair(kind: str, chart: Chart) -> Pair:
-    """Return the constraint rows of a ``kind`` of joint between two bodies, in ``chart``."""
+    """Return the constraint rows of a joint of kind ``kind`` between two bodies, in ``chart``."""
     e, i, j = row_expressions(kind), moving_body(chart, "i"), moving_body(chart, "j")
     free = ca.Function("rows", [e.x, e.V, e.t, e.numbers], [e.phi, e.A, e.phi_dot, e.gamma])
     phi, A, phi_dot, gamma = free(*_motion_of(i, j), e.t, e.numbers)
@@ -117,11 +120,11 @@ def joint_pair(kind: str, chart: Chart) -> Pair:
 @lru_cache(ELEMENTS)
 @making_code
 def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) -> Element:
-    """Return the element of a joint: parameters ``joint_numbers``; z ends with lam, then t; outputs loads and c.
+    """Return the element of a joint: parameters ``joint_numbers``; inputs z end with lam, then t; outputs loads and c.
 
-    The loads load_i, load_j are -A^T lam, c are the rows. ``level`` "acceleration":
+    The loads load_i, load_j are -A^T lam, and c are the rows. ``level`` "acceleration":
     c = phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "velocity": phi_dot + alpha phi; "position": phi, Eq. (93);
-    "both": (phi, phi_dot), and z has lam, eta, which adds G A^T eta to p_dot.
+    "both": phi and phi_dot; z then has lam and eta, and G A^T eta, output "moved", is added to p_dot.
     """
     pair = joint_pair(kind, chart)
     n = pair.value.numel()
@@ -144,7 +147,7 @@ def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) 
 @lru_cache(ELEMENTS)
 @making_code
 def jacobian_element(kind: str, chart: Chart) -> Element:
-    """Return the element whose output is A of a joint's constraint rows in the chart, by columns."""
+    """Return the element whose output is A of a joint's constraint rows in the chart, column by column."""
     pair = joint_pair(kind, chart)
     return Element(_unknowns(pair), _accelerations(pair), pair.numbers, {"A": ca.vec(pair.A_chart)})
 
@@ -155,13 +158,13 @@ DIRECTIONS = ("a", "mass", "translation")
 @lru_cache(ELEMENTS)
 @making_code
 def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element:
-    """Return the element for the terms of Eq. (65) of the rows at u_dot = 0.
+    """Return the element with the terms of Eq. (65) for the rows of a joint, at u_dot = 0.
 
-    Parameters: ``joint_numbers``, then m_i, J_i, m_j, J_j, 1 if j moves. Outputs: A in the chart, ``gamma`` = phi_ddot,
-    phi_dot, phi, M_bar, M_bar_dot and c. The last three are taken in the coordinate-free velocities V, c with a . c = 1
-    per Eq. (31) and M_bar = c^T M c per Eq. (30), so that they do not depend on the chart. ``direction`` of c: "a" a /
-    (a . a); "mass" M^-1 a / (a . M^-1 a); "translation" (e_k, 0) on the first body, for point rows. Matrices are by
-    columns; the ground has no part in a.
+    Parameters: ``joint_numbers``, then m_i, J_i, m_j, J_j, and 1 if j moves, else 0. Outputs: A in the chart, ``gamma``
+    = phi_ddot, phi_dot, phi, M_bar, M_bar_dot and c. The last three are taken in the coordinate-free velocities V, with
+    a . c = 1 by Eq. (31) and M_bar = c^T M c by Eq. (30), so that they do not depend on the chart. ``direction`` of c:
+    "a" a / (a . a); "mass" M^-1 a / (a . M^-1 a); "translation" (e_k, 0) on the first body, for point rows. Matrices
+    are stored column by column; the ground has no part in a.
     """
     pair, body = joint_pair(kind, chart), ca.SX.sym("bodies", 21)
     n = pair.value.numel()
@@ -190,7 +193,7 @@ def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element
 @lru_cache(ELEMENTS)
 @making_code
 def push_element(kind: str, chart: Chart, *, chosen: bool = True) -> Element:
-    """Return the element of a ``kind`` of force: parameters ``force_numbers``, output "load".
+    """Return the element of a force of kind ``kind``: parameters ``force_numbers``, output "load".
 
     The load is -B^T f in the chart's velocities if ``chosen``, else f itself in the velocities V.
     """
@@ -202,7 +205,7 @@ def push_element(kind: str, chart: Chart, *, chosen: bool = True) -> Element:
 
 
 def make_load_element(bodies: Sequence[MovingBody], f: ca.SX, parameters: ca.SX, t: ca.SX, *, chosen: bool) -> Element:
-    """Return the element of a force ``f``, six components in V for each of ``bodies``.
+    """Return the element of a force ``f``, given by six components in V for each of ``bodies``.
 
     Its output is -B^T f, as it enters e in the chart's velocities, if ``chosen``, else f; inputs z end with ``t``.
     """
@@ -214,7 +217,7 @@ def make_load_element(bodies: Sequence[MovingBody], f: ca.SX, parameters: ca.SX,
 @lru_cache(ELEMENTS)
 @making_code
 def free_spring_element(chart: Chart) -> Element:
-    """Return slopes of the spring's force f in velocities V: -df/dV, -df/dx along the flow (12 x 12, by columns).
+    """Return the element of a spring's derivatives: -df/dV, and -df/dx along the flow (12 x 12, column by column).
 
     Eq. (32) takes C_bar and K_bar from these.
     """
@@ -232,7 +235,7 @@ def _motion_of(i: MovingBody, j: MovingBody) -> tuple[ca.SX, ca.SX]:
 
 
 def _unknowns(pair: Pair, *more: ca.SX) -> ca.SX:
-    """Return the inputs z of an element of two bodies: (p, u) of both, ``more``, the time."""
+    """Return the inputs z of an element of two bodies: (p, u) of both, then ``more``, then the time."""
     return ca.vertcat(pair.i.p, pair.i.u, pair.j.p, pair.j.u, *more, pair.t)
 
 

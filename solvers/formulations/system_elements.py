@@ -1,6 +1,6 @@
 """A ``MultibodySystem`` as batches of symbolic elements, for the classical equations of motion, Eqs. (92)-(94).
 
-Output of the assembly: (p_dot of the chart, e, c) with e = M u_dot + h - f - A^T lam and c the constraint rows.
+The output of the assembly is (p_dot of the chart, e, c) with e = M u_dot + h - f - A^T lam and c the constraint rows.
 """
 
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from .tracing import user_element
 
 
 class PairEnds(NamedTuple):
-    """Indices of inputs (p, u), u_dot and time of two-body parts, and of outputs, loads and p; none for the ground."""
+    """Indices of the inputs (p, u), u_dot and time of two-body parts, and of outputs, -1 on the ground."""
 
     z: Int[np.ndarray, "m n_z"]
     w: Int[np.ndarray, "m 12"]
@@ -42,7 +42,7 @@ class KindRows(NamedTuple):
 
 
 def equations_of_motion(layout: Layout, level: str, alpha: float, beta: float, *, differentiable: bool) -> Assembly:
-    """Return the assembly of (p_dot, e, c) over (p, u, lam) and w = u_dot; ``level`` of c as in ``row_element``.
+    """Return the assembly of (p_dot, e, c) over (p, u, lam) and w = u_dot; ``level`` of c is as in ``row_element``.
 
     e = M u_dot + h - f - A^T lam, and c are the kept constraint rows with Baumgarte's ``alpha``, ``beta`` [1/s].
     """
@@ -61,7 +61,7 @@ def equations_of_motion(layout: Layout, level: str, alpha: float, beta: float, *
 
 
 def body_batch(layout: Layout) -> Batch:
-    """Return the elements of all bodies with gravity; their outputs are p_dot and e."""
+    """Return the batch of all bodies, with gravity; its outputs are p_dot and e."""
     s, everyone = layout.system, np.arange(layout.system.nb)
     gravity = np.broadcast_to(s.gravity, (s.nb, 3))
     parameters = np.concatenate((s.mass[:, None], s.regular_inertia.reshape(-1, 9), gravity), axis=1)
@@ -70,9 +70,9 @@ def body_batch(layout: Layout) -> Batch:
 
 
 def force_batches(layout: Layout, *, chosen: bool = True) -> list[Batch]:
-    """Return the elements of all forces, one batch of each kind and one for each user force.
+    """Return the batches of all forces, one for each kind and one for each user force.
 
-    Loads are added to e in the chart's velocities if ``chosen``, else they are f in V, in an output of (nb, 6).
+    If ``chosen``, loads are added to e in the chart's velocities; else they are f in V, in an output of size 6 nb.
     """
     s, batches = layout.system, []
     for kind, declared in DECLARED.items():
@@ -105,7 +105,7 @@ def rows_by_kind(layout: Layout) -> Iterator[KindRows]:
 def jacobian_pattern(layout: Layout) -> tuple[FixedPattern, Int[np.ndarray, " entries"]]:
     """Return the sparsity pattern of A (k, n_u) of the kept rows, and the nonzero that each entry of a joint goes to.
 
-    Entries are those of ``rows_by_kind`` in turn, by columns; -1 for dropped rows and for the ground.
+    Entries are those of ``rows_by_kind`` in turn, column by column; -1 for dropped rows and for the ground.
     """
     row, column = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for of in rows_by_kind(layout):
@@ -121,7 +121,7 @@ def jacobian_pattern(layout: Layout) -> tuple[FixedPattern, Int[np.ndarray, " en
 
 
 def pair_ends(layout: Layout, i: Int[np.ndarray, " m"], j: Int[np.ndarray, " m"]) -> PairEnds:
-    """Return the indices of inputs and outputs of parts between bodies ``i`` and ``j``."""
+    """Return the indices of the inputs and outputs of parts between bodies ``i`` and ``j``."""
     z = np.concatenate((layout.body(i), layout.body(j)), axis=1)
     w = np.concatenate((layout.velocity(i), layout.velocity(j)), axis=1)
     p = np.concatenate([layout.body(end)[:, : layout.chart.size] for end in (i, j)], axis=1)

@@ -1,7 +1,7 @@
 """User forces (``mechanics.user_forces``) as CasADi expressions: the law itself, run on arrays of symbols.
 
-Its operations on numbers are so differentiated exactly; a law that branches on the state (``if``, ``min``, ``max``), or
-calls functions of ``math``, has no expression, and solvers on this route refuse it.
+Its operations on numbers are thus differentiated exactly. A law that branches on the state (``if``, ``min``, ``max``)
+or calls functions of ``math`` has no expression, and solvers that need one refuse it.
 """
 
 from typing import Any
@@ -20,7 +20,7 @@ from .symbolic import Element, make_load_element, moving_body
 def user_element(law: ForceLaw, chart: Any, *, chosen: bool) -> Element:
     """Return the element of a user's force law between bodies i and j; its inputs z end with the time.
 
-    The output is the load -B^T f if ``chosen``, else f in V. Raises whatever the law raises on symbols.
+    The output is the load -B^T f if ``chosen``, else f in V. Raises whatever the law raises when run on symbols.
     """
     i, j, t = moving_body(chart, "i"), moving_body(chart, "j"), ca.SX.sym("t")
     x = [(b.pose.r, b.pose.R, b.V[:3], b.V[3:]) for b in (i, j)]
@@ -32,7 +32,7 @@ def user_element(law: ForceLaw, chart: Any, *, chosen: bool) -> Element:
 
 
 def refuse_without_expression(system: MultibodySystem, chart: Any) -> str | None:
-    """Return the refusal of a user force that cannot be run on symbols, and so not differentiated, or None."""
+    """Return the refusal of a user force that cannot be run on symbols, and thus not be differentiated, or None."""
     for k, law in enumerate(system.user_law):
         try:
             user_element(law, chart, chosen=True)
@@ -45,7 +45,7 @@ def refuse_without_expression(system: MultibodySystem, chart: Any) -> str | None
 
 
 def _symbols(a: ca.SX) -> np.ndarray:
-    """Return the entries of a CasADi matrix as an array of ``Symbol``, which a user's law computes with."""
+    """Return the entries of a CasADi matrix as an array of ``Symbol``, the numbers that a user's law computes with."""
     return np.array([[Symbol(a[k, c]) for c in range(a.shape[1])] for k in range(a.shape[0])], dtype=object)
 
 

@@ -1,4 +1,4 @@
-"""Energy and momentum kept by a mean-value step: Simo and Wong (1991), Int. J. Numer. Meth. Eng. 31.
+"""Mean-value steps that conserve energy and momentum: Simo and Wong (1991), Int. J. Numer. Meth. Eng. 31.
 
 Discrete gradients: Gonzalez (1996), J. Nonlinear Sci. 6. With v_m = (v_0 + v_1) / 2, R_m = (R_0 + R_1) / 2 (no
 rotation), Cayley's map and Omega_m the rotational part of v_m::
@@ -25,33 +25,33 @@ MOST_ITERATIONS = 60
 
 
 class CarriedState(NamedTuple):
-    """The change of v over the last step, the first estimate of the next, and multipliers of the last middles."""
+    """The change of v over the last step, the first estimate of the next one, and multipliers of two midpoints."""
 
     gain: Float[np.ndarray, "nb 6"]
-    F: Float[np.ndarray, " nr"]
-    F_before: Float[np.ndarray, " nr"]
+    F: Float[np.ndarray, " nr"]  # of the last step's midpoint
+    F_before: Float[np.ndarray, " nr"]  # of the midpoint before
 
 
 class Step:
-    """The steps of one problem; ``tolerance`` of phi and of the last change of poses [m; without unit]."""
+    """The step for one problem; ``tolerance`` bounds phi and the last correction of poses [m; angles in rad]."""
 
     def __init__(self, problem: Problem, tolerance: float) -> None:
         self.mechanism, self.tolerance = Mechanism(problem.system), tolerance
         self.counters = {"newton_iterations": 0}
 
     def start(self, problem: Problem) -> tuple[Node, CarriedState, np.ndarray]:
-        """Return the first node, what it carries on, and its reaction of index 1.
+        """Return the first node, the state carried to the first step, and the reaction of index 1.
 
-        The reaction stands for those of the midpoints before it.
+        This reaction also replaces the multipliers of the midpoints before the start.
         """
         node = begin(problem)
         lam = self.mechanism.accelerate(*node)[1]
         return node, CarriedState(np.zeros_like(node.v), lam, lam), lam
 
     def __call__(self, h: float, a: Node, old: CarriedState) -> tuple[Node, CarriedState, np.ndarray] | None:
-        """Step from ``a`` for h [s]; return its end, what that carries on, and a reaction.
+        """Step from node ``a`` over ``h`` [s]; return the end node, the state to carry on, and the reaction there.
 
-        By Newton's method with S of the mean rows at the present estimate; None where it does not converge.
+        Newton's method takes S of the mean rows at the present estimate. Return None where it does not converge.
         """
         m, v1, F, last = self.mechanism, a.v + old.gain, old.F, np.inf
         for _ in range(MOST_ITERATIONS):
@@ -82,9 +82,9 @@ class Step:
         return node, CarriedState(v1 - a.v, F, old.F), F + 0.5 * (old.F - old.F_before)
 
     def loads(self, h: float, a: Node, b: Node) -> Float[np.ndarray, " n"]:
-        """Return the mean applied wrenches in space over a step from ``a`` to ``b``.
+        """Return the mean applied wrenches (n,) in space over a step of ``h`` [s] from ``a`` to ``b``.
 
-        They are gravity, springs by discrete gradients, loads by the mean of both ends.
+        Included are gravity, springs and dampers by discrete gradients, and loads as means of both ends.
         """
         m, s, out = self.mechanism, self.mechanism.system, np.zeros((self.mechanism.nb, 6))
         out[:, :3] = m.mass[:, None] * s.gravity
@@ -123,5 +123,5 @@ def _cayley(half: Float[np.ndarray, "nb 3"]) -> Float[np.ndarray, "nb 3 3"]:
 
 
 def integrate(problem: Problem, control: StepControl, tolerance: float) -> Trajectory:
-    """Integrate by mean-value steps from the start to ``t_end``."""
+    """Integrate by mean-value steps from the start to ``t_end``, and return the trajectory."""
     return march(problem, control, Step(problem, tolerance))

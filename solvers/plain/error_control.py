@@ -1,8 +1,8 @@
-"""Steps chosen by their error: the PI controller of Gustafsson (1991), ACM Trans. Math. Softw. 17.
+"""Step sizes chosen by the error: the PI controller of Gustafsson (1991), ACM Trans. Math. Softw. 17.
 
-As Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.2, have it, p the order of the estimate::
+In the form of Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.2, p the order of the estimate::
 
-    h_new = h 0.9 err^(-0.7/p) err_old^(0.4/p)   after a step with err <= 1,   h 0.9 err^(-1/p)   to try one again
+    h_new = h 0.9 err^(-0.7/p) err_old^(0.4/p)   after a step with err <= 1,   h 0.9 err^(-1/p)   after a rejected one
 """
 
 from typing import Any
@@ -15,12 +15,12 @@ from .march import Node
 
 FIRST_STEP = 1e-4  # [s]
 SAFETY, LEAST, MOST, MOST_AGAIN = 0.9, 0.2, 5.0, 0.9  # bounds on the change of step size
-SMALL = 1e-4  # least error that the next step is chosen by
+SMALL = 1e-4  # least err_old
 SHORTEST = 1e-14  # share of the time below which a step no longer advances it
 
 
 class ErrorControl:
-    """The step sizes of a run from t = 0; a step without an error, because its iteration fails, is halved."""
+    """Control of the step size of a run from t = 0; a step whose iteration fails has no error and is halved."""
 
     def __init__(self, problem: Problem, control: StepControl, order: float) -> None:
         self.t_end, self.order, self.longest = problem.t_end, order, control.max_step or np.inf
@@ -28,7 +28,10 @@ class ErrorControl:
         self.counters, self.ended = {"rejected": 0}, (Status.SUCCESS, "")
 
     def next(self, t: float) -> float | None:
-        """Return the step [s] to try at ``t``; None at the end, or where it would not advance the time."""
+        """Return the step [s] to try at ``t``; None at the end, or where a step would not advance the time.
+
+        The status of the latter is set as ``ended``.
+        """
         h, left = min(self.h, self.longest), self.t_end - t
         if left <= SHORTEST * t:
             return None
@@ -38,9 +41,9 @@ class ErrorControl:
         return left if h >= left * (1.0 - 1e-12) else min(h, 0.5 * left)  # two even steps, not one and a sliver
 
     def takes(self, h: float, made: Any) -> bool:
-        """Return whether a step of ``h`` [s] is accepted, and set the next one; ``made`` is None where it failed.
+        """Decide whether a step of ``h`` [s] is accepted, set the size of the next one, and return the decision.
 
-        The step's error, over its tolerance, is the last of ``made``.
+        ``made`` is the result of the step, with its error over the tolerance as the fourth entry; None where it failed.
         """
         error = made[3] if made is not None else np.inf
         if error <= 1.0:
@@ -53,6 +56,9 @@ class ErrorControl:
 
 
 def scale(a: Node, b: Node, rtol: float) -> Float[np.ndarray, "nb 12"]:
-    """Return the error that ``rtol`` allows for r, theta and v: rtol (1 + |y|), for angles rtol."""
+    """Return the error that ``rtol`` allows for r, theta and v: rtol (1 + |y|), for theta rtol.
+
+    |y| is the larger of the values at ``a`` and ``b``.
+    """
     angles = np.zeros_like(a.r)
     return rtol * (1.0 + np.hstack((np.maximum(abs(a.r), abs(b.r)), angles, np.maximum(abs(a.v), abs(b.v)))))

@@ -23,7 +23,7 @@ MOST_ITERATIONS = 60
 
 
 class CarriedState(NamedTuple):
-    """Accelerations of the motion and of the scheme, and the multipliers."""
+    """Accelerations of the motion and of the scheme at the end of a step, and the multipliers there."""
 
     vdot: Float[np.ndarray, " n"]
     a: Float[np.ndarray, " n"]
@@ -32,7 +32,7 @@ class CarriedState(NamedTuple):
 
 @dataclass
 class Step:
-    """The steps of one problem; ``tolerance`` of phi and of the last change of poses [m; without unit]."""
+    """The step for one problem; ``tolerance`` bounds phi and the last correction of poses [m; angles in rad]."""
 
     problem: Problem
     tolerance: float
@@ -47,15 +47,15 @@ class Step:
         self.mechanism, self.counters = Mechanism(self.problem.system), {"newton_iterations": 0}
 
     def start(self, problem: Problem) -> tuple[Node, CarriedState, np.ndarray]:
-        """Return the first node, its accelerations of index 1 to carry on, and its reaction."""
+        """Return the first node, the accelerations of index 1 to carry on, and the reaction there."""
         node = begin(problem)
         vdot, lam = self.mechanism.accelerate(*node)
         return node, CarriedState(vdot, vdot, np.zeros_like(lam)), lam
 
     def __call__(self, h: float, x: Node, old: CarriedState) -> tuple[Node, CarriedState, np.ndarray] | None:
-        """Step from ``x`` for h [s]; return its end, what that carries on, and lam.
+        """Step from node ``x`` over ``h`` [s]; return the end node, the state to carry on, and lam.
 
-        By Newton's method with S at the present estimate; None where it does not converge.
+        Newton's method takes S at the present estimate. Return None where it does not converge.
         """
         m, t, last = self.mechanism, x.t + h, np.inf
         share = (1.0 - self.alpha_f) / (1.0 - self.alpha_m)
@@ -98,7 +98,10 @@ class Step:
     def predict(
         self, h: float, x: Node, old: CarriedState, vdot: np.ndarray, slack: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """Return a_1, v_1, r_1 and R_1, of the scheme at the end of the step, that belong to ``vdot``."""
+        """Return a_1, v_1, r_1 and R_1 of the scheme for the acceleration ``vdot`` at the end of the step.
+
+        ``slack`` is M^-1 A^T eta.
+        """
         a = ((1.0 - self.alpha_f) * vdot + self.alpha_f * old.vdot - self.alpha_m * old.a) / (1.0 - self.alpha_m)
         v0 = x.v.ravel()
         v = v0 + h * ((1.0 - self.gamma) * old.a + self.gamma * a)
@@ -107,5 +110,8 @@ class Step:
 
 
 def integrate(problem: Problem, control: StepControl, tolerance: float, **scheme: Any) -> Trajectory:
-    """Integrate by generalised alpha from the start to ``t_end``."""
+    """Integrate by generalised alpha from the start to ``t_end``, and return the trajectory.
+
+    ``scheme`` are parameters of ``Step``, such as ``beta`` and ``gamma``.
+    """
     return march(problem, control, Step(problem, tolerance, **scheme))

@@ -28,18 +28,21 @@ C = A.sum(axis=1)
 
 
 class Step:
-    """The steps of one problem."""
+    """The step for one problem."""
 
     def __init__(self, problem: Problem) -> None:
         self.mechanism, self.counters = Mechanism(problem.system), dict[str, int]()
 
     def start(self, problem: Problem) -> tuple[Node, None, np.ndarray]:
-        """Return the first node and its reaction."""
+        """Return the first node, None as nothing is carried on, and the reaction of index 1."""
         node = begin(problem)
         return node, None, self.mechanism.accelerate(*node)[1]
 
     def __call__(self, h: float, x: Node, carried: None) -> tuple[Node, None, np.ndarray] | None:
-        """Step from ``x`` for h [s]; return its end and lam; None where a body turns by more than half a turn."""
+        """Step from node ``x`` over ``h`` [s]; return the end node, None, and the lam of index 1 at the last stage.
+
+        Return None instead where a body turns by half a turn or more.
+        """
         m, moves, gains = self.mechanism, list[np.ndarray](), list[np.ndarray]()
         theta, stage, rows = np.zeros((m.nb, 3)), x, m.rows(*x)
         for i in range(STAGES):
@@ -74,5 +77,5 @@ def _theta_dot(theta: Float[np.ndarray, "nb 3"], Omega: Float[np.ndarray, "nb 3"
 
 
 def integrate(problem: Problem, control: StepControl) -> Trajectory:
-    """Integrate by half-explicit steps from the start to ``t_end``."""
+    """Integrate by half-explicit steps from the start to ``t_end``, and return the trajectory."""
     return march(problem, control, Step(problem))

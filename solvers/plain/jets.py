@@ -1,4 +1,4 @@
-"""Numbers with derivatives, so that a declared row also yields its wrench and the rate of that.
+"""Numbers with derivatives, with which a declared row also yields its wrench and the rate of the wrench.
 
 A ``Jet`` holds x(t, e) to first order in t and in e, mixed term included: its value x, its ``rate`` dx/dt along the
 motion, its ``slopes`` dx/de by the velocities e of the bodies, and ``slope_rates`` d2x/(dt de).
@@ -57,7 +57,7 @@ class Jet:
     __radd__, __rmul__ = __add__, __mul__
 
     def through(self, f: float, df: float, ddf: float) -> "Jet":
-        """Return f of this jet, given f and its first two derivatives at x, by the chain rule."""
+        """Return a function of this jet by the chain rule, from the function and its first two derivatives at x."""
         mixed = df * self.slope_rates + ddf * self.rate * self.slopes
         return Jet(f, df * self.rate, df * self.slopes, mixed)
 
@@ -72,7 +72,7 @@ class Jet:
         return self.through(c, -s, -c)
 
     def sqrt(self) -> "Jet":
-        """Return the root."""
+        """Return the square root."""
         root = np.sqrt(self.x)
         return self.through(root, 0.5 / root, -0.25 / root**3)
 

@@ -1,4 +1,4 @@
-"""The loop over the steps from the start to the end of a problem, and the control of fixed steps."""
+"""The loop over steps from the start to the end of a problem, and the control of fixed steps."""
 
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ ROUNDED = 1e-9  # share of a step: a shorter remainder of the time is rounding
 
 
 class Node(NamedTuple):
-    """An end of a step: time [s], poses in space, and v = (r_dot [space], Omega [body]) of each body."""
+    """The state at an end of a step: time [s], poses in space, and v = (r_dot [space], Omega [body]) of each body."""
 
     t: float
     r: Float[np.ndarray, "nb 3"]
@@ -28,7 +28,7 @@ def begin(problem: Problem) -> Node:
 
 
 class Grid:
-    """Steps of ``dt``; one that fails is done in two halves, ``most_cuts`` times at most."""
+    """Fixed steps of ``dt`` [s] up to ``t_end``; one that fails is halved, at most ``most_cuts`` times."""
 
     def __init__(self, t_end: float, dt: float, most_cuts: int = 0) -> None:
         whole = int(t_end / dt + ROUNDED)
@@ -38,11 +38,14 @@ class Grid:
         self.counters, self.ended = {"step_cuts": 0}, (Status.SUCCESS, "")
 
     def next(self, t: float) -> float | None:
-        """Return the step [s] to try at ``t``; None at the end, or where steps have failed."""
+        """Return the step [s] to try at ``t``; None at the end, or after a step that failed for good."""
         return self.todo[-1][0] if self.todo and not self.ended[1] else None
 
     def takes(self, h: float, made: Any) -> bool:
-        """Return whether a step is accepted: whether ``made`` is not None; if not, replace it by two halves."""
+        """Remove the present step from the list, and return whether it is accepted: whether ``made`` is not None.
+
+        A step that failed is replaced by two halves; after ``most_cuts`` halvings ``ended`` is set instead.
+        """
         _, level = self.todo.pop()
         if made is not None:
             return True
@@ -56,10 +59,11 @@ class Grid:
 
 
 def march(problem: Problem, control: StepControl, step: Any, pace: Any = None) -> Trajectory:
-    """Integrate by calls of ``step(h, node, carried)``, with the steps h [s] of ``pace``; None is a failed step.
+    """Integrate by calls of ``step(h, node, carried)`` to the end, a limit or a failure, and return the trajectory.
 
-    Without ``pace`` they are those of a grid of ``control.dt``. A node has ``t``, ``r``, ``R`` and ``v``; with it a
-    step returns what it carries on, a reaction, and its error where that sets the pace.
+    A step returns a node with ``t``, ``r``, ``R`` and ``v``, the state to carry on, a reaction and, under error
+    control, its error; or None where it fails. ``pace`` chooses and accepts the steps ``h`` [s]; without it they are a
+    grid of ``control.dt``.
     """
     watch, pace = Stopwatch(), pace or Grid(problem.t_end, float(control.dt or 0.0))
     node, carried, reaction = step.start(problem)
@@ -101,6 +105,6 @@ def march(problem: Problem, control: StepControl, step: Any, pace: Any = None) -
 
 
 def _states(nodes: list[Any]) -> States:
-    """Return the motion of these nodes."""
+    """Return the poses and velocities of ``nodes``."""
     v = np.stack([x.v for x in nodes])
     return States(np.stack([x.r for x in nodes]), np.stack([x.R for x in nodes]), v[:, :, :3], v[:, :, 3:])

@@ -1,4 +1,4 @@
-"""The equations of a mechanism that a step needs: rows with their wrenches, loads, inertia; from declarations alone.
+"""The equations of a mechanism that a step needs: rows with their wrenches, loads and inertia, from declarations alone.
 
 Velocities are v = (r_dot [space], Omega [body]) per body, wrenches (force, torque about C), both in space. With u the
 velocities in space, u = (r_dot, omega), a row of a joint is phi_dot = D^T u + phi_t: D is script-A A^T of Eq. (70), its
@@ -24,7 +24,7 @@ REST = Pose(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))  # the ground
 
 
 class Rows(NamedTuple):
-    """All rows of a mechanism at one state."""
+    """All constraint rows of a mechanism at one state."""
 
     phi: Float[np.ndarray, " nr"]  # zero for rows that restrict velocities alone
     phi_dot: Float[np.ndarray, " nr"]
@@ -35,7 +35,7 @@ class Rows(NamedTuple):
 
 
 class Mechanism:
-    """A system's equations on plain numbers; ``n`` = 6 nb velocities, ``nr`` rows."""
+    """The equations of motion of a system in plain NumPy, with ``n`` = 6 nb velocities and ``nr`` constraint rows."""
 
     def __init__(self, system: MultibodySystem) -> None:
         self.system, self.nb, self.nr = system, system.nb, system.nrows
@@ -50,7 +50,7 @@ class Mechanism:
     def rows(
         self, t: float, r: Float[np.ndarray, "nb 3"], R: Float[np.ndarray, "nb 3 3"], v: Float[np.ndarray, "nb 6"]
     ) -> Rows:
-        """Return all constraint rows of the mechanism at a state, joint by joint."""
+        """Return all constraint rows of the mechanism at time ``t`` [s], poses and velocities, joint by joint."""
         n, nr = 6 * self.nb, self.nr
         D, D_dot = np.zeros((2, n, nr))
         out = Rows(np.zeros(nr), np.zeros(nr), D, D_dot, np.zeros((nr, n)), np.zeros(nr))
@@ -82,7 +82,7 @@ class Mechanism:
     def loads(
         self, t: float, r: Float[np.ndarray, "nb 3"], R: Float[np.ndarray, "nb 3 3"], v: Float[np.ndarray, "nb 6"]
     ) -> Float[np.ndarray, "nb 6"]:
-        """Return the applied wrench on each body, in space: gravity, springs, torsional springs, loads, user forces."""
+        """Return the applied wrench on each body, in space: gravity, all declared kinds of forces, user forces."""
         s = self.system
         out = np.zeros((self.nb, 6))
         out[:, :3] = self.mass[:, None] * s.gravity
@@ -109,7 +109,7 @@ class Mechanism:
         v: Float[np.ndarray, "nb 6"],
         c: Float[np.ndarray, "nr n"],
     ) -> Float[np.ndarray, "2 nr"]:
-        """Return c . df/dv c and c . df/dq c of each row, f the springs' loads in the bodies' frames, Eq. (32)."""
+        """Return c . df/dv c and c . df/dq c of each row, f the loads of springs, torques in body frames, Eq. (32)."""
         out = np.zeros((2, len(c)))
         for row, one in enumerate(c):
             by_rate, by_pose = [REST], [REST]  # bodies that are faster, and displaced, along c
@@ -134,7 +134,10 @@ class Mechanism:
         return forces.DECLARED["load"].push(pose, REST, SimpleNamespace(**numbers))
 
     def _pushes(self, kind: str, t: float, poses: list[Pose]) -> Iterator[tuple[int, Any, Any]]:
-        """Yield body, force and moment about its C of each force of a kind, in space; ``poses`` end with the ground."""
+        """Yield the body, the force and its moment about C, in space, of each force of a kind on each of its bodies.
+
+        ``poses`` are those of all bodies, then of the ground.
+        """
         s, declared = self.system, forces.DECLARED[kind]
         bodies_i = getattr(s, f"{kind}_i")
         bodies_j = getattr(s, f"{kind}_j") if declared.pair else np.full(len(bodies_i), GROUND)
@@ -148,7 +151,7 @@ class Mechanism:
                     yield b, sign * push.force, sign * (push.torque + cross(push.point - poses[b].r, push.force))
 
     def forces(self, t: float, r: np.ndarray, R: np.ndarray, v: np.ndarray) -> Float[np.ndarray, " n"]:
-        """Return applied wrenches in the frames of the bodies, less Omega x J Omega: f of M v_dot = f + A^T lam."""
+        """Return f of M v_dot = f + A^T lam: applied wrenches less Omega x J Omega, torques in body frames."""
         f = self.in_bodies(R, self.loads(t, r, R, v).ravel()).reshape(-1, 6)
         f[:, 3:] -= np.cross(v[:, 3:], np.einsum("bij,bj->bi", self.J, v[:, 3:]))
         return f.ravel()
@@ -166,22 +169,22 @@ class Mechanism:
         return self.over_inertia(f + rows.A.T @ lam), lam
 
     def times_inertia(self, c: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return M c for velocities in the frames of the bodies."""
+        """Return M c for velocities ``c`` (r_dot [space], Omega [body])."""
         six = c.reshape(-1, 6)
         return np.hstack((self.mass[:, None] * six[:, :3], np.einsum("bij,bj->bi", self.J, six[:, 3:]))).ravel()
 
     def over_inertia(self, f: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return M^-1 f for wrenches in the frames of the bodies."""
+        """Return M^-1 f for wrenches ``f`` (force [space], torque [body])."""
         six = f.reshape(-1, 6)
         return np.hstack((six[:, :3] / self.mass[:, None], np.einsum("bij,bj->bi", self.J_inv, six[:, 3:]))).ravel()
 
     def in_bodies(self, R: Float[np.ndarray, "nb 3 3"], w: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return wrenches ``w`` in space with their torques turned into the frames of the bodies."""
+        """Return wrenches ``w`` in space with their torques transformed to the frames of the bodies."""
         six = w.reshape(-1, 6)
         return np.hstack((six[:, :3], np.einsum("bji,bj->bi", R, six[:, 3:]))).ravel()
 
     def _numbers(self, k: int, f: Any) -> Numbers:
-        """Return the numbers of joint ``k`` by name, with its function of time ``f``."""
+        """Return the numbers of joint ``k`` by name, with the value ``f`` of its function of time."""
         s = self.system
         return Numbers(
             s.joint_s_i[k], s.joint_s_j[k], s.joint_u[k], s.joint_w[k], s.joint_n[k], float(s.joint_length[k]), f
@@ -189,25 +192,28 @@ class Mechanism:
 
 
 def solve(S: Float[np.ndarray, "nr nr"], x: Float[np.ndarray, " nr"]) -> Float[np.ndarray, " nr"]:
-    """Return S^-1 x, the shortest solution where rows are redundant."""
+    """Return S^-1 x; where rows are redundant, the least-squares solution of least norm."""
     return np.linalg.lstsq(S, x)[0] if len(x) else x
 
 
 def move(
     r: Float[np.ndarray, "nb 3"], R: Float[np.ndarray, "nb 3 3"], d: Float[np.ndarray, "nb 6"]
 ) -> tuple[Float[np.ndarray, "nb 3"], Float[np.ndarray, "nb 3 3"]]:
-    """Return the poses r + dr, R exp(dtheta), d = (dr [m], dtheta [rad, body])."""
+    """Return the poses r + dr and R exp(dtheta) for the displacements d = (dr [m, space], dtheta [rad, body])."""
     return r + d[:, :3], R @ so3.exp(d[:, 3:])
 
 
 def _jets(x: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return numbers as jets that change at ``rate``."""
+    """Return the numbers ``x`` as an array of jets whose rates are ``rate``."""
     found = [Jet(a, b) for a, b in zip(x.ravel(), rate.ravel(), strict=True)]
     return np.array(found, dtype=object).reshape(x.shape)
 
 
 def _moved(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
-    """Return a pose that moves with v, with slopes by its displacements: for rows that have phi."""
+    """Return a pose of jets: rates by the velocities ``v``, slopes by its displacements; for rows that have phi.
+
+    ``end`` is 0 for body i of a joint, 1 for body j.
+    """
     spin = so3.hat(R @ v[3:])
     unit, turn, turn_rate = np.zeros((3, DIRECTIONS)), *np.zeros((2, 3, 3, DIRECTIONS))
     unit[:, 6 * end : 6 * end + 3] = np.eye(3)
@@ -221,7 +227,10 @@ def _moved(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
 
 
 def _pushed(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
-    """Return a pose that moves with v, with slopes by its velocities: for rows that restrict velocities alone."""
+    """Return a pose of jets: rates by ``v``, slopes by its velocities; for rows that restrict velocities alone.
+
+    ``end`` is 0 for body i of a joint, 1 for body j.
+    """
     omega, unit = R @ v[3:], np.zeros((6, DIRECTIONS))
     unit[:, 6 * end : 6 * end + 6] = np.eye(6)
     R_dot = so3.hat(omega) @ R

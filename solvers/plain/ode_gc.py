@@ -9,11 +9,11 @@ Sect. 4.2, Eqs. (61) to (81), and the loop of Sect. 4.3, Eqs. (84), (85). A step
     (71)  L = f + A^T (C_bar mu + K_bar lam - f_bar) - B^T M_bar mu
     (75)  [M_bar phi_dot]_0^1 + dt/2 ((C_bar phi_dot + K_bar phi)_0 + (...)_1) = 0
 
-with the operator script-A (body to space) written into D = script-A A^T, D_dot = script-A B^T. Unknown are v1 and nu1
-= M_bar mu1. Options are what the paper leaves open: c_R of (31), mu0, the first estimate of a step, the iterate that
-ends it, the tolerance; and two choices beside the printed ones, which carry mu and sigma from step to step: with
-C_bar = K_bar = 0 only increments of mu act, so a step may begin at mu = 0 (gauge zero), or at minus the mu of its end
-(gauge symmetric, which makes it reversible); and sigma may begin at 0, which asks for phi_dot = 0 at the end.
+with the operator script-A (body to space) contained in D = script-A A^T, D_dot = script-A B^T. Unknowns are v1 and nu1
+= M_bar mu1. Options are the choices that the paper leaves open: c_R of (31), mu0, the first estimate of a step, the
+iterate that ends it, the tolerance. Two more replace what is printed, where mu and sigma are carried from step to step:
+with C_bar = K_bar = 0 only increments of mu act, so that a step may begin at mu = 0 (gauge zero), or at minus the mu of
+its end (gauge symmetric, which makes it reversible); and sigma may begin at 0, which requires phi_dot = 0 at the end.
 """
 
 from typing import Any, NamedTuple
@@ -47,7 +47,7 @@ class Node(NamedTuple):
 
 
 class CarriedState(NamedTuple):
-    """Quantities that a step passes on to the next beside its node."""
+    """Quantities that a step passes on to the next one, in addition to its node."""
 
     nu: Float[np.ndarray, " nr"]  # nu at the end where it is carried on, else 0
     mu: Float[np.ndarray, " nr"]
@@ -60,7 +60,7 @@ class CarriedState(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """Quantities that follow from an estimate of v1 and nu1."""
+    """Quantities that follow from an estimate of the unknowns v1 and nu1."""
 
     node: Node  # m + 1
     nu: Float[np.ndarray, " nr"]
@@ -72,13 +72,13 @@ class Estimate(NamedTuple):
 
 
 class Step:
-    """The steps of one problem.
+    """The step for one problem.
 
-    ``choices`` are the options of ``solvers.gc_weak_form`` or ``solvers.gc_augmented_lagrangian``; ``settings``
-    what they amount to here: ``keep_nu``, ``carry_sigma`` whether mu and sigma are carried on (as printed: yes),
-    ``gauge`` -1 for the symmetric gauge, else 0, ``corrective`` whether C_bar or K_bar is not zero, ``by_forces`` by
-    Eq. (32), ``active`` Sect. 4.3, ``tolerance`` of (80), (81), ``accept`` of (81) where the loop of Sect. 4.3 runs
-    out of rounds [sqrt(J)].
+    ``choices`` are the options of ``solvers.gc_weak_form`` or ``solvers.gc_augmented_lagrangian``; ``settings`` are
+    the ``Settings`` that follow from them. Read here are ``keep_nu`` and ``carry_sigma``: mu and sigma are carried on
+    (as printed); ``gauge``: -1 symmetric, else 0; ``corrective``: C_bar or K_bar is not zero; ``by_forces``: by Eq.
+    (32); ``active``: Sect. 4.3; ``tolerance`` of (80), (81); ``accept``: norm (81) at which a step is accepted where
+    the loop of Sect. 4.3 reaches its limit of rounds [sqrt(J)].
     """
 
     def __init__(self, problem: Problem, choices: Any, settings: Any) -> None:
@@ -87,7 +87,7 @@ class Step:
         self.counters = {"newton_iterations": 0, "residuals": 0, "augmentations": 0}
 
     def start(self, problem: Problem) -> tuple[Node, CarriedState, np.ndarray]:
-        """Return the first node, mu, lam and sigma there to carry on, and no reaction (NaN), as these are of steps."""
+        """Return the first node, the state carried to the first step, and NaN: reactions are means over steps."""
         state, m = problem.initial, self.mechanism
         node = self.node(state.t, state.r, state.R, np.concatenate((state.v, state.Omega), axis=1))
         mu, none = np.zeros(m.nr), np.zeros(m.nr)
@@ -97,7 +97,7 @@ class Step:
         return node, CarriedState(node.M_bar * mu, mu, none, none, node.v, none, none, 0.0), np.full(m.nr, np.nan)
 
     def node(self, t: float, r: np.ndarray, R: np.ndarray, v: np.ndarray) -> Node:
-        """Return a node: constraint rows, momenta, loads and the coefficients (30) to (32) at a time and state."""
+        """Return the node at a time and state: constraint rows, momenta, loads and the coefficients (30) to (32)."""
         m, choices = self.mechanism, self.choices
         rows, f = m.rows(t, r, R, v), m.loads(t, r, R, v).ravel()
         c = self.directions(rows)
@@ -124,9 +124,9 @@ class Step:
     def residual(
         self, dt: float, a: Node, old: CarriedState, v1: np.ndarray, nu1: np.ndarray, kept: Any = None
     ) -> Estimate:
-        """Return node m + 1 of an estimate, and the residuals of (74) and (75) there.
+        """Return the ``Estimate`` of v1 and nu1: node m + 1, and the residuals of (74) and (75) there.
 
-        With the multiplier ``kept`` of Sect. 4.3, nu1 follows from v1 by (84), and (75) is left to (85).
+        With the fixed multiplier ``kept`` of Sect. 4.3, nu1 follows from v1 by (84) instead, and (75) is left to (85).
         """
         half, m = 0.5 * dt, self.mechanism
         r1 = a.r + half * (a.v[:, :3] + v1[:, :3])  # (66)
@@ -163,7 +163,7 @@ class Step:
     def newton(
         self, dt: float, a: Node, old: CarriedState, v1: np.ndarray, nu1: np.ndarray, kept: Any = None
     ) -> Estimate | None:
-        """Return the end of a step by Newton's method (76) to (81) from (v1, nu1); None where it does not converge.
+        """Return the end of a step, by Newton's method (76) to (81) from (v1, nu1), or None where it does not converge.
 
         With ``kept`` the multiplier is fixed, as in Sect. 4.3.
         """
@@ -201,9 +201,10 @@ class Step:
         return None
 
     def augment(self, dt: float, a: Node, old: CarriedState, v1: np.ndarray, nu1: np.ndarray) -> Estimate | None:
-        """Return the end of a step by the loop of Sect. 4.3: Newton's method at fixed multipliers and (85) until (81).
+        """Return the end of a step by the loop of Sect. 4.3, or None where it does not converge.
 
-        None where it does not converge, or more than ``accept`` is left.
+        Newton's method at fixed multipliers and the update (85) alternate until (81) holds; after the last round the
+        norm (81) has to be below ``accept``. ``xi`` is set to the penalty, and grows with it.
         """
         kept, before, found = nu1, np.inf, None
         self.xi = self.choices.penalty
@@ -221,7 +222,10 @@ class Step:
         return found if before < self.settings.accept else None
 
     def __call__(self, dt: float, a: Node, old: CarriedState) -> tuple[Node, CarriedState, np.ndarray] | None:
-        """Step from ``a``; return its end, what the next step needs, its mean reaction; None where it is to be cut."""
+        """Step from node ``a`` over ``dt`` [s]; return the end node, the state to carry on, and the mean reaction.
+
+        Return None where the iteration does not converge, so that the step has to be halved.
+        """
         ratio = dt / old.dt if self.choices.estimate == "extrapolated" and old.dt > 0.0 else 0.0
         v1 = a.v + ratio * (a.v - old.v_old)
         if self.settings.keep_nu:
@@ -240,6 +244,6 @@ class Step:
 
 
 def integrate(problem: Problem, control: StepControl, choices: Any, settings: Any) -> Trajectory:
-    """Step from the start to ``t_end``; reactions are means over the steps."""
+    """Integrate by ODE-GC from the start to ``t_end``, and return the trajectory; reactions are means over steps."""
     grid = Grid(problem.t_end, float(control.dt or 0.0), choices.max_cuts)
     return march(problem, control, Step(problem, choices, settings), grid)

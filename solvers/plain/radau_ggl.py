@@ -9,15 +9,15 @@ i = 1, 2, 3 of a step of h, the third being its end, with two multipliers, lam o
     (3)  M v'_i = f(q_i, v_i) + A_i^T lam_i
     (4)  phi(q_i) = 0,   A_i v_i + phi_t = 0
 
-Newton's method is simplified: of its matrix S_i = A_i M^-1 A_i^T alone is left, at the present estimate, so that stages
-need no complex systems; d_i = M^-1 (f_i + A_i^T lam_i) - v'_i is what (3) leaves, w = a^-1, y = (q, v)::
+Newton's method is simplified: of its matrix only S_i = A_i M^-1 A_i^T at the present estimate remains, so that stages
+need no complex systems; d_i = M^-1 (f_i + A_i^T lam_i) - v'_i is the residual of (3), w = a^-1, y = (q, v)::
 
     (5)  S_i dlam_i = -A_i d_i - sum_j w_ij (A v + phi_t)_j / h,   dv'_i = d_i + M^-1 A_i^T dlam_i
     (6)  S_i deta_i = (A v + phi_t)_i - sum_j w_ij phi_j / h
     (7)  |dy| Theta / (1 - Theta) <= tolerance,   Theta_k^2 = |dy_k| / |dy_(k-2)|     ends it
 
-(7) is the text's stop test with the rate as its program RADAU5 has it, over two iterations: errors of q and of v turn
-into each other before both fall.
+(7) is the text's stop test with the rate over two iterations, as in its program RADAU5: errors of q and of v alternate
+before both fall.
 
 The estimate of the error is (IV.8.19) without the factor (1 - h gamma f_y)^-1 that it has for stiff problems::
 
@@ -48,7 +48,7 @@ GAMMA = 1.0 / (3.0 + 3.0 ** (2.0 / 3.0) - 3.0 ** (1.0 / 3.0))  # the real eigenv
 
 
 class CarriedState(NamedTuple):
-    """v' and lam of the last stages, and the size of that step; 0 before the first."""
+    """v' and lam of the stages of the last step, and its size [s]; 0 before the first step."""
 
     v_dot: Float[np.ndarray, "3 n"]
     lam: Float[np.ndarray, "3 nr"]
@@ -56,20 +56,23 @@ class CarriedState(NamedTuple):
 
 
 class Step:
-    """The steps of one problem; ``tolerance`` of (7) in parts of 1 + |y|, errors in parts of what ``rtol`` allows."""
+    """The step for one problem; ``tolerance`` of (7) is relative to 1 + |y|, errors to what ``rtol`` allows."""
 
     def __init__(self, problem: Problem, tolerance: float, rtol: float) -> None:
         self.mechanism, self.tolerance, self.rtol = Mechanism(problem.system), tolerance, rtol
         self.counters = {"newton_iterations": 0}
 
     def start(self, problem: Problem) -> tuple[Node, CarriedState, np.ndarray]:
-        """Return the first node and the solution of index 1 there."""
+        """Return the first node, v' and lam of index 1 there as those of the last three stages, and lam as reaction."""
         node = begin(problem)
         v_dot, lam = self.mechanism.accelerate(*node)
         return node, CarriedState(np.tile(v_dot, (3, 1)), np.tile(lam, (3, 1)), 0.0), lam
 
     def __call__(self, h: float, x: Node, old: CarriedState) -> tuple[Node, CarriedState, np.ndarray, float] | None:
-        """Step from ``x``; the last value returned is its error. None where the iteration does not converge."""
+        """Step from ``x`` over ``h`` [s]; return the end node, the state to carry on, lam there, and the error (8).
+
+        The error is over the tolerance of ``rtol``. Return None where the iteration does not converge.
+        """
         m, v0 = self.mechanism, x.v.ravel()
         ahead = np.vander(1.0 + C * h / old.h if old.h > 0.0 else C, 3) @ np.linalg.inv(np.vander(C, 3))
         v_dot, lam = ahead @ old.v_dot, ahead @ old.lam  # on the parabolas through the last stages
@@ -108,9 +111,9 @@ class Step:
 
 
 def changes_to_come(sizes: list[float]) -> float:
-    """Return the expected size of all further changes of an iteration, from the ``sizes`` of those so far.
+    """Return the expected sum of all further changes of an iteration, from the ``sizes`` of those so far, by (7).
 
-    Its rate is that of the last two; at rounding it is the last change itself.
+    Where Theta >= 1, as at rounding, return the last change itself; infinity before the third change.
     """
     if sizes[-1] == 0.0 or len(sizes) < 3:
         return 0.0 if sizes[-1] == 0.0 else np.inf
@@ -119,18 +122,18 @@ def changes_to_come(sizes: list[float]) -> float:
 
 
 def rates(q: Float[np.ndarray, "3 n"], u: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "3 n"]:
-    """Return q' for the velocities u of the bodies, (2)."""
+    """Return q' of the stages at ``q`` for velocities ``u`` of the bodies, (2)."""
     theta, out = q.reshape(3, -1, 6)[..., 3:], u.reshape(3, -1, 6).copy()
     out[..., 3:] = so3.dexpinv(theta, out[..., 3:])
     return out.reshape(q.shape)
 
 
 def largest(change: Float[np.ndarray, "3 n"], of: Float[np.ndarray, "3 n"]) -> float:
-    """Return the largest change in parts of 1 + |y|, y being ``of``."""
+    """Return the largest entry of ``change`` relative to 1 + |y|, where y is ``of``."""
     return float(np.max(np.abs(change) / (1.0 + np.abs(of))))
 
 
 def integrate(problem: Problem, control: StepControl, tolerance: float) -> Trajectory:
-    """Integrate by Radau IIA with error control from the start to ``t_end``."""
-    assert control.rtol is not None  # the catalogue has seen to it
+    """Integrate by Radau IIA with error control from the start to ``t_end``, and return the trajectory."""
+    assert control.rtol is not None  # checked by the catalogue
     return march(problem, control, Step(problem, tolerance, control.rtol), ErrorControl(problem, control, ORDER))

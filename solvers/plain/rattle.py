@@ -23,7 +23,10 @@ EQUAL = 1e-14  # relative difference below which two principal inertias count as
 
 
 class Step:
-    """The steps of one problem, phi below ``tolerance`` [m; axis rows without unit]."""
+    """The step for one problem, phi below ``tolerance`` [m; axis rows without unit].
+
+    ``discrete``: with the discrete free body.
+    """
 
     def __init__(self, problem: Problem, tolerance: float, *, discrete: bool = False) -> None:
         self.mechanism, self.tolerance, self.discrete = Mechanism(problem.system), tolerance, discrete
@@ -32,14 +35,14 @@ class Step:
         self.counters = {"newton_iterations": 0}
 
     def start(self, problem: Problem) -> tuple[Node, None, np.ndarray]:
-        """Return the first node and its reaction."""
+        """Return the first node, None as nothing is carried on, and the reaction of index 1."""
         node = begin(problem)
         return node, None, self.mechanism.accelerate(*node)[1]
 
     def __call__(self, h: float, a: Node, carried: None) -> tuple[Node, None, np.ndarray] | None:
-        """Step from ``a`` for h [s]; return its end and reaction.
+        """Step from node ``a`` over ``h`` [s]; return the end node, None, and the reaction of index 1 there.
 
-        None where phi does not come down to the tolerance.
+        Return None instead where phi does not converge to the tolerance.
         """
         m, t = self.mechanism, a.t + h
         rows, f = m.rows(*a), m.in_bodies(a.R, m.loads(*a).ravel())
@@ -67,7 +70,7 @@ class Step:
         return node, None, m.accelerate(*node)[1]
 
     def drift(self, h: float, a: Node, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return r, R and p after free motion of all bodies over h [s] from the poses of ``a`` with momenta ``p``."""
+        """Return r, R and p after free motion of all bodies over ``h`` [s] from the poses of ``a``, momenta ``p``."""
         m, six = self.mechanism, p.reshape(-1, 6).copy()
         R = a.R.copy()
         for b in range(m.nb):
@@ -77,9 +80,9 @@ class Step:
 
 
 def turn_freely(J: np.ndarray, h: float, R: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return R and the body momentum L of a body of inertia J after it has turned freely for ``h`` [s].
+    """Return R and the angular momentum L, in the body, of a body of inertia J after free rotation for ``h`` [s].
 
-    A symmetric body is turned exactly, another by a splitting.
+    The rotation is exact for a body with two equal principal inertias, else a splitting.
     """
     diagonal = np.array_equal(J, np.diag(np.diag(J)))
     values, Q = (np.diag(J), np.eye(3)) if diagonal else np.linalg.eigh(J)
@@ -99,14 +102,14 @@ def turn_freely(J: np.ndarray, h: float, R: np.ndarray, L: np.ndarray) -> tuple[
 
 
 def turn_discretely(J: np.ndarray, h: float, R: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return R F and F^T L, a body turned for ``h`` [s] by Moser and Veselov's discrete equations.
+    """Return R F and F^T L after free rotation for ``h`` [s] by the discrete equations of Moser and Veselov.
 
-    hat(h L) = F J_d - J_d F^T, J_d = tr(J)/2 - J, F by Cayley's vector f.
+    hat(h L) = F J_d - J_d F^T, J_d = tr(J)/2 - J, with F by Cayley's map of a vector f.
     """
     g = h * L
 
     def off(f: np.ndarray) -> np.ndarray:
-        """Return the residual of the equation for Cayley's vector f."""
+        """Return the residual of the equation for the vector f."""
         return g + np.cross(g, f) + (g @ f) * f - 2.0 * J @ f
 
     f = np.zeros(3)
@@ -121,5 +124,5 @@ def turn_discretely(J: np.ndarray, h: float, R: np.ndarray, L: np.ndarray) -> tu
 
 
 def integrate(problem: Problem, control: StepControl, tolerance: float, *, discrete: bool = False) -> Trajectory:
-    """Integrate by RATTLE, or with the ``discrete`` free body, from the start to ``t_end``."""
+    """Integrate by RATTLE from the start to ``t_end``, and return the trajectory; ``discrete``: as in ``Step``."""
     return march(problem, control, Step(problem, tolerance, discrete=discrete))

@@ -1,6 +1,6 @@
 """Runge-Kutta steps on the rotation group, on index 1 and projected: Munthe-Kaas (1999), Appl. Numer. Math. 29.
 
-By the pairs of Dormand and Prince (1980), J. Comput. Appl. Math. 6, and of Hairer, Norsett and Wanner (1993), Solving
+Pairs are those of Dormand and Prince (1980), J. Comput. Appl. Math. 6, and Hairer, Norsett and Wanner (1993), Solving
 Ordinary Differential Equations I, II.10 (DOP853). In a step of h, q = (r - r_0, theta) and R = R_0 exp(theta). Stages
 are i = 1 to s, and s + 1, which has the weights b and is the end of the step::
 
@@ -10,7 +10,8 @@ are i = 1 to s, and s + 1, which has the weights b and is the end of the step::
     (4)  e = h sum_{i<=s+1} e_i (q'_i, v'_i)                                  the pair's estimate of the error
     (5)  r, R += M^-1 A^T x,  S x = -phi;   v += M^-1 A^T y,  S y = -(A v + phi_t);   S = A M^-1 A^T
 
-The accelerations (3) of the end are the next step's first, although (5) moves the point by what (4) allows.
+The accelerations (3) at the end serve as the first ones of the next step, although (5) moves that point by as much as
+(4) allows.
 """
 
 from typing import NamedTuple
@@ -27,7 +28,7 @@ from .mechanics import Mechanism, move, solve
 
 
 class Pair(NamedTuple):
-    """Nodes c, weights a with b as the last row, and the weights e of one estimate or of two."""
+    """An embedded pair: nodes c, weights a with b as the last row, and weights e of one error estimate or two."""
 
     c: Float[np.ndarray, " s1"]
     a: Float[np.ndarray, "s1 s"]
@@ -42,14 +43,14 @@ PAIRS = {
 
 
 class Step:
-    """The steps of one problem by a pair; errors are measured in parts of what ``rtol`` allows."""
+    """The step for one problem by a pair; errors are relative to what ``rtol`` allows."""
 
     def __init__(self, problem: Problem, pair: Pair, rtol: float) -> None:
         self.mechanism, self.pair, self.rtol = Mechanism(problem.system), pair, rtol
         self.counters = {"evaluations": 0}
 
     def start(self, problem: Problem) -> tuple[Node, np.ndarray, np.ndarray]:
-        """Return the first node, its (q', v') and its reaction."""
+        """Return the first node, its slope (q', v') to carry on, and the reaction there."""
         node = begin(problem)
         slope, lam = self.slope(node, np.zeros((self.mechanism.nb, 3)))
         return node, slope, lam
@@ -61,7 +62,10 @@ class Step:
         return np.hstack((x.v[:, :3], so3.dexpinv(theta, x.v[:, 3:]), v_dot.reshape(-1, 6))), lam  # (2)
 
     def __call__(self, h: float, x: Node, first: np.ndarray) -> tuple[Node, np.ndarray, np.ndarray, float]:
-        """Step from ``x``, whose slope is ``first``; the last value returned is its error."""
+        """Step from ``x``, whose slope is ``first``, over ``h`` [s]; return end node, slope to carry on, lam, error.
+
+        lam is that before the projection (5); the error (4) is over its tolerance.
+        """
         m, slopes, end, lam = self.mechanism, [first], x, np.zeros(0)
         for c, a in zip(self.pair.c[1:], self.pair.a[1:], strict=True):
             change = h * sum(weight * slope for weight, slope in zip(a, slopes, strict=False))  # (1)
@@ -77,9 +81,9 @@ class Step:
         return Node(end.t, r, R, v), np.hstack((v, slopes[-1][:, 6:])), lam, error
 
     def size(self, errors: list[np.ndarray], x: Node, end: Node) -> float:
-        """Return a step's error over its tolerance, from one estimate or two: a root mean square.
+        """Return a step's error over its tolerance: the root mean square of one estimate.
 
-        For two estimates |e5|^2 / sqrt(|e5|^2 + 0.01 |e3|^2).
+        For two estimates e5, e3 it is |e5|^2 / sqrt(|e5|^2 + 0.01 |e3|^2), with norms by the root mean square.
         """
         squares = [float(np.mean((e / scale(x, end, self.rtol)) ** 2)) for e in errors]
         if len(squares) == 1 or squares == [0.0, 0.0]:
@@ -88,7 +92,7 @@ class Step:
 
 
 def integrate(problem: Problem, control: StepControl, pair: str) -> Trajectory:
-    """Integrate by the pair with error control from the start to ``t_end``."""
-    assert control.rtol is not None  # the catalogue has seen to it
+    """Integrate by the ``pair`` of ``PAIRS`` with error control from the start to ``t_end``; return the trajectory."""
+    assert control.rtol is not None  # checked by the catalogue
     chosen = PAIRS[pair]
     return march(problem, control, Step(problem, chosen, control.rtol), ErrorControl(problem, control, chosen.order))

@@ -1,4 +1,4 @@
-"""The kinds of applied forces, one file each: the user's input, and the push on the bodies as an equation."""
+"""Declare the kinds of applied forces, one file each: the user's input, and force and torque as equations."""
 
 from ..declaring import ForceDeclaration
 from . import load, spring, torsion

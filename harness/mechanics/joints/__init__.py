@@ -1,4 +1,4 @@
-"""Kinds of joints, and the constraint rows that each is made of.
+"""Define joints and the constraint rows of which each kind consists.
 
 With d = r_i + R_i s_i - r_j - R_j s_j, vectors u, w fixed in body i and n_1, n_2 in body j, the rows of a joint are, in
 this order::
@@ -46,7 +46,7 @@ __all__ = [
 
 
 class JointKind(StrEnum):
-    """Freedom that a joint leaves."""
+    """Kinds of joints between bodies, by the freedom that they leave."""
 
     SPHERICAL = "spherical"  # all rotation
     UNIVERSAL = "universal"  # rotation about axis_i and axis_j, which stay normal to each other
@@ -146,7 +146,7 @@ class MovingRows(NamedTuple):
 
 
 def title(k: int, joint: Joint) -> str:
-    """Return what messages call joint ``k``, counted from 0: its number, or the user's own name if it has one."""
+    """Return the name of joint ``k`` in messages: the user's own name if it has one, else its number from 0."""
     return name_part("joint", k, joint.name)
 
 

@@ -1,4 +1,4 @@
-"""Unit vectors of a joint's rows, from the directions that the user gives."""
+"""Compute the unit vectors of a joint's rows from the directions that the user gives."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ Vector = Sequence[float] | Float[np.ndarray, " 3"]
 
 
 class Directions:
-    """Directions of one joint, of length 1 where a frame asks for them; errors name the joint."""
+    """The directions that the user gives one joint, as unit vectors; errors name the joint."""
 
     def __init__(self, where: str, joint: object) -> None:
         self.where, self.joint = where, joint

@@ -43,14 +43,14 @@ def bound_points(points: Float[np.ndarray, "*n 3"]) -> Box:
 
 
 def positions(r: Float[np.ndarray, "nf nb 3"], box: Box) -> Int[np.ndarray, "nf nb 3"]:
-    """Return positions as whole steps of the box's grid, 0 in the middle of the box."""
+    """Return positions as whole steps of the box's grid (int16), 0 in the middle of the box."""
     middle = 0.5 * (box.low + box.high)
     steps = np.rint((r.astype(float) - middle) / box.quantum)
     return np.clip(steps, -LEVELS, LEVELS).astype(np.int16)
 
 
 def quaternions(q: Float[np.ndarray, "nf nb 4"]) -> Int[np.ndarray, "nf nb 4"]:
-    """Return unit quaternions as whole steps of 1/32767, each with the sign nearer to the one before."""
+    """Return unit quaternions in whole steps of 1/32767 (int16), each with the sign nearer to the one before."""
     q = q.astype(float)
     turns = np.sign(np.sum(q[1:] * q[:-1], axis=-1))
     turns[turns == 0.0] = 1.0
@@ -59,7 +59,10 @@ def quaternions(q: Float[np.ndarray, "nf nb 4"]) -> Int[np.ndarray, "nf nb 4"]:
 
 
 def columns(a: Int[np.ndarray, "nf n"]) -> Int[np.ndarray, " m"]:
-    """Return one column after another as counts from 0 on; a page stores their differences, which compress well."""
+    """Return all columns one after another, shifted by ``LEVELS`` so that no value is negative.
+
+    A page stores the differences of neighbouring values, which compress well.
+    """
     return a.T.astype(np.int64).ravel() + LEVELS
 
 
@@ -150,7 +153,10 @@ def angles(a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]) -> 
 def _halve_angle(
     a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]
 ) -> tuple[Float[np.ndarray, "nf nb"], Float[np.ndarray, "nf nb"]]:
-    """Return half the angle between unit quaternions as points, using the nearer of b and -b, and the sign chosen."""
+    """Return half the angle between quaternions as points of the unit sphere, and the sign that makes it the smaller.
+
+    The sign is that of b: b and -b are the same rotation.
+    """
     apart, together = a - b, a + b
     d, s = (np.sqrt(np.einsum("...i,...i", x, x)) for x in (apart, together))
     return np.arctan2(np.minimum(d, s), np.maximum(d, s)), np.where(d > s, -1.0, 1.0)
@@ -163,7 +169,7 @@ def rates(poses: Poses, body: int) -> Float[np.ndarray, "m 3"]:
 
 
 def interpolate_poses(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
-    """Interpolate positions on the chord and orientations on the great circle, as the page does between two poses."""
+    """Interpolate positions linearly and orientations on the great circle, as the page does between two poses."""
     k = np.clip(np.searchsorted(poses.t, t, side="right") - 1, 0, max(len(poses) - 2, 0))
     j = np.minimum(k + 1, len(poses) - 1)
     gap = poses.t[j] - poses.t[k]
@@ -182,11 +188,11 @@ def rotations(q: Float[np.ndarray, "nf nb 4"]) -> Rotation:
 
 
 def fill(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tuple[tuple[float, float], ...]]:
-    """Add poses where interpolation between stored ones is off: the exact motion plus the run's own error.
+    """Return the poses with others added where interpolation is inaccurate, the number added, and the unknown spans.
 
-    The error is interpolated between the stored poses at both ends; ``size`` [m] is that of a body. A gap in which the
-    exact motion turns by more than pi, with an end far from it, cannot be filled and is unknown. Return all poses, the
-    number of those added, and the unknown spans [s].
+    An added pose is that of the exact motion plus the run's error, which is interpolated between the stored poses at
+    both ends; ``size`` [m] is the size of a body. A gap in which the exact motion turns by more than pi, with an end
+    far from it, cannot be filled and is an unknown span [s].
     """
     inside = (exact.t > poses.t[0]) & (exact.t < poses.t[-1]) & ~np.isin(exact.t, poses.t)
     here, there = exact.at(np.flatnonzero(inside)), interpolate_poses(exact, poses.t)
@@ -215,7 +221,7 @@ def fill(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tuple[tup
 
 
 def _product(a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb 4"]:
-    """Return the quaternions of rotation ``b`` followed by rotation ``a``."""
+    """Return the quaternion products a b: the rotation ``b`` followed by the rotation ``a``."""
     x, w = a[..., :3], a[..., 3:]
     y, v = b[..., :3], b[..., 3:]
     return np.concatenate((w * y + v * x + np.cross(x, y), w * v - np.sum(x * y, axis=-1, keepdims=True)), axis=-1)

@@ -57,7 +57,7 @@ class Player:
 
 
 def players(results: StoredResults, variant: Variant) -> tuple[list[Player], list[Player], tuple[StoredRun, ...]]:
-    """Return the players, those that a visitor may add (failures first), and all runs that do not play."""
+    """Return the players, the players that a visitor may add (failures first), and all runs not shown at first."""
     chosen, left_out = choose_players(variant, [c.record.run_id for c in variant.runs if c.record.series])
     found = _with_motion(results, chosen)
     absent = tuple(c for c in chosen if all(c is not p.run for p in found))
@@ -66,7 +66,7 @@ def players(results: StoredResults, variant: Variant) -> tuple[list[Player], lis
 
 
 def _with_motion(results: StoredResults, runs: Sequence[StoredRun], alike: Sequence[Player] = ()) -> list[Player]:
-    """Return as players those runs that stored poses, of as many bodies as ``alike``, else as the first of them."""
+    """Return a player for each run that stored poses of as many bodies as ``alike``, or else as the first such run."""
     found = list(alike)
     for run in runs:
         series = results.series(run)
@@ -79,7 +79,7 @@ def _with_motion(results: StoredResults, runs: Sequence[StoredRun], alike: Seque
 
 
 def make_player(run: StoredRun, series: Series, poses: Poses) -> Player:
-    """Return a player whose gaps of long steps are filled where the exact motion is stored."""
+    """Return a run as a player, with poses added between long steps where the exact motion is stored."""
     exact = stored_exact(series)
     if len(poses) < 2 or exact is None or len(exact) < 2 or exact.r.shape[1:] != poses.r.shape[1:]:
         return Player(run, series, poses)
@@ -101,10 +101,10 @@ def scene(
     pose_bytes: float = POSE_BYTES,
     more: Sequence[Player] = (),
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the data of a theatre page, and of each run ``more`` that a visitor may add.
+    """Return the data of a theatre page, and the data of each run in ``more``, which a visitor may add.
 
-    The first of ``cast_`` leads: shapes and gravity are those of its series. ``pose_bytes`` limits the poses of the
-    page; ``looks`` gives each solver's colour.
+    The first of ``cast_`` leads: shapes and gravity are those of its series. ``pose_bytes`` limits the size of the
+    page's poses; ``looks`` gives line styles by solver.
     """
     lead = cast_[0]
     record, bodies = lead.run.record, lead.poses.r.shape[1]
@@ -218,7 +218,7 @@ def _normal(lead: Player) -> list[float] | None:
 
 
 def _choose_trail(lead: Player, shapes: Sequence[BodyShape]) -> dict[str, Any]:
-    """Return the end of a body with the longest path, for which a trail is drawn: ``body`` and ``at`` [body frame]."""
+    """Return the end of a body with the longest path, whose trail is drawn: ``body`` and ``at`` [m, body frame]."""
     some = lead.poses.at(thin_poses(lead.poses, 200, 1.0))
     best, body, at = -1.0, 0, np.zeros(3)
     bodies = some.r.shape[1]
@@ -234,9 +234,10 @@ def _choose_trail(lead: Player, shapes: Sequence[BodyShape]) -> dict[str, Any]:
 def choose_players(
     variant: Variant, moved: Sequence[str], at_most: int = AT_MOST
 ) -> tuple[tuple[StoredRun, ...], tuple[StoredRun, ...]]:
-    """Return the runs that play and those left out; ``moved`` holds the ids of runs with poses.
+    """Return the runs that play and those left out; ``moved`` holds the run_ids of those that may play.
 
-    The first player, drawn solid, is a success with the fewest options and then the least energy drift.
+    The first player, drawn solid, is a success with the fewest options and then the least energy drift, if there is a
+    success.
     """
     can = [c for c in variant.runs if c.record.run_id in set(moved)]
     failing = {c.record.solver for c in can if not c.is_success}
@@ -250,7 +251,7 @@ def choose_players(
 
 
 def _order(can: Sequence[StoredRun]) -> Iterator[StoredRun]:
-    """Yield the runs in the order in which they are chosen to play, see ``RULE``; some appear more than once."""
+    """Yield the runs in the order in which they are chosen as players, see ``RULE``; some appear more than once."""
 
     def plainest(c: StoredRun) -> tuple[bool, int, float]:
         """Return the sort key that puts successes first, then fewest options, then the finest step or tolerance."""

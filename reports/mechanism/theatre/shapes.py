@@ -1,4 +1,4 @@
-"""Derive what a theatre shows from a series: shapes of bodies, strips of errors over time, moments to jump to.
+"""Derive the contents of a theatre from a series: shapes of bodies, strips of errors over time, moments to jump to.
 
 Shapes follow from joint points and from how the bodies turn. A body with two or more joints is drawn as rods between
 them. A body on a single joint extends as far beyond its centre of mass as the joint is before it; if it mostly turns
@@ -70,7 +70,7 @@ def make_shapes(series: Series, poses: Poses, scale: float) -> list[BodyShape]:
 
 
 def list_ends(shapes: list[BodyShape], body: int) -> Float[np.ndarray, "n 3"]:
-    """Return the ends of a body's rods [body frame], which a trail follows and a camera must show."""
+    """Return the ends of a body's rods [m, body frame], among which a trail is chosen."""
     return np.array([p for s in shapes if s.body == body and s.kind == "rod" for p in (s.a, s.b)]).reshape(-1, 3)
 
 
@@ -98,7 +98,7 @@ def _is_top(poses: Poses, body: int, point: np.ndarray) -> bool:
 
 
 def _top(body: int, tip: np.ndarray) -> list[BodyShape]:
-    """Return a cone on its tip with a disc at its centre; a darker spoke shows the spin."""
+    """Return a cone on its tip, a disc at its centre and a rod through both; a darker spoke shows the spin."""
     length = 2.0 * float(np.linalg.norm(tip))
     u = -2.0 * tip / length
     side = np.cross(u, AXES[int(np.argmin(np.abs(u)))])
@@ -132,7 +132,11 @@ def _shape(kind: str, body: int, a: np.ndarray, b: np.ndarray, radius: float, ti
 
 
 def list_marks(series: Series, run: StoredRun, player: int) -> list[dict[str, Any]]:
-    """List the moments of the run at position ``player``: its ``stop``, ``event``s and ``whip``, in order of time."""
+    """List the moments of a run to which a visitor can jump, in order of time.
+
+    Their kinds are ``event``, ``whip`` (the largest energy error) and ``stop``; ``player`` is the run's position among
+    the players.
+    """
     t, out = series["t"], []
     for event in series.events[:EVENTS]:
         at = event.get("t")
@@ -168,7 +172,7 @@ def strip(
 
 
 def select_known(series: Sequence[Series]) -> list[Mapping[str, Any]]:
-    """Return the strips (``STRIPS``) for which some run has a number; without a reference there is no error."""
+    """Return those of ``STRIPS`` for which some run has a finite value; without a reference there is no error."""
     return [
         s for s in STRIPS if any(s["name"] in own and np.isfinite(own.points(s["name"])[1]).any() for own in series)
     ]

@@ -54,7 +54,7 @@ def grids(rows: Sequence[MapRow], here: Mapping[str, StoredRun]) -> list[dict[st
 
 
 def state(m: MapRow) -> Mark:
-    """Return the mark of a setting: the claim holds there, or does not; a run that stopped has its own mark."""
+    """Return the mark of a setting: whether the claim holds there; a run that stopped has its own mark."""
     stopped = mark_status(m.status).kind == "failed"
     if m.holds is None:
         return FAILED if stopped else UNKNOWN
@@ -62,7 +62,10 @@ def state(m: MapRow) -> Mark:
 
 
 def _place(rows: Sequence[MapRow], here: Mapping[str, StoredRun]) -> list[dict[str, Any]]:
-    """Return one box per run at a place of a grid, one for all if they are many; ``words`` describe it."""
+    """Return one box per run at a place of a grid, or one for all if there are more than ``MOST``.
+
+    ``words`` describe the box.
+    """
     out = []
     for m in rows:
         mark_of_it, run = state(m), here.get(m.settings_id)
@@ -125,7 +128,7 @@ class ClaimView:
 
     @property
     def sides(self) -> tuple[tuple[str, Mark, str], ...]:
-        """The settings (printed or beyond), the verdict there, and for which and how many of those tried it holds."""
+        """The settings (printed or beyond), the verdict on them, and for how many of those tried the claim holds."""
         return tuple(
             (where, VERDICTS[f.verdict], claim_words.condition_and_share(f))
             for where, f in claim_words.list_sides(self.of)
@@ -171,7 +174,7 @@ def count_judged(claims: Iterable[JudgedClaim]) -> int:
 
 
 def origins(claims: Sequence[JudgedClaim], published: int) -> str:
-    """Describe which verdicts the page shows, ``published`` of them for lack of runs; the counts add up to all."""
+    """Describe how many claims are judged from these runs, ``published`` for lack of runs, or tested by no run."""
     lacking = sum(map(lacks_runs, claims))
     here = count_judged(claims)
     parts = [
@@ -210,7 +213,7 @@ def differences(
 
 
 def _first(c: JudgedClaim) -> str:
-    """Format what the claim's first test measured."""
+    """Format the value that the first test of a claim measured."""
     return claim_words.format_measured(c.tests[0]) if c.tests else "nothing"
 
 
@@ -231,7 +234,7 @@ def _show_claim(c: JudgedClaim, here: Mapping[str, StoredRun], anchor: str) -> C
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Write ``claims.html``."""
+    """Add ``claims.html`` to the site and return the page."""
     found = read_judged_or_published(results.folder, CLAIMS)
     published = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish")
     claims = select_claims(found.found or (), results.by_settings, published.found or ())

@@ -29,7 +29,7 @@ SIZES = 3  # least number of sizes: a slope through two would be no evidence
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Write ``cost.html``."""
+    """Add ``cost.html`` to the site and return the page; keep the plots of error over CPU time for other pages."""
     work = read_judged(results.folder, WORK)
     best = profiles(work.found.profile if work.found else ())
     default = profiles(work.found.profile_default if work.found else ())

@@ -107,7 +107,7 @@ def contestant(run: StoredRun) -> str:
 
 
 def _pair(contest: Contest, who: str, runs: Sequence[StoredRun]) -> ContestPair:
-    """Return a contestant's run as shipped beside the best of all its ``runs``."""
+    """Return a contestant's run as shipped, and the best of all its ``runs``, as a pair."""
     shipped = next((c for c in runs if c.record.label == SHIPPED), None)
     within = [c for c in runs if contest.error(c) <= TARGET]
     best = min(within, key=lambda c: c.record.cpu_median_s, default=None) or min(runs, key=contest.rank)
@@ -115,7 +115,7 @@ def _pair(contest: Contest, who: str, runs: Sequence[StoredRun]) -> ContestPair:
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Write ``engines.html``."""
+    """Add ``engines.html`` to the site and return the page; None if no solver ran as shipped."""
     found = contests(results)
     if not found:
         return None

@@ -48,7 +48,7 @@ def verdict_mark(verdict: str) -> Mark:
 
 
 def describe_order(o: Order) -> str:
-    """Describe the fit and what was left out of it."""
+    """Describe the fit of an order and the runs that are not in it."""
     runs = len(o.dt) + o.unfinished + o.unmeasured
     unfinished = f"{o.unfinished} of {runs} runs did not finish" if o.unfinished and o.verdict != "refused" else ""
     unmeasured = f"{o.unmeasured} of {runs} runs have no error to measure" if 0 < o.unmeasured < runs else ""
@@ -135,13 +135,13 @@ def ladders(orders: Sequence[Order]) -> list[Plot]:
 
 
 def put_triangles(plot: Plot, orders: Sequence[Order]) -> Plot:
-    """Add a slope triangle for each whole order that a fit of ``orders`` has, near that fit."""
+    """Return the plot with a slope triangle near each fit of ``orders`` whose order is nearly whole."""
     found = [(o, fit) for o in orders if (fit := find_fit_ends(o)) and abs(o.order - round(o.order)) <= NEAR]
     return add_triangles(plot, [(round(o.order), Trace(o.case, *fit)) for o, fit in found])
 
 
 def _traces(o: Order) -> list[Trace]:
-    """Return a ladder as traces: the fitted line, and the points by their use in the fit."""
+    """Return a ladder as traces: the fitted line, and its points grouped by their use in the fit."""
     out = []
     if fit := find_fit_ends(o):
         interval = f"{o.low:.2f} to {o.high:.2f}" if math.isfinite(o.low + o.high) else "none"

@@ -107,13 +107,13 @@ def group_families(runs: Sequence[StoredRun]) -> tuple[tuple[StoredRun, ...], ..
 
 
 def title(all_of: SolverScore) -> str:
-    """State how many runs stopped and how many claim success wrongly."""
+    """State how many runs stopped, and how many claim a success that is false."""
     wrong = all_of.wrong
     return f"{all_of.stopped} of {plural(all_of.began, 'run')} stopped, {wrong} {claim_success(wrong)}"
 
 
 def find_first_cause(run: StoredRun, series: Series | None) -> tuple[str, list[str]]:
-    """Return the first cause in the order of ``CAUSES`` that applies to a stop, and words on what the series shows."""
+    """Return the first of ``CAUSES`` that applies to a stop, and the evidence in its series, in words."""
     r, died = run.record, run.status in (Status.CRASHED, Status.MEMORY)
     if series is None or "t" not in series or len(series["t"]) < 2:
         return "killed" if died else "unmoved", []
@@ -144,7 +144,7 @@ def find_first_cause(run: StoredRun, series: Series | None) -> tuple[str, list[s
 
 
 def _step(series: Series) -> tuple[str, bool, str] | None:
-    """Return whether the step size collapsed before the end ("collapse", True or False, words); None for few steps."""
+    """Return ("collapse", whether the step size collapsed before the end, words); None for fewer than two steps."""
     dt = series["dt"][1:] if "dt" in series else np.empty(0)
     dt = dt[np.isfinite(dt)]
     if len(dt) < 2:
@@ -167,9 +167,10 @@ def usual_step(dt: Float[np.ndarray, " n"]) -> float:
 def _size(
     series: Series, cause: str, name: str, unit: str, scale: float, limit: float, words: str
 ) -> tuple[str, bool, str] | None:
-    """Return whether an error exceeds ``limit`` times its ``scale`` at the end: ``cause``, True or False, words.
+    """Return (``cause``, whether an error exceeds ``limit`` times its ``scale`` at the end, words).
 
-    The words are ``words`` with the fraction, and with the growth if it exceeds an oscillation; None without values.
+    The words are ``words`` with the error and its fraction of the scale, and with its growth if that exceeds an
+    oscillation. None is returned without values.
     """
     tail = np.abs(series.tail(name, LAST)) if name in series else np.zeros(0)
     if not len(tail) or not scale > 0.0:
@@ -186,9 +187,9 @@ def _size(
 
 
 def _chart(series: Series) -> tuple[str, bool, str] | None:
-    """Return how near the motion came to a chart's singularity ("chart", True, words), which solvers in angles record.
+    """Return ("chart", True, words) if the motion came near a singularity of its chart, else None.
 
-    None is returned if it stayed away.
+    Solvers in angles record how near they came.
     """
     if "diag_chart_margin" not in series:
         return None
@@ -200,7 +201,7 @@ def _chart(series: Series) -> tuple[str, bool, str] | None:
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Write ``atlas.html``."""
+    """Add ``atlas.html`` to the site and return the page."""
     stopped = [c for c in results.runs if c.has_stopped and not c.is_unfinished]
     return site.write(
         Page("Failures", "atlas.html", nav=True, order=40),

@@ -9,7 +9,7 @@ from ..base import Page, Site
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Write ``method.html``."""
+    """Add ``method.html`` to the site and return the page."""
     return site.write(
         Page("Method", "method.html", nav=True, order=90),
         "method.html",

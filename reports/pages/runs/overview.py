@@ -1,4 +1,4 @@
-"""Write the first page: the race over the moving mechanism, false successes, cost, heat map, numbers, claims, links."""
+"""Write the first page: mechanisms in motion, false successes, costs, heat map, numbers, claims and links."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -36,7 +36,7 @@ SENTENCES = 10
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Write ``index.html``."""
+    """Add ``index.html`` to the site and return the page."""
     label, picture = find_plain_label(results), make_heat_map(results)
     found = select_broad(results, site.frontiers)
     races = costs(results, found, site.url)
@@ -93,7 +93,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
 
 
 def _cell(results: StoredResults, site: Site, b: HeatCell, measure: ErrorMeasure | None) -> dict[str, Any]:
-    """Return what the first page shows of one box of the heat map: words, address, command, energy error and facts."""
+    """Return the data of one cell of the heat map: words, address, command, energy error over time, and facts."""
     r = b.run.record
     series = results.series(b.run, poses=False) if r.series else None
     strip = None
@@ -118,9 +118,10 @@ def _cell(results: StoredResults, site: Site, b: HeatCell, measure: ErrorMeasure
 
 
 def false_successes(results: StoredResults, label: str) -> tuple[list[dict[str, Any]], int]:
-    """Return each solver's largest violation, external code and plain settings first, and the number of wrong runs.
+    """Return a card for the largest violation of each solver, external code first, and the number of wrong runs.
 
-    If these results have no engine, the published false successes of engines are shown too, but not counted.
+    At most ``CARDS`` are returned. If these results have no engine, the published false successes of engines are shown
+    too, but not counted.
     """
     wrong = [c for c in results.runs if c.status == "wrong"]
     engines = any(is_engine(s) for s in results.solvers)
@@ -137,7 +138,7 @@ def false_successes(results: StoredResults, label: str) -> tuple[list[dict[str, 
 
 
 def _card(results: StoredResults, run: StoredRun, published: bool) -> dict[str, Any]:
-    """Describe a false success when it breaks its law, drawn at the latest time up to which errors are judged."""
+    """Describe a false success: the law that it breaks, and its motion at the end of the time that is judged."""
     m, r = margin(run), run.record
     reason = m.error if m else parse_reasons(r.wrong_because)[0]
     drawn = min(t for t in (r.t_reached_s, r.reference_horizon_s, r.judged_to_s) if t > 0.0)
@@ -155,7 +156,7 @@ def _card(results: StoredResults, run: StoredRun, published: bool) -> dict[str, 
 
 
 def strips(picture: HeatMap | None, looks: Mapping[str, LineStyle]) -> list[dict[str, Any]]:
-    """Draw how long each solver follows the exact motion, a strip with its counts per problem with a reference."""
+    """Draw how long each solver tracks the exact motion: one strip, with counts, per problem with a reference."""
     out = []
     for variant in picture.problems if picture else ():
         own = list_followed(variant)
@@ -186,7 +187,7 @@ def strips(picture: HeatMap | None, looks: Mapping[str, LineStyle]) -> list[dict
 
 
 def verdicts(results: StoredResults) -> dict[str, Any] | None:
-    """Return the paper's claims as judged by these results, else as published; None if there is neither."""
+    """Return the verdicts on the paper's claims by these results, or else the published ones; None without any."""
     found = read_judged_or_published(results.folder, CLAIMS)
     kept = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish").found or ()  # for claims without runs in these results
     shown = [c for c in select_claims(found.found or (), results.by_settings, kept) if not c.presentation]

@@ -13,7 +13,7 @@ SUFFIXES = (".svg", ".pdf")
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Write ``paper.html``."""
+    """Add ``paper.html`` to the site and return the page; None if no figure was drawn."""
     made = [(c, _files(results, site, c.name)) for c in captions.read(results.folder)]
     figures = [(c, files) for c, files in made if ".svg" in files]
     if not figures:
@@ -24,7 +24,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
 
 
 def _files(results: StoredResults, site: Site, figure: str) -> dict[str, str]:
-    """Copy a figure into the report folder; return the paths from the page, by suffix."""
+    """Copy the files of a figure into the report folder; return their paths from the page, by suffix."""
     name, out = Path(figure).name, {}  # only the name: a path could lead out of the folder
     for suffix in SUFFIXES:
         source = ConfinedPath(results.folder) / captions.FOLDER / f"{name}{suffix}"

@@ -1,4 +1,4 @@
-"""List the mechanisms, and show each variant: its motion, its difficulty, who follows it and at what cost."""
+"""List the mechanisms, and show each variant: its motion, its difficulty, which solvers follow it and at what cost."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -61,7 +61,10 @@ def _largest(found: Any) -> float:
 
 
 def tabulate_events(motions: Iterable[MotionCurves]) -> dict[str, Any]:
-    """Tabulate events reported during runs, e.g. singular passages, with columns as the solvers named them."""
+    """Tabulate the events that solvers reported, e.g. singular passages, in columns named as the solvers name them.
+
+    The dict holds the column heads, at most ``MOST_EVENTS`` rows per run, and the number of events left out.
+    """
     heads = list(dict.fromkeys(k for m in motions for e in m.events for k in e))
     rows = [(m.run, [e.get(k) for k in heads]) for m in motions for e in m.events[:MOST_EVENTS]]
     return {"heads": heads, "rows": rows, "left_out": sum(max(len(m.events) - MOST_EVENTS, 0) for m in motions)}
@@ -76,7 +79,7 @@ def draw_start(results: StoredResults, variant: Variant) -> Markup | None:
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Write ``mechanisms.html``, and ``problem-<slug>.html`` of every variant."""
+    """Add ``mechanisms.html``, and ``problem-<slug>.html`` of every variant, to the site; return the first."""
     label = find_plain_label(results)
     plain = {p.title for p in select_variants(results, label)}
     for variant in results.variants:  # one problem at a time, because its series are large
@@ -98,7 +101,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
 
 
 def _write(results: StoredResults, site: Site, variant: Variant, label: str, spans: int) -> None:
-    """Add the page of one variant to the site, and draw its runs in ``spans`` spans of time."""
+    """Add the page of one variant to the site, with its curves in ``spans`` spans of time."""
     plain = spans == SPANS_UPPER  # a problem at its default presentation
     lines = choose_lines(variant, site.url, EVER if plain else EVER_VARIANT)
     read = ((k.run, results.series(k.run, poses=False)) for k in lines)
@@ -143,7 +146,10 @@ def _write(results: StoredResults, site: Site, variant: Variant, label: str, spa
 
 
 def one_a_problem(picture: HeatMap | None, label: str) -> list[Variant]:
-    """Choose the variant with most wrong solvers, else with most runs, of each problem of the heat map."""
+    """Choose for each problem of the heat map the variant with most wrong solvers, then with most runs.
+
+    At most ``MINIATURES`` are returned, in the same order.
+    """
 
     def telling(variant: Variant) -> tuple[int, int, int]:
         """Return the sort key: wrong solvers in the plain comparison, wrong solvers in all, and runs."""
@@ -157,9 +163,10 @@ def one_a_problem(picture: HeatMap | None, label: str) -> list[Variant]:
 
 
 def choose_roles(variant: Variant, label: str, site: Site) -> list[tuple[StoredRun, str]]:
-    """Choose an accurate cheap run, the paper's method, and a false success or else the lowest-ranked run.
+    """Choose the runs to animate: an accurate cheap one, the paper's method, and a false success or else the last.
 
-    The false success is of an implicit method if there is one, since most codes in use are implicit.
+    Each is returned with words on its role. The false success is of an implicit method if there is one, since most
+    codes in use are implicit; the last is that of lowest rank.
     """
     best_first = [b.run for b in rank(make_boxes(variant, label))]
     cheap, cheapest = "among the cheapest accurate", _cheapest_first(variant, site)
@@ -198,7 +205,7 @@ def _cheapest_first(variant: Variant, site: Site) -> list[StoredRun]:
 
 
 def write_stage(results: StoredResults, site: Site, variant: Variant, label: str) -> dict[str, Any] | None:
-    """Write the stage ``data/stage-<slug>.js`` and return the words beside it; None if no run stored poses."""
+    """Write the animation's data, ``data/stage-<slug>.js``, and return what is shown beside it; None without poses."""
     roles, measure = choose_roles(variant, label, site), measure_for(variant.runs)
     play = stage(results, roles, measure, site.looks)
     if play is None:
@@ -216,7 +223,7 @@ def write_stage(results: StoredResults, site: Site, variant: Variant, label: str
 
 
 def _describe_role(run: StoredRun, role: str, site: Site) -> dict[str, str]:
-    """Return what the page writes beside a run on the stage: who it is, what it claimed and what was measured."""
+    """Return what the page shows beside a run: its solver and step, what it claimed and what was measured."""
     measured, r = mark_status(run.status), run.record
     return {
         "solver": r.solver,

@@ -18,7 +18,7 @@ DIGITS = 6  # digits in the table's data file: twice those shown
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Write ``runs/<run>.html`` of every run, none in the navigation, and ``runs.html``; None without a run."""
+    """Add ``runs/<run>.html`` of every run and ``runs.html`` to the site, none in the navigation; None without runs."""
     if not results.runs:
         return None
     meanings = site.data("meanings", {c.heading: c.doc for c in COLUMNS})

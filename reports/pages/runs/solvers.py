@@ -27,7 +27,7 @@ QUANTITY = "position"  # the quantity whose order represents a solver
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Write ``solvers.html``, and ``solver-<name>.html`` and ``badges/<name>.svg`` of every solver."""
+    """Add ``solvers.html`` and each ``solver-<name>.html`` to the site, and write the files ``badges/<name>.svg``."""
     label = find_plain_label(results)
     plain = {p.title for p in select_variants(results, label)}
     judged = [read_judged_or_published(results.folder, file) for file in FILES]

@@ -26,7 +26,7 @@ SCRIPTS = (
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Write every theatre; return the first page, or None if no run has poses."""
+    """Write the data of every theatre and add its page to the site; return the first page, or None without poses."""
     stages = {p.slug: t for p in _list_variants(results) if (t := _stage(results, site, p, POSE_BYTES)) is not None}
     level = share_size([t["size"] for t in stages.values()], ALL_BYTES)
     pages = []
@@ -56,7 +56,7 @@ def _list_variants(results: StoredResults) -> list[Variant]:
 
 
 def _stage(results: StoredResults, site: Site, variant: Variant, pose_bytes: float) -> dict[str, Any] | None:
-    """Write the data file of a theatre, its poses in about ``pose_bytes``; return what the page shows beside it.
+    """Write the data file of a theatre with about ``pose_bytes`` of poses; return what its page shows and needs.
 
     Runs that a visitor may add are written to files of their own. None is returned if no run stored poses.
     """
@@ -88,7 +88,7 @@ def _without_arrays(value: Any) -> Any:
 
 
 def share_size(sizes: Sequence[int], whole: float) -> float:
-    """Return the size to which the largest are cut so that all fit into ``whole``; infinite if all fit already."""
+    """Return the size to which the largest files must shrink so that all fit into ``whole``; infinite if all fit."""
     left, ordered = whole, sorted(sizes)
     for k, size in enumerate(ordered):
         share = left / (len(ordered) - k)

@@ -1,4 +1,4 @@
-"""Packages of engines, and the elements of a system that an engine takes."""
+"""Packages of engines, and the elements of a system that an adapter passes to its engine."""
 
 import importlib
 import importlib.metadata
@@ -22,7 +22,7 @@ SPRINGS, TORSIONS, LOADS, VARYING, USERS = (
 
 @dataclass(frozen=True)
 class SupportedElements:
-    """Elements that an adapter passes to its engine beside gravity, and by element why the engine takes no more."""
+    """Elements that an adapter passes to its engine beside gravity, and by element why it passes no others."""
 
     kinds: tuple[str, ...] = tuple(KINDS)  # kinds of joints
     springs: bool = True
@@ -43,7 +43,7 @@ class SupportedElements:
 
 
 def list_unsupported(system: MultibodySystem, taken: SupportedElements) -> str | None:
-    """Return which elements of the system an adapter does not pass to its engine, and why, or None."""
+    """Return a refusal that names the elements of ``system`` beyond those ``taken``, with reasons, or None."""
     named, elements = {LOADS: "a load", VARYING: "a load that varies"}, taken.elements
     found = dict[str, list[str]]()
     for k, name in enumerate(system.joint_names):
@@ -69,12 +69,12 @@ def list_unsupported(system: MultibodySystem, taken: SupportedElements) -> str |
 
 
 def describe_engine(name: str) -> str:
-    """Return name and version, for the notes of a run."""
+    """Return the name and the installed version of the package ``name``, for the notes of a run."""
     return f"{name} {importlib.metadata.version(name)}"
 
 
 def package(name: str, *parts: str) -> ModuleType:
-    """Import the package ``name`` and its submodules ``parts``; return it."""
+    """Import the package ``name`` and its submodules ``parts``; return the package."""
     module = importlib.import_module(name)
     for part in parts:
         importlib.import_module(f"{name}.{part}")

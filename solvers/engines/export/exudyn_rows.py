@@ -1,9 +1,10 @@
-"""Rows that Exudyn is given where some are redundant, in the frames in which it states them, and a check of their rank.
+"""Choice of independent constraint rows for Exudyn, in the frames in which it states them, and a monitor of their rank.
 
-Rows that are independent at the start may become dependent later where all rows together do not: a code that passes
-such a place goes on with a joint open. The least singular value of the rows kept, scaled to length one, for velocities
-in m/s, is monitored. Below half of its value at the choice the most independent rows are searched for, and taken if
-they are twice as independent; so they are where a joint has opened. The motion continues from the check before.
+Rows that are independent at the start may become dependent later although all rows together do not lose rank: a code
+that passes such a configuration continues with an open joint. The least singular value of the rows kept, each scaled to
+length one for velocities in m/s, is monitored. Below half of its value at the choice, and where a joint has opened, the
+most independent rows are searched for; they are used if their least singular value is twice as large or a joint has
+opened. The motion continues from the check before.
 """
 
 from dataclasses import dataclass
@@ -24,20 +25,20 @@ PIVOT = 1e-9  # share of the largest pivot: rounding is 1e-15, true pivots are a
 WORN = 0.5  # share of the least singular value at the choice, at which other rows are searched for
 # limit of a left-out row's gap: a share of the longest arm, and a multiple of the largest kept gap
 OPEN, TIMES = 1e-2, 10.0
-TURN = 0.1  # [rad] turn of the fastest body between two checks; one costs some 70 us, a step of small systems
+TURN = 0.1  # [rad] turn of the fastest body between two checks; a check costs 70 us, as a step of small systems does
 LARGEST = 100  # rows of the largest system monitored: singular values of more cost as much as many steps
 
 
 @dataclass(frozen=True)
 class WornRows:
-    """Index of the last of some states whose rows kept are sound (-1: the state before them), and better rows."""
+    """Result of a check that found the rows kept too dependent: where to continue from, with which rows."""
 
-    last: int  # index of the last state at which the rows kept are independent enough
+    last: int  # index of the last state at which the rows kept are independent enough; -1: that before all of these
     better: Bool[np.ndarray, " nrows"] | None  # None: no rows are independent at both checks
 
 
 class KeptRows:
-    """Rows kept from ``start`` on: those given, or a maximal set of independent ones."""
+    """Constraint rows in use from ``start`` on, those of ``kept`` or a maximal independent set, and their monitor."""
 
     def __init__(self, system: MultibodySystem, start: State, kept: Bool[np.ndarray, " nrows"] | None = None) -> None:
         self._system = system
@@ -51,9 +52,10 @@ class KeptRows:
         self._arm = float(max(np.max(np.abs(system.joint_s_i), initial=0.0), np.max(system.gyration)))
 
     def check_states(self, s: States, dt: float) -> WornRows | None:
-        """Return where further states need other constraint rows, or None where the rows kept are sound.
+        """Examine the rows kept at further states; return where they are too dependent and better rows, or None.
 
-        States are ``dt`` [s] apart, and follow those checked before; the last of them is always checked.
+        States are ``dt`` [s] apart and follow those of the call before, of which the monitor remembers rows and turns.
+        Only states ``TURN`` apart are examined, and always the last one.
         """
         if not self._watched or not len(s.r):
             return None
@@ -79,9 +81,10 @@ class KeptRows:
         return None
 
     def _rows(self, s: States) -> tuple[Float[np.ndarray, "nt nrows n"], Float[np.ndarray, "nt nrows"]]:
-        """Return A of all constraint rows, scaled to length one, and gaps [m], at each state.
+        """Return A of all constraint rows, scaled to length one, and their gaps |phi|, scaled alike [m], at each state.
 
-        A is by (r_dot, gyration Omega); rows of a joint that is not held fully are along the axes of its body j.
+        A multiplies (r_dot, gyration Omega). Point rows of a joint that also has axis rows are along the axes of its
+        body j.
         """
         system = self._system
         six = np.zeros((len(s.r), system.nrows, system.nb, 6))
@@ -103,7 +106,8 @@ def joint_frames(
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
     """Return columns x, y, z of the joint frame of joint ``k`` in the frames of i and of j; z is its axis, in i.
 
-    With Exudyn's marker 0 on j its rows are ours: places along x and y of j, the axis in i normal to x or y of j.
+    With Exudyn's marker 0 on j its rows equal this project's: points along x and y of j, the axis of i normal to x or
+    y of j.
     """
     R = np.concatenate((start.R, np.eye(3)[None]))
     x, y = system.joint_n[k, :2]
@@ -116,7 +120,7 @@ def joint_frames(
 
 
 def _most_independent(rows: Float[np.ndarray, "nrows n"], number: int = -1) -> Bool[np.ndarray, " nrows"]:
-    """Return flags of the first ``number`` rows by pivots, or if that is negative of all that are independent."""
+    """Return flags of the ``number`` most independent rows by a pivoted QR, of all independent ones if negative."""
     out = np.zeros(len(rows), dtype=bool)
     if len(rows):
         _, pivots, order = sl.qr(rows.T, mode="economic", pivoting=True)
@@ -126,5 +130,5 @@ def _most_independent(rows: Float[np.ndarray, "nrows n"], number: int = -1) -> B
 
 
 def _least(rows: Float[np.ndarray, "k n"]) -> float:
-    """Return the least singular value of these rows."""
+    """Return the least singular value of ``rows``."""
     return float(np.linalg.svd(rows, compute_uv=False)[-1])

@@ -1,4 +1,4 @@
-"""Steps of an engine that loops on its own: stretches of many steps, the clock read between them."""
+"""Integrate by an engine with its own loop: stretches of many steps, with limits checked between them."""
 
 from collections.abc import Callable
 
@@ -15,7 +15,7 @@ Advance = Callable[[int, float], Float[np.ndarray, "k n"]]  # steps, dt [s] -> t
 
 
 class PartialStretch(StepFailure):
-    """An engine that stopped inside a stretch; ``done`` its states until then."""
+    """Raised where an engine stops inside a stretch; ``done`` has its rows before the failure."""
 
     def __init__(self, status: Status, message: str, done: Float[np.ndarray, "k n"]) -> None:
         super().__init__(status, message)
@@ -33,11 +33,12 @@ def march(
     stretch: int = STRETCH,
     seconds: Callable[[], float] = solver_seconds,
 ) -> Trajectory:
-    """Integrate by calls of ``advance`` until ``t_end``, and return the trajectory.
+    """Integrate by calls of ``advance`` until ``t_end``, a limit or a failure, and return the trajectory.
 
-    CPU time is that of ``advance`` alone, set-up since ``clock`` was made. Without ``control.dt`` rows begin with their
-    times; ``states`` turns them into motion. ``stretch`` is the number of steps times bodies a call; ``seconds`` is the
-    clock of the process that steps.
+    With ``control.dt`` the last step is shortened to end at ``t_end``; without it the engine chooses its steps, and
+    each row begins with its time [s]. ``states`` converts rows, without times, to poses and velocities. ``stretch`` is
+    the number of steps times bodies per call; ``seconds`` reads the CPU clock [s] of the process that steps. The CPU
+    time of the run is that of ``advance`` alone; all since ``clock`` was made, until the first call, is set-up.
     """
     dt, t_end = control.dt, problem.t_end
     full, last = (int(t_end / dt + 1e-9), int(np.ceil(t_end / dt - 1e-9))) if dt else (0, 0)
@@ -86,5 +87,5 @@ def march(
 
 
 def _join_states(parts: list[States]) -> States:
-    """Return the states of all parts, one after the other."""
+    """Return the states of all ``parts``, concatenated in time."""
     return States(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("r", "R", "v", "Omega")))

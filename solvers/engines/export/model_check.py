@@ -1,20 +1,21 @@
-"""The model check: an engine's model of a system, compared at the start with the equations of ``formulations``.
+"""The model check: compare an engine's model of a system, at the start, with the equations of ``harness.mechanics``.
 
 An engine has its own velocities u; (r_dot, Omega) = T u. With the joints of its tree closed and M = blockdiag(m I, J)::
 
     mass matrix T^T M T,  forces at rest T^T f,  energies,  accelerations of bodies,  degrees of freedom 6 nb - rank A
 
-Each difference is relative to the largest entry. No engine starts on a model that differs by more than ``SAME``.
+Each difference is relative to the largest entry. A model that differs by more than ``SAME`` is refused.
 
-In single precision accelerations say little: they carry the condition of the mass matrix. Their residual does not, for
-elimination is backward stable. With accelerations u_dot by the engine, no constraints acting, and ours M, f::
+In single precision accelerations say little: their errors grow with the condition number of the mass matrix. Their
+residual does not, for elimination is backward stable. With the engine's unconstrained accelerations u_dot, and M, f of
+``harness.mechanics``::
 
     |M u_dot - f| <= k eps S,   S = sum over bodies of |T| (|force| + |M| |a| + |terms of spatial cross products|)
 
-S is the largest of a unit, m |Omega| |v|, m v^2 and |Omega| |J Omega| are sizes of the terms of w x* I w, and
-k = 6 (levels + 1) + nu counts roundings: three a product with a rotation, two of those a level and two for inertias and
-places, one for each velocity eliminated. The mass matrix and rows of loops differ by k eps of their
-largest entry. A spring counts by its terms k d and k d_0, of which its force is the difference.
+S is the largest among velocities of one unit, m/s or rad/s; m |Omega| |v|, m v^2 and |Omega| |J Omega| are the sizes of
+the terms of w x* I w; k = 6 (levels + 1) + nu counts roundings: three per product with a rotation, two such products
+per level and two for inertias and positions, one for each velocity eliminated. The mass matrix and the rows of loops
+may differ by k eps of their largest entry. A spring enters S by its terms k d and k d_0, whose difference is its force.
 """
 
 from collections.abc import Iterator
@@ -54,7 +55,11 @@ class EngineModel:
 
 
 def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
-    """Return by quantity how far an engine's model is from ours at the start, relative to the largest entry."""
+    """Return the relative difference of an engine's model from the expected one at the start, by quantity.
+
+    Matrices, forces and accelerations are compared relative to their largest entry, energies to T + |V| + m |g| |r|,
+    the number of degrees of freedom to the expected number.
+    """
     system, start, T = problem.system, problem.initial, model.T
     one = States.one(start)
     rates = accelerations(system, start)
@@ -80,7 +85,7 @@ def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
 
 
 def model_refusal(engine: str, problem: Problem, model: EngineModel) -> str | None:
-    """Return the refusal of an engine's model that differs from ours by more than ``SAME``, or None."""
+    """Return the refusal of an engine's model that differs from the expected one by more than ``SAME``, or None."""
     found = differences(problem, model)
     worst = max(found, key=lambda k: found[k] if np.isfinite(found[k]) else np.inf)
     if found[worst] <= SAME:
@@ -92,10 +97,11 @@ def model_refusal(engine: str, problem: Problem, model: EngineModel) -> str | No
 def force_refusal(
     engine: str, problem: Problem, model: EngineModel, loops: Float[np.ndarray, "nl nu"], levels: int, eps: float
 ) -> str | None:
-    """Return the refusal of an engine's model in single precision that is not ours, or None.
+    """Return the refusal of an engine's model in single precision that differs from the expected one, or None.
 
-    Its numbers are known to ``eps``; ``loops`` are our rows of cut joints, ``levels`` the bodies on the longest path.
-    Its forces are compared with our M u_dot.
+    ``loops`` is the expected Jacobian of cut joints, ``levels`` the number of bodies on the longest path from the
+    ground, ``eps`` the relative precision of the engine's numbers. Forces, loop rows and the mass matrix may differ by
+    k ``eps``, k of the module's docstring.
     """
     k = 6 * (levels + 1) + model.T.shape[1]
     found = {
@@ -111,7 +117,10 @@ def force_refusal(
 
 
 def force_differences(problem: Problem, model: EngineModel) -> dict[str, float]:
-    """Return by quantity how far the model's forces are from ours, relative to the sums of their terms."""
+    """Return the difference of an engine's forces from the expected ones, relative to the sizes S of their terms.
+
+    The keys are "forces at rest" and "forces", those at the velocities of the start.
+    """
     system, start, T, nb = problem.system, problem.initial, model.T, problem.system.nb
     still = replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega)
     m, J = system.mass, system.regular_inertia
@@ -136,7 +145,7 @@ def force_differences(problem: Problem, model: EngineModel) -> dict[str, float]:
 
 
 def loop_difference(theirs: Float[np.ndarray, "nl nu"], ours: Float[np.ndarray, "nl nu"]) -> float:
-    """Return the relative difference of two sets of loop rows, of either sign; infinite where their numbers differ."""
+    """Return the relative difference of two Jacobians of loops up to a common sign; infinity if their shapes differ."""
     if theirs.shape != ours.shape:
         return np.inf
     return min(_apart(theirs, ours), _apart(-theirs, ours))
@@ -149,7 +158,10 @@ def mass_blocks(problem: Problem) -> Float[np.ndarray, "twists twists"]:
 
 
 def _spring_sizes(system: MultibodySystem, one: States) -> Float[np.ndarray, "nb 2"]:
-    """Return the terms k d and k d_0 of springs on each body [N, N m], which cancel where a spring is at rest."""
+    """Return the sizes k d + k d_0 of the spring forces and torques on each body [N, N m].
+
+    The two terms of a spring cancel where it is at rest, their rounding does not.
+    """
     out, (stretched, _, _) = np.zeros((system.nb + 1, 2)), torsion(system, one)  # the last one is the ground
     for k, stiffness in enumerate(system.spring_k):
         pull = stiffness * (np.linalg.norm(spring_line(system, one, k)[0]) + system.spring_d0[k])
@@ -162,7 +174,7 @@ def _spring_sizes(system: MultibodySystem, one: States) -> Float[np.ndarray, "nb
 
 
 def _sizes(wrenches: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, "nb 2"]:
-    """Return the sizes of the force and of the torque of each wrench."""
+    """Return the magnitudes of the force and of the torque of each wrench."""
     return np.linalg.norm(wrenches.reshape(-1, 2, 3), axis=2)
 
 
@@ -173,11 +185,10 @@ def rank(G: Float[np.ndarray, "nl nu"], largest: float = 0.0) -> int:
 
 
 def _rigid(model: EngineModel, exact: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, " nu"]:
-    """Return the velocities' accelerations of the engine's model with rigid constraints, for the given motion.
+    """Return the accelerations u_dot of the engine's model with its constraints made rigid.
 
-    They satisfy M u_dot = f + G^T lam with G u_dot that of the ``exact`` motion; redundant rows are allowed.
-    Accelerations along the constraints are then the engine's; those that G leaves open are not compared with soft
-    constraints.
+    They satisfy M u_dot = f + G^T lam, with G u_dot that of the ``exact`` accelerations of bodies; redundant rows are
+    allowed. So softness of the engine's constraints does not enter the comparison: what remains is M, f and G.
     """
     rows, values = model.idle or (np.zeros((0, model.T.shape[1])), np.zeros(0))
     u_dot = np.linalg.lstsq(
@@ -192,18 +203,21 @@ def _rigid(model: EngineModel, exact: Float[np.ndarray, "nb 6"]) -> Float[np.nda
 
 
 def _apart(a: np.ndarray, b: np.ndarray, size: float = 0.0) -> float:
-    """Return the largest difference of a and b, over the largest entry of b or ``size`` if that is more."""
+    """Return the largest difference of ``a`` and ``b``, relative to the largest entry of ``b`` or to a larger ``size``.
+
+    It is absolute where both are zero.
+    """
     size = max(size, float(np.max(np.abs(b), initial=0.0)))
     return float(np.max(np.abs(a - b), initial=0.0)) / (size or 1.0)
 
 
 def _rates(one: States, accelerations: np.ndarray) -> float:
-    """Return a size of accelerations: the largest of these and of spins squared, since terms may cancel."""
+    """Return a scale of accelerations: the largest entry of these and of spins squared, whose terms may cancel."""
     return float(max(np.max(np.abs(accelerations), initial=0.0), np.max(one.Omega**2, initial=0.0)))
 
 
 def check_states(problem: Problem) -> Iterator[tuple[str, State]]:
-    """Yield the start, and its pose with two random velocities that the joints allow."""
+    """Yield a label and a state for each model check: the start, and its pose with two random admissible velocities."""
     start, system = problem.initial, problem.system
     yield "at the start", start
     A = constraint_jacobian(system, start).toarray()

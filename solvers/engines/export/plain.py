@@ -1,4 +1,4 @@
-"""The model that an engine gets, as names and numbers alone."""
+"""Convert a tree to the dictionary of names and numbers that an engine of ``inside`` builds its model from."""
 
 from dataclasses import fields
 from typing import Any
@@ -12,9 +12,11 @@ from .tree import PARALLEL, Kind, Tree
 
 
 def flatten_tree(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
-    """Return the model of a system as names and numbers: limbs, cuts, links, springs, loads and the start.
+    """Return the model of a system as names and numbers: gravity, limbs, cuts, links, springs, loads and the start.
 
-    Limbs have ``torsion`` and ``drive`` of their hinge, if any; vectors are in body frames.
+    Limbs have ``torsion`` and ``drive`` of their hinge, or None. Points and axes are in body frames, gravity and the
+    ``r``, ``v`` of limbs in space; a load is in space unless it ``follows``. Raises ValueError as
+    ``springs_of_hinges`` does.
     """
     torsions = springs_of_hinges(system, start, tree)
     drives = {drive.body: {"name": drive.name, "motion": drive.motion} for drive in tree.drives}
@@ -73,7 +75,10 @@ MOTION = ("r", "R", "v", "Omega")
 
 
 def springs_of_hinges(system: MultibodySystem, start: State, tree: Tree) -> dict[int, dict[str, float]]:
-    """Return torsional springs by the child of their hinge, or ValueError for one not about the axis of a hinge."""
+    """Return stiffness, rest angle and damping of each torsional spring, by the child body of its hinge.
+
+    Raises ValueError for a spring not about the axis of a hinge of the tree, and for a second one on the same hinge.
+    """
     out: dict[int, dict[str, float]] = {}
     stretched = torsion(system, States.one(start))[0][0]
     limbs = {limb.body: limb for limb in tree.limbs if limb.kind is Kind.HINGE}

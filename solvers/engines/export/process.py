@@ -1,8 +1,8 @@
-"""An engine's model in a process of its own, in the environment ``sys.prefix/engines/NAME`` (``make engines``).
+"""Run an engine in a separate process, in the environment ``sys.prefix/engines/NAME`` (``make engines``).
 
-A question is a line of JSON to ``inside/serve.py``, the answer another one, followed by rows as bytes. The process
-stays for the next model, inherits all limits, states its CPU time with every answer and ends with this process. What it
-writes to standard error is the reason when it dies.
+A request is a line of JSON to ``inside/serve.py``, the answer another line, followed by rows as bytes. The process
+serves one model after another, inherits all limits, states its CPU time with every answer and ends with this process.
+Where it dies, the last line of its standard error is reported as the reason.
 """
 
 import atexit
@@ -27,13 +27,13 @@ PATIENCE = 5.0  # [s] for a process to end once its pipe is closed
 
 
 def find_environment(inside: str) -> Path | None:
-    """Return the Python of an engine's own environment, or None where there is none."""
+    """Return the Python executable of an engine's own environment, or None if there is no such environment."""
     python = ENVIRONMENTS / inside / "bin" / "python"
     return python if python.exists() else None
 
 
 class Process:
-    """An engine's process."""
+    """A process that runs an engine; ``stepping`` and ``cpu`` are its CPU times [s] of steps and in total."""
 
     def __init__(self, inside: str, python: Path) -> None:
         self.stepping = self.cpu = 0.0  # [s] so far
@@ -44,9 +44,10 @@ class Process:
         atexit.register(self.close)
 
     def request_answer(self, do: str, **about: Any) -> tuple[dict[str, Any], np.ndarray]:
-        """Return the engine's answer to the question ``do``, and its rows.
+        """Send the request ``do`` with the values ``about``; return the engine's answer and its rows.
 
-        ValueError where the engine refuses, ``StepFailure`` where its process died.
+        ``stepping`` and ``cpu`` are updated. CPU time of a request other than "advance" is counted as making code.
+        Raises ValueError where the engine refuses, ``StepFailure`` where its process has died.
         """
         to, back = self._child.stdin, self._child.stdout
         assert to is not None and back is not None
@@ -71,7 +72,7 @@ class Process:
         return found, np.frombuffer(rows).reshape(shape)
 
     def close(self) -> None:
-        """End the process."""
+        """Close the pipes, which ends the process; kill it if it has not ended within ``PATIENCE``."""
         for pipe in (self._child.stdin, self._child.stdout):
             if pipe is not None:
                 pipe.close()
@@ -83,9 +84,9 @@ class Process:
         atexit.unregister(self.close)
 
     def _failure(self) -> StepFailure:
-        """Return the failure of a process that died, with its reason in one line, without raising it.
+        """Remove a process that died, and return, without raising it, the ``StepFailure`` with its reason in one line.
 
-        All its messages go to standard error.
+        All its messages are written to standard error.
         """
         self.close()
         _processes.pop((self._name, os.getpid()), None)
@@ -99,11 +100,11 @@ class Process:
         return StepFailure(Status.CRASHED, f"the process of {self._name} was ended {ended}: {last}")
 
 
-_processes: dict[tuple[str, int], Process] = {}  # by engine and our process: a fork starts its own
+_processes: dict[tuple[str, int], Process] = {}  # by engine and process id: a forked process starts its own
 
 
 def get_process(inside: str, python: Path) -> Process:
-    """Return the engine's process, which is started if there is none."""
+    """Return the running process of the engine ``inside``, or start one with the executable ``python``."""
     key = inside, os.getpid()
     if key not in _processes:
         _processes[key] = Process(inside, python)
@@ -111,5 +112,5 @@ def get_process(inside: str, python: Path) -> Process:
 
 
 def seconds_of_processes() -> float:
-    """Return the CPU time [s] of all engines' processes of this one, by their last answers."""
+    """Return the CPU time [s] of all running engine processes that this process started, as of their last answers."""
     return sum(one.cpu for (_, owner), one in _processes.items() if owner == os.getpid())

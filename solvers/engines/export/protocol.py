@@ -1,14 +1,15 @@
-"""Engines behind plain data: a file of ``inside`` runs here, or in an environment and a process of its own.
+"""Adapters of engines that build their model from plain data, in this process or in a separate one.
 
-``inside/NAME.py`` imports numpy and its engine alone. Its ``Model(data)`` raises ValueError with the reason where the
-engine cannot take the model, and has::
+``inside/NAME.py`` imports numpy, its engine and files beside it alone. Its class ``Model(data)`` raises ValueError with
+the reason where the engine cannot build the model, and has::
 
-    notes                what was modelled how, and the engine's version: sentences
-    at_start()           fields of ``EngineModel`` by name, or without a mass matrix u_dot as ``rates`` and at rest as
-                         ``rest_rates``, both without constraints; T, bias and constraints are the tree's where left out
+    notes                how the system was modelled, and the engine's version: sentences
+    at_start()           fields of ``EngineModel`` by name; instead of forces, u_dot as ``rates`` and at rest as
+                         ``rest_rates``, both without constraints, may be given. T, bias and constraints are the tree's
+                         where left out, with ``rates`` also mass matrix and kinetic energy
     advance(steps, dt)   rows (q, u), coordinates and velocities of the tree, after each of the next steps;
-                         with error control (dt = 0) rows (t, q, u) of at most so many accepted steps, up to t_end
-    rows(a)              left out, or what makes such rows of those that ``advance`` returns; its time does not count
+                         with error control (dt = 0) rows (t, q, u) of accepted steps, up to t_end
+    rows(a)              optional: converts the result of ``advance`` to such rows; its time is not counted
     stopped              why ``advance`` returned fewer rows, or ""
 
 ``data`` is that of module ``plain`` with ``options`` (fields of the adapter), ``dt`` or ``rtol``, and ``t_end``.
@@ -36,14 +37,14 @@ from .tree import spanning_tree
 
 
 class Adapter(ClockedSolver):
-    """An engine of ``inside``; a dataclass of its options derives from this."""
+    """Base class of solvers that run an engine of ``inside``; a subclass is a dataclass of its options."""
 
     own_angles: ClassVar[bool] = True  # the engine counts the turns of its hinges
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
     inside: ClassVar[str]  # name of its file in ``inside`` and of its environment
-    package: ClassVar[str]  # to import here where it has no environment
+    package: ClassVar[str]  # module to import in this process where the engine has no environment
     wheel: ClassVar[str]
     remedy: ClassVar[str] = ENGINES
     takes: ClassVar[SupportedElements] = SupportedElements()
@@ -64,18 +65,21 @@ class Adapter(ClockedSolver):
             return f"{self.name} does not take the model: {error}"
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate from the start to ``t_end``; set-up in the engine's process is set-up of the run."""
+        """Integrate from the start to ``t_end`` and return the trajectory.
+
+        CPU time of the engine's process that is not spent on steps is added to the set-up time of the run.
+        """
         before = seconds_of_processes()
         found = super().solve(problem, control)
         spent = seconds_of_processes() - before
         return replace(found, setup_time=found.setup_time + max(spent - found.cpu_time, 0.0)) if spent else found
 
     def build(self, problem: Problem, control: StepControl) -> "Model":
-        """Return the engine's model of the problem, made here or in the engine's process."""
+        """Build the engine's model of the problem, in this process or in the engine's, and return it."""
         return Model(self, problem, control)
 
     def compare_model(self, problem: Problem, control: StepControl) -> str | None:
-        """Return how the engine's model differs from ours, or None."""
+        """Return the refusal of an engine's model that differs from this project's equations, or None if they agree."""
         for _, state in check_states(problem) if self.moving else [("", problem.initial)]:
             posed = replace(problem, initial=state)
             model = self.build(posed, control)
@@ -94,7 +98,7 @@ class Adapter(ClockedSolver):
         return None
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Integrate by the engine's model, from the start to ``t_end`` or a failure."""
+        """Integrate by the engine's model from the start to ``t_end``, a limit or a failure; return the trajectory."""
         model = self.build(problem, control)
         model.clock = clock
         return march(
@@ -110,7 +114,7 @@ class Adapter(ClockedSolver):
 
 
 class Model:
-    """An engine's model by the protocol, and its state at the last step made."""
+    """An engine's model behind the protocol, in its state after the last step."""
 
     def __init__(self, adapter: Any, problem: Problem, control: StepControl) -> None:
         self.problem, self.tree = problem, spanning_tree(problem.system, problem.initial)
@@ -136,9 +140,10 @@ class Model:
         return self._made.stepping
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """Return the engine's rows after each of the next ``steps`` of ``dt`` [s].
+        """Advance by ``steps`` of ``dt`` [s]; return the engine's rows after each step.
 
-        Raises ``PartialStretch``, with the rows until then, where the engine stopped.
+        CPU time of a separate process is charged to ``clock``. Raises ``PartialStretch``, with the rows until then,
+        where the engine stopped.
         """
         before = self._made.stepping
         rows, stopped = self._made.advance(steps, dt)
@@ -154,7 +159,7 @@ class Model:
         return self.tree.states(rows[:, :nq], rows[:, nq:])
 
     def at_start(self) -> EngineModel:
-        """Return the engine's mass matrix, forces and energies at the start, for the model check."""
+        """Return the engine's model at the start for the model check, completed by quantities of the tree."""
         nu = len(self.tree.start_velocity)
         with making_code:  # the check compiles other kernels than steps do
             answer = self._made.at_start()
@@ -171,7 +176,7 @@ class Model:
         return EngineModel(**given)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on how joints and forces were modelled."""
+        """Return notes for the run: the tree and its cut joints, then the engine's own."""
         cuts = f"; {len(self.tree.cuts)} points of cut joints" if self.tree.cuts else ""
         return (
             f"{len(self.tree.limbs)} bodies as a tree of {len(self.tree.start_velocity)} velocities{cuts}",
@@ -180,7 +185,7 @@ class Model:
 
 
 class _LocalModel:
-    """A model in this process."""
+    """An engine's model in this process."""
 
     apart, stepping = False, 0.0
 
@@ -190,18 +195,18 @@ class _LocalModel:
         self.notes = tuple(self._model.notes)
 
     def at_start(self) -> dict[str, Any]:
-        """Return the engine's quantities for the model check, by name."""
+        """Return the result of the model's ``at_start``, by name."""
         return dict(self._model.at_start())
 
     def advance(self, steps: int, dt: float) -> tuple[np.ndarray, str]:
-        """Return the rows of the next steps, and why there are fewer, or ""."""
+        """Advance by ``steps`` of ``dt`` [s]; return the rows after each step, and why there are fewer, or ""."""
         rows, spent = step(self._model, steps, dt)
         self.stepping += spent
         return rows, self._model.stopped
 
 
 class _RemoteModel:
-    """A model in the process of its engine."""
+    """An engine's model in the engine's process."""
 
     apart = True
 
@@ -212,14 +217,14 @@ class _RemoteModel:
 
     @property
     def stepping(self) -> float:
-        """CPU time [s] of stepping in that process."""
+        """CPU time [s] of steps in that process, of all its models."""
         return float(self._process.stepping)
 
     def at_start(self) -> dict[str, Any]:
-        """Return the engine's quantities for the model check, by name."""
+        """Return the result of the model's ``at_start``, by name."""
         return dict(self._process.request_answer("at_start", model=self._number)[0])
 
     def advance(self, steps: int, dt: float) -> tuple[np.ndarray, str]:
-        """Return the rows of the next steps, and why there are fewer, or ""."""
+        """Advance by ``steps`` of ``dt`` [s]; return the rows after each step, and why there are fewer, or ""."""
         found, rows = self._process.request_answer("advance", model=self._number, steps=steps, dt=dt)
         return rows, found["stopped"]

@@ -1,7 +1,7 @@
-"""Engines that give the poses of bodies and no mass matrix: checked by their steps.
+"""Adapters of engines that return poses of bodies and no mass matrix, whose model check compares steps.
 
-Rows are (r, quaternion (w, x, y, z), v, Omega) body by body, gaps of joints included. The model check compares
-accelerations of all bodies at the start, and at its pose with two random velocities that the joints allow::
+Rows are (r, quaternion (w, x, y, z), v, Omega) body by body, so that gaps of joints are recorded. The model check
+compares accelerations of all bodies at the start, and at its pose with two random admissible velocities::
 
     a = 2 a(h/2) - a(h),   a(h) = (v(2 h) - v(h))/h,   h = eps^(1/3) T,   T the shortest time of the motion
 
@@ -26,23 +26,23 @@ ALLOWED = 100.0  # multiple of eps^(2/3)
 
 
 class Stepped(Adapter):
-    """An engine whose rows are of bodies."""
+    """Base class of adapters whose rows are poses and velocities of bodies, (13 nb,)."""
 
     eps: ClassVar[float] = SINGLE
 
     def stiffest(self) -> "Stepped":
-        """Return this adapter with the settings of the model check: loops stiffest, iterations most.
+        """Return this adapter with the settings of the model check, by default its own.
 
-        It is the same model.
+        An override may change damping, stabilisation and iterations, and has to keep the model.
         """
         return self
 
     def build(self, problem: Problem, control: StepControl) -> Model:
-        """Return the engine's model, whose rows are of bodies."""
+        """Build the engine's model, whose rows are poses and velocities of bodies, and return it."""
         return Bodies(self, problem, control)
 
     def compare_model(self, problem: Problem, control: StepControl) -> str | None:
-        """Return how accelerations of the engine's steps differ from ours at the states of the check, or None."""
+        """Return the refusal of a model whose steps have other than the exact accelerations, or None if they agree."""
         allowed = ALLOWED * self.eps ** (2.0 / 3.0)
         for which, state in check_states(problem):
             found = acceleration_errors(self.stiffest(), replace(problem, initial=state), self.eps ** (1.0 / 3.0))
@@ -53,19 +53,19 @@ class Stepped(Adapter):
 
 
 class Bodies(Model):
-    """A model whose rows are of bodies."""
+    """A model whose rows are poses and velocities of bodies."""
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """Return poses and velocities of the bodies from rows of bodies."""
+        """Return poses and velocities of the bodies from rows of ``advance``."""
         by_body = rows.reshape(len(rows), len(self.tree.limbs), 13)
         R = matrices(by_body[..., 3:7].reshape(-1, 4)).reshape(*by_body.shape[:2], 3, 3)
         return States(by_body[..., :3], R, by_body[..., 7:10], by_body[..., 10:])
 
 
 def acceleration_errors(adapter: Stepped, problem: Problem, step: float) -> float:
-    """Return the largest difference of the engine's accelerations from ours over the largest one.
+    """Return the largest difference of the engine's accelerations from the exact ones, relative to the largest.
 
-    ``step`` is the length of its steps in times of the motion.
+    ``step`` is the engine's step in units of the shortest time of the motion, T of the module's docstring.
     """
     system, start = problem.system, problem.initial
     rates = accelerations(system, start)
@@ -81,7 +81,7 @@ def acceleration_errors(adapter: Stepped, problem: Problem, step: float) -> floa
 
 
 def _acceleration(adapter: Stepped, problem: Problem, h: float) -> Any:
-    """Return (v_dot, Omega_dot) of all bodies by the engine's second step of ``h`` [s]."""
+    """Return (v_dot, Omega_dot) of all bodies, (2, nb, 3), by the engine's second step of ``h`` [s]."""
     model = adapter.build(problem, StepControl(dt=h))
     after = model.states(model.advance(2, h))
     return np.stack((after.v[1] - after.v[0], after.Omega[1] - after.Omega[0])) / h

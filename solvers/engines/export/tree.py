@@ -103,10 +103,10 @@ class Limb:
     u_at: int  # first velocity
 
     def moves(self) -> tuple[tuple[bool, Float[np.ndarray, " 3"]], ...]:
-        """Return the one-axis joints that the connection consists of, from the parent on.
+        """Return the one-axis joints that the connection consists of, from the parent to the child.
 
-        Each is a pair: whether it slides, and its axis in the child at the start. Balls, free and fixed bodies have
-        none.
+        Each is a pair: whether it slides, and its axis in the frame of the child at the start. Balls, free and fixed
+        bodies have none.
         """
         first, last = self.R_0.T @ self.axis_parent, self.axis
         return {
@@ -129,12 +129,12 @@ class Points:
 
 @dataclass(frozen=True)
 class Coincidence(Points):
-    """Points at the same place."""
+    """Two points that have to coincide."""
 
 
 @dataclass(frozen=True)
 class Link(Points):
-    """Points at ``length`` from each other, or where that is 0 the first on a line of j through the second."""
+    """Two points ``length`` apart; if that is 0, the first lies on the line of j along ``axis`` through the second."""
 
     axis: Float[np.ndarray, " 3"]
     length: float
@@ -152,7 +152,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Tree:
-    """Limbs in the order of the coordinates, the cut joints, the drives, and links beside the tree."""
+    """A spanning tree: limbs in the order of their coordinates, points of cut joints, the start, drives and links."""
 
     limbs: tuple[Limb, ...]
     cuts: tuple[Coincidence, ...]
@@ -198,7 +198,7 @@ class Tree:
         return max(depth.values())
 
     def jacobian(self) -> Float[np.ndarray, "twists nu"]:
-        """Return T of (r_dot, Omega) = T u at the start, by bodies: velocities are linear in u."""
+        """Return T of (r_dot, Omega) = T u at the start, six rows per body."""
         s = self._unit_motions()
         return np.concatenate((s.v, s.Omega), axis=-1).reshape(len(s), -1).T
 
@@ -208,7 +208,7 @@ class Tree:
         return np.concatenate((_gap_rates(self._unit_motions(), self.cuts), driven))
 
     def bias(self, start: State) -> Float[np.ndarray, "nb 6"]:
-        """Return the bodies' accelerations (r_ddot, Omega_dot) at the start while u_dot = 0."""
+        """Return the bodies' accelerations (r_ddot, Omega_dot) at the start for u_dot = 0."""
         s, nb = start, len(self.limbs)
         R, Omega = np.concatenate((s.R, np.eye(3)[None])), np.concatenate((s.Omega, np.zeros((1, 3))))
         a, alpha = np.zeros((2, nb + 1, 3))
@@ -230,15 +230,15 @@ class Tree:
         return np.concatenate((a, alpha), axis=1)[:nb]
 
     def _unit_motions(self) -> States:
-        """Return the motion of all bodies at the start for a unit of each velocity."""
+        """Return poses and velocities of all bodies at the start, with each velocity in turn 1 and all others 0."""
         n = len(self.start_velocity)
         return self.states(np.tile(self.start, (n, 1)), np.eye(n))
 
 
 def spanning_tree(system: MultibodySystem, start: State) -> Tree:
-    """Return the spanning tree of a system, its cut joints, drives and links, by the rule above.
+    """Return the spanning tree of a system, its cut joints, drives and links, by the rule of the module's docstring.
 
-    ValueError on a joint that closes a loop and cannot be cut, and on a drive beside no hinge or slide.
+    Raises ValueError for a joint that closes a loop and cannot be cut, and for a drive without a hinge or slide.
     """
     followed = {*JointKind, *MovingKind}.difference(DRIVES, LINKS)
     reached, children = walk_joints(system, followed, uncut=followed.difference(CUTTABLE))
@@ -299,7 +299,7 @@ def _limb(system: MultibodySystem, start: State, body: int, parent: int, k: int,
 
 
 def _drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
-    """Return the drive of the hinge or slide beside which it is declared, or raise ValueError."""
+    """Return the drive of joint ``k``, on the hinge or slide between the same bodies; ValueError if there is none."""
     i, j, name = int(system.joint_i[k]), int(system.joint_j[k]), system.joint_names[k]
     turns = system.joint_kind(k) == MovingKind.DRIVEN_ANGLE
     kind, n = Kind.HINGE if turns else Kind.SLIDE, system.joint_n[k]
@@ -317,7 +317,7 @@ def _drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
 
 
 def _link(system: MultibodySystem, k: int) -> Link:
-    """Return joint ``k``, a distance or a point on a line, as a link beside the tree."""
+    """Return joint ``k``, a distance or a point on a line, as a link."""
     axis, length = np.cross(*system.joint_n[k, :2]), float(system.joint_length[k])
     return Link(*_ends(system, k), axis, length)
 
@@ -343,9 +343,9 @@ def _start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray
 
 
 def _coincidences(system: MultibodySystem, start: State, cut: list[int], tree: Tree) -> tuple[Coincidence, ...]:
-    """Return the points that hold the cut joints together, none for a joint declared twice.
+    """Return the pairs of points that have to coincide at the cut joints; none for a joint declared twice.
 
-    A revolute joint has a second point on its axis where that adds rows.
+    A revolute joint has a second pair on its axis where that adds rank.
     """
     unit, out, axes = tree._unit_motions(), list[Coincidence](), list[Coincidence]()
     joined = [{limb.body, limb.parent} for limb in tree.limbs if limb.kind in (Kind.HINGE, Kind.BALL)]
@@ -368,7 +368,7 @@ def _coincidences(system: MultibodySystem, start: State, cut: list[int], tree: T
 
 
 def _gap_rates(unit: States, cuts: Sequence[Coincidence]) -> Float[np.ndarray, "nl nu"]:
-    """Return the rates of the gaps of cut points, by rows, for the motions ``unit`` of each velocity."""
+    """Return the Jacobian of the gaps of cut points, three rows each, from the motions ``unit`` of each velocity."""
     rows = [point_velocity(unit, c.i, c.s_i) - point_velocity(unit, c.j, c.s_j) for c in cuts]
     return np.concatenate(rows, axis=1).T if rows else np.zeros((0, len(unit)))
 

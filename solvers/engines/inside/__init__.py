@@ -1,1 +1,1 @@
-"""The engines' side of ``export.protocol``: one file an engine, which imports numpy and the engine alone."""
+"""The engines' side of ``export.protocol``: files that import numpy, their engine and each other alone."""

@@ -1,7 +1,8 @@
 """DART's model and its steps (module ``export.protocol``).
 
-A ball joint has the logarithm of its rotation and the angular velocity in the child as coordinates, a free joint these
-and the place and velocity of its body in space.
+The coordinates of a ball joint are the logarithm of its rotation, its velocities the angular velocity in the frame of
+the child. A free joint has the logarithm of its body's rotation and the position in space as coordinates, the angular
+velocity and the velocity of the body, both in space, as velocities.
 """
 
 import importlib.metadata
@@ -13,11 +14,11 @@ import numpy as np
 from .turning import rotate_back, value
 
 GROUND = -1
-OWN = 0.01  # DART's error reduction
+OWN = 0.01  # default error reduction of DART
 
 
 class Model:
-    """A skeleton in a world, and its state at the last step made."""
+    """A skeleton in a world, in its state after the last step."""
 
     def __init__(self, data: dict[str, Any]) -> None:
         self._data, self.stopped = data, ""
@@ -44,7 +45,7 @@ class Model:
         self.notes = [loop, f"dartpy {importlib.metadata.version('dartpy')}"]
 
     def at_start(self) -> dict[str, Any]:
-        """Return the quantities of the model check; accelerations are by DART's forward dynamics, unconstrained."""
+        """Return fields of ``EngineModel``; forces are M u_dot of DART's unconstrained forward dynamics."""
         skeleton, u, nu = self._skeleton, np.array(self._data["start_velocity"]), len(self._data["start_velocity"])
         V = np.stack([self._velocities(unit) for unit in np.eye(nu)], axis=1)
         loads = []
@@ -72,7 +73,7 @@ class Model:
         }
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
-        """Return (q, u) of DART after each of the next steps."""
+        """Advance by ``steps`` of ``dt`` [s]; return DART's positions and velocities after each step."""
         self._world.setTimeStep(dt)
         step, skeleton = self._world.step, self._skeleton
         made = np.empty((steps, 2 * skeleton.getNumDofs()))
@@ -83,7 +84,7 @@ class Model:
         return made
 
     def rows(self, made: np.ndarray) -> np.ndarray:
-        """Return rows (q, u) of the tree from those that ``advance`` has made."""
+        """Convert rows of ``advance`` to rows (q, u) of the tree."""
         theirs, v = np.split(made, 2, axis=1)
         q = np.zeros((len(made), len(self._data["start"])))
         u = np.zeros((len(made), len(self._data["start_velocity"])))
@@ -132,14 +133,14 @@ class Model:
         self._bodies[b] = body
 
     def _push(self, t: float) -> None:
-        """Apply the loads at time t; a step clears them."""
+        """Apply the loads at time ``t`` [s] to the bodies; a step clears them."""
         for load in self._data["loads"]:
             body, factor, follows = self._bodies[load["body"]], value(load["factor"], t), load["follows"]
             body.addExtForce(factor * np.array(load["force"]), np.array(load["point"]), follows, True)
             body.addExtTorque(factor * np.array(load["torque"]), follows)
 
     def _place(self, u: np.ndarray) -> None:
-        """Set the start with velocities u of the tree."""
+        """Set the skeleton to the pose of the start and velocities ``u`` of the tree."""
         q = np.zeros(self._skeleton.getNumDofs())
         for joint, limb in self._joints:
             if limb["kind"] == "FREE":
@@ -169,6 +170,6 @@ def _isometry(R: Any, p: Any) -> Any:
 
 
 def _quaternions(a: np.ndarray) -> np.ndarray:
-    """Return (w, x, y, z) of the exponentials of rotation vectors."""
+    """Return the quaternions (w, x, y, z), (n, 4), of rotation vectors (n, 3)."""
     angle = np.linalg.norm(a, axis=1, keepdims=True)
     return np.concatenate((np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * a), axis=1)

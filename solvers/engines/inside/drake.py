@@ -1,8 +1,8 @@
 """Drake's model and its steps (module ``export.protocol``).
 
-A cylinder is two joints with a massless body between. Drake's ball joint has roll, pitch and yaw as coordinates,
-singular at a pitch of 90 degrees: x of its frames is along the arm of the child, z normal to the plane in which gravity
-pulls that. Points of cut joints are ball constraints, which only its discrete steps know.
+A cylindrical joint is two joints with a massless body between them. Drake's ball joint has roll, pitch and yaw as
+coordinates, singular at a pitch of 90 degrees: x of its frames is along the arm of the child, z normal to the plane in
+which gravity pulls the arm. Points of cut joints are ball constraints, which only the discrete steps enforce.
 """
 
 import importlib.metadata
@@ -43,7 +43,7 @@ NO_STEP = 1e-6  # share of a step: a shorter one is rounding
 
 
 class Model:
-    """A plant in a diagram, and its state at the last step made."""
+    """A plant in a diagram, in its state after the last step."""
 
     def __init__(self, data: dict[str, Any]) -> None:
         options = data["options"]
@@ -62,9 +62,9 @@ class Model:
         self.notes = [f"{what} {self._scheme}{held}", f"drake {importlib.metadata.version('drake')}"]
 
     def at_start(self) -> dict[str, Any]:
-        """Return the quantities of the model check.
+        """Return fields of ``EngineModel``.
 
-        V of Drake's velocities v = V u is constant to first order.
+        Drake's velocities are v = V u, with V_dot u = 0 at the start.
         """
         plant, root = self._plant, self._simulator.get_system().CreateDefaultContext()
         context = plant.GetMyMutableContextFromRoot(root)
@@ -102,7 +102,10 @@ class Model:
         }
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
-        """Return (t, q, v) of Drake after each of the next steps."""
+        """Advance by ``steps`` of ``dt`` [s] (0: of Drake's choice); return Drake's (t, q, v) after each step.
+
+        Another ``dt`` than before rebuilds the plant. The reason of a failure is set as ``stopped``.
+        """
         if dt and dt != self._dt:
             state, time = self._state(), self._time
             self._assemble(dt)
@@ -125,15 +128,12 @@ class Model:
         return np.concatenate((t[new, None], x[new]), axis=1)
 
     def rows(self, made: np.ndarray) -> np.ndarray:
-        """Return rows (q, u) of the tree from those that ``advance`` has made.
-
-        They are after t where Drake chooses the steps.
-        """
+        """Convert rows of ``advance`` to rows (q, u) of the tree, or (t, q, u) where Drake chooses the steps."""
         q, u = self._ours(*np.split(made[:, 1:], [self._plant.num_positions()], axis=1))
         return np.concatenate(([] if self._data["dt"] else [made[:, :1]]) + [q, u], axis=1)
 
     def _assemble(self, dt: float) -> None:
-        """Build Drake's plant, diagram and simulator for steps of ``dt`` [s] (0: its own)."""
+        """Build Drake's plant, diagram and simulator for steps of ``dt`` [s] (0: of Drake's choice)."""
         data, self._dt = self._data, dt
         builder = DiagramBuilder()
         plant = self._plant = AddMultibodyPlantSceneGraph(builder, dt if self._discrete else 0.0)[0]
@@ -221,7 +221,10 @@ class Model:
             self._joints.append((joint, limb, slice(k, k + 1)))
 
     def _restart(self, since: float, q: np.ndarray, v: np.ndarray) -> None:
-        """Restart Drake's clock: its discrete steps are multiples of dt from 0."""
+        """Set Drake's state to ``q`` and ``v`` at the time ``since`` [s], and its clock to 0.
+
+        Discrete steps are at multiples of dt of that clock.
+        """
         self._since = self._time = since
         context = self._plant.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
         self._plant.SetPositions(context, q)
@@ -231,18 +234,18 @@ class Model:
         self._log.FindLog(self._simulator.get_context()).Clear()
 
     def _state(self) -> np.ndarray:
-        """Return Drake's positions and velocities now."""
+        """Return Drake's present positions and velocities, one after the other."""
         context = self._plant.GetMyContextFromRoot(self._simulator.get_context())
         return np.array(self._plant.GetPositionsAndVelocities(context))
 
     def _count(self, context: Any) -> Any:
-        """Count a step as Drake's monitor; return the status that stops the simulator after the last one asked for."""
+        """Count a step, as Drake's monitor; return the status, which stops the simulator after the last step due."""
         self._left -= 1
         done = self._left <= 0 < context.get_time()
         return EventStatus.ReachedTermination(self._plant, "") if done else EventStatus.Succeeded()
 
     def _forces(self, context: Any) -> np.ndarray:
-        """Return all forces except those of constraints: -(C v - gravity - springs - loads)."""
+        """Return the generalised forces except those of constraints: -(C v - gravity - springs - loads)."""
         plant, applied = self._plant, MultibodyForces(self._plant)
         plant.CalcForceElementsContribution(context, applied)
         for load in plant.get_applied_spatial_force_input_port().Eval(context) if self._data["loads"] else []:
@@ -252,7 +255,7 @@ class Model:
         return -plant.CalcInverseDynamics(context, np.zeros(plant.num_velocities()), applied)
 
     def _theirs(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return Drake's coordinates and velocities for those of the tree at the start, where balls have not turned."""
+        """Return Drake's coordinates and velocities for those of the tree at the start, where ball angles are zero."""
         theirs, v = np.zeros(self._plant.num_positions()), np.zeros(self._plant.num_velocities())
         for joint, limb, about in self._joints:
             at, to, i, j = limb["q_at"], limb["u_at"], joint.position_start(), joint.velocity_start()
@@ -267,7 +270,7 @@ class Model:
         return theirs, v
 
     def _ours(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return coordinates and velocities of the tree for Drake's, at each time."""
+        """Return coordinates and velocities of the tree for Drake's ``theirs`` and ``v``, at each time."""
         q = np.zeros((len(theirs), len(self._data["start"])))
         u = np.zeros((len(v), len(self._data["start_velocity"])))
         for joint, limb, about in self._joints:
@@ -287,7 +290,7 @@ class Model:
 
 
 class Loads(LeafSystem):
-    """Forces and torques on points of bodies, whose poses are its input."""
+    """A Drake system whose input is the poses of bodies, and whose output is the loads on their points."""
 
     def __init__(self, loads: list[dict[str, Any]], bodies: dict[int, Any]) -> None:
         super().__init__()
@@ -310,7 +313,7 @@ class Loads(LeafSystem):
 
 
 def _quaternions(rpy: np.ndarray) -> np.ndarray:
-    """Return (w, x, y, z) of R_z(yaw) R_y(pitch) R_x(roll)."""
+    """Return the quaternions (w, x, y, z) of R_z(yaw) R_y(pitch) R_x(roll), from angles (nt, 3) [rad]."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(0.5 * rpy).T, np.sin(0.5 * rpy).T
     return np.stack(
         (

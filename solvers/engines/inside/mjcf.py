@@ -1,4 +1,4 @@
-"""MuJoCo's description of a tree, of springs and of loads."""
+"""Describe a tree, springs and loads as an ``MjSpec`` of MuJoCo."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ GROUND = -1
 
 
 def build_model(data: dict[str, Any]) -> Any:
-    """Build an ``MjSpec`` with the options' settings, contacts off."""
+    """Build and return the ``MjSpec`` of a model with the settings of its options, contacts off."""
     options, spec = data["options"], mj.MjSpec()
     ours = options["settings"] == "ours"
     spec.option.gravity, spec.option.timestep = data["gravity"], data["dt"]
@@ -52,7 +52,7 @@ def build_model(data: dict[str, Any]) -> Any:
 
 
 def make_spring(torsion: dict[str, float] | None) -> dict[str, Any]:
-    """Return a torsional spring as properties of a joint."""
+    """Return a torsional spring as keyword arguments of a joint; none without a spring."""
     if torsion is None:
         return {}
     return {
@@ -63,7 +63,7 @@ def make_spring(torsion: dict[str, float] | None) -> dict[str, Any]:
 
 
 def add_springs(spec: Any, parts: dict[int, Any], springs: list[dict[str, Any]]) -> None:
-    """Add springs as tendons between two sites."""
+    """Add springs to ``spec``, as tendons between two sites; ``parts`` are its bodies by number."""
     for k, one in enumerate(springs):
         cord = spec.add_tendon(
             stiffness=[one["stiffness"], 0.0, 0.0],
@@ -76,7 +76,7 @@ def add_springs(spec: Any, parts: dict[int, Any], springs: list[dict[str, Any]])
 
 
 def add_loads(spec: Any, parts: dict[int, Any], loads: list[dict[str, Any]]) -> None:
-    """Add constant loads as actuators without control: the bias is 1, the gear the wrench, in space or in the body."""
+    """Add constant loads to ``spec``, as actuators without control: bias 1, the wrench as gear, in space or body."""
     for k, load in enumerate(loads):
         parts[int(load["body"])].add_site(name=f"load {k}", pos=load["point"])
         actuator = spec.add_actuator(name=f"load {k}", trntype=mj.mjtTrn.mjTRN_SITE, target=f"load {k}")

@@ -16,7 +16,7 @@ from .warp_model import dynamics  # noqa: E402
 
 
 class Model:
-    """A compiled model on the device "cpu", and its state at the last step made."""
+    """A compiled model on the device "cpu", in its state after the last step."""
 
     def __init__(self, data: dict[str, Any]) -> None:
         self._model = build_model(data).compile()
@@ -29,7 +29,7 @@ class Model:
         self.notes = ["single precision, CPU", made_by]
 
     def at_start(self) -> dict[str, Any]:
-        """Return the quantities of the model check."""
+        """Return mass matrix, constraints, and unconstrained accelerations in motion and at rest."""
         found = []
         for u in (0.0 * self._velocity, self._velocity):
             data = self._put(u)
@@ -38,7 +38,7 @@ class Model:
         return {"rest_rates": found[0]["rates"], **found[1]}
 
     def advance(self, steps: int, dt: float) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return (q, u) after each of the next steps."""
+        """Advance by ``steps`` of ``dt`` [s]; return (q, u) after each step."""
         if dt != self._dt:
             self._dt = dt
             self._there.opt.timestep.fill_(dt)
@@ -49,17 +49,17 @@ class Model:
         return out
 
     def rows(self, found: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """Return an array of rows (q, u) from what ``advance`` has found."""
+        """Convert the result of ``advance`` to an array of rows (q, u)."""
         return np.array([np.concatenate(row) for row in found], dtype=float)
 
     def _set(self, dt: float) -> None:
-        """Set model and start on the device, for steps of ``dt`` [s]."""
+        """Set the model on the device, for steps of ``dt`` [s], and its state to the start."""
         self._dt = self._model.opt.timestep = dt
         self._there = warped.put_model(self._model)
         self._data = self._put(self._velocity)
 
     def _put(self, u: np.ndarray) -> Any:
-        """Return the device's data at the start with velocities ``u``."""
+        """Return new data on the device, at the pose of the start with velocities ``u``."""
         data = mj.MjData(self._model)
         data.qpos[:], data.qvel[:] = self._start, u
         mj.mj_forward(self._model, data)

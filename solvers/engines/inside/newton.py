@@ -16,11 +16,11 @@ from .turning import rotate_back  # noqa: E402
 from .warp_model import dynamics  # noqa: E402
 
 GROUND = -1
-PROBE = 1e-6  # [s] of a step whose accelerations are read
+PROBE = 1e-6  # [s] of the step after which accelerations are read
 
 
 class Model:
-    """A model of links and joints, and its state at the last step made."""
+    """A model of links and joints, in its state after the last step."""
 
     def __init__(self, data: dict[str, Any]) -> None:
         options, limbs = data["options"], data["limbs"]
@@ -86,7 +86,7 @@ class Model:
         self._solver = self._make_solver(kind, options, data["dt"])
 
     def _make_solver(self, kind: Any, options: dict[str, Any], dt: float) -> Any:
-        """Return Newton's solver of this ``kind`` with the options, its loops as stiff as these say."""
+        """Return Newton's solver of class ``kind`` with the options, including the stiffness of loops."""
         solver = kind(self._model, **_settings(self._name, options))
         if self._name == "MuJoCo" and options["settings"] == "ours" and solver.mjw_model.neq:
             loops, T, d = solver.mjw_model, options["time_constant"] * dt, options["impedance"]
@@ -95,7 +95,10 @@ class Model:
         return solver
 
     def at_start(self) -> dict[str, Any]:
-        """Return the quantities of the model check, by the solver MuJoCo, whose velocities are the tree's."""
+        """Return mass matrix, constraints, and unconstrained accelerations in motion and at rest.
+
+        They are those of the solver MuJoCo, whose velocities are the tree's.
+        """
         solver = newton.solvers.SolverMuJoCo(self._model, integrator="euler")
         found = []
         for share in (0.0, 1.0):
@@ -107,7 +110,7 @@ class Model:
         return {"rest_rates": found[0]["rates"], **found[1]}
 
     def advance(self, steps: int, dt: float) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return poses and twists of all bodies after each of the next steps."""
+        """Advance by ``steps`` of ``dt`` [s]; return poses and twists of all bodies after each step."""
         out = []
         for _ in range(steps):
             self._now.clear_forces()
@@ -117,7 +120,7 @@ class Model:
         return out
 
     def rows(self, found: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """Return rows of bodies from what ``advance`` has found."""
+        """Convert the result of ``advance`` to rows (r, quaternion (w, x, y, z), v, Omega) body by body."""
         pose = np.array([q[self._order] for q, _ in found], dtype=float)
         twist = np.array([u[self._order] for _, u in found], dtype=float)
         p = np.roll(pose[..., 3:], 1, axis=-1)
@@ -127,7 +130,7 @@ class Model:
 
 
 def _add_joint(builder: Any, kind: str, moves: list[Any], ends: dict[str, Any]) -> int:
-    """Add a joint with the axes of its moves in the frame of the child at the start; return its number."""
+    """Add a joint whose ``moves`` have axes in the frame of the child at the start; return its number."""
     if kind == "BALL":
         return int(builder.add_joint_ball(armature=0.0, **ends))
     if kind == "FIXED":
@@ -160,7 +163,7 @@ def _settings(name: str, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _trees(limbs: list[dict[str, Any]], joints: list[int]) -> list[tuple[int, list[int]]]:
-    """Return (first body, joints) by tree: a new one where a limb hangs on the ground or floats."""
+    """Return (first body, joints) of each tree; a new tree begins where a limb is joined to the ground or floats."""
     out: list[tuple[int, list[int]]] = []
     for limb, joint in zip(limbs, joints, strict=True):
         if limb["parent"] == GROUND:

@@ -1,8 +1,8 @@
 """OpenSim's model and Simbody's steps (module ``export.protocol``).
 
-A cylinder and a universal joint are two joints with a massless body between. Ball and free joints have body-fixed x-y-z
-angles, singular where the second is 90 degrees: z of a ball's frames is along the arm of the child, x normal to the
-plane in which gravity pulls that. Points of cut joints are point constraints, on which every step is projected.
+A cylindrical or universal joint is two joints with a massless body between them. Ball and free joints have body-fixed
+x-y-z angles, singular where the second is 90 degrees: z of a ball's frames is along the arm of the child, x normal to
+the plane in which gravity pulls the arm. Points of cut joints are point constraints, onto which steps are projected.
 """
 
 from typing import Any
@@ -12,11 +12,11 @@ import opensim as osim
 
 from .turning import arm_and_normal, matrices
 
-PARTS = 10  # parts of the time: Simbody cannot be stopped within one
+PARTS = 10  # parts of the time to t_end: limits are checked between them, Simbody cannot be stopped within one
 
 
 class Model:
-    """A model, its state, and the manager of its integrator."""
+    """An OpenSim model, its present state, and the manager of its integrator."""
 
     def __init__(self, data: dict[str, Any]) -> None:
         self._data, self.stopped = data, ""
@@ -72,7 +72,7 @@ class Model:
         ]
 
     def at_start(self) -> dict[str, Any]:
-        """Return the quantities of the model check; forces are M u_dot + G^T lambda of the constrained motion."""
+        """Return fields of ``EngineModel``; forces are M u_dot + G^T lambda of the constrained motion."""
         model, state, matter = self._model, self._state, self._model.getMatterSubsystem()
         u = np.array(self._data["start_velocity"])
         loads = []
@@ -97,7 +97,10 @@ class Model:
         }
 
     def advance(self, steps: int, dt: float) -> Any:
-        """Return all states until the next tenth of the time."""
+        """Advance to the next tenth of ``t_end``; return OpenSim's states from the present one on.
+
+        ``steps`` and ``dt`` are not read. The reason of a failure is set as ``stopped``.
+        """
         options, t_end = self._data["options"], self._data["t_end"]
         part = min(PARTS, int(self._time / t_end * PARTS + 0.5) + 1)
         self._time = t_end * part / PARTS
@@ -121,7 +124,7 @@ class Model:
         return manager.getStatesTrajectory()
 
     def rows(self, made: Any) -> np.ndarray:
-        """Return (t, q, u) of the tree after each of its steps."""
+        """Convert the result of ``advance`` to rows (t, q, u) of the tree, one after each step."""
         y = [
             np.concatenate(([s.getTime()], s.getQ().to_numpy(), s.getU().to_numpy()))
             for s in (made.get(k) for k in range(1, made.getSize()))
@@ -178,7 +181,7 @@ class Model:
         self._joints.append((limb, coordinates, A))
 
     def _load(self, k: int, load: dict[str, Any]) -> None:
-        """Add a force and a torque that follow functions of time."""
+        """Add load ``k`` to the model: a force and a torque by functions of time."""
         force = osim.PrescribedForce(f"load_{k}", self._bodies[load["body"]])
         for name in ("force", "torque"):
             parts = [_function(load["factor"], x) for x in load[name]]
@@ -189,7 +192,10 @@ class Model:
         self._model.addForce(force)
 
     def _index(self) -> None:
-        """Find the coordinates' places in Simbody's vectors, and V of Simbody's velocities V u at the start."""
+        """Find and set the index of each coordinate in Simbody's q and u, and V of Simbody's velocities V u.
+
+        V is that of the start; the state's coordinates and speeds are set to zero.
+        """
         state, nu = self._state, len(self._data["start_velocity"])
         self._q_at, self._u_at = [], []
         for _, coordinates, _ in self._joints:
@@ -218,14 +224,14 @@ class Model:
                 self._V[at, range(to, to + len(at))] = 1.0
 
     def _set(self, u: np.ndarray) -> None:
-        """Set velocities of the tree at the start, where all coordinates of Simbody are 0."""
+        """Set the state to the start, where all coordinates of Simbody are 0, with velocities ``u`` of the tree."""
         state = self._state
         state.setTime(0.0)
         state.setQ(osim.Vector(state.getNQ(), 0.0))
         state.setU(osim.Vector.createFromMat(self._V @ u))
 
     def _ours(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return coordinates and velocities of the tree for Simbody's, at each time."""
+        """Return coordinates and velocities of the tree for Simbody's ``theirs`` and ``v``, at each time."""
         q = np.zeros((len(theirs), len(self._data["start"])))
         u = np.zeros((len(v), len(self._data["start_velocity"])))
         for (limb, _, A), q_at, u_at in zip(self._joints, self._q_at, self._u_at, strict=True):
@@ -247,16 +253,16 @@ class Model:
 
 
 def _function(numbers: list[float], factor: float = 1.0) -> Any:
-    """Return ``factor`` times a function of time with these numbers, as an expression that OpenSim evaluates."""
+    """Return ``factor`` times the function of time with the given numbers, as an expression of OpenSim."""
     c_0, c_1, c_2, c_3, a, w, p = numbers
     law = f"({c_0!r}+({c_1!r})*t+({c_2!r})*t^2+({c_3!r})*t^3+({a!r})*sin(({w!r})*t+({p!r})))"
     return osim.ExpressionBasedFunction(f"({factor!r})*{law}", ["t"])
 
 
 def _motion(name: str, motion: list[float]) -> Any:
-    """Return a drive's function of time: a polynomial or a sine, ValueError on both together.
+    """Return a drive's function of time, a polynomial or a constant plus a sine; ValueError for both together.
 
-    The second derivative of OpenSim's expressions is their first (4.6).
+    OpenSim's expressions cannot serve here: their second derivative is the first (4.6).
     """
     *c, a, w, p = motion
     if a == 0.0:
@@ -267,7 +273,7 @@ def _motion(name: str, motion: list[float]) -> Any:
 
 
 def _frame(place: np.ndarray, turned: np.ndarray) -> tuple[Any, Any]:
-    """Return a place, and the body-fixed x-y-z angles [rad] of a rotation, in OpenSim's form."""
+    """Return OpenSim's vectors of the position ``place``, and of the body-fixed x-y-z angles [rad] of a rotation."""
     a, c = np.arctan2(-turned[1, 2], turned[2, 2]), np.arctan2(-turned[0, 1], turned[0, 0])
     if np.hypot(turned[0, 0], turned[0, 1]) < 1e-9:
         a, c = np.arctan2(turned[2, 1], turned[1, 1]), 0.0
@@ -276,7 +282,7 @@ def _frame(place: np.ndarray, turned: np.ndarray) -> tuple[Any, Any]:
 
 
 def _axes_of(axis: np.ndarray, which: int) -> np.ndarray:
-    """Return a rotation whose column ``which`` is ``axis``."""
+    """Return a rotation matrix whose column ``which`` is the unit vector ``axis``."""
     one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     one /= np.linalg.norm(one)
     columns = [axis, one, np.cross(axis, one)]
@@ -284,7 +290,7 @@ def _axes_of(axis: np.ndarray, which: int) -> np.ndarray:
 
 
 def _quaternions(angles: np.ndarray) -> np.ndarray:
-    """Return quaternions (w, x, y, z) of R_x R_y R_z with these angles [rad]."""
+    """Return the quaternions (w, x, y, z) of R_x R_y R_z, from angles (n, 3) [rad]."""
     half = 0.5 * angles
     parts = [np.zeros((len(angles), 4)) for _ in range(3)]
     for k, part in enumerate(parts):

@@ -1,7 +1,7 @@
 """PyBullet's model and its steps (module ``export.protocol``).
 
-A base is a body that floats, or a fixed one without mass. A link's frame is at its joint; a ball joint turns the
-principal axes of its child. Velocities of a base are (omega, v) in space.
+A tree is one multibody, whose base is a body that floats, or a fixed one without mass. A link's frame is at its joint;
+the rotation of a ball joint is that of the principal axes of its child. Velocities of a base are v and omega in space.
 """
 
 import importlib.metadata
@@ -12,13 +12,13 @@ import pybullet as bullet
 
 from .turning import matrices, quaternion
 
-GROUND, FIRST = -1, 0  # bodies; servers
+GROUND, FIRST = -1, 0  # body number of the ground; number of the first server
 UNLIMITED = 1e12
 PROBE = 1e-3  # [s] of the step that measures forces: velocities after it are u + PROBE M^-1 f
 
 
 class Model:
-    """Bodies of a server of its own, and its state at the last step made."""
+    """Multibodies on a PyBullet server, in their state after the last step."""
 
     def __init__(self, data: dict[str, Any]) -> None:
         self._data, self._default, self.stopped = data, data["options"]["settings"] == "default", ""
@@ -33,11 +33,11 @@ class Model:
         ]
 
     def at_start(self) -> dict[str, Any]:
-        """Return the quantities of the model check: a mass matrix, and accelerations by a step without constraints."""
+        """Return the mass matrix, and unconstrained accelerations in motion and at rest, as measured on the set-up."""
         return self._found
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
-        """Return rows (q, u) after each of the next steps."""
+        """Advance by ``steps`` of ``dt`` [s]; return rows (q, u) of the tree after each step."""
         bullet.setTimeStep(dt, self._server)
         rows = np.empty((steps, len(self._start) + len(self._velocity)))
         for k in range(steps):
@@ -46,7 +46,7 @@ class Model:
         return rows
 
     def _measure(self) -> dict[str, Any]:
-        """Return the quantities of the model check, measured by steps of ``PROBE`` without constraints."""
+        """Measure mass matrix and accelerations by steps of ``PROBE`` on a server without cut joints; return them."""
         self._build(cuts=False, default=False)
         bullet.setTimeStep(PROBE, self._server)
         found = []
@@ -58,7 +58,7 @@ class Model:
         return {"mass_matrix": self._mass_matrix(found[0]), "rest_rates": found[0], "rates": found[1]}
 
     def _mass_matrix(self, rest_rates: np.ndarray) -> np.ndarray:
-        """Return the mass matrix, measured by unit forces.
+        """Measure the mass matrix by unit forces, one a step, and return it.
 
         ``calculateMassMatrix`` (3.2.7) is wrong where one ball joint follows another.
         """
@@ -89,9 +89,9 @@ class Model:
         return np.linalg.inv(np.array(columns).T)
 
     def _build(self, *, cuts: bool, default: bool) -> None:
-        """Build the bodies on a new server.
+        """Build the bodies on a new server, which replaces the one before.
 
-        ``cuts``: with the cut joints; ``default``: with PyBullet's own settings.
+        ``cuts``: with constraints at the cut joints; ``default``: with PyBullet's own settings.
         """
         if bullet.isConnected(FIRST):  # including that of the model before: one takes 118 MB
             bullet.disconnect(FIRST)
@@ -124,7 +124,7 @@ class Model:
             )
 
     def _tree(self, limbs: list[dict[str, Any]], default: bool) -> None:
-        """Add a tree of limbs as one multibody, on a base that floats or is fixed."""
+        """Add a tree of limbs to the server as one multibody, on a base that floats or is fixed."""
         server, floats = self._server, limbs[0]["kind"] == "FREE"
         links = limbs[1:] if floats else limbs
         place, arm, names = {GROUND: 0}, {GROUND: np.zeros(3)}, {}
@@ -185,7 +185,7 @@ class Model:
                 )  # fmt: skip
 
     def _set(self, q: np.ndarray, u: np.ndarray) -> None:
-        """Set all joints and bases to coordinates ``q`` and velocities ``u`` of the tree."""
+        """Set the state of all joints and bases to coordinates ``q`` and velocities ``u`` of the tree."""
         for limb in self._data["limbs"]:
             body, link = self._at[limb["body"]]
             x, v = q[limb["q_at"] :], u[limb["u_at"] :]
@@ -201,7 +201,7 @@ class Model:
                 bullet.resetJointStateMultiDof(body, link, turn, w, physicsClientId=self._server)
 
     def _get(self) -> np.ndarray:
-        """Return the row (q, u) of the tree now."""
+        """Return the present row (q, u) of the tree."""
         nq = len(self._start)
         row = np.empty(nq + len(self._velocity))
         for limb in self._data["limbs"]:
@@ -222,11 +222,14 @@ class Model:
         return row
 
     def _principal(self, b: int, p: np.ndarray) -> np.ndarray:
-        """Express a turn (x, y, z, w) of a ball joint about the principal axes of its child, which are Bullet's."""
+        """Express a rotation (x, y, z, w) of the ball joint of body ``b`` in the principal axes of that body.
+
+        They are the axes that Bullet uses.
+        """
         return np.append(self._frame[b].T @ p[:3], p[3])
 
     def _anchor(self, b: int) -> tuple[int, int]:
-        """Return the multibody and link of body ``b``; for the ground a fixed one, made if there is none."""
+        """Return the multibody and link of body ``b``; for the ground a fixed multibody, made once per server."""
         if b != GROUND:
             return self._at[b]
         if self._ground[0] != self._server:
@@ -234,7 +237,7 @@ class Model:
         return self._ground[1], -1
 
     def _local(self, b: int, s: Any) -> np.ndarray:
-        """Return a point from C along the principal axes, as Bullet's constraints take it."""
+        """Return the point ``s`` of body ``b`` in its principal axes, as Bullet's constraints take it."""
         return np.array(s) if b == GROUND else self._frame[b].T @ np.array(s)
 
 

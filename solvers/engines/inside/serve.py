@@ -1,7 +1,7 @@
-"""A process that answers questions about an engine's model, lines of JSON on stdin: ``python -I serve.py FILE``.
+"""Serve an engine's model to another process: requests are lines of JSON on stdin (``python -I serve.py FILE``).
 
 FILE has a class ``Model(data)`` with ``notes``, ``at_start()`` and ``advance(steps, dt)``, as module
-``export.protocol`` says. Whatever an engine prints goes to standard error.
+``export.protocol`` says. Whatever an engine prints goes to standard error; answers go to standard output.
 """
 
 import ctypes
@@ -20,7 +20,7 @@ PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
 def main(path: str) -> None:
-    """Serve the model of ``path`` until the parent closes the pipe or dies."""
+    """Serve models of the file ``path`` until the parent closes the pipe or dies; a new one replaces the last."""
     parent = os.getppid()
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGKILL), 0, 0, 0)
@@ -55,14 +55,14 @@ def main(path: str) -> None:
 
 
 def load_model(path: str) -> Any:
-    """Load the class ``Model`` of a file, whose folder is a package: files beside it may be imported relatively."""
+    """Load and return the class ``Model`` of a file, whose folder is a package with relative imports."""
     file = Path(path)
     sys.path.append(str(file.parent.parent))  # last: files beside that folder have the names of packages
     return importlib.import_module(f"{file.parent.name}.{file.stem}").Model
 
 
 def step(model: Any, steps: int, dt: float) -> tuple[np.ndarray, float]:
-    """Return rows of the tree after the next steps, and the CPU time [s] of stepping alone."""
+    """Advance a model by ``steps`` of ``dt`` [s]; return its rows, and the CPU time [s] of ``advance`` alone."""
     before = seconds()
     made = model.advance(steps, dt)
     spent = seconds() - before
@@ -71,7 +71,7 @@ def step(model: Any, steps: int, dt: float) -> tuple[np.ndarray, float]:
 
 
 def seconds() -> float:
-    """Return user and system time of all threads [s]."""
+    """Return the user and system CPU time [s] of all threads of this process."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime
 

@@ -1,4 +1,4 @@
-"""Rotations in the engines' forms, quaternions (w, x, y, z) and frames of ball joints; the factor of a load."""
+"""Rotations as matrices and quaternions (w, x, y, z), frames of ball joints, and the factor of a load."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ def matrices(quaternions: np.ndarray) -> np.ndarray:
 
 
 def rotate_back(quaternions: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Return R^T a for quaternions (..., 4), (w, x, y, z): vectors of space in the body."""
+    """Return R^T a for unit quaternions (..., 4), (w, x, y, z): vectors of space in the frame of the body."""
     w, axis = quaternions[..., :1], -quaternions[..., 1:]
     once = np.cross(axis, a)
     return a + 2.0 * (w * once + np.cross(axis, once))
@@ -37,7 +37,7 @@ def quaternion(R: Any) -> np.ndarray:
 
 
 def arm_and_normal(limb: dict[str, Any], gravity: list[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors in the child: along its arm from a ball joint, and normal to the plane of arm and gravity."""
+    """Return unit vectors in the child: along the arm from a ball joint to C, and normal to arm and gravity."""
     arm, down = -np.array(limb["s_child"]), np.array(limb["R"]).T @ np.array(gravity)
     along = arm / np.linalg.norm(arm) if np.any(arm) else np.eye(3)[0]
     normal = np.cross(along, down)

@@ -1,4 +1,4 @@
-"""Results of MuJoCo Warp, in single precision, as arrays of the tree."""
+"""Read results of MuJoCo Warp, in single precision, as arrays of NumPy."""
 
 from typing import Any
 
@@ -6,14 +6,14 @@ import numpy as np
 
 
 def dynamics(model: Any, data: Any, cuts: int) -> dict[str, np.ndarray]:
-    """Return mass matrix, accelerations without constraints, and Jacobian (3 cuts, nv) of points that coincide."""
+    """Return mass matrix, unconstrained accelerations, and the Jacobian (3 cuts, nv) of points of cut joints."""
     nv = model.nv
     lower = _dense(data.M, model.M_rownnz, model.M_rowadr, model.M_colind, nv, nv)
     efc, n = data.efc, int(data.nefc.numpy()[0])
     J = _dense(efc.J, efc.J_rownnz, efc.J_rowadr, efc.J_colind, n, nv) if model.is_sparse else efc.J.numpy()[0][:n, :nv]
     which, rows = efc.id.numpy()[0][:n], np.zeros((cuts, 3, nv))
     for cut in np.unique(which):
-        rows[cut] = J[which == cut]  # a cut whose rows vanish is left out of them
+        rows[cut] = J[which == cut]  # MuJoCo leaves out a cut whose rows vanish
     return {
         "mass_matrix": lower + np.tril(lower, -1).T,
         "rates": np.array(data.qacc_smooth.numpy()[0], dtype=float),
@@ -22,7 +22,7 @@ def dynamics(model: Any, data: Any, cuts: int) -> dict[str, np.ndarray]:
 
 
 def _dense(values: Any, lengths: Any, first: Any, columns: Any, n: int, nv: int) -> np.ndarray:
-    """Return a dense matrix of rows that are stored one after the other."""
+    """Return the dense matrix (n, nv) of a sparse one, whose rows are stored one after the other."""
     stored, length, at, column = (a.numpy().ravel() for a in (values, lengths, first, columns))
     out = np.zeros((n, nv))
     for k in range(n):

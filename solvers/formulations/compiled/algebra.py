@@ -1,4 +1,4 @@
-"""Rotations and plain loops over arrays (compiled): a vector is a row of an array or a tuple, results are tuples."""
+"""Rotations and plain loops over arrays (compiled): vectors are rows of an array or tuples, results are tuples."""
 
 import math
 
@@ -16,14 +16,17 @@ def copy(source, target):
 
 @compile_inline
 def clear(a):
-    """Set a := 0."""
+    """Set all entries of the array ``a`` to zero."""
     for at in np.ndindex(a.shape):
         a[at] = 0.0
 
 
 @compile_inline
 def find_largest(a):
-    """Return the largest absolute entry of an array, NaN if any entry is."""
+    """Return the largest absolute entry of an array, 0 for an empty one.
+
+    NaN is returned only where it is the last entry: a later entry replaces it.
+    """
     size = 0.0
     for at in np.ndindex(a.shape):
         size = take_larger(size, abs(a[at]))
@@ -38,7 +41,7 @@ def take_larger(x, y):
 
 @compile_inline
 def times(A, x, y, z):
-    """Return A (x, y, z) for a matrix (3, 3)."""
+    """Return the product A (x, y, z) of a matrix (3, 3) and a vector."""
     return (
         A[0, 0] * x + A[0, 1] * y + A[0, 2] * z, A[1, 0] * x + A[1, 1] * y + A[1, 2] * z,
         A[2, 0] * x + A[2, 1] * y + A[2, 2] * z,
@@ -47,7 +50,7 @@ def times(A, x, y, z):
 
 @compile_inline
 def times_transposed(A, x, y, z):
-    """Return A^T (x, y, z) for a matrix (3, 3)."""
+    """Return the product A^T (x, y, z) of a transposed matrix (3, 3) and a vector."""
     return (
         A[0, 0] * x + A[1, 0] * y + A[2, 0] * z, A[0, 1] * x + A[1, 1] * y + A[2, 1] * z,
         A[0, 2] * x + A[1, 2] * y + A[2, 2] * z,
@@ -58,7 +61,7 @@ def times_transposed(A, x, y, z):
 def sines(s):
     """Return sin(a) / a and (1 - cos a) / a^2 for the squared angle s = a^2 [rad^2].
 
-    Below s = 1 by series cut at s^9, an error of 1e-17.
+    Below s = 1 they are series up to s^9, with a truncation error below 1e-17.
     """
     if s < 1.0:
         f = 1.0 - s * (1.0 / 342.0)
@@ -87,7 +90,7 @@ def sines(s):
 
 @compile_inline
 def turn_rotation(R, x, y, z, out):
-    """Set out := R exp(hat(x, y, z)), a turn by the vector (x, y, z) [rad] in the body; ``out`` may be ``R``."""
+    """Set out := R exp(hat(x, y, z)), a rotation by the vector (x, y, z) [rad] in the body; ``out`` may be ``R``."""
     f, g = sines(x * x + y * y + z * z)
     E00, E11, E22 = 1.0 - g * (y * y + z * z), 1.0 - g * (x * x + z * z), 1.0 - g * (x * x + y * y)
     E01, E10 = g * x * y - f * z, g * x * y + f * z
@@ -102,9 +105,9 @@ def turn_rotation(R, x, y, z, out):
 
 @compile_inline
 def close_rotations(R):
-    """Move the matrices R of all bodies nearer to rotations: R := R (3 - R^T R) / 2.
+    """Make the matrices ``R`` (nb, 3, 3) more nearly orthogonal, in place: R := R (3 - R^T R) / 2.
 
-    A distance e from the rotations becomes 3/4 e^2, and rounding.
+    A distance e from a rotation becomes 3/4 e^2, plus rounding.
     """
     for b in range(len(R)):
         Q = R[b]
@@ -126,7 +129,7 @@ def close_rotations(R):
 def theta_dot(x, y, z, p, q, r):
     """Return the rate of the rotation vector theta = (x, y, z) at Omega = (p, q, r) [rad/s, body].
 
-    It is dexp^-1(theta) Omega; below theta^2 = 1e-2 by a series.
+    It is dexp^-1(theta) Omega, by a series where theta^2 is below 1e-2.
     """
     s = x * x + y * y + z * z
     if s < 1e-2:

@@ -1,23 +1,23 @@
 """Block LU on a fixed pattern, row by row: A = L U with unit block-lower L; pivoting inside the pivot blocks only.
 
-Row p gathers its original blocks in a dense strip, subtracts the rows q < p it meets (one small product per pair,
-contiguous in the columns of q), inverts its pivot block and leaves its panel of U. The reason for writing this rather
-than using a library: docs/decisions/block-lu.md.
+Row p copies its original blocks to a dense strip, subtracts the rows q < p with which it shares a block (one small
+product per pair, contiguous in the columns of q), inverts its pivot block and stores its panel of U. The reason for
+writing this rather than using a library: docs/decisions/block-lu.md.
 """
 
 from .entries import inner_fused
 
 
 def factor(lu):
-    """Compute the block factors L U of the matrix in ``lu.blocks``.
+    """Compute the block factors L U of the matrix in ``lu.blocks``, in the arrays of ``lu``.
 
-    ``lu.state.singular`` is 0, or 1 + p where node p has a singular pivot block: elimination stops there.
+    ``lu.state.singular`` becomes 0, or 1 + p where node p has a singular pivot block and the elimination has stopped.
     """
     _factor(lu)
 
 
 def solve(lu):
-    """Replace ``lu.x`` by the solution of A x = right side, unknowns in elimination order."""
+    """Replace the right side ``lu.x`` by the solution of A x = right side, unknowns in elimination order."""
     _solve(lu, lu.x)
 
 
@@ -71,7 +71,10 @@ def _factor(lu):
 
 @inner_fused
 def _combine(low, k, a, panel, o, inner, w, strip):
-    """Set strip = low[k, a, :inner] @ panel, unrolled for the usual node sizes (panel rows are w long, from o)."""
+    """Set strip = low[k, a, :inner] @ panel, unrolled for the usual node sizes.
+
+    Rows of the panel have length w and start at index o.
+    """
     if inner < 3 or inner == 4:
         for c in range(w):
             strip[c] = 0.0
@@ -99,7 +102,7 @@ def _combine(low, k, a, panel, o, inner, w, strip):
 
 @inner_fused
 def _solve(lu, x):
-    """Replace ``x`` by the solution with the factors of ``lu``, forward and back."""
+    """Replace the right side ``x`` by the solution, by forward and back substitution with the factors of ``lu``."""
     size, start, up, up_start = lu.size, lu.start, lu.up, lu.up_start
     panel_start, low_start, low_node = lu.panel_start, lu.low_start, lu.low_node
     low, panel, inverse, y = lu.low, lu.panel, lu.pivot_inverse, lu.strip
@@ -132,9 +135,10 @@ def _solve(lu, x):
 
 @inner_fused
 def invert(A, m, pivots, swapped):
-    """Invert A (m x m) in place by Gauss-Jordan with row pivoting; return the smallest absolute pivot.
+    """Invert A (m x m) in place by Gauss-Jordan elimination with row pivoting; return the smallest absolute pivot.
 
-    It returns 0 where A is singular, which is then left half done. ``pivots`` gets the absolute pivots.
+    It returns 0 where A is singular, and then leaves A half inverted. ``pivots`` gets the absolute pivots, ``swapped``
+    the rows exchanged.
     """
     smallest = 1e300
     for k in range(m):

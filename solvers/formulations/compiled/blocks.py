@@ -1,8 +1,8 @@
 """The pattern of S = A M^-1 A^T by joints and of its block Cholesky factor, analysed once for a system.
 
-Two joints share a block of S when they are joined to the same moving body. An elimination joins the neighbours of a
-joint to each other (fill): next is the joint whose neighbours lack the fewest links among them, a fifth fewer products
-on the grid than with the fewest neighbours.
+Two joints share a block of S when they are joined to the same moving body. The elimination of a joint links its
+neighbours to each other (fill). The next joint is the one that adds the fewest links, which on the grid takes a fifth
+fewer products than the one with the fewest neighbours.
 """
 
 from typing import NamedTuple
@@ -15,7 +15,7 @@ WIDTH = 5  # rows of the largest joint: blocks are WIDTH x WIDTH, a spherical jo
 
 
 class Blocks(NamedTuple):
-    """Columns of the factor in elimination order; blocks are stored column by column, the diagonal one first."""
+    """Block columns of the factor in elimination order; blocks are stored by columns, each diagonal block first."""
 
     joint: np.ndarray  # (nj,) joint of each column
     size: np.ndarray  # (nj,) its rows
@@ -31,7 +31,7 @@ class Blocks(NamedTuple):
 def analyse(bodies: np.ndarray, row: np.ndarray) -> Blocks:
     """Return the elimination order of joints, the fill and the block products of the factor of S.
 
-    ``bodies`` (nj, 2) are the ends of joints, -1 the ground; ``row`` (nj + 1) their first constraint rows.
+    ``bodies`` (nj, 2) are the ends of joints, -1 for the ground; ``row`` (nj + 1) are their first constraint rows.
     """
     nj = len(bodies)
     held: dict[int, list[tuple[int, int]]] = {}
@@ -83,6 +83,9 @@ def analyse(bodies: np.ndarray, row: np.ndarray) -> Blocks:
 
 
 def _list_missing(left: dict[int, set[int]], j: int) -> tuple[int, int]:
-    """Return the cost of eliminating joint ``j``: links missing among its neighbours, then its neighbours."""
+    """Return the cost of eliminating joint ``j``: the number of links it adds, then the number of its neighbours.
+
+    ``left`` are the neighbours of each joint that is not eliminated yet.
+    """
     mine = left[j]
     return sum(len(mine) - 1 - len(mine & left[k]) for k in mine) // 2, len(mine)

@@ -1,4 +1,4 @@
-"""Bundles whose arrays are declared by shape: ``"nb 6"`` is six numbers for each body, ``"nr"`` one for each row."""
+"""Bundles whose arrays are declared by shape: ``"nb 6"`` has six numbers for each body, ``"nr"`` one for each row."""
 
 from collections import namedtuple
 from collections.abc import Mapping, Sequence
@@ -12,9 +12,9 @@ from .kernel import Kernel
 def make_bundle(
     name: str, arrays: Mapping[str, str], sizes: Mapping[str, int], entries: Sequence[str] = (), **given: Any
 ) -> Any:
-    """Make a named tuple of the given values, zero arrays of these shapes, and entries that are still unset (0).
+    """Make a named tuple of the ``given`` values, zero arrays of the declared shapes, and ``entries`` still unset (0).
 
-    ``sizes`` gives the letters in the shapes.
+    ``arrays`` maps names to shapes, and ``sizes`` gives the values of the letters in them.
     """
     zeros = {n: np.zeros([sizes[d] if d in sizes else int(d) for d in shape.split()]) for n, shape in arrays.items()}
     kind = namedtuple(name, (*given, *zeros, *entries), defaults=(0,) * len(entries))  # type: ignore[misc]
@@ -24,14 +24,14 @@ def make_bundle(
 def make_step(
     kernel: Kernel, control: np.ndarray, *, arrays: Mapping[str, str], entries: Sequence[str] = (), **given: Any
 ) -> Any:
-    """Make the bundle of a method's step: control, kernel, given values, and zero arrays.
+    """Make the bundle of a method's step: control, kernel, ``given`` values, zero arrays, and entries still unset.
 
-    Shapes are in numbers of bodies ``nb`` and of constraint rows ``nr``; ``entries`` are programs still unset (0).
+    Shapes are in numbers of bodies ``nb`` and of constraint rows ``nr``.
     """
     sizes = {"nb": len(kernel.mass), "nr": len(kernel.lam)}
     return make_bundle("Step", arrays, sizes, entries, control=control, kernel=kernel, **given)
 
 
 def make_record(**values: float) -> np.ndarray:
-    """Make a NumPy record with a field for each of ``values``, integers as integers, others as floats."""
+    """Make a NumPy record with a field for each of ``values``: int64 for integers, float64 for others."""
     return np.array(tuple(values.values()), [(n, "i8" if isinstance(x, int) else "f8") for n, x in values.items()])

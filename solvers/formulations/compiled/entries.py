@@ -1,8 +1,8 @@
 """Functions of bundles of arrays, compiled by numba once, kept on disk as objects and called by address.
 
 A bundle is a named tuple of C-contiguous arrays, of records (NumPy structured arrays without dimension, whose fields
-are read and written by name), of whole numbers and of bundles. Its words, an int64 array, are what a compiled function
-gets: addresses and lengths. A ``Program`` word leads to a list of calls that ``run`` carries out.
+are read and written by name), of integers and of bundles. A compiled function gets it as words, an int64 array of
+addresses and lengths. The word of a ``Program`` points to a list of calls that ``run`` executes.
 """
 
 import hashlib
@@ -24,7 +24,10 @@ PACKAGE = __name__.rsplit(".", 2)[0]  # package whose modules enter a function's
 
 
 def pack_words(bundle: Any) -> list[int]:
-    """Return a bundle as int64 words: address and lengths of an array, address of a record, an integer itself."""
+    """Return a bundle as int64 words: address and lengths of an array, address of a record, an integer itself.
+
+    Raises ValueError for an array that is not C-contiguous.
+    """
     words: list[int] = []
     for x in bundle:
         if isinstance(x, np.ndarray):
@@ -39,7 +42,7 @@ def pack_words(bundle: Any) -> list[int]:
 
 
 def describe_layout(bundle: Any) -> str:
-    """Return the types of a bundle's fields in words: part of the key of code compiled for it."""
+    """Return a text of the types of a bundle's fields, a part of the key of code compiled for it."""
     parts = []
     for name, x in zip(bundle._fields, bundle, strict=True):
         if isinstance(x, np.ndarray):
@@ -64,31 +67,31 @@ class InlineFunction:
 
 
 def compile_inline(function: Callable[..., Any]) -> Any:
-    """Mark a function that numba compiles into its callers, each operation rounded; compiles nothing itself.
+    """Mark a function that numba compiles into its callers, each operation rounded; nothing is compiled yet.
 
-    This is stated explicitly since numba compiles it once and would otherwise adopt the options of the first caller:
-    rounding would depend on the order in which functions are compiled.
+    The options are fixed here because numba compiles such a function once and would otherwise adopt the options of the
+    first caller: rounding would depend on the order in which functions are compiled.
     """
     return InlineFunction(function, {"forceinline": True, "fastmath": False})
 
 
 def inner_fused(function: Callable[..., Any]) -> Any:
-    """Mark a function like ``compile_inline``, but with products and sums fused in one rounding: linear algebra."""
+    """Mark a function like ``compile_inline``, but with fused multiply-adds, for linear algebra."""
     return InlineFunction(function, {"forceinline": True, "fastmath": {"contract"}})
 
 
 def compile_separately(function: Callable[..., Any]) -> Any:
-    """Mark a function that numba compiles as one of its own, as it is called from more than one place."""
+    """Mark a function that numba compiles as a function of its own, because it is called from several places."""
     return InlineFunction(function, {"fastmath": False})
 
 
 def run(entry: int) -> None:
-    """Carry out the calls of a program, given by its word ``Program.entry``; works only in compiled functions."""
+    """Run the calls of a program, given by its word ``Program.entry``; raise TypeError outside compiled functions."""
     raise TypeError("run is called by compiled functions")
 
 
 def call_law(address: int, t: float, state: np.ndarray, load: np.ndarray) -> None:
-    """Call law(t, state, load) of a user's force (``mechanics.user_forces``); only in compiled functions."""
+    """Call law(t, state, load) of a user's force at its address; raise TypeError outside compiled functions."""
     raise TypeError("call_law is called by compiled functions")
 
 
@@ -96,7 +99,7 @@ class Bound(Program):
     """A compiled function with its bundle, called from Python, or from compiled code by ``run(bound.entry)``."""
 
     def __init__(self, function: Callable[..., None], bundle: Any) -> None:
-        """Pass only those fields of the bundle that the function names."""
+        """Compile or load ``function`` for those fields of the bundle that it names."""
         name = f"{function.__module__.rsplit('.', 1)[-1]}.{function.__qualname__}"
         part = select_fields(bundle, digest_callees(function).names)
         code = _compile_entry(function, name, part)
@@ -108,9 +111,9 @@ class Bound(Program):
 
 
 def select_fields(bundle: Any, names: frozenset[str]) -> Any:
-    """Return a bundle, and bundles in it, cut down to the fields among ``names``.
+    """Return a bundle, and the bundles in it, reduced to the fields among ``names``.
 
-    ValueError where an entry among ``names`` is unset.
+    Raises ValueError where an entry among ``names`` is unset.
     """
     for name, none in getattr(bundle, "_field_defaults", {}).items():
         if name in names and getattr(bundle, name) == none:
@@ -126,7 +129,7 @@ def select_fields(bundle: Any, names: frozenset[str]) -> Any:
 
 @cache
 def _kind(name: str, fields: tuple[str, ...]) -> Callable[..., Any]:
-    """Return the named tuple type of these fields, one object for equal ones."""
+    """Return the named tuple type of these fields, the same object for equal ones."""
     return namedtuple(name, fields)  # type: ignore[misc]
 
 
@@ -134,7 +137,7 @@ _CODES: dict[str, Code] = {}
 
 
 def _compile_entry(function: Callable[..., None], name: str, bundle: Any) -> Code:
-    """Return the code of a function for bundles laid out like this one: of this process, from disk, or compiled."""
+    """Return the code of ``function`` for bundles of this layout: from this process, from disk, or compiled."""
     key = f"{name}\0{digest_callees(function).digest}\0{describe_layout(bundle)}"
     if key not in _CODES:
 
@@ -148,7 +151,7 @@ def _compile_entry(function: Callable[..., None], name: str, bundle: Any) -> Cod
 
 
 class CodeIdentity(NamedTuple):
-    """The identity of a compiled function: a digest of its code, and the names in it."""
+    """The identity of a compiled function: a digest of its code, and the names of attributes in it."""
 
     digest: str  # digest of its bytecode and that of all functions that it calls, of constants, and of versions
     names: frozenset[str]  # names of attributes in them
@@ -157,9 +160,9 @@ class CodeIdentity(NamedTuple):
 @cache
 @making_code
 def digest_callees(function: Callable[..., None]) -> CodeIdentity:
-    """Return a digest of ``function`` and of all that it calls, and the names of attributes in them.
+    """Return a digest of ``function`` and of all functions it calls, and the names of attributes in them.
 
-    Comments and docstrings do not enter the digest.
+    Comments and docstrings of these functions do not enter the digest.
     """
     digest = hashlib.sha256(f"{sys.version} {_numba_version()}".encode() + b"".join(f.read_bytes() for f in MAKERS))
     names: set[str] = set()
@@ -184,7 +187,7 @@ def digest_callees(function: Callable[..., None]) -> CodeIdentity:
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
-    """Yield a code object and all those nested in it."""
+    """Yield a code object and all code objects nested in it."""
     yield code
     for one in code.co_consts:
         if isinstance(one, CodeType):
@@ -192,12 +195,13 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _options(function: Callable[..., Any]) -> str:
-    """Return numba's options of a function marked here, as text; none for others."""
+    """Return numba's options of a function marked in this module, as text; empty for others."""
     return OPTIONS_OF.get(function, "")
 
 
 @cache
 def _numba_version() -> str:
+    """Return the version of the numba package, without importing it."""
     from importlib.metadata import version
 
     return version("numba")

@@ -39,9 +39,9 @@ def add_rates(body, row, pins, X, way, w, sign, x):
 
 @compile_inline
 def add_loads(body, row, pins, mass, way, Y, x, w):
-    """Add M^-1 A^T x to w (nb, 6), the velocity change by the multipliers x (nrows,).
+    """Add M^-1 A^T x to w (nb, 6): the velocity change by the multipliers x (nrows,).
 
-    The rows A are given by their forces ``way`` and their torques over inertia Y = X J^-1.
+    The rows of A are given by their forces ``way`` and their torques over inertia Y = X J^-1.
     """
     for j in range(len(body)):
         first, last = row[j], row[j + 1]
@@ -64,7 +64,7 @@ def add_loads(body, row, pins, mass, way, Y, x, w):
 
 
 def react(k):
-    """Compute accelerations ``k.v_dot`` and multipliers ``k.lam`` from the present rows and factor of S."""
+    """Compute accelerations ``k.v_dot`` and multipliers ``k.lam`` from the rows and the factor of S in the kernel."""
     run(k.forces)
     copy(k.force, k.v_dot)
     times_inverse_mass(k.mass, k.J_inv, k.v_dot)
@@ -77,9 +77,10 @@ def react(k):
 
 
 def project(k):
-    """Project poses onto phi = 0, then velocities onto A v + phi_t = 0, along M^-1 A^T, with the present factor.
+    """Project poses onto phi = 0, then velocities onto A v + phi_t = 0, along M^-1 A^T, with the factor in the kernel.
 
-    One pass each: the residual is the square of the one before, as long as ``k.L`` belongs to poses nearby.
+    It is one correction of each. The remaining violation is of second order, as long as ``k.L`` belongs to nearby
+    poses.
     """
     for a in range(len(k.rhs)):
         k.rhs[a] = -k.phi[a]
@@ -97,7 +98,7 @@ def project(k):
 def project_rates(k):
     """Project the velocities ``k.v`` onto A v + phi_t = 0 along M^-1 A^T; ``k.rhs`` gets the impulse.
 
-    Rows and the factor of S are those present.
+    Rows and the factor of S are those in the kernel.
     """
     for a in range(len(k.rhs)):
         k.rhs[a] = -k.slip[a]
@@ -107,28 +108,28 @@ def project_rates(k):
 
 
 def divide(k):
-    """Set ``k.w`` := M^-1 w: momenta become velocities."""
+    """Set ``k.w`` := M^-1 w, which converts momenta to velocities."""
     times_inverse_mass(k.mass, k.J_inv, k.w)
 
 
 def push(k):
-    """Add M^-1 A^T x to ``k.w``: the velocity change by the multipliers ``k.x`` on the present rows."""
+    """Add M^-1 A^T x to ``k.w``, the velocity change by the multipliers ``k.x`` on the rows in the kernel."""
     add_loads(k.body, k.row, k.pins, k.mass, k.way, k.Y, k.x, k.w)
 
 
 def push_kept(k):
-    """Add M^-1 A^T x to ``k.w``, with the rows that ``keep_rows`` has kept."""
+    """Add M^-1 A^T x to ``k.w``, the velocity change by ``k.x`` on the rows that ``keep_rows`` has copied."""
     add_loads(k.body, k.row, k.pins, k.mass, k.way0, k.Y0, k.x, k.w)
 
 
 def keep_rows(k):
-    """Keep a copy of the present constraint rows for ``push_kept``."""
+    """Copy the constraint rows in the kernel for ``push_kept``."""
     copy(k.Y, k.Y0)
     copy(k.way, k.way0)
 
 
 def slips(k):
-    """Set ``k.x`` := -(A w + phi_t), minus the constraint velocities at ``k.w``."""
+    """Set ``k.x`` := -(A w + phi_t), minus the rates of the constraint rows at the velocities ``k.w``."""
     for a in range(len(k.x)):
         k.x[a] = -k.slip[a]
     add_rates(k.body, k.row, k.pins, k.X, k.way, k.w, -1.0, k.x)

@@ -2,13 +2,13 @@
 
     S = sum over bodies  X_a J^-1 X_c^T + sign_a sign_c f_a . f_c / m,   f the force of a row, X its torque in the body
 
-A pivot below ``DEPENDENT`` of its own diagonal is that of a redundant row: its multiplier is 0 and the other rows are
-exact for right-hand sides that belong to a motion. The rank may change with the configuration. Where rows kept come
-to depend on each other although the rank stays, module ``row_choice`` takes others.
+A pivot below ``DEPENDENT`` of its own diagonal is that of a redundant row: its multiplier is 0, and the other rows are
+solved exactly for right-hand sides that belong to a motion. The rank may change with the configuration. Where kept
+rows become dependent although the rank stays the same, module ``row_choice`` chooses others.
 
-The three point rows of a hinge are taken across its axis and then along it, whatever the frame: in a plane mechanism
-the rows along the axes are redundant themselves. Along the axes of space each of the three would have a share of the
-redundancy, and rounding would decide which one is left out.
+The three point rows of a hinge are taken across its axis and then along it, in any frame: in a planar mechanism the
+row along the axis is redundant itself. Along the axes of space each of the three would have a share of the redundancy,
+and rounding would decide which one is left out.
 """
 
 import math
@@ -28,32 +28,32 @@ def factorise(k):
 
 
 def factorise_points(k):
-    """Assemble and factorise S like ``factorise``, where no joint has more than three rows."""
+    """Assemble and factorise S like ``factorise``, for systems in which no joint has more than three rows."""
     _factorise(k, 3)
 
 
 def solve(k):
-    """Set ``k.rhs`` := S^-1 rhs with the factor in ``k.L``; 0 in redundant rows."""
+    """Set ``k.rhs`` := S^-1 rhs with the factor in ``k.L``; redundant rows get 0."""
     _solve(k, WIDTH)
 
 
 def solve_points(k):
-    """Solve like ``solve``, where joints have three rows at most."""
+    """Solve like ``solve``, for systems in which no joint has more than three rows."""
     _solve(k, 3)
 
 
 @inner_fused
 def _factorise(k, W):
-    """Assemble S in blocks W x W, then factorise it in place; ``k.state.rank`` gets the number of rows kept."""
+    """Assemble S in blocks W x W, then factorise it in place; ``k.state.rank`` becomes the number of rows kept."""
     assemble(k, W)
     eliminate(k, W)
 
 
 @inner_fused
 def assemble(k, W):
-    """Assemble S in ``k.L``, its diagonal in ``k.diagonal``.
+    """Assemble S in ``k.L`` and copy its diagonal to ``k.diagonal``.
 
-    ``k.state.shift`` is added to the diagonal, relative to it: with more than ``DEPENDENT`` no row is dropped.
+    ``k.state.shift`` times the diagonal is added to it first: with more than ``DEPENDENT`` no row is dropped.
     """
     b, L, nj = k.blocks, k.L, len(k.blocks.joint)
     if W == HINGE:
@@ -91,7 +91,7 @@ def assemble(k, W):
 def eliminate(k, W):
     """Factorise S in ``k.L`` in place (block Cholesky); rows whose ``k.diagonal`` is infinite are left out.
 
-    ``k.state.rank`` gets the number of rows kept.
+    ``k.state.rank`` becomes the number of rows kept.
     """
     b, L, nj, rank = k.blocks, k.L, len(k.blocks.joint), 0
     for col in range(nj):
@@ -152,9 +152,9 @@ def _solve(k, W):
 
 @compile_inline
 def _find_axes(k):
-    """Fill ``k.turn`` with the directions of each hinge's point rows, two across its axis and the axis, in space.
+    """Set ``k.turn`` to the directions of each hinge's point rows, two across its axis and the axis, in space.
 
-    Where rows remain along the axes of space, its row 0 is zero.
+    Where rows remain along the axes of space, its row 0 has no x and y component.
     """
     b = k.blocks
     for col in range(len(b.joint)):
@@ -174,9 +174,9 @@ def _find_axes(k):
 
 @compile_inline
 def _set_directions(Q, x, y, z):
-    """Set Q := two directions across the hinge's axis (x, y, z), and the axis; leave it where that is an axis of space.
+    """Set Q := two directions across the hinge's axis (x, y, z), then the axis; unchanged if that is an axis of space.
 
-    The first is normal to the axis of space along which (x, y, z) has its least component.
+    The first is normal to the axis of space along which (x, y, z) has its smallest component.
     """
     least, u, v, w = abs(z), -y, x, 0.0
     if abs(y) < least:
@@ -200,7 +200,7 @@ def _is_turned(Q):
 
 @compile_inline
 def _turn_blocks(k, col):
-    """Turn blocks of S, those of column ``col``, from the axes of space to the directions of their hinges."""
+    """Rotate the blocks of S in column ``col`` from the axes of space to the directions of their hinges."""
     b, L, Q = k.blocks, k.L, k.turn[col]
     for p in range(b.start[col], b.start[col + 1]):
         P = k.turn[b.other[p]]
@@ -230,7 +230,7 @@ def turn_rows(k, x):
 
 @compile_inline
 def turn_rows_back(k, x):
-    """Express the point rows of hinges in x along the axes of space again."""
+    """Express the point rows of hinges in ``x`` (nrows,) along the axes of space again."""
     b = k.blocks
     for col in range(len(b.joint)):
         Q, row = k.turn[col], b.row[col]
@@ -242,7 +242,7 @@ def turn_rows_back(k, x):
 
 @inner_fused
 def _add_turnings(X, Y, L, p, at, ea, to, ec, size, height):
-    """Add X J^-1 X^T, the rotational part of S, of two joints at one body to block ``p`` of L."""
+    """Add X J^-1 X^T, the rotational part of S for two joints at one body, to block ``p`` of L."""
     for a in range(height):
         x0, x1, x2 = X[ea, at + a, 0], X[ea, at + a, 1], X[ea, at + a, 2]
         for c in range(size):
@@ -251,7 +251,7 @@ def _add_turnings(X, Y, L, p, at, ea, to, ec, size, height):
 
 @inner_fused
 def _add_translations(way, at, to, height, size, weight, L, p):
-    """Add weight f_a . f_c, the translational part of S, to block ``p`` of L: rows other than point rows."""
+    """Add weight f_a . f_c, the translational part of S, to block ``p`` of L, for rows with a force in ``way``."""
     for a in range(height):
         f0, f1, f2 = way[at + a, 0], way[at + a, 1], way[at + a, 2]
         for c in range(size):
@@ -260,7 +260,7 @@ def _add_translations(way, at, to, height, size, weight, L, p):
 
 @inner_fused
 def _divide(L, p, d, size, height):
-    """Set block p of L := L_p L_d^-T, with the factorised diagonal block d."""
+    """Set block p of L := L_p L_d^-T, where d is the factorised diagonal block."""
     for a in range(height):
         for c in range(size):
             x = L[p, a, c]
@@ -271,7 +271,7 @@ def _divide(L, p, d, size, height):
 
 @inner_fused
 def _subtract(L, p, x, row, size, at, height):
-    """Subtract the product of block p and x[row:] from x[at:], in the forward substitution."""
+    """Subtract block p times x[row:] from x[at:], in the forward substitution."""
     for a in range(height):
         y = 0.0
         for q in range(size):
@@ -281,7 +281,7 @@ def _subtract(L, p, x, row, size, at, height):
 
 @inner_fused
 def _subtract_transposed(L, p, x, row, size, at, height):
-    """Subtract the product of block p, transposed, and x[at:] from x[row:], in the back substitution."""
+    """Subtract block p transposed times x[at:] from x[row:], in the back substitution."""
     for a in range(height):
         y = x[at + a]
         for q in range(size):
@@ -290,7 +290,7 @@ def _subtract_transposed(L, p, x, row, size, at, height):
 
 @inner_fused
 def _diagonal(L, d, size, diagonal, row):
-    """Factorise one diagonal block by Cholesky, its diagonal inverted; return the number of rows kept."""
+    """Factorise a diagonal block by Cholesky and invert its diagonal; return the number of rows kept."""
     kept = 0
     for c in range(size):
         x = L[d, c, c]

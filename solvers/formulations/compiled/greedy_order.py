@@ -1,4 +1,4 @@
-"""Greedy order of elimination on a graph: the cheapest node next, whose neighbours are then joined to each other."""
+"""Greedy order of elimination on a graph: the cheapest node comes next, and its neighbours are linked to each other."""
 
 import heapq
 from collections.abc import Callable, Collection, Sequence
@@ -9,10 +9,11 @@ Left = dict[int, set[int]]  # neighbours still there, by node
 def eliminate(
     near: Sequence[set[int]], cost: Callable[[Left, int], tuple[int, ...]], first: Sequence[Collection[int]] = ()
 ) -> tuple[list[int], Left]:
-    """Return an order of elimination of a graph's nodes, and of each node its neighbours eliminated later.
+    """Return an order of elimination of a graph's nodes, and for each node its neighbours eliminated later.
 
-    ``near`` are the neighbours of each node; the node of least ``cost`` is next. A node waits for those that ``first``
-    lists for it. Costs depend on neighbours and their neighbours: only those near the last node are computed anew.
+    ``near`` are the neighbours of each node; the node of least ``cost`` is next. A node comes after those that
+    ``first`` lists for it. Costs may depend on a node's neighbours and theirs: only those around the last node are
+    recomputed.
     """
     left = {k: set(n) for k, n in enumerate(near)}
     waits = {k: set(nodes) for k, nodes in enumerate(first) if nodes}

@@ -1,4 +1,4 @@
-"""The way from a problem to a trajectory: the kernel, a method, its march in stretches, limits, spooling."""
+"""Integration by compiled methods: the kernel, a method, its march in stretches, limits, and the trajectory."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
@@ -25,7 +25,7 @@ STRETCH_BYTES = 8e6
 
 @dataclass(frozen=True)
 class Method:
-    """A method as the march needs it: bundles and functions of one step."""
+    """The functions and settings of a method that the march needs, and the function that makes its step's bundle."""
 
     # makes the bundle of a step, which contains the control and the kernel
     prepare: Callable[[Kernel, np.ndarray], Any]
@@ -48,7 +48,7 @@ UNTOLD = np.zeros(0)
 
 
 def choose_tolerance(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]]:
-    """Return the tolerance for phi: ``asked`` [m], or the rounding of phi where that is larger, with a note on it."""
+    """Return the tolerance for phi: ``asked`` [m], or the rounding of phi where that is larger; and notes on it."""
     system = problem.system
     largest = max(np.max(np.abs(a), initial=0.0) for a in (problem.initial.r, system.joint_s_i, system.joint_s_j))
     rounding = ROUNDINGS * float(np.finfo(float).eps) * float(largest)
@@ -61,9 +61,9 @@ def choose_tolerance(asked: float, problem: Problem) -> tuple[float, tuple[str, 
 def run_plainly(
     integrate: Callable[..., Trajectory], problem: Problem, control: StepControl, asked: float, **more: Any
 ) -> Trajectory:
-    """Run a method of ``solvers/plain`` with the tolerance that its compiled twin would take for ``asked`` [m].
+    """Run a method of ``solvers/plain`` with the tolerance that its compiled counterpart takes for ``asked`` [m].
 
-    A note says so where that is another. ``more`` are further arguments of ``integrate``.
+    A note is added if that differs from ``asked``. ``more`` are further arguments of ``integrate``.
     """
     tolerance, notes = choose_tolerance(asked, problem)
     out = integrate(problem, control, tolerance, **more)
@@ -71,7 +71,10 @@ def run_plainly(
 
 
 def refuse_unused(solver: Any, *names: str) -> str | None:
-    """Return the refusal of options ``names`` that plain code does not read, where they were given with it, or None."""
+    """Return the refusal of options ``names`` that plain code ignores where one is not its default, or None.
+
+    Only a solver with code=plain refuses.
+    """
     defaults = {f.name: f.default for f in fields(solver)}
     given = [name for name in names if getattr(solver, name) != defaults[name]]
     return f"plain steps do not read {', '.join(given)}: leave it out" if given and solver.code == "plain" else None
@@ -97,7 +100,7 @@ def code_option(*choices: str) -> Any:
 
 
 class MarchedSolver:
-    """A solver whose method marches here. Redundant rows are dropped as they appear."""
+    """A solver whose method is marched by ``integrate``. Redundant rows are dropped as they appear."""
 
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
@@ -105,21 +108,21 @@ class MarchedSolver:
     code: str = "kernel"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why no code of the mechanism can be made, where the option asks for it, or None."""
+        """Return why code of the mechanism cannot be made, if the option requires it, or None."""
         return mechanism.refusal(problem.system, empty_kernel(problem.system)) if self.code == "mechanism" else None
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
-        """Return the method that marches, with the solver's options; each solver has its own."""
+        """Return the method to march, with the solver's options; each solver defines its own."""
         raise NotImplementedError
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate by the method of ``solvers/plain``, for solvers whose ``code`` may be plain."""
+        """Integrate by the method of ``solvers/plain``, for solvers whose ``code`` may be "plain"."""
         raise NotImplementedError
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate to the end of the problem, and return the trajectory.
 
-        The step is fixed at ``control.dt``, or controlled by the error at ``control.rtol``.
+        The step is fixed at ``control.dt``, or controlled by the error at ``control.rtol``, as the method requires.
         """
         if self.code == "plain":
             return self._plain(problem, control)
@@ -127,15 +130,18 @@ class MarchedSolver:
 
 
 class ClosedMarch(MarchedSolver):
-    """A marched solver that solves for phi = 0 at the ends of steps."""
+    """A marched solver that solves phi = 0 at the ends of steps, and thus needs phi in every row."""
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the problem is refused, or None: rows without phi, or no code of the mechanism where asked for."""
+        """Return why the problem is refused, or None.
+
+        Reasons: rows without phi, or no code of the mechanism where it is required.
+        """
         return refuse_without_phi(problem.system) or super().refuses(problem, control)
 
 
 class Marcher:
-    """A method in progress: its kernel, and bundles of its step and of its march, at the start of a problem."""
+    """A method in progress: its kernel, and the bundles of its step and march, at first at the start of a problem."""
 
     def __init__(self, problem: Problem, method: Method, state: np.ndarray) -> None:
         functions = [method.step, method.finish, *([method.start] if method.start else [])]
@@ -156,9 +162,9 @@ class Marcher:
         self.stretch(0)  # compiles or loads the code
 
     def _choose_kernel(self, needed: frozenset[str]) -> Kernel:
-        """Return the kernel with the ``needed`` entries, of its loops or of code of the mechanism as the option says.
+        """Return the kernel with the ``needed`` entries, by its loops or by code of the mechanism as the option says.
 
-        "auto" takes code that is kept on disk, else the loops, which may be changed later.
+        "auto" takes code that is kept on disk, else the loops, which may be replaced later. A note says which.
         """
         if self.method.code == "kernel":
             return make_kernel(self._system, needed)
@@ -176,20 +182,23 @@ class Marcher:
         return finish_kernel(self._system, empty, needed)
 
     def _use_code(self, kernel: Kernel) -> Kernel:
-        """Return the kernel with entries of code made for the mechanism, and note from when on it serves."""
+        """Return the kernel with entries of code made for the mechanism, and note from which time on it is used.
+
+        Raises ``NoMechanismCode`` where none can be made.
+        """
         made = mechanism.use_code(self._system, kernel, self._needed)
         since = f" from t = {self.state['t']:g} s on" if self._may_change else ""
         self.notes.append(f"code of the mechanism{since}: {made.operations} operations an evaluation")
         return made.kernel
 
     def _bind(self, kernel: Kernel) -> None:
-        """Set the kernel, and make the entries of the method's step and finish for it."""
+        """Set the kernel, and make the entries of the method's step and finish for the present bundle."""
         self.kernel = kernel
         self._entries = Bound(self.method.step, self.bundle), Bound(self.method.finish, self.bundle)
 
     @making_code
     def _change_code(self) -> None:
-        """Change from the kernel to code of the mechanism, where a run is so long that it pays."""
+        """Change from the kernel's loops to code of the mechanism; if none can be made, note why and keep them."""
         try:
             kernel = self._use_code(self.kernel)
             forget_choice(kernel)  # pivots of this code are others
@@ -204,9 +213,9 @@ class Marcher:
 
     @property
     def _evaluations(self) -> int:
-        """Evaluations of the kernel as far as the method counts them.
+        """Number of evaluations of the kernel so far, as far as the method counts them.
 
-        Its factorisations and iterations, each with constraint rows and a solution, or its own count if that is larger.
+        It is its factorisations and iterations together, or its own count if that is larger.
         """
         c = self.state
         return max(int(c["evaluations"]), int(c["factorisations"]) + int(c["iterations"]))
@@ -214,7 +223,7 @@ class Marcher:
     def stretch(self, n: int) -> Record:
         """March up to ``n`` steps from the present state; return the record of those accepted.
 
-        ``state["outcome"]`` says why it has ended.
+        ``state["outcome"]`` says why the march ended. After many evaluations, option "auto" changes the code first.
         """
         pays = self._may_change and self._evaluations > EVALUATIONS_THAT_PAY
         if pays and self.kernel.state["chosen"] != IN_USE:
@@ -224,12 +233,12 @@ class Marcher:
         return Record(*(a[: self.state["recorded"]] for a in record))
 
     def explain(self, outcome: int) -> str:
-        """Return words for the ``outcome`` of the march, the method's own or the general ones."""
+        """Return the message for an ``outcome`` of the march, the method's own or the general one."""
         return self.method.explain(self.bundle, outcome) if self.method.explain else ENDS[outcome][1]
 
 
 def integrate(problem: Problem, control: StepControl, method: Method) -> Trajectory:
-    """Integrate a problem by a method to the end, a limit or a failure; the latter are a status of the trajectory."""
+    """Integrate a problem by a method to the end, a limit or a failure, and return the trajectory with its status."""
     watch = Stopwatch()
     state = new_control(
         t_end=problem.t_end,
@@ -256,9 +265,9 @@ def integrate(problem: Problem, control: StepControl, method: Method) -> Traject
 
 
 def _march(problem: Problem, control: StepControl, method: Method, marcher: Any, watch: Stopwatch) -> Trajectory:
-    """March in stretches to the end or a limit, and return the trajectory; ``watch`` runs since the call began.
+    """March in stretches to the end or a limit, and return the trajectory.
 
-    Code that is made during the run counts as set-up.
+    ``watch`` has run since the call of ``integrate`` began. Making code during the run counts as set-up.
     """
     system, state, order = problem.system, marcher.state, marcher.kernel.order
     room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * system.nb + system.nrows)))))
@@ -305,7 +314,7 @@ def _march(problem: Problem, control: StepControl, method: Method, marcher: Any,
 
 
 def _cause(refusal: str) -> str:
-    """Return a refusal's obstacle without its advice to use the kernel, which has been followed."""
+    """Return the reason of a refusal without its advice to use the kernel, which has been followed."""
     return refusal.split(": use")[0]
 
 
@@ -323,5 +332,5 @@ ENDS = {
 
 
 def _states(record: Record) -> States:
-    """Return the motion of a record of steps."""
+    """Return the motion of the steps of a record."""
     return States(record.r, record.R, record.v[:, :, :3], record.v[:, :, 3:])

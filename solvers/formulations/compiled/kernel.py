@@ -1,7 +1,8 @@
 """The kernel of a mechanism: its arrays, and entries that fill them (compiled).
 
 Joints are split into parts for which S has one block: at most ``WIDTH`` rows, point rows with none or two axis rows, or
-line, axis or moving rows alone. They are sorted by kind, so that each kind is one loop; ``order`` leads back.
+line, axis or moving rows alone. Parts are sorted by kind, so that each kind is one loop; ``order`` gives the position
+of each row of the system.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -26,7 +27,7 @@ UNKNOWN = -1, row_choice.POOR, 0, row_choice.POOR
 
 
 class UserForces(NamedTuple):
-    """User forces: their bodies, the addresses of their laws, and arrays for a call."""
+    """The user forces of a system: their bodies, the addresses of their laws, and arrays for a call."""
 
     body: Any  # (nu, 2)
     law: Any  # (nu,) addresses
@@ -35,7 +36,7 @@ class UserForces(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """Arrays of one mechanism at one state, and its entries, programs. Rows are in the kernel's order."""
+    """The arrays of one mechanism at one state, and its entries, which are programs. Rows are in the kernel's order."""
 
     mass: Any  # (nb,)
     J: Any  # (nb, 3, 3)
@@ -107,7 +108,7 @@ ENTRIES = tuple(name for name in Kernel._field_defaults if name not in OF_CODE)
 
 
 class Part(NamedTuple):
-    """Rows lo to hi of a joint, which have one block of S."""
+    """Rows lo to hi (excluded) of a joint, which have one block of S."""
 
     kind: int
     lo: int
@@ -159,7 +160,7 @@ JOINED = {"accelerate": ("rows", "factorise", "react"), "reactions": ("rows", "r
 
 
 def start_at(k: Kernel, state: State) -> None:
-    """Set poses, velocities and time of the kernel to those of ``state``; forget an earlier choice of rows."""
+    """Set poses, velocities and time of the kernel to those of ``state``, and discard an earlier choice of rows."""
     k.r[:], k.R[:], k.v[:, :3], k.v[:, 3:], k.t[0] = state.r, state.R, state.v, state.Omega, state.t
     forget_choice(k)  # of an earlier run
 
@@ -171,7 +172,7 @@ def forget_choice(k: Kernel) -> None:
 
 
 def empty_kernel(system: MultibodySystem) -> Kernel:
-    """Make a kernel's arrays, with all entries unset (0)."""
+    """Make the arrays of a system's kernel, with all entries unset (0)."""
     place, parts = list_parts(system)
     size = np.array([part.hi - part.lo for part in parts], dtype=np.int64)
     row = np.concatenate(([0], np.cumsum(size))).astype(np.int64)
@@ -242,14 +243,14 @@ def empty_kernel(system: MultibodySystem) -> Kernel:
 
 
 def list_parts(system: MultibodySystem) -> tuple[list[int], list[Part]]:
-    """Return, in the kernel's order by kind, the place of each part in the system's order, and the parts."""
+    """Return the parts in the kernel's order by kind, preceded by the index of each in the system's order."""
     found = list(_parts(system))
     place = sorted(range(len(found)), key=lambda p: (found[p][:4], p))
     return place, [found[p] for p in place]
 
 
 def _parts(system: MultibodySystem) -> Iterator[Part]:
-    """Yield the parts of all joints in the system's order; ValueError on a joint with too many rows for a block."""
+    """Yield the parts of all joints in the system's order; ValueError for a joint with too many rows for a block."""
     for j, sort in enumerate(system.joint_sort):
         c, ground = joints.DECLARED[joints.KINDS[sort]].count, bool(system.joint_j[j] == GROUND)
         ahead = c.point + c.line + c.moving
@@ -267,7 +268,8 @@ def _parts(system: MultibodySystem) -> Iterator[Part]:
 def _blocks(body: np.ndarray, row: np.ndarray, place: list[int]) -> Blocks:
     """Return the pattern of S and of its factor, for parts in the kernel's order.
 
-    It is analysed in the system's order of joints, on which the choice among redundant rows depends.
+    ``place`` is the index of each part in the system's order. The pattern is analysed in that order, on which the
+    choice among redundant rows depends.
     """
     back = np.argsort(place) if place else np.zeros(0, dtype=np.int64)
     size = np.diff(row)[back]
@@ -278,7 +280,7 @@ def _blocks(body: np.ndarray, row: np.ndarray, place: list[int]) -> Blocks:
 
 
 def _pairs(system: MultibodySystem) -> np.ndarray:
-    """Return pairs of bodies (loaded, moving): (b, b) of each, then those of joints and forces, both ways."""
+    """Return pairs of bodies (loaded, moving): (b, b) for each body, then both orders for each joint and force."""
     ends = [(getattr(system, f"{name}_i"), getattr(system, f"{name}_j")) for name in ("joint", "spring", "torsion")]
     ends.append((system.user_i, system.user_j))
     both = {(int(a), int(b)) for one in ends for a, b in zip(*one, strict=True) if GROUND not in (a, b) and a != b}
@@ -290,7 +292,7 @@ Step = tuple[int, Sequence[np.ndarray]]
 
 
 class Loops:
-    """Entries that are loops over joints or forces of one kind, as steps of programs."""
+    """The entries of a kernel that are loops over joints or forces of one kind, as steps of programs."""
 
     def __init__(self, system: MultibodySystem, k: Kernel) -> None:
         self._system, self._k, self._parts = system, k, list_parts(system)[1]
@@ -303,7 +305,7 @@ class Loops:
                 k.way[group.rows] = np.tile(way, (len(group.body), 1))
 
     def _step(self, group: "Group", code: Code, name: str, *arrays: np.ndarray) -> Step:
-        """Return, without carrying it out, the call of function ``name`` of ``code`` over a group's members."""
+        """Return the call of function ``name`` of ``code`` over a group's members, as a step; nothing is run."""
         self._keeps.append(code)
         return code.address(name), [group.members, self._k.t, group.numbers, *arrays]
 
@@ -374,10 +376,7 @@ class Loops:
         return load_or_make_code("loops.bodies").address(name), [np.array([s.nb]), weight, k.J, k.v, k.force]
 
     def force_slopes(self) -> list[Step]:
-        """Return the steps that compute the slopes of ``forces`` by poses and velocities.
-
-        They go to ``by_pose`` and ``by_rate``.
-        """
+        """Return the steps that compute ``by_pose``, ``by_rate``: slopes of ``forces`` by poses and velocities."""
         nb, k = np.array([self._system.nb]), self._k
         turning = load_or_make_code("loops.bodies").address("slopes"), [nb, k.J, k.v, k.by_rate]
         zero, *pushes = self.applied_slopes()
@@ -406,7 +405,7 @@ class Loops:
         return steps
 
     def _users(self, function: Callable[[Any], None]) -> list[Step]:
-        """Return the steps of a compiled ``function`` for user forces; none where there are no user forces."""
+        """Return the steps of a compiled ``function`` of user forces; none for a system without user forces."""
         if not len(self._k.users.law):
             return []
         users = Bound(function, self._k)
@@ -414,14 +413,14 @@ class Loops:
         return users.steps
 
     def _blocks(self, slopes: np.ndarray, group: "Group") -> Iterator[np.ndarray]:
-        """Yield the array ``slopes`` and the places in it of a group's blocks, by loaded and moving end."""
+        """Yield, by loaded and moving end, the array ``slopes`` and the first indices in it of a group's blocks."""
         for a in group.ends:
             for b in group.ends:
                 place = [self._place[int(one[a]), int(one[b])] for one in group.body]
                 yield from (slopes, 36 * np.array(place, dtype=np.int64))
 
     def _group_parts(self) -> Iterator["Group"]:
-        """Yield the parts of joints in groups of one kind, whose rows one loop computes."""
+        """Yield the parts of joints in groups of one kind, each computed by one loop."""
         k, parts, at = self._k, self._parts, 0
         while at < len(parts):
             kind, lo, hi, ground, _ = parts[at]
@@ -435,7 +434,7 @@ class Loops:
             at = end
 
     def _pushing(self) -> Iterator[tuple[str, "Group"]]:
-        """Yield kind and members of each group of springs, torsional springs and loads, on the ground apart."""
+        """Yield kind and group of all springs, torsional springs and loads, those attached to the ground separately."""
         for kind in ("spring", "torsion", "load"):
             i = np.asarray(getattr(self._system, f"{kind}_i"), dtype=np.int64)
             j = np.full(len(i), GROUND) if kind == "load" else np.asarray(getattr(self._system, f"{kind}_j"))
@@ -449,7 +448,7 @@ class Loops:
 
 
 class Group(NamedTuple):
-    """Joints or forces of one kind: their code, their bodies, which of these move, their numbers, count and rows."""
+    """The joints or forces of one kind: code key, bodies, moving ends, numbers, count (1,) and rows."""
 
     key: tuple[str, tuple[int, ...], bool]
     body: np.ndarray
@@ -460,9 +459,9 @@ class Group(NamedTuple):
 
 
 def list_places(group: Group, *arrays: tuple[np.ndarray, int]) -> Iterator[np.ndarray]:
-    """Yield each array with the first places in it of a group's moving bodies, end by end.
+    """Yield, end by end, each array and the first index in it of each of a group's bodies.
 
-    ``arrays`` are pairs of an array over bodies and of its numbers a body.
+    ``arrays`` are pairs of an array over bodies and its numbers per body.
     """
     for e in group.ends:
         for array, size in arrays:

@@ -1,17 +1,18 @@
 """The march of all methods: times of steps, error control, reversible control, recording (compiled).
 
-At ``control.t`` [s] the step of a method tries ``control.h`` and leaves ``status``, and ``error`` where the step size
-is controlled by it; its finish follows an accepted step, and leaves the state and ``lam`` to be recorded.
+At ``control.t`` [s] the step of a method tries ``control.h``. It sets ``status``, and ``error`` where that controls the
+step size. Its finish follows an accepted step, and sets the state and ``lam`` to be recorded.
 
 Reversible step control (Hairer and Soederlind 2005, SIAM J. Sci. Comput. 26)::
 
     h = dt / z,  z_(n+1/2) = z_(n-1/2) + dt G(y_n),  G = d/dt ln(1/s),  1/s = (1 + sum_b |Omega_b / rate|^4)^(1/4)
 
-so that z follows 1/s, never less than 1, and the way back takes the same steps. G takes the accelerations at y_n.
+so that z follows 1/s, which is at least 1, and the backward motion takes the same steps. G takes the accelerations at
+y_n.
 
 A fixed step that fails is halved, up to ``most_cuts`` times, and grown back: a step of the grid 0, dt, 2 dt, ... is
-split in 2^level parts, of which ``place`` are done; the level falls by one after a success at an even place, so that
-the grid is met again exactly. A step that fails leaves the kernel at its start.
+split in 2^level parts, of which ``place`` are done. The level falls by one after a success at an even ``place``, so
+that the grid points are met exactly. A step that fails leaves the kernel at its start.
 """
 
 import math
@@ -85,7 +86,7 @@ class Record(NamedTuple):
 
 
 class March(NamedTuple):
-    """State of a march: its input and output."""
+    """The bundle of a march: control, kernel, record, diagnostics, and the entries of the step and its finish."""
 
     control: Any  # record
     kernel: Kernel
@@ -96,7 +97,7 @@ class March(NamedTuple):
 
 
 def new_control(**values: float) -> np.ndarray:
-    """Make the record of a march's state and settings with these values, the others 0."""
+    """Make the record of a march's state and settings with these values, all others 0."""
     control = np.zeros((), dtype=CONTROL)
     for name, value in values.items():
         control[name] = value
@@ -104,7 +105,7 @@ def new_control(**values: float) -> np.ndarray:
 
 
 def empty_record(n: int, nb: int, nrows: int, ntold: int = 0) -> Record:
-    """Make arrays for ``n`` steps of ``nb`` bodies, ``nrows`` constraint rows and ``ntold`` diagnostics."""
+    """Make zero arrays for ``n`` steps of ``nb`` bodies, ``nrows`` constraint rows and ``ntold`` diagnostics."""
     return Record(
         np.zeros(n),
         np.zeros((n, nb, 3)),
@@ -118,7 +119,7 @@ def empty_record(n: int, nb: int, nrows: int, ntold: int = 0) -> Record:
 def march(m):
     """March until the record is full, the end is reached or a step fails.
 
-    ``control.outcome`` gets the reason, ``control.recorded`` the number of steps in the record.
+    ``control.outcome`` becomes the reason, ``control.recorded`` the number of steps in the record.
     """
     c, k, done = m.control, m.kernel, 0
     c.outcome = FULL
@@ -163,9 +164,10 @@ def march(m):
 
 @compile_inline
 def _next_end(c, k):
-    """Set ``c.h`` [s], the step to try; return the time [s] at which it ends.
+    """Set ``c.h`` [s] to the step to try; return the time [s] at which it ends.
 
-    ``c.outcome`` is changed where the end of the march is reached, or the step is too short to advance time.
+    ``c.outcome`` becomes FINISHED at the end of the march, or UNDERFLOW where an adaptive step is too short to advance
+    time.
     """
     if c.adaptive:
         t, h, left = c.t, min(c.next_step, c.max_step), c.t_end - c.t
@@ -202,7 +204,7 @@ def _next_end(c, k):
 
 @compile_inline
 def _advance(c):
-    """Count one part of a step of the fixed grid as done; at an even place the parts grow back."""
+    """Advance by one part of a step of the fixed grid; where ``place`` is then even, parts double in length."""
     c.place += 1
     while c.level > 0 and c.place % 2 == 0:
         c.place //= 2
@@ -216,7 +218,7 @@ def _advance(c):
 def _advance_pace(c, k):
     """Advance z = dt / h of reversible step control; return the time [s] at which the next step ends.
 
-    It returns the present time at the end of the march.
+    At the end of the march it returns the present time.
     """
     fourth, power = c.rate**4, 0.0
     for b in range(len(k.v)):
@@ -239,7 +241,10 @@ def _advance_pace(c, k):
 
 @compile_inline
 def _accept_step(c):
-    """Return whether the step's error is at most 1; else shorten the next try, or end the march as too short."""
+    """Return whether the step's error is at most 1; else shorten the next try.
+
+    ``c.outcome`` becomes UNDERFLOW, or NOT_FINITE with an error that is not finite, where the next try is too short.
+    """
     if c.error <= 1.0:
         return True
     c.rejected += 1
@@ -253,7 +258,7 @@ def _accept_step(c):
 
 @compile_inline
 def _grow(c):
-    """Set the next step from the errors of this one and the last (a PI controller), within ``LEAST`` and ``MOST``."""
+    """Set the next step from the errors of this step and the last (PI controller), within ``LEAST`` and ``MOST``."""
     grow = SAFETY * max(c.error, 1e-10) ** (-0.7 / c.order) * c.last_error ** (0.4 / c.order)
     c.next_step = c.h * min(MOST, max(LEAST, grow))
     c.last_error = max(c.error, 1e-4)

@@ -1,6 +1,7 @@
 """Entries of a kernel for mean-value steps: rows and forces between the poses at the start and at the end (compiled).
 
-``rows``: phi at the end, X, Y and way of the mean rows; ``forces``: mean loads, less Omega x J Omega of the mean v.
+``rows`` gives phi at the end, and X, Y and way of the mean rows; ``forces`` gives the mean loads less Omega x J Omega
+at the mean velocity.
 """
 
 from typing import Any
@@ -16,9 +17,9 @@ from .kernel import Group, Kernel, Loops, Step, list_places
 
 
 def make_means(system: MultibodySystem, k: Kernel) -> Any:
-    """Make the bundle of a mean-value step: its start poses, its length h [s], and entries of mean rows and forces.
+    """Make the bundle of a mean-value step: start poses, length h [s], and entries of mean rows and mean forces.
 
-    The kernel ``k`` is at the step's end. ValueError on rows without a discrete gradient.
+    The kernel ``k`` is at the step's end. Raises ValueError for rows without a discrete gradient.
     """
     h, r0, R0 = np.zeros(1), np.zeros((system.nb, 3)), np.zeros((system.nb, 3, 3))
     loops = MeanLoops(system, k)
@@ -28,12 +29,12 @@ def make_means(system: MultibodySystem, k: Kernel) -> Any:
 
 
 class MeanLoops(Loops):
-    """Loops for ``rows`` and ``forces`` of the mean."""
+    """The loops of ``rows`` and ``forces`` for the mean of two poses; ``start`` are h [s], r and R of the start."""
 
     start: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     def rows(self) -> list[Step]:
-        """Return the steps that compute phi at the end, and X, Y, way of the mean constraint rows."""
+        """Return the steps that compute phi at the end of the step, and X, Y and way of the mean constraint rows."""
         k = self._k
         steps: list[Step] = []
         for group in self._groups:
@@ -57,7 +58,7 @@ class MeanLoops(Loops):
         return steps
 
     def _both(self, group: Group) -> list[np.ndarray]:
-        """Return arrays and places of a group's bodies at both ends of the step, in the order of the means' code."""
+        """Return arrays and indices of a group's bodies at both ends of the step, in the order of the code."""
         k, (_, r0, R0) = self._k, self.start
         arrays = {"r0": r0, "R0": R0, "r": k.r, "R": k.R, "v": k.v, "J_inv": k.J_inv}
         return list(list_places(group, *((arrays[name], size) for name, size in BODY)))

@@ -1,6 +1,7 @@
-"""Entries of a kernel as straight code for the whole mechanism, on the kernel's arrays (compiled): one motion.
+"""Entries of a kernel as straight-line code for the whole mechanism, on the kernel's arrays (compiled).
 
-Its size is bounded: code grows with the mechanism, leaves the caches, and takes longer to make than a run saves.
+The size of the code is limited: it grows with the mechanism, exceeds the caches, and takes longer to make than a run
+saves.
 """
 
 import hashlib
@@ -28,11 +29,11 @@ USER_FORCES = "code for the mechanism writes out declared forces only, no user f
 
 
 class NoMechanismCode(ValueError):
-    """The refusal of code for a mechanism; the message says why none can be made."""
+    """Raised where no code can be made for a mechanism; the message says why."""
 
 
 class CodedKernel(NamedTuple):
-    """A kernel with entries of code, and how many operations an evaluation takes."""
+    """A kernel with entries of code for the mechanism, and the number of operations of an evaluation."""
 
     kernel: Kernel
     operations: int
@@ -86,10 +87,10 @@ def use_code(system: MultibodySystem, k: Kernel, needed: Collection[str] = FUSED
 
 
 def use_mean_code(system: MultibodySystem, k: Kernel, h: np.ndarray, r0: np.ndarray, R0: np.ndarray) -> Kernel:
-    """Return a finished kernel with code for mean rows (``means``): their factor, products with A and solutions.
+    """Return a finished kernel with code for mean rows (``means``): their factor, products with A, and solutions.
 
-    ``h`` [s], ``r0`` and ``R0`` are the arrays of the step's length and start. ``accelerate`` stays the kernel's, with
-    rows and a factor of its own.
+    ``h`` [s], ``r0`` and ``R0`` are the arrays of the step's length and start poses. ``accelerate`` stays that of the
+    kernel ``k``, with rows and a factor of its own.
     """
     needed = "rows", "factorise", "solve", "push", "slips"
     own = k._replace(state=k.state.copy())  # the choice of rows starts from pivots of this code, not of ``accelerate``
@@ -97,7 +98,7 @@ def use_mean_code(system: MultibodySystem, k: Kernel, h: np.ndarray, r0: np.ndar
 
 
 def _use_fused(system: MultibodySystem, k: Kernel) -> CodedKernel:
-    """Return the kernel with ``accelerate`` and ``project`` of code, each one function with the rows inside."""
+    """Return the kernel with ``accelerate`` and ``project`` as code, one function each that computes the rows too."""
     code, operations, (size,) = code_of_mechanism(system, k)
     factor, at = np.zeros(size), [k.t, k.r, k.R, k.v]
     moved = [np.zeros_like(x) for x in at[1:]]
@@ -111,17 +112,17 @@ def _use_fused(system: MultibodySystem, k: Kernel) -> CodedKernel:
 
 
 def choice_arrays(k: Kernel) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Return the last inputs and last results of code that factorises, for the choice among redundant rows.
+    """Return the last inputs and the last results of code that factorises, for the choice among redundant rows.
 
-    They are the pivots' bounds and inverse shares; none where rows are never chosen.
+    They are [pivots' bounds] and [inverse shares], both empty where rows are never chosen.
     """
     return ([k.pivot_bound], [k.inverse_share]) if len(k.dense) else ([], [])
 
 
 def choosing(k: Kernel, code: Code, name: str, arrays: list[np.ndarray], rows: list[np.ndarray]) -> Program:
-    """Return the program of function ``name`` that factorises and, where rows are redundant, of their choice.
+    """Return the program of a function ``name`` that factorises and, where rows are redundant, of their choice.
 
-    ``arrays`` are its arguments; ``rows`` are the inputs of ``couple``, which computes S of the rows at hand.
+    ``arrays`` are its arguments; ``rows`` are the inputs of ``couple``, which computes S of the rows in use.
     """
     made = Program([(code.address(name), arrays)], (code, k, arrays))
     if not len(k.dense):
@@ -139,7 +140,7 @@ def _split_entries(
     given_rows: list[np.ndarray],
     results: list[np.ndarray],
 ) -> tuple[dict[str, Any], int]:
-    """Return the ``needed`` entries that ``SPLIT`` has, of code, and the operations of an evaluation.
+    """Return programs for the ``needed`` entries in ``SPLIT``, by code, and the operations of an evaluation.
 
     ``step`` is "split" or "mean"; its function ``rows`` computes ``results`` from ``given_rows``.
     """
@@ -184,7 +185,7 @@ def _split_entries(
 
 
 def _functions(needed: Collection[str]) -> tuple[str, ...]:
-    """Return the names of functions of ``rows.split_mechanism`` that these entries need, and of an evaluation."""
+    """Return the names of functions of ``rows.split_mechanism`` that an evaluation and the ``needed`` entries call."""
     return tuple(sorted(set(SPLIT_EVALUATION).union(*(SPLIT[name] for name in needed if name in SPLIT))))
 
 
@@ -192,10 +193,10 @@ def _functions(needed: Collection[str]) -> tuple[str, ...]:
 def code_of_mechanism(
     system: MultibodySystem, k: Kernel, step: str = "", **choices: Any
 ) -> tuple[Code, int, list[int]]:
-    """Return code of a mechanism, made or read from disk, the operations of an evaluation, and sizes of arrays.
+    """Return code of a mechanism, made or read from disk, the operations of an evaluation, and the sizes of its arrays.
 
-    ``step``: "" for accelerations, a step of ``rows.simplified_step``, "split" or "mean"; ``choices`` are its settings.
-    Raises ``NoMechanismCode`` where none can be made.
+    ``step``: "" for accelerations, "iterate" (``rows.simplified_step``), "split" or "mean"; ``choices`` are its
+    settings. Raises ``NoMechanismCode`` where none can be made.
     """
     reason = refusal(system, k)
     if reason:
@@ -209,7 +210,7 @@ def code_of_mechanism(
 
 
 def _too_large(operations: int) -> str:
-    """Return the refusal of code that takes so many ``operations``."""
+    """Return the refusal of code that needs at least so many ``operations``."""
     return (
         f"code for the mechanism takes up to {MOST_OPERATIONS} operations an evaluation (needs {operations} or more): "
         "use code = kernel"
@@ -217,9 +218,9 @@ def _too_large(operations: int) -> str:
 
 
 def _print(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any]) -> str:
-    """Return the IR of the functions of a mechanism, and of ``about``: its operations and array sizes.
+    """Return the IR of the functions of a mechanism, and of ``about``, which gives operations and array sizes.
 
-    It is that of ``about`` alone if the code is too large.
+    If the code is too large, it contains ``about`` alone.
     """
     import casadi as ca
 
@@ -244,7 +245,7 @@ def _print(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any
 
 
 def _order(k: Kernel) -> list[int]:
-    """Return the kernel's constraint rows in their order of elimination."""
+    """Return the kernel's constraint rows in the order in which they are eliminated."""
     return [int(first) + a for first, size in zip(k.blocks.row, k.blocks.size, strict=True) for a in range(size)]
 
 
@@ -257,7 +258,7 @@ def _least_operations(k: Kernel) -> int:
 
 
 def _key(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any]) -> str:
-    """Return the key of the code on disk: a digest of the system's numbers, the kernel's order and the makers' text."""
+    """Return the key of the code on disk: a digest of the system's numbers, the kernel's order and the generator."""
     makers = texts_of_makers(), digest_files((__file__, str(FACTOR)))
     digest = hashlib.sha256(f"{makers} {_order(k)} {k.row.tolist()} {k.body.tolist()} {len(k.dense)}".encode())
     digest.update(system.regular_inertia.tobytes())

@@ -1,4 +1,4 @@
-"""Numba's part: bundles as numba's types, ``run``, functions as LLVM IR. Loaded when something compiles."""
+"""The interface to numba: bundles as numba's types, ``run``, functions as LLVM IR; imported when something compiles."""
 
 import contextlib
 import sys
@@ -25,7 +25,10 @@ OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "n
 
 
 def print_function(function: Callable[..., None], name: str, bundle: Any) -> str:
-    """Return optimised LLVM IR of a function ``name`` (words) -> void, which runs ``function`` on the bundle there."""
+    """Compile ``function`` for a bundle; return optimised LLVM IR of a function ``name`` (words) -> void that runs it.
+
+    The marked functions of its module, and of those it imports from, are replaced by numba's.
+    """
     arm_functions(function.__module__, set())
     inner = numba.njit(**OPTIONS, forceinline=True)(function)
     view = _viewer(Bundle(bundle))
@@ -45,9 +48,9 @@ def print_function(function: Callable[..., None], name: str, bundle: Any) -> str
 
 
 def _wrapper(name: str, function: str) -> str:
-    """Return IR of ``name`` (words) -> void, which calls ``function``; exceptions in it are raised back in Python.
+    """Return IR of ``name`` (words) -> void, which calls ``function``; its exceptions are raised again in Python.
 
-    All calls from Python hold its lock (``PYFUNCTYPE``), and check for an exception once they have returned.
+    Calls from Python hold Python's lock (``PYFUNCTYPE``) and check for an exception when they have returned.
     """
     text = f"an exception was raised in compiled code ({name})"
     return f'''
@@ -70,10 +73,10 @@ done:
 
 @contextlib.contextmanager
 def _lowered_only() -> Iterator[None]:
-    """Let numba link functions without optimising or compiling them, which is done once for all of an entry.
+    """Make numba link functions without optimising or compiling them, which is done once for all of an entry.
 
-    Numba has no option for it: five methods of the version ``KNOWN`` are replaced meanwhile. Another version makes
-    machine code in addition, at two or three times the price.
+    Numba has no option for it: five methods of the version ``KNOWN`` are replaced within this context. Another version
+    makes machine code in addition, which takes two or three times as long.
     """
     if not numba.__version__.startswith(KNOWN):
         yield
@@ -97,18 +100,18 @@ def _lowered_only() -> Iterator[None]:
 
 
 def _keep_layout(library: Any, module: Any) -> None:
-    """Set the module's data layout, which is all that is left of numba's optimisation."""
+    """Set the module's data layout, in place of numba's optimisation."""
     module.data_layout = library.codegen._data_layout
 
 
 def _close(library: Any) -> None:
-    """Mark a library as finished without making machine code."""
+    """Mark a library as finalised without making machine code."""
     library._finalize_dynamic_globals()
     library._finalized = True
 
 
 class Bundle(types.Type):  # type: ignore[misc]
-    """A bundle as the address of its words: fields are loaded where they are named, and passing it on costs nothing."""
+    """Numba's type of a bundle, the address of its words; fields are loaded where they are named."""
 
     def __init__(self, bundle: Any) -> None:
         self.fields: dict[str, tuple[int, Any]] = {}
@@ -129,7 +132,7 @@ def _field_type(x: Any) -> Any:
 
 @register_model(Bundle)
 class BundleModel(models.PrimitiveModel):  # type: ignore[misc]
-    """The data model of a bundle, an address of words."""
+    """Numba's data model of a bundle: an address of words."""
 
     def __init__(self, manager: Any, of: Any) -> None:
         super().__init__(manager, of, WORD.as_pointer())
@@ -137,18 +140,18 @@ class BundleModel(models.PrimitiveModel):  # type: ignore[misc]
 
 @infer_getattr
 class BundleFields(AttributeTemplate):  # type: ignore[misc]
-    """Types of a bundle's fields."""
+    """Numba's typing of a bundle's fields."""
 
     key = Bundle
 
     def generic_resolve(self, of: Any, name: str) -> Any:
-        """Return the type of a field, None where there is none."""
+        """Return the type of field ``name``, None if there is none."""
         return of.fields.get(name, (0, None))[1]
 
 
 @lower_getattr_generic(Bundle)
 def _load_field(context: Any, builder: Any, of: Any, words: Any, name: str) -> Any:
-    """Write the loading of a bundle's field, as numba asks for it where compiled code names the field."""
+    """Write the IR that loads a bundle's field, as numba requests it where compiled code names the field."""
     at, kind = of.fields[name]
     words = builder.gep(words, [ir.Constant(WORD, at)])
     if isinstance(kind, Bundle):
@@ -160,14 +163,14 @@ def _load_field(context: Any, builder: Any, of: Any, words: Any, name: str) -> A
 
 
 def _load_word(builder: Any, words: Any, at: int) -> Any:
-    """Write the loading of the word at place ``at``, which never changes while a function runs."""
+    """Write the IR that loads the word at index ``at``, which never changes while a function runs."""
     value = builder.load(builder.gep(words, [ir.Constant(WORD, at)]))
     value.set_metadata("invariant.load", builder.module.add_metadata([]))
     return value
 
 
 def _array_loader(context: Any, module: Any, kind: Any) -> Any:
-    """Return the IR function that makes numba's array of the words at an address, written once a module."""
+    """Return the IR function that makes numba's array from the words at an address, written once per module."""
     name = f"mbsbench.load.{kind.dtype}.{kind.ndim}"
     if name in module.globals:
         return module.globals[name]
@@ -190,7 +193,7 @@ def _array_loader(context: Any, module: Any, kind: Any) -> Any:
 
 
 def _viewer(of: Bundle) -> Any:
-    """Return an intrinsic that takes the address of words as a bundle of type ``of``."""
+    """Return an intrinsic that treats the address of words as a bundle of type ``of``."""
 
     @intrinsic
     def view(typing: Any, words: Any) -> Any:
@@ -206,7 +209,7 @@ def _viewer(of: Bundle) -> Any:
 def arm_functions(name: str, seen: set[str]) -> None:
     """Replace all marked functions of a module, and of those it imports from, by numba's compiled ones.
 
-    ``seen`` are names of modules that are done.
+    ``seen`` are the names of modules already done; it is extended.
     """
     if name in seen or not name.startswith(PACKAGE) or name == entries.__name__:
         return
@@ -228,13 +231,13 @@ def arm_functions(name: str, seen: set[str]) -> None:
 
 @cache
 def _compile_inner(of: InlineFunction) -> Any:
-    """Return numba's function of a marked one, with its options."""
+    """Return numba's function for a marked one, with the options of its mark."""
     return numba.njit(**OPTIONS, **of.options)(of.function)
 
 
 @intrinsic
 def run(typing: Any, entry: Any) -> Any:
-    """Carry out the calls of a program, given by its word, in compiled code."""
+    """Run the calls of a program, given by its word, in compiled code."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         program = builder.inttoptr(given[0], WORD.as_pointer())

@@ -1,6 +1,6 @@
-"""``accelerations``, ``equations`` and ``project`` of the public interface on the compiled kernel, one a thread.
+"""``accelerations``, ``equations`` and ``project`` of the public interface on compiled kernels, one set per thread.
 
-Where results of the kernel are not finite, the harness's own functions in NumPy take over, and say what is wrong.
+Where results of the kernel are not finite, the harness's own functions in NumPy compute them, and report what is wrong.
 """
 
 import threading
@@ -26,7 +26,7 @@ ITERATIONS, CLOSED = 20, 1e-14  # Gauss-Newton iterations, [m] limit of phi: as 
 
 
 class _Entry(NamedTuple):
-    """A kernel with the system that it belongs to, which stays alive, and additional data for its callers."""
+    """A kernel with the system that it belongs to, which must stay alive, and additional data of its callers."""
 
     system: MultibodySystem
     kernel: Kernel
@@ -35,7 +35,7 @@ class _Entry(NamedTuple):
 
 
 class _Dense(NamedTuple):
-    """The mass matrices, and the places of the kernel's ``way`` and ``X`` in a dense A."""
+    """The mass matrices, and the indices of the kernel's ``way`` and ``X`` in a dense A."""
 
     M: np.ndarray  # (nb, 6, 6)
     end: np.ndarray  # (m,)
@@ -45,7 +45,7 @@ class _Dense(NamedTuple):
 
 
 class _Kept(threading.local):
-    """The last ``KEPT`` entries of each thread, by id of the system and purpose."""
+    """The entries of each thread, at most ``KEPT``, by id of the system and purpose; the oldest is discarded first."""
 
     def __init__(self) -> None:
         self.entries: dict[tuple[int, str], _Entry] = {}
@@ -59,9 +59,9 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     """Return rates (nb, 3) of v [m/s2, space] and Omega [rad/s2, body], and reactions (nrows,) of index 1 at a state.
 
     M a = f + A^T reaction with A a + A_dot v = ``phi_ddot``. Redundant rows share their load: of all reactions with
-    this load the sum of squares is least, rows scaled to length one in the metric of M^-1. Off the constraints, where
-    redundant rows contradict each other, the others hold. ValueError where a body is accelerated about an axis without
-    inertia.
+    this load the one returned has the least sum of squares, with rows scaled to length one in the metric of M^-1. Off
+    the constraints, where redundant rows contradict each other, the other rows hold. Raises ValueError where a body is
+    accelerated about an axis without inertia.
     """
     check_time(s)
     _, k, added, _ = _entries(system, "accelerations")
@@ -104,10 +104,10 @@ def equations(system: MultibodySystem, s: State) -> Equations:
 
 
 def project(system: MultibodySystem, state: State, iterations: int = ITERATIONS) -> State:
-    """Return the nearest consistent state: Gauss-Newton on phi, then velocities, both by least change.
+    """Return the nearest consistent state: Gauss-Newton on phi, then velocities, both by the least change.
 
-    The metric is mass; a body's inertia counts as the same about all axes, the mean. Raises ``InconsistentStart`` where
-    no pose is found.
+    The metric is that of the masses, with a body's inertia taken as the mean about all axes. Raises
+    ``InconsistentStart`` where no pose is found.
     """
     k = _entries(system, "project").kernel
     start_at(k, state)
@@ -136,7 +136,7 @@ NEEDED = {
 
 
 def _entries(system: MultibodySystem, what: str) -> _Entry:
-    """Return the kernel of a system for the purpose ``what``, kept by the thread or made."""
+    """Return the kernel of a system for the purpose ``what``, a key of ``NEEDED``; make and store it if it is new."""
     key, kept = (id(system), what), _kept.entries
     if key not in kept:
         k = make_kernel(system, NEEDED[what])
@@ -151,7 +151,7 @@ def _entries(system: MultibodySystem, what: str) -> _Entry:
 
 
 def _prepare_dense(system: MultibodySystem, k: Kernel) -> _Dense:
-    """Return M, and the place in a dense A of each constraint row of the kernel at each end on a body."""
+    """Return M, and the indices in a dense A of each constraint row of the kernel at each end on a body."""
     body = np.repeat(k.body, np.diff(k.row), axis=0)  # (nrows, 2)
     end, row = np.nonzero(body.T != GROUND)
     first = np.argsort(k.order)[row] * 6 * system.nb + 6 * body[row, end]
@@ -163,9 +163,9 @@ def _prepare_dense(system: MultibodySystem, k: Kernel) -> _Dense:
 
 
 def _share(k: Kernel) -> None:
-    """Subtract from the multipliers ``k.lam`` their part n without load: redundant rows then share theirs evenly.
+    """Subtract from ``k.lam`` its part n without effect (S n = 0), so that redundant rows share their load evenly.
 
-    S n = 0; it is found by n -= (S + e D)^-1 S n, from n = ``lam``.
+    n is found by the iteration n -= (S + e D)^-1 S n from n = ``lam``, with D the diagonal of S.
     """
     k.state["shift"] = SHIFT
     k.factorise.run()

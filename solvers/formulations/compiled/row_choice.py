@@ -1,11 +1,12 @@
 """Choice of other rows of S where those kept become nearly dependent although all rows together do not (compiled).
 
 The factor takes rows in a fixed order and leaves out those that depend on earlier ones. Along a motion a kept row may
-come into the span of the others while one left out leaves it, as in Bennett's linkage with its crank at 180 degrees:
-two rows change places, the motion is regular, but no step crosses the pose with the kept ones. There the rows are taken
-by the largest pivot next, each a share of its own diagonal; the others are left out of the same factor, until those of
-the fixed order are well independent again. Near a change of rank no choice is better, and the kept rows stay.
-Code made for a mechanism factorises in a fixed order, too, and chooses in the same way from the pivots that it returns.
+come into the span of the others while a row left out leaves it, as in Bennett's linkage with its crank at 180 degrees:
+the two rows change roles, and the motion is regular, but no step crosses the pose with the kept rows. Rows are then
+taken by the largest pivot next, each as a share of its own diagonal; the others are left out of the same factor, until
+the rows of the fixed order are well independent again. Near a change of rank no choice is better, and the kept rows
+stay. Code made for a mechanism also factorises in a fixed order, and rows are chosen in the same way from the pivots
+that it returns.
 """
 
 import math
@@ -29,25 +30,25 @@ MOST_ROWS = 300  # rows of a mechanism at most: a search costs their cube
 
 
 def may_choose(system: MultibodySystem) -> bool:
-    """Return whether rows may be chosen: joints close loops, as rows of a tree are independent, and rows are few."""
+    """Return whether rows may be chosen: joints close loops, since rows of a tree are independent, and rows are few."""
     return 0 < system.nrows <= MOST_ROWS and closes_loops(system)
 
 
 def choose_rows(k):
-    """Keep the factor in ``k.L``, or make it anew on other rows where those kept are nearly dependent."""
+    """Keep the factor in ``k.L``, or factorise on other rows where the kept ones are nearly dependent."""
     _choose_rows(k, WIDTH)
 
 
 def choose_rows_points(k):
-    """Choose rows like ``choose_rows``, where no joint has more than three."""
+    """Choose rows like ``choose_rows``, for systems in which no joint has more than three rows."""
     _choose_rows(k, 3)
 
 
 def leave_out(k):
-    """Set ``k.rhs`` := 0 in the constraint rows left out of the factor.
+    """Set ``k.rhs`` to zero in the constraint rows left out of the factor.
 
-    Their multipliers may come from an estimate by steps that kept them, and no solution corrects them there. Without a
-    choice so far they have been zero all along.
+    Their multipliers may come from an estimate by steps that kept these rows, and no solution corrects them. Before the
+    first choice they have always been zero, and nothing is done.
     """
     if k.state.chosen == NEVER:
         return
@@ -61,7 +62,7 @@ def leave_out(k):
 
 
 def choose_rows_of_code(k):
-    """Keep the factor that code of the mechanism has made, or make it anew on better rows."""
+    """Keep the factor that code of the mechanism has made, or factorise on better rows."""
     state, rank = k.state, _rank_of_code(k)
     least = _least_pivot_of_code(k)
     look = _look(state, len(k.inverse_share), rank, least)
@@ -79,7 +80,7 @@ def choose_rows_of_code(k):
 
 
 def leave_out_of_code(k):
-    """Set ``k.rhs`` := 0 in the rows left out, like ``leave_out``, for a factor by code of the mechanism."""
+    """Set ``k.rhs`` to zero in the rows left out, like ``leave_out``, for a factor by code of the mechanism."""
     if k.state.chosen == NEVER:
         return
     for a in range(len(k.rhs)):
@@ -89,9 +90,10 @@ def leave_out_of_code(k):
 
 @compile_inline
 def _look(state, n, rank, least):
-    """Return what to do with a factor of ``n`` rows in the fixed order: KEEP, AS_CHOSEN or SEARCH.
+    """Decide what to do with a factor of ``n`` rows in the fixed order, and return it: KEEP, AS_CHOSEN or SEARCH.
 
-    ``rank`` is the number of rows kept in it, ``least`` their least pivot as a share of its diagonal.
+    ``rank`` is the number of rows kept in it, ``least`` their least pivot as a share of its diagonal. The limits in
+    ``state`` are updated.
     """
     if rank >= n:
         state.first = rank if state.first < 0 else state.first
@@ -112,7 +114,10 @@ def _look(state, n, rank, least):
 
 @compile_inline
 def _take(state, better, least):
-    """Return whether to take the rows chosen, whose least pivot is ``better``, for those whose least is ``least``."""
+    """Return whether to use the rows found, of least pivot ``better``, in place of those of least pivot ``least``.
+
+    ``state`` is updated: whether rows are chosen, and the limit for the next search.
+    """
     if better > BETTER * max(least, GOOD * state.poor):
         state.chosen = IN_USE
         return True
@@ -123,7 +128,7 @@ def _take(state, better, least):
 
 @inner_fused
 def _choose_rows(k, W):
-    """Keep the factor of the fixed order, make it on the rows chosen before, or search for rows anew."""
+    """Keep the factor of the fixed order, or factorise on the rows chosen before or newly found, in blocks W x W."""
     state, rank = k.state, k.state.rank
     least = _least_pivot(k) if rank < len(k.diagonal) else 1.0
     look = _look(state, len(k.diagonal), rank, least)
@@ -146,7 +151,7 @@ def _choose_rows(k, W):
 
 @compile_inline
 def _keep_chosen(k):
-    """Make the factor by code again on the chosen rows alone; later factors are in the fixed order again."""
+    """Factorise again by code, on the chosen rows alone; later factors take all rows in the fixed order again."""
     for a in range(len(k.pivot_bound)):
         if k.chosen[a] == 0:
             k.pivot_bound[a] = math.inf
@@ -176,7 +181,7 @@ def _least_pivot_of_code(k):
 
 @compile_inline
 def _leave_others(k):
-    """Make ``eliminate`` leave out the rows that are not chosen, by an infinite ``k.diagonal``."""
+    """Set ``k.diagonal`` to infinity for the rows not chosen, so that ``eliminate`` leaves them out."""
     for a in range(len(k.diagonal)):
         if k.chosen[a] == 0:
             k.diagonal[a] = math.inf
@@ -214,9 +219,10 @@ def _copy_scaled(k):
 
 @compile_inline
 def _choose(k, rank, first):
-    """Mark ``rank`` rows in ``k.chosen`` by the largest pivot next; return the least pivot.
+    """Mark ``rank`` rows in ``k.chosen``, the one of largest pivot next; return the least pivot.
 
-    Beyond the ``first`` rows that are independent at the start, a ``VAGUE`` pivot is an error of the pose.
+    Of S in ``k.dense`` the Schur complements are formed in place. Beyond the ``first`` rows, as many as are independent
+    at the start, a pivot below ``VAGUE`` is due to an error of the pose.
     """
     S, chosen, n, least = k.dense, k.chosen, len(k.diagonal), 1.0
     for a in range(n):

@@ -1,8 +1,8 @@
-"""Symbolic analysis of the saddle [[J_vv, -D'], [A, eps]] in blocks: one node a body (6) or joint (1 to 5 rows).
+"""Symbolic analysis of the saddle [[J_vv, -D'], [A, eps]] in blocks: one node per body (6) or joint (1 to 5 rows).
 
-One analysis serves a whole run. Order: greedy minimum degree on the block graph, with one rule that makes pivoting
-across blocks unnecessary: a joint is eliminated after all of its bodies, so its pivot is a principal block of the
-Schur complement A M^-1 D' (+ eps), positive definite for independent rows.
+One analysis serves a whole run. The order is greedy minimum degree on the block graph, with one rule that makes
+pivoting across blocks unnecessary: a joint is eliminated after all of its bodies, so that its pivot is a principal
+block of the Schur complement A M^-1 D' (+ eps), positive definite for independent rows.
 """
 
 from typing import Any
@@ -26,11 +26,11 @@ NUMBERS = {  # arrays of the factors and of a solution, by elimination position
 def analyse(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.ndarray) -> tuple[Any, Any]:
     """Return the bundle of the saddle's blocks and that of its LU factors: elimination order, fill and storage.
 
-    In the first, blocks by rows: ``bodies``: load of one body by velocities of another, pairs of the kernel;
+    Blocks of the first, by rows: ``bodies``: load of one body by velocities of another, for pairs of the kernel;
     ``column``: load of end e by the multipliers of a joint; ``row``: rows of a joint by the velocities of end e;
-    ``joint``: a diagonal of its own. Arguments: ``bodies`` (nj, 2) of joints, -1 is the ground, and their first rows
-    (nj + 1,); ``pairs`` (npairs, 2) of bodies, first each with itself, of which those ``apart`` (indices) have a block,
-    too.
+    ``joint``: the diagonal block of a joint. Arguments: ``bodies`` (nj, 2) of joints, -1 for the ground, and their
+    first rows ``row`` (nj + 1,); ``pairs`` (npairs, 2) of bodies, first each with itself; ``apart``, the indices of the
+    other pairs that have a block.
     """
     nb, nj, nrows = int(np.sum(pairs[:, 0] == pairs[:, 1])), len(bodies), int(row[-1])
     sizes = (36 * len(pairs), 6 * nrows, 6 * nrows, 6 * nrows, 6 * nrows, 36 * nj)
@@ -90,10 +90,10 @@ def _structure(
     at: np.ndarray,
     found: dict[str, Any],
 ) -> Any:
-    """Return the bundle of LU factors: storage and index tables from the elimination ``order`` and later neighbours.
+    """Return the bundle of LU factors: storage and index tables from the elimination ``order``.
 
-    ``behind`` are the later neighbours of each node, ``place`` its place in the order, ``size`` and ``at`` the number
-    and first place of its scalars; ``found`` are further fields.
+    ``behind`` are the later neighbours of each node, ``place`` its position in the order, ``size`` and ``at`` the
+    number and first index of its scalars; ``found`` are further fields.
     """
     N, n = len(order), int(at[-1])
     low: list[list[int]] = [[] for _ in range(N)]

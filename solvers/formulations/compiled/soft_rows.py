@@ -1,6 +1,7 @@
-"""Kernels of several stages in stacked arrays; springs as rows of such kernels: links of driven length (compiled).
+"""Kernels of several stages in stacked arrays, and springs as rows of such kernels: links of driven length (compiled).
 
-The row of a spring is the rate of its length, A_s = d(length_dot)/dv, that of a driven distance; its phi is the length.
+The row of a spring is the rate of its length, A_s = d(length_dot)/dv, like that of a driven distance; its phi is the
+length.
 """
 
 from collections.abc import Collection
@@ -26,7 +27,7 @@ def stack_kernels(
 ) -> tuple[Any, list[Kernel]]:
     """Return a bundle of ``n`` kernels of a system in stacked arrays, and the kernels, which keep the entries alive.
 
-    ``code`` is "kernel" (loops) or "mechanism".
+    ``code`` is "kernel" (loops) or "mechanism"; raises ``NoMechanismCode`` where the latter cannot be made.
     """
     one = empty_kernel(system)
     stacked: dict[str, Any] = {name: np.zeros((n, *getattr(one, name).shape)) for name in ARRAYS}
@@ -42,7 +43,8 @@ def stack_kernels(
 def make_springs(system: MultibodySystem, n: int) -> tuple[Any, list[Kernel], np.ndarray]:
     """Make ``n`` kernels whose constraint rows are the lengths of a system's springs.
 
-    Return their bundle, the kernels, and stiffness, free length and damping (3, ns) in the kernels' order.
+    Returned are their bundle, the kernels, and (3, ns) stiffness [N/m], free length [m] and damping [kg/s] in the
+    kernels' order.
     """
     s, m = system, len(system.spring_k)
     none, some, of_time = np.zeros(m, dtype=np.int64), np.zeros((m, 3)), np.zeros((m, 7))
@@ -78,6 +80,6 @@ def remove_springs(system: MultibodySystem) -> MultibodySystem:
 
 
 def _none(system: MultibodySystem, *kinds: str) -> dict[str, Any]:
-    """Return the system's fields of these ``kinds`` of parts, cut to no parts at all."""
+    """Return the system's fields of these ``kinds`` of parts, each cut to length zero."""
     names = [name for name in vars(system) if name.split("_")[0] in kinds]
     return {name: getattr(system, name)[:0] for name in names}

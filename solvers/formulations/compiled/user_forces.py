@@ -7,7 +7,7 @@ DIFFERENCE = 1e-5  # step of central differences: rounding and truncation are 1e
 
 
 def add_user_forces(k):
-    """Add the forces of the laws to ``k.force``, torques in the body."""
+    """Add the forces and torques of the users' laws to ``k.force``, torques in the body."""
     u = k.users
     for i in range(len(u.body)):
         read_state(k, u, i)
@@ -24,7 +24,7 @@ def add_user_forces(k):
 
 @compile_inline
 def read_state(k, u, i):
-    """Fill ``u.state``, the input of law ``i``: r, R, v, Omega of both bodies; zero and R = I for the ground."""
+    """Set ``u.state``, the input of law ``i``: r, R, v, Omega of both bodies; zero and R = I for the ground."""
     x = u.state
     for e in range(2):
         b = u.body[i, e]
@@ -37,7 +37,7 @@ def read_state(k, u, i):
 
 
 def add_user_slopes(k):
-    """Add slopes of the users' laws by poses and velocities, by central differences, to the kernel's."""
+    """Add the slopes of the users' laws to ``k.by_pose`` and ``k.by_rate``, by central differences."""
     u = k.users
     for i in range(len(u.body)):
         for p in range(len(k.pair)):
@@ -51,7 +51,7 @@ def add_user_slopes(k):
 
 @compile_separately
 def _add_slope(k, u, i, e, o, c, side, by_pose, by_rate):
-    """Add one half of column ``c`` of both slopes: of end ``e``'s load, with end ``o`` moved to one side."""
+    """Add half of column ``c`` of both slopes: the load of end ``e`` with end ``o`` moved to one ``side``."""
     h = DIFFERENCE * (1.0 - 2.0 * side)
     read_state(k, u, i)
     if c < 3:

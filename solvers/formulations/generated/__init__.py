@@ -2,7 +2,7 @@
 
 ``compile_functions`` takes expressions and returns ``Code``, whose functions take pointers to flat arrays only:
 straight-line functions of whole arrays, and loops over many elements with index tables. ``Program`` runs a list of
-such calls from Python by one call; ``calls.call`` calls an address from numba. Importing this loads no CasADi.
+such calls from Python by one call. Importing this package does not import CasADi.
 """
 
 from typing import TYPE_CHECKING, Any

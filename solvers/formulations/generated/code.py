@@ -1,6 +1,6 @@
-"""Objects of machine code: made by LLVM, kept on disk, loaded for the life of a ``Code``.
+"""Object files of machine code: made by LLVM, kept on disk, loaded for the life of a ``Code``.
 
-A kept object is named by the SHA-256 of its IR, of the processor's name and features, and of llvmlite's version, and
+A kept object is named by the SHA-256 of its IR, of the processor's name and features, and of llvmlite's version. It
 begins with the digest of its content: one that is damaged or cut short is made again, since LLVM would crash on it.
 """
 
@@ -33,25 +33,28 @@ LEVEL = 1  # level of optimisation: machine code alone; LLVM's passes gain nothi
 
 
 class Code:
-    """Functions loaded in this process. Their addresses are valid as long as this lives: keep it with them."""
+    """Functions of machine code loaded in this process; their addresses are valid as long as this object lives."""
 
     @making_code
     def __init__(self, ir: str | Callable[[], str], key: str = "") -> None:
-        """Load IR, or what a function prints, which is called only if nothing is kept on disk under ``key``."""
+        """Load the code of ``ir``, or of the IR that this function returns.
+
+        A function needs a ``key``, and is called only if no object is kept on disk under it.
+        """
         self._machine = _machine()
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), self._machine)
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(_object(ir, key, self._machine)))
         self._engine.finalize_object()
 
     def address(self, name: str) -> int:
-        """Return the address of function ``name``; KeyError if there is none."""
+        """Return the address of function ``name``; raise KeyError if there is none."""
         address = self._engine.get_function_address(name)
         if not address:
             raise KeyError(f"no function {name!r} in this code")
         return address
 
     def function(self, name: str, arguments: int) -> Callable[..., None]:
-        """Return the function ``name``, to be called from Python with the addresses of that many ``arguments``."""
+        """Return function ``name`` as a Python callable of that many ``arguments``, the addresses of arrays."""
         return ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.address(name))
 
 
@@ -61,7 +64,7 @@ def compile_functions(
 ) -> Code:
     """Compile one function for each name; a tuple (inputs, outputs) of CasADi's SX is a ``GeneratedFunction``.
 
-    Raises ValueError on operations of CasADi without counterpart, and on inputs that are not dense symbols.
+    Raises ValueError for operations of CasADi without a counterpart, and for inputs that are not dense symbols.
     """
     return Code(print_functions(functions))
 
@@ -98,7 +101,7 @@ def _place(key: str, machine: llvm.TargetMachine) -> ConfinedPath:
 
 
 def _object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMachine) -> bytes:
-    """Return the content of the object file of ``ir``, read from disk or made and kept there."""
+    """Return the content of the object file of ``ir``, read from disk or made and stored there."""
     place = _place(ir if isinstance(ir, str) else key, machine)
     if (content := _read(place)) is not None:
         return content
@@ -114,7 +117,7 @@ def _object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMachine) 
 
 
 def _read(place: ConfinedPath) -> bytes | None:
-    """Return the content of the object file at ``place`` and mark it as used; None if missing or damaged."""
+    """Return the content of the object file at ``place`` and mark it as used; None if it is missing or damaged."""
     with contextlib.suppress(OSError):
         kept = place.read(LARGEST)
         digest, content = kept[:32], kept[32:]
@@ -126,9 +129,9 @@ def _read(place: ConfinedPath) -> bytes | None:
 
 @contextlib.contextmanager
 def _lock_object(place: ConfinedPath) -> Iterator[None]:
-    """Keep other processes from making the same object meanwhile: each has a byte of one file to lock.
+    """Keep other processes from making the same object in this context: each object has a byte of one file to lock.
 
-    Where no lock is available, or not within ``WAIT``, both make it.
+    Where no lock is available, or not within ``WAIT`` [s], both processes make it.
     """
     with contextlib.ExitStack() as held:
         with contextlib.suppress(OSError):
@@ -144,9 +147,9 @@ def _lock_object(place: ConfinedPath) -> Iterator[None]:
 
 
 def _remove_oldest(folder: Path, most: int) -> None:
-    """Remove objects, those unused for longest first, until all take half of ``most`` bytes, if they take more.
+    """Remove objects, those unused for longest first, if all take more than ``most`` bytes, until they take half of it.
 
-    Another process may remove them too, or read one meanwhile: a file that it has opened stays readable.
+    Another process may do the same, or read one meanwhile: a file that it has opened stays readable.
     """
     found = list[tuple[float, int, Path]]()
     for path in folder.glob("*.o"):

@@ -1,4 +1,4 @@
-"""Parts of machine code: functions of whole arrays, and loops over elements of one kind."""
+"""Functions of machine code: functions of whole arrays, and loops over elements of one kind."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from .tape import Tape, record
 
 @dataclass(frozen=True)
 class GeneratedFunction:
-    """``void f(double* inputs..., double* outputs...)``: one array for each expression; matrices by columns.
+    """``void f(double* inputs..., double* outputs...)``: one array for each expression, matrices column by column.
 
     Outputs must not overlap inputs, nor each other.
     """
@@ -28,14 +28,14 @@ class GeneratedFunction:
 
 @dataclass(frozen=True)
 class Loop:
-    """Expressions evaluated for each of n elements: as many bodies or joints as there are, without Python.
+    """Expressions evaluated for each of n elements, such as bodies or joints, in one call.
 
-    The C arguments, all pointers, in this order: ``int64 n``; each of ``whole``, an array read by all elements; each of
-    ``rows``, an array (n, size) of which each element reads its row; each of ``gathered`` as two, the array read and an
-    ``int64`` table (n, size) of the places; each of ``blocks`` likewise, with a table (n,) of the first places of as
-    many numbers in a row; each of ``stored``, an array (n, size) that is written by rows; each of ``added`` as two, the
-    array added to and the table of places; each of ``added_blocks`` likewise, by first places. Nothing checks the
-    tables: dropped values go to a spare place at the end of the array. Outputs must not overlap inputs.
+    The C arguments, all pointers, in this order: ``int64 n``; each of ``whole``, an array that all elements read; each
+    of ``rows``, an array (n, size) of which each element reads its row; each of ``gathered`` as two, the array read and
+    an ``int64`` table (n, size) of indices; each of ``blocks`` likewise, with a table (n,) of the first indices of
+    contiguous numbers; each of ``stored``, an array (n, size) that is written by rows; each of ``added`` as two, the
+    array added to and the table of indices; each of ``added_blocks`` likewise, by first indices. The tables are not
+    checked: dropped values go to a dummy at the end of the array. Outputs must not overlap inputs.
     """
 
     whole: Sequence[ca.SX] = ()
@@ -48,7 +48,7 @@ class Loop:
 
 
 class Array(NamedTuple):
-    """An array argument: how it is accessed, and its size (of a row)."""
+    """An array argument: how it is accessed, and its size, or that of a row."""
 
     access: str  # whole, rows, gathered, blocks; stored, added, added_blocks
     size: int
@@ -64,7 +64,7 @@ class RecordedTape(NamedTuple):
 
 
 def record_function(function: GeneratedFunction | Loop) -> RecordedTape:
-    """Record the operations of ``function``; ValueError on inputs that are not dense symbols."""
+    """Record the operations of ``function``; raise ValueError for inputs that are not dense symbols."""
     if isinstance(function, GeneratedFunction):
         return function.recorded
     return _record_arrays(

@@ -1,10 +1,11 @@
 """LLVM IR of recorded functions.
 
-Long functions are cut in parts of ``PART`` operations, which pass values on in an array on the stack: the time that
+Long functions are cut into parts of ``PART`` operations, which pass values on in an array on the stack: the time that
 LLVM takes grows faster than the number of operations in one function.
 
-A product that one sum or difference alone reads is contracted with it, written out as ``llvm.fma``: left to LLVM, which
-of two products is contracted would be the processor's choice, and the last bits of a motion with it.
+A product that is read by one sum or difference alone is contracted with it, written as ``llvm.fma``. If this were left
+to LLVM, the processor would decide which of two products is contracted, and the last bits of a motion would depend on
+it.
 """
 
 from collections import Counter
@@ -34,7 +35,7 @@ INTRINSIC = (  # functions of LLVM; the others are libm's
 
 
 def print_module(functions: dict[str, GeneratedFunction | Loop]) -> str:
-    """Print the IR of all ``functions``."""
+    """Return the LLVM IR of all ``functions`` as one module."""
     lines: list[str] = []
     callees: dict[str, None] = {}
     for name, function in functions.items():
@@ -46,7 +47,7 @@ Result = tuple[int, int, int]  # output, place in it, number on the tape
 
 
 class _Printer:
-    """A function and its parts."""
+    """The IR of a function and of its parts."""
 
     def __init__(self, name: str, recorded: RecordedTape, loops: bool, callees: dict[str, None]) -> None:
         self._name, self._recorded, self._loops, self._callees = name, recorded, loops, callees
@@ -61,7 +62,7 @@ class _Printer:
         self._slots: dict[int, int] = {}  # place of a number in the array between parts
 
     def function(self) -> list[str]:
-        """Return the lines of IR of the function, after those of its parts if it is long."""
+        """Return the lines of IR of the function, preceded by those of its parts if it is long."""
         cuts = range(0, max(1, len(self._live)), PART)
         parts = [self._live[start : start + PART] for start in cuts]
         given = [self._given[start : start + PART] for start in range(0, max(1, len(self._given)), PART)]
@@ -114,7 +115,7 @@ class _Printer:
             yield from ((f"{letter}{k}", array) for k, array in enumerate(arrays))
 
     def _arguments(self) -> str:
-        """Return the list of array arguments as written in IR, each table of places after its array."""
+        """Return the list of array arguments as written in IR, each table of indices after its array."""
         names = []
         for name, array in self._arrays():
             names.append(f"ptr %{name}")
@@ -123,11 +124,11 @@ class _Printer:
         return ", ".join(names)
 
     def _parameters(self) -> str:
-        """Return the arguments as declared: arrays of straight functions do not overlap, which halves LLVM's time."""
+        """Return the declared arguments: arrays of straight-line functions do not overlap, which halves LLVM's time."""
         return self._arguments() if self._loops else self._arguments().replace("ptr", "ptr noalias")
 
     def _find_slots(self, parts: list[list[int]]) -> None:
-        """Give each number of the tape that a later part reads a place in the array on the stack."""
+        """Give each number of the tape that a later part reads an element of the array on the stack."""
         at = {number: k for k, part in enumerate(parts) for number in part}
         for k, part in enumerate(parts):
             for number in part:
@@ -137,9 +138,9 @@ class _Printer:
                         self._slots.setdefault(x, len(self._slots))
 
     def _find_fused(self, part: list[int]) -> dict[int, int]:
-        """Return the product that each sum or difference of ``part`` is contracted with, if there is one.
+        """Return, by sum or difference of ``part``, the product that it is contracted with, if there is one.
 
-        It is the first of its two arguments that is a product of the same part and is read by it alone.
+        It is the first of its two arguments that is a product in the same part and is read by it alone.
         """
         own, out = set(part), dict[int, int]()
         for number in part:
@@ -169,7 +170,7 @@ class _Printer:
 
 
 class _Body:
-    """Lines of straight code; each value read from outside is loaded once."""
+    """Lines of straight-line IR, in which each value from outside is loaded once."""
 
     def __init__(
         self, recorded: RecordedTape, slots: dict[int, int], callees: dict[str, None], fused: dict[int, int]
@@ -193,7 +194,7 @@ class _Body:
         return f"%t{self._fresh}"
 
     def point(self, array: str, place: str, kind: str = "double") -> str:
-        """Write the computation of the address of a place in an array argument; return the address's name."""
+        """Write the computation of the address of an element of an array argument; return the address's name."""
         return self.define(f"getelementptr {kind}, ptr %{array}, i64 {place}")
 
     def name(self, number: int) -> str:
@@ -225,7 +226,7 @@ class _Body:
         return at if table == name else self.point(name, self.define(f"load i64, ptr {at}"))
 
     def write_result(self, output: int, place: int, number: int) -> None:
-        """Store the tape's ``number`` at ``place`` of an output, or add it there; an added zero is left out."""
+        """Store the tape's ``number`` at index ``place`` of an output, or add it there; an added zero is omitted."""
         array = self._recorded.outputs[output]
         added = array.access in ("added", "added_blocks")
         if added and number == self._recorded.tape.zero:
@@ -274,7 +275,7 @@ class _Body:
             self._names[number] = self.define(f"call double {callee}({', '.join(arguments)})")
 
     def _fuse(self, name: str, a: int, b: int, product: int) -> str:
-        """Write a + b or a - b, one of them the number ``product``, as one fused multiply-add; return its name."""
+        """Write a + b or a - b as one fused multiply-add, with ``product`` the operand to contract; return its name."""
         _, x, y = self._recorded.tape.operations[product]
         first, second, other = self.name(x), self.name(y), self.name(b if product == a else a)
         if name == "sub" and product == a:
@@ -285,7 +286,7 @@ class _Body:
         return self.define(f"call double @llvm.fma.f64(double {first}, double {second}, double {other})")
 
     def _truth(self, number: int) -> str:
-        """Return the name of the IR truth value (i1) of the tape's ``number``: whether it is not zero."""
+        """Return the IR name of a truth value (i1), that the tape's ``number`` is not zero; write it if new."""
         if number not in self._truths:
             self._truths[number] = self.define(f"fcmp une double {self.name(number)}, 0.0")
         return self._truths[number]

@@ -1,6 +1,6 @@
-"""A list of calls of C functions, run from Python by one call of 0.2 us.
+"""A list of calls of C functions, run from Python by one call, which takes 0.2 us.
 
-Any function without result whose arguments are all pointers can be a step: those of a ``Code``, and LAPACK's.
+Any function without result whose arguments are all pointers can be called: those of a ``Code``, and LAPACK's.
 """
 
 from collections.abc import Sequence
@@ -15,13 +15,16 @@ MOST_ARGUMENTS = 56
 
 
 class Program:
-    """Calls of addresses with arrays, in order. It keeps alive the arrays and the owners of the addresses.
+    """A list of calls of functions by address with arrays; it keeps alive the arrays and what ``keeps`` refers to.
 
-    ``entry``, also ``int`` of it, is the word by which compiled code runs them.
+    ``entry``, also ``int`` of the program, is the word by which compiled code runs it.
     """
 
     def __init__(self, steps: Sequence[tuple[int, Sequence[np.ndarray]]], keeps: Any = None) -> None:
-        """Prepare the calls; arrays are used in place: C-contiguous, float64 or of the function's own type."""
+        """Prepare the calls; arrays are used in place: contiguous, and of the type that the function expects.
+
+        Raises ValueError for arrays that are not contiguous, and for more than ``MOST_ARGUMENTS`` of them in a call.
+        """
         self.steps = list(steps)
         words = [runner().address("run"), len(steps)]
         for address, arrays in steps:
@@ -41,15 +44,15 @@ class Program:
         return self.entry
 
     def run(self) -> None:
-        """Carry out the calls, in order."""
+        """Run the calls, in order."""
         self._run(self.entry + 8)
 
 
 @cache
 def runner() -> Code:
-    """Return the code of ``run(program)``, which carries out a list of calls.
+    """Return the code of ``run(program)``, which executes a list of calls.
 
-    The program's first word counts its steps; each is (address, number of arguments, arguments...).
+    The program's first word is the number of its steps; each step is (address, number of arguments, arguments...).
     """
     cases = range(MOST_ARGUMENTS + 1)
     lines = [

@@ -47,9 +47,9 @@ def add_products(
 
 
 def call_lapack(name: str, *arguments: np.ndarray) -> Step:
-    """Return, without carrying it out, a step that calls LAPACK's ``name``; its caller checks ``info``.
+    """Return a step that calls LAPACK's function ``name``; the caller of the program checks ``info``.
 
-    Integers are arrays of int32, characters arrays of bytes.
+    Integers are arrays of int32, characters are arrays of bytes.
     """
     capsule = vars(cython_lapack)["__pyx_capi__"][name]
     get = ctypes.pythonapi.PyCapsule_GetPointer
@@ -65,7 +65,7 @@ def integer(value: Any) -> Int[np.ndarray, " 1"]:
 
 
 def _indices(table: np.ndarray) -> np.ndarray:
-    """Return a table of places as the loops read it: contiguous int64."""
+    """Return a table of indices in the form that the loops read: contiguous int64."""
     return np.ascontiguousarray(table, dtype=np.int64)
 
 

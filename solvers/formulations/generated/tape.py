@@ -1,6 +1,6 @@
-"""A list of scalar operations in which equal ones are shared and those of constants are carried out.
+"""A list of scalar operations in which equal ones are shared and those on constants are evaluated.
 
-Products with zero are zero whatever the other factor is, as in CasADi: code made from a tape does not carry NaN through
+A product with zero is zero whatever the other factor is, as in CasADi: code made from a tape does not carry NaN through
 a structural zero.
 """
 
@@ -75,7 +75,10 @@ FOLDED: dict[str, Callable[..., float]] = {
 
 
 class Operation(NamedTuple):
-    """``name`` of the numbers ``a``, ``b`` of earlier operations; of an input, array and place; of a constant, bits."""
+    """An operation: ``name``, and the numbers ``a``, ``b`` of its arguments on the tape.
+
+    ``a`` and ``b`` of an input are its array and index; ``a`` of a constant holds its bits.
+    """
 
     name: str
     a: int
@@ -83,7 +86,7 @@ class Operation(NamedTuple):
 
 
 class Tape:
-    """Operations, each after its arguments; ``operations[k]`` defines the number k."""
+    """Operations, each after its arguments; the number k stands for the result of ``operations[k]``."""
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
@@ -91,22 +94,23 @@ class Tape:
         self.zero, self.one = self.constant(0.0), self.constant(1.0)
 
     def constant(self, value: float) -> int:
-        """Return the number on the tape of a constant, -0 as 0."""
+        """Return the number of a constant on the tape, recorded if new; -0 is taken as 0."""
         return self._record(Operation("constant", struct.unpack("<q", struct.pack("<d", value + 0.0))[0]))
 
     def input(self, array: int, place: int) -> int:
-        """Return the number of the entry at ``place`` of input ``array``."""
+        """Return the number of the entry at index ``place`` of input ``array``, recorded if new."""
         return self._record(Operation("input", array, place))
 
     def value(self, number: int) -> float | None:
-        """Return the value of a constant, None for anything else."""
+        """Return the value of a constant, None for any other number."""
         name, bits, _ = self.operations[number]
         return struct.unpack("<d", struct.pack("<q", bits))[0] if name == "constant" else None
 
     def apply(self, name: str, a: int, b: int = -1) -> int:
-        """Record operation ``name`` of the numbers ``a``, ``b`` (-1: of one alone); return its number.
+        """Record operation ``name`` of the numbers ``a``, ``b`` (-1: of one argument); return its number.
 
-        Operations of constants are carried out, others simplified where that is exact, and equal ones recorded once.
+        Operations on constants are evaluated, others simplified where that is exact for finite numbers, and equal ones
+        recorded once.
         """
         values = [self.value(x) for x in (a, b) if x >= 0]
         if name in FOLDED and None not in values:
@@ -122,7 +126,7 @@ class Tape:
         return self._record(Operation(name, a, b))
 
     def _simplify(self, name: str, a: int, b: int) -> int | None:
-        """Return the number that an operation equals by algebra (x + 0, x 1, x - x, ...), or None if it does not."""
+        """Return the number that an operation equals by algebra (x + 0, x 1, x - x, ...), or None if there is none."""
         zero, one = self.zero, self.one
         if name == "neg" and self.operations[a].name == "neg":
             return self.operations[a].a
@@ -145,7 +149,7 @@ class Tape:
         return None
 
     def _record(self, operation: Operation) -> int:
-        """Return the number of ``operation``, appended to the tape unless it is there."""
+        """Return the number of ``operation``, which is appended to the tape if it is new."""
         number = self._numbers.setdefault(operation, len(self.operations))
         if number == len(self.operations):
             self.operations.append(operation)
@@ -155,7 +159,7 @@ class Tape:
 def record(tape: Tape, function: ca.Function, inputs: list[list[int]]) -> list[list[int]]:
     """Record all operations of a CasADi ``function`` on ``tape``; return the numbers of its outputs.
 
-    ``inputs`` are the numbers of its inputs; outputs are dense. ValueError on an operation without counterpart.
+    ``inputs`` are the numbers of its inputs; outputs are dense. Raises ValueError for an operation without counterpart.
     """
     work: dict[int, int] = {}
     outputs = [[tape.zero] * function.nnz_out(k) for k in range(function.n_out())]
@@ -184,7 +188,7 @@ def record(tape: Tape, function: ca.Function, inputs: list[list[int]]) -> list[l
 
 
 def find_needed(tape: Tape, results: list[int]) -> list[int]:
-    """Return the numbers of the tape that ``results`` depend on, themselves included, in order."""
+    """Return the numbers of the tape on which ``results`` depend, themselves included, in ascending order."""
     live, waiting = set(results), list(results)
     while waiting:
         name, a, b = tape.operations[waiting.pop()]

@@ -1,1 +1,1 @@
-"""Straight code of a mechanism in the coordinates of its joints: a spanning tree, its loops closed by rows."""
+"""Mechanisms in the coordinates of their joints, as straight-line code: a spanning tree, its loops closed by rows."""

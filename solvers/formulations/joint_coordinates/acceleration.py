@@ -1,8 +1,8 @@
 """Anderson's acceleration of the sweeps of a step (compiled): Walker and Ni 2011, SIAM J. Numer. Anal. 49.
 
-The next unknowns are that combination of the sweeps so far, with weights of sum 1, whose changes cancel best. It needs
-no Jacobian and leaves the equations of a step as they are. An orthonormal basis of the changes of changes is kept, and
-beside each of its columns the difference of the unknowns after a sweep along it.
+The next unknowns are the combination of the sweeps so far, with weights of sum 1, whose changes cancel best. This needs
+no Jacobian and leaves the equations of a step as they are. An orthonormal basis of the differences of changes is kept
+and, for each of its columns, the difference of the unknowns after a sweep along it.
 """
 
 from typing import Any
@@ -18,10 +18,10 @@ DEPENDENT = 1e-8  # share of a change of changes outside the span of others belo
 
 @compile_inline
 def accelerate(s: Any, h: float, known: int) -> int:
-    """Replace ``unknowns`` after a sweep by Anderson's combination; return the number of columns known then.
+    """Replace ``unknowns`` after a sweep by Anderson's combination; return the number of columns then known.
 
-    ``known``: how many columns of ``basis`` have been found in this step, -1 before the first sweep; a new one takes
-    the place of the oldest. ``h`` [s] is the step.
+    ``known`` is the number of columns of ``basis`` found in this step, -1 before the first accelerated sweep; a new
+    column replaces the oldest. ``h`` [s] is the step.
     """
     n, k = len(s.unknowns), len(s.weights)
     if known < 0:
@@ -61,7 +61,7 @@ def accelerate(s: Any, h: float, known: int) -> int:
 
 @compile_inline
 def _weigh(s: Any, h: float) -> None:
-    """Set the weights of changes: of coordinates relative to 1 + |q|, of momenta relative to the largest."""
+    """Set the ``weights`` of changes: for rates of q, h / (1 + |q|); for others, h over the largest momentum."""
     n, moment = len(s.start[0]), 0.0
     for k in range(n):
         moment = max(moment, abs(s.start[1, k]))
@@ -74,7 +74,7 @@ def _weigh(s: Any, h: float) -> None:
 
 @compile_inline
 def _remove(s: Any, j: int, change: Any, unknowns: Any) -> None:
-    """Remove the component of ``change`` along column j of ``basis``, and its counterpart in the unknowns."""
+    """Remove the component of ``change`` along column j of ``basis``, and its counterpart from ``unknowns``."""
     q, u = s.basis[j], s.images[j]
     along = _product(q, change)
     for a in range(len(change)):
@@ -85,7 +85,7 @@ def _remove(s: Any, j: int, change: Any, unknowns: Any) -> None:
 
 @compile_inline
 def _product(x: Any, y: Any) -> float:
-    """Return the scalar product of x and y, by four independent sums."""
+    """Return the scalar product of x and y, as four independent sums."""
     n = len(x) - len(x) % 4
     p = q = r = t = 0.0
     for a in range(0, n, 4):

@@ -16,7 +16,8 @@ from .tree import Tree, spanning_tree
 def choose_code(problem: Problem, tree: Tree) -> JointCode | TreeMechanism:
     """Return the code of a mechanism in its joints' coordinates, or the recursion over its bodies.
 
-    The recursion serves where code would be too large and where there are user forces. ValueError where neither can.
+    The recursion is chosen where code would be too large, and for user forces. Raises ValueError where neither is
+    possible.
     """
     if refuse_code(problem) is None:
         try:
@@ -29,9 +30,9 @@ def choose_code(problem: Problem, tree: Tree) -> JointCode | TreeMechanism:
 def choose_phase(
     problem: Problem, tree: Tree, *, radial: bool
 ) -> tuple[JointCode | TreeMechanism, HamiltonCode | TreePhase]:
-    """Return what evaluates a mechanism, and what evaluates its Hamilton's equations: both code, or both recursion.
+    """Return the evaluation of a mechanism and that of its Hamilton's equations: both as code, or both as recursion.
 
-    ``radial``: with the energy and the rows that hold quaternions at length one (module ``hamilton``).
+    ``radial`` includes the energy and the rows that keep quaternions at length one (module ``hamilton``).
     """
     if refuse_code(problem) is None:
         try:
@@ -44,7 +45,7 @@ def choose_phase(
 
 
 def evaluate(made: JointCode | TreeMechanism, nq: int, chosen: Order | None = None) -> Evaluation | TreeEvaluation:
-    """Return the arrays and programs that evaluate a mechanism, not a value.
+    """Return the object with the arrays and programs that evaluate a mechanism; nothing is evaluated yet.
 
     Rows are eliminated in the order ``chosen``, or in that of the start; ``nq`` is the number of coordinates.
     """
@@ -52,7 +53,7 @@ def evaluate(made: JointCode | TreeMechanism, nq: int, chosen: Order | None = No
 
 
 def refusal(problem: Problem) -> str | None:
-    """Return the refusal of a mechanism too large for code and with too many loop rows for the recursion, or None."""
+    """Return the refusal of a mechanism without code and with too many loop rows for the recursion, or None."""
     if refuse_code(problem) is None:
         return None
     rows = count_rows(problem.system, problem.initial)

@@ -1,17 +1,17 @@
-"""Machine code of a mechanism in joint coordinates, kept on disk under its numbers: kept code needs no CasADi.
+"""Machine code of a mechanism in joint coordinates, kept on disk by a key of its numbers: kept code needs no CasADi.
 
-With K = [[H, J^T], [J, 0]], its entries in one array, that of an elimination L, and b velocities' loads and rows':
+K = [[H, J^T], [J, 0]] has its entries in one array, its factor L another, and b has the loads of velocities and rows:
 
     entries(t, y) -> K, b, q_dot          factor(K) -> L, least                solve(L, b) -> u_dot, lam
     gaps(t, y) -> b                       move(t, y, step) -> q, b, phi        conclude(y, q, step) -> y, q_dot
     accelerate(t, y) -> y_dot, least: all of the first line in one
     step(given, start, first slope) -> y, error, least: the stages of small mechanisms in one
     measure(given, start, y, sums) -> error; given are t, h, rtol
-    record(t, y, y_dot, lam) -> r, R, v, v_dot of all bodies, reactions of all joints, as the system has them
+    record(t, y, y_dot, lam) -> r, R, v, v_dot of all bodies, reactions of all joints, in the order of the system
 
-The order of elimination is found at the start. Where others are needed, they are
-lists (module ``pivots``): nothing is made anew. ``least`` is the least pivot over its value where the order was found.
-y is projected onto its loops by ``gaps``, ``move`` and ``conclude``, with the factor of what came in.
+The order of elimination is found at the start. Where others are needed, they are lists (module ``pivots``), and no code
+is made anew. ``least`` is the least pivot relative to its value where the order was found. ``gaps``, ``move`` and
+``conclude`` project y onto its loops, with the factor at the unprojected y.
 """
 
 import hashlib
@@ -50,11 +50,11 @@ _LOADED: "dict[str, JointCode]" = {}
 
 
 class CodeTooLarge(ValueError):
-    """Raised where code of a mechanism would have more than ``MOST_OPERATIONS``."""
+    """Raised where code of a mechanism would need more than ``MOST_OPERATIONS``."""
 
 
 class JointCode(NamedTuple):
-    """The code of a mechanism, K's pattern, the order of its elimination, and sizes."""
+    """The code of a mechanism, the pattern of K, the order of its elimination, and sizes."""
 
     code: Code
     pattern: Pattern
@@ -66,26 +66,27 @@ class JointCode(NamedTuple):
 
     @property
     def kept(self) -> int:
-        """Number of loop rows in use: those of the elimination, without rows that depend on others."""
+        """Number of loop rows in use: those in the elimination, without rows that depend on others."""
         return sum(k >= self.pattern.first for k in self.order.rows)
 
     @property
     def words(self) -> str:
-        """Words for a note on the trajectory, which say that code evaluates the mechanism."""
+        """Note for the trajectory, which says that code evaluates the mechanism."""
         return f"code of {self.operations} operations an evaluation"
 
     @property
     def is_small(self) -> bool:
-        """Flag of a mechanism so small that its code has ``step``, all stages of a step in one function."""
+        """Flag of a mechanism so small that its code may have ``step``, all stages of a step in one function."""
         return self.operations <= SMALL
 
 
 @making_code
 def make_code(system: MultibodySystem, tree: Tree, *, whole: bool = True) -> JointCode:
-    """Return the code of a mechanism, loaded from disk or made; ValueError where none can be made.
+    """Return the code of a mechanism, loaded from disk or made, with the order of elimination at the start.
 
-    ``whole``: with ``accelerate`` as one function, else with ``solve_rows``. Its order of elimination is found at the
-    start. ``CodeTooLarge``, a ValueError, is raised above ``MOST_OPERATIONS``.
+    If ``whole``, it has ``accelerate`` as one function, else ``solve_rows``. Raises ``CodeTooLarge``, a ValueError,
+    above ``MOST_OPERATIONS``, and ValueError where a velocity has no inertia, or where rows without phi depend on
+    others.
     """
     equations = digest_mechanism(system, tree)
     key = f"{equations}\0{whole}"
@@ -103,7 +104,7 @@ def make_code(system: MultibodySystem, tree: Tree, *, whole: bool = True) -> Joi
 
 
 def digest_mechanism(system: MultibodySystem, tree: Tree) -> str:
-    """Return the key under which code of a mechanism is kept on disk: makers' text and numbers of system and tree."""
+    """Return the key of a mechanism's code on disk, from the generator's text and the numbers of system and tree."""
     return f"{texts_of_makers()}\0{_own_text()}\0{_digest(system, tree)}"
 
 
@@ -111,7 +112,7 @@ ABOUT = "operations", "rows", "entries", "pairs", "variable", "ordered", "nu", "
 
 
 def _load(code: Code, whole: bool) -> JointCode:
-    """Return the code with its sizes and tables, which its functions ``about`` and ``pattern`` state."""
+    """Return the code with its sizes and tables, which its functions ``about`` and ``pattern`` give."""
     numbers = np.zeros(len(ABOUT))
     code.function("about", 1)(numbers.ctypes.data)
     about = dict(zip(ABOUT, numbers.astype(int).tolist(), strict=True))
@@ -124,7 +125,7 @@ def _load(code: Code, whole: bool) -> JointCode:
 
 
 def too_large(operations: int) -> str:
-    """Return the refusal of a mechanism whose code takes so many ``operations`` an evaluation."""
+    """Return the refusal of a mechanism whose code takes at least so many ``operations`` an evaluation."""
     return (
         f"writes code for the mechanism, up to {MOST_OPERATIONS} operations an evaluation (needs {operations} or "
         "more): use rkmk_dop853"
@@ -132,9 +133,9 @@ def too_large(operations: int) -> str:
 
 
 def _print(system: MultibodySystem, tree: Tree, key: str, whole: bool) -> str:
-    """Return the IR of the mechanism's functions, and of ``about`` and ``pattern``, their sizes and tables.
+    """Return the IR of the mechanism's functions, and of ``about`` and ``pattern``, which give sizes and tables.
 
-    It is that of the latter alone where the functions are too large; operations are -1 where inertia is missing.
+    It contains the latter alone where the functions are too large; operations are -1 where inertia is missing.
     """
     import casadi as ca
 
@@ -163,7 +164,7 @@ def _print(system: MultibodySystem, tree: Tree, key: str, whole: bool) -> str:
 
 
 class Equations(NamedTuple):
-    """K at a motion (t, y), its first row of the cut joints, these, and the order of elimination."""
+    """K at a motion (t, y), the number of its first loop row, the loop rows, and the order of elimination."""
 
     t: "ca.SX"
     y: "ca.SX"
@@ -175,7 +176,7 @@ class Equations(NamedTuple):
 
     @property
     def held(self) -> int:
-        """Number of rows that hold opened balls."""
+        """Number of rows that hold opened balls on their parents."""
         return 3 * len(self.motion.opened)
 
 
@@ -183,7 +184,7 @@ _FOUND: dict[str, Equations] = {}  # the last equations found
 
 
 def find_equations(system: MultibodySystem, tree: Tree, key: str) -> Equations:
-    """Return the equations of ``choose_order``, those found last if they have this ``key``."""
+    """Return the equations of ``choose_order`` for this ``key``; the last ones found are kept for the next call."""
     import casadi as ca
 
     if key not in _FOUND:
@@ -193,14 +194,14 @@ def find_equations(system: MultibodySystem, tree: Tree, key: str) -> Equations:
 
 
 def choose_order(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX") -> Equations:
-    """Return the equations of a tree, with its balls opened or not, whichever has the shorter elimination."""
+    """Return the equations of a tree with all or none of its balls opened, whichever has the shorter elimination."""
     balls = [limb.body for limb in tree.limbs if limb.ball and limb.parent != GROUND]
     found = [_equations(system, tree, t, y, way) for way in ([], balls)[: 1 + bool(balls)]]
     return min(found, key=lambda equations: equations.order.products)
 
 
 def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int]) -> Equations:
-    """Return the matrix K of a tree with these balls ``opened``, as expressions, and its order of elimination."""
+    """Return K of a tree with the balls of the bodies ``opened``, as expressions, and its order of elimination."""
     from . import loops
     from .motion import TreeMotion
 
@@ -218,7 +219,7 @@ def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", open
 def list_entries(found: Equations) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
     """Return the places (row, column) of K's entries that depend on the motion, and of constant ones.
 
-    Each pair of K's halves is listed once.
+    Each symmetric pair of entries is listed once.
     """
     pairs = [(k, row) for k, column in found.K.items() for row in column if k <= row]
     constant = {(k, row) for k, row in pairs if found.K[k][row].is_constant()}
@@ -226,10 +227,10 @@ def list_entries(found: Equations) -> tuple[list[tuple[int, int]], list[tuple[in
 
 
 class Parts:
-    """Functions of a mechanism as expressions, from which its accelerations and its projection are composed."""
+    """The functions of a mechanism as expressions, from which its accelerations and its projection are composed."""
 
     def __init__(self, system: MultibodySystem, tree: Tree, found: Equations) -> None:
-        """Write the functions; constants of K and of L stay constants."""
+        """Write the functions; constant entries of K and L stay constants."""
         import casadi as ca
 
         from ..generated import GeneratedFunction
@@ -296,7 +297,7 @@ class Parts:
         )
 
     def accelerate(self) -> "GeneratedFunction":
-        """Return the function (t, y) -> y_dot, least pivot, composed of entries, factor and solution."""
+        """Return the function (t, y) -> y_dot, least pivot, composed of ``entries``, ``factor`` and ``solve``."""
         import casadi as ca
 
         from ..generated import GeneratedFunction
@@ -325,7 +326,7 @@ class Parts:
         return GeneratedFunction([t, y], [after, ca.vertcat(q_dot, u_dot), lam])
 
     def _call(self, name: str) -> "ca.Function":
-        """Return one of the functions as CasADi's, to be called with expressions."""
+        """Return function ``name`` as a CasADi function, to be called with expressions."""
         import casadi as ca
 
         function = self.functions[name]
@@ -335,7 +336,7 @@ class Parts:
 def _record(system: MultibodySystem, tree: Tree, rows: int) -> "GeneratedFunction":
     """Return the function ``record``: motion and reactions of all bodies and joints at (t, y, y_dot, lam).
 
-    ``rows`` is the number of loop rows, those of lam.
+    ``rows`` is the number of loop rows, the length of lam.
     """
     import casadi as ca
 
@@ -370,7 +371,7 @@ def _record(system: MultibodySystem, tree: Tree, rows: int) -> "GeneratedFunctio
 
 
 def _evaluate(K: dict[int, dict[int, Any]], t: "ca.SX", y: "ca.SX", start: np.ndarray) -> dict[int, dict[int, float]]:
-    """Return K with numbers for its expressions, at t = 0 and the coordinates ``start``."""
+    """Return K with numbers for its expressions, at t = 0 and the coordinates and velocities ``start``."""
     import casadi as ca
 
     places = [(k, row) for k, column in K.items() for row in column]
@@ -399,7 +400,7 @@ def _parts(x: "ca.SX") -> list[Any]:
 
 
 def _column(x: list[Any]) -> "ca.SX":
-    """Return expressions as a dense CasADi column, also where there are none."""
+    """Return a list of expressions as a dense CasADi column, also if it is empty."""
     import casadi as ca
 
     return ca.densify(ca.vertcat(*x)) if len(x) else ca.SX(0, 1)
@@ -419,7 +420,7 @@ def _digest(system: MultibodySystem, tree: Tree) -> str:
 
 @cache
 def _own_text() -> str:
-    """Return a digest of the modules that write the code: code made by another version is made again."""
+    """Return a digest of the modules that generate the code, so that code of another version is made again."""
     names = ("code", "elimination", "loops", "motion", "pivots", "stages", "tree")
     paths = [*(Path(__file__).with_name(f"{name}.py") for name in names), Path(fixed_order.__file__)]
     return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()

@@ -1,7 +1,7 @@
 """Tableaux of symplectic steps with constraints: Gauss with Lobatto, and RATTLE.
 
-Nodes are known to 2^-``BITS``; everything derived from them is computed in fractions and rounded once: the same bits on
-every machine, whatever linear algebra it has.
+Nodes are computed to 2^-``BITS``, and all derived coefficients in fractions that are rounded once: the same bits on
+every machine, whatever linear algebra library it has.
 """
 
 import math
@@ -19,7 +19,7 @@ DEGREE = 7  # degree of the polynomial of such an estimate, at most
 
 
 class CollocationTableau(NamedTuple):
-    """A tableau of stages (q_i, p_i) at c h and rows at ``nodes`` h, the first at the start and the last at the end.
+    """A tableau of stages (q_i, p_i) at c h, with rows at ``nodes`` h, the first at the start, the last at the end.
 
         q_i = q_0 + h sum a_ij q_dot_j,   p_i = p_0 + h sum a_p_ij p_dot_j - h sum a_row_ij G^T lam_j
         q at node i = q_0 + h sum a_node_ij q_dot_j,   weights b and b_row at the end
@@ -39,11 +39,11 @@ class CollocationTableau(NamedTuple):
     b_row: Float[np.ndarray, " m"]
 
     def estimates(self) -> tuple[Float[np.ndarray, "d s ds"], Float[np.ndarray, "d n dm"]]:
-        """Return weights of earlier steps' stages, and of their lam, that extrapolate those of the next step.
+        """Return the weights of earlier steps' stages, and of their lam, that extrapolate those of the next step.
 
-        The first axis is k - 1, for k steps before; lam of the last node is not estimated. Where stages collocate, one
-        polynomial goes through the stages of two steps, and one through lam of the last; else there is one for each
-        stage and node.
+        Index k - 1 of the first axis is for k earlier steps; lam of the last node is not estimated. For collocation,
+        one polynomial passes through the stages of the last two steps, and one through lam of the last step; else there
+        is one for each stage and node.
         """
         s, m = len(self.c), len(self.nodes)
         stages, rows = np.zeros((DEPTH, s, DEPTH, s)), np.zeros((DEPTH, m - 1, DEPTH, m))
@@ -64,7 +64,7 @@ class CollocationTableau(NamedTuple):
     def newton(self) -> Float[np.ndarray, "n n"]:
         """Return C^-1, by which Newton's method corrects lam of all nodes but the last.
 
-        C = a_node a_row without the first node and the last row.
+        C = a_node a_row without the first node (row) and the last node (column).
         """
         at, by = ([[Fraction(x) for x in row] for row in a.tolist()] for a in (self.a_node[1:], self.a_row[:, :-1]))
         C = [
@@ -76,7 +76,10 @@ class CollocationTableau(NamedTuple):
 
 @cache
 def gauss_lobatto(s: int) -> CollocationTableau:
-    """Return the tableau of Gauss collocation of s stages, with rows at Lobatto's s + 1 nodes: order 2 s (Jay 2007)."""
+    """Return the tableau of Gauss collocation with s stages, and rows at Lobatto's s + 1 nodes (Jay 2007).
+
+    Its order is 2 s.
+    """
     P = _legendre(s)
     x = _roots(P[s])
     slope = _derivative(P[s])
@@ -85,7 +88,7 @@ def gauss_lobatto(s: int) -> CollocationTableau:
     b_row = [1 / (s * (s + 1) * _value(P[s], z) ** 2) for z in ends]
 
     def integrals(to: list[Fraction]) -> Exact:
-        """Return half the integrals from -1 of the polynomials that are 1 at one node of Gauss and 0 at the others."""
+        """Return half the integrals, from -1 to each of ``to``, of Lagrange's polynomials on Gauss's nodes."""
         known = [
             [
                 sum((_value(_integral(P[k]), z) * (k + Fraction(1, 2)) * _value(P[k], node) for k in range(s)), ZERO)
@@ -122,9 +125,9 @@ def rattle() -> CollocationTableau:
 
 @cache
 def extrapolation(of: tuple[float, ...], to: tuple[float, ...], degree: int) -> Float[np.ndarray, "n m"]:
-    """Return weights (n, m) that turn values at the m points ``of`` into values at the n points ``to``.
+    """Return weights (n, m) that convert values at the m points ``of`` to values at the n points ``to``.
 
-    They are those of the polynomial of this ``degree`` through, or closest to, the values.
+    They evaluate the polynomial of this ``degree`` that interpolates the values, or fits them by least squares.
     """
     V, W = ([[Fraction(x) ** k for k in range(degree + 1)] for x in points] for points in (of, to))
     columns = list(zip(*V, strict=True))
@@ -143,19 +146,19 @@ ZERO = Fraction(0)
 
 
 def _rounded(rows: Exact) -> np.ndarray:
-    """Return a read-only array of fractions, each rounded once."""
+    """Return fractions as a read-only array of floats, each rounded once."""
     out = np.array([[float(x) for x in row] for row in rows])
     out.flags.writeable = False
     return out
 
 
 def _unit(n: int) -> Exact:
-    """Return the identity matrix in fractions."""
+    """Return the identity matrix of size n in fractions."""
     return [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]
 
 
 def _solve(A: Exact, B: Exact) -> Exact:
-    """Return A^-1 B by elimination; in fractions any nonzero pivot will do."""
+    """Return A^-1 B by elimination in fractions, where any nonzero pivot is exact."""
     n = len(A)
     rows = [[*a, *b] for a, b in zip(A, B, strict=True)]
     for k in range(n):
@@ -191,15 +194,15 @@ def _derivative(p: Sequence[Fraction]) -> list[Fraction]:
 
 
 def _integral(p: Sequence[Fraction]) -> list[Fraction]:
-    """Return the coefficients of the integral of a polynomial from -1, lowest power first."""
+    """Return the coefficients of a polynomial's integral from -1, lowest power first."""
     rest = [ZERO, *(a / (k + 1) for k, a in enumerate(p))]
     return [-_value(rest, Fraction(-1)), *rest[1:]]
 
 
 def _roots(p: Sequence[Fraction]) -> list[Fraction]:
-    """Return the roots of a polynomial, ascending, known to 2^-``BITS``; all are simple, real and in (-1, 1).
+    """Return the roots of a polynomial in ascending order, to 2^-``BITS``; all are simple, real and in (-1, 1).
 
-    By Newton's method and Maehly's deflation.
+    They are found by Newton's method with Maehly's deflation.
     """
     slope, found = _derivative(p), list[Fraction]()
     for _ in range(len(p) - 1):

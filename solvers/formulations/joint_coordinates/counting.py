@@ -1,7 +1,7 @@
-"""A lower bound on the operations of a mechanism's code, from numbers at the start: known before any is made.
+"""A lower bound on the operations of a mechanism's code, from its matrix at the start, before any code is made.
 
-Entries that happen to be zero at the start make the elimination look shorter than it is: a product counts for six
-operations, below the 8 to 40 that grids, platforms and linkages have.
+Entries that happen to be zero at the start make the elimination appear shorter than it is. A product counts as six
+operations, below the 8 to 40 found for grids, platforms and linkages.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ MOST_BODIES = 1000  # above it bodies alone are counted, at ``OF_A_BODY`` each
 
 
 def refuse_code(problem: Problem) -> str | None:
-    """Return why no code can be made of a problem's mechanism, as far as known beforehand, or None.
+    """Return why no code can be made of a problem's mechanism, as far as this is known beforehand, or None.
 
     Reasons: user forces, or too many operations.
     """
@@ -34,7 +34,7 @@ def refuse_code(problem: Problem) -> str | None:
 def least_operations(system: MultibodySystem, start: State) -> int:
     """Return a lower bound on the operations of an evaluation by code.
 
-    It counts bodies, entries of H between balls, and the elimination without opened balls.
+    It counts bodies, entries of H between spherical joints, and the elimination without opened spherical joints.
     """
     if system.nb > MOST_BODIES:
         return OF_A_BODY * system.nb
@@ -52,7 +52,7 @@ def least_operations(system: MultibodySystem, start: State) -> int:
 
 
 def _matrix(system: MultibodySystem, tree: Tree, start: State) -> Matrix:
-    """Return K = [[H, J^T], [J, 0]] of tree and loop rows in numbers at the start, by columns."""
+    """Return K = [[H, J^T], [J, 0]] of the tree and its loop rows in numbers at the start, by columns."""
     T = _velocities(system, tree)
     v, Omega = T[:, :3], T[:, 3:]
     H = np.einsum("b,bix,biy->xy", system.mass, v, v, optimize=True)

@@ -1,8 +1,8 @@
-"""K = [[H, J^T], [J, 0]] = L D L^T by scalars, in an order found once, at numbers.
+"""K = [[H, J^T], [J, 0]] = L D L^T by scalars, in an order found once from the numbers of one configuration.
 
-Of the rows and columns whose pivots are safe there, the one with the fewest neighbours is eliminated first; rows that
-are left without pivot depend on the others and are left out. A row after all velocities has a pivot of J H^-1 J^T,
-which vanishes nowhere but where the rank changes; before one that moves it, it may vanish in any position.
+Among the rows and columns with safe pivots there, the one with the fewest neighbours is eliminated first. Rows left
+without a pivot depend on the others and are left out. A row after all velocities has a pivot of J H^-1 J^T, which
+vanishes only where the rank changes; before a velocity that moves it, its pivot may vanish in any configuration.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -21,7 +21,7 @@ class NoInertia(ValueError):
 
 
 class Order(NamedTuple):
-    """Rows and columns in order of elimination, their pivots, and the number of products of L's entries it takes."""
+    """Rows in order of elimination, their pivots, and the number of products of L's entries that it takes."""
 
     rows: list[int]
     pivots: list[float]
@@ -35,12 +35,12 @@ def find_order(
     sure: int = 0,
     size: Sequence[float] | None = None,
 ) -> Order:
-    """Return an order of elimination of K, given in numbers, with its pivots and its number of products.
+    """Return an order of elimination of the numeric matrix K, with its pivots and its number of products.
 
-    The first ``nu`` rows are H's, and rows come ``behind`` others. The first ``sure`` rows have safe pivots in such an
-    order wherever the mechanism is. Pivots are compared with ``size``; without it with the present rows, of which one
-    that vanishes here seems as safe as any. Rows without a pivot are left out; ``NoInertia`` is raised where H is
-    singular.
+    The first ``nu`` rows are those of H; ``behind`` lists the rows that each row must come after. The first ``sure``
+    rows have safe pivots in such an order in every configuration. Pivots are compared with ``size``; without it, with
+    the rows of K, and then a row that vanishes here counts as safe. Rows without a pivot are left out. Raises
+    ``NoInertia`` where H is singular.
     """
     size = sizes(K, nu) if size is None else size
     K = {k: dict(column) for k, column in K.items()}
@@ -70,9 +70,9 @@ def find_order(
 
 
 def sizes(K: Matrix, nu: int) -> list[float]:
-    """Return the size with which each row's pivot is compared: H's diagonal, then that of J H^-1 J^T.
+    """Return the size that each row's pivot is compared with: the diagonal of H, then that of J H^-1 J^T.
 
-    The latter is taken without the couplings of H.
+    The latter neglects the off-diagonal entries of H.
     """
     size = [K[k].get(k, 0.0) for k in range(nu)]
     return size + [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
@@ -96,7 +96,7 @@ def _eliminate(K: Matrix, k: int) -> None:
 
 
 class Factor:
-    """L by columns and 1/D, as expressions."""
+    """L by columns and 1/D of K = L D L^T, as expressions."""
 
     def __init__(self, K: Matrix, order: Sequence[int]) -> None:
         place = {k: n for n, k in enumerate(order)}
@@ -114,13 +114,13 @@ class Factor:
                     lower[c][row] = lower[c].get(row, ca.SX(0)) - self.L[k][row] * column[c]
 
     def invert(self, k: int, pivot: Any) -> Any:
-        """Return 1/D of row ``k`` from its ``pivot``, an expression."""
+        """Return 1/D of row ``k`` from its ``pivot``, an expression; subclasses may change it."""
         return 1.0 / pivot
 
     def name_entries(self) -> ca.SX:
         """Replace 1/D and L by symbols, and return these as a column; constants stay.
 
-        The expressions that they stand for are kept in ``entries``.
+        The expressions that they replace are stored in ``entries``.
         """
         self.entries: list[ca.SX] = []
         for k in self.order:

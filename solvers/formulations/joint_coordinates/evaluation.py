@@ -1,4 +1,4 @@
-"""Accelerations and projections by the code of a mechanism, as programs: its own elimination, or one by lists."""
+"""Accelerations and projections by the code of a mechanism, as programs, with its own elimination or one by lists."""
 
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ Calls = list[tuple[int, list[np.ndarray]]]
 
 
 class Gap(NamedTuple):
-    """Inputs and result of ``find_gap``: the rows that are left out."""
+    """The bundle of ``find_gap``: phi, the rows left out of the elimination, and the result."""
 
     phi: Any  # (rows,)
     out: Any  # numbers of the rows left out
@@ -31,10 +31,10 @@ def find_gap(s: Any) -> None:
 
 
 class Evaluation:
-    """K's entries and its factor in one order, ``chosen`` or the code's own."""
+    """The arrays and programs that evaluate a mechanism by its code, in the order ``chosen`` or in the code's own."""
 
     def __init__(self, made: JointCode, nq: int, chosen: Order | None = None) -> None:
-        """Allocate the arrays of one motion; programs must be kept alive with this."""
+        """Allocate the arrays of one motion; keep this object alive as long as its programs."""
         self.made, self.nq, self.order = made, nq, chosen or made.order
         self.K = self._entries()
         self._lists = make_lists(made.pattern, chosen, self.K) if chosen else None
@@ -43,12 +43,12 @@ class Evaluation:
         self._keeps: list[Any] = []
 
     def _entries(self) -> np.ndarray:
-        """Return an array for K's entries, with the constant ones in place."""
+        """Return an array for K's entries, with the constant ones set."""
         pattern = self.made.pattern
         return np.concatenate((np.zeros(pattern.variable), pattern.constants))
 
     def call_function(self, name: str, *arrays: np.ndarray) -> Calls:
-        """Return, as a list of steps, the call of the code's function ``name`` with these arrays; run nothing."""
+        """Return the call of the code's function ``name`` with these arrays, as a list of one step; nothing is run."""
         return [(self.made.code.address(name), list(arrays))]
 
     def accelerate(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, least: np.ndarray) -> Program:
@@ -62,10 +62,10 @@ class Evaluation:
     def finish(
         self, t: np.ndarray, y: np.ndarray, after: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, guard: np.ndarray
     ) -> Program:
-        """Return the program that projects ``y`` onto the loops: ``after``, with ``y_dot`` and ``lam``.
+        """Return the program that projects ``y`` onto the loops, into ``after``, and computes ``y_dot`` and ``lam``.
 
-        Accelerations and ``lam`` are those before the projection; ``guard`` gets the least pivot, and the largest phi
-        of rows that were left out.
+        Accelerations and ``lam`` are those before the projection. ``guard`` gets the least pivot, and the largest phi
+        of rows left out.
         """
         q_dot, u_dot = np.split(y_dot, [self.nq])
         q, step, phi, gaps = np.zeros(self.nq), np.zeros(len(u_dot)), np.zeros(self.made.rows), self._rhs
@@ -87,14 +87,14 @@ class Evaluation:
     def measure(
         self, given: np.ndarray, start: np.ndarray, y: np.ndarray, sums: np.ndarray, error: np.ndarray
     ) -> Program:
-        """Return the program that computes the ``error`` of a step, over its tolerances.
+        """Return the program that computes the ``error`` of a step relative to its tolerances.
 
-        ``sums`` are both estimates of it, over h.
+        ``given`` are (t, h, rtol); ``sums`` are both estimates of the error, divided by h.
         """
         return Program(self.call_function("measure", given, start, y, sums, error), self.made.code)
 
     def step_at_once(self, *arrays: np.ndarray) -> Program:
-        """Return the program of all stages of a step in one function, which code of small mechanisms has."""
+        """Return the program of one function with all stages of a step, which only code of small mechanisms has."""
         return Program(self.call_function("step", *arrays), self.made.code)
 
     def entries(self, t: np.ndarray, y: np.ndarray, b: np.ndarray, q_dot: np.ndarray) -> Calls:
@@ -102,30 +102,27 @@ class Evaluation:
         return self.call_function("entries", t, y, self.K[: self.made.pattern.variable], b, q_dot)
 
     def factor(self, least: np.ndarray) -> Calls:
-        """Return the steps that factorise K, and compute its ``least`` pivot over its value at the start."""
+        """Return the steps that factorise K, and compute its ``least`` pivot relative to its value at the start."""
         if self._lists:
             return self._bound(factor_by_lists, least=least)
         return self.call_function("factor", self.K, self._L, least)
 
     def solve(self, b: np.ndarray, u: np.ndarray, lam: np.ndarray) -> Calls:
-        """Return the steps that solve K (u, -lam) = b, with b the loads along velocities and rows."""
+        """Return the steps that solve K (u, -lam) = b; ``b`` are the loads along velocities, then those of rows."""
         if self._lists:
             return self._bound(solve_by_lists, b=b, u=u, lam=lam)
         return self.call_function("solve", self._L, b, u, lam)
 
     def solve_rows(self, b: np.ndarray, lam: np.ndarray) -> Calls:
-        """Return the steps that solve for ``lam`` where ``b`` are the loads of rows alone.
-
-        Loads along velocities are zero.
-        """
+        """Return the steps that solve for ``lam`` from the loads ``b`` of rows, with no loads along velocities."""
         if self._lists:
             return self._bound(solve_rows_by_lists, b=b, lam=lam)
         return self.call_function("solve_rows", self._L, b, lam)
 
     def find_order(self, t: float, y: np.ndarray, start: np.ndarray) -> Order:
-        """Return an order of elimination whose pivots are safe at ``y``; ``LostRank`` if there is none.
+        """Return an order of elimination whose pivots are safe at ``y``; raise ``LostRank`` if there is none.
 
-        ``start`` is y at the start, with whose pivots they are compared.
+        They are compared with the pivots at ``start``, which is y at t = 0.
         """
         return find_order_here(self.made.pattern, self._entries_at(t, y), self._entries_at(0.0, start))
 
@@ -137,19 +134,19 @@ class Evaluation:
         return K
 
     def _watch(self, phi: np.ndarray, gap: np.ndarray) -> Calls:
-        """Return the steps that set ``gap`` to the largest phi of rows left out; none where all are in use."""
+        """Return the steps that set ``gap`` to the largest phi of the rows left out; none where all rows are in use."""
         kept = {k - self.made.pattern.first for k in self.order.rows}
         out = np.array([k for k in range(self.made.rows) if k not in kept], dtype=np.int64)
         return self._steps(Bound(find_gap, Gap(phi, out, gap))) if len(out) else []
 
     def _bound(self, function: Any, **arrays: Any) -> Calls:
-        """Return the steps that call a compiled ``function`` on the lists of an order of elimination.
+        """Return the steps that call a compiled ``function`` on the lists of the order of elimination.
 
-        ``arrays`` take the place of the lists' own.
+        ``arrays`` replace fields of the lists.
         """
         return self._steps(Bound(function, self._lists._replace(**arrays)))  # type: ignore[union-attr]
 
     def _steps(self, bound: Bound) -> Calls:
-        """Return the steps of a compiled function, which is kept alive here."""
+        """Return the steps of a compiled function, and keep it alive."""
         self._keeps.append(bound)
         return [(address, list(arrays)) for address, arrays in bound.steps]

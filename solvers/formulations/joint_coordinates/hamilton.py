@@ -1,23 +1,22 @@
 """Hamilton's equations of a tree, and the rows that close its loops, as machine code kept on disk.
 
-Coordinates q and momenta p: an angle or a length of a hinge or a slide; of a ball a quaternion x, of any length, and
-four momenta y. With E(x) w = w x, angular velocities u of balls and their momenta pi in the base frame,
+Coordinates q and momenta p: an angle or a length of a hinge or a slide; for a spherical joint (ball) a quaternion x, of
+any length, and four momenta y. With E(x) w = w x, angular velocities u of balls and their momenta pi in the base frame,
 
     q_dot = u,            p_dot = T_q(q, u) + Q - G^T lam,                                  H(q) u = pi = p
     x_dot = E(x) u / 2,   y_dot = E(y) u / 2 + 2 E(x) (T_theta + Q_theta) / |x|^2 - G^T lam,   pi = E(x)^T y / 2
 
 This is a canonical system in all of R^2n, R = R(x / |x|). Its energy depends on y by pi alone, so that |x|^2, a
-quadratic form, is an invariant, and what y has along x has no effect. With ``radial`` the energy has a term
-alpha (x . y)^2 / 2 beside, zero in motion, and |x|^2 = 1 is a row, for methods that do not keep quadratic invariants;
-free spins are not in q, and ``close`` adds them to y.
-G is the gradient of all rows; those that are left out have lam = 0.
+quadratic form, is an invariant, and the component of y along x has no effect. With ``radial`` the energy has another
+term alpha (x . y)^2 / 2, zero in motion, and |x|^2 = 1 is a row, for methods that do not keep quadratic invariants;
+free spins are then not in q, and ``close`` adds them to y. G is the gradient of all rows; rows left out have lam = 0.
 
     stage(t, q, p) -> q_dot, p_dot        without rows
     enter(y) -> p                         y = (q, u)
     gaps(t, q) -> phi                     push(t, q, lam) -> G^T lam
-    pose(t, q, p) -> y, b                 at rest, with unit quaternions; momenta and rows of what is to come
+    pose(t, q, p) -> y, b                 y at rest, with unit quaternions; b: momenta, and rates of rows
     add_spins(y, K) -> K                  with ``radial``, where there are free spins
-    close(t, q, p, u, lam) -> y, lam      of the solution: p - G^T lam moves on phi_dot = 0, with y
+    close(t, q, p, u, lam) -> y, lam      from the solution: p - G^T lam moves on phi_dot = 0, with y
     soften(phi) -> lam                    of the rows |x|^2
 
 S^-1, S = G H^-1 G^T, is that of the code of module ``code``: of its K at y, in its order of elimination or by lists.
@@ -69,19 +68,20 @@ class HamiltonCode(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Words for a note on the trajectory, which say that code evaluates the stages."""
+        """Note for the trajectory, which says that code evaluates the stages."""
         return f"code of {self.operations} operations a stage"
 
     def bind(self, name: str, *arrays: np.ndarray) -> Program:
-        """Return the program that calls the code's function ``name`` with these arrays; run nothing."""
+        """Return the program that calls the code's function ``name`` with these arrays; nothing is run."""
         return Program([(self.code.address(name), arrays)], self)
 
 
 @making_code
 def make_hamilton_code(system: MultibodySystem, tree: Tree, *, radial: bool = False) -> HamiltonCode:
-    """Return the code of Hamilton's equations, loaded or made; ``CodeTooLarge``, a ValueError, above its limit.
+    """Return the code of Hamilton's equations, loaded from disk or made.
 
-    ``radial``: with the energy and the rows that hold quaternions at length one.
+    ``radial`` includes the energy and the rows that keep quaternions at length one. Raises ``CodeTooLarge``, a
+    ValueError, above ``MOST_OPERATIONS``.
     """
     files = [Path(__file__), Path(__file__).with_name("spins.py")]
     text = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
@@ -111,7 +111,7 @@ def _print(system: MultibodySystem, tree: Tree, equations: str, radial: bool) ->
 def _functions(
     system: MultibodySystem, tree: Tree, found: "Equations", radial: bool
 ) -> "tuple[dict[str, GeneratedFunction], int, int]":
-    """Return the functions of the module's table as expressions, the number of rows, and that of free spins."""
+    """Return the functions listed in the module as expressions, the number of rows, and that of free spins."""
     import casadi as ca
 
     from ..generated import GeneratedFunction
@@ -144,7 +144,7 @@ def _functions(
         spin.add_turn(q_held, u_held, found.motion, pi)
 
     def express(outputs: Sequence[ca.SX], velocities: ca.SX, momenta: ca.SX) -> list[ca.SX]:
-        """Return expressions in unit quaternions at ``q``, velocities and momenta."""
+        """Return ``outputs`` as expressions at the normalised quaternions of ``q``, velocities and momenta."""
         values = ca.Function("expressed", [t, y, pi, lam], list(outputs))
         out = values(t, ca.vertcat(_normalise(tree, q), velocities), momenta, lam)
         return list(out) if isinstance(out, tuple) else [out]
@@ -208,24 +208,24 @@ def _kinetic_energy(motion: "TreeMotion") -> "ca.SX":
 def _loads(moving: "TreeMotion", resting: "TreeMotion") -> "ca.SX":
     """Return minus the generalised forces of weights and applied forces along the velocities.
 
-    ``moving`` has the velocities on which the forces depend; at rest there are no loads of inertia.
+    ``moving`` has the velocities on which the forces depend; ``resting``, at rest, excludes inertial loads.
     """
     return resting.efforts(resting.compute_carried_loads(moving.applied_forces()))
 
 
 def _quaternion(limb: Limb) -> slice:
-    """Return where the quaternion of a ball stands among the coordinates."""
+    """Return the slice of a ball's quaternion among the coordinates."""
     return slice(limb.q_at + len(limb.slides), limb.q_at + limb.sizes[0])
 
 
 def _parts_of(limb: Limb, u: "ca.SX") -> "tuple[ca.SX, ca.SX]":
-    """Return the velocities of a limb among ``u``: those of its slides, and those of its turns."""
+    """Return the velocities of a limb among ``u``: those of its slides, and those of its hinges or ball."""
     ns = len(limb.slides)
     return u[limb.u_at : limb.u_at + ns, 0], u[limb.u_at + ns : limb.u_at + limb.sizes[1], 0]  # columns, even if empty
 
 
 def _coordinate_rates(tree: Tree, q: "ca.SX", u: "ca.SX", slides: float = 1.0) -> "ca.SX":
-    """Return the rates of coordinates at ``q`` and velocities ``u``; with ``slides = 0`` those of quaternions alone."""
+    """Return the rates of coordinates at ``q`` and velocities ``u``; with ``slides`` = 0, only those of quaternions."""
     import casadi as ca
 
     out = ca.SX.zeros(tree.nq)
@@ -242,7 +242,7 @@ def _coordinate_rates(tree: Tree, q: "ca.SX", u: "ca.SX", slides: float = 1.0) -
 
 
 def _project_momenta(tree: Tree, q: "ca.SX", p: "ca.SX") -> "ca.SX":
-    """Return the momenta pi, along velocities, of ``p``: both have the same power along any motion."""
+    """Return the momenta pi, conjugate to velocities, of momenta ``p``: both have the same power along any motion."""
     import casadi as ca
 
     out = ca.SX.zeros(tree.nu)
@@ -256,7 +256,7 @@ def _project_momenta(tree: Tree, q: "ca.SX", p: "ca.SX") -> "ca.SX":
 
 
 def _lift_momenta(tree: Tree, q: "ca.SX", pi: "ca.SX") -> "ca.SX":
-    """Return the momenta p, along rates of coordinates, of ``pi``; for a ball the one normal to its quaternion."""
+    """Return the momenta p, conjugate to coordinates, of ``pi``; a ball's are normal to its quaternion."""
     import casadi as ca
 
     out = _coordinate_rates(tree, q, pi)
@@ -268,9 +268,9 @@ def _lift_momenta(tree: Tree, q: "ca.SX", pi: "ca.SX") -> "ca.SX":
 
 
 def _softness(limb: Limb, H: dict[int, dict[int, float]]) -> float:
-    """Return alpha of a ball's radial energy, from its inertia at the start.
+    """Return alpha of a ball's radial energy, from its inertia in ``H`` at the start.
 
-    A quaternion of that inertia I about all axes has 4 I along x.
+    A quaternion of a body with that inertia I about all axes has inertia 4 I along x.
     """
     at = limb.u_at + len(limb.slides)
     return 0.25 / float(np.mean([H[k][k] for k in range(at, at + 3)]))

@@ -14,7 +14,7 @@ from .tree import Limb, remove_rounding
 
 
 class LoopRow(NamedTuple):
-    """A row: its entries by velocities {number: entry}, phi, phi_dot, and phi_ddot at the motion's accelerations."""
+    """A row: entries by velocities {number: entry}, phi, phi_dot, and phi_ddot at the motion's accelerations."""
 
     J: dict[int, ca.SX]
     phi: ca.SX
@@ -55,7 +55,7 @@ def rows(motion: TreeMotion) -> list[LoopRow]:
 
 
 def list_ball_rows(motion: TreeMotion) -> list[LoopRow]:
-    """Return the rows that hold opened balls: the freed velocity is that of the parent at P.
+    """Return the rows that hold opened balls, by which the freed velocity equals that of the parent at P.
 
     They have no phi and no residual at rest.
     """
@@ -86,7 +86,7 @@ def row_loads(motion: TreeMotion, lam: ca.SX) -> dict[int, Wrench]:
 def reaction(motion: TreeMotion, limb: Limb, load: Wrench) -> ca.SX:
     """Return the multipliers of a tree joint's rows that carry ``load``, the wrench on the limb about its P.
 
-    The rows are orthonormal about the point of i.
+    The rows are orthonormal about the joint's point on body i.
     """
     A = _evaluate_joint(motion, limb.joint, at_joint=True)[0]
     sign = 1.0 if limb.child_is_i else -1.0
@@ -98,7 +98,10 @@ def reaction(motion: TreeMotion, limb: Limb, load: Wrench) -> ca.SX:
 
 
 def _evaluate_joint(motion: TreeMotion, k: int, *, at_joint: bool = False) -> tuple[ca.SX, ...]:
-    """Return A, phi, phi_t, gamma of joint k for V = (v of C, omega) of both ends; A alone with C ``at_joint``."""
+    """Return A, phi, phi_t, gamma of joint k for V = (v of C, omega) of both ends.
+
+    With ``at_joint``, C is the joint's point on each body, and only A is valid.
+    """
     s, ends = motion.system, (int(motion.system.joint_i[k]), int(motion.system.joint_j[k]))
     numbers = joint_numbers(s, np.array([k]))[0]
     i, j = (motion.frame(b).T for b in ends)
@@ -115,7 +118,7 @@ def _evaluate_joint(motion: TreeMotion, k: int, *, at_joint: bool = False) -> tu
 
 
 def _path(motion: TreeMotion, b: int) -> list[int]:
-    """Return body ``b``, its parent, and so on to the ground."""
+    """Return the bodies from ``b`` inward to the ground, both included."""
     path = [b]
     while b != GROUND:
         b = motion.limb[b].parent
@@ -124,19 +127,19 @@ def _path(motion: TreeMotion, b: int) -> list[int]:
 
 
 def _find_common_body(motion: TreeMotion, i: int, j: int) -> int:
-    """Return the outermost body, or the ground, from which both ``i`` and ``j`` hang."""
+    """Return the outermost body, or the ground, that the inward paths of ``i`` and ``j`` have in common."""
     above = set(_path(motion, j))
     return next(b for b in _path(motion, i) if b in above)
 
 
 def _list_outboard(motion: TreeMotion, b: int, below: int) -> list[int]:
-    """Return the bodies from ``b`` inward, up to but without ``below``."""
+    """Return the bodies from ``b`` inward to ``below``, which is excluded."""
     path = _path(motion, b)
     return path[: path.index(below)]
 
 
 def _transmit_moment(motion: TreeMotion, b: int, load: Wrench, below: int) -> ca.SX:
-    """Return the moment of a load on ``b`` that the joints pass on to ``below``, about its P."""
+    """Return the moment about the P of ``below`` that the joints transmit to it from a load on ``b``."""
     while b != below:
         load, b = motion.passed_on(b, load), motion.limb[b].parent
     return load.n

@@ -1,14 +1,14 @@
 """DOP853 on the coordinates of a tree, error-controlled, each accepted step projected onto its loops (compiled).
 
-A step is rejected where a pivot of any of its evaluations falls to ``LEAST_IN_STAGES`` of its start, as it does where
-the rank of the rows changes, or to ``LEAST_PIVOT`` where it is projected, or where rows that were left out open there.
+A step is rejected where a pivot falls to ``LEAST_IN_STAGES`` of its start in one of its evaluations, as it does where
+the rank of the rows changes, or to ``LEAST_PIVOT`` where it is projected, or where rows left out are open there.
 
-Motions pass singular positions smoothly, accelerations off the loops do not: gaps are divided by the distance. A step
-whose pivots fall to ``LOW`` and whose error is too large is tried again on f(P(P(y))), with P the projection: the same
-motion to the same order, without that division. It fails only where a stage all but hits the position, and its other
-lengths, ``TRIALS`` of the first one, move the stages. The step after it has that first length again: after short ones
-steps would creep towards the position, never over it. After ``MOST_CUTS`` beside, another order of elimination
-continues if it has safe pivots there, else the kernel does to the end.
+Motions pass singular positions smoothly, but accelerations off the loops do not: gaps are divided by the distance from
+the position. A step whose pivots fall to ``LOW`` and whose error is too large is tried again on f(P(P(y))), with P the
+projection: the same motion to the same order, without that division. It fails only where a stage almost meets the
+position; other lengths, ``TRIALS`` of the first one, then move the stages. The step after it has that first length
+again: after short ones, steps would approach the position without passing it. After ``MOST_CUTS`` other rejections
+another order of elimination continues if it has safe pivots there, else the kernel does, to the end.
 """
 
 import dataclasses
@@ -41,7 +41,7 @@ LEAST_PIVOT, LEAST_IN_STAGES = 3e-6, 1e-8
 LOW = 3e-3  # the same: at it a singular position may be near
 FAIR = 0.03  # the same: above it an earlier order continues
 OPEN = 1e-6  # gap of rows that were left out, as a share of the mechanism's size
-# fewer blame the order of elimination for a step that is hard by itself, more creep towards the position
+# fewer take a step that is hard by itself for a poor order; more approach the position in tiny steps
 MOST_CUTS = 10
 NEAR = 10.0  # error given to a step that comes too near, which cuts it to two thirds
 ONE = 1.0 + 1e-15  # error after which the next step is ``SAFETY`` of h
@@ -50,7 +50,7 @@ ROOM, MOST_AT_ONCE = 1_000_000, 1000  # bytes and steps that are recorded before
 
 
 class Bodies(NamedTuple):
-    """Record of an accepted step; the names are those of a kernel."""
+    """The record of an accepted step; its names are those of a kernel."""
 
     r: Any  # (nb, 3)
     R: Any  # (nb, 3, 3)
@@ -61,7 +61,7 @@ class Bodies(NamedTuple):
 
 
 class Stages(NamedTuple):
-    """Arrays of one step."""
+    """The bundle of one step."""
 
     control: Any
     given: Any  # (3,) t, h, rtol, the input of code
@@ -88,13 +88,13 @@ class Stages(NamedTuple):
 
 
 def step(s: Any) -> None:
-    """Evaluate the stages of a step of ``control.h`` and its error, and project it if that is small enough."""
+    """Evaluate the stages of a step of ``control.h`` and its error; project it if the error is small enough."""
     if not _is_stuck(s):
         _close(s, _try(s, 0))
 
 
 def step_at_once(s: Any) -> None:
-    """Take a step like ``step``, by code that contains all stages in one function."""
+    """Take a step like ``step``, by code that has all stages in one function."""
     c = s.control
     if _is_stuck(s):
         return
@@ -107,7 +107,8 @@ def step_at_once(s: Any) -> None:
 def finish(s: Any) -> None:
     """Continue from the projected state of an accepted step, and compute what is recorded of it.
 
-    The accelerations before the projection are the next step's first slope, except near a singular position.
+    The accelerations before the projection are the next step's first slope, except near a singular position, where they
+    are evaluated again.
     """
     c = s.control
     c.factorisations = c.evaluations
@@ -126,7 +127,7 @@ def finish(s: Any) -> None:
 
 @compile_inline
 def _is_stuck(s: Any) -> bool:
-    """Return whether a step has been rejected ``MOST_CUTS`` times; if so, end the march by ``control.status``."""
+    """Return whether a step has been rejected ``MOST_CUTS`` times, trials apart; if so, set ``control.status``."""
     c = s.control
     if c.rejected - s.tries[0] - s.tries[2] < MOST_CUTS:
         return False
@@ -136,9 +137,9 @@ def _is_stuck(s: Any) -> bool:
 
 @compile_inline
 def _try(s: Any, projections: int) -> float:
-    """Evaluate all stages, each after ``projections`` onto the loops, and the error; return the least pivot.
+    """Evaluate all stages, each after so many ``projections`` onto the loops, and the error; return the least pivot.
 
-    Without projections the first slope is already known.
+    Without projections the first slope is known from the step before.
     """
     c, n = s.control, len(s.b)
     least = 1.0
@@ -161,10 +162,10 @@ def _try(s: Any, projections: int) -> float:
 
 @compile_inline
 def _close(s: Any, least: float) -> None:
-    """Project a step whose error is small enough, and set the error that the step control reads.
+    """Project a step whose error is small enough, and set ``control.error``.
 
     ``least`` is the least pivot of its stages. Near a singular position the step is evaluated again, and the next
-    length to try is chosen.
+    length to try is set.
     """
     c = s.control
     if not least > s.limits[3] and not s.error[0] <= 1.0:
@@ -190,7 +191,7 @@ def _close(s: Any, least: float) -> None:
 
 @compile_inline
 def _combine(s: Any, weights: Any, n: int, out: Any, h: float) -> None:
-    """Set out = start + h sum weights slopes."""
+    """Set out = start + h sum weights slopes, over the first ``n`` slopes."""
     copy(s.start, out)
     for i in range(n):
         w = h * weights[i]
@@ -202,7 +203,7 @@ def _combine(s: Any, weights: Any, n: int, out: Any, h: float) -> None:
 
 @compile_inline
 def _add_errors(s: Any) -> None:
-    """Set ``s.sums`` to both estimates of the step's error, over h."""
+    """Set ``s.sums`` to both estimates of the step's error, divided by h."""
     for e in range(2):
         total = s.sums[e]
         for k in range(len(total)):
@@ -216,7 +217,7 @@ def _add_errors(s: Any) -> None:
 
 
 class Marcher:
-    """The code of a problem's mechanism in progress; ValueError where none can be made."""
+    """A march in a mechanism's joint coordinates; ValueError where neither code nor recursion is possible."""
 
     tree: Tree
     code: JointCode | TreeMechanism
@@ -225,7 +226,7 @@ class Marcher:
     def __init__(
         self, problem: Problem, state: np.ndarray, before: "Marcher | None" = None, chosen: Order | None = None
     ) -> None:
-        """Begin at the start, or at the state of the one ``before``, with the order of elimination ``chosen`` there."""
+        """Begin at the problem's start, or at the state of the marcher ``before``, in the order ``chosen``."""
         system, tree = problem.system, before.tree if before else spanning_tree(problem.system, problem.initial)
         self.tree, self.code = tree, before.code if before else choose_code(problem, tree)
         self.evaluation = evaluate(self.code, tree.nq, chosen)
@@ -284,7 +285,7 @@ class Marcher:
     def stretch(self, n: int) -> Record:
         """March up to ``n`` steps, or as many as the record holds; return the record of those accepted.
 
-        ``state["outcome"]`` says why it has ended.
+        ``state["outcome"]`` says why the march ended.
         """
         if self._room is None:
             bytes_of_a_step = 8 * (1 + 18 * len(self.kernel.r) + len(self.kernel.lam))
@@ -295,7 +296,7 @@ class Marcher:
         return Record(*(a.copy() for a in taken)) if self.state["outcome"] == FULL else taken
 
     def _make_room(self, n: int) -> tuple[Record, Bound]:
-        """Return a record of ``n`` steps, and the compiled march that fills it."""
+        """Return a record for ``n`` steps, and the compiled march that fills it."""
         record = empty_record(n, len(self.kernel.r), len(self.kernel.lam))
         for a in record:
             a.fill(0.0)  # the system provides pages as they are touched
@@ -308,7 +309,7 @@ class Marcher:
         return self.stages.start
 
     def explain(self, outcome: int) -> str:
-        """Return words for the ``outcome`` of the march."""
+        """Return the message for an ``outcome`` of the march."""
         if outcome != STUCK:
             return ENDS[outcome][1]
         pivot, gap = self.stages.guard
@@ -319,7 +320,7 @@ class Marcher:
 
 
 class Relay:
-    """A march by code; where that cannot continue, by another order of elimination, then by the kernel."""
+    """A march in joint coordinates; where it is stuck, another order of elimination continues, or the kernel."""
 
     def __init__(self, problem: Problem, code: Marcher) -> None:
         self.state, self.kernel, self.reaction = code.state, code.kernel, code.reaction
@@ -343,18 +344,18 @@ class Relay:
             return record._replace(lam=record.lam[:, self._fallback.kernel.order])
         record = self._runner.stretch(n)
         if self.state["outcome"] == STUCK:
-            record = Record(*(a.copy() for a in record))  # its memory may be used again
+            record = Record(*(a.copy() for a in record))  # its memory may be reused
             with making_code:
                 if not self._choose_pivots():
-                    self.state["outcome"] = STUCK  # whatever was tried
+                    self.state["outcome"] = STUCK  # the marchers tried have changed it
                     self._go_on_without()
             collect_garbage()
         return record
 
     def _choose_pivots(self) -> bool:
-        """Change to an order of elimination whose pivots are safe here; return whether there is one.
+        """Change to an order of elimination whose pivots are safe at the present state; return whether there is one.
 
-        An earlier order is taken if it can. There is none at the time of the last change.
+        An earlier order is preferred. At the time of the last change there is none.
         """
         t = float(self.state["t"])
         if self.changes and not t > self.changes[-1]:
@@ -376,11 +377,11 @@ class Relay:
         return True
 
     def _made_by(self, order: Order | None) -> Marcher:
-        """Return a marcher at the present state, with this order of elimination, None for that of the start."""
+        """Return a marcher at the present state with this order of elimination; None stands for that of the start."""
         return Marcher(self._problem, self.state, self._runner, order)
 
     def _go_on_without(self) -> None:
-        """Continue from the present state by the kernel of ``rkmk_dop853``, to the end, and note it."""
+        """Continue from the present state to the end by the kernel of ``rkmk_dop853``, and note it."""
         t, k = float(self.state["t"]), self._runner.kernel
         self._notes.append(f"{self._runner.explain(STUCK)} at t = {t:g} s; from there on by the kernel of rkmk_dop853")
         here = State(k.r.copy(), k.R.copy(), k.v[:, :3].copy(), k.v[:, 3:].copy(), t)
@@ -388,7 +389,7 @@ class Relay:
         self._fallback = kernel.Marcher(rest, explicit_pair(DOPRI853), self.state)
 
     def explain(self, outcome: int) -> str:
-        """Return words for the ``outcome`` of the march, after notes on changes."""
+        """Return the message for an ``outcome`` of the march, after the notes on changes."""
         return "; ".join([*self.notes, (self._fallback or self._runner).explain(outcome)])
 
 
@@ -402,7 +403,7 @@ METHOD = Method(
 
 
 def integrate(problem: Problem, control: StepControl) -> Trajectory:
-    """Integrate in joint coordinates to the end, a limit or a failure; the latter are a status of the trajectory."""
+    """Integrate in joint coordinates to the end, a limit or a failure, and return the trajectory with its status."""
     watch = Stopwatch()
     state = new_control(
         t_end=problem.t_end,

@@ -4,8 +4,9 @@ For each body, about its point P: mass m, h = m (C - P), inertia I. At accelerat
 
     f = m (a - g) + W h,   n = I alpha + omega x I omega + h x (a - g),   W = [alpha]x + omega omega^T - omega^2
 
-the tree's joints carry (f, n) of all bodies behind them (Newton-Euler), and H u_dot = (f, n) of unit accelerations
-of composite bodies. Behind a ball nothing turns with the parent: its moment is its own equation and is not passed on.
+the tree's joints carry (f, n) of all bodies outboard of them (Newton-Euler), and H u_dot = (f, n) of unit accelerations
+of composite bodies. Nothing outboard of a ball turns with its parent: its moment is an equation of its own and is not
+transmitted.
 """
 
 from collections.abc import Sequence
@@ -42,10 +43,10 @@ class Wrench(NamedTuple):
 
 
 class TreeMotion:
-    """A tree at ``y`` (coordinates, then velocities) and t; with ``u_dot`` also its accelerations, else those at 0.
+    """A tree at time t and ``y`` (coordinates, then velocities); its accelerations are at ``u_dot``, zero by default.
 
-    ``opened`` balls carry nothing in ``inertia`` and ``rows``: P of each moves freely there, by three more numbers
-    after the velocities, and three more rows hold it on its parent. H is sparse then, which long chains need.
+    ``opened`` balls transmit nothing in ``inertia`` and in loop rows: the P of each moves freely there, by three more
+    velocities after the others, and three more rows hold it on its parent. H is then sparse, which long chains need.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class TreeMotion:
         return coordinate_rates(self.tree, self.q, u)
 
     def inertia(self) -> dict[int, dict[int, ca.SX]]:
-        """Return the mass matrix H of the tree's velocities by columns {row: entry}, both halves, zeros left out."""
+        """Return the mass matrix H of the tree's velocities by columns {row: entry}, both halves, zeros omitted."""
         H: dict[int, dict[int, ca.SX]] = {k: {} for k in range(self.tree.nu + 3 * len(self.opened))}
         m, h, inertia = dict(enumerate(self.system.mass.tolist())), dict(self.h), dict(self.inertias())
         for limb in reversed(self.tree.limbs):
@@ -128,9 +129,10 @@ class TreeMotion:
         return out
 
     def _momenta(self, limb: Limb, m: float, h: ca.SX, inertia: ca.SX) -> list[tuple[int, Wrench]]:
-        """Return the momenta of the bodies outboard of a limb at a unit of each of its velocities, by their numbers.
+        """Return (number, momentum) of each velocity of a limb.
 
-        ``m``, ``h`` and ``inertia`` are mass, first moment and inertia of these bodies about P.
+        It is the momentum of the bodies outboard of the limb at a unit of the velocity. ``m``, ``h`` and ``inertia``
+        are mass, first moment and inertia of these bodies about P.
         """
         slides = [Wrench(m * w, ca.cross(h, w)) for w in self.axes[limb.body].slides]
         turns = [Wrench(ca.cross(s, h), inertia @ s) for s in self.axes[limb.body].turns]
@@ -138,16 +140,17 @@ class TreeMotion:
         return [*enumerate([*slides, *turns], limb.u_at), *free]
 
     def freed_directions(self, b: int) -> list[tuple[int, ca.SX]]:
-        """Return the numbers of the velocities that an opened ball at body ``b`` frees, and their directions."""
+        """Return (number, direction) of the velocities that an opened ball of body ``b`` frees; else an empty list."""
         if b not in self.opened:
             return []
         at = self.tree.nu + 3 * self.opened.index(b)
         return [(at + k, ca.SX(ca.DM(e))) for k, e in enumerate(np.eye(3))]
 
     def along(self, b: int, load: Wrench, until: int = GROUND) -> list[tuple[int, ca.SX]]:
-        """Return (number of a velocity, power of ``load`` on body ``b`` at a unit of it), from b inward to ``until``.
+        """Return (number of a velocity, power of ``load`` on body ``b`` at a unit of it), from b inward.
 
-        ``load`` is about the P of b.
+        ``load`` is about the P of b. The list ends before body ``until``, or at an opened ball with the velocities that
+        this frees.
         """
         out = []
         while b != until:
@@ -160,15 +163,15 @@ class TreeMotion:
         return out
 
     def passed_on(self, b: int, load: Wrench) -> Wrench:
-        """Return what the joint of body ``b`` passes on of a load on it, about the P of its parent.
+        """Return the wrench that the joint of body ``b`` transmits of a load on it, about the P of its parent.
 
-        A ball passes no moment on.
+        A ball transmits no moment.
         """
         n = ca.cross(self.arm[b], load.f)
         return Wrench(load.f, n if self.limb[b].ball else n + load.n)
 
     def compute_carried_loads(self, loads: dict[int, Wrench]) -> dict[int, Wrench]:
-        """Return the wrench that each body's joint carries so that the bodies have this motion under ``loads``."""
+        """Return the wrench that each body's joint carries, so that the bodies have this motion under ``loads``."""
         out, inertias = {}, self.inertias()
         for b in self.limb:
             m, h, omega, fall = self.system.mass[b], self.h[b], self.omega[b], self.a[b] - self._gravity()
@@ -195,7 +198,7 @@ class TreeMotion:
         return ca.SX(ca.DM(remove_rounding(apply(self.tree.base, self.system.gravity))))
 
     def applied_forces(self) -> dict[int, Wrench]:
-        """Return the wrench of springs, dampers and loads on each body, about its P."""
+        """Return the wrench of all declared forces on each body, about its P; weight is not among them."""
         out = {b: Wrench(ZERO, ZERO) for b in self.limb}
         s = self.system
         for kind, declared in forces.DECLARED.items():
@@ -212,7 +215,7 @@ class TreeMotion:
         return out
 
     def _force_numbers(self, kind: str, numbers: np.ndarray, ends: tuple[int, int]) -> SimpleNamespace:
-        """Return a force's numbers by name as symbols, vectors in the frames of the tree.
+        """Return a force's numbers by name as symbols, with vectors in the frames of the tree.
 
         ``ends`` are the bodies i and j of the force, ``numbers`` those of its declaration.
         """
@@ -233,7 +236,7 @@ class TreeMotion:
         return SimpleNamespace(**parts)
 
     def frame(self, b: int) -> np.ndarray:
-        """Return the rotation from body ``b``, or from space for the ground, to the base frame, at the start."""
+        """Return the rotation from body ``b``, or from space for the ground, to the base frame at the start."""
         return self.tree.frames[b] if b != GROUND else self.tree.base
 
     def _pose(self, b: int) -> Pose:
@@ -258,7 +261,7 @@ def coordinate_rates(tree: Tree, q: ca.SX, u: ca.SX) -> ca.SX:
 
 
 def weighted_sum(directions: list[ca.SX], values: Sequence[ca.SX]) -> ca.SX:
-    """Return the sum of directions times values."""
+    """Return the sum of ``directions`` times ``values``."""
     out = ZERO
     for a, x in zip(directions, values, strict=False):
         out = out + a * x
@@ -276,7 +279,7 @@ def _of_quaternion(q: Sequence[ca.SX]) -> ca.SX:
 
 
 def _rotate_about(R: ca.SX, axis: np.ndarray, angle: ca.SX) -> ca.SX:
-    """Return R exp(angle hat(axis)): two columns, and the third normal to them."""
+    """Return R exp(angle hat(axis)): two columns, and the third as their cross product."""
     c, s = ca.cos(angle), ca.sin(angle)
     along = np.outer(axis, axis)
     turn = c * ca.SX(ca.DM(np.eye(3) - along)) + s * ca.skew(ca.SX(ca.DM(axis))) + ca.SX(ca.DM(along))
@@ -285,7 +288,7 @@ def _rotate_about(R: ca.SX, axis: np.ndarray, angle: ca.SX) -> ca.SX:
 
 
 def _symmetric(RJ: ca.SX, R: ca.SX) -> ca.SX:
-    """Return RJ R^T, symmetric: both halves are the same expressions."""
+    """Return RJ R^T for a symmetric product: both halves are the same expressions."""
     out = ca.SX.zeros(3, 3)
     for a in range(3):
         for c in range(a + 1):

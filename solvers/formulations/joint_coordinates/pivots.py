@@ -1,4 +1,4 @@
-"""The elimination of K in an order found at numbers, as lists of places (compiled once for all mechanisms).
+"""The elimination of K in an order found from numbers, as lists of indices (compiled once for all mechanisms).
 
 Code of a mechanism has one order written out. Where its pivots are poor, another one is a list of integers that
 ``factor_by_lists`` and ``solve_by_lists`` read: nothing is compiled, and CasADi is not needed.
@@ -22,7 +22,7 @@ class LostRank(ValueError):
 
 
 class Pattern(NamedTuple):
-    """Places of K's entries, of which the last ones are constant, and numbers of velocities and of rows."""
+    """Rows and columns of K's entries, of which the last ones are constant, and the numbers of velocities and rows."""
 
     pairs: Any  # (n, 2), each of K's halves once
     constants: Any
@@ -32,7 +32,7 @@ class Pattern(NamedTuple):
 
     @property
     def first(self) -> int:
-        """Number of the first row of K that closes a loop."""
+        """Index of the first row of K that closes a loop."""
         return self.nu + 2 * self.held
 
     @property
@@ -49,11 +49,12 @@ class Pattern(NamedTuple):
 
 
 def order_rows(K: Matrix, nu: int, held: int, size: Sequence[float] | None = None) -> Order:
-    """Return the order of elimination of K, given in numbers, with loop rows last if that takes fewer products.
+    """Return the order of elimination of the numeric matrix K, with loop rows last if that takes fewer products.
 
-    Each of the ``held`` rows of opened balls, which follow ``nu`` velocities and as many freed ones, is after the
-    velocity that it alone takes away: before it, its pivot is of the parent's turns alone and vanishes in some
-    orientations. After it no pivot does. Pivots are compared with ``size``, as in ``find_order``.
+    Each of the ``held`` rows of opened balls, which follow ``nu`` velocities and as many freed ones, is eliminated
+    after the freed velocity that only it constrains: before that, its pivot depends on the parent's rotation alone and
+    vanishes in some orientations. Pivots are compared with ``size``, as in ``find_order``. Entries of K that are
+    rounding are removed in place.
     """
     n, first = nu + held, nu + 2 * held
     _drop_rounding(K, n)
@@ -66,10 +67,10 @@ def order_rows(K: Matrix, nu: int, held: int, size: Sequence[float] | None = Non
 
 
 def find_order_here(pattern: Pattern, here: np.ndarray, start: np.ndarray) -> Order:
-    """Return an order of elimination at K's entries ``here``, compared with those at the ``start``.
+    """Return an order of elimination for K's entries ``here``, with pivots compared with those at the ``start``.
 
-    Raises ``LostRank`` where a row's pivot is not safe relative to its size at the start, or where fewer or more rows
-    are independent than there.
+    Raises ``LostRank`` where a row's pivot is not safe relative to its size at the start, or where the number of
+    independent rows differs.
     """
     n = pattern.nu + pattern.held
     at_start = pattern.at_numbers(start)
@@ -91,7 +92,7 @@ def find_order_here(pattern: Pattern, here: np.ndarray, start: np.ndarray) -> Or
 
 
 def _drop_rounding(K: Matrix, nu: int) -> None:
-    """Remove entries of rows of K that contain only rounding: of a joint of the tree that is declared twice."""
+    """Remove in place those rows of K that contain only rounding: of a tree joint that is declared twice."""
     size = sizes(K, nu)
     nothing = (ROUNDING / max(size[:nu], default=1.0)) * ROUNDING
     for k in range(nu, len(K)):
@@ -102,7 +103,7 @@ def _drop_rounding(K: Matrix, nu: int) -> None:
 
 
 class Lists(NamedTuple):
-    """An order, by columns of L, each with its pivot first; destinations of K's entries; and work arrays."""
+    """The bundle of an elimination by lists: columns of L, each with its pivot first, indices, and work arrays."""
 
     K: Any
     source: Any  # (m,) entries of K
@@ -123,7 +124,7 @@ class Lists(NamedTuple):
 
 
 def make_lists(pattern: Pattern, order: Order, K: np.ndarray) -> Lists:
-    """Return the places by which an order of elimination is carried out on the entries ``K``.
+    """Return the lists of indices by which an order of elimination is executed on the entries ``K``.
 
     The arrays for right sides and results are placeholders.
     """
@@ -174,7 +175,7 @@ def make_lists(pattern: Pattern, order: Order, K: np.ndarray) -> Lists:
 
 
 def factor_by_lists(s: Any) -> None:
-    """Factorise ``K`` into ``L`` in the order of the lists; set ``least``, the least pivot over its value there."""
+    """Factorise ``K`` into ``L`` in the order of the lists; set ``least``, the least pivot over its ``value``."""
     clear(s.W)
     for n in range(len(s.source)):
         s.W[s.target[n]] = s.K[s.source[n]]
@@ -196,7 +197,7 @@ def factor_by_lists(s: Any) -> None:
 
 
 def solve_by_lists(s: Any) -> None:
-    """Solve K (u, -lam) = b with the factor: ``u`` and ``lam``."""
+    """Solve K (u, -lam) = b with the factor, and set ``u`` and ``lam``."""
     clear(s.x)
     nu = len(s.u)
     for k in range(nu):
@@ -209,7 +210,7 @@ def solve_by_lists(s: Any) -> None:
 
 
 def solve_rows_by_lists(s: Any) -> None:
-    """Solve for ``lam`` where only rows have loads, with which ``b`` begins here."""
+    """Solve for ``lam`` where velocities have no loads; ``b`` begins with the loads of rows."""
     for k in range(s.ahead, len(s.value)):
         s.x[s.row[s.start[k]]] = 0.0
     for k in range(len(s.lam)):

@@ -1,7 +1,7 @@
-"""Free spins of slender bodies: RATTLE moves bodies of more inertia about their axes, and their turn is added exactly.
+"""Free spins of slender bodies: RATTLE moves bodies of more inertia about their axes, and adds the rest of the turn.
 
-A body of revolution that balls on its axis e hold, and that no force but weight moves, keeps pi_e = e . pi, its moment
-of momentum about e. With J about e, its energy has two parts,
+A body of revolution that balls on its axis e hold, and on which no force but weight acts, keeps pi_e = e . pi, its
+angular momentum about e. With J about e, its energy has two parts,
 
     pi_e^2 / (2 J) = pi_e^2 / (2 (J + added))  +  pi_e^2 / 2 (1 / J - 1 / (J + added)),
 
@@ -9,12 +9,12 @@ of which the second turns the body about e at a constant rate. Both flows commut
 however the body is turned about e: many steps by the first part, then one turn by rate x t, are many steps of both,
 as symplectic and as reversible.
 
-Without that, long steps h have no solution. The momentum of its middle gives both ends of a step a pi_e that is off by
+Without this, long steps h have no solution. The momentum at its middle gives both ends of a step a pi_e that is off by
 about h w J_across where the body turns across e at a rate w; 1 / J makes a fast spin of that, and the couplings of the
 bodies a turn across. I - h/2 d2H/dqdp, by which an end follows from that momentum, is singular where
-h w sqrt(J_across / J) is of order one. With the body's inertia about its P, across e, about e as well, it is singular
-where h w is of order one. What hangs on the body is left out: how much that is depends on the balls that are opened,
-while what is added has to stay the same over a run.
+h w sqrt(J_across / J) is of order one. If the inertia about e is as large as that about P across e, it is singular only
+where h w is of order one. Bodies that hang on this one are not counted: their share depends on the balls that are
+opened, while the added inertia has to stay the same over a run.
 """
 
 from typing import NamedTuple
@@ -31,7 +31,7 @@ from .tree import NOISE, Limb, Tree, remove_rounding
 
 
 class Spin(NamedTuple):
-    """The axis in the base frame at the start, the inertia about it, and the added inertia."""
+    """A free spin of a limb: its axis in the base frame at the start, the inertia about it, and the added inertia."""
 
     limb: Limb
     axis: Float[np.ndarray, " 3"]
@@ -49,7 +49,7 @@ class Spin(NamedTuple):
         return motion.R[self.limb.body] @ ca.SX(ca.DM(self.axis))
 
     def add_inertia(self, H: dict[int, dict[int, ca.SX]], motion: TreeMotion) -> None:
-        """Add the added inertia about the axis to H, given by columns."""
+        """Add the added inertia about the axis to H, given by columns, in place."""
         e, first = self._direction(motion), self._velocities.start
         for a in range(3):
             for c in range(3):
@@ -62,7 +62,8 @@ class Spin(NamedTuple):
     def add_turn(self, q: ca.SX, u: ca.SX, motion: TreeMotion, pi: ca.SX) -> None:
         """Add to ``q`` and ``u``, in place, the body's turn about its axis since t = 0 that the steps leave out.
 
-        ``pi`` are the momenta about P; the turn's rate follows from the one along the axis.
+        ``pi`` are the momenta conjugate to the tree's velocities; the rate of the turn follows from the one along the
+        axis.
         """
         e, limb = self._direction(motion), self.limb
         rate = (1.0 / self.inertia - 1.0 / (self.inertia + self.added)) * ca.dot(e, pi[self._velocities])
@@ -74,7 +75,7 @@ class Spin(NamedTuple):
 
 
 def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
-    """Return the free spins of a tree: of slender bodies of revolution that balls on their axes hold."""
+    """Return the free spins of a tree: those of slender bodies of revolution held by balls on their axes."""
     pushed = {int(b) for kind in DECLARED for end in "ij" for b in getattr(system, f"{kind}_{end}", ())}
     out = []
     for limb in tree.limbs:
@@ -93,7 +94,7 @@ def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
 
 
 def _held_by_balls(system: MultibodySystem, body: int) -> Float[np.ndarray, "n 3"] | None:
-    """Return the points [m, in the body] of a body's joints; None where some are not spherical."""
+    """Return the points [m, in the body] of a body's joints; None if one of these is not spherical."""
     ends = ((system.joint_i, system.joint_s_i), (system.joint_j, system.joint_s_j))
     if any(system.joint_kind(int(k)) != "spherical" for of, _ in ends for k in np.flatnonzero(of == body)):
         return None

@@ -1,4 +1,4 @@
-"""DOP853 as expressions: the error of a step, and all stages of a small mechanism in one function.
+"""DOP853 as expressions: the error of a step, and all stages of a step of a small mechanism in one function.
 
 Tolerances are ``rtol (1 + |x|)`` for slides and velocities, vectors by their length, ``rtol`` for angles and half of it
 for quaternions.
@@ -14,7 +14,7 @@ NOTHING = 1e-300  # makes an error of zero 0, not 0/0
 
 
 def write_measure(tree: Tree) -> GeneratedFunction:
-    """Return the function of a step's error over its tolerances, a root mean square.
+    """Return the function of a step's error relative to its tolerances, a root mean square.
 
     Inputs: (t, h, rtol), y at the start and at the end, and the sums of both error estimates.
     """
@@ -54,7 +54,7 @@ def write_step(accelerate: GeneratedFunction, measure: GeneratedFunction) -> Gen
 def tolerance_blocks(tree: Tree) -> list[tuple[int, int, int]]:
     """Return (first, last + 1, kind) of the parts of y that have one tolerance each.
 
-    Kind 0: rtol (1 + length); else kind / 2 times rtol, 1 for a quaternion and 2 for an angle.
+    Kind 0 has the tolerance rtol (1 + length); 1 (a quaternion) and 2 (an angle) have kind / 2 times rtol.
     """
     out: list[tuple[int, int, int]] = []
     for limb in tree.limbs:

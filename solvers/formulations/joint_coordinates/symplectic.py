@@ -1,12 +1,12 @@
 """Symplectic steps of fixed size on Hamilton's equations of a tree and of its loops (compiled).
 
-A step by a ``CollocationTableau`` finds q_dot, p_dot of its stages and lam of its rows in sweeps: each stage by the
-newest of the others, then lam of all nodes by one step of a simplified Newton method,
+A step by a ``CollocationTableau`` finds q_dot, p_dot of its stages and lam of its rows in sweeps: each stage from the
+newest values of the others, then lam of all nodes by one step of a simplified Newton method,
 
     (C x S) d lam = phi / h^2,   C = a_node a_row,   S = G H^-1 G^T at the start of the step,
 
-until only rounding changes. The first estimate extrapolates steps before. q and p are summed with compensation (Kahan).
-Where pivots are poor at the end of a step, another order of elimination goes on with the same q and p.
+until only rounding changes. The first estimate extrapolates earlier steps. q and p are summed with compensation
+(Kahan). Where pivots are poor at the end of a step, another order of elimination continues with the same q and p.
 
 Sweeps converge linearly, at a rate of about h times the fastest rate of the motion. Where so many are needed that
 rounding could decide whether ``MOST_SWEEPS`` are enough, Anderson's method accelerates them (module ``acceleration``).
@@ -52,7 +52,7 @@ FASTEST = 1e-2  # assumed convergence of a sweep, at best
 
 
 class Stages(NamedTuple):
-    """The tableau and the arrays of one step."""
+    """The bundle of one step: the tableau and its arrays."""
 
     control: Any
     t: Any  # (1,)
@@ -106,9 +106,9 @@ class Stages(NamedTuple):
 
 
 def step(s: Any) -> None:
-    """Solve for stages and multipliers of a step of ``control.h`` by sweeps; the step is added by ``finish``.
+    """Solve for stages and multipliers of a step of ``control.h`` by sweeps; ``finish`` adds the step to q and p.
 
-    ``control.status`` is STUCK where sweeps do not converge or pivots are poor.
+    ``control.status`` becomes STUCK where sweeps do not converge or pivots are poor.
     """
     c, h = s.control, s.control.h
     if not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1]):
@@ -149,7 +149,7 @@ def step(s: Any) -> None:
 
 
 def finish(s: Any) -> None:
-    """Add the step to q and p, close velocities at its end, and compute what is recorded.
+    """Add the step to q and p, project velocities at its end, and compute what is recorded.
 
     Accelerations and reactions recorded are those of index 1.
     """
@@ -187,7 +187,7 @@ def finish(s: Any) -> None:
 
 @compile_inline
 def _add(s: Any, e: int, k: int, change: float) -> None:
-    """Add ``change`` to entry (e, k) of z, with the compensation of the sum before (Kahan)."""
+    """Add ``change`` to entry (e, k) of z, with Kahan's compensation of rounding."""
     change += s.rest[e, k]
     total = s.z[e, k] + change
     s.rest[e, k] = change - (total - s.z[e, k])
@@ -198,7 +198,7 @@ def _add(s: Any, e: int, k: int, change: float) -> None:
 def _estimate(s: Any, t: float) -> None:
     """Estimate the stages' slopes ``F`` and the multipliers ``lam`` from earlier steps.
 
-    Without earlier steps, all stages get the slope at the start ``t`` [s].
+    Without earlier steps, all stages get the slope at the start, at ``t`` [s].
     """
     past, d, stages, m = int(s.past[0]), len(s.before), len(s.b), len(s.nodes)
     if past == 0:
@@ -256,7 +256,7 @@ def _sweep(s: Any, t: float, h: float) -> float:
 
 @compile_inline
 def _node(s: Any, j: int, t: float, h: float) -> None:
-    """Set time and ``z[0]`` to those of node ``j``, where rows hold."""
+    """Set the time and ``z[0]`` to those of node ``j``, at which rows hold."""
     s.t[0] = t + s.nodes[j] * h
     for k in range(len(s.start[0])):
         q = 0.0
@@ -277,7 +277,7 @@ def _push(s: Any, j: int, t: float, h: float) -> None:
 
 @compile_inline
 def _correct(s: Any, t: float, h: float) -> float:
-    """Correct the multipliers of all nodes by Newton's method; return the largest phi, 0 where that is rounding."""
+    """Correct the multipliers of all nodes by Newton's method; return the largest phi, 0 where it is rounding."""
     m, nr = len(s.nodes), len(s.rows)
     worst = 0.0
     for j in range(1, m):
@@ -305,7 +305,7 @@ def _correct(s: Any, t: float, h: float) -> float:
 
 
 class Closing:
-    """K at the end of a step, which closes velocities there, and then corrects lam of the next step."""
+    """K at the end of a step, with which velocities are projected there and lam of the next step is corrected."""
 
     def __init__(self, evaluation: Evaluation, own: HamiltonCode) -> None:
         self._evaluation, self._own = evaluation, own
@@ -320,21 +320,21 @@ class Closing:
         return Program(self._factor(t, z), self)
 
     def close(self, t: np.ndarray, z: np.ndarray, y: np.ndarray, rows: np.ndarray) -> Program:
-        """Return the program that closes velocities at the end of a step.
+        """Return the program that projects velocities onto the rows at the end of a step.
 
-        It sets ``y``, and in ``rows`` the impulses of the last node.
+        It sets ``y``, and ``rows`` to the impulses of the last node.
         """
         solve = self._evaluation.solve(self._b, self._u, self._lam)
         return Program([*self._factor(t, z), *solve, self._step("close", t, *z, self._u, self._lam, y, rows)], self)
 
     def solve(self, rows: np.ndarray, solved: np.ndarray) -> Program:
-        """Return the program that sets ``solved`` := S^-1 rows, S = G H^-1 G^T of the last factor."""
+        """Return the program that sets ``solved`` := S^-1 rows, with S = G H^-1 G^T of the last factor."""
         loops, radial = (np.split(x, [self._evaluation.made.rows]) for x in (rows, solved))
         steps = self._evaluation.solve_rows(loops[0], radial[0])
         return Program([*steps, *([self._step("soften", loops[1], radial[1])] if len(loops[1]) else [])], self)
 
     def _factor(self, t: np.ndarray, z: np.ndarray) -> Calls:
-        """Return the steps that compute pose and K at ``z``, with added inertia of free spins, and factorise it."""
+        """Return the steps that compute the pose and K at ``z``, with added inertia of free spins, and factorise K."""
         e, variable = self._evaluation, self._evaluation.made.pattern.variable
         pose, loads = self._step("pose", t, *z, self._y, self._b), np.zeros_like(self._b)
         if not self._own.spins:
@@ -344,12 +344,12 @@ class Closing:
         return [pose, *entries, self._step("add_spins", self._y, K, e.K[:variable]), *e.factor(np.zeros(1))]
 
     def _step(self, name: str, *arrays: np.ndarray) -> tuple[int, list[np.ndarray]]:
-        """Return the call of a function ``name`` of the code of Hamilton's equations; run nothing."""
+        """Return the call of function ``name`` of the code of Hamilton's equations; nothing is run."""
         return self._own.code.address(name), list(arrays)
 
 
 def make_closing(evaluation: Evaluation | TreeEvaluation, own: HamiltonCode | TreePhase) -> Closing | TreeClosing:
-    """Return what closes velocities at the ends of steps; both arguments are code, or both recursion."""
+    """Return the projection of velocities at the ends of steps; both arguments are code, or both recursion."""
     if isinstance(evaluation, TreeEvaluation) and isinstance(own, TreePhase):
         return TreeClosing(evaluation, own)
     assert isinstance(evaluation, Evaluation) and isinstance(own, HamiltonCode)  # chosen together
@@ -357,7 +357,7 @@ def make_closing(evaluation: Evaluation | TreeEvaluation, own: HamiltonCode | Tr
 
 
 class Marcher(marching.Marcher):
-    """The code of a problem's mechanism in progress; ValueError where none can be made."""
+    """A symplectic march of a mechanism; ValueError where neither code nor recursion is possible."""
 
     hamilton: HamiltonCode | TreePhase
 
@@ -371,7 +371,7 @@ class Marcher(marching.Marcher):
         *,
         radial: bool,
     ) -> None:
-        """Begin at the start, or at the state of the one ``before``, with the order of elimination ``chosen`` there."""
+        """Begin at the problem's start, or at the state of the marcher ``before``, in the order ``chosen``."""
         system, tree = problem.system, before.tree if before else spanning_tree(problem.system, problem.initial)
         self.tree = tree
         self.code, own = (before.code, before.hamilton) if before else choose_phase(problem, tree, radial=radial)
@@ -480,12 +480,12 @@ class Marcher(marching.Marcher):
 
     @property
     def is_near(self) -> bool:
-        """Flag of poor pivots, or of open rows that were left out, which end the march here."""
+        """Flag of poor pivots, or of rows left out that are open, with which the march cannot continue."""
         s = self.stages
         return not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1])
 
     def explain(self, outcome: int) -> str:
-        """Return words for the ``outcome`` of the march, with advice."""
+        """Return the message for an ``outcome`` of the march, with advice."""
         if self.is_near:
             return f"{super().explain(outcome)}: use rattle"
         helps = SHORTER if outcome == STUCK and isinstance(self.hamilton, TreePhase) else ""
@@ -493,7 +493,7 @@ class Marcher(marching.Marcher):
 
 
 class Relay(marching.Relay):
-    """A march that chooses other pivots at the end of a step where they are poor, and ends where there are none."""
+    """A symplectic march that changes to other pivots where they are poor, and ends where there are none."""
 
     _runner: Marcher
 
@@ -503,7 +503,7 @@ class Relay(marching.Relay):
         return int(self._runner.stages.most[0])  # type: ignore[attr-defined]
 
     def _choose_pivots(self) -> bool:
-        """Change to an order with safe pivots, where the present ones are poor; return whether it did."""
+        """Change to an order with safe pivots if the present ones are poor; return whether it did."""
         return self._runner.is_near and super()._choose_pivots()
 
     def _made_by(self, order: Order | None) -> Marcher:
@@ -512,7 +512,7 @@ class Relay(marching.Relay):
         return Marcher(self._problem, self.state, before.tableau, before, order, radial=before.radial)
 
     def _go_on_without(self) -> None:
-        """Continue with the present, poor pivots as long as they are above ``LEAST_PIVOT``; else the march ends."""
+        """Continue with the present pivots if they exceed ``LEAST_PIVOT`` and no row is open; else end the march."""
         s = self._runner.stages
         if s.limits[0] > LEAST_PIVOT and s.guard[0] > LEAST_PIVOT and s.guard[1] < s.limits[1]:
             s.limits[0], self.state["outcome"] = LEAST_PIVOT, FULL
@@ -522,17 +522,17 @@ METHOD = Method(lambda kernel, state: None, step, finish, counters=("evaluations
 
 
 def refusal(problem: Problem) -> str | None:
-    """Return the refusal of rows without phi, and of large mechanisms with many loop rows, or None."""
+    """Return the refusal of rows without phi, or of a mechanism too large for code and recursion, or None."""
     return refuse_without_phi(problem.system) or refuse_loops(problem)
 
 
 def integrate(
     problem: Problem, control: StepControl, tableau: CollocationTableau, *, radial: bool = False
 ) -> Trajectory:
-    """Integrate by symplectic steps of a tableau to the end, a limit or a failure, which is a status.
+    """Integrate by symplectic steps of a tableau, and return the trajectory with its status.
 
-    ``radial``: with the energy and the rows that hold quaternions at length one, for methods that do not keep quadratic
-    invariants.
+    ``radial`` includes the energy and the rows that keep quaternions at length one, for methods that do not keep
+    quadratic invariants.
     """
     watch = Stopwatch()
     state = new_control(t_end=problem.t_end, dt=control.dt or 0.0)

@@ -1,10 +1,10 @@
-"""A system as a tree of joints whose other joints are cut, in frames that let planar mechanisms fold.
+"""A system as a tree of joints whose other joints are cut, in frames that make constants of planar mechanisms simple.
 
 The rule: breadth first from the ground, joints in their order; a joint of a kind in ``MOTIONS`` that reaches a new body
-is a joint of the tree, any other is cut. A part that none joins to the ground floats on its first body.
+is a joint of the tree, any other is cut. A part that no such joint connects to the ground floats on its first body.
 
-The base frame has z along the first hinge, y against gravity; at the start the frames of all bodies are parallel to it.
-So rotations of a planar mechanism are about z, and what is constant there is a number.
+The base frame has z along the first hinge and y against gravity; at the start the frames of all bodies are parallel to
+it. So rotations of a planar mechanism are about z, and entries that are constant there are numbers.
 """
 
 from typing import NamedTuple
@@ -30,7 +30,7 @@ MOTIONS = {  # directions that joints turn about and slide along: u in i, n in j
 
 
 class Limb(NamedTuple):
-    """A body on its parent, by its point P in the joint. Directions and points in the frames at the start."""
+    """A body on its parent, with its point P in their joint; directions and points are in the frames at the start."""
 
     body: int
     parent: int  # or ``GROUND``
@@ -47,13 +47,13 @@ class Limb(NamedTuple):
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Number of the limb's coordinates, and of its velocities."""
+        """Numbers of the limb's coordinates and of its velocities."""
         n = len(self.slides) + len(self.turns)
         return (n + 4, n + 3) if self.ball else (n, n)
 
 
 class Tree(NamedTuple):
-    """Limbs, parents first; cut joints; the base frame, and its frames of the bodies at the start."""
+    """Limbs, parents first; cut joints; the base frame, and the frames of the bodies at the start."""
 
     limbs: tuple[Limb, ...]
     cuts: tuple[int, ...]
@@ -73,7 +73,7 @@ class Tree(NamedTuple):
 
 
 def spanning_tree(system: MultibodySystem, start: State) -> Tree:
-    """Return the spanning tree of a system and its cut joints, by the rule above, with its coordinates at ``start``."""
+    """Return the spanning tree of a system by the module's rule, its cut joints, and its coordinates at ``start``."""
     reached = walk_joints(system, MOTIONS).reached
     base = _base(system, start, reached)
     frames = remove_rounding(product(base, start.R))
@@ -92,9 +92,9 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
 
 
 def remove_rounding(a: np.ndarray, size: float | None = None) -> np.ndarray:
-    """Return ``a`` with numbers that differ from 0, 1 or -1 by rounding alone set to these.
+    """Return a copy of ``a`` in which numbers that differ from 0, 1 or -1 by rounding alone are set to these.
 
-    Rounding is ``NOISE`` of ``size``, or of the largest number of ``a``.
+    Rounding is ``NOISE`` times ``size``, or times the largest number of ``a``.
     """
     out = np.array(a, dtype=float)
     noise = NOISE * (float(np.max(np.abs(out), initial=0.0)) if size is None else size)
@@ -105,9 +105,9 @@ def remove_rounding(a: np.ndarray, size: float | None = None) -> np.ndarray:
 
 
 def _base(system: MultibodySystem, start: State, reached: dict[int, tuple[int, int]]) -> np.ndarray:
-    """Return the rotation from space to the base frame: z along the first hinge or slide, else against gravity.
+    """Return the rotation from space to the base frame: z along the first hinge or slide, y against gravity.
 
-    y is against gravity, normal to z.
+    y is normal to z. Without hinge and slide, z is against gravity or, without gravity, along Z of space.
     """
     up, z = -system.gravity, np.zeros(3)
     joints = [k for _, k in reached.values() if k >= 0]
@@ -159,7 +159,7 @@ def _limb(
 def _coordinates(tree: Tree, start: State) -> tuple[np.ndarray, np.ndarray]:
     """Return coordinates and velocities of a tree at the start.
 
-    Angles are 0; velocities are taken joint by joint, as far as a joint allows them.
+    Angles and lengths are 0; velocities are found joint by joint, as far as the joint allows them.
     """
     q, u = np.zeros(tree.nq), np.zeros(tree.nu)
     omega = np.concatenate((apply(tree.frames, start.Omega), np.zeros((1, 3))))
@@ -180,7 +180,7 @@ def _coordinates(tree: Tree, start: State) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rates_about(turns: Float[np.ndarray, "nt 3"], omega: Float[np.ndarray, " 3"]) -> np.ndarray:
-    """Return the rates about one or two axes whose rotations together are nearest to ``omega``."""
+    """Return the rates about one or two axes whose sum is nearest to the angular velocity ``omega``."""
     first, *second = turns
     if not second:
         return np.array([dot(first, omega) / dot(first, first)])

@@ -1,1 +1,1 @@
-"""Methods as step functions on the kernel of ``compiled``: tableaux and schemes, no joints."""
+"""Methods as step functions on the kernel of ``compiled``: tableaux and schemes, with nothing about joints."""

@@ -13,7 +13,7 @@ Simplified Newton with S at the first estimate of q_1, d = M^-1 (f + A^T lam) - 
     index 3      S dlam = -A d - phi / (beta' h^2)
     stabilised   S dlam = -A d - A v_1 / (gamma' h),   S deta = -phi + (beta' h / gamma') A v_1
 
-The matrix of the iteration is M alone: it does not converge with springs whose h^2 k/m is of order one and more.
+The matrix of the iteration is M alone: it does not converge with springs for which h^2 k/m is of order one or more.
 """
 
 from functools import partial
@@ -54,11 +54,11 @@ def alpha_steps(
     stabilised: bool = False,
     projected: bool = False,
 ) -> Method:
-    """Return the generalised-alpha method with these coefficients, for the march; it solves nothing yet.
+    """Make the generalised-alpha method with these coefficients, for ``host.integrate``.
 
-    ``tolerance`` is that of phi and of the last correction of poses [m; without unit]; ``shift`` is added to the
-    diagonal of S, relative to it; ``stabilised`` holds A v = 0 too, by a second multiplier; ``projected`` projects
-    velocities and accelerations after each step.
+    ``tolerance`` is that of phi and of the last correction of poses [m; without unit]; ``shift`` times the diagonal of
+    S is added to it; ``stabilised`` also solves A v = 0, with a second multiplier; ``projected`` projects velocities
+    and accelerations after each step.
     """
     tolerance, notes = choose_tolerance(tolerance, problem)
     scheme = make_record(
@@ -76,9 +76,9 @@ def alpha_steps(
 
 
 def start(s):
-    """Set vdot and a to the acceleration of index 1.
+    """Set vdot and a to the acceleration of index 1, and the shift of S.
 
-    lam grows from 0: redundant rows share it where none is dropped.
+    The estimate of lam begins at 0: redundant rows share it where none is dropped.
     """
     run(s.kernel.accelerate)
     s.control.factorisations += 1
@@ -87,7 +87,7 @@ def start(s):
 
 
 def step(s):
-    """Solve the step of ``control.h`` by Newton's iteration; ``control.status`` is STUCK where it does not converge."""
+    """Solve the step of ``control.h`` by Newton's iteration; set ``control.status`` = STUCK if it does not converge."""
     c, k, h = s.control, s.kernel, s.control.h
     k.t[0] = c.t + h
     copy(k.r, s.r0)
@@ -100,7 +100,7 @@ def step(s):
 
 
 def finish(s):
-    """Compute the scheme's acceleration at the end; project velocities and accelerations."""
+    """Compute the scheme's acceleration at the end, and set ``lam``; if ``projected``, project velocity and vdot."""
     k = s.kernel
     _predict(s, k, s.control.h)
     for b in range(len(s.a0)):
@@ -113,9 +113,10 @@ def finish(s):
 
 @compile_inline
 def _sweep(s, i, slow):
-    """Correct vdot, lam and eta once, and return the size of the residuals.
+    """Correct vdot, lam and eta once; return the size of the residuals.
 
-    S is that of the first estimate of q_1 or, where the correction ``i`` was ``slow``, of the last one.
+    S is that of the first estimate of q_1 or, after a ``slow`` correction, of the present one; ``i`` counts
+    corrections.
     """
     k, h = s.kernel, s.control.h
     _predict(s, k, h)
@@ -128,7 +129,7 @@ def _sweep(s, i, slow):
 
 @compile_inline
 def _scheme_acceleration(s, b, a):
-    """Return a_1 of body ``b``, component ``a``."""
+    """Return component ``a`` of the scheme's acceleration a_1 of body ``b``."""
     c = s.scheme
     known = c.alpha_f * s.vdot0[b, a] - c.alpha_m * s.a0[b, a]
     return ((1.0 - c.alpha_f) * s.kernel.v_dot[b, a] + known) / (1.0 - c.alpha_m)
@@ -136,7 +137,7 @@ def _scheme_acceleration(s, b, a):
 
 @compile_inline
 def _predict(s, k, h):
-    """Set velocities and poses of ``k`` at the end of the step that belong to the present vdot."""
+    """Set velocities and poses of ``k`` at the end of the step to those of the present vdot."""
     c = s.scheme
     for b in range(len(s.v0)):
         for a in range(6):
@@ -148,7 +149,7 @@ def _predict(s, k, h):
 
 @compile_inline
 def _correct(s, k, h):
-    """Correct vdot, lam and eta with the present rows; return the size of the residuals."""
+    """Correct vdot, lam and eta with the rows in the kernel; return the size of the residuals."""
     c = s.scheme
     share = (1.0 - c.alpha_f) / (1.0 - c.alpha_m)
     on_q, on_v = share * c.beta * h * h, share * c.gamma * h
@@ -185,7 +186,7 @@ def _correct(s, k, h):
 
 @compile_inline
 def _push_solution(k):
-    """Add M^-1 A^T x to w, x = S^-1 rhs."""
+    """Set ``k.x`` := S^-1 rhs, and add M^-1 A^T x to ``k.w``."""
     run(k.solve)
     copy(k.rhs, k.x)
     run(k.push)
@@ -195,8 +196,8 @@ def _push_solution(k):
 def _project(s, k):
     """Project v onto A v + phi_t = 0, then vdot onto A vdot = -gamma, along M^-1 A^T.
 
-    Twice each, as S is estimated. The second projection adds a reaction to M vdot, too, of the order of h, which is
-    added to ``lam``.
+    Each is done twice, as S is that of an estimate. The second projection adds a reaction of the order of h to M vdot,
+    and this is added to ``lam``.
     """
     run(k.rows)
     run(k.project_rates)

@@ -1,6 +1,6 @@
-"""The free choices of the scheme, which the paper leaves open: options common to ODE-GC and its augmented version.
+"""The free choices of ODE-GC, which the paper leaves open: options shared with its augmented Lagrangian version.
 
-Kernels read them as ``Settings``.
+Compiled code reads them as ``Settings``.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/
 
 
 class Settings(NamedTuple):
-    """The choices of docs/notation.md that the kernels branch on; by default the plain weak form."""
+    """The choices of docs/notation.md on which compiled code branches; the defaults are the plain weak form."""
 
     gauge: float = -1.0  # -1 symmetric, 0 zero and accumulate
     keep_nu: int = 0  # 1: nu is carried from step to step (accumulate, or C_bar, K_bar != 0)
@@ -57,12 +57,12 @@ class Settings(NamedTuple):
     redundant: int = 0  # 1: rows are redundant, and the part of phi_dot that no velocity can change is left
 
     def numbers(self) -> dict[str, float]:
-        """Return the settings by name, as numbers for a record: integers as such, others as floats."""
+        """Return the settings by name, as numbers for a record: integers as integers, others as floats."""
         return {name: type(self._field_defaults[name])(x) for name, x in self._asdict().items()}
 
 
 def needs_more(settings: Settings, system: MultibodySystem) -> str:
-    """Return words for what the simplified method lacks of the step in ``settings``, empty where it solves it."""
+    """Return what the step in ``settings`` needs that the simplified method lacks; empty where it solves the step."""
     if any(len(a) for a in (system.spring_k, system.torsion_k, system.load_i, system.user_i)):
         return "forces beside gravity"
     if settings.corrective or settings.carry_sigma or settings.always_nested:
@@ -88,7 +88,8 @@ GAUGES = {"symmetric": "symmetric", "zero": "zero gauge", "accumulate": "accumul
 def energy_at_hand(problem: Problem) -> float:
     """Return the scale of energy [J] of a problem, 1 where it is at rest without forces.
 
-    It is T(0), and the work that the forces at the start do over the size of the bodies.
+    It is T(0), plus the applied forces at the start times the largest joint arm or radius of gyration, plus the
+    torques.
     """
     system, start = problem.system, States.one(problem.initial)
     arms = np.concatenate((system.joint_s_i, system.joint_s_j[system.joint_j != GROUND]))
@@ -100,7 +101,7 @@ def energy_at_hand(problem: Problem) -> float:
 
 @dataclass(frozen=True)
 class GaugeChoices:
-    """Options of a geometric solver; the first of each list is the default, and docs/notation.md says why."""
+    """Options of a geometric solver; the first of each list is the default, for reasons in docs/notation.md."""
 
     gauge: str = option(
         "symmetric",
@@ -160,7 +161,7 @@ class GaugeChoices:
 
     @property
     def follows_paper(self) -> bool:
-        """Flag of choices that differ in nothing from what the paper's Sect. 4.2 prints.
+        """Flag of choices that agree with all that the paper's Sect. 4.2 prints.
 
         c_R, mu0, tolerance, first estimate and final iterate are open there.
         """
@@ -183,7 +184,7 @@ class GaugeChoices:
         return f"ODE-GC ({self.variant}{', '.join(words)})"
 
     def settings(self, problem: Problem) -> Settings:
-        """Return the choices in the kernels' form. Where C_bar or K_bar is not zero, mu, lam and sigma are carried."""
+        """Return the choices as ``Settings``. Where C_bar or K_bar is not zero, mu, lam and sigma are carried."""
         by_forces = self.corrective and len(problem.system.spring_k) > 0
         corrective = by_forces or self.c_bar > 0.0 or self.k_bar > 0.0
         exact = self.newton == "exact"
@@ -211,15 +212,15 @@ class GaugeChoices:
 
     @staticmethod
     def of_energy(tolerance: float, problem: Problem) -> float:
-        """Return ``tolerance`` [sqrt(J)] scaled to the problem's energy: the joule is no scale for a milligram.
+        """Return ``tolerance`` [sqrt(J)] times the root of the problem's energy [J] where that is below 1.
 
-        It is not below the rounding of that energy.
+        The result is at least ``ROUNDINGS`` of that root, the rounding of a residual.
         """
         root = float(np.sqrt(energy_at_hand(problem)))
         return max(tolerance * min(root, 1.0), ROUNDINGS * root)
 
     def notes(self, problem: Problem) -> tuple[str, ...]:
-        """Return notes on options that have no effect on the problem."""
+        """Return notes on options that have no effect on the problem, at most one."""
         if self.settings(problem).corrective and self.gauge != "accumulate":
             return (f"mu is carried on as printed, for C_bar or K_bar is not zero: gauge = {self.gauge} has no effect",)
         return ()
@@ -237,7 +238,7 @@ class GaugeChoices:
         return self.refuses_direction(problem) or self.refuses_code(problem)
 
     def refuses_code(self, problem: Problem) -> str | None:
-        """Return why code of the mechanism, or plain code, where asked for, does not solve the problem, or None."""
+        """Return why code of the mechanism, or plain code, cannot solve the problem where it is chosen, or None."""
         if self.code == "kernel":
             return None
         if self.code == "plain":

@@ -1,4 +1,4 @@
-"""Symmetric compositions of a symmetric second-order step: its steps are gamma_i dt, sum gamma = 1, some negative.
+"""Symmetric compositions of a symmetric second-order step: sub-steps gamma_i dt, sum gamma = 1, some negative.
 
 Coefficients: Suzuki (1990), Phys. Lett. A 146; Kahan and Li (1997), Math. Comp. 66, s9odr6a and s17odr8a as printed in
 Hairer, Lubich, Wanner, Geometric Numerical Integration, V.3.2.
@@ -15,7 +15,7 @@ _KAHAN_LI_8 = (
 
 
 def _symmetric(half: tuple[float, ...]) -> np.ndarray:
-    """Return all coefficients of a symmetric composition of sum 1, from its first half without the middle one."""
+    """Return all coefficients of a symmetric composition of sum 1, from those before the middle one."""
     middle = 1.0 - 2.0 * sum(half)
     return np.array([*half, middle, *reversed(half)])
 

@@ -1,4 +1,4 @@
-"""Energy and momentum kept by a mean-value step: Cayley's map, discrete gradients of rows and springs (compiled).
+"""Energy and momentum are kept by a mean-value step: Cayley's map, discrete gradients of rows and springs (compiled).
 
 Simo and Wong 1991, Int. J. Numer. Meth. Eng. 31; discrete gradients: Gonzalez 1996, J. Nonlinear Sci. 6::
 
@@ -8,9 +8,9 @@ Simo and Wong 1991, Int. J. Numer. Meth. Eng. 31; discrete gradients: Gonzalez 1
 Rows A_m and forces of the mean are entries (modules ``rows.means``, ``compiled.means``): A_m v_m = (phi_1 - phi_0) / h.
 
 Simplified Newton: S of the first estimate's A_m, P = h F, dv = v_0 + h M^-1 f + M^-1 A_m^T P - v_1,
-S dP = -A_m dv - 2 phi / h. The multipliers F are those of the middle, and A v of the ends, free to alternate from step
-to step by O(h^2), makes them alternate by O(h). The record has F + (F' - F'') / 2 of the last three at the end of the
-step: alternation cancels, a straight line is continued. The matrix of the iteration knows no springs.
+S dP = -A_m dv - 2 phi / h. The multipliers F are those of the midpoint. A v at the ends may alternate from step to
+step by O(h^2), and makes F alternate by O(h). Recorded at the end of the step is F + (F' - F'') / 2, from the last
+three: the alternation cancels, and a straight line is continued. The matrix of the iteration leaves springs out.
 """
 
 from functools import partial
@@ -43,9 +43,9 @@ ARRAYS = {
 
 
 def mean_value_steps(problem: Problem, tolerance: float, code: str) -> Method:
-    """Return the mean-value method, for the march; it solves nothing yet.
+    """Make the mean-value method, for ``host.integrate``.
 
-    ``tolerance`` is that of phi and of the last correction of poses [m; without unit]; ``code`` is the option.
+    ``tolerance`` is that of phi and of the last correction of poses [m; without unit]; ``code`` is the solver's option.
     """
     tolerance, notes = choose_tolerance(tolerance, problem)
     of_system = partial(prepare, system=problem.system, tolerance=tolerance, code=code)
@@ -71,7 +71,7 @@ def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tol
 
 
 def start(s):
-    """Set the reaction at the start, of index 1, which stands for those of the midpoints before it."""
+    """Set the multipliers to those of index 1 at the start, which replace those of earlier midpoints."""
     run(s.kernel.accelerate)
     s.control.factorisations += 1
     for F in (s.F, s.F1, s.F2):
@@ -80,7 +80,7 @@ def start(s):
 
 
 def step(s):
-    """Solve the step of ``control.h`` by Newton's iteration; ``control.status`` is STUCK where it does not converge."""
+    """Solve the step of ``control.h`` by Newton's iteration; set ``control.status`` = STUCK if it does not converge."""
     c, k, m = s.control, s.kernel, s.means
     k.t[0], m.h[0] = c.t + c.h, c.h
     copy(k.r, m.r0)
@@ -93,7 +93,7 @@ def step(s):
 
 
 def finish(s):
-    """Set poses, velocities and multipliers at the end."""
+    """Set poses, velocities and multipliers at the end, and keep those that the next steps need."""
     k = s.kernel
     _set_end(s, k, s.means)
     copy(s.v, k.v)
@@ -107,9 +107,10 @@ def finish(s):
 
 @compile_inline
 def _sweep(s, i, slow):
-    """Correct v and F once, and return the size of the residuals.
+    """Correct v and F once; return the size of the residuals.
 
-    S is that of the first estimate of the mean rows or, where the correction ``i`` was ``slow``, of the last one.
+    S is that of the first estimate of the mean rows or, after a ``slow`` correction, of the present ones; ``i`` counts
+    corrections.
     """
     k, m = s.kernel, s.means
     _set_end(s, k, m)
@@ -122,7 +123,7 @@ def _sweep(s, i, slow):
 
 @compile_inline
 def _set_end(s, k, m):
-    """Set the poses q_1 of the end by the mean velocities, which are left in ``k.v``."""
+    """Set the poses q_1 at the end from the mean velocities, which are left in ``k.v``."""
     h = m.h[0]
     for b in range(len(k.v)):
         for a in range(6):
@@ -140,7 +141,7 @@ def _set_end(s, k, m):
 
 @compile_inline
 def _correct(s, k, m):
-    """Correct v and F with the present mean rows; return the size of the residuals."""
+    """Correct v and F with the mean rows in the kernel; return the size of the residuals."""
     h = m.h[0]
     run(m.mean_forces)
     copy(k.force, k.w)

@@ -20,10 +20,10 @@ NEWTON = 30  # corrections of the discrete free body
 
 
 def principal(inertia: np.ndarray) -> Any:
-    """Return the bundle of principal axes (columns of Q) and inertias J of bodies, in the order that turns need.
+    """Return the bundle of principal axes (columns of Q) and inertias J of bodies, ordered for the splitting.
 
-    Turns are about axes 0 and 1, J[2] is the isotropic part's: an axisymmetric body needs one turn and a sphere none.
-    ``turned`` is 1 where Q is not the identity, ``rate`` (nb, 2) is 1/J_i - 1/J_3, 0 where they are equal.
+    Rotations are about axes 0 and 1, and J[2] is that of the isotropic part: an axisymmetric body needs one rotation, a
+    sphere none. ``turned`` is 1 where Q is not the identity; ``rate`` (nb, 2) is 1/J_i - 1/J_3, 0 where they are equal.
     """
     nb = len(inertia)
     Q, J = np.zeros((nb, 3, 3)), np.zeros((nb, 3))
@@ -44,7 +44,7 @@ def principal(inertia: np.ndarray) -> Any:
 
 @compile_inline
 def _about(R, b, axis, z, L):
-    """Turn body ``b`` by z [rad] about its axis ``axis``: R[b] := R[b] exp(z e), L := exp(-z e) L."""
+    """Rotate body ``b`` by z [rad] about its axis ``axis``: R[b] := R[b] exp(z hat(e)), L := exp(-z hat(e)) L."""
     c, s = math.cos(z), math.sin(z)
     i, j = (axis + 1) % 3, (axis + 2) % 3
     for a in range(3):
@@ -56,7 +56,7 @@ def _about(R, b, axis, z, L):
 
 @compile_inline
 def _rotate(Q, b, R, L, forward):
-    """Change body ``b`` to its principal axes (``forward``), R := R Q and L := Q^T L, or back."""
+    """Change body ``b`` to its principal axes (``forward``), R := R Q and L := Q^T L, or back, in place."""
     x0, x1, x2 = L[0], L[1], L[2]
     for a in range(3):
         if forward:
@@ -74,7 +74,7 @@ def _rotate(Q, b, R, L, forward):
 
 @compile_inline
 def turn_freely(p, b, h, R, L):
-    """Turn body ``b`` freely for ``h`` [s]: ``R[b]`` and its body momentum ``L`` (3,) are changed in place."""
+    """Move body ``b`` freely for ``h`` [s]: change ``R[b]`` and its body momentum ``L`` (3,) in place."""
     if p.turned[b]:
         _rotate(p.Q, b, R, L, 1)
     if p.rate[b, 1] != 0.0:
@@ -90,11 +90,11 @@ def turn_freely(p, b, h, R, L):
 
 @compile_inline
 def turn_discretely(J, h, R, L):
-    """Turn a free body for ``h`` [s] by Moser and Veselov's equations: R := R F, L := F^T L, in the body.
+    """Move a free body for ``h`` [s] by Moser and Veselov's equations: R := R F, L := F^T L, in place.
 
     hat(h L) = F J_d - J_d F^T, J_d = tr(J)/2 - J. With F = (1 + hat(f)) (1 - hat(f))^-1 that is g + g x f + (g . f) f =
-    2 J f, g = h L (Lee, Leok, McClamroch 2007, Comput. Methods Appl. Mech. Eng. 196), here by Newton's method; NaN
-    where it does not converge.
+    2 J f, g = h L (Lee, Leok, McClamroch 2007, Comput. Methods Appl. Mech. Eng. 196), solved by Newton's method. R and
+    L become NaN where it does not converge.
     """
     g0, g1, g2 = h * L[0], h * L[1], h * L[2]
     f0 = f1 = f2 = 0.0

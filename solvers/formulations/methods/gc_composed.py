@@ -1,4 +1,4 @@
-"""Symmetric compositions of ODE-GC's step in the symmetric gauge, whose mu starts anew in each sub-step (compiled)."""
+"""Symmetric compositions of ODE-GC's step in the symmetric gauge; mu starts anew in each sub-step (compiled)."""
 
 from typing import Any
 
@@ -15,9 +15,9 @@ from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, re
 
 
 def composed_steps(system: MultibodySystem, choices: Settings, gamma: np.ndarray, rate: float) -> Method:
-    """Return the method of a symmetric composition of ODE-GC's step, for the march; it solves nothing yet.
+    """Make the method of a symmetric composition of ODE-GC's step, for ``host.integrate``.
 
-    Its sub-steps are ``gamma`` times dt; ``rate`` [rad/s] is that of reversible step control, 0: none.
+    Its sub-steps are ``gamma`` times dt; ``rate`` [rad/s] is that of reversible step control, 0 for fixed steps.
     """
 
     def prepare(kernel: Kernel, control: np.ndarray) -> Any:
@@ -38,12 +38,12 @@ def composed_steps(system: MultibodySystem, choices: Settings, gamma: np.ndarray
 
 
 def start(m):
-    """Compute acceleration and multipliers of index 1 at the start, for the first estimate."""
+    """Compute acceleration and multipliers of index 1 at the start, from which the first step is estimated."""
     begin_march(m.step)
 
 
 def step(m):
-    """Take all sub-steps of ``control.h``; ``control.status`` is STUCK where one does not converge."""
+    """Take all sub-steps of ``control.h``; set ``control.status`` to STUCK where one does not converge."""
     s = m.step
     t = s.control.t
     for i in range(len(m.gamma)):

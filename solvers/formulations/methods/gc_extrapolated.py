@@ -1,8 +1,8 @@
 """Extrapolation of ODE-GC's reversible step in even powers of h, error-controlled (compiled).
 
-From one start, n = 1, 2, ..., K steps of H/n; changes y_n = (r - r0, log(R0^T R), v) of the end in Aitken and Neville's
-scheme in H^2 (Hairer, Norsett, Wanner, Solving ODEs I, II.9): order 2 K, estimate T_KK - T_K,K-1 of order 2 K - 1. Each
-accepted step is projected onto phi = 0 and A v = 0.
+From one start, n = 1, 2, ..., K steps of H/n are taken; the changes y_n = (r - r0, log(R0^T R), v) at the end are
+extrapolated by Aitken and Neville's scheme in H^2 (Hairer, Norsett, Wanner, Solving ODEs I, II.9): order 2 K, with the
+error estimate T_KK - T_K,K-1 of order 2 K - 1. Each accepted step is projected onto phi = 0 and A v = 0.
 """
 
 import math
@@ -35,7 +35,7 @@ ARRAYS = {  # start of the whole step, accelerations and multipliers of index 1
 
 
 def extrapolated_steps(system: MultibodySystem, choices: Settings, columns: int) -> Method:
-    """Return the extrapolated method of order 2 ``columns``, for the march; it solves nothing yet."""
+    """Make the extrapolated method of order 2 ``columns``, for ``host.integrate``."""
     arrays = ARRAYS | {"table": f"{columns} nb 12"}  # last row of the scheme
 
     def prepare(kernel: Kernel, control: np.ndarray) -> Any:
@@ -60,7 +60,7 @@ def extrapolated_steps(system: MultibodySystem, choices: Settings, columns: int)
 
 
 def start(m):
-    """Compute acceleration and multipliers of index 1 at the start, and keep them for its repetitions."""
+    """Compute acceleration and multipliers of index 1 at the start, and keep them for repetitions of the step."""
     begin_march(m.step)
     _remember(m)
 
@@ -68,7 +68,7 @@ def start(m):
 def step(m):
     """Compute the extrapolated end of a step of ``control.h``, and its error.
 
-    The error is infinite if an iteration does not converge.
+    The error is infinite where an iteration does not converge or a body turns too far.
     """
     c = m.step.control
     c.error = _error(m, c.rtol) if _extrapolate(m, c.h) else np.inf
@@ -77,9 +77,9 @@ def step(m):
 
 
 def finish(m):
-    """Set the extrapolated end and project it onto the constraints.
+    """Set the kernel to the extrapolated end, projected onto the constraints.
 
-    The next steps are kept below the length that lately did not converge.
+    The next steps stay below the length that recently did not converge.
     """
     k, c, best = m.step.kernel, m.step.control, m.table[len(m.table) - 1]
     for b in range(len(m.r)):
@@ -110,7 +110,7 @@ def _remember(m):
 
 @compile_inline
 def _attempt(m, H, n):
-    """Take n steps of H / n [s] from the start kept; return whether all converge."""
+    """Take n steps of H / n [s] from the stored start; return whether all converge."""
     s, k, h = m.step, m.step.kernel, H / n
     copy(m.r, k.r)
     copy(m.R, k.R)
@@ -127,9 +127,9 @@ def _attempt(m, H, n):
 
 @compile_inline
 def _find_change(m, b, out):
-    """Set out (12,) := (r - r0, log(R0^T R), v) of body b, its change since the start.
+    """Set out (12,) := (r - r0, log(R0^T R), v) of body b, its change since the start of the step.
 
-    Return whether its turn is below ``WIDEST``.
+    Return whether its rotation is below ``WIDEST``.
     """
     k, R, cosine = m.step.kernel, m.R[b], -1.0
     for a in range(3):
@@ -174,9 +174,9 @@ def _extrapolate(m, H):
 
 @compile_inline
 def _error(m, rtol):
-    """Return the step's error over its tolerance: the RMS of the last correction over ``rtol (1 + |y|)``.
+    """Return the step's error relative to its tolerance: the RMS of the last correction over ``rtol (1 + |y|)``.
 
-    Angles are compared with ``rtol``.
+    The tolerance of angles is ``rtol``.
     """
     total, K = 0.0, len(m.table)
     for b in range(len(m.r)):

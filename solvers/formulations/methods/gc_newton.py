@@ -6,8 +6,9 @@ With nu = M_bar mu, P = (m r_dot, R J Omega), D nu the spatial wrench of the row
     (75)  phi_dot1 + [dt/2 ((C_bar phi_dot + K_bar phi)_0 + (...)_1) - sigma0] / M_bar1 = 0
 
 w is the applied wrench plus D G with G = C_bar mu + K_bar lam - f_bar; nu0 = gauge nu1 + nu_start; rotational rows of
-(74) are turned back by R1^T. The linear system is the proximal saddle ``[[J_vv, -D'], [A, (Xi M_bar)^-1]]``: with Xi
-infinite it is Sect. 4.2, with a finite penalty one correction and one augmentation (84), (85) of Sect. 4.3 at once.
+(74) are rotated back by R1^T. The linear system is the proximal saddle ``[[J_vv, -D'], [A, (Xi M_bar)^-1]]``: with Xi
+infinite it is that of Sect. 4.2; with a finite penalty it is one correction and one augmentation (84), (85) of Sect.
+4.3 at once.
 """
 
 import math
@@ -88,7 +89,7 @@ PARTS = (  # parts in order of making: each calls those before it
 
 
 def start(s):
-    """Complete the terms of the equations at the start, with its mu."""
+    """Compute the terms of the equations at the start, with its mu."""
     k, g, o = s.kernel, s.scheme, s.terms
     clear(o.nu)
     run(s.complete)
@@ -110,10 +111,10 @@ def start(s):
 
 
 def step(s):
-    """Take one step of ``control.h``; one that fails leaves the kernel at its start.
+    """Take one step of ``control.h``; a step that fails leaves the kernel at its start.
 
-    ``control.status`` is STUCK where it fails, or where a body would turn further than the limit; NOT_FINITE where the
-    residual is no number.
+    ``control.status`` becomes STUCK where it fails, or where a body would turn further than the limit and the step may
+    still be cut; NOT_FINITE where the residual is not finite.
     """
     c, g, k = s.control, s.scheme, s.kernel
     g.corrections = c.iterations
@@ -135,7 +136,7 @@ def step(s):
 
 
 def finish(s):
-    """Accept the end of the step; set ``lam`` to the mean row force of the step.
+    """Accept the end of the step; set ``lam`` to the mean row force of the step, and its diagnostics.
 
     mu, lam and sigma are carried where the settings say so.
     """
@@ -172,7 +173,7 @@ def finish(s):
 
 
 def keep_end(s):
-    """Make the end of the step the start of the next one: forces and terms with suffix 0 become those with 1."""
+    """Make the end of the step the start of the next one: forces and terms of suffix 1 are copied to suffix 0."""
     o = s.terms
     copy(s.kernel.force, s.force0)
     copy(o.phi1, o.phi0)
@@ -184,7 +185,7 @@ def keep_end(s):
 
 @compile_inline
 def _fastest_square(k):
-    """Return the largest |Omega|^2 of all bodies [1/s2]."""
+    """Return the largest |Omega|^2 of all bodies [rad^2/s^2]."""
     square = 0.0
     for b in range(len(k.v)):
         square = max(square, k.v[b, 3] ** 2 + k.v[b, 4] ** 2 + k.v[b, 5] ** 2)
@@ -196,9 +197,9 @@ def _attempt(s):
     """Try one step from its start to its end, first estimate included; set ``outcome``.
 
     Augmented Lagrangian: the proximal saddle does Newton's correction and the augmentation at once. Near a singular
-    configuration it need not converge, for the violation phi = O(dt^2) makes phi_dot = 0 inconsistent along the
-    direction that is being lost. There the step is done again by the nested loop with a penalty so low that this
-    direction is left to the multiplier carried from the steps before, and counts as done at ``accept``.
+    configuration it may not converge, as the violation phi = O(dt^2) makes phi_dot = 0 inconsistent along the direction
+    that is being lost. There the step is repeated by the nested loop, with a penalty so low that this direction is left
+    to the multiplier carried from earlier steps, and it counts as done at ``accept``.
     """
     g, k = s.scheme, s.kernel
     omega2 = _fastest_square(k)
@@ -225,7 +226,7 @@ def _attempt(s):
 def _nested_loop(s):
     """Run the paper's nested loop: Newton to convergence at a fixed multiplier, then (85), until phi_dot is small.
 
-    Set ``outcome``: LOOSE where rounds run out below ``accept``, SLOW above it.
+    Set ``outcome``: LOOSE where the rounds end below ``accept``, SLOW above it.
     """
     g, o, before = s.scheme, s.terms, np.inf
     copy(o.nu, o.nu_kept)
@@ -250,7 +251,7 @@ def _newton(s):
     """Correct the end of the step until the residual is below the tolerance; set ``outcome``.
 
     A kept factorisation is renewed when it no longer contracts. ``final`` says which iterate is the step's end: the
-    first that passes the tests, the same once more corrected by (79), or the first that passes after a correction.
+    first that passes the tests, the same corrected once more by (79), or the first that passes after a correction.
     """
     g, o, before = s.scheme, s.terms, np.inf
     # without sigma (80) implies (81), with C_bar or K_bar (81) cannot hold, and Sect. 4.3 asks (81) after (85)
@@ -313,7 +314,7 @@ def begin_step(s):
 
 
 def estimate(s):
-    """Estimate velocities and nu of the end: extrapolated from the last two steps, or those of the start."""
+    """Estimate velocities and nu at the end: extrapolated from the last two steps, or those of the start."""
     g, k, o = s.scheme, s.kernel, s.terms
     ratio = g.extrapolate * g.h / g.last if g.last > 0.0 else 0.0
     for b in range(len(k.mass)):
@@ -327,7 +328,7 @@ def estimate(s):
 
 
 def complete(s):
-    """Compute forces and terms of the rows that follow from poses and velocities of the kernel, those with suffix 1."""
+    """Compute the forces and the terms of suffix 1 from the poses and velocities of the kernel."""
     k, g, o = s.kernel, s.scheme, s.terms
     run(k.applied_forces)
     run(s.measure)
@@ -456,7 +457,7 @@ def assemble(s):
 
 @compile_inline
 def _set_differential(x, y, z, scale, out):
-    """Set out (9,) := scale dexp(a) by rows: exp(a + d) = exp(a) exp(dexp d) to first order.
+    """Set out (9,) := scale dexp(a), a = (x, y, z), by rows: exp(a + d) = exp(a) exp(dexp d) to first order.
 
     dexp = 1 - (1 - cos a)/a^2 hat(a) + (a - sin a)/a^3 hat(a)^2; series where a^2 < 1e-2, cut at a^10.
     """
@@ -474,7 +475,7 @@ def _set_differential(x, y, z, scale, out):
 
 
 def refresh(s):
-    """Assemble and factorise the matrix of Eq. (79) at the present estimate; ``lu.state.singular`` says if it failed.
+    """Assemble and factorise the matrix of Eq. (79) at the present estimate; ``lu.state.singular`` tells a failure.
 
     With a penalty, its determinant is monitored.
     """
@@ -524,14 +525,14 @@ def correct(s):
 
 
 def leave_redundant(s):
-    """Remove from a correction the nu of redundant rows, which A^T sends to zero; their residual is ``left``.
+    """Remove from a correction the nu of redundant rows, which A^T maps to zero; their residual goes to ``left``.
 
-    Such rows agree on the constraint manifold only: off it, by phi = O(dt^3) within a step, they ask for velocities
-    that do not exist. Each correction would raise their nu by xi phi_dot in vain, and D1 nu = 0 would leave
-    (D0 + D1) nu = O(dt) nu, a spurious force that brakes the motion. The saddle itself yields that part: with
-    (Xi M_bar)^-1 dnu as the only right side it returns dnu where A^T dnu = 0, and next to nothing elsewhere. How little
-    depends on xi: the result is sent again until it changes phi_dot by less than the tolerance, or else a low penalty
-    would leave phi_dot that velocities can take away.
+    Such rows agree on the constraint manifold only: off it, by phi = O(dt^3) within a step, they require velocities
+    that do not exist. Each correction would raise their nu by xi phi_dot in vain, and D1 nu = 0 would leave (D0 + D1)
+    nu = O(dt) nu, a spurious force that brakes the motion. The saddle itself yields that part: with (Xi M_bar)^-1 dnu
+    as the only right side it returns dnu where A^T dnu = 0, and almost nothing elsewhere. How little depends on xi: the
+    result is filtered again until this changes phi_dot by less than the tolerance, since otherwise a low penalty would
+    leave phi_dot that velocities can remove.
     """
     g, lu, o = s.scheme, s.lu, s.terms
     copy(lu.x, s.y)
@@ -559,7 +560,7 @@ def leave_redundant(s):
 
 
 def correct_pose(s):
-    """Correct the poses of the end by the least change that takes phi to zero.
+    """Correct the poses of the end, by the least change that reduces phi to zero to first order.
 
     It is one correction with the kept factorisation. At a singular configuration phi = O(dt^2) is not harmless: with
     phi along the lost direction the mechanism cannot pass it, and misses by sqrt(phi).

@@ -1,4 +1,4 @@
-"""ODE-GC with fixed steps by the full Newton method: its arrays and entries for one mechanism, and its runs."""
+"""ODE-GC with fixed steps by the full Newton method: its arrays and entries for one mechanism, and its integration."""
 
 from dataclasses import replace
 from functools import partial
@@ -26,21 +26,24 @@ COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augm
 
 
 def integrate_newton(problem: Problem, control: StepControl, method: Method) -> Trajectory:
-    """Integrate by ``method``, and convert mean reactions over steps to reactions at the nodes."""
+    """Integrate by ``method``, and convert the mean reactions over steps to reactions at the nodes."""
     return move_reactions_to_nodes(integrate(problem, control, method))
 
 
 def move_reactions_to_nodes(out: Trajectory) -> Trajectory:
-    """Return the same motion with reactions at the nodes instead of means over the steps before them."""
+    """Return a copy of the trajectory with reactions at the nodes instead of means over the steps before them.
+
+    A trajectory without reactions is returned as it is.
+    """
     if out.reaction is None:  # the run was refused
         return out
     return replace(out, reaction=interpolate_to_nodes(np.diff(out.t), out.reaction[1:]))
 
 
 def interpolate_to_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """Return values at the nodes from means over the steps between (second order), linear at the ends.
+    """Return values at the nodes from means over the steps between them (second order), linear at the ends.
 
-    ``dt`` [s] are the steps' lengths; NaN without any step.
+    ``dt`` [s] are the lengths of the steps; without any step, the result is one row of NaN.
     """
     n = len(dt)
     if n == 0:
@@ -55,9 +58,10 @@ def interpolate_to_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 
 def newton_steps(system: MultibodySystem, settings: Settings, max_cuts: int, max_turn: float, mu0: str) -> Method:
-    """Return ODE-GC's method by full Newton iterations with these choices, for the march; it solves nothing yet.
+    """Make ODE-GC's method by full Newton iterations with these choices, for ``host.integrate``.
 
-    ``max_turn`` [rad] of a body in a step, 0: no limit; ``mu0`` "velocity": the first mu is the velocity along c_R.
+    ``max_turn`` [rad] limits the rotation of a body in a step, 0: no limit; with ``mu0`` "velocity" the first mu is the
+    velocity along c_R. A step is halved ``max_cuts`` times at most.
     """
     of_system = partial(
         make_step, system=system, settings=settings, max_turn=max_turn or np.inf, velocity=mu0 == "velocity"
@@ -88,9 +92,9 @@ def make_step(
     max_turn: float = np.inf,
     velocity: bool = False,
 ) -> Any:
-    """Make the bundle of one step: its arrays and entries; it takes no step.
+    """Make the bundle of one step: its arrays and entries; no step is taken.
 
-    ``velocity``: the first mu is the velocity along c_R; ``max_turn`` [rad] of a body in a step.
+    ``velocity``: the first mu is the velocity along c_R; ``max_turn`` [rad] limits the rotation of a body in a step.
     """
     nb, nr, direction, couple = len(k.mass), len(k.lam), settings.direction, bool(settings.couple)
     pushes = any(len(getattr(system, f"{kind}_i")) for kind in ("spring", "torsion", "load", "user"))
@@ -112,7 +116,7 @@ def make_step(
         last=0.0,
         nested=0,
         outcome=0,
-        corrections=0,  # inside the nested loop; of the last try: outcome, corrections before it
+        corrections=0,  # before the last try; nested: inside the nested loop; outcome: of the last try
     )
     pair_at = {(int(a), int(b)): n for n, (a, b) in enumerate(k.pair)}
     pushed = {
@@ -155,7 +159,7 @@ def make_step(
 
 
 def explain(s: Any, outcome: int, *, most_cuts: int) -> str:
-    """Return words for the ``outcome`` of a march that failed: the tolerance that was missed, and by how much."""
+    """Return the message for an ``outcome`` of a march that failed: the tolerance that was missed, and by how much."""
     cut = f"with the step cut {most_cuts} times"
     if outcome == NOT_FINITE:
         return f"not a finite number {cut}"
@@ -167,7 +171,7 @@ def explain(s: Any, outcome: int, *, most_cuts: int) -> str:
 
 
 class NewtonLoops(Loops):
-    """Entries of ``rows.newton``, bound to a kernel's arrays."""
+    """The loops of ``rows.newton`` on the arrays of a kernel and of a step."""
 
     at: Any  # the step of ``gc_newton``
     couple: bool

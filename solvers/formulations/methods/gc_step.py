@@ -5,9 +5,9 @@ Given v1 and nu1: poses by (66), impulses of (74) in space with nu0 = gauge nu1 
     w   = P0 + dt f - dt/2 (D0 f_bar0 + D1 f_bar1) + (D1 - B D_dot1) nu1 - (D0 + B D_dot0) nu0
     v_n = M^-1 R1^T w,   S x = -A1 v_n,   nu1 += x / (1 - gauge),   v1 = v_n + M^-1 A1^T x
 
-The method contracts by O(dt omega), and the change of v1 in the norm of M is the residual (80) that was there before.
-So a step is done when the change is below the tolerance. S is factored anew where the change falls too slowly; where
-that does not help, or the rank of the rows is not that of the start, the step does not converge. Redundant rows get no
+The method contracts by O(dt omega), and the change of v1 in the norm of M is the residual (80) before it. So a step is
+done when the change is below the tolerance. S is factorised anew where the change falls too slowly; where that does not
+help, or the rank of the rows differs from that at the start, the step does not converge. Redundant rows get no
 multiplier: the motion is that of the proximal saddle.
 """
 
@@ -68,7 +68,7 @@ ENTRIES = (
 
 
 def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choices: Settings) -> Any:
-    """Make the bundle of one step: its arrays, and entries by loops or by code; it takes no step."""
+    """Make the bundle of one step: its arrays, and entries by loops or by code; no step is taken."""
     nb, depth = len(kernel.mass), DEEP if choices.whole else DEPTH
     scheme = make_record(
         # log10 det S and its last change; steps known of the past, whether there is a factor, the rank of the rows at
@@ -113,7 +113,10 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
 
 
 def _with_code(system: MultibodySystem, s: Any, choices: Settings) -> Any:
-    """Return the bundle of a step with entries of straight code for the mechanism."""
+    """Return the bundle of a step with entries of straight-line code for the mechanism.
+
+    Raises ``NoMechanismCode`` where none can be made.
+    """
     k, names, given = s.kernel, ("gauge", "b_term", "direction", "use_f_bar", "keep_nu"), choices.numbers()
     s.scheme["refresh"] = EARLY
     if choices.active:  # where kept rows become dependent, the proximal saddle takes over
@@ -140,9 +143,9 @@ def _with_code(system: MultibodySystem, s: Any, choices: Settings) -> Any:
 
 @compile_inline
 def begin_march(s):
-    """Prepare the first step: acceleration and multipliers of index 1 stand for a step before it.
+    """Prepare the first step: acceleration and multipliers of index 1 replace those of an earlier step.
 
-    The rank of the factor there is that of the march.
+    The rank of S there becomes that of the march.
     """
     run(s.kernel.accelerate)
     run(s.factor)
@@ -153,7 +156,7 @@ def begin_march(s):
 
 @compile_inline
 def refresh_factor(s):
-    """Take the factor that ``accelerate`` has left for the next step, or make it by code; return the rank found."""
+    """Keep the factor of S that ``accelerate`` has made for the next step, or make it by code; return its rank."""
     s.scheme.factored = 1
     if s.scheme.whole:
         run(s.factor)
@@ -163,7 +166,7 @@ def refresh_factor(s):
 
 @compile_inline
 def restart(s, v_dot, lam):
-    """Restart the estimate from the means ``v_dot`` and ``lam`` alone, as of a step before the present state."""
+    """Restart the estimate of the next step from ``v_dot`` and ``lam`` alone, as means of a step before it."""
     copy(v_dot, s.acceleration[0])
     copy(lam, s.impulse[0])
     s.scheme.known = 1
@@ -172,7 +175,7 @@ def restart(s, v_dot, lam):
 
 @compile_inline
 def _spin(k, u):
-    """Set u := (r_dot, R Omega), velocities in space, from the velocities of ``k``."""
+    """Set u := (r_dot, R Omega), the velocities of ``k`` in space."""
     for b in range(len(k.mass)):
         omega = times(k.R[b], k.v[b, 3], k.v[b, 4], k.v[b, 5])
         for a in range(3):
@@ -181,7 +184,7 @@ def _spin(k, u):
 
 @compile_inline
 def move_poses(s):
-    """Set the poses (66) of the end from the velocities at both ends."""
+    """Set the poses (66) at the end of the step from the velocities at both ends."""
     k, half = s.kernel, s.plan[0]
     for b in range(len(k.mass)):
         for a in range(3):
@@ -197,7 +200,7 @@ def move_poses(s):
 
 @compile_inline
 def begin_step(s, h):
-    """Begin a step of h [s] at the state of the kernel: keep it, and compute what the end does not change."""
+    """Begin a step of h [s] at the state of the kernel: copy it, and compute what does not depend on the end."""
     k = s.kernel
     s.plan[0], s.plan[1] = 0.5 * h, 0.5 * h * s.scheme.b_term
     copy(k.r, s.r0)
@@ -207,7 +210,7 @@ def begin_step(s, h):
 
 
 def begin_by_loops(s):
-    """Compute the impulses ``known`` of a step, which the end does not change, by loops over joints."""
+    """Compute the impulses ``known`` of a step, which do not depend on its end, by loops over joints."""
     k, h = s.kernel, 2.0 * s.plan[0]
     for b in range(len(k.mass)):
         v = k.v[b]
@@ -225,7 +228,7 @@ def begin_by_loops(s):
 def _estimate(s, h, t):
     """Estimate v1 and nu1 of a step of h [s].
 
-    Accelerations and row forces of steps before are extrapolated to its middle, at ``t``.
+    Accelerations and row forces of earlier steps are extrapolated to its middle, at ``t`` [s].
     """
     k, known = s.kernel, min(s.scheme.known, len(s.middle))
     for d in range(known):
@@ -247,7 +250,7 @@ def _estimate(s, h, t):
 
 @compile_inline
 def _to_velocities(s):
-    """Turn the impulses w into velocities, w := M^-1 R^T w; ``u`` := these in space; load := 0."""
+    """Convert the impulses w to velocities, w := M^-1 R^T w; set ``u`` to these in space, and ``load`` to 0."""
     k = s.kernel
     for b in range(len(k.mass)):
         p = times_transposed(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5])
@@ -260,7 +263,10 @@ def _to_velocities(s):
 
 
 def factor_by_loops(s):
-    """Factorise S at the poses of the kernel by loops; set ``found`` to its rank and log10 of its determinant."""
+    """Factorise S at the poses of the kernel by loops; set ``found`` to its rank and the log10 of a determinant.
+
+    The determinant is that of the kept rows of S, scaled to a unit diagonal.
+    """
     k, total = s.kernel, 0.0
     run(k.rows)
     run(k.factorise)
@@ -274,7 +280,10 @@ def factor_by_loops(s):
 
 @compile_inline
 def _factor(s):
-    """Factorise S at the poses of the kernel; return whether it has the rank of the start."""
+    """Factorise S at the poses of the kernel; return whether it has the rank of the march's start.
+
+    nu of rows left out of the factor is set to zero.
+    """
     run(s.factor)
     copy(s.nu, s.kernel.rhs)
     run(s.kernel.leave_out)
@@ -287,7 +296,7 @@ def _factor(s):
 
 
 def iterate_by_loops(s):
-    """Correct v and nu of the end once by loops over joints; set ``square`` [J] of the change."""
+    """Correct v and nu of the end once by loops over joints; set ``square`` [J] to the square of the change of v."""
     k, share = s.kernel, 1.0 / (1.0 - s.scheme.gauge)
     _spin(k, s.u)
     copy(s.known, k.w)
@@ -328,7 +337,7 @@ def _take_velocities(s):
 def take_step(s, h, t):
     """Solve the step begun, of h [s] with its middle at t; return the last change of v1 [sqrt(J)].
 
-    Return -1 where it does not converge, or S has lost rank.
+    Return -1 where it does not converge, or where S has not the rank of the march's start.
     """
     g = s.scheme
     _estimate(s, h, t)
@@ -363,7 +372,7 @@ def take_step(s, h, t):
 
 @compile_inline
 def accept_step(s, h, t):
-    """Store the means of the step of h [s] just made, its middle at t, for the estimate of those that follow."""
+    """Store the means of the step of h [s] just solved, with its middle at t, for the estimate of the next ones."""
     k = s.kernel
     s.scheme.known += 1
     d = (s.scheme.known - 1) % len(s.middle)
@@ -378,7 +387,7 @@ def accept_step(s, h, t):
 
 
 def correct_poses(k):
-    """Correct the poses by the least change, in the norm of M, that takes phi to zero, with the present factor."""
+    """Correct the poses by the least change, in the norm of M, that reduces phi to zero, with the present factor."""
     for _ in range(PASSES):
         run(k.rows)
         for a in range(len(k.rhs)):

@@ -1,4 +1,4 @@
-"""ODE-GC with fixed steps by the simplified method, and by the full one where that does not converge.
+"""ODE-GC with fixed steps by the simplified method, and by the full one where the former does not converge.
 
 Reactions are means over the steps.
 """
@@ -29,7 +29,7 @@ PATIENCE, MOST_PATIENCE = 8, 1024  # steps of the full method after one that the
 def integrate_weak_form(
     problem: Problem, control: StepControl, choices: GaugeChoices, settings: Settings
 ) -> Trajectory:
-    """Integrate by the simplified method where it applies, else by the full one; or by plain steps if asked for."""
+    """Integrate by the simplified method where it applies, else by the full one, or by plain steps with code=plain."""
     if choices.code == "plain":
         return move_reactions_to_nodes(ode_gc.integrate(problem, control, choices, settings))
     method = newton_steps(problem.system, settings, choices.max_cuts, choices.max_turn, choices.mu0)
@@ -39,10 +39,7 @@ def integrate_weak_form(
 
 
 def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -> Method:
-    """Return the simplified method, for the march, with ``full`` for stretches in which it does not converge.
-
-    It solves nothing yet.
-    """
+    """Make the simplified method, for ``host.integrate``, with ``full`` for stretches where it does not converge."""
 
     def prepare(kernel: Kernel, control: np.ndarray) -> Any:
         """Make the bundle of a step for this kernel and control."""
@@ -69,7 +66,7 @@ def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -
 
 
 class FallbackMarcher:
-    """The simplified method's march, and the full one's for stretches in which that does not converge."""
+    """A march by the simplified method, and by the full one for stretches in which that does not converge."""
 
     def __init__(self, problem: Problem, simple: Marcher, full: Method, saddle: bool) -> None:
         self._simple, self._full, self._problem, self._saddle = simple, full, problem, saddle
@@ -92,7 +89,7 @@ class FallbackMarcher:
 
     @property
     def _marcher(self) -> Marcher:
-        """March of the full method, made when it is first needed."""
+        """The march of the full method, made when it is first needed."""
         if self._other is None:
             with making_code:
                 self._other = Marcher(self._problem, self._full, self.state)
@@ -100,13 +97,13 @@ class FallbackMarcher:
         return self._other
 
     def explain(self, outcome: int) -> str:
-        """Return the full method's words for the ``outcome`` of the march."""
+        """Return the full method's message for an ``outcome`` of the march."""
         return self._marcher.explain(outcome)
 
     def stretch(self, n: int) -> Record:
-        """March up to ``n`` steps by either method; return the record of those accepted.
+        """March up to ``n`` steps by one of the methods; return the record of those accepted.
 
-        The full method's begin and end anywhere, the simplified one's on the grid.
+        The full method's steps begin and end anywhere, the simplified one's on the grid of dt.
         """
         c = self.state
         if self._never or self._stuck or c["place"] or c["level"] or self._is_turn_limited:
@@ -125,13 +122,13 @@ class FallbackMarcher:
 
     @property
     def _is_turn_limited(self) -> bool:
-        """Flag of a limit on turns in the full method's march, which the simplified one does not know."""
+        """Flag of a limit on rotations in the full method's march, which the simplified one does not have."""
         return self._other is not None and bool(np.isfinite(self._other.bundle.scheme["max_turn"]))
 
     def _marcher_stretch(self, n: int) -> Record:
-        """March up to ``n`` steps by the full method, and pass its state back to the simplified one.
+        """March up to ``n`` steps by the full method, and pass its state back to the simplified one, if that is used.
 
-        The number of steps doubles from call to call.
+        In the latter case the limit on the number of steps doubles from call to call.
         """
         c, other = self.state, self._marcher
         c["most_cuts"] = self._full.most_cuts
@@ -143,9 +140,10 @@ class FallbackMarcher:
         return record
 
     def _join_determinants(self, teller: Marcher, record: Record) -> None:
-        """Change the determinants of ``record`` so that both methods' are one series, without a jump.
+        """Change the determinants of ``record`` in place, so that those of both methods form one series without a jump.
 
-        Each method drops other redundant rows, so their ratio changes. ``teller`` is the march of the record.
+        The methods drop different redundant rows, so the ratio of their determinants changes. ``teller`` is the march
+        of the record.
         """
         if self._saddle and len(record.t):
             told = record.told[:, 5]
@@ -156,7 +154,7 @@ class FallbackMarcher:
             self._level = told[-1]
 
     def _hand_over(self) -> None:
-        """Pass the state of the simplified method, and its last steps as the past, to the full one."""
+        """Make the full method's march; if the simplified one is stuck, pass on its state and its last steps."""
         s, other, c = self._simple.bundle.step, self._marcher, self.state
         k, f, h = other.kernel, other.bundle, float(c["dt"])
         if self._stuck:
@@ -186,17 +184,17 @@ class FallbackMarcher:
 
 
 def start(m):
-    """Compute acceleration and multipliers of index 1 at the start, for the first estimate."""
+    """Compute acceleration and multipliers of index 1 at the start, from which the first step is estimated."""
     begin_march(m.step)
 
 
 def begin_next(m):
-    """Begin the next step, of ``control.h``: ``begin_step`` as an entry of its own."""
+    """Begin the next step, of ``control.h``: ``begin_step`` as a separate entry."""
     begin_step(m.step, m.step.control.h)
 
 
 def step(m):
-    """Take one step of ``control.h``; ``control.status`` is STUCK where it does not converge.
+    """Take one step of ``control.h``; set ``control.status`` to STUCK where it does not converge.
 
     Its start stays in ``r0``, ``R0``, ``v0``.
     """
@@ -211,9 +209,9 @@ def step(m):
 
 
 def finish(m):
-    """Correct the poses of the end, store the step as the past, and set ``lam`` to its mean reaction.
+    """Correct the poses of the end, store the step for later estimates, and set ``lam`` to its mean reaction.
 
-    The next step is begun, since its f_bar at the start is that of this one's end.
+    The next step is begun here, since its f_bar at the start is the one at this step's end.
     """
     s, c, k = m.step, m.step.control, m.step.kernel
     run(s.correct)

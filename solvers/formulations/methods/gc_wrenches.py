@@ -1,4 +1,4 @@
-"""Entries of ODE-GC's simplified method on a kernel's arrays, by ``rows.wrenches``."""
+"""Entries of ODE-GC's simplified method on a kernel's arrays, from the expressions of ``rows.wrenches``."""
 
 from typing import Any
 
@@ -11,14 +11,14 @@ from ..rows.kept_code import wrench_code
 
 
 class WrenchLoops(Loops):
-    """Entries of ``rows.wrenches``; x of ``rates`` and ``loads`` is ``rhs`` of the kernel, w is its ``w``."""
+    """The loops of ``rows.wrenches``; x of ``rates`` and ``loads`` is the kernel's ``rhs``, w is its ``w``."""
 
     at: Any  # the step of ``gc_step``: plan (3,) is dt/2, B and the gauge, numbers (nb, 22) m g, m, J^-1, J
 
     def entries(self, direction: int, *, use_f_bar: bool) -> dict[str, Any]:
         """Return a program for each function of ``rows.wrenches``, over all groups of joints.
 
-        ``direction`` is that of c in Eq. (31); ``use_f_bar``: with f_bar of Eq. (30).
+        ``direction`` is that of c in Eq. (31); ``use_f_bar`` includes f_bar of Eq. (30).
         """
         k, at = self._k, self.at
         calls: dict[str, list[Call]] = {name: [] for name in ("begin", "impulses", "rates", "loads")}

@@ -50,7 +50,7 @@ ARRAYS = {
 
 
 def half_explicit_steps(tolerance: float) -> Method:
-    """Return the half-explicit method, for the march; it solves nothing yet.
+    """Make the half-explicit method, for ``host.integrate``.
 
     ``tolerance`` is that of the last correction of velocities [m/s, rad/s].
     """
@@ -58,7 +58,7 @@ def half_explicit_steps(tolerance: float) -> Method:
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, tolerance: float) -> Any:
-    """Make the bundle of a step, with room for trial multipliers and their effect on the residual."""
+    """Make the bundle of a step, with arrays for trial multipliers and their effect on the residual."""
     nr = len(kernel.lam)
     depth = max(1, min(DIRECTIONS, nr, NUMBERS // max(nr, 1)))
     tried = {"tried": f"{depth} nr", "reached": f"{depth} nr"}
@@ -98,7 +98,7 @@ def finish(s):
 
 @compile_inline
 def _slope(s, k, i):
-    """Compute q' and V' of stage i with the multipliers of the last one, and keep the stage's rows."""
+    """Compute q' and V' of stage i with the multipliers of the last one, and keep a copy of the stage's rows."""
     run(k.forces)
     copy(k.force, k.w)
     run(k.divide)
@@ -116,7 +116,7 @@ def _slope(s, k, i):
 def _next_stage(s, k, c, i):
     """Compute poses and velocities of stage i + 1, and the multipliers of stage i.
 
-    Return the march's status, 0 if it is done.
+    Return the status of the step, 0 on success.
     """
     for b in range(len(k.v)):
         for a in range(6):
@@ -138,7 +138,7 @@ def _next_stage(s, k, c, i):
 
 @compile_inline
 def _hold(s, k, weight, i):
-    """Correct lam of stage i so that A V + phi_t = 0 at the poses of ``k``; return the march's status, 0 if done.
+    """Correct lam of stage i so that A V + phi_t = 0 at the poses of ``k``; return the step's status, 0 on success.
 
     ``weight`` is h a_(i+1)i, by which lam changes V.
     """
@@ -178,7 +178,7 @@ def _hold(s, k, weight, i):
 
 @compile_inline
 def _solve(k, out):
-    """Set out := S^-1 x, with x of the kernel."""
+    """Set out := S^-1 x, with x the kernel's ``x``."""
     copy(k.x, k.rhs)
     run(k.solve)
     copy(k.rhs, out)
@@ -186,7 +186,7 @@ def _solve(k, out):
 
 @compile_inline
 def _push(k, x):
-    """Set ``k.w`` := M^-1 A_i^T x, with the rows kept; return its largest entry."""
+    """Set ``k.w`` := M^-1 A_i^T x, with the copied rows of the stage; return its largest absolute entry."""
     clear(k.w)
     copy(x, k.x)
     run(k.push_kept)

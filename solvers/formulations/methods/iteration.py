@@ -1,4 +1,4 @@
-"""The iteration of a step to the end of its corrections (compiled)."""
+"""The iteration of a step until its corrections vanish (compiled)."""
 
 import numpy as np
 
@@ -14,9 +14,9 @@ GO_ON, SETTLED, FAILED = range(3)
 def has_settled(size, last, tolerance):
     """Return the state of an iteration: GO_ON, SETTLED or FAILED.
 
-    It has settled when ``size``, of residual and correction, is below the tolerance and falls no more; it has failed
-    when that is no longer finite. Growth is no failure: errors in poses and velocities may turn into each other before
-    both fall.
+    It is SETTLED when ``size``, of residual and correction, is within the tolerance and no longer falls below a tenth
+    of ``last``; FAILED when ``size`` is not finite. Growth is no failure: errors in poses and velocities may turn into
+    each other before both fall.
     """
     if not np.isfinite(size):
         return FAILED
@@ -25,10 +25,10 @@ def has_settled(size, last, tolerance):
 
 @compile_inline
 def iterate(s, sweep, tolerance):
-    """Repeat ``size = sweep(s, i, slow)`` until it settles; return whether ``size`` is within the tolerance.
+    """Repeat ``size = sweep(s, i, slow)`` until it settles, fails or reaches ``MOST_ITERATIONS``.
 
-    ``sweep`` corrects the unknowns once and returns the size of residual and correction; ``slow`` says that the last
-    one hardly reduced ``size``: its matrix is old.
+    Return whether ``size`` is within the tolerance. ``sweep`` corrects the unknowns once and returns the size of
+    residual and correction; ``slow`` says that the last sweep reduced ``size`` little, since the matrix is old.
     """
     last, slow = np.inf, False
     for i in range(MOST_ITERATIONS):

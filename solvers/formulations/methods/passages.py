@@ -1,4 +1,4 @@
-"""Singular passages of a finished run: where A nearly lost rank, and how the solver coped there."""
+"""Singular passages of a finished run: times at which A nearly lost rank, and the solver's effort there."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,8 +20,9 @@ AROUND = 5  # steps on both sides whose penalty, cuts and corrections are report
 def passages(system: MultibodySystem, run: Trajectory) -> tuple[Mapping[str, Any], ...]:
     """Return one entry for each singular passage of a finished run, none where they cannot be searched for.
 
-    Keys: time [s], smallest singular value there, lowest penalty, cuts, corrections. They are found as dips of the
-    determinant of the factorisations, confirmed by the singular values of A at the dip.
+    Keys: kind ("singular passage"), t [s], smallest_singular_value there and, over ``AROUND`` steps on both sides,
+    lowest_penalty, cuts, most_corrections and worst_constraint_norm. Passages are dips of the determinant of the
+    factorisations, confirmed by the singular values of A at the dip.
     """
     # plain steps record none
     if system.nrows > DENSE_ROWS or len(run.t) < 4 or "log_determinant" not in run.diagnostics:

@@ -1,4 +1,4 @@
-"""Products and motions that several methods share (compiled)."""
+"""Products and motions that several methods use (compiled)."""
 
 from ..compiled.algebra import turn_rotation
 from ..compiled.entries import compile_inline, run
@@ -6,7 +6,7 @@ from ..compiled.entries import compile_inline, run
 
 @compile_inline
 def set_rates(k):
-    """Set ``k.x`` := A w, the rates of the constraint rows at the velocities ``k.w``."""
+    """Set ``k.x`` := A w, the rates of the constraint rows at the velocities ``k.w``, without phi_t."""
     run(k.slips)
     for a in range(len(k.x)):
         k.x[a] = -k.x[a] - k.slip[a]
@@ -14,14 +14,14 @@ def set_rates(k):
 
 @compile_inline
 def add_scaled(share, x, y):
-    """Add ``share`` times x to y, arrays (n,)."""
+    """Add ``share`` times x to y, both arrays (n,)."""
     for a in range(len(x)):
         y[a] += share * x[a]
 
 
 @compile_inline
 def move(r0, R0, change, r, R):
-    """Set the poses r, R := r0 + change_r, R0 exp(change_theta), with change (nb, 6) in m and rad."""
+    """Set the poses r, R := r0 + change_r, R0 exp(hat(change_theta)), with ``change`` (nb, 6) in m and rad."""
     for b in range(len(change)):
         for a in range(3):
             r[b, a] = r0[b, a] + change[b, a]

@@ -57,17 +57,17 @@ ARRAYS = {  # the first axis is that of the stages
 
 
 def tolerance_for(rtol: float) -> float:
-    """Return the tolerance of Newton's iteration: 1e-10, or a thousandth of ``rtol`` if that is less.
+    """Return the tolerance of Newton's iteration, and of the constraints: a thousandth of ``rtol``.
 
-    Constraints hold so far.
+    It is limited to 1e-13 .. 1e-10.
     """
     return max(1e-13, min(1e-10, 1e-3 * rtol))
 
 
 def radau_steps(problem: Problem, rtol: float, code: str) -> Method:
-    """Return the Radau method, for the march; it solves nothing yet.
+    """Make the Radau method, for ``host.integrate``.
 
-    ``rtol`` sets the tolerance of its iteration; ``code`` is the option.
+    ``rtol`` sets the tolerance of its iteration; ``code`` is the solver's option.
     """
     tolerance, notes = choose_tolerance(tolerance_for(rtol), problem)
     of_system = partial(prepare, system=problem.system, tolerance=tolerance, code=code)
@@ -79,7 +79,7 @@ def radau_steps(problem: Problem, rtol: float, code: str) -> Method:
 def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float, code: str) -> Any:
     """Make the bundle of a step: kernels of the stages without spring-dampers, and the springs as soft rows.
 
-    ``before`` in its scheme is the length of the last step.
+    In its scheme, ``before`` is the length of the last step.
     """
     stages, made = stack_kernels(remove_springs(system), 3, NEEDED, code)
     springs = make_soft_rows(system, len(kernel.lam), A, made)
@@ -102,7 +102,7 @@ def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tol
 
 
 def start(s):
-    """Compute vdot and lam of index 1 at the start, and the tensions of the springs, for the first estimate."""
+    """Compute vdot and lam of index 1 at the start, and minus the tensions of the springs, for the first estimate."""
     k, g = s.kernel, s.stages
     run(k.accelerate)
     s.control.factorisations += 1
@@ -121,7 +121,7 @@ def start(s):
 def step(s):
     """Solve for the stages of a step of ``control.h``, and estimate its error.
 
-    Where the iteration does not converge, the error is that which halves the step.
+    Where the iteration does not converge, the error is set so that the step is halved.
     """
     c = s.control
     c.error = (SAFETY / 0.5) ** c.order
@@ -144,7 +144,7 @@ def step(s):
 
 
 def finish(s):
-    """Make the last stage the state of the kernel, and keep the stages for the next estimate."""
+    """Set the kernel to the last stage, and store the stages for the next estimate."""
     k, g = s.kernel, s.stages
     copy(g.r[2], k.r)
     copy(g.R[2], k.R)
@@ -159,7 +159,7 @@ def finish(s):
 
 @compile_inline
 def _guess(s, h):
-    """Extrapolate vdot, lam and p by the parabola through the last step's stages; eta = 0, theta = c h Omega_0."""
+    """Extrapolate vdot, lam and p by the parabola through the last step's stages; set eta = 0, theta = c h Omega_0."""
     last = s.scheme.before
     clear(s.vdot)
     clear(s.lam)
@@ -183,7 +183,7 @@ def _guess(s, h):
 def _set_poses(s, h, sloped):
     """Set velocities and poses of the stages from their accelerations.
 
-    ``sloped``: the slack z is that of eta with the rows of the last iterate; else it is zero.
+    With ``sloped``, the slack z is that of eta with the rows of the last iterate; else it is zero.
     """
     g = s.stages
     for i in range(3):
@@ -242,7 +242,7 @@ def _iterate(s, h, first):
 
 @compile_inline
 def _correct_stage(s, g, h, i):
-    """Correct vdot, lam and eta of stage i, springs aside; return the largest change of vdot."""
+    """Correct vdot, lam and eta of stage i, springs excepted; return the largest change of vdot."""
     right = g.rhs[1]
     run(g.forces[i])
     copy(g.force[i], g.w[i])
@@ -277,7 +277,7 @@ def _correct_stage(s, g, h, i):
 
 @compile_inline
 def _error(s, h, rtol):
-    """Return the step's error over its tolerance: an RMS over ``rtol (1 + |y|)``, angles over ``rtol``.
+    """Return the step's error relative to its tolerance: an RMS over ``rtol (1 + |y|)``, for angles over ``rtol``.
 
     The estimate is gamma (h y'_0 + e . (y_i - y_0)).
     """

@@ -6,7 +6,8 @@ One sub-step of h from (q_0, v_0) with the factor of S at q_0 (McLachlan, Modin,
     q_1 = free motion over h from (q_0, p_half)   x such that phi(q_1) = 0: S_0 dx = -phi / h, repeated
     v_1 = M^-1 (p_1 + h/2 f(q_1) + A_1^T y)       S_1 y = -A_1 (...): A_1 v_1 = 0
 
-Symplectic and time-reversible; phi and A v at rounding in every step. Dampers enter f(q_1, v_1) by a fixed point.
+Symplectic and time-reversible. In every step phi is below the tolerance and A v at rounding. Dampers enter f(q_1, v_1)
+by a fixed-point iteration.
 """
 
 from functools import partial
@@ -37,10 +38,10 @@ ARRAYS = {
 def symplectic_steps(
     problem: Problem, gamma: np.ndarray, tolerance: float, *, discrete: bool = False, rate: float = 0.0
 ) -> Method:
-    """Return RATTLE or a composition of it with sub-steps ``gamma`` h, for the march; it solves nothing yet.
+    """Make RATTLE, or a composition of it with sub-steps ``gamma`` h, for ``host.integrate``.
 
-    phi is held below ``tolerance`` [m; axis rows without unit]. Free bodies turn exactly, or by the ``discrete``
-    equations of Moser and Veselov; ``rate`` [rad/s] is that of reversible step control, 0: none.
+    phi is kept below ``tolerance`` [m; axis rows without unit]. Free bodies rotate exactly, or by the ``discrete``
+    equations of Moser and Veselov; ``rate`` [rad/s] is that of reversible step control, 0 for fixed steps.
     """
     system, (tolerance, notes) = problem.system, choose_tolerance(tolerance, problem)
     scheme = make_record(h=0.0, tolerance=tolerance, damped=not system.is_conservative, discrete=discrete)
@@ -66,7 +67,7 @@ def start(s):
 
 
 def step(s):
-    """Take all sub-steps of ``control.h``; ``control.status`` is STUCK where one does not converge."""
+    """Take all sub-steps of ``control.h``; set ``control.status`` to STUCK where one does not converge."""
     c, k = s.control, s.kernel
     k.t[0] = c.t
     for i in range(len(s.gamma)):
@@ -76,13 +77,13 @@ def step(s):
 
 
 def finish(s):
-    """Compute the reactions recorded, those of index 1: 2 y / h is one order less exact."""
+    """Compute the reactions recorded, those of index 1, since 2 y / h is one order less accurate."""
     run(s.kernel.reactions)
 
 
 @compile_inline
 def _sub_step(s, k, c, h):
-    """Take one sub-step of h [s], which moves the time of ``k``; return whether phi came down to the tolerance."""
+    """Take one sub-step of h [s], and advance the time of ``k``; return whether phi falls below the tolerance."""
     copy(k.r, s.r0)
     copy(k.R, s.R0)
     copy(k.v, s.half)
@@ -128,7 +129,7 @@ def _sweep(s, i, slow):
 
 @compile_inline
 def _kick(s, k, h):
-    """Add h/2 M^-1 f, of the forces at the state of the kernel, to the velocities ``half``."""
+    """Add h/2 M^-1 f, with the forces at the state of the kernel, to the velocities ``half``."""
     run(k.applied_forces)
     for b in range(len(s.half)):
         t0, t1, t2 = k.force[b, 3], k.force[b, 4], k.force[b, 5]
@@ -140,9 +141,9 @@ def _kick(s, k, h):
 
 @compile_inline
 def _drift(s, k, h):
-    """Move all bodies freely from the start of the sub-step for h [s] at the velocities ``k.w``.
+    """Move all bodies freely for h [s] from the start of the sub-step, at the velocities ``k.w``.
 
-    Their Omega becomes that at the end.
+    Their Omega in ``k.w`` becomes that at the end.
     """
     for b in range(len(k.mass)):
         w0, w1, w2 = k.w[b, 3], k.w[b, 4], k.w[b, 5]

@@ -5,8 +5,8 @@ In a step from (r0, R0): y = (r, theta, v) with R = R0 exp(theta), theta = 0 at 
     r' = v,   theta' = dexp^-1(theta) Omega,   v' = index-1 acceleration
 
 The inverse differential is exact for each body, so the order is that of the tableau for any pair (Munthe-Kaas 1999).
-The last stage stands at the end of the step and serves as the next one's first, although the projection moves the
-point: that change is of the order of the error, O(h^(p+1)).
+The last stage is at the end of the step and serves as the next one's first, although the projection moves the point:
+that change is of the order of the error, O(h^(p+1)).
 """
 
 import math
@@ -32,7 +32,7 @@ ARRAYS = {  # columns are r (3), theta (3), v (6)
 
 @dataclass(frozen=True)
 class ExplicitPair(MarchedSolver):
-    """A solver by an embedded pair."""
+    """A solver by an embedded Runge-Kutta pair."""
 
     code: str = code_option(*WITH_PLAIN)
 
@@ -50,7 +50,7 @@ class ExplicitPair(MarchedSolver):
 
 
 def explicit_pair(tableau: Tableau) -> Method:
-    """Return the method of an embedded pair, first same as last, for the march; it solves nothing yet."""
+    """Make the method of an embedded pair, first same as last, for ``host.integrate``."""
     t, arrays = tableau, ARRAYS | {"slopes": f"{len(tableau.b) + 1} nb 12"}
     return Method(
         partial(make_step, arrays=arrays, a=t.a, b=t.b, c=t.c, estimate=t.error),
@@ -70,7 +70,7 @@ def start(s):
 
 
 def step(s):
-    """Compute the stages of a step of ``control.h`` and its error; the kernel is left at the last stage."""
+    """Compute the stages of a step of ``control.h`` and its error; leave the kernel at the last stage."""
     c, n = s.control, len(s.b)
     for i in range(1, n):
         _combine(s, s.a[i], i, c.h)
@@ -81,7 +81,7 @@ def step(s):
 
 
 def finish(s):
-    """Project the end onto the constraints; the last slope becomes the first one, except for its velocities."""
+    """Project the end onto the constraints; make the last slope the first one, with the projected velocities."""
     k, n = s.kernel, len(s.b)
     run(k.project)
     close_rotations(k.R)  # rotations, exact to rounding, for the start of the next step
@@ -105,7 +105,7 @@ def _begin(s):
 
 @compile_inline
 def _slope(s, t, out):
-    """Compute the slope y' at ``y`` and time t [s], by accelerations of index 1; store it as slope ``out``."""
+    """Compute the slope y' at ``y`` and time t [s] from accelerations of index 1; store it as slope ``out``."""
     k = s.kernel
     k.t[0] = t
     for b in range(len(s.y)):
@@ -129,7 +129,7 @@ def _slope(s, t, out):
 
 @compile_inline
 def _combine(s, weights, n, h):
-    """Set y = start + h sum weights slopes."""
+    """Set y = start + h sum weights slopes, over the first ``n`` slopes."""
     _add(s, weights, n, s.y)
     for b in range(len(s.y)):
         for a in range(12):
@@ -138,7 +138,7 @@ def _combine(s, weights, n, h):
 
 @compile_inline
 def _add(s, weights, n, out):
-    """Set out = sum weights slopes: one slope after the other, each read once."""
+    """Set out = sum weights slopes, over the first ``n`` slopes, each read once."""
     clear(out)
     for i in range(n):
         w, slope = weights[i], s.slopes[i]
@@ -150,9 +150,9 @@ def _add(s, weights, n, out):
 
 @compile_inline
 def _error(s, h, rtol):
-    """Return the step's error over its tolerance: the RMS of the estimate over ``rtol (1 + |y|)``.
+    """Return the step's error relative to its tolerance: the RMS of the estimate over ``rtol (1 + |y|)``.
 
-    Angles are compared with ``rtol``.
+    The tolerance of angles is ``rtol``.
     """
     first = second = 0.0
     two, n = len(s.estimate) == 2, s.estimate.shape[1]

@@ -42,8 +42,8 @@ ARRAYS = {
 def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: Any) -> Any:
     """Make the bundle of a system's springs as soft rows of three stages, with the tableau ``a``.
 
-    ``nrows`` are the mechanism's constraint rows; ``keeps`` is kept alive. ``matrix`` holds its factors after
-    ``_factorise``, ``right`` the solution after ``_solve``.
+    ``nrows`` is the number of the mechanism's constraint rows; ``keeps`` is kept alive. ``matrix`` holds its factors
+    after ``_factorise``, ``right`` the solution after ``_solve``.
     """
     stages, made, law = make_springs(system, 3)
     ns = law.shape[1]
@@ -65,9 +65,9 @@ def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: An
 
 @compile_inline
 def _factorise(A, pivots):
-    """Factorise the dense matrix A in place by rows, with the largest pivot of each column.
+    """Factorise the dense matrix A in place by rows, with the largest pivot of each column; set ``pivots``.
 
-    In one order of operations, unlike LAPACK's: the same bits on every machine.
+    The order of operations is fixed, unlike LAPACK's: the same bits on every machine.
     """
     n = len(A)
     for k in range(n):
@@ -107,9 +107,9 @@ def set_rates(g, i):
 
 
 def follow(step):
-    """Evaluate lengths' rates and tensions of the springs at poses and velocities of all stages.
+    """Compute rates of length and tensions of the springs at the poses and velocities of all stages.
 
-    Set pull := M^-1 A_s^T p.
+    ``pull`` becomes M^-1 A_s^T p.
     """
     g, s, k = step.stages, step.springs, step.springs.stages
     for i in range(3):
@@ -129,7 +129,7 @@ def follow(step):
 
 @compile_inline
 def _add_pull(k, i, p, w):
-    """Add M^-1 A_s^T p to w with the rows of stage ``i``."""
+    """Add M^-1 A_s^T p to w, with the springs' rows of stage ``i``."""
     copy(w, k.w[i])
     copy(p, k.x[i])
     run(k.push[i])
@@ -137,7 +137,7 @@ def _add_pull(k, i, p, w):
 
 
 def respond(step):
-    """Compute how lam and the lengths' rates respond to each p, W and G, and factorise the matrix of the springs.
+    """Compute how lam (W) and the lengths' rates (G) respond to each p, and factorise the matrix of the springs.
 
     Factor and rows are those of the second stage.
     """
@@ -169,7 +169,7 @@ def respond(step):
 
 
 def correct(step):
-    """Correct p, lam and vdot of all stages by the springs' equations, whose w is the other changes d of vdot.
+    """Correct p, lam and vdot of all stages by the springs' equations; w are the other changes d of vdot.
 
     ``changed`` becomes the largest change of vdot.
     """
@@ -205,6 +205,6 @@ ENTRIES = {"follow": follow, "respond": respond, "correct": correct}  # entries 
 
 
 def add_entries(step: Any) -> Any:
-    """Return the bundle of a step with the entries of its springs; without springs they do nothing."""
+    """Return the bundle of a step with the entries of its springs, which do nothing in a system without springs."""
     some = len(step.springs.G)
     return step._replace(**{name: Bound(f, step) if some else Program([]) for name, f in ENTRIES.items()})

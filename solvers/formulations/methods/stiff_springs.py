@@ -1,4 +1,4 @@
-"""The ending of a march whose iteration has a matrix of masses alone: from which step on springs let it converge."""
+"""The message of a march that is stuck because its iteration ignores springs: the step with which it would converge."""
 
 from collections.abc import Callable
 from functools import partial
@@ -27,7 +27,7 @@ def explaining(problem: Problem) -> Callable[[Any, int], str]:
 
 
 def _explain(problem: Problem, bundle: Any, outcome: int) -> str:
-    """Return words for the ``outcome`` of a march; where springs stop its iteration, the step that would converge."""
+    """Return the message for an ``outcome`` of a march; if springs stop its iteration, with the step to take."""
     if outcome == STUCK and problem.system.nb <= MOST_BODIES:
         rate = fastest_rate(problem.system, problem.initial)
         if rate * float(bundle.control["h"]) > 1.0:
@@ -41,8 +41,9 @@ def _explain(problem: Problem, bundle: Any, outcome: int) -> str:
 def fastest_rate(system: MultibodySystem, s: State) -> float:
     """Return the largest rate [1/s] at which applied forces let the mechanism vibrate, or damp it, joints closed.
 
-    With the slopes K by poses and C by velocities on the motions N that joints allow, of unit masses: the root of the
-    largest eigenvalue of N^T K N, or the largest of N^T C N.
+    With N the motions that joints allow, normalised to unit masses, and K and C the slopes of forces by poses and by
+    velocities, it is the larger of the root of the largest |eigenvalue| of N^T K N and the largest |eigenvalue| of N^T
+    C N.
     """
     n = 6 * system.nb
     A = constraint_jacobian(system, s).toarray()
@@ -60,7 +61,7 @@ def fastest_rate(system: MultibodySystem, s: State) -> float:
 
 
 def _force_slopes(system: MultibodySystem, s: State) -> tuple[np.ndarray, np.ndarray]:
-    """Return the slopes of applied loads by poses and by velocities (n, n), by central differences."""
+    """Return the slopes of applied loads by poses and by velocities (6 nb, 6 nb), by central differences."""
     nb, n = system.nb, 6 * system.nb
     size = max(float(np.max(system.gyration)), float(np.max(np.abs(s.r - s.r[0]))))
     step = np.tile(np.repeat((size or 1.0, 1.0), 3), nb) * SMALL

@@ -1,4 +1,4 @@
-"""Embedded explicit Runge-Kutta pairs, first same as last: Dormand-Prince 5(4) and DOP853, as scipy has them."""
+"""Embedded explicit Runge-Kutta pairs, first same as last: Dormand-Prince 5(4) and DOP853, as SciPy has them."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ from scipy.integrate._ivp.rk import DOP853, RK45
 
 
 class Tableau(NamedTuple):
-    """A pair's coefficients; ``error`` has one row, or two (E5, E3) for DOP853, stages first, the end's slope last."""
+    """The coefficients of a pair; ``error`` has one row, or two (E5, E3) for DOP853, with the end's slope last."""
 
     c: np.ndarray  # (s,)
     a: np.ndarray  # (s, s)

@@ -1,1 +1,1 @@
-"""A mechanism in joint coordinates by recursion over its bodies, which are data: compiled once for all mechanisms."""
+"""A mechanism in joint coordinates by recursion over its bodies as data, compiled once for all mechanisms."""

@@ -1,7 +1,7 @@
-"""Accelerations of a tree with closing rows, its projection, and the record of it (compiled).
+"""Accelerations of a tree with closing rows, and its projection onto them (compiled).
 
-H u_dot = effort + J^T mu, J u_dot = -gamma: accelerations without rows, then the rows' response by the factor of
-J H^-1 J^T.
+H u_dot = effort + J^T mu, J u_dot = -gamma: first the accelerations without rows, then the response to the rows by the
+factor of J H^-1 J^T.
 """
 
 import math
@@ -16,7 +16,7 @@ from .twists import cross
 
 
 class CoupledTree(NamedTuple):
-    """A tree and its present state."""
+    """A tree and its present state, the argument of ``couple_tree``."""
 
     limbs: Limbs
     closing: Closing
@@ -26,7 +26,7 @@ class CoupledTree(NamedTuple):
 
 
 class AcceleratedTree(NamedTuple):
-    """A tree, its present state, and results."""
+    """A tree, its present state, and the results of ``accelerate_tree``."""
 
     limbs: Limbs
     closing: Closing
@@ -40,7 +40,7 @@ class AcceleratedTree(NamedTuple):
 
 
 class ProjectedTree(NamedTuple):
-    """A tree, its present state, and results of a projection."""
+    """A tree, its present state, and the results of ``finish_tree``."""
 
     limbs: Limbs
     closing: Closing
@@ -60,14 +60,14 @@ class ProjectedTree(NamedTuple):
 
 
 def accelerate_tree(s: Any) -> None:
-    """Compute ``q_dot``, ``u_dot`` and the ``least`` pivot of the closing rows from t, q and u."""
+    """Compute ``q_dot``, ``u_dot`` and the ``least`` pivot of the closing rows from t, q and u, in the bundle ``s``."""
     s.least[0] = _accelerate(s)
     rate_coordinates(s.limbs, s.q, s.u, s.q_dot)
 
 
 @compile_inline
 def _accelerate(s: Any) -> float:
-    """Compute ``u_dot`` and the multipliers ``mu`` of rows in use; return their least pivot, 1 without rows."""
+    """Compute ``u_dot`` and the multipliers ``mu`` of the rows in use; return their least pivot, at most 1."""
     l, c = s.limbs, s.closing
     l.t[0] = s.t[0]
     move_to(l, s.q, s.u)
@@ -96,7 +96,7 @@ def _accelerate(s: Any) -> float:
 
 @compile_inline
 def set_loads(l: Any) -> None:
-    """Set each limb's load to its forces, less the inertia forces of the accelerations ``bias``."""
+    """Set the load of each limb to its forces less the inertia forces of the accelerations ``bias``, about P."""
     for k in range(len(l.parent)):
         body, m, bias, load = l.body[k], l.mass[k], l.bias[k], l.load[k]
         x, y, z = l.c[k, 0], l.c[k, 1], l.c[k, 2]
@@ -111,7 +111,7 @@ def set_loads(l: Any) -> None:
 
 @compile_inline
 def _acceleration_of_centre(l: Any, k: int, a: Any) -> Any:
-    """Return the acceleration [m/s2, in space] of limb k's C, where ``a`` has those of its turn and of P."""
+    """Return the acceleration of limb k's C [m/s2, space]; ``a`` is (angular acceleration, acceleration of P)."""
     d0, d1, d2 = _centripetal(l, k)
     e0, e1, e2 = cross(a[0], a[1], a[2], l.c[k, 0], l.c[k, 1], l.c[k, 2])
     return a[3] + d0 + e0, a[4] + d1 + e1, a[5] + d2 + e2
@@ -119,7 +119,7 @@ def _acceleration_of_centre(l: Any, k: int, a: Any) -> Any:
 
 @compile_inline
 def add_centripetal(l: Any, k: int, a: Any, out: Any) -> None:
-    """Set ``out`` to limb k's accelerations ``a``, plus the centripetal part of the acceleration of C."""
+    """Set ``out`` to limb k's accelerations ``a`` plus the centripetal acceleration of C about P."""
     d0, d1, d2 = _centripetal(l, k)
     out[0], out[1], out[2] = a[0], a[1], a[2]
     out[3], out[4], out[5] = a[3] + d0, a[4] + d1, a[5] + d2
@@ -170,7 +170,7 @@ def normalise(l: Any, q: Any) -> None:
 
 
 def couple_tree(s: Any) -> None:
-    """Compute S = J H^-1 J^T of the rows in use at t, q and u, without factorising it."""
+    """Compute the factor of H, and the lower half of S = J H^-1 J^T of the rows in use, at t, q and u."""
     l = s.limbs
     l.t[0] = s.t[0]
     move_to(l, s.q, s.u)
@@ -181,10 +181,10 @@ def couple_tree(s: Any) -> None:
 
 
 def finish_tree(s: Any) -> None:
-    """Project q and u onto the loops, from t, q and u, and compute q_dot there.
+    """Compute accelerations at t, q and u, project q and u onto the loops, and compute q_dot there.
 
-    ``u_dot`` and ``lam`` are those before the projection; ``least`` is the least pivot, ``gap`` the largest phi of rows
-    that are left out.
+    Set are ``q_after``, ``u_after`` and ``q_dot`` after the projection, ``u_dot`` and ``lam`` before it, the ``least``
+    pivot, and ``gap``, the largest |phi| after it of the rows that are left out.
     """
     l, c = s.limbs, s.closing
     s.least[0] = _accelerate(s)

@@ -1,4 +1,4 @@
-"""Rows that close loops, added to the sweeps: S = J H^-1 J^T by a response to each, and its dense factor (compiled)."""
+"""Rows that close the loops of a tree: S = J H^-1 J^T by one sweep per row, and its dense factor (compiled)."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from .twists import cross
 
 @compile_inline
 def add_row(s: Any, c: Any, a: int, x: float) -> None:
-    """Add x times closing row ``a``, as a load on both bodies, to the limbs' loads."""
+    """Add the load of closing row ``a`` with the multiplier ``x`` to the loads of the limbs of both its bodies."""
     for e in range(2):
         body = c.body[c.joint[a], e]
         if body < 0:
@@ -30,7 +30,7 @@ def add_row(s: Any, c: Any, a: int, x: float) -> None:
 
 @compile_separately
 def rate_rows(s: Any, c: Any, motion: Any) -> None:
-    """Set ``rates`` to J V of all closing rows at the limbs' ``motion`` V, velocities or accelerations."""
+    """Set ``rates`` to J V of all closing rows for the limbs' ``motion`` V, velocities or accelerations."""
     for j in range(len(c.body)):
         first, last = c.row[j], c.row[j + 1]
         for a in range(first, last):
@@ -50,7 +50,7 @@ def rate_rows(s: Any, c: Any, motion: Any) -> None:
 
 @compile_separately
 def couple_rows(s: Any, c: Any) -> None:
-    """Compute the velocities' response ``Y`` to each row in use, and the lower half of S = J H^-1 J^T."""
+    """Compute the response ``Y`` = H^-1 J^T to each row in use, and the lower half of S = J H^-1 J^T."""
     m = len(c.kept)
     clear(s.effort)
     for k in range(m):
@@ -66,9 +66,9 @@ def couple_rows(s: Any, c: Any) -> None:
 
 @compile_separately
 def factor_closing(s: Any, c: Any) -> float:
-    """Compute responses and factorise S = L D L^T in place, 1/D on its diagonal; return the least pivot.
+    """Compute responses and S, factorise S = L D L^T in place, with 1/D on its diagonal; return the least pivot.
 
-    Pivots are shares of their values where the order of rows was found.
+    Pivots are relative to their values where the order of rows was found; the result is at most 1.
     """
     m, least = len(c.kept), 1.0
     if m > 0:
@@ -88,7 +88,7 @@ def factor_closing(s: Any, c: Any) -> float:
 
 @compile_separately
 def solve_closing(c: Any) -> None:
-    """Set ``mu`` := S^-1 mu with the factor of S."""
+    """Solve S x = mu with the factor of S; ``mu`` is replaced by x."""
     m = len(c.kept)
     for i in range(m):
         x = c.mu[i]
@@ -104,7 +104,7 @@ def solve_closing(c: Any) -> None:
 
 @compile_inline
 def respond(c: Any, x: Any) -> None:
-    """Add Y^T mu, the response of the velocities to the multipliers of rows in use, to ``x``."""
+    """Add Y^T mu, the response of the velocities to the multipliers of the rows in use, to ``x``."""
     for k in range(len(c.kept)):
         for i in range(len(x)):
             x[i] += c.mu[k] * c.Y[k, i]
@@ -112,7 +112,10 @@ def respond(c: Any, x: Any) -> None:
 
 @compile_inline
 def release(c: Any, out: Any) -> None:
-    """Set ``out`` to the multipliers ``mu`` in the cut joints' order of rows; 0 for rows that are left out."""
+    """Set ``out`` to the multipliers ``mu`` in the cut joints' order of rows, 0 for rows left out.
+
+    ``rates`` is overwritten.
+    """
     clear(c.rates)
     for k in range(len(c.kept)):
         c.rates[c.kept[k]] = c.mu[k]

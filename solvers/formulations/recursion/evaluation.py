@@ -1,4 +1,4 @@
-"""A tree with its closing rows for ``joint_coordinates.marching`` and ``symplectic``: choice of rows, programs."""
+"""A mechanism by recursion for ``joint_coordinates.marching`` and ``symplectic``: its choice of rows, its programs."""
 
 from typing import Any, NamedTuple
 
@@ -24,19 +24,23 @@ Calls = list[tuple[int, list[np.ndarray]]]
 
 
 def too_many_rows(rows: int) -> str:
-    """Return the refusal of a mechanism with so many closing rows."""
+    """Return the refusal of a mechanism with ``rows`` closing rows, which are too many."""
     return f"eliminates the rows of closed loops densely, up to {MOST_ROWS} of them (got {rows}): use rkmk_dop853"
 
 
 class Coupling(NamedTuple):
-    """S of all closing rows at the present state, and the diagonal that each would have with free bodies."""
+    """S of all closing rows at a state, and the diagonal that S would have if the bodies were free."""
 
     S: Float[np.ndarray, "nr nr"]
     free: Float[np.ndarray, " nr"]
 
 
 class TreeMechanism:
-    """A mechanism by recursion over its bodies, instead of a ``JointCode``; ValueError where that is impossible."""
+    """A mechanism by recursion over its bodies, in place of a ``JointCode``.
+
+    Raises ValueError for more than ``MOST_ROWS`` closing rows, for a velocity without inertia, and for dependent rows
+    of a mechanism that is not holonomic.
+    """
 
     is_small = False
     operations = 0  # none are made
@@ -55,20 +59,26 @@ class TreeMechanism:
 
     @property
     def kept(self) -> int:
-        """Number of loop rows in use: those of the elimination, without rows that depend on others."""
+        """Number of closing rows in use, those that do not depend on others."""
         return len(self.order.rows)
 
     @property
     def words(self) -> str:
-        """Words for a note on the trajectory, which say that a recursion evaluates the mechanism."""
+        """Note for the trajectory, which says that a recursion evaluates the mechanism."""
         return f"recursion over {self.system.nb} {'body' if self.system.nb == 1 else 'bodies'}"
 
     def evaluate(self, chosen: Order | None = None) -> "TreeEvaluation":
-        """Return the arrays and programs that evaluate the mechanism, not a value; rows in the order ``chosen``."""
+        """Return the arrays and programs that evaluate the mechanism; nothing is computed yet.
+
+        Rows are eliminated in the order ``chosen``, by default that of the start.
+        """
         return TreeEvaluation(self, chosen)
 
     def couple_at(self, t: float, y: np.ndarray) -> Coupling:
-        """Return S of all closing rows, in the cut joints' order, at ``t`` [s] and y."""
+        """Return S of all closing rows, in the cut joints' order, at ``t`` [s] and ``y`` = (q, u).
+
+        The arrays of the mechanism are left at this state.
+        """
         of = self.mechanism
         closing = hold_rows(of.closing, range(self.rows), np.ones(self.rows))
         q, u = np.split(np.array(y), [self.tree.nq])
@@ -81,10 +91,10 @@ class TreeMechanism:
 
 
 def choose_rows(at: Coupling, size: np.ndarray | None = None) -> Order:
-    """Return an order of independent closing rows with their pivots: next is the largest share of a row's size.
+    """Return an order of independent closing rows with their pivots; the next row has the largest relative pivot.
 
-    ``size`` is that of another position: a row that vanishes here is small relative to it, but not to its size here.
-    Dependent rows are left out.
+    Pivots are relative to ``size``, by default the diagonal of S at the position of ``at``; with the diagonal of
+    another position, rows that vanish at this one are small. Dependent rows are left out.
     """
     S = at.S.copy()
     size = np.diag(S).copy() if size is None else size
@@ -104,7 +114,7 @@ def choose_rows(at: Coupling, size: np.ndarray | None = None) -> Order:
 
 
 class TreeEvaluation:
-    """Accelerations and projections as programs, rows in one order, ``chosen`` or that of the start."""
+    """Programs of accelerations, projections and records, with rows in the order ``chosen`` or that of the start."""
 
     def __init__(self, made: TreeMechanism, chosen: Order | None = None) -> None:
         self.made, self.nq, self.order = made, made.tree.nq, chosen or made.order
@@ -121,10 +131,10 @@ class TreeEvaluation:
     def finish(
         self, t: np.ndarray, y: np.ndarray, after: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, guard: np.ndarray
     ) -> Program:
-        """Return the program that projects ``y`` onto the loops: ``after``, with ``y_dot`` and ``lam``.
+        """Return the program that computes ``y_dot`` and ``lam``, and projects ``y`` onto the loops: ``after``.
 
-        Accelerations and ``lam`` are those before the projection; ``guard`` gets the least pivot, and the largest phi
-        of rows that were left out.
+        Of ``y_dot``, q_dot is that after the projection, u_dot that before it, as is ``lam``; ``guard`` gets the least
+        pivot, and the largest |phi| of rows that are left out.
         """
         (q, u), (q_dot, u_dot), (q_after, u_after) = (np.split(x, [self.nq]) for x in (y, y_dot, after))
         task = ProjectedTree(
@@ -147,7 +157,7 @@ class TreeEvaluation:
         return Bound(finish_tree, task)
 
     def record(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, *results: np.ndarray) -> Program:
-        """Return the program that computes r, R, v, v_dot of all bodies and all joints' reactions, the ``results``."""
+        """Return the program that computes the ``results``: r, R, v, v_dot of all bodies, reactions of all joints."""
         (q, u), (_, u_dot) = (np.split(x, [self.nq]) for x in (y, y_dot))
         of = self.made.mechanism._replace(closing=self.closing)
         return Bound(record_tree, make_record(self.made.system, self.made.tree, of, (t, q, u, u_dot, lam, *results)))
@@ -155,16 +165,16 @@ class TreeEvaluation:
     def measure(
         self, given: np.ndarray, start: np.ndarray, y: np.ndarray, sums: np.ndarray, error: np.ndarray
     ) -> Program:
-        """Return the program that computes the ``error`` of a step, over its tolerances.
+        """Return the program that computes the ``error`` of a step from ``start`` to ``y``, over its tolerances.
 
-        ``given`` are t, h and rtol; ``sums`` are both estimates of the error, over h.
+        ``given`` is (t, h, rtol); ``sums`` (2, n) are both estimates of the error, over h.
         """
         blocks = np.array(tolerance_blocks(self.made.tree), dtype=np.int64).reshape(-1, 3).T
         low, high, angle = (np.ascontiguousarray(x) for x in blocks)
         return Bound(measure_error, ErrorParts(low, high, angle, given, start, y, sums, error))
 
     def find_order(self, t: float, y: np.ndarray, start: np.ndarray) -> Order:
-        """Return an order of rows whose pivots are safe at ``t`` [s] and ``y``; ``LostRank`` if there is none."""
+        """Return an order of rows whose pivots are safe at ``t`` [s] and ``y``; raise ``LostRank`` if there is none."""
         here, size = self.made.couple_at(t, y), np.diag(self.made.at_start.S)
         of = np.where(size > 0.0, size, float(np.max(size, initial=0.0)))
         for compared in (None, of):  # a row may vanish here where another one takes its place
@@ -176,7 +186,7 @@ class TreeEvaluation:
 
 
 def _is_moved(of: ClosedTree) -> bool:
-    """Return whether each velocity of the tree moves inertia: whether no limb's inertia along its axes vanishes."""
+    """Return whether each velocity of a tree moves inertia, so that the inertia D^-1 along each limb's axes exists."""
     l: Any = of.limbs
     for k in range(len(l.parent)):
         n = int(l.slides[k] + l.turns[k])

@@ -1,13 +1,13 @@
 """Hamilton's equations of a tree by sweeps over its bodies, and rows that close its loops (compiled).
 
 The functions and coordinates are those of ``joint_coordinates.hamilton``. H u = pi by the factor of the sweeps; with a
-limb's motion V and the momentum h = (moment about P, momentum) of all that its joint carries, the slope of the energy
-along a rotation about s is
+limb's motion V and the momentum h = (moment about P, momentum) of all bodies that its joint carries, the slope of the
+energy along a rotation about s is
 
     T_theta = <h, [V, s]> = s . (h_turn x omega + h_move x v)
 
-with V before that joint; along a slide w it is w . (h_move x omega). Before a ball, the bodies that hang on it move
-with its P alone and turn with nothing: of their momentum p, v_P x p is a moment there.
+with V before that joint; along a slide w it is w . (h_move x omega). The bodies behind a ball translate with its P and
+do not rotate with its parent: their momentum p acts on the parent as the moment v_P x p.
 """
 
 import math
@@ -40,11 +40,11 @@ class Phase(NamedTuple):
     p_dot: Any
     u: Any
     lam: Any  # (rows,) input
-    out: Any  # output: rows, or the push
+    out: Any  # output: rows, or their force on the coordinates
 
 
 def find_slopes(s: Any) -> None:
-    """Compute q_dot and p_dot, the slopes of the Hamiltonian and the forces, from t, q and p, without closing rows."""
+    """Compute q_dot and p_dot from t, q and p by the slopes of the Hamiltonian and the forces, without closing rows."""
     l = s.limbs
     l.t[0] = s.t[0]
     move_to(l, s.q, s.still)
@@ -79,7 +79,7 @@ def find_slopes(s: Any) -> None:
 
 @compile_separately
 def find_momenta(l: Any) -> None:
-    """Set ``momentum`` of each limb's body, (moment about its P, momentum), from its motion."""
+    """Set ``momentum`` of each limb's body, (angular momentum about its P, momentum), from its motion."""
     for k in range(len(l.parent)):
         V, m, out = l.motion[k], l.mass[k], l.momentum[k]
         x, y, z = l.c[k, 0], l.c[k, 1], l.c[k, 2]
@@ -92,9 +92,9 @@ def find_momenta(l: Any) -> None:
 
 @compile_inline
 def _gather_slopes(l: Any, out: Any) -> None:
-    """Set ``out`` (nu,) to the slopes of the kinetic energy plus the loads' power along each velocity.
+    """Set ``out`` (nu,) to the slope of the kinetic energy plus the generalised force along each velocity.
 
-    The bodies' own momenta and loads become those that the joints carry.
+    ``momentum`` and ``load`` of the bodies are replaced by the sums that their joints carry.
     """
     n = len(l.parent)
     for k in range(n - 1, -1, -1):
@@ -122,7 +122,10 @@ def _gather_slopes(l: Any, out: Any) -> None:
 
 @compile_inline
 def lower_momenta(l: Any, q: Any, p: Any, out: Any) -> None:
-    """Set ``out`` to the momenta pi along velocities, for balls in the base frame, of the momenta ``p``."""
+    """Set ``out`` (nu,) to the momenta pi conjugate to velocities, from the momenta ``p`` conjugate to coordinates.
+
+    Those of a ball are in the base frame.
+    """
     for k in range(len(l.parent)):
         ns, at, first = l.slides[k], l.q_at[k], l.u_at[k]
         for i in range(ns if l.ball[k] else ns + l.turns[k]):
@@ -137,7 +140,7 @@ def lower_momenta(l: Any, q: Any, p: Any, out: Any) -> None:
 
 @compile_inline
 def lift_momenta(l: Any, q: Any, pi: Any, out: Any) -> None:
-    """Set ``out`` to the momenta p of ``pi``, for a ball the one normal to its quaternion."""
+    """Set ``out`` (nq,) to the momenta p of the momenta ``pi``, for a ball those normal to its quaternion."""
     for k in range(len(l.parent)):
         ns, at, first = l.slides[k], l.q_at[k], l.u_at[k]
         for i in range(ns if l.ball[k] else ns + l.turns[k]):
@@ -149,14 +152,14 @@ def lift_momenta(l: Any, q: Any, pi: Any, out: Any) -> None:
 
 @compile_inline
 def add_quaternion(q: Any, u: Any, out: Any, j: int, i: int, factor: float) -> None:
-    """Add ``factor`` times the product of ``u`` at i and the quaternion of ``q`` at j to ``out`` at j."""
+    """Add ``factor`` times the quaternion product (0, w) x to ``out`` at j, as ``rate_quaternion`` sets it."""
     a, b, c, d = out[j], out[j + 1], out[j + 2], out[j + 3]
     rate_quaternion(q, u, out, j, i, factor)
     out[j], out[j + 1], out[j + 2], out[j + 3] = out[j] + a, out[j + 1] + b, out[j + 2] + c, out[j + 3] + d
 
 
 def enter_phase(s: Any) -> None:
-    """Compute the momenta p at coordinates q and velocities u."""
+    """Compute the momenta ``p`` at coordinates q and velocities u."""
     l = s.limbs
     move_to(l, s.q, s.u)
     find_momenta(l)
@@ -165,7 +168,7 @@ def enter_phase(s: Any) -> None:
 
 
 def find_gaps(s: Any) -> None:
-    """Compute phi of the closing rows, and of the lengths of quaternions, at t and q, in ``out``."""
+    """Compute phi of the closing rows, then (|x|^2 - 1)/2 of quaternions held at length 1, at t and q, in ``out``."""
     l, c = s.limbs, s.closing
     if len(c.joint) > 0:
         l.t[0] = s.t[0]
@@ -182,7 +185,7 @@ def find_gaps(s: Any) -> None:
 
 
 def find_push(s: Any) -> None:
-    """Compute G^T lam, the force of all rows on the coordinates, at t and q, in ``out``."""
+    """Compute G^T lam, the force of all rows on the coordinates (nq,), at t and q, in ``out``."""
     l, c = s.limbs, s.closing
     clear(l.found)
     if len(c.joint) > 0:
@@ -204,13 +207,13 @@ def find_push(s: Any) -> None:
 
 
 def factor_phase(s: Any) -> None:
-    """Factorise H and S of the closing rows at t and q."""
+    """Factorise H, and S of the closing rows, at t and q."""
     _factor(s)
 
 
 @compile_inline
 def _factor(s: Any) -> None:
-    """Move to t and q at rest, and factorise H and S of the closing rows there."""
+    """Move to t and q at rest, and factorise H, and S of the closing rows, there."""
     l, c = s.limbs, s.closing
     l.t[0] = s.t[0]
     move_to(l, s.q, s.still)
@@ -221,9 +224,9 @@ def _factor(s: Any) -> None:
 
 
 def close_phase(s: Any) -> None:
-    """Compute y = (q, u) at t, q and p with unit quaternions, u on phi_dot = 0 and free spins added.
+    """Compute coordinates and velocities at t, q and p with unit quaternions, phi_dot = 0 and free spins added.
 
-    They are left in ``q_dot`` and ``u``; ``out`` gets the multipliers by which p moves on phi_dot = 0.
+    They are set as ``q_dot`` and ``u``; ``out`` gets the multipliers of the change of p that makes phi_dot = 0.
     """
     l, c = s.limbs, s.closing
     _factor(s)
@@ -255,9 +258,9 @@ def close_phase(s: Any) -> None:
 
 @compile_inline
 def _add_spin(l: Any, k: int, share: float, t: float, axis: Any, q: Any, j: int, u: Any, i: int) -> None:
-    """Turn limb k's body about its ``axis`` by ``share`` of its angular momentum, counted from time 0.
+    """Add the free spin of limb k's body about its ``axis`` to the quaternion of ``q`` at j and to ``u`` at i.
 
-    ``t`` [s] is the time; the quaternion of ``q`` at j and the angular velocity of ``u`` at i change.
+    The rate is ``share`` times the angular momentum about the axis; the angle is that since time 0, at ``t`` [s].
     """
     x, y, z = axis[0], axis[1], axis[2]
     a, b, c = times_transposed(l.base, x, y, z)
@@ -275,7 +278,7 @@ def _add_spin(l: Any, k: int, share: float, t: float, axis: Any, q: Any, j: int,
 
 
 def solve_phase(s: Any) -> None:
-    """Compute S^-1 phi of the closing rows in use, and phi / alpha of quaternions' lengths, from ``lam`` to ``out``."""
+    """Set ``out`` to S^-1 x of the closing rows in use, and to x / alpha of quaternion lengths, where x is ``lam``."""
     l, c = s.limbs, s.closing
     if len(c.joint) > 0:
         for a in range(len(c.joint)):

@@ -1,7 +1,7 @@
-"""A spanning tree as arrays: its limbs parents first, the joints that close its loops as rows, and arrays for sweeps.
+"""A spanning tree as arrays: its limbs, parents first, the rows of joints that close its loops, and arrays for sweeps.
 
 Directions and points are those of ``Tree``, in space at the start. A motion of a body is (omega, v of P), a load on it
-(moment about P, force), P its point in the joint. The last place of arrays by limbs is the ground's.
+(moment about P, force), with P its point in the joint. Arrays of n + 1 limbs have the ground as the last one.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ class Limbs(NamedTuple):
     parent: Any  # (n,) limb, n: the ground
     slides: Any  # (n,) number of slides
     turns: Any  # (n,) number of turns; 3 for a ball
-    ball: Any  # (n,) 1: orientation and angular velocity are in the base frame, nothing of the parent's is passed on
+    ball: Any  # (n,) 1: orientation and angular velocity are in the base frame, independent of those of the parent
     q_at: Any  # (n,) first coordinate
     u_at: Any  # (n,) first velocity
     way: Any  # (n, 6, 3) directions of slides, then of turns
@@ -50,7 +50,7 @@ class Limbs(NamedTuple):
     motion: Any  # (n + 1, 6)
     bias: Any  # (n + 1, 6) accelerations while those of the joints are 0
     axes: Any  # (n, 6, 6) motions by velocities of the limb
-    carried: Any  # (n, 6, 6) inertia at P of the limb and all behind it, its own joint fixed, then free
+    carried: Any  # (n, 6, 6) inertia at P of the limb and all behind it, with its own joint fixed, then free
     gain: Any  # (n, 6, 6) loads that reach the parent by efforts along the axes
     D: Any  # (n, 6, 6) inverse of the inertia along the axes
     pull: Any  # (6, 6) loads by motions along the axes, of one limb
@@ -93,7 +93,7 @@ class Closing(NamedTuple):
 
 
 class ClosedTree(NamedTuple):
-    """A tree with its closing rows, the evaluation of its forces, and the kernels that hold its arrays."""
+    """A tree with its closing rows, the programs of its forces, and the kernels whose arrays it shares."""
 
     limbs: Limbs
     closing: Closing
@@ -104,7 +104,7 @@ class ClosedTree(NamedTuple):
 
 
 def make_mechanism(system: MultibodySystem, tree: Tree) -> ClosedTree:
-    """Make the arrays and kernels of a tree with all of its closing rows, none of them in use yet."""
+    """Make the arrays and kernels of a tree with all of its closing rows, of which none is in use yet."""
     whole = finish_kernel(system, empty_kernel(system), {"rows", "forces", "applied_forces"})
     cut = empty_kernel(_with_joints(system, tree.cuts))._replace(
         J=whole.J, J_inv=whole.J_inv, t=whole.t, r=whole.r, R=whole.R, v=whole.v
@@ -138,9 +138,10 @@ def make_mechanism(system: MultibodySystem, tree: Tree) -> ClosedTree:
 
 
 def hold_rows(closing: Closing, rows: Sequence[int], pivots: Any) -> Closing:
-    """Return a copy of ``closing`` with these ``rows`` in use, in this order, and arrays of their own.
+    """Return a copy of ``closing`` with these ``rows`` in use, in this order, and new arrays for their factor.
 
-    Rows are numbered in the cut joints' order; ``pivots`` are those where the order was found.
+    Rows are numbered in the cut joints' order; ``pivots`` are those at the position where the order was found. All
+    other arrays are shared.
     """
     kept, m = closing.place[list(rows)].astype(np.int64), len(rows)
     out = np.setdiff1d(closing.place, kept).astype(np.int64)
@@ -155,7 +156,7 @@ def hold_rows(closing: Closing, rows: Sequence[int], pivots: Any) -> Closing:
 
 
 def _with_joints(system: MultibodySystem, joints: Sequence[int]) -> MultibodySystem:
-    """Return the system with these ``joints`` alone."""
+    """Return a copy of the system with these ``joints`` alone."""
     own: dict[str, Any] = {
         name: a[list(joints)]
         for name, a in vars(system).items()
@@ -165,7 +166,7 @@ def _with_joints(system: MultibodySystem, joints: Sequence[int]) -> MultibodySys
 
 
 def _limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
-    """Return the arrays of a tree, those of bodies shared with the kernel of the whole system."""
+    """Return the arrays of a tree, those of bodies shared with the ``kernel`` of the whole system."""
     n, back = len(tree.limbs), tree.base.T
     place = {limb.body: k for k, limb in enumerate(tree.limbs)} | {GROUND: n}
     body = np.array([limb.body for limb in tree.limbs], dtype=np.int64)
@@ -177,11 +178,11 @@ def _limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
     turned[n] = np.eye(3)
 
     def count(of: str) -> np.ndarray:
-        """Return an integer of each limb."""
+        """Return the integer attribute ``of`` of each limb."""
         return np.array([getattr(limb, of) for limb in tree.limbs], dtype=np.int64)
 
     def point(of: str) -> np.ndarray:
-        """Return a vector of each limb, turned from the base frame to space."""
+        """Return the vector attribute ``of`` of each limb, transformed from the base frame to space."""
         return apply(back, np.array([getattr(limb, of) for limb in tree.limbs]).reshape(n, 3))
 
     slides = np.array([len(limb.slides) for limb in tree.limbs], dtype=np.int64)
@@ -227,7 +228,7 @@ def _limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
 
 
 def bind_sweeps(limbs: Limbs) -> Limbs:
-    """Return limbs with the programs of their sweeps: compiled once, not into each function that takes them."""
+    """Return ``limbs`` with the programs of their sweeps, which are compiled once and not inlined in each caller."""
     return limbs._replace(
         placing=Bound(place_bodies, limbs),
         factoring=Bound(factor_inertia, limbs),

@@ -1,4 +1,4 @@
-"""Functions of a tree in canonical coordinates as programs, which replace a ``HamiltonCode``."""
+"""Hamilton's equations of a tree by recursion as programs, in place of a ``HamiltonCode``."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ class TreePhase:
     operations = 0  # none are made
 
     def __init__(self, made: TreeMechanism, *, radial: bool) -> None:
-        """Prepare the functions; ``radial``: with rows |x|^2 = 1 of balls, and free spins separate."""
+        """Prepare the functions; ``radial``: with rows |x|^2 = 1 of balls, and with free spins treated separately."""
         of, tree, limbs = made.mechanism, made.tree, made.mechanism.limbs
         n = len(tree.limbs)
         inertia, soft, spin, axis = limbs.inertia.copy(), np.zeros(n), np.zeros(n), np.zeros((n, 3))
@@ -57,13 +57,13 @@ class TreePhase:
 
     @property
     def words(self) -> str:
-        """Words for a note on the trajectory, which say that a recursion evaluates the stages."""
+        """Note for the trajectory, which says that a recursion evaluates the mechanism."""
         return self.made.words
 
     def bind(self, name: str, *arrays: np.ndarray) -> Program:
-        """Return the program of the function ``name`` of ``FUNCTIONS`` on these arrays; run nothing.
+        """Return the program of the function ``name`` of ``FUNCTIONS`` on these arrays, without running it.
 
-        ``enter`` takes y in one array.
+        ``enter`` takes (q, u) as one array.
         """
         function, names = FUNCTIONS[name]
         phase = self.phase
@@ -75,7 +75,7 @@ class TreePhase:
 
 
 class TreeClosing:
-    """Rows at the end of a step, which close velocities there, and then correct lam of the next step."""
+    """Closing rows at the end of a step, which project velocities there, and then correct lam of the next step."""
 
     def __init__(self, evaluation: TreeEvaluation, own: TreePhase) -> None:
         order, made = evaluation.order, own.made
@@ -84,17 +84,17 @@ class TreeClosing:
         self.kept = np.array([*sorted(order.rows), *range(made.rows, own.rows)], dtype=np.int64)
 
     def factor(self, t: np.ndarray, z: np.ndarray) -> Program:
-        """Return the program that factorises H and S at the coordinates and momenta ``z``."""
+        """Return the program that factorises H and S at the time ``t`` and the coordinates ``z`` [0]."""
         return Bound(factor_phase, self._phase._replace(t=t, q=z[0], p=z[1]))
 
     def close(self, t: np.ndarray, z: np.ndarray, y: np.ndarray, rows: np.ndarray) -> Program:
-        """Return the program that closes velocities at the end of a step.
+        """Return the program that projects velocities onto phi_dot = 0 at the end ``z`` = (q, p) of a step.
 
-        It sets ``y``, and in ``rows`` the impulses of the last node.
+        It sets ``y`` = (q, u), and ``rows`` to the multipliers of that projection, impulses of the last node.
         """
         q, u = np.split(y, [self._nq])
         return Bound(close_phase, self._phase._replace(t=t, q=z[0], p=z[1], q_dot=q, u=u, out=rows))
 
     def solve(self, rows: np.ndarray, solved: np.ndarray) -> Program:
-        """Return the program that sets ``solved`` := S^-1 rows, with the last factor of S."""
+        """Return the program that sets ``solved`` to S^-1 ``rows`` with the last factor of S."""
         return Bound(solve_phase, self._phase._replace(lam=rows, out=solved))

@@ -1,4 +1,4 @@
-"""The record of a tree, and the error of a step of DOP853 (compiled)."""
+"""The recorded motion and reactions of a tree, and the error of a step of DOP853 (compiled)."""
 
 import math
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ NOTHING = 1e-300  # makes an error of zero 0, not 0/0
 
 
 class RecordedTree(NamedTuple):
-    """A tree, the rows of its own joints, and arrays of a record."""
+    """A tree, the rows of its joints, and the inputs and results of ``record_tree``."""
 
     limbs: Limbs
     closing: Closing
@@ -47,7 +47,7 @@ class RecordedTree(NamedTuple):
 
 
 def make_record(system: MultibodySystem, tree: Tree, of: ClosedTree, arrays: "tuple[Any, ...]") -> RecordedTree:
-    """Make the bundle of ``record_tree``; ``arrays`` are t, q, u, u_dot, lam and the results."""
+    """Make the bundle of ``record_tree``; ``arrays`` are t, q, u, u_dot, lam, then r, R, v, v_dot, reaction."""
     row, limbs, ends = list[int](), list[int](), list[int]()
     for k, limb in enumerate(tree.limbs):
         if limb.joint >= 0:
@@ -77,7 +77,7 @@ def make_record(system: MultibodySystem, tree: Tree, of: ClosedTree, arrays: "tu
 
 
 def record_tree(s: Any) -> None:
-    """Compute r, R, v, v_dot of all bodies and reactions of all joints from t, q, u, u_dot and lam."""
+    """Compute r, R, v, v_dot of all bodies and the reactions of all joints from t, q, u, u_dot and lam."""
     l, c = s.limbs, s.closing
     l.t[0] = s.t[0]
     move_to(l, s.q, s.u)
@@ -121,10 +121,10 @@ def record_tree(s: Any) -> None:
 
 
 class ErrorParts(NamedTuple):
-    """Parts of y that have one tolerance, and arrays of a step."""
+    """Parts of y with one tolerance each, and the arrays of a step."""
 
-    low: Any  # first places
-    high: Any  # places behind the last ones
+    low: Any  # first index of each part
+    high: Any  # index after the last one
     angle: Any  # 0 for a vector by its length, else twice the tolerance of an angle
     given: Any  # (3,) t, h, rtol
     start: Any  # (n,)
@@ -134,9 +134,9 @@ class ErrorParts(NamedTuple):
 
 
 def measure_error(s: Any) -> None:
-    """Set ``error`` to the RMS of a step's error estimate over its tolerances.
+    """Set ``error`` to the root mean square of a step's error estimate over its tolerances.
 
-    Tolerances follow the rule of ``joint_coordinates.stages``.
+    Both estimates of DOP853 enter; tolerances follow the rule of ``joint_coordinates.stages``.
     """
     first = second = 0.0
     for k in range(len(s.low)):

@@ -1,11 +1,11 @@
 """Sweeps over the bodies of a tree: their poses, the factor of H, accelerations by it (compiled).
 
-Featherstone (2008), ch. 7: from the leaves on, each body has the inertia I of all that hangs on it, joints free:
+Featherstone (2008), ch. 7: from the leaves on, each body has the articulated inertia I of all bodies behind it:
 
     D = S^T I S,   I_parent += X^T (I - I S D^-1 S^T I) X,   x = D^-1 (effort - S^T p) - D^-1 S^T I X a_parent
 
-with S the motions by a limb's velocities, X a_parent the motion that a limb takes from its parent: behind a ball, that
-of its P alone. Cost is linear in bodies.
+with S the motions along a limb's velocities, and X a_parent the motion that a limb takes from its parent: behind a
+ball, only the translation of its P. The cost is linear in the number of bodies.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ from .twists import copy_rotation, cross, dot, put, turn_by_quaternion
 
 @compile_inline
 def move_to(s: Any, q: Any, u: Any) -> None:
-    """Place all bodies at coordinates ``q`` and velocities ``u``, by the one compiled ``place_bodies``."""
+    """Move all bodies to coordinates ``q`` and velocities ``u``, by the one compiled ``place_bodies``."""
     copy(q, s.q)
     copy(u, s.u)
     run(s.placing)
@@ -26,7 +26,7 @@ def move_to(s: Any, q: Any, u: Any) -> None:
 def place_bodies(s: Any) -> None:
     """Compute poses and motions of all bodies at coordinates ``q`` and velocities ``u``.
 
-    ``bias`` gets their accelerations while those of the joints are 0.
+    ``bias`` gets their accelerations for joint accelerations u_dot = 0.
     """
     n, q, u = len(s.parent), s.q, s.u
     for l in range(n):
@@ -82,7 +82,7 @@ def place_bodies(s: Any) -> None:
 
 @compile_inline
 def set_rate(s: Any, l: int, motion: Any, out: Any) -> None:
-    """Set ``out`` to limb l's motion in the kernels' form: velocity of C in space, angular velocity in the body."""
+    """Set ``out`` to the ``motion`` of limb l in the kernels' form: velocity of C [space], angular velocity [body]."""
     w0, w1, w2 = motion[0], motion[1], motion[2]
     x, y, z = cross(w0, w1, w2, s.c[l, 0], s.c[l, 1], s.c[l, 2])
     a, b, c = times_transposed(s.R[s.body[l]], w0, w1, w2)
@@ -99,7 +99,7 @@ def turn_about_centre(s: Any, l: int, w0: float, w1: float, w2: float) -> Any:
 
 
 def factor_inertia(s: Any) -> None:
-    """Compute ``D`` and ``gain`` of all limbs, the factor of H, from the leaves on."""
+    """Factorise H: compute ``D`` and ``gain`` of all limbs, from the leaves on."""
     n = len(s.parent)
     for l in range(n):
         A, m, x, y, z = s.carried[l], s.mass[l], s.c[l, 0], s.c[l, 1], s.c[l, 2]
@@ -127,9 +127,9 @@ def factor_inertia(s: Any) -> None:
 
 @compile_inline
 def _free_joint(A: Any, axes: Any, pull: Any, gain: Any, D: Any, count: int) -> None:
-    """Let a limb's joint move in its inertia A: A := A - pull^T gain.
+    """Subtract from a limb's inertia A what its joint cannot transmit: A := A - pull^T gain.
 
-    pull = S^T A, D = (S^T A S)^-1, gain = D pull, with the ``count`` motions S along the axes.
+    Set are pull = S^T A, D = (S^T A S)^-1 and gain = D pull, with the ``count`` motions S along the ``axes``.
     """
     for k in range(count):
         for i in range(6):
@@ -164,9 +164,9 @@ def _free_joint(A: Any, axes: Any, pull: Any, gain: Any, D: Any, count: int) -> 
 
 @compile_inline
 def _add_inertia(A: Any, x: float, y: float, z: float, ball: int, out: Any) -> None:
-    """Add X^T A X, a limb's inertia A at a point L = (x, y, z) from its parent's, to the parent's inertia ``out``.
+    """Add X^T A X, a limb's inertia A at the point L = (x, y, z) from the parent's P, to the parent's inertia ``out``.
 
-    Behind a ball its masses alone are added.
+    For a ``ball`` only its part by the translation of P is added.
     """
     for j in range(3):
         # rows of M = A_turn_move + hat(L) A_move, then A_turn + L x rows of A_turn_move + hat(L) M^T
@@ -205,7 +205,7 @@ def _add_inertia(A: Any, x: float, y: float, z: float, ball: int, out: Any) -> N
 
 
 def find_response(s: Any) -> None:
-    """Compute the velocities' response ``found`` = H^-1 (loads and efforts), and the bodies' ``response``.
+    """Compute ``found`` = H^-1 (generalised forces of ``load`` and ``effort``), and the bodies' motion ``response``.
 
     Both are linear in loads and efforts.
     """
@@ -236,7 +236,7 @@ def find_response(s: Any) -> None:
 
 @compile_separately
 def find_motion(s: Any, u: Any) -> None:
-    """Set ``response`` to the bodies' motion at velocities, or accelerations, ``u`` of the joints."""
+    """Set ``response`` to the motion of all bodies at joint velocities, or accelerations, ``u``."""
     for l in range(len(s.parent)):
         own = s.response[l]
         _take_part(s, l, s.response[s.parent[l]], own)
@@ -245,7 +245,7 @@ def find_motion(s: Any, u: Any) -> None:
 
 @compile_inline
 def _take_part(s: Any, l: int, before: Any, out: Any) -> None:
-    """Set ``out`` to X a_parent, the part of its parent's motion ``before`` that limb l takes."""
+    """Set ``out`` to X a_parent, the part of its parent's motion ``before`` that limb l takes over."""
     x, y, z = cross(before[0], before[1], before[2], s.L[l, 0], s.L[l, 1], s.L[l, 2])
     share = 0.0 if s.ball[l] else 1.0
     put(out, share * before[0], share * before[1], share * before[2], before[3] + x, before[4] + y, before[5] + z)
@@ -262,9 +262,9 @@ def _add_axes(s: Any, l: int, u: Any, out: Any) -> None:
 
 @compile_separately
 def gather_efforts(s: Any, loads: Any, out: Any) -> None:
-    """Set ``out`` (nu,) to the power of ``loads`` along each velocity, the generalised forces.
+    """Set ``out`` (nu,) to the generalised forces of ``loads``, their power along each unit velocity.
 
-    The loads are replaced by those that the joints carry.
+    The ``loads`` are replaced by the sums that the joints carry.
     """
     n = len(s.parent)
     for l in range(n - 1, -1, -1):
@@ -276,7 +276,7 @@ def gather_efforts(s: Any, loads: Any, out: Any) -> None:
 
 @compile_inline
 def pass_on(s: Any, l: int, load: Any, out: Any) -> None:
-    """Add X^T load, what limb l's joint passes on of its ``load``, to its parent's load ``out``."""
+    """Add X^T load, the part of limb l's ``load`` that its joint transmits, to its parent's load ``out``."""
     x, y, z = cross(s.L[l, 0], s.L[l, 1], s.L[l, 2], load[3], load[4], load[5])
     share = 0.0 if s.ball[l] else 1.0
     put(

@@ -1,4 +1,4 @@
-"""Motions and loads, six numbers each, vectors and rotations (compiled)."""
+"""Operations on motions and loads of six numbers, on vectors and on rotations (compiled)."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ def cross(a: float, b: float, c: float, x: float, y: float, z: float) -> Any:
 
 @compile_inline
 def dot(a: Any, b: Any) -> float:
-    """Return the product of six numbers and six others: the power of a load along a motion."""
+    """Return the scalar product of six numbers and six others: the power of a load along a motion."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
 
 
@@ -25,7 +25,7 @@ def put(out: Any, a: float, b: float, c: float, x: float, y: float, z: float) ->
 
 @compile_inline
 def copy_rotation(source: Any, target: Any) -> None:
-    """Copy a rotation to the target."""
+    """Copy the rotation matrix ``source`` to ``target``."""
     for i in range(3):
         for k in range(3):
             target[i, k] = source[i, k]
@@ -33,7 +33,7 @@ def copy_rotation(source: Any, target: Any) -> None:
 
 @compile_inline
 def turn_by_quaternion(s: float, x: float, y: float, z: float, R: Any) -> None:
-    """Set R := the rotation of the quaternion (s, x, y, z), scalar first, of any length."""
+    """Set ``R`` to the rotation matrix of the quaternion (s, x, y, z), scalar first, of any length but 0."""
     f = 2.0 / (s * s + x * x + y * y + z * z)
     R[0, 0], R[0, 1], R[0, 2] = 1.0 - f * (y * y + z * z), f * (x * y - s * z), f * (x * z + s * y)
     R[1, 0], R[1, 1], R[1, 2] = f * (x * y + s * z), 1.0 - f * (x * x + z * z), f * (y * z - s * x)

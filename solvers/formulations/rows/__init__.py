@@ -1,1 +1,1 @@
-"""The expressions that solvers evaluate, from declarations of joints and forces: rows, their slopes, pushes."""
+"""Expressions that solvers evaluate, from declarations of joints and forces: constraint rows, loads, their slopes."""

@@ -1,7 +1,7 @@
-"""Rows of joints and pushes of forces as CasADi expressions, each kind from its declaration; derivatives follow.
+"""Constraint rows of joints and loads of forces as CasADi expressions, made from declarations, and their derivatives.
 
 A pose is (r, R by rows), 12 numbers; velocities V = (r_dot [space], Omega [body]); both are given for body i, then for
-body j. A pose moves by d = (dr, dtheta): r + dr, R exp(hat(dtheta)). With lam the multipliers of the rows::
+body j. A pose is displaced by d = (dr, dtheta): r + dr, R exp(hat(dtheta)). With lam the multipliers of the rows::
 
     phi_dot = A V + phi_t,   gamma = A_dot V + (phi_t)_dot,   W = A^T lam, the load of the rows on both bodies
 """
@@ -25,7 +25,7 @@ from .symbols import Symbol
 
 @dataclass(frozen=True)
 class RowExpressions:
-    """Rows of one kind between two bodies, over the symbols ``x`` (24), ``V`` (12), ``t``, ``numbers``, ``lam``."""
+    """Rows of one kind between two bodies, in the symbols ``x`` (24,), ``V`` (12,), ``t``, ``numbers``, ``lam``."""
 
     x: ca.SX
     V: ca.SX
@@ -44,12 +44,12 @@ class RowExpressions:
 
     @property
     def load_slopes(self) -> ca.SX:
-        """Slopes dW/d(pose) (12, 12), exact."""
+        """Exact slopes dW/d(pose) (12, 12) of the load W = A^T lam."""
         return slopes(self.A.T @ self.lam, self.x)
 
     @property
     def rate_slopes(self) -> ca.SX:
-        """Slopes d(phi_dot)/d(pose) (n, 12), exact."""
+        """Exact slopes d(phi_dot)/d(pose) (n, 12)."""
         return slopes(self.phi_dot, self.x)
 
 
@@ -65,20 +65,20 @@ class PushExpressions:
 
     @property
     def pose_slopes(self) -> ca.SX:
-        """Slopes d(load)/d(pose) (12, 12), exact."""
+        """Exact slopes d(load)/d(pose) (12, 12)."""
         return slopes(self.load, self.x)
 
     @property
     def velocity_slopes(self) -> ca.SX:
-        """Slopes d(load)/dV (12, 12), exact."""
+        """Exact slopes d(load)/dV (12, 12)."""
         return ca.densify(ca.jacobian(self.load, self.V))
 
 
 @cache
 def row_expressions(kind: str, rows: tuple[int, ...] | None = None, *, space: bool = False) -> RowExpressions:
-    """Return the constraint rows of a ``kind`` of joint, all or those with these numbers, as expressions.
+    """Return the constraint rows of a ``kind`` of joint as expressions: all, or those whose numbers are in ``rows``.
 
-    In ``space``, the velocities V are (r_dot, omega = R Omega), else (r_dot, Omega).
+    With ``space`` the velocities V are (r_dot, omega = R Omega), else (r_dot, Omega).
     """
     declared = joints.DECLARED[kind]
     x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", NUMBERS)
@@ -134,7 +134,7 @@ def time_function(numbers: ca.SX, t: ca.SX) -> ca.SX:
 
 
 def pose_rate(x: ca.SX, V: ca.SX, *, space: bool = False) -> ca.SX:
-    """Return x_dot = (r_dot, R hat(Omega) by rows) of both bodies; R_dot = hat(omega) R in ``space``."""
+    """Return x_dot = (r_dot, R_dot by rows) of both bodies; R_dot = R hat(Omega), with ``space`` hat(omega) R."""
     parts = []
     for e in range(2):
         R = matrix(x[12 * e + 3 : 12 * e + 12])
@@ -144,7 +144,7 @@ def pose_rate(x: ca.SX, V: ca.SX, *, space: bool = False) -> ca.SX:
 
 
 def slopes(g: ca.SX, x: ca.SX) -> ca.SX:
-    """Return the slopes dg/d(pose) (., 12) of an expression of poses ``x``, by (dr, dtheta) of both bodies."""
+    """Return the slopes dg/d(pose) (n, 12) of ``g`` (n,), a function of poses ``x``, by (dr, dtheta) of both bodies."""
     d = ca.SX.sym("d", 12)
     return ca.densify(ca.jacobian(g, x) @ ca.jacobian(pose_rate(x, d), d))
 
@@ -157,7 +157,7 @@ def _pose(x: ca.SX, V: ca.SX, e: int, space: bool = False) -> Pose:
 
 
 def _joint_numbers(declared: JointDeclaration, a: ca.SX, t: ca.SX) -> Numbers:
-    """Return a joint's numbers by name, from their column ``a``, with its function of time at ``t``."""
+    """Return a joint's numbers by name, from their column ``a`` (29,), with its function of time at ``t``."""
     points, n = _symbols(a[:12]).reshape(4, 3), _symbols(a[12:21]).reshape(3, 3)
     f = Symbol(time_function(a[22:29], t)) if declared.motion else Symbol(ca.SX(0))
     return Numbers(points[0], points[1], points[2], points[3], n, Symbol(a[21]), f)
@@ -174,7 +174,7 @@ def column(a: Sequence[Any] | np.ndarray) -> ca.SX:
 
 
 def matrix(a: ca.SX) -> ca.SX:
-    """Return nine numbers by rows as a matrix (3, 3)."""
+    """Return the matrix (3, 3) of nine numbers that are given row by row."""
     return ca.reshape(a, 3, 3).T
 
 

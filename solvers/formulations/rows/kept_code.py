@@ -1,4 +1,4 @@
-"""Machine code of joints and forces by kind, kept under the text of their declarations: kept code needs no CasADi."""
+"""Machine code of joints and forces by kind, cached on disk by the text of its sources: cached code needs no CasADi."""
 
 import hashlib
 from functools import cache
@@ -16,17 +16,17 @@ from ..generated.code import print_functions
 
 
 class RowCode(NamedTuple):
-    """Function ``rows``, and its constant results, which it leaves out: forces (n, 3) of rows, whether phi_t is 0."""
+    """Code of the function ``rows``, and the results that it leaves out as constants."""
 
     code: Code
-    way: np.ndarray | None
-    still: bool
+    way: np.ndarray | None  # forces (n, 3) of the rows on body i, or None where they vary
+    still: bool  # whether phi_t is 0
 
 
 @cache
 @making_code
 def row_code(kind: str, rows: tuple[int, ...], ground: bool) -> RowCode:
-    """Return the code of a kind's constraint rows (``loops.rows``), with its constant results."""
+    """Return the code of the constraint rows of a kind of joint (``loops.rows``), with its constant results."""
     code = load_or_make_code("loops.rows", kind, rows, ground)
     constants = np.zeros(2 + 3 * len(rows))
     code.function("constants", 1)(constants.ctypes.data)
@@ -35,17 +35,18 @@ def row_code(kind: str, rows: tuple[int, ...], ground: bool) -> RowCode:
 
 
 def newton_code(*of: Any, **choices: bool) -> Code:
-    """Return the code of ODE-GC's full Newton method for a kind of joint (``newton.newton_loops``).
+    """Return the code of ODE-GC's full Newton method for a kind of joint.
 
-    ``of`` and ``choices`` are its arguments.
+    ``of`` and ``choices`` are the arguments of ``newton.newton_loops``.
     """
     return load_or_make_code("newton.newton_loops", *of, **choices)
 
 
 def wrench_code(*of: Any, use_f_bar: bool) -> tuple[Code, int, int]:
-    """Return the code of ODE-GC's simplified method for a kind of joint (``wrenches.wrench_loops``).
+    """Return the code of ODE-GC's simplified method for a kind of joint, and two counts.
 
-    With it, the numbers of matrix entries that it keeps of the start and of the end of a step.
+    These are the numbers of matrix entries that it keeps of the start and of the end of a step. ``of`` and
+    ``use_f_bar`` are the arguments of ``wrenches.wrench_loops``.
     """
     code, sizes = load_or_make_code("wrenches.wrench_loops", *of, use_f_bar=use_f_bar), np.zeros(2)
     code.function("sizes", 1)(sizes.ctypes.data)
@@ -55,9 +56,10 @@ def wrench_code(*of: Any, use_f_bar: bool) -> tuple[Code, int, int]:
 @cache
 @making_code
 def load_or_make_code(maker: str, kind: str = "", *of: Any, **choices: Any) -> Code:
-    """Return the code that ``maker`` makes of a ``kind`` of joint or force, loaded from disk if it is kept there.
+    """Load the code that ``maker`` makes for a ``kind`` of joint or force from disk, or make and store it; return it.
 
-    ``maker`` is "module.function" of this folder; ``of`` and ``choices`` are its further arguments.
+    ``maker`` is "module.function" of this folder; ``of`` and ``choices`` are its further arguments. Without ``kind`` it
+    is made for bodies.
     """
 
     def print_code() -> str:
@@ -73,7 +75,7 @@ def load_or_make_code(maker: str, kind: str = "", *of: Any, **choices: Any) -> C
 @cache
 @making_code
 def texts_of_makers() -> str:
-    """Return a digest of the text of all modules that make code, of all declarations, and CasADi's version."""
+    """Return a digest of the files of all modules that make code and of all declarations, and CasADi's version."""
     here = Path(__file__).resolve().parent
     folders = (here, here.parent / "generated", Path(joints.__file__).parent / "kinds", Path(forces.__file__).parent)
     paths = [path for folder in folders for path in sorted(folder.glob("*.py"))]
@@ -82,5 +84,5 @@ def texts_of_makers() -> str:
 
 @cache
 def digest_files(paths: tuple[str, ...]) -> str:
-    """Return a digest of the content of these files."""
+    """Return the SHA-256, in hexadecimal, of the contents of the files ``paths``."""
     return hashlib.sha256(b"\0".join(Path(path).read_bytes() for path in paths)).hexdigest()

@@ -1,6 +1,6 @@
 """Loops over all joints or forces of one kind, from their expressions, as the source of machine code.
 
-All read numbers and, of body i and then of body j unless that is the ground, blocks r, R, v, J^-1 or the first of them.
+All read numbers and blocks of body i, then of body j unless that is the ground: r, R, v, J^-1 or the first few of them.
 """
 
 from itertools import chain
@@ -12,11 +12,11 @@ from .expressions import PushExpressions, RowExpressions, list_by_rows, matrix, 
 
 
 def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
-    """Return the functions ``rows`` and ``constants`` of a kind's constraint rows, as loops to compile.
+    """Return the functions ``rows`` and ``constants`` of a kind of joint's constraint rows, to be compiled.
 
-    ``rows``: phi, gamma, X and Y = X J^-1 on the bodies; then forces of the rows and phi_t, where they vary.
-    ``constants``: whether forces are constant, whether phi_t is zero, and these forces by rows. ``of`` are the numbers
-    of the rows; on the ``ground`` there is body i alone.
+    ``rows``: phi, gamma, torques X and Y = X J^-1 on the bodies; then forces of the rows and phi_t, where they vary.
+    ``constants``: whether forces are constant, whether phi_t is zero, and these forces by rows (zero if they vary).
+    ``of`` are the numbers of the rows; with ``ground`` body j is the ground, and there is body i alone.
     """
     e, bodies = row_expressions(kind, of), _bodies(ground, 4)
     A, phi, gamma, phi_t = _at(e, [e.A, e.phi, e.gamma, e.phi_t], bodies)
@@ -33,7 +33,7 @@ def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Gener
 
 
 def row_slopes(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
-    """Return the functions ``load_slopes`` and ``rate_slopes`` of a kind's constraint rows, as loops to compile.
+    """Return the functions ``load_slopes`` and ``rate_slopes`` of a kind of joint's constraint rows, to be compiled.
 
     ``load_slopes``: d(A^T lam)/d(pose), added to blocks (6, 6) by rows, of i by i, i by j, j by i, j by j.
     ``rate_slopes``: d(phi_dot)/d(pose) (n, 6), by body i and by body j.
@@ -49,7 +49,7 @@ def row_slopes(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop |
 
 
 def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
-    """Return the function ``push`` of a kind of force, as a loop to compile: its load, added to the bodies."""
+    """Return the function ``push`` of a kind of force, to be compiled: it adds the load to those of the bodies."""
     e, bodies = push_expressions(kind), _bodies(ground, 3)
     (load,) = _at(e, [e.load], bodies)
     added = [load[6 * k : 6 * k + 6] for k in range(len(bodies))]
@@ -57,9 +57,9 @@ def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
 
 
 def push_slopes(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
-    """Return the function ``slopes`` of a kind of force, as a loop to compile.
+    """Return the function ``slopes`` of a kind of force, to be compiled.
 
-    Slopes of its load by poses, then by velocities, are added to blocks like ``load_slopes``.
+    It adds the slopes of the load by poses, then by velocities, to blocks in the order of ``load_slopes``.
     """
     e, bodies = push_expressions(kind), _bodies(ground, 3)
     by_pose, by_rate = _at(e, [e.pose_slopes, e.velocity_slopes], bodies)
@@ -68,10 +68,10 @@ def push_slopes(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
 
 
 def bodies() -> dict[str, Loop | GeneratedFunction]:
-    """Return the functions of bodies alone, as loops to compile: "forces", "applied", "slopes" and "zero".
+    """Return the functions ``forces``, ``applied``, ``slopes`` and ``zero`` of bodies alone, to be compiled.
 
-    ``applied``: gravity as the load (n, 6), from rows m g (3), J (9), v (6); ``forces``: less Omega x J Omega;
-    ``slopes`` of ``forces`` by velocities (n, 36), from rows J, v; ``zero``: numbers set to zero.
+    ``applied``: gravity as the load (n, 6), from rows m g (3), J (9), v (6); ``forces``: this less Omega x J Omega;
+    ``slopes``: those of ``forces`` by velocities (n, 36), from rows J, v; ``zero`` sets numbers to zero.
     """
     weight, J, v = ca.SX.sym("weight", 3), ca.SX.sym("J", 9), ca.SX.sym("v", 6)
     turning = ca.vertcat(ca.SX.zeros(3), -ca.cross(v[3:], matrix(J) @ v[3:]))
@@ -85,19 +85,22 @@ def bodies() -> dict[str, Loop | GeneratedFunction]:
 
 
 def _blocks(K: ca.SX, ground: bool) -> list[ca.SX]:
-    """Return the blocks (6, 6) of slopes K by loaded and moving body, each by rows; of i alone on the ground."""
+    """Return the blocks (6, 6) of slopes K by loaded and moving body, each by rows; with ``ground`` that of i alone."""
     ends = (slice(0, 6),) if ground else (slice(0, 6), slice(6, 12))
     return [list_by_rows(K[a, b]) for a in ends for b in ends]
 
 
 def _bodies(ground: bool, n: int) -> list[list[ca.SX]]:
-    """Return the symbols of the bodies that move: of each the first ``n`` of r, R, v, J^-1."""
+    """Return new symbols for the bodies that move, for each the first ``n`` of r, R, v, J^-1."""
     parts = (("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))[:n]
     return [[ca.SX.sym(f"{name}_{end}", size) for name, size in parts] for end in ("i" if ground else "ij")]
 
 
 def _at(e: RowExpressions | PushExpressions, of: list[ca.SX], bodies: list[list[ca.SX]], *rest: ca.SX) -> list[ca.SX]:
-    """Return the expressions ``of`` in the symbols of two ``bodies``, the second of which may be the ground."""
+    """Return the expressions ``of`` with the symbols of ``bodies`` in place of the general ones.
+
+    Where ``bodies`` has one entry, body j is the ground, at rest. ``rest`` are further symbols, which stay.
+    """
     free = ca.Function("free", [e.x, e.V, e.t, e.numbers, *rest], of)
     i, j = [*bodies, [ca.SX.zeros(3), list_by_rows(ca.SX.eye(3)), ca.SX.zeros(6)]][:2]
     out = free(ca.vertcat(*i[:2], *j[:2]), ca.vertcat(i[2], j[2]), e.t, e.numbers, *rest)

@@ -1,9 +1,9 @@
-"""Discrete gradients: rows and forces between two poses, such that joints do no work and springs return all theirs.
+"""Discrete gradients: rows and forces between two poses, by which joints do no work and springs conserve energy.
 
 With q_1 = q_0 moved by Cayley's map, R_m = (R_0 + R_1) / 2 (no rotation), R_1 - R_0 = R_m hat(h Omega_m), a row whose
 phi is quadratic in the numbers of the poses has phi_1 - phi_0 = d(phi)/dx (x_m) (x_1 - x_0): the mean row is the
-gradient at the mean pose. Its torque T in space is taken at R_m, R_m^-1 T in the body, so that moments of momentum
-balance, too. R_m^-1 y = R_0^T y - (h/2) Omega_m x R_0^T y.
+gradient at the mean pose. Its torque T in space is transformed to the body by R_m^-1, so that angular momentum
+balances, too. R_m^-1 y = R_0^T y - (h/2) Omega_m x R_0^T y.
 """
 
 from collections.abc import Sequence
@@ -20,10 +20,11 @@ BODY = (("r0", 3), ("R0", 9), ("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))
 
 
 def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
-    """Return the function ``rows`` of a kind's mean rows, as a loop to compile.
+    """Return the function ``rows`` of the mean rows of a kind of joint, to be compiled.
 
-    It reads h; numbers; blocks of ``BODY`` of i, then of j; and gives phi at the end; X and Y = X J^-1 of the mean rows
-    on body i and, off the ground, j; way where it varies.
+    It reads h; numbers; blocks of ``BODY`` of i, then of j. It stores phi at the end; torques X and Y = X J^-1 of the
+    mean rows on body i and, unless it is the ground, j; and forces of the rows where they vary. ``of`` are the numbers
+    of the rows.
     """
     e, h, (i, j) = row_expressions(kind, of), ca.SX.sym("h"), _bodies(ground)
     phi, forces, X = mean_rows(e, e.numbers, h, (i, j))
@@ -38,9 +39,10 @@ def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Gener
 def mean_rows(
     e: RowExpressions, numbers: Any, h: ca.SX, bodies: Sequence[Sequence[ca.SX]]
 ) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """Return phi at the end, forces (n, 3) on body i, torques X (n, 3) on both ``bodies`` (in the form of ``BODY``).
+    """Return phi at the end, forces (n, 3) on body i, and torques X (n, 3) on both ``bodies``.
 
-    ValueError where phi is not quadratic or rows have none.
+    ``bodies`` are in the form of ``BODY``. Raises ValueError where phi is not quadratic in the poses or depends on
+    time. Rows that restrict velocities alone have phi = 0, hence mean rows of zero.
     """
     gradient = ca.jacobian(e.phi, e.x)
     if ca.depends_on(ca.vec(ca.jacobian(gradient, e.x)), e.x) or ca.depends_on(e.phi, e.t):
@@ -64,11 +66,11 @@ def mean_rows(
 
 
 def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
-    """Return the function ``push`` of the mean loads of springs or loads, as a loop to compile.
+    """Return the function ``push`` of the mean loads of springs or loads, to be compiled.
 
-    It reads t at the end and h; numbers; blocks; and adds to both bodies. A spring pulls with k (1 - 2 d_free / (d_0 +
-    d_1)) along the mean line, a damper with (2 c / h) (d_1 - d_0) / (d_0 + d_1). Forces and torques of a load are means
-    of both ends.
+    It reads t at the end and h; numbers; blocks of ``BODY``; and adds to the loads of both bodies. A spring pulls with
+    k (1 - 2 d_free / (d_0 + d_1)) times the mean line, a damper with (2 c / h) (d_1 - d_0) / (d_0 + d_1) times it.
+    Forces and torques of a load are means of both ends.
     """
     t, h, numbers, (i, j) = ca.SX.sym("t"), ca.SX.sym("h"), ca.SX.sym("p", force_size(kind)), _bodies(ground)
     if kind == "spring":
@@ -94,7 +96,7 @@ def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
 
 
 def _bodies(ground: bool) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Return the symbols of ``BODY`` of i and j; zeros and R = I for the ground."""
+    """Return the quantities of ``BODY`` for i and j: new symbols, but zeros and R = I for the ground."""
     i, j = ([ca.SX.sym(f"{name}_{end}", size) for name, size in BODY] for end in "ij")
     one = list_by_rows(ca.SX.eye(3))
     still = [one if name in ("R0", "R") else ca.SX.zeros(size) for name, size in BODY]
@@ -102,5 +104,5 @@ def _bodies(ground: bool) -> tuple[list[ca.SX], list[ca.SX]]:
 
 
 def _back(body: Sequence[ca.SX], h: ca.SX) -> ca.SX:
-    """Return R_m^-1, which turns a mean torque from space to the body."""
+    """Return R_m^-1, which transforms a mean torque from space to the body."""
     return (ca.SX.eye(3) - ca.skew(0.5 * h * body[4][3:])) @ matrix(body[1]).T

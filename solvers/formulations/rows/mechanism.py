@@ -1,9 +1,9 @@
-"""Index 1 of a whole mechanism as one list of operations: its numbers are constants, so that zeros vanish.
+"""Index 1 of one mechanism as a single list of operations, in which its numbers are constants, so that zeros vanish.
 
-S = A M^-1 A^T = L D L^T by scalars, in the order of the kernel's blocks; where a pivot is below ``DEPENDENT`` of its
-own diagonal, its row is redundant there and 1/D is 0, as in the kernel: the rank may change with the configuration.
-Where rows of loops may be chosen anew (``compiled.row_choice``), that share is an input of each row, infinite for one
-that is left out; the pivots are a result, as is S by ``couple``.
+S = A M^-1 A^T = L D L^T by scalars, in the order of the kernel's blocks; where a pivot is below ``DEPENDENT`` times its
+diagonal entry, its row is redundant there and 1/D is 0, as in the kernel: the rank may change with the configuration.
+Where rows of loops may be chosen anew (``compiled.row_choice``), that bound is an input for each row, infinite for one
+that is left out; inverse pivots are a result, and S is one of the function ``couple``.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ LAST = 18  # power of the angle at which the series of a correction ends
 
 
 class JointPart(NamedTuple):
-    """Rows ``of`` a joint, its bodies, and the first of these rows in the kernel."""
+    """Rows of a joint by their numbers ``of``, its bodies, and the number of the first of these rows in the kernel."""
 
     kind: str
     of: tuple[int, ...]
@@ -35,7 +35,7 @@ class JointPart(NamedTuple):
 
 
 class SymbolicState(NamedTuple):
-    """Time, poses and velocities of all bodies."""
+    """Symbols of time, poses and velocities of all bodies."""
 
     t: ca.SX
     r: ca.SX  # (3 nb,)
@@ -44,7 +44,7 @@ class SymbolicState(NamedTuple):
 
 
 class SymbolicRow(NamedTuple):
-    """A row at a state; A (6,) on each body that moves."""
+    """A constraint row at a state; A (6,) on each of its bodies that is not the ground."""
 
     A: dict[int, ca.SX]
     phi: ca.SX
@@ -53,9 +53,9 @@ class SymbolicRow(NamedTuple):
 
 
 class RankedFactor(Factor):
-    """L and 1/D of S, whose diagonal grows by its share ``shift``; 1/D is 0 where a row depends on those before.
+    """L and 1/D of S with its diagonal times 1 + ``shift``; 1/D is 0 where a row depends on those before.
 
-    ``bounds``: shares of the diagonal below which a row is left out, one for each, in place of ``DEPENDENT``.
+    ``bounds`` (n,): pivots over diagonal entries below which a row is left out, in place of ``DEPENDENT``.
     """
 
     def __init__(self, S: Matrix, order: Sequence[int], shift: Any = 0.0, bounds: ca.SX | None = None) -> None:
@@ -69,7 +69,7 @@ class RankedFactor(Factor):
         return ca.fabs(inverse)  # without it CasADi turns every product with it into a division and a choice
 
     def inverse_shares(self) -> ca.SX:
-        """Return each row's diagonal over its pivot; 0 for a row left out."""
+        """Return each row's diagonal entry over its pivot as a column; 0 for a row left out."""
         return make_column([self.inverse[k] * self.diagonal[k] for k in range(len(self.order))])
 
     def exchange_numbers(self, kept: ca.SX | None = None) -> ca.SX:
@@ -85,7 +85,10 @@ class RankedFactor(Factor):
 
 
 class SymbolicMechanism:
-    """A system, its rows by parts, and the order in which the kernel eliminates them."""
+    """A system, its rows by parts, and the order in which the kernel eliminates them.
+
+    ``chooses``: rows of loops may be chosen anew, by bounds that are inputs.
+    """
 
     def __init__(
         self, system: MultibodySystem, parts: Sequence[JointPart], order: Sequence[int], chooses: bool
@@ -102,9 +105,10 @@ class SymbolicMechanism:
     def functions(self) -> tuple[dict[str, GeneratedFunction], list[int]]:
         """Return the functions ``accelerate``, ``project`` and ``copy``, and the size of the factor.
 
-        ``accelerate`` (t, r, R, v) -> (v_dot, lam, factor), ``project`` (t, r, R, v, factor) -> (r, R, v).
-        Projections take one pass each with the factor given. Where rows are chosen, ``accelerate`` reads bounds, too,
-        and returns inverse shares, and ``couple`` (t, r, R, v) -> S, each row and column over its diagonal's root.
+        ``accelerate`` (t, r, R, v) -> (v_dot, lam, factor), ``project`` (t, r, R, v, factor) -> (r, R, v), ``copy``
+        (r, R, v) -> (r, R, v). A projection is one correction of poses and one of velocities with the given factor.
+        Where rows are chosen, ``accelerate`` also reads bounds and returns inverse shares, and there is ``couple``
+        (t, r, R, v) -> S, each row and column divided by the root of its diagonal entry.
         """
         n, at = len(self.order), self.state()
         rows = self._rows(at)
@@ -132,7 +136,7 @@ class SymbolicMechanism:
     def _make_factor(
         self, rows: dict[int, SymbolicRow], inputs: Sequence[ca.SX], shift: Any = 0.0
     ) -> tuple[RankedFactor, list[ca.SX], dict[str, GeneratedFunction]]:
-        """Return the factor of S = A M^-1 A^T, and where rows are chosen its inverse shares and ``couple``.
+        """Return the factor of S = A M^-1 A^T, and where rows are chosen its inverse shares and ``couple``, else none.
 
         ``inputs`` are the symbols that the rows depend on; ``shift`` is added to the diagonal, relative to it.
         """
@@ -145,7 +149,7 @@ class SymbolicMechanism:
         return factor, [factor.inverse_shares()], {"couple": GeneratedFunction([*inputs], [scaled])}
 
     def _close_joints(self, at: SymbolicState, rows: dict[int, SymbolicRow], factor: Factor) -> SymbolicState:
-        """Return the state after one correction of the poses towards phi = 0, with this factor."""
+        """Return the state after one correction of the poses towards phi = 0 along M^-1 A^T, with the ``factor``."""
         x = factor.solve({k: -row.phi for k, row in rows.items()})
         change = self._push([ca.SX.zeros(6)] * self.system.nb, rows, x)
         R = [_turn_by_series(matrix(at.R[9 * b : 9 * b + 9]), a[3:]) for b, a in enumerate(change)]
@@ -178,7 +182,7 @@ class SymbolicMechanism:
         return S
 
     def _loads(self, at: SymbolicState, *, turning: bool = True) -> list[ca.SX]:
-        """Return the load (6,) of weight and applied forces on each body; ``turning``: less Omega x J Omega."""
+        """Return the load (6,) of gravity and applied forces on each body; with ``turning`` less Omega x J Omega."""
         s, out = self.system, list[ca.SX]()
         for b, v in enumerate(ca.vertsplit(at.v, 6)):
             J = ca.sparsify(ca.DM(snap_zeros(s.regular_inertia[b])))
@@ -202,7 +206,7 @@ class SymbolicMechanism:
         return ca.vertcat(load[:3] * (1.0 / self.system.mass[b]), self.J_inv[b] @ load[3:])
 
     def _push(self, w: Sequence[ca.SX], rows: dict[int, SymbolicRow], x: dict[int, ca.SX]) -> list[ca.SX]:
-        """Return w + M^-1 A^T x of each body: velocities w changed by the multipliers x."""
+        """Return w + M^-1 A^T x by bodies: the velocities ``w`` changed by the multipliers ``x``."""
         load = [ca.SX.zeros(6) for _ in w]
         for k, row in rows.items():
             for b, a in row.A.items():
@@ -211,7 +215,7 @@ class SymbolicMechanism:
 
 
 def join_ends(at: SymbolicState, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:
-    """Return poses (24,) and velocities (12,) of a pair of bodies, the ground at rest."""
+    """Return the poses (24,) and velocities (12,) of a pair of bodies, with the ground at rest."""
     still = ca.SX.zeros(3), list_by_rows(ca.SX.eye(3)), ca.SX.zeros(6)
     (r_i, R_i, v_i), (r_j, R_j, v_j) = (
         still if b == GROUND else (at.r[3 * b : 3 * b + 3], at.R[9 * b : 9 * b + 9], at.v[6 * b : 6 * b + 6])
@@ -229,7 +233,7 @@ def joint_numbers_of(system: MultibodySystem, joint: int) -> np.ndarray:
 
 
 def snap_zeros(a: np.ndarray) -> np.ndarray:
-    """Return ``a`` with exact zeros where it is rounding of zero."""
+    """Return ``a`` with exact zeros for entries below ``NOISE`` times the largest one."""
     return np.where(np.abs(a) < NOISE * np.max(np.abs(a), initial=0.0), 0.0, a)
 
 
@@ -239,7 +243,7 @@ def product_of_row(row: SymbolicRow, w: Sequence[ca.SX]) -> Any:
 
 
 def _turn_by_series(R: ca.SX, a: ca.SX) -> ca.SX:
-    """Return R exp(hat(a)) for a small turn a [rad], by series."""
+    """Return R exp(hat(a)) for a small rotation vector a [rad], by series."""
     s: Any = ca.dot(a, a)
     f = g = ca.SX(1)
     for n in range(LAST, 0, -2):
@@ -249,5 +253,5 @@ def _turn_by_series(R: ca.SX, a: ca.SX) -> ca.SX:
 
 
 def make_column(a: Sequence[ca.SX]) -> ca.SX:
-    """Return a dense column (n, 1)."""
+    """Return the expressions ``a`` as a dense column (n, 1)."""
     return ca.densify(ca.vertcat(*a)) if len(a) else ca.SX(0, 1)

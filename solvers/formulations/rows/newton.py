@@ -26,10 +26,11 @@ BODY = (("r", 3), ("R", 9), ("v", 6), ("force", 6), ("inertia", 19), ("T", 9))  
 def newton_loops(
     kind: str, rows: tuple[int, ...], ground: bool, direction: int, *, symmetric: bool, use_f_bar: bool, couple: bool
 ) -> dict[str, Loop]:
-    """Return the functions of the module's table for a kind of joint, as loops to compile.
+    """Return the functions of the module's table for a kind of joint, to be compiled.
 
-    ``direction`` is that of c in Eq. (31); ``symmetric``: in the symmetric gauge; ``use_f_bar``: with f_bar of Eq.
-    (30); ``couple``: with slopes of each body's load by the other body, and of f_bar.
+    ``rows`` are the numbers of its rows; with ``ground`` body j is the ground. ``direction`` is that of c in Eq. (31);
+    ``symmetric``: in the symmetric gauge; ``use_f_bar``: with f_bar of Eq. (30); ``couple``: with slopes of each body's
+    load by the other body, and of f_bar.
     """
     e, n, ends = row_expressions(kind, rows), len(rows), 1 if ground else 2
     i, j = ([ca.SX.sym(f"{part}_{end}", size) for part, size in BODY] for end in "ij")
@@ -69,7 +70,7 @@ def newton_loops(
     rest = [part for body in moving for part in body[3:]]
 
     def at(*of: ca.SX) -> list[ca.SX]:
-        """Return expressions simplified, at the symbols of the bodies in place of the general poses and velocities."""
+        """Return expressions simplified, with the symbols of the bodies in place of general poses and velocities."""
         given = [e.x, e.V, e.t, e.numbers]
         free = [*rest, *(b[1] for b in moving), plan, nu, p, z, start, G0, stiff, on_rate, on_phi]
         made = ca.Function("at", [*given, *free], [ca.densify(x) for x in of])
@@ -126,9 +127,9 @@ def newton_loops(
 
 
 def _by_end_velocities(by_pose: ca.SX, by_rate: ca.SX, both: Sequence[list[ca.SX]], half: ca.SX) -> ca.SX:
-    """Return slopes by the velocities at the end of the step: dr = dt/2 dr_dot, theta = T dOmega.
+    """Return slopes by the velocities at the end of the step, (., 12): dr = dt/2 dr_dot, theta = T dOmega.
 
-    ``by_pose`` and ``by_rate`` are those by poses and velocities of ``both`` bodies.
+    ``by_pose`` and ``by_rate`` are the slopes by poses and by velocities of ``both`` bodies; ``half`` is dt/2.
     """
     parts = []
     for b in range(2):
@@ -141,7 +142,7 @@ def _by_end_velocities(by_pose: ca.SX, by_rate: ca.SX, both: Sequence[list[ca.SX
 
 
 def _varying(Z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Return symbols and values of all entries of a matrix, and the matrix in these symbols but for constants."""
+    """Return symbols and values of all entries of a matrix, and the matrix in these symbols except for constants."""
     Z = ca.densify(Z)
     kept, inside = ca.SX.sym("kept", Z.numel()), ca.SX(Z)
     for c in range(Z.numel()):

@@ -1,4 +1,4 @@
-"""Numbers of joints and forces in the order of the expressions."""
+"""Numbers of joints and forces, in the order in which the expressions read them."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ NUMBERS = 29  # numbers of a joint: s_i, s_j, u, w, n by rows, length, then the 
 
 
 def force_size(kind: str) -> int:
-    """Return how many numbers a force of a kind has."""
+    """Return the number of numbers that describe a force of a ``kind``."""
     return sum(7 if name == "factor" else int(np.prod(shape)) for name, shape in forces.DECLARED[kind].numbers.items())
 
 

@@ -1,4 +1,4 @@
-"""ODE-GC's step by the simplified Newton method (``methods.gc_step``) for a whole mechanism, as lists of operations."""
+"""ODE-GC's step by the simplified Newton method (``methods.gc_step``) for one mechanism, as lists of operations."""
 
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -26,12 +26,12 @@ IN_A_PRODUCT = 16  # ratios of pivots, each above 1e-9, of which one logarithm i
 
 
 class SimplifiedStep(SymbolicMechanism):
-    """The functions of a step for a system of pins under gravity."""
+    """The functions of a step for a system of spherical and revolute joints under gravity."""
 
     def functions(  # type: ignore[override]
         self, *, gauge: float, b_term: float, direction: int, use_f_bar: int, keep_nu: int
     ) -> tuple[dict[str, GeneratedFunction], list[int]]:
-        """Return the functions, and the numbers of entries kept of the start and of the factor.
+        """Return the functions of a step, and the numbers of entries kept of the start and of the factor.
 
         ``begin`` (t, plan, r, R, v, nu_start) -> (known, kept, slip, f_bar) at the start of a step;
         ``factor`` (t, r, R) -> (factor, (rank, log10 det S over its diagonal)), where rows are chosen
@@ -117,7 +117,7 @@ class SimplifiedStep(SymbolicMechanism):
         }, [kept.numel(), numbers.numel()]
 
     def _momenta(self, at: SymbolicState, half: ca.SX) -> list[ca.SX]:
-        """Return (m r_dot + dt m g, R J Omega) of each body, its momenta in space with the impulse of gravity."""
+        """Return (m r_dot + dt m g, R J Omega) of each body: momenta in space plus the impulse of gravity."""
         s, out = self.system, []
         for b, v in enumerate(ca.vertsplit(at.v, 6)):
             weight = 2.0 * half * ca.SX(ca.DM(s.mass[b] * s.gravity))
@@ -126,7 +126,7 @@ class SimplifiedStep(SymbolicMechanism):
         return out
 
     def _energy(self, b: int, v: ca.SX) -> ca.SX:
-        """Return v . M v of body ``b``, twice the kinetic energy of its velocities ``v``."""
+        """Return v . M v of body ``b``, twice the kinetic energy at its velocities ``v`` (6,)."""
         return self.system.mass[b] * ca.dot(v[:3], v[:3]) + ca.dot(v[3:], self._inertia(b) @ v[3:])
 
     def _inertia(self, b: int) -> ca.DM:
@@ -134,7 +134,7 @@ class SimplifiedStep(SymbolicMechanism):
         return ca.sparsify(ca.DM(snap_zeros(self.system.regular_inertia[b])))
 
     def _list_inputs(self, spun: SymbolicState, part: JointPart) -> list[Any]:
-        """Return the inputs of ``_wrenches``, except B, for the rows of a joint."""
+        """Return the inputs of ``_wrenches``, except B, for the rows of a joint; ``spun`` has velocities in space."""
         s, bodies = self.system, []
         for b in part.body:
             J = snap_zeros(s.regular_inertia[max(b, 0)]), snap_zeros(inverse(s.regular_inertia[max(b, 0)]))
@@ -145,9 +145,9 @@ class SimplifiedStep(SymbolicMechanism):
 
 @cache
 def _wrenches(kind: str, of: tuple[int, ...], both: bool, direction: int) -> ca.Function:
-    """Return the wrenches of a kind's rows as a CasADi function of poses, spatial velocities, numbers and B.
+    """Return the wrenches of a kind of joint's rows as a CasADi function of poses, spatial velocities, numbers and B.
 
-    It gives Z = D + B D_dot (6 or 12, n), D, f_bar and M_bar phi_dot^2; ``both``: on two bodies.
+    It returns Z = D + B D_dot (6 or 12, n), D, f_bar and M_bar phi_dot^2; ``both``: of two bodies, none the ground.
     """
     e, x, B = row_expressions(kind, of, space=True), ca.SX.sym("x", len(of)), ca.SX.sym("B")
     numbers, ends = [ca.SX.sym(f"numbers_{end}", 22) for end in "ij"], 2 if both else 1
@@ -160,24 +160,24 @@ def _wrenches(kind: str, of: tuple[int, ...], both: bool, direction: int) -> ca.
 
 
 def _own(part: JointPart) -> slice:
-    """Return the slice of the kernel's rows that a joint's rows are."""
+    """Return the slice of a joint's rows among the kernel's."""
     return slice(part.first, part.first + len(part.of))
 
 
 def _add(w: list[ca.SX], part: JointPart, load: ca.SX) -> None:
-    """Add a joint's load to both of its bodies."""
+    """Add the ``load`` of a joint to the entries of its bodies in ``w``, which is changed."""
     for e, b in enumerate(part.body):
         if b >= 0:
             w[b] = w[b] + load[6 * e : 6 * e + 6]
 
 
 def _skip_first(filled: Callable[[Any], ca.SX], first: int) -> Callable[[Any], ca.SX]:
-    """Return ``filled`` as a function of all entries, of which its own begin at ``first``."""
+    """Return ``filled`` as a function of all entries, of which those that it reads begin at ``first``."""
     return lambda kept: filled(kept[first:])
 
 
 def _product(factors: Sequence[ca.SX]) -> Any:
-    """Return the product of these factors, 1 of none."""
+    """Return the product of ``factors``, 1 if there are none."""
     out: Any = 1
     for x in factors:
         out = out * x

@@ -1,7 +1,7 @@
-"""Entries of a kernel for a whole mechanism, one function each: rows pass on those entries of A that vary.
+"""Entries of a kernel for one mechanism, one function each, which share the entries of A that vary.
 
-``SymbolicMechanism`` has one function for accelerations, in which nothing is passed on; methods that iterate with the
-factor of one pose and the rows of others need separate ones.
+``SymbolicMechanism`` has one function for accelerations, in which A is not stored; methods that iterate with the factor
+at one pose and the rows at others need separate ones.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,13 +28,14 @@ class SplitMechanism(SymbolicMechanism):
     """A system and its rows, by functions that share A (entries that vary) and ``factor``."""
 
     def functions(self, *, names: Sequence[str]) -> tuple[dict[str, GeneratedFunction], list[int]]:  # type: ignore[override]
-        """Return the functions ``names``, ``copy_*`` of their results, and the sizes of varying A and of the factor.
+        """Return the functions ``names``, and the numbers of varying entries of A and of the factor.
 
         ``rows`` (t, r, R, v) -> (A, phi, phi_t, gamma); ``factorise`` (A, shift) -> factor, where rows are chosen
         (A, shift, bounds) -> (factor, inverse shares), with ``couple`` (A) -> scaled S;
         ``solve`` (factor, rhs) -> x; ``forces``, ``applied_forces`` (t, r, R, v) -> force;
         ``react`` (t, r, R, v, A, gamma, factor) -> (v_dot, lam); ``push`` (A, x, w) -> w; ``slips`` (A, phi_t, w) -> x;
-        ``close_joints`` (r, R, A, phi, factor) -> (r, R); ``project_rates`` (A, phi_t, factor, v) -> (v, impulse).
+        ``close_joints`` (r, R, A, phi, factor) -> (r, R); ``project_rates`` (A, phi_t, factor, v) -> (v, impulse);
+        ``copy_entries``, ``copy_rows``, ``copy_bodies``, ``copy_poses`` copy A, x, w, and (r, R).
         """
         nb, n, at = self.system.nb, len(self.order), self.state()
         full = self._rows(at)
@@ -49,7 +50,7 @@ class SplitMechanism(SymbolicMechanism):
         poses, by_body = [at.t, at.r, at.R, at.v], ca.vertsplit(w, 6)
 
         def listed(values: dict[int, Any]) -> ca.SX:
-            """Return values by row as a column."""
+            """Return ``values`` by the numbers of rows as a column."""
             return make_column([values[k] for k in range(n)])
 
         def react() -> GeneratedFunction:
@@ -72,7 +73,7 @@ class SplitMechanism(SymbolicMechanism):
             return GeneratedFunction([A, phi_t, w], [listed(slip)])
 
         def columns(name: str) -> ca.SX:
-            """Return one result of all rows as a column."""
+            """Return the field ``name`` of all rows as a column."""
             return listed({k: getattr(row, name) for k, row in full.items()})
 
         makers: dict[str, Callable[[], GeneratedFunction]] = {
@@ -104,7 +105,7 @@ class SplitMechanism(SymbolicMechanism):
     def _find_entries(
         self, rows: dict[int, SymbolicRow]
     ) -> tuple[ca.SX, Callable[[ca.SX], dict[int, dict[int, ca.SX]]]]:
-        """Return the entries of A that vary, each once in the rows of a joint, and a function that makes A of them."""
+        """Return the distinct entries of A that vary, joint by joint, and a function that fills A from them."""
         values: list[ca.SX] = []
         parts = []
         for part in self.parts:
@@ -126,7 +127,7 @@ class SplitMechanism(SymbolicMechanism):
 
 
 class MeanMechanism(SplitMechanism):
-    """A split mechanism with mean rows: ``rows`` (h, r0, R0, r, R, v) -> (A, phi), v the mean velocities."""
+    """A split mechanism with mean rows: ``rows`` (h, r0, R0, r, R, v) -> (A, phi), where v are mean velocities."""
 
     _results = ("phi",)
 

@@ -1,4 +1,4 @@
-"""Expressions that NumPy takes for numbers, so that equations written for numbers record their operations."""
+"""Expressions that NumPy treats as numbers, so that equations written for numbers record their operations."""
 
 import operator
 from collections.abc import Callable
@@ -9,7 +9,7 @@ import numpy as np
 
 
 class Symbol:
-    """An expression that NumPy takes for a number: CasADi's own would take arrays for its matrices."""
+    """An expression of CasADi that NumPy treats as a number; without it CasADi would convert arrays to its matrices."""
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -24,7 +24,7 @@ class Symbol:
 
 
 def _binary(of: Callable[[Any, Any], Any], *, swapped: bool) -> Callable[[Symbol, Any], Any]:
-    """Return the method of ``Symbol`` for an operation of two; ``swapped``: of the other and itself."""
+    """Return the method of ``Symbol`` for an operation of two arguments; ``swapped``: with their order reversed."""
 
     def combine(a: Symbol, b: Any) -> Any:
         if isinstance(b, np.ndarray):
@@ -36,7 +36,7 @@ def _binary(of: Callable[[Any, Any], Any], *, swapped: bool) -> Callable[[Symbol
 
 
 def _unary(of: Callable[[Any], Any]) -> Callable[[Symbol], Symbol]:
-    """Return the method of ``Symbol`` for a function of one."""
+    """Return the method of ``Symbol`` for a function of one argument."""
     return lambda a: Symbol(of(a.x))
 
 

@@ -1,4 +1,4 @@
-"""Loops of ODE-GC's simplified method over joints of one kind: wrenches of rows in space, their rates along the motion.
+"""Loops of ODE-GC's simplified method over joints of one kind: wrenches of rows in space, and their rates.
 
 With D the wrenches (force, torque about C) of the rows on both bodies, in space, and u = (r_dot, omega), so that
 phi_dot = D^T u, B = dt/2 times the switch of the B term of Eq. (71), f_bar and M_bar by Eqs. (30), (31) under gravity::
@@ -8,7 +8,7 @@ phi_dot = D^T u, B = dt/2 times the switch of the B term of Eq. (71), f_bar and 
     rates     x := -D^T u
     loads     load += D x
 
-Entries of a matrix are kept once where they are equal or opposite: of a point row's torque three.
+Entries of a matrix that are equal or opposite are kept once: three for the torques of a joint's point rows.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,10 +27,11 @@ BODY = (("r", 3), ("R", 9), ("u", 6), ("numbers", 22))  # numbers: m g, m, J^-1,
 def wrench_loops(
     kind: str, rows: tuple[int, ...], ground: bool, direction: int, *, use_f_bar: bool
 ) -> dict[str, Loop | GeneratedFunction]:
-    """Return the functions of the module's table for a kind of joint, as loops to compile, and ``sizes``.
+    """Return the functions of the module's table for a kind of joint, and ``sizes``, to be compiled.
 
-    ``sizes`` are the numbers of entries kept of the start and of the end. ``direction`` is that of c in Eq. (31);
-    ``use_f_bar``: with f_bar of Eq. (30).
+    ``sizes`` returns the numbers of entries kept of the start and of the end of a step. ``rows`` are the numbers of the
+    rows; with ``ground`` body j is the ground. ``direction`` is that of c in Eq. (31); ``use_f_bar``: with f_bar of Eq.
+    (30).
     """
     e, n = row_expressions(kind, rows, space=True), 1 if ground else 2
     x, nu_start = (ca.SX.sym(name, len(rows)) for name in ("x", "nu_start"))
@@ -80,7 +81,7 @@ def wrench_loops(
 
 
 def list_by_ends(w: ca.SX) -> list[ca.SX]:
-    """Return the six entries of each body of a load ``w`` (6 or 12)."""
+    """Return the load ``w`` (6 or 12,) as a list of the six entries of each body."""
     return [ca.densify(w[at : at + 6]) for at in range(0, w.numel(), 6)]
 
 
@@ -92,9 +93,9 @@ def _entries(Z: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
 
 
 def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
-    """Return the entries of a matrix that vary, each once, and a function that makes the matrix of them.
+    """Return the distinct entries of a matrix that vary, and a function that fills the matrix from them.
 
-    Two are one where they are equal, or opposite, at random numbers.
+    Two entries count as one where they are equal, or opposite, at three sets of random numbers.
     """
     Z = ca.densify(Z)
     symbols = ca.symvar(Z)
@@ -127,7 +128,10 @@ def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
 
 
 def measures_in_space(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX]:
-    """Return M_bar and f_bar of rows in space under gravity, with the ``BODY`` of each end."""
+    """Return M_bar and f_bar of rows in space under gravity; ``bodies`` are symbols of each end that end in numbers.
+
+    These are the ``numbers`` of ``BODY``: m g, m, J^-1, J.
+    """
     turn = [ca.diagcat(ca.SX.eye(3), matrix(e.x[12 * end + 3 : 12 * end + 12])) for end in range(2)]
     ends = [(x[3], matrix(x[13:22]), matrix(x[4:13]), ca.vertcat(x[:3], ca.SX(3, 1))) for *_, x in bodies]
     return measures(e.A @ ca.diagcat(*turn), ends, direction)[:2]
@@ -136,9 +140,10 @@ def measures_in_space(e: RowExpressions, bodies: Sequence[list[ca.SX]], directio
 def measures(
     A: ca.SX, ends: Sequence[tuple[ca.SX, ca.SX, ca.SX, ca.SX]], direction: int
 ) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """Return M_bar = c . M c and f_bar = c . f of each row in the body (n, 12), and c on each end (n, 6).
+    """Return M_bar = c . M c and f_bar = c . f of the rows ``A`` (n, 12), and c on each end (n, 6).
 
-    Each of ``ends`` gives mass, J, J^-1 and force [space] with torque [body]; ``direction`` is that of c in Eq. (31).
+    A has torques in the body. Each of ``ends`` has mass, J, J^-1 and the load (force [space], torque [body]);
+    ``direction`` is that of c in Eq. (31).
     """
     n, c = A.shape[0], list[ca.SX]()
     if direction == TRANSLATION:
