@@ -221,8 +221,8 @@ def test_numpy_is_not_asked_to_do_without_what_it_does_not_know():
 def test_names_do_not_depend_on_the_processor(monkeypatch):
     """One that is emulated, or another of a cluster with the same files, may ask first, and has fewer features.
 
-    Asked as a processor with AVX-512, which needs all names: one without it, as this may be, has none to disable. On$
-    that has them all NumPy has no list of those not found.
+    Asked as a processor with AVX-512, which needs all names: one without it, as this may be, has none to disable. On
+    one that has them all NumPy has no list of those not found.
     """
     flags = machine.processor_flags() | {"avx512f"}
     monkeypatch.setattr(machine, "processor_flags", lambda: flags)
