@@ -78,8 +78,9 @@ def _ask_over(claim: given.Claim, along: tuple[object, ...], tried: RunsOfClaim,
     own = [q for q in tried.controls if not along or q.dimensions.get(claim.across) in along]
     asked = points(replace(claim, map=claim.control), own, tried.others, numbers)
     found = [q for q in asked if _values_along(claim, q) == along]
-    unknown = {"holds": None, "left_out": Ending.UNCOMPARED}
-    return [replace_point(q, **unknown) if _stands_still(claim, q, numbers) else q for q in found]
+    return [
+        replace_point(q, holds=None, left_out=Ending.UNCOMPARED) if _stands_still(claim, q, numbers) else q for q in found
+    ]
 
 
 def _stands_still(claim: given.Claim, q: Point, numbers: RunNumbers) -> bool:
