@@ -79,7 +79,8 @@ def _ask_over(claim: given.Claim, along: tuple[object, ...], tried: RunsOfClaim,
     asked = points(replace(claim, map=claim.control), own, tried.others, numbers)
     found = [q for q in asked if _values_along(claim, q) == along]
     return [
-        replace_point(q, holds=None, left_out=Ending.UNCOMPARED) if _stands_still(claim, q, numbers) else q for q in found
+        replace_point(q, holds=None, left_out=Ending.UNCOMPARED) if _stands_still(claim, q, numbers) else q
+        for q in found
     ]
 
 
