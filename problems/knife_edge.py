@@ -2,7 +2,7 @@
 
 A plate turns uniformly on a plane of 30 deg, its C on a blade along body x that does not slip sideways (Neimark and
 Fufaev 1972, Dynamics of Nonholonomic Systems; Bloch 2003, Nonholonomic Mechanics and Control, 1.6). X points down the
-slope, Z away from the plane. It does not slide down: C runs along a cycloid, across the slope.
+slope, Z away from the plane. It does not slide down: C drifts across the slope, along a cycloid where v_0 = 0.
 
     v = v_0 + g_s sin(w t) / w along the blade,  g_s = g sin(slope)
     X = v_0 sin(w t) / w + g_s (1 - cos(2 w t)) / (4 w^2)
@@ -36,7 +36,7 @@ def knife_edge(
     rate: Annotated[float, Parameter("about the normal of the plane", "rad/s", above=0.0)] = 2.0,
     speed: Annotated[float, Parameter("speed along the blade at the start", "m/s")] = 0.5,
 ) -> Problem:
-    """Run a plate on a blade along a cycloid, across the slope."""
+    """Return a plate on a blade that turns uniformly and drifts across the slope of a plane."""
     down, w = float(GRAVITY * np.sin(np.deg2rad(slope))), rate
     joints = [
         Joint(0, (0, 0, 0), axis_j=(0, 0, 1), name="plane", kind="point on plane"),

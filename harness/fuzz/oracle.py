@@ -118,9 +118,11 @@ class Oracle:
         return float(max(np.max(np.linalg.norm(a.r - b.r, axis=1)), np.max(turned)))
 
     def examine(self, name: str, solver: Solver | None = None) -> OracleOutcome:
-        """Solve the mechanism in both forms by the solver ``name``, with two steps each, and return its behaviour.
+        """Solve the mechanism in both forms by the solver ``name``, and return how it behaves.
 
-        The solver has its default options unless it is given.
+        Each form is solved twice: with the mechanism's step and half of it, or with two tolerances. A solver that
+        refuses a weld as rows gets pins in its place. Sound is who agrees between the forms, and with the true motion,
+        to ``TIMES`` the difference that the finer solution makes. The solver has its default options unless given.
         """
         control = registry.find_entry("solver", name, registry.solvers()).control if solver is None else solver.control
         solver = registry.make_solver(name) if solver is None else solver

@@ -155,7 +155,10 @@ def is_computable(system: MultibodySystem) -> bool:
 
 
 def _fewest(system: MultibodySystem) -> float:
-    """Return the CPU time [s] of ``FEWEST`` steps of route 2, by the cost model."""
+    """Return the CPU time [s] that ``FEWEST`` steps of the second route take, by the cost model.
+
+    A step of extrapolation takes 72 evaluations.
+    """
     return FEWEST * 72 * cost(system)[1]
 
 

@@ -92,9 +92,10 @@ def _rolling(i: Body, j: Body, p: Joint) -> list[Row]:
 
 
 def _rack(i: Body, j: Body, p: Joint) -> list[Row]:
-    """Return the row r (q cos(x/r) - p sin(x/r)) of a rack and pinion, as a list of one; it contains no angle.
+    """Return the row r (Q cos x - P sin x) = 0 of a rack and pinion, as a list of one; it contains no angle.
 
-    r is the radius of the pinion, x the travel along the rack; p, q are the components of u along and across the rack.
+    r [m] is the radius of the pinion, r x the travel along the rack; P, Q are the components along and across the rack
+    of the pinion's vector u. Of ``p``, the joint: points s_i, s_j, vectors u and n in coefficients of directors.
     """
     (X, X_dot), (Y, Y_dot), r = i, j, p.length
     along_, across = -p.n[1], p.n[0]

@@ -148,7 +148,11 @@ class Refinement:
         return None
 
     def _step(self, linear: Continuity, y: np.ndarray) -> float:
-        """Move to ``y`` and close its gaps by ``linear``; return its distance [m], infinite where gaps remain."""
+        """Move to the motion ``y`` and close its gaps between pieces by Newton steps of ``linear``.
+
+        Return the distance [m] from the given motion; infinite where gaps remain: the caller must then place the motion
+        anew. Counts an iteration.
+        """
         steps = self._rough.copy()
         self._place(y, rough=True)
         self.iterations += 1

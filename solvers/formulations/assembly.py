@@ -104,10 +104,11 @@ class _Compiled(NamedTuple):
 @lru_cache(ELEMENTS)
 @making_code
 def _compile_element(e: Element, *, derivative: bool) -> _Compiled:
-    """Compile the loops over all parts of one kind of element.
+    """Compile the loops over all parts of one kind of element, with their sizes and a sparsity pattern.
 
-    Function "values" adds the outputs; "derivatives", if ``derivative``, adds the weighted nonzeros of d out / d (z,
-    w).
+    Function "values" adds the outputs of each part to the vector that it is called with; "derivatives", if
+    ``derivative``, the nonzeros of d out / d (z, w) times a weight each. Sizes are those of one part's contribution by
+    function; the pattern is that of d out / d (z, w) if ``derivative``, else of the outputs.
     """
     out = ca.vertcat(*e.outputs.values())
     loops = {"values": Loop(rows=[e.parameters], gathered=[e.z, e.w], added=[out])}

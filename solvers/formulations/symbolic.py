@@ -65,9 +65,10 @@ class Element:
 
 
 def moving_body(chart: Chart, end: str) -> MovingBody:
-    """Return symbols of a body's coordinates, velocities and accelerations, and its motion in ``chart``.
+    """Return symbols p, u, u_dot of a body's coordinates, velocities and accelerations, and its motion in ``chart``.
 
-    ``end`` is the suffix of the symbols' names, "i" or "j".
+    V = B(p) u are v in space and Omega in the body's frame, in this order; V_dot and p_dot follow from p, u, u_dot.
+    ``end`` is the suffix of the symbols' names, "i" or "j" (accelerations are named ``w_i``).
     """
     p, u, u_dot = ca.SX.sym(f"p_{end}", chart.size), ca.SX.sym(f"u_{end}", 6), ca.SX.sym(f"w_{end}", 6)
     V, p_dot = chart.body_velocity(p, u), chart.flow(p, u)

@@ -26,7 +26,10 @@ SCRIPTS = (
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Write the data of every theatre and add its page to the site; return the first page, or None without poses."""
+    """Add a page with the motions of each variant to the site, and a file with their poses beside it.
+
+    Variants above their share of ``ALL_BYTES`` get fewer poses. Return the first page, or None where no run has poses.
+    """
     stages = {p.slug: t for p in _list_variants(results) if (t := _stage(results, site, p, POSE_BYTES)) is not None}
     level = share_size([t["size"] for t in stages.values()], ALL_BYTES)
     pages = []

@@ -113,7 +113,10 @@ def divide(k):
 
 
 def push(k):
-    """Add M^-1 A^T x to ``k.w``, the velocity change by the multipliers ``k.x`` on the rows in the kernel."""
+    """Add to ``k.w`` (bodies, 6) the change M^-1 A^T x of velocities that the impulses ``k.x`` (rows,) make.
+
+    A are the rows at the pose that the kernel was set to; ``k.w`` is in the order of ``k.v``.
+    """
     add_loads(k.body, k.row, k.pins, k.mass, k.way, k.Y, k.x, k.w)
 
 

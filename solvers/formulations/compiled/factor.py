@@ -38,7 +38,7 @@ def solve(k):
 
 
 def solve_points(k):
-    """Solve like ``solve``, for systems in which no joint has more than three rows."""
+    """Set ``k.rhs`` := S^-1 rhs like ``solve``, by blocks of three rows: no joint may have more (not checked)."""
     _solve(k, 3)
 
 

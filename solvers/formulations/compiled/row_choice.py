@@ -172,7 +172,10 @@ def _rank_of_code(k):
 
 @compile_inline
 def _least_pivot_of_code(k):
-    """Return the least pivot of the rows kept in a factor by code, each as a share of its own diagonal."""
+    """Return the least pivot of the factor of S, each as a share of its diagonal entry in S; 1 where none is less.
+
+    For mechanisms whose factor is code made for them, which keeps the inverse of each share.
+    """
     most = 1.0
     for a in range(len(k.inverse_share)):
         most = max(most, k.inverse_share[a])

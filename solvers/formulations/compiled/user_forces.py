@@ -37,7 +37,11 @@ def read_state(k, u, i):
 
 
 def add_user_slopes(k):
-    """Add the slopes of the users' laws to ``k.by_pose`` and ``k.by_rate``, by central differences."""
+    """Add the derivatives of the users' loads by pose and by velocity to ``k.by_pose`` and ``k.by_rate``.
+
+    Each is a matrix (6, 6) of a pair of bodies: load of its first body by the motion of its second, by central
+    differences of ``DIFFERENCE``.
+    """
     u = k.users
     for i in range(len(u.body)):
         for p in range(len(k.pair)):
