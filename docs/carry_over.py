@@ -42,12 +42,15 @@ def main(parent: str) -> int:
             for tree in (before, there)
         ]
         comparison = compare(*found)
-    cases = {c.case for c in comparison.changes} | {*comparison.only_before, *comparison.only_after}
+    cases = {c.case for c in comparison.changes}
+    for case in sorted({*comparison.only_before, *comparison.only_after}):
+        _say(f"not compared, since one of the two suites lacks it: {case}")
     differing = sorted({r.solver for r in (*found[0], *found[1]) if r.case in cases})
     for case in sorted(cases):
         first = next((c for c in comparison.changes if c.case == case), None)
         _say(f"differs: {case}{f': {first.metric} {first.before} -> {first.after}' if first else ''}")
-    equal = [r for r in found[1] if r.solver not in differing and r.status != Status.REFUSED]
+    both = {r.settings_id for r in found[0]}
+    equal = [r for r in found[1] if r.settings_id in both and r.solver not in differing and r.status != Status.REFUSED]
     if not equal:
         _say(f"nothing is carried over from {commit[:8]}")
         return 1
