@@ -44,7 +44,7 @@ def main(parent: str) -> int:
         comparison = compare(*found)
     cases = {c.case for c in comparison.changes}
     for case in sorted({*comparison.only_before, *comparison.only_after}):
-        _say(f"not compared, since one of the two suites lacks it: {case}")
+        _say(f"not compared, since only one of the two has a run of it that repeats: {case}")
     differing = sorted({r.solver for r in (*found[0], *found[1]) if r.case in cases})
     for case in sorted(cases):
         first = next((c for c in comparison.changes if c.case == case), None)
