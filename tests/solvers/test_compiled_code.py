@@ -82,3 +82,21 @@ def test_every_function_says_how_it_rounds():
     """What says nothing takes over what its first caller has."""
     of_kernels = [f for f in entries.OPTIONS_OF if f.__module__ == algebra.__name__]
     assert len(of_kernels) > 5 and all("'fastmath'" in options for options in entries.OPTIONS_OF.values())
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_the_largest_of_numbers_with_a_nan_is_nan(place):
+    """Wherever it stands: a step whose size it is must not be taken for a small one."""
+    x = np.array([1.0, -4.0, 2.0])
+    assert algebra.find_largest(x) == 4.0
+    x[place] = np.nan
+    assert np.isnan(algebra.find_largest(x))
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "larger"), [(1.0, 2.0, 2.0), (2.0, 1.0, 2.0), (np.nan, 1.0, np.nan), (1.0, np.nan, np.nan)]
+)
+def test_the_larger_of_two_numbers_is_nan_if_either_is(x, y, larger):
+    """The order decides nothing, in machine code neither."""
+    for take_larger in (algebra.take_larger, numba_code.numba.njit(algebra.take_larger.function)):
+        assert np.array_equal(take_larger(x, y), larger, equal_nan=True)

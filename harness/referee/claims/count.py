@@ -45,7 +45,7 @@ from .findings import (
 from .maps import PlacedRun, find_varied, list_values, read_dimensions
 from .numbers import RunNumbers, SeriesOf, shorten
 from .points import Point, points
-from .predicates import FACTOR, RATIOS, Band
+from .predicates import BEST, FACTOR, RATIOS, Band, take_best
 from .register import Register
 
 EITHER_WAY = ("jacobian", "norm")  # the kind of classical code that a run represents depends on these
@@ -195,7 +195,7 @@ def _move(test: given.Test, factor: float, end: float) -> Band:
     natural = MEASURES[test.metric].natural
     if natural == "firm" or (test.metric == "column" and test.arguments["name"] in COUNTS):
         return test.band  # a count, or whether the end was reached
-    is_ratio = natural == "one" or test.combine in RATIOS or test.compare in ("over largest", "over smallest")
+    is_ratio = natural == "one" or test.combine in RATIOS or test.compare in ("over largest", "over smallest", BEST)
     return test.band.move(factor, is_ratio=is_ratio, end=end if natural == "end" else math.inf)
 
 
@@ -297,11 +297,14 @@ def _find_rival(test: given.Test, shown: Point | None, numbers: RunNumbers) -> s
 
     It is empty unless the test compares with the smallest or largest number of other runs.
     """
-    choose = {"over smallest": min, "over largest": max, "minus largest": max}.get(test.compare)
+    choose = {"over smallest": min, "over largest": max, "minus largest": max, BEST: max}.get(test.compare)
     if shown is None or choose is None or MEASURES[test.metric].of_pair or not shown.beside:
         return ""
     sizes = {q.spec.case: numbers.evaluate_run(q.spec.settings_id, test) for q in shown.beside}
     known = {case: v for case, v in sizes.items() if not math.isnan(v)}
+    if test.compare == BEST:
+        best = take_best([q.spec.solver for q in shown.beside], [sizes[q.spec.case] for q in shown.beside])
+        known = {case: v for case, v in known.items() if v in best}
     return choose(known, key=lambda case: known[case]) if known else ""
 
 

@@ -23,7 +23,7 @@ from .evidence import MEASURES
 from .maps import PlacedRun, list_values, select
 from .numbers import RunNumbers
 from .points import Point, is_comparable_control, points
-from .predicates import NEAREST
+from .predicates import NEAREST, SPREADS
 
 CUT = (Ending.MACHINE, Ending.SLOW, Ending.APART, Ending.EARLY)  # a run ended before the time of the claim
 FEW = 0.1  # fraction of the settings: if fewer reached that time, they settle nothing
@@ -77,7 +77,15 @@ def _ask_over(claim: given.Claim, along: tuple[object, ...], tried: RunsOfClaim,
     """Return the points of the control's runs that have exactly the values ``along`` of the dimension ``across``."""
     own = [q for q in tried.controls if not along or q.dimensions.get(claim.across) in along]
     asked = points(replace(claim, map=claim.control), own, tried.others, numbers)
-    return [q for q in asked if _values_along(claim, q) == along]
+    found = [q for q in asked if _values_along(claim, q) == along]
+    unknown = {"holds": None, "left_out": Ending.UNCOMPARED}
+    return [replace_point(q, **unknown) if _stands_still(claim, q, numbers) else q for q in found]
+
+
+def _stands_still(claim: given.Claim, q: Point, numbers: RunNumbers) -> bool:
+    """Return whether a spread is asked of a control whose runs have equal series: nothing acted on it."""
+    series = {numbers.records[p.spec.settings_id].series_sha256 for p in q.places}
+    return len(series) == 1 and all(series) and any(t.combine in SPREADS for t in claim.tests)
 
 
 def _settles(q: Point | None) -> bool:

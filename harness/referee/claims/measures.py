@@ -39,7 +39,6 @@ class Measure:
     until: str = "to"
     grows: bool = False  # True if the number can only increase as a run continues
     of_stopped: bool = False  # True if it exists for stopped runs only, and others are left open
-    of_event: bool = False  # True if runs without the event that it measures are left open
     of_problem: bool = False  # True if it is equal for all runs of a problem
     of_end: bool = False  # True if it is about where a run ends, so that stopped runs have it, too
     natural: Natural = "zero"  # limit from which bands are moved; "firm": a count or an end reached, never moved
@@ -60,7 +59,6 @@ def enter_measure(
     until: str = "to",
     grows: bool = False,
     of_stopped: bool = False,
-    of_event: bool = False,
     of_problem: bool = False,
     of_end: bool = False,
     natural: Natural = "zero",
@@ -73,7 +71,7 @@ def enter_measure(
     """
     needed = tuple(wants.split())
     taken = (*needed, *takes.split())
-    kind = (series, pair, until, grows, of_stopped, of_event, of_problem, of_end, natural, tuple(reads.split()))
+    kind = (series, pair, until, grows, of_stopped, of_problem, of_end, natural, tuple(reads.split()))
     MEASURES[name] = Measure(of, taken, needed, *kind)
 
 

@@ -18,7 +18,7 @@ from .evidence import MEASURES
 from .maps import PlacedRun, is_printed
 from .measures import reached_end
 from .numbers import RunNumbers
-from .predicates import COMBINE, COMPARE, NEAREST, RATIOS
+from .predicates import BEST, COMBINE, COMPARE, NEAREST, RATIOS, take_best
 from .register import Claim, Test
 
 LOOSEST_FIRST = ("tolerance", "step", "max_step")  # dimensions whose values are taken from the largest down
@@ -187,7 +187,7 @@ def _finding(
     runs = [(numbers.records[p.spec.settings_id], _ending(claim, p, numbers)) for p in (*own, *beside)]
     if _ends_early(claim, test, value, (*own, *beside), numbers):
         return None
-    if math.isnan(value) and (_compares(test) or MEASURES[test.metric].of_event):
+    if math.isnan(value) and _compares(test):
         return None
     if not (is_settled(test, *runs[0], value) if len(runs) == 1 else all(covers_interval(test, *run) for run in runs)):
         return None
@@ -302,8 +302,10 @@ def _number(
     for own in (p.spec.settings_id for p in ordered):
         value = 0.0 if of_pair else numbers.evaluate_run(own, test)
         if of_pair or test.compare:
-            beside = (q.spec.settings_id for q in partners[own])
+            beside = [q.spec.settings_id for q in partners[own]]
             them = [numbers.of_pair(own, q, test) if of_pair else numbers.evaluate_run(q, test) for q in beside]
+            if test.compare == BEST:
+                them = take_best([q.spec.solver for q in partners[own]], them)
             value = COMPARE[test.compare](value, them)
         values.append(value)
     return values[0] if test.combine in ("", NEAREST) else COMBINE[test.combine](values)

@@ -89,6 +89,7 @@ def _of_all(function: Callable[[Sequence[float]], float]) -> Callable[[Sequence[
 
 
 NEAREST = "nearest"  # combines runs, not values: the one value of the dimension that meets all tests best
+SPREADS = ("spread", "relative spread")  # 0 where the dimension that the claim looks across does not act
 RATIOS = ("last over first", "worst step")  # NaN if there is nothing to compare, which decides nothing
 
 # values in the order of the dimension: the loosest tolerance first, others from the smallest
@@ -101,11 +102,20 @@ COMBINE: dict[str, Callable[[Sequence[float]], float]] = {
     "relative spread": _of_all(lambda v: _ratio(max(v) - min(v), float(np.mean(np.abs(v))))),
 }
 
+BEST = "over best settings"  # any choice is admitted for the others, too: over the largest of each solver's least value
+
 # compares a value with those of other runs
 COMPARE: dict[str, Callable[[float, Sequence[float]], float]] = {
     "over largest": lambda a, others: _ratio(a, _of_all(max)(others)),
     "over smallest": lambda a, others: _ratio(a, _of_all(min)(others)),
+    BEST: lambda a, others: _ratio(a, _of_all(max)(others)),  # others: of each solver the least, see ``take_best``
     "minus largest": lambda a, others: a - _of_all(max)(others),
     "smallest distance": lambda a, others: _of_all(min)(others),
     "largest distance": lambda a, others: _of_all(max)(others),  # distances are measured pair by pair: see evidence
 }
+
+
+def take_best(solvers: Sequence[str], values: Sequence[float]) -> list[float]:
+    """Return the least of the values of each solver, NaN if one of them is; ``solvers`` names that of each value."""
+    named = list(zip(solvers, values, strict=True))
+    return [_of_all(min)([v for s, v in named if s == solver]) for solver in dict.fromkeys(solvers)]

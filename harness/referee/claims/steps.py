@@ -8,7 +8,7 @@ import numpy as np
 
 from ...results.records import RunRecord
 from ...results.series import Series
-from .measures import END, NAN, bound, cut_interval, measure, measure_over
+from .measures import END, NAN, cut_interval, measure, measure_over
 
 START_UP = 0.01  # fraction of t_end after which step sizes are judged
 
@@ -58,22 +58,6 @@ def peak_after_lowest(record: RunRecord, s: Series, series: str, low: str, to: f
     """Return how far in time the maximum of |series| up to ``to`` lies from the first minimum of series ``low`` [s]."""
     a, turn = cut_interval(record, s, series, to=to), _first_minimum(s, low)
     return NAN if a is None or turn is None else float(abs(s["t"][int(np.argmax(np.abs(a)))] - s["t"][turn]))
-
-
-@measure("series low within least from to", of_event=True)
-def left_after_lowest(
-    record: RunRecord, s: Series, series: str, low: str, within: float, least: float, begin: float, to: float
-) -> float:
-    """Return max |series| from ``from`` to ``to``, divided by that near the first minimum of series ``low``.
-
-    Near means within ``within`` [s]. Where |series| has not got to ``least`` there, nothing has moved and nothing
-    can return: NaN.
-    """
-    rest, turn, t = cut_interval(record, s, series, begin, to), _first_minimum(s, low), s["t"]
-    if rest is None or turn is None:
-        return NAN
-    moved = float(np.max(np.abs(s[series][np.abs(t - t[turn]) <= within])))
-    return bound(rest, np.max(np.abs(rest)) / moved) if moved >= least else NAN
 
 
 def _first_minimum(s: Series, low: str) -> int | None:

@@ -29,10 +29,14 @@ def find_largest(a):
     """
     size = 0.0
     for at in np.ndindex(a.shape):
-        x = abs(a[at])
-        if not x <= size:
-            size = x
+        size = take_larger(size, abs(a[at]))
     return size
+
+
+@compile_inline
+def take_larger(x, y):
+    """Return the larger of two numbers, NaN if either is (``max`` loses a NaN that comes second)."""
+    return x if x > y or x != x else y
 
 
 @compile_inline

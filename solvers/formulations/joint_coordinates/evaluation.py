@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..compiled.algebra import take_larger
 from ..compiled.entries import BoundFunction
 from ..generated import Program
 from .code import JointCode
@@ -25,7 +26,7 @@ def find_gap(s: Any) -> None:
     """Set ``s.gap`` to the largest phi [m or 1] of the rows that are left out of the elimination."""
     gap = 0.0
     for n in range(len(s.out)):
-        gap = max(gap, abs(s.phi[s.out[n]]))
+        gap = take_larger(gap, abs(s.phi[s.out[n]]))
     s.gap[0] = gap
 
 

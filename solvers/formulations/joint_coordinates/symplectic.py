@@ -19,7 +19,7 @@ import numpy as np
 
 from ....harness.code_meter import Stopwatch
 from ....harness.types import Problem, Status, StepControl, Trajectory
-from ..compiled.algebra import clear, copy
+from ..compiled.algebra import clear, copy, take_larger
 from ..compiled.entries import BoundFunction, compile_inline, run
 from ..compiled.host import ENDS, ROUNDINGS, Method, _march
 from ..compiled.marching import FULL, STUCK, make_control
@@ -125,7 +125,7 @@ def step(s: Any) -> None:
             copy(s.unknowns, s.entered)
         size = _sweep(s, c.t, h)
         if rows:
-            size = max(size, _correct(s, c.t, h))
+            size = take_larger(size, _correct(s, c.t, h))
         if not np.isfinite(size):
             break
         idle += 1
@@ -244,13 +244,13 @@ def _sweep(s: Any, t: float, h: float) -> float:
         run(s.stage)
         s.control.evaluations += 1
         for k in range(n):
-            worst = max(worst, h * abs(s.z_dot[0, k] - s.F[i, 0, k]) / (1.0 + abs(s.z[0, k])))
-            change = max(change, h * abs(s.z_dot[1, k] - s.F[i, 1, k]))
+            worst = take_larger(worst, h * abs(s.z_dot[0, k] - s.F[i, 0, k]) / (1.0 + abs(s.z[0, k])))
+            change = take_larger(change, h * abs(s.z_dot[1, k] - s.F[i, 1, k]))
             moment = max(moment, abs(s.z[1, k]), h * abs(s.z_dot[1, k]))
             if not np.isfinite(s.z_dot[0, k] + s.z_dot[1, k]):
                 worst = np.inf
         copy(s.z_dot, s.F[i])
-    return max(worst, change / moment) if moment > 0.0 else worst
+    return take_larger(worst, change / moment) if moment > 0.0 else worst
 
 
 @compile_inline
@@ -284,7 +284,7 @@ def _correct(s: Any, t: float, h: float) -> float:
         run(s.gap)
         for n in range(len(s.kept)):
             gap = s.gaps[s.kept[n]]
-            worst = max(worst, abs(gap))
+            worst = take_larger(worst, abs(gap))
             if not np.isfinite(gap):
                 worst = np.inf
         copy(s.gaps, s.rows)

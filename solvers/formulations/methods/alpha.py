@@ -19,7 +19,7 @@ The matrix of the iteration is M alone: it does not converge with springs for wh
 from functools import partial
 
 from ....harness.types import Problem
-from ..compiled.algebra import clear, copy, find_largest
+from ..compiled.algebra import clear, copy, find_largest, take_larger
 from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import compile_inline, run
 from ..compiled.host import Method, choose_tolerance
@@ -159,7 +159,7 @@ def _correct(s, k, h):
         run(k.slips)
         for a in range(len(s.eta)):
             s.eta[a] = -k.x[a]
-        size = max(size, on_q / on_v * find_largest(s.eta))
+        size = take_larger(size, on_q / on_v * find_largest(s.eta))
     run(k.forces)
     copy(k.force, k.w)
     run(k.divide)
@@ -175,7 +175,7 @@ def _correct(s, k, h):
     add_scaled(1.0, k.x, s.lam)
     for b in range(len(k.w)):
         add_scaled(1.0, k.w[b], k.v_dot[b])
-    size = max(size, on_q * find_largest(k.w))
+    size = take_larger(size, on_q * find_largest(k.w))
     if c.stabilised:
         copy(s.eta, k.rhs)
         copy(s.slack, k.w)

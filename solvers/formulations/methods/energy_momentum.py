@@ -20,7 +20,7 @@ import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem
-from ..compiled.algebra import clear, copy, find_largest
+from ..compiled.algebra import clear, copy, find_largest, take_larger
 from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import compile_inline, run
 from ..compiled.host import Method, choose_tolerance
@@ -159,7 +159,7 @@ def _correct(s, k, m):
     run(k.push)
     add_scaled(1.0 / h, k.x, s.F)
     _add(1.0, k.w, s.v)
-    return max(find_largest(k.phi), h * find_largest(k.w))
+    return take_larger(find_largest(k.phi), h * find_largest(k.w))
 
 
 @compile_inline

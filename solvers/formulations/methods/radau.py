@@ -23,7 +23,7 @@ import numpy as np
 from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem
-from ..compiled.algebra import clear, copy, find_largest, theta_dot
+from ..compiled.algebra import clear, copy, find_largest, take_larger, theta_dot
 from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import compile_inline, run
 from ..compiled.host import Method, choose_tolerance
@@ -224,7 +224,7 @@ def _iterate(s, h, first):
         run(g.slips[i])
         for a in range(s.off.shape[1]):
             s.off[i, a] = -g.x[i, a]
-        size = max(size, find_largest(g.phi[i]), h * find_largest(s.off[i]))
+        size = take_larger(size, take_larger(find_largest(g.phi[i]), h * find_largest(s.off[i])))
     run(s.follow)
     if first:
         run(g.factorise[1])
@@ -234,10 +234,10 @@ def _iterate(s, h, first):
             copy(g.rhs[1], s.lam[i])
         run(s.respond)
     for i in range(3):
-        size = max(size, h * h * _correct_stage(s, g, h, i))
+        size = take_larger(size, h * h * _correct_stage(s, g, h, i))
     s.scheme.changed = 0.0
     run(s.correct)
-    return max(size, h * h * s.scheme.changed)
+    return take_larger(size, h * h * s.scheme.changed)
 
 
 @compile_inline

@@ -20,7 +20,7 @@ import numpy as np
 
 from ....harness.mechanics.fixed_order import product
 from ....harness.mechanics.system import MultibodySystem
-from ..compiled.algebra import clear, copy, find_largest
+from ..compiled.algebra import clear, copy, find_largest, take_larger
 from ..compiled.bundles import make_bundle
 from ..compiled.entries import BoundFunction, compile_inline, run
 from ..compiled.soft_rows import make_springs
@@ -198,7 +198,7 @@ def correct(step):
         _add_pull(k, i, s.change, g.w[i])
         for b in range(g.w.shape[1]):
             add_scaled(1.0, g.w[i, b], step.vdot[i, b])
-        step.scheme.changed = max(step.scheme.changed, find_largest(g.w[i]))
+        step.scheme.changed = take_larger(step.scheme.changed, find_largest(g.w[i]))
 
 
 ENTRIES = {"follow": follow, "respond": respond, "correct": correct}  # entries of a step

@@ -7,7 +7,7 @@ factor of J H^-1 J^T.
 import math
 from typing import Any, NamedTuple
 
-from ..compiled.algebra import clear, copy, multiply
+from ..compiled.algebra import clear, copy, multiply, take_larger
 from ..compiled.entries import compile_inline, run
 from .closing_rows import add_response, couple_rows, factor_closing, rate_rows, solve_closing, store_multipliers
 from .limbs import Closing, Limbs
@@ -207,7 +207,7 @@ def project_tree(s: Any) -> None:
         run(c.evaluate)
         gap = 0.0
         for k in range(len(c.out)):
-            gap = max(gap, abs(c.phi[c.out[k]]))
+            gap = take_larger(gap, abs(c.phi[c.out[k]]))
         s.gap[0] = gap
         rate_rows(l, c, l.motion)
         for k in range(len(c.kept)):

@@ -160,3 +160,24 @@ def test_two_failures_beside_each_other_compare_nothing(metric, own, other, hold
     assert {row.holds for row in c.map} == {holds}
     if metric == "loss":
         assert open_for(c) == (12 if holds is None else 0)
+
+
+def test_any_choice_is_admitted_for_the_others_too():
+    """0.5 beside 0.1 and 0.9 of one solver and 0.3 of another: over 0.3, each at its best settings, not over 0.9."""
+    suite = """
+[[runs]]
+problem = "spherical_pendulum"
+solver = "rk45_strong_form"
+rtol = [1e-3, 1e-6]
+max_step = 0.01
+"""
+    specs = (*RUNS, *runs_of(suite))
+    maps = '[maps.others]\nover = [{ map = "gc" }, { problem = "spherical_pendulum", solver = "rk45_strong_form", max_step = 0.01, tolerance = "any" }]\n'  # noqa: E501
+    size = {"gc_weak_form": 0.3, "ida_index1": 0.5}
+    found = [record(x, phi_max=size.get(x.solver, 0.9 if x.control.rtol == 1e-3 else 0.1)) for x in specs]
+    text = 'map = "m"\nagainst = "others"\ntests = [{{ {}, compare = "{}", at_least = 1, unit = "" }}]\n'
+    best, largest = (
+        claim(text.format(PHI, c) + maps, found, specs=specs) for c in ("over best settings", "over largest")
+    )
+    assert (best.verdict, largest.verdict) == ("reproduced", "not reproduced")
+    assert best.tests[0].measured == 1.66667 and "gc_weak_form" in best.tests[0].rival

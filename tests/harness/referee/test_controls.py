@@ -75,3 +75,21 @@ def test_ranges_of_a_dimension_are_readings_of_one_claim():
     text = text.replace("at_least = 1.0", 'combine = "smallest", at_least = 0.5')
     c = claim(text, [record(x, phi_max=1e-6 if x.control.rtol == 1e-6 else 1.0) for x in RUNS])
     assert c.verdict == "reproduced if" and c.beyond.decision.by == {"tolerance range": ("0.001 to 0.0001",)}
+
+
+def test_a_control_that_the_dimension_does_not_act_on_tells_nothing_of_a_spread():
+    """Its runs are equal at every tolerance, since the largest step binds: no spread, and no answer."""
+    text = TEST.replace("tests", 'across = "tolerance"\ntests').replace("at_least", 'combine = "spread", at_least')
+
+    def words(*equal):
+        found = [
+            record(
+                x,
+                phi_max=0.1 if x.solver in equal else 1e3 * x.control.rtol if x.control.rtol else 0.5,
+                series_sha256=x.solver if x.solver in equal else x.case,
+            )
+            for x in SPECS
+        ]
+        return control(claim(text.replace("at_least = 1.0", "at_least = 0.5") + "\n" + MAPS, found, specs=SPECS))
+
+    assert "settles nothing" in words("rk45_strong_form") and "does so too" in words()

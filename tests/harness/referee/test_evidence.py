@@ -12,7 +12,6 @@ from .synthetic import altered, bare, series
 
 T = np.linspace(0.0, 10.0, 101)
 SHORT = np.linspace(0.0, 4.0, 41)
-BACK = {"series": "a", "low": "low", "within": 0.5, "from": 8.0, "to": 9.0}
 WAVE = 2.0 - np.abs(T - 3.0)  # lowest at the ends; -WAVE is lowest at 3 s
 
 
@@ -37,8 +36,6 @@ WAVE = 2.0 - np.abs(T - 3.0)  # lowest at the ends; -WAVE is lowest at 3 s
         ("rate", {"series": "slope", "at": 0.0}, 2.0),
         ("drop at lowest", {"series": "fall", "low": "low", "within": 0.5}, -4.0),
         ("peak after lowest", {"series": "bump", "low": "low", "to": 9.0}, 0.2),
-        ("left after lowest", BACK | {"least": 2.0}, 7.0 / 3.0),  # |-7| of 3 at the lowest point
-        ("left after lowest", BACK | {"least": 4.0}, math.nan),  # it has not moved by 4: nothing can return
         ("energy ratio", {}, 3.0),
         ("away", {"of": "theta"}, 0.5),
     ],

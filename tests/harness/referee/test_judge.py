@@ -230,8 +230,8 @@ CHEAP = (  # claims whose runs take half a minute or so: most problems, most ver
 
 
 def maps_of(claim):
-    """Where it is tried, and what it is set against."""
-    return [m for m in (claim.map, claim.against) if m]
+    """Where it is tried, what it is set against, and what stands beside it."""
+    return [m for m in (claim.map, claim.against, claim.control) if m]
 
 
 @pytest.fixture(scope="module")

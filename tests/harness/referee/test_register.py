@@ -131,6 +131,13 @@ def test_whoever_is_to_leave_the_plane_can(places):
         assert {p.dimensions["frame"] for p in select(places, c.map.over)} == {"yawed by 0.3 rad", "yawed by 0.7 rad"}
 
 
+def test_a_frame_turned_against_the_plane_is_not_the_papers(places):
+    """Sect. 5.2 prints the plane OXY and gravity along OY, Sect. 5.3 the axes of the chain."""
+    for m in (c.map for c in REGISTER.claims if c.map and c.map.printed):
+        own = [p for p in select(places, m.over) if p.spec.problem in ("spherical_pendulum", "chain")]
+        assert {p.dimensions["frame"] for p in own if is_printed(p, m.printed)} <= {"aligned"}, m.name
+
+
 def test_paired_claims_find_their_partners(places):
     """A comparison without the other run is none."""
     for c in (c for c in REGISTER.claims if c.map and c.against):
@@ -149,7 +156,7 @@ def test_solvers_with_a_stand_in_are_worded_for_what_was_run(places):
     """Every classical solver of a claim of the paper has its sentence: IDA is not ode15i. Others stand for none."""
     own = [c for c in REGISTER.claims if c.map and not c.id.startswith("beyond-")]
     run = {p.spec.solver for c in own for p in select(places, c.map.over)}
-    modern = {"rkmk_dopri5", "rkmk_dop853", "radau_ggl"}  # stand for none: the paper invites such methods
+    modern = {"gc_composed", "gc_extrapolated", "scipy_strong_form"}  # stand for none: the paper invites such methods
     assert run - {"gc_weak_form", "gc_augmented_lagrangian"} - modern <= REGISTER.solvers.keys()
 
 
