@@ -37,14 +37,14 @@ def main(parent: str) -> int:
         there.mkdir()
         (there / "mbsbench").symlink_to(ROOT)
         digests = [_make_runs(tree, Path(place) / f"{tree.name}-runs", commit) for tree in (before, there)]
-        found = [
-            [r for r in newest(load(Path(place) / f"{tree.name}-runs").records) if is_repeatable(r)]
-            for tree in (before, there)
-        ]
-        comparison = compare(*found)
-    cases = {c.case for c in comparison.changes}
-    for case in sorted({*comparison.only_before, *comparison.only_after}):
-        _say(f"not compared, since only one of the two has a run of it that repeats: {case}")
+        made = [newest(load(Path(place) / f"{tree.name}-runs").records) for tree in (before, there)]
+    found = [[r for r in records if is_repeatable(r)] for records in made]
+    comparison = compare(*found)
+    in_both = {r.case for r in made[0]} & {r.case for r in made[1]}
+    unpaired = {*comparison.only_before, *comparison.only_after}
+    cases = {c.case for c in comparison.changes} | (unpaired & in_both)  # made by both, but a limit ended one of them
+    for case in sorted(unpaired - in_both):
+        _say(f"not compared, since one of the two suites lacks it: {case}")
     differing = sorted({r.solver for r in (*found[0], *found[1]) if r.case in cases})
     for case in sorted(cases):
         first = next((c for c in comparison.changes if c.case == case), None)
