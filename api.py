@@ -25,7 +25,7 @@ from .harness.execution.kept_series import build_series
 from .harness.execution.measuring import Outcome, judge_handover
 from .harness.execution.progress_line import ProgressLine, ProgressSpool
 from .harness.execution.run_file import read_run, write_run
-from .harness.execution.warmup import runs_to_warm, warm
+from .harness.execution.warmup import list_runs_to_warm, warm_up
 from .harness.execution.worker import solve as solve_here
 from .harness.mechanics.consistency import check_start
 from .harness.mechanics.moving_rows import check_lengths
@@ -35,8 +35,8 @@ from .harness.results.codes import digest_run_code
 from .harness.results.naming import format_name
 from .harness.results.records import RunRecord
 from .harness.results.series import Series, write_series
-from .harness.results.words import error_words
-from .harness.suites.spec import RunSpec, check_step, step_control
+from .harness.results.words import describe_errors
+from .harness.suites.spec import RunSpec, check_step, make_step_control
 from .harness.types import Problem, Solver, Status, Trajectory
 from .notebook import show_results, show_run
 
@@ -109,7 +109,7 @@ class Run:
     def __repr__(self) -> str:
         r = self.record
         drift = "" if math.isnan(r.energy_drift_max_J) else f"energy drift {r.energy_drift_max_J:.2e} J"
-        error = f"error {said}" if (said := error_words(r)) else ""
+        error = f"error {said}" if (said := describe_errors(r)) else ""
         words = [f"{r.steps} steps to {r.t_reached_s:g} s", *(n for n in (drift, error) if n)]
         return f"<Run {r.case}: {', '.join([r.status, *(words if r.steps else [r.message])])}>"
 
@@ -165,13 +165,13 @@ def solve(
     variant = _resolve_problem(problem, t_end)
     given = {"dt": dt, "rtol": rtol, "max_step": max_step, "max_steps": max_steps}
     entry, made = _resolve_solver(solver, options, variant, list(given))
-    steps = step_control(entry.name, entry.control, variant, {k: v for k, v in given.items() if v is not None})
+    steps = make_step_control(entry.name, entry.control, variant, {k: v for k, v in given.items() if v is not None})
     check_step(steps.dt if dt is not None else None, variant.t_end)
     limits: dict[str, Any] = {"cpu_limit": cpu_limit or math.inf, "memory": math.inf}
     spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), entry.changed_options(made), **limits)
     if cpu_limit is not None:  # compile before its clock starts
-        warm(runs_to_warm([spec]))
-    job = Job(spec, Path(), "", digest_run_code(variant.name, entry.name), environment.commit())
+        warm_up(list_runs_to_warm([spec]))
+    job = Job(spec, Path(), "", digest_run_code(variant.name, entry.name), environment.read_commit())
     with threadpool_limits(1), ProgressLine() as line:
         spool = ProgressSpool(variant, line) if line.watched else None
         handover = solve_here(variant, made, dataclasses.replace(steps, cpu_limit=cpu_limit, spool=spool))
@@ -206,7 +206,7 @@ def scipy(method: str, **options: Any) -> Solver:
 def _warn_of_own_bits() -> None:
     """Warn once if numbers depend on this processor, e.g. because NumPy was loaded before it could be pinned."""
     if words := machine.explain_deviations():
-        remedy = ": import mbsbench before numpy and numba" if machine.variables() else ""
+        remedy = ": import mbsbench before numpy and numba" if machine.list_variables() else ""
         warnings.warn(words + remedy, stacklevel=3)
 
 
@@ -254,13 +254,13 @@ def _draw_figure(given: list[tuple[RunRecord, Series]]) -> "Figure":
     """Draw runs as the reports do, from a temporary results folder to which they are written."""
     from .reports.model.motion import read_curves
     from .reports.model.results import read_results
-    from .reports.plots.laws import Drawing, errors, laws
-    from .reports.plots.lines import all_lines, shared_options
-    from .reports.plots.paper import figure, style
+    from .reports.plots.laws import Drawing, plot_errors, plot_laws
+    from .reports.plots.lines import find_shared_options, make_lines
+    from .reports.plots.paper import apply_style, draw_plots
     from .reports.plots.spec import choose_styles
 
     with tempfile.TemporaryDirectory() as place:
-        folder = store.create(Path(place))
+        folder = store.create_folder(Path(place))
         for k, (record, series) in enumerate(given):
             name = f"{k}"  # one run may be given twice, e.g. before and after its solver was changed
             place = f"series/{name}.npz"
@@ -272,10 +272,10 @@ def _draw_figure(given: list[tuple[RunRecord, Series]]) -> "Figure":
         results = read_results(folder)
         runs = sorted(results.runs, key=lambda run: int(run.record.run_id))
         motions = {run.record.run_id: read_curves(run, results.series(run)) for run in runs}
-    drawing = Drawing(runs, all_lines(runs, shared_options(runs)), motions)
-    chapters = [c for c in (laws(drawing), errors(drawing)) if c]
-    with style():
-        return figure(
+    drawing = Drawing(runs, make_lines(runs, find_shared_options(runs)), motions)
+    chapters = [c for c in (plot_laws(drawing), plot_errors(drawing)) if c]
+    with apply_style():
+        return draw_plots(
             [p for c in chapters for p in c.plots if p.name in PLOTTED], choose_styles({r.solver for r, _ in given})
         )
 

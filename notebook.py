@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
 from .harness.results.records import COLUMNS, RunRecord
-from .harness.results.words import error_words, list_reasons, status_words
+from .harness.results.words import describe_errors, describe_status, list_reasons
 from .harness.text import escape_text
 from .harness.types import Problem, Status
 
@@ -35,11 +35,11 @@ def show_run(record: RunRecord) -> str:
     """Return a run as an HTML table: how it ended and why, its errors and its cost."""
     r = record
     rows = {
-        "status": status_words(r) or "none",
+        "status": describe_status(r) or "none",
         "because": "" if r.status == Status.SUCCESS else "; ".join(list_reasons(r)),
         "reached": f"{r.t_reached_s:g} of {r.t_end_s:g} s in {_count(r.steps, 'step')}",
         "energy drift": _number(r.energy_drift_max_J, "J"),
-        "error": error_words(r),
+        "error": describe_errors(r),
         "CPU time": _number(r.cpu_median_s, "s"),
     }
     if math.isnan(r.t_reached_s):  # a refusal, or a crash before the first step
@@ -63,7 +63,7 @@ def show_results(folder: str, records: Sequence[RunRecord], unreadable: Mapping[
     words = ", ".join(f"{n} {status}" for status, n in counted.most_common())
     title = f"{folder}: {_count(len(records), 'run')}{f' ({words})' if words else ''}"
     rows = [
-        (r.case, r.status, _number(r.energy_drift_max_J, "J"), error_words(r), _number(r.cpu_median_s, "s"))
+        (r.case, r.status, _number(r.energy_drift_max_J, "J"), describe_errors(r), _number(r.cpu_median_s, "s"))
         for r in records[:FEW]
     ]
     table = _show_table(("run", "status", "energy drift", "error", "CPU time"), rows, title)

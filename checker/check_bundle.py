@@ -253,7 +253,7 @@ class BodyStates:
     Omega: np.ndarray
 
 
-def unpack(states):
+def unpack_states(states):
     """Return the BodyStates of states (n, 2 + 18 nb)."""
     n = len(states)
     nb = states.shape[1] // BODY_NUMBERS
@@ -272,7 +272,7 @@ def interpolate_pose(states, t):
     """
     times = states[:, TIME]
     k = min(max(np.searchsorted(times, t, "right") - 1, 0), len(states) - 2)
-    both = unpack(states[k : k + 2])  # axis 0: the states before and after
+    both = unpack_states(states[k : k + 2])  # axis 0: the states before and after
     h = times[k + 1] - times[k]
     x = (t - times[k]) / h
     Omega = both.Omega
@@ -291,7 +291,7 @@ def interpolate_pose(states, t):
 # Files ----------------------------------------------------------------------------------------
 
 
-def demand(condition, message):
+def refuse_unless(condition, message):
     """Raise ValueError with a message, which refuses the bundle, unless a condition holds."""
     if not condition:
         raise ValueError(message)
@@ -319,10 +319,10 @@ def read_members(path):
         and path.stat().st_size <= MAX_BYTES
         and path.read_bytes().count(CENTRAL_ENTRY) <= MAX_FILES
     )
-    demand(sound, "no file of at most 1 GiB with at most 20,000 members")
+    refuse_unless(sound, "no file of at most 1 GiB with at most 20,000 members")
     archive = zipfile.ZipFile(path)
     unpacked = sum(member.file_size for member in archive.infolist())
-    demand(unpacked <= MAX_BYTES, "more than 1 GiB unpacked")
+    refuse_unless(unpacked <= MAX_BYTES, "more than 1 GiB unpacked")
     files = {}
     for member in archive.infolist():
         name = member.orig_filename
@@ -332,7 +332,7 @@ def read_members(path):
             and FILE_NAMES.fullmatch(name)
             and name not in files
         )
-        demand(plain, f"unexpected, duplicate or special file {name[:80]!r}")
+        refuse_unless(plain, f"unexpected, duplicate or special file {name[:80]!r}")
         files[name] = archive.open(member).read(member.file_size)
     return files
 
@@ -342,7 +342,9 @@ def check_manifest(files):
     listed = files.pop(MANIFEST).decode("ascii").splitlines()
     found = {f"{hashlib.sha256(raw).hexdigest()}  {name}" for name, raw in files.items()}
     wrong = sorted(set(listed) ^ found)
-    demand(not wrong and len(listed) == len(files), f"{wrong[:1]!r:.160} differs from the manifest")
+    refuse_unless(
+        not wrong and len(listed) == len(files), f"{wrong[:1]!r:.160} differs from the manifest"
+    )
 
 
 def parse_numbers(name, raw):
@@ -350,21 +352,21 @@ def parse_numbers(name, raw):
     values = np.lib.format.read_array(io.BytesIO(raw), allow_pickle=False).T
     times = values[:, TIME] if values.ndim == 2 else ZERO[:1]
     ordered = np.isfinite(times).all() and (np.diff(times) > 0).all()
-    demand(values.dtype == "<f8" and ordered, f"{name}: no numbers, or times not in order")
+    refuse_unless(values.dtype == "<f8" and ordered, f"{name}: no numbers, or times not in order")
     return values
 
 
 def parse_json(name, raw):
     """Return the content of a JSON file; refuse one that is too large or has a key twice."""
     values = raw.count(b",") + raw.count(b"[") + raw.count(b"{")
-    demand(len(raw) <= MAX_JSON_BYTES and values <= MAX_JSON_VALUES, f"{name} is too large")
+    refuse_unless(len(raw) <= MAX_JSON_BYTES and values <= MAX_JSON_VALUES, f"{name} is too large")
     return json.loads(raw, object_pairs_hook=read_object)
 
 
 def read_object(pairs):
     """Return a JSON object as a dictionary; refuse a key that occurs twice."""
     found = dict(pairs)
-    demand(len(found) == len(pairs), "a key twice")
+    refuse_unless(len(found) == len(pairs), "a key twice")
     return found
 
 
@@ -571,7 +573,9 @@ class Problem:
             if key in BODY_INDICES:
                 known = known and not ((values < -1) | (values >= sizes["body"])).any()
                 values = values.astype(int) if known else values
-            demand(known, f"{name}: {key} is not finite, of shape {shape} or beyond the bodies")
+            refuse_unless(
+                known, f"{name}: {key} is not finite, of shape {shape} or beyond the bodies"
+            )
             setattr(self, key.removeprefix("joint_"), values)
         self.nb = sizes["body"]
         self.user_count = sizes["user"]
@@ -584,7 +588,7 @@ class Problem:
             and set(self.kinds[self.moving > 0]) <= set(ROW_FUNCTIONS) - {"points", "lines", "axes"}
             and np.isin([self.points, self.lines, self.axes, self.moving], range(4)).all()
         )
-        demand(sound, f"{name}: bodies, masses, joint_kinds or t_end_s")
+        refuse_unless(sound, f"{name}: bodies, masses, joint_kinds or t_end_s")
         normal = numbers.get("planar_normal")
         self.normal = None if normal is None else np.array(normal, float).reshape(3)
 
@@ -605,13 +609,13 @@ class Problem:
         """Set the switches of laws: literal start, user forces, work, invariants."""
         self.literal = bool(data["literal_start"])
         self.has_user_forces = bool(self.user_count or data["not_serialised"])
-        self.find_work()
+        self.set_work()
         self.invariants = {about["name"]: about for about in data["invariants"]}
         self.laws = ["energy", "orthogonality"]
         if self.is_joint.any() and not self.literal:
             self.laws += ["gap", "gap_rate"]
 
-    def find_work(self):
+    def set_work(self):
         """Set the mask (nj) of the joints and forces that do work [Energy].
 
         A damper has c and a row; a drive, knife edge or load has a row and an f that is not 0, and
@@ -677,7 +681,7 @@ class Problem:
         if exact is not None:
             self.horizon, self.exact = float(reference["horizon_s"]), exact
             sound = exact.shape[1:] == self.start.shape[1:] and len(exact) and self.horizon >= 0
-            demand(sound, "a reference without states of this problem, or without a horizon")
+            refuse_unless(sound, "a reference without states of this problem, or without a horizon")
         self.covered_to = self.horizon * (1 + ROUNDING)  # [s] the last time that is within
         even = self.exact[:, TIME] / min(self.t_end, self.horizon) * SCALE_TIMES
         near = np.abs(even - np.round(even)) < 1e-7  # times are written to 16 digits
@@ -730,11 +734,11 @@ class Problem:
 
         def find_sides(some):
             ground = np.tile(IDENTITY, (len(some), 1, 1, 1))
-            R = np.append(unpack(some).R, ground, 1)  # index -1 is the ground
+            R = np.append(unpack_states(some).R, ground, 1)  # index -1 is the ground
             u = np.einsum("tkij,kj->tki", R[:, self.i], self.u)
             return dot(u, np.einsum("tkij,kj->tki", R[:, self.j], self.n[:, 2]))
 
-        size = max(1, 60_000 // max(self.nb, len(self.i)))  # states at once, as in measure
+        size = max(1, 60_000 // max(self.nb, len(self.i)))  # states at once, as in measure_series
         start, turned = find_sides(self.start), np.zeros(len(self.i), bool)
         for k in range(0, len(states), size):
             turned |= (find_sides(states[k : k + size]) * start < 0).any(0)
@@ -744,7 +748,7 @@ class Problem:
         """Return the Geometry of all joints, with the ground as one more body at rest."""
         n = len(states)
         with_ground = np.concatenate([states[:, :-1], np.tile(GROUND, (n, 1)), states[:, -1:]], 1)
-        bodies = unpack(with_ground)  # index -1 is the ground
+        bodies = unpack_states(with_ground)  # index -1 is the ground
         step = 1j * STEP
         ends = []
         for end, body in enumerate((self.i, self.j)):
@@ -785,7 +789,7 @@ class Problem:
             own_w=self.w,
         )
 
-    def measure(self, states, part):
+    def measure_series(self, states, part):
         """Return the series (n) of the mechanism of the bodies in a mask ``part`` (nb), by name.
 
         phi, phi_dot, gap, gap_rate: norms over rows [Gaps]; orthogonality; reach [m]; speed [m/s];
@@ -797,8 +801,8 @@ class Problem:
         return {key: np.concatenate([piece[key] for piece in pieces]) for key in pieces[0]}
 
     def measure_piece(self, states, part):
-        """Return the series of ``measure`` for a few states."""
-        b, start = unpack(states), unpack(self.start)
+        """Return the series of ``measure_series`` for a few states."""
+        b, start = unpack_states(states), unpack_states(self.start)
         mass = self.mass * part
         phi, phi_dot, half_turned = self.find_rows(states)
         series = self.measure_rows(phi, phi_dot, half_turned, part)
@@ -820,7 +824,7 @@ class Problem:
 
         # E = sum (m v^2 + Omega.J Omega) / 2 - m gravity.r + sum k phi^2 / 2 [Energy]; T and V are
         # its parts, of r and v from the common C
-        elastic = phi**2 @ (self.touches(part) * self.k[self.row_joint]) / 2
+        elastic = phi**2 @ (self.select_rows(part) * self.k[self.row_joint]) / 2
         series["elastic"] = elastic
         series["T"] = speed**2 @ mass / 2
         series["V"] = elastic + r @ -self.gravity @ mass
@@ -828,7 +832,7 @@ class Problem:
         series["E"] = kinetic + b.r @ -self.gravity @ mass + elastic
         return series
 
-    def touches(self, part):
+    def select_rows(self, part):
         """Return the mask (rows) of the rows that act on the bodies in a mask ``part`` (nb)."""
         with_ground = np.append(part, False)
         return (with_ground[self.i] | with_ground[self.j])[self.row_joint]
@@ -839,7 +843,7 @@ class Problem:
         In the gap [m] and its rate [m/s], rows without unit count times the largest gyration; rows
         of phi that are half a turn off count 2 - |phi|.
         """
-        rows = self.touches(part) & self.row_is_joint
+        rows = self.select_rows(part) & self.row_is_joint
         metres = np.where(self.row_is_angle, self.gyration[part].max(), 1.0)
         gap = np.where(half_turned, 2 - np.abs(phi), phi) * metres
         series = {"phi": phi, "phi_dot": phi_dot, "gap": gap, "gap_rate": metres * phi_dot}
@@ -852,7 +856,8 @@ class Problem:
         before the first break [s] of a law. If neither moves, and the whole motion is known, they
         are the scales of a mechanism at rest.
         """
-        series, exact = self.measure(states, part), self.measure(self.scale_states, part)
+        series = self.measure_series(states, part)
+        exact = self.measure_series(self.scale_states, part)
         t = states[:, TIME]
         energy_start = exact["E"][0] if t[0] else series["E"][0]
         series["energy"] = states[:, STATED] if self.does_work(part) else series["E"] - energy_start
@@ -861,7 +866,7 @@ class Problem:
         least = REST * at_rest["length"]
         rests = is_whole and not (exact["reach"] > least).any()
         rests = rests and not (series["reach"][beyond] > least).any()
-        if rests and not (self.measure(self.exact, part)["reach"] > least).any():
+        if rests and not (self.measure_series(self.exact, part)["reach"] > least).any():
             return series, at_rest | {"energy start": energy_start}
 
         late = beyond & (t < first_break)
@@ -936,7 +941,7 @@ class Problem:
         of springs, torsions and loads -A^T (k phi + c phi_dot) and A^T. The loads A^T lambda = M a
         - f are forces [N] in space and moments [N m] in the body.
         """
-        Omega = unpack(states).Omega
+        Omega = unpack_states(states).Omega
         phi, phi_dot, _ = self.find_rows(states)
         A = self.differentiate(states)
         n, nb, size = len(states), self.nb, 6 * self.nb
@@ -990,7 +995,7 @@ class Problem:
         states, last = states.copy(), states.copy()
         by_axis = np.repeat(np.stack([np.ones(self.nb), self.gyration], 1), 3, 1)
         weight = np.sqrt(self.mass)[:, None] * by_axis  # (nb, 6)
-        size = np.abs(unpack(states).r).max(initial=0) + self.arm.max()
+        size = np.abs(unpack_states(states).r).max(initial=0) + self.arm.max()
         near = 64 * MACHINE_EPSILON * size
         metres = np.where(self.row_is_angle, self.gyration.max(), 1)[self.row_is_joint]
         left = np.arange(len(states))  # the states that still move
@@ -1022,7 +1027,7 @@ class Problem:
         so that u = u1 + (u2 - u1) sn^2: its phase grows with time. The deviation (n), without unit,
         is the error of the phase times u' over its speed, plus the distance of u from u1 .. u2.
         """
-        top = unpack(np.append(self.start, self.exact, 0))  # the first is the start
+        top = unpack_states(np.append(self.start, self.exact, 0))  # the first is the start
         J, m, size, g = self.inertia[0], self.mass[0], norm(self.s_i[0]), norm(self.gravity)
         Omega = top.Omega[:, 0]
         arm = -self.s_i[0] / size  # from the fixed point to C, in the body
@@ -1123,7 +1128,7 @@ class TruncationLaw:
         self.slow = speed / np.ptp(
             states[:, TIME]
         )  # [m/s^2]: changes the speed by itself over the run
-        self.size = np.abs(unpack(states).r).max() + problem.gyration.max()
+        self.size = np.abs(unpack_states(states).r).max() + problem.gyration.max()
         # [m]: loads (nb, 6) over it are forces, moments over the longest arm of the body's joints
         self.lever = np.repeat(np.stack([np.ones(problem.nb), problem.arm], 1), 3, 1)
         self.steps = self.list_inner_steps()
@@ -1158,7 +1163,7 @@ class TruncationLaw:
 
         They are fewer for large systems: 2e8 numbers of A^T A take some seconds.
         """
-        turning = norm(unpack(self.states).Omega).max(1)  # [rad/s]
+        turning = norm(unpack_states(self.states).Omega).max(1)  # [rad/s]
         fastest = np.maximum(np.maximum(turning[:-2], turning[1:-1]), turning[2:])
         h = np.diff(self.states[:, TIME])
         resolved = fastest * np.maximum(h[:-1], h[1:]) < 0.5
@@ -1175,7 +1180,7 @@ class TruncationLaw:
 
     def find_quotients(self, states, k):
         """Return the difference quotients of poses and rates over the steps before and after k."""
-        b = unpack(states)
+        b = unpack_states(states)
         rates = np.append(b.v, b.Omega, 2)
         h = np.diff(states[:, TIME])[:, None, None]
         h = h[k - 1], h[k]
@@ -1198,7 +1203,7 @@ class TruncationLaw:
 
         Open: the difference of both quotients, 1 % of the speed scale, and rounding.
         """
-        q, b = self.find_quotients(states, k), unpack(states)
+        q, b = self.find_quotients(states, k), unpack_states(states)
         error = q.average(q.of_poses) - np.append(b.v, b.Omega, 2)[k]
         off = self.p.find_motion_distance(*find_field(error))
         before, after = (
@@ -1214,7 +1219,7 @@ class TruncationLaw:
         Open: how much a changes to both neighbours, or both quotients differ, 1 % of the largest,
         rounding, and ``wider`` (k, nb). Also the largest acceleration of each step (k, 1) [m/s^2].
         """
-        q, b = self.find_quotients(states, k), unpack(states)
+        q, b = self.find_quotients(states, k), unpack_states(states)
         Omega = b.Omega
         here = find_field(a[1], Omega[k])
         before = find_field(a[0], Omega[k - 1], q.turns[0])
@@ -1263,7 +1268,7 @@ class TruncationLaw:
         their own error. Only steps count at which this change is at most a tenth of the largest
         value.
         """
-        b, near = unpack(self.states), unpack(projected)
+        b, near = unpack_states(self.states), unpack_states(projected)
         k = self.steps
         own = self.p.find_motion_distance(b.r[k] - near.r, b.R[k] - near.R).max(1)
         own = np.fmin(np.fmax(own, 1e-9 * self.length), 1e-3 * self.length)  # of NaN the bound
@@ -1311,12 +1316,12 @@ class Run:
     """The states of one run, and the laws by which its record follows from them."""
 
     def __init__(self, report, problem, run, record, states, rows):
-        self.report, self.compare, self.claim = report, report.compare, report.claim
-        self.claim_equal = report.claim_equal
+        self.report, self.compare, self.require = report, report.compare, report.require
+        self.require_equal = report.require_equal
         self.p, self.run, self.record, self.states, self.rows = problem, run, record, states, rows
         self.peaks = run["peaks_s"]  # times of maxima [s]
         self.t = states[:, TIME]
-        self.bodies = unpack(states)
+        self.bodies = unpack_states(states)
         self.finite = np.isfinite(states[:, :-1]).all(1)  # (n)
         self.has_every_step = run["states"] == "every step"
         self.has_exact_motion = len(problem.exact) > 0
@@ -1341,8 +1346,8 @@ class Run:
             found = self.record["status"], self.stated_reasons
             self.compare("status and reason", ("wrong", ["finite"]), recorded=found)
             return
-        self.find_sizes()
-        self.find_shares()
+        self.set_scales()
+        self.set_shares()
         self.check_scales()
         self.check_limits()
         self.check_trend()
@@ -1365,7 +1370,7 @@ class Run:
         self.compare("t_reached_s", float(self.t[-1]), 0.0, self.has_every_step)
         if self.has_every_step and self.record["claimed"] == "success":
             starts = self.t[0] == 0 or "start" in self.stated_reasons
-            self.claim("time of the first state", starts, self.t[0], 0.0)
+            self.require("time of the first state", starts, self.t[0], 0.0)
 
     def check_steps(self):
         """Check number and sizes of steps, and the fixed step that was requested [Times and steps].
@@ -1376,7 +1381,7 @@ class Run:
         count = float(len(steps))
         self.compare("steps", count, 0.0, self.has_every_step)
         if not self.has_every_step:
-            self.claim("states", count != self.record["steps"], "some steps", "every step")
+            self.require("states", count != self.record["steps"], "some steps", "every step")
         if len(steps) > 1:
             steps = steps[:-1]
         known = self.has_every_step and len(steps) > 0
@@ -1389,11 +1394,13 @@ class Run:
             asked, median = self.record["dt_s"], np.median(steps)
             fits = STEP_ASKED[0] * asked <= median <= STEP_ASKED[1] * asked
             if self.record["status"] == "success" and self.record["suite"] != "refereed":
-                self.claim("dt_s", fits, asked, median)
+                self.require("dt_s", fits, asked, median)
             elif not fits:  # a refereed motion has the step that its user names
-                self.report.weaken("without success whose steps are not the fixed step asked for")
+                self.report.note_weakness(
+                    "without success whose steps are not the fixed step asked for"
+                )
 
-    def find_sizes(self):
+    def set_scales(self):
         """Set the series and the scales of the run and of each of its mechanisms [Scales].
 
         scales: recorded ones, which check_scales compares with those found; by_mechanism: list of
@@ -1417,7 +1424,7 @@ class Run:
         if not self.is_one_mechanism:
             self.by_mechanism = [p.find_scales(*about, part) for part in p.mechanisms]
 
-    def find_shares(self):
+    def set_shares(self):
         """Set the shares (n) of its limit that each law takes, of the worst mechanism [Limits].
 
         The work done on one mechanism of several is not stated: its energy has no share, and
@@ -1448,9 +1455,9 @@ class Run:
             kept = (times or found["is rest"] or not self.is_whole) and np.isin(
                 times, self.p.scale_states[:, TIME]
             ).all()
-            self.claim("scales kept", kept, times, "even times of exact states")
+            self.require("scales kept", kept, times, "even times of exact states")
         elif found["is rest"] and self.record["claimed"] == "success":
-            self.report.weaken("that stay at rest, where no exact motion says so")
+            self.report.note_weakness("that stay at rest, where no exact motion says so")
         self.compare("energy_start_J", found["energy start"], ROUNDING * found["energy terms"])
         full = self.is_whole
         self.compare("length_scale_m", found["length"], 0.0, full)
@@ -1471,7 +1478,7 @@ class Run:
                 limit = LIMITS[law] * self.scales[law]
                 self.compare(column, limit if self.knows_shares else None)
             else:
-                self.claim(column, np.isnan(self.record[column]), self.record[column], "nan")
+                self.require(column, np.isnan(self.record[column]), self.record[column], "nan")
 
     def check_trend(self):
         """Check the slope [W] and the means [J] of the energy error [Energy trend].
@@ -1505,7 +1512,7 @@ class Run:
         """Check how far a planar motion leaves its plane: max |(r - r(0)).normal| [m] [Plane]."""
         stated = self.record["out_of_plane_max_m"]
         if self.p.normal is None:
-            self.claim("out_of_plane_max_m", np.isnan(stated), stated, "nan")
+            self.require("out_of_plane_max_m", np.isnan(stated), stated, "nan")
             return
         height = self.bodies.r @ self.p.normal  # (n, nb)
         self.out_of_plane = np.abs(height - height[0]).max(1)
@@ -1526,7 +1533,7 @@ class Run:
         p = self.p
         self.exact_t, own, exact = np.intersect1d(self.t, p.exact[:, TIME], return_indices=True)
         self.exact_rows = own
-        ours, exactly = unpack(self.states[own]), unpack(p.exact[exact])
+        ours, exactly = unpack_states(self.states[own]), unpack_states(p.exact[exact])
         self.stated_error = p.exact[exact, STATED]
         covered = self.t <= p.covered_to
         self.every_step_has_exact = self.has_every_step and len(self.exact_t) == covered.sum()
@@ -1594,7 +1601,7 @@ class Run:
                     continue
                 names = self.list_columns(stem, which)
                 stated = len(names) == 1 or which not in STATED_MAXIMA[stem]
-                self.claim(f"{stem}_{which}", stated, names, "one column")
+                self.require(f"{stem}_{which}", stated, names, "one column")
                 for name in names:
                     value = None
                     if values is not None:
@@ -1618,13 +1625,13 @@ class Run:
                     "motion_error_max_m",
                     "reference_horizon_s",
                 ):
-                    self.claim(column, np.isnan(record[column]), record[column], "nan")
+                    self.require(column, np.isnan(record[column]), record[column], "nan")
             return
         covered = self.t[self.t <= self.p.covered_to]
         self.compare("compared_to_s", float(covered[-1]), 0.0, self.has_every_step)
         owed = self.report.lossless and self.has_every_step
         has_all = self.every_step_has_exact or not owed
-        self.claim("exact states", has_all, len(at), len(covered))
+        self.require("exact states", has_all, len(at), len(covered))
         stated, length = self.stated_error, record["length_scale_m"]
         self.compare(
             "reference_own_error_m", stated.max(), 1e-15 * self.pose_size, self.every_step_has_exact
@@ -1663,7 +1670,7 @@ class Run:
         self.check_times_of_errors()
         for name in INSTANTS:
             has_time = np.isfinite(self.record[name]) <= (name in self.peaks)
-            self.claim(f"time {name}", has_time, "none", "a time")
+            self.require(f"time {name}", has_time, "none", "a time")
 
     def check_peaks_of(self, stem, at, values, slack):
         """Check that a series has its largest and its largest judged value at the stated times."""
@@ -1683,14 +1690,14 @@ class Run:
         decided = len(self.exact_t) and self.every_step_has_exact
         for name in ("judged_to_s", "compared_to_s"):
             stated, found = self.peaks.get(name), self.record[name]
-            self.claim(f"time {name}", not decided or stated == found, stated, found)
+            self.require(f"time {name}", not decided or stated == found, stated, found)
         if not decided or not (self.knows_shares or self.is_one_mechanism):
             return
         for name in ACCURATE:
             stated, found = self.peaks.get(name), self.record[name]
             if name not in self.peaks and found == self.exact_t[-1]:
                 found = None  # accurate to the end, so no time at which it was not
-            self.claim_equal(f"time {name}", stated, found)
+            self.require_equal(f"time {name}", stated, found)
 
     def check_first_breaks(self):
         """Check when each law was first broken, if every step is kept [First breaks].
@@ -1698,21 +1705,21 @@ class Run:
         A claimed success that breaks a law is wrong, whichever steps are kept.
         """
         known = {f"{SHARE_COLUMNS[law]}:first" for law in self.p.laws}
-        self.claim(":first", set(self.first_breaks) <= known, sorted(self.first_breaks), known)
+        self.require(":first", set(self.first_breaks) <= known, sorted(self.first_breaks), known)
         if self.first_breaks and self.record["claimed"] == "success":
             status = self.record["status"]
-            self.claim_equal("status: a law is broken", status, "wrong")
+            self.require_equal("status: a law is broken", status, "wrong")
         if not (self.has_every_step and self.knows_shares):
             return
         for law, shares in self.shares.items():
             name = f"{SHARE_COLUMNS[law]}:first"
             if law == "energy" and not self.knows_energy:
                 kept = self.peaks.get(name) is None or self.peaks[name] in self.t
-                self.claim(name, kept, self.peaks.get(name), "the time of a step")
+                self.require(name, kept, self.peaks.get(name), "the time of a step")
                 continue
             broken = ~(shares <= 1)  # of NaN, too
             first = self.t[np.argmax(broken)] if broken.any() else None
-            self.claim_equal(name, self.peaks.get(name), first)
+            self.require_equal(name, self.peaks.get(name), first)
 
     def check_kinematics(self):
         """Check that poses follow velocities from step to step [Kinematic defect]. Limit 0.5."""
@@ -1727,7 +1734,7 @@ class Run:
         means of both ends, over 0.01 length + the larger of the sums of distances of poses and of h
         speed.
         """
-        b, h = unpack(states), np.diff(states[:, TIME])[:, None, None]
+        b, h = unpack_states(states), np.diff(states[:, TIME])[:, None, None]
         distance = self.p.find_motion_distance
         shift = h * (b.v[1:] + b.v[:-1]) / 2
         turned = h * (b.Omega[1:] + b.Omega[:-1]) / 2
@@ -1750,7 +1757,7 @@ class Run:
         if self.has_every_step and exact.sum() == len(covered):
             enough = len(covered) >= max(2, 0.5 * len(self.t))
             return self.find_defect(self.p.exact[exact]) if enough else 0.0
-        self.report.leave("law kinematic", "not every step is kept")
+        self.report.note_undecided("law kinematic", "not every step is kept")
         return 0.0 if "kinematic" in self.stated_reasons else self.record["kinematic_defect"]
 
     def check_instants(self):
@@ -1764,7 +1771,7 @@ class Run:
             between = column == "motion_between_max_m"
             here = len(exact) and (between or len(own))
             wanted = "a time whose states are kept"
-            self.claim(f"states of {column}", here or not self.every_step_has_exact, at, wanted)
+            self.require(f"states of {column}", here or not self.every_step_has_exact, at, wanted)
             if between:
                 self.check_between(exact, at)
             else:
@@ -1776,7 +1783,7 @@ class Run:
         value = None
         if len(exact) and (self.has_every_step or self.run["between"]):
             r, R = interpolate_pose(self.states, at)
-            exactly = unpack(exact)
+            exactly = unpack_states(exact)
             value = self.p.find_motion_distance(r - exactly.r, R - exactly.R).max()
         self.compare("motion_between_max_m", value, ROUNDING * self.pose_size)
 
@@ -1794,7 +1801,7 @@ class Run:
         size = self.record[REACTIONS.get(column, column)]
         if is_error:
             there = column in self.run["reactions"]
-            self.claim("reactions", there, "none", f"those of {column}")
+            self.require("reactions", there, "none", f"those of {column}")
             if not there:
                 return
             A = p.differentiate(own)[0][p.row_is_joint]  # (rows, nb, 6)
@@ -1810,27 +1817,27 @@ class Run:
         if self.record["claimed"] != "success":
             return
         if np.isnan(self.record["reaction_error_max_N"]) and self.p.row_is_joint.any():
-            self.report.weaken("without reactions, whose errors cannot be judged")
+            self.report.note_weakness("without reactions, whose errors cannot be judged")
         if np.isnan(self.record["motion_between_max_m"]) and self.has_exact_motion:
-            self.report.weaken("without a comparison of the motion between steps")
+            self.report.note_weakness("without a comparison of the motion between steps")
 
     def check_reaction(self):
         """Check that reactions are those of the series, and none if cut short [Instants]."""
         of_series = self.rows.get("state_reaction")
         if of_series is None:
             lacks = self.report.lossless and np.isfinite(self.record["reaction_error_max_N"])
-            self.claim("reactions", not lacks, "an error", "none: no reactions")
+            self.require("reactions", not lacks, "an error", "none: no reactions")
             return
         if not self.record["claimed"]:
             expected = "none: steps kept until a run ended have no reactions"
-            self.claim("reactions", False, "reactions", expected)
+            self.require("reactions", False, "reactions", expected)
         elif not np.isfinite(of_series).all():
-            self.report.weaken("with reactions that are no numbers at some steps")
+            self.report.note_weakness("with reactions that are no numbers at some steps")
         if self.has_every_step:
             for column, reaction in self.run["reactions"].items():
                 here = self.t == self.peaks.get(column)
                 same = here.any() and np.array_equal(of_series[here][0], reaction, equal_nan=True)
-                self.claim("reactions", same, "another", "that of the series")
+                self.require("reactions", same, "another", "that of the series")
 
     def find_units(self):
         """Return the scale of each unit of an invariant [Invariants]."""
@@ -1871,15 +1878,15 @@ class Run:
         self.drifts, self.breaks_invariant = drifts, False
         if described:
             same = set(drifts) == set(described)
-            self.claim("names of invariants", same, sorted(drifts), sorted(described))
+            self.require("names of invariants", same, sorted(drifts), sorted(described))
         if not drifts:
-            self.report.weaken("without invariants")
+            self.report.note_weakness("without invariants")
         elif not all("quantity" in described.get(name, {}) for name in drifts):
-            self.report.weaken("with invariants that their problem does not describe")
+            self.report.note_weakness("with invariants that their problem does not describe")
         units = self.find_units()
         for name, drift in drifts.items():
             about = {"quantity": "", "along": ZERO, "unit": drift["unit"]} | described.get(name, {})
-            self.claim_equal(f"invariant {name}: unit", drift["unit"], about["unit"])
+            self.require_equal(f"invariant {name}: unit", drift["unit"], about["unit"])
             scale = units.get(about["unit"], 0.0)
             self.check_drift(name, drift, about, scale)
             limit = 0.1 * max(scale, abs(float(drift["start"])))
@@ -1928,9 +1935,9 @@ class Run:
             known["out_of_plane"] = self.out_of_plane, self.pose_size
         names = {*known, "eq81_norm", *(f"inv_{name}" for name in self.drifts)}
         lacking = names - set(rows)
-        self.claim("series listed", not (owed and lacking), "none", sorted(lacking))
+        self.require("series listed", not (owed and lacking), "none", sorted(lacking))
         other = {name for name, row in rows.items() if len(row) != len(self.t)}
-        self.claim("series lengths", not other, sorted(other), f"{len(self.t)} numbers")
+        self.require("series lengths", not other, sorted(other), f"{len(self.t)} numbers")
         for name in set(known) & set(rows) - other:
             self.check_row(name, rows[name], known[name][0], ROUNDING * known[name][1])
         self.check_eq81(rows.get("eq81_norm"))
@@ -1943,7 +1950,7 @@ class Run:
             return
         off = np.abs(row[: len(values)] - values)[finite].max()
         allowed = slack + RELATIVE * np.abs(values[finite]).max()
-        self.claim(f"series {name}", off <= allowed, "other values", f"off by {off:.3g}")
+        self.require(f"series {name}", off <= allowed, "other values", f"off by {off:.3g}")
 
     def check_eq81(self, row):
         """Check the columns of Eq. (81) against its series; no bundle has its formula."""
@@ -1965,7 +1972,7 @@ class Run:
                 what = f"observable {name}: {key}"
                 self.compare(what, value, slack, recorded=recorded, why="observables are code")
 
-    def find_excesses(self):
+    def list_limits(self):
         """Return value and limit of each law that a claimed success must keep [Status].
 
         What the bundle cannot decide is noted.
@@ -1984,7 +1991,7 @@ class Run:
             drift = self.shares["energy"].max() if self.knows_shares else 0.0, 1.0
             if not (self.knows_shares and self.knows_energy):
                 why = "the work of each mechanism is not stated"
-                self.report.leave(
+                self.report.note_undecided(
                     "law energy", why if self.knows_shares else "not every step is kept"
                 )
                 drift = (np.inf, 1.0) if "energy" in self.stated_reasons else drift
@@ -2033,13 +2040,13 @@ class Run:
         """
         if self.p.has_user_forces or not self.has_every_step:
             why = "user forces are code" if self.p.has_user_forces else "not every step is kept"
-            self.report.leave("law truncation", why)
+            self.report.note_undecided("law truncation", why)
             return "truncation" in self.stated_reasons
         reaction = self.rows.get("state_reaction")
         speed, length = self.scales["gap_rate"], self.scales["length"]
         truncation = TruncationLaw(self.p, self.states, reaction, speed, length)
         if len(truncation.steps) < 3:
-            self.report.leave("law truncation", "under three steps turn by less than 0.5")
+            self.report.note_undecided("law truncation", "under three steps turn by less than 0.5")
         ratio, fastest = truncation.find_ratios()
         return max(ratio, self.find_rate_ratio(fastest)) > 1
 
@@ -2067,12 +2074,12 @@ class Run:
         if record["claimed"] != "success":
             reaches_end = abs(self.t[-1] - p.t_end) <= 1e-9 * max(p.t_end, 1)
             if record["status"] not in JUDGED and reaches_end:
-                self.report.weaken("called failures though their motion reaches the end")
+                self.report.note_weakness("called failures though their motion reaches the end")
             return
         if record["status"] == "success":
             turned = p.find_reversed_joints(self.states).sum()
-            self.claim_equal("joints turned over", turned, 0)
-        excesses = self.find_excesses()
+            self.require_equal("joints turned over", turned, 0)
+        excesses = self.list_limits()
         broken = self.find_broken(excesses)
         wrong = broken - INACCURATE_LAWS
         self.compare("status", "wrong" if wrong else "inaccurate" if broken else "success")
@@ -2128,11 +2135,11 @@ class Report:
     def check_format(self, head, runs, records):
         """Refuse other formats and versions, and runs without exactly one record each [Files]."""
         right = head["format"] == "mbsbench bundle" and head["version"] == VERSION
-        demand(right, "not a bundle of version 5")
+        refuse_unless(right, "not a bundle of version 5")
         recorded = {record["run_id"] for record in records}
         described = {run["run_id"] for run in runs}
         paired = len(runs) == len(recorded) == len(records) and recorded == described
-        demand(paired, "a run twice, or without a record")
+        refuse_unless(paired, "a run twice, or without a record")
 
     def read_problems(self, files, runs):
         """Return the problems of the runs by id, after checking each by itself."""
@@ -2161,7 +2168,7 @@ class Report:
             rows = self.read_rows(run, files)
             states = files[f"runs/{self.label}.npy"]
             sound = states.shape[1:] == problem.start.shape[1:] and len(states)
-            demand(sound, f"runs/{self.label}.npy: no states of its problem")
+            refuse_unless(sound, f"runs/{self.label}.npy: no states of its problem")
             Run(self, problem, run, self.record, states, rows).check()
 
     def compare(
@@ -2182,28 +2189,28 @@ class Report:
         else:
             same = value == recorded
         if value is None:
-            self.leave(column, why)
+            self.note_undecided(column, why)
         elif not same and not full and value <= recorded:
-            self.leave(column, "only a lower bound")
+            self.note_undecided(column, "only a lower bound")
         else:
-            self.claim(column, same, recorded, value)
+            self.require(column, same, recorded, value)
 
-    def claim(self, what, holds, stated, found):
+    def require(self, what, holds, stated, found):
         """Count a comparison; note what is stated and what is found or expected unless it holds."""
         self.numbers += 1
         if not holds:
             line = f"{self.label:17} {what[:38]:38} {str(stated)[:48]:>24} {str(found)[:48]:>24}"
             self.findings.append(line)
 
-    def claim_equal(self, what, stated, found):
+    def require_equal(self, what, stated, found):
         """Count a comparison; note a disagreement unless ``stated`` equals ``found``."""
-        self.claim(what, stated == found, stated, found)
+        self.require(what, stated == found, stated, found)
 
-    def leave(self, what, why):
+    def note_undecided(self, what, why):
         """Note something that the bundle cannot decide, and why."""
         self.undecided.append((why, what))
 
-    def weaken(self, words):
+    def note_weakness(self, words):
         """Note that the evidence for this run is weaker than for others."""
         self.weak.append(words)
 
@@ -2211,14 +2218,14 @@ class Report:
         """Check lossless, codes, and that the files are exactly those of the runs [Files]."""
         stated = head["lossless"]
         owed = stated is True or (stated is False and not self.complete)
-        self.claim("lossless", owed, stated, "true, or false where not all is owed")
+        self.require("lossless", owed, stated, "true, or false where not all is owed")
         codes = sorted({str(record["code"]) for record in records})
-        self.claim_equal("codes", head["codes"], codes)
+        self.require_equal("codes", head["codes"], codes)
 
         moving = {run["run_id"] for run in runs if run["states"] != "none"}
         claimed = {record["run_id"] for record in records if claims_success(record)}
         has_evidence = not claimed or claimed & moving
-        self.claim("evidence", has_evidence, "no state of any success", "states")
+        self.require("evidence", has_evidence, "no state of any success", "states")
 
         wanted = {f"runs/{run_id}.npy" for run_id in moving}
         for run in runs:
@@ -2227,13 +2234,13 @@ class Report:
                 if self.lossless:
                     wanted.add(f"series/{run['run_id']}.npy")
         have = {name for name in files if name.startswith(("runs/", "series/", "problems/"))}
-        self.claim("files", have == wanted, sorted(have - wanted)[:1], sorted(wanted - have)[:1])
+        self.require("files", have == wanted, sorted(have - wanted)[:1], sorted(wanted - have)[:1])
         lone = set()
         for name in files:
             problem = f"problems/{name.removeprefix('references/').removesuffix('.npy')}.json"
             if name.startswith("references/") and problem not in wanted:
                 lone.add(name)
-        self.claim("references", not lone, sorted(lone)[:1], "a problem")
+        self.require("references", not lone, sorted(lone)[:1], "a problem")
 
     def check_suites(self, files, records):
         """Check that suites are TOML; count their runs that the bundle lacks [Files]."""
@@ -2241,9 +2248,9 @@ class Report:
             if name.endswith(".toml"):
                 try:
                     suite = tomllib.loads(files[name].decode())
-                    self.claim(name, isinstance(suite.get("name", ""), str), "its name", "text")
+                    self.require(name, isinstance(suite.get("name", ""), str), "its name", "text")
                 except (ValueError, RecursionError):
-                    self.claim(name, False, "no TOML", "a suite")
+                    self.require(name, False, "no TOML", "a suite")
         environments = {}
         for name in files:
             match = re.fullmatch(r"environment\.(.*)\.json", name)
@@ -2260,7 +2267,7 @@ class Report:
                 self.lacking.append(missing)
         for record in records:
             if record["environment"] not in environments:
-                self.weaken("without the packages and the machine of their run")
+                self.note_weakness("without the packages and the machine of their run")
 
     def check_table(self, table, records):
         """Check every cell of the table [Table]."""
@@ -2269,7 +2276,7 @@ class Report:
         for record in records:
             groups.setdefault(tuple(record[key] for key in keys), []).append(record)
         stated = [tuple(row[key] for key in keys) for row in table]
-        demand(stated == sorted(groups), "the table has other rows")
+        refuse_unless(stated == sorted(groups), "the table has other rows")
         for row in table:
             own = groups[tuple(row[key] for key in keys)]
             self.record, self.label = row, f"table {row['solver']}"[:17]
@@ -2277,7 +2284,7 @@ class Report:
             for column, value in cells.items():
                 self.compare(column, value)
             same = set(row) == {*cells, *keys}
-            self.claim("columns", same, sorted(row), "those of the page")
+            self.require("columns", same, sorted(row), "those of the page")
 
     def count_cells(self, records):
         """Return the cells of a row: counts, least motion error [m], least CPU time [s].
@@ -2303,40 +2310,40 @@ class Report:
 
     def check_problem(self, p, data):
         """Check that names, user forces, gyrations, frame and plane fit the numbers [Numbers]."""
-        self.claim_equal("body_names", len(data["body_names"]), p.nb)
+        self.require_equal("body_names", len(data["body_names"]), p.nb)
         joints = int(p.is_joint.sum())
-        self.claim_equal("joint_names", len(data["joint_names"]), joints)
+        self.require_equal("joint_names", len(data["joint_names"]), joints)
         kinds = len(data["joint_kinds"])
-        self.claim_equal("joint_kinds", kinds, len(p.i))
+        self.require_equal("joint_kinds", kinds, len(p.i))
         forces = [f"user force {k}" for k in range(p.user_count)]
         stated = data["not_serialised"]
-        self.claim_equal("not_serialised", stated, forces)
+        self.require_equal("not_serialised", stated, forces)
         least = np.sqrt(np.trace(p.inertia, axis1=1, axis2=2) / (2 * p.mass))
         enough = (p.gyration >= least * (1 - RELATIVE)).all()
-        self.claim("gyration", enough, p.gyration.min(), least.min())
+        self.require("gyration", enough, p.gyration.min(), least.min())
         J = p.inertia
         least = np.linalg.eigvalsh(J).min(1) + ROUNDING * np.abs(J).max((1, 2))
         is_inertia = np.array_equal(J, transpose(J)) and (least >= 0).all()
-        self.claim("inertia", is_inertia, "no inertia", "symmetric, not below 0")
-        self.claim("joint_c", not (p.c[p.is_joint] != 0).any(), "of a joint", "of forces alone")
+        self.require("inertia", is_inertia, "no inertia", "symmetric, not below 0")
+        self.require("joint_c", not (p.c[p.is_joint] != 0).any(), "of a joint", "of forces alone")
         frame = np.array(data["numbers"]["frame"], float)
         is_frame = frame.shape == (3, 3) and np.abs(frame.T @ frame - IDENTITY).max() < 1e-9
-        self.claim("frame", is_frame, "no rotation", "a rotation")
+        self.require("frame", is_frame, "no rotation", "a rotation")
         is_unit = p.normal is None or abs(norm(p.normal) - 1) < 1e-9
-        self.claim("planar_normal", is_unit, "its length", 1)
+        self.require("planar_normal", is_unit, "its length", 1)
         kind = data["reference"]["kind"]
-        self.claim(
+        self.require(
             "reference: kind", kind in ("own", "certified", "computed", "none"), kind, "a kind"
         )
-        self.claim("reference: kind", kind != "none" or not len(p.exact), kind, "exact states")
+        self.require("reference: kind", kind != "none" or not len(p.exact), kind, "exact states")
         names = [about["name"] for about in data["invariants"]]
-        self.claim("invariants", len(set(names)) == len(names), names, "each once")
+        self.require("invariants", len(set(names)) == len(names), names, "each once")
         for about in data["invariants"]:
             if "quantity" in about:
                 known = about["quantity"] in QUANTITIES and abs(norm(about["along"]) - 1) < 1e-9
                 body = about.get("body", 0)
                 known = known and isinstance(body, int) and 0 <= body < p.nb
-                self.claim(f"invariant {about['name']}", known, about, "a quantity along a unit")
+                self.require(f"invariant {about['name']}", known, about, "a quantity along a unit")
 
     def check_reference(self, p):
         """Check that the exact motion keeps the laws to its stated errors [Exact motion].
@@ -2345,7 +2352,7 @@ class Report:
         orthogonality, E - E(0) over the largest energy, if no work is done; and of a closed form.
         """
         t, stated = p.exact[:, TIME], p.exact[:, STATED]
-        b, series = unpack(p.exact), p.measure(p.exact, p.all_bodies)
+        b, series = unpack_states(p.exact), p.measure_series(p.exact, p.all_bodies)
         size = np.abs(b.r).max() + p.rim
         speed = p.find_speed(b.v, b.Omega).max()
         sane = (
@@ -2355,7 +2362,7 @@ class Report:
             and t[-1] <= p.covered_to
             and np.isfinite(p.exact).all()
         )
-        self.claim("reference: errors and horizon sane", bool(sane), True, False)
+        self.require("reference: errors and horizon sane", bool(sane), True, False)
 
         allowed = 1e-9 + 100 * stated.clip(0) / size
         laws = {
@@ -2368,14 +2375,14 @@ class Report:
         if not p.has_work:
             energy, kinetic = series["E"], series["T"]
             largest = kinetic.max() + np.abs(energy - kinetic).max() + 1e-300  # not 0 of rest
-            laws["energy"] = (energy - p.measure(p.start, p.all_bodies)["E"]) / largest
+            laws["energy"] = (energy - p.measure_series(p.start, p.all_bodies)["E"]) / largest
         if t[0] == 0:
             off = np.abs(p.exact - p.start)[0, 1:-1].max() / (1e-9 * (1 + size + speed))
             laws["start"] = allowed * off  # whatever the stated error is
         if "Lagrange's top" in p.route:
             laws["closed form"] = allowed * p.find_top_error() / (RELATIVE + 2 * stated / size)
         elif "proved" in p.route:
-            self.leave("reference", "no closed form here: others prove its motion")
+            self.note_undecided("reference", "no closed form here: others prove its motion")
         for law, defect in laws.items():
             worst = None if defect is None else float(np.abs(defect / allowed).max())
             why = "work is done, or no exact start is kept"
@@ -2384,12 +2391,12 @@ class Report:
     def check_record(self, run, codes):
         """Check schema, code, and that either a step or a tolerance was requested [Record]."""
         record = self.record
-        self.claim_equal("schema", record["schema"], SCHEMA)
-        self.claim("code", record["code"] in codes, record["code"], codes)
+        self.require_equal("schema", record["schema"], SCHEMA)
+        self.require("code", record["code"] in codes, record["code"], codes)
         has_step, has_tolerance = record["dt_s"] > 0, record["rtol"] > 0
         asked = "dt" if has_step else "rtol"
         sound = has_step != has_tolerance and record["control"] == asked
-        self.claim("control", sound, record["control"], asked)
+        self.require("control", sound, record["control"], asked)
         self.check_ending(run)
         self.check_costs()
 
@@ -2408,12 +2415,12 @@ class Report:
                 and run["states"] == "none"
                 and not record["series"]
             )
-            self.claim("refused", nothing, "a motion", "none")
+            self.require("refused", nothing, "a motion", "none")
         package = record["missing_package"]
-        self.claim("missing_package", status == "refused" or not package, package, "none")
+        self.require("missing_package", status == "refused" or not package, package, "none")
         has_reasons = status in ("inaccurate", "wrong") and claimed == "success"
         reasons, expected = record["wrong_because"], "reasons" if has_reasons else "none"
-        self.claim("wrong_because", (reasons != "[]") == has_reasons, reasons, expected)
+        self.require("wrong_because", (reasons != "[]") == has_reasons, reasons, expected)
 
     def check_cut_short(self, status, ended_by):
         """Check the record of a solver that never returned, so that it claims nothing."""
@@ -2422,11 +2429,11 @@ class Report:
             wanted = "memory"
         elif ended_by in UNFINISHED:
             wanted = "unfinished"
-        self.claim_equal("status", status, wanted)
+        self.require_equal("status", status, wanted)
         ended = ended_by not in ("", "solver")
-        self.claim("ended_by", ended, ended_by, "what ended a solver that claims nothing")
+        self.require("ended_by", ended, ended_by, "what ended a solver that claims nothing")
         counters = self.record["counters"]
-        self.claim("counters", counters == "{}", counters, "none: its solver claims nothing")
+        self.require("counters", counters == "{}", counters, "none: its solver claims nothing")
 
     def check_claimed_ending(self, status, claimed, ended_by):
         """Check the record of a solver that returned and claimed success or a failure."""
@@ -2436,10 +2443,10 @@ class Report:
                 {"cpu_limit", "suspended"} if status == "unfinished" else {"solver", "suspended"}
             )
             wanted = {"stalled", "unfinished"}
-        self.claim("status", status in wanted, status, f"that of {claimed}")
-        self.claim("ended_by", ended_by in enders, ended_by, enders)
+        self.require("status", status in wanted, status, f"that of {claimed}")
+        self.require("ended_by", ended_by in enders, ended_by, enders)
         codes = self.record["signal"], self.record["exit_code"]
-        self.claim("signal and exit_code", codes == (0, 0), codes, 0)
+        self.require("signal and exit_code", codes == (0, 0), codes, 0)
 
     def check_costs(self):
         """Check costs: none below 0, CPU times in order, none above that of the process [Costs].
@@ -2448,20 +2455,20 @@ class Report:
         """
         record = self.record
         for column in COSTS:
-            self.claim(column, not record[column] < 0, record[column], "at least 0")
+            self.require(column, not record[column] < 0, record[column], "at least 0")
         ordered = [record[f"cpu_{name}_s"] for name in ("min", "q1", "median", "q3", "max")]
         known = [time for time in ordered if not np.isnan(time)]
         expected = "min, q1, median, q3, max"
-        self.claim("order of CPU times", known == sorted(known), ordered, expected)
-        self.claim("number of CPU times", len(known) in (0, 3, 5), ordered, "all or none")
+        self.require("order of CPU times", known == sorted(known), ordered, expected)
+        self.require("number of CPU times", len(known) in (0, 3, 5), ordered, "all or none")
         process, code = record["cpu_process_s"], record["code_s"]
         if known and not np.isnan(process):
             elsewhere = record["suite"] == "ladder" or '"CPU times: ' in str(record["notes"])
             longest = known[-1]
-            self.claim("cpu_process_s", elsewhere or longest <= process + CLOCK, process, longest)
-            self.claim("code_s", not code > process + CLOCK, code, process)
+            self.require("cpu_process_s", elsewhere or longest <= process + CLOCK, process, longest)
+            self.require("code_s", not code > process + CLOCK, code, process)
         if record["claimed"] == "success" and record["status"] in JUDGED:
-            self.claim(
+            self.require(
                 "repeats", record["repeats"] > 0 or not known, record["repeats"], "at least 1"
             )
 
@@ -2469,26 +2476,26 @@ class Report:
         """Check what the record states of its problem against the problem [Record]."""
         record = self.record
         parameters = json.loads(record["problem_parameters"])
-        self.claim_equal("problem", record["problem"], data["problem"])
+        self.require_equal("problem", record["problem"], data["problem"])
         stated = data["parameters"]
-        self.claim_equal("problem_parameters", parameters, stated)
-        self.claim_equal("section", record["section"], data["section"])
+        self.require_equal("problem_parameters", parameters, stated)
+        self.require_equal("section", record["section"], data["section"])
         self.compare("t_end_s", p.t_end)
         literal, stated = bool(parameters.get("literal_start")), data["literal_start"]
-        self.claim("literal_start", stated is literal, stated, literal)
-        self.claim_equal("reference", record["reference"], p.route)
+        self.require("literal_start", stated is literal, stated, literal)
+        self.require_equal("reference", record["reference"], p.route)
         horizon, stated = float(data["reference"]["horizon_s"]), record["reference_horizon_s"]
         same = horizon == stated or (np.isnan(horizon) and np.isnan(stated))
-        self.claim("reference_horizon_s", same, stated, horizon)
+        self.require("reference_horizon_s", same, stated, horizon)
         if record["claimed"] == "success":
             if literal:
-                self.weaken("that start as printed, whose joints nobody judges")
+                self.note_weakness("that start as printed, whose joints nobody judges")
             if p.has_user_forces:
-                self.weaken(
+                self.note_weakness(
                     "with user forces, which are code: work, reactions and truncation are as stated"
                 )
             if not len(p.exact):
-                self.weaken("without an exact motion")
+                self.note_weakness("without an exact motion")
 
     def check_evidence(self, run, problem):
         """Check that a claimed success has its states [Evidence].
@@ -2497,18 +2504,18 @@ class Report:
         """
         states = run["states"]
         allowed = ("none", "some steps", "every step")
-        self.claim("states", states in allowed, states, "none, some or every")
+        self.require("states", states in allowed, states, "none, some or every")
         has_problem = bool(run["problem"]) or states == "none"
-        self.claim("problem", has_problem, "states", "of a problem")
+        self.require("problem", has_problem, "states", "of a problem")
         if claims_success(self.record):
             if self.complete:
-                self.claim_equal("evidence", states, "every step")
+                self.require_equal("evidence", states, "every step")
             elif states == "none":
-                self.weaken("that claim success without a state")
+                self.note_weakness("that claim success without a state")
             elif states != "every step":
-                self.weaken("that claim success with the states of some steps")
+                self.note_weakness("that claim success with the states of some steps")
         if states == "none":
-            self.leave("run", "no motion, or too large a state")
+            self.note_undecided("run", "no motion, or too large a state")
         return states != "none" and problem is not None
 
     def read_rows(self, run, files):
@@ -2518,19 +2525,19 @@ class Report:
         """
         arrays = run["arrays"]
         if not self.lossless:
-            self.claim("arrays", arrays == {}, sorted(arrays), "none")
+            self.require("arrays", arrays == {}, sorted(arrays), "none")
             return {}
         vector = files[f"series/{self.label}.npy"]
         rows, at = {}, 0
         for name, (offset, shape) in sorted(arrays.items(), key=lambda item: item[1][0]):
             end = at + int(np.prod(shape))
             in_place = offset == at and vector.ndim == 1 and end <= len(vector)
-            demand(in_place, f"series of {self.label}: {name} is not in its place")
+            refuse_unless(in_place, f"series of {self.label}: {name} is not in its place")
             rows[name] = vector[at:end].reshape(shape)
             at = end
-        self.claim_equal("series", at, len(vector))
+        self.require_equal("series", at, len(vector))
         count, most = self.record["series_rows"], self.record["steps"] + 1
-        self.claim("series_rows", count <= most, count, most)
+        self.require("series_rows", count <= most, count, most)
         return rows
 
 

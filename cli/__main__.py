@@ -13,9 +13,9 @@ if not hasattr(os, "fork"):  # before the imports below fail one by one on modul
 
 from ..harness import machine
 from ..harness.catalogue.options import suggest_name
-from ..harness.sandbox.isolation import end_with
+from ..harness.sandbox.isolation import end_with_parent
 from .commands import add_commands
-from .parser import UsageError, top_parser
+from .parser import UsageError, make_parser
 
 INTERRUPTED = {
     "run": "interrupted; finished runs are kept (--resume continues)",
@@ -37,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     if "--native" in words:  # before a command loads NumPy, which reads its environment once
         machine.unpin_arithmetic()
     try:
-        parser, commands = top_parser()
+        parser, commands = make_parser()
         add_commands(commands)
         if not words or words[0] in ("-h", "--help"):
             sys.stdout.write(parser.format_help())
@@ -94,7 +94,7 @@ def command_line() -> NoReturn:
         if isinstance(stream, io.TextIOWrapper):  # sparklines in the C locale of a batch system
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # an inherited SIG_IGN would make waitpid fail
-    sys.exit(_judge_apart() if sys.argv[1:2] in ([name] for name in JUDGING) else _run_main())
+    sys.exit(_run_in_child() if sys.argv[1:2] in ([name] for name in JUDGING) else _run_main())
 
 
 def _run_main() -> int:
@@ -107,7 +107,7 @@ def _run_main() -> int:
     return code
 
 
-def _judge_apart() -> int:
+def _run_in_child() -> int:
     """Run the command in a child process and return its exit code, or 1 if the child ended without reporting one.
 
     Plugin code that the command loads may call ``os._exit(0)``, which would otherwise pass for a verdict.
@@ -118,7 +118,7 @@ def _judge_apart() -> int:
     child = os.fork()
     if not child:
         os.close(read)
-        end_with(parent, signal.SIGTERM)
+        end_with_parent(parent, signal.SIGTERM)
         os.write(write, bytes([_run_main() & 255]))  # before handlers registered for the end of the process
         return 0
     os.close(write)

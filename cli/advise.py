@@ -14,7 +14,7 @@ from ..harness.catalogue import registry
 from ..harness.catalogue.mechanism import MechanismFile
 from ..harness.execution.costs import predict_times, select_quick
 from ..harness.execution.runner import Request
-from ..harness.races.cheapest import Candidate, compute_cost, rank
+from ..harness.races.cheapest import Candidate, compute_cost, rank_candidates
 from ..harness.reference.computation import is_computable
 from ..harness.results import store
 from ..harness.results.naming import format_name
@@ -28,13 +28,13 @@ from .commands import CONTROL
 from .progress import announce_suite, run_watched
 from .terminal import (
     Column,
-    error_console,
+    choose_status_style,
+    make_error_console,
+    make_table_console,
     number,
     plural,
     print_json,
     print_table,
-    status_style,
-    table_console,
 )
 from .version import ADD_ENGINES
 
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         limit = min(max(budget / 6.0, 1.0), 60.0)
         candidates = [Candidate(n, problem, error, limit, options=options) for n in names]
         _search(candidates, plugins, budget, count_jobs(arguments.jobs), quiet=arguments.json)
-    return _report(rank(candidates), error, as_json=arguments.json)
+    return _print_report(rank_candidates(candidates), error, as_json=arguments.json)
 
 
 def _read_options(arguments: argparse.Namespace) -> dict[str, str]:
@@ -95,25 +95,25 @@ def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float
     is_known = not problem.literal_start and is_computable(problem.system)
     if not is_known and problem.reference() is None:  # evaluated last: a reference may take seconds to compute
         raise UsageError(f"{problem.name} has no reference: no error is known; compare solvers with mbsbench run")
-    first = [s for c in candidates if (s := c.next_spec()) is not None]
+    first = [s for c in candidates if (s := c.choose_next_spec()) is not None]
     quick = select_quick(first)
     early = [c for c in candidates if c.solver in quick]
     rounds = [*([early] if 0 < len(early) < len(candidates) else []), *[candidates] * ROUNDS]
     if not quiet:
-        announce_suite(describe_plan(first, size), error_console())
+        announce_suite(describe_plan(first, size), make_error_console())
     with tempfile.TemporaryDirectory() as place:
         for k, chosen in enumerate(rounds):
-            asked = {s.settings_id: (c, s) for c in chosen if (s := c.next_spec()) is not None}
+            asked = {s.settings_id: (c, s) for c in chosen if (s := c.choose_next_spec()) is not None}
             if not asked:
                 break
             if k and not quiet:
-                _print_so_far(rank(candidates), len(candidates), first=k == 1)
+                _print_progress(rank_candidates(candidates), len(candidates), first=k == 1)
             suite = Suite("advise", "", tuple(s for _, s in asked.values()), "", plugins)
             request = Request(suite, Path(place) / f"round{k}", size)
             loaded, _ = run_watched(request, quiet=quiet, resumable=False, announces=False)
             for r in loaded.records:
                 asked[r.settings_id][0].runs.append(r)
-            if sum(_cpu_without_code(r) for c in candidates for r in c.runs) / size > budget:
+            if sum(_compute_cpu_without_code(r) for c in candidates for r in c.runs) / size > budget:
                 break
 
 
@@ -124,18 +124,18 @@ def describe_plan(first: Sequence[RunSpec], size: int) -> str:
     return f"{plural(len(first), 'solver')}, up to {ROUNDS} settings of each, {size} at a time: {whole.words}"
 
 
-def _print_so_far(ranked: list[Candidate], of: int, *, first: bool) -> None:
-    """Print on standard error how many of ``of`` solvers meet the error: the first time a table, then the cheapest."""
+def _print_progress(ranked: list[Candidate], total: int, *, first: bool) -> None:
+    """Print on standard error how many of ``total`` solvers meet the error: a table ``first``, then the cheapest."""
     meeting = [c for c in ranked if c.best]
-    words = f"so far {len(meeting)} of {plural(of, 'solver')} meet it"
+    words = f"so far {len(meeting)} of {plural(total, 'solver')} meet it"
     if first and meeting:
-        print_table(COLUMNS[:-1], [row[:-1] for row in _list_rows(meeting)], words, out=table_console(stderr=True))
+        print_table(COLUMNS[:-1], [row[:-1] for row in _list_rows(meeting)], words, out=make_table_console(stderr=True))
     else:
         best = f"; cheapest: {meeting[0].best.case}" if meeting and meeting[0].best else ""
-        error_console().print(f"{words}{best}")
+        make_error_console().print(f"{words}{best}")
 
 
-def _cpu_without_code(r: RunRecord) -> float:
+def _compute_cpu_without_code(r: RunRecord) -> float:
     """Return the CPU time of a run's process without compilation, which depends on the cache [s]."""
     return r.cpu_process_s - (0.0 if math.isnan(r.code_s) else r.code_s)
 
@@ -147,7 +147,7 @@ def _read_candidates(folder: Path, problem: Problem, error: float, solvers: list
     """
     parameters = json.loads(json.dumps(dict(problem.parameters), default=list))
     found: dict[tuple[str, str], list[RunRecord]] = {}
-    for r in store.newest(store.load(folder, check_series=False).records):
+    for r in store.select_newest(store.load(folder, check_series=False).records):
         same = r.problem == problem.name and json.loads(r.problem_parameters) == parameters
         if same and (not solvers or r.solver in solvers):
             found.setdefault((r.solver, r.solver_options), []).append(r)
@@ -156,7 +156,7 @@ def _read_candidates(folder: Path, problem: Problem, error: float, solvers: list
     return [Candidate(solver, problem, error, math.inf, runs) for (solver, _), runs in found.items()]
 
 
-def _report(candidates: list[Candidate], error: float, *, as_json: bool) -> int:
+def _print_report(candidates: list[Candidate], error: float, *, as_json: bool) -> int:
     """Print the ranked candidates as a table or as JSON; return 0 if one meets the error [m], else 1.
 
     Raise UsageError if the error is too small to be judged by the reference.
@@ -181,7 +181,7 @@ def _report(candidates: list[Candidate], error: float, *, as_json: bool) -> int:
                     "cpu_s": r.cpu_median_s,
                     "steps": r.steps,
                     "reach_m": r.length_scale_m,
-                    "why_not": c.why_not,
+                    "why_not": c.failure,
                 }
             )
     else:
@@ -240,16 +240,16 @@ def _list_rows(candidates: list[Candidate]) -> list[tuple[Text | str, ...]]:
     for c in candidates:
         r = c.best or c.closest
         factor = number(compute_cost(r)[0] / compute_cost(best)[0], 2) if c.best and best else ""
-        name = Text(format_name(c.solver, c.options), "" if c.best else status_style(r.status))
+        name = Text(format_name(c.solver, c.options), "" if c.best else choose_status_style(r.status))
         rows.append(
             (
                 name,
-                f"{c.control}={c.setting(r):g}",
+                f"{c.control}={c.get_setting(r):g}",
                 number(r.motion_error_judged_m),
                 number(r.cpu_median_s, 2),
                 factor,
                 str(r.steps),
-                c.why_not,
+                c.failure,
             )
         )
     return rows

@@ -22,7 +22,7 @@ def add_results(p: argparse.ArgumentParser) -> None:
 def add_jobs(p: argparse.ArgumentParser) -> None:
     """Add the option --jobs."""
     words = "parallel processes (default: all cores; use 1 for reliable timings)"
-    p.add_argument("--jobs", type=positive_int, metavar="N", help=words)
+    p.add_argument("--jobs", type=parse_positive_int, metavar="N", help=words)
 
 
 def add_plugin(p: argparse.ArgumentParser, words: str = "file that adds problems or solvers") -> None:
@@ -32,7 +32,7 @@ def add_plugin(p: argparse.ArgumentParser, words: str = "file that adds problems
 
 def add_file(p: argparse.ArgumentParser, *names: str, words: str, metavar: str = "FILE", **how: Any) -> None:
     """Add an option that names a file to write."""
-    p.add_argument(*names, type=writable_file, metavar=metavar, help=words, **how)
+    p.add_argument(*names, type=check_writable, metavar=metavar, help=words, **how)
 
 
 def add_problem(p: argparse.ArgumentParser) -> None:
@@ -40,7 +40,7 @@ def add_problem(p: argparse.ArgumentParser) -> None:
     words = "name of a problem (see mbsbench list), or an MJCF, URDF, SDFormat or USD file (docs/your-own-problem.md)"
     p.add_argument("problem", metavar="PROBLEM", help=words)
     add_set(p, "--problem-set", "problem parameter")
-    p.add_argument("--t-end", type=positive_float, metavar="T", help="simulated time [s]")
+    p.add_argument("--t-end", type=parse_positive_float, metavar="T", help="simulated time [s]")
 
 
 def add_set(p: argparse.ArgumentParser, option: str, words: str) -> None:
@@ -68,12 +68,12 @@ def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
         return ()
     from ..harness.catalogue import mechanism_files, plugins, registry  # here, as below: --help needs none of them
     from ..harness.sandbox.trial import try_in_process
-    from .terminal import error_console
+    from .terminal import make_error_console
 
     for path in paths:
         try_in_process(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
         if mechanism_files.is_mechanism(path):
-            error_console().print(registry.problems()[mechanism_files.choose_name(path)].doc)
+            make_error_console().print(registry.problems()[mechanism_files.choose_name(path)].doc)
     return tuple(plugins.resolve_plugin(p) for p in paths)
 
 
@@ -121,14 +121,14 @@ def find_results(name: str) -> Path:
     raise UsageError(f"{name} is not a results folder: expected a path, or the name of a folder in {store.LOCAL}")
 
 
-def positive_int(text: str) -> int:
+def parse_positive_int(text: str) -> int:
     """Parse a whole number > 0 from the command line."""
     if not text.isdecimal() or int(text) < 1:
         raise UsageError(f"must be a whole number > 0 (got {text!r})")
     return int(text)
 
 
-def positive_float(text: str, name: str = "") -> float:
+def parse_positive_float(text: str, name: str = "") -> float:
     """Parse a finite number > 0 from the command line; ``name`` is for values that no option names."""
     try:
         value = float(text)
@@ -139,7 +139,7 @@ def positive_float(text: str, name: str = "") -> float:
     return value
 
 
-def duration(text: str) -> float:
+def parse_duration(text: str) -> float:
     """Parse hours, days or weeks from the command line [s]."""
     hours = {"h": 1.0, "d": 24.0, "w": 168.0}.get(text[-1:], 0.0)
     number = text[:-1]
@@ -154,7 +154,7 @@ def count_jobs(given: int | None) -> int:
     return given or cores
 
 
-def writable_file(given: str) -> Path:
+def check_writable(given: str) -> Path:
     """Return the path of a file that can be written; raise UsageError before anything runs if it cannot."""
     out = Path(given)
     probe = out.parent / f".{out.name}.{os.getpid()}.probe"

@@ -15,7 +15,7 @@ from ..harness.results.findings import Finding
 from .arguments import UsageError, count_jobs, load_plugins
 from .findings import print_findings
 from .progress import run_watched
-from .terminal import console
+from .terminal import make_console
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -30,13 +30,13 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.json:
             print_findings(own, json=True)
         else:
-            _print(own, name)
+            _print_findings(own, name)
     return 0 if all(f.holds for f in findings) else 1
 
 
-def _print(findings: list[Finding], name: str) -> None:
+def _print_findings(findings: list[Finding], name: str) -> None:
     """Print the findings on one entry as a table, the reason and remedy of each failure, and the number met."""
-    out = console()
+    out = make_console()
     out.print(Text(name, "bold"))
     print_findings(findings)
     broken = [f for f in findings if not f.holds]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..harness.catalogue.options import suggest_name
 from ..harness.confined_paths import ConfinedPath
-from ..harness.execution.runner import Request, last_folder, new_folder
+from ..harness.execution.runner import Request, find_last_folder, name_new_folder
 from ..harness.referee import judge as judging
 from ..harness.referee.claims.count import judge
 from ..harness.referee.claims.register import Register, read_register
@@ -20,7 +20,7 @@ from ..harness.suites.suite import Suite
 from ..reports.model import claim_words
 from .arguments import UsageError, count_jobs, find_results
 from .progress import run_watched
-from .terminal import console, error_console
+from .terminal import make_console, make_error_console
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -43,23 +43,23 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         found = _read_claim(arguments, published)
     if arguments.json:
-        console().print(format_judgement(found), end="")
+        make_console().print(format_judgement(found), end="")
         return int(changed)
     for line in _describe_claim(found, len(judging.select_needed(alone))):
-        console().print(line, markup=False, highlight=False)
+        make_console().print(line, markup=False, highlight=False)
     for line in claim_words.list_rows(found) if arguments.rows else ():
-        console().print(line, markup=False, highlight=False, soft_wrap=True)
+        make_console().print(line, markup=False, highlight=False, soft_wrap=True)
     if arguments.make and published:
-        console().print(f"published: {published.verdicts}" if changed else "as published")
+        make_console().print(f"published: {published.verdicts}" if changed else "as published")
     elif not (arguments.make or arguments.results):
-        _warn(judging.describe_outdated(PUBLISHED, code_now(register, judging.list_whole())))
+        _print_warning(judging.describe_outdated(PUBLISHED, code_now(register, judging.list_whole())))
     return int(changed)
 
 
-def _warn(words: str) -> None:
+def _print_warning(words: str) -> None:
     """Print ``words`` on standard error; nothing if they are empty."""
     if words:
-        error_console().print(words, highlight=False)
+        make_error_console().print(words, highlight=False)
 
 
 def _read_claim(arguments: argparse.Namespace, published: JudgedClaim | None) -> JudgedClaim:
@@ -81,7 +81,7 @@ def _read_claim(arguments: argparse.Namespace, published: JudgedClaim | None) ->
 def _run_claim(arguments: argparse.Namespace, register: Register) -> JudgedClaim:
     """Run those of the claim's runs that its results folder lacks, and return the verdict on all."""
     specs, name = judging.select_needed(register), f"claim-{arguments.claim}"
-    folder = Path(arguments.out) if arguments.out else last_folder(name) or new_folder(name)
+    folder = Path(arguments.out) if arguments.out else find_last_folder(name) or name_new_folder(name)
     request = Request(Suite(name, "the runs of one claim", specs, ""), folder, count_jobs(arguments.jobs), resume=True)
     if specs:
         loaded, watcher = run_watched(request, quiet=arguments.json)

@@ -4,7 +4,7 @@ import argparse
 
 from ..harness.cache import list_caches
 from ..harness.results import cleaning, store
-from .terminal import console, plural
+from .terminal import make_console, plural
 
 UNUSED = 30.0 * cleaning.DAY  # [s] without use after which a file of a cache is removed
 
@@ -14,7 +14,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     Return 0, also if nothing is old.
     """
-    out, dry = console(), arguments.dry_run
+    out, dry = make_console(), arguments.dry_run
     verb, count, total = "would remove" if dry else "removed", 0, 0
     for old in cleaning.find_old(store.LOCAL, arguments.keep, arguments.older_than or 0.0):
         gone = not cleaning.is_written(old.folder) if dry else cleaning.remove(old.folder)

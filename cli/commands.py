@@ -16,10 +16,10 @@ from .arguments import (
     add_results,
     add_running,
     add_set,
-    duration,
     find_results,
-    positive_float,
-    positive_int,
+    parse_duration,
+    parse_positive_float,
+    parse_positive_int,
 )
 
 CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
@@ -90,7 +90,7 @@ def add_commands(commands: Any) -> None:
         add(commands)
 
 
-def subcommand(commands: Any, name: str, summary: str, json: str = "") -> argparse.ArgumentParser:
+def add_subcommand(commands: Any, name: str, summary: str, json: str = "") -> argparse.ArgumentParser:
     """Add the parser of a command and return it.
 
     ``summary`` describes the command; the list of commands shows it up to its first semicolon. ``json`` says what
@@ -108,14 +108,14 @@ def subcommand(commands: Any, name: str, summary: str, json: str = "") -> argpar
 
 def _add_list(commands: Any) -> None:
     words = "list problems, solvers and suites, or explain one of them with options, units and defaults"
-    p = subcommand(commands, "list", words, "one object")
+    p = add_subcommand(commands, "list", words, "one object")
     p.add_argument("name", nargs="?", metavar="NAME", help="problems, solvers, or the name of one of these")
     add_plugin(p)
 
 
 def _add_solve(commands: Any) -> None:
     words = "run one solver on one problem; write motion and measurements"
-    p = subcommand(commands, "solve", words, "one object")
+    p = add_subcommand(commands, "solve", words, "one object")
     add_problem(p)
     p.add_argument("solver", metavar="SOLVER", help="name of a solver (see mbsbench list)")
     add_set(p, "--set", f"{', '.join(CONTROL)}, or a solver option")
@@ -127,7 +127,7 @@ def _add_solve(commands: Any) -> None:
 
 
 def _add_run(commands: Any) -> None:
-    p = subcommand(commands, "run", "run a suite and write a results folder", "one object at the end")
+    p = add_subcommand(commands, "run", "run a suite and write a results folder", "one object at the end")
     p.add_argument("suite", metavar="SUITE", help="name of a suite (see mbsbench list), or a TOML file")
     add_running(p)
     p.add_argument("--resume", action="store_true", help="continue --out, or the newest results of the suite")
@@ -135,10 +135,10 @@ def _add_run(commands: Any) -> None:
         "--dry-run", action="store_true", help="print the runs and how long they will take here; run nothing"
     )
     p.add_argument("--only", metavar="SUITE", help="only the runs of this suite, which SUITE includes; see --resume")
-    p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
+    p.add_argument("--limit", type=parse_positive_int, metavar="N", help="only the first N runs")
     p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
     turns = "then time the runs of each problem N times in turns, in one process: for ratios of CPU times"
-    p.add_argument("--in-turns", type=positive_int, metavar="N", help=turns)
+    p.add_argument("--in-turns", type=parse_positive_int, metavar="N", help=turns)
     lossless = "keep every step with its states, not envelopes: nothing has to be solved again for a bundle"
     p.add_argument("--lossless", action="store_true", help=lossless)
     p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
@@ -146,20 +146,20 @@ def _add_run(commands: Any) -> None:
 
 def _add_show(commands: Any) -> None:
     words = "show a results folder as a table, or one run in detail"
-    p = subcommand(commands, "show", words, "one record per line")
+    p = add_subcommand(commands, "show", words, "one record per line")
     add_results(p)
     p.add_argument("run_name", metavar="RUN", nargs="?", help="show one run: run_id (or its first digits) or case")
     for name in FILTERS:
         p.add_argument(f"--{name}", metavar="A,B", help=f"only runs with this {name}, or one of these")
     p.add_argument("--sort", metavar="KEY", help=f"largest first, by {', '.join(SORTS)} or any numeric column")
-    p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
+    p.add_argument("--limit", type=parse_positive_int, metavar="N", help="only the first N runs")
     steps = "print every step of RUN as CSV, solved again where the results lack it"
     p.add_argument("--steps", action="store_true", help=steps)
     add_plugin(p, "with --steps: plugin that the results were made with")
 
 
 def _add_report(commands: Any) -> None:
-    p = subcommand(commands, "report", "write the report of a results folder, or compare two")
+    p = add_subcommand(commands, "report", "write the report of a results folder, or compare two")
     results = f"{RESULTS} (default: the newest); two of them are compared"
     p.add_argument("results", nargs="*", default=["latest"], metavar="RESULTS", help=results)
     out = "where to write a comparison (default: report/ in the second)"
@@ -168,17 +168,17 @@ def _add_report(commands: Any) -> None:
 
 def _add_check(commands: Any) -> None:
     words = "test the requirements on a solver or problem, with the number measured; exit code 1 if one is not met"
-    p = subcommand(commands, "check", words, "one object per requirement")
+    p = add_subcommand(commands, "check", words, "one object per requirement")
     p.add_argument("plugin", metavar="FILE.py", help="Python file, entry point, or name of a solver or problem")
     add_jobs(p)
 
 
 def _add_try(commands: Any) -> None:
     words = "run a solver on problems, ladders, loops and chains; exit code 1 where it falls short or runs are left out"
-    p = subcommand(commands, "try", words, "one object a finding")
+    p = add_subcommand(commands, "try", words, "one object a finding")
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
     budget = "CPU time of all runs, compilation apart [s] (default: 180)"
-    p.add_argument("--budget", type=positive_float, default=180.0, metavar="S", help=budget)
+    p.add_argument("--budget", type=parse_positive_float, default=180.0, metavar="S", help=budget)
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
     add_file(p, "--html", words="also write all lines and charts to one HTML page")
     p.add_argument("--no-report", action="store_true", help="leave out the page")
@@ -188,11 +188,13 @@ def _add_try(commands: Any) -> None:
 
 def _add_advise(commands: Any) -> None:
     words = "find the cheapest solver and setting that meet an error on a problem; exit code 1 if none does"
-    p = subcommand(commands, "advise", words, "one object a solver, the cheapest first")
+    p = add_subcommand(commands, "advise", words, "one object a solver, the cheapest first")
     add_problem(p)
-    p.add_argument("--error", required=True, type=positive_float, metavar="X", help="largest motion error allowed [m]")
+    p.add_argument(
+        "--error", required=True, type=parse_positive_float, metavar="X", help="largest motion error allowed [m]"
+    )
     budget = "CPU time for all runs, checked after each round of runs, about [s] (default: 120)"
-    p.add_argument("--budget", type=positive_float, default=120.0, metavar="S", help=budget)
+    p.add_argument("--budget", type=parse_positive_float, default=120.0, metavar="S", help=budget)
     p.add_argument("--solver", action="append", default=[], metavar="NAME", help="only this one; may be repeated")
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="option of the one --solver")
     kept = f"read the runs of this {RESULTS}; run nothing"
@@ -206,14 +208,16 @@ def _add_ensemble(commands: Any) -> None:
         "compare the motions of solvers from many starts with the true ones, as weather forecasts are scored; exit "
         "code 1 where they differ or members are missing"
     )
-    p = subcommand(commands, "ensemble", words, "one object a solver, quantity and time")
+    p = add_subcommand(commands, "ensemble", words, "one object a solver, quantity and time")
     add_problem(p)
     p.add_argument("solvers", nargs="+", metavar="SOLVER", help="name of a solver (see mbsbench list)")
-    p.add_argument("--starts", type=positive_int, default=1000, metavar="N", help="number of starts (default: 1000)")
+    p.add_argument(
+        "--starts", type=parse_positive_int, default=1000, metavar="N", help="number of starts (default: 1000)"
+    )
     spread = "size of their changes: x 1 rad, x the largest arm of a joint, x the speed of a fall by it (default: 1e-3)"
-    p.add_argument("--spread", type=positive_float, default=1e-3, metavar="X", help=spread)
+    p.add_argument("--spread", type=parse_positive_float, default=1e-3, metavar="X", help=spread)
     p.add_argument("--at", metavar="T,T", help="times of scores [s] (default: half of the simulated time, and its end)")
-    p.add_argument("--seed", type=positive_int, default=SEED, metavar="K", help=f"random seed (default: {SEED})")
+    p.add_argument("--seed", type=parse_positive_int, default=SEED, metavar="K", help=f"random seed (default: {SEED})")
     add_set(p, "--set", f"{', '.join(CONTROL)} of the solvers that take it")
     p.add_argument("--truth", default=TRUTH, metavar="NAME", help=f"error-controlled true solver (default: {TRUTH})")
     add_file(p, "--html", words="also write scores, clouds and rank histograms to one HTML page")
@@ -226,15 +230,15 @@ def _add_fuzz(commands: Any) -> None:
         "examine solvers on random mechanisms, each in two forms (turned, renumbered, mirrored, a body split, a joint "
         "repeated, other units), against each other and the truth; exit code 1 where a deviation is confirmed"
     )
-    p = subcommand(commands, "fuzz", words, "one object")
+    p = add_subcommand(commands, "fuzz", words, "one object")
     p.add_argument("solvers", nargs="+", metavar="SOLVER", help="name of a solver (see mbsbench list)")
-    p.add_argument("--mechanisms", type=positive_int, default=100, metavar="N", help="how many (default: 100)")
-    p.add_argument("--seed", type=positive_int, default=SEED, metavar="S", help=f"random seed (default: {SEED})")
+    p.add_argument("--mechanisms", type=parse_positive_int, default=100, metavar="N", help="how many (default: 100)")
+    p.add_argument("--seed", type=parse_positive_int, default=SEED, metavar="S", help=f"random seed (default: {SEED})")
     p.add_argument("--first", type=int, default=0, metavar="K", help="number of the first (default: 0)")
     floor = "smallest deviation that counts, of the size of the mechanism (default: 1e-7; 1e-3 suits float32)"
-    p.add_argument("--floor", type=positive_float, default=1e-7, metavar="X", help=floor)
+    p.add_argument("--floor", type=parse_positive_float, default=1e-7, metavar="X", help=floor)
     shrink = "findings of a sort that are shrunk and written (default: 2)"
-    p.add_argument("--shrink", type=positive_int, default=2, metavar="N", help=shrink)
+    p.add_argument("--shrink", type=parse_positive_int, default=2, metavar="N", help=shrink)
     add_set(p, "--set", "option of the solvers")
     p.add_argument("--repeat", metavar="CASE.json", help="examine this written case again, and no others")
     add_set(
@@ -253,14 +257,14 @@ def _add_referee(commands: Any) -> None:
         "judge the motion in a file (text, Parquet, NPZ, MAT, FMU) that any other code computed; exit code 0: all are "
         "successes, 3: laws hold, but a motion is inaccurate, 1: one is wrong or cut short, 2: a file cannot be judged"
     )
-    p = subcommand(commands, "referee", words, "one object a file")
+    p = add_subcommand(commands, "referee", words, "one object a file")
     add_problem(p)
     p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files: docs/your-own-solver.md")
     p.add_argument("--name", metavar="NAME", help="name of the code in tables (default: that of the file or folder)")
     _add_reading(p)
     for name in ("dt", "rtol"):
         help_ = f"{name} the other code used, for tables (default: dt, the spacing of the rows)"
-        p.add_argument(f"--{name}", type=positive_float, metavar="X", help=help_)
+        p.add_argument(f"--{name}", type=parse_positive_float, metavar="X", help=help_)
     p.add_argument("--into", metavar="RESULTS", help="results folder to add to, for tables and report; made if missing")
     add_plugin(p)
 
@@ -272,7 +276,7 @@ def _add_reading(p: argparse.ArgumentParser) -> None:
         words = f"{MEANING[name]} (default: {getattr(Reading, name)})"
         p.add_argument(f"--{name}", choices=choices, default=getattr(Reading, name), help=words)
     tolerance = "difference allowed at the start, in SI units (default: by the digits printed)"
-    p.add_argument("--start-tolerance", type=positive_float, metavar="X", help=tolerance)
+    p.add_argument("--start-tolerance", type=parse_positive_float, metavar="X", help=tolerance)
 
 
 def _add_shadow(commands: Any) -> None:
@@ -280,11 +284,11 @@ def _add_shadow(commands: Any) -> None:
         "find the true motion nearest to a computed one, and the modified energy of a fixed step; exit code 1 where "
         "none is found within a tenth of the reach"
     )
-    p = subcommand(commands, "shadow", words, "one object a finding")
+    p = add_subcommand(commands, "shadow", words, "one object a finding")
     p.add_argument("motion", metavar="RUN|FILE", help="run of --results, .npz of solve, or any file that referee reads")
     p.add_argument("--problem", metavar="PROBLEM", help="problem of a file that does not come from solve")
     add_set(p, "--problem-set", "its parameter")
-    p.add_argument("--t-end", type=positive_float, metavar="T", help="look no farther than this time [s]")
+    p.add_argument("--t-end", type=parse_positive_float, metavar="T", help="look no farther than this time [s]")
     results = f"{RESULTS} with the run, which is repeated (default: the newest)"
     p.add_argument("--results", default="latest", metavar="RESULTS", help=results)
     add_file(p, "--html", words="also write findings and distances over time to one HTML page")
@@ -293,7 +297,7 @@ def _add_shadow(commands: Any) -> None:
 
 
 def _add_export(commands: Any) -> None:
-    p = subcommand(commands, "export", "print a problem with all its numbers, for any other code")
+    p = add_subcommand(commands, "export", "print a problem with all its numbers, for any other code")
     add_problem(p)
     p.add_argument("--format", choices=("json",), default="json", help="see docs/your-own-solver.md (default: json)")
     add_file(p, "--out", words="file to write (default: print)")
@@ -305,7 +309,7 @@ def _add_judge(commands: Any) -> None:
         "judge the paper's claims; exit code 1 if a verdict differs from the published, or the code is newer than "
         "these; orders are only shown"
     )
-    p = subcommand(commands, "judge", words, "schema, digests of the code, the claims and the orders in dt")
+    p = add_subcommand(commands, "judge", words, "schema, digests of the code, the claims and the orders in dt")
     add_results(p)
     p.add_argument("--partial", action="store_true", help="judge only the claims covered by these results")
     p.add_argument("--publish", action="store_true", help="write the verdicts of a whole run to results/published/ too")
@@ -315,7 +319,7 @@ def _add_judge(commands: Any) -> None:
 
 def _add_claim(commands: Any) -> None:
     words = "show a claim of the paper with its verdicts, why and where it was tried, or make its runs and judge it"
-    p = subcommand(commands, "claim", words, "the claim")
+    p = add_subcommand(commands, "claim", words, "the claim")
     p.add_argument("claim", metavar="ID", help="its id (results/claims.toml; mbsbench judge lists them)")
     judged = f"{RESULTS}, judged (default: as published)"
     p.add_argument("results", nargs="?", metavar="RESULTS", help=judged)
@@ -327,7 +331,7 @@ def _add_claim(commands: Any) -> None:
 
 def _add_gate(commands: Any) -> None:
     words = "run a suite and compare it with thresholds; exit code 0 if the gate is open, 1 if closed"
-    p = subcommand(commands, "gate", words, "one object")
+    p = add_subcommand(commands, "gate", words, "one object")
     p.add_argument("--suite", metavar="SUITE", help="name or TOML file (default: ci; with --results of files, those)")
     p.add_argument("--thresholds", metavar="FILE", help="default: results/baselines/<suite>.toml")
     p.add_argument("--results", metavar="RESULTS", help=f"judge this {RESULTS}, instead of running the suite")
@@ -347,32 +351,36 @@ def _add_gate(commands: Any) -> None:
 
 def _add_verify(commands: Any) -> None:
     words = "repeat a sample of finished runs and compare; exit code 0 if they agree, 1 if not"
-    p = subcommand(commands, "verify", words, "one object, as diff prints it")
+    p = add_subcommand(commands, "verify", words, "one object, as diff prints it")
     p.add_argument("results", type=find_results, metavar="RESULTS", help=RESULTS)
-    p.add_argument("--sample", type=positive_int, metavar="N", default=5, help="number of runs to repeat (default: 5)")
-    p.add_argument("--seed", type=positive_int, metavar="K", default=SEED, help=f"seed of the sample (default: {SEED})")
+    p.add_argument(
+        "--sample", type=parse_positive_int, metavar="N", default=5, help="number of runs to repeat (default: 5)"
+    )
+    p.add_argument(
+        "--seed", type=parse_positive_int, metavar="K", default=SEED, help=f"seed of the sample (default: {SEED})"
+    )
     add_jobs(p)
     add_plugin(p, "plugin that the results were made with")
 
 
 def _add_diff(commands: Any) -> None:
     words = "compare two results folders; exit code 0 if identical, 1 if not"
-    p = subcommand(commands, "diff", words, "one object")
+    p = add_subcommand(commands, "diff", words, "one object")
     p.add_argument("before", type=find_results, metavar="BEFORE", help=RESULTS)
     p.add_argument("after", type=find_results, metavar="AFTER", help=RESULTS)
     limit = f"changes shown, largest first (default: {CHANGES})"
-    p.add_argument("--limit", type=positive_int, metavar="N", default=CHANGES, help=limit)
+    p.add_argument("--limit", type=parse_positive_int, metavar="N", default=CHANGES, help=limit)
 
 
 def _add_merge(commands: Any) -> None:
-    p = subcommand(commands, "merge", "merge results folders into one; the sources are not changed", "one object")
+    p = add_subcommand(commands, "merge", "merge results folders into one; the sources are not changed", "one object")
     p.add_argument("out", metavar="OUT", help="results folder to create or to add to")
     p.add_argument("sources", type=find_results, metavar="RESULTS", nargs="+", help="results folders to merge")
 
 
 def _add_bundle(commands: Any) -> None:
     words = "write results to one file that anybody can check without this package; exit code 1 if a record is damaged"
-    p = subcommand(commands, "bundle", words, "one object")
+    p = add_subcommand(commands, "bundle", words, "one object")
     add_results(p)
     add_file(p, "-o", "--out", words="file to write, as docs/bundle.md says", metavar="B.zip", required=True)
     lossless = "every step, solved again where the results lack it, not only the states that decide on the status"
@@ -386,7 +394,7 @@ def _add_remeasure(commands: Any) -> None:
         "measure finished runs again by the laws of this code: solved again they must have the same bits; costs stay; "
         "exit code 1 if a run is left as it was"
     )
-    p = subcommand(commands, "remeasure", words, "one object")
+    p = add_subcommand(commands, "remeasure", words, "one object")
     add_results(p)
     add_plugin(p, "plugin that the results were made with")
     add_jobs(p)
@@ -397,11 +405,11 @@ def _add_clean(commands: Any) -> None:
         "remove old results in results/local/ and what caches hold unused; never results that a command is writing, "
         "that latest points to, or that have a name of your own"
     )
-    p = subcommand(commands, "clean", words)
+    p = add_subcommand(commands, "clean", words)
     keep = "of each suite the newest N stay (default: 1)"
-    p.add_argument("--keep", type=positive_int, default=1, metavar="N", help=keep)
+    p.add_argument("--keep", type=parse_positive_int, default=1, metavar="N", help=keep)
     older = "only results that have not changed for so long, and files of caches not used for it (default: 30d), as 12h"
-    p.add_argument("--older-than", type=duration, metavar="7d", help=older)
+    p.add_argument("--older-than", type=parse_duration, metavar="7d", help=older)
     p.add_argument("--dry-run", action="store_true", help="say what would be removed, and remove nothing")
 
 
@@ -409,7 +417,7 @@ def _add_submit(commands: Any) -> None:
     words = (
         "run a solver on hidden instances and bundle the results; exit code 1 if nothing is solved or a success false"
     )
-    p = subcommand(commands, "submit", words, "one object")
+    p = add_subcommand(commands, "submit", words, "one object")
     p.add_argument("submission", metavar="FILE.py|ENGINE", help="file with one solver, or name of a solver")
     value = "value that the ladder published after its entries were closed (default: a trial, which no ladder ranks)"
     p.add_argument("--value", default=TRIAL, metavar="TEXT", help=value)
@@ -420,7 +428,7 @@ def _add_submit(commands: Any) -> None:
 
 def _add_ladder(commands: Any) -> None:
     summary = "rank the bundles of submissions in a folder; exit code 1 if one was removed"
-    p = subcommand(commands, "ladder", summary, "one object an entry, the best first")
+    p = add_subcommand(commands, "ladder", summary, "one object an entry, the best first")
     words = (
         "folder of bundles; its ladder.toml states the value and the digests entered before it (without: a trial); "
         "its labels.toml may call bundles independent (default), ours or re-run by us"
@@ -429,7 +437,7 @@ def _add_ladder(commands: Any) -> None:
 
 
 def _add_history(commands: Any) -> None:
-    p = subcommand(commands, "history", "show each run's results over time and commits", "one object per row")
+    p = add_subcommand(commands, "history", "show each run's results over time and commits", "one object per row")
     p.add_argument("source", nargs="*", help="results folders and .jsonl files (default: all there are)")
     p.add_argument("--metric", default="energy_drift_max_J", metavar="NAME", help=f"one of {', '.join(METRICS)}")
     p.add_argument("--problem", metavar="NAME", help="only this problem")
@@ -438,7 +446,7 @@ def _add_history(commands: Any) -> None:
 
 
 def _add_figures(commands: Any) -> None:
-    p = subcommand(commands, "figures", "write vector figures and tables for a publication")
+    p = add_subcommand(commands, "figures", "write vector figures and tables for a publication")
     add_results(p)
     p.add_argument("--paper", action="store_true", help="write figures 1 to 12 of the paper instead, with notes")
     only = "only this problem, or with --paper this figure, e.g. fig05; may be repeated"
@@ -448,10 +456,10 @@ def _add_figures(commands: Any) -> None:
     words = "installed font family of text and mathematics, or latex: that of LaTeX documents (default: DejaVu Sans)"
     p.add_argument("--font", default="", metavar="FAMILY", help=words)
     size = "size of titles and labels [pt]; ticks and legends are 7/8 of it (default: 8)"
-    p.add_argument("--font-size", type=positive_float, metavar="PT", help=size)
+    p.add_argument("--font-size", type=parse_positive_float, metavar="PT", help=size)
 
 
 def _add_completion(commands: Any) -> None:
     words = "print the script by which a shell completes commands, options and names; its first lines say where it goes"
-    p = subcommand(commands, "completion", words)
+    p = add_subcommand(commands, "completion", words)
     p.add_argument("shell", choices=SHELLS, metavar="SHELL", help=", ".join(SHELLS))

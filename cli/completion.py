@@ -6,8 +6,8 @@ from typing import Any
 
 from .commands import add_commands
 from .list import load_catalogue
-from .parser import top_parser
-from .terminal import console
+from .parser import make_parser
+from .terminal import make_console
 
 PLACES = {  # where each shell looks for the script
     "bash": "mbsbench completion bash > ~/.local/share/bash-completion/completions/mbsbench",
@@ -24,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the script; its first lines say where to save it."""
     import shtab
 
-    parser, commands = top_parser()
+    parser, commands = make_parser()
     add_commands(commands)
     plain = load_catalogue()
     names = {kind: [str(entry["name"]) for entry in plain[kind]] for kind in ("problems", "solvers")}
@@ -33,10 +33,10 @@ def run(arguments: argparse.Namespace) -> int:
         **dict.fromkeys(FILES, shtab.FILE),
         **dict.fromkeys(FOLDERS, shtab.DIRECTORY),
         **dict.fromkeys(RESULTS, results),
-        "PROBLEM": _names_or_files(names["problems"]),
-        "SOLVER": _names_or_files(names["solvers"]),
-        "SUITE": _names_or_files(plain["suites"]),
-        "NAME": _names_or_files(["problems", "solvers", *names["problems"], *names["solvers"]]),
+        "PROBLEM": _complete_names_or_files(names["problems"]),
+        "SOLVER": _complete_names_or_files(names["solvers"]),
+        "SUITE": _complete_names_or_files(plain["suites"]),
+        "NAME": _complete_names_or_files(["problems", "solvers", *names["problems"], *names["solvers"]]),
     }
     for command in commands.choices.values():
         for action in command._actions:
@@ -46,11 +46,11 @@ def run(arguments: argparse.Namespace) -> int:
     script = shtab.complete(parser, arguments.shell)
     first, _, rest = script.partition("\n")
     note = f"# {PLACES[arguments.shell]}\n"
-    console().print(f"{first}\n{note}{rest}" if first.startswith("#") else f"{note}{script}", end="\n")
+    make_console().print(f"{first}\n{note}{rest}" if first.startswith("#") else f"{note}{script}", end="\n")
     return 0
 
 
-def _names_or_files(names: list[str]) -> dict[str, Any]:
+def _complete_names_or_files(names: list[str]) -> dict[str, Any]:
     """Return the completion of an argument by ``names`` and by files in the current folder, such as a suite."""
     import shtab
 

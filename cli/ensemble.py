@@ -11,11 +11,11 @@ from ..harness.ensemble.clouds import Cloud, ConfiguredSolver, Ensemble, make_en
 from ..harness.ensemble.verdict import ALL_C, NO_DIFFERENCE, CloudComparison, compare_clouds, judge
 from ..harness.execution.costs import expect_solves
 from ..harness.sandbox.trial import make_problem
-from ..harness.suites.spec import RunSpec, step_control
+from ..harness.suites.spec import RunSpec, make_step_control
 from ..harness.types import Problem
-from .arguments import UsageError, count_jobs, load_problem, parse_assignments, positive_float
+from .arguments import UsageError, count_jobs, load_problem, parse_assignments, parse_positive_float
 from .commands import CONTROL
-from .terminal import Column, error_console, number, plural, print_json, print_table
+from .terminal import Column, make_error_console, number, plural, print_json, print_table
 
 TRUE_RTOL = 1e-10
 PERFECT = "truth"  # the reference solver with other members: the score of a perfect solver
@@ -46,23 +46,23 @@ def run(arguments: argparse.Namespace) -> int:
     given = parse_assignments(arguments.set, "--set")
     if unknown := [k for k in given if k not in CONTROL]:
         raise UsageError(f"--set takes {', '.join(CONTROL)} (got {', '.join(unknown)})")
-    codes = [_make_code(problem, solver, given) for solver in arguments.solvers]
-    truth = _prefer_own_code(problem, _make_code(problem, arguments.truth, {"rtol": str(TRUE_RTOL)}))
+    codes = [_configure_solver(problem, solver, given) for solver in arguments.solvers]
+    truth = _prefer_own_code(problem, _configure_solver(problem, arguments.truth, {"rtol": str(TRUE_RTOL)}))
     if truth.control.rtol is None:
         raise UsageError(f"--truth must be controlled by rtol ({arguments.truth} is controlled by dt)")
-    times = [positive_float(t, "--at") for t in arguments.at.split(",")] if arguments.at else []
+    times = [parse_positive_float(t, "--at") for t in arguments.at.split(",")] if arguments.at else []
     e = make_ensemble(problem, arguments.spread, arguments.seed, times or (0.5 * problem.t_end, problem.t_end))
     n, jobs = arguments.starts, count_jobs(arguments.jobs)
     if not arguments.json:
         specs = [RunSpec(problem.name, c.name, c.control, dict(problem.parameters)) for c in (truth, *codes)]
         time = expect_solves([(s, n if k else 2 * n) for k, s in enumerate(specs)], jobs).words
-        error_console().print(f"{plural(n, 'start')} of {plural(len(codes), 'solver')}, {jobs} at a time: {time}")
-    same, other = (_run(e, truth, range(first, first + n), jobs, first == 0) for first in (0, n))
-    clouds = [_run(e, code, range(n), jobs) for code in codes]
+        make_error_console().print(f"{plural(n, 'start')} of {plural(len(codes), 'solver')}, {jobs} at a time: {time}")
+    same, other = (_run_cloud(e, truth, range(first, first + n), jobs, first == 0) for first in (0, n))
+    clouds = [_run_cloud(e, code, range(n), jobs) for code in codes]
     perfect = [replace(c, solver=PERFECT) for c in compare_clouds(e, same, same, other)]
     found = [perfect, *(compare_clouds(e, cloud, same, other) for cloud in clouds)]
     verdicts = [judge(rows) for rows in found]
-    _print(found, verdicts, as_json=arguments.json)
+    _print_scores(found, verdicts, as_json=arguments.json)
     if arguments.html:
         from ..reports.ensemble import ScoredCloud, write_page
 
@@ -78,15 +78,15 @@ def run(arguments: argparse.Namespace) -> int:
             ],
             perfect,
         )
-        error_console().print(f"page: {arguments.html}")
+        make_error_console().print(f"page: {arguments.html}")
     return 1 if any(v != NO_DIFFERENCE for v in verdicts[1:]) else 0
 
 
-def _make_code(problem: Problem, solver: str, given: dict[str, str]) -> ConfiguredSolver:
+def _configure_solver(problem: Problem, solver: str, given: dict[str, str]) -> ConfiguredSolver:
     """Return a solver at its default options with those of the ``given`` step controls that apply to it."""
     entry = registry.find_entry("solver", solver, registry.solvers())
     others = {"dt": ("rtol", "max_step"), "rtol": ("dt",)}[entry.control]
-    control = step_control(solver, entry.control, problem, {k: v for k, v in given.items() if k not in others})
+    control = make_step_control(solver, entry.control, problem, {k: v for k, v in given.items() if k not in others})
     setting = f"{entry.control}={getattr(control, entry.control):g}"
     return ConfiguredSolver(solver, setting, registry.make_solver(solver), control)
 
@@ -99,7 +99,7 @@ def _prefer_own_code(problem: Problem, code: ConfiguredSolver) -> ConfiguredSolv
     return code if solver.refuses(problem, code.control) else replace(code, solver=solver)
 
 
-def _run(e: Ensemble, code: ConfiguredSolver, members: range, jobs: int, is_needed: bool = False) -> Cloud:
+def _run_cloud(e: Ensemble, code: ConfiguredSolver, members: range, jobs: int, is_needed: bool = False) -> Cloud:
     """Run the solver from the starts numbered ``members``; print its CPU time and failures, and return its cloud.
 
     Raise UsageError if the cloud ``is_needed`` (it is the truth) and no member reached the end.
@@ -107,7 +107,7 @@ def _run(e: Ensemble, code: ConfiguredSolver, members: range, jobs: int, is_need
     cloud = run_cloud(e, code, members, jobs)
     if is_needed and len(cloud.failures) == len(members):
         raise UsageError(f"no true motion by {code.name}: {cloud.failures[0]}; give another --truth")
-    out = error_console()
+    out = make_error_console()
     each = cloud.cpu_s / len(members)
     out.print(f"{code.name} {code.setting}: {plural(len(members), 'member')}, {each:.3g} s of CPU time each")
     for line in cloud.failures[:SHOWN]:
@@ -117,7 +117,7 @@ def _run(e: Ensemble, code: ConfiguredSolver, members: range, jobs: int, is_need
     return cloud
 
 
-def _print(found: Sequence[list[CloudComparison]], verdicts: Sequence[str], *, as_json: bool) -> None:
+def _print_scores(found: Sequence[list[CloudComparison]], verdicts: Sequence[str], *, as_json: bool) -> None:
     """Print the comparison of each cloud with the true one by time and quantity, and the verdict on each solver."""
     rows = []
     for c in sorted((c for own in found for c in own), key=lambda c: (c.t_s, c.quantity != ALL_C, c.quantity)):

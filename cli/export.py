@@ -6,7 +6,7 @@ from ..harness.files import to_json, write_text
 from ..harness.foreign.description import describe_problem
 from ..harness.sandbox.trial import make_problem
 from .arguments import load_problem
-from .terminal import console
+from .terminal import make_console
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -14,7 +14,7 @@ def run(arguments: argparse.Namespace) -> int:
     name, parameters, _ = load_problem(arguments)
     text = to_json(describe_problem(make_problem(name, parameters)), indent=1)
     if arguments.out is None:
-        console().print(text)
+        make_console().print(text)
         return 0
     write_text(arguments.out, text + "\n")
     return 0

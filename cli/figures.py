@@ -5,7 +5,7 @@ import argparse
 from ..harness.results import store
 from ..harness.suites.suite import load_suite
 from .arguments import UsageError, parse_assignments
-from .terminal import console
+from .terminal import make_console
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -18,11 +18,13 @@ def run(arguments: argparse.Namespace) -> int:
     from ..reports.plots.fonts import find_font
 
     font = find_font(arguments.font, arguments.font_size)
-    out = console()
+    out = make_console()
     with store.hold_folder(folder):
         if arguments.paper:
-            paper.command(folder, arguments.only, load_suite("paper").specs, out.print, font=font)
+            paper.draw_figures(folder, arguments.only, load_suite("paper").specs, out.print, font=font)
         else:
-            publication.command(folder, arguments.only, out.print, parse_assignments(arguments.name, "--name"), font)
+            publication.write_publication(
+                folder, arguments.only, out.print, parse_assignments(arguments.name, "--name"), font
+            )
     out.print(f"figures: {folder / (paper if arguments.paper else publication).FOLDER}")
     return 0

@@ -11,7 +11,7 @@ from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.results.series import Series
 from .progress import run_watched
-from .terminal import error_console, plural
+from .terminal import make_error_console, plural
 
 
 def find_brief(folder: Path, records: Sequence[RunRecord]) -> list[RunRecord]:
@@ -36,7 +36,7 @@ def provide_full_series(
             seconds = sum(r.cpu_process_s for r in records if r.cpu_process_s > 0.0)
             took = f", which took {seconds:.2g} s of CPU time" if seconds else ""
             words = f"{plural(len(records), 'run')} of these results"
-            error_console().print(f"not every step is kept: solving {words} again{took}", highlight=False)
+            make_error_console().print(f"not every step is kept: solving {words} again{took}", highlight=False)
             run_watched(request, quiet=True, resumable=False)
 
         yield (

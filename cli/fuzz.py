@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..harness.catalogue import registry
 from ..harness.execution.costs import describe_command
-from ..harness.execution.runner import new_folder
+from ..harness.execution.runner import name_new_folder
 from ..harness.fuzz.campaign import CampaignSettings, run_campaign
 from ..harness.fuzz.cases import NONE, read_case, write_cases, write_page
 from ..harness.fuzz.log import (
@@ -20,10 +20,10 @@ from ..harness.fuzz.log import (
 )
 from ..harness.fuzz.oracle import FINDINGS, SHOWN, Behaviour, OracleOutcome, OracleVerdict
 from ..harness.fuzz.presenting import Form
-from ..harness.fuzz.report import choose, describe
+from ..harness.fuzz.report import choose_cases, describe_outcome
 from .arguments import UsageError, count_jobs, load_plugins, parse_assignments
 from .progress import announce_suite
-from .terminal import Column, console, error_console, plural, print_json, print_table
+from .terminal import Column, make_console, make_error_console, plural, print_json, print_table
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
         registry.make_solver(name, options)  # raises for options that it does not take
     form = Form.parse(parse_assignments(arguments.form, "--form")) if arguments.form else None
     settings = CampaignSettings(arguments.seed, arguments.floor, options, form)
-    folder = Path(arguments.out) if arguments.out else new_folder("fuzz")
+    folder = Path(arguments.out) if arguments.out else name_new_folder("fuzz")
     done = {trial.key for trial in read_trials(folder) if trial.code == digest_solver(trial.outcome.solver)}
     numbers = range(arguments.first, arguments.first + arguments.mechanisms)
     pairs = [(n, s) for n in numbers for s in ([names[n % len(names)]] if arguments.in_turns else names)]
@@ -49,17 +49,17 @@ def run(arguments: argparse.Namespace) -> int:
     jobs, before = count_jobs(arguments.jobs), len(pairs) - len(left)
     kept = f", {before} already done" if before else ""
     time_needed = f": {describe_command('fuzz', len(left), jobs)}, and what has to be compiled" if left else ""
-    announce_suite(f"{plural(len(pairs), 'trial')}{kept}, {jobs} at a time{time_needed}", error_console())
+    announce_suite(f"{plural(len(pairs), 'trial')}{kept}, {jobs} at a time{time_needed}", make_error_console())
     for outcome in run_campaign(settings, left, jobs):
         append_trial(folder, Trial(settings, digest_solver(outcome.solver), outcome))
         if outcome.kind in SHOWN and not arguments.json:
-            error_console().print(describe(outcome))
+            make_error_console().print(describe_outcome(outcome))
     for trial in read_trials(folder):
         if trial.is_deviation and trial.verdict is None:
             append_trial(folder, ask_second_route(trial))
     trials = read_trials(folder)
     counts = write_summary(folder, trials)
-    cases = choose(trials, arguments.shrink)
+    cases = choose_cases(trials, arguments.shrink)
     write_cases(folder, cases)
     write_page(folder)
     confirmed = counts["all"][OracleVerdict.CONFIRMED]
@@ -72,8 +72,10 @@ def run(arguments: argparse.Namespace) -> int:
         [[name, *(str(of[n]) for n in shown)] for name, of in counts.items()],
     )
     for case in cases:
-        console().print(f"{describe(case.outcome)}; bodies: {len(case.mechanism.bodies)}; {case.evidence or NONE}")
-    console().print(f"{plural(confirmed, 'confirmed deviation')}: {folder / 'README.md'}")
+        make_console().print(
+            f"{describe_outcome(case.outcome)}; bodies: {len(case.mechanism.bodies)}; {case.evidence or NONE}"
+        )
+    make_console().print(f"{plural(confirmed, 'confirmed deviation')}: {folder / 'README.md'}")
     return 1 if confirmed else 0
 
 
@@ -89,5 +91,5 @@ def _repeat(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json({"kind": found.kind, "deviation": found.deviation, "own": found.own, "evidence": evidence})
     else:
-        console().print("\n".join(filter(None, (describe(found), evidence))))
+        make_console().print("\n".join(filter(None, (describe_outcome(found), evidence))))
     return 1 if found.kind in FINDINGS else 0

@@ -16,7 +16,7 @@ from typing import Any
 from rich.text import Text
 
 from ..harness.execution.pool import LocalPool
-from ..harness.execution.runner import Request, new_folder
+from ..harness.execution.runner import Request, name_new_folder
 from ..harness.files import write_text
 from ..harness.gate.baseline import FOLDER, parse_thresholds, read_thresholds, write_thresholds
 from ..harness.gate.check import (
@@ -28,7 +28,14 @@ from ..harness.gate.check import (
     select_judged,
     tighten_bounds,
 )
-from ..harness.gate.files import JUNIT_BEGUN, MARKDOWN_BEGUN, annotate, as_plain, junit, markdown
+from ..harness.gate.files import (
+    JUNIT_BEGUN,
+    MARKDOWN_BEGUN,
+    as_plain,
+    format_annotations,
+    format_junit,
+    format_markdown,
+)
 from ..harness.gate.rounding import Repeat, list_core_types, repeat_run
 from ..harness.gate.spread import SpreadSample, find_unstable, widen_by_spread
 from ..harness.gate.thresholds import Thresholds, propose_bounds
@@ -42,9 +49,9 @@ from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite, load_suite
 from .arguments import UsageError, check_not_installed, count_jobs, find_results, load_plugins
 from .findings import STYLE, print_findings
-from .keeping import series_to_keep
+from .keeping import make_series_choice
 from .progress import run_watched, warn_of_own_bits
-from .terminal import console, error_console, plural, print_json
+from .terminal import make_console, make_error_console, plural, print_json
 
 COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#", re.MULTILINE)  # not in a string
 REMEDY = (
@@ -62,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     for file, words in ((arguments.junit, JUNIT_BEGUN), (arguments.markdown, MARKDOWN_BEGUN)):
         if file:
             write_text(file, words)  # before plugins are loaded: an interrupted gate leaves no verdict
-    suite = _files(arguments) or load_suite(arguments.suite or "ci", load_plugins(arguments.plugin))
+    suite = _make_file_suite(arguments) or load_suite(arguments.suite or "ci", load_plugins(arguments.plugin))
     path = Path(arguments.thresholds) if arguments.thresholds else FOLDER / f"{suite.name}.toml"
     if arguments.spread is not None and (arguments.spread < 1 or arguments.loosen or suite.name == REFEREED):
         raise UsageError("--spread takes a number of repeats from 1, of runs of a suite, without --loosen")
@@ -74,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"{path} holds thresholds of the suite {thresholds.suite!r}, not of {suite.name!r}")
     if not arguments.results or arguments.spread:
         warn_of_own_bits()
-    name, stamp, records = _results(arguments, suite)
+    name, stamp, records = _find_results(arguments, suite)
     of_files = suite.name == REFEREED  # whose results are no result of this code: the newest file counts
     code = None if arguments.any_code or of_files else partial(codes.digest_run_code, plugins=suite.plugins)
     judged = select_judged(records, code)
@@ -83,25 +90,25 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.write and not judged:
             raise UsageError(f"no result of this code to take thresholds of {suite.name!r} from; nothing was written")
         if arguments.spread:
-            samples = _samples(arguments, suite, judged)
-            _update(path, widen_by_spread(thresholds, samples), write=arguments.write)
+            samples = _repeat_runs(arguments, suite, judged)
+            _propose_thresholds(path, widen_by_spread(thresholds, samples), write=arguments.write)
             unstable = find_unstable(samples)
             for case, words in unstable.items():
-                error_console().print(f"error: {case}: rounding decides the status: {words}; its bounds were left")
+                make_error_console().print(f"error: {case}: rounding decides the status: {words}; its bounds were left")
             return 2 if unstable else 0
         new = tighten_bounds(thresholds, judged, propose_bounds(judged), loosen=arguments.loosen)
-        return _update(path, new, write=arguments.write)
+        return _propose_thresholds(path, new, write=arguments.write)
     result = judge(specs, records, thresholds, code, arguments.without)
     if arguments.json:
         print_json(as_plain(result, suite.name))
     else:
-        _print(result, everything=arguments.all)
+        _print_findings(result, everything=arguments.all)
         if not result.is_open:
-            error_console().print(REMEDY, soft_wrap=True, highlight=False)
+            make_error_console().print(REMEDY, soft_wrap=True, highlight=False)
     if os.environ.get("GITHUB_ACTIONS") == "true":
-        for line in annotate(result, suite.name):
-            error_console().print(line)
-    for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
+        for line in format_annotations(result, suite.name):
+            make_error_console().print(line)
+    for file, made in ((arguments.junit, format_junit), (arguments.markdown, format_markdown)):
         if file:
             write_text(file, made(result, suite.name))
     worst = {f.subject: STATES[f.verdict] for f in reversed(result.findings)}  # the worst come first
@@ -123,17 +130,17 @@ def _check_call(arguments: argparse.Namespace) -> None:
         raise UsageError("--without cannot be combined with --update, which leaves unmeasured runs as they are")
 
 
-def _files(arguments: argparse.Namespace) -> Suite | None:
+def _make_file_suite(arguments: argparse.Namespace) -> Suite | None:
     """Return a suite without runs if --results names a folder of files judged by ``referee``; else None."""
     if arguments.results is None or arguments.suite is not None:
         return None
-    records = _load(arguments.results)
+    records = _load_records(arguments.results)
     if not records or any(r.label != REFEREED for r in records):
         return None
     return Suite(REFEREED, "motions from files", (), "")
 
 
-def _load(results: Path) -> tuple[RunRecord, ...]:
+def _load_records(results: Path) -> tuple[RunRecord, ...]:
     """Return the records of a results folder; raise UsageError if one is damaged or contradicts itself.
 
     A damaged file might be a run's newest result, so that older ones must not be judged in its place.
@@ -149,20 +156,20 @@ def _load(results: Path) -> tuple[RunRecord, ...]:
     return loaded.records
 
 
-def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[str, Any], tuple[RunRecord, ...]]:
+def _find_results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[str, Any], tuple[RunRecord, ...]]:
     """Run the suite, unless --results names a folder; return the folder's name, its stamp and its records."""
     if arguments.results:
         folder = arguments.results
-        return folder.resolve().name, read_environment(folder), _load(folder)
+        return folder.resolve().name, read_environment(folder), _load_records(folder)
     with tempfile.TemporaryDirectory() as place:
-        name = new_folder(suite.name).name
+        name = name_new_folder(suite.name).name
         folder = Path(arguments.out) if arguments.out else Path(place) / name
-        request = Request(suite, folder, count_jobs(arguments.jobs), keep=series_to_keep(suite))
+        request = Request(suite, folder, count_jobs(arguments.jobs), keep=make_series_choice(suite))
         loaded, _ = run_watched(request, quiet=arguments.json)
         return name, read_environment(folder), loaded.records
 
 
-def _print(result: GateFindings, *, everything: bool) -> None:
+def _print_findings(result: GateFindings, *, everything: bool) -> None:
     """Print findings, the worst last, where a log of CI is read first; consequences are only counted.
 
     ``everything`` also prints findings that passed unmoved, and the consequences: bounds that failed only because their
@@ -170,17 +177,17 @@ def _print(result: GateFindings, *, everything: bool) -> None:
     """
     implied = [] if everything else result.consequences
     shown = [f for f in (result.findings if everything else result.notable) if f not in implied]
-    print_findings(map(_say_before, sorted(shown, key=lambda f: WORST.index(f.verdict), reverse=True)))
+    print_findings(map(_describe_change, sorted(shown, key=lambda f: WORST.index(f.verdict), reverse=True)))
     if implied:
         words = f"{plural(len(implied), 'bound')} more of runs that did not end as expected"
-        console().print(f"{words} failed with them (--all shows them)")
+        make_console().print(f"{words} failed with them (--all shows them)")
     if more := sum(f.verdict is Verdict.MET and f not in shown for f in result.findings):
-        console().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
+        make_console().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
     words = f"{result.headline} ({result.summary})" if result.absent else f"{result.headline}: {result.summary}"
-    console().print(Text(f"gate {words}", STYLE[result.verdict]), soft_wrap=True)
+    make_console().print(Text(f"gate {words}", STYLE[result.verdict]), soft_wrap=True)
 
 
-def _say_before(f: Finding) -> Finding:
+def _describe_change(f: Finding) -> Finding:
     """Return the finding with words on its change from the baseline and, if it did not pass, on the bound's reason."""
     value, was = f.measured.value, f.before
     change = "missing" if math.isnan(value) else f"x {value / was:.3g}" if was else f"{value - was:+.3g}"
@@ -189,7 +196,9 @@ def _say_before(f: Finding) -> Finding:
     return dataclasses.replace(f, measured=dataclasses.replace(f.measured, words="; ".join(words)))
 
 
-def _samples(arguments: argparse.Namespace, suite: Suite, judged: Sequence[RunRecord]) -> dict[str, list[SpreadSample]]:
+def _repeat_runs(
+    arguments: argparse.Namespace, suite: Suite, judged: Sequence[RunRecord]
+) -> dict[str, list[SpreadSample]]:
     """Repeat the suite's runs with perturbed starts and other arithmetic; return all records by case.
 
     ``judged`` are the unperturbed runs, which come first. Runs for each type of core are made separately. A repeat
@@ -216,12 +225,12 @@ def _samples(arguments: argparse.Namespace, suite: Suite, judged: Sequence[RunRe
     return samples
 
 
-def _update(path: Path, thresholds: Thresholds, *, write: bool) -> int:
+def _propose_thresholds(path: Path, thresholds: Thresholds, *, write: bool) -> int:
     """Print the proposed thresholds as a diff, or ``write`` them to ``path``; return 0."""
     new = write_thresholds(thresholds)
     parse_thresholds(new, path)  # checked first, so that the gate can read what is written
     before = path.read_text(encoding="utf-8") if path.exists() else ""
-    out = console()
+    out = make_console()
     if write:
         write_text(path, new)
         out.print(f"written: {path}")

@@ -11,7 +11,7 @@ from ..harness.files import FileError
 from ..harness.results.history import find_histories, merge_rows, read_folder, read_rows, write_rows
 from ..harness.results.rows import METRICS, Row
 from .arguments import UsageError, find_results
-from .terminal import Column, error_console, number, plural, print_json, print_table, sparkline
+from .terminal import Column, draw_sparkline, make_error_console, number, plural, print_json, print_table
 
 COLUMNS = (
     Column("case", fold=True, least=30),
@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         _print_rows(rows, arguments.metric)
     for line in unreadable:
-        error_console().print(line)
+        make_error_console().print(line)
     return 1 if unreadable else 0
 
 
@@ -76,7 +76,7 @@ def _print_rows(rows: Sequence[Row], metric: str) -> None:
         last = line[-1]
         style = "green" if last.status == "success" else "yellow"
         numbers = (str(len(line)), number(values[0]), number(values[-1]))
-        spark = sparkline(values[-WIDTH:], WIDTH)
+        spark = draw_sparkline(values[-WIDTH:], WIDTH)
         shown.append((last.case, *numbers, spark, number(last.cpu_ratio), Text(last.status, style)))
     folders = sorted({(r.time, r.results, r.commit) for r in rows})
     below = [f"{metric}: {plural(len(by_run), 'run')} in {plural(len(folders), 'results folder')}"]

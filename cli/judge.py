@@ -33,7 +33,7 @@ from ..reports.model import claim_words
 from .arguments import UsageError, check_not_installed
 from .findings import print_findings
 from .progress import announce_suite
-from .terminal import Column, console, error_console, plural, print_table, print_unreadable
+from .terminal import Column, make_console, make_error_console, plural, print_table, print_unreadable
 
 STYLE = {
     ClaimVerdict.REPRODUCED: "green",
@@ -74,9 +74,9 @@ def run(arguments: argparse.Namespace) -> int:
     if before is None and arguments.published and not arguments.publish:
         raise UsageError(f"--published {published} holds no verdicts (claims.json); --publish writes these there")
     size = len(loaded.records)
-    announce_suite(f"{plural(size, 'run')} to be judged: {describe_command('judge', size)}", error_console())
+    announce_suite(f"{plural(size, 'run')} to be judged: {describe_command('judge', size)}", make_error_console())
     with store.hold_folder(folder):
-        judged = judge_results(folder, register, lambda part: error_console().print(f"judging: {part}"))
+        judged = judge_results(folder, register, lambda part: make_error_console().print(f"judging: {part}"))
         code = code_now(register, judging.list_whole())
         write_judgements(ConfinedPath(folder) / FOLDER, judged, code)
     lacking = {c.id for c in judged["claims"] if any(m.gap is ClaimGap.RUNS for m in c.missing)}
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         told = add_code(judged["claims"], code)
         plain = {"schema": SCHEMA, "code": code, "claims": told.claims, "commands": told.commands, "orders": orders}
-        console().print(format_judgement(plain), end="")
+        make_console().print(format_judgement(plain), end="")
     else:
         known = whole if arguments.partial else judged["claims"]
         if known:
@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
         show_orders(orders)
         if others := len(judged["claims"]) - len(known):
             compared = "were not" if known else "nothing was"
-            console().print(
+            make_console().print(
                 f"{others} of {len(judged['claims'])} claims lack runs and {compared} compared with the "
                 f"published verdicts; make them: {AGAIN}",
                 soft_wrap=True,
@@ -105,9 +105,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.publish:
         published.root.mkdir(parents=True, exist_ok=True)
         write_judgements(published, {**judged, "claims": shorten_claims(judged["claims"])}, code)
-        error_console().print(f"published: {published}")
+        make_error_console().print(f"published: {published}")
     if stale:
-        error_console().print(stale)
+        make_error_console().print(stale)
     return 1 if changed or stale else 0
 
 

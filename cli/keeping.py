@@ -8,12 +8,15 @@ from ..harness.referee.judge import list_tried
 from ..harness.referee.reading import make_series_selector
 from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite
-from ..reports.paper.lines import RequestedRun, series_magnified
+from ..reports.paper.lines import RequestedRun, find_magnified_series
 
 
-def series_to_keep(suite: Suite) -> Callable[[RunSpec], tuple[str, ...]]:
+def make_series_choice(suite: Suite) -> Callable[[RunSpec], tuple[str, ...]]:
     """Return a function from a run to the names, or name patterns, of its series that are kept in full."""
-    judged, magnified = make_series_selector(read_register(), list_tried()), series_magnified(suite.specs, _duration)
+    judged, magnified = (
+        make_series_selector(read_register(), list_tried()),
+        find_magnified_series(suite.specs, _duration),
+    )
     return lambda spec: tuple(sorted(judged(spec) | magnified.get(spec.settings_id, set())))
 
 

@@ -9,7 +9,7 @@ from ..harness.ladder.bundling import read_entry, require_checker
 from ..harness.ladder.closing import FILE, read_closing
 from ..harness.ladder.ranking import INDEPENDENT, LABELS, RankedEntry, rank_entries
 from .arguments import UsageError
-from .terminal import console, print_json
+from .terminal import make_console, print_json
 
 LABEL_FILE = "labels.toml"
 
@@ -32,12 +32,12 @@ def run(arguments: argparse.Namespace) -> int:
             print_json(_describe(r, trial=closing is None))
         return 1 if any(r.forged for r in rows) else 0
     if closing is None:
-        console().print(f"trial: {folder / FILE} states no value and no digests entered before it; any seed goes")
+        make_console().print(f"trial: {folder / FILE} states no value and no digests entered before it; any seed goes")
     for r in rows:
         words = f"removed: {r.forged[0]}" if r.forged else f"{r.points} points, {r.cost.value:.2g} s"
         unfenced = ", not fenced" * (not r.forged and not r.fenced)
-        console().print(f"{r.rank or '-'}  {r.solver} ({r.label}{unfenced}): {words}")
-    console().print(f"page: {folder / 'index.html'}")
+        make_console().print(f"{r.rank or '-'}  {r.solver} ({r.label}{unfenced}): {words}")
+    make_console().print(f"page: {folder / 'index.html'}")
     return 1 if any(r.forged for r in rows) else 0
 
 

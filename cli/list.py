@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..harness.cache import ROOT, cache_folder
+from ..harness.cache import ROOT, make_cache_folder
 from ..harness.catalogue.options import suggest_name
 from ..harness.files import FileError, parse_json, read_text, to_json, write_text
 from ..harness.results.naming import format_exactly
@@ -51,16 +51,16 @@ def run(arguments: argparse.Namespace) -> int:
         plain = {**plain, **{kind: [e for e in plain[kind] if e["name"] == name] for kind in KINDS}}
         if not any(plain[kind] for kind in KINDS):
             raise UsageError(f"no problem or solver is called {name!r}{suggest_name(name, known)}")
-    from .terminal import print_json, table_console  # imported here: JSON and a wrong name need no tables
+    from .terminal import make_table_console, print_json  # imported here: JSON and a wrong name need no tables
 
     if arguments.json:
         print_json({k: v for k, v in plain.items() if k in (*KINDS, "suites")})
     elif name in KINDS:
         print_kind(plain, name)
     elif name is not None:
-        print_one(plain, table_console())
+        print_entry(plain, make_table_console())
     else:
-        print_overview(plain, table_console())
+        print_overview(plain, make_table_console())
     return 0
 
 
@@ -109,7 +109,7 @@ def print_kind(plain: Entry, kind: str) -> None:
     print_table(columns, rows)
 
 
-def print_one(plain: Entry, out: "Console") -> None:
+def print_entry(plain: Entry, out: "Console") -> None:
     """Print the only entry of ``plain`` with its options; for a problem also the parameters that every problem has."""
     for p in plain["problems"]:
         _print_problem(p, plain, out)
@@ -169,7 +169,7 @@ def _print_options(out: "Console", options: Sequence[Entry]) -> None:
 
 def load_catalogue() -> dict[str, Any]:
     """Return ``describe_catalogue`` without plugins, cached in a file until code changes: imports take seconds."""
-    path = cache_folder("catalogue", ROOT / "results" / "local") / f"{_digest_code()}.json"
+    path = make_cache_folder("catalogue", ROOT / "results" / "local") / f"{_digest_code()}.json"
     with contextlib.suppress(FileError):
         found: dict[str, Any] = parse_json(read_text(path, "the catalogue"), str(path))
         return found
@@ -196,7 +196,7 @@ def _digest_code() -> str:
 def describe_catalogue(*, plugins: bool) -> dict[str, Any]:
     """Describe problems, solvers and suites as plain data; ``plugins`` adds those of loaded plugins."""
     from ..harness.catalogue import registry
-    from ..harness.suites.includes import suite_names
+    from ..harness.suites.includes import list_suites
     from ..harness.suites.spec import DEFAULT_RTOL
     from ..harness.types import Trait
 
@@ -205,7 +205,7 @@ def describe_catalogue(*, plugins: bool) -> dict[str, Any]:
             "name": p.name,
             "doc": p.doc,
             "tests": list(p.tests),
-            **_describe(p.name),
+            **_describe_problem(p.name),
             "parameters": _plain_options(p.parameters),
         }
         for p in registry.problems().values()
@@ -223,14 +223,14 @@ def describe_catalogue(*, plugins: bool) -> dict[str, Any]:
     return {
         "problems": problems,
         "solvers": solvers,
-        "suites": suite_names(),
+        "suites": list_suites(),
         "traits": list(Trait),
         "every_problem": _plain_options(registry.COMMON_PARAMETERS),
         "rtol": DEFAULT_RTOL,
     }
 
 
-def _describe(name: str) -> dict[str, Any]:
+def _describe_problem(name: str) -> dict[str, Any]:
     """Return section, end time and kind of reference of the problem of that name, with its default parameters.
 
     The section is empty and the others are None if the problem cannot be made, which ``check`` reports.

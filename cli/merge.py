@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from ..harness.results.merging import merge
-from .terminal import console, plural, print_json, print_unreadable
+from .terminal import make_console, plural, print_json, print_unreadable
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -16,7 +16,7 @@ def run(arguments: argparse.Namespace) -> int:
         plain = {"runs": len(done.records), "added": done.added, "unreadable": unreadable}
         print_json({**plain, "conflicts": done.conflicts, "codes": done.codes})
         return code
-    out = console()
+    out = make_console()
     out.print(f"{plural(len(done.records), 'run')} in {arguments.out}, {done.added} of them new")
     print_unreadable(done.unreadable, out)
     for conflict in done.conflicts:

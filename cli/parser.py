@@ -21,7 +21,7 @@ class UsageError(ValueError):
     """A wrong call, reported in one line with exit code 2."""
 
 
-class Groups(argparse.HelpFormatter):
+class GroupedHelp(argparse.HelpFormatter):
     """A help formatter that lists the commands under the headings of ``GROUPS``, each with its summary."""
 
     def _format_action(self, action: argparse.Action) -> str:
@@ -75,9 +75,9 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{message} (see {self.prog} --help)")
 
 
-def top_parser() -> tuple[Parser, Any]:
+def make_parser() -> tuple[Parser, Any]:
     """Return the parser of ``mbsbench``, and the object that commands are added to."""
-    parser = Parser(prog="mbsbench", description=WORDS, epilog=MORE, formatter_class=Groups)
+    parser = Parser(prog="mbsbench", description=WORDS, epilog=MORE, formatter_class=GroupedHelp)
     parser.add_argument(
         "--version", action="store_true", help="print the version, and what a report of a fault needs to say"
     )

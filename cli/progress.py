@@ -19,11 +19,11 @@ from ..harness.execution.remaining_time import PREPARING, RemainingTime, describ
 from ..harness.execution.runner import Executor, Request, run_suite
 from ..harness.results.records import RunRecord
 from ..harness.results.store import LoadedResults, UnreadableFile
-from ..harness.results.words import comparison_words, list_reasons
+from ..harness.results.words import describe_comparison, list_reasons
 from ..harness.sandbox.isolation import describe_lacking
 from ..harness.suites.spec import RunSpec
 from ..harness.types import Status
-from .terminal import Console, error_console, list_unreadable, plural, status_style
+from .terminal import Console, choose_status_style, list_unreadable, make_error_console, plural
 
 LISTED = 50  # most runs listed that were not started
 BAR = 30  # characters
@@ -43,12 +43,12 @@ class ProgressDisplay:
         *,
         resumable: bool = True,
         announces: bool = True,
-        here: bool = True,
+        is_local: bool = True,
         budget: str = "",
     ) -> None:
         self.budget = budget  # words on the limit of a command that runs several suites
         self.console, self.live, self.size, self.resumable = console, live, size, resumable
-        self.here = here  # True if runs are on this machine, whose speed is known
+        self.is_local = is_local  # True if runs are on this machine, whose speed is known
         self.announces = announces  # True to announce the suite; a command with several suites does so itself
         self.total = self.before = self.done = 0  # runs of the suite, finished earlier, finished now
         self.opened = self.reported = time.monotonic()  # start of the display, and of the last progress line
@@ -77,11 +77,11 @@ class ProgressDisplay:
         kept = f", {self.before} already done" if self.before else ""
         if self.announces and not further:
             where = f"; results in {folder}" if self.resumable else ""
-            time_needed = describe_time(expected) if self.here else ""
+            time_needed = describe_time(expected) if self.is_local else ""
             announce_suite(f"{plural(total, 'run')}{kept}{time_needed}{where}", self.console)
         self.set_aside = unreadable
         for line in list_unreadable("set aside", [(item.path.name, item.why) for item in unreadable]):
-            self._say(line)
+            self._print_line(line)
         self.on_tick()
 
     def on_start(self, job: Job) -> None:
@@ -105,12 +105,12 @@ class ProgressDisplay:
         if record.status not in (Status.SUCCESS, Status.REFUSED):
             because = list_reasons(record)
             words += f"  ({because[0]}{f', and {len(because) - 1} more' if because[1:] else ''})"
-        elif record.status == Status.SUCCESS and (compared := comparison_words(record)):
+        elif record.status == Status.SUCCESS and (compared := describe_comparison(record)):
             words += f"  ({compared})"
         if record.missing_package and not self.announces:  # the command itself names missing packages
             return
         count = f"[{self.before + self.done}/{self.total}]"
-        self._say(f"{count} {words}", status_style(record.status))
+        self._print_line(f"{count} {words}", choose_status_style(record.status))
         self.on_tick()
 
     def on_warmup(self, times: dict[str, float], references: dict[str, float]) -> None:
@@ -118,7 +118,7 @@ class ProgressDisplay:
         for done, spent in (("compiled", times), ("reference computed", references)):
             for name, seconds in spent.items():
                 if seconds > PATIENCE:
-                    self._say(f"{done} in {seconds:.0f} s, not counted in any run: {name}")
+                    self._print_line(f"{done} in {seconds:.0f} s, not counted in any run: {name}")
 
     def on_tick(self) -> None:
         """Draw the status lines of a terminal anew; without one, print a line of progress every ``EVERY`` seconds."""
@@ -126,25 +126,25 @@ class ProgressDisplay:
         if self.compiling and now - self.opened > PATIENCE:
             self.compiling = False
             if self.once > PATIENCE:  # otherwise the time is that of loading, as at every start
-                self._say(describe_wait(PREPARING, now - self.opened, self.once))
+                self._print_line(describe_wait(PREPARING, now - self.opened, self.once))
         if self.live is not None:
             self.live.update(Group(*self.format_status(now)), refresh=True)
         elif now - self.reported > EVERY and self.running:
             self.reported = now
-            drift = f"; largest energy drift: {self.drift()}" if self.worst[1] else ""
-            self._say(f"    {self.count()}{drift}")
+            drift = f"; largest energy drift: {self.describe_drift()}" if self.worst[1] else ""
+            self._print_line(f"    {self.describe_count()}{drift}")
 
     def on_stop(self, left: Sequence[Job], limit: float) -> None:
         """Print that a time limit [s] ended the suite, and the runs ``left`` that were not started."""
         self.left = len(left)
         reached = self.budget or f"the suite's total_limit of {limit:.3g} s"
-        self._say(f"stopped at {reached}", "yellow")
+        self._print_line(f"stopped at {reached}", "yellow")
         for job in left[:LISTED]:
-            self._say(f"not started: {job.spec.case}")
+            self._print_line(f"not started: {job.spec.case}")
         if left:
             more = f" ({len(left) - LISTED} more are not listed)" if left[LISTED:] else ""
             again = "; --resume runs them" if self.resumable else ""
-            self._say(f"{plural(len(left), 'run')} not started, without a result{again}{more}")
+            self._print_line(f"{plural(len(left), 'run')} not started, without a result{again}{more}")
 
     def finish(self, folder: Path, loaded: LoadedResults) -> None:
         """Print the last lines: the number of runs by status, and the path of the results."""
@@ -154,14 +154,14 @@ class ProgressDisplay:
         out = Console(quiet=self.console.quiet, highlight=False, markup=False, soft_wrap=True)
         out.print(f"{plural(len(loaded.records), 'run')}: {words} in {spent:.1f} s; {folder}/runs.parquet")
         if self.worst[1]:
-            out.print(f"largest energy drift: {self.drift()}")
+            out.print(f"largest energy drift: {self.describe_drift()}")
 
     def format_status(self, now: float) -> list[Text]:
         """Return the status lines at ``now`` (of time.monotonic): a bar, the worst drift, the running runs."""
         full = round(self.estimate.share_done(self._list_running(), self._list_waiting()) * BAR)
-        lines = [Text.assemble(("━" * full, "green"), ("─" * (BAR - full), "dim"), f" {self.count()}")]
+        lines = [Text.assemble(("━" * full, "green"), ("─" * (BAR - full), "dim"), f" {self.describe_count()}")]
         if self.worst[1]:
-            lines.append(Text(f"worst drift: {self.drift()}"))
+            lines.append(Text(f"worst drift: {self.describe_drift()}"))
         for job, since in list(self.running.values())[:SHOWN]:
             of = format_duration(now - since + self.estimate.estimate_remaining(job.spec, now - since))
             lines.append(Text(f"  {now - since:.0f} s of about {of}: {job.spec.case}", "dim"))
@@ -171,7 +171,7 @@ class ProgressDisplay:
             line.no_wrap, line.overflow = True, "ellipsis"
         return lines
 
-    def count(self) -> str:
+    def describe_count(self) -> str:
         """Return words on the finished runs, the fraction of the work that is done, and the time left."""
         running, waiting = self._list_running(), self._list_waiting()
         words = f"{self.before + self.done} of {plural(self.total, 'run')}"
@@ -193,11 +193,11 @@ class ProgressDisplay:
         """Return the runs that were not started yet."""
         return [job.spec for job in self.waiting.values()]
 
-    def drift(self) -> str:
+    def describe_drift(self) -> str:
         """Return words on the largest energy drift so far, relative to its run's energy scale, with the run."""
         return f"{self.worst[0]:.2g} of the energy scale, {self.worst[1]}"
 
-    def _say(self, words: str, style: str = "") -> None:
+    def _print_line(self, words: str, style: str = "") -> None:
         """Print a line above the status lines."""
         self.console.print(Text(words, style), highlight=False, soft_wrap=True)
 
@@ -205,7 +205,7 @@ class ProgressDisplay:
 def warn_of_own_bits() -> None:
     """Print a line if runs on this machine do not agree bit for bit with those on other machines."""
     if words := machine.explain_deviations():
-        error_console().print(words)
+        make_error_console().print(words)
 
 
 def announce_suite(words: str, out: Console) -> None:
@@ -225,14 +225,14 @@ def run_watched(
     quiet: bool,
     resumable: bool = True,
     announces: bool = True,
-    here: bool = True,
+    is_local: bool = True,
     budget: str = "",
     pool: Callable[..., Executor] = LocalPool,
 ) -> tuple[LoadedResults, ProgressDisplay]:
     """Run a suite with progress on standard error, unless ``quiet``; return its results and the display.
 
     On a terminal there are status lines. A suite that is not ``resumable`` has a temporary folder or one named
-    elsewhere. With ``announces=False`` the command itself has said what it will run. With ``here=False`` the runs are
+    elsewhere. With ``announces=False`` the command itself has said what it will run. Without ``is_local`` the runs are
     on a cluster and take an unknown time. ``budget`` names in words the limit of the command that ends the suite, in
     place of the suite's own; ``pool`` makes the executor of its jobs.
     """
@@ -240,6 +240,6 @@ def run_watched(
     plain = quiet or not console.is_terminal or console.is_dumb_terminal
     with nullcontext() if plain else Live(console=console, auto_refresh=False, transient=True) as live:
         watcher = ProgressDisplay(
-            console, live, request.jobs, resumable=resumable, announces=announces, here=here, budget=budget
+            console, live, request.jobs, resumable=resumable, announces=announces, is_local=is_local, budget=budget
         )
         return run_suite(request, watcher, pool), watcher

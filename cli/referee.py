@@ -14,13 +14,13 @@ from ..harness.foreign.conventions import CHOICES, Reading
 from ..harness.foreign.judge import FileSettings, judge_file, list_tables, open_results
 from ..harness.results import store
 from ..harness.results.records import RunRecord
-from ..harness.results.words import judged_error, list_reasons
+from ..harness.results.words import list_reasons, select_judged_error
 from ..harness.sandbox.trial import make_problem
 from ..harness.text import escape_text
 from ..harness.types import Status, StepControl
 from .arguments import UsageError, load_problem
-from .solve import as_plain, summarize
-from .terminal import Column, console, number, print_json, print_table, status_style
+from .solve import make_json_numbers, summarize
+from .terminal import Column, choose_status_style, make_console, number, print_json, print_table
 
 INACCURATE = 3  # exit code
 COLUMNS = (
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
             continue
         judged.append(record)
         if arguments.json:
-            print_json({**as_plain(record), "file": str(path)})
+            print_json({**make_json_numbers(record), "file": str(path)})
     if folder is not None:
         store.write_table(folder, store.load(folder, check_series=False).records)
     if not arguments.json:
@@ -103,7 +103,7 @@ def _print_files(paths: list[Path], judged: list[RunRecord | FileError], folder:
     below = [] if folder is None else [f"written to         {folder}"]
     if len(judged) == 1 and isinstance(judged[0], RunRecord):
         for line in summarize(judged[0]) + below:
-            console().print(line)
+            make_console().print(line)
         return
     rows = []
     for path, r in zip(paths, judged, strict=True):
@@ -114,6 +114,6 @@ def _print_files(paths: list[Path], judged: list[RunRecord | FileError], folder:
         below += [f"{r.case}: {'; '.join(list_reasons(r))}"] if r.status != Status.SUCCESS else []
         below += [f"{r.case}: {escape_text(n)}" for n in json.loads(r.notes)]
         until = number(r.accurate_until_s) if not math.isnan(r.accurate_until_s) else "-"
-        numbers = (number(judged_error(r, "position_error", "m")), number(r.energy_drift_max_J), until)
-        rows.append((r.case, Text(r.status, status_style(r.status)), *numbers))
+        numbers = (number(select_judged_error(r, "position_error", "m")), number(r.energy_drift_max_J), until)
+        rows.append((r.case, Text(r.status, choose_status_style(r.status)), *numbers))
     print_table(COLUMNS, rows, *below)

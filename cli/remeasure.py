@@ -8,7 +8,7 @@ from ..harness.execution.runner import Request
 from ..harness.results import store
 from .arguments import UsageError, count_jobs, load_plugins
 from .progress import announce_suite, run_watched
-from .terminal import console, error_console, plural, print_json, print_unreadable
+from .terminal import make_console, make_error_console, plural, print_json, print_unreadable
 
 NAMED = 20  # most runs listed that stay unchanged
 
@@ -17,7 +17,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure again the runs that other code measured; return 1 if one stays unchanged or is unreadable, else 0."""
     folder, plugins = arguments.results, load_plugins(arguments.plugin)
     loaded = store.load(folder)
-    records = store.newest(loaded.records)
+    records = store.select_newest(loaded.records)
     if not records:
         raise UsageError(f"{folder} holds no results")
     outdated = find_outdated(records, plugins)
@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     seconds = sum(r.cpu_process_s for r in outdated if r.cpu_process_s > 0.0)
     took = f", which took {seconds:.2g} s of CPU time" if seconds else ""
     announce_suite(
-        f"{plural(len(outdated), 'run')} of {folder} to be solved once more and measured{took}", error_console()
+        f"{plural(len(outdated), 'run')} of {folder} to be solved once more and measured{took}", make_error_console()
     )
     done = replace_outdated(folder, outdated, count_jobs(arguments.jobs), solve, plugins)
     same = len(records) - len(outdated)
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
         left = {r.run_id: why for r, why in done.left}
         print_json({"measured_again": len(done.records), "of_this_code": same, "left": left})
         return 1 if left or loaded.unreadable else 0
-    out = console()
+    out = make_console()
     out.print(f"{plural(len(done.records), 'run')} measured again, {same} were of this code", highlight=False)
     for record, why in done.left[:NAMED]:
         out.print(f"left as it was: {name_run(record)}: {why}", highlight=False, soft_wrap=True)

@@ -7,7 +7,7 @@ from ..harness.execution.costs import describe_command
 from ..harness.results import store
 from .arguments import UsageError, find_results
 from .progress import announce_suite
-from .terminal import console, error_console, plural
+from .terminal import make_console, make_error_console, plural
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
         if len(folders) == 1:
             results = read_results(folders[0])
             size = len(results.runs)
-            announce_suite(f"pages of {plural(size, 'run')}: {describe_command('report', size)}", error_console())
+            announce_suite(f"pages of {plural(size, 'run')}: {describe_command('report', size)}", make_error_console())
             index = write_site(results, ConfinedPath(folders[0]) / "report")
             if results.to_come:
                 to_come = (
@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             arguments.out.mkdir(parents=True, exist_ok=True)
             index = write_compare(folders[0], folders[1], ConfinedPath(arguments.out))
-    console().print(f"report: {index}")
+    make_console().print(f"report: {index}")
     if to_come:
-        console().print(to_come)
+        make_console().print(to_come)
     return 0

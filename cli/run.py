@@ -8,15 +8,15 @@ from pathlib import Path
 
 from ..harness.execution.costs import predict_times
 from ..harness.execution.pool import LocalPool
-from ..harness.execution.runner import Executor, Request, last_folder, list_waiting, new_folder
+from ..harness.execution.runner import Executor, Request, find_last_folder, list_waiting, name_new_folder
 from ..harness.execution.started_runs import WHY as FOREIGN
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.suites.suite import load_suite
 from .arguments import UsageError, count_jobs, load_plugins
-from .keeping import series_to_keep
+from .keeping import make_series_choice
 from .progress import describe_time, run_watched, warn_of_own_bits
-from .terminal import console, error_console, list_unreadable, number, plural, print_json
+from .terminal import list_unreadable, make_console, make_error_console, number, plural, print_json
 
 LISTED = 8  # most solvers listed with keys that they do not take
 
@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     folder = Path(arguments.out) if arguments.out else None
     if folder is None and arguments.resume:
-        folder = last_folder(suite.name)
+        folder = find_last_folder(suite.name)
     if arguments.cluster is not None and arguments.jobs is not None:
         raise UsageError("--jobs is for this machine; with --cluster the number of workers is that of the cluster")
     if arguments.in_turns and arguments.cluster is not None:
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.only is not None and arguments.only not in suite.parts:
         known = ", ".join(suite.parts) or "none"
         raise UsageError(f"--only must be a suite that {suite.name} includes: {known} (got {arguments.only!r})")
-    target, part = folder or new_folder(suite.name), parse_shard(arguments.shard)
+    target, part = folder or name_new_folder(suite.name), parse_shard(arguments.shard)
     request = Request(
         suite,
         target,
@@ -50,21 +50,23 @@ def run(arguments: argparse.Namespace) -> int:
         part,
         arguments.lossless,
         is_newest=arguments.out is None,
-        keep=None if arguments.lossless else series_to_keep(suite),
+        keep=None if arguments.lossless else make_series_choice(suite),
     )
     if arguments.dry_run:
-        return _explain(request, as_json=arguments.json)
+        return _print_plan(request, as_json=arguments.json)
     if arguments.cluster is None:
         warn_of_own_bits()
     if arguments.only is not None and not arguments.json:
-        error_console().print(_describe_whole(request, here=arguments.cluster is None))
-    pool, here = choose_executor(arguments.cluster), arguments.cluster is None
-    loaded, watcher = run_watched(request, quiet=arguments.json, pool=pool, here=here)
+        make_error_console().print(_describe_whole(request, is_local=arguments.cluster is None))
+    pool, is_local = choose_executor(arguments.cluster), arguments.cluster is None
+    loaded, watcher = run_watched(request, quiet=arguments.json, pool=pool, is_local=is_local)
     watcher.finish(request.folder, loaded)
     late = [item for item in loaded.unreadable if item.why == FOREIGN and item not in watcher.set_aside]
     for line in list_unreadable("set aside", [(item.path.name, item.why) for item in late]):
-        error_console().print(line)
-    failures = _time(request.folder, loaded.records, arguments.in_turns, suite.plugins) if arguments.in_turns else []
+        make_error_console().print(line)
+    failures = (
+        _time_in_turns(request.folder, loaded.records, arguments.in_turns, suite.plugins) if arguments.in_turns else []
+    )
     if arguments.json:
         counted = Counter(r.status for r in loaded.records)
         drift = dict(zip(("relative", "case"), watcher.worst, strict=True)) if watcher.worst[1] else None
@@ -72,11 +74,11 @@ def run(arguments: argparse.Namespace) -> int:
         not_combined = list(suite.not_combined)
         print_json({**plain, "not_begun": watcher.left, "worst_drift": drift, "not_combined": not_combined})
     elif suite.not_combined:
-        console().print(describe_not_combined(suite.not_combined))
+        make_console().print(describe_not_combined(suite.not_combined))
     return 1 if watcher.left or failures or late else 0
 
 
-def _explain(request: Request, *, as_json: bool) -> int:
+def _print_plan(request: Request, *, as_json: bool) -> int:
     """Print the runs that the request would make and the expected time of each on this machine; return 0."""
     waiting = list_waiting(request)
     expected = predict_times(waiting, request.jobs, request.suite.name)
@@ -85,7 +87,7 @@ def _explain(request: Request, *, as_json: bool) -> int:
         whole = {"seconds": expected.seconds, "once_s": expected.once, "jobs": expected.jobs}
         print_json({"suite": request.suite.name, **whole, "runs": runs, "not_combined": request.suite.not_combined})
         return 0
-    out = console()
+    out = make_console()
     for s in waiting:
         out.print(f"{number(expected.runs[s.settings_id], 2):>8} s  {s.case}")
     out.print(f"{plural(len(waiting), 'run')}{describe_time(expected)}")
@@ -94,23 +96,23 @@ def _explain(request: Request, *, as_json: bool) -> int:
     return 0
 
 
-def _describe_whole(request: Request, *, here: bool) -> str:
+def _describe_whole(request: Request, *, is_local: bool) -> str:
     """Describe the number of runs of the suite and their time on this machine, before a part of it is run."""
     waiting = list_waiting(replace(request, only=None))
-    time_needed = describe_time(predict_times(waiting, request.jobs, request.suite.name)) if here else ""
+    time_needed = describe_time(predict_times(waiting, request.jobs, request.suite.name)) if is_local else ""
     return f"{request.suite.name}: {plural(len(waiting), 'run')}{time_needed}; now those of {request.only}"
 
 
-def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple[str, ...]) -> list[str]:
+def _time_in_turns(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple[str, ...]) -> list[str]:
     """Measure the CPU times again, with runs taking turns, and store them; print and return the runs not timed."""
     from ..harness.races.in_turns import time_in_turns
 
-    error_console().print(f"timing in turns, {turns} times each")
+    make_error_console().print(f"timing in turns, {turns} times each")
     with store.hold_folder(folder):
         _, failures = time_in_turns(folder, records, turns, plugins)
         store.write_table(folder, store.load(folder, check_series=False).records)
     for line in failures:
-        error_console().print(f"not timed: {line}")
+        make_error_console().print(f"not timed: {line}")
     return failures
 
 

@@ -11,7 +11,7 @@ from ..harness.execution.run_file import read_run
 from ..harness.execution.solve_file import solve_to_file
 from ..harness.foreign.judge import read_trajectory
 from ..harness.results import store
-from ..harness.results.findings import state
+from ..harness.results.findings import state_finding
 from ..harness.results.records import RunRecord
 from ..harness.results.shadows import keep_nearest
 from ..harness.sandbox.trial import make_problem
@@ -24,7 +24,7 @@ from .findings import print_findings
 from .progress import announce_suite
 from .referee import parse_settings
 from .show import find_run
-from .terminal import console, error_console, plural
+from .terminal import make_console, make_error_console, plural
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     steps, bodies = len(trajectory.t) - 1, problem.system.nb
     time_needed = describe_command("shadow", steps * bodies)
     announce_suite(
-        f"{plural(steps, 'step')}, bodies: {bodies}: {time_needed}, more where no motion is near", error_console()
+        f"{plural(steps, 'step')}, bodies: {bodies}: {time_needed}, more where no motion is near", make_error_console()
     )
     shadow = find_shadow(problem, trajectory, arguments.t_end)
     found = describe_shadow(shadow)
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         found += describe_energy(modified)
     except ValueError as error:
         modified = None
-        found.append(state("modified energy", f"not computed: {error}"))
+        found.append(state_finding("modified energy", f"not computed: {error}"))
     if run is not None:
         keep_nearest(*run, summarise_nearest(shadow, modified))
     print_findings(found, *([] if arguments.json else [title]), json=arguments.json)
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         write_page(arguments.html, title, found, problem.system.body_names, shadow)
         if not arguments.json:
-            console().print(f"page: {arguments.html}")
+            make_console().print(f"page: {arguments.html}")
     return 0 if good else 1
 
 

@@ -25,12 +25,12 @@ from ..harness.results.series import OTHER, POSES
 from ..harness.results.store import UnreadableFile
 from ..harness.results.words import (
     describe_breach,
-    error_until,
-    error_words,
-    judged_error,
+    describe_ending,
+    describe_errors,
+    describe_status,
+    find_error_end,
     list_reasons,
-    status_words,
-    words_of_ending,
+    select_judged_error,
 )
 from ..harness.text import escape_text
 from ..harness.types import Status
@@ -39,16 +39,16 @@ from .commands import FILTERS, SORTS
 from .full_series import provide_full_series
 from .terminal import (
     Column,
-    console,
+    choose_status_style,
+    draw_timeline,
     fit_table,
+    make_console,
+    make_table_console,
     number,
     plural,
     print_json,
     print_table,
     print_unreadable,
-    status_style,
-    table_console,
-    timeline,
 )
 
 SERIES = {  # name in the series file: label
@@ -76,21 +76,23 @@ SHOWN = {
     "cpu_min_s": Column("CPU [s]", rank=3),
 }
 ERRORS: dict[str, Callable[[RunRecord], float]] = {  # as in the reports
-    "position_error": lambda r: judged_error(r, "position_error", "m"),
-    "error_until": error_until,
-    "orientation_error": lambda r: judged_error(r, "orientation_error", "rad"),
+    "position_error": lambda r: select_judged_error(r, "position_error", "m"),
+    "error_until": find_error_end,
+    "orientation_error": lambda r: select_judged_error(r, "orientation_error", "rad"),
 }
 
 
 def show_run(folder: Path, record: RunRecord, command: str) -> None:
     """Print a run in detail, with the ``command`` that repeats it."""
-    out = table_console()
-    ending = words_of_ending(record)
+    out = make_table_console()
+    ending = describe_ending(record)
     out.print(Text(record.case, "bold"))
-    out.print(Text.assemble((status_words(record), status_style(record.status)), f": {ending}" if ending else ""))
+    out.print(
+        Text.assemble((describe_status(record), choose_status_style(record.status)), f": {ending}" if ending else "")
+    )
     for reason in parse_reasons(record.wrong_because):
         out.print(Text(f"  because: {describe_breach(reason)}"))
-    if error := error_words(record):
+    if error := describe_errors(record):
         out.print(Text(f"error {error}"))
     for words in json.loads(record.notes):
         out.print(Text(f"  note: {escape_text(words)}"))
@@ -105,7 +107,7 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
         for line in native.splitlines()[-LAST:]:
             out.print(Text("  " + line))
     _print_heading(out, "Command that repeats this run")
-    console().print(f"  {command}")
+    make_console().print(f"  {command}")
 
 
 def print_steps(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> None:
@@ -130,7 +132,10 @@ def print_steps(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> No
 
 def _list_settings(r: RunRecord) -> dict[str, str]:
     """Return problem, solver and settings of a record by name, without those that were not set."""
-    out = {"problem": _assign(r.problem, r.problem_parameters), "solver": _assign(r.solver, r.solver_options)}
+    out = {
+        "problem": _format_assignments(r.problem, r.problem_parameters),
+        "solver": _format_assignments(r.solver, r.solver_options),
+    }
     for name in SETTINGS:
         value = getattr(r, name)
         if value not in ("", 0) and not (isinstance(value, float) and math.isnan(value)):
@@ -138,7 +143,7 @@ def _list_settings(r: RunRecord) -> dict[str, str]:
     return {**out, "run_id": r.run_id, "code, commit": f"{r.code}, {r.commit or 'none'}", "finished": r.finished}
 
 
-def _assign(name: str, text: str) -> str:
+def _format_assignments(name: str, text: str) -> str:
     """Join a name and its parameters, given as JSON text: ``chain links=6``."""
     return " ".join([name, *(f"{k}={json.dumps(v)}" for k, v in json.loads(text).items())])
 
@@ -160,7 +165,7 @@ def _print_series(out: Console, folder: Path, record: RunRecord) -> None:
             t, values = series.points(name)
             finite = np.abs(values[np.isfinite(values)])
             ends = f"{finite.min():.2e} to {finite.max():.2e}" if len(finite) else "-"
-            line = timeline(t, values, record.t_end_s, width)
+            line = draw_timeline(t, values, record.t_end_s, width)
             out.print(Text(f"  {words:<12} {line}  {ends}"))
 
 
@@ -209,7 +214,7 @@ def run(arguments: argparse.Namespace) -> int:
     chosen = _select_runs(loaded.records, arguments)
     if arguments.json:
         for record in chosen:
-            plain = json.loads(records.to_json(record))
+            plain = json.loads(records.format_record(record))
             print_json({**plain, "command": write_command(record, plugins)})
     elif arguments.run_name is not None:
         show_run(folder, chosen[0], write_command(chosen[0], plugins))
@@ -251,13 +256,13 @@ def find_run(found: Sequence[RunRecord], given: str, folder: Path) -> RunRecord:
     match = [r for r in found if given in (r.run_id, r.case)]
     match = match or [r for r in found if given and r.run_id.startswith(given)]
     if not match:
-        raise UsageError(f"no run {given!r} in these results{_name_others(found, given, folder)}")
+        raise UsageError(f"no run {given!r} in these results{_suggest_runs(found, given, folder)}")
     if len(match) > 1:
         raise UsageError(f"{given!r} is the start of {len(match)} runs: {', '.join(r.run_id for r in match[:5])}")
     return match[0]
 
 
-def _name_others(found: Sequence[RunRecord], given: str, folder: Path) -> str:
+def _suggest_runs(found: Sequence[RunRecord], given: str, folder: Path) -> str:
     """Describe which other folder has a run_id, or else some that ``folder`` has; for a case, the nearest one."""
     if not RUN_ID.fullmatch(given):
         return suggest_name(given, [r.case for r in found][:500])[:200]
@@ -276,7 +281,7 @@ def _draw_energy(folder: Path, record: RunRecord, unreadable: list[UnreadableFil
     except FileError as error:
         unreadable.append(UnreadableFile(folder / record.series, str(error)))
         return ""
-    return "" if series is None else timeline(*series.points("energy_error"), record.t_end_s, SPARK)
+    return "" if series is None else draw_timeline(*series.points("energy_error"), record.t_end_s, SPARK)
 
 
 def _read_column(r: RunRecord, name: str) -> float:
@@ -298,7 +303,7 @@ def _print_runs(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
     rows: list[tuple[Text | str, ...]] = []
     for r, spark in zip(chosen, sparks, strict=True):
         first, *rest = [number(_read_column(r, name)) for name in SHOWN]
-        status = Text(r.status, status_style(r.status))
+        status = Text(r.status, choose_status_style(r.status))
         rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, spark, *rest))
     failed = [r for r in chosen if r.status != Status.SUCCESS]
     below = [f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(list_reasons(r))}" for r in failed]

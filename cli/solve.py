@@ -12,15 +12,21 @@ from typing import Any
 
 from ..harness.catalogue import registry
 from ..harness.results.records import RunRecord
-from ..harness.results.words import error_words, format_accurate_times, list_reasons, status_words, words_of_ending
+from ..harness.results.words import (
+    describe_ending,
+    describe_errors,
+    describe_status,
+    format_accurate_times,
+    list_reasons,
+)
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.shape import LONGEST
 from ..harness.suites.spec import RunSpec, check_step, make_spec
 from ..harness.text import escape_text
 from ..harness.types import Problem, Status
-from .arguments import UsageError, load_problem, parse_assignments, positive_float, writable_file
+from .arguments import UsageError, check_writable, load_problem, parse_assignments, parse_positive_float
 from .commands import CONTROL
-from .terminal import console, error_console
+from .terminal import make_console, make_error_console
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -37,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     limit = control.pop("cpu_limit", None)
     spec = make_spec(problem, arguments.solver, given, control)
     check_step(spec.control.dt if "dt" in control else None, problem.t_end)
-    wall = None if limit is None else positive_float(limit, "cpu_limit")
+    wall = None if limit is None else parse_positive_float(limit, "cpu_limit")
     if wall is not None and wall > LONGEST:
         raise UsageError(f"cpu_limit must be at most {LONGEST:g} s (got {limit})")
     if arguments.out is not None and not arguments.out.endswith(".npz"):
@@ -45,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as aside:
         unwritable = ""
         try:
-            out = writable_file(arguments.out or str(find_free(f"{name}-{arguments.solver}")))
+            out = check_writable(arguments.out or str(find_unused_path(f"{name}-{arguments.solver}")))
         except UsageError as error:
             if arguments.out is not None:
                 raise
@@ -56,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     return code
 
 
-def find_free(stem: str) -> Path:
+def find_unused_path(stem: str) -> Path:
     """Return the first of STEM.npz, STEM-2.npz, ... that does not exist, since only --out overwrites a file."""
     names = itertools.chain([f"{stem}.npz"], (f"{stem}-{k}.npz" for k in itertools.count(2)))
     return next(Path(name) for name in names if not os.path.lexists(name))
@@ -72,7 +78,7 @@ def _solve(
     from ..harness.execution import solve_file
     from ..harness.execution.progress_line import ProgressLine
 
-    output, messages, replaced, progress = console(), error_console(), out.exists(), ProgressLine()
+    output, messages, replaced, progress = make_console(), make_error_console(), out.exists(), ProgressLine()
 
     def report(words: str, end: str) -> None:
         """Print a message of the run: one that ends in a newline stays, any other is replaced by the next."""
@@ -94,7 +100,7 @@ def _solve(
     nearest = find_nearest(problem, out) if arguments.shadow else None
     if arguments.json:
         more: dict[str, Any] = {} if nearest is None else {"nearest": nearest}
-        plain = {**as_plain(record), **more, "out": str(out) if is_kept else None}
+        plain = {**make_json_numbers(record), **more, "out": str(out) if is_kept else None}
         output.print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
         return 0 if good else 1
     for line in summarize(record):
@@ -119,40 +125,44 @@ def find_last_message(native: str) -> str:
 def find_nearest(problem: Problem, path: Path) -> dict[str, Any]:
     """Describe in words and numbers the true motion nearest to the one in a file; in words alone if none is found."""
     from ..harness.execution.run_file import read_run
-    from ..harness.shadow.findings import summarize_shadow
+    from ..harness.shadow.findings import summarise_shadow
     from ..harness.shadow.shadow import find_shadow
 
     try:
-        return _jsonable(summarize_shadow(find_shadow(problem, read_run(path)[1])))
+        return _replace_nonfinite(summarise_shadow(find_shadow(problem, read_run(path)[1])))
     except ValueError as error:
         return {"words": str(error)}
 
 
-def as_plain(r: RunRecord) -> dict[str, Any]:
+def make_json_numbers(r: RunRecord) -> dict[str, Any]:
     """Return the numbers of a record as a dict for JSON: null if missing, ``"inf"`` if unbounded."""
     from ..harness.execution.run_file import SUMMARY
 
     numbers = {"case": r.case, **{name: getattr(r, name) for name in SUMMARY}, "cpu_s": r.cpu_min_s}
     unpacked = {name: json.loads(numbers.pop(name)) for name in ("counters", "notes")}
-    return {**_jsonable(numbers), **unpacked, "reasons": [_jsonable(x) for x in json.loads(r.wrong_because)]}
+    return {
+        **_replace_nonfinite(numbers),
+        **unpacked,
+        "reasons": [_replace_nonfinite(x) for x in json.loads(r.wrong_because)],
+    }
 
 
-def _jsonable(numbers: Mapping[str, Any]) -> dict[str, Any]:
+def _replace_nonfinite(numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Return the numbers as JSON can hold them: None for NaN, the texts ``inf`` and ``-inf`` for infinities."""
     return {k: None if str(v) == "nan" else str(v) if v in (math.inf, -math.inf) else v for k, v in numbers.items()}
 
 
 def summarize(r: RunRecord) -> list[str]:
     """Return the lines that summarise a record on one screen: status and reasons, drift, errors, CPU time, notes."""
-    said = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *list_reasons(r)]) if w)
-    out = [r.case, f"{'status':<18} {status_words(r)}" + (f": {said}" if said else "")]
+    said = "; ".join(w for w in dict.fromkeys([describe_ending(r), *list_reasons(r)]) if w)
+    out = [r.case, f"{'status':<18} {describe_status(r)}" + (f": {said}" if said else "")]
     if not math.isnan(r.t_reached_s):
         out.append(f"t reached          {r.t_reached_s:.9g} s of {r.t_end_s:g} s in {r.steps} steps")
     if not math.isnan(r.energy_drift_max_J):  # a file may hold positions only
         out.append(f"energy drift       {r.energy_drift_max_J:.3e} J (scale {r.energy_scale_J:.3g} J)")
     if not math.isnan(r.phi_max):
         out.append(f"|phi|, |phi_dot|   {r.phi_max:.3e} m, {r.phi_dot_max:.3e} m/s")
-    if error := error_words(r):
+    if error := describe_errors(r):
         out.append(f"error              {error}")
         out.append(f"accurate until     {', '.join(format_accurate_times(r))} of the reach of {r.length_scale_m:.3g} m")
     if r.cpu_min_s > 0.0 or (r.steps and not math.isnan(r.cpu_min_s)):

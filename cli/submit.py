@@ -2,15 +2,15 @@
 
 import argparse
 
-from ..harness.execution.runner import new_folder
+from ..harness.execution.runner import name_new_folder
 from ..harness.ladder.bundling import read_entry, require_checker, write_bundle
 from ..harness.ladder.closing import TRIAL
 from ..harness.ladder.instances import KINDS, STEPS
 from ..harness.ladder.ranking import rank_entries
 from ..harness.ladder.submission import CPU_LIMIT, REPEATS, read_submission, run_submission
-from .arguments import writable_file
+from .arguments import check_writable
 from .progress import announce_suite
-from .terminal import console, error_console, plural, print_json
+from .terminal import make_console, make_error_console, plural, print_json
 
 UNFENCED = (
     "warning: this system cannot keep a submission from files, sockets and other processes, so its entry is marked "
@@ -26,25 +26,25 @@ def run(arguments: argparse.Namespace) -> int:
     """
     submission = read_submission(arguments.submission)
     if arguments.digest:
-        print_json({"digest": submission.digest}) if arguments.json else console().print(submission.digest)
+        print_json({"digest": submission.digest}) if arguments.json else make_console().print(submission.digest)
         return 0
     require_checker()
     trial = arguments.value == TRIAL
-    out = writable_file(arguments.out or f"{submission.name}.zip")
+    out = check_writable(arguments.out or f"{submission.name}.zip")
     if not submission.fenced:
-        error_console().print(UNFENCED)
+        make_error_console().print(UNFENCED)
     if trial:
-        error_console().print(TRIED)
-    folder = new_folder(f"submit-{submission.name}")
+        make_error_console().print(TRIED)
+    folder = name_new_folder(f"submit-{submission.name}")
     runs = len(KINDS) * len(STEPS[submission.control])
     announce_suite(
         f"{plural(runs, 'run')}, {REPEATS} times each, then measured: at most {CPU_LIMIT:g} s of CPU each time",
-        error_console(),
+        make_error_console(),
     )
     for r in run_submission(submission, arguments.value, folder):
         if not arguments.json:
             setting = r.dt_s if r.control == "dt" else r.rtol
-            console().print(f"{r.status:12} {r.cpu_median_s:8.3g} s  {r.problem} {setting:g}")
+            make_console().print(f"{r.status:12} {r.cpu_median_s:8.3g} s  {r.problem} {setting:g}")
     write_bundle(folder, out)
     (row,) = rank_entries([(read_entry(out), "")])
     if arguments.json:
@@ -62,6 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         marks = "; trial" * trial + "; not fenced" * (not row.fenced)
         if row.forged:
-            console().print(f"{out}: removed: {row.forged[0]}")
-        console().print(f"{out}: {row.points} points, {row.solved} of {row.instances} solved, {row.false} false{marks}")
+            make_console().print(f"{out}: removed: {row.forged[0]}")
+        make_console().print(
+            f"{out}: {row.points} points, {row.solved} of {row.instances} solved, {row.false} false{marks}"
+        )
     return 0 if row.solved and not row.false and not row.forged else 1

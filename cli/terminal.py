@@ -36,28 +36,28 @@ class Console(rich.console.Console):
         raise BrokenPipeError
 
 
-def table_console(*, stderr: bool = False) -> Console:
+def make_table_console(*, stderr: bool = False) -> Console:
     """Return a console for tables: as wide as the terminal (or COLUMNS), else wide enough to fold nothing."""
     out = Console(highlight=False, stderr=stderr)
     return out if out.is_terminal or os.environ.get("COLUMNS") else Console(width=PIPED, highlight=False, stderr=stderr)
 
 
-def console() -> Console:
+def make_console() -> Console:
     """Return a console for messages and JSON, whose lines are not folded."""
     return Console(highlight=False, markup=False, soft_wrap=True)
 
 
-def error_console() -> Console:
+def make_error_console() -> Console:
     """Return a console for lines on standard error."""
     return Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
 
 
 def print_json(plain: Any) -> None:
     """Print ``plain`` data as JSON on one line of standard output, with null for a number that is not finite."""
-    console().print(to_json(plain))
+    make_console().print(to_json(plain))
 
 
-def status_style(status: str) -> str:
+def choose_status_style(status: str) -> str:
     """Return the Rich style in which a status is printed."""
     return STYLE.get(str(status), "yellow")
 
@@ -65,7 +65,7 @@ def status_style(status: str) -> str:
 def print_unreadable(items: "Iterable[UnreadableFile]", out: Console | None = None) -> None:
     """Print files that could not be read, and why; on standard error unless ``out`` is given."""
     for line in list_unreadable("unreadable", [(str(item.path), item.why) for item in items]):
-        (out or error_console()).print(line)
+        (out or make_error_console()).print(line)
 
 
 def list_unreadable(what: str, items: Sequence[tuple[str, str]]) -> list[str]:
@@ -114,7 +114,7 @@ def print_table(
     columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], *below: str, out: Console | None = None
 ) -> None:
     """Print the table, if it has rows, and the lines ``below`` it."""
-    out = out or table_console()
+    out = out or make_table_console()
     if rows:
         out.print(fit_table(columns, rows, out.width))
     for line in below:
@@ -151,7 +151,7 @@ def number(value: float, digits: int = 3) -> str:
     return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e6 else text
 
 
-def sparkline(values: Sequence[float], width: int, *, log: bool = True) -> str:
+def draw_sparkline(values: Sequence[float], width: int, *, log: bool = True) -> str:
     """Draw ``values`` in ``width`` block characters, each for the largest magnitude in its stretch of the values.
 
     With ``log`` one step of a bar's height is a power of ten or more, and zero is at the bottom. A blank stands for
@@ -180,7 +180,7 @@ def _choose_bar(x: float, low: float, high: float) -> str:
     return BARS[round(min(max(share, 0.0), 1.0) * (len(BARS) - 1))]
 
 
-def timeline(t: "np.ndarray", values: "np.ndarray", t_end: float, width: int) -> str:
+def draw_timeline(t: "np.ndarray", values: "np.ndarray", t_end: float, width: int) -> str:
     """Draw the magnitudes of ``values`` at times ``t`` [s] on a scale from 0 to ``t_end``, in ``width`` characters.
 
     A star marks where a run stopped early. Without values, or for an end time of 0, the line is empty.
@@ -196,5 +196,5 @@ def timeline(t: "np.ndarray", values: "np.ndarray", t_end: float, width: int) ->
     last = int(place[-1])
     for k in range(1, last):  # a long step spans several characters
         tops[k] = tops[k - 1] if math.isnan(tops[k]) else tops[k]
-    line = sparkline(tops.tolist(), width)
+    line = draw_sparkline(tops.tolist(), width)
     return line if t[-1] > t_end * (1.0 - 1e-6) else (line[: last + 1] + "*").ljust(width)[:width]

@@ -8,9 +8,9 @@ from typing import Any
 from ..harness.catalogue import registry
 from ..harness.conformance import assessment
 from ..harness.execution.remaining_time import format_duration
-from ..harness.execution.runner import Request, new_folder
+from ..harness.execution.runner import Request, name_new_folder
 from ..harness.results import store
-from ..harness.results.findings import state
+from ..harness.results.findings import state_finding
 from ..harness.results.records import RunRecord
 from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite
@@ -19,7 +19,7 @@ from .arguments import UsageError, count_jobs, load_plugins
 from .check import resolve_entries
 from .findings import print_findings
 from .progress import announce_suite, run_watched
-from .terminal import console, error_console
+from .terminal import make_console, make_error_console
 
 NET = 10.0  # wall time at which a stage is ended, in units of the CPU time left
 
@@ -33,12 +33,12 @@ def run(arguments: argparse.Namespace) -> int:
     (solver,) = own
     plugins += load_plugins(arguments.plugin)
     jobs = count_jobs(arguments.jobs)
-    folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
+    folder = Path(arguments.out) if arguments.out else name_new_folder(f"try-{solver}")
 
     if not arguments.json:
         most = format_duration(arguments.budget / jobs)
         plan = f"runs within {arguments.budget:g} s of CPU time (--budget), {jobs} at a time: at most about {most}"
-        announce_suite(f"{solver}: {plan}, and what has to be compiled", error_console())
+        announce_suite(f"{solver}: {plan}, and what has to be compiled", make_error_console())
 
     def run_stage(specs: Sequence[RunSpec], rest: float, resume: bool) -> Sequence[RunRecord] | None:
         """Run one stage; end it after ``NET`` times the CPU time left in the budget, ``rest`` [s].
@@ -59,18 +59,18 @@ def run(arguments: argparse.Namespace) -> int:
     orders = assessment.certify_ladders(solver, folder, records)
     have = {r.settings_id for r in records}
     left = [s for s in specs if s.settings_id not in have]
-    found = list(assessment.assess(solver, folder, records, orders, left))
+    found = list(assessment.assess_solver(solver, folder, records, orders, left))
     tested = [f for f in found if f.is_tested]
     summary = f"{solver}: {sum(f.holds for f in tested)} of {len(tested)} as expected"
     if left:
         share = f"{len(left)} of {len(specs)} runs"
         summary += f"; incomplete: {share} are left out by the budget"
         words = f"{share} ended or left out when {arguments.budget:g} s of CPU time were over"
-        found.insert(0, state("budget", words, "all runs; a longer --budget"))
+        found.insert(0, state_finding("budget", words, "all runs; a longer --budget"))
     print_findings(found, *([] if arguments.json else [summary]), json=arguments.json)
     for line in _write_pages(arguments, folder, solver, summary, found, orders):
         if not arguments.json:
-            console().print(line)
+            make_console().print(line)
     return 1 if left or not all(f.holds for f in found) else 0
 
 
@@ -84,6 +84,6 @@ def _write_pages(arguments: argparse.Namespace, folder: Path, *tried: Any) -> It
     if arguments.no_report:
         yield f"results: {folder}"
     else:
-        from ..reports.site import build
+        from ..reports.site import build_report
 
-        yield f"report: {build(folder)}"
+        yield f"report: {build_report(folder)}"

@@ -9,13 +9,13 @@ from ..harness.execution.full_series import rebuild_spec
 from ..harness.execution.runner import Request
 from ..harness.results import store
 from ..harness.results.comparison import compare, is_repeatable
-from ..harness.results.provenance import find_differences, read_environment, same_platform
+from ..harness.results.provenance import find_differences, is_same_platform, read_environment
 from ..harness.results.reproduce import REFEREED
 from ..harness.suites.suite import Suite
 from .arguments import UsageError, count_jobs, load_plugins
 from .diff import show_comparison
 from .progress import run_watched, warn_of_own_bits
-from .terminal import console, print_unreadable
+from .terminal import make_console, print_unreadable
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = arguments.results
     plugins = load_plugins(arguments.plugin)
     loaded = store.load(folder)
-    records = store.newest(loaded.records)
+    records = store.select_newest(loaded.records)
     able = [r for r in records if is_repeatable(r) and r.suite != REFEREED]
     if not able:
         raise UsageError(f"{folder} has no run that can be repeated (none at all, or all stopped by a limit)")
@@ -40,12 +40,12 @@ def run(arguments: argparse.Namespace) -> int:
         stamps = read_environment(folder), read_environment(Path(place) / "run")
     found = compare(sample, again.records)
     codes = {r.settings_id: r.code for r in again.records}
-    exact = same_platform(*stamps) and all(r.code == codes.get(r.settings_id) for r in sample)
+    exact = is_same_platform(*stamps) and all(r.code == codes.get(r.settings_id) for r in sample)
     good = found.is_identical if exact else found.alike
     show_comparison(found, [d for d in find_differences(*stamps) if d.what != "suite"], json=arguments.json)
     if arguments.json:
         return 0 if good else 1
-    out = console()
+    out = make_console()
     demand = "bit for bit: same code, same platform" if exact else "within the differences between platforms"
     out.print(f"{'verified' if good else 'NOT verified'}: {len(sample)} of {len(records)} runs ({demand})")
     print_unreadable(loaded.unreadable, out)

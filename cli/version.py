@@ -23,16 +23,16 @@ def describe_version(options: Sequence[str]) -> str:
     """Return the lines to print; ``options`` may hold --verbose, which adds the paths of caches and results."""
     if unknown := [word for word in options if word != VERBOSE]:
         raise UsageError(f"--version takes {VERBOSE} alone (got {unknown[0]!r})")
-    commit = environment.commit()
+    commit = environment.read_commit()
     base, _, changed = commit.partition("+")
     words = f" (commit {base[:12]}{', changed since' if changed else ''})" if commit else ""
-    bits = "as on every processor with AVX2" if machine.variables() else "of this processor"
+    bits = "as on every processor with AVX2" if machine.list_variables() else "of this processor"
     if os.environ.get(machine.NATIVE) == "1":
         bits = f"of this processor ({machine.NATIVE}=1)"
     engines = _versions(ENGINES) or f"none; {ADD_ENGINES}"
     rows = {
         "python": f"{platform.python_version()}; {_versions(PACKAGES)}",
-        "machine": f"{machine.cpu_model()}, {os.cpu_count()} cores; {platform.system()} {platform.machine()}, "
+        "machine": f"{machine.read_cpu_model()}, {os.cpu_count()} cores; {platform.system()} {platform.machine()}, "
         f"{' '.join(platform.libc_ver()).strip() or platform.release()}",
         "bits": bits,
         "engines": engines,

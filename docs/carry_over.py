@@ -21,7 +21,7 @@ from mbsbench.harness.files import to_json
 from mbsbench.harness.referee.carried import FILE, Generation, add_generation, digest_present_code, read_carried
 from mbsbench.harness.results.comparison import compare, is_repeatable
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.results.store import load, newest
+from mbsbench.harness.results.store import load, select_newest
 from mbsbench.harness.types import Status
 
 
@@ -37,7 +37,7 @@ def main(parent: str) -> int:
         there.mkdir()
         (there / "mbsbench").symlink_to(ROOT)
         digests = [_make_runs(tree, Path(place) / f"{tree.name}-runs", commit) for tree in (before, there)]
-        made = [newest(load(Path(place) / f"{tree.name}-runs").records) for tree in (before, there)]
+        made = [select_newest(load(Path(place) / f"{tree.name}-runs").records) for tree in (before, there)]
     found = [[r for r in records if is_repeatable(r)] for records in made]
     comparison = compare(*found)
     in_both = {r.case for r in made[0]} & {r.case for r in made[1]}
@@ -72,7 +72,7 @@ def main(parent: str) -> int:
 def _make_runs(tree: Path, folder: Path, seed: str) -> dict[str, Any]:
     """Make the runs with the package in ``tree``, in a separate process; return its digests and its verdicts."""
     _say(f"runs by the code {tree.name} the change")
-    env = {**os.environ, **machine.THREADS, **machine.variables(), "PYTHONPATH": str(tree)}
+    env = {**os.environ, **machine.THREADS, **machine.list_variables(), "PYTHONPATH": str(tree)}
     for name in (machine.NATIVE, machine.CORE):  # both codes use the pinned arithmetic
         env.pop(name, None)
     script = tree / "mbsbench" / "docs" / "carry_over_runs.py"  # the tree's own: names differ between trees

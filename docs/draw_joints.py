@@ -23,12 +23,12 @@ VIEW = np.array([[0.80, -0.80, 0.0], [0.42, 0.42, -0.95]]) * 0.36 * SIZE  # of x
 HEAD = 8.0  # [px]
 
 
-def drawn() -> list[JointDeclaration]:
+def list_drawn_kinds() -> list[JointDeclaration]:
     """Return the joint kinds with a picture: those without moving rows, whose free motions are along or about axes."""
     return [one for one in DECLARED.values() if not one.count.moving]
 
 
-def free_motions(kind: JointDeclaration) -> np.ndarray:
+def find_free_motions(kind: JointDeclaration) -> np.ndarray:
     """Return which of the six motions of body i a joint leaves free: along x, y, z, about x, y, z."""
     x, z, o = np.eye(3)[0], np.eye(3)[2], np.zeros(3)
     joint = Joint(
@@ -47,9 +47,9 @@ def free_motions(kind: JointDeclaration) -> np.ndarray:
     return np.all(np.abs(constraint_jacobian(system, start).toarray()) < 1e-12, axis=0)
 
 
-def picture(kind: JointDeclaration) -> str:
+def draw_picture(kind: JointDeclaration) -> str:
     """Return the picture of a joint kind as SVG: the axes, and an arrow for each free motion."""
-    free, e = free_motions(kind), np.eye(3)
+    free, e = find_free_motions(kind), np.eye(3)
     parts = [_path(np.stack((-e[k], e[k])), "#999", 1) for k in range(3)]
     for k in range(3):
         if free[k]:
@@ -81,12 +81,12 @@ def _path(points: np.ndarray, colour: str, width: int) -> str:
     return f'<path d="M{way}" fill="none" stroke="{colour}" stroke-width="{width}"/>'
 
 
-def name(kind: JointDeclaration) -> str:
+def name_file(kind: JointDeclaration) -> str:
     """Return the name of the file with the picture of a joint kind."""
     return f"{kind.name.replace(' ', '-')}.svg"
 
 
-def given(kind: JointDeclaration) -> str:
+def describe_given(kind: JointDeclaration) -> str:
     """Describe what a user specifies for a joint of this kind."""
     points = "" if kind.count == Count(axis=kind.count.axis) else "points"
     axes = {"": "", "i": f"`axis_i`, {kind.note}", "j": "`axis_j`", "ij": "the axis in both bodies"}[kind.axes]
@@ -98,24 +98,26 @@ def given(kind: JointDeclaration) -> str:
     return kind.given or ", ".join(part for part in (points, axes, across, length, motion) if part)
 
 
-def tables() -> dict[str, list[str]]:
+def make_tables() -> dict[str, list[str]]:
     """Return the lines of each table, by the name in its first comment in the page."""
     joints = ["| | `kind` | rows | given | leaves free |", "|---|---|---|---|---|"]
     moving = ["| `kind` | rows | given | leaves free |", "|---|---|---|---|"]
     forces = ["| force | load on body i, the opposite on j | energy |", "|---|---|---|"]
     for kind in DECLARED.values():
-        words = f"`{kind.name}` | {kind.equation.replace('|', chr(92) + '|')} | {given(kind)} | {kind.leaves} |"
+        words = (
+            f"`{kind.name}` | {kind.equation.replace('|', chr(92) + '|')} | {describe_given(kind)} | {kind.leaves} |"
+        )
         if kind.count.moving:
             moving.append(f"| {words}")
         else:
-            joints.append(f"| ![{kind.name}](images/joints/{name(kind)}) | {words}")
+            joints.append(f"| ![{kind.name}](images/joints/{name_file(kind)}) | {words}")
     forces += [f"| `{one.part}` | {one.equation} | {one.energy} |" for one in FORCES.values()]
     return {"joints": joints, "rows beside joints": moving, "forces": forces}
 
 
-def page(text: str) -> str:
+def fill_page(text: str) -> str:
     """Return the ``text`` of the page with its tables replaced by those made from the declarations."""
-    for what, lines in tables().items():
+    for what, lines in make_tables().items():
         start = f"<!-- {what}: written by make joints -->\n"
         before, after = text.split(start)
         text = before + start + "\n" + "\n".join(lines) + "\n\n" + after[after.index("<!-- end -->") :]
@@ -123,7 +125,7 @@ def page(text: str) -> str:
 
 
 if __name__ == "__main__":
-    for one in drawn():
-        (Path(sys.argv[1]) / name(one)).write_text(picture(one))
+    for one in list_drawn_kinds():
+        (Path(sys.argv[1]) / name_file(one)).write_text(draw_picture(one))
     manual = Path(__file__).parent / "joints-and-forces.md"
-    manual.write_text(page(manual.read_text(encoding="utf-8")), encoding="utf-8")
+    manual.write_text(fill_page(manual.read_text(encoding="utf-8")), encoding="utf-8")

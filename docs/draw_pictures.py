@@ -27,13 +27,13 @@ from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import ALLOWED, Law
 from mbsbench.reports.mechanism.segments import choose_view, read_mechanism
 from mbsbench.reports.mechanism.stage import load_poses, place_segments
-from mbsbench.reports.mechanism.theatre.scene import stored_exact
-from mbsbench.reports.model.catalogue import code_of_others, is_engine
-from mbsbench.reports.model.frontier import Frontier, frontiers
+from mbsbench.reports.mechanism.theatre.scene import read_exact_motion
+from mbsbench.reports.model.catalogue import is_engine, name_external_code
+from mbsbench.reports.model.frontier import Frontier, find_frontiers
 from mbsbench.reports.model.results import StoredResults, read_results
 from mbsbench.reports.model.variants import find_plain_label
 from mbsbench.reports.model.words import join_words, number, seconds
-from mbsbench.reports.pages.runs.overview import ENGINES, false_successes
+from mbsbench.reports.pages.runs.overview import ENGINES, list_false_successes
 from mbsbench.reports.plots.paper import save
 from mbsbench.reports.plots.spec import choose_styles
 from mbsbench.reports.publication import list_figures
@@ -56,15 +56,15 @@ STYLE = (
 )
 
 
-def digest(codes: Iterable[str]) -> str:
+def digest_codes(codes: Iterable[str]) -> str:
     """Return one digest of the code digests ``codes`` of runs."""
     return hashlib.sha256(" ".join(sorted(set(codes))).encode()).hexdigest()[:16]
 
 
-def codes_now() -> list[str]:
+def list_present_digests() -> list[str]:
     """List that digest for the runs of suite ``SUITE``, by the present code and by each code with equal bits."""
     specs = load_suite(SUITE).specs
-    return [digest(g.digest_run_code(s.problem, s.solver) for s in specs) for g in list_equal()]
+    return [digest_codes(g.digest_run_code(s.problem, s.solver) for s in specs) for g in list_equal()]
 
 
 def draw_results(folder: Path, out: Path) -> None:
@@ -75,7 +75,7 @@ def draw_results(folder: Path, out: Path) -> None:
         raise SystemExit(f"error: {folder} holds no runs of the chain: make engines bench")
     draw = next(draw for name, _, _, draw in list_figures(results, variant) if name == ENERGY)
     (path,) = save(draw, ConfinedPath(out), PROBLEM, ("svg",))
-    code = digest(r.record.code for r in results.runs)
+    code = digest_codes(r.record.code for r in results.runs)
     for place, text in ((path, path.read_text(encoding="utf-8")), (out / f"{COSTS}.svg", draw_costs(results))):
         place.write_text(f"{text}<!-- code of its runs: {code} -->\n", encoding="utf-8")
 
@@ -86,7 +86,7 @@ OWN = Path(__file__).resolve().parent / "images"
 def publish_engines(folder: Path) -> None:
     """Replace the published false successes of engines by the worst one of each engine in these results."""
     results = read_results(folder, check_series=False)
-    cards, _ = false_successes(results, find_plain_label(results))
+    cards, _ = list_false_successes(results, find_plain_label(results))
     (ENGINES / "runs").mkdir(parents=True, exist_ok=True)
     for old in (ENGINES / "runs").glob("*.json"):
         old.unlink()
@@ -96,7 +96,7 @@ def publish_engines(folder: Path) -> None:
 
 def draw_costs(results: StoredResults) -> str:
     """Return an SVG with a row of dots per problem that an engine ran: solvers by CPU time at one error."""
-    found = [f for f in frontiers(results) if f.target == TARGET and any(map(is_engine, _solvers(f)))]
+    found = [f for f in find_frontiers(results) if f.target == TARGET and any(map(is_engine, _solvers(f)))]
     last: dict[str, Frontier] = {}
     for f in found:
         last[f.variant.partition("[")[0]] = f  # of the two pendulums the spatial one
@@ -118,7 +118,7 @@ def draw_costs(results: StoredResults) -> str:
         words = f"{10.0**k:g} s" if k > -2 else f"{10.0 ** (k + 3):g} ms"
         parts.append(_text(round(x(10.0**k)) - 16, 62 + tall * len(last), words))
     for k, (name, f) in enumerate(last.items()):
-        parts += [_text(ROOM, 88 + tall * k, name.replace("_", " ")), *_line_of(f, x, 84 + tall * k, right)]
+        parts += [_text(ROOM, 88 + tall * k, name.replace("_", " ")), *_draw_row(f, x, 84 + tall * k, right)]
     height = 76 + tall * len(last)
     return _svg(height, parts)
 
@@ -128,12 +128,12 @@ def _solvers(f: Frontier) -> list[str]:
     return [*(p.run.record.solver for p in f.places), *f.missed]
 
 
-def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> Iterator[str]:
+def _draw_row(f: Frontier, x: Callable[[float], float], y: int, right: float) -> Iterator[str]:
     """Yield the SVG elements of a problem's row: dots, labels in the row of ``ROWS`` with room, and who misses it."""
     own, ends = choose_styles(_solvers(f)), [0.0] * len(ROWS)
     for k, p in enumerate(f.places):
         name, at = p.run.record.solver, x(p.cpu_s)
-        said = _named(name) or (name if k == 0 else "")
+        said = _choose_label(name) or (name if k == 0 else "")
         yield (
             f'<circle cx="{at:.1f}" cy="{y}" r="{5 if said else 3}" fill="{own[name].colour}" '
             f'opacity="{1 if said else 0.45}"><title>{name} {seconds(p.cpu_s)}</title></circle>'
@@ -150,21 +150,21 @@ def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> 
                     f'<path d="M{at:.1f} {y}L{start - 3:.1f} {y + ROWS[row] - 5}" stroke="currentColor" opacity="0.5"/>'
                 )
             yield _text(round(start), y + ROWS[row], words)
-    missed = [_named(s) for s in f.missed if _named(s)]
+    missed = [_choose_label(s) for s in f.missed if _choose_label(s)]
     if missed:
         yield _text(ROOM, y + 44, f"not reached by {join_words(missed)} at any setting tried", "", ' opacity="0.7"')
 
 
-def _named(solver: str) -> str:
+def _choose_label(solver: str) -> str:
     """Return the name by which a solver is labelled; empty if it has no label."""
-    return NAMED.get(solver) or (code_of_others(solver) if is_engine(solver) and solver != "cvode" else "")
+    return NAMED.get(solver) or (name_external_code(solver) if is_engine(solver) and solver != "cvode" else "")
 
 
 def draw_loop() -> str:
     """Solve the falling chain by two solvers; return an animated SVG of both, the exact motion and the errors."""
     runs = [solve(PROBLEM, name, t_end=END, dt=dt, rtol=rtol) for name, dt, rtol, _ in ROLES]
     series = [run.series for run in runs if run.series is not None]
-    bodies, exact = read_mechanism(series[0]), stored_exact(series[0])
+    bodies, exact = read_mechanism(series[0]), read_exact_motion(series[0])
     if bodies is None or exact is None:
         raise SystemExit(f"error: {runs[0]} kept no poses")
     t = np.linspace(0.0, END, FRAMES)
@@ -175,12 +175,15 @@ def draw_loop() -> str:
     scale = (HEIGHT - 2 * ROOM) / (high - low)[1]
     corner = np.array([ROOM - scale * low[0], HEIGHT - ROOM + scale * low[1]])
     colours = ["", *(choose_styles([name])[name].colour for name, *_ in ROLES)]
-    parts = [_path(corner + scale * lines * [1.0, -1.0], colour) for lines, colour in zip(moving, colours, strict=True)]
+    parts = [
+        _draw_motion(corner + scale * lines * [1.0, -1.0], colour)
+        for lines, colour in zip(moving, colours, strict=True)
+    ]
     left = round(ROOM + scale * (high - low)[0] + 2 * ROOM)
     parts.append(_text(left, 50, f"exact: a chain of 15 links falls for {END:g} s"))
     for k, (run, own, (name, *_, words)) in enumerate(zip(runs, series, ROLES, strict=True)):
         parts.append(_text(left, 105 + 115 * k, f"{name}, {words}", colours[1 + k]))
-        parts += _count(left, 130 + 115 * k, run.record, own, colours[1 + k])
+        parts += _draw_error(left, 130 + 115 * k, run.record, own, colours[1 + k])
     return _svg(HEIGHT, parts)
 
 
@@ -191,23 +194,23 @@ def _svg(height: int, parts: Iterable[str]) -> str:
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>\n{inside}\n</svg>\n'
 
 
-def _path(frames: np.ndarray, colour: str) -> str:
+def _draw_motion(frames: np.ndarray, colour: str) -> str:
     """Return the SVG element of a moving mechanism; ``frames`` are its segments [px] over time."""
     ways = ["".join(f"M{a:.0f} {b:.0f}L{c:.0f} {d:.0f}" for a, b, c, d in f.reshape(-1, 4)) for f in frames]
     look = (
         f'fill="none" stroke="{colour or "currentColor"}" stroke-width="{2.5 if colour else 5}" stroke-linecap="round"'
     )
-    return f'<path {look} d="{ways[-1]}">{_moved("d", ways, "linear")}</path>'
+    return f'<path {look} d="{ways[-1]}">{_animate("d", ways, "linear")}</path>'
 
 
-def _count(x: int, y: int, r: RunRecord, series: Series, colour: str) -> list[str]:
+def _draw_error(x: int, y: int, r: RunRecord, series: Series, colour: str) -> list[str]:
     """Return SVG texts on a run: its error in each part of the time (the last stays), its status and energy error."""
     times = np.linspace(0.0, END, COUNTS)
     off = np.interp(times, series["t"], 1e3 * series["position_error"])
     out = []
     for k, value in enumerate(off):
         shown = ["1" if k == i else "0" for i in range(COUNTS)]
-        inside = _moved("opacity", shown, "discrete")
+        inside = _animate("opacity", shown, "discrete")
         last = "1" if k == COUNTS - 1 else "0"
         out.append(_text(x, y, f"position error {value:.1f} mm", colour, f' opacity="{last}"', inside))
     allowed = number(ALLOWED[Law.ENERGY] * r.energy_scale_J, 2)
@@ -215,7 +218,7 @@ def _count(x: int, y: int, r: RunRecord, series: Series, colour: str) -> list[st
     return [*out, _text(x, y + 25, f"says {r.claimed}, is {r.status}", colour), _text(x, y + 50, energy, colour)]
 
 
-def _moved(name: str, values: Sequence[str], mode: str) -> str:
+def _animate(name: str, values: Sequence[str], mode: str) -> str:
     """Return the SVG animation of an attribute over the loop, at whose end the last value is held."""
     at = ";".join(f"{t:.3f}" for t in (*np.linspace(0.0, HELD, len(values)), 1.0))
     way = f'values="{";".join((*values, values[-1]))}" keyTimes="{at}" calcMode="{mode}"'

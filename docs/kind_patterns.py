@@ -10,11 +10,11 @@ from syntax_trees import (  # type: ignore[import-not-found]  # beside this file
     Loop,
     Module,
     Scope,
-    bodies_of,
-    called_in,
-    name_of,
-    names_in,
+    list_bodies,
+    list_called_names,
+    list_names,
     read_modules,
+    read_name,
 )
 
 Found = Iterator[tuple[str, int]]
@@ -22,33 +22,41 @@ Found = Iterator[tuple[str, int]]
 
 def find_spanning_trees(module: Module) -> Found:
     """Find functions that follow joints from the ground outwards: a loop over a list of bodies that grows in it."""
-    for name, scope, _ in bodies_of(module.tree):
-        if isinstance(scope, ast.FunctionDef) and "GROUND" in names_in(scope):
+    for name, scope, _ in list_bodies(module.tree):
+        if isinstance(scope, ast.FunctionDef) and "GROUND" in list_names(scope):
             for loop in [n for n in ast.walk(scope) if isinstance(n, Loop)]:
-                over = name_of(loop.test if isinstance(loop, ast.While) else loop.iter)
-                if over and called_in(loop) & {"append", "extend", "insert", "pop", "popleft", "visit", "follow"}:
+                over = read_name(loop.test if isinstance(loop, ast.While) else loop.iter)
+                if over and list_called_names(loop) & {
+                    "append",
+                    "extend",
+                    "insert",
+                    "pop",
+                    "popleft",
+                    "visit",
+                    "follow",
+                }:
                     yield name, scope.lineno
 
 
 def find_tableaus(module: Module) -> Found:
     """Find scopes that read the coefficients of DOP853 from scipy."""
-    for name, _, own in bodies_of(module.tree):
+    for name, _, own in list_bodies(module.tree):
         for node in own:
             if (
                 isinstance(node, ast.Attribute)
                 and node.attr in ["A", "B", "C", "E3", "E5"]
-                and name_of(node.value).lower() == "dop853"
+                and read_name(node.value).lower() == "dop853"
             ):
                 yield name, node.lineno
 
 
 def find_steppers(module: Module) -> Found:
     """Find loops over the stages of a pair: they read weights ``a`` and nodes ``c``, in files that name a tableau."""
-    if not any(re.search("dop(ri)?853|tableau", n, re.IGNORECASE) for n in names_in(module.tree)):
+    if not any(re.search("dop(ri)?853|tableau", n, re.IGNORECASE) for n in list_names(module.tree)):
         return
-    for name, _, own in bodies_of(module.tree):
+    for name, _, own in list_bodies(module.tree):
         for loop in [n for n in own if isinstance(n, Loop)]:
-            if {"a", "c"} <= names_in(loop):
+            if {"a", "c"} <= list_names(loop):
                 yield name, loop.lineno
 
 
@@ -58,24 +66,24 @@ LEAVES = ast.Break | ast.Return
 
 def find_newton_loops(module: Module) -> Found:
     """Find loops that repeat a solution, or a correction by one, until a test of its size is passed."""
-    for name, _, own in bodies_of(module.tree):
+    for name, _, own in list_bodies(module.tree):
         for loop in [n for n in own if isinstance(n, Loop)]:
-            repeats = isinstance(loop, ast.While) or "range" in called_in(loop.iter)
-            sized = any(isinstance(n, ast.Compare) for n in ast.walk(loop)) or called_in(loop) & {
-                "has_settled",
+            repeats = isinstance(loop, ast.While) or "range" in list_called_names(loop.iter)
+            sized = any(isinstance(n, ast.Compare) for n in ast.walk(loop)) or list_called_names(loop) & {
+                "classify_iteration",
                 "_judge",
             }
             leaves = isinstance(loop, ast.While) or any(isinstance(n, LEAVES) for n in ast.walk(loop))
-            if repeats and sized and leaves and any(SOLVES.fullmatch(n) for n in called_in(loop)):
+            if repeats and sized and leaves and any(SOLVES.fullmatch(n) for n in list_called_names(loop)):
                 yield name, loop.lineno
 
 
-UNTIL = re.compile(r"\bt_end\b|\bspan\b|\bt_max\b|\bt <|record\.t\b|\bwanted\b|pace\.next")
+UNTIL = re.compile(r"\bt_end\b|\bspan\b|\bt_max\b|\bt <|record\.t\b|\bwanted\b|pace\.choose_step")
 
 
 def find_integration_loops(module: Module) -> Found:
     """Find loops that continue until a time is reached."""
-    for name, _, own in bodies_of(module.tree):
+    for name, _, own in list_bodies(module.tree):
         for loop in own:
             if isinstance(loop, ast.While) and UNTIL.search(ast.unparse(loop.test)):
                 yield name, loop.lineno
@@ -83,7 +91,7 @@ def find_integration_loops(module: Module) -> Found:
 
 def find_controllers(module: Module) -> Found:
     """Find powers such as ``error ** (-1 / order)``, by which the next step is chosen."""
-    for name, _, own in bodies_of(module.tree):
+    for name, _, own in list_bodies(module.tree):
         for node in own:
             if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
                 power, base = ast.unparse(node.right), ast.unparse(node.left)
@@ -97,20 +105,20 @@ FACTORING = re.compile(r"_?(factor|factorise|eliminate)(_\w+)?")
 
 def find_factorisations(module: Module) -> Found:
     """Find calls of libraries' factorisations, and functions named ``factor``, ``factorise`` or ``eliminate``."""
-    for name, scope, own in bodies_of(module.tree):
+    for name, scope, own in list_bodies(module.tree):
         if isinstance(scope, ast.FunctionDef) and FACTORING.fullmatch(scope.name):
             yield name, scope.lineno
         for node in own:
             if isinstance(node, ast.Call):
-                pivoted = name_of(node.func) == "qr" and any(k.arg == "pivoting" for k in node.keywords)
-                lapack = name_of(node.func) == "call_lapack" and "trf" in ast.unparse(node.args[0])
-                if pivoted or lapack or name_of(node.func) in FACTORS:
+                pivoted = read_name(node.func) == "qr" and any(k.arg == "pivoting" for k in node.keywords)
+                lapack = read_name(node.func) == "call_lapack" and "trf" in ast.unparse(node.args[0])
+                if pivoted or lapack or read_name(node.func) in FACTORS:
                     yield name, node.lineno
 
 
 def find_protocols(module: Module) -> Found:
     """Find where another process is started to exchange messages with: ``Popen``, ``fork``, ``Process``."""
-    for name, _, own in bodies_of(module.tree):
+    for name, _, own in list_bodies(module.tree):
         for node in own:
             if isinstance(node, ast.Call) and ast.unparse(node.func) in (
                 "subprocess.Popen",
@@ -123,20 +131,20 @@ def find_protocols(module: Module) -> Found:
 
 
 def find_caches(module: Module) -> Found:
-    """Find folders of caches: calls of ``cache_folder``, and settings of a folder of numba's."""
-    for name, _, own in bodies_of(module.tree):
+    """Find folders of caches: calls of ``make_cache_folder``, and settings of a folder of numba's."""
+    for name, _, own in list_bodies(module.tree):
         for node in own:
-            if isinstance(node, ast.Call) and name_of(node.func) == "cache_folder":
+            if isinstance(node, ast.Call) and read_name(node.func) == "make_cache_folder":
                 yield name, node.lineno
-            if isinstance(node, ast.Assign) and any(name_of(t) == "CACHE_DIR" for t in node.targets):
+            if isinstance(node, ast.Assign) and any(read_name(t) == "CACHE_DIR" for t in node.targets):
                 yield name, node.lineno
 
 
 def find_runs_of_one(module: Module) -> Found:
     """Find functions that call ``solve`` of a solver with a problem and its control."""
-    for name, _, own in bodies_of(module.tree):
+    for name, _, own in list_bodies(module.tree):
         for node in own:
-            if isinstance(node, ast.Call) and name_of(node.func) in ("solve", "run_one", "solve_repeatedly"):
+            if isinstance(node, ast.Call) and read_name(node.func) in ("solve", "run_one", "solve_repeatedly"):
                 words = " ".join(map(ast.unparse, node.args))
                 if re.search(r"problem|job|short", words):
                     yield name, node.lineno
@@ -160,9 +168,9 @@ PRESENTED = {
 
 def find_presentations(module: Module) -> Found:
     """Find classes, tables, tuples and calls that name four or more of the presentations of a problem."""
-    for name, scope, own in bodies_of(module.tree):
+    for name, scope, own in list_bodies(module.tree):
         if isinstance(scope, ast.ClassDef):
-            fields = {name_of(n.target) for n in scope.body if isinstance(n, ast.AnnAssign)}
+            fields = {read_name(n.target) for n in scope.body if isinstance(n, ast.AnnAssign)}
             if len(fields & PRESENTED) >= 4:
                 yield name, scope.lineno
         for node in own:
@@ -179,32 +187,32 @@ IR = re.compile(
 ROADS = {"njit", "jit", "cfunc", "CFunc", "intrinsic", "parse_assembly", "IRBuilder", "vectorize"}
 
 
-def find_roads(module: Module) -> Found:
+def find_compilers(module: Module) -> Found:
     """Find places that compile code: by numba, by LLVM, or from LLVM source text in the file."""
     for node in ast.walk(module.tree):
         called = node.func if isinstance(node, ast.Call) else None
         decorated = node.decorator_list if isinstance(node, ast.FunctionDef) else []
         text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
-        marks = {name_of(called)} if called else {name_of(d) for d in decorated}
+        marks = {read_name(called)} if called else {read_name(d) for d in decorated}
         if marks & ROADS or (IR.search(text) and not is_docstring(node, module.tree)):
             yield "", node.lineno  # type: ignore[attr-defined]
 
 
 def is_docstring(node: ast.AST, tree: ast.Module) -> bool:
     """Return whether a node is the docstring of a scope of ``tree``."""
-    first = (s.body[0] for _, s, _ in bodies_of(tree) if s.body)
+    first = (s.body[0] for _, s, _ in list_bodies(tree) if s.body)
     return any(isinstance(f, ast.Expr) and f.value is node for f in first)
 
 
 INTERNAL = ("numba.core", "numba.np")  # not in numba's documented interface
 
 
-def find_private(module: Module) -> Found:
+def find_private_uses(module: Module) -> Found:
     """Find uses of libraries' private names: imports of ``_module``, attributes ``_name`` that no file of ours defines.
 
     Modules in ``INTERNAL`` and assignments to an attribute of a library count, too.
     """
-    ours = names_of_ours()
+    ours = list_own_names()
     foreign = {
         a.asname or a.name.partition(".")[0]
         for n in ast.walk(module.tree)
@@ -217,7 +225,7 @@ def find_private(module: Module) -> Found:
         if isinstance(n, ast.ImportFrom) and not n.level
         for a in n.names
     }
-    for name, _, own in bodies_of(module.tree):
+    for name, _, own in list_bodies(module.tree):
         for node in own:
             modules = [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
             modules += [a.name for a in node.names] if isinstance(node, ast.Import) else []
@@ -232,10 +240,10 @@ def find_private(module: Module) -> Found:
                 root = node.value
                 while isinstance(root, ast.Attribute):
                     root = root.value
-                if name_of(root) in foreign or node.attr not in ours:
+                if read_name(root) in foreign or node.attr not in ours:
                     yield name, node.lineno
             targets = node.targets if isinstance(node, ast.Assign) else []
-            if any(isinstance(t, ast.Attribute) and name_of(t.value) in foreign - {"sys"} for t in targets):
+            if any(isinstance(t, ast.Attribute) and read_name(t.value) in foreign - {"sys"} for t in targets):
                 yield name, node.lineno
 
 
@@ -249,7 +257,7 @@ def is_private(name: str) -> bool:
 
 
 @cache
-def names_of_ours() -> set[str]:
+def list_own_names() -> set[str]:
     """Return all names that files of the product define."""
     out = set()
     for module in read_modules():
@@ -258,13 +266,15 @@ def names_of_ours() -> set[str]:
                 out.add(node.name)
             elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
                 out |= (
-                    {name_of(node)} if isinstance(node, ast.Name) or name_of(node.value) in ("self", "cls") else set()
+                    {read_name(node)}
+                    if isinstance(node, ast.Name) or read_name(node.value) in ("self", "cls")
+                    else set()
                 )
     return out
 
 
 @cache
-def names_of_classes() -> dict[str, set[str]]:
+def list_class_files() -> dict[str, set[str]]:
     """Return the paths of the files that define a public class, by its name."""
     out: dict[str, set[str]] = defaultdict(set)
     for module in read_modules():
@@ -276,8 +286,8 @@ def names_of_classes() -> dict[str, set[str]]:
 
 def find_shared_names(module: Module) -> Found:
     """Find classes whose name a class of another file has too."""
-    for name, scope, _ in bodies_of(module.tree):
-        if isinstance(scope, ast.ClassDef) and len(names_of_classes().get(scope.name, ())) > 1:
+    for name, scope, _ in list_bodies(module.tree):
+        if isinstance(scope, ast.ClassDef) and len(list_class_files().get(scope.name, ())) > 1:
             yield name, scope.lineno
 
 
@@ -293,7 +303,7 @@ FINDERS: dict[str, Callable[[Module], Found]] = {
     "cache folders": find_caches,
     "runs of one run": find_runs_of_one,
     "lists of presentations": find_presentations,
-    "roads to machine code": find_roads,
-    "private interfaces of libraries": find_private,
+    "roads to machine code": find_compilers,
+    "private interfaces of libraries": find_private_uses,
     "names that classes share": find_shared_names,
 }

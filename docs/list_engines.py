@@ -15,9 +15,16 @@ from typing import Any
 from mbsbench.harness.catalogue.registry import engines, make_solver
 from mbsbench.harness.mechanics.joints import KINDS
 from mbsbench.reports.model.catalogue import is_engine
-from mbsbench.reports.model.frontier import EQUAL, Frontier, classify_doubt, engines_first, frontiers, select_broad
+from mbsbench.reports.model.frontier import (
+    EQUAL,
+    Frontier,
+    classify_doubt,
+    find_frontiers,
+    select_broad,
+    sort_engines_first,
+)
 from mbsbench.reports.model.results import StoredRun, read_results
-from mbsbench.reports.pages.judged.engines import TARGET, Contest, contests, describe_budget, list_packages
+from mbsbench.reports.pages.judged.engines import TARGET, Contest, describe_budget, list_contests, list_packages
 from mbsbench.solvers.engines.export.engine import LOADS, SPRINGS, TORSIONS, VARYING, SupportedElements
 
 HERE = Path(__file__).resolve().parent
@@ -47,14 +54,20 @@ def publish(folder: Path) -> None:
         raise SystemExit(f"error: {folder} is not of one commit without changes: nothing is published")
     text = {"commit": e["commit"], "cpu": e.get("cpu"), "runs": len(results.runs)}
     text["packages"] = list_packages(results.runs)
-    if found := contests(results):
-        text |= {"budget": describe_budget(found), "target": TARGET, "contests": [_of(contest) for contest in found]}
+    if found := list_contests(results):
+        text |= {
+            "budget": describe_budget(found),
+            "target": TARGET,
+            "contests": [_make_contest(contest) for contest in found],
+        }
     else:
-        text["rows"] = [_costs(f) for f in engines_first(select_broad(results, frontiers(results)))]
+        text["rows"] = [
+            _make_frontier_row(f) for f in sort_engines_first(select_broad(results, find_frontiers(results)))
+        ]
     (PUBLISHED if found else COSTS).write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
 
 
-def _costs(f: Frontier) -> dict[str, Any]:
+def _make_frontier_row(f: Frontier) -> dict[str, Any]:
     """Return a row of the published frontier: the cheapest code for an error, its cost, and the best engine."""
     first = f.places[0]
     engine = next(((p.run.record.solver, p.factor) for p in f.places if is_engine(p.run.record.solver)), None)
@@ -74,10 +87,11 @@ def _costs(f: Frontier) -> dict[str, Any]:
     }
 
 
-def _of(contest: Contest) -> dict[str, Any]:
+def _make_contest(contest: Contest) -> dict[str, Any]:
     """Return the published data of a contest: both runs of each contestant, by name, and the settings tried."""
     pairs = {
-        pair.who: {"shipped": _run(contest, pair.shipped), "best": _run(contest, pair.best)} for pair in contest.pairs
+        pair.who: {"shipped": _make_run(contest, pair.shipped), "best": _make_run(contest, pair.best)}
+        for pair in contest.pairs
     }
     made = [run for run in contest.variant.runs if run.status != "refused"]
     return {
@@ -88,7 +102,7 @@ def _of(contest: Contest) -> dict[str, Any]:
     }
 
 
-def _run(contest: Contest, run: StoredRun | None) -> dict[str, Any] | None:
+def _make_run(contest: Contest, run: StoredRun | None) -> dict[str, Any] | None:
     """Return the published numbers of a run, with None for NaN; None without a run."""
     if run is None:
         return None
@@ -105,7 +119,7 @@ def _run(contest: Contest, run: StoredRun | None) -> dict[str, Any] | None:
     }
 
 
-def tables() -> str:
+def format_contests() -> str:
     """Return the tables of contests: how many reach the target, errors by contestant, the cheapest codes."""
     if not PUBLISHED.exists():
         return "No run of this code is published; `python docs/list_engines.py RESULTS` writes its tables here.\n"
@@ -150,7 +164,7 @@ def _made_by(found: dict[str, Any]) -> str:
     return f" Made by {', '.join(found['packages'])}." if found.get("packages") else ""
 
 
-def frontier_table() -> str:
+def format_frontier() -> str:
     """Return the table of the frontier: a row per variant with the cheapest code at each error.
 
     Variants on which an engine leads come first.
@@ -170,11 +184,13 @@ def frontier_table() -> str:
     heads = [f"{error:.0e}".replace("e-0", "e-") for error in SHOWN]
     lines = [fill(words, 98), "", "| | " + " | ".join(heads) + " |", "|---" * (1 + len(SHOWN)) + "|"]
     for variant in dict.fromkeys(row["variant"] for row in found["rows"]):
-        lines.append(f"| {variant} | " + " | ".join(_place(at.get((variant, error))) for error in SHOWN) + " |")
+        lines.append(
+            f"| {variant} | " + " | ".join(_format_frontier_cell(at.get((variant, error))) for error in SHOWN) + " |"
+        )
     return "\n".join(lines) + "\n"
 
 
-def _place(row: dict[str, Any] | None) -> str:
+def _format_frontier_cell(row: dict[str, Any] | None) -> str:
     """Format one cell of the frontier's table; a dash without a row."""
     if row is None:
         return "–"
@@ -186,7 +202,7 @@ def _place(row: dict[str, Any] | None) -> str:
     return " ".join((words, *(mark for mark, holds in marks if holds)))
 
 
-def elements() -> str:
+def format_elements() -> str:
     """Return the table of the elements that each engine supports, and the reasons why it lacks others."""
     takes: dict[str, SupportedElements] = {
         name: taken
@@ -260,6 +276,6 @@ def _time(seconds: float) -> str:
 if __name__ == "__main__":
     if sys.argv[1:]:
         publish(Path(sys.argv[1]))
-    page = TABLES.sub(lambda _: tables(), PAGE.read_text(encoding="utf-8"), count=1)
-    page = FRONTIER.sub(lambda _: frontier_table(), page, count=1)
-    PAGE.write_text(ELEMENTS.sub(lambda _: elements(), page, count=1), encoding="utf-8")
+    page = TABLES.sub(lambda _: format_contests(), PAGE.read_text(encoding="utf-8"), count=1)
+    page = FRONTIER.sub(lambda _: format_frontier(), page, count=1)
+    PAGE.write_text(ELEMENTS.sub(lambda _: format_elements(), page, count=1), encoding="utf-8")

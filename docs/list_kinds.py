@@ -17,7 +17,7 @@ from functools import cache
 from typing import Any
 
 from kind_patterns import FINDERS  # type: ignore[import-not-found]  # beside this file
-from syntax_trees import ROOT, Place, bodies_of, read_modules  # type: ignore[import-not-found]
+from syntax_trees import ROOT, Place, list_bodies, read_modules  # type: ignore[import-not-found]
 
 DATA = ROOT / "docs" / "kinds.toml"
 APART = ("plain:", "reference:", "judge:", "checker:")
@@ -38,7 +38,9 @@ def find_places(kind: str) -> dict[str, Place]:
 def find_by_name(key: str) -> Place | None:
     """Return the place of a key of ``kinds.toml``, whether or not a pattern finds it; None if it no longer exists."""
     path, _, wanted = key.partition(" ")
-    found = [scope for m in read_modules() if m.path == path for name, scope, _ in bodies_of(m.tree) if name == wanted]
+    found = [
+        scope for m in read_modules() if m.path == path for name, scope, _ in list_bodies(m.tree) if name == wanted
+    ]
     return Place(path, wanted, getattr(found[0], "lineno", 1)) if found else None
 
 

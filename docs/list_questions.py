@@ -24,7 +24,7 @@ def read_figure(question: dict[str, Any], printed: str) -> float:
     return float(found[1])
 
 
-def stated(question: dict[str, Any]) -> tuple[float, float]:
+def read_stated(question: dict[str, Any]) -> tuple[float, float]:
     """Return the number stated in a question's answer, and half a unit of its last digit."""
     text = question["value"].split()[0]
     mantissa, _, power = text.partition("e")

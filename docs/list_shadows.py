@@ -28,12 +28,12 @@ from mbsbench.harness.ensemble.verdict import ALL_C, compare_clouds
 from mbsbench.harness.execution.run_file import read_run
 from mbsbench.harness.execution.solve_file import solve_to_file
 from mbsbench.harness.results.codes import digest_run_code
-from mbsbench.harness.results.environment import commit
-from mbsbench.harness.results.words import list_reasons, words_of_ending
+from mbsbench.harness.results.environment import read_commit
+from mbsbench.harness.results.words import describe_ending, list_reasons
 from mbsbench.harness.shadow.long_motion import load_long_motion
 from mbsbench.harness.shadow.modified_energy import find_modified_energy
 from mbsbench.harness.shadow.shadow import find_shadow
-from mbsbench.harness.suites.spec import make_spec, step_control
+from mbsbench.harness.suites.spec import make_spec, make_step_control
 from mbsbench.harness.types import Problem, StepControl, Trajectory
 
 HERE = Path(__file__).resolve().parent
@@ -50,7 +50,7 @@ GOAL = 60.0  # [s] of CPU for a shadow
 SOUND = ("success", "inaccurate")
 
 
-def measure(problem: Problem, solver: str) -> dict[str, Any]:
+def measure_solver(problem: Problem, solver: str) -> dict[str, Any]:
     """Return the row of a solver: its run, which is solved unless this code's is kept, its errors and its shadow."""
     spec = make_spec(problem, solver)
     code = digest_run_code(problem.name, solver)
@@ -58,7 +58,7 @@ def measure(problem: Problem, solver: str) -> dict[str, Any]:
     if not path.exists():
         solve_to_file(spec, path, LIMIT)
     r, trajectory = read_run(path)
-    words = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *list_reasons(r)]) if w)
+    words = "; ".join(w for w in dict.fromkeys([describe_ending(r), *list_reasons(r)]) if w)
     setting = next(f"{k}={v:g}" for k in ("dt", "rtol") if (v := getattr(spec.control, k)) is not None)
     row = {
         "solver": solver,
@@ -71,13 +71,13 @@ def measure(problem: Problem, solver: str) -> dict[str, Any]:
         "accurate_until_s": r.accurate_until_s,
         "accurate_until_1pct_s": r.accurate_until_1pct_s,
         "code": code,
-        "commit": commit(),
+        "commit": read_commit(),
     }
-    old = read().get("runs", {}).get(solver, {})
+    old = read_data().get("runs", {}).get(solver, {})
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} | {
         "error_m": measure_errors(problem, trajectory),
         "modified_energy": measure_modified_energy(problem, trajectory),
-        "shadow": old["shadow"] if old.get("code") == code else describe(problem, trajectory),
+        "shadow": old["shadow"] if old.get("code") == code else describe_shadow(problem, trajectory),
     }
 
 
@@ -101,7 +101,7 @@ def measure_errors(problem: Problem, trajectory: Trajectory) -> dict[str, float]
     return out
 
 
-def describe(problem: Problem, trajectory: Trajectory) -> dict[str, Any]:
+def describe_shadow(problem: Problem, trajectory: Trajectory) -> dict[str, Any]:
     """Return numbers on the shadow of a motion, or the reason why none can be computed."""
     began = cpu_seconds()
     try:
@@ -118,15 +118,15 @@ def describe(problem: Problem, trajectory: Trajectory) -> dict[str, Any]:
             "start_m_s": float(np.max(np.linalg.norm(s.given.v[0] - s.true.v[0], axis=1))),
             "energy_shift_J": s.energy_shift,
         }
-    return without_nan(found)
+    return replace_nan(found)
 
 
-def without_nan(numbers: dict[str, Any]) -> dict[str, Any]:
+def replace_nan(numbers: dict[str, Any]) -> dict[str, Any]:
     """Replace numbers that are not finite by None, since JSON cannot express them."""
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in numbers.items()}
 
 
-def score(problem: Problem, solvers: list[str], starts: int) -> dict[str, Any]:
+def score_ensembles(problem: Problem, solvers: list[str], starts: int) -> dict[str, Any]:
     """Score the ensembles of solvers and store each; return by solver the number of starts and two scores at each time.
 
     The scores are the energy score of all C and the CRPS of the energy, each with its excess, p, bias and spread. All
@@ -138,11 +138,13 @@ def score(problem: Problem, solvers: list[str], starts: int) -> dict[str, Any]:
     same, other = (run_cloud(e, code, range(k * starts, (k + 1) * starts), 1) for k in range(2))
     out = {}
     for solver in solvers:
-        control = step_control(solver, registry.find_entry("solver", solver, registry.solvers()).control, problem, {})
+        control = make_step_control(
+            solver, registry.find_entry("solver", solver, registry.solvers()).control, problem, {}
+        )
         cloud = run_cloud(e, ConfiguredSolver(solver, "", registry.make_solver(solver), control), range(starts), 1)
         rows = [c for c in compare_clouds(e, cloud, same, other) if c.quantity in (ALL_C, "energy")]
         out[solver] = {"starts": starts} | {
-            f"{c.quantity} {c.t_s:g}": without_nan(
+            f"{c.quantity} {c.t_s:g}": replace_nan(
                 {
                     "excess": c.excess,
                     "p": c.p_score,
@@ -154,27 +156,27 @@ def score(problem: Problem, solvers: list[str], starts: int) -> dict[str, Any]:
             )
             for c in rows
         }
-        keep("ensembles", out)
+        add_rows("ensembles", out)
     return out
 
 
-def read() -> dict[str, dict[str, Any]]:
+def read_data() -> dict[str, dict[str, Any]]:
     """Return the published data; empty without the file."""
     return json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
 
 
-def keep(part: str, rows: dict[str, Any]) -> None:
+def add_rows(part: str, rows: dict[str, Any]) -> None:
     """Add ``rows`` to a part of the data in its file, under a lock, since other processes add to it as well."""
     with LOCK.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        plain = read()
+        plain = read_data()
         plain[part] = dict(sorted((plain.get(part, {}) | rows).items()))
         DATA.write_text(json.dumps(plain, indent=1, sort_keys=True, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def table() -> str:
+def format_table() -> str:
     """Return the table with a row per solver: the longest shadows first, then the nearest."""
-    data = read()
+    data = read_data()
     heads = [
         "solver",
         "status",
@@ -193,30 +195,30 @@ def table() -> str:
     clouds = data.get("ensembles", {})
     heads += ["starts", "excess of all C at 2 s [m]", "bias of energy at 20 s [J]"] if clouds else []
     rows = [f"| {' | '.join(heads)} |", "|---|---|" + "--:|" * (len(heads) - 2)]
-    for r in sorted(data["runs"].values(), key=rank):
+    for r in sorted(data["runs"].values(), key=make_rank_key):
         s, cloud = r["shadow"], clouds.get(r["solver"], {})
         cells = [
             f"`{r['solver']}` {r['setting']}",
             r["status"],
-            number(r["energy_drift_J"]),
-            number(r["accurate_until_s"]),
-            *(number(r["error_m"].get(f"{t:g}")) for t in (EARLY, LATE)),
-            number(s.get("until_s")),
-            *(number(s.get(k), 1e3) for k in ("rms_m", "largest_m", "start_m")),
-            number(s.get("gap_m") if s.get("until_s") else None, digits=1),
-            number(s.get("cpu_s")),
-            number(r["modified_energy"], digits=1),
-            scored_starts(cloud),
-            excess(cloud, clouds),
-            bias(cloud, clouds),
+            format_number(r["energy_drift_J"]),
+            format_number(r["accurate_until_s"]),
+            *(format_number(r["error_m"].get(f"{t:g}")) for t in (EARLY, LATE)),
+            format_number(s.get("until_s")),
+            *(format_number(s.get(k), 1e3) for k in ("rms_m", "largest_m", "start_m")),
+            format_number(s.get("gap_m") if s.get("until_s") else None, digits=1),
+            format_number(s.get("cpu_s")),
+            format_number(r["modified_energy"], digits=1),
+            format_starts(cloud),
+            format_excess(cloud, clouds),
+            format_bias(cloud, clouds),
         ]
         rows.append(f"| {' | '.join(cells[: len(heads)])} |")
     return "\n".join(rows) + "\n"
 
 
-def page() -> str:
+def format_page() -> str:
     """Return the summary of the table in words, and the table."""
-    data = read()
+    data = read_data()
     rows = list(data["runs"].values())
     shadows = [r["shadow"] for r in rows if (r["shadow"].get("until_s") or 0.0) >= LATE]
     none = [f"`{r['solver']}`" for r in rows if (r["shadow"].get("until_s") or 0.0) < LATE and r["status"] in SOUND]
@@ -228,14 +230,14 @@ def page() -> str:
         f"{max(late):.2g} m, hardly tell them apart; the rms distances of their shadows do: {rms[0]:.1g} to "
         f"{rms[-1]:.2g} mm. "
     )
-    near = sorted((r for r in rows if r["shadow"] in shadows), key=rank)
+    near = sorted((r for r in rows if r["shadow"] in shadows), key=make_rank_key)
     still = min(near, key=lambda r: r["energy_drift_J"])
     order = spearmanr([r["energy_drift_J"] for r in near], [r["shadow"]["rms_m"] for r in near]).statistic
     lesson += (
         f"The drift of energy ranks them much alike (Spearman {order:.2g}), but for `{still['solver']}`, which keeps "
         f"it best, to {still['energy_drift_J']:.1e} J: its shadow is number {near.index(still) + 1} of {len(near)}. "
     )
-    slow = [f"`{r['solver']}`" for r in sorted(rows, key=rank) if r["shadow"].get("cpu_s", 0.0) > GOAL]
+    slow = [f"`{r['solver']}`" for r in sorted(rows, key=make_rank_key) if r["shadow"].get("cpu_s", 0.0) > GOAL]
     lesson += f"Shadows that took more than {GOAL:g} s of CPU: {', '.join(slow) or 'none'}. "
     if none:
         lesson += f"Lawful to the end, yet without a shadow found that far: {', '.join(none)}. "
@@ -244,35 +246,35 @@ def page() -> str:
             f"Ensembles: from the same starts, less the excess of `{TRUTH}` from these. In bold: a bias that chance "
             f"alone gives in less than one of {1 / SURE:.0f} cases; a cloud that blew up is too wide to show one."
         )
-    return f"{textwrap.fill(lesson, 98)}\n\n{table()}"
+    return f"{textwrap.fill(lesson, 98)}\n\n{format_table()}"
 
 
-def rank(row: dict[str, Any]) -> tuple[float, float]:
+def make_rank_key(row: dict[str, Any]) -> tuple[float, float]:
     """Return the sort key of a row: the longest shadow first, then the nearest."""
     s = row["shadow"]
     return -(s.get("until_s") or 0.0), s.get("rms_m") or math.inf
 
 
-def number(value: float | None, scale: float = 1.0, digits: int = 2) -> str:
+def format_number(value: float | None, scale: float = 1.0, digits: int = 2) -> str:
     """Format a number, multiplied by ``scale``; a dash for None."""
     return "–" if value is None else f"{scale * value:.{digits}g}"
 
 
-def scored_starts(cloud: dict[str, Any]) -> str:
+def format_starts(cloud: dict[str, Any]) -> str:
     """Format the number of starts of an ensemble, and how many of them did not reach the end."""
     missing = max((score["missing"] for score in cloud.values() if isinstance(score, dict)), default=0)
-    return number(cloud.get("starts"), digits=4) + (f", {missing} missing" if missing else "")
+    return format_number(cloud.get("starts"), digits=4) + (f", {missing} missing" if missing else "")
 
 
-def excess(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
+def format_excess(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
     """Format the excess of all C at 2 s, less that of ``TRUTH`` from the same starts; a dash if one is missing."""
     score, own = (of.get(f"{ALL_C} 2", {}) for of in (cloud, clouds.get(TRUTH, {})))
     if score.get("excess") is None or own.get("excess") is None or cloud["starts"] != clouds[TRUTH]["starts"]:
         return "–"
-    return number(score["excess"] - own["excess"])
+    return format_number(score["excess"] - own["excess"])
 
 
-def bias(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
+def format_bias(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
     """Format the bias of the energy at 20 s, in bold if it is significant; a dash if it is missing.
 
     Its standard error is that of the difference of two means, the second of ``TRUTH``.
@@ -291,12 +293,12 @@ def main() -> None:
     RUNS.mkdir(parents=True, exist_ok=True)
     if sys.argv[1:2] == ["measure"]:
         for solver in sys.argv[2:]:
-            row = measure(problem, solver)
-            keep("runs", {solver: row})
+            row = measure_solver(problem, solver)
+            add_rows("runs", {solver: row})
     elif sys.argv[1:2] == ["cloud"]:
-        score(problem, sys.argv[3:], int(sys.argv[2]))
+        score_ensembles(problem, sys.argv[3:], int(sys.argv[2]))
     else:
-        PAGE.write_text(TABLE.sub(lambda _: page(), PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+        PAGE.write_text(TABLE.sub(lambda _: format_page(), PAGE.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ def table() -> str:
     return "\n".join(rows) + "\n"
 
 
-def earlier(plain: Any) -> dict[str, str]:
+def read_earlier(plain: Any) -> dict[str, str]:
     """Return the verdict on each claim, by id, from the content of a ``claims.json`` of schema 1 or the present one."""
     if isinstance(plain, list):
         return {c["id"]: f"{c['verdict']} {c['because']['holds']} of {c['because']['settings']}" for c in plain}
@@ -53,7 +53,7 @@ def earlier(plain: Any) -> dict[str, str]:
     }
 
 
-def with_before(text: str, before: dict[str, str]) -> str:
+def replace_before(text: str, before: dict[str, str]) -> str:
     """Return the text of the data with its last part, ``[before]``, replaced."""
     rows = "".join(f"{json.dumps(k)} = {json.dumps(v)}\n" for k, v in before.items())
     return text.partition("[before]\n")[0] + "[before]\n" + rows
@@ -63,8 +63,8 @@ def main() -> None:
     """Write the verdicts that were published before into ``verdicts.toml``."""
     parser = argparse.ArgumentParser(description="Write what was published before into verdicts.toml.")
     parser.add_argument("old", type=Path, metavar="OLD.json", help="claims.json published before")
-    old = earlier(json.loads(parser.parse_args().old.read_text(encoding="utf-8")))
-    DATA.write_text(with_before(DATA.read_text(encoding="utf-8"), old), encoding="utf-8")
+    old = read_earlier(json.loads(parser.parse_args().old.read_text(encoding="utf-8")))
+    DATA.write_text(replace_before(DATA.read_text(encoding="utf-8"), old), encoding="utf-8")
 
 
 if __name__ == "__main__":

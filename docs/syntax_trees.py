@@ -69,27 +69,27 @@ def walk_own(scope: ast.AST) -> Iterator[ast.AST]:
 
 
 @cache
-def bodies_of(tree: ast.Module) -> tuple[Body, ...]:
+def list_bodies(tree: ast.Module) -> tuple[Body, ...]:
     """Return all scopes of a module by qualified name, each with its own nodes."""
     return tuple(Body(name, scope, tuple(walk_own(scope))) for name, scope in walk_scopes(tree))
 
 
-def name_of(node: ast.AST) -> str:
+def read_name(node: ast.AST) -> str:
     """Return the last part of a name: ``solve`` of ``lu.solve``; "" for a node that is not a name."""
     return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
 
 
-def called_in(node: ast.AST) -> set[str]:
+def list_called_names(node: ast.AST) -> set[str]:
     """Return the names of functions that are called; of ``run(s.entry)`` and ``s.entry.run()`` also ``entry``."""
     out = set()
     for call in ast.walk(node):
         if isinstance(call, ast.Call):
-            out.add(name_of(call.func))
-            if name_of(call.func) == "run":
-                out |= {name_of(a) for a in (*call.args[:1], getattr(call.func, "value", call.func))}
+            out.add(read_name(call.func))
+            if read_name(call.func) == "run":
+                out |= {read_name(a) for a in (*call.args[:1], getattr(call.func, "value", call.func))}
     return out
 
 
-def names_in(node: ast.AST) -> set[str]:
+def list_names(node: ast.AST) -> set[str]:
     """Return the last parts of all names within a node."""
-    return {name_of(n) for n in ast.walk(node)}
+    return {read_name(n) for n in ast.walk(node)}

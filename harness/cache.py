@@ -52,7 +52,7 @@ def is_checkout() -> bool:
     return (ROOT / "pyproject.toml").exists()
 
 
-def cache_folder(name: str, in_checkout: Path) -> Path:
+def make_cache_folder(name: str, in_checkout: Path) -> Path:
     """Make the folder of the cache ``name`` for this user alone and return it.
 
     It is below ``in_checkout`` or, without a writable checkout, in the user's cache: ``mbsbench/`` in
@@ -65,20 +65,20 @@ def cache_folder(name: str, in_checkout: Path) -> Path:
     try:
         why = _make_private(folder, above)
     except OSError:  # a full or read-only disk: nothing is cached
-        if above is None or _chosen():
+        if above is None or _read_chosen_folder():
             return folder
     else:
         if not why:
             return folder
         with contextlib.suppress(OSError, AttributeError):  # a full or closed stream
             sys.stderr.write(f"warning: the cache {why}: it is not used; remove it: rm -r {folder}\n")
-    private = _private_folder()
+    private = _make_private_folder()
     os.environ[CHOSEN] = str(private)
     _make_private(private / name, private)
     return private / name
 
 
-def read_kept(path: Path, largest: int) -> bytes:
+def read_cached_file(path: Path, largest: int) -> bytes:
     """Return the content of a file in a cache.
 
     Raise OSError unless it is a regular file that this user owns, no link, of at most ``largest`` bytes.
@@ -95,7 +95,7 @@ def read_kept(path: Path, largest: int) -> bytes:
         return file.read(about.st_size)
 
 
-def _chosen() -> str:
+def _read_chosen_folder() -> str:
     """Return the folder in ``$MBSBENCH_CACHE``; empty if that is unset or not an absolute path."""
     chosen = os.environ.get(CHOSEN, "")
     return chosen if os.path.isabs(chosen) else ""
@@ -103,7 +103,7 @@ def _chosen() -> str:
 
 def _choose_place(name: str, in_checkout: Path) -> tuple[Path, Path | None]:
     """Return the folder of the cache ``name``, and its parent if that holds caches alone, else (in a checkout) None."""
-    if chosen := _chosen():
+    if chosen := _read_chosen_folder():
         return Path(chosen) / name, Path(chosen)
     if is_checkout() and os.access(ROOT, os.W_OK):
         return in_checkout / name, None
@@ -122,7 +122,7 @@ def _make_private(folder: Path, above: Path | None) -> str:
         try:
             place.mkdir(mode=0o700)
         except FileExistsError:
-            if why := _explain_risk(place, chosen=place == above and bool(_chosen())):
+            if why := _explain_risk(place, chosen=place == above and bool(_read_chosen_folder())):
                 return why
     if not os.access(folder, os.W_OK):
         raise OSError(f"{folder} is read-only")
@@ -147,7 +147,7 @@ def _explain_risk(place: Path, *, chosen: bool) -> str:
     return ""
 
 
-def _private_folder() -> Path:
+def _make_private_folder() -> Path:
     """Make and return a private temporary folder, for a home that is missing, read-only, or writable by others."""
     own = Path(tempfile.gettempdir()) / f"mbsbench-{os.getuid()}"
     try:

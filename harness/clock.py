@@ -23,7 +23,7 @@ def cpu_seconds() -> float:
 _keepers: list[int] = []  # the last one counts; set once, right after a fork
 
 
-def set_keeper(pid: int) -> None:
+def set_subreaper(pid: int) -> None:
     """Set the ancestor process that adopts orphans of processes started here (``sandbox.isolation``)."""
     _keepers.append(pid)
 
@@ -42,22 +42,22 @@ def cpu_seconds_of_others() -> float:
     """
     root = _keepers[-1] if _keepers else os.getpid()
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    others = (_times(pid) for pid in descendants(root) if pid != os.getpid())
-    waited_for_by_root = _times(root)[1] if root != os.getpid() else 0.0
+    others = (_read_times(pid) for pid in list_descendants(root) if pid != os.getpid())
+    waited_for_by_root = _read_times(root)[1] if root != os.getpid() else 0.0
     return children.ru_utime + children.ru_stime + waited_for_by_root + sum(map(sum, others))
 
 
 def cpu_seconds_below(root: int) -> float:
     """Return the CPU time of the process ``root`` and its descendants, also ended ones that were waited for [s]."""
-    return sum(sum(_times(pid)) for pid in (root, *descendants(root)))
+    return sum(sum(_read_times(pid)) for pid in (root, *list_descendants(root)))
 
 
 def cpu_by_process(root: int) -> dict[int, float]:
     """Return the CPU time of each descendant of ``root``, without that of its children [s], by process id."""
-    return {pid: _times(pid)[0] for pid in descendants(root)}
+    return {pid: _read_times(pid)[0] for pid in list_descendants(root)}
 
 
-def descendants(root: int, spared: Collection[int] = ()) -> list[int]:
+def list_descendants(root: int, spared: Collection[int] = ()) -> list[int]:
     """Return the ids of all descendants of the process ``root``, including zombies; empty without /proc.
 
     Processes in ``spared`` and their descendants are left out.
@@ -65,13 +65,13 @@ def descendants(root: int, spared: Collection[int] = ()) -> list[int]:
     found, new = list[int](), [root]
     while new:
         pid = new.pop()
-        below = [child for child in _children(pid) if child not in spared]
+        below = [child for child in _list_children(pid) if child not in spared]
         found += below
         new += below
     return found
 
 
-def _children(pid: int) -> Iterator[int]:
+def _list_children(pid: int) -> Iterator[int]:
     """Yield the ids of the children of all threads of a process; a thread that ends meanwhile is skipped."""
     with contextlib.suppress(OSError):
         for task in os.listdir(f"/proc/{pid}/task"):
@@ -79,7 +79,7 @@ def _children(pid: int) -> Iterator[int]:
                 yield from map(int, Path(f"/proc/{pid}/task/{task}/children").read_text(encoding="ascii").split())
 
 
-def _times(pid: int) -> tuple[float, float]:
+def _read_times(pid: int) -> tuple[float, float]:
     """Return the CPU time [s] of a process and of its ended children that it waited for; zeros once it has ended."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")

@@ -64,7 +64,7 @@ class CodeReading:
         self._used = 0.0  # [s] CPU time at the last reading
         self._open = dict[int, tuple[float, float]]()  # by slot: when the open block began, and ``used`` before it
 
-    def seconds(self, used: float) -> float:
+    def read_seconds(self, used: float) -> float:
         """Read the page; return the CPU time of making code so far [s], of processes that used ``used`` [s] together.
 
         An open block counts from the last reading before it, or from its process's own ``since`` if that is later:
@@ -111,16 +111,16 @@ class _Process:
 _thread, _process = _Thread(), _Process()
 
 
-def _start_anew() -> None:
+def _reset_meter() -> None:
     """Set the meter to zero in a forked child, whose CPU time starts at zero."""
     global _thread, _process
     _thread, _process = _Thread(), _Process()
 
 
-os.register_at_fork(after_in_child=_start_anew)
+os.register_at_fork(after_in_child=_reset_meter)
 
 
-def _open() -> None:
+def _open_block() -> None:
     """Open a block of making code in this thread; of nested blocks only the outermost counts and moves the limit."""
     _thread.depth += 1
     if _thread.depth == 1:
@@ -130,7 +130,7 @@ def _open() -> None:
         _move_limit(making=True)
 
 
-def _close() -> None:
+def _close_block() -> None:
     """Close this thread's innermost block; at the outermost add its CPU time to the meter and report it."""
     if _thread.depth == 1:
         with _process.lock:
@@ -156,10 +156,10 @@ class _MakingCode:
 
     def __enter__(self) -> None:
         _check(sys._getframe(1).f_globals)
-        _open()
+        _open_block()
 
     def __exit__(self, *exception: object) -> None:
-        _close()
+        _close_block()
 
     def __call__(self, function: Function) -> Function:
         """Return the function with its CPU time counted as that of making code; only for functions of this package."""
@@ -240,10 +240,10 @@ def listen_to_numba() -> None:
 
     class Listener(event.Listener):  # type: ignore[misc]
         def on_start(self, event: Any) -> None:
-            _open()
+            _open_block()
 
         def on_end(self, event: Any) -> None:
-            _close()
+            _close_block()
 
     _listening.append(Listener())
     for kind in ("numba:compile", "numba:compiler_lock"):  # the lock is held while code is loaded, too
@@ -253,7 +253,7 @@ def listen_to_numba() -> None:
 _listening: list[Any] = []
 
 
-def page_for_child() -> tuple[CodePage, int]:
+def prepare_child_page() -> tuple[CodePage, int]:
     """Choose and clear a slot to which a child of this process reports its time of making code; return page and slot.
 
     It is the next slot of the page to which this process itself reports or, without one that is free, of a new page.
@@ -269,7 +269,7 @@ def report_code_time(page: CodePage, slot: int) -> None:
     _process.page, _process.slot = page, slot
 
 
-def leave_code_out_of(soft_limit: float) -> None:
+def limit_solver_time(soft_limit: float) -> None:
     """Limit the CPU time of this process to ``soft_limit`` [s], without the time of making code from now on."""
     _process.soft_limit = math.ceil(soft_limit - code_seconds())
     _move_limit(making=is_making_code())

@@ -83,7 +83,7 @@ class ConfinedPath:
     def is_there(self) -> bool:
         """Return whether a file or folder exists; raise UnsafeFile for anything else, such as a link."""
         if (kind := self.kind()) not in OWN:
-            raise self._refuse(kind)
+            raise self._make_refusal(kind)
         return bool(kind)
 
     def is_own_file(self) -> bool:
@@ -120,7 +120,7 @@ class ConfinedPath:
             raise self._explain(error, above) from None
         if not stat.S_ISREG(mode := os.fstat(descriptor).st_mode):
             os.close(descriptor)
-            raise self._refuse(KINDS.get(stat.S_IFMT(mode), "no regular file"))
+            raise self._make_refusal(KINDS.get(stat.S_IFMT(mode), "no regular file"))
         return os.fdopen(descriptor, "rb" if flags & 3 == os.O_RDONLY else "r+b", buffering=-1)
 
     def size(self) -> int:
@@ -131,7 +131,7 @@ class ConfinedPath:
     def read(self, largest: int) -> bytes:
         """Read the file; raise OSError if it exceeds ``largest`` bytes."""
         with self.open_file() as file:
-            return self._content(file, largest)
+            return self._read_open(file, largest)
 
     def contents(self, largest: int) -> Iterator[tuple[str, bytes | OSError]]:
         """Yield the name of each file in this folder, sorted, and its content or the error of reading it.
@@ -144,11 +144,11 @@ class ConfinedPath:
                 place = self / name
                 try:
                     with place._open_in(here, os.O_RDONLY) as file:
-                        yield name, place._content(file, largest)
+                        yield name, place._read_open(file, largest)
                 except OSError as error:
                     yield name, error
 
-    def _content(self, file: BinaryIO, largest: int) -> bytes:
+    def _read_open(self, file: BinaryIO, largest: int) -> bytes:
         """Read the rest of the open ``file``; raise OSError if it has more than ``largest`` bytes."""
         size = os.fstat(file.fileno()).st_size
         if size > largest:
@@ -162,10 +162,10 @@ class ConfinedPath:
         Missing folders are created. Other names of an old file (hard links) keep its content. With ``durable`` it is
         on the disk when the block ends, which takes milliseconds; files that can be made again do not need it.
         """
-        partial = partial_name(self.name, os.getpid())
+        partial = format_partial_name(self.name, os.getpid())
         with self.parent.open_folder(make=True) as above:
             if (kind := _kind(above, self.name)) not in ("", "a file"):
-                raise self._refuse(kind)
+                raise self._make_refusal(kind)
             with self._create(partial, above) as file:
                 try:
                     yield file
@@ -187,7 +187,7 @@ class ConfinedPath:
         """Create an empty file in place of any old one; return it, opened for appending."""
         with self.parent.open_folder(make=True) as above:
             if (kind := _kind(above, self.name)) not in ("", "a file"):
-                raise self._refuse(kind)
+                raise self._make_refusal(kind)
             return self._create(self.name, above, os.O_APPEND)
 
     def remove_file(self, *, missing_ok: bool = False) -> None:
@@ -246,10 +246,10 @@ class ConfinedPath:
         """Return the error to raise: UnsafeFile if this is anything but ``wanted``, else ``error`` with the path."""
         kind = _kind(above, self.name)
         if kind not in ("", wanted):
-            return self._refuse(kind)
+            return self._make_refusal(kind)
         return OSError(error.errno, error.strerror, str(self))
 
-    def _refuse(self, kind: str) -> UnsafeFile:
+    def _make_refusal(self, kind: str) -> UnsafeFile:
         """Return the UnsafeFile to raise for a ``kind`` of entry, such as ``a link``, in place of a file or folder."""
         words = f"it is {kind}; a results folder holds files and folders of its own only: remove it"
         return UnsafeFile(errno.EINVAL, words, str(self))
@@ -288,7 +288,7 @@ def open_whole(path: Path, largest: int = LARGEST) -> Iterator[BinaryIO]:
         yield file
 
 
-def partial_name(name: str, pid: int) -> str:
+def format_partial_name(name: str, pid: int) -> str:
     """Return the name that process ``pid`` gives a file before it becomes ``name``; the suffix is kept."""
     path = Path(name)
     return f".{path.stem}.{pid}.part{path.suffix}"

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from .confined_paths import ConfinedPath, UnsafeFile, partial_name, read_whole
+from .confined_paths import ConfinedPath, UnsafeFile, format_partial_name, read_whole
 
 LARGEST = 2**28  # [bytes] of a text in a results folder: the paper's claims with all maps take 2**23
 
@@ -59,14 +59,14 @@ def to_json(value: Any, *, indent: int = 0) -> str:
     return (msgspec.json.format(text, indent=indent) if indent else text).decode()
 
 
-def exact(value: Any) -> Any:
+def encode_nonfinite(value: Any) -> Any:
     """Return a value that JSON keeps exactly: NaN and infinities as text that ``float`` reads, all else unchanged."""
     return str(float(value)) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def name_partial(path: Path, pid: int) -> Path:
     """Return the file that process ``pid`` writes before it becomes ``path``."""
-    return path.with_name(partial_name(path.name, pid))
+    return path.with_name(format_partial_name(path.name, pid))
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .cache import ROOT, cache_folder, read_kept
+from .cache import ROOT, make_cache_folder, read_cached_file
 
 LARGEST = 2**16  # [bytes] of the file with NumPy's names
 NATIVE = "MBSBENCH_NATIVE"
@@ -88,12 +88,12 @@ def pin_arithmetic() -> None:
     """
     if os.environ.get(NATIVE) == "1":
         return
-    for name, value in variables().items():
+    for name, value in list_variables().items():
         if name.startswith("NUMBA_") and "numba" in sys.modules:
             continue  # it compiles as before, but would store that code under the names of these
         _before.setdefault(name, os.environ.get(name))
         os.environ[name] = value
-    if variables():
+    if list_variables():
         _before.setdefault(ENABLED, os.environ.pop(ENABLED, None))
 
 
@@ -109,7 +109,7 @@ def unpin_arithmetic() -> None:
 
 
 @cache
-def variables() -> dict[str, str]:
+def list_variables() -> dict[str, str]:
     """Return the environment variables that pin the arithmetic, by name; empty if no target suits this processor."""
     target = _target()
     if target is None:
@@ -122,14 +122,14 @@ def variables() -> dict[str, str]:
     }
 
 
-def llvm_target() -> tuple[str, str]:
+def find_llvm_target() -> tuple[str, str]:
     """Return name and features of the processor that our code is compiled for."""
     if os.environ.get(NATIVE) != "1" and (target := _target()) is not None:
         return target.compiled, ""
     return _host()
 
 
-def numba_target() -> tuple[str, str]:
+def find_numba_target() -> tuple[str, str]:
     """Return name and features of the processor that numba compiles for, or will when loaded."""
     config = sys.modules.get("numba.core.config")
     name = config.CPU_NAME if config else os.environ.get("NUMBA_CPU_NAME")
@@ -152,13 +152,13 @@ def find_deviations() -> list[str]:
         return [f"this processor ({platform.machine()}, {platform.system()}) is none that the pin knows"]
     loops = sorted(set(list_features()) - target.loops)
     kernels = sorted({k for k in list_kernels() if k and k.lower() != target.kernels.lower()})
-    cpu, pinned = llvm_target()[0], (target.compiled, "")
+    cpu, pinned = find_llvm_target()[0], (target.compiled, "")
     tunables = os.environ.get("GLIBC_TUNABLES", "")  # read before any of our code runs: it cannot be pinned
     return [
         *([f"NumPy uses {', '.join(loops)}"] if loops else []),
         *([f"OpenBLAS uses kernels of {', '.join(kernels)}"] if kernels else []),
         *([f"LLVM compiles for {cpu}"] if cpu != target.compiled else []),
-        *([f"numba compiles for {numba_target()[0]}"] if numba_target() != pinned else []),
+        *([f"numba compiles for {find_numba_target()[0]}"] if find_numba_target() != pinned else []),
         *(["GLIBC_TUNABLES chooses functions of the C library"] if "glibc.cpu.hwcaps" in tunables else []),
     ]
 
@@ -191,7 +191,7 @@ def list_features() -> list[str]:
     return list(numpy.show_config(mode="dicts")["SIMD Extensions"]["found"])
 
 
-def describe() -> dict[str, Any]:
+def describe_machine() -> dict[str, Any]:
     """Return what determines bits and times on this machine, as in ``environment.json``.
 
     ``pinned``; NumPy's SIMD features, LLVM's processor, libc; the clock governor, turbo, and the load of the last
@@ -212,11 +212,11 @@ def describe() -> dict[str, Any]:
 
 def _describe_compilers() -> str:
     """Return the processor that our code is compiled for, as LLVM names it, and that of numba if it differs."""
-    ours, numba = (" ".join(filter(None, target)) for target in (llvm_target(), numba_target()))
+    ours, numba = (" ".join(filter(None, target)) for target in (find_llvm_target(), find_numba_target()))
     return ours if numba == ours else f"{ours}; numba: {numba}"
 
 
-def cpu_model() -> str:
+def read_cpu_model() -> str:
     """Return the name of the processor."""
     lines = _read("/proc/cpuinfo").splitlines()
     return next((x.split(":", 1)[1].strip() for x in lines if x.startswith("model name")), platform.processor())
@@ -226,11 +226,11 @@ def cpu_model() -> str:
 def _target() -> Target | None:
     """Return the common processor that this one is treated as; None if it is unknown or lacks a needed feature."""
     target = TARGETS.get(platform.machine())
-    return target if target and target.needs <= processor_flags() else None
+    return target if target and target.needs <= read_processor_flags() else None
 
 
 @cache
-def processor_flags() -> frozenset[str]:
+def read_processor_flags() -> frozenset[str]:
     """Return the processor's flags as Linux lists them (``Features`` on arm64); empty, thus unpinned, elsewhere."""
     lines = _read("/proc/cpuinfo").splitlines()
     return frozenset(next((x.partition(":")[2] for x in lines if x.startswith(("flags", "Features"))), "").split())
@@ -243,8 +243,8 @@ def _list_unwanted(target: Target) -> tuple[str, ...]:
     environment once, and the answer is cached for that build: all names, since another processor of a cluster may read
     them. Empty if NumPy cannot be asked.
     """
-    flags = processor_flags()
-    names = _read_names(kept := _kept_names())
+    flags = read_processor_flags()
+    names = _read_names(kept := _locate_names_file())
     if names is None:
         bare = {k: v for k, v in os.environ.items() if not k.startswith("NPY_")}
         done = subprocess.run((sys.executable, "-c", ASK), capture_output=True, text=True, env=bare, check=False)
@@ -264,7 +264,7 @@ def _list_unwanted(target: Target) -> tuple[str, ...]:
 def _read_names(kept: Path) -> str | None:
     """Return the names in the file ``kept``; None if it is missing or its last line is not the digest of the others."""
     with contextlib.suppress(OSError, UnicodeDecodeError):
-        names, _, digest = read_kept(kept, LARGEST).decode().rstrip("\n").rpartition("\n")
+        names, _, digest = read_cached_file(kept, LARGEST).decode().rstrip("\n").rpartition("\n")
         return names if digest == _digest(names) else None
     return None
 
@@ -274,13 +274,13 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _kept_names() -> Path:
+def _locate_names_file() -> Path:
     """Return the file with the names of this build of NumPy and their digest."""
     spec = importlib.util.find_spec("numpy")
     built = Path(spec.origin).stat().st_mtime_ns if spec and spec.origin else 0
     parts = importlib.metadata.version("numpy"), str(built), ASK
     name = f"numpy-{parts[0]}-{_digest(' '.join(parts))}.txt"
-    return cache_folder("machine", ROOT / "results" / "local") / name
+    return make_cache_folder("machine", ROOT / "results" / "local") / name
 
 
 def _turbo() -> str:

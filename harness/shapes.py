@@ -63,10 +63,10 @@ def _find_fault(plain: Any, kind: Any, said: str) -> list[str]:
     at: list[str] = []
     for field, index in re.findall(r"\.(\w+)|\[([\d.]+)\]", path):
         if index == "...":  # the library does not name the entry of a table: take the first that does not fit
-            kind = _part(kind, {})
+            kind = _find_part_type(kind, {})
             key, value, inside = next((k, v, e) for k, v in plain.items() if (e := _describe_misfit(v, kind)))
             return [*at, key, *_find_fault(value, kind, inside)]
-        kind, plain = _part(kind, field or 0), plain[field or int(index)]
+        kind, plain = _find_part_type(kind, field or 0), plain[field or int(index)]
         if field:
             at.append(field)
         else:
@@ -119,7 +119,7 @@ def _fields(kind: Any) -> dict[str, Any]:
     return get_type_hints(kind, include_extras=True) if hasattr(kind, "__dataclass_fields__") else {}
 
 
-def _part(kind: Any, step: Any) -> Any:
+def _find_part_type(kind: Any, step: Any) -> Any:
     """Return the type of a field (``step`` is its name), of a list's entries (``step`` 0) or of a table's values ({}).
 
     ``Any`` where ``kind`` has no such part.

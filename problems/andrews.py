@@ -19,7 +19,7 @@ from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import GROUND, Joint, Load, RigidBody, SpringDamper, assemble
 from ..harness.types import Observable, Problem, Trait
-from .exact.planar import AXIS, OZ, frames
+from .exact.planar import AXIS, OZ, make_bar_frames
 
 O, A, B, C = (np.array(p) for p in ((0.0, 0.0), (-0.06934, -0.00227), (-0.03635, 0.03273), (0.014, 0.072)))  # [m]
 MASS = (0.04325, 0.00365, 0.02373, 0.00706, 0.07050, 0.00706, 0.05498)  # [kg]
@@ -49,7 +49,7 @@ def andrews(
 
     q = with_crank(root(gaps, CLOSED, tol=1e-13).x)
     angle, centre, points = _poses(q)
-    R = frames(angle)
+    R = make_bar_frames(angle)
 
     def body_coordinates(body: int, point: Float[np.ndarray, " 2"]) -> np.ndarray:
         """Return a point of the plane from the body's C, in its frame [m]."""

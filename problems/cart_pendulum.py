@@ -14,7 +14,7 @@ from ..harness.mechanics.motion import linear_momentum, point_position
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import GROUND, Joint, RigidBody, assemble
 from ..harness.types import Invariant, Observable, Problem, Trait
-from .exact.planar import AXIS, OZ, frames, slender
+from .exact.planar import AXIS, OZ, make_bar_frames, make_slender_bar
 
 MASS, LENGTH, AXIAL = 0.5, 0.5, 1e-3  # [kg], [m], [kg m2] mass, length and axial inertia of a bar
 OX, ALONG = (1.0, 0.0, 0.0), (1.0, 0.0, 0.0)  # in space and in the cart's frame
@@ -29,7 +29,10 @@ def cart_pendulum(
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
     """Swing two bars on a cart: prismatic and revolute joints, chaotic motion in a plane."""
-    bodies = [RigidBody(cart, 0.01 * np.eye(3), "cart"), *(slender(MASS, LENGTH, AXIAL, f"bar {k}") for k in (1, 2))]
+    bodies = [
+        RigidBody(cart, 0.01 * np.eye(3), "cart"),
+        *(make_slender_bar(MASS, LENGTH, AXIAL, f"bar {k}") for k in (1, 2)),
+    ]
     near, far = (-0.5 * LENGTH, 0.0, 0.0), (0.5 * LENGTH, 0.0, 0.0)
     centre = (0.0, 0.0, 0.0)
     joints = [
@@ -38,7 +41,7 @@ def cart_pendulum(
         Joint(2, near, 1, far, AXIS, AXIS, "B"),
     ]
     system = assemble(bodies, joints, (0.0, -gravity, 0.0))
-    R = frames(np.deg2rad([0.0, angle, angle_2]))
+    R = make_bar_frames(np.deg2rad([0.0, angle, angle_2]))
     half = 0.5 * LENGTH * R[:, :, 0]
     rest = np.zeros((3, 3))
     tip = np.array(far)

@@ -22,7 +22,7 @@ from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody
 from ..harness.types import Observable, Problem, Trait
 from .exact.certification import CertifiedMotion
 from .exact.linkage import Linkage
-from .exact.linkage_motion import linkage_motion, planar_angles
+from .exact.linkage_motion import certify_linkage_motion, find_planar_angles
 
 ENERGY_ALLOWED = 1.0  # [J] rule of the benchmark
 SOUGHT = 8.0  # [s] the certificate of the default chain ends earlier
@@ -41,7 +41,7 @@ def chain(
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
     """Swing a chain of bars on spherical joints, hinged at A and D, released from three separately static spans."""
-    alpha = start_angles(links, span_ratio)
+    alpha = find_start_angles(links, span_ratio)
     transverse = mass * length**2 / 12.0
     bar = np.diag([axial_inertia, transverse, transverse])
     span = span_ratio * length * (links // 3)
@@ -52,7 +52,7 @@ def chain(
     bodies = [RigidBody(mass, bar, f"bar {k + 1}") for k in range(links)]
     system = assemble(bodies, joints, (0.0, -gravity, 0.0))
     rest = np.zeros((links, 3))
-    start = State(centres(alpha, length), bar_frames(alpha), rest, rest)
+    start = State(find_centres(alpha, length), make_frames(alpha), rest, rest)
     link = Linkage(np.full(links, mass), np.zeros(links), length, gravity, (3.0 * span, 0.0))
     middle = links // 2
     E = np.array([0.0 if links % 2 else -0.5 * length, 0.0, 0.0])  # even: the joint of the two middle bars
@@ -68,7 +68,7 @@ def chain(
             Observable("E_x", "X_E", "m", lambda s: point_position(s, middle, E)[:, 0]),
             Observable("E_y", "Y_E", "m", lambda s: point_position(s, middle, E)[:, 1]),
             Observable("E_z", "Z_E", "m", lambda s: point_position(s, middle, E)[:, 2]),
-            Observable("energy_of_mean", r"E(\bar v)", "J", partial(energy_of_mean, system)),
+            Observable("energy_of_mean", r"E(\bar v)", "J", partial(evaluate_energy_of_mean, system)),
             Observable("out_of_plane", "|Z|_{max}", "m", lambda s: np.max(np.abs(s.r[:, :, 2]), axis=1)),
         ),
         reference_from=partial(_motion, link),
@@ -77,7 +77,7 @@ def chain(
     )
 
 
-def energy_of_mean(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
+def evaluate_energy_of_mean(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
     """Return T of the mean velocity of each step, (q_m+1 - q_m)/dt under Eq. (66), plus the mean V of its ends [J].
 
     The paper does not print where Fig. 9a evaluates the energy; this value lies between two nodes. The first is E(0).
@@ -87,7 +87,7 @@ def energy_of_mean(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt
     return np.concatenate((energy(system, s.at(slice(0, 1))), kinetic_energy(system, before) + 0.5 * (V[:-1] + V[1:])))
 
 
-def start_angles(links: int, span_ratio: float) -> Float[np.ndarray, " links"]:
+def find_start_angles(links: int, span_ratio: float) -> Float[np.ndarray, " links"]:
     """Return the angles alpha [rad] to OX of the bars of three static spans of n bars each.
 
     tan alpha_i = -((n+1)/2 - i) a: the force in the joints has a constant horizontal part and a vertical part that
@@ -114,13 +114,13 @@ def start_angles(links: int, span_ratio: float) -> Float[np.ndarray, " links"]:
     return np.tile(np.arctan(lever * a), 3)
 
 
-def centres(alpha: Float[np.ndarray, "*nt links"], length: float) -> Float[np.ndarray, "*nt links 3"]:
+def find_centres(alpha: Float[np.ndarray, "*nt links"], length: float) -> Float[np.ndarray, "*nt links 3"]:
     """Return the centres of bars strung from A = 0 at angles ``alpha`` in OXY [m]."""
     bar = length * np.stack((np.cos(alpha), np.sin(alpha), np.zeros_like(alpha)), axis=-1)
     return np.cumsum(bar, axis=-2) - 0.5 * bar
 
 
-def bar_frames(alpha: Float[np.ndarray, "*nt links"]) -> Float[np.ndarray, "*nt links 3 3"]:
+def make_frames(alpha: Float[np.ndarray, "*nt links"]) -> Float[np.ndarray, "*nt links 3 3"]:
     """Return R with body x along the bar and body y along OZ: 3-1-3 angles (alpha, pi/2, 0), far from singular."""
     turn = np.zeros((*alpha.shape, 3))
     turn[..., 2] = alpha
@@ -129,8 +129,10 @@ def bar_frames(alpha: Float[np.ndarray, "*nt links"]) -> Float[np.ndarray, "*nt 
 
 def _motion(link: Linkage, start: State) -> CertifiedMotion | None:
     """Return the certified planar motion from ``start``; None if it leaves the plane or has too many links."""
-    planar = planar_angles(start, np.eye(3))
-    return None if planar is None else linkage_motion(link, *planar, SOUGHT, partial(_bodies, link.length, start))
+    planar = find_planar_angles(start, np.eye(3))
+    return (
+        None if planar is None else certify_linkage_motion(link, *planar, SOUGHT, partial(_bodies, link.length, start))
+    )
 
 
 def _bodies(
@@ -142,7 +144,7 @@ def _bodies(
     across = length * np.stack((-s * rate, c * rate, zero), axis=-1)
     v = np.cumsum(across, axis=1) - 0.5 * across
     first = np.arctan2(start.R[:, 1, 0], start.R[:, 0, 0])
-    rolled = np.swapaxes(bar_frames(first), -1, -2) @ start.R
+    rolled = np.swapaxes(make_frames(first), -1, -2) @ start.R
     R = np.stack((c, zero, s, s, zero, -c, zero, zero + 1.0, zero), axis=-1).reshape(*c.shape, 3, 3) @ rolled
     r = np.cumsum(bar, axis=1) - 0.5 * bar
     return States(r, R, v, rate[..., None] * start.R[:, 2])  # row Z of R is OZ in the body frame

@@ -15,7 +15,7 @@ from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import GROUND, Joint, SpringDamper, assemble
 from ..harness.types import Observable, Problem, Trait
-from .exact.planar import AXIS, OZ, frames, slender
+from .exact.planar import AXIS, OZ, make_bar_frames, make_slender_bar
 
 MASS, LENGTH, AXIAL = 1.0, 1.0, 1e-2  # [kg], [m], [kg m2]
 POST = (1.0, 1.0, 0.5)  # [m] end of the first spring on the ground
@@ -29,14 +29,14 @@ def damped_linkage(
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
     """Couple two bars on a revolute and a spherical joint by spring-dampers to the ground and between them."""
-    bars = [slender(MASS, LENGTH, AXIAL, f"bar {k + 1}") for k in range(2)]
+    bars = [make_slender_bar(MASS, LENGTH, AXIAL, f"bar {k + 1}") for k in range(2)]
     near, far = (-0.5 * LENGTH, 0.0, 0.0), (0.5 * LENGTH, 0.0, 0.0)
     joints = [Joint(0, near, GROUND, (0.0, 0.0, 0.0), AXIS, OZ, "O"), Joint(1, near, 0, far, name="A")]
     springs = [
         SpringDamper(1, far, GROUND, POST, stiffness, 0.8, damping),
         SpringDamper(1, (0.0, 0.1, 0.0), 0, (0.0, 0.1, 0.0), stiffness, 0.5, damping),
     ]
-    R = frames(np.array([0.0, -0.25 * np.pi]))
+    R = make_bar_frames(np.array([0.0, -0.25 * np.pi]))
     half = 0.5 * LENGTH * R[:, :, 0]
     rest = np.zeros((2, 3))
     tip = np.array(far)

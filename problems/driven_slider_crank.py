@@ -15,7 +15,7 @@ from ..harness.catalogue.registry import problem
 from ..harness.mechanics.joints import Joint, MovingKind
 from ..harness.mechanics.state import States
 from ..harness.mechanics.system import GROUND, RigidBody, assemble
-from ..harness.mechanics.time_functions import TimeFunction, values
+from ..harness.mechanics.time_functions import TimeFunction, evaluate_functions
 from ..harness.types import Observable, Problem, Trait
 from .exact import planar
 from .exact.closed_form import ClosedForm
@@ -38,8 +38,8 @@ def driven_slider_crank(
     angle = TimeFunction((0.5, rate), wobble, wobble_rate)
     end, half = np.array([0.5 * CRANK, 0.0, 0.0]), np.array([0.5 * ROD, 0.0, 0.0])
     bodies = [
-        planar.slender(MASS[0], CRANK, AXIAL, "crank"),
-        planar.slender(MASS[1], ROD, AXIAL, "rod"),
+        planar.make_slender_bar(MASS[0], CRANK, AXIAL, "crank"),
+        planar.make_slender_bar(MASS[1], ROD, AXIAL, "rod"),
         RigidBody(MASS[2], 1e-3 * np.eye(3), "slider"),
     ]
     joints = [
@@ -53,7 +53,7 @@ def driven_slider_crank(
 
     def motion(t: Float[np.ndarray, " nt"]) -> States:
         """Return the motion at ``t`` [s], from the crank's angle alone."""
-        theta, theta_dot, _ = (a[:, 0] for a in values(numbers, t))
+        theta, theta_dot, _ = (a[:, 0] for a in evaluate_functions(numbers, t))
         cosine, sine = np.cos(theta), np.sin(theta)
         beta = -np.arcsin(CRANK / ROD * sine)
         beta_dot = -CRANK * cosine * theta_dot / (ROD * np.cos(beta))
@@ -66,7 +66,7 @@ def driven_slider_crank(
         )
         still = np.zeros(len(t))
         turned, turning = (np.stack(a, axis=1) for a in ((theta, beta, still), (theta_dot, beta_dot, still)))
-        return planar.states(centre, turned, velocity, turning)
+        return planar.make_planar_states(centre, turned, velocity, turning)
 
     exact = ClosedForm("closed form: kinematics of the slider-crank", motion, 1.0, CRANK * abs(rate))
     return Problem(
@@ -81,6 +81,6 @@ def driven_slider_crank(
             Observable("slider_x", "X_C", "m", lambda s: s.r[:, 2, 0]),
             Observable("rod_y", "Y_{rod}", "m", lambda s: s.r[:, 1, 1]),
         ),
-        reference_from=exact.from_start,
+        reference_from=exact.match_start,
         planar_normal=Z,
     )

@@ -77,13 +77,13 @@ def flyball_governor(
         source="IFToMM library of computational benchmarks, A05",
         observables=(
             Observable("s", "s", "m", lambda s: s.r[:, 1, 2]),
-            Observable("alpha", r"\alpha", "rad", _dip),
+            Observable("alpha", r"\alpha", "rad", _measure_rod_angle),
             Observable("omega", r"\omega", "rad/s", lambda s: s.Omega[:, 0, 2]),
         ),
     )
 
 
-def _dip(s: States) -> Float[np.ndarray, " nt"]:
+def _measure_rod_angle(s: States) -> Float[np.ndarray, " nt"]:
     """Return the angle alpha of the first rod below the horizontal [rad]."""
     along = s.R[:, 2, :, 0]
     return np.arctan2(-along[:, 2], np.hypot(along[:, 0], along[:, 1]))

@@ -22,7 +22,7 @@ from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody
 from ..harness.types import Observable, Problem, Trait
 from .exact.certification import CertifiedMotion
 from .exact.linkage import Linkage
-from .exact.linkage_motion import linkage_motion, planar_angles
+from .exact.linkage_motion import certify_linkage_motion, find_planar_angles
 
 ENERGY_ALLOWED = 1.0  # [J] Sect. 5.5
 AXIS = (0.0, 0.0, 1.0)  # joint axis in every bar: body z = OX; then 3-1-3 angles stay at theta = pi/2
@@ -56,7 +56,7 @@ def four_bar_grid(
     system = assemble(bodies, _joints(rows, columns, length), (0.0, 0.0, -gravity))
     turns = np.zeros(rows)
     turns[: 1 if release == "top_row" else rows] = rate
-    start = grid_states(np.zeros((1, rows)), turns[None], columns, length)[0]
+    start = make_grid_states(np.zeros((1, rows)), turns[None], columns, length)[0]
     foot = np.array([0.5 * length, 0.0, 0.0])
     last = (rows - 1) * (2 * columns + 1) + columns
     observables = [
@@ -88,7 +88,7 @@ def four_bar_grid(
     )
 
 
-def grid_states(
+def make_grid_states(
     angle: Float[np.ndarray, "nt rows"], rate: Float[np.ndarray, "nt rows"], columns: int, length: float
 ) -> States:
     """Return the states of all bars from the row angles about OX [rad], 0 hanging, and their rates [rad/s].
@@ -124,7 +124,7 @@ def _bar(mass: float, length: float, axial_inertia: float, name: str) -> RigidBo
 
 
 def _names(rows: int, columns: int) -> list[str]:
-    """Return names of all bars, in the order of ``grid_states``: ``v1,0`` is a vertical, ``h1,0`` a horizontal."""
+    """Return names of all bars, in the order of ``make_grid_states``: ``v1,0`` is a vertical, ``h1,0`` a horizontal."""
     across = [f"v{{0}},{j}" for j in range(columns + 1)] + [f"h{{0}},{j}" for j in range(columns)]
     return [name.format(i + 1) for i in range(rows) for name in across]
 
@@ -167,7 +167,7 @@ def _motion(
 
     None if the bars of a row are not parallel, the start leaves the plane, or there are too many rows.
     """
-    planar = planar_angles(start, PLANE)
+    planar = find_planar_angles(start, PLANE)
     if planar is None:
         return None
     verticals = columns + 1
@@ -176,11 +176,11 @@ def _motion(
         return None
     mass = system.mass.reshape(rows, -1)
     link = Linkage(mass[:, :verticals].sum(axis=1), mass[:, verticals:].sum(axis=1), length, gravity)
-    return linkage_motion(link, angle[:, 0], rate[:, 0], SOUGHT, partial(_bodies, columns, length))
+    return certify_linkage_motion(link, angle[:, 0], rate[:, 0], SOUGHT, partial(_bodies, columns, length))
 
 
 def _bodies(
     columns: int, length: float, angle: Float[np.ndarray, "nt rows"], rate: Float[np.ndarray, "nt rows"]
 ) -> States:
     """Return the states of all bars from angles of the rods to OY [rad] and rates [rad/s]."""
-    return grid_states(angle + 0.5 * np.pi, rate, columns, length)  # hanging is -pi/2 from OY
+    return make_grid_states(angle + 0.5 * np.pi, rate, columns, length)  # hanging is -pi/2 from OY

@@ -19,8 +19,8 @@ from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import MultibodySystem, RigidBody, assemble
 from ..harness.types import Invariant, Observable, Problem, ReferenceKind
-from .exact.balls import nearest_rotation, run_in_balls, vector
-from .exact.one_body import pinned_motion
+from .exact.balls import nearest_rotation, run_in_balls, to_balls
+from .exact.one_body import find_pinned_motion
 from .exact.pinned_body import FINAL, PinnedBody, PinnedMotion
 from .exact.theta import UNIT
 
@@ -112,5 +112,5 @@ def _motion(system: MultibodySystem, start: State) -> ThrownBody | None:
     """Return the exact motion from ``start``; None where Euler's top has no formula here (the separatrix)."""
     inertia, nowhere = system.inertia[0], np.zeros(3)
     body = PinnedBody(float(system.mass[0]), inertia, inertia, nowhere, nowhere, nowhere)
-    about_C = pinned_motion(body, nearest_rotation(start.R[0]), vector(start.Omega[0]))
+    about_C = find_pinned_motion(body, nearest_rotation(start.R[0]), to_balls(start.Omega[0]))
     return None if about_C is None else ThrownBody(about_C, start.r[0], start.v[0], system.gravity)

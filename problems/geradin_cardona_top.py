@@ -16,7 +16,7 @@ from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import Joint, RigidBody, assemble
 from ..harness.types import Invariant, Observable, Problem
-from .exact.one_body import one_body_motion
+from .exact.one_body import find_one_body_motion
 
 MASS, INERTIA = 15.0, np.diag([0.234375, 0.46875, 0.234375])  # [kg], [kg m2] about C
 ARM = np.array([0.0, 1.0, 0.0])  # [m] from the pin to C, body frame
@@ -49,5 +49,5 @@ def geradin_cardona_top(
             Invariant("L_Z", "kg m2/s", lambda s: angular_momentum(system, s)[:, 2]),
             Invariant("Omega_y", "rad/s", lambda s: s.Omega[:, 0, 1]),
         ),
-        reference_from=partial(one_body_motion, system),
+        reference_from=partial(find_one_body_motion, system),
     )

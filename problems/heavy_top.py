@@ -17,7 +17,7 @@ from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import Joint, RigidBody, assemble
 from ..harness.types import Invariant, Observable, Problem
-from .exact.one_body import one_body_motion
+from .exact.one_body import find_one_body_motion
 
 
 @problem("heavy_top")
@@ -67,7 +67,7 @@ def heavy_top(
             Invariant("L_Z", "kg m2/s", lambda s: angular_momentum(system, s)[:, 2]),
             Invariant("Omega_z", "rad/s", lambda s: s.Omega[:, 0, 2]),
         ),
-        reference_from=partial(one_body_motion, system),
+        reference_from=partial(find_one_body_motion, system),
     )
 
 

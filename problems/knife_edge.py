@@ -50,7 +50,7 @@ def knife_edge(
         x = speed * np.sin(w * t) / w + down * (1.0 - np.cos(2.0 * w * t)) / (4.0 * w**2)
         y = speed * (1.0 - np.cos(w * t)) / w + down * (t - np.sin(2.0 * w * t) / (2.0 * w)) / (2.0 * w)
         r, v = np.stack((x, y), axis=1), along[:, None] * np.stack((np.cos(w * t), np.sin(w * t)), axis=1)
-        return planar.states(r[:, None], (w * t)[:, None], v[:, None], np.full((len(t), 1), w))
+        return planar.make_planar_states(r[:, None], (w * t)[:, None], v[:, None], np.full((len(t), 1), w))
 
     exact = ClosedForm("closed form: cycloid", motion, 1.0 + down / w**2, w + down / w + abs(speed))
     return Problem(
@@ -66,6 +66,6 @@ def knife_edge(
             Observable("C_y", "Y_C", "m", lambda s: s.r[:, 0, 1]),
         ),
         invariants=(Invariant("Omega_y", "rad/s", lambda s: s.Omega[:, 0, 1]),),
-        reference_from=exact.from_start,
+        reference_from=exact.match_start,
         planar_normal=np.array([0.0, 0.0, 1.0]),
     )

@@ -21,8 +21,8 @@ from ..harness.mechanics.system import GROUND, Joint, assemble
 from ..harness.types import Observable, Problem, Trait
 from .exact.certification import CertifiedMotion
 from .exact.linkage import Linkage
-from .exact.linkage_motion import linkage_motion, planar_angles
-from .exact.planar import AXIS, OZ, slender, states
+from .exact.linkage_motion import certify_linkage_motion, find_planar_angles
+from .exact.planar import AXIS, OZ, make_planar_states, make_slender_bar
 
 MASS, LENGTH, AXIAL = 1.0, 1.0, 1e-4  # [kg], [m], [kg m2] of every bar
 SOUGHT = 20.0  # [s] duration to certify
@@ -37,8 +37,8 @@ def n_four_bar(
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
     """Model IFToMM A02: N four-bar windows with one degree of freedom and two singular positions per turn."""
-    bars = [slender(MASS, LENGTH, AXIAL, f"upright {k}") for k in range(windows + 1)]
-    bars += [slender(MASS, LENGTH, AXIAL, f"coupler {k}") for k in range(windows)]
+    bars = [make_slender_bar(MASS, LENGTH, AXIAL, f"upright {k}") for k in range(windows + 1)]
+    bars += [make_slender_bar(MASS, LENGTH, AXIAL, f"coupler {k}") for k in range(windows)]
     low, high = (-0.5 * LENGTH, 0.0, 0.0), (0.5 * LENGTH, 0.0, 0.0)
     joints = [Joint(k, low, GROUND, (k * LENGTH, 0.0, 0.0), AXIS, OZ, f"A{k}") for k in range(windows + 1)]
     for k in range(windows):
@@ -73,7 +73,7 @@ def _bodies(windows: int, angle: Float[np.ndarray, "nt 1"], rate: Float[np.ndarr
     foot = np.where(upright, k, k - windows - 0.5) * LENGTH
     v = rate[:, :, None] * np.stack((-up[..., 1], up[..., 0]), axis=-1)
     centre = up + np.stack((foot, np.zeros_like(foot)), axis=-1)
-    return states(centre, np.where(upright, angle, 0.0), v, np.where(upright, rate, 0.0))
+    return make_planar_states(centre, np.where(upright, angle, 0.0), v, np.where(upright, rate, 0.0))
 
 
 def _motion(windows: int, rod: Linkage, start: State) -> CertifiedMotion | None:
@@ -81,8 +81,8 @@ def _motion(windows: int, rod: Linkage, start: State) -> CertifiedMotion | None:
 
     None unless the uprights are parallel, as the start may be on another branch, and planar.
     """
-    planar = planar_angles(start, np.eye(3))
+    planar = find_planar_angles(start, np.eye(3))
     if planar is None or any(np.ptp(a[: windows + 1]) > PARALLEL for a in planar):
         return None
     angle, rate = (a[:1] for a in planar)
-    return linkage_motion(rod, angle, rate, SOUGHT, partial(_bodies, windows))
+    return certify_linkage_motion(rod, angle, rate, SOUGHT, partial(_bodies, windows))

@@ -21,12 +21,12 @@ from ..harness.catalogue.registry import problem
 from ..harness.mechanics.joints import Joint, MovingKind
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import RigidBody, assemble
-from ..harness.mechanics.time_functions import TimeFunction, values
-from ..harness.reference.extrapolation import each
+from ..harness.mechanics.time_functions import TimeFunction, evaluate_functions
+from ..harness.reference.extrapolation import vectorize_rate
 from ..harness.reference.orbit import Pair
 from ..harness.types import Observable, Problem, Trait
 from .exact import planar
-from .exact.certification import CertifiedMotion, certified_orbit
+from .exact.certification import CertifiedMotion, certify_orbit
 
 LENGTH = 1.0  # [m], l
 RADIUS = 0.1  # [m] radius of the solid ball
@@ -70,11 +70,11 @@ def pumped_pendulum(
 def _ball(numbers: Float[np.ndarray, "1 7"], y: Float[np.ndarray, "nt 3"]) -> States:
     """Return the states of the ball from theta [rad], theta' [rad/s] and t [s]; ``numbers`` are those of L(t)."""
     theta, rate, t = y.T
-    L, L_dot, _ = (a[:, 0] for a in values(numbers, t))
+    L, L_dot, _ = (a[:, 0] for a in evaluate_functions(numbers, t))
     along, across = np.stack((np.sin(theta), -np.cos(theta)), axis=1), np.stack((np.cos(theta), np.sin(theta)), axis=1)
     still = np.zeros((len(y), 1))
     v = L_dot[:, None] * along + (L * rate)[:, None] * across
-    return planar.states((L[:, None] * along)[:, None], still, v[:, None], still)
+    return planar.make_planar_states((L[:, None] * along)[:, None], still, v[:, None], still)
 
 
 def _motion(numbers: Float[np.ndarray, "1 7"], own: State, theta: float, start: State) -> CertifiedMotion | None:
@@ -87,13 +87,13 @@ def _motion(numbers: Float[np.ndarray, "1 7"], own: State, theta: float, start: 
 
     def by_angle(y: np.ndarray) -> np.ndarray:
         """Return the rates of (theta, theta', t): route 1."""
-        L, L_dot, _ = (float(a[0, 0]) for a in values(numbers, y[2:]))
+        L, L_dot, _ = (float(a[0, 0]) for a in evaluate_functions(numbers, y[2:]))
         return np.array([y[1], -(2.0 * L_dot * y[1] + GRAVITY * np.sin(y[0])) / L, 1.0])
 
     def by_position(z: np.ndarray) -> np.ndarray:
         """Return the rates of (position, velocity, t): route 2."""
         x, v, g = z[:2], z[2:4], np.array([0.0, -GRAVITY])
-        distance, L_ddot = float(np.linalg.norm(x)), float(values(numbers, z[4:])[2][0, 0])
+        distance, L_ddot = float(np.linalg.norm(x)), float(evaluate_functions(numbers, z[4:])[2][0, 0])
         e = x / distance
         pull = L_ddot - e @ g - (v @ v - (e @ v) ** 2) / distance  # -N / m, from the second derivative of |x| = L
         return np.concatenate((v, g + pull * e, [1.0]))
@@ -103,6 +103,6 @@ def _motion(numbers: Float[np.ndarray, "1 7"], own: State, theta: float, start: 
         return float(np.linalg.norm(_ball(numbers, y[None]).r[0, 0, :2] - z[:2]))
 
     y0, z0 = np.array([theta, 0.0, 0.0]), np.concatenate((own.r[0, :2], own.v[0, :2], [0.0]))
-    pair = Pair(by_angle, each(by_position), y0, z0, apart)
+    pair = Pair(by_angle, vectorize_rate(by_position), y0, z0, apart)
     data = repr(("pumped pendulum", GRAVITY, numbers.tolist()))
-    return CertifiedMotion(certified_orbit(pair, data, SOUGHT, SPAN), partial(_ball, numbers))
+    return CertifiedMotion(certify_orbit(pair, data, SOUGHT, SPAN), partial(_ball, numbers))

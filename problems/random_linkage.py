@@ -25,7 +25,7 @@ from ..harness.mechanics.joints import Joint
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import GROUND, SpringDamper, assemble
 from ..harness.types import Observable, Problem, Trait
-from .random_mechanism import arbitrary_body
+from .random_mechanism import draw_body
 
 Loop = tuple[Float[np.ndarray, "hinges 3"], Float[np.ndarray, "hinges 3"]]  # a point and the direction of each hinge
 X, Y, Z = np.eye(3)
@@ -51,7 +51,7 @@ def random_linkage(
     frame = so3.exp(random.standard_normal((1, 3)))[0]
     points, axes = points @ frame.T, axes @ frame.T
     n = len(points) - 1
-    drawn = [arbitrary_body(random) for _ in range(n)]
+    drawn = [draw_body(random) for _ in range(n)]
     r = 0.5 * (points[:-1] + points[1:]) + 0.1 * random.standard_normal((n, 3))
     R = so3.exp(random.standard_normal((n, 3)))
     v = speed * random.standard_normal((2, n, 3))

@@ -60,11 +60,11 @@ def random_mechanism(
     joints = []
     for k in range(bodies):
         parent = int(random.integers(-1, k)) if k else GROUND
-        joints.append(closed_joint(KINDS[random.integers(len(KINDS))], k, parent, (r, R), random))
+        joints.append(draw_closed_joint(KINDS[random.integers(len(KINDS))], k, parent, (r, R), random))
     for _ in range(loops):
         i = int(random.integers(bodies))
         j = GROUND if bodies == 1 else int(random.choice([b for b in range(-1, bodies) if b != i]))
-        joints.append(closed_joint(JointKind.DISTANCE, i, j, (r, R), random))
+        joints.append(draw_closed_joint(JointKind.DISTANCE, i, j, (r, R), random))
     joints += joints[:repeated]
     ends = [
         (int(random.integers(bodies)), random.standard_normal((2, 3)), random.uniform(5.0, 50.0))
@@ -74,7 +74,7 @@ def random_mechanism(
     for k in range(loads):
         force, torque, point = random.standard_normal((3, 3))
         pushes.append(Load(int(random.integers(bodies)), force, 0.1 * torque, 0.1 * point, follows=bool(k % 2)))
-    drawn = [arbitrary_body(random) for _ in range(bodies)]
+    drawn = [draw_body(random) for _ in range(bodies)]
     v = speed * random.standard_normal((2, bodies, 3))
     weight = mass * 10.0 ** (contrast * np.random.default_rng((mechanism_seed, 1)).uniform(-0.5, 0.5, bodies))
     root, away = size**0.5, np.array([offset, 0.0, 0.0])
@@ -126,14 +126,14 @@ def _place_joint(joint: Joint, size: float, away: Float[np.ndarray, " 3"]) -> Jo
     return replace(joint, s_i=size * np.asarray(joint.s_i), s_j=s_j, length=size * joint.length)
 
 
-def arbitrary_body(random: np.random.Generator) -> RigidBody:
+def draw_body(random: np.random.Generator) -> RigidBody:
     """Draw a body of 1 to 2 kg with a full inertia matrix."""
     a, Q = random.uniform(0.05, 0.1, 3), so3.exp(random.standard_normal(3))
     J = Q @ np.diag([a[1] + a[2], a[0] + a[2], a[0] + a[1]]) @ Q.T
     return RigidBody(random.uniform(1.0, 2.0), 0.5 * (J + J.T))
 
 
-def closed_joint(kind: JointKind, i: int, j: int, poses: Poses, random: np.random.Generator) -> Joint:
+def draw_closed_joint(kind: JointKind, i: int, j: int, poses: Poses, random: np.random.Generator) -> Joint:
     """Draw a joint of this kind between two bodies, at a random point, that is closed in these poses."""
     r, R = poses
     axis, x = so3.exp(random.standard_normal(3))[0], 0.5 * (r[i] + r[j]) + 0.3 * random.standard_normal(3)

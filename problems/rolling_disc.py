@@ -72,5 +72,5 @@ def rolling_disc(
             Observable("C_y", "Y_C", "m", lambda s: s.r[:, 0, 1]),
             Observable("C_z", "Z_C", "m", lambda s: s.r[:, 0, 2]),
         ),
-        reference_from=exact.from_start,
+        reference_from=exact.match_start,
     )

@@ -20,10 +20,10 @@ from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
 from ..harness.types import Observable, Problem, Reference
-from .exact.link import link_motion
-from .exact.one_body import one_body_motion
+from .exact.link import find_link_motion
+from .exact.one_body import find_one_body_motion
 from .exact.pinned_body import PinnedMotion
-from .exact.planar import AXIS, OZ, frames
+from .exact.planar import AXIS, OZ, make_bar_frames
 
 IN_PLANE = np.array([[1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])  # entries of R that are not zero
 
@@ -50,12 +50,12 @@ def simple_pendulum(
     exact: Callable[[State], Reference | None]
     if support == "hinge":
         joint = Joint(0, foot, GROUND, O, AXIS, OZ, "O")
-        exact = partial(_in_plane, assemble([body], [Joint(0, foot)], weight))
+        exact = partial(_find_planar_motion, assemble([body], [Joint(0, foot)], weight))
     else:
         joint = Joint(0, O, GROUND, O, name="O", kind=JointKind.DISTANCE, length=length)
-        exact = partial(link_motion, mass, length, weight)
+        exact = partial(find_link_motion, mass, length, weight)
     system = assemble([body], [joint], weight)
-    R = frames(np.deg2rad([angle]))
+    R = make_bar_frames(np.deg2rad([angle]))
     rest = np.zeros((1, 3))
     P = np.array([length - arm, 0.0, 0.0])
     return Problem(
@@ -75,9 +75,9 @@ def simple_pendulum(
     )
 
 
-def _in_plane(system: MultibodySystem, start: State) -> PinnedMotion | None:
+def _find_planar_motion(system: MultibodySystem, start: State) -> PinnedMotion | None:
     """Return the motion on a spherical joint from the start without its rounding out of the plane.
 
     A hinge does not let the body leave the plane.
     """
-    return one_body_motion(system, State(start.r, IN_PLANE * start.R, start.v, np.array(AXIS) * start.Omega))
+    return find_one_body_motion(system, State(start.r, IN_PLANE * start.R, start.v, np.array(AXIS) * start.Omega))

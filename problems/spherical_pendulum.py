@@ -18,7 +18,7 @@ from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import Joint, RigidBody, assemble
 from ..harness.types import Invariant, Observable, Problem
-from .exact.one_body import one_body_motion
+from .exact.one_body import find_one_body_motion
 
 
 @problem("spherical_pendulum")
@@ -61,7 +61,7 @@ def spherical_pendulum(
             Invariant("L_Y", "kg m2/s", lambda s: angular_momentum(system, s)[:, 1]),
             Invariant("Omega_x", "rad/s", lambda s: s.Omega[:, 0, 0]),
         ),
-        reference_from=partial(one_body_motion, system),
+        reference_from=partial(find_one_body_motion, system),
         literal_start=literal_start,
         planar_normal=np.array([0.0, 0.0, 1.0]) if omega_x == omega_z == 0.0 else None,
     )

@@ -18,7 +18,7 @@ from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import Joint, MultibodySystem, RigidBody, assemble
 from ..harness.types import Invariant, Observable, Problem, Trait
-from .exact.one_body import one_body_motion
+from .exact.one_body import find_one_body_motion
 
 Triple = tuple[float, float, float]
 
@@ -55,7 +55,7 @@ def torque_free_body(
             Observable("axis_error", r"\angle(L, L_0)", "rad", partial(_axis_error, system)),
         ),
         invariants=tuple(kept),
-        reference_from=partial(one_body_motion, system),
+        reference_from=partial(find_one_body_motion, system),
     )
 
 

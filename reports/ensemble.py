@@ -51,26 +51,26 @@ def write_page(
     own = choose_styles(s.cloud.code.name for s in scored)
     charts = [draw_chart(caption, plots, own) for s in scored for caption, plots in _plots(e, true[1], s, moving)]
     rows = sorted([*perfect, *(c for s in scored for c in s.rows)], key=lambda c: (c.t_s, c.quantity))
-    stamp = f"Commit {environment.commit()[:12] or 'not recorded'}."
+    stamp = f"Commit {environment.read_commit()[:12] or 'not recorded'}."
     write_file(path, "ensemble.html", title=title, scored=scored, rows=rows, charts=charts, number=number, stamp=stamp)
 
 
 def _plots(e: Ensemble, true: Cloud, s: ScoredCloud, moving: Sequence[int]) -> Iterator[tuple[str, list[Plot]]]:
     """Yield a caption and its panels for each chart of one solver: its cloud with the true one, and rank histograms."""
-    clouds = [_fan(e, true, s, i) for i in moving] + (
-        [_dots(e, true, s, moving, k) for k in range(len(e.at))] if len(moving) > 1 else []
+    clouds = [_plot_bands(e, true, s, i) for i in moving] + (
+        [_plot_members(e, true, s, moving, k) for k in range(len(e.at))] if len(moving) > 1 else []
     )
     yield f"{s.label}: bands of 50 and 90 % of the members with their median, and members; truth is black.", clouds
     ranked = sorted((c for c in s.rows if c.ranks), key=lambda c: c.ranks.p if c.ranks else 1.0)
     # the quantities least likely to come from a perfect solver
     telling = list(dict.fromkeys(c.quantity for c in ranked))[:DRAWN]
-    histograms = [_histogram(s, c) for c in s.rows if c.ranks and c.quantity in telling]
+    histograms = [_plot_ranks(s, c) for c in s.rows if c.ranks and c.quantity in telling]
     if histograms:
         words = "ranks of true draws, of what differs most; between the black lines 95 % of a perfect solver's bars."
         yield f"{s.label}: {words}", histograms
 
 
-def _fan(e: Ensemble, true: Cloud, s: ScoredCloud, i: int) -> Plot:
+def _plot_bands(e: Ensemble, true: Cloud, s: ScoredCloud, i: int) -> Plot:
     """Plot observable ``i`` over time: bands of both clouds with medians, marked at all score times but the last."""
     o, traces = e.observables[i], list[Trace]()
     for cloud, solver in ((true, ""), (s.cloud, s.cloud.code.name)):
@@ -85,7 +85,7 @@ def _fan(e: Ensemble, true: Cloud, s: ScoredCloud, i: int) -> Plot:
     return Plot(f"fan-{i}", o.name, "", Axis("t", "s", symbol="t"), _axis(e, i), traces, marks=marks)
 
 
-def _dots(e: Ensemble, true: Cloud, s: ScoredCloud, moving: Sequence[int], k: int) -> Plot:
+def _plot_members(e: Ensemble, true: Cloud, s: ScoredCloud, moving: Sequence[int], k: int) -> Plot:
     """Plot the members of both clouds at score time ``k`` in the plane of the first two observables that spread."""
     a, b = moving[:2]
     traces = [
@@ -96,7 +96,7 @@ def _dots(e: Ensemble, true: Cloud, s: ScoredCloud, moving: Sequence[int], k: in
     return Plot(f"dots-{k}", f"members at {e.at[k]:g} s", "", x, y, traces)
 
 
-def _histogram(s: ScoredCloud, c: CloudComparison) -> Plot:
+def _plot_ranks(s: ScoredCloud, c: CloudComparison) -> Plot:
     """Plot the rank histogram of one comparison, with lines that enclose 95 % of a perfect solver's bars."""
     assert c.ranks is not None
     counts = c.ranks.counts

@@ -13,16 +13,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from ..harness.confined_paths import ConfinedPath
-from .model.accuracy import measure_for
-from .model.floats import write_floats
+from .model.accuracy import choose_measure
+from .model.floats import format_floats
 from .model.heat import HeatMap, make_heat_map
 from .model.margin import LEVELS
-from .model.results import StoredResults, StoredRun, Variant, group_by_solver, read_results, slug
+from .model.results import StoredResults, StoredRun, Variant, group_by_solver, make_slug, read_results
 from .model.tables import write_tables
 from .plots.convergence import convergence_plots
 from .plots.fonts import DEFAULT_FONT, Font
-from .plots.laws import draw_runs, laws
-from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, figure, note_size, save, scale, sheet, strip_math
+from .plots.laws import draw_runs, plot_laws
+from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, draw_plots, note_size, save, scale, sheet, strip_math
 from .plots.spec import LineStyle, Plot, Trace, choose_print_styles
 from .plots.work import make_work_plots
 from .rendering import render
@@ -63,7 +63,7 @@ ROW, HEAD = 0.25, 0.75  # [in]
 SIGNS = {"good": "", "inaccurate": "≈ ", "wrong": "× ", "failed": "★ ", "open": "not finished", "refused": "refused"}
 
 
-def command(
+def write_publication(
     folder: Path,
     only: Sequence[str],
     tell: Callable[[str], None],
@@ -115,7 +115,7 @@ def command(
     page = render("publication.html", figures=captions, tables=tables, title=title, charts=(), stamp="")
     (out / "index.html").write(page)
     described = {f"{p.slug}/{p.slug}": describe_table(p) for p in variants}
-    (out / "floats.tex").write(write_floats(title, captions, described))
+    (out / "floats.tex").write(format_floats(title, captions, described))
     return [*files, (out / "floats.tex").path]
 
 
@@ -135,7 +135,7 @@ def _rename_solvers(
 
 def describe_table(variant: Variant) -> str:
     """Return the caption of a variant's table."""
-    measure = measure_for(variant.runs)
+    measure = choose_measure(variant.runs)
     until = f"; errors up to {measure.until:.4g} s" if measure and measure.until is not None else ""
     return f"{variant.title}: largest errors and CPU time of each run{until}."
 
@@ -152,21 +152,23 @@ def list_figures(
         kinds, cpu = {p.x.title for p in work}, results.environment.get("cpu")
         clock = CLOCK.format(f" ({cpu})" if isinstance(cpu, str) and cpu else "") if "CPU time" in kinds else ""
         counted = [words for kind, words in COUNTED.items() if kind in kinds]
-        caption = " ".join(filter(None, (f"{variant.title}: work against error.", WORK, _cross(work), clock, *counted)))
-        yield f"{variant.slug}-work", caption, DOUBLE, partial(figure, work, own, height=2.3)
+        caption = " ".join(
+            filter(None, (f"{variant.title}: work against error.", WORK, _explain_cross(work), clock, *counted))
+        )
+        yield f"{variant.slug}-work", caption, DOUBLE, partial(draw_plots, work, own, height=2.3)
     if ladders := convergence_plots(variant):
         slopes = TRIANGLES if any(p.triangles for p in ladders) else ""
         head = f"{variant.title}: error against step."
-        caption = " ".join(filter(None, (head, CONVERGENCE, _cross(ladders), slopes)))
-        yield f"{variant.slug}-convergence", caption, DOUBLE, partial(figure, ladders, own, height=2.3)
+        caption = " ".join(filter(None, (head, CONVERGENCE, _explain_cross(ladders), slopes)))
+        yield f"{variant.slug}-convergence", caption, DOUBLE, partial(draw_plots, ladders, own, height=2.3)
     taken: set[str] = set()
     for label, runs in variant.labels().items():
         if len(runs) > MAP:
             continue
-        for part in (divided := parts(runs)):
-            base = slug(f"{variant.slug}-{label or 'all'}", taken)
+        for part in (divided := split_runs(runs)):
+            base = make_slug(f"{variant.slug}-{label or 'all'}", taken)
             drawing = draw_runs(results, part, variant.runs)
-            chapter = laws(drawing)
+            chapter = plot_laws(drawing)
             plots = {p.name: p for p in chapter.plots} if chapter else {}
             empty = np.zeros(0)
             unseen = [
@@ -174,7 +176,7 @@ def list_figures(
                 for k in drawing.lines
                 if not drawing.motions[k.run.record.run_id].has_steps
             ]
-            draw = partial(figure, looks=own, unseen=unseen)
+            draw = partial(draw_plots, looks=own, unseen=unseen)
             title = f"{variant.title}, {label or 'all runs'}"
             if len(divided) > 1:  # name the solvers of each part, in order
                 ends = dict.fromkeys((part[0].record.solver, part[-1].record.solver))
@@ -188,7 +190,7 @@ def list_figures(
                 yield f"{base}-laws", _caption(title, shown), DOUBLE, partial(draw, shown)
 
 
-def _cross(plots: Sequence[Plot]) -> str:
+def _explain_cross(plots: Sequence[Plot]) -> str:
     """Return the words that explain the cross of a false success; empty if no plot has one."""
     return CROSS if any("wrong" in (t.end, *t.ends) for p in plots for t in p.traces) else ""
 
@@ -196,10 +198,10 @@ def _cross(plots: Sequence[Plot]) -> str:
 def _caption(title: str, plots: Sequence[Plot]) -> str:
     """Return a caption: the title, then each panel's title and caption, then the meaning of a cross if there is one."""
     words = " ".join(f"{p.title}: {p.caption[0].lower()}{p.caption[1:]}" for p in plots)
-    return " ".join(filter(None, (f"{title}. {words}", _cross(plots))))
+    return " ".join(filter(None, (f"{title}. {words}", _explain_cross(plots))))
 
 
-def parts(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
+def split_runs(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
     """Split runs into groups of at most ``MOST``, the lines of one figure, without splitting a solver's runs."""
     out: list[list[StoredRun]] = [[]]
     for own in group_by_solver(runs).values():

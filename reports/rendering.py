@@ -18,7 +18,7 @@ SORTED = 6  # digits of a number used to sort a table
 
 
 @cache
-def environment() -> Environment:
+def make_environment() -> Environment:
     """Return the template environment, made once: text is escaped, functions of reports/model/words.py are known."""
     out = Environment(
         loader=FileSystemLoader(FOLDER / "templates"),
@@ -29,13 +29,15 @@ def environment() -> Environment:
     )
     out.filters.update(px=lambda v: f"{v:.1f}", finite=math.isfinite)
     out.tests["known"] = lambda v: v == v  # not NaN
-    out.globals.update({k: f for k, f in vars(words).items() if isfunction(f)}, term=term, num=_entry, nan=math.nan)
+    out.globals.update(
+        {k: f for k, f in vars(words).items() if isfunction(f)}, term=term, num=_format_cell, nan=math.nan
+    )
     return out
 
 
 def render(template: str, **values: Any) -> str:
     """Render the template of that name in ``templates/`` with ``values``; raise UndefinedError for a missing value."""
-    return environment().get_template(template).render(values)
+    return make_environment().get_template(template).render(values)
 
 
 def write_file(path: Path, template: str, **values: Any) -> None:
@@ -43,7 +45,7 @@ def write_file(path: Path, template: str, **values: Any) -> None:
     write_text(path, render(template, **values))
 
 
-def _entry(value: float | None, show: Any = words.number) -> Markup:
+def _format_cell(value: float | None, show: Any = words.number) -> Markup:
     """Return an HTML table cell that shows a number by ``show`` and sorts by its value; NaN and None sort as empty."""
     v = math.nan if value is None else float(value)
     return Markup('<td class="n" data-v="{}">{}</td>').format("" if v != v else f"{v:.{SORTED}g}", show(v))

@@ -40,7 +40,7 @@ def write_page(path: Path, title: str, found: Sequence[Finding], names: Sequence
         draw_chart("Distance of each centre of mass from that of the shadow.", [distances], looks),
         draw_chart("Paths of centres of mass: computed, and true (dashed).", [paths], looks),
     ]
-    stamp = f"{NOTE} Commit {environment.commit()[:12] or 'not recorded'}."
+    stamp = f"{NOTE} Commit {environment.read_commit()[:12] or 'not recorded'}."
     summary = summarise_nearest(s, None).words or found[0].measured.text
     write_file(path, "trial.html", title=title, card=None, summary=summary, findings=found, charts=charts, stamp=stamp)
 

@@ -11,7 +11,7 @@ OURS = ("assets", "runs", "data", "tables", "badges")  # folders that a new repo
 KEPT = ("figures",)  # may hold files of other commands
 
 
-def build(results_folder: Path) -> Path:
+def build_report(results_folder: Path) -> Path:
     """Write ``report/`` in the results folder; return the path of its first page."""
     results = read_results(Path(results_folder))
     return write_site(results, ConfinedPath(Path(results_folder)) / "report")
@@ -19,7 +19,7 @@ def build(results_folder: Path) -> Path:
 
 def write_site(results: StoredResults, folder: ConfinedPath) -> Path:
     """Write all pages of the results into ``folder``; return the path of the first."""
-    _clear(folder)
+    _clear_folder(folder)
     copy_assets(folder, sorted(path.name for path in ASSETS.iterdir()))
     site = Site(results, folder)
     write_pages(site)
@@ -29,7 +29,7 @@ def write_site(results: StoredResults, folder: ConfinedPath) -> Path:
     return folder.path / "index.html"
 
 
-def _clear(folder: ConfinedPath) -> None:
+def _clear_folder(folder: ConfinedPath) -> None:
     """Remove the files of an earlier report, such as pages of runs that no longer exist.
 
     Raise UnsafeFile, before anything is removed, if a folder or page is a link to elsewhere.

@@ -14,14 +14,21 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, refuse_unused, run_plainly
-from .formulations.methods.alpha import alpha_steps
+from .formulations.compiled.host import (
+    WITH_PLAIN,
+    HolonomicMarchedSolver,
+    Method,
+    code_option,
+    refuse_unused,
+    run_plainly,
+)
+from .formulations.methods.alpha import make_alpha_method
 from .plain import generalized_alpha
 
 
 @solver("al_index3")
 @dataclass(frozen=True)
-class AlIndex3(ClosedMarch):
+class AlIndex3(HolonomicMarchedSolver):
     """Augmented Lagrangian of index 3, trapezoidal rule, projected velocities and accelerations."""
 
     regularisation: float = option(
@@ -40,12 +47,14 @@ class AlIndex3(ClosedMarch):
         """
         return refuse_unused(self, "regularisation") or super().refuses(problem, control)
 
-    def _method(self, problem: Problem, control: StepControl) -> Method:
+    def _make_method(self, problem: Problem, control: StepControl) -> Method:
         """Return generalised alpha's method with the parameters of the trapezoidal rule, and with projections."""
-        method = alpha_steps(problem, self.tolerance, beta=0.25, gamma=0.5, shift=self.regularisation, projected=True)
+        method = make_alpha_method(
+            problem, self.tolerance, beta=0.25, gamma=0.5, shift=self.regularisation, projected=True
+        )
         return replace(method, code=self.code)
 
-    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _integrate_plain(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate by the same steps in plain NumPy."""
         scheme = {"beta": 0.25, "gamma": 0.5, "projected": True}
         return run_plainly(generalized_alpha.integrate, problem, control, self.tolerance, **scheme)

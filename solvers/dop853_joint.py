@@ -16,7 +16,7 @@ from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.joint_coordinates.choice import refusal
+from .formulations.joint_coordinates.choice import refuse_loop_rows
 from .formulations.joint_coordinates.marching import integrate
 
 
@@ -31,7 +31,7 @@ class Dop853Joint:
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return the refusal of a large mechanism with many closed loops, or None."""
-        return refusal(problem)
+        return refuse_loop_rows(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with error control at ``control.rtol`` and return the trajectory."""

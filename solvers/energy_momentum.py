@@ -15,7 +15,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import MarchedSolver, Method, code_option, run_plainly
-from .formulations.methods.energy_momentum import mean_value_steps
+from .formulations.methods.energy_momentum import make_mean_value_method
 from .formulations.refusals import refuse_without_gradient
 from .plain import energy_momentum
 
@@ -38,10 +38,10 @@ class EnergyMomentum(MarchedSolver):
         """
         return refuse_without_gradient(problem.system) or super().refuses(problem, control)
 
-    def _method(self, problem: Problem, control: StepControl) -> Method:
+    def _make_method(self, problem: Problem, control: StepControl) -> Method:
         """Return the mean-value method with the solver's options."""
-        return mean_value_steps(problem, self.tolerance, self.code)
+        return make_mean_value_method(problem, self.tolerance, self.code)
 
-    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _integrate_plain(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate by the same steps in plain NumPy."""
         return run_plainly(energy_momentum.integrate, problem, control, self.tolerance)

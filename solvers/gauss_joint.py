@@ -20,8 +20,8 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.joint_coordinates.collocation import gauss_lobatto
-from .formulations.joint_coordinates.symplectic import integrate, refusal
+from .formulations.joint_coordinates.collocation import make_gauss_lobatto_tableau
+from .formulations.joint_coordinates.symplectic import integrate, refuse_problem
 
 
 @solver("gauss_joint")
@@ -41,8 +41,8 @@ class GaussJoint:
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return the refusal of rows without phi, and of a large mechanism with many closed loops, or None."""
-        return refusal(problem)
+        return refuse_problem(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt`` and return the trajectory."""
-        return integrate(problem, control, gauss_lobatto(self.stages))
+        return integrate(problem, control, make_gauss_lobatto_tableau(self.stages))

@@ -20,7 +20,7 @@ from ..harness.types import Problem, Status, StepControl, Trajectory
 from .formulations.compiled.host import refuse_unused
 from .formulations.methods.choices import GaugeChoices
 from .formulations.methods.gc_weak_form import integrate_weak_form
-from .formulations.methods.passages import passages
+from .formulations.methods.passages import find_passages
 from .formulations.rank import rows_to_keep
 
 
@@ -85,17 +85,17 @@ class GcAugmentedLagrangian(GaugeChoices):
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt`` and return the trajectory, singular passages in ``events``."""
         began = cpu_seconds()
-        with making_code:  # imported now for ``passages``, so that its time is set-up
-            import scipy.signal  # noqa: F401  for ``passages``
+        with making_code:  # imported now for ``find_passages``, so that its time is set-up
+            import scipy.signal  # noqa: F401  for ``find_passages``
 
         redundant = problem.system.nrows - len(rows_to_keep(problem.system, problem.initial))
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)
-        settings = self.settings(problem)._replace(
+        settings = self.make_settings(problem)._replace(
             active=1,
             always_nested=self.loop == "nested",
             penalty=self.penalty,
             max_augmentations=self.max_augmentations,
-            accept=self.of_energy(self.accept, problem),
+            accept=self.scale_tolerance(self.accept, problem),
             closes_pose=correct,
             soft=self.soft_penalty,
             lambda_bar=self.lambda_bar,
@@ -108,7 +108,7 @@ class GcAugmentedLagrangian(GaugeChoices):
         if out.status is Status.REFUSED:
             return out
         rank = f"{problem.system.nrows} constraint rows of rank {problem.system.nrows - redundant} at the start"
-        crossed = passages(problem.system, out)
+        crossed = find_passages(problem.system, out)
         notes = [*out.notes, rank, *self.notes(problem)]
         if correct:
             notes.append("poses corrected to phi = 0 after every step, which Sect. 4.3 does not do")

@@ -16,7 +16,7 @@ from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import code_option, integrate
 from .formulations.methods.choices import CHOICES
 from .formulations.methods.compositions import COMPOSITIONS, RATE
-from .formulations.methods.gc_composed import composed_steps
+from .formulations.methods.gc_composed import make_composed_method
 from .gc_weak_form import GcWeakForm
 
 SPRINGS = "takes gravity as the only applied force: springs and dampers carry mu from step to step; use gc_weak_form"
@@ -57,20 +57,24 @@ class GcComposed:
         Causes: forces other than gravity, joints other than spherical and revolute ones, a direction that the joints do
         not have, and no code of the mechanism where asked for.
         """
-        return refusal(problem.system) or self._step.refuses_direction(problem) or self._step.refuses_code(problem)
+        return (
+            refuse_system(problem.system)
+            or self._weak_form.refuses_direction(problem)
+            or self._weak_form.refuses_code(problem)
+        )
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt`` and return the trajectory."""
-        settings, gamma = self._step.settings(problem), COMPOSITIONS[self.composition][0]
-        return integrate(problem, control, composed_steps(problem.system, settings, gamma, self.rate))
+        settings, gamma = self._weak_form.make_settings(problem), COMPOSITIONS[self.composition][0]
+        return integrate(problem, control, make_composed_method(problem.system, settings, gamma, self.rate))
 
     @property
-    def _step(self) -> GcWeakForm:
+    def _weak_form(self) -> GcWeakForm:
         """Solver of the weak form with the same options, whose steps are the sub-steps."""
         return GcWeakForm(direction=self.direction, tolerance=self.tolerance, code=self.code)
 
 
-def refusal(system: MultibodySystem) -> str | None:
+def refuse_system(system: MultibodySystem) -> str | None:
     """Return why the simplified step cannot integrate the system, or None: other forces or joints than it has."""
     if len(system.spring_k) or len(system.torsion_k) or len(system.load_i) or len(system.user_i):
         return SPRINGS

@@ -13,8 +13,8 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import code_option, integrate
 from .formulations.methods.choices import CHOICES
-from .formulations.methods.gc_extrapolated import extrapolated_steps
-from .gc_composed import refusal
+from .formulations.methods.gc_extrapolated import make_extrapolated_method
+from .gc_composed import refuse_system
 from .gc_weak_form import GcWeakForm
 
 
@@ -42,15 +42,21 @@ class GcExtrapolated:
         Causes: forces other than gravity, joints other than spherical and revolute ones, a direction that the joints do
         not have, and no code of the mechanism where asked for.
         """
-        return refusal(problem.system) or self._step.refuses_direction(problem) or self._step.refuses_code(problem)
+        return (
+            refuse_system(problem.system)
+            or self._weak_form.refuses_direction(problem)
+            or self._weak_form.refuses_code(problem)
+        )
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with error control at ``control.rtol`` and return the trajectory."""
         return integrate(
-            problem, control, extrapolated_steps(problem.system, self._step.settings(problem), self.columns)
+            problem,
+            control,
+            make_extrapolated_method(problem.system, self._weak_form.make_settings(problem), self.columns),
         )
 
     @property
-    def _step(self) -> GcWeakForm:
+    def _weak_form(self) -> GcWeakForm:
         """Solver of the weak form with the same options, whose steps are extrapolated."""
         return GcWeakForm(direction=self.direction, tolerance=self.tolerance, code=self.code)

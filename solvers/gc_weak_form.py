@@ -50,5 +50,5 @@ class GcWeakForm(GaugeChoices):
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt`` and return the trajectory."""
-        out = integrate_weak_form(problem, control, self, self.settings(problem))
+        out = integrate_weak_form(problem, control, self, self.make_settings(problem))
         return replace(out, notes=(*out.notes, *self.notes(problem)))

@@ -14,14 +14,14 @@ from typing import Any, ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, run_plainly
-from .formulations.methods.alpha import alpha_steps
+from .formulations.compiled.host import WITH_PLAIN, HolonomicMarchedSolver, Method, code_option, run_plainly
+from .formulations.methods.alpha import make_alpha_method
 from .plain import generalized_alpha
 
 
 @solver("generalized_alpha")
 @dataclass(frozen=True)
-class GeneralizedAlpha(ClosedMarch):
+class GeneralizedAlpha(HolonomicMarchedSolver):
     """Generalised-alpha on the rotation group with fixed steps and numerical damping."""
 
     rho_inf: float = option(
@@ -49,10 +49,10 @@ class GeneralizedAlpha(ClosedMarch):
             "stabilised": self.form == "stabilised",
         }
 
-    def _method(self, problem: Problem, control: StepControl) -> Method:
+    def _make_method(self, problem: Problem, control: StepControl) -> Method:
         """Return generalised alpha's method with the solver's options."""
-        return replace(alpha_steps(problem, self.tolerance, **self._scheme), code=self.code)
+        return replace(make_alpha_method(problem, self.tolerance, **self._scheme), code=self.code)
 
-    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _integrate_plain(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate by the same steps in plain NumPy."""
         return run_plainly(generalized_alpha.integrate, problem, control, self.tolerance, **self._scheme)

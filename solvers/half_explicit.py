@@ -14,7 +14,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import WITH_PLAIN, MarchedSolver, Method, code_option, refuse_unused
-from .formulations.methods.half_explicit import half_explicit_steps
+from .formulations.methods.half_explicit import make_half_explicit_method
 from .plain import half_explicit
 
 
@@ -37,11 +37,11 @@ class HalfExplicit(MarchedSolver):
         """
         return refuse_unused(self, "tolerance") or super().refuses(problem, control)
 
-    def _method(self, problem: Problem, control: StepControl) -> Method:
+    def _make_method(self, problem: Problem, control: StepControl) -> Method:
         """Return the half-explicit method with the solver's options."""
-        method = half_explicit_steps(self.tolerance)
+        method = make_half_explicit_method(self.tolerance)
         return replace(method, code=self.code)
 
-    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _integrate_plain(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate by the same steps in plain NumPy."""
         return half_explicit.integrate(problem, control)

@@ -17,8 +17,8 @@ from .formulations.classical import BaumgarteOptions
 from .formulations.ida import InitialValueProblem, integrate
 from .formulations.layout import Layout
 from .formulations.recording import Clock
-from .formulations.start import layout_for
-from .formulations.sundials import not_installed
+from .formulations.start import choose_layout
+from .formulations.sundials import refuse_if_missing
 
 
 @solver("ida_index1")
@@ -32,15 +32,15 @@ class IdaIndex1(BaumgarteOptions):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None: scikit-sundae is missing, or as all symbolic solvers refuse."""
-        return not_installed() or super().refuses(problem, control)
+        return refuse_if_missing() or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """Integrate index 1 with Baumgarte's terms by IDA, and return the trajectory."""
-        layout, notes = layout_for(problem, self.coordinates)
+        layout, notes = choose_layout(problem, self.coordinates)
 
         def begin(layout: Layout, at: Problem) -> InitialValueProblem:
             """Return the equations and consistent initial values at a state, on the constraint rows of ``layout``."""
-            y, y_dot = self.start(layout, at)
+            y, y_dot = self.compute_start(layout, at)
             form = self.implicit(layout, self.form, self.alpha, self.beta)
             return InitialValueProblem(form, y, y_dot, () if self.lambda_in_error_test else (layout.lam,))
 

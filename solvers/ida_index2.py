@@ -21,8 +21,8 @@ from .formulations.ida import InitialValueProblem, integrate
 from .formulations.layout import Layout, StabilisedLayout
 from .formulations.recording import Clock
 from .formulations.refusals import refuse_without_phi
-from .formulations.start import coordinates_and_velocities, layout_for, make_consistent
-from .formulations.sundials import not_installed
+from .formulations.start import choose_layout, make_consistent, pack_start
+from .formulations.sundials import refuse_if_missing
 
 
 @solver("ida_index2")
@@ -45,11 +45,11 @@ class IdaIndex2(ImplicitOptions):
         if self.form == "ggl" and self.alpha != type(self).alpha:
             return f"alpha = {self.alpha:g} acts in form velocity only: form ggl holds phi = 0 itself"
         reason = refuse_without_phi(problem.system) if self.form == "ggl" else None
-        return not_installed() or reason or super().refuses(problem, control)
+        return refuse_if_missing() or reason or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """Integrate index 2, in the ``form`` of the option, by IDA, and return the trajectory."""
-        layout, notes = layout_for(problem, self.coordinates)
+        layout, notes = choose_layout(problem, self.coordinates)
         rate = self.alpha if self.form == "velocity" else 0.0  # the row's derivative: phi_ddot + rate phi_dot
         if self.form == "ggl":
             layout = StabilisedLayout(layout.system, layout.chart, layout.kept)
@@ -57,7 +57,7 @@ class IdaIndex2(ImplicitOptions):
         def begin(layout: Layout, at: Problem) -> InitialValueProblem:
             """Return the equations and consistent initial values at a state, on the constraint rows of ``layout``."""
             plain = Layout(layout.system, layout.chart, layout.kept)
-            y, y_dot = make_consistent(plain, coordinates_and_velocities(plain, at), rate / 2.0, 0.0, at.initial.t)
+            y, y_dot = make_consistent(plain, pack_start(plain, at), rate / 2.0, 0.0, at.initial.t)
             multipliers = [layout.lam]
             if isinstance(layout, StabilisedLayout):
                 y, y_dot = (np.concatenate((part, np.zeros(layout.k))) for part in (y, y_dot))

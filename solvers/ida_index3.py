@@ -18,8 +18,8 @@ from .formulations.ida import InitialValueProblem, integrate
 from .formulations.layout import Layout
 from .formulations.recording import Clock
 from .formulations.refusals import refuse_without_phi
-from .formulations.start import coordinates_and_velocities, layout_for, make_consistent
-from .formulations.sundials import not_installed
+from .formulations.start import choose_layout, make_consistent, pack_start
+from .formulations.sundials import refuse_if_missing
 
 
 @solver("ida_index3")
@@ -40,15 +40,15 @@ class IdaIndex3(ImplicitOptions):
 
         Causes: scikit-sundae missing, rows without phi, and those of all symbolic solvers.
         """
-        return not_installed() or refuse_without_phi(problem.system) or super().refuses(problem, control)
+        return refuse_if_missing() or refuse_without_phi(problem.system) or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """Integrate index 3, phi = 0, by IDA, and return the trajectory."""
-        layout, notes = layout_for(problem, self.coordinates)
+        layout, notes = choose_layout(problem, self.coordinates)
 
         def begin(layout: Layout, at: Problem) -> InitialValueProblem:
             """Return the equations and consistent initial values at a state, on the constraint rows of ``layout``."""
-            y, y_dot = make_consistent(layout, coordinates_and_velocities(layout, at), 0.0, 0.0, at.initial.t)
+            y, y_dot = make_consistent(layout, pack_start(layout, at), 0.0, 0.0, at.initial.t)
             velocities = () if self.velocities_in_error_test else (layout.u,)
             multipliers = () if self.lambda_in_error_test else (layout.lam,)
             return InitialValueProblem(

@@ -12,15 +12,15 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, run_plainly
+from .formulations.compiled.host import WITH_PLAIN, HolonomicMarchedSolver, Method, code_option, run_plainly
 from .formulations.methods.compositions import COMPOSITIONS
-from .formulations.methods.rattle import symplectic_steps
+from .formulations.methods.rattle import make_rattle_method
 from .plain import rattle
 
 
 @solver("lie_variational")
 @dataclass(frozen=True)
-class LieVariational(ClosedMarch):
+class LieVariational(HolonomicMarchedSolver):
     """Discrete Euler-Lagrange equations on the rotation group, fixed steps, exact constraints."""
 
     tolerance: float = option(
@@ -29,11 +29,11 @@ class LieVariational(ClosedMarch):
     code: str = code_option(*WITH_PLAIN)
     order: ClassVar[float] = 2.0
 
-    def _method(self, problem: Problem, control: StepControl) -> Method:
+    def _make_method(self, problem: Problem, control: StepControl) -> Method:
         """Return RATTLE's method with Moser and Veselov's discrete free body."""
-        method = symplectic_steps(problem, COMPOSITIONS["plain"][0], self.tolerance, discrete=True)
+        method = make_rattle_method(problem, COMPOSITIONS["plain"][0], self.tolerance, discrete=True)
         return replace(method, code=self.code)
 
-    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _integrate_plain(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate by the same steps in plain NumPy."""
         return run_plainly(rattle.integrate, problem, control, self.tolerance, discrete=True)

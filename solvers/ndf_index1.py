@@ -38,7 +38,7 @@ from .formulations.layout import Layout
 from .formulations.newton import Scheme, maximum, ndf_newton, root_mean_square
 from .formulations.recording import Clock, StepFailure, march
 from .formulations.rows_in_use import RowsInUse
-from .formulations.start import layout_for
+from .formulations.start import choose_layout
 
 
 @solver("ndf_index1")
@@ -64,7 +64,7 @@ class NdfIndex1(BaumgarteOptions):
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """Integrate index 1 with Baumgarte's terms by the ``scheme`` of scipy_dae, and return the trajectory."""
-        layout, notes = layout_for(problem, self.coordinates)
+        layout, notes = choose_layout(problem, self.coordinates)
         assert control.rtol is not None  # checked by the catalogue
         norm = root_mean_square if self.norm == "rms" else maximum
         keep = self.accelerations != "mass_matrix"  # F = E(y) y' - f(y): without y', dF/dy reduces to -df/dy
@@ -73,15 +73,15 @@ class NdfIndex1(BaumgarteOptions):
         def begin(layout: Layout, at: Problem) -> None:
             form = self.implicit(layout, "se" if self.accelerations == "eliminated" else "fi", self.alpha, self.beta)
             atol = tolerances(control.rtol or 0.0, layout.n, () if self.lambda_in_error_test else (layout.lam,))
-            start = (at.initial.t, *self.start(layout, at))
-            ndf = self.scheme.on(form, start, problem.t_end, control, atol, norm, clock, keep_y_dot=keep)
+            start = (at.initial.t, *self.compute_start(layout, at))
+            ndf = self.scheme.set_up_method(form, start, problem.t_end, control, atol, norm, clock, keep_y_dot=keep)
             pieces.append((ndf, form))
 
         rows = RowsInUse(layout, begin, problem, every=self.rows_every)
         y = pieces[0][0].y
 
         def advance() -> tuple[float, np.ndarray, np.ndarray]:
-            t, y, reaction = _step(pieces[-1][0], rows.layout)
+            t, y, reaction = _take_step(pieces[-1][0], rows.layout)
             rows.update_rows(t, y)
             return t, y, reaction
 
@@ -101,7 +101,7 @@ class NdfIndex1(BaumgarteOptions):
         return march(problem, control, layout, clock, advance, y, reaction, count, notes, in_use)
 
 
-def _step(ndf: DaeSolver, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:
+def _take_step(ndf: DaeSolver, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:
     """Take one step of scipy_dae's method; return its time [s], y and the reaction on all constraint rows.
 
     Raises ``StepFailure`` where the step fails, singular and non-finite matrices included.

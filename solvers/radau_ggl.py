@@ -13,26 +13,26 @@ from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import ClosedMarch, Method, code_option, run_plainly
-from .formulations.methods.radau import radau_steps, tolerance_for
+from .formulations.compiled.host import HolonomicMarchedSolver, Method, code_option, run_plainly
+from .formulations.methods.radau import choose_newton_tolerance, make_radau_method
 from .plain import radau_ggl
 
 
 @solver("radau_ggl")
 @dataclass(frozen=True)
-class RadauGgl(ClosedMarch):
+class RadauGgl(HolonomicMarchedSolver):
     """Radau IIA of order 5 on the rotation group, stabilised index 2, error control."""
 
     code: str = code_option("kernel", "mechanism", "plain")
 
     control: ClassVar[str] = "rtol"
 
-    def _method(self, problem: Problem, control: StepControl) -> Method:
+    def _make_method(self, problem: Problem, control: StepControl) -> Method:
         """Return the Radau method with the solver's options."""
         assert control.rtol is not None  # checked by the catalogue
-        return radau_steps(problem, control.rtol, self.code)
+        return make_radau_method(problem, control.rtol, self.code)
 
-    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _integrate_plain(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate by the same steps in plain NumPy."""
         assert control.rtol is not None
-        return run_plainly(radau_ggl.integrate, problem, control, tolerance_for(control.rtol))
+        return run_plainly(radau_ggl.integrate, problem, control, choose_newton_tolerance(control.rtol))

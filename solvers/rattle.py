@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, run_plainly
+from .formulations.compiled.host import WITH_PLAIN, HolonomicMarchedSolver, Method, code_option, run_plainly
 from .formulations.methods.compositions import COMPOSITIONS, RATE
-from .formulations.methods.rattle import symplectic_steps
+from .formulations.methods.rattle import make_rattle_method
 from .plain import rattle
 
 HOW = "plain (order 2), or composed: Suzuki's five steps (4), Kahan and Li's nine (6) or seventeen (8)"
@@ -20,7 +20,7 @@ HOW = "plain (order 2), or composed: Suzuki's five steps (4), Kahan and Li's nin
 
 @solver("rattle")
 @dataclass(frozen=True)
-class Rattle(ClosedMarch):
+class Rattle(HolonomicMarchedSolver):
     """Symplectic, time-reversible steps of fixed size with exact constraints."""
 
     composition: str = option("plain", HOW, choices=tuple(COMPOSITIONS))
@@ -44,11 +44,11 @@ class Rattle(ClosedMarch):
             return "plain steps are those of order 2 of one size: leave out composition and rate"
         return super().refuses(problem, control)
 
-    def _method(self, problem: Problem, control: StepControl) -> Method:
+    def _make_method(self, problem: Problem, control: StepControl) -> Method:
         """Return RATTLE's method, or a composition of it, with the solver's options."""
-        method = symplectic_steps(problem, COMPOSITIONS[self.composition][0], self.tolerance, rate=self.rate)
+        method = make_rattle_method(problem, COMPOSITIONS[self.composition][0], self.tolerance, rate=self.rate)
         return replace(method, code=self.code)
 
-    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _integrate_plain(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate by the same steps in plain NumPy."""
         return run_plainly(rattle.integrate, problem, control, self.tolerance)

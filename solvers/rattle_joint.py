@@ -19,8 +19,8 @@ from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.joint_coordinates.collocation import rattle
-from .formulations.joint_coordinates.symplectic import integrate, refusal
+from .formulations.joint_coordinates.collocation import make_rattle_tableau
+from .formulations.joint_coordinates.symplectic import integrate, refuse_problem
 
 
 @solver("rattle_joint")
@@ -35,8 +35,8 @@ class RattleJoint:
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return the refusal of rows without phi, and of a large mechanism with many closed loops, or None."""
-        return refusal(problem)
+        return refuse_problem(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt`` and return the trajectory."""
-        return integrate(problem, control, rattle(), radial=True)
+        return integrate(problem, control, make_rattle_tableau(), radial=True)

@@ -33,7 +33,7 @@ SAMPLES = {  # a text that is of the kind, and one that looks like it
     "step controllers": ("h = h * min(5.0, 0.9 * error ** (-1.0 / order))", "h = h * error**2"),
     "factorisations": ("lu = splu(K)", "x = lu.solve(b)"),
     "processes to talk to": ("p = subprocess.Popen(call, stdin=pipe)", "p = subprocess.run(call)"),
-    "cache folders": ("FOLDER = cache_folder('laws', ROOT)", "FOLDER = ROOT / 'laws'"),
+    "cache folders": ("FOLDER = make_cache_folder('laws', ROOT)", "FOLDER = ROOT / 'laws'"),
     "runs of one run": ("found = solver.solve(problem, control)", "x = np.linalg.solve(A, b)"),
     "lists of presentations": (
         "PARTS = ('split', 'rotation', 'mirror', 'duplicate', 'renumber')",

@@ -14,9 +14,9 @@ import pytest
 import mbsbench
 from mbsbench import Problem, Results, Run, Status, load, make_problem, solve
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.results.records import reasons_json
+from mbsbench.harness.results.records import format_reasons
 from mbsbench.harness.results.store import UnreadableFile
-from mbsbench.harness.results.words import error_words, list_reasons
+from mbsbench.harness.results.words import describe_errors, list_reasons
 from mbsbench.harness.types import Law, Reason
 from mbsbench.notebook import FEW, LEFT
 from mbsbench.reports.plots.spec import choose_styles
@@ -76,7 +76,7 @@ def test_numbers_are_those_of_a_run_of_the_harness(tmp_path, run):
 
     problem = make_problem("torque_free_body", {"t_end": 0.1})
     spec = make_spec(problem, "gc_weak_form", control={"dt": 0.01})
-    theirs = worker(Job(spec, store.create(tmp_path)))
+    theirs = worker(Job(spec, store.create_folder(tmp_path)))
     same = [
         "settings_id",
         "case",
@@ -180,9 +180,9 @@ def find_cells(html: str) -> dict[str, str]:
 def test_a_notebook_shows_a_table_with_the_reasons(run):
     """Status, error and CPU time as in the record; a run that is wrong says why."""
     cells = find_cells(run._repr_html_())
-    assert cells["status"] == "success" and cells["error"] == error_words(run.record) and "because" not in cells
+    assert cells["status"] == "success" and cells["error"] == describe_errors(run.record) and "because" not in cells
     assert cells["CPU time"] == f"{run.record.cpu_median_s:.3g} s"
-    law = reasons_json([Reason(Law.ENERGY, 2.0, 1.0, "J")])
+    law = format_reasons([Reason(Law.ENERGY, 2.0, 1.0, "J")])
     bad = dataclasses.replace(run.record, status="wrong", wrong_because=law)
     assert find_cells(dataclasses.replace(run, record=bad)._repr_html_())["because"] == escape(list_reasons(bad)[0])
     refused = dataclasses.replace(run.record, status="refused", t_reached_s=math.nan)

@@ -100,7 +100,7 @@ def test_wheel_carries_modules_and_data(tmp_path):
         capture_output=True,
         text=True,
     )
-    assert installed.stdout.strip() == f"{environment.code_digest()} no commit"
+    assert installed.stdout.strip() == f"{environment.digest_code()} no commit"
 
 
 def test_locks_carry_hashes_and_agree():

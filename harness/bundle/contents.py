@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..confined_paths import ConfinedPath
-from ..files import FileError, exact, parse_json, read_text
+from ..files import FileError, encode_nonfinite, parse_json, read_text
 from ..mechanics.joints import KINDS
 from ..results import store
 from ..results.records import COLUMNS, RunRecord, is_literal
@@ -53,10 +53,10 @@ FORCES = {  # listed after the joints, as joints of one row: names of their numb
 
 
 @dataclass
-class _Exact:
+class _ExactStates:
     """Exact states of a problem at the times of all its runs, each time once."""
 
-    about: dict[str, Any]  # every number of the problem
+    problem_numbers: dict[str, Any]  # every number of the problem
     at: dict[float, dict[str, Array]] = field(default_factory=dict)  # by time [s]: r, R, v, Omega, stated error
 
     def add(self, series: Series, chosen: Array) -> None:
@@ -65,7 +65,7 @@ class _Exact:
             state = {name: series[f"sample_{name}"][k] for name in (*STATE, "error")}
             self.at.setdefault(float(series["sample_t"][k]), state)
 
-    def matrix(self) -> bytes:
+    def encode_matrix(self) -> bytes:
         """Return all states in order of time, with the reference's stated error [m], as the bytes of an NPY matrix."""
         times = sorted(self.at)
         stated, *states = (np.array([self.at[t][name] for t in times]) for name in ("error", *STATE))
@@ -94,18 +94,18 @@ def _list_data(
 
     Raise FileError where the id of a run is invalid, or its series damaged or too short for a lossless bundle.
     """
-    runs, exact_of = list[dict[str, Any]](), dict[str, _Exact]()
+    runs, exact_of = list[dict[str, Any]](), dict[str, _ExactStates]()
     codes = sorted({r.code for r in records})
     yield "bundle.json", _json({"format": FORMAT, "version": VERSION, "lossless": lossless, "codes": codes})
-    yield from _texts(folder)
-    yield "records.json", _json([{c.name: exact(getattr(r, c.name)) for c in COLUMNS} for r in records])
+    yield from _list_texts(folder)
+    yield "records.json", _json([{c.name: encode_nonfinite(getattr(r, c.name)) for c in COLUMNS} for r in records])
     yield "table.json", _json(make_table(records))
     for record in records:
         if not RUN_ID.fullmatch(record.run_id):
             raise FileError(f"{record.run_id!r} is no id of a run")
         run: dict[str, Any] = {"run_id": record.run_id, "problem": "", "states": "none", "peaks_s": {}, "arrays": {}}
         run |= {"reactions": dict[str, list[float]](), "between": False}
-        with _whole_series(record):
+        with _name_damaged_run(record):
             series = again.get(record.run_id) or store.read_run_series(folder, record)
             if series is not None and "state_t" in series:
                 _check_arrays(record, series)
@@ -118,7 +118,7 @@ def _list_data(
                     raise FileError(
                         f"run {record.run_id} keeps {kept}: run its suite with --lossless, or bundle without"
                     )
-                exact_of.setdefault(name, _Exact(problem)).add(series, exact_ones | lossless)
+                exact_of.setdefault(name, _ExactStates(problem)).add(series, exact_ones | lossless)
                 run["peaks_s"] = dict(series.peaks)
                 for column in REACTIONS if "state_reaction" in series else ():
                     if column in series.peaks:
@@ -128,7 +128,7 @@ def _list_data(
                     every = np.all(chosen) and len(chosen) == len(series["t"])
                     run["states"] = "every step" if every else "some steps"
                     states = (series[f"state_{key}"][chosen] for key in ("t", *STATE))
-                    yield f"runs/{record.run_id}.npy", _write_states(_energy_of_states(series)[chosen], *states)
+                    yield f"runs/{record.run_id}.npy", _write_states(_select_energy_errors(series)[chosen], *states)
                 if lossless:
                     run["arrays"], content = _pack(_rows(series))
                     yield f"series/{record.run_id}.npy", content
@@ -136,12 +136,12 @@ def _list_data(
     yield "runs.json", _json(runs)
     for name, known in sorted(exact_of.items()):
         if known.at:
-            yield f"references/{name}.npy", known.matrix()
-        yield f"problems/{name}.json", _json(known.about)
+            yield f"references/{name}.npy", known.encode_matrix()
+        yield f"problems/{name}.json", _json(known.problem_numbers)
 
 
 @contextlib.contextmanager
-def _whole_series(record: RunRecord) -> Iterator[None]:
+def _name_damaged_run(record: RunRecord) -> Iterator[None]:
     """Convert errors in the block that malformed arrays of a series cause to a FileError that names the run."""
     try:
         yield
@@ -174,7 +174,7 @@ def _check_arrays(record: RunRecord, series: Series) -> None:
         raise FileError(f"the series of run {record.run_id} are not whole: run it again")
 
 
-def _energy_of_states(series: Series) -> Array:
+def _select_energy_errors(series: Series) -> Array:
     """Return the energy error [J] of each state, from the rows at the same times if states have none of their own."""
     if f"state_{ENERGY}" in series:
         return series[f"state_{ENERGY}"]
@@ -209,7 +209,7 @@ def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
         "reference": {
             "kind": series.reference,
             "route": record.reference,
-            "horizon_s": exact(record.reference_horizon_s),
+            "horizon_s": encode_nonfinite(record.reference_horizon_s),
         },
         "numbers": {name: a.tolist() for name, a in sorted(plain.items())},
     }
@@ -262,7 +262,7 @@ def _write_npy(a: Array) -> bytes:
     return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head.encode() + np.asarray(a, "<f8").tobytes()
 
 
-def _texts(folder: Path) -> Iterator[tuple[str, bytes]]:
+def _list_texts(folder: Path) -> Iterator[tuple[str, bytes]]:
     """Yield name and content of the suite of a results folder, of suites that it includes, and of its environments.
 
     Entries of an environment that name this machine's folders are left out.

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from itertools import groupby
 from typing import Any
 
-from ..files import exact
+from ..files import encode_nonfinite
 from ..results.records import RunRecord
 from ..types import Status
 
@@ -37,6 +37,6 @@ def _count(runs: Sequence[RunRecord]) -> dict[str, Any]:
     return {
         "runs": len(runs),
         **{str(s): sum(r.status == s for r in runs) for s in JUDGED},
-        "least_motion_error_m": exact(min((r.motion_error_judged_m for r in good), default=math.inf)),
-        "least_cpu_s": exact(min(near, default=math.inf)),
+        "least_motion_error_m": encode_nonfinite(min((r.motion_error_judged_m for r in good), default=math.inf)),
+        "least_cpu_s": encode_nonfinite(min(near, default=math.inf)),
     }

@@ -27,17 +27,17 @@ PINNED = (JointKind.REVOLUTE, JointKind.SPHERICAL, JointKind.UNIVERSAL, JointKin
 def close_joints(connections: Sequence[Connection]) -> list[Connection]:
     """Return the joints, with frames in loops moved to fit exactly unless they are open by more than ``OPEN``."""
     in_loops = _find_looped(connections)
-    out = [_close(c) if k in in_loops else c for k, c in enumerate(connections)]
+    out = [_close_connection(c) if k in in_loops else c for k, c in enumerate(connections)]
     looped = [k for k in sorted(in_loops) if out[k].kind in ONE_AXIS]
     ways = np.array([out[k].in_child.R @ out[k].axis for k in looped]).reshape(-1, 3)
     for k, way in zip(looped, _align(ways), strict=True):
         c = out[k]
-        child, parent = (_turn_least(frame, frame.R @ c.axis, way) for frame in (c.in_child, c.in_parent))
+        child, parent = (_align_frame(frame, frame.R @ c.axis, way) for frame in (c.in_child, c.in_parent))
         out[k] = replace(c, in_child=child, in_parent=parent)
     return out
 
 
-def _close(c: Connection) -> Connection:
+def _close_connection(c: Connection) -> Connection:
     """Return a joint with its two frames, open by rounding, moved to each other; unchanged if closed or wide open."""
     child, parent = c.in_child, c.in_parent
     gap = child.p - parent.p
@@ -69,12 +69,12 @@ def _close(c: Connection) -> Connection:
         return replace(c, in_child=Frame(child.p, R), in_parent=Frame(parent.p, R))
     if c.kind is JointKind.UNIVERSAL and c.second is not None:
         b = child.R @ c.second
-        return replace(c, in_parent=parent, in_child=_turn_least(child, b, b - axes[1] * (axes[1] @ b)))
+        return replace(c, in_parent=parent, in_child=_align_frame(child, b, b - axes[1] * (axes[1] @ b)))
     middle = axes[0] + axes[1]
-    return replace(c, in_child=_turn_least(child, axes[0], middle), in_parent=_turn_least(parent, axes[1], middle))
+    return replace(c, in_child=_align_frame(child, axes[0], middle), in_parent=_align_frame(parent, axes[1], middle))
 
 
-def _turn_least(frame: Frame, way: np.ndarray, to: np.ndarray) -> Frame:
+def _align_frame(frame: Frame, way: np.ndarray, to: np.ndarray) -> Frame:
     """Return the frame turned as little as possible so that ``way``, a unit vector in space, points along ``to``."""
     to = to / np.linalg.norm(to)
     axis = np.cross(way, to)

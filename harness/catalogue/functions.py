@@ -21,7 +21,7 @@ from ..mechanics.counting import CallCount, collect_counts
 from ..mechanics.dynamics import Rates
 from ..mechanics.jacobian import independent_rows
 from ..mechanics.state import State, States
-from ..mechanics.step_time import REMEDY, step_from
+from ..mechanics.step_time import REMEDY, begin_step
 from ..mechanics.system import MultibodySystem
 from ..types import Problem, Status, StepControl, Trajectory
 from .options import option
@@ -140,7 +140,7 @@ class _Steps(_FromFunction):
             nonlocal done
             done += 1
             ahead = problem.t_end if done == steps else done * dt
-            with step_from(t):
+            with begin_step(t):
                 found = self.call(problem.system, s, ahead - t)
             state, reaction = found if isinstance(found, tuple) else (found, None)
             if not isinstance(state, State):
@@ -168,7 +168,7 @@ class _Rates(_FromFunction):
 
         def rates(s: State) -> Rates:
             """Return the accelerations and reactions that the author's function gives; raise TypeError otherwise."""
-            with step_from(s.t):
+            with begin_step(s.t):
                 found = self.call(problem.system, s)
             if not isinstance(found, Rates):
                 raise TypeError(f"an rhs must return Rates (got {type(found).__name__})")

@@ -96,7 +96,7 @@ class LinkMechanism(MechanismFile):
 
     def system(self) -> MultibodySystem:
         """Return the system of all links and joints, those that close loops included, with gravity and springs."""
-        bodies = [RigidBody(k.mass, _without_dust(k.inertia), k.name) for k in self.links]
+        bodies = [RigidBody(k.mass, _drop_tiny_moments(k.inertia), k.name) for k in self.links]
         sides = [self._find_frames(c) for c in self.connections]
         joints = [_joint(*s) for s in sides]
         turning = [s for s in sides if s[0].kind is JointKind.REVOLUTE and (s[0].stiffness or s[0].damping)]
@@ -156,7 +156,7 @@ class LinkMechanism(MechanismFile):
         return follow_rates(system, start, np.array(rows), rates)
 
 
-def _without_dust(J: np.ndarray) -> np.ndarray:
+def _drop_tiny_moments(J: np.ndarray) -> np.ndarray:
     """Return the inertia with principal moments of at most ``NO_INERTIA``, which stand for none, set to zero."""
     moments, axes = np.linalg.eigh(J)
     return J if np.all(moments > NO_INERTIA) else (axes * np.where(moments > NO_INERTIA, moments, 0.0)) @ axes.T

@@ -97,7 +97,7 @@ class CompiledMechanism(MechanismFile):
     roots: tuple[int, ...] = field(init=False)  # for each of our bodies the first of MuJoCo's
 
     @cached_property
-    def _joint_choice(self) -> "TakenJoints":
+    def _joint_choice(self) -> "ConvertedJoints":
         """The joints of MuJoCo whose springs, dampers and armatures are included."""
         return find_joints(self.mj, self.model)
 
@@ -108,7 +108,7 @@ class CompiledMechanism(MechanismFile):
     @property
     def doc(self) -> str:
         """The parts of the file that were read, and those that were omitted."""
-        return self._describe(f"MuJoCo {self.mj.__version__}{say_locked(self.locked)}", self.omitted)
+        return self._describe(f"MuJoCo {self.mj.__version__}{describe_locked_joints(self.locked)}", self.omitted)
 
     def parameters(self) -> dict[str, tuple[Any, Parameter]]:
         """Return the parameters of its start: MuJoCo's ``qpos`` and ``qvel``, and a keyframe if there is any."""
@@ -185,7 +185,7 @@ class CompiledMechanism(MechanismFile):
         """Return the system with joints at MuJoCo's reference coordinates and springs wound as at ``qpos``."""
         m, d, off = self.model, self._place_model(self.model.qpos0), self.mj.mjtDisableBit
         r, R = self._poses(d)
-        at = _Places(
+        at = _BodyFrames(
             np.concatenate((r, np.zeros((1, 3)))), np.concatenate((R, np.eye(3)[None])), d, self._number_bodies()
         )
         loops = [] if m.opt.disableflags & off.mjDSBL_EQUALITY else self._loops(at)
@@ -236,7 +236,7 @@ class CompiledMechanism(MechanismFile):
         J = R.T @ J @ R + armature * np.eye(3)  # about an axis at rest only the inertia about that axis matters
         return RigidBody(float(np.sum(m.body_mass[parts])), 0.5 * (J + J.T), m.body(self.roots[n]).name)
 
-    def _joints(self, n: int, at: "_Places") -> list[Joint]:
+    def _joints(self, n: int, at: "_BodyFrames") -> list[Joint]:
         """Return the joints that MuJoCo's joints between our body ``n`` and its parent amount to.
 
         They are one, or three points on a plane, or none for a free body. Raise ValueError if they amount to no kind of
@@ -296,7 +296,7 @@ class CompiledMechanism(MechanismFile):
             "a body of its own, with mass and inertia, one within the other"
         )
 
-    def _loops(self, at: "_Places") -> list[Joint]:
+    def _loops(self, at: "_BodyFrames") -> list[Joint]:
         """Return the joints of active equality constraints, which close loops; raise ValueError for other kinds."""
         m, eq = self.model, self.mj.mjtEq
         fixed, points_of = list[Joint](), dict[tuple[int, int], list[Joint]]()
@@ -330,7 +330,7 @@ class CompiledMechanism(MechanismFile):
                 points_of.setdefault((i, j), []).append(Joint(i, s_i, j, s_j, name=name))
         return fixed + [joint for same in points_of.values() for joint in _merge_hinges(same)]
 
-    def _springs(self, at: "_Places") -> list[SpringDamper]:
+    def _springs(self, at: "_BodyFrames") -> list[SpringDamper]:
         """Return the springs with dampers of tendons that are straight between two bodies."""
         m, out = self.model, []
         for k in filter(lambda k: is_straight_spring(self.mj, m, k), range(m.ntendon)):
@@ -342,7 +342,7 @@ class CompiledMechanism(MechanismFile):
                 out.append(SpringDamper(i, p_i, j, p_j, k_c[0], float(m.tendon_lengthspring[k, 0]), k_c[1]))
         return out
 
-    def _torsions(self, at: "_Places", qpos: np.ndarray) -> list[TorsionSpring]:
+    def _torsions(self, at: "_BodyFrames", qpos: np.ndarray) -> list[TorsionSpring]:
         """Return the springs with dampers of hinges, wound as at ``qpos``; 0 is the reference coordinate."""
         m, out = self.model, []
         for k in sorted({*self._joint_choice.turning_springs, *self._joint_choice.turning_dampers}):
@@ -361,26 +361,26 @@ class CompiledMechanism(MechanismFile):
                     there(axis),
                     there(across),
                     stiffness,
-                    self._rest(k),
+                    self._find_rest(k),
                     damping,
                     self._turns(k, qpos),
                 )
             )
         return out
 
-    def _slide_springs(self, at: "_Places") -> list[SpringDamper]:
+    def _slide_springs(self, at: "_BodyFrames") -> list[SpringDamper]:
         """Return the springs with dampers of slides, each from a point of the axis far behind the body."""
         m, out = self.model, []
         for k in sorted({*self._joint_choice.sliding_springs, *self._joint_choice.sliding_dampers}):
             n = at.ours[m.jnt_bodyid[k]]
             parent = at.ours[m.body_parentid[self.roots[n]]]
-            far = BEHIND * (1.0 + abs(self._rest(k)))
+            far = BEHIND * (1.0 + abs(self._find_rest(k)))
             points = [at.data.xanchor[j] for j in range(m.njnt) if m.jnt_bodyid[j] == m.jnt_bodyid[k]]
             here = points[-1]  # point of the hinge or ball that slides along the axis
             p_i, p_j = at.point(n, here), at.point(parent, here - far * at.data.xaxis[k])
             stiffness = float(m.jnt_stiffness[k]) if k in self._joint_choice.sliding_springs else 0.0
             damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._joint_choice.sliding_dampers else 0.0
-            out.append(SpringDamper(n, p_i, parent, p_j, stiffness, far + self._rest(k), damping))
+            out.append(SpringDamper(n, p_i, parent, p_j, stiffness, far + self._find_rest(k), damping))
         return out
 
     def _turns(self, k: int, qpos: np.ndarray) -> int:
@@ -388,19 +388,19 @@ class CompiledMechanism(MechanismFile):
         at = self.model.jnt_qposadr[k]
         return round(float(qpos[at] - self.model.qpos_spring[at]) / (2.0 * np.pi))
 
-    def _rest(self, k: int) -> float:
+    def _find_rest(self, k: int) -> float:
         """Return the coordinate [m or rad] of joint ``k``, from the reference one, at which its spring is at rest."""
         at = self.model.jnt_qposadr[k]
         return float(self.model.qpos_spring[at] - self.model.qpos0[at])
 
 
-def say_locked(joints: int) -> str:
+def describe_locked_joints(joints: int) -> str:
     """Return the note in a source that says how many joints equal limits fix; empty for none."""
     return f", joints fixed by equal limits: {joints}" if joints else ""
 
 
 @dataclass(frozen=True)
-class TakenJoints:
+class ConvertedJoints:
     """The joints of MuJoCo's model, by number, whose springs, dampers and armatures have a counterpart here."""
 
     turning_springs: tuple[int, ...]
@@ -410,7 +410,7 @@ class TakenJoints:
     armatures: tuple[int, ...]
 
 
-def find_joints(mj: Any, m: Any) -> TakenJoints:
+def find_joints(mj: Any, m: Any) -> ConvertedJoints:
     """Return the joints of model ``m`` whose springs, dampers and armatures have a counterpart here.
 
     They are hinges about an axis that both bodies share, and slides along a line that contains a point of the body. An
@@ -435,7 +435,7 @@ def find_joints(mj: Any, m: Any) -> TakenJoints:
 
     first = m.jnt_dofadr
     damping, bent = m.dof_damping[first], m.dof_dampingpoly[first]
-    return TakenJoints(
+    return ConvertedJoints(
         some(turning, m.jnt_stiffness, m.jnt_stiffnesspoly),
         some(turning, damping, bent),
         some(sliding, m.jnt_stiffness, m.jnt_stiffnesspoly),
@@ -445,7 +445,7 @@ def find_joints(mj: Any, m: Any) -> TakenJoints:
 
 
 @dataclass(frozen=True)
-class _Places:
+class _BodyFrames:
     """Poses of our bodies, the ground last, to which points and directions of space are converted."""
 
     r: Float[np.ndarray, "places 3"]  # [m, space]

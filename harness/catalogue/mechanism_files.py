@@ -19,8 +19,15 @@ from ..confined_paths import read_whole
 from . import sdformat, urdf, usd
 from .closing import close_joints
 from .links import LinkMechanism
-from .mechanism import CompiledMechanism, MechanismFile, OmittedContents, find_joints, is_straight_spring, say_locked
-from .mujoco_bodies import group_bodies, settle_inertia
+from .mechanism import (
+    CompiledMechanism,
+    MechanismFile,
+    OmittedContents,
+    describe_locked_joints,
+    find_joints,
+    is_straight_spring,
+)
+from .mujoco_bodies import correct_inertia, group_bodies
 from .mujoco_flags import apply_flags
 
 # file name extensions: read by MuJoCo's compiler, and by our readers
@@ -42,10 +49,10 @@ def choose_name(path: str | Path) -> str:
     return re.sub(r"[^\w+-]+", "_", Path(path).stem)
 
 
-def files(path: Path) -> tuple[Path, ...]:
+def list_files(path: Path) -> tuple[Path, ...]:
     """Return the file and those that it includes, on which its motion depends; meshes have no part in it."""
     if path.suffix.lower() in USD:
-        return usd.layers(path)
+        return usd.list_layers(path)
     found = [path]
     for here in found if path.suffix.lower() in COMPILED else ():
         found += [p for p in _list_included(here, path) if p not in found]
@@ -60,7 +67,7 @@ def _list_included(here: Path, top: Path) -> Iterator[Path]:
         yield from [p for p in (here.parent / name, top.parent / name) if p.is_file()][:1]
 
 
-def read(path: Path) -> MechanismFile:
+def read_mechanism(path: Path) -> MechanismFile:
     """Return the mechanism in a file in any of the formats (``SUFFIXES``).
 
     Raise ValueError with a message of one line if it cannot be read, or if a joint or loop is not supported.
@@ -79,9 +86,12 @@ def _read_links(path: Path, reader: Any) -> LinkMechanism:
     if not found.links:
         raise ValueError("nothing in it can move: no body is free or has a joint")
     joints = close_joints(found.joints)
-    reader, omitted = found.reader + say_locked(found.locked), {what: n for what, n in found.omitted.items() if n}
+    reader, omitted = (
+        found.reader + describe_locked_joints(found.locked),
+        {what: n for what, n in found.omitted.items() if n},
+    )
     return LinkMechanism(
-        choose_name(path), path, digest(path), reader, found.links, joints, found.gravity, found.dt, omitted
+        choose_name(path), path, digest_mechanism(path), reader, found.links, joints, found.gravity, found.dt, omitted
     )
 
 
@@ -102,9 +112,9 @@ def _compile_file(path: Path) -> CompiledMechanism:
             raise ValueError("inertiafromgeom is not taken over of a URDF: its inertias are those of its links")
         if robot:
             spec.compiler.fusestatic = robot.fuses  # which loses inertias of links without mass
-        _without_looks(mj, spec)
+        _remove_visuals(mj, spec)
         for body in spec.bodies:
-            settle_inertia(mj, body)
+            correct_inertia(mj, body)
         with warnings.catch_warnings():  # warnings about motions, which are not computed by MuJoCo here
             warnings.simplefilter("ignore", UserWarning)
             model = spec.compile()
@@ -117,7 +127,7 @@ def _compile_file(path: Path) -> CompiledMechanism:
     omitted = {what: n for what, n in _count_omitted(mj, model).items() if n}
     more = {} if robot is None else {what: n for what, n in robot.omitted.items() if n}
     return CompiledMechanism(
-        choose_name(path), path, digest(path), mj, model, omitted | more, robot.locked if robot else 0
+        choose_name(path), path, digest_mechanism(path), mj, model, omitted | more, robot.locked if robot else 0
     )
 
 
@@ -127,12 +137,12 @@ def _root(path: Path) -> bytes:
     return found[1] if found else b""
 
 
-def digest(path: Path) -> str:
+def digest_mechanism(path: Path) -> str:
     """Return the first 12 hexadecimal digits of the SHA-256 of the file and of all that it includes."""
-    return hashlib.sha256(b"\0".join(read_whole(p) for p in files(path))).hexdigest()[:12]
+    return hashlib.sha256(b"\0".join(read_whole(p) for p in list_files(path))).hexdigest()[:12]
 
 
-def _without_looks(mj: Any, spec: Any) -> None:
+def _remove_visuals(mj: Any, spec: Any) -> None:
     """Replace meshes of a MuJoCo spec by points and remove textures, since their files may be missing.
 
     Raise ValueError for flexible bodies, plugins, and moving bodies whose inertia is that of a mesh.
@@ -145,7 +155,7 @@ def _without_looks(mj: Any, spec: Any) -> None:
             continue
         body = geom.parent
         given = body.explicitinertial and from_geoms != mj.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-        if not given and _moves(spec, body) and from_geoms != mj.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE:
+        if not given and _is_moving(spec, body) and from_geoms != mj.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE:
             raise ValueError(f"body {body.name!r} has its inertia from a mesh; give it mass and inertia as numbers")
         geom.type, geom.meshname, geom.hfieldname, geom.mass = mj.mjtGeom.mjGEOM_SPHERE, "", "", 0.0
         geom.size, geom.fromto = [1e-3, 0.0, 0.0], [np.nan] * 6
@@ -158,7 +168,7 @@ def _without_looks(mj: Any, spec: Any) -> None:
             spec.delete(part)
 
 
-def _moves(spec: Any, body: Any) -> bool:
+def _is_moving(spec: Any, body: Any) -> bool:
     """Return whether the body, or one of its ancestors, has a joint."""
     while body.name != spec.worldbody.name:
         if body.joints:

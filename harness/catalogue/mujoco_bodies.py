@@ -19,7 +19,7 @@ def group_bodies(m: Any) -> Int[np.ndarray, " bodies"]:
     return out
 
 
-def settle_inertia(mj: Any, body: Any) -> None:
+def correct_inertia(mj: Any, body: Any) -> None:
     """Change the principal moments of a rod, plate or point mass so that the compiler accepts them.
 
     They violate its conditions by rounding only. Inertias that are valid or wrong by more stay as they are.

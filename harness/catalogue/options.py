@@ -47,7 +47,7 @@ def format_value(value: Any) -> str:
 
 def read_value(name: str, given: Any, default: Any, parameter: Parameter) -> Any:
     """Return ``given`` (text or number) as the type of ``default``; raise ValueError if it is not allowed."""
-    value = _as_type_of(default, given, name)
+    value = _convert_value(default, given, name)
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     if parameter.choices and value not in parameter.choices:
         raise ValueError(f"{name} must be one of {', '.join(map(str, parameter.choices))} (got {format_value(given)})")
@@ -69,7 +69,7 @@ def read_value(name: str, given: Any, default: Any, parameter: Parameter) -> Any
     return value
 
 
-def _as_type_of(default: Any, given: Any, name: str) -> Any:
+def _convert_value(default: Any, given: Any, name: str) -> Any:
     """Return ``given`` as the type of ``default``; raise ValueError, which names ``name``, if that is impossible."""
     wanted = "true or false"
     try:

@@ -32,7 +32,7 @@ def is_file(plugin: str) -> bool:
 def list_sources(plugin: str) -> tuple[Path, ...]:
     """Return the files of a plugin on whose content a result depends; empty if none can be found."""
     if mechanism_files.is_mechanism(plugin):
-        return mechanism_files.files(Path(plugin))
+        return mechanism_files.list_files(Path(plugin))
     if is_file(plugin):
         return (Path(plugin),)
     spec = importlib.util.find_spec(_entry_point(plugin).module)
@@ -42,7 +42,7 @@ def list_sources(plugin: str) -> tuple[Path, ...]:
 def load_plugin(plugin: str) -> Any:
     """Return the module, the mechanism, or the object of an entry point; any error of the import is raised."""
     if mechanism_files.is_mechanism(plugin):
-        return mechanism_files.read(Path(plugin))
+        return mechanism_files.read_mechanism(Path(plugin))
     return _module(Path(plugin)) if is_file(plugin) else _entry_point(plugin).load()
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..mechanics.jacobian import even_jacobian
+from ..mechanics.jacobian import scale_jacobian
 from ..mechanics.joints import ROWS, Joint, JointKind
 from ..mechanics.joints.frames import choose_normals
 from ..mechanics.state import State
@@ -123,7 +123,7 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
     parts = x[3:].reshape(-1, 3)
     torsions = [_torsion(j, samples[0].state, *p) for j, p in zip(turning, parts, strict=False) if np.any(p)]
     springs = [
-        _between_points(j, samples, *p) if j.j in points else _spring(j, *p)
+        _make_point_spring(j, samples, *p) if j.j in points else _spring(j, *p)
         for j, p in zip(sliding, parts[len(turning) :], strict=True)
         if np.any(p)
     ]
@@ -142,7 +142,7 @@ def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int,
     name = f"{bodies[j].name if j != GROUND else 'ground'}-{bodies[i].name}"
     if not np.any(bodies[i].inertia):
         point = j != GROUND and not np.any(bodies[j].inertia)
-        yield from (Joint(i, np.zeros(3), j, name=name, **kind) for kind in _of_point(d, point))
+        yield from (Joint(i, np.zeros(3), j, name=name, **kind) for kind in _propose_point_joints(d, point))
         return
     none = np.zeros(3)
     axes = null_space(np.concatenate([np.hstack((q, -np.eye(3))) for q in Q]), rcond=NEAR).T
@@ -184,7 +184,7 @@ def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int,
                 yield Joint(i, none, j, none, a_i, n, name, JointKind.NORMAL)
 
 
-def _of_point(d: Float[np.ndarray, "nt 3"], point: bool) -> Iterator[dict[str, Any]]:
+def _propose_point_joints(d: Float[np.ndarray, "nt 3"], point: bool) -> Iterator[dict[str, Any]]:
     """Yield keywords of ``Joint`` for a point mass at positions ``d`` [m], seen from a body or from another point mass.
 
     ``point`` says that the other is a point mass. Two point masses that stay on one line get a joint for springs
@@ -228,7 +228,7 @@ def _pose(s: State, b: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _rank(bodies: Sequence[RigidBody], joints: Sequence[Joint], one: Sample) -> int:
     """Return the rank of the constraint rows of ``joints`` in the state of one sample."""
-    A = even_jacobian(assemble(bodies, joints), one.state).toarray()
+    A = scale_jacobian(assemble(bodies, joints), one.state).toarray()
     size = np.linalg.svd(A, compute_uv=False)
     return int(np.sum(size > RANK * size[0]))
 
@@ -250,7 +250,7 @@ def _measure_angle(joint: Joint, s: State, start: State) -> tuple[float, float, 
     A wrench is (force in space, torque in the body's frame) of each body; j has the opposite torque.
     """
     (_, R_i), (_, R_j) = _pose(s, joint.i), _pose(s, joint.j)
-    axis, e, u = _across(joint, start)
+    axis, e, u = _choose_directions(joint, start)
     now = R_j.T @ R_i @ u
     push = np.zeros((s.nb, 6))
     push[joint.i, 3:] = R_i.T @ R_j @ axis
@@ -279,7 +279,7 @@ def _slide(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np
     return float(axis @ (point - r_j - R_j @ joint.s_j)), rate, push
 
 
-def _across(joint: Joint, start: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _choose_directions(joint: Joint, start: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the unit axis in j, a unit normal to it in j, and the vector of i equal to the normal at the start."""
     axis = np.asarray(joint.axis_j)
     axis = axis / np.linalg.norm(axis)
@@ -289,8 +289,8 @@ def _across(joint: Joint, start: State) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 def _torsion(joint: Joint, start: State, push: float, k: float, c: float) -> TorsionSpring:
     """Return the spring about the joint's axis with torque push - k angle - c rate on i; angle 0 is the start."""
-    axis, e, u = _across(joint, start)
-    rest = _rest(joint, push, k)
+    axis, e, u = _choose_directions(joint, start)
+    rest = _find_rest(joint, push, k)
     return TorsionSpring(joint.i, u, joint.j, axis, e, k, rest, c, round(-rest / (2.0 * np.pi)))
 
 
@@ -299,19 +299,19 @@ def _spring(joint: Joint, push: float, k: float, c: float) -> SpringDamper:
 
     It begins at a point of the axis far behind j, so that its length stays positive.
     """
-    rest = _rest(joint, push, k)
+    rest = _find_rest(joint, push, k)
     far = BEHIND * (1.0 + abs(rest))
     behind = np.asarray(joint.s_j) - far * np.asarray(joint.axis_j)
     return SpringDamper(joint.i, joint.s_i, joint.j, behind, k, far + rest, c)
 
 
-def _between_points(joint: Joint, samples: Sequence[Sample], push: float, k: float, c: float) -> SpringDamper:
+def _make_point_spring(joint: Joint, samples: Sequence[Sample], push: float, k: float, c: float) -> SpringDamper:
     """Return the spring of two point masses on one line with force push - k displacement - c rate on i.
 
     It joins the masses themselves, which have no other points. Raise ValueError if it has a length at rest and the
     masses pass each other.
     """
-    ways, rest = [_slide(joint, one.state, one.state)[0] for one in samples], _rest(joint, push, k)
+    ways, rest = [_slide(joint, one.state, one.state)[0] for one in samples], _find_rest(joint, push, k)
     side = np.sign(ways[0])
     if rest and np.any(np.sign(ways) != side):
         raise ValueError(
@@ -320,7 +320,7 @@ def _between_points(joint: Joint, samples: Sequence[Sample], push: float, k: flo
     return SpringDamper(joint.i, joint.s_i, joint.j, joint.s_j, k, side * rest, c)
 
 
-def _rest(joint: Joint, push: float, k: float) -> float:
+def _find_rest(joint: Joint, push: float, k: float) -> float:
     """Return the coordinate [m or rad] where the load push - k x vanishes; raise ValueError for a constant load."""
     if push and not k:
         raise ValueError(

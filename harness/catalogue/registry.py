@@ -237,13 +237,15 @@ def load_plugin(plugin: Path | str) -> None:
         if isinstance(named, MechanismFile):
             made = [(named.name, _mechanism_entry(named))]
         else:
-            found = _entries_of(named) if isinstance(named, ModuleType) else _marks_of([named])
+            found = _entries_of(named) if isinstance(named, ModuleType) else _list_marks([named])
             if not found:
                 raise ValueError("it marks no @problem and no @solver")
             made = [(n, _solver_entry(n, o) if isinstance(o, type) else _problem_entry(n, o)) for n, o in found]
         taken = sorted({n for n, _ in made} & {*problems(), *solvers()})
         if taken and not known:
-            raise ValueError(f"the name {taken[0]!r} is taken{_by(taken[0])}; rename {_what(named)}")
+            raise ValueError(
+                f"the name {taken[0]!r} is taken{_describe_owner(taken[0])}; rename {_describe_kind(named)}"
+            )
     except (Exception, SystemExit) as error:  # a plugin may raise anything on import: reported in one line
         raise ValueError(f"plugin {where}: {error or type(error).__name__}") from error
     _plugin_files.add(where)
@@ -256,7 +258,7 @@ def load_plugin(plugin: Path | str) -> None:
     _plugin_problems.update({n: e for n, e in made if isinstance(e, ProblemEntry)})
 
 
-def _by(name: str) -> str:
+def _describe_owner(name: str) -> str:
     """Return by what a name is taken, as the end of a message: a mechanism's file, or an entry of the catalogue."""
     others = [w for w in _mechanisms if w in _plugin_files and mechanism_files.choose_name(w) == name]
     return f" by {others[0]}" if others else " by one of the catalogue"
@@ -265,12 +267,12 @@ def _by(name: str) -> str:
 def _has_changed(where: str) -> bool:
     """Return whether a mechanism's file has changed since it was read, or cannot be read any more."""
     try:
-        return where in _mechanisms and mechanism_files.digest(Path(where)) != _mechanisms[where]
+        return where in _mechanisms and mechanism_files.digest_mechanism(Path(where)) != _mechanisms[where]
     except (OSError, ValueError):
         return True  # reading the file will report the error
 
 
-def _what(named: Any) -> str:
+def _describe_kind(named: Any) -> str:
     """Return what has to be renamed, for a message: the file of a mechanism, or the entry of a plugin."""
     return "this file" if isinstance(named, MechanismFile) else "the entry"
 
@@ -390,10 +392,10 @@ def _read(what: str, of: str, known: Mapping[str, tuple[Any, Parameter]], given:
 
 def _entries_of(module: ModuleType) -> list[tuple[str, Any]]:
     """Return name and object of each problem and solver that a module itself defines."""
-    return _marks_of([o for o in vars(module).values() if getattr(o, "__module__", None) == module.__name__])
+    return _list_marks([o for o in vars(module).values() if getattr(o, "__module__", None) == module.__name__])
 
 
-def _marks_of(objects: list[Any]) -> list[tuple[str, Any]]:
+def _list_marks(objects: list[Any]) -> list[tuple[str, Any]]:
     """Return name and object of each of ``objects`` that is itself marked ``@problem`` or ``@solver``."""
     # marks of a base class do not count
     return [(vars(o)[_MARK], o) for o in objects if _MARK in getattr(o, "__dict__", {})]

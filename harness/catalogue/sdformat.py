@@ -17,7 +17,7 @@ from ..mechanics.joints import JointKind
 from ..mechanics.system import GROUND
 from .links import HOME, Connection, Frame, Link
 from .sdformat_words import IN_MODEL, IN_PHYSICS, VERSIONS, VOCABULARY
-from .xml_elements import ElementRefusal, is_true, parse, take_first
+from .xml_elements import ElementRefusal, is_true, parse_xml, take_first
 
 # defaults of the format for gravity [m/s2] and step [s]; limits beyond FAR count as absent
 GRAVITY, STEP, FAR = "0 0 -9.8", "0.001", 1e15
@@ -35,7 +35,7 @@ class Document:
     """The links, joints, gravity [m/s2, space] and step [s] of a file, and counts of what is omitted."""
 
     def __init__(self, path: Path) -> None:
-        root = parse(path)
+        root = parse_xml(path)
         if root.tag != "sdf":
             raise ElementRefusal(root, "expected an sdf element")
         self.version = root.get("version", "").strip()
@@ -43,7 +43,7 @@ class Document:
             raise ElementRefusal(root, f"version must be {VERSIONS[0]} to {VERSIONS[-1]} (got {self.version!r})")
         self.omitted: Counter[str] = Counter()
         self.locked = 0  # joints that equal limits fix
-        VOCABULARY.check(root, self.omitted)
+        VOCABULARY.check_element(root, self.omitted)
         worlds = root.findall("world") or [root]
         if len(worlds) > 1:
             raise ElementRefusal(worlds[1], "expected one world")

@@ -18,7 +18,7 @@ from ..mechanics.consistency import project
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..mechanics.time_functions import shift_time
-from ..mechanics.torsion import count_right, wind
+from ..mechanics.torsion import count_determined_rows, rewind_springs
 from ..types import Problem, Status, StepControl, Trajectory
 
 AHEAD = 2.0  # greatest length of a piece relative to the last one, as all beyond the next turn is discarded
@@ -45,7 +45,7 @@ def keep_turns(solve: Solve) -> Solve:
         right = _count_right(problem.system, found)
         if right == len(found.t):
             return found
-        return _go_on(functools.partial(solve, self), problem, control, found, right)
+        return _continue_motion(functools.partial(solve, self), problem, control, found, right)
 
     whole.counts_turns = True  # type: ignore[attr-defined]
     return whole
@@ -55,10 +55,10 @@ def _count_right(system: MultibodySystem, found: Trajectory) -> int:
     """Count the rows, from the start, for which the laws of torsional springs hold; all of a wrong-sized motion."""
     if found.states.nb != system.nb:
         return len(found.t)
-    return count_right(system, np.asarray(found.t, dtype=float), found.states)
+    return count_determined_rows(system, np.asarray(found.t, dtype=float), found.states)
 
 
-def _go_on(
+def _continue_motion(
     solve: Callable[[Problem, StepControl], Trajectory],
     problem: Problem,
     control: StepControl,
@@ -82,8 +82,8 @@ def _go_on(
             status = Status.STALLED
             message = f"stopped at t = {t:.6g} s: a step turns a torsional spring by more than half a turn"
             break
-        system = wind(system, last)
-        span = min(problem.t_end - t, _whole_steps(AHEAD * span, control.dt))
+        system = rewind_springs(system, last)
+        span = min(problem.t_end - t, _round_to_steps(AHEAD * span, control.dt))
         start = State(last.r, last.R, last.v, last.Omega)
         here = _begin_at(system, t)
         steps_left = control.max_steps - sum(len(c.t) - 1 for c in costs)
@@ -102,7 +102,7 @@ def _go_on(
     return _join(parts, costs, status, message, problem.t_end)
 
 
-def _whole_steps(span: float, dt: float | None) -> float:
+def _round_to_steps(span: float, dt: float | None) -> float:
     """Return ``span`` [s] rounded up to whole steps ``dt`` [s], at least two; unchanged without a fixed step."""
     return span if dt is None else dt * max(2.0, np.ceil(span / dt - 1e-9))
 
@@ -140,7 +140,7 @@ def _join(parts: list[Trajectory], costs: list[Trajectory], status: Status, mess
 
     ``costs`` are the pieces as solved, with discarded rows: their counters and CPU times are summed.
     """
-    rest = [_without_first(part) for part in parts[1:]]
+    rest = [_drop_first_row(part) for part in parts[1:]]
     all_parts = [parts[0], *(part for part in rest if part is not None)]
     t = np.concatenate([part.t for part in all_parts])
     if status is Status.SUCCESS:
@@ -165,7 +165,7 @@ def _join(parts: list[Trajectory], costs: list[Trajectory], status: Status, mess
     )
 
 
-def _without_first(part: Trajectory) -> Trajectory | None:
+def _drop_first_row(part: Trajectory) -> Trajectory | None:
     """Return a later piece without its start, which is the end of the piece before; None if nothing is left."""
     if len(part.t) < 2:
         return None

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..mechanics.added_inertia import NONE
 from .mujoco_bodies import ROUNDED
-from .xml_elements import ElementRefusal, Vocabulary, parse, words
+from .xml_elements import ElementRefusal, Vocabulary, parse_xml, split_words
 
 LIMITED = ("revolute", "prismatic")  # types of joints that have limits
 KINDS = (*LIMITED, "continuous", "fixed", "floating", "planar")
@@ -23,26 +23,26 @@ CHANGES_MASSES = ("balanceinertia", "boundmass", "boundinertia", "settotalmass")
 TRANSPOSED = {"iyx": "ixy", "izx": "ixz", "izy": "iyz"}
 VOCABULARY = Vocabulary(
     children={
-        "robot": words("link joint"),
-        "link": words("inertial"),
-        "inertial": words("origin mass inertia"),
-        "joint": words("origin parent child axis dynamics limit mimic"),
+        "robot": split_words("link joint"),
+        "link": split_words("inertial"),
+        "inertial": split_words("origin mass inertia"),
+        "joint": split_words("origin parent child axis dynamics limit mimic"),
     },
     attributes={
-        "robot": words("name version"),
-        "link": words("name type"),
-        "joint": words("name type"),
-        "origin": words("xyz rpy"),
-        "mass": words("value"),
-        "inertia": words("ixx ixy ixz iyy iyz izz iyx izx izy"),
-        "parent": words("link"),
-        "child": words("link"),
-        "axis": words("xyz rpy"),
-        "dynamics": words("damping friction"),
-        "limit": words(
+        "robot": split_words("name version"),
+        "link": split_words("name type"),
+        "joint": split_words("name type"),
+        "origin": split_words("xyz rpy"),
+        "mass": split_words("value"),
+        "inertia": split_words("ixx ixy ixz iyy iyz izz iyx izx izy"),
+        "parent": split_words("link"),
+        "child": split_words("link"),
+        "axis": split_words("xyz rpy"),
+        "dynamics": split_words("damping friction"),
+        "limit": split_words(
             "lower upper effort velocity acceleration deceleration jerk command_effort current gear_velocity"
         ),
-        "mimic": words("joint multiplier offset"),
+        "mimic": split_words("joint multiplier offset"),
     },
     named={
         "gazebo": "extensions for Gazebo",
@@ -62,7 +62,7 @@ VOCABULARY = Vocabulary(
         "dynamics mu_coulomb": "attributes mu_coulomb of dynamics",
         "dynamics mu_viscous": "attributes mu_viscous of dynamics",
     },
-    ignored=words(
+    ignored=split_words(
         "material mujoco visual calibration self_collision_checking frame collision_filter_group "
         "collision_checking self_filter audio_source"
     )
@@ -74,14 +74,14 @@ class UrdfDocument:
     """A URDF that has been checked; ``text`` is the part of it that MuJoCo reads."""
 
     def __init__(self, path: Path) -> None:
-        self._root = parse(path)
+        self._root = parse_xml(path)
         if self._root.tag != "robot":
             raise ElementRefusal(self._root, "expected a robot element")
         self.omitted: Counter[str] = Counter()
         for e in self._root.iter():
             if e.tag.startswith("xacro:"):
                 raise ElementRefusal(e, "a macro of xacro; expand the file first: xacro FILE > robot.urdf")
-        VOCABULARY.check(self._root, self.omitted)
+        VOCABULARY.check_element(self._root, self.omitted)
         for e in self._root.findall("joint/axis"):
             if e.get("rpy", "").split() and set(e.get("rpy", "")) - set("0. +-\t\n"):
                 raise ElementRefusal(
@@ -107,10 +107,10 @@ class UrdfDocument:
             if self._is_locked(joint):
                 joint.set("type", "fixed")
                 self.locked += 1
-        self._parent = {_end(joint, "child"): joint for joint in self._joints}
+        self._parent = {_read_end(joint, "child"): joint for joint in self._joints}
         self._check_masses()
         self.fuses = self._nests_free_links()  # whether MuJoCo must merge links fixed to each other
-        self.text = self._reduced()
+        self.text = self._format_reduced()
 
     @property
     def at_rest(self) -> str:
@@ -152,15 +152,15 @@ class UrdfDocument:
             if joint.get("type") not in KINDS:
                 raise ElementRefusal(joint, f"type must be one of {', '.join(KINDS)} (got {joint.get('type')!r})")
             for what in ("parent", "child"):
-                if not (link := _end(joint, what)):
+                if not (link := _read_end(joint, what)):
                     raise ElementRefusal(joint, f"expected <{what} link=.../>")
                 if link not in self._links:
                     raise ElementRefusal(joint, f"its {what}, {link!r}, is no link of the file")
-            same = [j for j in self._joints if _end(j, "child") == _end(joint, "child")]
+            same = [j for j in self._joints if _read_end(j, "child") == _read_end(joint, "child")]
             if len(same) > 1:
                 raise ElementRefusal(
                     same[1],
-                    f"link {_end(joint, 'child')!r} has a parent already, by joint "
+                    f"link {_read_end(joint, 'child')!r} has a parent already, by joint "
                     f"{same[0].get('name')!r}; a URDF is a tree",
                 )
 
@@ -177,7 +177,7 @@ class UrdfDocument:
         MuJoCo frees only links of the ground. Raise ElementRefusal for a link with inertia but no mass, which merging
         loses.
         """
-        free = [j for j in self._joints if j.get("type") == "floating" and _end(j, "parent") != self._root_link()]
+        free = [j for j in self._joints if j.get("type") == "floating" and _read_end(j, "parent") != self._root_link()]
         for name, link in self._links.items() if free else ():
             mass, inertia = (link.find(f"inertial/{tag}") for tag in ("mass", "inertia"))
             if mass is None or inertia is None or _number(mass, "value") != 0.0:
@@ -190,7 +190,7 @@ class UrdfDocument:
                 )
         return bool(free)
 
-    def _reduced(self) -> str:
+    def _format_reduced(self) -> str:
         """Return the file as text without shapes and other omitted parts, and without inertials of links at rest."""
         out = ET.Element(self._root.tag, dict(self._root.attrib))
         for e in self._root:
@@ -198,7 +198,7 @@ class UrdfDocument:
                 out.append(e)
             elif e.tag in ("link", "joint"):
                 own = ET.SubElement(out, e.tag, dict(e.attrib))
-                moves = e.tag == "joint" or self._carrier(e.get("name", "")) in self._parent
+                moves = e.tag == "joint" or self._find_carrier(e.get("name", "")) in self._parent
                 own.extend(part for part in e if moves and part.tag in VOCABULARY.children[e.tag])
         root = self._root_link()
         if "world" not in self._links:  # MuJoCo's name of the ground
@@ -249,7 +249,7 @@ class UrdfDocument:
         mass = Counter[str]()
         for name, link in self._links.items():
             given = link.find("inertial/mass")
-            mass[self._carrier(name)] += 0.0 if given is None else _number(given, "value")  # type: ignore[assignment]
+            mass[self._find_carrier(name)] += 0.0 if given is None else _number(given, "value")  # type: ignore[assignment]
         for name, joint in self._parent.items():
             if joint.get("type") != "fixed" and not mass[name] > 0.0:
                 raise ElementRefusal(
@@ -258,7 +258,7 @@ class UrdfDocument:
                     "inertial with mass and inertia",
                 )
 
-    def _carrier(self, name: str) -> str:
+    def _find_carrier(self, name: str) -> str:
         """Return the link to which ``name`` is fixed, directly or by others, and which is not fixed itself.
 
         It is moved by a joint, or is the root of the tree.
@@ -266,7 +266,7 @@ class UrdfDocument:
         for _ in self._links:
             if name not in self._parent or self._parent[name].get("type") != "fixed":
                 break
-            name = _end(self._parent[name], "parent")
+            name = _read_end(self._parent[name], "parent")
         return name
 
     def _inertias(self) -> Iterator[tuple[str, ET.Element, np.ndarray]]:
@@ -277,7 +277,7 @@ class UrdfDocument:
                 yield name, e, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _end(joint: ET.Element, what: str) -> str:
+def _read_end(joint: ET.Element, what: str) -> str:
     """Return the name of the ``what`` (parent or child) link of a joint; empty if none is named."""
     return next((e.get("link", "") for e in joint.findall(what)), "")
 

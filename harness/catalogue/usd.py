@@ -53,9 +53,9 @@ class PrimRefusal(ValueError):
         super().__init__(f"{prim.GetPath()}: {words}")
 
 
-def layers(path: Path) -> tuple[Path, ...]:
+def list_layers(path: Path) -> tuple[Path, ...]:
     """Return the file and the other files (layers, in USD's words) of which its stage is composed."""
-    stage = _open(path)
+    stage = _open_stage(path)
     found = (Path(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath)
     return tuple(dict.fromkeys((path, *(p for p in found if p.is_file() and not p.samefile(path)))))
 
@@ -65,7 +65,7 @@ class Document:
 
     def __init__(self, path: Path) -> None:
         self.usd, self.geom, self.physics = _library()
-        stage = _open(path)
+        stage = _open_stage(path)
         self.metre = float(self.geom.GetStageMetersPerUnit(stage))
         self.kilogram = float(self.physics.GetStageKilogramsPerUnit(stage))
         for name, unit in (("metersPerUnit", self.metre), ("kilogramsPerUnit", self.kilogram)):
@@ -285,7 +285,7 @@ def _library() -> tuple[Any, Any, Any]:
     return usd, geom, physics
 
 
-def _open(path: Path) -> Any:
+def _open_stage(path: Path) -> Any:
     """Return the stage of a file; raise ValueError with a message of one line if it cannot be composed."""
     usd, tf = _library()[0], importlib.import_module("pxr.Tf")
     try:

@@ -63,14 +63,14 @@ def check(prim: Any, omitted: Counter[str]) -> str:
         if space in ("physics", "drive", "limit"):
             if name not in READ and not OF_AXES.match(name):
                 value = _value(prim, name)
-                if _acts(value) and not isinstance(value, str):
+                if _has_effect(value) and not isinstance(value, str):
                     return f"property {name} is not taken over"
                 omitted[f"properties {name}"] += 1  # zero, or text
             continue
         if str(prim.GetTypeName()) == "PhysicsScene":  # settings of how engines compute
             continue
         value = _value(prim, name) if FOREIGN.match(space) else None
-        if not _acts(value):
+        if not _has_effect(value):
             continue
         if LOCKS.match(name):
             return f"{name} locks axes of a body, which is not taken over; use a joint"
@@ -85,7 +85,7 @@ def _value(prim: Any, name: str) -> Any:
     return attribute.Get() if attribute else None
 
 
-def _acts(value: Any) -> bool:
+def _has_effect(value: Any) -> bool:
     """Return whether a value may act on a motion: text, True, or a number other than zero and infinity."""
     if value is None or isinstance(value, bool):
         return bool(value)

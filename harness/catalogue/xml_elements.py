@@ -30,7 +30,7 @@ class ElementRefusal(ValueError):
         super().__init__(f"line {getattr(e, 'line', 0)}: <{e.tag}{name}>: {words}")
 
 
-def words(text: str) -> frozenset[str]:
+def split_words(text: str) -> frozenset[str]:
     """Return the set of words in a text, separated by blanks."""
     return frozenset(text.split())
 
@@ -49,7 +49,7 @@ class Vocabulary:
     named: Mapping[str, str] = field(default_factory=dict)
     ignored: frozenset[str] = frozenset()
 
-    def check(self, e: ET.Element, omitted: Counter[str], kind: str = "") -> None:
+    def check_element(self, e: ET.Element, omitted: Counter[str], kind: str = "") -> None:
         """Check ``e`` and all elements below it: count what is omitted in ``omitted``, refuse what is unknown.
 
         ``kind`` is the name of ``e`` in the vocabulary if that is not its tag alone: ``"world physics"`` is the tag of
@@ -60,7 +60,7 @@ class Vocabulary:
         for part in e:
             own = f"{kind} {part.tag}"
             if part.tag in self.children.get(kind, ()):
-                self.check(part, omitted, own if own in self.children else part.tag)
+                self.check_element(part, omitted, own if own in self.children else part.tag)
             elif own in self.named or part.tag in self.named:
                 omitted[self.named.get(own, self.named.get(part.tag, ""))] += 1
             elif CHANGES_MOTIONS.search(part.tag):
@@ -83,7 +83,7 @@ class Vocabulary:
                 raise ElementRefusal(e, f"attribute {name!r} is not taken over; {expected}")
 
 
-def parse(path: Path) -> ET.Element:
+def parse_xml(path: Path) -> ET.Element:
     """Return the root of an XML file; it and all elements below it are ``XmlElement`` with line numbers.
 
     Raise ValueError with a message of one line if the file is not XML.

@@ -14,11 +14,11 @@ from ..catalogue import registry
 from ..code_meter import code_seconds_of_tree
 from ..referee.certificates.drift import PERIODS, analyse_drift
 from ..referee.certificates.orders import certify
-from ..results.findings import Finding, state
+from ..results.findings import Finding, state_finding
 from ..results.judgements.runs import Order
 from ..results.records import RunRecord
-from ..results.words import format_accurate_times, list_reasons, reaction_share
-from ..results.work import index_1_evaluations
+from ..results.words import compute_reaction_share, format_accurate_times, list_reasons
+from ..results.work import count_index_1_evaluations
 from ..sandbox.trial import make_problem
 from ..suites.spec import RunSpec, make_spec
 from ..types import RIGHT_REACTION, Status, Trait
@@ -140,7 +140,7 @@ def certify_ladders(solver: str, folder: Path, records: Sequence[RunRecord]) -> 
     return [o for o in certify(folder, _select(solver, records, "ladder")) if o.is_measured]
 
 
-def assess(
+def assess_solver(
     solver: str, folder: Path, records: Sequence[RunRecord], found: Sequence[Order], left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
     """Yield all findings in the order of the page; ``found`` are orders of its ladders, ``left`` runs left out."""
@@ -196,7 +196,7 @@ def _assess_problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
             if format_accurate_times(r) and r.steps
             else ""
         )
-        yield state(f"{r.problem}, {r.t_end_s:g} s", f"{r.status}{said}{until}", "success, or a reason", good)
+        yield state_finding(f"{r.problem}, {r.t_end_s:g} s", f"{r.status}{said}{until}", "success, or a reason", good)
 
 
 def _assess_orders(
@@ -214,12 +214,12 @@ def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Find
     """Explain a missing order: too slow only if every unfinished rung was slow, else by the rungs that failed."""
     ends = Counter(str(r.status or "unknown") for r in ladder if r.status not in ENDED)
     if not ladder or (left and not ends):
-        return state(what, _describe_cut(left, len(ladder)), "a ladder")
+        return state_finding(what, _describe_cut(left, len(ladder)), "a ladder")
     if ends and set(ends) <= {Status.STALLED, Status.UNFINISHED}:
-        return state(what, "not determined: the runs were too slow for the budget", "a ladder")
+        return state_finding(what, "not determined: the runs were too slow for the budget", "a ladder")
     words = ", ".join(f"{n} {status}" for status, n in sorted(ends.items()))
     said = f"no ladder of steps or tolerances finished{': ' if words else ''}{words}"
-    return state(what, said, "a ladder", good=False)
+    return state_finding(what, said, "a ladder", good=False)
 
 
 def _assess_energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec]) -> Finding:
@@ -227,15 +227,15 @@ def _assess_energy(solver: str, records: Sequence[RunRecord], folder: Path, left
     runs = _select(solver, records, "long")
     if not runs:
         words = _describe_cut(1, 0) if left else f"not determined: {PERIODS} periods would take longer than the budget"
-        return state("energy over many periods", words)
+        return state_finding("energy over many periods", words)
     (d,) = analyse_drift(folder, runs)[:1]
     if not d.periods:
-        return state(
+        return state_finding(
             "energy over many periods", f"{d.verdict}: {'; '.join(list_reasons(runs[0])) or 'no periods'}", good=None
         )
     words = f"{d.verdict} over {d.periods} periods: oscillation {d.oscillation_J:.2g} J"
     trend = f", trend {d.trend_W:.2g} [{d.trend_low_W:.2g}, {d.trend_high_W:.2g}] W"
-    return state("energy over many periods", words + trend)
+    return state_finding("energy over many periods", words + trend)
 
 
 def _assess_laws(
@@ -246,16 +246,16 @@ def _assess_laws(
     if moved:
         worst = max(moved, key=lambda r: r.gap_share_max)
         words = f"{worst.gap_share_max:.2g} and {worst.gap_rate_share_max:.2g} of the limits ({worst.problem})"
-        yield state("largest |phi|, |phi_dot|", words, "|phi| within its limit", worst.gap_share_max <= 1.0)
+        yield state_finding("largest |phi|, |phi_dot|", words, "|phi| within its limit", worst.gap_share_max <= 1.0)
     done = [r for r in ladder if r.claimed == Status.SUCCESS]
     known = [r for r in done if math.isfinite(r.reaction_size_N)]
     if not known:
         none = "none returned: not judged" if done else "not determined: no run of the ladders succeeded"
-        yield state("reactions", none if ladder else _describe_cut(len(left), 0))
+        yield state_finding("reactions", none if ladder else _describe_cut(len(left), 0))
         return
-    share = min(map(reaction_share, known))
+    share = min(map(compute_reaction_share, known))
     good = True if share <= RIGHT_REACTION else None if left else False  # a finer setting may have been left out
-    yield state("reactions at the finest setting", f"off by {100.0 * share:.2g} %", "5 %", good)
+    yield state_finding("reactions at the finest setting", f"off by {100.0 * share:.2g} %", "5 %", good)
 
 
 def _assess_work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Finding]:
@@ -271,13 +271,15 @@ def _assess_work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSp
         if rivals:
             r = min(rivals, key=lambda r: r.cpu_median_s)
             words += f"; {r.solver} {r.motion_error_max_m:.2g} m in {_describe_time(r)}"
-            if 0.0 < index_1_evaluations(best) < math.inf and math.isfinite(index_1_evaluations(r)):
-                words += f", {index_1_evaluations(r) / index_1_evaluations(best):.2g} of the index-1 evaluations"
+            if 0.0 < count_index_1_evaluations(best) < math.inf and math.isfinite(count_index_1_evaluations(r)):
+                words += (
+                    f", {count_index_1_evaluations(r) / count_index_1_evaluations(best):.2g} of the index-1 evaluations"
+                )
         else:
             cut = {s.solver for s in left if s.label == "ladder" and s.problem == name}  # they might have come nearer
             whole = [who for who in FIELD if who != solver and who not in cut]
             words += f"; none of {', '.join(whole)} comes as near" if whole else ""
-        yield state(f"work, {name}", words)
+        yield state_finding(f"work, {name}", words)
 
 
 def _describe_time(r: RunRecord) -> str:
@@ -300,9 +302,9 @@ def _assess_growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> F
     )
     if len(done) < 3:
         few = "not determined: too few chains finished, or all faster than the clock resolves"
-        return state("cost of a step in bodies", _describe_cut(len(left), len(runs)) if left else few)
+        return state_finding("cost of a step in bodies", _describe_cut(len(left), len(runs)) if left else few)
     x, y = np.log(np.maximum(np.array(done[-3:], dtype=float), 1e-9)).T
     power = float(np.polyfit(x, y, 1)[0])
     each = ", ".join(f"{1e3 * seconds:.2g} ms at {n}" for n, seconds in done)
     linear = True if power <= LINEAR else None  # a property of the solver, not a fault
-    return state("cost of a step in bodies", f"{each}: n^{power:.1f}", f"n^{LINEAR:g} or less", linear)
+    return state_finding("cost of a step in bodies", f"{each}: n^{power:.1f}", f"n^{LINEAR:g} or less", linear)

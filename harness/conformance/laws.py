@@ -19,9 +19,9 @@ from ..mechanics.jacobian import constraint_jacobian
 from ..mechanics.naming import name_joint
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
-from ..metrics.scales import Scales, scales
+from ..metrics.scales import Scales, find_scales
 from ..reference.computation import compute_reference, is_computable
-from ..results.findings import Finding, compare, leave_open, make_failure
+from ..results.findings import Finding, judge_value, leave_open, make_failure
 from ..types import Invariant, Observable, Problem, Reference
 
 FIELDS = ("r", "R", "v", "Omega")  # fields of a state
@@ -47,7 +47,7 @@ class Subject:
     @cached_property
     def size(self) -> Scales:
         """The scales of length, energy and others that errors and drifts are compared with."""
-        return scales(self.problem, self.reference)
+        return find_scales(self.problem, self.reference)
 
     @cached_property
     def reference(self) -> Reference | None:
@@ -119,7 +119,7 @@ def check_documentation(s: Subject) -> Finding:
     missing += [what for what in ("source", "name") if not getattr(s.problem, what).strip()]
     named = s.problem.name == s.name
     words = ", ".join(missing) if missing or named else f"it calls itself {s.problem.name!r}"
-    return compare(len(missing), "texts missing", most=0, words=words, good=named)
+    return judge_value(len(missing), "texts missing", most=0, words=words, good=named)
 
 
 def check_initial_state(s: Subject) -> Finding:
@@ -133,7 +133,7 @@ def check_initial_state(s: Subject) -> Finding:
     one = States.one(made.initial)
     off = [motion.constraint(made.system, one), motion.constraint_rate(made.system, one)]
     gap = max(float(np.max(np.abs(a), initial=0.0)) for a in off)
-    return compare(gap, "m or m/s", most=START_TOLERANCE, words=words, good=good)
+    return judge_value(gap, "m or m/s", most=START_TOLERANCE, words=words, good=good)
 
 
 def _count_freedom(made: Problem) -> str:
@@ -172,14 +172,14 @@ def check_times(s: Subject) -> Finding:
     """Check that 0 < dt <= t_end [s], both finite."""
     p = s.problem
     good = all(math.isfinite(x) and x > 0.0 for x in (p.t_end, p.dt))
-    return compare(p.t_end / p.dt if good else math.nan, "steps", 1.0, words=f"t_end = {p.t_end}, dt = {p.dt}")
+    return judge_value(p.t_end / p.dt if good else math.nan, "steps", 1.0, words=f"t_end = {p.t_end}, dt = {p.dt}")
 
 
 def check_energy_scale(s: Subject) -> Finding:
     """Check that T + V of the start and the scale of energy [J] are finite, the scale above zero."""
     E = float(motion.energy(s.problem.system, States.one(s.problem.initial))[0])
     good = math.isfinite(E) and math.isfinite(s.size.energy) and s.size.energy > 0.0
-    return compare(s.size.energy, "J", words=f"T + V = {E:.6g} J at the start", good=good)
+    return judge_value(s.size.energy, "J", words=f"T + V = {E:.6g} J at the start", good=good)
 
 
 def check_scalars(s: Subject) -> Finding:
@@ -200,7 +200,7 @@ def check_scalars(s: Subject) -> Finding:
         if values.shape != (3,) or not np.all(np.isfinite(values)) or np.ptp(values) > 0.0:
             expected = "of three equal states expected three equal finite numbers"
             return make_failure(f"{m.name}: {expected} (got {values.tolist()})")
-    return compare(len(scalars), "tried") if scalars else leave_open("there are none")
+    return judge_value(len(scalars), "tried") if scalars else leave_open("there are none")
 
 
 def check_repeatability(s: Subject) -> Finding:
@@ -241,7 +241,7 @@ def check_stated_error(s: Subject) -> Finding:
         )
     good = bool(s.reference.route.strip()) and s.reference.horizon > 0.0
     words = f"route {s.reference.route!r}, horizon {s.reference.horizon:g} s"
-    return compare(float(own.max()), "m", most=1e-3 * s.size.length, words=words, good=good)
+    return judge_value(float(own.max()), "m", most=1e-3 * s.size.length, words=words, good=good)
 
 
 def check_reference_start(s: Subject) -> Finding:
@@ -254,7 +254,7 @@ def check_reference_start(s: Subject) -> Finding:
     return _compare_worst(found, s.allowed_share)
 
 
-def check_independent(s: Subject) -> Finding:
+def check_computed_reference(s: Subject) -> Finding:
     """Check that reference and computed reference agree to their stated errors, in position and angle times radius."""
     if s.computed_reference is None:
         return leave_open("none can be computed for this system")
@@ -305,7 +305,7 @@ def _compare_worst(found: Mapping[str, tuple[float, str]], most: float) -> Findi
         return leave_open("there are none")
     name = max(found, key=lambda k: (math.isnan(found[k][0]), found[k][0]))
     share, words = found[name]
-    return compare(share, "of its scale", most=most, words=f"{name} {words}".rstrip())
+    return judge_value(share, "of its scale", most=most, words=f"{name} {words}".rstrip())
 
 
 def _sample_around(s: Subject) -> tuple[list[States], float]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..catalogue import registry
 from ..referee.certificates.symmetries import check_symmetries
-from ..results.findings import Finding, state
+from ..results.findings import Finding, state_finding
 from ..results.judgements.runs import Symmetry
 from ..results.records import RunRecord
 from ..sandbox.trial import make_problem
@@ -41,7 +41,7 @@ def assess_symmetries(folder: Path, runs: Sequence[RunRecord], none: str) -> Ite
     """Yield findings on broken symmetries and on how many hold; ``none`` is what a finding says if none was checked."""
     found = check_symmetries(folder, runs)
     if not found:
-        yield state("symmetries", none, EXPECTED)
+        yield state_finding("symmetries", none, EXPECTED)
         return
     yield from (s.as_finding() for s in found if s.verdict in ("broken", "failed"))
     yield _count_symmetries(found, {r.settings_id: r.message for r in runs})
@@ -53,8 +53,8 @@ def _count_symmetries(found: Sequence[Symmetry], messages: Mapping[str, str]) ->
     refused = Counter((s.problem, s.message or messages.get(s.settings_ids[0], "")) for s in found if s not in taken)
     words = "; ".join(f"{n} refused on {problem}: {why}" for (problem, why), n in refused.items())
     if not taken:
-        return state("symmetries", f"not determined: {words}", EXPECTED)
+        return state_finding("symmetries", f"not determined: {words}", EXPECTED)
     kept = sum(s.verdict == "holds" for s in taken)
     counted = f"{kept} of {len(taken)} hold{words and f'; {words}'}"
     good = True if kept == len(taken) else None  # a broken symmetry has a finding of its own
-    return state("symmetries", counted, EXPECTED, good=good)
+    return state_finding("symmetries", counted, EXPECTED, good=good)

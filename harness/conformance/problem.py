@@ -67,7 +67,7 @@ def _measure(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> 
 def _measure_one(requirement: Requirement, subject: Subject, plugins: Sequence[str]) -> Finding:
     """Return the finding on one requirement; an error that the problem's code raises is a failure of it."""
     try:
-        if requirement.of_reference and subject.reference is None:
+        if requirement.needs_reference and subject.reference is None:
             return leave_open("no reference")
         return requirement.measure(subject)
     except InconsistentStart as error:  # reported once, by the requirement on the start
@@ -131,42 +131,42 @@ REQUIREMENTS = (
         "smaller errors of solvers are meaningless and are not shown",
         "error(t): a bound [m] for each time, below a thousandth of the size within the horizon",
         laws.check_stated_error,
-        of_reference=True,
+        needs_reference=True,
     ),
     Requirement(
         "its reference begins at the start",
         "also for a perturbed start, which reference_from receives",
         "take r, R, v, Omega from the State passed in, or return None",
         laws.check_reference_start,
-        of_reference=True,
+        needs_reference=True,
     ),
     Requirement(
         "its reference is the motion computed independently",
         "two other formulations, which only know bodies, joints and forces, compute the motion until they agree",
         "one of the two is of another system: compare masses, inertias, gravity and the start",
-        laws.check_independent,
-        of_reference=True,
+        laws.check_computed_reference,
+        needs_reference=True,
     ),
     Requirement(
         "its reference keeps the joints closed",
         "R must be rotations and phi zero, to its stated error",
         "compare with the positions of the joints' points, body by body",
         laws.check_joints,
-        of_reference=True,
+        needs_reference=True,
     ),
     Requirement(
         "velocities of its reference are those of its poses",
         "errors of velocity and energy use them",
         "dr/dt = v in space, dR/dt = R hat(Omega) with Omega in the body",
         laws.check_rates,
-        of_reference=True,
+        needs_reference=True,
     ),
     Requirement(
         "its reference keeps the energy",
         "no damper acts: T + V is constant along any true motion",
         "check the sign of gravity, and that inertias are about C, not about the joint",
         laws.check_energy,
-        of_reference=True,
+        needs_reference=True,
     ),
     Requirement(
         "its invariants are constant along the motion",
@@ -179,6 +179,6 @@ REQUIREMENTS = (
         "m a - f must be joint forces, else it is the motion of another system",
         "look for a missing term: gyroscopic torque, gravity, Steiner",
         laws.check_newton_euler,
-        of_reference=True,
+        needs_reference=True,
     ),
 )

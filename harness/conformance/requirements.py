@@ -9,13 +9,13 @@ from ..results.findings import Finding, leave_open
 
 @dataclass(frozen=True)
 class Requirement:
-    """A requirement with its reason and remedy; ``of_reference`` marks those on a problem's reference only."""
+    """A requirement with its reason and remedy; ``needs_reference`` marks those on a problem's reference only."""
 
     name: str
     why: str
     remedy: str
     measure: Callable[[Any], Finding]  # of the evidence: a ``Subject`` or a solver's ``Evidence``
-    of_reference: bool = False
+    needs_reference: bool = False
 
 
 def assign_findings(subject: str, requirements: Sequence[Requirement], found: Iterable[Finding]) -> list[Finding]:

@@ -168,18 +168,18 @@ REQUIREMENTS = (
         "max_steps stops it",
         "a run that cannot be limited cannot be put in a suite",
         "count accepted steps; at control.max_steps return Status.STALLED with the steps so far",
-        trials.check_stop("few steps", most=MAX_STEPS),
+        trials.make_stop_check("few steps", most=MAX_STEPS),
     ),
     Requirement(
         "it stops itself at the limit on CPU time",
         f"it is asked to stop at {0.9 * SHORT:g} s; what is killed loses its counters and its last steps",
         "check time.process_time() every step; past control.cpu_limit return Status.STALLED with the steps so far",
-        trials.check_stop("endless"),
+        trials.make_stop_check("endless"),
     ),
     Requirement(
         "steps are kept when it is stopped",
         "a failure is a result: the motion up to it is measured and drawn",
         "return the accepted steps with the failure's status, or hand them to control.spool as they come",
-        trials.check_stop("endless", least=1, itself=False),
+        trials.make_stop_check("endless", least=1, itself=False),
     ),
 )

@@ -10,12 +10,12 @@ import numpy as np
 
 from ..catalogue import registry
 from ..catalogue.functions import describe_redundant_rows
-from ..metrics.reactions import exact_loads_on_bodies, instants_to_compare, moment_on_bodies
+from ..metrics.reactions import choose_instants, compute_exact_loads, compute_moments_on_bodies
 from ..reference.computation import find_reference
-from ..results.findings import Finding, compare, leave_open, make_failure
+from ..results.findings import Finding, judge_value, leave_open, make_failure
 from ..results.records import RunRecord
 from ..results.series import Series
-from ..results.words import list_reasons, reaction_share
+from ..results.words import compute_reaction_share, list_reasons
 from ..types import RIGHT_REACTION, Problem, Status
 
 WITHIN = 0.2  # tolerance on the declared order
@@ -54,11 +54,11 @@ def check_endings(e: Evidence) -> Finding:
     easy = [r for r in e.select_runs("easy") if r.status != Status.UNFINISHED]
     bad = [r for r in easy if r.status not in (Status.SUCCESS, Status.REFUSED)]
     open_ = [r for r in e.select_runs("easy") if r.status == Status.UNFINISHED]
-    cause = _cause_of_crash(bad[0]) if bad else ""
+    cause = _describe_crash(bad[0]) if bad else ""
     words, remedy = _describe_first(bad or open_), CRASHED if cause else ""
     if bad and bad[0].status != Status.REFUSED and "ingular" in f"{cause} {words}":
-        remedy = "; ".join(filter(None, (describe_redundant_rows(_problem_of(bad[0])), remedy)))
-    return compare(
+        remedy = "; ".join(filter(None, (describe_redundant_rows(_make_problem(bad[0])), remedy)))
+    return judge_value(
         len(bad), f"of {len(easy)} runs failed", most=0, words=words, tested=bool(easy), remedy=remedy, cause=cause
     )
 
@@ -68,9 +68,9 @@ def check_accepts(e: Evidence) -> Finding:
     easy = e.select_runs("easy")
     refused, crashed = ([r for r in easy if r.status == s] for s in (Status.REFUSED, Status.CRASHED))
     if crashed and len(refused) + len(crashed) == len(easy):
-        return make_failure(_describe_first(crashed), cause=_cause_of_crash(crashed[0]), remedy=CRASHED)
+        return make_failure(_describe_first(crashed), cause=_describe_crash(crashed[0]), remedy=CRASHED)
     taken = len(easy) - len(refused) - len(crashed)
-    return compare(taken, f"of {len(easy)} runs taken", least=1, words=_describe_first(refused))
+    return judge_value(taken, f"of {len(easy)} runs taken", least=1, words=_describe_first(refused))
 
 
 def check_drives(e: Evidence) -> Finding:
@@ -78,13 +78,13 @@ def check_drives(e: Evidence) -> Finding:
     r = e.records["driven"]
     if r.status in (Status.REFUSED, Status.UNFINISHED):
         return leave_open(_describe_first([r]))
-    if cause := _cause_of_crash(r):
+    if cause := _describe_crash(r):
         return make_failure(_describe_first([r]), remedy=CRASHED, cause=cause)
     good = r.status == Status.SUCCESS
     if not good and any(x.status not in (Status.SUCCESS, Status.REFUSED) for x in e.select_runs("easy")):
         return leave_open("it fails without drives, too: see above")
     error = r.motion_error_max_m
-    return compare(error, "m off the exact motion", words=r.case if good else _describe_first([r]), good=good)
+    return judge_value(error, "m off the exact motion", words=r.case if good else _describe_first([r]), good=good)
 
 
 def check_refusals(e: Evidence) -> Finding:
@@ -95,7 +95,7 @@ def check_refusals(e: Evidence) -> Finding:
     if not refused:
         return leave_open("no run was refused")
     silent = [r for r in refused if len(r.message.split()) < 2]
-    return compare(len(silent), "refusals without", most=0, words=_describe_first(silent))
+    return judge_value(len(silent), "refusals without", most=0, words=_describe_first(silent))
 
 
 def check_order(e: Evidence) -> Finding:
@@ -114,13 +114,13 @@ def check_order(e: Evidence) -> Finding:
         return leave_open(f"rounding alone: {words}")
     if e.control == "rtol":
         least = math.sqrt(finer[0].rtol / finer[-1].rtol)  # errors follow rtol^(p/(p + 1)) at order p >= 1
-        return compare(errors[0] / max(errors[-1], ROUNDED), "times smaller", least=least, words=words)
+        return judge_value(errors[0] / max(errors[-1], ROUNDED), "times smaller", least=least, words=words)
     orders = [math.log2(a / b) for a, b in itertools.pairwise(seen)]
     order = orders[-1] if seen[-1] > ITERATED else max(orders)
     if math.isnan(e.order):
-        return compare(order, "order, none declared", least=LEAST_ORDER, words=words)
+        return judge_value(order, "order, none declared", least=LEAST_ORDER, words=words)
     higher = "higher than declared: " if order > e.order + WITHIN else ""
-    return compare(order, f"order, {e.order:g} declared", least=e.order - WITHIN, words=higher + words)
+    return judge_value(order, f"order, {e.order:g} declared", least=e.order - WITHIN, words=higher + words)
 
 
 def check_reaction_order(e: Evidence) -> Finding:
@@ -137,10 +137,10 @@ def check_reaction_order(e: Evidence) -> Finding:
         return leave_open(f"rounding alone: {words}" if finer else "no reactions")
     (a, coarse), (b, fine) = (seen[-2], seen[-1]) if e.control == "dt" else (seen[0], seen[-1])
     if e.control == "rtol":
-        return compare(a / b, "times smaller", least=math.sqrt(coarse.rtol / fine.rtol), words=words)
+        return judge_value(a / b, "times smaller", least=math.sqrt(coarse.rtol / fine.rtol), words=words)
     first = math.isnan(e.order) or e.order < REACTION_ORDER + WITHIN
     order = math.log(a / b) / math.log(coarse.dt_s / fine.dt_s)
-    return compare(order, "order", least=LEAST_ORDER if first else REACTION_ORDER, words=words)
+    return judge_value(order, "order", least=LEAST_ORDER if first else REACTION_ORDER, words=words)
 
 
 def check_gyroscopic_torque(e: Evidence) -> Finding:
@@ -148,13 +148,13 @@ def check_gyroscopic_torque(e: Evidence) -> Finding:
     r, series = e.records["spinning"], e.series["spinning"]
     if series is None or _find_missing(r):
         return _find_missing(r) or make_failure("no series")
-    inertia = _problem_of(r).system.inertia[0]
+    inertia = _make_problem(r).system.inertia[0]
     Omega = np.stack([series[f"obs_Omega_{a}"] for a in "xyz"], axis=1)
     momentum = Omega @ inertia
     torque = np.cross(Omega, momentum)
     impulse = np.cumsum(0.5 * (torque[1:] + torque[:-1]) * np.diff(series["t"])[:, None], axis=0)
     share = -float(np.sum((momentum[1:] - momentum[0]) * impulse) / np.sum(impulse**2))
-    return compare(share, "of Omega x J Omega", 1.0 - LOOSE_TORQUE, 1.0 + LOOSE_TORQUE, r.case)
+    return judge_value(share, "of Omega x J Omega", 1.0 - LOOSE_TORQUE, 1.0 + LOOSE_TORQUE, r.case)
 
 
 def check_reaction_shape(e: Evidence) -> Finding:
@@ -163,10 +163,10 @@ def check_reaction_shape(e: Evidence) -> Finding:
     for role, series in e.series.items():
         if series is not None and "frame_reaction" in series and out.holds:
             r, rows = e.records[role], np.asarray(series["frame_reaction"])[1:]
-            nrows, known = _problem_of(r).system.nrows, np.isfinite(rows.reshape(len(rows), -1))
+            nrows, known = _make_problem(r).system.nrows, np.isfinite(rows.reshape(len(rows), -1))
             gaps = int(np.sum(np.any(known, axis=0) & ~np.all(known, axis=0)))
             words = f"{r.case}: {gaps} of them are NaN at some steps" if gaps else r.case
-            out = compare(series["frame_reaction"][0].size, "columns", nrows, nrows, words, good=not gaps)
+            out = judge_value(series["frame_reaction"][0].size, "columns", nrows, nrows, words, good=not gaps)
     return out
 
 
@@ -175,11 +175,11 @@ def check_reactions(e: Evidence) -> Finding:
     r = e.select_runs("finer")[-1]
     if missing := _find_missing(r):
         return missing
-    share = reaction_share(r)
+    share = compute_reaction_share(r)
     known = not math.isnan(share)
     words = f"off by {r.reaction_error_max_N:.3g} N of {r.reaction_size_N:.3g} N, {r.moment_error_max_Nm:.3g} N m of "
     words = f"{words}{r.moment_size_Nm:.3g} N m: {r.case}" if known else "no reactions"
-    return compare(share, "of the largest", -math.inf, RIGHT_REACTION, words, tested=known)
+    return judge_value(share, "of the largest", -math.inf, RIGHT_REACTION, words, tested=known)
 
 
 def check_moments(e: Evidence) -> Finding:
@@ -189,23 +189,23 @@ def check_moments(e: Evidence) -> Finding:
         return missing
     if series is None or "frame_reaction" not in series:
         return leave_open("no reactions")
-    problem = _problem_of(r)
+    problem = _make_problem(r)
     reference = find_reference(problem)
     assert reference is not None
-    rows = instants_to_compare(series["frame_t"], reference.horizon)
+    rows = choose_instants(series["frame_t"], reference.horizon)
     rows = rows[np.all(np.isfinite(series["frame_reaction"][rows]), axis=1)]  # there are none at the start
     if len(rows) == 0:
         return leave_open("no reactions of all rows")
-    exact = exact_loads_on_bodies(problem.system, reference.states(series["frame_t"][rows]))[..., 3:]
+    exact = compute_exact_loads(problem.system, reference.states(series["frame_t"][rows]))[..., 3:]
     rows, exact = (a[np.isfinite(exact).all(axis=(1, 2))] for a in (rows, exact))
     if len(rows) == 0:
         return leave_open("reactions of the exact motion are ill-conditioned")
     t = series["frame_t"][rows]
     size = float(np.max(np.linalg.norm(exact, axis=-1)))
-    off = moment_on_bodies(problem.system, series["frame_reaction"][rows], reference.states(t)) - exact
+    off = compute_moments_on_bodies(problem.system, series["frame_reaction"][rows], reference.states(t)) - exact
     worst = float(np.max(np.linalg.norm(off, axis=-1)))
     words = f"off by {worst:.3g} N m of {size:.3g} N m: {r.case}"
-    return compare(worst / size, "of the largest", -math.inf, RIGHT_REACTION, words)
+    return judge_value(worst / size, "of the largest", -math.inf, RIGHT_REACTION, words)
 
 
 def check_recording(e: Evidence) -> Finding:
@@ -214,7 +214,7 @@ def check_recording(e: Evidence) -> Finding:
     if not shares:
         return leave_open("it has no counter named steps")
     case = max(shares, key=lambda k: abs(shares[k] - 1.0))
-    return compare(shares[case], "of those counted", 1.0, 1.0, case)
+    return judge_value(shares[case], "of those counted", 1.0, 1.0, case)
 
 
 def check_step_limit(e: Evidence) -> Finding:
@@ -224,7 +224,7 @@ def check_step_limit(e: Evidence) -> Finding:
     if not gaps:
         return leave_open("no run has steps")
     case = max(gaps, key=lambda k: gaps[k])
-    return compare(gaps[case], f"of {limit}", most=1.0 + LOOSE_STEP, words=case)
+    return judge_value(gaps[case], f"of {limit}", most=1.0 + LOOSE_STEP, words=case)
 
 
 def check_repeatability(e: Evidence) -> Finding:
@@ -236,14 +236,14 @@ def check_repeatability(e: Evidence) -> Finding:
     if a is None or b is None:
         if one.status == two.status:
             return leave_open(_describe_first([two]))
-        return make_failure(_describe_first([two]), cause=_cause_of_crash(two), remedy=CRASHED)
+        return make_failure(_describe_first([two]), cause=_describe_crash(two), remedy=CRASHED)
     if len(a["t"]) != len(b["t"]):
-        return compare(abs(len(a["t"]) - len(b["t"])), "steps more", most=0)
+        return judge_value(abs(len(a["t"]) - len(b["t"])), "steps more", most=0)
     apart = max(float(np.max(np.abs(a[k] - b[k]))) for k in ("t", "end_r", "end_R", "end_v", "end_Omega"))
-    return compare(apart, "apart", most=0, words="largest difference in t, r, R, v or Omega")
+    return judge_value(apart, "apart", most=0, words="largest difference in t, r, R, v or Omega")
 
 
-def check_stop(
+def make_stop_check(
     role: str, *, least: float = 0, most: float = math.inf, itself: bool = True
 ) -> Callable[[Evidence], Finding]:
     """Return a check that the run of this ``role`` took from ``least`` to ``most`` steps before it was stopped.
@@ -254,9 +254,9 @@ def check_stop(
     def measure(e: Evidence) -> Finding:
         r = e.records[role]
         good = r.claimed == Status.STALLED or not itself
-        if cause := _cause_of_crash(r):
+        if cause := _describe_crash(r):
             return make_failure(_describe_first([r]), remedy=CRASHED, cause=cause)
-        return compare(
+        return judge_value(
             r.steps, "steps", least, most, _describe_first([r]), good=good, tested=r.status != Status.REFUSED
         )
 
@@ -274,17 +274,17 @@ def _find_missing(*runs: RunRecord) -> Finding | None:
     slow = [r for r in bad if r.status in (Status.STALLED, Status.UNFINISHED)]
     if not bad:
         return None
-    if cause := _cause_of_crash(bad[0]):
+    if cause := _describe_crash(bad[0]):
         return make_failure(_describe_first(bad), remedy=CRASHED, cause=cause)
     return make_failure(_describe_first(bad), remedy=SLOW.format(slow[0].cpu_limit_s) if slow else "")
 
 
-def _cause_of_crash(r: RunRecord) -> str:
+def _describe_crash(r: RunRecord) -> str:
     """Return the cause of a run's crash; empty if it did not crash."""
     return f"{r.ended_by}: {'; '.join(list_reasons(r))}" if r.status == Status.CRASHED else ""
 
 
-def _problem_of(r: RunRecord) -> Problem:
+def _make_problem(r: RunRecord) -> Problem:
     """Create the problem of a record's run."""
     return registry.make_problem(r.problem, json.loads(r.problem_parameters))
 

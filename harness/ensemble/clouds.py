@@ -39,7 +39,7 @@ class Ensemble:
     at: tuple[float, ...]  # [s] times of scores, increasing
     observables: tuple[Observable, ...]  # functions of the state alone, energy included
 
-    def start(self, member: int) -> State:
+    def draw_start(self, member: int) -> State:
         """Draw the start of a member, by its number and the seed alone, whatever the size of the ensemble."""
         seed = int(np.random.SeedSequence((self.seed, member)).generate_state(1)[0])
         return perturb(self.problem.system, self.problem.initial, self.spread, seed)
@@ -83,7 +83,7 @@ def make_ensemble(problem: Problem, spread: float, seed: int, at: Sequence[float
     problem = dataclasses.replace(problem, t_end=at[-1], parameters=parameters)
     total = Observable("energy", "E", "J", partial(energy, problem.system))
     plain = Ensemble(problem, spread, seed, tuple(at), ())
-    pair = problem.home(_stack([plain.start(0), plain.start(1)]))
+    pair = problem.home(_stack_states([plain.draw_start(0), plain.draw_start(1)]))
     last = pair.at(slice(1, 2))
     own = {
         o.name: o
@@ -97,7 +97,7 @@ def run_cloud(ensemble: Ensemble, code: ConfiguredSolver, members: Sequence[int]
     """Solve ``members`` in up to ``jobs`` processes and return their cloud; a crash loses one member only."""
     with tempfile.TemporaryDirectory() as place:
         left = [list(members[j::jobs]) for j in range(jobs)]
-        active = {j: _begin(ensemble, code, own, Path(place)) for j, own in enumerate(left) if own}
+        active = {j: _start_process(ensemble, code, own, Path(place)) for j, own in enumerate(left) if own}
         while active:
             time.sleep(TICK)
             for j, process in list(active.items()):
@@ -107,16 +107,16 @@ def run_cloud(ensemble: Ensemble, code: ConfiguredSolver, members: Sequence[int]
                 del active[j]
                 left[j] = [k for k in left[j] if not _file(Path(place), k).exists()]
                 if left[j]:
-                    _write(Path(place), left[j].pop(0), _nothing(ensemble), ended.words, 0.0)
+                    _write(Path(place), left[j].pop(0), _make_empty_parts(ensemble), ended.words, 0.0)
                 if left[j]:
-                    active[j] = _begin(ensemble, code, left[j], Path(place))
+                    active[j] = _start_process(ensemble, code, left[j], Path(place))
         read = [np.load(_file(Path(place), k), allow_pickle=False) for k in members]
         lines = [f"member {k}: {f['failure']}" for k, f in zip(members, read, strict=True) if str(f["failure"])]
         values, C, drawn = (np.stack([f[name] for f in read]) for name in ("values", "C", "drawn"))
         return Cloud(code, values, C, drawn, tuple(lines), sum(float(f["cpu_s"]) for f in read))
 
 
-def _begin(e: Ensemble, code: ConfiguredSolver, members: Sequence[int], place: Path) -> ForkedProcess:
+def _start_process(e: Ensemble, code: ConfiguredSolver, members: Sequence[int], place: Path) -> ForkedProcess:
     """Start a process that runs ``members`` one after the other and writes a file for each into ``place``."""
 
     def target(send: Callable[[str], None]) -> None:
@@ -134,9 +134,9 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # values, C, drawn
 
 def _run_member(e: Ensemble, code: ConfiguredSolver, member: int) -> tuple[Parts, str]:
     """Solve a member; return its numbers, NaN at times it did not reach, and why it did not reach the end, or ""."""
-    parts = _nothing(e)
+    parts = _make_empty_parts(e)
     try:
-        problem = dataclasses.replace(e.problem, initial=e.start(member))
+        problem = dataclasses.replace(e.problem, initial=e.draw_start(member))
         handover = solve(problem, code.solver, code.control)
         trajectory = handover.trajectory
         if trajectory is None:
@@ -164,7 +164,7 @@ def _sample(e: Ensemble, s: States, parts: Parts) -> None:
     drawn[:] = [np.interp(e.times, near.times, o.of(seen), right=math.nan) for o in e.observables]
 
 
-def _nothing(e: Ensemble) -> Parts:
+def _make_empty_parts(e: Ensemble) -> Parts:
     """Return the arrays of a member that is not solved yet: all NaN."""
     n, nb = len(e.observables), e.problem.system.nb
     shapes = ((n, len(e.at)), (len(e.at), nb, 3), (n, DRAWN))
@@ -184,6 +184,6 @@ def _file(place: Path, member: int) -> Path:
     return place / f"{member}.npz"
 
 
-def _stack(states: Sequence[State]) -> States:
+def _stack_states(states: Sequence[State]) -> States:
     """Join single states along the axis of time."""
     return States(*(np.stack([getattr(s, name) for s in states]) for name in ("r", "R", "v", "Omega")))

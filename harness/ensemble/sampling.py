@@ -23,7 +23,7 @@ def interpolate_state(s: States, t: float) -> State:
     part = s.at(slice(first, first + NODES))
     turns = so3.log(np.swapaxes(s.R[k], -1, -2) @ part.R)  # R = R_k exp(turn)
     values = np.stack((part.r, turns), axis=2)
-    rates = np.stack((part.v, _turn_rate(turns, part.Omega)), axis=2)
+    rates = np.stack((part.v, _compute_turn_rate(turns, part.Omega)), axis=2)
     nodes = np.repeat(part.times - t, 2)
     data = np.stack((values, rates), axis=1).reshape(len(nodes), *values.shape[1:])
     value, rate = KroghInterpolator(nodes, data).derivatives(0.0, 2)
@@ -31,7 +31,7 @@ def interpolate_state(s: States, t: float) -> State:
     return State(value[:, 0], s.R[k] @ so3.exp(turn), rate[:, 0], so3.angular_velocity(turn, rate[:, 1]), t)
 
 
-def _turn_rate(a: Float[np.ndarray, "nt nb 3"], Omega: Float[np.ndarray, "nt nb 3"]) -> np.ndarray:
+def _compute_turn_rate(a: Float[np.ndarray, "nt nb 3"], Omega: Float[np.ndarray, "nt nb 3"]) -> np.ndarray:
     """Return a_dot of R = R_k exp(a): Omega + a x Omega/2 + c a x (a x Omega), c = (1 - x/2 cot(x/2))/x^2, x = |a|."""
     x = np.linalg.norm(a, axis=-1, keepdims=True)
     half = np.where(x < 0.01, 0.005, 0.5 * x)

@@ -37,17 +37,19 @@ class Ranks(NamedTuple):
     p: float
 
 
-def score(x: Points, y: Points, w: Weights | None = None, u: Weights | None = None) -> Float[np.ndarray, " rows"]:
+def compute_score(
+    x: Points, y: Points, w: Weights | None = None, u: Weights | None = None
+) -> Float[np.ndarray, " rows"]:
     """Return the CRPS, or for points (n, d) the energy score, of members ``x`` against draws ``y`` of the truth.
 
     ``w`` weights members and ``u`` draws, one row for each weighting, and a score is returned for each row. Without
     weights all members and draws count alike.
     """
     w = np.ones((1, len(x))) if w is None else w
-    return _mean_distance(x, y, w, np.ones((1, len(y))) if u is None else u) - _half_distance(x, w)
+    return _mean_distance(x, y, w, np.ones((1, len(y))) if u is None else u) - _compute_half_distance(x, w)
 
 
-def compare(x: Points, y: Points, seed: int) -> Score:
+def score_against_truth(x: Points, y: Points, seed: int) -> Score:
     """Score members ``x`` against draws ``y`` of the truth, with a permutation test.
 
     Its ``DEALS`` permutations, drawn with ``seed``, exchange members and draws; for a perfect solver all of them score
@@ -59,10 +61,10 @@ def compare(x: Points, y: Points, seed: int) -> Score:
     random = np.random.default_rng(seed)
     for row in deals[1:]:
         row[random.permutation(len(both))[:n]] = 1.0
-    excess = score(both, both, deals, 1.0 - deals) - _half_distance(both, 1.0 - deals)
+    excess = compute_score(both, both, deals, 1.0 - deals) - _compute_half_distance(both, 1.0 - deals)
     noise = 1e-12 * float(np.max(np.abs(both), initial=0.0))  # differences by rounding do not order equal clouds
     p = float(np.mean(excess >= excess[0] - noise))
-    return Score(float(score(x, y)[0]), float(excess[0]), float(np.quantile(excess[1:], 0.95)), p)
+    return Score(float(compute_score(x, y)[0]), float(excess[0]), float(np.quantile(excess[1:], 0.95)), p)
 
 
 def rank_histogram(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " m"]) -> Ranks:
@@ -100,7 +102,7 @@ def _mean_distance(x: Points, y: Points, w: Weights, u: Weights) -> np.ndarray:
     return np.asarray(total / (np.sum(w, axis=1) * np.sum(u, axis=1)))
 
 
-def _half_distance(x: Points, w: Weights) -> np.ndarray:
+def _compute_half_distance(x: Points, w: Weights) -> np.ndarray:
     """Return E|x - x'|/2 over different members, for each row of weights, which are 0 or 1."""
     n = np.sum(w, axis=1)
     if x.ndim > 1:

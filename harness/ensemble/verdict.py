@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .clouds import Cloud, Ensemble
-from .scores import Ranks, compare, rank_histogram
+from .scores import Ranks, rank_histogram, score_against_truth
 
 LEVEL = 0.05  # probability of finding a difference in a perfect solver by any of its tests
 FEWEST = 10  # members that a comparison requires
@@ -85,7 +85,7 @@ def _compare(
     x, y = x[there], other[drawn]
     if min(len(x), len(y)) < FEWEST:
         return CloudComparison(*head)
-    found = compare(x, y, e.seed)
+    found = score_against_truth(x, y, e.seed)
     n, m = len(x), len(y)
     own, true = (a - np.mean(a, axis=0) for a in (x, y))
     spread, of_truth = _rms(own) * np.sqrt(n / (n - 1.0)), _rms(true) * np.sqrt(m / (m - 1.0))

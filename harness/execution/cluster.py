@@ -28,13 +28,13 @@ from ..files import FileError
 from ..results import codes, environment
 from ..results.records import RunRecord
 from ..results.series import LARGEST
-from ..results.store import PARTS, create, parse_record, read_digest, read_record, remove_partial, write_record
+from ..results.store import PARTS, create_folder, parse_record, read_digest, read_record, remove_partial, write_record
 from ..suites.spec import RunSpec
 from ..types import EndCause
-from .job import Job, cut_short
+from .job import Job, make_cut_short_record
 from .pool import TICK, PoolError, StartFailures, TimeLimit
 from .protocol import News, RunEnded, StartOrder, StopOrder, Supervised, SupervisorLost, WarmUpOrder, WarmUpTimes
-from .warmup import runs_to_warm
+from .warmup import list_runs_to_warm
 
 PATIENCE = 60.0  # [s] to wait without any worker
 # runs sent out per thread of the cluster: one leaves a thread idle between runs, more are lost on an interruption
@@ -135,7 +135,7 @@ class DaskPool:
 
 def write_lost(job: Job) -> RunRecord:
     """Write the record of a run whose workers were lost, and return it."""
-    record = cut_short(job, EndCause.WORKERS_LOST)
+    record = make_cut_short_record(job, EndCause.WORKERS_LOST)
     write_record(job.folder, record)
     return record
 
@@ -204,7 +204,7 @@ def run_job(text: str, ticket: str = "") -> WorkerResult:
     with tempfile.TemporaryDirectory() as place:
         own, stamp = _describe_worker()
         local = replace(job, folder=Path(place), environment=own)
-        create(local.folder)
+        create_folder(local.folder)
         supervisor = _supervisor()
         _serving.setdefault(ticket, []).append(supervisor)
         try:
@@ -218,14 +218,14 @@ def run_job(text: str, ticket: str = "") -> WorkerResult:
         places = {f"{part}/{name}": place / name for part, place in parts.items() for name in place.names()}
         record = f"runs/{job.id}.json"
         foreign = [n for n, place in places.items() if place.name.partition(".")[0] != job.id]
-        foreign += [n for n, place in places.items() if n == record and not _is_of(place, told)]
+        foreign += [n for n, place in places.items() if n == record and not _has_reported_digest(place, told)]
         if record in foreign or record not in places:
             return WorkerResult(foreign=foreign)
         files = {n: place.read(LARGEST) for n, place in places.items() if n not in foreign}
         return WorkerResult({f"environment.{own}.json": stamp, **files}, foreign=foreign)
 
 
-def _is_of(place: ConfinedPath, told: RunEnded) -> bool:
+def _has_reported_digest(place: ConfinedPath, told: RunEnded) -> bool:
     """Return whether the record at ``place`` is the one whose digest the supervisor reported."""
     with contextlib.suppress(FileError):
         return read_digest(read_record(place)) == told.sha256
@@ -242,7 +242,7 @@ def _describe_worker() -> tuple[str, bytes]:
     given = {**os.environ, **machine.THREADS}
     done = subprocess.run(call, cwd=environment.ROOT, env=given, stdout=subprocess.PIPE, check=True)
     stamp = json.loads(done.stdout)
-    return environment.identity(stamp), json.dumps(stamp, indent=1).encode()
+    return environment.digest_environment(stamp), json.dumps(stamp, indent=1).encode()
 
 
 def _store(job: Job, files: Mapping[str, bytes]) -> str:
@@ -277,7 +277,7 @@ class _Supervisor(Supervised):
 
         Raise RuntimeError if the supervisor reports an error.
         """
-        specs = [c for c in runs_to_warm([job.spec]) if c not in self.warm]
+        specs = [c for c in list_runs_to_warm([job.spec]) if c not in self.warm]
         self.send(WarmUpOrder(specs, [job]))
         while not (isinstance(warmed := self._answer(), WarmUpTimes) and warmed.over):
             pass

@@ -31,17 +31,19 @@ class Breach(TypeError):
     """Signal a value that a solver may not return."""
 
 
-def refusal(solver: Solver | PresentedSolver, problem: Problem, control: StepControl) -> str:
+def find_refusal(solver: Solver | PresentedSolver, problem: Problem, control: StepControl) -> str:
     """Return why the solver cannot take the problem, empty if it can; raise Breach for any other answer."""
     given = solver.refuses(problem, control)
     if given is not None and not isinstance(given, str):
-        raise Breach(f"refuses must return a reason or None (got {format_value(given)}){_at(solver, 'refuses')}")
+        raise Breach(
+            f"refuses must return a reason or None (got {format_value(given)}){_locate_method(solver, 'refuses')}"
+        )
     return given or ""
 
 
 def check_trajectory(found: object, solver: Solver | PresentedSolver, problem: Problem) -> Trajectory:
     """Return ``found`` if it is a trajectory of the problem's bodies with the declared types; else raise Breach."""
-    where = _at(solver, "solve")
+    where = _locate_method(solver, "solve")
     if not isinstance(found, Trajectory):
         raise Breach(f"solve must return a Trajectory (got {type(found).__name__}){where}")
     if found.states.nb != problem.system.nb:
@@ -93,14 +95,16 @@ def split_cost(claimed: Trajectory, spent: float, code: float, wall: float, solv
     known = 0.0 if math.isnan(set_up) else set_up
     if not (math.isnan(own) or 0.0 <= own <= spent + CLOCK) or not 0.0 <= known <= max(spent, wall) + CLOCK:
         said = f"cpu_time {own:.3g} s and setup_time {set_up:.3g} s"
-        raise Breach(f"{said} do not fit the {spent:.3g} s of CPU time that the call took{_at(solver, 'solve')}")
+        raise Breach(
+            f"{said} do not fit the {spent:.3g} s of CPU time that the call took{_locate_method(solver, 'solve')}"
+        )
     cost = max(spent - max(known, code), 0.0)
     if _is_ours(solver) and own >= EXPLAINED * cost - CLOCK:
         cost = min(own, spent - code)
     return Cost(cost, spent - cost, code)
 
 
-def repeated_cost(times: Sequence[float]) -> Sequence[float]:
+def select_repeat_times(times: Sequence[float]) -> Sequence[float]:
     """Return the CPU times [s] of repeats that count: all, or only the first where it has prepared the others.
 
     It has prepared them if a later one took less than half as long.
@@ -108,7 +112,7 @@ def repeated_cost(times: Sequence[float]) -> Sequence[float]:
     return times if min(times) >= EXPLAINED * times[0] - CLOCK else times[:1]
 
 
-def looped_cost(times: Sequence[float], solver: object, reading: float) -> Sequence[float]:
+def average_loop_times(times: Sequence[float], solver: object, reading: float) -> Sequence[float]:
     """Return the costs [s] of a solve that count: means over groups of a loop's ``times`` that take ``GROUP`` together.
 
     The first solve warms up and does not count: it touches memory and code that the others find in the caches. If the
@@ -125,7 +129,7 @@ def looped_cost(times: Sequence[float], solver: object, reading: float) -> Seque
     return [max(float(mean) - reading, 0.0) for mean in np.mean(groups, axis=1)]
 
 
-def cost_columns(times: Sequence[float], repeats: int) -> dict[str, Any]:
+def make_cost_columns(times: Sequence[float], repeats: int) -> dict[str, Any]:
     """Return a record's columns of costs: ``repeats``, and minimum, quartiles, median and maximum of ``times`` [s].
 
     ``times`` are those that count. The quartiles of three are the outer two.
@@ -157,7 +161,7 @@ def locate_error(error: BaseException, solver: object) -> str:
     return f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
 
 
-def _at(solver: object, method: str) -> str:
+def _locate_method(solver: object, method: str) -> str:
     """Return where a method of the solver begins, such as `` (mysolver.py:12)``; empty if it is not in Python."""
     code = _code(solver, method)
     return f" ({Path(code.co_filename).name}:{code.co_firstlineno})" if code else ""

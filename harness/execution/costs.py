@@ -21,10 +21,10 @@ from typing import Any
 
 import psutil
 
-from ..cache import IN_CHECKOUT, ROOT, cache_folder
+from ..cache import IN_CHECKOUT, ROOT, make_cache_folder
 from ..catalogue import registry
 from ..files import FileError, parse_json, parse_toml, read_text, to_json, write_text
-from ..machine import llvm_target
+from ..machine import find_llvm_target
 from ..mechanics.system import MultibodySystem
 from ..reference.computation import Source, describe_source
 from ..results import store
@@ -34,8 +34,8 @@ from ..shapes import Shape, convert_shape
 from ..suites.spec import RunSpec
 from ..types import Problem
 from .contract import SHORT
-from .remaining_time import durations, format_duration, schedule_end
-from .warmup import ABREAST, list_motions, runs_to_warm
+from .remaining_time import format_duration, read_durations, schedule_end
+from .warmup import ABREAST, list_motions, list_runs_to_warm
 
 TABLE = Path(__file__).with_name("costs.toml")
 # number of bodies plus constraint rows of the systems for which the table was measured: one body, the chain, the grid
@@ -95,7 +95,7 @@ def measure_loop() -> float:
 
 
 @functools.cache
-def slowness(jobs: int) -> float:
+def measure_slowness(jobs: int) -> float:
     """Return the factor by which runs take longer here, ``jobs`` in parallel, than on the idle machine of the table.
 
     It covers a slower core and other processes that want the cores, and is measured once for each number of jobs.
@@ -117,7 +117,7 @@ def count_rivals() -> float:
     return median(looks)
 
 
-def size_of(system: MultibodySystem) -> float:
+def count_bodies_and_rows(system: MultibodySystem) -> float:
     """Return the size of a system in the table of costs: the number of its bodies and constraint rows together."""
     return float(system.nb + system.nrows)
 
@@ -178,21 +178,21 @@ def _is_own(spec: RunSpec) -> bool:
 def _facts_of(problem: Problem) -> CostFactors:
     """Return the properties of a problem that determine the costs of its runs."""
     computed = describe_source(problem) in (Source.CERTIFIED, Source.COMPUTED)
-    return CostFactors(problem.t_end, problem.dt, size_of(problem.system), computed)
+    return CostFactors(problem.t_end, problem.dt, count_bodies_and_rows(problem.system), computed)
 
 
-def cost_of_run(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
+def predict_run_cost(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
     """Return the wall time [s] of a run on the machine of the table: process, set-up, repeated solves and measuring."""
     measuring = (
         costs.measure_s + _count_steps(spec, facts, costs) * interpolate_by_size(costs.measure_us, facts.size) * 1e-6
     )
     set_up = interpolate_by_size(_cost_of(spec, costs).setup_s, facts.size)
-    solve = cost_of_solve(spec, facts, costs)
+    solve = predict_solve_cost(spec, facts, costs)
     loop = spec.min_time if solve < SHORT else 0.0
     return costs.process_s + max(set_up + spec.repeats * solve, loop) + measuring
 
 
-def cost_of_solve(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
+def predict_solve_cost(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
     """Return the CPU time [s] of one solve on the machine of the table, at most the run's limit."""
     step = interpolate_by_size(_cost_of(spec, costs).step_us, facts.size) * 1e-6
     return min(_count_steps(spec, facts, costs) * step, spec.cpu_limit)
@@ -208,7 +208,7 @@ def _count_steps(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
 
 
 @functools.cache
-def _middle_of(names: tuple[str, ...]) -> SolverCost:
+def _find_median_cost(names: tuple[str, ...]) -> SolverCost:
     """Return median costs over the solvers ``names`` of the table; compilation counts as 0."""
     own = [s for name, s in read_costs().solvers.items() if name in names]
 
@@ -230,7 +230,7 @@ def _cost_of(spec: RunSpec, costs: Costs) -> SolverCost:
     """Return the solver's costs; for one missing in the table, medians over solvers with the same step control."""
     adaptive = spec.control.dt is None
     alike = tuple(name for name, s in costs.solvers.items() if (s.steps > 0.0) is adaptive)
-    return costs.solvers.get(spec.solver) or _middle_of(alike)
+    return costs.solvers.get(spec.solver) or _find_median_cost(alike)
 
 
 @dataclass(frozen=True)
@@ -265,7 +265,7 @@ def select_quick(specs: Sequence[RunSpec]) -> set[str]:
     Their code is cached, or compiled within ``QUICK``. Solvers that the table lacks are left out.
     """
     prepared, costs, known = WarmCaches(), read_costs(), dict[str, CostFactors]()
-    own = [s for s in specs if s.solver in costs.solvers and cost_of_run(s, _facts(s, known), costs) < SOON]
+    own = [s for s in specs if s.solver in costs.solvers and predict_run_cost(s, _facts(s, known), costs) < SOON]
     return {s.solver for s in own if costs.solvers[s.solver].compile_s < QUICK or prepared.contains(s.solver)}
 
 
@@ -275,14 +275,16 @@ def predict_times(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: P
     Times recorded in results folders of ``local`` take precedence, those of ``suite`` first. No run is executed; a loop
     of some milliseconds is timed and the running processes are counted.
     """
-    costs, slow = read_costs(), slowness(jobs)
-    earlier = durations(local or store.LOCAL, suite)
+    costs, slow = read_costs(), measure_slowness(jobs)
+    earlier = read_durations(local or store.LOCAL, suite)
     known: dict[str, CostFactors] = {}
-    own = {s.settings_id: earlier.get(s.settings_id) or slow * cost_of_run(s, _facts(s, known), costs) for s in specs}
+    own = {
+        s.settings_id: earlier.get(s.settings_id) or slow * predict_run_cost(s, _facts(s, known), costs) for s in specs
+    }
     runs = {settings: seconds + slow * costs.store_s for settings, seconds in own.items()}
     if not specs:
         return Expectation(runs, 0.0, 0.0, jobs)
-    return Expectation(runs, slow * costs.load_s, slow * _cost_of_once(specs, costs, known), jobs)
+    return Expectation(runs, slow * costs.load_s, slow * _predict_shared_cost(specs, costs, known), jobs)
 
 
 def describe_command(name: str, count: int, jobs: int = 1) -> str:
@@ -291,7 +293,7 @@ def describe_command(name: str, count: int, jobs: int = 1) -> str:
     ``name`` is one of the commands of ``costs.toml``; ``jobs`` runs, trials or steps are done in parallel.
     """
     start, each = read_costs().commands[name]
-    return f"about {format_duration(max(1.0, slowness(jobs) * (start + each * count / jobs)))}"
+    return f"about {format_duration(max(1.0, measure_slowness(jobs) * (start + each * count / jobs)))}"
 
 
 def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectation:
@@ -300,18 +302,18 @@ def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectat
     ``counted`` pairs each spec with its number of solves. Only solves, loading and code count: runs need no process of
     their own, and are not measured.
     """
-    costs, slow, known = read_costs(), slowness(jobs), dict[str, CostFactors]()
-    runs = {s.settings_id: slow * n * cost_of_solve(s, _facts(s, known), costs) / jobs for s, n in counted}
-    return Expectation(runs, slow * costs.load_s, slow * _cost_of_once([s for s, _ in counted], costs, known), 1)
+    costs, slow, known = read_costs(), measure_slowness(jobs), dict[str, CostFactors]()
+    runs = {s.settings_id: slow * n * predict_solve_cost(s, _facts(s, known), costs) / jobs for s, n in counted}
+    return Expectation(runs, slow * costs.load_s, slow * _predict_shared_cost([s for s, _ in counted], costs, known), 1)
 
 
-def _cost_of_once(specs: Sequence[RunSpec], costs: Costs, known: dict[str, CostFactors]) -> float:
+def _predict_shared_cost(specs: Sequence[RunSpec], costs: Costs, known: dict[str, CostFactors]) -> float:
     """Return the wall time [s] to compile and compute, in parallel, all code and references that no cache holds."""
     warm = WarmCaches()
     motions = [s for s in list_motions(specs) if _facts(s, known).has_computed_reference]
-    named = (reference_name(format_name(s.problem, s.parameters)) for s in motions)
+    named = (name_reference(format_name(s.problem, s.parameters)) for s in motions)
     references = sum(costs.reference_s for name in named if not warm.contains(name))
-    cold = dict.fromkeys(s.solver for s in runs_to_warm(specs) if not warm.contains(s.solver))
+    cold = dict.fromkeys(s.solver for s in list_runs_to_warm(specs) if not warm.contains(s.solver))
     compiled = [costs.solvers[name].compile_s for name in cold if name in costs.solvers]
     shared = SHARED if max(compiled, default=0.0) > SHARED else 0.0
     own = sum(c - shared if c > shared else c for c in compiled)
@@ -320,7 +322,7 @@ def _cost_of_once(specs: Sequence[RunSpec], costs: Costs, known: dict[str, CostF
     return max(whole / min(os.cpu_count() or 1, ABREAST), longest)
 
 
-def reference_name(variant: str) -> str:
+def name_reference(variant: str) -> str:
     """Return the name in ``WarmCaches`` of the reference of a ``variant``, a problem with its parameters."""
     return f"reference of {variant}"
 
@@ -332,7 +334,7 @@ class WarmCaches:
     """
 
     def __init__(self) -> None:
-        folder = cache_folder("warmed", ROOT / IN_CHECKOUT["warmed"])
+        folder = make_cache_folder("warmed", ROOT / IN_CHECKOUT["warmed"])
         self.path = folder / "warmed.json"
         self.names: dict[str, Any] = {}
         with contextlib.suppress(FileError):
@@ -359,4 +361,4 @@ def _digest_for(name: str) -> str:
     sources = package_sources()
     problem = name.removeprefix("reference of ").partition("[")[0]
     own = sources.measuring if name == LAWS else sources.solvers.get(name) or sources.problems.get(problem, "")
-    return json.dumps([own, *llvm_target()])
+    return json.dumps([own, *find_llvm_target()])

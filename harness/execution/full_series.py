@@ -13,7 +13,7 @@ from pathlib import Path
 from ..confined_paths import ConfinedPath
 from ..files import FileError
 from ..results import codes, environment, store
-from ..results.provenance import describe_differences, find_differences, read_environment, same_platform
+from ..results.provenance import describe_differences, find_differences, is_same_platform, read_environment
 from ..results.records import RunRecord
 from ..results.reproduce import list_control
 from ..results.series import Series
@@ -80,7 +80,7 @@ def _check_origin(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> 
             f"here is {own}{where}, or run its suite again"
         )
     there, here = _read_stamp(folder, record), environment.describe_environment("", "", 1, plugins)
-    if not same_platform(there, here):
+    if not is_same_platform(there, here):
         found = [d for d in find_differences(there, here) if d.what not in ("suite", "plugins")]
         raise FileError(
             f"{name_run(record)} keeps not every step, and cannot be solved again to the bit here: "
@@ -101,12 +101,14 @@ def limit_steps(spec: RunSpec, record: RunRecord) -> RunSpec:
     The limit on CPU time is at least ``ENOUGH`` times what the run took.
     """
     cut = record.t_reached_s < record.t_end_s and 0 < record.steps < spec.control.max_steps
-    control = dataclasses.replace(spec.control, max_steps=record.steps) if cut and _by_clock(record) else spec.control
+    control = (
+        dataclasses.replace(spec.control, max_steps=record.steps) if cut and _was_cut_short(record) else spec.control
+    )
     limit = max(spec.cpu_limit, ENOUGH * record.cpu_process_s) if record.cpu_process_s > 0.0 else spec.cpu_limit
     return dataclasses.replace(spec, control=control, cpu_limit=limit)
 
 
-def _by_clock(record: RunRecord) -> bool:
+def _was_cut_short(record: RunRecord) -> bool:
     """Return whether something other than its motion ended the run: an outside cause, or a limit of its solver."""
     return record.ended_by != "solver" or record.claimed == "stalled"
 

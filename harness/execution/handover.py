@@ -109,13 +109,13 @@ def read(path: Path | ConfinedPath, system: MultibodySystem, spent: float = math
         arrays = dict(read_npz(path, LARGEST))
         report = convert_shape(parse_json(str(arrays.pop("report", "")), "report"), SolverReport, "report")
         _check_cost(report.cost, spent)
-        report = _with_hidden_cost(report, spent)
+        report = _add_hidden_cost(report, spent)
         return Handover(report, _trajectory(arrays, report, system) if "t" in arrays else None)
     except ValueError as error:
         raise FileError(f"the arrays that the solver returned cannot be used: {error}") from None
 
 
-def _with_hidden_cost(report: SolverReport, spent: float) -> SolverReport:
+def _add_hidden_cost(report: SolverReport, spent: float) -> SolverReport:
     """Return the report with the cost of all ``spent`` [s] of CPU, and a note, if its process hides most of that time.
 
     It does if ``spent`` exceeds twice the time on its own clocks by more than ``HIDDEN``. A report without one of the

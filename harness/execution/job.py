@@ -94,9 +94,9 @@ def make_job_record(job: Job, status: Status, **columns: Any) -> RunRecord:
         solver=spec.solver,
         solver_options=_json(spec.options),
         control="rtol" if control.dt is None else "dt",
-        dt_s=_or_nan(control.dt),
-        rtol=_or_nan(control.rtol),
-        max_step_s=_or_nan(control.max_step),
+        dt_s=_replace_none(control.dt),
+        rtol=_replace_none(control.rtol),
+        max_step_s=_replace_none(control.max_step),
         max_steps=control.max_steps,
         cpu_limit_s=spec.cpu_limit,
         wall_limit_s=SLACK * (spec.cpu_limit + GRACE),
@@ -127,7 +127,7 @@ FROM_OUTSIDE = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 NEAR = 0.9  # fraction of the memory limit beyond which a signal is attributed to lack of memory
 
 
-def cut_short(job: Job, by: EndCause, **columns: Any) -> RunRecord:
+def make_cut_short_record(job: Job, by: EndCause, **columns: Any) -> RunRecord:
     """Return the record of a run that did not end by itself; its status follows from ``by``, the cause of the end.
 
     ``columns`` are further columns of the record.
@@ -165,10 +165,10 @@ def record_unfinished(job: Job, ended: ProcessEnd, wall: float, by: EndCause, li
         "signal": max(-ended.code, 0),
         "ended_limit_s": limit,
     }
-    return cut_short(job, by, wall_s=wall, peak_memory_MB=ended.peak, **ending, **said)
+    return make_cut_short_record(job, by, wall_s=wall, peak_memory_MB=ended.peak, **ending, **said)
 
 
-def first_line(error: BaseException) -> str:
+def format_first_line(error: BaseException) -> str:
     """Return the type and the first line of an exception's message, at most 500 characters."""
     with contextlib.suppress(Exception):  # str() of a foreign exception may itself raise
         return f"{type(error).__name__}: {error}".strip(": ").split("\n")[0][:500]
@@ -180,6 +180,6 @@ def _json(values: Mapping[str, Any]) -> str:
     return json.dumps(dict(values), sort_keys=True, default=list)
 
 
-def _or_nan(value: float | None) -> float:
+def _replace_none(value: float | None) -> float:
     """Return a number, or NaN for None, as columns of a record hold only numbers."""
     return math.nan if value is None else value

@@ -9,12 +9,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..mechanics.state import States
-from ..mechanics.torsion import count_turns, torsion
-from ..metrics.measure import MeasuredSeries, count_covered, stated_error
-from ..metrics.peaks import find_peaks, interpolate_peak_times, steps_to_keep, times_of_scales, times_to_keep
+from ..mechanics.torsion import count_turns, evaluate_torsion
+from ..metrics.measure import MeasuredSeries, count_covered, evaluate_stated_error
+from ..metrics.peaks import choose_steps, choose_times, find_peaks, find_scale_times, interpolate_peak_times
 from ..metrics.periods import find_periods
-from ..metrics.reactions import largest_joint_force
-from ..metrics.thinning import frames_to_keep, rows_to_keep
+from ..metrics.reactions import find_largest_joint_force
+from ..metrics.thinning import choose_frames, choose_rows
 from ..reference.computation import ComputedReference, Source, describe_source, find_reference
 from ..results.envelopes import FEW, compute_envelope
 from ..results.packing import FINE
@@ -64,8 +64,8 @@ def build_series(
     lossless = lossless and len(m.t) * (nb * STATE_BYTES + problem.system.nrows * 8) <= LARGEST_STATES
     brief = keep is not None and not lossless
     peaks = find_peaks(m, literal_start=problem.literal_start)
-    steps = steps_to_keep(m, peaks, nb, every=lossless)
-    rows = np.union1d(rows_to_keep(len(m.t), m.energy_error, m.phi_norm), steps)
+    steps = choose_steps(m, peaks, nb, every=lossless)
+    rows = np.union1d(choose_rows(len(m.t), m.energy_error, m.phi_norm), steps)
     span = float(np.linalg.norm(problem.system.joint_s_i, axis=1).max(initial=0.0)) or m.size.length
     span, near = (span / TURNED, TURNED * NEAR) if brief else (span, 0.0)
     full = _series(problem, trajectory, m)
@@ -79,10 +79,10 @@ def build_series(
     units = {f"{p}_{o.name}": o.unit for o in problem.observables for p in ("obs", "ref")}
     units |= {"obs_joint_force": "N", "ref_joint_force": "N"}
     units |= {f"inv_{i.name}": i.unit for i in problem.invariants}
-    at = {name: float(m.t[k]) for name, k in peaks.items()} | interpolate_peak_times(m) | times_of_scales(m)
-    arrays |= _poses(m.t, trajectory, span, near) | _exact(reference, m.t, span, near)
+    at = {name: float(m.t[k]) for name, k in peaks.items()} | interpolate_peak_times(m) | find_scale_times(m)
+    arrays |= _poses(m.t, trajectory, span, near) | _compress_exact_poses(reference, m.t, span, near)
     arrays |= _turns(problem, trajectory)
-    arrays |= _states(trajectory, steps, m.t) | _samples(reference, times_to_keep(m, steps))
+    arrays |= _states(trajectory, steps, m.t) | _samples(reference, choose_times(m, steps))
     if brief:
         arrays = leave_out_states({**arrays, "state_energy_error": m.energy_error[steps]}, at)
     return Series(
@@ -124,7 +124,7 @@ def _series(problem: Problem, trajectory: Trajectory, m: MeasuredSeries) -> dict
         **{f"diag_{k}": np.asarray(a, dtype=float) for k, a in trajectory.diagnostics.items()},
     }
     if trajectory.reaction is not None:  # shown beside the observables; references have no reactions
-        full["obs_joint_force"] = largest_joint_force(problem.system, np.asarray(trajectory.reaction, dtype=float))
+        full["obs_joint_force"] = find_largest_joint_force(problem.system, np.asarray(trajectory.reaction, dtype=float))
         full["ref_joint_force"] = np.full(len(m.t), math.nan)
     return {k: a for k, a in full.items() if a is not None}
 
@@ -146,7 +146,7 @@ def _poses(t: np.ndarray, trajectory: Trajectory, span: float, near: float) -> d
     ``span`` [m] of a body turns a rotation into a path. With ``near`` > 0, a fraction of ``span``, the file is brief:
     chords between frames stay so close to the path. Otherwise (0) the reactions at the frames are kept as well.
     """
-    frames, end = frames_to_keep(t, trajectory.states.at, span, near=near), trajectory.states[-1]
+    frames, end = choose_frames(t, trajectory.states.at, span, near=near), trajectory.states[-1]
     out = {
         **_compress_poses("frame", t[frames], trajectory.states.at(frames)),
         **{f"end_{name}": getattr(end, name) for name in STATE},
@@ -165,12 +165,14 @@ def _turns(problem: Problem, trajectory: Trajectory) -> dict[str, np.ndarray]:
     angles = count_turns(system, t, trajectory.states)
     if angles is None and not np.any(system.torsion_wound):
         return {}
-    whole = torsion(system, trajectory.states)[0] - system.torsion_wound
+    whole = evaluate_torsion(system, trajectory.states)[0] - system.torsion_wound
     far = np.abs((whole if angles is None else angles) - whole)
     return {"end_turns": np.round(np.max(far + np.abs(system.torsion_wound), axis=0) / (2.0 * np.pi))}
 
 
-def _exact(reference: Reference | None, t: np.ndarray, span: float, near: float) -> dict[str, np.ndarray]:
+def _compress_exact_poses(
+    reference: Reference | None, t: np.ndarray, span: float, near: float
+) -> dict[str, np.ndarray]:
     """Return poses of the exact motion as far as it is known and the run went; empty without a reference.
 
     ``span`` and ``near`` thin them as in ``_poses``.
@@ -179,13 +181,13 @@ def _exact(reference: Reference | None, t: np.ndarray, span: float, near: float)
     if reference is None or len(known) < 2:
         return {}
     at = np.linspace(known[0], min(known[-1], reference.horizon), FINE)
-    kept = frames_to_keep(at, lambda k: reference.states(at[k]), span, EXACT_FRAMES, near)
+    kept = choose_frames(at, lambda k: reference.states(at[k]), span, EXACT_FRAMES, near)
     return _compress_poses("exact", at[kept], reference.states(at[kept]))
 
 
 def _states(trajectory: Trajectory, steps: np.ndarray, t: np.ndarray) -> dict[str, np.ndarray]:
     """Return times, states and, if any, reactions at ``steps`` as arrays ``state_...``; ``t`` [s] has all times."""
-    out = _full("state", t[steps], trajectory.states.at(steps))
+    out = _name_full_states("state", t[steps], trajectory.states.at(steps))
     if trajectory.reaction is not None:
         out["state_reaction"] = np.asarray(trajectory.reaction, dtype=float)[steps]
     return out
@@ -196,12 +198,12 @@ def _samples(reference: Reference | None, t: np.ndarray) -> dict[str, np.ndarray
     if reference is None or len(t) == 0:
         return {}
     return {
-        **_full("sample", t, reference.states(np.minimum(t, reference.horizon))),
-        "sample_error": stated_error(reference, t),
+        **_name_full_states("sample", t, reference.states(np.minimum(t, reference.horizon))),
+        "sample_error": evaluate_stated_error(reference, t),
     }
 
 
-def _full(kind: str, t: np.ndarray, s: States) -> dict[str, np.ndarray]:
+def _name_full_states(kind: str, t: np.ndarray, s: States) -> dict[str, np.ndarray]:
     """Return times and states as arrays whose names begin with ``kind``."""
     return {f"{kind}_t": t, **{f"{kind}_{name}": getattr(s, name) for name in STATE}}
 

@@ -11,15 +11,15 @@ from ..catalogue import registry
 from ..confined_paths import ConfinedPath
 from ..files import FileError
 from ..metrics.measure import MeasuredSeries, measure
-from ..metrics.summary import columns
-from ..metrics.verdict import inaccuracy, list_broken_laws
-from ..results.records import RunRecord, reasons_json
+from ..metrics.summary import make_columns
+from ..metrics.verdict import find_inaccuracy, list_broken_laws
+from ..results.records import RunRecord, format_reasons
 from ..results.series import name_file, write_series
 from ..sandbox.isolation import is_full
 from ..sandbox.spool import read_spool
 from ..types import EndCause, Problem, Reason, Status, Trajectory
 from .handover import Handover, SolverReport, read
-from .job import Job, cut_short, first_line, make_job_record
+from .job import Job, format_first_line, make_cut_short_record, make_job_record
 from .kept_series import build_series
 
 # fraction of the CPU limit that a solver must have used to claim that this limit ended it (asked to stop at 0.9)
@@ -54,7 +54,7 @@ def measure_run(job: Job, bare: RunRecord, problem: Problem | None = None, spent
             about["code_s"] = bare.code_s
         if handover.report.claimed is None:
             known = {**handover.columns, **about}
-            failed = cut_short(job, handover.report.by, message=handover.report.message, **known)
+            failed = make_cut_short_record(job, handover.report.by, message=handover.report.message, **known)
             return _measure_partial(
                 job, problem, dataclasses.replace(failed, section=problem.section, t_end_s=problem.t_end)
             )
@@ -65,7 +65,7 @@ def measure_run(job: Job, bare: RunRecord, problem: Problem | None = None, spent
         if is_full(error):
             raise
         traceback.print_exc()
-        by, message = str(EndCause.EXCEPTION), first_line(error)
+        by, message = str(EndCause.EXCEPTION), format_first_line(error)
         return Outcome(dataclasses.replace(bare, status=str(Status.CRASHED), ended_by=by, message=message))
 
 
@@ -150,12 +150,12 @@ def judge_motion(
     includes code generation, decides. ``known`` are columns of the record that are known already and take precedence.
     """
     measured = measure(problem, trajectory)
-    numbers = columns(problem, trajectory, measured)
+    numbers = make_columns(problem, trajectory, measured)
     status, because = Status(trajectory.status), list[Reason]()
     if status is Status.SUCCESS:
         because = list_broken_laws(problem, trajectory, measured, numbers)
         status = Status.WRONG if because else status
-    if status is Status.SUCCESS and (because := inaccuracy(measured, numbers)):
+    if status is Status.SUCCESS and (because := find_inaccuracy(measured, numbers)):
         status = Status.INACCURATE
     by = EndCause.SOLVER
     limit, steps_left = job.spec.cpu_limit, len(trajectory.t) <= job.spec.control.max_steps
@@ -163,7 +163,7 @@ def judge_motion(
     if status is Status.STALLED and steps_left and math.isfinite(limit) and used >= USED * limit:
         status, by = Status.UNFINISHED, EndCause.CPU_LIMIT
     said = {"claimed": str(trajectory.status), "ended_by": str(by), "message": str(trajectory.message)}
-    found = {"section": problem.section, "t_end_s": problem.t_end, "wrong_because": reasons_json(because)}
+    found = {"section": problem.section, "t_end_s": problem.t_end, "wrong_because": format_reasons(because)}
     return make_job_record(job, status, **{**said, **found, **numbers, **known}), measured
 
 

@@ -13,10 +13,10 @@ from ..code_meter import add_code_below, code_seconds_of_tree
 from ..results.store import read_digest, write_record
 from ..sandbox.forked_process import SLACK
 from ..types import EndCause
-from .costs import LAWS, WarmCaches, reference_name
-from .job import Job, cut_short
+from .costs import LAWS, WarmCaches, name_reference
+from .job import Job, make_cut_short_record
 from .protocol import CodeTime, News, StartOrder, StopOrder, Supervised, SupervisorLost, WarmUpOrder, WarmUpTimes
-from .warmup import jobs_by_motion, runs_to_warm
+from .warmup import list_runs_to_warm, select_job_per_motion
 
 # [s] between two readings of the clock: longer makes the bar jump, shorter wakes this process beside timed ones
 TICK = 0.25
@@ -128,12 +128,14 @@ class LocalPool:
                 raise PoolError(f"the supervisor process ended repeatedly with code {code}")
             for job in self._flying.values():
                 if self._limit is not None and self._is_over():
-                    ending = cut_short(job, EndCause.TOTAL_LIMIT, ended_limit_s=self._limit.seconds)
+                    ending = make_cut_short_record(job, EndCause.TOTAL_LIMIT, ended_limit_s=self._limit.seconds)
                 elif self._attempts[job.id] < 2 + job.alone:
                     waiting.append(job)  # last in the list: it runs next, and alone; no record of it was reported
                     continue
                 else:
-                    ending = cut_short(job, EndCause.SUPERVISOR_LOST, exit_code=max(code, 0), signal=max(-code, 0))
+                    ending = make_cut_short_record(
+                        job, EndCause.SUPERVISOR_LOST, exit_code=max(code, 0), signal=max(-code, 0)
+                    )
                 write_record(job.folder, ending)
                 self.on_end(job, read_digest(ending))
             self._flying.clear()
@@ -148,7 +150,9 @@ class LocalPool:
         try:
             first = waiting[::-1]
             if first:  # before any limit on time starts
-                supervisor.send(WarmUpOrder(runs_to_warm([job.spec for job in first]), jobs_by_motion(first)))
+                supervisor.send(
+                    WarmUpOrder(list_runs_to_warm([job.spec for job in first]), select_job_per_motion(first))
+                )
             self._compiling = bool(first)
             while True:
                 if self._limit is not None and self._is_over():
@@ -201,7 +205,7 @@ class LocalPool:
             return
         if isinstance(news, WarmUpTimes):
             self.on_warmup(news.times, news.references)
-            self._prepared |= {*news.times, *map(reference_name, news.references)}
+            self._prepared |= {*news.times, *map(name_reference, news.references)}
             if news.over:
                 self._compiling = False
                 WarmCaches().add([LAWS, *sorted(self._prepared)])

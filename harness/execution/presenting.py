@@ -40,13 +40,13 @@ class PresentedSolver:
         velocities reversed again; the costs of both add up. A way back that fails leaves only a note.
         """
         began = solver_seconds()
-        there = self._there(problem, control)
+        there = self._solve_presented(problem, control)
         if not problem.retrace or there.status is not Status.SUCCESS:
             return there
         last = there.states[-1]
         turned = dataclasses.replace(problem, initial=State(last.r, last.R, -last.v, -last.Omega))
         left = None if control.cpu_limit is None else max(control.cpu_limit - (solver_seconds() - began), 1e-3)
-        back = self._there(turned, dataclasses.replace(control, spool=None, cpu_limit=left))
+        back = self._solve_presented(turned, dataclasses.replace(control, spool=None, cpu_limit=left))
         if back.status is not Status.SUCCESS:
             words = f"the way back ended with {back.status} at {back.t[-1]:.6g} s: {back.message}"
             return dataclasses.replace(there, notes=(*there.notes, words))
@@ -54,12 +54,12 @@ class PresentedSolver:
         cost = {name: getattr(there, name) + getattr(back, name) for name in ("cpu_time", "setup_time")}
         return dataclasses.replace(there, returned=State(end.r, end.R, -end.v, -end.Omega), **cost)
 
-    def _there(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _solve_presented(self, problem: Problem, control: StepControl) -> Trajectory:
         """Solve from the start to the end once, and return the motion in the problem's own terms."""
-        return bring_home(self.solver.solve(*present_problem(problem, control)), problem)
+        return restore_trajectory(self.solver.solve(*present_problem(problem, control)), problem)
 
 
-def bring_home(found: Trajectory, problem: Problem) -> Trajectory:
+def restore_trajectory(found: Trajectory, problem: Problem) -> Trajectory:
     """Return a motion of the presented problem in the problem's own terms: its time, bodies, units and rows."""
     presentation, system = problem.presentation, problem.system
     if presentation == Presentation() or found.states.nb != system.nb:  # of a wrong size, which the caller reports
@@ -67,8 +67,8 @@ def bring_home(found: Trajectory, problem: Problem) -> Trajectory:
     return dataclasses.replace(
         found,
         t=np.asarray(found.t, dtype=float) / presentation.unit_time,
-        states=presentation.states_back(system, found.states),
-        reaction=None if found.reaction is None else presentation.reaction_back(system, np.asarray(found.reaction)),
+        states=presentation.restore_states(system, found.states),
+        reaction=None if found.reaction is None else presentation.restore_reaction(system, np.asarray(found.reaction)),
     )
 
 
@@ -91,7 +91,9 @@ class _PresentedSpool:
     def take(self, t: Float[np.ndarray, " nt"] | list[float], states: States) -> None:
         """Pass steps on to the spool, converted to the problem's own terms."""
         presentation = self.problem.presentation
-        self.spool.take(np.asarray(t) / presentation.unit_time, presentation.states_back(self.problem.system, states))
+        self.spool.take(
+            np.asarray(t) / presentation.unit_time, presentation.restore_states(self.problem.system, states)
+        )
 
 
 def present_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepControl]:

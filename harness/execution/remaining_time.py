@@ -15,7 +15,7 @@ RUNS = 3  # results folders that are read: more cost the reading of their record
 PRIOR = 2.0
 
 
-def durations(local: Path = store.LOCAL, suite: str = "") -> dict[str, float]:
+def read_durations(local: Path = store.LOCAL, suite: str = "") -> dict[str, float]:
     """Return wall times [s] of runs by ``settings_id`` from the newest ``RUNS`` results folders in ``local``.
 
     Folders of ``suite`` count as newer than all others; a newer time replaces an older one. Damaged folders are left

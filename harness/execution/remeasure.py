@@ -106,7 +106,7 @@ def replace_outdated(
     another command writes to the folder.
     """
     done = RemeasuredRuns()
-    with store.lock(folder):
+    with store.lock_folder(folder):
         asked, specs = _list_asked(folder, plugins), dict[str, RunSpec]()
         with open_sources() as sources_of:
             for record in outdated:
@@ -118,12 +118,12 @@ def replace_outdated(
         some = [r for r in outdated if r.run_id in specs]
         for k in range(0, len(some), AT_ONCE):
             with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
-                _measure_some(folder, some[k : k + AT_ONCE], specs, Path(place), jobs, run, plugins, done)
-        store.write_table(folder, store.newest(store.load(folder, check_series=False).records))
+                _remeasure_records(folder, some[k : k + AT_ONCE], specs, Path(place), jobs, run, plugins, done)
+        store.write_table(folder, store.select_newest(store.load(folder, check_series=False).records))
     return done
 
 
-def _measure_some(
+def _remeasure_records(
     folder: Path,
     some: Sequence[RunRecord],
     specs: Mapping[str, RunSpec],
@@ -137,7 +137,7 @@ def _measure_some(
 
     ``specs`` are the runs to solve, by run_id; ``done`` gets the new records, and the reasons of runs that stay.
     """
-    kept = {r.run_id: _look_at(r, store.read_run_series(folder, r, poses=False)) for r in some}
+    kept = {r.run_id: _inspect_series(r, store.read_run_series(folder, r, poses=False)) for r in some}
     for lossless in (False, True):
         alike = [r for r in some if kept[r.run_id].lossless is lossless]
         if not alike:
@@ -147,7 +147,7 @@ def _measure_some(
         different = tuple({s.settings_id: s for s in again.values()}.values())
         suite = Suite("again", "finished runs solved again", different, "", plugins)
         there = place / ("lossless" if lossless else "thinned")
-        run(Request(suite, there, jobs, lossless=lossless, keep=_look_up(rows)))
+        run(Request(suite, there, jobs, lossless=lossless, keep=_make_row_lookup(rows)))
         found = {r.settings_id: r for r in store.load(there, check_series=False).records}
         for record in alike:
             new = found.get(again[record.run_id].settings_id)
@@ -223,7 +223,7 @@ def _find_spec(record: RunRecord, asked: Mapping[str, RunSpec]) -> RunSpec:
     return asked[record.settings_id]
 
 
-def _look_up(rows: Mapping[str, tuple[str, ...] | None]) -> Callable[[RunSpec], tuple[str, ...] | None]:
+def _make_row_lookup(rows: Mapping[str, tuple[str, ...] | None]) -> Callable[[RunSpec], tuple[str, ...] | None]:
     """Return a function that gives, for a spec, the series whose rows its file keeps (None: every step)."""
     return lambda spec: rows[spec.settings_id]
 
@@ -247,7 +247,7 @@ def _solve_once(spec: RunSpec, record: RunRecord) -> RunSpec:
     return dataclasses.replace(limit_steps(spec, record), repeats=1, min_time=0.0)
 
 
-def _look_at(record: RunRecord, series: Series | None) -> _KeptSeries:
+def _inspect_series(record: RunRecord, series: Series | None) -> _KeptSeries:
     """Return which steps, states and rows the series of a run has, as its new file must have the same."""
     if series is None:
         return _KeptSeries()
@@ -303,7 +303,7 @@ def _replace(folder: Path, record: RunRecord, there: Path, new: RunRecord, run_i
         **files,
         run_id=run_id,
         notes=json.dumps([*json.loads(new.notes), note]),
-        commit=environment.commit(),
+        commit=environment.read_commit(),
     )
     store.set_aside(folder, list_record_files(folder, record, WHY))
     store.note_added(folder, run_id)

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..catalogue import registry
-from ..clock import set_keeper
+from ..clock import set_subreaper
 from ..code_meter import CODE_LIMIT, listen_to_numba
 from ..confined_paths import ConfinedPath
 from ..files import FileError
@@ -25,9 +25,9 @@ from ..results.records import RunRecord
 from ..sandbox.forked_process import NOWHERE, SLACK, ForkedProcess, NotBegunError, ProcessEnd
 from ..sandbox.isolation import CANNOT_WRITE, PATIENCE, adopt_orphans, end_descendants, limit_process, trim_output
 from ..types import EndCause, Problem
-from .job import CUT_SHORT, GRACE, Job, cut_short, record_unfinished
+from .job import CUT_SHORT, GRACE, Job, make_cut_short_record, record_unfinished
 from .measuring import Outcome, make_problem, measure_run, write_outcome
-from .worker import SOFT, hand_over
+from .worker import SOFT, solve_job
 
 # [s] of CPU time for metrics once the solver is done: twice the minute that a difficult reference takes
 MEASURE_LIMIT = 120.0
@@ -43,8 +43,8 @@ Store = Callable[[Outcome], RunRecord]  # writes an outcome, and returns its rec
 
 def run_here(job: Job) -> RunRecord:
     """Run a job in this process, without limits; store its record and return it."""
-    hand_over(job)
-    return store_outcome(job, measure_run(job, cut_short(job, EndCause.EXIT)))
+    solve_job(job)
+    return store_outcome(job, measure_run(job, make_cut_short_record(job, EndCause.EXIT)))
 
 
 def run_one(
@@ -68,8 +68,8 @@ def run_one(
 
     def solve(send: Send) -> None:
         """Solve in the solver's process, of which the parent adopts and counts what it starts."""
-        set_keeper(os.getppid())
-        hand_over(job, soft, problem)
+        set_subreaper(os.getppid())
+        solve_job(job, soft, problem)
 
     limit = job.spec.cpu_limit + GRACE
     wall = SLACK * limit
@@ -105,7 +105,9 @@ def run_one(
         bare = record_unfinished(job, ended, time.monotonic() - began, by, at)
     except OSError as error:  # the run left a file that cannot be removed: only this run fails
         return Outcome(
-            cut_short(job, EndCause.EXCEPTION, message=describe_error(error), wall_s=time.monotonic() - began)
+            make_cut_short_record(
+                job, EndCause.EXCEPTION, message=describe_error(error), wall_s=time.monotonic() - began
+            )
         )
     send_record(send, MEASURING, bare)
     limit_process(job.spec.memory, STOPPED_MEASURE_LIMIT if stopped else measure_limit, CODE_LIMIT)
@@ -130,7 +132,7 @@ def run_and_store(job: Job, send: Send) -> None:
 
 def send_record(send: Send, what: str, record: RunRecord) -> None:
     """Send a record on one line that begins with ``what``: ``MEASURING`` or ``STORED``."""
-    send(f"{what} {records.to_json(record).replace(chr(10), ' ')}")
+    send(f"{what} {records.format_record(record).replace(chr(10), ' ')}")
 
 
 def describe_error(error: OSError) -> str:
@@ -138,7 +140,7 @@ def describe_error(error: OSError) -> str:
     return f"{error.filename}: {error.strerror}" if error.filename else str(error)
 
 
-def measure_kept(job: Job, bare: RunRecord, send: Send, store: Store, problem: Problem | None) -> None:
+def measure_kept_steps(job: Job, bare: RunRecord, send: Send, store: Store, problem: Problem | None) -> None:
     """Measure the kept steps of a run whose process ended before it could; ``store`` the outcome and send its record.
 
     ``bare``, the record of how the process ended, is sent first. This process is limited from then on.
@@ -197,7 +199,7 @@ class RunProcess(ForkedProcess):
 
         def work(send: Send) -> None:
             """Measure the kept steps."""
-            measure_kept(self.job, bare, send, store, problem)
+            measure_kept_steps(self.job, bare, send, store, problem)
 
         return RunProcess(self.job, work, STOPPED_MEASURE_LIMIT, salvages=True)
 
@@ -210,7 +212,7 @@ class RunProcess(ForkedProcess):
         else:
             self.deadline = min(self.deadline, time.monotonic() + STOPPED_MEASURE_LIMIT)
 
-    def outcome(self, ended: ProcessEnd) -> tuple[RunRecord, bool]:
+    def read_outcome(self, ended: ProcessEnd) -> tuple[RunRecord, bool]:
         """Return the run's record, and whether the process itself stored it.
 
         Raise OSError where the disk is full, ``NotBegunError`` where its solver did not begin.
@@ -224,7 +226,9 @@ class RunProcess(ForkedProcess):
         wall = time.monotonic() - self.began
         if MEASURING not in sent:  # the process ended before its solver
             if self.stopped:
-                return cut_short(self.job, EndCause.TOTAL_LIMIT, ended_limit_s=self.job.total_limit, wall_s=wall), False
+                return make_cut_short_record(
+                    self.job, EndCause.TOTAL_LIMIT, ended_limit_s=self.job.total_limit, wall_s=wall
+                ), False
             if not self.solving:
                 raise NotBegunError(self.unbegun or ended.unbegun or f"the process of the run {ended.words}")
             return record_unfinished(self.job, ended, wall, EndCause.WALL_LIMIT, math.nan), False
@@ -244,7 +248,7 @@ class RunProcess(ForkedProcess):
         ahead = dict(line for line in lines if line[0] in (SOLVING, UNBEGUN))
         self.solving, self.unbegun = self.salvages or SOLVING in ahead, ahead.get(UNBEGUN, "")
         lines = [line for line in lines if line[0] not in ahead]
-        found = {what: records.from_json(text) for what, text in lines if text}
+        found = {what: records.parse_record_json(text) for what, text in lines if text}
         bare = found.get(MEASURING)
         if (
             [what for what, text in lines if text] not in ([], [MEASURING], [STORED], [MEASURING, STORED])

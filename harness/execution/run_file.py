@@ -9,9 +9,9 @@ import numpy as np
 from ..files import FileError
 from ..mechanics.state import States
 from ..metrics.measure import measure
-from ..metrics.reactions import largest_joint_force
+from ..metrics.reactions import find_largest_joint_force
 from ..results.npz import read_npz, write_npz
-from ..results.records import RunRecord, from_json, to_json
+from ..results.records import RunRecord, format_record, parse_record_json
 from ..types import Status, Trajectory
 from .measuring import Outcome
 
@@ -78,7 +78,7 @@ def write_run(path: Path, outcome: Outcome) -> RunRecord:
     }
     if trajectory.reaction is not None:
         reaction = np.asarray(trajectory.reaction, dtype=float)
-        arrays["obs_joint_force"] = largest_joint_force(problem.system, reaction)
+        arrays["obs_joint_force"] = find_largest_joint_force(problem.system, reaction)
         arrays["reaction"] = reaction  # (nt, nrows), conjugate to phi: N for point rows, N m for axis rows
     write_npz(path, arrays)
     return dataclasses.replace(record, series=str(path), series_rows=len(m.t))
@@ -108,14 +108,14 @@ def _scalars(record: RunRecord) -> dict[str, np.ndarray]:
     """Return the columns ``SUMMARY`` of the record as arrays of one value, and the whole record as JSON."""
     named = {name: np.asarray(getattr(record, name)) for name in SUMMARY}
     cpu = {"reasons": np.asarray(record.wrong_because), "cpu_s": np.asarray(record.cpu_min_s)}
-    return {**named, **cpu, "record": np.asarray(to_json(record))}
+    return {**named, **cpu, "record": np.asarray(format_record(record))}
 
 
 def read_run(path: Path) -> tuple[RunRecord, Trajectory]:
     """Return the record and the trajectory in ``path``; raise ValueError with a message of one line otherwise."""
     try:
         arrays = read_npz(path, LARGEST)
-        record = from_json(str(arrays["record"]))
+        record = parse_record_json(str(arrays["record"]))
         trajectory = Trajectory(
             arrays["t"],
             States(*(arrays[name] for name in POSES)),

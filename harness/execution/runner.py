@@ -88,8 +88,8 @@ def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Exec
     limit = TimeLimit(total) if total else None
     if not request.resume and (ConfinedPath(folder) / "runs").names():
         raise FileError(f"{folder} already holds results; add --resume to continue it, or give another --out")
-    store.create(folder)
-    with store.lock(folder):
+    store.create_folder(folder)
+    with store.lock_folder(folder):
         store.remove_partial(folder)
         before, begun = store.load(folder), StartedRuns(folder)
         store.set_aside(folder, before.unreadable)
@@ -144,13 +144,13 @@ def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Exec
         loaded = collect_results()
         there = {r.run_id: r for r in loaded.records}
         ours = {i: r for i, r in promised.items() if i in own}
-        lost = [i for i, r in ours.items() if r is None or not stamps.is_there(folder, r, there.get(i))]
+        lost = [i for i, r in ours.items() if r is None or not stamps.is_intact(folder, r, there.get(i))]
         if lost:
             raise PoolError(
                 f"{len(lost)} of {len(jobs)} results in {folder} are gone, or not as they were written; "
                 "see what else writes there, then run again with --resume"
             )
-        if changed := [name for name, text in stamped.items() if not _holds(ConfinedPath(folder) / name, text)]:
+        if changed := [name for name, text in stamped.items() if not _has_content(ConfinedPath(folder) / name, text)]:
             raise PoolError(
                 f"{', '.join(changed)} in {folder} {'is' if len(changed) == 1 else 'are'} gone, or not as written; "
                 "see what else writes there, then run again with --resume"
@@ -190,7 +190,7 @@ def _jobs(request: Request, folder: Path, where: str) -> list[Job]:
     specs = [s for s in suite.specs if request.only is None or s.settings_id in suite.parts[request.only]]
     specs = specs[k - 1 :: n][: request.limit]
     code = {k: codes.digest_run_code(*k, suite.plugins) for k in {(s.problem, s.solver) for s in specs}}
-    commit = environment.commit()
+    commit = environment.read_commit()
     of_suite = suite.plugins, where, suite.total_limit, request.lossless
     return [
         Job(s, folder, suite.name, code[s.problem, s.solver], commit, *of_suite, request.keep and request.keep(s))
@@ -221,13 +221,13 @@ def _set_aside_provisional(
     Return their files, and the run_ids to run alone: those that were killed. A run that is killed again although it ran
     alone keeps its record as the result, since it may be the cause.
     """
-    found = [r for r in records if r.run_id in specs and is_provisional(r) and not _killed_twice(folder, r)]
+    found = [r for r in records if r.run_id in specs and is_provisional(r) and not _was_killed_twice(folder, r)]
     files = [list_record_files(folder, r) for r in found]
     store.set_aside(folder, chain.from_iterable(files))
     return tuple(f[0] for f in files), {r.run_id for r in found if r.ended_by == EndCause.KILLED}
 
 
-def _killed_twice(folder: Path, record: RunRecord) -> bool:
+def _was_killed_twice(folder: Path, record: RunRecord) -> bool:
     """Return whether a run was killed from outside, and also in the earlier attempt that was set aside."""
     if record.ended_by != EndCause.KILLED:
         return False
@@ -238,22 +238,22 @@ def _killed_twice(folder: Path, record: RunRecord) -> bool:
     return False
 
 
-def new_folder(suite: str, local: Path = store.LOCAL) -> Path:
+def name_new_folder(suite: str, local: Path = store.LOCAL) -> Path:
     """Return the path of a new results folder in ``local``, named after the suite and the time; it is not created."""
     time = datetime.datetime.now(datetime.UTC).strftime("%Y%m%d-%H%M%S")
     folder = local / f"{suite}-{time}"
     return folder if not folder.exists() else folder.with_name(f"{folder.name}-{os.getpid()}")
 
 
-def last_folder(suite: str, local: Path = store.LOCAL) -> Path | None:
+def find_last_folder(suite: str, local: Path = store.LOCAL) -> Path | None:
     """Return the newest results folder of a suite in ``local``; None if there is none."""
-    # as new_folder names it, which excludes a suite "NAME-2"
+    # as name_new_folder names it, which excludes a suite "NAME-2"
     own = re.compile(rf"{re.escape(suite)}-\d{{8}}-\d{{6}}(-\d+)?")
     found = (p for p in local.glob("*") if own.fullmatch(p.name) and store.is_results(p) and not p.is_symlink())
     return max(found, default=None)
 
 
-def _holds(place: ConfinedPath, text: str) -> bool:
+def _has_content(place: ConfinedPath, text: str) -> bool:
     """Return whether a file has exactly this content."""
     with contextlib.suppress(OSError):
         return place.read(len(text.encode())) == text.encode()
@@ -269,11 +269,11 @@ def _stamp(request: Request) -> tuple[str, dict[str, str]]:
     stamp = environment.describe_environment(folder.name, suite.name, request.jobs, suite.plugins)
     stamp["suite_runs"] = len(suite.specs)  # of the whole suite, whatever part of it is requested now
     suites = {f"{name}.toml": text for name, text in ((OWN_COPY, suite.text), *suite.included)}
-    stamp = stamps.seal(stamp, suites)  # included suites are written beside it, so that the copy can be run
+    stamp = stamps.seal_stamp(stamp, suites)  # included suites are written beside it, so that the copy can be run
     here, own = ConfinedPath(folder), ConfinedPath(folder) / stamps.NAME
     if own.is_there():
         (here / f"environment.{stamp['started'].replace(':', '')}.json").write(own.read(store.LARGEST))
-    where = environment.identity(stamp)
+    where = environment.digest_environment(stamp)
     text = json.dumps(stamp, indent=1)
     written = {own.name: text, f"environment.{where}.json": text, **suites}
     # the stamp is written last, because it has the digests of the others

@@ -17,14 +17,14 @@ from ..sandbox.isolation import OUTPUT_LIMIT
 from ..sandbox.spool import NUMBERS
 from ..suites.spec import RunSpec
 from ..types import Problem
-from .costs import LAWS, WarmCaches, predict_times, reference_name
+from .costs import LAWS, WarmCaches, name_reference, predict_times
 from .job import Job
 from .measuring import Outcome
 from .remaining_time import COMPILING, PREPARING, describe_motion, describe_wait
 from .run import MEASURE_LIMIT, MEASURING, NO_LIMIT, STORED, RunProcess, Send, run_one, send_record
 from .run_file import write_run, write_without_motion
 from .supervisor import read_outcome
-from .warmup import prepare, runs_to_warm, warm
+from .warmup import fill_caches, list_runs_to_warm, warm_up
 
 RUNNING = "running"
 PATIENCE = 3.0  # [s] that a stage lasts before it is reported: loading code from a cache takes up to 2 s
@@ -50,13 +50,13 @@ def solve_to_file(
         patience = _WaitReport(say, lambda: predict_times([spec], 1).once, lambda: _read_time(job, problem))
         if cpu_limit is not None:  # the limit applies to the run: compute the reference and compile before it starts
             patience.begin_task(PREPARING)
-            prepare(runs_to_warm([spec]), [job], patience.report_wait)
+            fill_caches(list_runs_to_warm([spec]), [job], patience.report_wait)
         measure_limit = NO_LIMIT if cpu_limit is None else MEASURE_LIMIT
 
         def work(send: Send) -> None:
             """Solve and measure in the process of the run, write its file, and send the record."""
             if cpu_limit is None:
-                warm(runs_to_warm([spec], problem), problem)
+                warm_up(list_runs_to_warm([spec], problem), problem)
             send(RUNNING)
             outcome = run_one(job, send, problem, soft=1.0, measure_limit=measure_limit)
             send_record(send, STORED, keep(outcome))
@@ -84,7 +84,7 @@ def solve_to_file(
             record, stored = finish(salvage)
         native = job.stderr.read(OUTPUT_LIMIT).decode(errors="replace") if job.stderr.is_there() else ""
         if stored:
-            WarmCaches().add([LAWS, spec.solver, reference_name(format_name(spec.problem, spec.parameters))])
+            WarmCaches().add([LAWS, spec.solver, name_reference(format_name(spec.problem, spec.parameters))])
         else:
             record = write_without_motion(out, dataclasses.replace(record, stderr=""))
         return record, native[-2000:].strip()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..confined_paths import ConfinedPath
 from ..results.provisional import list_record_files
-from ..results.records import RunRecord, to_json
+from ..results.records import RunRecord, format_record
 from ..results.store import BEGUN, UnreadableFile
 
 LARGEST = 2**26  # [bytes] of a list, enough for a million runs
@@ -47,7 +47,7 @@ class StartedRuns:
 
 def is_same(found: RunRecord, promised: RunRecord | None) -> bool:
     """Return whether a record equals ``promised``: the one that the supervisor reported, or that existed before."""
-    return promised is not None and to_json(found) == to_json(promised)
+    return promised is not None and format_record(found) == format_record(promised)
 
 
 def list_foreign(folder: Path, records: Iterable[RunRecord]) -> list[list[UnreadableFile]]:

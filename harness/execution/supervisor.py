@@ -26,7 +26,7 @@ from ..sandbox.isolation import adopt_orphans, end_orphans, protect_process, tri
 from .job import Job
 from .protocol import CodeTime, Order, Reader, RunEnded, StartOrder, StopOrder, WarmUpOrder, WarmUpTimes, encode_message
 from .run import SOLVING, RunProcess, describe_error, run_and_store, store_outcome
-from .warmup import prepare
+from .warmup import fill_caches
 
 POLL = 0.1  # [s] between two checks of the limits; each wakes a process beside the timed ones
 NEWS = 0.5  # [s] of CPU time for warm-up and code generation after which it is reported again
@@ -41,7 +41,7 @@ class Supervisor:
 
     def start(self, job: Job) -> None:
         """Start a process for the run; ``step`` reports its end."""
-        run = RunProcess(job, lambda send: run_and_store(job, send), stderr=_own_stderr(job))
+        run = RunProcess(job, lambda send: run_and_store(job, send), stderr=_name_stderr(job))
         self.running[run.pid] = run
 
     def step(self, timeout: float = POLL, inputs: tuple[int, ...] = ()) -> Iterator[RunEnded]:
@@ -64,7 +64,7 @@ class Supervisor:
         """Ensure that an ended run has a record, and return the news; None while its kept steps are being measured."""
         job = run.job
         try:
-            trim_output(_own_stderr(job))
+            trim_output(_name_stderr(job))
             record, stored = read_outcome(run, ended)
             if not stored:
                 store.write_record(job.folder, record)
@@ -94,7 +94,7 @@ class Supervisor:
             os.waitpid(run.pid, 0)
 
 
-def _own_stderr(job: Job) -> ConfinedPath:
+def _name_stderr(job: Job) -> ConfinedPath:
     """Return the file for the standard error of a job's measuring process."""
     return job.spool.sibling(f"{job.id}.stderr")
 
@@ -102,10 +102,10 @@ def _own_stderr(job: Job) -> ConfinedPath:
 def read_outcome(run: RunProcess, ended: ProcessEnd) -> tuple[RunRecord, bool]:
     """Return the run's ``outcome``; ignore what a solver wrote into its parent's pipe without being a record."""
     try:
-        return run.outcome(ended)
+        return run.read_outcome(ended)
     except FileError:
         # it must have begun, since it has written
-        return run.outcome(dataclasses.replace(ended, sent=f"{SOLVING} 1\n"))
+        return run.read_outcome(dataclasses.replace(ended, sent=f"{SOLVING} 1\n"))
 
 
 def serve(orders: int, news: int) -> None:
@@ -134,7 +134,7 @@ def serve(orders: int, news: int) -> None:
                 match order:
                     case WarmUpOrder(specs, jobs):
                         before = cpu_seconds_below(os.getpid())
-                        prepare(
+                        fill_caches(
                             specs,
                             jobs,
                             lambda: _is_closed(orders),

@@ -33,7 +33,7 @@ SHORT = 1e-3  # [s] simulated time of a warm-up run with error control
 STAND_INS = ("heavy_top", "spring_pendulum")  # in place of problems of plugins, which are not created here
 
 
-def runs_to_warm(specs: Sequence[RunSpec], problem: Problem | None = None) -> list[RunSpec]:
+def list_runs_to_warm(specs: Sequence[RunSpec], problem: Problem | None = None) -> list[RunSpec]:
     """Return a short run for each combination of own solver, options, and with or without springs in ``specs``.
 
     A kernel is compiled once for all systems. Which kernels a run enters depends on its options and on springs, but not
@@ -43,17 +43,17 @@ def runs_to_warm(specs: Sequence[RunSpec], problem: Problem | None = None) -> li
     first: dict[str, RunSpec] = {}
     sprung: dict[str, bool] = {}
     own = [s for s in specs if registry.is_own_solver(s.solver)]
-    for spec in (s for given in own for s in _made_here(given)):
+    for spec in (s for given in own for s in _list_stand_ins(given)):
         if spec.problem not in sprung:
             sprung[spec.problem] = _has_springs(spec, problem)
         t_end = SHORT if spec.control.dt is None else STEPS * spec.control.dt
         options = {k: v != 0.0 if isinstance(v, float) else v for k, v in spec.options.items()}
         key = json.dumps([spec.solver, options, sprung[spec.problem]], sort_keys=True, default=list)
         first.setdefault(key, dataclasses.replace(spec, parameters={**spec.parameters, "t_end": t_end}))
-    return _solvers_in_turn(list(first.values()))
+    return _interleave_solvers(list(first.values()))
 
 
-def _solvers_in_turn(specs: list[RunSpec]) -> list[RunSpec]:
+def _interleave_solvers(specs: list[RunSpec]) -> list[RunSpec]:
     """Return the specs reordered so that each solver comes once before any comes again.
 
     Runs of one solver with different options need the same kernels: apart in time, the later ones find them compiled.
@@ -66,7 +66,7 @@ def _solvers_in_turn(specs: list[RunSpec]) -> list[RunSpec]:
     return [spec for _, spec in sorted(zip(turns, specs, strict=True), key=lambda pair: pair[0])]
 
 
-def _made_here(spec: RunSpec) -> list[RunSpec]:
+def _list_stand_ins(spec: RunSpec) -> list[RunSpec]:
     """Return the run itself or, as a plugin's problem is not created here, the same run of each of ``STAND_INS``."""
     if registry.is_own_problem(spec.problem):
         return [spec]
@@ -85,7 +85,7 @@ def _has_springs(spec: RunSpec, problem: Problem | None) -> bool:
         return False
 
 
-def warm(specs: Sequence[RunSpec], made: Problem | None = None) -> dict[str, float]:
+def warm_up(specs: Sequence[RunSpec], made: Problem | None = None) -> dict[str, float]:
     """Solve each spec in this process, so that all code it needs is compiled and loaded here; ignore failures.
 
     Specs of the problem ``made`` use it with their own ``t_end``. Return the wall times [s] by solver, without those
@@ -109,7 +109,7 @@ def warm(specs: Sequence[RunSpec], made: Problem | None = None) -> dict[str, flo
     return out
 
 
-def jobs_by_motion(jobs: Sequence[Job]) -> list[Job]:
+def select_job_per_motion(jobs: Sequence[Job]) -> list[Job]:
     """Return the first job of each motion (``list_motions``): jobs with the same motion share a reference."""
     first = {spec.settings_id for spec in list_motions([job.spec for job in jobs])}
     return [job for job in jobs if job.spec.settings_id in first]
@@ -130,44 +130,44 @@ def list_motions(specs: Sequence[RunSpec]) -> list[RunSpec]:
 
 @dataclass(frozen=True)
 class Task:
-    """Define a part of the preparation: ``apart`` runs in a forked process, then ``here`` in this one.
+    """Define a part of the preparation: ``run_forked`` runs in a forked process, then ``run_here`` in this one.
 
-    ``here`` is called for each line that the forked process sent, hence not if that failed.
+    ``run_here`` is called for each line that the forked process sent, hence not if that failed.
     """
 
-    apart: Callable[[Callable[[str], None]], object]  # sends the times [s] of solvers and of references, by name
+    run_forked: Callable[[Callable[[str], None]], object]  # sends the times [s] of solvers and of references, by name
     limit: float = LIMIT  # [s]
-    here: Callable[[], object] = lambda: None
+    run_here: Callable[[], object] = lambda: None
 
 
-def prepare(
+def fill_caches(
     specs: Sequence[RunSpec],
     jobs: Sequence[Job],
     unwanted: Callable[[], bool] = lambda: False,
-    told: Callable[[dict[str, float], dict[str, float]], object] = lambda times, references: None,
+    report: Callable[[dict[str, float], dict[str, float]], object] = lambda times, references: None,
 ) -> None:
     """Compile the measuring code and solvers of ``specs``, compute references of ``jobs``, and load the code here.
 
     Each task runs in a forked process, ``ABREAST`` of them in parallel, which fills the caches and may crash. As each
-    ends, ``told`` is called with the wall times [s] by solver and by reference that it took. All are killed once
+    ends, ``report`` is called with the wall times [s] by solver and by reference that it took. All are killed once
     ``unwanted()``. The first solver compiles the kernels that others share; references come next, so that the others
     find them compiled.
     """
-    solvers, laws = [_compile(spec) for spec in specs], Task(_load_laws, here=_load_passes)
+    solvers, laws = [_compile(spec) for spec in specs], Task(_load_laws, run_here=_load_passes)
     waiting = [*solvers[:1], laws, *map(_compute, jobs), *solvers[1:]][::-1]
     going = dict[ForkedProcess, Task]()  # a task that hangs must not delay others
     try:
         while (waiting or going) and not unwanted():
             while waiting and len(going) < ABREAST:
                 task = waiting.pop()
-                going[ForkedProcess(task.apart, limit=task.limit, memory=MEMORY, code=CODE_LIMIT)] = task
+                going[ForkedProcess(task.run_forked, limit=task.limit, memory=MEMORY, code=CODE_LIMIT)] = task
             select.select([p.pipe for p in going if not p.closed_at], [], [], TICK)
             for process in list(going):
                 if (ended := process.check_end()) is not None:
                     task = going.pop(process)
                     for line in ended.sent.splitlines():
-                        told(*json.loads(line))
-                        task.here()
+                        report(*json.loads(line))
+                        task.run_here()
     finally:
         for process in going:
             process.kill()
@@ -177,12 +177,12 @@ def prepare(
 def _compile(spec: RunSpec) -> Task:
     """Return the task that compiles a solver; a failure is left to its runs to report."""
 
-    def apart(send: Callable[[str], None]) -> None:
+    def work(send: Callable[[str], None]) -> None:
         """Compile the solver in a forked process, and send how long it took, unless it failed."""
-        if times := warm([spec]):
+        if times := warm_up([spec]):
             send(json.dumps([times, {}]))
 
-    return Task(apart, here=lambda: warm([spec]))
+    return Task(work, run_here=lambda: warm_up([spec]))
 
 
 def _load_passes() -> None:
@@ -201,7 +201,7 @@ def _load_laws(send: Callable[[str], None]) -> None:
 def _compute(job: Job) -> Task:
     """Return the task that computes a job's reference unless it is cached; a failure is left to the runs to report."""
 
-    def apart(send: Callable[[str], None]) -> None:
+    def work(send: Callable[[str], None]) -> None:
         """Compute the reference in a forked process, and send how long it took."""
         began = time.monotonic()
         with contextlib.suppress(Exception):
@@ -211,4 +211,4 @@ def _compute(job: Job) -> Task:
         name = format_name(job.spec.problem, job.spec.parameters)
         send(json.dumps([{}, {name: time.monotonic() - began}]))
 
-    return Task(apart, 6.0 * LARGEST)
+    return Task(work, 6.0 * LARGEST)

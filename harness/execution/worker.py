@@ -15,7 +15,7 @@ import scipy.spatial.transform  # noqa: F401  before a solver is timed
 from ..catalogue import registry
 from ..clock import cpu_seconds, cpu_seconds_of_others, cpu_seconds_of_tree
 from ..code_meter import code_seconds_of_tree, collect_garbage, listen_to_numba, solver_seconds
-from ..files import exact
+from ..files import encode_nonfinite
 from ..mechanics.motion import constraint_rate
 from ..mechanics.state import States
 from ..sandbox.isolation import is_full
@@ -26,16 +26,16 @@ from .contract import (
     FEWEST,
     SHORT,
     Cost,
+    average_loop_times,
     check_trajectory,
-    cost_columns,
+    find_refusal,
     locate_error,
-    looped_cost,
-    refusal,
-    repeated_cost,
+    make_cost_columns,
+    select_repeat_times,
     split_cost,
 )
 from .handover import Handover, SolverReport
-from .job import Job, first_line
+from .job import Job, format_first_line
 from .presenting import PresentedSolver, present_solver
 
 SOFT = 0.9  # fraction of the limit on CPU time at which a solver is asked to stop and return what it has
@@ -48,7 +48,7 @@ READINGS = 1000  # readings of the clock by which one is timed
 FIRST = "repeats after the first took less than half its CPU time, as if prepared by it: the first alone counts"
 
 
-def hand_over(job: Job, soft: float = SOFT, problem: Problem | None = None) -> None:
+def solve_job(job: Job, soft: float = SOFT, problem: Problem | None = None) -> None:
     """Solve the job and write the outcome, a motion or the exception that ended it, to ``job.handover``.
 
     The solver is asked to stop at the fraction ``soft`` of its limit on CPU time. ``problem`` is that of the job, if it
@@ -67,7 +67,7 @@ def hand_over(job: Job, soft: float = SOFT, problem: Problem | None = None) -> N
             sys.stderr.flush()
         memory = isinstance(error, MemoryError) or "bad_alloc" in str(error)
         by = EndCause.MEMORY_LIMIT if memory else EndCause.EXCEPTION
-        message = first_line(error) + "".join(locate_error(error, s) for s in made)
+        message = format_first_line(error) + "".join(locate_error(error, s) for s in made)
     report = SolverReport(by=by, message=message)  # the frames that filled the memory are released by now
     handover.write(job.handover, Handover(report, None))
 
@@ -99,8 +99,8 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
     began, code_began = cpu_seconds_of_tree(), code_seconds_of_tree()
     called = present_solver(solver, problem)
     label, order = registry.read_declaration(solver)
-    about: dict[str, Any] = {"paper_label": label, "declared_order": exact(order)}
-    reason = refusal(called, problem, control)
+    about: dict[str, Any] = {"paper_label": label, "declared_order": encode_nonfinite(order)}
+    reason = find_refusal(called, problem, control)
     imported, code = registry.import_seconds(getattr(type(solver), "name", ""))
     in_refuses = code_seconds_of_tree() - code_began
     asked = max(cpu_seconds_of_tree() - began - in_refuses, 0.0)
@@ -109,7 +109,9 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
     if reason:
         about["missing_package"] = reason.package if isinstance(reason, NotInstalled) else ""
         cost = {**before, "code_s": min(code, code_seconds_of_tree())}
-        return Handover(SolverReport(claimed=Status.REFUSED, message=str(reason), cost=_exact(cost), **about), None)
+        return Handover(
+            SolverReport(claimed=Status.REFUSED, message=str(reason), cost=_format_costs(cost), **about), None
+        )
     collect_garbage()  # imports and ``refuses`` of plugins must not affect the timing
     trajectory, cost = solve_repeatedly(called, problem, control, repeats, min_time)
     cost["setup_s"] += sum(before.values()) + code
@@ -121,12 +123,14 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
         phi_dot = float(np.max(np.abs(constraint_rate(problem.system, States.one(problem.initial))), initial=0.0))
         words = f"literal start: max |phi_dot| = {phi_dot:.3g} at t = 0, not made consistent"
         trajectory = dataclasses.replace(trajectory, notes=(*trajectory.notes, words))
-    return Handover(SolverReport(claimed=trajectory.status, cost=_exact({**cost, **before}), **about), trajectory)
+    return Handover(
+        SolverReport(claimed=trajectory.status, cost=_format_costs({**cost, **before}), **about), trajectory
+    )
 
 
-def _exact(cost: dict[str, float]) -> dict[str, float | str]:
+def _format_costs(cost: dict[str, float]) -> dict[str, float | str]:
     """Return costs in a form that JSON keeps, including NaN and infinity."""
-    return {k: exact(v) for k, v in cost.items()}
+    return {k: encode_nonfinite(v) for k, v in cost.items()}
 
 
 def solve_repeatedly(
@@ -136,8 +140,8 @@ def solve_repeatedly(
 
     The problem is solved ``repeats`` times, while solves succeed and another fits into the limit on CPU time. If
     integration takes less than ``SHORT``, it is solved until all calls have taken ``min_time`` [s] together, code that
-    engines generate in each call included, and ``looped_cost`` selects what counts, otherwise ``repeated_cost``. Code
-    generation of the first call counts in ``code_s`` and ``setup_s`` only.
+    engines generate in each call included, and ``average_loop_times`` selects what counts, otherwise
+    ``select_repeat_times``. Code generation of the first call counts in ``code_s`` and ``setup_s`` only.
     """
     listen_to_numba()
     first, cost = _solve_timed(solver, problem, control)
@@ -155,10 +159,10 @@ def solve_repeatedly(
         times.append((again := _solve_timed(solver, problem, control)[1]).integration)
         used += again.call
     looped = loops and len(times) > FEWEST
-    counted = looped_cost(times, solver, _reading_seconds()) if looped else repeated_cost(times)
+    counted = average_loop_times(times, solver, _reading_seconds()) if looped else select_repeat_times(times)
     alone = len(counted) == 1 < len(times)
     return first, {
-        **cost_columns(counted, 1 if alone else len(times) - looped),
+        **make_cost_columns(counted, 1 if alone else len(times) - looped),
         "cpu_call_s": cost.call,
         "setup_s": cost.set_up,
         "code_s": cost.code,

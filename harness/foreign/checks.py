@@ -10,7 +10,7 @@ from ..types import Problem
 from .columns import Quantities
 from .conventions import Reading
 from .reading import ROUNDING, Motion, Origin, differentiate, differentiate_rotations
-from .rows import bound_travel, describe_rest, is_late, say_norms
+from .rows import bound_travel, describe_norms, describe_rest, lacks_only_start
 
 SMALL = 1e-4  # relative to the size: for a start that is off by less, the message offers --start-tolerance
 DIGITS = 4.0  # allowed difference in half units of the last digit, since values are products of printed numbers
@@ -33,7 +33,7 @@ def check_motion(
     ``found`` are the file's columns, ``how`` the units and frames by which they were read, ``motion`` the result.
     ``tolerance`` is the allowed difference of the start in SI units; None allows what the printed digits leave open.
     """
-    if motion.t[0] > 0.0 and not is_late(motion.t):
+    if motion.t[0] > 0.0 and not lacks_only_start(motion.t):
         raise FileError(
             f"{path}: its first row is at t = {motion.t[0]:.9g} s and must be the start, t = 0; "
             f"mbsbench export {problem.name} has it"
@@ -43,7 +43,7 @@ def check_motion(
             _check_start(problem, found, how, motion, name, path, tolerance)
     more = f" and {len(found.unread) - MOST} more" if len(found.unread) > MOST else ""
     notes = [*found.notes, f"not read: {', '.join(found.unread[:MOST])}{more}"] if found.unread else [*found.notes]
-    notes += say_norms(found) + describe_rest(motion.t, problem.t_end)
+    notes += describe_norms(found) + describe_rest(motion.t, problem.t_end)
     if motion.t[0] > 0.0:
         notes.append(f"its first row is at t = {motion.t[0]:.6g} s: the start of {problem.name} was put before it")
     if "E" in found.quantities and not how.reads_euler and not {"q", "R"} & found.quantities.keys():
@@ -57,7 +57,7 @@ def check_motion(
     for name, differences in rates.items():
         if motion.origin[name] is not Origin.FILE:
             continue
-        if (off := _share_apart(getattr(motion, name), differences(), rounding[name])) > APART:
+        if (off := _measure_difference(getattr(motion, name), differences(), rounding[name])) > APART:
             words = f"{QUANTITIES[name][0]} are off by {100.0 * off:.3g} % from the rates of the poses in the file"
             notes.append(f"{words} ({_describe_options(how, name)})")
     return notes
@@ -120,7 +120,7 @@ def _describe_options(how: Reading, name: str) -> str:
     return ", ".join(f"--{n} {getattr(how, n)}" for n in QUANTITIES[name][2])
 
 
-def _share_apart(given: np.ndarray, exact: np.ndarray | None, least: float) -> float:
+def _measure_difference(given: np.ndarray, exact: np.ndarray | None, least: float) -> float:
     """Return the largest difference of ``given`` velocities from those of the poses, ``exact``, relative to these.
 
     It is 0 if these are unknown or no larger than ``least``, their rounding.

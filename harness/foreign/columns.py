@@ -113,7 +113,7 @@ def find_quantities(table: Table, body_names: tuple[str, ...], renamed: Mapping[
         if not keys:
             continue
         if name == "E":
-            keys, angles = _in_file_order(keys, [*columns], table)
+            keys, angles = _sort_in_file_order(keys, [*columns], table)
         quantities[name] = np.stack([columns[k] for k in keys], axis=1).reshape(nt, nb, width)
         coarse[name] = np.stack([resolution[k] for k in keys], axis=1).reshape(nt, nb, width)
         numbered |= name == "q" and spelling > 0
@@ -168,7 +168,7 @@ def _read_units(table: Table, name: str, names: list[str]) -> tuple[str, list[fl
     return next(filter(None, given)), factors
 
 
-def _in_file_order(keys: list[str], known: list[str], table: Table) -> tuple[list[str], tuple[str, ...]]:
+def _sort_in_file_order(keys: list[str], known: list[str], table: Table) -> tuple[list[str], tuple[str, ...]]:
     """Return the columns of Euler angles in their order in the file, body by body, and their names for the first body.
 
     ``keys`` are the columns, three per body, ``known`` all columns. Raise FileError if the order differs between
@@ -224,13 +224,13 @@ def _find_columns(quantity: Quantity, body_names: tuple[str, ...], known: set[st
     for first, k in itertools.product((1, 0), range(len(quantity.components[0]))):
         tags = [{str(b + first), _normalize_name(n)} | ({""} if nb == 1 else set()) for b, n in enumerate(body_names)]
         each = itertools.product(tags, (c[k] for c in quantity.components))
-        keys = [next((s for s in _spell(quantity.names, *one) if s in known), "") for one in each]
+        keys = [next((s for s in _list_spellings(quantity.names, *one) if s in known), "") for one in each]
         if all(keys) and len(set(keys)) == len(keys):  # in a file that counts from 0 ``body1`` is not the first
             return keys, k
     return [], 0
 
 
-def _spell(names: tuple[str, ...], tags: set[str], c: str) -> Iterator[str]:
+def _list_spellings(names: tuple[str, ...], tags: set[str], c: str) -> Iterator[str]:
     """Yield all spellings of component ``c`` of a body with the numbers or names ``tags``, preferred names first."""
     for name, tag in itertools.product(names, sorted(tags)):
         forms = [(name, tag, c), (f"{name}{tag}", c), (tag, name, c), (f"body{tag}", name, c), ("body", tag, name, c)]

@@ -17,8 +17,8 @@ from ..mechanics import so3
 from ..mechanics.motion import constraint, constraint_rate, energy
 from ..mechanics.state import States
 from ..metrics.measure import MeasuredSeries, find_largest, measure
-from ..metrics.verdict import inaccuracy
-from ..results.records import COLUMNS, RunRecord, parse_reasons, reasons_json
+from ..metrics.verdict import find_inaccuracy
+from ..results.records import COLUMNS, RunRecord, format_reasons, parse_reasons
 from ..types import Law, Problem, Reason, Status, Trajectory
 
 ROUNDINGS = 3.0  # factor on the effect of one draw of roundings, to cover the largest: three standard deviations
@@ -149,7 +149,7 @@ def judge_determined(
         reasons += [r for r in lost if r not in reasons]
         status = Status.WRONG if reasons else Status.SUCCESS
     if status is Status.SUCCESS:
-        away = inaccuracy(m, vars(record))
+        away = find_inaccuracy(m, vars(record))
         reasons = [r for r in away if known.judges(r) and r.value - unsure.get((r.law, r.name), 0.0) > r.limit]
         status = Status.INACCURATE if reasons else status
-    return dataclasses.replace(record, status=str(status), wrong_because=reasons_json(reasons), **blank)
+    return dataclasses.replace(record, status=str(status), wrong_because=format_reasons(reasons), **blank)

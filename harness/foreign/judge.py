@@ -142,7 +142,7 @@ def _read_file(problem: Problem, path: Path, given: FileSettings) -> tuple[Table
 def open_results(folder: Path) -> Path:
     """Make a results folder, with a stamp like that of a suite, or open an existing one to add to; return it."""
     known = store.is_results(folder)
-    store.create(folder)
+    store.create_folder(folder)
     if not known:
         stamp = environment.describe_environment(folder.name, REFEREED, 1, ())
         (ConfinedPath(folder) / "environment.json").write(json.dumps(stamp, indent=1))
@@ -162,7 +162,7 @@ def _digest_file(table: Table, given: FileSettings) -> str:
 
     It replaces the code's digest in the run's id.
     """
-    parts = (environment.code_digest(), table.sha256, repr(given.reading), repr(given.columns))
+    parts = (environment.digest_code(), table.sha256, repr(given.reading), repr(given.columns))
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 

@@ -30,12 +30,12 @@ def read_result(found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         rows = np.atleast_2d(found[f"data_{int(table) or 2}"])
         rows = rows if across else rows.T
         values = np.sign(int(place)) * rows[abs(int(place)) - 1].astype(float)
-        out[_respell(name)] = values
+        out[_convert_name(name)] = values
     nt = max(map(len, out.values()), default=0)
     return {name: a if len(a) == nt else np.full(nt, a[0]) for name, a in out.items() if len(a) in (1, 2, nt)}
 
 
-def _respell(name: str) -> str:
+def _convert_name(name: str) -> str:
     """Return a variable's name with the vectors of Modelica's bodies spelt as ours: ``body.r_0[1]`` is ``body.r.x``."""
     match = VECTOR.match(name)
     if match is None:

@@ -24,7 +24,7 @@ def clean_rows(found: Quantities, how: Reading, path: Path) -> Quantities:
 
     Raise FileError if times do not increase.
     """
-    found = _without_gaps(found)
+    found = _remove_gaps(found)
     t = found.factor("t", how) * found.t
     twice = np.flatnonzero(np.diff(t) == 0.0)
     apart = _rows_differ(found, twice)
@@ -38,7 +38,7 @@ def clean_rows(found: Quantities, how: Reading, path: Path) -> Quantities:
     if not len(twice):
         return found
     words = f"times of {len(twice)} rows are those of the row before, as at events (first t = {t[twice[0]]:.6g} s)"
-    return _keep(found, np.delete(np.arange(len(t)), twice), f"{words}: the later rows were read")
+    return _select_rows(found, np.delete(np.arange(len(t)), twice), f"{words}: the later rows were read")
 
 
 def _rows_differ(found: Quantities, twice: np.ndarray) -> np.ndarray:
@@ -51,7 +51,7 @@ def _rows_differ(found: Quantities, twice: np.ndarray) -> np.ndarray:
     return out
 
 
-def _without_gaps(found: Quantities) -> Quantities:
+def _remove_gaps(found: Quantities) -> Quantities:
     """Return the quantities without rows of non-numbers that numbers follow; rows at the end stay: the run diverged."""
     finite = np.isfinite(found.t)
     for a in found.quantities.values():
@@ -63,10 +63,10 @@ def _without_gaps(found: Quantities) -> Quantities:
     words = (
         f"{len(gaps)} rows that are no numbers were left out (the first: row {gaps[0] + 1}); nothing is judged there"
     )
-    return _keep(found, np.delete(np.arange(len(finite)), gaps), words)
+    return _select_rows(found, np.delete(np.arange(len(finite)), gaps), words)
 
 
-def _keep(found: Quantities, rows: np.ndarray, note: str) -> Quantities:
+def _select_rows(found: Quantities, rows: np.ndarray, note: str) -> Quantities:
     """Return the quantities at these rows alone, with one more note."""
     parts: dict[str, Any] = {
         name: {k: a[rows] for k, a in getattr(found, name).items()} for name in ("quantities", "resolution")
@@ -74,14 +74,14 @@ def _keep(found: Quantities, rows: np.ndarray, note: str) -> Quantities:
     return dataclasses.replace(found, t=found.t[rows], **parts, notes=(*found.notes, note))
 
 
-def is_late(t: np.ndarray) -> bool:
+def lacks_only_start(t: np.ndarray) -> bool:
     """Return whether a file lacks only the start: its first row is about one spacing after t = 0."""
     return len(t) >= FEWEST and bool(0.0 < t[0] <= LATE * float(np.median(np.diff(t))))
 
 
 def begin_at_start(problem: Problem, motion: Motion) -> Motion:
     """Return the motion with the problem's start put before a late first row; other motions are returned unchanged."""
-    if not is_late(motion.t):
+    if not lacks_only_start(motion.t):
         return motion
     start = problem.initial
     parts: dict[str, Any] = {
@@ -131,7 +131,7 @@ def check_units(found: Quantities, how: Reading, path: Path) -> None:
             raise FileError(f"{path}: its header has the unit {unit!r}; leave --{option} {asked} out")
 
 
-def say_norms(found: Quantities) -> list[str]:
+def describe_norms(found: Quantities) -> list[str]:
     """Return a note, in a list, if norms of quaternions differ from 1 by more than their digits; else an empty list."""
     if "q" not in found.quantities:
         return []

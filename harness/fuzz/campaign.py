@@ -54,7 +54,7 @@ class CampaignSettings:
     options: dict[str, str] = field(default_factory=dict)  # options of the solvers
     form: Form | None = None
 
-    def oracle(self, number: int) -> Oracle:
+    def make_oracle(self, number: int) -> Oracle:
         """Draw mechanism ``number``, and its form unless one is given, and return the oracle of both."""
         m = draw_mechanism(self.seed, number)
         return Oracle(m, self.form or draw_form(self.seed, number, m), self.floor)
@@ -65,14 +65,14 @@ def run_campaign(settings: CampaignSettings, pairs: Sequence[Pair], jobs: int) -
 
     A pair during which its process ends has the outcome crashed or failed; the next pairs run in another process.
     """
-    _warm(settings.seed, {solver for _, solver in pairs})
+    _compile_kernels(settings.seed, {solver for _, solver in pairs})
     waiting = [list(pairs[k : k + CHUNK]) for k in range(0, len(pairs), CHUNK)][::-1]
     active: list[_Chunk] = []
     try:
         while waiting or active:
             while waiting and len(active) < jobs:
                 chunk = waiting.pop()
-                active.append(_Chunk(chunk, _begin(settings, chunk)))
+                active.append(_Chunk(chunk, _start_process(settings, chunk)))
             time.sleep(TICK)
             for one in list(active):
                 ended = one.process.check_end()
@@ -83,7 +83,7 @@ def run_campaign(settings: CampaignSettings, pairs: Sequence[Pair], jobs: int) -
                     continue
                 active.remove(one)
                 if left := one.pairs[one.done :]:  # the code that was running ended the process
-                    yield _crash(left[0], ended)
+                    yield _make_end_outcome(left[0], ended)
                     waiting += [left[1:]] if left[1:] else []
     finally:
         for one in active:
@@ -100,7 +100,7 @@ class _Chunk:
     done: int = 0
 
 
-def _begin(settings: CampaignSettings, chunk: Sequence[Pair]) -> ForkedProcess:
+def _start_process(settings: CampaignSettings, chunk: Sequence[Pair]) -> ForkedProcess:
     """Start the process that examines a chunk of pairs and sends each outcome as a line of JSON."""
 
     def target(send: Callable[[str], None]) -> None:
@@ -108,14 +108,14 @@ def _begin(settings: CampaignSettings, chunk: Sequence[Pair]) -> ForkedProcess:
         oracle, last = None, -1
         for number, solver in chunk:
             if oracle is None or number != last:
-                oracle, last = settings.oracle(number), number
+                oracle, last = settings.make_oracle(number), number
             found = replace(oracle.examine(solver, registry.make_solver(solver, settings.options)), number=number)
             send(msgspec.json.encode(found).decode())
 
     return ForkedProcess(target, limit=60.0 + CPU * len(chunk), memory=MEMORY, code=CODE_LIMIT)
 
 
-def _crash(pair: Pair, ended: ProcessEnd) -> OracleOutcome:
+def _make_end_outcome(pair: Pair, ended: ProcessEnd) -> OracleOutcome:
     """Return the outcome of a pair during which its process ended: failed at a limit, else crashed."""
     what = "memory" if ended.over == "memory" else f"{ended.over or 'cpu'} time"
     words = f"over its limit of {what}" if ended.at_limit else ended.words
@@ -124,9 +124,9 @@ def _crash(pair: Pair, ended: ProcessEnd) -> OracleOutcome:
     )
 
 
-def _warm(seed: int, solvers: Iterable[str]) -> None:
+def _compile_kernels(seed: int, solvers: Iterable[str]) -> None:
     """Compile the kernels of these solvers before any fork, by examining mechanism 0; skip engines and plugins."""
     own = [s for s in solvers if registry.is_own_solver(s) and s not in registry.engines()]
-    oracle = CampaignSettings(seed).oracle(0)
+    oracle = CampaignSettings(seed).make_oracle(0)
     for solver in own:
         oracle.examine(solver)

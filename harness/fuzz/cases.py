@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...solvers.engines.export.tree import Kind as LimbKind
-from ...solvers.engines.export.tree import spanning_tree
+from ...solvers.engines.export.tree import build_spanning_tree
 from ..files import read_text, write_text
 from ..mechanics.system import GROUND
 from ..types import Problem
@@ -71,15 +71,15 @@ def write_cases(folder: Path, cases: Sequence[Case]) -> None:
         write_text(path, text + "\n")
         for file, form in case.drawings.items():
             with suppress(ValueError):  # MJCF lacks some kinds of joints
-                write_text(folder / file, mjcf(form.present_problem(case.oracle.problem)))
+                write_text(folder / file, format_mjcf(form.present_problem(case.oracle.problem)))
 
 
 def write_page(folder: Path) -> None:
     """Write ``README.md`` from the summary and the cases in ``folder``."""
-    write_text(folder / "README.md", page(folder))
+    write_text(folder / "README.md", format_page(folder))
 
 
-def page(folder: Path) -> str:
+def format_page(folder: Path) -> str:
     """Return the text of ``README.md``: counts in a sentence and a table, and a paragraph for each case."""
     summary = msgspec.json.decode(read_text(folder / SUMMARY, "summary"))
     of = summary["counts"]["all"]
@@ -97,8 +97,8 @@ def page(folder: Path) -> str:
         files = [f"`{name}` ({form})" for name, form in case.drawings.items() if (folder / name).exists()]
         file = f"MJCF, from keyframe `start`: {', '.join(files)}." if files else "Its joints have no MJCF."
         again = f"Repeat: `mbsbench fuzz {case.outcome.solver} --repeat {case.name}.json`. {file}"
-        lines += ["", f"## {case.name}: {case.outcome.kind}", "", _parts(case.mechanism)]
-        for text in filter(None, (_numbers(case), _ends(case), case.evidence or NONE, case.cause, again)):
+        lines += ["", f"## {case.name}: {case.outcome.kind}", "", _describe_parts(case.mechanism)]
+        for text in filter(None, (_numbers(case), _describe_ends(case), case.evidence or NONE, case.cause, again)):
             lines += ["", _fill(text)]
     return "\n".join(lines) + "\n"
 
@@ -124,7 +124,7 @@ def _numbers(case: Case) -> str:
     )
 
 
-def _ends(case: Case) -> str:
+def _describe_ends(case: Case) -> str:
     """Return a sentence with the notes of the run and the positions of C of each body at the end [m]."""
     places = [f"{who} " + ", ".join(f"({x:.6g}, {y:.6g}, {z:.6g})" for x, y, z in at) for who, at in case.ends.items()]
     options = "".join(f", {name}={value}" for name, value in case.options.items())
@@ -142,7 +142,7 @@ def read_case(path: Path) -> Case:
         raise ValueError(f"{path} is no case of fuzz: {error}") from None
 
 
-def mjcf(problem: Problem) -> str:
+def format_mjcf(problem: Problem) -> str:
     """Return the problem as MuJoCo's XML: a tree with cut joints, numbers with all digits, the start as a keyframe.
 
     Raise ValueError if it has joints other than hinges and balls.
@@ -150,7 +150,7 @@ def mjcf(problem: Problem) -> str:
     s, start = problem.system, problem.initial
     if not s.is_pinned:
         raise ValueError("not written as MJCF: it has joints other than hinges and balls")
-    tree = spanning_tree(s, start)
+    tree = build_spanning_tree(s, start)
     root = ET.Element("mujoco", model="fuzz")
     ET.SubElement(root, "compiler", angle="radian")
     option = ET.SubElement(root, "option", gravity=_text(s.gravity), timestep=repr(problem.dt), integrator="RK4")
@@ -198,13 +198,13 @@ def _table(counts: Mapping[str, Mapping[str, int]]) -> list[str]:
     return [f"| | {' | '.join(names)} |", f"|---|{'---|' * len(names)}", *rows]
 
 
-def _parts(m: RandomMechanism) -> str:
+def _describe_parts(m: RandomMechanism) -> str:
     """Return bodies, joints and springs of a mechanism in words."""
-    joints = ", ".join(f"{c.kind} {_end(c.i)}-{_end(c.j)}" for c in m.connections) or "no joints"
+    joints = ", ".join(f"{c.kind} {_name_end(c.i)}-{_name_end(c.j)}" for c in m.connections) or "no joints"
     return f"{len(m.bodies)} bodies; {joints}; {len(m.springs)} springs."
 
 
-def _end(body: int) -> str:
+def _name_end(body: int) -> str:
     """Return a body of a joint in words: ``ground``, or its number from 1."""
     return "ground" if body == GROUND else str(body + 1)
 

@@ -50,7 +50,7 @@ def _tree(random: Draw, simple: bool) -> RandomMechanism:
             kind = kinds[random.integers(len(kinds))]
             other = np.zeros(3) if j == GROUND else np.array(places[j])
             middle = 0.5 * (np.array(places[k]) + other) if not simple else other
-            point = _plain(middle + np.array(_vector(random, simple, 0.3)), simple)
+            point = _round_if_simple(middle + np.array(_vector(random, simple, 0.3)), simple)
             connections.append(RandomJoint(kind, k, j, point, _axis(random, simple), _vector(random, simple, 2.0)))
     return _complete_mechanism(random, simple, places, connections)
 
@@ -63,7 +63,7 @@ def _loop(random: Draw, simple: bool) -> RandomMechanism:
     for k in range(n):
         kind = BALL if random.random() < 0.5 or (k == n - 1 and free < 1) else HINGE
         free += 3 if kind == BALL else 1
-        point = _plain(np.array(places[k]) + np.array(_vector(random, simple, 0.5)), simple)
+        point = _round_if_simple(np.array(places[k]) + np.array(_vector(random, simple, 0.5)), simple)
         connections.append(RandomJoint(kind, k, k - 1, point, _axis(random, simple)))
     if free < 1:
         connections[0] = RandomJoint(BALL, 0, GROUND, connections[0].point)
@@ -168,7 +168,7 @@ def _axis(random: Draw, simple: bool) -> Vec:
     return _vec(np.eye(3)[random.integers(3)]) if simple else _vec(so3.exp(random.standard_normal(3))[0])
 
 
-def _plain(x: np.ndarray, simple: bool) -> Vec:
+def _round_if_simple(x: np.ndarray, simple: bool) -> Vec:
     """Return the vector ``x`` as a tuple, rounded to multiples of a half if ``simple``."""
     return _vec(np.round(2.0 * x) / 2.0 if simple else x)
 

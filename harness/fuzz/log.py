@@ -83,7 +83,7 @@ def ask_second_route(trial: Trial) -> Trial:
     def target(send: Callable[[str], None]) -> None:
         """Let the oracle decide, and send verdict and evidence."""
         found, settings = trial.outcome, trial.settings
-        oracle = settings.oracle(found.number)
+        oracle = settings.make_oracle(found.number)
         send(json.dumps(oracle.decide(found.solver, registry.make_solver(found.solver, settings.options))))
 
     sent = ForkedProcess(target, limit=CPU, memory=MEMORY, code=CODE_LIMIT).wait().sent

@@ -127,13 +127,13 @@ class Oracle:
         control = registry.find_entry("solver", name, registry.solvers()).control if solver is None else solver.control
         solver = registry.make_solver(name) if solver is None else solver
         steps = _steps(control, self.mechanism.dt)
-        refused = self._refusal(solver, Form(), steps[0])
+        refused = self._find_refusal(solver, Form(), steps[0])
         if refused:
             return OracleOutcome(name, Behaviour.REFUSED, words=refused)
         form, found = self.form, OracleOutcome(name, Behaviour.SOUND, self.form)
-        if (refused := self._refusal(solver, form, steps[0])) and form.split:
+        if (refused := self._find_refusal(solver, form, steps[0])) and form.split:
             form = replace(form, weld="pinned")
-            refused = self._refusal(solver, form, steps[0])
+            refused = self._find_refusal(solver, form, steps[0])
         if refused:
             return replace(found, kind=Behaviour.PARTLY_REFUSED, words=refused, form=form)
         found = replace(found, form=form)
@@ -222,7 +222,7 @@ class Oracle:
         # two answers that differ by more than the limit cannot both be within 0.4 of it of the reference
         return (OracleVerdict.CONFIRMED if max(off.values()) > 0.4 * found.limit else OracleVerdict.DISMISSED), evidence
 
-    def _refusal(self, solver: Solver, form: Form, step: StepControl) -> str | None:
+    def _find_refusal(self, solver: Solver, form: Form, step: StepControl) -> str | None:
         """Return why a solver refuses the problem in a form, or the exception that it raises; None if it accepts it."""
         try:
             reason = form.refuses(solver, self.problem, step)

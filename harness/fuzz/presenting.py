@@ -59,8 +59,8 @@ class Form:
         """
         bare = replace(problem, reference_from=None, observables=(), invariants=(), presentation=Presentation())
         if self.split:
-            parts = _Parts(problem.system, self.split - 1)
-            bare = replace(bare, system=parts.system(self.weld), initial=parts.state(problem.initial))
+            parts = _SplitBody(problem.system, self.split - 1)
+            bare = replace(bare, system=parts.split_system(self.weld), initial=parts.split_state(problem.initial))
         return replace(rotate_problem(bare, so3.exp(np.array(self.rotation))), presentation=self.plain)
 
     def present_problem(self, problem: Problem) -> Problem:
@@ -76,10 +76,10 @@ class Form:
         found = PresentedSolver(solver).solve(self.problem(problem), control)
         home = rotate_states(found.states, so3.exp(-np.array(self.rotation)))
         if self.split:
-            home = _Parts(problem.system, self.split - 1).states_back(home)
+            home = _SplitBody(problem.system, self.split - 1).merge_states(home)
         return replace(found, states=home, reaction=None)
 
-    def parts(self) -> tuple["Form", ...]:
+    def list_smaller_forms(self) -> tuple["Form", ...]:
         """Return the forms in which one of the changes of this form is undone."""
         out = []
         if self.split:
@@ -103,7 +103,7 @@ class Form:
 
 
 @dataclass(frozen=True)
-class _Parts:
+class _SplitBody:
     """The system ``whole`` with body number ``body`` split into two parts."""
 
     whole: MultibodySystem
@@ -123,7 +123,7 @@ class _Parts:
         """Vectors from the C of the body to those of the parts, in the frame of the body."""
         return (1.0 - SHARE) * self.way, -SHARE * self.way
 
-    def system(self, weld: Weld) -> MultibodySystem:
+    def split_system(self, weld: Weld) -> MultibodySystem:
         """Return the system with the body split; the weld of the parts is the last joint (two, if it is pinned)."""
         s, b, d = self.whole, self.body, self.way
         if len(s.user_i) or len(s.load_i):
@@ -154,22 +154,22 @@ class _Parts:
         names = (*s.body_names, "second part")
         return replace(s, **changes, body_names=names, joint_names=(*s.joint_names, *welded.joint_names))
 
-    def state(self, state: State) -> State:
+    def split_state(self, state: State) -> State:
         """Return the state of the split system: poses and velocities of the parts, the second part as the last body."""
-        both = [self._at(States.one(state), offset) for offset in self.offsets]
+        both = [self._move_point(States.one(state), offset) for offset in self.offsets]
         r, v = (np.concatenate((getattr(state, n), getattr(both[1], n)[0])) for n in ("r", "v"))
         r[self.body], v[self.body] = both[0].r[0, 0], both[0].v[0, 0]
         R, Omega = (np.concatenate((a, a[self.body : self.body + 1])) for a in (state.R, state.Omega))
         return State(r, R, v, Omega, state.t)
 
-    def states_back(self, s: States) -> States:
+    def merge_states(self, s: States) -> States:
         """Return the states of the unsplit system from those of the split one: the body follows from its first part."""
-        at = self._at(s, -self.offsets[0])
+        at = self._move_point(s, -self.offsets[0])
         r, v = s.r[:, :-1].copy(), s.v[:, :-1].copy()
         r[:, self.body], v[:, self.body] = at.r[:, 0], at.v[:, 0]
         return States(r, s.R[:, :-1], v, s.Omega[:, :-1], s.t)
 
-    def _at(self, s: States, offset: Float[np.ndarray, " 3"]) -> States:
+    def _move_point(self, s: States, offset: Float[np.ndarray, " 3"]) -> States:
         """Return the states of a point of the body, ``offset`` [m] from its C in its frame, as of a separate body."""
         b = slice(self.body, self.body + 1)
         r = s.r[:, b] + s.R[:, b] @ offset

@@ -63,7 +63,7 @@ def shrink_outcome(
 def _list_smaller_cases(case: Case) -> Iterator[Case]:
     """Yield cases with one part fewer: a change of the form, a body, a spring, a joint, or half of the steps."""
     m, form = case
-    yield from ((m, part) for part in form.parts())
+    yield from ((m, part) for part in form.list_smaller_forms())
     for b in range(len(m.bodies)):
         for grounded in (False, True):
             if len(m.bodies) > 1 and form.split != b + 1:
@@ -72,7 +72,7 @@ def _list_smaller_cases(case: Case) -> Iterator[Case]:
         yield replace(m, springs=m.springs[:k] + m.springs[k + 1 :]), form
     for k in range(len(m.connections)):
         left = replace(m, connections=m.connections[:k] + m.connections[k + 1 :])
-        yield left, _repeating(form, len(left.connections), k)
+        yield left, _renumber_duplicate(form, len(left.connections), k)
     if m.steps > FEWEST_STEPS:
         yield replace(m, steps=max(m.steps // 2, FEWEST_STEPS)), form
 
@@ -89,11 +89,11 @@ def _list_simpler_cases(case: Case) -> Iterator[Case]:
         yield m, replace(form, plain=replace(form.plain, renumber=1))
     for digits in (1, 2):
         yield _round_numbers(m, digits), form
-    plainer: tuple[Callable[[RandomBody], RandomBody], ...] = (_at_rest, _align_body, _plain_mass)
+    plainer: tuple[Callable[[RandomBody], RandomBody], ...] = (_stop_body, _align_body, _simplify_mass)
     for change in plainer:
         yield replace(m, bodies=tuple(map(change, m.bodies))), form
     for k, b in enumerate(m.bodies):
-        for change in (*plainer, *(_at(place) for place in dict.fromkeys(c.point for c in m.connections))):
+        for change in (*plainer, *(_move_body_to(place) for place in dict.fromkeys(c.point for c in m.connections))):
             yield replace(m, bodies=(*m.bodies[:k], change(b), *m.bodies[k + 1 :])), form
     for k, c in enumerate(m.connections):
         for simple in (replace(c, kind=JointKind.SPHERICAL, axis=(0.0, 0.0, 1.0)), replace(c, axis=(0.0, 0.0, 1.0))):
@@ -104,9 +104,9 @@ def _list_simpler_cases(case: Case) -> Iterator[Case]:
         yield replace(m, springs=(*m.springs[:s], plain, *m.springs[s + 1 :])), form
     for digits in (1, 2):
         for k, b in enumerate(m.bodies):
-            yield replace(m, bodies=(*m.bodies[:k], _rounded_body(b, digits), *m.bodies[k + 1 :])), form
+            yield replace(m, bodies=(*m.bodies[:k], _round_body(b, digits), *m.bodies[k + 1 :])), form
         for k, c in enumerate(m.connections):
-            yield replace(m, connections=(*m.connections[:k], _rounded_joint(c, digits), *m.connections[k + 1 :])), form
+            yield replace(m, connections=(*m.connections[:k], _round_joint(c, digits), *m.connections[k + 1 :])), form
 
 
 def _remove_body(m: RandomMechanism, body: int, grounded: bool) -> RandomMechanism:
@@ -122,19 +122,19 @@ def _remove_body(m: RandomMechanism, body: int, grounded: bool) -> RandomMechani
         if at(c.i) != GROUND
         else replace(c, i=at(c.j), j=at(c.i), point=c.far if c.kind == JointKind.DISTANCE else c.point, far=c.point)
         for c in m.connections
-        if _stays(c, body, grounded) and at(c.i) != at(c.j)
+        if _is_kept(c, body, grounded) and at(c.i) != at(c.j)
     ]
     springs = [
         replace(s, i=at(s.i), j=at(s.j))
         if at(s.i) != GROUND
         else replace(s, i=at(s.j), j=at(s.i), point_i=s.point_j, point_j=s.point_i)
         for s in m.springs
-        if _stays(s, body, grounded) and at(s.i) != at(s.j)
+        if _is_kept(s, body, grounded) and at(s.i) != at(s.j)
     ]
     return replace(m, bodies=bodies, connections=tuple(connections), springs=tuple(springs))
 
 
-def _stays(part: RandomJoint | Spring, body: int, grounded: bool) -> bool:
+def _is_kept(part: RandomJoint | Spring, body: int, grounded: bool) -> bool:
     """Return whether a joint or spring stays when a body is removed."""
     return grounded or body not in (part.i, part.j)
 
@@ -148,14 +148,14 @@ def _remove_from_form(form: Form, m: RandomMechanism, body: int) -> Form:
     return replace(form, split=split, plain=replace(form.plain, duplicate=again))
 
 
-def _repeating(form: Form, left: int, joint: int) -> Form:
+def _renumber_duplicate(form: Form, left: int, joint: int) -> Form:
     """Return the form for a mechanism without joint number ``joint``, of which ``left`` joints remain."""
     again = form.plain.duplicate
     again = min(max(again - (again > joint), 1), left) if again else 0
     return replace(form, plain=replace(form.plain, duplicate=again))
 
 
-def _at_rest(b: RandomBody) -> RandomBody:
+def _stop_body(b: RandomBody) -> RandomBody:
     """Return the body without velocities."""
     return replace(b, velocity=ZERO, spin=ZERO)
 
@@ -165,17 +165,17 @@ def _align_body(b: RandomBody) -> RandomBody:
     return replace(b, turn=ZERO)
 
 
-def _plain_mass(b: RandomBody) -> RandomBody:
+def _simplify_mass(b: RandomBody) -> RandomBody:
     """Return the body with a mass of 1 kg and the inertia of a ball."""
     return replace(b, mass=1.0, inertia=BALL)
 
 
-def _at(place: Vec) -> Callable[[RandomBody], RandomBody]:
+def _move_body_to(place: Vec) -> Callable[[RandomBody], RandomBody]:
     """Return a function that moves a body's C to ``place`` [m]."""
     return lambda b: replace(b, place=place)
 
 
-def _near(x: Vec, digits: int) -> Vec:
+def _round_vector(x: Vec, digits: int) -> Vec:
     """Return a vector rounded to a number of significant digits; tiny components become 0."""
     a, b, c = (float(f"{v:.{digits}g}") if abs(v) > 1e-12 else 0.0 for v in x)
     return a, b, c
@@ -185,31 +185,33 @@ def _round_numbers(m: RandomMechanism, digits: int) -> RandomMechanism:
     """Return the mechanism with all numbers rounded to ``digits`` significant digits, its step to one."""
     return replace(
         m,
-        bodies=tuple(_rounded_body(b, digits) for b in m.bodies),
-        connections=tuple(_rounded_joint(c, digits) for c in m.connections),
-        springs=tuple(_rounded_spring(s, digits) for s in m.springs),
-        gravity=_near(m.gravity, digits),
+        bodies=tuple(_round_body(b, digits) for b in m.bodies),
+        connections=tuple(_round_joint(c, digits) for c in m.connections),
+        springs=tuple(_round_spring(s, digits) for s in m.springs),
+        gravity=_round_vector(m.gravity, digits),
         dt=float(f"{m.dt:.1g}"),
     )
 
 
-def _rounded_body(b: RandomBody, digits: int) -> RandomBody:
+def _round_body(b: RandomBody, digits: int) -> RandomBody:
     J = b.inertia
     return RandomBody(
         float(f"{b.mass:.{digits}g}"),
-        (_near(J[0], digits), _near(J[1], digits), _near(J[2], digits)),
-        _near(b.place, digits),
-        _near(b.turn, digits),
-        _near(b.velocity, digits),
-        _near(b.spin, digits),
+        (_round_vector(J[0], digits), _round_vector(J[1], digits), _round_vector(J[2], digits)),
+        _round_vector(b.place, digits),
+        _round_vector(b.turn, digits),
+        _round_vector(b.velocity, digits),
+        _round_vector(b.spin, digits),
     )
 
 
-def _rounded_joint(c: RandomJoint, digits: int) -> RandomJoint:
-    return replace(c, point=_near(c.point, digits), axis=_near(c.axis, digits), far=_near(c.far, digits))
+def _round_joint(c: RandomJoint, digits: int) -> RandomJoint:
+    return replace(
+        c, point=_round_vector(c.point, digits), axis=_round_vector(c.axis, digits), far=_round_vector(c.far, digits)
+    )
 
 
-def _rounded_spring(s: Spring, digits: int) -> Spring:
-    points = {"point_i": _near(s.point_i, digits), "point_j": _near(s.point_j, digits)}
+def _round_spring(s: Spring, digits: int) -> Spring:
+    points = {"point_i": _round_vector(s.point_i, digits), "point_j": _round_vector(s.point_j, digits)}
     numbers = {name: float(f"{getattr(s, name):.{digits}g}") for name in ("stiffness", "rest", "damping")}
     return replace(s, **points, **numbers)  # type: ignore[arg-type]

@@ -73,7 +73,7 @@ def parse_thresholds(text: str, path: Path) -> Thresholds:
                 if run in problem.runs:
                     bounds += _read_row(case, file.columns.split(), problem.runs[run].split())
                 if problem.problem_fingerprint is not None and rules.FINGERPRINT not in special:
-                    bounds.append(rules.same_problem(case, problem.problem_fingerprint))
+                    bounds.append(rules.require_same_problem(case, problem.problem_fingerprint))
         return Thresholds(file.suite, tuple(sorted(bounds, key=lambda b: (b.case, b.metric))), file.status, file.spread)
     except ValueError as e:
         raise FileError(f"{path}: {case}: {e}") from None
@@ -102,12 +102,14 @@ def _read_cell(case: str, metric: str, cell: str, rule: BoundWidth) -> Threshold
     if len(numbers) not in (1, 2, 3):
         raise ValueError(f"{metric} must be v, v<u, l<v<u or - (got {cell!r})")
     if len(numbers) == 1 and metric == "steps":
-        return rules.same_steps(case, numbers[0])
+        return rules.require_same_steps(case, numbers[0])
     if len(numbers) == 1:
         return rules.bound_by_rule(case, metric, numbers[0], rule)
     lower, value, upper = [-math.inf, *numbers][-3:]
     if len(numbers) == 2:
-        rule = rules.LEFT_OVER if upper == rules.four_digits(rules.LEFT_OVER.factor * value) else rules.ROUNDING
+        rule = (
+            rules.LEFT_OVER if upper == rules.round_to_four_digits(rules.LEFT_OVER.factor * value) else rules.ROUNDING
+        )
     return Threshold(case=case, metric=metric, value=value, upper=upper, lower=lower, reason=rule.reason)
 
 
@@ -140,7 +142,7 @@ def _write_problem(table: str, runs: dict[str, dict[str, Threshold]]) -> list[st
     common = prints[0].value if prints[0] and all(b and b.tolerance is not None for b in prints) else None
     rows, special = [f"#{'width':>54}  {'  '.join(HEADINGS.values())}"], []
     for case, bounds in runs.items():
-        if common is not None and bounds[rules.FINGERPRINT] == rules.same_problem(case, common):
+        if common is not None and bounds[rules.FINGERPRINT] == rules.require_same_problem(case, common):
             del bounds[rules.FINGERPRINT]
         run = _toml(_names(case)[1])
         fitting = [(w, {m: cell for m, b in bounds.items() if (cell := _cell(b, rule))}) for w, rule in WIDTHS.items()]

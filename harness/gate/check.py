@@ -15,11 +15,11 @@ from msgspec.structs import replace
 
 from ..results.findings import Finding, MeasuredQuantity, RequiredLimits, Verdict
 from ..results.records import RunRecord
-from ..results.store import newest
-from ..results.words import comparison_words, list_reasons
+from ..results.store import select_newest
+from ..results.words import describe_comparison, list_reasons
 from ..suites.spec import RunSpec
 from ..types import EndCause, Status
-from .thresholds import ERRORS, ExpectedStatus, Threshold, Thresholds, four_digits, propose_bounds
+from .thresholds import ERRORS, ExpectedStatus, Threshold, Thresholds, propose_bounds, round_to_four_digits
 
 CodeOf = Callable[[str, str], str]  # digest of the code for a run of a problem and a solver
 STATUS, NONE = "status", "no threshold"  # names of findings that are not on a metric
@@ -108,7 +108,7 @@ class GateFindings:
 
 def select_judged(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[RunRecord, ...]:
     """Return the newest record of each run: of those made by the present code, or of all if ``code`` is None."""
-    return newest(tuple(r for r in records if code is None or code(r.problem, r.solver) == r.code))
+    return select_newest(tuple(r for r in records if code is None or code(r.problem, r.solver) == r.code))
 
 
 def describe_contradiction(record: RunRecord) -> str:
@@ -228,7 +228,9 @@ def _narrow(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None
     if was.upper == math.inf:
         return replace(was, value=new.value, lower=lower) if lower < was.lower else None
     wide = new.value * was.upper / was.value if was.value > 0.0 else 0.0
-    upper = four_digits(wide) if wide > 1.001 * new.upper else new.upper  # a width with a reason of its own stays
+    upper = (
+        round_to_four_digits(wide) if wide > 1.001 * new.upper else new.upper
+    )  # a width with a reason of its own stays
     if not loosen:
         upper = min(upper, was.upper)
     if upper < lower or not (loosen or upper < WORTH * was.upper or lower > was.lower):
@@ -248,7 +250,9 @@ def _status(case: str, record: RunRecord | None, expected: ExpectedStatus | None
         return _finding(Verdict.FAILED, case, STATUS, missing)
     if record.status == wanted:
         verdict = Verdict.MET if wanted is Status.SUCCESS else Verdict.XFAIL
-        return _finding(verdict, case, STATUS, expected.reason if expected else comparison_words(record), str(wanted))
+        return _finding(
+            verdict, case, STATUS, expected.reason if expected else describe_comparison(record), str(wanted)
+        )
     words = f"{record.status}, expected {wanted}: {'; '.join(list_reasons(record))}"
     verdict = Verdict.XPASS if record.status == Status.SUCCESS else Verdict.FAILED
     return _finding(verdict, case, STATUS, words, str(wanted))

@@ -21,7 +21,7 @@ JUNIT_BEGUN = (  # written for a gate that has no verdict yet
 MARKDOWN_BEGUN = "## Gate: not finished\n\nIt was ended before its verdict, or is still at work.\n"
 
 
-def junit(result: GateFindings, suite: str) -> str:
+def format_junit(result: GateFindings, suite: str) -> str:
     """Return the result as JUnit XML with a test case for each finding.
 
     FAIL and XPASS become failures, XFAIL and SKIP are skipped; a gate that judged nothing has one failure.
@@ -44,7 +44,7 @@ def junit(result: GateFindings, suite: str) -> str:
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def markdown(result: GateFindings, suite: str) -> str:
+def format_markdown(result: GateFindings, suite: str) -> str:
     """Return Markdown for a merge request: a headline, and a table of findings that did not pass or have moved."""
     out = [f"## Gate `{suite}`: {result.headline}", "", f"{result.summary}.", ""]
     if result.notable:
@@ -58,7 +58,7 @@ def markdown(result: GateFindings, suite: str) -> str:
     return "\n".join(out)
 
 
-def annotate(result: GateFindings, suite: str) -> list[str]:
+def format_annotations(result: GateFindings, suite: str) -> list[str]:
     """Return an error command of GitHub Actions for each case that closes the gate, with its first cause."""
     closing: dict[str, list[Finding]] = {}
     for f in result.findings:

@@ -15,7 +15,7 @@ from itertools import count, islice
 import numpy as np
 
 from ..catalogue import registry
-from ..machine import CORE, processor_flags
+from ..machine import CORE, read_processor_flags
 from ..suites.spec import RunSpec
 
 SIZE = 1e-15  # relative, and rad: four or five units in the last place
@@ -43,7 +43,7 @@ class Repeat:
 
 def list_core_types() -> tuple[str, ...]:
     """Return the core types of OpenBLAS whose kernels run on this processor."""
-    return tuple(core for core, needed in CORES.items() if needed in processor_flags())
+    return tuple(core for core, needed in CORES.items() if needed in read_processor_flags())
 
 
 def repeat_run(spec: RunSpec, times: int, cores: Sequence[str]) -> list[Repeat]:
@@ -52,10 +52,10 @@ def repeat_run(spec: RunSpec, times: int, cores: Sequence[str]) -> list[Repeat]:
     Repeats with the BLAS kernels of ``cores`` have a perturbed start from the second round on, to differ from the
     first.
     """
-    return list(islice(_rounds(spec, cores), times))
+    return list(islice(_list_repeats(spec, cores), times))
 
 
-def _rounds(spec: RunSpec, cores: Sequence[str]) -> Iterator[Repeat]:
+def _list_repeats(spec: RunSpec, cores: Sequence[str]) -> Iterator[Repeat]:
     """Yield repeats of a run without end.
 
     A start that is perturbed already, or opens its joints on purpose, is not moved: that would project it.
@@ -66,15 +66,15 @@ def _rounds(spec: RunSpec, cores: Sequence[str]) -> Iterator[Repeat]:
         moved = {"perturb": SIZE, "seed": seed} if moves else {}
         turn = np.array(given.get("rotation", (0.0, 0.0, 0.0))) + SIZE * np.random.default_rng(seed).standard_normal(3)
         if moves:
-            yield Repeat(spec.case, START, _with_parameters(spec, moved))
-        yield Repeat(spec.case, FRAME, _with_parameters(spec, {"rotation": tuple(map(float, turn))}))
+            yield Repeat(spec.case, START, _replace_parameters(spec, moved))
+        yield Repeat(spec.case, FRAME, _replace_parameters(spec, {"rotation": tuple(map(float, turn))}))
         if spec.control.rtol is not None:
             rtol = spec.control.rtol * (1.0 + (-1) ** seed * seed * OF_TOLERANCE)
             yield Repeat(spec.case, TOLERANCE, replace(spec, control=replace(spec.control, rtol=rtol)))
         for core in cores:
-            yield Repeat(spec.case, f"BLAS {core}", _with_parameters(spec, moved if seed > 1 else {}), core)
+            yield Repeat(spec.case, f"BLAS {core}", _replace_parameters(spec, moved if seed > 1 else {}), core)
 
 
-def _with_parameters(spec: RunSpec, changes: Mapping[str, object]) -> RunSpec:
+def _replace_parameters(spec: RunSpec, changes: Mapping[str, object]) -> RunSpec:
     """Return the run with these parameters of its problem replaced."""
     return replace(spec, parameters={**spec.parameters, **changes})

@@ -15,7 +15,7 @@ from msgspec import structs
 
 from ..results.records import RunRecord
 from ..types import Status
-from .thresholds import FINGERPRINT, FIXED_STEP, Spread, Threshold, Thresholds, four_digits, propose_bounds
+from .thresholds import FINGERPRINT, FIXED_STEP, Spread, Threshold, Thresholds, propose_bounds, round_to_four_digits
 
 
 @dataclass(frozen=True)
@@ -53,13 +53,13 @@ def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[SpreadSample
     lawful = {c: found for c, found in samples.items() if c not in unstable and Status(found[0].record.status).lawful}
     bounds = []
     for was in old.bounds:
-        found = [(s.kind, b) for s in lawful.get(was.case, ()) for b in _bounds_of(was, s)]
+        found = [(s.kind, b) for s in lawful.get(was.case, ()) for b in _propose_bound(was, s)]
         around = _widen_around(was, found, lawful[was.case][0].record.control) if found else None
         bounds.append(around if around and around.holds(was.value) else was)
     return structs.replace(old, bounds=tuple(bounds), spread=_summarise(lawful) or old.spread)
 
 
-def _bounds_of(was: Threshold, s: SpreadSample) -> list[Threshold]:
+def _propose_bound(was: Threshold, s: SpreadSample) -> list[Threshold]:
     """Return the bound that one sample alone proposes for the metric of ``was``, as a list of at most one."""
     found = propose_bounds([replace(s.record, case=was.case)])
     return [b for b in found if b.metric == was.metric]
@@ -81,7 +81,12 @@ def _widen_around(was: Threshold, found: Sequence[tuple[str, Threshold]], contro
     lower = min(b.lower for _, b in found) if was.lower > -math.inf else was.lower
     upper = max(b.upper for _, b in found) if was.upper < math.inf else was.upper
     return structs.replace(
-        was, value=four_digits(statistics.median(values)), upper=upper, lower=lower, samples=len(found), reason=reason
+        was,
+        value=round_to_four_digits(statistics.median(values)),
+        upper=upper,
+        lower=lower,
+        samples=len(found),
+        reason=reason,
     )
 
 

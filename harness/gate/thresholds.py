@@ -142,36 +142,36 @@ class Thresholds(Shape, frozen=True):
 
 def propose_bounds(records: Sequence[RunRecord]) -> list[Threshold]:
     """Return bounds around the numbers of every lawful run: energy, constraints, errors, fixed steps, fingerprint."""
-    return [bound for r in records if Status(r.status).lawful for bound in _of(r)]
+    return [bound for r in records if Status(r.status).lawful for bound in _bound_record(r)]
 
 
-def four_digits(x: float) -> float:
+def round_to_four_digits(x: float) -> float:
     """Round ``x`` to four significant digits, as stored."""
     return float(f"{x:.4g}")
 
 
 def bound_by_rule(case: str, metric: str, value: float, width: BoundWidth) -> Threshold:
     """Return bounds from ``value`` divided by the width to ``value`` times it; with LEFT_OVER only the upper one."""
-    lower = -math.inf if width is LEFT_OVER else four_digits(value / width.factor)
-    upper = four_digits(value * width.factor)
+    lower = -math.inf if width is LEFT_OVER else round_to_four_digits(value / width.factor)
+    upper = round_to_four_digits(value * width.factor)
     return Threshold(case=case, metric=metric, value=value, upper=upper, lower=lower, reason=width.reason)
 
 
-def same_steps(case: str, steps: float) -> Threshold:
+def require_same_steps(case: str, steps: float) -> Threshold:
     """Return the threshold that fixes the number of steps exactly."""
     return Threshold(case=case, metric="steps", value=steps, reason=SAME_STEPS, tolerance=0.0)
 
 
-def same_problem(case: str, value: float) -> Threshold:
+def require_same_problem(case: str, value: float) -> Threshold:
     """Return the threshold that fixes the fingerprint of the problem's numbers up to rounding."""
     return Threshold(case=case, metric=FINGERPRINT, value=value, tolerance=IDENTITY, reason=SAME_PROBLEM)
 
 
-def _of(r: RunRecord) -> list[Threshold]:
+def _bound_record(r: RunRecord) -> list[Threshold]:
     """Return bounds on all metrics that a record has, on its number of steps, and on the problem's fingerprint."""
     out = []
     for metric, unit in UNITS.items():
-        value = four_digits(float(getattr(r, metric)))
+        value = round_to_four_digits(float(getattr(r, metric)))
         if not math.isfinite(value):
             continue
         size = {"J": r.energy_scale_J, "rad": 1.0, "N": r.reaction_size_N}.get(unit, r.length_scale_m)
@@ -183,9 +183,9 @@ def _of(r: RunRecord) -> list[Threshold]:
         lower = bound.lower if value > ROUNDING.factor * rounding else -math.inf
         out.append(replace(bound, value=value, lower=lower))
     if math.isfinite(r.problem_fingerprint):
-        out.append(same_problem(r.case, r.problem_fingerprint))
+        out.append(require_same_problem(r.case, r.problem_fingerprint))
     if r.control == "dt" and r.rejected == 0.0:
-        out.append(same_steps(r.case, float(r.steps)))
+        out.append(require_same_steps(r.case, float(r.steps)))
     return out
 
 

@@ -52,7 +52,7 @@ def make_case(name: str) -> Problem:
         raise ValueError(f"unknown case {name!r}{suggest_name(name, list(CASES))}; there are {', '.join(CASES)}")
     problem, parameters = CASES[name]
     if not problem:
-        return _hinge(name, **parameters)
+        return _make_hinged_bar(name, **parameters)
     made = registry.make_problem(problem, parameters)
     return _reframe(made, so3.exp(np.array(TURNED))) if name == "spin_products" else made
 
@@ -95,20 +95,20 @@ def _reframe(p: Problem, Q: Float[np.ndarray, "3 3"]) -> Problem:
     )
 
 
-def _hinge(name: str, torque: float) -> Problem:
+def _make_hinged_bar(name: str, torque: float) -> Problem:
     """Return the problem of a bar hinged about OZ, without gravity, from rest at ``ANGLE``.
 
     ``torque`` [N m] is the amplitude a of the sine that drives it.
     """
     half = np.array([0.5 * LENGTH, 0.0, 0.0])
-    bar = planar.slender(MASS, LENGTH, AXIAL, "bar")
+    bar = planar.make_slender_bar(MASS, LENGTH, AXIAL, "bar")
     joint = Joint(0, -half, GROUND, (0.0, 0.0, 0.0), planar.AXIS, planar.OZ, "O")
     X, Z = (1.0, 0.0, 0.0), planar.OZ
     spring = TorsionSpring(0, X, GROUND, Z, X, STIFFNESS, 0.0, DAMPING)
     drive = Load(0, torque=(0.0, 0.0, torque), factor=TimeFunction((), 1.0, FREQUENCY))
     system = assemble([bar], [joint], (0.0, 0.0, 0.0), torsions=[spring], loads=[drive] if torque else [])
     exact = ClosedForm("closed form: damped oscillator", partial(_evaluate_oscillation, torque), 1.0, FREQUENCY)
-    return Problem(name, system, exact.start(), 2.0, 1e-2, "", "chosen", reference_from=exact.from_start)
+    return Problem(name, system, exact.start(), 2.0, 1e-2, "", "chosen", reference_from=exact.match_start)
 
 
 def _evaluate_oscillation(torque: float, t: Float[np.ndarray, " nt"]) -> States:
@@ -125,4 +125,4 @@ def _evaluate_oscillation(torque: float, t: Float[np.ndarray, " nt"]) -> States:
     theta, rate = (sum((z * s**k * np.exp(s * t)).real for z, s in terms)[:, None] for k in (0, 1))
     way = 0.5 * LENGTH * np.stack((np.cos(theta), np.sin(theta)), axis=-1)
     across = rate[..., None] * np.stack((-way[..., 1], way[..., 0]), axis=-1)
-    return planar.states(way, theta, across, rate)
+    return planar.make_planar_states(way, theta, across, rate)

@@ -18,7 +18,7 @@ from ..mechanics.jacobian import independent_rows
 from ..mechanics.motion import constraint_rate, energy, measure_gaps
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
-from ..metrics.scales import displacement, speeds
+from ..metrics.scales import measure_displacement, measure_speeds
 from ..types import Law, Problem
 
 DRAWS = 6  # a standard deviation from six draws is known to 29 % (three: 41 %, twelve: 20 %), and each costs a run
@@ -53,7 +53,7 @@ def measure_growth(problem: Problem) -> tuple[Float[np.ndarray, " nt"], dict[Key
     squares = {key: np.zeros(len(t)) for key in zero}
     for seed in range(DRAWS):
         random = np.random.default_rng(seed)
-        system = _change(problem.system, random, redundant=redundant)
+        system = _perturb_numbers(problem.system, random, redundant=redundant)
         _, other = _integrate(system, perturb(system, problem.initial, SIZE, seed), problem.t_end)
         late = SIZE * random.standard_normal() * t  # an error of the time
         shifted = States(other.r + late[:, None, None] * base.v, other.R, other.v, other.Omega, t)
@@ -80,8 +80,8 @@ def evaluate_laws(problem: Problem, s: States, exact: States) -> dict[Key, Float
     metres[system.turning_rows] = np.max(system.gyration)
     away = States(exact.r, exact.R, s.v - exact.v, s.Omega - exact.Omega, s.t)
     out: dict[Key, np.ndarray] = {
-        (Law.MOTION, ""): np.max(displacement(system, s, exact), axis=1),
-        (Law.VELOCITY, ""): np.max(speeds(system, away), axis=1),
+        (Law.MOTION, ""): np.max(measure_displacement(system, s, exact), axis=1),
+        (Law.VELOCITY, ""): np.max(measure_speeds(system, away), axis=1),
     }
     if system.nrows:
         out[Law.CONSTRAINT, ""] = np.linalg.norm(measure_gaps(system, s) * metres, axis=1)
@@ -95,7 +95,7 @@ def evaluate_laws(problem: Problem, s: States, exact: States) -> dict[Key, Float
     return out
 
 
-def _change(system: MultibodySystem, random: np.random.Generator, *, redundant: bool) -> MultibodySystem:
+def _perturb_numbers(system: MultibodySystem, random: np.random.Generator, *, redundant: bool) -> MultibodySystem:
     """Return the system with each number changed by its own random draw of relative size ``SIZE``.
 
     Points and axes stay if rows are ``redundant``.

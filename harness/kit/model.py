@@ -11,9 +11,9 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ...solvers.engines.export.plain import flatten_tree
-from ...solvers.engines.export.tree import Kind, spanning_tree
+from ...solvers.engines.export.tree import Kind, build_spanning_tree
 from ..foreign.description import describe_problem
-from ..mechanics.motion import load_in_space
+from ..mechanics.motion import evaluate_load
 from ..mechanics.state import States
 from ..mechanics.system import GROUND
 from ..types import Problem
@@ -43,7 +43,7 @@ class Model:
     def tree(self) -> dict[str, Any]:
         """Joint coordinates: ``limbs`` from the ground outwards, ``cuts`` that close loops, start and velocities."""
         system, start = self.problem.system, self.problem.initial
-        return flatten_tree(spanning_tree(system, start), system, start)
+        return flatten_tree(build_spanning_tree(system, start), system, start)
 
     @cached_property
     def links(self) -> list[dict[str, Any]]:
@@ -85,7 +85,7 @@ class Model:
         system, out = self.problem.system, np.zeros((self.problem.system.nb, 3))
         here = States.one(self.problem.initial).with_times(np.array([t]))
         for k, body in enumerate(system.load_i):
-            out[body] += load_in_space(system, here, k)[1][0]
+            out[body] += evaluate_load(system, here, k)[1][0]
         return out
 
     @cached_property

@@ -22,8 +22,8 @@ from scipy.spatial.transform import Rotation
 
 from ..mechanics.state import States
 from ..metrics.measure import measure
-from ..metrics.summary import columns
-from ..metrics.verdict import inaccuracy, list_broken_laws
+from ..metrics.summary import make_columns
+from ..metrics.verdict import find_inaccuracy, list_broken_laws
 from ..reference.computation import find_reference
 from ..types import Law, Problem, Reason, Status, Trajectory
 from .cases import make_case
@@ -83,7 +83,7 @@ def check(
     lines = [_describe(case, r) for r in (*found, *_judge(problem, fine, {r.law for r in found}))]
     if lines:
         raise EngineFailure("\n".join(lines))
-    _, growth = _growth(case)
+    _, growth = _measure_growth_once(case)
     ulps = DEVIATIONS + len(fine) - 1
     return PassedCheck(case, shares, UNIT[precision] * ulps * float(growth[Law.MOTION, ""][-1]))
 
@@ -140,10 +140,10 @@ def _compare(
     """
     t, steps = coarse.times, len(fine) - 1
     at_coarse = fine.at(slice(None, None, 2))
-    exact, own = _exact(case, steps // 2)
+    exact, own = _evaluate_reference(case, steps // 2)
     laws = {name: evaluate_laws(problem, s, exact) for name, s in (("coarse", coarse), ("fine", at_coarse))}
     apart = evaluate_laws(problem, coarse, at_coarse)
-    grown, growth = _growth(case)
+    grown, growth = _measure_growth_once(case)
     found, shares = [], {}
     for key, series in laws["fine"].items():
         law, name = key
@@ -166,13 +166,13 @@ def _compare(
 
 
 @cache
-def _growth(case: str) -> tuple[np.ndarray, dict]:
+def _measure_growth_once(case: str) -> tuple[np.ndarray, dict]:
     """Return times [s] and the growth of each law's quantity for a case, as ``measure_growth``, computed once."""
     return measure_growth(make_case(case))
 
 
 @cache
-def _exact(case: str, steps: int) -> tuple[States, float]:
+def _evaluate_reference(case: str, steps: int) -> tuple[States, float]:
     """Return the exact motion at equal steps and its largest stated error [m].
 
     Raise ValueError if the case has no reference up to its end.
@@ -191,8 +191,8 @@ def _judge(problem: Problem, s: States, known: set[Law]) -> Iterator[Reason]:
     exact_start = {k: np.concatenate((getattr(start, k)[None], getattr(s, k)[1:])) for k in ("r", "R", "v", "Omega")}
     trajectory = Trajectory(s.times, States(**exact_start), Status.SUCCESS, "", {})
     m = measure(problem, trajectory)
-    numbers = columns(problem, trajectory, m)
-    for r in list_broken_laws(problem, trajectory, m, numbers) or inaccuracy(m, numbers):
+    numbers = make_columns(problem, trajectory, m)
+    for r in list_broken_laws(problem, trajectory, m, numbers) or find_inaccuracy(m, numbers):
         # it compares differences over a step, which are below rounding
         if r.law not in known and r.law is not Law.TRUNCATION:
             yield r

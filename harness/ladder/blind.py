@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from ..cache import ROOT, cache_folder
+from ..cache import ROOT, make_cache_folder
 from ..catalogue import registry
 from ..code_meter import CODE_LIMIT
 from ..confined_paths import ConfinedPath
@@ -26,7 +26,7 @@ from ..execution.run import Send
 from ..sandbox.forked_process import ForkedProcess, ProcessEnd
 from ..sandbox.isolation import protect_process
 from ..types import EndCause, Problem, Solver, StepControl
-from .fence import keep_in_folder
+from .fence import confine_to_folder
 
 OUT = "outcome.npz"
 FENCED = "fenced"  # what the process of a run sends once it is confined
@@ -38,7 +38,7 @@ ANSWERS = (
     ".git",
 )  # parts of the package that would reveal the motion
 ELSEWHERE = (
-    cache_folder("references", ROOT / "results" / "local"),
+    make_cache_folder("references", ROOT / "results" / "local"),
     Path("results"),
 )  # cached references, and results of commands called from the working directory
 HIDDEN = (*(ROOT.resolve() / name for name in ANSWERS), *(place.resolve() for place in ELSEWHERE))
@@ -67,7 +67,7 @@ def confine_process(folder: Path) -> bool:
     os.environ.update({"TMPDIR": str(folder), "NUMBA_CACHE_DIR": str(folder)})
     if "numba" in sys.modules:  # it has read the environment already, and refuses @njit(cache=True) without a folder
         sys.modules["numba"].config.CACHE_DIR = str(folder)
-    return keep_in_folder(folder, HIDDEN)
+    return confine_to_folder(folder, HIDDEN)
 
 
 def hide_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepControl]:

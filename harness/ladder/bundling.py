@@ -46,7 +46,7 @@ class Entry:
 
 def write_bundle(folder: Path, path: Path) -> None:
     """Write the newest results of each run in ``folder`` as the lossless bundle ``path``."""
-    write_archive(path, list_contents(folder, store.newest(store.load(folder).records), lossless=True))
+    write_archive(path, list_contents(folder, store.select_newest(store.load(folder).records), lossless=True))
 
 
 def read_entry(path: Path, kinds: tuple[InstanceKind, ...] = KINDS, closing: LadderClosing | None = None) -> Entry:
@@ -82,7 +82,7 @@ def _read_entry(path: Path, kinds: tuple[InstanceKind, ...]) -> Entry:
     solver, digest, seed = (str(about[name]) for name in ABOUT)
     if not solver.isidentifier():
         return _no_entry(path, f"its solver has no name of one: {solver[:100]!r}")
-    given = tuple(records.from_json(json.dumps(one)) for one in plain)
+    given = tuple(records.parse_record_json(json.dumps(one)) for one in plain)
     found = [f"{r.case}: {words}" for r in given if (words := _check_numbers(r))]
     found += _check_instances(given, solver, draw_instances(digest, seed, kinds))
     found += check_bundle(path)

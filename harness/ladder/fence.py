@@ -21,14 +21,14 @@ SIGNALS, ABSTRACT = 6, 1  # the first version that restricts signals (``sandbox.
 VERSIONS = ((3, TRUNCATE), (2, REFER), (1, READ | WRITE | REMOVE_AND_MAKE))  # the first version that has the right
 
 
-class _Beneath(ctypes.Structure):
+class _PathBeneath(ctypes.Structure):
     """The kernel's landlock_path_beneath_attr: rights below the folder with file descriptor ``parent``."""
 
     _pack_ = 1
     _fields_ = (("allowed", ctypes.c_uint64), ("parent", ctypes.c_int32))
 
 
-def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
+def confine_to_folder(folder: Path, hidden: Sequence[Path]) -> bool:
     """Confine this process and its children: they write below ``folder`` only, and read no file below ``hidden``.
 
     Return whether the system enforces all of it, including signals to other processes (Linux 6.12 and later), sockets,
@@ -37,20 +37,24 @@ def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
     if not sys.platform.startswith("linux"):
         return False
     system, user = ctypes.CDLL(None).syscall, os.getuid()
-    apart = _leave_memory_behind()
+    apart = _isolate_memory()
     version = system(CREATE_RULESET, None, ctypes.c_size_t(0), 1)
     if version < 1:
         return False
     rights = sum(right for since, right in VERSIONS if version >= since)
     handled = (ctypes.c_uint64 * 3)(rights, TCP if version >= 4 else 0, ABSTRACT if version >= SIGNALS else 0)
     ruleset = system(CREATE_RULESET, handled, ctypes.c_size_t(ctypes.sizeof(handled)), 0)
-    places = [(folder, rights), (Path(os.devnull), READ | WRITE), *((p, READ) for p in _all_but(hidden, Path("/")))]
+    places = [
+        (folder, rights),
+        (Path(os.devnull), READ | WRITE),
+        *((p, READ) for p in _list_all_but(hidden, Path("/"))),
+    ]
     for place, allowed in places:
         try:
             parent = os.open(place, os.O_PATH)
         except OSError:  # it was removed, or must not be read
             continue
-        rule = _Beneath(allowed, parent)
+        rule = _PathBeneath(allowed, parent)
         system(ADD_RULE, ruleset, BENEATH, ctypes.byref(rule), 0)
         os.close(parent)
     done = system(RESTRICT_SELF, ruleset, 0) == 0
@@ -59,7 +63,7 @@ def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
     return done and refused and version >= SIGNALS and (apart or bool(user))
 
 
-def _leave_memory_behind() -> bool:
+def _isolate_memory() -> bool:
     """Move this process to namespaces without System V memory of others or root's rights.
 
     Return False if that fails.
@@ -75,11 +79,11 @@ def _leave_memory_behind() -> bool:
     return True
 
 
-def _all_but(hidden: Sequence[Path], folder: Path) -> Iterator[Path]:
+def _list_all_but(hidden: Sequence[Path], folder: Path) -> Iterator[Path]:
     """Yield the fewest paths below ``folder`` that together contain everything except ``hidden``."""
     for place in (folder / name for name in os.listdir(folder)):
         if any(h.is_relative_to(place) for h in hidden):
             if place not in hidden:
-                yield from _all_but(hidden, place)
+                yield from _list_all_but(hidden, place)
         else:
             yield place

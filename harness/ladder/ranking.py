@@ -59,7 +59,7 @@ def rank_entries(entries: Sequence[tuple[Entry, str]]) -> list[RankedEntry]:
         _row(entry if label == RE_RUN else replace(entry, forged=entry.forged + _differences(entry, known)), label)
         for entry, label in entries
     ]
-    sound = sorted((r for r in rows if not r.forged), key=lambda r: (-r.points, _or_last(r.cost.value), r.file))
+    sound = sorted((r for r in rows if not r.forged), key=lambda r: (-r.points, _make_cost_key(r.cost.value), r.file))
     ranked = [replace(r, rank=k + 1, leads=r.label != INDEPENDENT and _leads(r, sound)) for k, r in enumerate(sound)]
     return ranked + sorted((r for r in rows if r.forged), key=lambda r: r.file)
 
@@ -171,6 +171,6 @@ def _leads(row: RankedEntry, rows: Sequence[RankedEntry]) -> bool:
     )
 
 
-def _or_last(value: float) -> float:
+def _make_cost_key(value: float) -> float:
     """Return a cost as a sort key: infinity if it is not finite."""
     return value if math.isfinite(value) else math.inf

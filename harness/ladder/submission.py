@@ -19,11 +19,11 @@ from ..catalogue import registry
 from ..code_meter import CODE_LIMIT
 from ..confined_paths import ConfinedPath, read_whole
 from ..execution import handover
-from ..execution.contract import cost_columns, repeated_cost
+from ..execution.contract import make_cost_columns, select_repeat_times
 from ..execution.handover import LARGEST, Handover, SolverReport
-from ..execution.job import GRACE, Job, cut_short, record_unfinished
+from ..execution.job import GRACE, Job, make_cut_short_record, record_unfinished
 from ..execution.measuring import Outcome, judge_handover
-from ..execution.presenting import bring_home
+from ..execution.presenting import restore_trajectory
 from ..execution.run import Send, store_outcome
 from ..execution.worker import SOFT
 from ..files import FileError
@@ -104,10 +104,10 @@ def _can_fence() -> bool:
     return ended.sent.strip() == "True"
 
 
-class Blind:
+class BlindWorker:
     """The process that runs tasks blind, started and ended by a ``with`` statement."""
 
-    def __enter__(self) -> "Blind":
+    def __enter__(self) -> "BlindWorker":
         """Start the process."""
         self.process = subprocess.Popen(
             (sys.executable, "-m", "mbsbench.harness.ladder.blind"),
@@ -135,7 +135,7 @@ class Blind:
 
 
 @dataclass(frozen=True)
-class _Run:
+class _SolvedRun:
     """A job, and how its processes ended, one per repeat."""
 
     job: Job
@@ -150,7 +150,7 @@ def run_submission(
     kinds: tuple[InstanceKind, ...] = KINDS,
     steps: Sequence[float] | None = None,
     repeats: int = REPEATS,
-    blind: Blind | None = None,
+    blind: BlindWorker | None = None,
 ) -> list[RunRecord]:
     """Run a submission on its instances, measure the motions, and return the records, stored in ``folder``.
 
@@ -159,9 +159,9 @@ def run_submission(
     instances is on any disk while a submission runs.
     """
     if blind is None:
-        with Blind() as own:
+        with BlindWorker() as own:
             return run_submission(submission, seed, folder, kinds=kinds, steps=steps, repeats=repeats, blind=own)
-    store.create(folder)
+    store.create_folder(folder)
     values = STEPS[submission.control] if steps is None else steps
     jobs = [
         _job(submission, instance, value, folder.resolve())
@@ -170,10 +170,10 @@ def run_submission(
     ]
     for job in jobs:
         job.stderr.parent.make_folder()
-    runs = [_Run(job, [_solve(blind, submission, job) for _ in range(repeats)]) for job in jobs]
+    runs = [_SolvedRun(job, [_solve(blind, submission, job) for _ in range(repeats)]) for job in jobs]
     fenced = submission.fenced and all(ended.sent == FENCED for run in runs for ended in run.ended)
     (ConfinedPath(folder) / "suite.toml").write(_describe(submission, seed, fenced=fenced))
-    return [_measure_apart(run) for run in runs]
+    return [_measure_in_process(run) for run in runs]
 
 
 def _describe(submission: Submission, seed: str, *, fenced: bool) -> str:
@@ -193,7 +193,7 @@ def _job(submission: Submission, instance: Instance, value: float, folder: Path)
     given: dict[str, Any] = {submission.control: value}
     control = StepControl(**given)
     spec = RunSpec(instance.problem, submission.name, control, instance.parameters, cpu_limit=CPU_LIMIT, memory=MEMORY)
-    return Job(spec, folder, "ladder", submission.digest, environment.commit(), lossless=True)
+    return Job(spec, folder, "ladder", submission.digest, environment.read_commit(), lossless=True)
 
 
 def _problem(job: Job) -> Problem:
@@ -201,7 +201,7 @@ def _problem(job: Job) -> Problem:
     return registry.make_problem(job.spec.problem, job.spec.parameters)
 
 
-def _solve(blind: Blind, submission: Submission, job: Job) -> ProcessEnd:
+def _solve(blind: BlindWorker, submission: Submission, job: Job) -> ProcessEnd:
     """Solve a job's problem blind, copy the outcome to the job's handover file, and return how the process ended."""
     control = replace(job.spec.control, cpu_limit=SOFT * CPU_LIMIT)
     hidden = hide_problem(_problem(job), control)
@@ -215,7 +215,7 @@ def _solve(blind: Blind, submission: Submission, job: Job) -> ProcessEnd:
     return ended
 
 
-def _measure_apart(run: _Run) -> RunRecord:
+def _measure_in_process(run: _SolvedRun) -> RunRecord:
     """Measure and store a run in a process with limits, and return its record.
 
     References are computed for this run alone and not cached. A run that is not measured in time is unfinished.
@@ -225,18 +225,18 @@ def _measure_apart(run: _Run) -> RunRecord:
         """Measure the run, with references in a temporary folder, and send the record as one line."""
         with tempfile.TemporaryDirectory() as place:
             orbit.FOLDER = Path(place)
-            send(records.to_json(_measure(run)).replace("\n", " "))
+            send(records.format_record(_measure(run)).replace("\n", " "))
 
     native = run.job.spool.sibling("measuring.txt")
     ended = ForkedProcess(work, limit=MEASURE_LIMIT, memory=MEMORY, stderr=native, code=CODE_LIMIT).wait()
     if ended.code == 0:
-        return records.from_json(ended.sent)
+        return records.parse_record_json(ended.sent)
     record = record_unfinished(run.job, ended, math.nan, EndCause.MEASURE_LIMIT, MEASURE_LIMIT)
     store.write_record(run.job.folder, record)
     return record
 
 
-def _measure(run: _Run) -> RunRecord:
+def _measure(run: _SolvedRun) -> RunRecord:
     """Measure the outcome of a run against its instance, store the record and return it.
 
     Its cost is the CPU time of the whole process. That includes code generation, because a submission could report any
@@ -245,8 +245,8 @@ def _measure(run: _Run) -> RunRecord:
     job, ended = run.job, run.ended[-1]
     problem = _problem(job)
     trim_output(job.stderr)
-    cpu = repeated_cost([e.cpu for e in run.ended])  # later runs may use what the first one prepared
-    cost: dict[str, Any] = cost_columns(cpu, len(cpu))
+    cpu = select_repeat_times([e.cpu for e in run.ended])  # later runs may use what the first one prepared
+    cost: dict[str, Any] = make_cost_columns(cpu, len(cpu))
     bare = replace(record_unfinished(job, ended, math.nan, EndCause.WALL_LIMIT, SLACK * CPU_LIMIT), **cost)
     outcome = Outcome(replace(bare, section=problem.section, t_end_s=problem.t_end), problem)
     try:
@@ -254,9 +254,9 @@ def _measure(run: _Run) -> RunRecord:
     except FileError as error:
         handed = Handover(SolverReport(by=EndCause.EXCEPTION, message=str(error)), None)
     if handed is not None and handed.report.claimed is None:
-        outcome = Outcome(cut_short(job, handed.report.by, message=handed.report.message, **cost), problem)
+        outcome = Outcome(make_cut_short_record(job, handed.report.by, message=handed.report.message, **cost), problem)
     elif handed is not None:
-        motion = None if handed.trajectory is None else bring_home(handed.trajectory, problem)
+        motion = None if handed.trajectory is None else restore_trajectory(handed.trajectory, problem)
         peak = max(e.peak for e in run.ended)
         about = {**cost, "cpu_process_s": ended.cpu, "peak_memory_MB": peak}
         outcome = judge_handover(job, problem, Handover(handed.report, motion), ended.cpu, **about)

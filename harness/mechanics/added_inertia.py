@@ -13,7 +13,9 @@ STILL = 1e-9  # share of the loads that added inertia may absorb
 SHARE = 1e-2  # added share of a rod's other principal inertias, or of m arm^2 for a point mass
 
 
-def principal(inertia: Float[np.ndarray, "nb 3 3"]) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, "nb 3"]]:
+def find_principal_inertias(
+    inertia: Float[np.ndarray, "nb 3 3"],
+) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, "nb 3"]]:
     """Return principal inertias (nb, 3) [kg m2], their axes (columns, nb 3 3), and flags of those that are zero.
 
     Below the share ``NONE`` of the body's largest an inertia counts as zero.
@@ -29,12 +31,12 @@ def compute_added_inertia(
 
     ``arm`` [m] is the longest joint arm of each body: a point mass gets ``SHARE`` of m arm^2.
     """
-    values, axes, none = principal(inertia)
+    values, axes, none = find_principal_inertias(inertia)
     size = SHARE * np.where(none[:, 2], mass * arm**2, values[:, 2])
     return product(axes * (none * size[:, None])[:, None, :], np.swapaxes(axes, 1, 2))
 
 
-def check_idle(
+def check_added_inertia(
     added: Float[np.ndarray, "nb 3 3"],
     arm: Float[np.ndarray, " nb"],
     f: Float[np.ndarray, "nb 6"],

@@ -3,7 +3,7 @@
 import numpy as np
 
 from . import so3
-from .added_inertia import principal
+from .added_inertia import find_principal_inertias
 from .motion import constraint, constraint_rate, measure_gaps
 from .naming import name_joint
 from .state import State, States
@@ -100,15 +100,15 @@ def perturb(system: MultibodySystem, state: State, size: float, seed: int) -> St
         state.r + size * arm * random.standard_normal(shape),
         state.R @ so3.exp(size * random.standard_normal(shape)),
         state.v + size * speed * random.standard_normal(shape),
-        state.Omega + size * rate * _with_inertia(system, random.standard_normal(shape)),
+        state.Omega + size * rate * _remove_free_spin(system, random.standard_normal(shape)),
         state.t,
     )
     return project(system, moved)
 
 
-def _with_inertia(system: MultibodySystem, Omega: np.ndarray) -> np.ndarray:
+def _remove_free_spin(system: MultibodySystem, Omega: np.ndarray) -> np.ndarray:
     """Return Omega without its components about axes that have no inertia."""
-    _, axes, none = principal(system.inertia)
+    _, axes, none = find_principal_inertias(system.inertia)
     n = axes * none[:, None, :]
     out: np.ndarray = Omega - np.einsum("bik,bjk,bj->bi", n, n, Omega)
     return out

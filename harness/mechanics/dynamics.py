@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from . import so3
-from .added_inertia import check_idle
+from .added_inertia import check_added_inertia
 from .counting import count_calls
 from .jacobian import constraint_jacobian
-from .motion import applied_loads, drift
+from .motion import applied_loads, evaluate_acceleration_bias
 from .state import State, States
 from .system import MultibodySystem
 
@@ -48,7 +48,12 @@ def equations(system: MultibodySystem, s: State) -> Equations:
     M = np.zeros((system.nb, 6, 6))
     M[:, range(3), range(3)] = system.mass[:, None]
     M[:, 3:, 3:] = system.regular_inertia
-    return Equations(M, constraint_jacobian(system, s).toarray(), drift(system, States.one(s))[0], _forces(system, s))
+    return Equations(
+        M,
+        constraint_jacobian(system, s).toarray(),
+        evaluate_acceleration_bias(system, States.one(s))[0],
+        _forces(system, s),
+    )
 
 
 @count_calls(factorises=True)
@@ -71,7 +76,7 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     missing = (U.T @ ((phi_ddot - e.A_dot_v - B @ x) / length)) / size
     x, reaction = x + V.T @ missing, (U @ (missing / size)) / length
     a = np.einsum("bji,bj->bi", inverse, x.reshape(-1, 6))
-    check_idle(system.added_inertia, system.gyration, e.f, a[:, 3:])
+    check_added_inertia(system.added_inertia, system.gyration, e.f, a[:, 3:])
     return Rates(s.v, s.Omega, a[:, :3], a[:, 3:], reaction)
 
 

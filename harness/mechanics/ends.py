@@ -16,33 +16,33 @@ def turn_vectors(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return vectors ``x`` (m, 3), fixed in the frames of ``body``, in space (nt, m, 3); -1 is the ground."""
     if not len(body):
         return np.zeros((len(s.r), 0, 3))
-    return times(append_ground(s.R, np.eye(3))[:, body], x)
+    return apply_matrices(append_ground(s.R, np.eye(3))[:, body], x)
 
 
-def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+def apply_matrices(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return A x for matrices A and vectors in the last axis of x."""
     return np.matmul(A, x[..., None])[..., 0]
 
 
-def turn_rates(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
+def find_vector_rates(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return the rates in space (nt, m, 3) of vectors ``x`` fixed in the frames of ``body``: R (Omega x x)."""
     if not len(body):
         return np.zeros((len(s.r), 0, 3))
     return turn_vectors(s, body, so3.cross(append_ground(s.Omega, np.zeros(3))[:, body], x))
 
 
-def points(system: MultibodySystem, s: States, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def find_points(system: MultibodySystem, s: States, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the points of body i and of body j of some joints, in space (nt, m, 3) [m]."""
     r, i, j = append_ground(s.r, np.zeros(3)), system.joint_i[joints], system.joint_j[joints]
     x_i = r[:, i] + turn_vectors(s, i, system.joint_s_i[joints])
     return x_i, r[:, j] + turn_vectors(s, j, system.joint_s_j[joints])
 
 
-def gaps(system: MultibodySystem, s: States, joints: np.ndarray, *, velocity: bool) -> np.ndarray:
+def find_gap_vectors(system: MultibodySystem, s: States, joints: np.ndarray, *, velocity: bool) -> np.ndarray:
     """Return d = x_i - x_j of some joints in space (nt, m, 3) [m], or its rate [m/s] if ``velocity``."""
     if not velocity:
-        x_i, x_j = points(system, s, joints)
+        x_i, x_j = find_points(system, s, joints)
         return x_i - x_j
     v, i, j = append_ground(s.v, np.zeros(3)), system.joint_i[joints], system.joint_j[joints]
-    moving = v[:, i] + turn_rates(s, i, system.joint_s_i[joints])
-    return moving - v[:, j] - turn_rates(s, j, system.joint_s_j[joints])
+    moving = v[:, i] + find_vector_rates(s, i, system.joint_s_i[joints])
+    return moving - v[:, j] - find_vector_rates(s, j, system.joint_s_j[joints])

@@ -12,8 +12,8 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from . import so3
-from .ends import times
-from .motion import applied_loads, drift, row_parts
+from .ends import apply_matrices
+from .motion import applied_loads, evaluate_acceleration_bias, list_jacobian_parts
 from .state import States
 from .system import MultibodySystem
 
@@ -36,7 +36,7 @@ class Index1(NamedTuple):
     load: Float[np.ndarray, "nt nb 6"]  # A^T reaction: forces [N, space], moments about C [N m, body]
 
 
-def index_1(system: MultibodySystem, s: States) -> Index1:
+def solve_index_1(system: MultibodySystem, s: States) -> Index1:
     """Solve index 1 at each time of ``s``: accelerations, reactions of the rows, and their loads on the bodies."""
     n, nb, nrows = len(s), system.nb, system.nrows
     out = Index1(*(np.full(shape, np.nan) for shape in ((n, nb, 6), (n, nrows), (n, nb, 6))))
@@ -44,9 +44,11 @@ def index_1(system: MultibodySystem, s: States) -> Index1:
     for k in range(0, n, CHUNK):
         part = s.at(slice(k, k + CHUNK))
         f = applied_loads(system, part)
-        f[:, :, 3:] -= so3.cross(part.Omega, times(system.inertia, part.Omega))
-        A_dot_v = drift(system, part)
-        (_dense if few else _sparse)(system, part, inverse, f, A_dot_v, Index1(*(a[k : k + CHUNK] for a in out)))
+        f[:, :, 3:] -= so3.cross(part.Omega, apply_matrices(system.inertia, part.Omega))
+        A_dot_v = evaluate_acceleration_bias(system, part)
+        (_fill_dense if few else _fill_sparse)(
+            system, part, inverse, f, A_dot_v, Index1(*(a[k : k + CHUNK] for a in out))
+        )
     return out
 
 
@@ -66,7 +68,7 @@ def _inverse_root(system: MultibodySystem) -> Float[np.ndarray, "nb 6 6"]:
 def _rows(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows nb 6"]:
     """Return A at each time (nt, nrows, nb, 6), by bodies (r_dot [space], Omega [body])."""
     A = np.zeros((len(s), system.nrows, system.nb, 6))
-    for body, rows, translation, rotation in row_parts(system, s):
+    for body, rows, translation, rotation in list_jacobian_parts(system, s):
         A[:, rows, body] += np.concatenate((translation, rotation), axis=-1)
     return A
 
@@ -77,7 +79,7 @@ def _weigh(system: MultibodySystem, inverse: np.ndarray, A: np.ndarray) -> Float
     return B.reshape(len(A), system.nrows, 6 * system.nb)
 
 
-def _dense(
+def _fill_dense(
     system: MultibodySystem, s: States, inverse: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray, out: Index1
 ) -> None:
     """Fill ``out`` with solutions by dense matrices, at all instants at once; it stays NaN where input is not finite.
@@ -94,18 +96,18 @@ def _dense(
     out.load[good] = np.matmul(found[1][:, None], rows_found).reshape(found[0].shape)
 
 
-def _sparse(
+def _fill_sparse(
     system: MultibodySystem, s: States, inverse: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray, out: Index1
 ) -> None:
     """Fill ``out`` with solutions by sparse factors, instant by instant; it stays NaN where input is not finite.
 
-    Arguments as of ``_dense``; the cost grows with the fill of the factors.
+    Arguments as of ``_fill_dense``; the cost grows with the fill of the factors.
     """
     spread = sparse.block_diag(np.swapaxes(inverse, -1, -2), format="csr")
     for k, (A, B, square) in enumerate(_sparse_rows(system, s, spread)):
         if not all(np.all(np.isfinite(x)) for x in (A.data, f[k], A_dot_v[k])):
             continue
-        a, reaction = _solved_sparsely(inverse, B, square, f[k], A_dot_v[k])
+        a, reaction = _solve_sparse(inverse, B, square, f[k], A_dot_v[k])
         out.a[k], out.reaction[k], out.load[k] = a, reaction, (A.T @ reaction).reshape(-1, 6)
 
 
@@ -113,7 +115,7 @@ def _sparse_rows(
     system: MultibodySystem, s: States, weight: sparse.csr_array
 ) -> Iterator[tuple[sparse.csr_array, sparse.csr_array, np.ndarray]]:
     """Yield A, B = A ``weight`` and the sums of squares of B's rows at each time of ``s``."""
-    parts = list(row_parts(system, s))
+    parts = list(list_jacobian_parts(system, s))
     row = np.concatenate([np.repeat(rows, 6) for _, rows, _, _ in parts])
     column = np.concatenate([np.ravel(6 * body[:, None] + np.arange(6)) for body, _, _, _ in parts])
     values = np.concatenate([np.concatenate(p[2:], axis=-1).reshape(len(s), -1) for p in parts], axis=1)
@@ -127,7 +129,7 @@ def _sparse_rows(
         yield from ((A[k : k + nrows], B[k : k + nrows], square[k : k + nrows]) for k in range(0, n * nrows, nrows))
 
 
-def least_changes(
+def find_least_changes(
     system: MultibodySystem, s: States, wanted: Float[np.ndarray, "nt nrows"], dependent: float
 ) -> Float[np.ndarray, "nt nb 6"]:
     """Return the least changes x of the poses (r [space], turn [body]) with A x = ``wanted`` at each time.
@@ -149,22 +151,22 @@ def least_changes(
             size = np.sqrt(square)
             size[size == 0.0] = 1.0
             S = (sparse.diags_array(1.0 / size) @ B).tocsr()
-            scaled, least = _least_sparsely(S, S.multiply(S).sum(axis=1), dependent**2, passes=1)
+            scaled, least = _factor_sparse(S, S.multiply(S).sum(axis=1), dependent**2, passes=1)
             y[k], _ = least(wanted[k] / size / scaled)
     return y.reshape(len(s), system.nb, 6) * weight
 
 
-def _solved_sparsely(
+def _solve_sparse(
     inverse: np.ndarray, B: sparse.csr_array, square: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return accelerations (nb, 6) and reactions (nrows,) at one instant; ``square`` are the squares of B's rows."""
-    size, least = _least_sparsely(B, square)
+    size, least = _factor_sparse(B, square)
     x = np.einsum("bij,bj->bi", inverse, f).ravel()
     more, mu = least((-A_dot_v - B @ x) / size)
     return np.einsum("bji,bj->bi", inverse, (x + more).reshape(-1, 6)), mu / size
 
 
-def _least_sparsely(
+def _factor_sparse(
     B: sparse.csr_array, square: np.ndarray, regular: float = REGULAR, passes: int = PASSES
 ) -> tuple[float, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]]:
     """Factor B = A L^-T; return its size, and a function that takes c to the least x with B x = size c, and to mu.
@@ -178,7 +180,7 @@ def _least_sparsely(
     size = float(np.sqrt(np.max(square, initial=0.0))) or 1.0
     S: sparse.csr_array = (B / size).tocsr()
     St = S.T.tocsr()
-    factor = splu(_bordered(S, St, regular))
+    factor = splu(_border_rows(S, St, regular))
 
     def least(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the least x with B x = size c, and mu with x = B^T mu / size."""
@@ -193,7 +195,7 @@ def _least_sparsely(
     return size, least
 
 
-def _bordered(S: sparse.csr_array, St: sparse.csr_array, regular: float) -> sparse.csc_array:
+def _border_rows(S: sparse.csr_array, St: sparse.csr_array, regular: float) -> sparse.csc_array:
     """Return [[1, S^T], [S, -``regular``]] by columns: SciPy's ``block_array`` of it, in a tenth of its time."""
     (k, n), rows = S.shape, S.sorted_indices()
     before, after = St.indptr[:-1], rows.indptr[1:]  # the diagonal comes first in the left columns, last in the right
@@ -226,8 +228,8 @@ def factor_rows(
         if np.any(sure):
             y = np.linalg.solve(np.swapaxes(R, -1, -2), c[sure][:, :, None])
             x[sure], mu[sure] = (Q @ y)[:, :, 0], np.linalg.solve(R, y)[:, :, 0]
-        x[~sure] = times(back, c[~sure])
-        mu[~sure] = times(np.swapaxes(back, -1, -2), x[~sure])
+        x[~sure] = apply_matrices(back, c[~sure])
+        mu[~sure] = apply_matrices(np.swapaxes(back, -1, -2), x[~sure])
         return x, mu
 
     return apply
@@ -238,5 +240,5 @@ def _solve_saddle(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return accelerations (nt, nb, 6) and reactions (nt, nrows) from L^-1 by bodies, B = A L^-T, f and A_dot v."""
     x = np.einsum("bij,tbj->tbi", inverse, f).reshape(B.shape[::2])
-    more, reaction = factor_rows(B)(-A_dot_v - times(B, x))
+    more, reaction = factor_rows(B)(-A_dot_v - apply_matrices(B, x))
     return np.einsum("bji,tbj->tbi", inverse, (x + more).reshape(f.shape)), reaction

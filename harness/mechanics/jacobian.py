@@ -5,7 +5,7 @@ import scipy.linalg as sl
 import scipy.sparse as sp
 from jaxtyping import Float, Int
 
-from .motion import row_parts
+from .motion import list_jacobian_parts
 from .state import State, States
 from .system import MultibodySystem
 
@@ -15,7 +15,7 @@ def constraint_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
     rows: list[np.ndarray] = []
     columns: list[np.ndarray] = []
     values: list[np.ndarray] = []
-    for body, row, translation, rotation in row_parts(system, States.one(state)):
+    for body, row, translation, rotation in list_jacobian_parts(system, States.one(state)):
         six = np.concatenate((translation[0], rotation[0]), axis=-1)
         rows.append(np.repeat(row, 6))
         columns.append((6 * body[:, None] + np.arange(6)).ravel())
@@ -24,7 +24,7 @@ def constraint_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
     return sp.csr_array(sp.coo_array(entries, shape=(system.nrows, 6 * system.nb)))
 
 
-def even_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
+def scale_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
     """Return A for velocities (r_dot, gyration Omega), all in m/s, rows of unit length: its rank is that of the rows.
 
     In metres and radians a row of an axis is 1e-10 of that of a point on an arm of 1e5 m; in masses a light body's rows
@@ -44,11 +44,11 @@ def independent_rows(system: MultibodySystem, state: State, rtol: float = 1e-9) 
     """
     if system.nrows == 0:
         return np.zeros(0, dtype=np.int64)
-    _, pivots, order = sl.qr(even_jacobian(system, state).toarray().T, mode="economic", pivoting=True)
+    _, pivots, order = sl.qr(scale_jacobian(system, state).toarray().T, mode="economic", pivoting=True)
     size = np.abs(np.diag(pivots))
     return np.sort(order[: int(np.sum(size > rtol * size[0]))])
 
 
-def singular_values(system: MultibodySystem, state: State) -> Float[np.ndarray, " k"]:
+def compute_singular_values(system: MultibodySystem, state: State) -> Float[np.ndarray, " k"]:
     """Return the singular values of A, largest first."""
     return np.linalg.svd(constraint_jacobian(system, state).toarray(), compute_uv=False)

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from ..cache import cache_folder, read_kept
+from ..cache import make_cache_folder, read_cached_file
 from ..code_meter import making_code
-from ..machine import numba_target
+from ..machine import find_numba_target
 
 LARGEST = 2**26  # [bytes] largest file that is read: it is held in memory before its seal is checked
 LIBRARIES = ("numpy", "math", "cmath", "numba", "builtins", "operator")  # identified by their names and versions
@@ -41,7 +41,7 @@ def compile_callback(function: Callable[..., Any], returns: Any, *arguments: Any
     with contextlib.suppress(UndigestibleValue):
         key = digest_callback(function, arguments, returns)
         root = Path(__file__).resolve().parents[2]
-        callback._cache = CallbackCache(cache_folder("user_forces", root / "results" / "local") / f"{key}.pickle")
+        callback._cache = CallbackCache(make_cache_folder("user_forces", root / "results" / "local") / f"{key}.pickle")
     callback.compile()
     return callback
 
@@ -62,7 +62,7 @@ class CallbackCache:
 
         target_context.refresh()
         try:
-            return CompileResult._rebuild(target_context, *pickle.loads(read_kept(self.path, LARGEST)))
+            return CompileResult._rebuild(target_context, *pickle.loads(read_cached_file(self.path, LARGEST)))
         except Exception:  # a file of another version is ignored, and the law is compiled anew
             return None
 
@@ -88,16 +88,16 @@ def digest_callback(function: Callable[..., Any], *more: object) -> str:
     import llvmlite.binding as llvm
     import numba
 
-    machine = (llvm.get_process_triple(), *numba_target())
+    machine = (llvm.get_process_triple(), *find_numba_target())
     versions = (sys.version, np.__version__, numba.__version__, llvmlite.__version__, *machine, *map(str, more))
     found = hashlib.sha256("\0".join(versions).encode())
-    for part in _parts(function, []):
+    for part in _list_parts(function, []):
         found.update(part.encode() if isinstance(part, str) else part)
         found.update(b"\0")
     return found.hexdigest()[:32]
 
 
-def _parts(value: Any, seen: list[Any]) -> Iterator[str | bytes]:
+def _list_parts(value: Any, seen: list[Any]) -> Iterator[str | bytes]:
     """Yield all parts of ``value``, as text or bytes, for a digest; raise ``UndigestibleValue`` for unknown types.
 
     ``seen`` are the functions yielded already, which may refer to themselves.
@@ -108,13 +108,13 @@ def _parts(value: Any, seen: list[Any]) -> Iterator[str | bytes]:
     inner = getattr(value, "py_func", None)
     if isinstance(inner, FunctionType):
         yield repr(sorted(getattr(value, "targetoptions", {}).items()))
-        yield from _parts(inner, seen)
+        yield from _list_parts(inner, seen)
     elif isinstance(value, FunctionType):
         seen.append(value)
         yield from _code(value.__code__, value.__globals__, seen)
         cells = (cell.cell_contents for cell in value.__closure__ or ())
         for part in (value.__defaults__, tuple(sorted((value.__kwdefaults__ or {}).items())), tuple(cells)):
-            yield from _parts(part, seen)
+            yield from _list_parts(part, seen)
     elif value is None or isinstance(value, (bool, int, float, complex, str, bytes, np.generic)):
         yield f"{type(value).__name__} {value!r}"
     elif isinstance(value, np.ndarray) and value.dtype != object:
@@ -123,18 +123,18 @@ def _parts(value: Any, seen: list[Any]) -> Iterator[str | bytes]:
     elif isinstance(value, (tuple, list)):
         yield f"{type(value).__name__} {len(value)}"
         for part in value:
-            yield from _parts(part, seen)
+            yield from _list_parts(part, seen)
     elif isinstance(value, CodeType):
         yield from _code(value, {}, seen)
     elif isinstance(value, ModuleType) and value.__name__.partition(".")[0] in LIBRARIES:
         yield value.__name__
-    elif isinstance(value, (BuiltinFunctionType, np.ufunc, type)) and _home(value) in LIBRARIES:
+    elif isinstance(value, (BuiltinFunctionType, np.ufunc, type)) and _find_package(value) in LIBRARIES:
         yield f"{getattr(value, '__module__', '')} {value.__name__}"
     else:
         raise UndigestibleValue(type(value).__name__)
 
 
-def _home(value: Any) -> str:
+def _find_package(value: Any) -> str:
     """Return the top-level package that a function or type belongs to."""
     return "numpy" if isinstance(value, np.ufunc) else str(value.__module__).partition(".")[0]
 
@@ -149,8 +149,8 @@ def _code(code: CodeType, names: dict[str, Any], seen: list[Any]) -> Iterator[st
         elif isinstance(constant, frozenset):
             yield repr(sorted(map(repr, constant)))
         else:
-            yield from _parts(constant, seen)
+            yield from _list_parts(constant, seen)
     for name in code.co_names:
         if name in names:
             yield name
-            yield from _parts(names[name], seen)
+            yield from _list_parts(names[name], seen)

@@ -3,7 +3,7 @@
 from .system import GROUND, MultibodySystem
 
 
-def closes_loops(system: MultibodySystem) -> bool:
+def has_loops(system: MultibodySystem) -> bool:
     """Return whether some joint connects two bodies that other joints already connect."""
     above = list(range(system.nb + 1))  # union-find: each body's parent; the ground is the last entry
     for i, j in zip(system.joint_i, system.joint_j, strict=True):

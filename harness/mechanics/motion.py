@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 from . import so3
-from .ends import gaps, points, times, turn_rates, turn_vectors
+from .ends import apply_matrices, find_gap_vectors, find_points, find_vector_rates, turn_vectors
 from .joints import LineRows
 from .moving_rows import evaluate_moving_rows
 from .state import States
 from .system import GROUND, MultibodySystem
-from .time_functions import values
-from .torsion import torsion
+from .time_functions import evaluate_functions
+from .torsion import evaluate_torsion
 
 
 def kinetic_energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
@@ -29,10 +29,10 @@ def potential_energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " 
     """Return V [J] at each time: of gravity (zero at the origin) and springs (zero at rest length or angle)."""
     V = -np.einsum("b,i,tbi->t", system.mass, system.gravity, s.r)
     for k in range(len(system.spring_k)):
-        d, _ = spring_line(system, s, k)
+        d, _ = evaluate_spring_line(system, s, k)
         V = V + 0.5 * system.spring_k[k] * (np.linalg.norm(d, axis=-1) - system.spring_d0[k]) ** 2
     if len(system.torsion_k):
-        V = V + 0.5 * torsion(system, s)[0] ** 2 @ system.torsion_k
+        V = V + 0.5 * evaluate_torsion(system, s)[0] ** 2 @ system.torsion_k
     return V
 
 
@@ -46,7 +46,7 @@ def applied_loads(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt n
     out = np.zeros((len(s.r), system.nb + 1, 6))  # the last one is the ground
     out[:, :-1, :3] = system.mass[:, None] * system.gravity
     for k in range(len(system.spring_k)):
-        d, d_dot = spring_line(system, s, k)
+        d, d_dot = evaluate_spring_line(system, s, k)
         length = np.linalg.norm(d, axis=-1)
         rate = np.sum(d * d_dot, axis=-1) / length
         pull = system.spring_k[k] * (length - system.spring_d0[k]) + system.spring_c[k] * rate
@@ -58,25 +58,25 @@ def applied_loads(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt n
             if body != GROUND:
                 out[:, body] += _wrench(s.R[:, body], sign * force, p)
     if len(system.torsion_k):
-        angle, rate, m = torsion(system, s)
+        angle, rate, m = evaluate_torsion(system, s)
         pull = -(system.torsion_k * angle + system.torsion_c * rate)[..., None] * m
         for k, ends in enumerate(zip(system.torsion_i, system.torsion_j, strict=True)):
             for body, sign in zip(ends, (1.0, -1.0), strict=True):
                 if body != GROUND:
                     out[:, body, 3:] += sign * np.einsum("tij,ti->tj", s.R[:, body], pull[:, k])
     for load, body in enumerate(system.load_i):
-        force, torque = load_in_space(system, s, load)
+        force, torque = evaluate_load(system, s, load)
         out[:, body] += _wrench(s.R[:, body], force, system.load_p[load])
         out[:, body, 3:] += np.einsum("tij,ti->tj", s.R[:, body], torque)
-    for body, force, torque in user_loads(system, s):
+    for body, force, torque in list_user_loads(system, s):
         out[:, body] += np.concatenate((force, np.einsum("tij,ti->tj", s.R[:, body], torque)), axis=-1)
     return out[:, :-1]
 
 
-def user_loads(system: MultibodySystem, s: States) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+def list_user_loads(system: MultibodySystem, s: States) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Yield for each body of a user force: the body, its force at C [N] and torque about it [N m], in space (nt, 3)."""
     for i, j, law in zip(system.user_i, system.user_j, system.user_law, strict=True):
-        values = law.values(s, i, j)
+        values = law.evaluate(s, i, j)
         yield from ((body, values[:, e], values[:, 2 + e]) for e, body in enumerate((i, j)) if body != GROUND)
 
 
@@ -85,7 +85,7 @@ DIFFERENCE = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
 PLACES = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)
 
 
-def drift(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
+def evaluate_acceleration_bias(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
     """Return A_dot v + (phi_t)_dot, the rate of phi_dot at constant velocities, by sixth-order differences."""
     rates = (float(np.max(np.abs(a), initial=1.0)) for a in (s.Omega, system.joint_motion[:, 5]))
     dt = REACH / max(rates)
@@ -104,9 +104,9 @@ def _wrench(R: np.ndarray, force: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.concatenate((force, so3.cross(p, np.einsum("tij,ti->tj", R, force))), axis=-1)
 
 
-def load_in_space(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
+def evaluate_load(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Return force [N] and torque [N m] of load ``k`` in space (nt, 3), at the times and poses of ``s``."""
-    factor = values(system.load_factor[k : k + 1], s.times)[0]
+    factor = evaluate_functions(system.load_factor[k : k + 1], s.times)[0]
     R = s.R[:, system.load_i[k]] if system.load_follows[k] else np.broadcast_to(np.eye(3), (len(s.r), 3, 3))
     return factor * (R @ system.load_force[k]), factor * (R @ system.load_torque[k])
 
@@ -154,20 +154,22 @@ def constraint_rate(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt
     return _rows(system, s, velocity=True)
 
 
-def scaling_masses(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
+def evaluate_scaling_masses(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
     """Return the diagonal of M_bar, Eq. (30), with c = a / (a . a): the weights of the norm of Eq. (81).
 
     Unit: kg for point and line rows; for axis rows kg m2. Rows a are per body velocities (r_dot [space], Omega [body]).
     """
     aa, aMa = np.zeros((2, len(s.r), system.nrows))
-    for body, rows, translation, rotation in row_parts(system, s):
+    for body, rows, translation, rotation in list_jacobian_parts(system, s):
         aa[:, rows] += np.sum(translation**2, axis=-1) + np.sum(rotation**2, axis=-1)
-        spin = np.sum(times(system.inertia[body], rotation) * rotation, axis=-1)
+        spin = np.sum(apply_matrices(system.inertia[body], rotation) * rotation, axis=-1)
         aMa[:, rows] += system.mass[body] * np.sum(translation**2, axis=-1) + spin
     return aMa / aa**2
 
 
-def row_parts(system: MultibodySystem, s: States) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+def list_jacobian_parts(
+    system: MultibodySystem, s: States
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Yield A in pieces: bodies (m,), constraint rows (m,), and A's entries there for r_dot [space] and Omega [body].
 
     The entries are (nt, m, 3) each; a body and row occur once at most in a piece.
@@ -178,7 +180,7 @@ def row_parts(system: MultibodySystem, s: States) -> Iterator[tuple[np.ndarray, 
     torque = so3.cross(
         turn_vectors(s, system.joint_i[axis.joint], axis.u), turn_vectors(s, system.joint_j[axis.joint], axis.n)
     )
-    way = _line_ways(system, s, line, velocity=False)[1]
+    way = _evaluate_line_rows(system, s, line, velocity=False)[1]
     for ends, arms, sign in ((system.joint_i, system.joint_s_i, 1.0), (system.joint_j, system.joint_s_j, -1.0)):
         m = np.flatnonzero(ends[joints] != GROUND)
         body, arm = ends[joints[m]], arms[joints[m]]
@@ -187,22 +189,27 @@ def row_parts(system: MultibodySystem, s: States) -> Iterator[tuple[np.ndarray, 
             yield body, point[m, c], unit, sign * so3.cross(arm, s.R[:, body, c])
         m = np.flatnonzero(ends[line.joint] != GROUND)  # a force along the way at the point of i, on both bodies
         body = ends[line.joint[m]]
-        x = points(system, s, line.joint[m])[0]
+        x = find_points(system, s, line.joint[m])[0]
         moment = so3.cross(x - s.r[:, body], way[:, m])
-        yield body, line.row[m], sign * way[:, m], sign * times(np.swapaxes(s.R[:, body], -1, -2), moment)
+        yield body, line.row[m], sign * way[:, m], sign * apply_matrices(np.swapaxes(s.R[:, body], -1, -2), moment)
         m = np.flatnonzero(ends[axis.joint] != GROUND)
         body = ends[axis.joint[m]]
-        spin = times(np.swapaxes(s.R[:, body], -1, -2), torque[:, m])
+        spin = apply_matrices(np.swapaxes(s.R[:, body], -1, -2), torque[:, m])
         yield body, axis.row[m], np.zeros_like(spin), sign * spin
         m = np.flatnonzero(ends[push.joint] != GROUND)  # a force at the row's own point, on both bodies, and a torque
         body = ends[push.joint[m]]
         moment = push.torque[:, m] + so3.cross(push.point[:, m] - s.r[:, body], push.force[:, m])
-        yield body, push.row[m], sign * push.force[:, m], sign * times(np.swapaxes(s.R[:, body], -1, -2), moment)
+        yield (
+            body,
+            push.row[m],
+            sign * push.force[:, m],
+            sign * apply_matrices(np.swapaxes(s.R[:, body], -1, -2), moment),
+        )
 
 
 def constraint_energy_norm(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
     """Return the norm of Eq. (81), sqrt(phi_dot^T M_bar phi_dot) [sqrt(J)], at each time."""
-    return np.sqrt(np.sum(scaling_masses(system, s) * constraint_rate(system, s) ** 2, axis=-1))
+    return np.sqrt(np.sum(evaluate_scaling_masses(system, s) * constraint_rate(system, s) ** 2, axis=-1))
 
 
 def point_position(s: States, body: int, p: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "nt 3"]:
@@ -219,7 +226,7 @@ def point_velocity(s: States, body: int, p: Float[np.ndarray, " 3"]) -> Float[np
     return s.v[:, body] + np.einsum("tij,tj->ti", s.R[:, body], so3.cross(s.Omega[:, body], p))
 
 
-def spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
+def evaluate_spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the vector from the point of j to that of i of spring ``k`` [m], and its rate [m/s], in space (nt, 3)."""
     i, j = system.spring_i[k], system.spring_j[k]
     d = point_position(s, i, system.spring_p_i[k]) - point_position(s, j, system.spring_p_j[k])
@@ -227,21 +234,23 @@ def spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray,
     return d, d_dot
 
 
-def _line_ways(system: MultibodySystem, s: States, line: LineRows, *, velocity: bool) -> tuple[np.ndarray, np.ndarray]:
+def _evaluate_line_rows(
+    system: MultibodySystem, s: States, line: LineRows, *, velocity: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """Return phi of the line rows (nt, m), or phi_dot if ``velocity``, and the direction of their force (nt, m, 3).
 
     The direction is R_j n, or d / L of a distance.
     """
     if not len(line.row):
         return np.zeros((len(s.r), 0)), np.zeros((len(s.r), 0, 3))
-    d, n = gaps(system, s, line.joint, velocity=False), turn_vectors(s, system.joint_j[line.joint], line.n)
+    d, n = find_gap_vectors(system, s, line.joint, velocity=False), turn_vectors(s, system.joint_j[line.joint], line.n)
     link = line.length > 0.0
     L = np.where(link, line.length, 1.0)
     way = np.where(link[:, None], d / L[:, None], n)
     if not velocity:
         return np.where(link, 0.5 * (np.sum(d * way, axis=-1) - line.length), np.sum(d * n, axis=-1)), way
-    d_dot = gaps(system, s, line.joint, velocity=True)
-    n_dot = turn_rates(s, system.joint_j[line.joint], line.n)
+    d_dot = find_gap_vectors(system, s, line.joint, velocity=True)
+    n_dot = find_vector_rates(s, system.joint_j[line.joint], line.n)
     return np.sum(d_dot * way, axis=-1) + np.where(link, 0.0, np.sum(d * n_dot, axis=-1)), way
 
 
@@ -249,9 +258,9 @@ def _rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
     """Return phi (nt, nrows), or phi_dot if ``velocity``, of all kinds of rows."""
     out = np.empty((len(s.r), system.nrows))
     joints, point = system.point_rows()
-    out[:, point] = gaps(system, s, joints, velocity=velocity)
+    out[:, point] = find_gap_vectors(system, s, joints, velocity=velocity)
     line, axis = system.line_rows(), system.axis_rows()
-    out[:, line.row] = _line_ways(system, s, line, velocity=velocity)[0]
+    out[:, line.row] = _evaluate_line_rows(system, s, line, velocity=velocity)[0]
     push = evaluate_moving_rows(system, s)
     out[:, push.row] = push.rate(system, s) if velocity else push.phi
     ends = (system.joint_i[axis.joint], axis.u), (system.joint_j[axis.joint], axis.n)
@@ -259,6 +268,6 @@ def _rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
     if not velocity:
         out[:, axis.row] = np.sum(u * n, axis=-1)
     else:
-        u_dot, n_dot = (turn_rates(s, *end) for end in ends)
+        u_dot, n_dot = (find_vector_rates(s, *end) for end in ends)
         out[:, axis.row] = np.sum(u_dot * n, axis=-1) + np.sum(u * n_dot, axis=-1)
     return out

@@ -29,12 +29,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from . import so3
-from .ends import append_ground, points, times, turn_vectors
+from .ends import append_ground, apply_matrices, find_points, turn_vectors
 from .joints import KINDS, Kind, MovingKind
 from .naming import name_joint
 from .state import States
 from .system import MultibodySystem
-from .time_functions import values
+from .time_functions import evaluate_functions
 
 
 class MovingRowTerms(NamedTuple):
@@ -52,7 +52,7 @@ class MovingRowTerms(NamedTuple):
     def rate(self, system: MultibodySystem, s: States) -> Float[np.ndarray, "nt m"]:
         """Return phi_dot of the moving rows (nt, m) at the velocities of ``s``."""
         r, v = (append_ground(a, np.zeros(3)) for a in (s.r, s.v))
-        omega = append_ground(times(s.R, s.Omega), np.zeros(3))
+        omega = append_ground(apply_matrices(s.R, s.Omega), np.zeros(3))
         seen, spin = np.zeros((2, *self.force.shape))
         for ends, sign in ((system.joint_i, 1.0), (system.joint_j, -1.0)):
             b = ends[self.joint]
@@ -69,15 +69,15 @@ def evaluate_moving_rows(system: MultibodySystem, s: States) -> MovingRowTerms:
     phi, phi_t, vectors, along = np.zeros((nt, m)), np.zeros((nt, m)), np.zeros((3, nt, m, 3)), np.ones((nt, m))
     if m:
         row = np.concatenate([k + np.arange(n) for k, n in zip(rows.row, system.joint_moving[rows.joint], strict=True)])
-        x_i, x_j = points(system, s, rows.joint)
+        x_i, x_j = find_points(system, s, rows.joint)
         u = turn_vectors(s, system.joint_i[rows.joint], system.joint_u[rows.joint])
         n = [turn_vectors(s, system.joint_j[rows.joint], system.joint_n[rows.joint, k]) for k in range(3)]
-        f, f_dot, _ = (a.T for a in values(system.joint_motion[rows.joint], s.times))
+        f, f_dot, _ = (a.T for a in evaluate_functions(system.joint_motion[rows.joint], s.times))
         at = 0
         for k, kind in enumerate(rows.kind):
             here = [x_i[:, k], x_j[:, k], u[:, k], *(a[:, k] for a in n)]
             if kind == MovingKind.DRIVEN_ANGLE:
-                along[:, at] = -_dot(here[2], _turned_normal(here, f[k])[1])
+                along[:, at] = -_dot(here[2], _rotate_normal(here, f[k])[1])
             for made in ROWS_OF[kind](here, f[k], f_dot[k], float(system.joint_length[rows.joint[k]])):
                 phi[:, at], phi_t[:, at], vectors[0, :, at], vectors[1, :, at], vectors[2, :, at] = made
                 at += 1
@@ -97,7 +97,7 @@ def check_lengths(system: MultibodySystem, t_end: float) -> None:
         if count > MOST_SAMPLES:  # so many periods that the sine is at its minimum wherever the cubic is
             swing, numbers[4], count = abs(numbers[4]), 0.0, 0.0
         t = np.linspace(0.0, t_end, 1000 + int(count))
-        length, _, bend = (a[:, 0] for a in values(numbers[None], t))
+        length, _, bend = (a[:, 0] for a in evaluate_functions(numbers[None], t))
         length = length - swing
         # bound on how much lower it may be between two samples
         low = ~(length > t[1] ** 2 / 8.0 * np.max(np.abs(bend)))
@@ -131,11 +131,11 @@ def _driven_distance(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, l
 def _driven_angle(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
     """Return the row of a driven angle, u . n(f)."""
     x_i, _, u = here[:3]
-    n, dn = _turned_normal(here, f)
+    n, dn = _rotate_normal(here, f)
     return [(_dot(u, n), _dot(u, dn) * f_dot, 0.0, so3.cross(u, n), x_i)]
 
 
-def _turned_normal(here: list[np.ndarray], f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rotate_normal(here: list[np.ndarray], f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return n(f) of a driven angle, the direction to which u is normal, and dn/df, in space."""
     n_1, n_2, cosine, sine = here[3], here[4], np.cos(f)[:, None], np.sin(f)[:, None]
     return n_1 * cosine + n_2 * sine, n_2 * cosine - n_1 * sine

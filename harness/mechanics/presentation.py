@@ -45,12 +45,14 @@ class Presentation:
         """Return the system ``s`` as it is presented to a solver; raise ValueError if it has no joint ``duplicate``."""
         if self.duplicate > s.nj:
             raise ValueError(f"duplicate must be 0..{s.nj}, a joint of this system (got {self.duplicate})")
-        return _in_units(_renumber(_repeat_joint(_mirror(s, self._space()), self.duplicate), *self._orders(s)), self)
+        return _convert_units(
+            _renumber(_repeat_joint(_mirror(s, self._make_mirror()), self.duplicate), *self._orders(s)), self
+        )
 
     def state(self, s: MultibodySystem, state: State) -> State:
         """Return a state of the system ``s`` as it is presented to a solver."""
         bodies, _ = self._orders(s)
-        m = _mirrored_states(States.one(state), self._space()).at(slice(None))
+        m = _mirror_states(States.one(state), self._make_mirror()).at(slice(None))
         return State(
             m.r[0, bodies] * self.unit_length,
             m.R[0, bodies],
@@ -59,7 +61,7 @@ class Presentation:
             state.t * self.unit_time,
         )
 
-    def states_back(self, s: MultibodySystem, presented: States) -> States:
+    def restore_states(self, s: MultibodySystem, presented: States) -> States:
         """Return a solver's states of the presented system as states of the system ``s``: the inverse of ``state``."""
         back = np.argsort(self._orders(s)[0])
         home = States(
@@ -69,9 +71,11 @@ class Presentation:
             presented.Omega[:, back] * self.unit_time,
             presented.times / self.unit_time,
         )
-        return _mirrored_states(home, self._space())
+        return _mirror_states(home, self._make_mirror())
 
-    def reaction_back(self, s: MultibodySystem, presented: Float[np.ndarray, "nt n"]) -> Float[np.ndarray, "nt nrows"]:
+    def restore_reaction(
+        self, s: MultibodySystem, presented: Float[np.ndarray, "nt n"]
+    ) -> Float[np.ndarray, "nt nrows"]:
         """Return a solver's reactions, of the presented system, as reactions of the rows of ``s`` [N, N m].
 
         The reactions of a joint declared twice are the sums of both.
@@ -88,10 +92,10 @@ class Presentation:
             home[:, start[k] : start[k + 1]] += home[:, n:]
             home = home[:, :n]
         point_rows = s.point_rows()[1]
-        home[:, point_rows] = home[:, point_rows] @ self._space()
+        home[:, point_rows] = home[:, point_rows] @ self._make_mirror()
         return home
 
-    def _space(self) -> Float[np.ndarray, "3 3"]:
+    def _make_mirror(self) -> Float[np.ndarray, "3 3"]:
         """Return the reflection of space as a diagonal matrix; the identity without a mirror."""
         signs = np.ones(3)
         if self.mirror != "none":
@@ -141,7 +145,7 @@ def _mirror(s: MultibodySystem, S: np.ndarray) -> MultibodySystem:
     )
 
 
-def _mirrored_states(s: States, S: np.ndarray) -> States:
+def _mirror_states(s: States, S: np.ndarray) -> States:
     """Return states mirrored in space by ``S``; the function is its own inverse.
 
     Omega is a pseudovector and turns the other way.
@@ -189,7 +193,7 @@ def _joint_arrays(s: MultibodySystem) -> dict[str, np.ndarray]:
     return {n: a for n, a in vars(s).items() if n.startswith("joint_") and isinstance(a, np.ndarray)}
 
 
-def _in_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
+def _convert_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
     """Return the system with all numbers converted to the units of ``p``."""
     L, M, T = p.unit_length, p.unit_mass, p.unit_time
     if L == M == T == 1.0:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from . import so3
-from .index1 import least_changes
+from .index1 import find_least_changes
 from .motion import constraint
 from .state import States
 from .system import MultibodySystem
@@ -52,7 +52,7 @@ def project_poses(system: MultibodySystem, s: States) -> States:
         if not len(left):
             break
         last_r[left], last_R[left] = r[left], R[left]
-        change = least_changes(system, here, -phi, INDEPENDENT)
+        change = find_least_changes(system, here, -phi, INDEPENDENT)
         r[left] += change[..., :3]
         R[left] = R[left] @ so3.exp(change[..., 3:])
     return States(r, R, s.v, s.Omega, s.times, s.angles)

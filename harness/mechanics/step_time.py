@@ -9,22 +9,22 @@ from contextvars import ContextVar
 
 from .state import State
 
-_begun: ContextVar[float] = ContextVar("begun", default=0.0)  # [s]
+_step_start: ContextVar[float] = ContextVar("begun", default=0.0)  # [s]
 REMEDY = "pass the time on: State(r, R, v, Omega, t), or dataclasses.replace(state, ..., t=t)"
 
 
 @contextmanager
-def step_from(t: float) -> Iterator[None]:
+def begin_step(t: float) -> Iterator[None]:
     """Let ``check_time`` treat evaluations within this context as parts of a step that began at ``t`` [s]."""
-    token = _begun.set(t)
+    token = _step_start.set(t)
     try:
         yield
     finally:
-        _begun.reset(token)
+        _step_start.reset(token)
 
 
 def check_time(s: State) -> None:
     """Raise ValueError for a state with t = 0, the default, in a step that began later: its time was forgotten."""
-    begun = _begun.get()
+    begun = _step_start.get()
     if s.t == 0.0 < begun:
         raise ValueError(f"a state of the step from t = {begun:.6g} s has t = 0 s; {REMEDY}")

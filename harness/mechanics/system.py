@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from ..text import check_text
-from .added_inertia import compute_added_inertia, principal
+from .added_inertia import compute_added_inertia, find_principal_inertias
 from .checks import check_body, check_ends, check_vectors, freeze_array
 from .forces import Load, SpringDamper, TorsionSpring
 from .joints import (
@@ -24,13 +24,13 @@ from .joints import (
     LineRows,
     MovingRows,
     Vector,
-    directions,
+    find_directions,
+    normalise,
     project_normals,
     select_rows,
-    unit,
 )
 from .naming import name_part
-from .time_functions import ONE, are_varying
+from .time_functions import ONE, find_varying
 from .user_forces import UserForce, compile_laws
 
 GROUND = -1
@@ -102,7 +102,7 @@ class MultibodySystem:
     @property
     def added_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
         """Inertia added about axes without any [kg m2]: 0 except for slender rods and point masses."""
-        if not np.any(principal(self.inertia)[2]):
+        if not np.any(find_principal_inertias(self.inertia)[2]):
             return np.zeros_like(self.inertia)
         arm = np.zeros(self.nb + 1)  # the last one is the ground
         for body, s in ((self.joint_i, self.joint_s_i), (self.joint_j, self.joint_s_j)):
@@ -170,7 +170,7 @@ class MultibodySystem:
     @property
     def is_timed(self) -> bool:
         """True if drives, loads or user forces are, or may be, functions of time."""
-        return bool(np.any(are_varying(self.joint_motion)) or np.any(self.load_factor != ONE) or len(self.user_i))
+        return bool(np.any(find_varying(self.joint_motion)) or np.any(self.load_factor != ONE) or len(self.user_i))
 
     @property
     def is_holonomic(self) -> bool:
@@ -248,7 +248,7 @@ def assemble(
         if not 0 <= load.i < len(bodies):
             raise ValueError(f"load {k}: expected a body in 0..{len(bodies) - 1} (got {load.i})")
     single = [(k, one) for k, joint in enumerate(joints) for one in select_rows(k, joint)]  # k as the user counts
-    vectors = [directions(k, joint) for k, joint in single]
+    vectors = [find_directions(k, joint) for k, joint in single]
     names = tuple(joint.name or f"joint {k}" for k, joint in single)
     joints = [joint for _, joint in single]
     counts = [ROWS[j.sort] for j in joints]
@@ -282,10 +282,12 @@ def assemble(
         spring_c=freeze_array([s.damping for s in springs], (len(springs),)),
         torsion_i=freeze_array([s.i for s in torsions], (len(torsions),), np.int64),
         torsion_j=freeze_array([s.j for s in torsions], (len(torsions),), np.int64),
-        torsion_u=freeze_array([unit(s.across_i, f"torsion {k}") for k, s in enumerate(torsions)], (len(torsions), 3)),
+        torsion_u=freeze_array(
+            [normalise(s.across_i, f"torsion {k}") for k, s in enumerate(torsions)], (len(torsions), 3)
+        ),
         torsion_n=freeze_array(
             [
-                project_normals(unit(s.axis_j, f"torsion {k}"), s.across_j, f"torsion {k}")
+                project_normals(normalise(s.axis_j, f"torsion {k}"), s.across_j, f"torsion {k}")
                 for k, s in enumerate(torsions)
             ],
             (len(torsions), 2, 3),

@@ -57,7 +57,7 @@ NONE = np.zeros(NUMBERS)  # f = 0
 ONE = np.eye(NUMBERS)[0]  # f = 1
 
 
-def values(
+def evaluate_functions(
     numbers: Float[np.ndarray, "m 7"], t: Float[np.ndarray, " nt"]
 ) -> tuple[Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m"]]:
     """Return f, f_dot and f_ddot of m functions, each row of ``numbers`` one, at the times ``t`` [s]."""
@@ -79,7 +79,7 @@ def scale_units(
     return out
 
 
-def are_varying(numbers: Float[np.ndarray, "m 7"]) -> np.ndarray:
+def find_varying(numbers: Float[np.ndarray, "m 7"]) -> np.ndarray:
     """Return which of the functions are not constant (m,)."""
     return np.any(numbers[:, 1:4] != 0.0, axis=1) | ((numbers[:, 4] != 0.0) & (numbers[:, 5] != 0.0))
 

@@ -13,12 +13,12 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from .ends import append_ground, times, turn_vectors
+from .ends import append_ground, apply_matrices, turn_vectors
 from .state import State, States
 from .system import MultibodySystem
 
 
-def torsion(
+def evaluate_torsion(
     system: MultibodySystem, s: States
 ) -> tuple[Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m 3"]]:
     """Return theta - theta_0 [rad], theta_dot [rad/s] and m (space) of all torsional springs at each time.
@@ -30,7 +30,7 @@ def torsion(
     e, b = (turn_vectors(s, j, system.torsion_n[:, k]) for k in range(2))
     p, q = np.sum(u * e, axis=-1), np.sum(u * b, axis=-1)
     m = (p[..., None] * np.cross(u, b) - q[..., None] * np.cross(u, e)) / (p * p + q * q)[..., None]
-    omega = append_ground(times(s.R, s.Omega), np.zeros(3))
+    omega = append_ground(apply_matrices(s.R, s.Omega), np.zeros(3))
     angle = np.arctan2(q, p) - system.torsion_rest
     wound = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
     wound = wound + system.torsion_wound
@@ -53,7 +53,7 @@ def count_turns(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States)
     if not len(system.torsion_k) or len(t) < 2:
         return None
     with np.errstate(all="ignore"):
-        angle, rate, _ = torsion(system, s)
+        angle, rate, _ = evaluate_torsion(system, s)
         change = 0.5 * np.diff(t)[:, None] * (rate[1:] + rate[:-1])
         turns = np.nan_to_num(np.round((change - np.diff(angle, axis=0)) / (2.0 * np.pi)), posinf=0.0, neginf=0.0)
     if not np.any(turns):
@@ -61,7 +61,7 @@ def count_turns(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States)
     return angle + 2.0 * np.pi * np.concatenate((np.zeros((1, turns.shape[1])), np.cumsum(turns, axis=0)))
 
 
-def count_right(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> int:
+def count_determined_rows(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> int:
     """Return the number of rows of a motion, from its start, where poses alone give the springs' true angles.
 
     They do until a spring with stiffness leaves the half turn about rest within which the system counts its angle.
@@ -69,16 +69,16 @@ def count_right(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States)
     angles = count_turns(system, t, s) if np.any(system.torsion_k) else None
     if angles is None:
         return len(t)
-    beyond = np.abs(angles - torsion(system, s)[0])[:, system.torsion_k > 0.0] > np.pi
+    beyond = np.abs(angles - evaluate_torsion(system, s)[0])[:, system.torsion_k > 0.0] > np.pi
     rows = np.flatnonzero(np.any(beyond, axis=1))
     return int(rows[0]) if len(rows) else len(t)
 
 
-def wind(system: MultibodySystem, here: State) -> MultibodySystem:
+def rewind_springs(system: MultibodySystem, here: State) -> MultibodySystem:
     """Return the system with the same spring laws, for angles within half a turn of those at the state ``here``."""
-    angle = torsion(system, States.one(here))[0][0]
+    angle = evaluate_torsion(system, States.one(here))[0][0]
     bare = replace(system, torsion_wound=np.zeros_like(angle))
-    pose = torsion(bare, States.one(here))[0][0] + system.torsion_rest
+    pose = evaluate_torsion(bare, States.one(here))[0][0] + system.torsion_rest
     for a in (angle, pose):
         a.setflags(write=False)
     return replace(system, torsion_rest=pose, torsion_wound=angle)

@@ -92,7 +92,7 @@ class ForceLaw:
         pointer = numba.types.CPointer(double)
         return compile_callback(entry, numba.types.void, double, pointer, pointer)
 
-    def values(self, s: States, i: int, j: int) -> Float[np.ndarray, "nt 4 3"]:
+    def evaluate(self, s: States, i: int, j: int) -> Float[np.ndarray, "nt 4 3"]:
         """Return the forces on i and on j [N], then the torques [N m], in space, at each time of ``s``."""
         out, call = np.zeros((len(s), 4, 3)), self.entry.ctypes
         ends = [(s.r[:, b], s.R[:, b], s.v[:, b], s.Omega[:, b]) for b in (i, j) if b >= 0]

@@ -18,13 +18,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from . import so3
-from .index1 import index_1
-from .motion import load_in_space, point_velocity, spring_line, user_loads
+from .index1 import solve_index_1
+from .motion import evaluate_load, evaluate_spring_line, list_user_loads, point_velocity
 from .moving_rows import evaluate_moving_rows
 from .projection import project_poses
 from .state import States
 from .system import MultibodySystem
-from .torsion import torsion
+from .torsion import evaluate_torsion
 
 # Gauss nodes on (0, 1): exact for the power of a damper along a cubic
 NODES = 0.5 + 0.5 * np.array([-1.0, 0.0, 1.0]) * math.sqrt(0.6)
@@ -48,8 +48,8 @@ def compute_work(
         return np.zeros(len(t)), np.zeros(len(t)), np.zeros(max(len(t) - 1, 0), dtype=bool)
     h = np.diff(t)
     share = h / np.sum(h)
-    angle = _fastest(system, s) * h
-    gained, error = _along_cubics(system, s, h, angle)
+    angle = _find_fastest_rates(system, s) * h
+    gained, error = _integrate_cubics(system, s, h, angle)
     within = angle <= RESOLVED * 2 ** (DOUBLINGS - 2)
     columns, doubled, spent = np.full((len(h), DOUBLINGS), np.nan), np.zeros(len(h), dtype=np.int64), 0
     while True:
@@ -87,41 +87,43 @@ def _allowed_error(energy: np.ndarray, gained: np.ndarray) -> float:
     return float(max(SURE * np.max(np.abs(drift[known]), initial=0.0), rounding))
 
 
-def _fastest(system: MultibodySystem, s: States) -> np.ndarray:
+def _find_fastest_rates(system: MultibodySystem, s: States) -> np.ndarray:
     """Return the largest rate of drives, loads and bodies over each step [rad/s]."""
     sines = [a[a[:, 4] != 0.0, 5] for a in (system.joint_motion, system.load_factor)]
     spin = np.max(np.linalg.norm(s.Omega, axis=2), axis=1, initial=0.0)
     return np.fmax(np.fmax(spin[:-1], spin[1:]), np.max(np.abs(np.concatenate(sines)), initial=0.0))
 
 
-def _along_cubics(
+def _integrate_cubics(
     system: MultibodySystem, s: States, h: np.ndarray, angle: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the work of each step along its cubic [J], and its error [J]; infinite where none can be estimated.
 
     ``angle`` [rad] is the largest turn of bodies, drives and loads over each step.
     """
-    gained, error = work_along_cubics(system, s, h), np.full(len(h), np.inf)
+    gained, error = integrate_power_along_cubics(system, s, h), np.full(len(h), np.inf)
     n = len(h) - len(h) % 2
     # pairs from the first step on; for an odd number also pairs that end with the last
     for first in {0, len(h) % 2} if n else ():
         pairs = s.at(slice(first, first + n + 1, 2))
         twice = h[first : first + n : 2] + h[first + 1 : first + n : 2]
         apart = np.abs(
-            work_along_cubics(system, pairs, twice) - gained[first : first + n : 2] - gained[first + 1 : first + n : 2]
+            integrate_power_along_cubics(system, pairs, twice)
+            - gained[first : first + n : 2]
+            - gained[first + 1 : first + n : 2]
         )
         error[first : first + n] = np.fmin(error[first : first + n], np.repeat(0.5 * apart, 2))
     unresolved = (angle > RESOLVED) | ~np.isfinite(error)
     return gained, np.where(unresolved, np.inf, error)
 
 
-def work_along_cubics(system: MultibodySystem, s: States, h: np.ndarray) -> np.ndarray:
+def integrate_power_along_cubics(system: MultibodySystem, s: States, h: np.ndarray) -> np.ndarray:
     """Integrate the power along the cubic of each step of ``h`` [s], by Gauss (steps,) [J]."""
     out = np.zeros(len(h))
     for k in range(0, len(h), BLOCK):
         steps, ends = slice(k, k + BLOCK), s.at(slice(k, k + BLOCK + 1))
         out[steps] = sum(
-            w * power(system, interpolate_steps(ends, h[steps], x)) for x, w in zip(NODES, WEIGHTS, strict=True)
+            w * compute_power(system, interpolate_steps(ends, h[steps], x)) for x, w in zip(NODES, WEIGHTS, strict=True)
         )
     return out * h
 
@@ -142,8 +144,8 @@ def _flow(system: MultibodySystem, s: States, h: np.ndarray, parts: int) -> np.n
 
 def _rates(system: MultibodySystem, s: States) -> tuple[np.ndarray, np.ndarray]:
     """Return accelerations (nt, nb, 6) and power [W] of index 1, at poses projected onto the constraints."""
-    found = index_1(system, project_poses(system, s))
-    return found.a, power(system, s, found.reaction)
+    found = solve_index_1(system, project_poses(system, s))
+    return found.a, compute_power(system, s, found.reaction)
 
 
 def _advance(a: States, middle: States, rates: np.ndarray, dt: np.ndarray) -> States:
@@ -170,7 +172,7 @@ def _extrapolate(columns: np.ndarray, steps: np.ndarray, k: int, found: np.ndarr
     return new[:, k], np.where(np.isfinite(change), change, np.inf)
 
 
-def power(
+def compute_power(
     system: MultibodySystem, s: States, reaction: Float[np.ndarray, "nt nrows"] | None = None
 ) -> Float[np.ndarray, " nt"]:
     """Return the power of dampers, loads, user forces and drives [W], which changes T + V, at each time.
@@ -179,24 +181,24 @@ def power(
     """
     out = np.zeros(len(s.r))
     if np.any(system.joint_motion):
-        out += drive_power(system, s, reaction)
+        out += compute_drive_power(system, s, reaction)
     for k in np.flatnonzero(system.spring_c):
-        d, d_dot = spring_line(system, s, int(k))
+        d, d_dot = evaluate_spring_line(system, s, int(k))
         out -= system.spring_c[k] * np.sum(d * d_dot, axis=-1) ** 2 / np.sum(d * d, axis=-1)
     if np.any(system.torsion_c):
-        out -= torsion(system, s)[1] ** 2 @ system.torsion_c
+        out -= evaluate_torsion(system, s)[1] ** 2 @ system.torsion_c
     for load, body in enumerate(system.load_i):
-        force, torque = load_in_space(system, s, load)
+        force, torque = evaluate_load(system, s, load)
         omega = np.einsum("tij,tj->ti", s.R[:, body], s.Omega[:, body])
         v = point_velocity(s, body, system.load_p[load])
         out += np.sum(force * v, axis=-1) + np.sum(torque * omega, axis=-1)
-    for body, force, torque in user_loads(system, s):
+    for body, force, torque in list_user_loads(system, s):
         omega = np.einsum("tij,tj->ti", s.R[:, body], s.Omega[:, body])
         out += np.sum(force * s.v[:, body], axis=-1) + np.sum(torque * omega, axis=-1)
     return out
 
 
-def drive_power(
+def compute_drive_power(
     system: MultibodySystem, s: States, reaction: Float[np.ndarray, "nt nrows"] | None = None
 ) -> Float[np.ndarray, " nt"]:
     """Return the power of drives [W], -reaction . phi_t; NaN where a run is not finite.
@@ -204,7 +206,7 @@ def drive_power(
     ``reaction`` is that of index 1, computed where it is not given.
     """
     push = evaluate_moving_rows(system, s)
-    found = index_1(system, project_poses(system, s)).reaction if reaction is None else reaction
+    found = solve_index_1(system, project_poses(system, s)).reaction if reaction is None else reaction
     return -np.sum(found[:, push.row] * push.phi_t, axis=-1)
 
 

@@ -14,7 +14,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from .added_inertia import principal
+from .added_inertia import find_principal_inertias
 from .consistency import START_TOLERANCE, InconsistentStart, perturb
 from .motion import applied_loads
 from .naming import name_body
@@ -35,12 +35,12 @@ def check_axes(system: MultibodySystem, start: State, t_end: float) -> None:
 
     Loads and drives are examined up to ``t_end`` [s].
     """
-    _, axes, none = principal(system.inertia)
-    if not np.any(none) or not _can_be_looked_at(system, start):
+    _, axes, none = find_principal_inertias(system.inertia)
+    if not np.any(none) or not _is_examinable(system, start):
         return
-    found = [_AllowedVelocities(system, s, axes, none, t_end) for s in (start, *_nearby(system, start, t_end))]
+    found = [_AllowedVelocities(system, s, axes, none, t_end) for s in (start, *_perturb_start(system, start, t_end))]
     for b in map(int, np.flatnonzero(np.any(none, axis=1))):
-        turns = np.concatenate([s.turns(b) for s in found], axis=1)
+        turns = np.concatenate([s.find_spins(b) for s in found], axis=1)
         sides, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(turns.T, mode="r")))
         free = sides[:, : int(np.sum(size > TURNS))] if len(found) > 1 else sides  # one pose cannot show a locked axis
         acts = np.concatenate([s.acts[:, b, none[b]] for s in found]) @ free
@@ -50,17 +50,17 @@ def check_axes(system: MultibodySystem, start: State, t_end: float) -> None:
         spin = idle @ idle.T @ start.Omega[b]
         if np.linalg.norm(spin) > START_TOLERANCE:
             raise ValueError(
-                f"{_about(system, b, spin)}, and no joint acts there: its spin about it must start at 0 rad/s "
+                f"{_describe_axis(system, b, spin)}, and no joint acts there: its spin about it must start at 0 rad/s "
                 f"(got {np.linalg.norm(spin):.3g})"
             )
         if n:
             raise ValueError(
-                f"{_about(system, b, axes[b][:, none[b]] @ turned[:, 0])}, where joints or loads turn it: give it "
-                "some, e.g. 1e-4 of its others, or put the joints on the axis"
+                f"{_describe_axis(system, b, axes[b][:, none[b]] @ turned[:, 0])}, where joints or loads turn it: "
+                "give it some, e.g. 1e-4 of its others, or put the joints on the axis"
             )
 
 
-def _can_be_looked_at(system: MultibodySystem, start: State) -> bool:
+def _is_examinable(system: MultibodySystem, start: State) -> bool:
     """Return whether the start can be examined: False for invalid numbers, which ``check_start`` refuses.
 
     Raise ValueError for a system that is too large.
@@ -73,7 +73,7 @@ def _can_be_looked_at(system: MultibodySystem, start: State) -> bool:
     return start.nb == system.nb and all(np.all(np.isfinite(a)) for a in (start.r, start.R, start.v, start.Omega))
 
 
-def _nearby(system: MultibodySystem, start: State, t_end: float) -> list[State]:
+def _perturb_start(system: MultibodySystem, start: State, t_end: float) -> list[State]:
     """Return random states near the start that satisfy the constraints, at several times if joints are driven."""
     out, driven = [], bool(np.any(system.joint_motion))
     for seed, place in enumerate(PLACES, 1):
@@ -125,7 +125,7 @@ class _AllowedVelocities:
         torques = np.einsum("tbi,bij->tbj", loads[:, :, 3:], axes) / np.where(own > 0.0, own, 1.0)[:, None]
         self.acts = np.concatenate((B.reshape(len(B), nb, 6)[:, :, 3:], torques))
 
-    def turns(self, b: int) -> Float[np.ndarray, "k d"]:
+    def find_spins(self, b: int) -> Float[np.ndarray, "k d"]:
         """Return n . Omega for the axes n without inertia of body ``b`` (k), for each allowed velocity (d)."""
         out: np.ndarray = self._x[b, 3:][self._none[b]]
         return out
@@ -145,7 +145,7 @@ def _null_space(B: Float[np.ndarray, "nrows n"]) -> Float[np.ndarray, "n d"]:
     return out
 
 
-def _about(system: MultibodySystem, b: int, n: np.ndarray) -> str:
+def _describe_axis(system: MultibodySystem, b: int, n: np.ndarray) -> str:
     """Return the beginning of a message that body ``b`` has no inertia about the direction ``n`` of its frame."""
     n = n / n[np.argmax(np.abs(n))]
     n = np.where(np.abs(n) < NOISE, 0.0, n)

@@ -14,7 +14,7 @@ LEAST = 1e-6  # in any unit: below it a number counts by its value, above by its
 GOLDEN = 0.6180339887498949  # its multiples, modulo 1, are all different
 
 
-def fingerprint(problem: Problem) -> float:
+def compute_fingerprint(problem: Problem) -> float:
     """Return the weighted sum of asinh(x / ``LEAST``) over masses, inertias, joints, forces, gravity, start and times.
 
     A relative change of 1e-4 in any one number changes it by about as much, rounding by 1e-12.

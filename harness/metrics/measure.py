@@ -18,25 +18,25 @@ from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
 from ..mechanics.torsion import follow_turns
 from ..mechanics.work import compute_work
-from ..reference.computation import find_reference, say_why_it_ends
+from ..reference.computation import explain_end, find_reference
 from ..types import GROWN, JUDGED, PREDICTABLE, Law, Problem, Reference, Trajectory
-from .mechanisms import extract_part, extract_state, extract_states, mechanisms
+from .mechanisms import extract_part, extract_state, extract_states, split_mechanisms
 from .passages import list_passages
-from .reactions import exact_loads_on_bodies, instants_to_compare, load_on_bodies
-from .rows import interpolate_rows, is_motion, kinematic_defect
+from .reactions import choose_instants, compute_exact_loads, compute_loads_on_bodies
+from .rows import interpolate_rows, is_motion, measure_kinematic_defect
 from .scales import (
     KINETIC,
     STATES,
     RunSizes,
     Scales,
-    blocks,
-    displacement,
+    find_scales,
     load_compiled,
+    measure_displacement,
     measure_reach,
-    scales,
-    speeds,
+    measure_speeds,
+    split_into_blocks,
 )
-from .truncation import Truncation, truncation, unexplained_velocity
+from .truncation import Truncation, measure_truncation, measure_unexplained_velocity
 
 JOINTS = (Law.CONSTRAINT, Law.CONSTRAINT_RATE)  # laws that are not judged for a literal start, which opens the joints
 KNOWN = 1e-6  # minimum horizon of a problem's own reference, as a fraction of t_end
@@ -76,7 +76,9 @@ class MeasuredSeries:
     out_of_plane: Float[np.ndarray, " nt"] | None = None  # [m] worst body, of planar problems
     position_error: Float[np.ndarray, " nt"] | None = None  # [m] this and the next four: worst body
     orientation_error: Float[np.ndarray, " nt"] | None = None  # [rad]
-    motion_error: Float[np.ndarray, " nt"] | None = None  # position and orientation in one: ``scales.displacement``
+    motion_error: Float[np.ndarray, " nt"] | None = (
+        None  # position and orientation in one: ``scales.measure_displacement``
+    )
     velocity_error: Float[np.ndarray, " nt"] | None = None  # [m/s]
     angular_velocity_error: Float[np.ndarray, " nt"] | None = None  # [rad/s]
     reference_own_error: Float[np.ndarray, " nt"] | None = None  # [m] as the reference states it
@@ -115,10 +117,10 @@ def measure(problem: Problem, trajectory: Trajectory) -> MeasuredSeries:
         whole, E, drift, eq81, phi, phi_dot, unknown = _judge_laws(
             problem, reference, t, s, np.arange(problem.system.nb)
         )
-        found = mechanisms(problem.system)
+        found = split_mechanisms(problem.system)
         each = (whole,) if len(found) == 1 else tuple(_judge_laws(problem, reference, t, s, b)[0] for b in found)
         at_home = problem.home(s)
-        defect = find_largest(kinematic_defect(problem.system, t, s, PATH * whole.size.length))
+        defect = find_largest(measure_kinematic_defect(problem.system, t, s, PATH * whole.size.length))
         return MeasuredSeries(
             t,
             whole.size,
@@ -135,8 +137,8 @@ def measure(problem: Problem, trajectory: Trajectory) -> MeasuredSeries:
             out_of_plane=_out_of_plane(problem, at_home),
             observables={o.name: np.asarray(o.of(at_home), dtype=float) for o in problem.observables},
             invariants={i.name: np.asarray(i.of(at_home), dtype=float) for i in problem.invariants},
-            notes=(*list_passages(problem.system, t, s), *say_why_it_ends(reference)),
-            **_against_reference(problem, reference, trajectory, _shares(whole, each), whole.size),
+            notes=(*list_passages(problem.system, t, s), *explain_end(reference)),
+            **_compare_with_reference(problem, reference, trajectory, _shares(whole, each), whole.size),
         )
 
 
@@ -148,7 +150,7 @@ def _exact_defect(problem: Problem, reference: Reference | None, t: np.ndarray, 
     if reference is None or (n := count_covered(reference, t)) < max(2, 0.5 * len(t)):
         return 0.0
     exact = reference.states(np.minimum(t[:n], reference.horizon))
-    return find_largest(kinematic_defect(problem.system, t[:n], exact, PATH * length))
+    return find_largest(measure_kinematic_defect(problem.system, t[:n], exact, PATH * length))
 
 
 def find_largest(a: Float[np.ndarray, " n"]) -> float:
@@ -168,7 +170,7 @@ def _judge_laws(
     """
     system, start = extract_part(problem.system, bodies), extract_state(problem.initial, bodies)
     s = follow_turns(system, t, extract_states(s, bodies))
-    some = (s.at(k) for k in blocks(len(t), len(bodies)))
+    some = (s.at(k) for k in split_into_blocks(len(t), len(bodies)))
     parts = [(*_laws(system, b), measure_reach(system, start, b)) for b in some]
     E, phi, phi_dot, gap, gap_rate, eq81, defect, rows = (np.concatenate(p) for p in zip(*parts, strict=True))
     done, unsure, unknown = compute_work(system, t, s, E)
@@ -177,7 +179,7 @@ def _judge_laws(
     rows[:, KINETIC] -= np.maximum(drift, 0.0)  # energy gained by error was not there to be exchanged
     laws = {Law.ENERGY: drift, Law.CONSTRAINT: gap, Law.CONSTRAINT_RATE: gap_rate, Law.ORTHOGONALITY: defect}
     binding = {k: a for k, a in laws.items() if not (problem.literal_start and k in JOINTS)}
-    size = scales(problem, reference, RunSizes(rows, binding, count_covered(reference, t)), bodies)
+    size = find_scales(problem, reference, RunSizes(rows, binding, count_covered(reference, t)), bodies)
     return JudgedBodies(bodies, size, laws), E, drift, eq81, phi, phi_dot, int(np.sum(unknown))
 
 
@@ -208,7 +210,7 @@ def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
     metres = np.ones(system.nrows)
     metres[system.turning_rows] = np.max(system.gyration)
     if (fast := load_compiled(len(s) * system.nb)) is not None and fast.covers_rows(system):
-        return fast.laws(system, s, metres)
+        return fast.evaluate_laws(system, s, metres)
     phi, phi_dot = constraint(system, s), constraint_rate(system, s)
     return (
         energy(system, s),
@@ -227,7 +229,7 @@ def _out_of_plane(problem: Problem, at_home: States) -> np.ndarray | None:
     return np.max(np.abs(away - away[0]), axis=1)
 
 
-def _against_reference(
+def _compare_with_reference(
     problem: Problem, reference: Reference | None, trajectory: Trajectory, shares: np.ndarray, size: Scales
 ) -> dict:
     """Return the fields of ``MeasuredSeries`` that compare a run with its reference, by name; empty without one.
@@ -250,20 +252,20 @@ def _against_reference(
     )
     series = {k: np.full(len(t), np.nan) for k in names}
     theirs = {o.name: np.full(len(t), np.nan) for o in problem.observables}
-    for rows in blocks(n, problem.system.nb):
+    for rows in split_into_blocks(n, problem.system.nb):
         exact = reference.states(np.minimum(t[rows], reference.horizon))
         series["position_error"][rows] = np.max(np.linalg.norm(s.r[rows] - exact.r, axis=2), axis=1)
         series["orientation_error"][rows] = np.max(so3.angle_between(s.R[rows], exact.R), axis=1)
-        series["motion_error"][rows] = np.max(shares * displacement(problem.system, s.at(rows), exact), axis=1)
+        series["motion_error"][rows] = np.max(shares * measure_displacement(problem.system, s.at(rows), exact), axis=1)
         series["velocity_error"][rows] = np.max(np.linalg.norm(s.v[rows] - exact.v, axis=2), axis=1)
         series["angular_velocity_error"][rows] = np.max(np.linalg.norm(s.Omega[rows] - exact.Omega, axis=2), axis=1)
         apart = States(exact.r, exact.R, s.v[rows] - exact.v, s.Omega[rows] - exact.Omega)
-        series["rate_error"][rows] = np.max(shares * speeds(problem.system, apart), axis=1)
-        series["reference_own_error"][rows] = stated_error(reference, t[rows])
+        series["rate_error"][rows] = np.max(shares * measure_speeds(problem.system, apart), axis=1)
+        series["reference_own_error"][rows] = evaluate_stated_error(reference, t[rows])
         for name, values in problem.observe(exact).items():
             theirs[name][rows] = values
     about = {"reference_route": reference.route, "reference_horizon": float(reference.horizon)}
-    off = _between_rows(problem, reference, t, s, size.length)
+    off = _compare_between_rows(problem, reference, t, s, size.length)
     pull = _reaction_error(problem, reference, t, s, trajectory.reaction)
     within = count_predictable(t[:n], series["reference_own_error"][:n] / size.length) if n else 0
     away = series["motion_error"][:within] + series["reference_own_error"][:within]
@@ -273,9 +275,9 @@ def _against_reference(
         there = reference.states(np.minimum(t[rows], reference.horizon))
         return there if s.angles is None else there.with_angles(s.angles[rows])
 
-    steps = truncation(problem.system, t, s, trajectory.reaction, size.speed, size.length, exact_at, n)
+    steps = measure_truncation(problem.system, t, s, trajectory.reaction, size.speed, size.length, exact_at, n)
     turn = np.fmax(steps.rate, float(np.max(np.linalg.norm(s.Omega[:within], axis=2), initial=0.0)))
-    more = unexplained_velocity(t[:within], away, series["rate_error"][:within], size.speed, float(turn))
+    more = measure_unexplained_velocity(t[:within], away, series["rate_error"][:within], size.speed, float(turn))
     pull["truncation"] = replace(steps, velocities=float(np.fmax(steps.velocities, more)))
     return {**series, **off, **pull, **about, "reference_observables": theirs}
 
@@ -290,7 +292,7 @@ def _check_horizon(problem: Problem, reference: Reference) -> None:
         raise ValueError(f"the horizon of the reference must be at least {least:g} s (got {reference.horizon:g})")
 
 
-def stated_error(reference: Reference, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+def evaluate_stated_error(reference: Reference, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
     """Return the reference's bound on its own error (nt,) [m]; raise ValueError unless it is finite at each time."""
     own = np.asarray(reference.error(t), dtype=float)
     if own.shape != t.shape or not np.all((own >= 0.0) & (own < math.inf)):
@@ -298,7 +300,9 @@ def stated_error(reference: Reference, t: Float[np.ndarray, " nt"]) -> Float[np.
     return own
 
 
-def _between_rows(problem: Problem, reference: Reference, t: np.ndarray, s: States, length: float) -> dict[str, float]:
+def _compare_between_rows(
+    problem: Problem, reference: Reference, t: np.ndarray, s: States, length: float
+) -> dict[str, float]:
     """Return the largest motion error between recorded steps [m] and its time [s], by the names of their fields.
 
     The recorded motion is interpolated at evenly spaced times while the exact one is predictable; ``length`` [m] is the
@@ -308,13 +312,15 @@ def _between_rows(problem: Problem, reference: Reference, t: np.ndarray, s: Stat
     if len(t) < 2 or not end > 0.0 or not is_motion(s):
         return {}
     at = np.linspace(0.0, end, BETWEEN)
-    at = at[: count_predictable(at, stated_error(reference, at) / length)]
+    at = at[: count_predictable(at, evaluate_stated_error(reference, at) / length)]
     if len(at) == 0:
         raise ValueError(
             f"the reference's stated error is too large to judge any run (motion amplitude {length:.3g} m)"
         )
-    some = ((interpolate_rows(t, s, at[k]), reference.states(at[k])) for k in blocks(len(at), problem.system.nb))
-    away = np.concatenate([np.max(displacement(problem.system, *both), axis=1) for both in some])
+    some = (
+        (interpolate_rows(t, s, at[k]), reference.states(at[k])) for k in split_into_blocks(len(at), problem.system.nb)
+    )
+    away = np.concatenate([np.max(measure_displacement(problem.system, *both), axis=1) for both in some])
     worst = int(np.argmax(away))  # the first NaN, if there is one
     return {"motion_between": find_largest(away), "motion_between_s": float(at[worst])}
 
@@ -341,10 +347,10 @@ def _reaction_error(
     system = problem.system
     if reaction is None or system.nj == 0:
         return {}
-    rows = instants_to_compare(t, reference.horizon)
+    rows = choose_instants(t, reference.horizon)
     rows = rows[:: 1 + len(rows) * system.nb // STATES]
     rows = rows if is_dense(system) else rows[:: 1 + len(rows) // FEW]
-    found = load_on_bodies(system, np.asarray(reaction, dtype=float)[rows], s.at(rows))
+    found = compute_loads_on_bodies(system, np.asarray(reaction, dtype=float)[rows], s.at(rows))
     known = ~np.any(np.isnan(found), axis=(1, 2))
     if not np.any(known):
         return {}
@@ -352,7 +358,7 @@ def _reaction_error(
     there = reference.states(at)
     if s.angles is not None:
         there = there.with_angles(s.angles[rows[known]])
-    exact = exact_loads_on_bodies(system, there)
+    exact = compute_exact_loads(system, there)
     sure = ~np.any(np.isnan(exact), axis=(1, 2))
     if not np.any(sure):
         return {}

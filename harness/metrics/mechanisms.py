@@ -15,7 +15,7 @@ HOLDS = ("joint", "spring", "user")  # parts that can tie a body to the ground
 TIES = (*HOLDS, "torsion")  # all parts that connect two bodies; drives are joints
 
 
-def mechanisms(system: MultibodySystem) -> list[Int[np.ndarray, " _"]]:
+def split_mechanisms(system: MultibodySystem) -> list[Int[np.ndarray, " _"]]:
     """Return the numbers of the bodies of each mechanism; the ground alone does not connect bodies."""
     i, j = (np.concatenate([getattr(system, f"{kind}_{e}") for kind in TIES]) for e in "ij")
     both = (i != GROUND) & (j != GROUND)

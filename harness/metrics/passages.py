@@ -9,8 +9,8 @@ between them around its lowest minima.
 import numpy as np
 from jaxtyping import Float
 
-from ..mechanics.loops import closes_loops
-from ..mechanics.motion import row_parts
+from ..mechanics.loops import has_loops
+from ..mechanics.motion import list_jacobian_parts
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
 from ..types import PASSAGE
@@ -45,12 +45,12 @@ def find_passages(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: State
     systems so large that too few rows can be examined.
     """
     n = min(SAMPLES, len(t), int(PRODUCTS / max(1.0, 6.0 * system.nb * system.nrows**2)))
-    if not closes_loops(system) or n < min(FEWEST, len(t)) or len(t) < 3:
+    if not has_loops(system) or n < min(FEWEST, len(t)) or len(t) < 3:
         return []
     if not all(np.all(np.isfinite(a)) for a in (t, s.r, s.R, s.v, s.Omega)):
         return []
     k = np.unique(np.linspace(0, len(t) - 1, n).round().astype(int))
-    values = singular_values(system, s.at(k))
+    values = compute_singular_values(system, s.at(k))
     at_start, most = INDEPENDENT
     rank = int(np.sum(values[0] > at_start * values[0, 0]))
     rank = max(rank, int(np.median(np.sum(values > most * values[:, :1], axis=1))))
@@ -64,21 +64,21 @@ def find_passages(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: State
     low, high, every = t[k[places - 1]], t[k[places + 1]], np.arange(len(places))
     for _ in range(ZOOMS):
         x = np.linspace(low, high, POINTS, axis=1)
-        between = singular_values(system, interpolate_rows(t, s, x.ravel()))[:, rank - 1].reshape(x.shape)
+        between = compute_singular_values(system, interpolate_rows(t, s, x.ravel()))[:, rank - 1].reshape(x.shape)
         best = np.argmin(between, axis=1)
         low, high = x[every, np.maximum(best - 1, 0)], x[every, np.minimum(best + 1, POINTS - 1)]
     return [float(a) for a in x[every, best][between[every, best] < FLAT * middle]]
 
 
-def singular_values(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt k"]:
+def compute_singular_values(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt k"]:
     """Return the singular values of A at each time, the largest first, with scaled rows and columns.
 
-    As in ``jacobian.even_jacobian``, rows have unit length and rotations count in m/s, by the radius of gyration.
+    As in ``jacobian.scale_jacobian``, rows have unit length and rotations count in m/s, by the radius of gyration.
     Values are the roots of the eigenvalues of A A^T or A^T A, whichever is smaller, and accurate to 1e-8 of the
     largest.
     """
     A = np.zeros((len(s), system.nrows, system.nb, 6))
-    for body, rows, translation, rotation in row_parts(system, s):
+    for body, rows, translation, rotation in list_jacobian_parts(system, s):
         A[:, rows, body] += np.concatenate((translation, rotation), axis=-1)
     A[..., 3:] /= system.gyration[:, None]
     rows = A.reshape(len(s), system.nrows, 6 * system.nb)

@@ -15,22 +15,22 @@ import numba
 import numpy as np
 from jaxtyping import Float
 
-from ..cache import cache_folder
+from ..cache import make_cache_folder
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem, RigidBody, assemble
-from ..mechanics.torsion import torsion
+from ..mechanics.torsion import evaluate_torsion
 from ..seals import remove_unsealed, seal_files
 
 P = ParamSpec("P")
 T = TypeVar("T")
-KEPT, FILES = cache_folder("laws", Path(__file__).parent / "__pycache__"), "passes.*.nb?"
+KEPT, FILES = make_cache_folder("laws", Path(__file__).parent / "__pycache__"), "passes.*.nb?"
 _before = numba.config.CACHE_DIR
 numba.config.CACHE_DIR = str(KEPT)
 JIT = {"cache": True, "error_model": "numpy"}
 INNER = {**JIT, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # called from here only: compiles faster
 
 
-def _sealed(function: Callable[P, T]) -> Callable[P, T]:
+def _seal_when_compiled(function: Callable[P, T]) -> Callable[P, T]:
     """Wrap a compiled function so that a call that compiled, as for read-only arrays, seals the cache files."""
 
     @functools.wraps(function)
@@ -51,8 +51,8 @@ def _count_compiled() -> int:
     return sum(one.stats.cache_misses.total() for one in passes)
 
 
-@_sealed
-def laws(system: MultibodySystem, s: States, metres: Float[np.ndarray, " nrows"]) -> tuple[np.ndarray, ...]:
+@_seal_when_compiled
+def evaluate_laws(system: MultibodySystem, s: States, metres: Float[np.ndarray, " nrows"]) -> tuple[np.ndarray, ...]:
     """Return the seven arrays (nt,) of ``measure._laws``; only for systems that ``covers_rows`` accepts.
 
     ``metres`` are the factors that turn constraint rows into metres.
@@ -77,12 +77,12 @@ def laws(system: MultibodySystem, s: States, metres: Float[np.ndarray, " nrows"]
         out,
     )
     if len(system.torsion_k):
-        out[0] += 0.5 * torsion(system, s)[0] ** 2 @ system.torsion_k
+        out[0] += 0.5 * evaluate_torsion(system, s)[0] ** 2 @ system.torsion_k
     return tuple(out)
 
 
 def covers_rows(system: MultibodySystem) -> bool:
-    """Return whether ``laws`` covers all rows of a system: moving and velocity-level rows stay with NumPy."""
+    """Return whether ``evaluate_laws`` covers all rows of a system: moving and velocity-level rows stay with NumPy."""
     return not np.any(system.joint_moving)
 
 
@@ -101,9 +101,9 @@ def _run_all() -> None:
     system = assemble([RigidBody(1.0, np.eye(3))], [], (0.0, 0.0, 0.0))
     r, R = np.zeros((2, 1, 3)), np.tile(np.eye(3), (2, 1, 1, 1))
     s = States(r, R, r, r)
-    laws(system, s, np.zeros(0))
-    displacement(system.mass, system.inertia.copy(), s, s)
-    speeds(system.mass, system.inertia, s)
+    evaluate_laws(system, s, np.zeros(0))
+    measure_displacement(system.mass, system.inertia.copy(), s, s)
+    measure_speeds(system.mass, system.inertia, s)
     advance_steps(np.ones(2), s, s)
     are_rotations(s.R)
 
@@ -186,7 +186,7 @@ def _add_row(sums, gap, open_, rate, unit, aa, aMa):
 def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, out):
     """Fill ``out`` (7, nt) with T + V, five norms of the constraint rows and the worst |R^T R - 1| at each time.
 
-    V is that of gravity and point-to-point springs; torsional springs are added by ``laws``.
+    V is that of gravity and point-to-point springs; torsional springs are added by ``evaluate_laws``.
     """
     spring_i, spring_j, spring_p_i, spring_p_j, stiffness, rest = springs
     joint_i, joint_j, arm_i, arm_j = joints
@@ -278,9 +278,9 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
             out[1 + k, t] = math.sqrt(sums[k])
 
 
-@_sealed
-def displacement(mass: np.ndarray, moments: np.ndarray, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
-    """Return ``scales.displacement`` [m] of each body; ``b`` may be one instant.
+@_seal_when_compiled
+def measure_displacement(mass: np.ndarray, moments: np.ndarray, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
+    """Return ``scales.measure_displacement`` [m] of each body; ``b`` may be one instant.
 
     ``moments`` are the second moments of the bodies' matter [kg m2], body frame.
     """
@@ -307,9 +307,9 @@ def _displacement(mass, S, r_a, R_a, r_b, R_b, out):
             out[t, b] = math.sqrt(_dot(x, x) + turn)
 
 
-@_sealed
-def speeds(mass: np.ndarray, inertia: np.ndarray, s: States) -> Float[np.ndarray, "nt nb"]:
-    """Return ``scales.speeds``: the root mean square speed of each body's matter [m/s]."""
+@_seal_when_compiled
+def measure_speeds(mass: np.ndarray, inertia: np.ndarray, s: States) -> Float[np.ndarray, "nt nb"]:
+    """Return ``scales.measure_speeds``: the root mean square speed of each body's matter [m/s]."""
     out = np.empty(s.r.shape[:2])
     _speeds(mass, inertia, s.v, s.Omega, out)
     return out
@@ -324,7 +324,7 @@ def _speeds(mass, J, v, W, out):
             out[t, b] = math.sqrt(_dot(v[t, b], v[t, b]) + _spin(J, b, W[t, b]) / mass[b])
 
 
-@_sealed
+@_seal_when_compiled
 def advance_steps(h: Float[np.ndarray, " steps"], a: States, b: States) -> States:
     """Advance the poses ``a`` over steps ``h`` [s] by the mean velocities of ``a`` and ``b``, as ``rows._advance``.
 
@@ -362,7 +362,7 @@ def _advance_rows(h, r, R, v_a, W_a, v_b, W_b, r_out, R_out, v_out, W_out):
                 R_out[t, b, k, 2] = p * e[0][2] + q * e[1][2] + s * e[2][2]
 
 
-@_sealed
+@_seal_when_compiled
 def are_rotations(R: Float[np.ndarray, "nt nb 3 3"]) -> bool:
     """Return whether det R is finite and positive everywhere; that R is orthogonal is not checked."""
     return bool(_are_rotations(R))

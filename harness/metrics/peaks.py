@@ -40,10 +40,10 @@ def find_peaks(m: MeasuredSeries, *, literal_start: bool = False) -> dict[str, i
             found[f"{name}:first"] = int(np.argmax(broken))
     if m.out_of_plane is not None:
         found["out_of_plane_max_m"] = _largest(m.out_of_plane)
-    return found | dict(_against_reference(m))
+    return found | dict(_list_error_peaks(m))
 
 
-def _against_reference(m: MeasuredSeries) -> Iterator[tuple[str, int]]:
+def _list_error_peaks(m: MeasuredSeries) -> Iterator[tuple[str, int]]:
     """Yield columns with their steps: the largest errors against the reference, and times at which limits are passed.
 
     Each error has two columns: the largest over all compared steps, and over those that are judged.
@@ -73,7 +73,7 @@ def _against_reference(m: MeasuredSeries) -> Iterator[tuple[str, int]]:
             yield name, int(np.argmax(above))
 
 
-def steps_to_keep(m: MeasuredSeries, peaks: dict[str, int], nb: int, *, every: bool = False) -> Int[np.ndarray, " ns"]:
+def choose_steps(m: MeasuredSeries, peaks: dict[str, int], nb: int, *, every: bool = False) -> Int[np.ndarray, " ns"]:
     """Return the steps whose states are kept: all if ``every``, else ``peaks`` and evenly picked pairs.
 
     The steps that set scales, the neighbours of times between steps and both ends are kept as well.
@@ -88,7 +88,7 @@ def steps_to_keep(m: MeasuredSeries, peaks: dict[str, int], nb: int, *, every: b
     return kept[(kept >= 0) & (kept < nt)].astype(np.int64)
 
 
-def times_of_scales(m: MeasuredSeries) -> dict[str, float]:
+def find_scale_times(m: MeasuredSeries) -> dict[str, float]:
     """Return the times [s] at which the exact motion sets the system's scales, named ``scale 1``, ``scale 2`` ..."""
     return {f"scale {k + 1}": at for k, at in enumerate(m.size.exact_at)}
 
@@ -105,7 +105,7 @@ def interpolate_peak_times(m: MeasuredSeries) -> dict[str, float]:
     return {name: at for name, at in found.items() if np.isfinite(at)}
 
 
-def times_to_keep(m: MeasuredSeries, steps: Int[np.ndarray, " ns"]) -> Float[np.ndarray, " n"]:
+def choose_times(m: MeasuredSeries, steps: Int[np.ndarray, " ns"]) -> Float[np.ndarray, " n"]:
     """Return the times [s] at which the exact motion is stored: those of ``steps``, of scales and of maxima."""
     t = m.t[steps]
     times = [t[t <= m.reference_horizon * (1.0 + 1e-12)], *(size.exact_at for size in _sizes(m))]

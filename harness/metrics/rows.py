@@ -9,12 +9,12 @@ from jaxtyping import Float
 from ..mechanics import so3
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
-from .scales import blocks, displacement, load_compiled, speeds
+from .scales import load_compiled, measure_displacement, measure_speeds, split_into_blocks
 
 TURN = 2.0 * np.pi
 
 
-def kinematic_defect(
+def measure_kinematic_defect(
     system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States, least: float
 ) -> Float[np.ndarray, " nb"]:
     """Return the share of its path by which a body's poses and velocities disagree; ``least`` [m] is added to the path.
@@ -24,13 +24,13 @@ def kinematic_defect(
     half the angle of a step: 0.3 at three steps a turn. Reversed velocities give 2.
     """
     off, path, told = np.zeros((3, system.nb))
-    for k in blocks(len(t) - 1, system.nb):
+    for k in split_into_blocks(len(t) - 1, system.nb):
         a, b = s.at(k), s.at(slice(k.start + 1, k.stop + 1))
         h = np.diff(t[k.start : k.stop + 1])
         moved = _advance(h, a, b)
-        off += np.sum(displacement(system, moved, b), axis=0)
-        path += np.sum(displacement(system, a, b), axis=0)
-        told += np.sum(h[:, None] * speeds(system, moved), axis=0)
+        off += np.sum(measure_displacement(system, moved, b), axis=0)
+        path += np.sum(measure_displacement(system, a, b), axis=0)
+        told += np.sum(h[:, None] * measure_speeds(system, moved), axis=0)
     return off / (np.maximum(path, told) + least)
 
 

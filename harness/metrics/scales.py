@@ -24,7 +24,7 @@ STATES = 2**18  # most poses measured at a time, to bound the memory
 MANY = 5000  # fewest poses for compiled loops: NumPy measures fewer in less than the half second of importing numba
 # instants of the exact motion: over 100 periods the largest value is found to 1.2 % (half: 4.9 %, twice: 0.3 %)
 SAMPLES = 2001
-REST = 1e-6  # motions smaller than this share of ``scales_at_rest`` count as rest
+REST = 1e-6  # motions smaller than this share of ``estimate_rest_scales`` count as rest
 KINETIC = 3  # column of T in ``Rows``
 Rows = Float[np.ndarray, "nt 6"]  # at each time: displacement, speed, momentum, T, V - V(0), V(0) - V
 
@@ -33,12 +33,12 @@ Rows = Float[np.ndarray, "nt 6"]  # at each time: displacement, speed, momentum,
 class Scales:
     """The largest displacement, speed, momentum and energy exchange of a motion, which errors are compared with."""
 
-    length: float  # [m] largest ``displacement`` of a body from its start: errors are compared with it
-    speed: float  # [m/s] largest of a body (``speeds``)
+    length: float  # [m] largest ``measure_displacement`` of a body from its start: errors are compared with it
+    speed: float  # [m/s] largest of a body (``measure_speeds``)
     momentum: float  # [kg m/s] largest sum of mass times speed
     energy: float  # [J] exchanged: the largest kinetic energy, or span of potential energy if that is larger
     reach: float  # [m] ``length`` over the whole time, also where the exact motion is known for a part only
-    gap: float  # [m] ``reach``, at most ``longest_reach``: springs let a mechanism go farther than joints open
+    gap: float  # [m] ``reach``, at most ``bound_reach``: springs let a mechanism go farther than joints open
     exact_at: tuple[float, ...] = field(default=(), kw_only=True)  # [s] when the exact motion reaches these sizes
     run_at: tuple[int, ...] = field(default=(), kw_only=True)  # steps of the run that reach them
 
@@ -72,7 +72,7 @@ class RunSizes:
     covered: int
 
 
-def blocks(nt: int, nb: int) -> Iterator[slice]:
+def split_into_blocks(nt: int, nb: int) -> Iterator[slice]:
     """Return slices of ``nt`` times of ``nb`` bodies with at most ``STATES`` poses each, to bound the memory."""
     size = max(1, STATES // max(nb, 1))
     return (slice(k, min(k + size, nt)) for k in range(0, nt, size))
@@ -91,7 +91,7 @@ def load_compiled(poses: int) -> ModuleType | None:
     return passes
 
 
-def displacement(system: MultibodySystem, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
+def measure_displacement(system: MultibodySystem, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
     """Return the distance [m] between two poses of each body: root mean square over its matter of |x_a - x_b|.
 
     It is the root of ``|r_a - r_b|^2 + tr(D S D^T) / m`` with ``D = R_a - R_b`` and ``S = tr(J)/2 1 - J``. One number
@@ -99,16 +99,16 @@ def displacement(system: MultibodySystem, a: States, b: States) -> Float[np.ndar
     about its axis by almost nothing. ``b`` may be one instant.
     """
     if (fast := load_compiled(len(a) * system.nb)) is not None and len(b) in (1, len(a)):
-        return fast.displacement(system.mass, _second_moments(system), a, b)
+        return fast.measure_displacement(system.mass, _second_moments(system), a, b)
     D = a.R - b.R
     turn = np.sum((D @ _second_moments(system)) * D, axis=(2, 3)) / system.mass
     return np.sqrt(np.sum((a.r - b.r) ** 2, axis=2) + np.maximum(turn, 0.0))
 
 
-def speeds(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb"]:
+def measure_speeds(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb"]:
     """Return sqrt(2 T / m) of each body [m/s]: root mean square of the speed of its matter."""
     if (fast := load_compiled(len(s) * system.nb)) is not None:
-        return fast.speeds(system.mass, system.inertia, s)
+        return fast.measure_speeds(system.mass, system.inertia, s)
     turning = np.einsum("tbi,bij,tbj->tb", s.Omega, system.inertia, s.Omega) / system.mass
     return np.sqrt(np.sum(s.v**2, axis=2) + turning)
 
@@ -130,28 +130,29 @@ def measure_reach(system: MultibodySystem, start: State, s: States) -> Rows:
 
 def _measure_reach(system: MultibodySystem, start: States, s: States) -> Rows:
     """Return the six numbers of ``Rows`` at each time, relative to space."""
-    speed = speeds(system, s)
+    speed = measure_speeds(system, s)
     risen = potential_energy(system, s) - potential_energy(system, start)
-    moved = np.max(displacement(system, s, start), axis=1)
+    moved = np.max(measure_displacement(system, s, start), axis=1)
     return np.stack(
         (moved, np.max(speed, axis=1), speed @ system.mass, kinetic_energy(system, s), risen, -risen), axis=1
     )
 
 
-def scales(
+def find_scales(
     problem: Problem, exact: Reference | None, run: RunSizes | None = None, bodies: Int[np.ndarray, " n"] | None = None
 ) -> Scales:
     """Return the scales that the exact motion reaches, and a run beyond its horizon; of ``bodies`` alone if given.
 
-    The run counts up to where it breaks a law by these scales. A motion that hardly moves gets ``scales_at_rest``.
+    The run counts up to where it breaks a law by these scales. A motion that hardly moves gets
+    ``estimate_rest_scales``.
     """
     bodies = np.arange(problem.system.nb) if bodies is None else bodies
     system, start = extract_part(problem.system, bodies), extract_state(problem.initial, bodies)
-    could = scales_at_rest(system, start)
+    could = estimate_rest_scales(system, start)
     known, t = measure_reach(system, start, States.one(start)), np.zeros(1)
     if exact is not None:
         t = np.append(0.0, np.linspace(0.0, min(problem.t_end, exact.horizon), SAMPLES))
-        some = (exact.states(t[1:][k]) for k in blocks(SAMPLES, problem.system.nb))
+        some = (exact.states(t[1:][k]) for k in split_into_blocks(SAMPLES, problem.system.nb))
         known = np.concatenate((known, *(measure_reach(system, start, extract_states(s, bodies)) for s in some)))
     run = run or RunSizes(known[:0], {}, 0)
     finite = np.isfinite(run.rows).all(axis=1)
@@ -168,7 +169,7 @@ def scales(
         found = np.maximum((length, speed, momentum, energy, reach), least)  # never zero, as it divides
         at = np.unique(np.append(at, np.argmax(known[:, 0])))
         size = replace(
-            Scales(*(float(v) for v in (*found, min(found[-1], longest_reach(system))))),
+            Scales(*(float(v) for v in (*found, min(found[-1], bound_reach(system))))),
             exact_at=tuple(t[at[at < len(t)]].tolist()),
             run_at=tuple((at[at >= len(t)] - len(t) + run.covered).tolist()),
         )
@@ -180,7 +181,7 @@ def scales(
         end = int(np.argmax(broken))
 
 
-def scales_at_rest(system: MultibodySystem, start: State) -> Scales:
+def estimate_rest_scales(system: MultibodySystem, start: State) -> Scales:
     """Return scales for a system at rest, from its arms, spread, masses and forces.
 
     The energy is T(0) + m g L plus that of the springs.
@@ -201,7 +202,7 @@ def scales_at_rest(system: MultibodySystem, start: State) -> Scales:
     return Scales(length, speed, mass * speed, energy, length, length)
 
 
-def longest_reach(system: MultibodySystem) -> float:
+def bound_reach(system: MultibodySystem) -> float:
     """Return a bound [m] on how far pins let matter move: twice the sum of all arms and the largest gyration radius.
 
     Infinite if some joint has other rows than points.

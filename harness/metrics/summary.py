@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..files import exact
+from ..files import encode_nonfinite
 from ..mechanics import so3
 from ..text import escape_text
 from ..types import ACCURATE, Law, Problem, Trajectory
-from .identity import fingerprint
+from .identity import compute_fingerprint
 from .measure import MeasuredSeries, count_predictable, find_largest
 from .scales import Scales
 from .truncation import DECIDED
@@ -26,13 +26,13 @@ COUNTER_NAMES: Mapping[str, tuple[str, ...]] = {  # column: names solvers use fo
 }
 
 
-def columns(problem: Problem, trajectory: Trajectory, m: MeasuredSeries) -> dict[str, Any]:
+def make_columns(problem: Problem, trajectory: Trajectory, m: MeasuredSeries) -> dict[str, Any]:
     """Return the measured columns of a ``RunRecord`` by name, from a trajectory and its series ``m``."""
     size = m.size
     with np.errstate(all="ignore"):
         return {
             "t_reached_s": float(m.t[-1]),
-            "problem_fingerprint": fingerprint(problem),
+            "problem_fingerprint": compute_fingerprint(problem),
             **_energy(problem, m, size),
             "length_scale_m": size.length,
             "speed_scale_m_per_s": size.speed,
@@ -48,7 +48,7 @@ def columns(problem: Problem, trajectory: Trajectory, m: MeasuredSeries) -> dict
             "out_of_plane_max_m": math.nan if m.out_of_plane is None else find_largest(m.out_of_plane),
             **_errors(problem, m, size),
             "kinematic_defect": m.kinematic_defect,
-            **_way_back(problem, trajectory),
+            **_measure_return(problem, trajectory),
             "invariant_drifts": json.dumps({i.name: _drift(m.invariants[i.name], i.unit) for i in problem.invariants}),
             **_steps(m.t),
             **_summarize_counters(trajectory.counters),
@@ -57,7 +57,7 @@ def columns(problem: Problem, trajectory: Trajectory, m: MeasuredSeries) -> dict
         }
 
 
-def trend(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"]) -> float:
+def fit_trend(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"]) -> float:
     """Return the slope of the least-squares line through a(t), in units of a per s.
 
     Each value is weighted with the time that it stands for. NaN if ``a`` is not finite or has fewer than three values.
@@ -69,7 +69,7 @@ def trend(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"]) -> float:
     return float(np.sum(w * (t - t0) * (a - a0)) / np.sum(w * (t - t0) ** 2))
 
 
-def time_mean(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], begin: float, end: float) -> float:
+def compute_time_mean(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], begin: float, end: float) -> float:
     """Return the mean of a over [begin, end] [s] by the trapezoidal rule on the steps inside; NaN if fewer than two."""
     inside = (t >= begin) & (t <= end)
     if np.sum(inside) < 2:
@@ -92,9 +92,9 @@ def _energy(problem: Problem, m: MeasuredSeries, size: Scales) -> dict[str, floa
         "energy_scale_J": size.energy,
         "energy_drift_max_J": find_largest(m.energy_error),
         "energy_drift_end_J": float(m.energy_error[-1]),
-        "energy_trend_W": trend(m.t, m.energy_error),
-        "energy_mean_first_quarter_J": time_mean(m.t, m.energy_error, begin, begin + quarter),
-        "energy_mean_last_quarter_J": time_mean(m.t, m.energy_error, end - quarter, end),
+        "energy_trend_W": fit_trend(m.t, m.energy_error),
+        "energy_mean_first_quarter_J": compute_time_mean(m.t, m.energy_error, begin, begin + quarter),
+        "energy_mean_last_quarter_J": compute_time_mean(m.t, m.energy_error, end - quarter, end),
         "energy_allowed_J": math.nan if problem.energy_allowed is None else problem.energy_allowed,
     }
 
@@ -147,7 +147,11 @@ def _errors(problem: Problem, m: MeasuredSeries, size: Scales) -> dict[str, Any]
     by_name = {}
     for o in problem.observables:
         away = np.abs(m.observables[o.name] - m.reference_observables[o.name])[:compared]
-        by_name[o.name] = {"max": exact(find_largest(away)), "end": exact(away[last]), "unit": o.unit}
+        by_name[o.name] = {
+            "max": encode_nonfinite(find_largest(away)),
+            "end": encode_nonfinite(away[last]),
+            "unit": o.unit,
+        }
     return {
         "reference": m.reference_route,
         "reference_horizon_s": m.reference_horizon,
@@ -191,7 +195,7 @@ def _rates(m: MeasuredSeries, compared: int) -> dict[str, float]:
     return out
 
 
-def _way_back(problem: Problem, trajectory: Trajectory) -> dict[str, float]:
+def _measure_return(problem: Problem, trajectory: Trajectory) -> dict[str, float]:
     """Return the columns on the distance from the start after an integration back to it; empty if there was none."""
     back, start = trajectory.returned, problem.initial
     if back is None:
@@ -207,7 +211,12 @@ def _way_back(problem: Problem, trajectory: Trajectory) -> dict[str, float]:
 def _drift(values: np.ndarray, unit: str) -> dict[str, Any]:
     """Return how far an invariant leaves its first value, at most (``max``) and last (``end``), with value and unit."""
     away = values - values[0]
-    return {"max": exact(find_largest(away)), "end": exact(away[-1]), "start": exact(values[0]), "unit": unit}
+    return {
+        "max": encode_nonfinite(find_largest(away)),
+        "end": encode_nonfinite(away[-1]),
+        "start": encode_nonfinite(values[0]),
+        "unit": unit,
+    }
 
 
 def _steps(t: np.ndarray) -> dict[str, float]:

@@ -16,7 +16,7 @@ EVEN = 0.2  # share of the frames that is spread evenly in time
 FEWEST = 120  # fewest frames, even of a straight motion
 
 
-def rows_to_keep(nt: int, *peaks: Float[np.ndarray, " nt"], at_most: int = MAX_ROWS) -> Int[np.ndarray, " kept"]:
+def choose_rows(nt: int, *peaks: Float[np.ndarray, " nt"], at_most: int = MAX_ROWS) -> Int[np.ndarray, " kept"]:
     """Return the rows of a series to store: all if ``nt <= at_most``, else both ends and rows of equal buckets.
 
     Of each bucket its first row is kept, and for each series in ``peaks`` the row where |series| is largest.
@@ -34,7 +34,7 @@ def rows_to_keep(nt: int, *peaks: Float[np.ndarray, " nt"], at_most: int = MAX_R
     return np.unique(np.concatenate(kept))
 
 
-def frames_to_keep(
+def choose_frames(
     t: Float[np.ndarray, " nt"],
     states: Callable[[slice], States],
     size: float,
@@ -52,7 +52,7 @@ def frames_to_keep(
         return np.arange(len(t))
     block = max(1, min(BLOCK, BODIES // states(slice(1)).nb))
     rows = (slice(k - 1, k + block + 1) for k in range(1, len(t) - 1, block))
-    bent = np.concatenate([_off_chord(t[k], states(k), size) for k in rows])
+    bent = np.concatenate([_measure_chord_error(t[k], states(k), size) for k in rows])
     chords = np.convolve(np.sqrt(bent), (0.5, 0.5))
     if near > 0.0:
         needed = float(np.sum(chords)) / (2.0 * np.sqrt(near * size)) / (1.0 - EVEN)
@@ -63,7 +63,7 @@ def frames_to_keep(
     return np.unique(np.append(np.minimum(kept, len(t) - 1), (0, len(t) - 1)))
 
 
-def _off_chord(t: np.ndarray, s: States, size: float) -> Float[np.ndarray, " n"]:
+def _measure_chord_error(t: np.ndarray, s: States, size: float) -> Float[np.ndarray, " n"]:
     """Return the largest distance [m] of a body from the chord between the rows before and after, at most ``size``."""
     u = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None, None]
     with np.errstate(all="ignore"):  # a motion may have blown up

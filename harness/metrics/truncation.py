@@ -19,13 +19,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..mechanics import so3
-from ..mechanics.index1 import Index1, index_1
+from ..mechanics.index1 import Index1, solve_index_1
 from ..mechanics.projection import disturb_poses, find_arms, project_poses
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
 from ..types import ACCURATE
-from .reactions import load_on_bodies
-from .scales import displacement
+from .reactions import compute_loads_on_bodies
+from .scales import measure_displacement
 
 SAMPLES = 100  # most rows examined
 LEAST, PRODUCTS = 4, 2e8  # fewest rows examined; bound on nrows^2 6 nb times the rows, for large systems
@@ -46,7 +46,7 @@ COVERED = 0.5  # share of the rows where the exact motion must be known to excus
 class Truncation:
     """The errors of rates relative to what the step size explains, worst body; NaN where nothing is known."""
 
-    velocities: float = float("nan")  # against poses, or ``unexplained_velocity`` if that is larger
+    velocities: float = float("nan")  # against poses, or ``measure_unexplained_velocity`` if that is larger
     accelerations: float = float("nan")  # of index 1, against difference quotients of velocities
     reactions: float = float("nan")  # as joint loads on bodies, against those of index 1
     rate: float = float("nan")  # [1/s] the largest acceleration of a body over the largest speed
@@ -74,7 +74,7 @@ class _Rows:
     before_and_after: tuple[States, States]  # states before and after, as recorded
 
 
-def truncation(
+def measure_truncation(
     system: MultibodySystem,
     t: Float[np.ndarray, " nt"],
     s: States,
@@ -97,38 +97,40 @@ def truncation(
     slow = speed / float(t[-1] - t[0])  # [m/s2] acceleration that reaches the speed over the whole run
     size = np.max(np.abs(s.r), initial=0.0) + np.max(system.gyration)
     rows = _compare(system, t, s, k)
-    found = [index_1(system, x) for x in rows.near]
+    found = [solve_index_1(system, x) for x in rows.near]
     told = None if reaction is None or not system.nj else [reaction[k + d] for d in (-1, 0, 1)]
     looked, every = len(k), np.ones(len(k), dtype=bool)
     none = np.zeros((len(k), system.nb))
-    velocities = _ratio(*_of_velocities(rows, speed, size))
-    accelerations, there = _of_accelerations(rows, found, slow, none, every)
-    reactions = _of_reactions(rows, found, told, slow, none, every)
+    velocities = _ratio(*_compare_velocities(rows, speed, size))
+    accelerations, there = _compare_accelerations(rows, found, slow, none, every)
+    reactions = _compare_reactions(rows, found, told, slow, none, every)
     rate = float(np.max(there, initial=0.0, where=np.isfinite(there))) / speed
     unsure = unsure_loads = 0
     if max(np.nan_to_num([accelerations, reactions])) > 1.0 or not np.all(np.isfinite(there)):
-        own = np.max(displacement(system, rows.here, rows.near[1]), axis=1, initial=FINEST * length)
+        own = np.max(measure_displacement(system, rows.here, rows.near[1]), axis=1, initial=FINEST * length)
         own = np.minimum(own, COARSEST * length)
-        moved = [index_1(system, disturb_poses(system, rows.near[1], own, seed)) for seed in SEEDS]
+        moved = [solve_index_1(system, disturb_poses(system, rows.near[1], own, seed)) for seed in SEEDS]
         a, load, Omega = found[1].a, found[1].load, rows.here.Omega
-        field = _of_matter(a, Omega, _still(a))
-        apart = np.max([_matter(system, _of_matter(x.a, Omega, _still(a)) - field) for x in moved], axis=0)
+        field = _make_matter_rates(a, Omega, _repeat_identity(a))
+        apart = np.max(
+            [_matter(system, _make_matter_rates(x.a, Omega, _repeat_identity(a)) - field) for x in moved], axis=0
+        )
         known = np.all(apart <= KNOWN * there, axis=1)  # false where it is no number, too
         unsure = int(np.sum(~known))
-        accelerations, _ = _of_accelerations(rows, found, slow, apart / SURE, known)
+        accelerations, _ = _compare_accelerations(rows, found, slow, apart / SURE, known)
         if told is not None:
             apart = np.max([_weight(system, x.load - load) for x in moved], axis=0)
             known &= np.all(apart <= KNOWN * _largest_load(system, load, slow), axis=1)
-            reactions = _of_reactions(rows, found, told, slow, apart / SURE, known)
+            reactions = _compare_reactions(rows, found, told, slow, apart / SURE, known)
             unsure_loads = int(np.sum(~known))
     k = k[k + 1 < covered]
     enough = len(k) >= max(3, COVERED * looked)
     if exact is not None and enough and max(np.nan_to_num([velocities, accelerations])) > 1.0:
         around = np.unique(np.concatenate((k - 1, k, k + 1)))
         same = _compare(system, t[around], exact(around), np.searchsorted(around, k))
-        found, none, every = [index_1(system, x) for x in same.near], none[: len(k)], every[: len(k)]
-        velocities /= np.fmax(1.0, TWICE * _ratio(*_of_velocities(same, speed, size)))
-        accelerations /= np.fmax(1.0, TWICE * _of_accelerations(same, found, slow, none, every)[0])
+        found, none, every = [solve_index_1(system, x) for x in same.near], none[: len(k)], every[: len(k)]
+        velocities /= np.fmax(1.0, TWICE * _ratio(*_compare_velocities(same, speed, size)))
+        accelerations /= np.fmax(1.0, TWICE * _compare_accelerations(same, found, slow, none, every)[0])
     return Truncation(velocities, accelerations, reactions, rate, looked, unsure, unsure_loads)
 
 
@@ -165,20 +167,20 @@ def _rounding(rows: _Rows) -> np.ndarray:
     return np.asarray((np.finfo(float).eps * ROUNDINGS / np.minimum(*rows.h))[..., 0])
 
 
-def _of_velocities(rows: _Rows, speed: float, size: float) -> tuple[np.ndarray, np.ndarray]:
+def _compare_velocities(rows: _Rows, speed: float, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors of velocities against difference quotients of poses, and their bounds, both (n, nb) in m/s.
 
     ``speed`` [m/s] is the largest of the motion; ``size`` [m] is that of the poses, for rounding.
     """
     first, last = (
-        _of_matter(x, np.zeros_like(x[..., 3:]), turn)
+        _make_matter_rates(x, np.zeros_like(x[..., 3:]), turn)
         for x, turn in zip(rows.sides, _halve_rotations(rows), strict=True)
     )
     off = _size(rows.system, _mean(rows, rows.sides) - rows.v)
     return off, _matter(rows.system, last - first) + TOLD * speed + size * _rounding(rows)
 
 
-def _of_accelerations(
+def _compare_accelerations(
     rows: _Rows, found: list[Index1], slow: float, wider: np.ndarray, known: np.ndarray
 ) -> tuple[float, np.ndarray]:
     """Return the ratio of the errors of accelerations to their bounds, and the largest acceleration (n, 1) [m/s2].
@@ -187,14 +189,14 @@ def _of_accelerations(
     ``known`` count, and ``slow`` [m/s2] is the least acceleration that errors are compared with.
     """
     system, a, halves = rows.system, found[1].a, _halve_rotations(rows)
-    field = _of_matter(a, rows.here.Omega, _still(a))
+    field = _make_matter_rates(a, rows.here.Omega, _repeat_identity(a))
     # a body at rest has no acceleration to compare with
     there = np.maximum(np.max(_matter(system, field), axis=1, keepdims=True), slow)
     first, last = (
-        _of_matter(q, x[..., 3:], turn) for q, x, turn in zip(rows.quotients, rows.sides, halves, strict=True)
+        _make_matter_rates(q, x[..., 3:], turn) for q, x, turn in zip(rows.quotients, rows.sides, halves, strict=True)
     )
     ends = (
-        _of_matter(x.a, at.Omega, half @ half) - field
+        _make_matter_rates(x.a, at.Omega, half @ half) - field
         for x, at, half in zip((found[0], found[2]), rows.before_and_after, halves, strict=True)
     )
     left = np.maximum(_matter(system, last - first), sum(_matter(system, x) for x in ends))
@@ -204,7 +206,7 @@ def _of_accelerations(
     return _ratio(off, left, known), there
 
 
-def _of_reactions(
+def _compare_reactions(
     rows: _Rows, found: list[Index1], told: list[np.ndarray] | None, slow: float, wider: np.ndarray, known: np.ndarray
 ) -> float:
     """Return the ratio of the errors of joint loads to their bounds over ``known`` rows; NaN without reactions.
@@ -216,7 +218,7 @@ def _of_reactions(
         return float("nan")
     system = rows.system
     at = (rows.before_and_after[0], rows.here, rows.before_and_after[1])
-    loads = [load_on_bodies(system, x, s) for x, s in zip(told, at, strict=True)]
+    loads = [compute_loads_on_bodies(system, x, s) for x, s in zip(told, at, strict=True)]
     exact = [x.load for x in found]
     pull = _largest_load(system, exact[1], slow)
     steps = np.maximum(*(_weight(system, x[1] - x[0]) + _weight(system, x[2] - x[1]) for x in (loads, exact)))
@@ -241,12 +243,12 @@ def _largest_load(system: MultibodySystem, load: np.ndarray, slow: float) -> np.
     return np.maximum(np.max(_weight(system, load), axis=1, keepdims=True), system.mass * slow)
 
 
-def _still(a: np.ndarray) -> np.ndarray:
+def _repeat_identity(a: np.ndarray) -> np.ndarray:
     """Return identity rotations (n, nb, 3, 3) for accelerations ``a`` (n, nb, 6)."""
     return np.broadcast_to(np.eye(3), (*a.shape[:2], 3, 3))
 
 
-def unexplained_velocity(
+def measure_unexplained_velocity(
     t: Float[np.ndarray, " nt"],
     away: Float[np.ndarray, " nt"],
     rate: Float[np.ndarray, " nt"],
@@ -285,7 +287,7 @@ def _velocities(s: States) -> np.ndarray:
     return np.concatenate((s.v, s.Omega), axis=-1)
 
 
-def _of_matter(rate: np.ndarray, spin: np.ndarray, turn: np.ndarray) -> np.ndarray:
+def _make_matter_rates(rate: np.ndarray, spin: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Return the rates of a body's matter in space, from ``rate`` of its C [space] and of its rotation [body].
 
     Column 0 of the result (n, nb, 3, 4) is the rate of C. The other columns map a point of the body, in its frame, to
@@ -297,7 +299,7 @@ def _of_matter(rate: np.ndarray, spin: np.ndarray, turn: np.ndarray) -> np.ndarr
 
 
 def _matter(system: MultibodySystem, rate: np.ndarray) -> np.ndarray:
-    """Return the root mean square over each body's matter (n, nb) of a field of rates as ``_of_matter`` returns it."""
+    """Return the root mean square over each body's matter (n, nb) of rates as ``_make_matter_rates`` returns them."""
     trace = np.trace(system.inertia, axis1=1, axis2=2)[:, None, None]
     second = (0.5 * trace * np.eye(3) - system.inertia) / system.mass[:, None, None]
     G = rate[..., 1:]

@@ -37,7 +37,7 @@ def list_broken_laws(
     values = [a.reshape(len(t), -1) for a in (t, s.r, s.R, s.v, s.Omega)]
     finite = np.isfinite(np.concatenate(values, axis=1)).all(axis=1)
     if not np.all(finite):
-        return [Reason(Law.FINITE, time_s=_first(t, ~finite))]
+        return [Reason(Law.FINITE, time_s=_find_first_time(t, ~finite))]
     out = []
     if not abs(t[-1] - problem.t_end) <= 1e-9 * max(problem.t_end, 1.0):
         out.append(Reason(Law.END, float(t[-1]), problem.t_end, "s", float(t[-1])))
@@ -49,7 +49,7 @@ def list_broken_laws(
     def limit(law: Law, most: float, allowed: float, unit: str, series: np.ndarray | None, name: str = "") -> None:
         """Append a reason to ``out`` if ``most`` exceeds ``allowed``, with the time when ``series`` first does."""
         if not math.isnan(most) and not most <= allowed:
-            when = math.nan if series is None else _first(t, ~(np.abs(series) <= allowed))
+            when = math.nan if series is None else _find_first_time(t, ~(np.abs(series) <= allowed))
             out.append(Reason(law, most, allowed, unit, when, name))
 
     for one in m.mechanisms:
@@ -59,7 +59,7 @@ def list_broken_laws(
     limit(Law.KINEMATIC, m.kinematic_defect - m.kinematic_exact, KINEMATIC, "", None)
     limit(Law.REACTION, m.reaction_error, REACTION * (m.reaction_size + size.energy / size.length), "N", None)
     limit(Law.MOMENT, m.moment_error, REACTION * (m.moment_size + size.energy), "N m", None)
-    accurate = not inaccuracy(m, columns)  # an inaccurate run's errors are known and reported as such
+    accurate = not find_inaccuracy(m, columns)  # an inaccurate run's errors are known and reported as such
     for name, share in m.truncation.shares.items() if accurate else ():
         words = f"the error of {name}, beside what steps of this length leave open,"
         limit(Law.TRUNCATION, share, 1.0, "", None, words)
@@ -74,7 +74,7 @@ def list_broken_laws(
     return out
 
 
-def inaccuracy(m: MeasuredSeries, columns: Mapping[str, Any]) -> list[Reason]:
+def find_inaccuracy(m: MeasuredSeries, columns: Mapping[str, Any]) -> list[Reason]:
     """Return reasons why a motion that keeps all laws is inaccurate: its distance from the reference while predictable.
 
     Empty if it is accurate, or if there is no reference. ``m`` are the series measured, ``columns`` those of the
@@ -95,12 +95,12 @@ def inaccuracy(m: MeasuredSeries, columns: Mapping[str, Any]) -> list[Reason]:
         (Law.VELOCITY, columns.get("rate_error_judged_m_per_s", math.nan), RATE * m.size.speed, "m/s", m.rate_error),
     ):
         if most > allowed:
-            out.append(Reason(law, most, allowed, unit, _first(m.t, series > allowed)))
+            out.append(Reason(law, most, allowed, unit, _find_first_time(m.t, series > allowed)))
     if not out and m.motion_between > BETWEEN * length + own:
         out.append(Reason(Law.ROWS, m.motion_between, BETWEEN * length + own, "m", m.motion_between_s))
     return out
 
 
-def _first(t: Float[np.ndarray, " nt"], broken: np.ndarray) -> float:
+def _find_first_time(t: Float[np.ndarray, " nt"], broken: np.ndarray) -> float:
     """Return the first time [s] at which ``broken`` is true; NaN if it never is."""
     return float(t[np.argmax(broken)]) if np.any(broken) else math.nan

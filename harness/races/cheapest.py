@@ -8,7 +8,7 @@ from typing import Any
 from ..catalogue import registry
 from ..results.records import RunRecord
 from ..results.words import list_reasons
-from ..results.work import index_1_evaluations
+from ..results.work import count_index_1_evaluations
 from ..suites.spec import RunSpec, make_spec
 from ..types import Problem, Status
 
@@ -26,7 +26,7 @@ CLOCK = 1e-3  # [s] shorter times count as equal
 
 def compute_cost(r: RunRecord) -> tuple[float, float]:
     """Return the cost of a run: CPU time [s], at least the clock's resolution, then index-1 evaluations for ties."""
-    return max(r.cpu_median_s, CLOCK), index_1_evaluations(r)
+    return max(r.cpu_median_s, CLOCK), count_index_1_evaluations(r)
 
 
 @dataclass
@@ -57,24 +57,24 @@ class Candidate:
         return min(known, key=lambda r: r.motion_error_judged_m) if known else self.runs[-1]
 
     @property
-    def why_not(self) -> str:
+    def failure(self) -> str:
         """The reason why no run meets the error, in words; empty if one does."""
         r, last = self.closest, self.runs[-1]
         if self.best:
             return ""
         if r.status != Status.SUCCESS:
             return f"{r.status}: {'; '.join(list_reasons(r))}"
-        further = f"; then {last.status} at {self.control}={self.setting(last):g}: {'; '.join(list_reasons(last))}"
+        further = f"; then {last.status} at {self.control}={self.get_setting(last):g}: {'; '.join(list_reasons(last))}"
         return f"least error of {len(self.runs)} runs{'' if last is r else further}"
 
     def succeeds_within(self, r: RunRecord) -> bool:
         """Return whether the run is a success and its motion error is at most the required one."""
         return r.status == Status.SUCCESS and r.motion_error_judged_m <= self.error
 
-    def next_spec(self) -> RunSpec | None:
+    def choose_next_spec(self) -> RunSpec | None:
         """Return the next run to try, by the errors of those so far; None if the search has ended."""
         value = self._next_setting()
-        tried = {self.setting(r) for r in self.runs}
+        tried = {self.get_setting(r) for r in self.runs}
         least = self.problem.t_end / MOST_STEPS if self.control == "dt" else TIGHTEST
         most = self.problem.t_end / 4.0 if self.control == "dt" else LOOSEST
         if value is None or not least <= value <= most or any(abs(value / v - 1.0) < 0.05 for v in tried):
@@ -83,7 +83,7 @@ class Candidate:
             self.problem, self.solver, self.options, {self.control: float(f"{value:.3g}")}, cpu_limit=self.limit
         )
 
-    def setting(self, r: RunRecord) -> float:
+    def get_setting(self, r: RunRecord) -> float:
         """Return the value of the setting that is searched, dt [s] or rtol, of a run."""
         return r.dt_s if self.control == "dt" else r.rtol
 
@@ -96,17 +96,17 @@ class Candidate:
             return None
         least, most = SPAN[self.control]
         if last.status in (Status.STALLED, Status.UNFINISHED):  # too fine for its time limit: coarsen, once
-            coarser = any(self.setting(r) > self.setting(last) for r in self.runs)
-            return None if coarser else self.setting(last) * most
+            coarser = any(self.get_setting(r) > self.get_setting(last) for r in self.runs)
+            return None if coarser else self.get_setting(last) * most
         if last.status != Status.SUCCESS:  # a finer setting may help
-            return self.setting(last) * least
+            return self.get_setting(last) * least
         met = self.succeeds_within(last)
         if met and last.motion_error_judged_m > NEAR * self.error:
             return None
         power = 1.0 / self._observe_order()
         change = (AIM * self.error / max(last.motion_error_judged_m, 1e-300)) ** power
-        value = self.setting(last) * min(max(change, least), most)
-        missed = [self.setting(r) for r in self.runs if not self.succeeds_within(r)]
+        value = self.get_setting(last) * min(max(change, least), most)
+        missed = [self.get_setting(r) for r in self.runs if not self.succeeds_within(r)]
         return None if met and missed and value >= min(missed) else value
 
     def _observe_order(self) -> float:
@@ -117,14 +117,14 @@ class Candidate:
         good = [r for r in self.runs if r.status == Status.SUCCESS and r.motion_error_judged_m > 0.0][-2:]
         if len(good) == 2:
             a, b = (math.log(r.motion_error_judged_m) for r in good)
-            order = (a - b) / (math.log(self.setting(good[0])) - math.log(self.setting(good[1])))
+            order = (a - b) / (math.log(self.get_setting(good[0])) - math.log(self.get_setting(good[1])))
             if 0.3 < order < 12.0:
                 return order
         declared = self.runs[-1].declared_order
         return (2.0 if math.isnan(declared) else declared) if self.control == "dt" else 1.0
 
 
-def rank(candidates: Iterable[Candidate]) -> list[Candidate]:
+def rank_candidates(candidates: Iterable[Candidate]) -> list[Candidate]:
     """Return the candidates that were run: those that meet the error, the cheapest first, then the others."""
     return sorted(
         (c for c in candidates if c.runs), key=lambda c: compute_cost(c.best) if c.best else (math.inf, math.inf)

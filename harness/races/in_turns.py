@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..catalogue import registry
 from ..code_meter import CODE_LIMIT
-from ..execution.contract import cost_columns
+from ..execution.contract import make_cost_columns
 from ..execution.presenting import present_solver
 from ..execution.worker import solve_repeatedly
 from ..results import store
@@ -41,7 +41,7 @@ def time_in_turns(
     timed, failures = list[RunRecord](), list[str]()
     for (problem, _), group in groupby(sorted(finished, key=_variant), key=_variant):
         runs = list(group)
-        times, failure = _time_apart(runs, turns, plugins, budget)
+        times, failure = _time_in_process(runs, turns, plugins, budget)
         failures += [f"{problem}: {failure}"] if failure else []
         timed += [_replace_times(r, own, len(runs)) for r, own in zip(runs, times, strict=False)]
     for r in timed:
@@ -75,7 +75,7 @@ def _variant(r: RunRecord) -> tuple[str, str]:
     return r.problem, r.problem_parameters
 
 
-def _time_apart(
+def _time_in_process(
     runs: Sequence[RunRecord], turns: int, plugins: Sequence[str], budget: float
 ) -> tuple[list[list[float]], str]:
     """Run ``take_turns`` in a separate process; return the CPU times [s] of each run, and why it failed, or "".
@@ -104,6 +104,6 @@ def _replace_times(r: RunRecord, times: Sequence[float], runs: int) -> RunRecord
     note = f"CPU times: {len(times)} turns in one process, {runs} runs of the problem in turns"
     return dataclasses.replace(
         r,
-        **cost_columns(times, len(times)),
+        **make_cost_columns(times, len(times)),
         notes=json.dumps([*(n for n in json.loads(r.notes) if not n.startswith("CPU times: ")), note]),
     )

@@ -10,7 +10,7 @@ from ..results import store
 from ..results.judgements import files
 from ..results.judgements.claims import CodeDigests, JudgedClaim
 from ..results.judgements.files import format_judgement
-from ..results.provisional import latest_of_each
+from ..results.provisional import select_latest
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec
 from ..suites.suite import load_suite
@@ -51,7 +51,7 @@ def judge_results(folder: Path, register: Register, watch: Callable[[str], None]
     Runs that a resumed folder holds twice count once. ``watch`` is called with the name of each judgement as it
     begins.
     """
-    records = latest_of_each(store.load(folder, check_series=False).records)
+    records = select_latest(store.load(folder, check_series=False).records)
     watch("claims")
     out: dict[str, Any] = {"claims": judge(register, list_tried(), records, lambda r: store.read_run_series(folder, r))}
     for name, function in OTHERS:

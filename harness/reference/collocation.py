@@ -27,7 +27,7 @@ DIFFERENCE = 1e-7
 
 
 class Step(NamedTuple):
-    """A step from ``t`` [s] of length ``h`` [s], with y(t + x h) = y + nested_products(x, s) F."""
+    """A step from ``t`` [s] of length ``h`` [s], with y(t + x h) = y + evaluate_nested_basis(x, s) F."""
 
     t: float
     h: float
@@ -36,7 +36,7 @@ class Step(NamedTuple):
 
     def states(self, x: Float[np.ndarray, " nx"]) -> Float[np.ndarray, "nx ny"]:
         """Return the states (nx, ny) at fractions ``x`` of the step, 0 to 1; beyond 1 they extrapolate."""
-        out: np.ndarray = self.y + nested_products(x, len(self.F)) @ self.F
+        out: np.ndarray = self.y + evaluate_nested_basis(x, len(self.F)) @ self.F
         return out
 
     @property
@@ -57,13 +57,13 @@ class Method(NamedTuple):
     polynomial: Float[np.ndarray, "s s"]  # takes Z to F
 
 
-def nested_products(x: Float[np.ndarray, " nx"], s: int) -> Float[np.ndarray, "nx s"]:
+def evaluate_nested_basis(x: Float[np.ndarray, " nx"], s: int) -> Float[np.ndarray, "nx s"]:
     """Return x, x (1 - x), x^2 (1 - x), ... as s columns: the basis of DOP853's interpolant."""
     return np.cumprod(np.stack([x if k % 2 == 0 else 1.0 - x for k in range(s)], axis=1), axis=1)
 
 
 @cache
-def radau(s: int) -> Method:
+def make_radau(s: int) -> Method:
     """Return the constants of Radau IIA with ``s`` stages.
 
     The inner nodes are the zeros of a Jacobi polynomial; A integrates Legendre polynomials.
@@ -76,10 +76,14 @@ def radau(s: int) -> Method:
     values, T = np.linalg.eig(inverse)
     one = values.imag >= 0.0
     back = T[:, one] * np.where(values[one].imag > 0.0, 2.0, 1.0)
-    return Method(nodes, inverse, values[one], np.linalg.inv(T)[one], back, np.linalg.inv(nested_products(nodes, s)))
+    return Method(
+        nodes, inverse, values[one], np.linalg.inv(T)[one], back, np.linalg.inv(evaluate_nested_basis(nodes, s))
+    )
 
 
-def jacobian(f: Rate, y: Float[np.ndarray, " ny"], units: Float[np.ndarray, " ny"]) -> Float[np.ndarray, "ny ny"]:
+def estimate_jacobian(
+    f: Rate, y: Float[np.ndarray, " ny"], units: Float[np.ndarray, " ny"]
+) -> Float[np.ndarray, "ny ny"]:
     """Return df/dy by differences of ``DIFFERENCE`` times the ``units`` of y's entries; ``f`` takes stacked states.
 
     Columns of entries with an infinite unit (time) are zero: their stages are known.
@@ -113,7 +117,7 @@ class Collocation:
 
         The highest Legendre coefficient of a step stays below ``tolerance`` times ``units``, the scales of y's entries.
         """
-        method, t, solved, inverse = radau(self.s), 0.0, 0.0, np.zeros(0)
+        method, t, solved, inverse = make_radau(self.s), 0.0, 0.0, np.zeros(0)
         while t < span:
             self.begin()
             left = max(1, int(np.ceil((span - t) / self.next_h - 1e-3)))
@@ -123,7 +127,7 @@ class Collocation:
                 guess = past.states(1.0 + method.nodes * h / past.h) - past.end
             fresh = self.J is None
             if self.J is None:
-                self.J = jacobian(self.f, y + guess[self.s // 2], units)
+                self.J = estimate_jacobian(self.f, y + guess[self.s // 2], units)
             if fresh or abs(h - solved) > 1e-6 * h:
                 inverse, solved = np.linalg.inv(method.values[:, None, None] / h * np.eye(len(y)) - self.J), h
             scale = np.where(np.isfinite(units), units, h)
@@ -152,7 +156,7 @@ class Collocation:
         ``inverse`` holds the inverse matrix of a Newton step for each eigenvector (m, ny, ny). The rate is the largest
         ratio of a correction to the one before; it is infinite if the iteration does not converge.
         """
-        method, slowest, before = radau(self.s), 0.0, np.inf
+        method, slowest, before = make_radau(self.s), 0.0, np.inf
         for _ in range(SWEEPS):
             gap = self.f(y + Z) - method.inverse @ Z / h
             change = (method.back @ np.matmul(inverse, (method.to @ gap)[..., None])[..., 0]).real

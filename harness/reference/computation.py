@@ -26,13 +26,13 @@ from ..mechanics import added_inertia, fixed_order, time_functions, user_forces
 from ..mechanics.kept_code import UndigestibleValue, digest_callback
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
-from ..mechanics.torsion import count_right, torsion, wind
+from ..mechanics.torsion import count_determined_rows, evaluate_torsion, rewind_springs
 from ..types import Problem, Reference
 from . import orbit
-from .collocation import Collocation, jacobian
+from .collocation import Collocation, estimate_jacobian
 from .director_rows import ROWS
 from .directors import Directors
-from .extrapolation import Rate, each
+from .extrapolation import Rate, vectorize_rate
 from .moving_rows import PUSHES
 from .newton_euler import NewtonEuler
 from .orbit import Orbit, Pair, Piece
@@ -93,13 +93,13 @@ def find_reference(problem: Problem) -> Reference | None:
     """
     exact = problem.reference()
     if exact is None and not problem.literal_start:
-        exact = _hinged().hinged_motion(problem.system, problem.initial, problem.t_end)
+        exact = _import_hinged().find_hinged_motion(problem.system, problem.initial, problem.t_end)
     known = exact is not None or problem.literal_start or not is_computable(problem.system)
     return exact if known else compute_reference(problem)
 
 
 @cache
-def _hinged() -> ModuleType:
+def _import_hinged() -> ModuleType:
     """Return the module with the closed form of a body on a hinge.
 
     It belongs to the problems and is imported by name.
@@ -107,7 +107,7 @@ def _hinged() -> ModuleType:
     return import_module("...problems.exact.hinged", __package__)
 
 
-def say_why_it_ends(reference: Reference | None) -> list[str]:
+def explain_end(reference: Reference | None) -> list[str]:
     """Return a note on why a reference ends before its problem does, as a list of one; empty if it does not."""
     ends = getattr(reference, "ends", "")
     return [f"reference ends at {reference.horizon:.4g} s: {ends}"] if reference is not None and ends else []
@@ -129,7 +129,7 @@ def describe_source(problem: Problem) -> Source:
         return Source.NONE
     if problem.reference_from is not None:
         return Source.CERTIFIED if _is_integrated(problem.reference_from) else Source.OWN
-    if _hinged().is_hinged(problem.system):
+    if _import_hinged().is_hinged(problem.system):
         return Source.HINGED
     return Source.COMPUTED if is_computable(problem.system) else Source.NONE
 
@@ -151,18 +151,18 @@ def is_computable(system: MultibodySystem) -> bool:
     """
     if not set(system.moving_rows().kind) <= PUSHES.keys() & ROWS.keys():
         return False
-    return _fewest(system) < LARGEST
+    return _estimate_least_cost(system) < LARGEST
 
 
-def _fewest(system: MultibodySystem) -> float:
+def _estimate_least_cost(system: MultibodySystem) -> float:
     """Return the CPU time [s] that ``FEWEST`` steps of the second route take, by the cost model.
 
     A step of extrapolation takes 72 evaluations.
     """
-    return FEWEST * 72 * cost(system)[1]
+    return FEWEST * 72 * estimate_cost(system)[1]
 
 
-def cost(system: MultibodySystem) -> tuple[float, float]:
+def estimate_cost(system: MultibodySystem) -> tuple[float, float]:
     """Return the CPU time [s] to evaluate one state by route 1, and by route 2, from a model.
 
     The model was fitted to systems of 1 to 55 bodies (docs/decisions).
@@ -234,7 +234,7 @@ class _Motion:
     def __post_init__(self) -> None:
         """Set up both routes, and the sizes and frequencies that their tolerances and first steps depend on."""
         self.given = replace(self.system)  # a copy, for which no routes are set up yet
-        self._take(self.system)
+        self._set_up_routes(self.system)
         self.radius = self.system.gyration
         sines = [a[a[:, 4] != 0.0, 5] for a in (self.system.joint_motion, self.system.load_factor)]
         self.frequency = float(np.max(np.abs(np.concatenate(sines)), initial=0.0))
@@ -248,7 +248,7 @@ class _Motion:
         spring winds more than half a turn is repeated with a rewound spring.
         """
         try:
-            self._take(self.system)
+            self._set_up_routes(self.system)
             y, z = self.first.project_state(self.first.start(self.start)), self.second.start(self.start)
             first, second, pair = self._pair(y, z)
             begin, speed, turn, self.reach = self.first.states(y[None]), 0.0, 0.0, 0.0
@@ -262,7 +262,7 @@ class _Motion:
                 where = max(self.size, 0.1 * float(np.max(np.abs(y[: 3 * self.system.nb]))))
                 units = (where, speed, turn)
                 both = self.first.units(*units), self.second.units(*units)
-                span, left = min(span, self._whole_law(y)), self.left
+                span, left = min(span, self._estimate_law_time(y)), self.left
                 try:
                     piece = self._chunk(pair, routes, (t, y, z), span, (tolerance, correction), both, most)
                 except ArithmeticError:
@@ -270,16 +270,16 @@ class _Motion:
                         raise
                     piece = None
                 # a spring winds on: repeat with a law about its present angle
-                if piece is None or not self._holds(piece):
+                if piece is None or not self._stays_within_laws(piece):
                     tries, self.left = tries + 1, left  # failed tries, which are few, are not charged to the budget
                     span *= 0.25 * 0.5 ** (tries - 1)  # the next chunk tries four times this
-                    self._take(wind(self.given, self.first.states(y[None])[0]))
+                    self._set_up_routes(rewind_springs(self.given, self.first.states(y[None])[0]))
                     y, z = self.first.project_state(y), self.second.project_state(z)
                     first, second, pair = self._pair(y, z)
                     routes = self._collocations(first, second, len(y) + len(z)) if self.stiff else None
                     continue
                 t, span, tries = piece.t, min(span, most / 4.0 * span / len(piece.nodes)), 0
-                self.reach = max(self.reach, self._apart(begin, self.first.states(piece.y[None])))
+                self.reach = max(self.reach, self._measure_distance(begin, self.first.states(piece.y[None])))
                 yield piece
                 y, z = self.first.project_state(piece.y), self.second.project_state(piece.z)
         except (ArithmeticError, np.linalg.LinAlgError, ValueError) as error:  # ValueError: LAPACK, SciPy on overflow
@@ -302,10 +302,10 @@ class _Motion:
         """
         tolerance, correction = tolerances
         if routes:
-            return orbit.stiff_chunk(pair, routes, at, span, tolerance, tolerance, units)
+            return orbit.advance_stiff(pair, routes, at, span, tolerance, tolerance, units)
         return orbit.advance_routes(pair, at, span, tolerance, correction, units, most)
 
-    def _take(self, given: MultibodySystem) -> None:
+    def _set_up_routes(self, given: MultibodySystem) -> None:
         """Set up and compile both routes for the system ``given``, unless they are set up for it already.
 
         Its torsional springs may be rewound, so that their laws hold about other angles than at the start.
@@ -317,26 +317,26 @@ class _Motion:
 
     def _pair(self, y: np.ndarray, z: np.ndarray) -> tuple[Rate, Rate, Pair]:
         """Return the rates of both routes, which take their cost from the budget, and both as a pair from y and z."""
-        c_first, c_second = cost(self.system)
+        c_first, c_second = estimate_cost(self.system)
         first, second = self._charge(self.first.rate, c_first), self._charge(self.second.rate, c_second)
         return first, second, Pair(first, second, y, z, self._disagreement, self.second.choose_rows)
 
-    def _whole_law(self, y: np.ndarray) -> float:
+    def _estimate_law_time(self, y: np.ndarray) -> float:
         """Return the time [s] over which rewound springs turn by ``WINDING`` at their present rate.
 
         Infinite as long as no spring was rewound.
         """
         if self.given is self.system:
             return np.inf
-        rate = np.max(np.abs(torsion(self.given, self.first.states(y[None]))[1]), initial=0.0)
+        rate = np.max(np.abs(evaluate_torsion(self.given, self.first.states(y[None]))[1]), initial=0.0)
         return float(WINDING / rate) if rate > 0.0 else np.inf
 
-    def _holds(self, piece: Piece) -> bool:
+    def _stays_within_laws(self, piece: Piece) -> bool:
         """Return whether all torsional springs stay within half a turn of the angle of their law over a chunk."""
         if not np.any(self.given.torsion_k):
             return True
         y, t = np.array([*(s[1] for s in piece.steps), piece.y]), np.array([*(s[0] for s in piece.steps), piece.t])
-        return count_right(self.given, t, self.first.states(y)) == len(t)
+        return count_determined_rows(self.given, t, self.first.states(y)) == len(t)
 
     def share(self, of: float) -> float:
         """Return the fraction ``of`` times the reach so far [m], a limit on the stated error.
@@ -350,8 +350,11 @@ class _Motion:
         s = self.system
         if not (np.any(s.spring_c) or np.any(s.torsion_c) or len(s.user_i)):
             return False
-        J = jacobian(each(self.first.rate), y, self.first.units(self.size, 1.0, 1.0))
-        return len(LEVELS) * DAMPED * -float(np.min(np.linalg.eigvals(J).real)) * self.t_end * sum(cost(s)) > BUDGET
+        J = estimate_jacobian(vectorize_rate(self.first.rate), y, self.first.units(self.size, 1.0, 1.0))
+        return (
+            len(LEVELS) * DAMPED * -float(np.min(np.linalg.eigvals(J).real)) * self.t_end * sum(estimate_cost(s))
+            > BUDGET
+        )
 
     def _collocations(self, first: Rate, second: Rate, n: int) -> tuple[Collocation, Collocation]:
         """Return the collocations of both routes.
@@ -364,7 +367,7 @@ class _Motion:
             self.left -= INVERSE * n**3 / 8.0
             self.second.choose_rows()
 
-        return Collocation(each(first), begin), Collocation(second, begin, s=9)  # other nodes, other errors
+        return Collocation(vectorize_rate(first), begin), Collocation(second, begin, s=9)  # other nodes, other errors
 
     def _charge(self, rate: Callable[[np.ndarray], np.ndarray], each: float) -> Callable[[np.ndarray], np.ndarray]:
         """Wrap ``rate`` so that each state evaluated takes ``each`` [s] from the budget.
@@ -387,10 +390,10 @@ class _Motion:
 
     def _disagreement(self, y: np.ndarray, z: np.ndarray) -> float:
         """Return the distance [m] of both routes, or |phi| of the rows that route 1 leaves out, if that is larger."""
-        apart = self._apart(self.first.states(y[None]), self.second.states(z[None]))
-        return max(apart, self.first.violation(y))
+        apart = self._measure_distance(self.first.states(y[None]), self.second.states(z[None]))
+        return max(apart, self.first.measure_violation(y))
 
-    def _apart(self, a: States, b: States) -> float:
+    def _measure_distance(self, a: States, b: States) -> float:
         """Return the largest distance [m] of a body between two states: of its C, or by its rotation.
 
         A rotation by theta counts as 2 sin(theta/2) times the radius of gyration.
@@ -456,7 +459,7 @@ def _find_agreement(system: MultibodySystem, start: State, t_end: float) -> Orbi
     either, the wide one continues on a budget of its own, and serves ``beyond`` the narrow one. A level that its budget
     ended is not continued. None if no level advances at all.
     """
-    left, best, levels = max(BUDGET, 2.0 * _fewest(system)), None, list[_Level]()
+    left, best, levels = max(BUDGET, 2.0 * _estimate_least_cost(system)), None, list[_Level]()
     for tolerances, share in zip((*LEVELS, LEVELS[0]), (AGREED, WORST, WORST), strict=True):
         again = len(levels) == len(LEVELS)
         if again and (best is not None and best.horizon == t_end):

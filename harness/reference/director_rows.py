@@ -56,9 +56,9 @@ def _driven_angle(i: Body, j: Body, p: Joint) -> list[Row]:
     u, u_dot = p.u @ i[0], p.u @ i[1]
     ahead = np.cos(f)[:, None] * p.n[0] + np.sin(f)[:, None] * p.n[1]
     dahead = np.cos(f)[:, None] * p.n[1] - np.sin(f)[:, None] * p.n[0]
-    n, dn = along(ahead, j[0]), along(dahead, j[0])
-    n_dot = along(ahead, j[1]) + f_dot[:, None] * dn
-    rest = 2.0 * f_dot[:, None] * along(dahead, j[1]) + f_ddot[:, None] * dn - (f_dot**2)[:, None] * n
+    n, dn = combine_directors(ahead, j[0]), combine_directors(dahead, j[0])
+    n_dot = combine_directors(ahead, j[1]) + f_dot[:, None] * dn
+    rest = 2.0 * f_dot[:, None] * combine_directors(dahead, j[1]) + f_ddot[:, None] * dn - (f_dot**2)[:, None] * n
     bend = -2.0 * dot(u_dot, n_dot) - dot(u, rest)
     return [Row(dot(u, n), outer(p.u, n), ahead[:, :, None] * u[:, None], -f_dot * dot(u, dn), bend)]
 
@@ -145,7 +145,7 @@ def outer(p: np.ndarray, way: np.ndarray) -> np.ndarray:
     return p[:, None] * way[:, None]
 
 
-def along(p: np.ndarray, X: np.ndarray) -> np.ndarray:
+def combine_directors(p: np.ndarray, X: np.ndarray) -> np.ndarray:
     """Return p . X (nt, 3) for weights p (nt, 4) that change with time."""
     return np.einsum("ta,tac->tc", p, X)
 

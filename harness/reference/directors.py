@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
-from ..mechanics.time_functions import values
+from ..mechanics.time_functions import evaluate_functions
 from .director_rows import ROWS, Joint, Row
 from .principal import is_light, rotate_to_principal_axes
 from .tape import Tape
@@ -119,7 +119,7 @@ class Directors:
         E_bend = np.einsum("nab,tnbx->tnax", self.moments, bend.reshape(*bend.shape[:2], 3, 3))
         f = np.concatenate((f[:, :, :3], _times(np.swapaxes(Z, -1, -2), f[:, :, 3:] - E_bend.reshape(bend.shape))), 2)
         gap = self._curvature(x_dot, rows) - np.sum(J[..., 3:] * bend[:, None], axis=(2, 3))
-        return self._of_freedoms(J, Z), H, f, gap, Z, bend
+        return self._convert_jacobian(J, Z), H, f, gap, Z, bend
 
     def choose_rows(self) -> None:
         """Let the next evaluation choose the independent rows anew, since their dependence changes as bodies turn."""
@@ -165,24 +165,26 @@ class Directors:
         mass matrix of (r, w) if some body is light, else its inverse.
         """
         nt, s = len(x), self.system
-        e = _duals(x[:, :, 1:])
+        e = _compute_duals(x[:, :, 1:])
         Z, P = (np.einsum("kac,tncx->tnaxk", parts, e) for parts in (SKEW, EVEN))
         EZ = np.einsum("nab,tnbxk->tnaxk", self.moments, Z).reshape(nt, s.nb, 9, 3)
         Z, P = Z.reshape(nt, s.nb, 9, 3), P.reshape(nt, s.nb, 9, 6)
         turning = np.matmul(np.swapaxes(Z, -1, -2), EZ)
         H = np.zeros((nt, s.nb, 6, 6), x.dtype)
         H[:, :, range(3), range(3)] = s.mass[:, None] if self.light else 1.0 / s.mass[:, None]
-        H[:, :, 3:, 3:] = turning if self.light else _duals(turning)  # symmetric: its duals are its inverse
+        H[:, :, 3:, 3:] = turning if self.light else _compute_duals(turning)  # symmetric: its duals are its inverse
         return Z, P, H
 
-    def _of_freedoms(self, J: np.ndarray, Z: np.ndarray) -> np.ndarray:
+    def _convert_jacobian(self, J: np.ndarray, Z: np.ndarray) -> np.ndarray:
         """Return the Jacobian by (r, w) of each body (nt, nrows, nb, 6) from ``J``, that by (r, directors)."""
         return np.concatenate((J[..., :3], np.matmul(J[..., None, 3:], Z[:, None])[..., 0, :]), axis=-1)
 
     def _change(self, x: np.ndarray, rows: list[tuple[int, int, Row]], gap: np.ndarray) -> np.ndarray:
         """Return the change of x (nt, nb, 12), least in the mass metric, that the Jacobian maps to ``gap``."""
         Z, _, H = self._freedoms(x)
-        a = self._solve(self._of_freedoms(self._jacobian(x, rows), Z), H, np.zeros((len(x), self.system.nb, 6)), gap)
+        a = self._solve(
+            self._convert_jacobian(self._jacobian(x, rows), Z), H, np.zeros((len(x), self.system.nb, 6)), gap
+        )
         return np.concatenate((a[:, :, :3], _times(Z, a[:, :, 3:])), axis=2)
 
     def _solve(self, J: np.ndarray, H: np.ndarray, f: np.ndarray, gap: np.ndarray) -> np.ndarray:
@@ -234,14 +236,14 @@ class Directors:
         ``p`` for the ground.
         """
         weights = np.concatenate((np.ones((len(p), 1)), p), axis=1)
-        return _of_ground(np.matmul(weights[:, None], x[:, body])[..., 0, :], body, p)
+        return _replace_ground(np.matmul(weights[:, None], x[:, body])[..., 0, :], body, p)
 
-    def _along(self, x: np.ndarray, body: np.ndarray, p: np.ndarray) -> np.ndarray:
+    def _rotate_directions(self, x: np.ndarray, body: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return directions ``p`` (n, 3) fixed in bodies in space (nt, n, 3), sum_a p_a d_a.
 
         ``p`` itself for the ground.
         """
-        return _of_ground(np.matmul(p[:, None], x[:, body, 1:])[..., 0, :], body, p)
+        return _replace_ground(np.matmul(p[:, None], x[:, body, 1:])[..., 0, :], body, p)
 
     def _gap(self, x: np.ndarray, joints: np.ndarray) -> np.ndarray:
         """Return d of the given joints (nt, m, 3) [m], space: from the point of body j to that of body i."""
@@ -254,19 +256,21 @@ class Directors:
         """Return the rate of ``_gap`` [m/s]."""
         s, at_rest = self.system, np.zeros((len(joints), 3))
         ends = (s.joint_i[joints], s.joint_s_i[joints]), (s.joint_j[joints], s.joint_s_j[joints])
-        i, j = (_of_ground(self._point(x_dot, body, p), body, at_rest) for body, p in ends)
+        i, j = (_replace_ground(self._point(x_dot, body, p), body, at_rest) for body, p in ends)
         return i - j
 
     def _axes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return u of body i and n of body j of all axis rows, in space (nt, m, 3)."""
         s, axis = self.system, self.axis
-        return self._along(x, s.joint_i[axis.joint], axis.u), self._along(x, s.joint_j[axis.joint], axis.n)
+        return self._rotate_directions(x, s.joint_i[axis.joint], axis.u), self._rotate_directions(
+            x, s.joint_j[axis.joint], axis.n
+        )
 
     def _rows(self, x: np.ndarray, x_dot: np.ndarray, t: np.ndarray) -> list[tuple[int, int, Row]]:
         """Return the moving rows at times ``t`` [s], each as its number among all rows, its joint and its ``Row``."""
         s, nt, out = self.system, len(x), []
         for k, row, kind in zip(*self.moving, strict=True):
-            f, f_dot, f_ddot = (a[:, 0] for a in values(s.joint_motion[k : k + 1], t))
+            f, f_dot, f_ddot = (a[:, 0] for a in evaluate_functions(s.joint_motion[k : k + 1], t))
             ground = np.broadcast_to(np.eye(4)[:, 1:], (nt, 4, 3)), np.zeros((nt, 4, 3))
             ends = (s.joint_i[k], s.joint_j[k])
             i, j = (ground if b == GROUND else (x[:, b], x_dot[:, b]) for b in ends)
@@ -283,7 +287,10 @@ class Directors:
             out[:, k] = row.phi
         out[:, self.point] = self._gap(x, self.pinned)
         if len(self.line.row):
-            d, n = self._gap(x, self.line.joint), self._along(x, self.system.joint_j[self.line.joint], self.line.n)
+            d, n = (
+                self._gap(x, self.line.joint),
+                self._rotate_directions(x, self.system.joint_j[self.line.joint], self.line.n),
+            )
             L = np.where(self.link, self.line.length, 1.0)
             distance = (np.sum(d * d, axis=-1) - L**2) / (2.0 * L)
             out[:, self.line.row] = np.where(self.link, distance, np.sum(d * n, axis=-1))
@@ -301,7 +308,7 @@ class Directors:
             J[:, axis.row[m], body[m], 1:] = own[m][:, :, None] * other[:, m][:, :, None]
         if len(line.row):
             i, j = s.joint_i[line.joint], s.joint_j[line.joint]
-            d, n = self._gap(x, line.joint), self._along(x, j, line.n)
+            d, n = self._gap(x, line.joint), self._rotate_directions(x, j, line.n)
             way = np.where(self.link[:, None], d / np.where(self.link, line.length, 1.0)[:, None], n)
             for body, arm, sign in ((i, s.joint_s_i[line.joint], 1.0), (j, s.joint_s_j[line.joint], -1.0)):
                 m = np.flatnonzero(body != GROUND)
@@ -320,11 +327,11 @@ class Directors:
         s, axis, line = self.system, self.axis, self.line
         out = np.zeros((len(x_dot), self.nrows), x_dot.dtype)
         ends = (s.joint_i[axis.joint], axis.u), (s.joint_j[axis.joint], axis.n)
-        u, n = (_of_ground(self._along(x_dot, body, p), body, np.zeros_like(p)) for body, p in ends)
+        u, n = (_replace_ground(self._rotate_directions(x_dot, body, p), body, np.zeros_like(p)) for body, p in ends)
         out[:, axis.row] = -2.0 * np.sum(u * n, axis=-1)
         if len(line.row):
             j, d_dot = s.joint_j[line.joint], self._gap_rate(x_dot, line.joint)
-            n_dot = _of_ground(self._along(x_dot, j, line.n), j, np.zeros_like(line.n))
+            n_dot = _replace_ground(self._rotate_directions(x_dot, j, line.n), j, np.zeros_like(line.n))
             square = np.sum(d_dot**2, axis=-1) / np.where(self.link, line.length, 1.0)
             out[:, line.row] = -np.where(self.link, square, 2.0 * np.sum(n_dot * d_dot, axis=-1))
         for k, _, row in rows:
@@ -342,8 +349,8 @@ class Directors:
         if len(s.spring_k):
             rest = np.zeros_like(s.spring_p_i)
             d = self._point(x, s.spring_i, s.spring_p_i) - self._point(x, s.spring_j, s.spring_p_j)
-            speed_i = _of_ground(self._point(x_dot, s.spring_i, s.spring_p_i), s.spring_i, rest)
-            speed_j = _of_ground(self._point(x_dot, s.spring_j, s.spring_p_j), s.spring_j, rest)
+            speed_i = _replace_ground(self._point(x_dot, s.spring_i, s.spring_p_i), s.spring_i, rest)
+            speed_j = _replace_ground(self._point(x_dot, s.spring_j, s.spring_p_j), s.spring_j, rest)
             square = np.sum(d * d, axis=-1)
             along = np.sum(d * (speed_i - speed_j), axis=-1) / square  # d_dot / d
             F = -(s.spring_k * (1.0 - s.spring_d0 / np.sqrt(square)) + s.spring_c * along)[..., None] * d
@@ -351,7 +358,7 @@ class Directors:
                 for k in range(len(body)):
                     Q[:, body[k]] += sign * np.insert(p[k], 0, 1.0)[:, None] * F[:, k, None]
         for k, body in enumerate(s.load_i):
-            factor = values(s.load_factor[k : k + 1], z[:, -1])[0]
+            factor = evaluate_functions(s.load_factor[k : k + 1], z[:, -1])[0]
             F, T = (factor * a for a in self._load(x, k))
             Q[:, body] += np.insert(s.load_p[k], 0, 1.0)[:, None] * F[:, None]
             Q[:, body, 1:] += _couple(T, x[:, body, 1:])
@@ -364,7 +371,7 @@ class Directors:
         s, here, x = self.system, self.states(z), self._parts(z)[0]
         Q = np.zeros_like(x)
         for i, j, law in zip(s.user_i, s.user_j, s.user_law, strict=True):
-            push = law.values(here, i, j)
+            push = law.evaluate(here, i, j)
             for end, body in enumerate((i, j)):
                 if body != GROUND:
                     Q[:, body, 0] += push[:, end]
@@ -404,7 +411,7 @@ class Directors:
         return tuple(np.broadcast_to(a, (len(x), 3)) for a in both)  # type: ignore[return-value]
 
 
-def _duals(d: np.ndarray) -> np.ndarray:
+def _compute_duals(d: np.ndarray) -> np.ndarray:
     """Return e_a (..., 3, 3), the dual vectors of d_a: e_a . d_b = delta_ab."""
     across = np.cross(d[..., [1, 2, 0], :], d[..., [2, 0, 1], :])
     out: np.ndarray = across / np.sum(across[..., :1, :] * d[..., :1, :], axis=-1, keepdims=True)
@@ -433,6 +440,6 @@ def _second_moments(J: np.ndarray) -> np.ndarray:
     return out
 
 
-def _of_ground(values: np.ndarray, body: np.ndarray, ground: np.ndarray) -> np.ndarray:
+def _replace_ground(values: np.ndarray, body: np.ndarray, ground: np.ndarray) -> np.ndarray:
     """Return ``values`` (nt, n, 3), replaced by ``ground`` where ``body`` is the ground."""
     return np.where((body == GROUND)[:, None], ground, values)

@@ -11,7 +11,7 @@ import numpy as np
 Rate = Callable[[np.ndarray], np.ndarray]  # rate of several states (k, ny) at once: the columns are evaluated together
 
 
-def each(f: Rate) -> Rate:
+def vectorize_rate(f: Rate) -> Rate:
     """Return a rate for several states at once from the rate ``f`` of one state."""
     return lambda states: np.stack([f(y) for y in states])
 
@@ -40,7 +40,7 @@ def gbs(f: Rate, y0: np.ndarray, t: np.ndarray, substeps: int, columns: int = 8)
     for span in np.diff(t.astype(y0.dtype)):
         y = out[-1]
         for _ in range(substeps):
-            y, _ = gbs_step(each(f), y, span / substeps, columns)
+            y, _ = gbs_step(vectorize_rate(f), y, span / substeps, columns)
         out.append(y)
     return np.stack(out)
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
-from ..mechanics.time_functions import values
+from ..mechanics.time_functions import evaluate_functions
 from .moving_rows import PUSHES, Body, Joint, MovingRowRates, cross
 from .principal import SAME, is_light, rotate_to_principal_axes
 from .tape import Tape
@@ -97,7 +97,7 @@ class NewtonEuler:
         """Return A, gamma, f without users' laws, q_dot and r_dot at the vector y: the inputs of ``rate``."""
         r, q, v, Omega = (a[0] for a in self._parts(y[None]))
         R = _matrices(q)
-        pushes = self._pushes(r, R, v, Omega, y[-1])
+        pushes = self._list_moving_rows(r, R, v, Omega, y[-1])
         A, gamma = self._jacobian(r, R, pushes), self._gamma(r, R, v, Omega, pushes)
         vector, w = q[:, :3], q[:, 3:]
         q_dot = 0.5 * np.concatenate((w * Omega + _cross(vector, Omega), -np.sum(vector * Omega, 1)[:, None]), axis=1)
@@ -131,7 +131,7 @@ class NewtonEuler:
             v, Omega = both[:, :3], both[:, 3:]
         return np.concatenate([*(a.ravel() for a in (r, q, v, Omega)), y[-1:]])
 
-    def violation(self, y: Float[np.ndarray, " coordinates"]) -> float:
+    def measure_violation(self, y: Float[np.ndarray, " coordinates"]) -> float:
         """Return the largest |phi| [m] of all rows, redundant ones included.
 
         Angles count times the largest gyration radius.
@@ -165,7 +165,7 @@ class NewtonEuler:
         self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, t: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return phi, A and phi_t of all rows at the poses, velocities and time ``t`` [s]."""
-        pushes = self._pushes(r, R, v, Omega, t)
+        pushes = self._list_moving_rows(r, R, v, Omega, t)
         phi_t = np.zeros(self.nrows)
         for row, _, push in pushes:
             phi_t[row] = push.phi_t
@@ -178,26 +178,26 @@ class NewtonEuler:
         i, j = (ground if b == GROUND else Body(r[b], R[b], v[b], R[b] @ Omega[b]) for b in ends)
         return i, j
 
-    def _pushes(
+    def _list_moving_rows(
         self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, t: float
     ) -> list[tuple[int, int, MovingRowRates]]:
         """Return the moving rows at ``t`` [s], each as its number among all rows, its joint and its rates."""
         s, out = self.system, []
         for k, row, kind in zip(*self.moving, strict=True):
-            f, f_dot, f_ddot = (a[0, 0] for a in values(s.joint_motion[k : k + 1], np.array([t])))
+            f, f_dot, f_ddot = (a[0, 0] for a in evaluate_functions(s.joint_motion[k : k + 1], np.array([t])))
             p = Joint(s.joint_s_i[k], s.joint_s_j[k], s.joint_u[k], s.joint_n[k], s.joint_length[k], (f, f_dot, f_ddot))
             rows = PUSHES[kind](*self._bodies(r, R, v, Omega, k), p)
             out += [(row + n, int(k), push) for n, push in enumerate(rows)]
         return out
 
     def _phi(self, r: np.ndarray, R: np.ndarray, pushes: list[tuple[int, int, MovingRowRates]]) -> np.ndarray:
-        """Return phi of all rows (nrows,); ``pushes`` are the moving ones, as ``_pushes`` returns them."""
+        """Return phi of all rows (nrows,); ``pushes`` are the moving ones, as ``_list_moving_rows`` returns them."""
         out = np.zeros(self.nrows)
         for row, _, push in pushes:
             out[row] = push.phi
         out[self.point] = self._gap(r, R, self.pinned)
         if len(self.line.row):
-            d, (way, _) = self._gap(r, R, self.line.joint), self._ways(r, R)
+            d, (way, _) = self._gap(r, R, self.line.joint), self._find_line_directions(r, R)
             link = self.line.length > 0.0
             out[self.line.row] = np.where(link, 0.5, 1.0) * np.sum(d * way, axis=1) - 0.5 * self.line.length
         u, n = self._axes(_with_ground(R, np.eye(3)))
@@ -212,7 +212,7 @@ class NewtonEuler:
             d += sign * (at[body[joints]] + np.einsum("jab,jb->ja", turned[body[joints]], arm[joints]))
         return d
 
-    def _ways(self, r: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _find_line_directions(self, r: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return, in space, the direction of each line row's force, R_j n or d / L, and its point on body i."""
         s, line, turned = self.system, self.line, _with_ground(R, np.eye(3))
         i, j = s.joint_i[line.joint], s.joint_j[line.joint]
@@ -236,7 +236,7 @@ class NewtonEuler:
         s, turned = self.system, _with_ground(R, np.eye(3))
         A = np.zeros((self.nrows, s.nb, 6), r.dtype)
         torque = _cross(*self._axes(turned))
-        way, x = self._ways(r, R) if len(self.line.row) else (np.zeros((0, 3)),) * 2
+        way, x = self._find_line_directions(r, R) if len(self.line.row) else (np.zeros((0, 3)),) * 2
         for end, arm, sign, pins, lines, axes in self.ends:
             joints = self.pinned[pins]
             b, k = end[joints][:, None], self.point[pins]
@@ -275,7 +275,7 @@ class NewtonEuler:
         out[self.point] = -bend[self.pinned]
         if len(self.line.row):
             j, link = self.line.joint, self.line.length > 0.0
-            L, d, (way, _) = np.where(link, self.line.length, 1.0), self._gap(r, R, j), self._ways(r, R)
+            L, d, (way, _) = np.where(link, self.line.length, 1.0), self._gap(r, R, j), self._find_line_directions(r, R)
             w = omega[s.joint_j[j]]
             n_dot = np.where(link[:, None], 0.0, _cross(w, way))
             turning = 2.0 * np.sum(n_dot * rate[j], axis=1) + np.sum(_cross(w, n_dot) * d, axis=1)
@@ -316,7 +316,7 @@ class NewtonEuler:
             force = np.where(follows, np.einsum("jab,jb->ja", Q, s.load_force), s.load_force)
             pull = np.where(follows, s.load_force, np.einsum("jab,ja->jb", Q, s.load_force))
             torque = np.where(follows, s.load_torque, np.einsum("jab,ja->jb", Q, s.load_torque))
-            factor = values(s.load_factor, np.array([t]))[0].T
+            factor = evaluate_functions(s.load_factor, np.array([t]))[0].T
             np.add.at(f, s.load_i, factor * np.concatenate((force, torque + _cross(s.load_p, pull)), axis=1))
         if len(s.torsion_k):
             turned, omega = _with_ground(R, np.eye(3)), _with_ground(np.einsum("bij,bj->bi", R, Omega), np.zeros(3))
@@ -335,7 +335,7 @@ class NewtonEuler:
         """Return the contribution of users' laws to f (nb, 6)."""
         here, f = self.states(y[None]), np.zeros((self.system.nb, 6))
         for i, j, law in zip(self.system.user_i, self.system.user_j, self.system.user_law, strict=True):
-            F_i, F_j, T_i, T_j = law.values(here, i, j)[0]
+            F_i, F_j, T_i, T_j = law.evaluate(here, i, j)[0]
             for body, F, T in ((i, F_i, T_i), (j, F_j, T_j)):
                 if body != GROUND:
                     f[body] += np.concatenate((F, self.axes[body].T @ here.R[0, body].T @ T))

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
-from ..cache import cache_folder, read_kept
+from ..cache import make_cache_folder, read_cached_file
 from ..machine import name_arithmetic
 from .collocation import Collocation
 from .extrapolation import Rate, gbs_adaptive
@@ -27,7 +27,7 @@ from .extrapolation import Rate, gbs_adaptive
 SAFETY = 10.0  # bound over disagreement: one route may have all the error, and errors may cancel at the compared nodes
 FLOOR = 1e-13  # [m] rounding of evaluation
 LARGEST = 2**31  # [bytes] largest file that is read; those written are below a tenth of it
-FOLDER = cache_folder("references", Path(__file__).resolve().parents[2] / "results" / "local")
+FOLDER = make_cache_folder("references", Path(__file__).resolve().parents[2] / "results" / "local")
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Orbit:
 
     def __call__(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, "nt ny"]:
         """Return the vectors of route 1 at ``t`` [s]; raise ValueError beyond the horizon."""
-        t = self._within(t)
+        t = self._clip_times(t)
         if self.beyond is not None and np.any(later := t > self.end):
             out = np.zeros((len(t), self.y.shape[1]))
             out[later], out[~later] = self.beyond(t[later]), replace(self, beyond=None)(t[~later])
@@ -69,7 +69,7 @@ class Orbit:
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """Return the bound [m] on the error at ``t`` [s]: that after the next step of route 2."""
-        t = self._within(t)
+        t = self._clip_times(t)
         k = np.searchsorted(self.bound_t, np.minimum(t, self.end), side="left")
         if self.beyond is None:
             return self.bound[k]
@@ -80,7 +80,7 @@ class Orbit:
         inside = max(int(np.searchsorted(self.bound, worst)), 1)
         return replace(self, bound_t=self.bound_t[:inside], bound=self.bound[:inside])
 
-    def _within(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+    def _clip_times(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """Return ``t`` [s], cut to the horizon where rounding exceeds it; raise ValueError for times outside."""
         t = np.asarray(t, dtype=float)
         if np.any(t < 0.0) or np.any(t > self.horizon * (1.0 + 1e-9)):
@@ -144,7 +144,7 @@ def advance_routes(
     return Piece(t + span, piece.y[:, -1], end, taken, nodes)
 
 
-def stiff_chunk(
+def advance_stiff(
     pair: Pair,
     routes: tuple[Collocation, Collocation],
     at: tuple[float, np.ndarray, np.ndarray],
@@ -204,7 +204,7 @@ def load_or_compute(key: str | None, compute: Callable[[], Orbit | None]) -> Orb
 def _read(file: Path) -> Orbit | None:
     """Return a stored orbit, empty if it is known that there is none; None if the file is absent or damaged."""
     try:
-        with np.load(io.BytesIO(read_kept(file, LARGEST))) as stored:
+        with np.load(io.BytesIO(read_cached_file(file, LARGEST))) as stored:
             stiff = bool(stored.get("stiff", False))  # older files of certified motions have none
             ends, parts = str(stored.get("ends", "")), ("t", "y", "F", "bound_t", "bound")
             beyond = Orbit(**{n: stored[f"beyond_{n}"] for n in parts}) if "beyond_t" in stored else None

@@ -55,13 +55,13 @@ class TapeNumber:
         """Return the angle of the point (other, self), for ``np.arctan2(self, other)``."""
         import casadi as ca
 
-        return TapeNumber(ca.atan2(self.x, _plain(other)))
+        return TapeNumber(ca.atan2(self.x, _unwrap_number(other)))
 
 
 ZERO = TapeNumber(None)  # most matrix entries: operations with it are not recorded, which saves nine tenths of the time
 
 
-def _plain(a: Any) -> Any:
+def _unwrap_number(a: Any) -> Any:
     """Return the CasADi symbol of a ``TapeNumber``, or any other number as a float."""
     return a.x if isinstance(a, TapeNumber) else float(a)
 
@@ -84,7 +84,7 @@ def _operator(name: str, swap: bool) -> Callable[[TapeNumber, Any], Any]:
             return self
         if name == "add" and self is ZERO and isinstance(other, TapeNumber):
             return other
-        a, b = self.x, _plain(other)
+        a, b = self.x, _unwrap_number(other)
         return TapeNumber(act(b, a) if swap else act(a, b))
 
     return both
@@ -109,7 +109,7 @@ class Tape:
         found = [np.asarray(a) for a in function(state)]
         self._shapes = [a.shape for a in found]
         self._ends = np.cumsum([a.size for a in found])
-        out = ca.vertcat(*(_plain(a) for array in found for a in array.ravel()))
+        out = ca.vertcat(*(_unwrap_number(a) for array in found for a in array.ravel()))
         self._one = ca.Function("terms", [y], [ca.densify(out)])
         self._of: dict[int, tuple[np.ndarray, tuple[np.ndarray, ...], Callable[[], None], Any]] = {}
 

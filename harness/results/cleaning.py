@@ -46,7 +46,7 @@ def remove(folder: Path) -> bool:
     """Remove a results folder and return True; return False, and touch nothing, if a command is using it."""
     with contextlib.ExitStack() as held:
         try:
-            held.enter_context(store.lock(folder))
+            held.enter_context(store.lock_folder(folder))
             held.enter_context(store.hold_folder(folder, alone=True))
         except (FileError, OSError):
             return False
@@ -58,7 +58,7 @@ def is_written(folder: Path) -> bool:
     """Return whether a command is writing into a results folder, or holds it."""
     try:
         if (ConfinedPath(folder) / store.LOCK).is_own_file():
-            store.lock(folder).close()
+            store.lock_folder(folder).close()
         with store.hold_folder(folder, alone=True):
             return False
     except (FileError, OSError):

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 
-from ..cache import ROOT, cache_folder
+from ..cache import ROOT, make_cache_folder
 from ..catalogue.plugins import list_sources
 from ..files import write_text
 
@@ -90,7 +90,7 @@ class Sources:
 
     def __init__(self, root: Path = ROOT, keep: Path | None = None) -> None:
         self.root, self._keep = root, keep
-        self._known: dict[str, Source] = _read_kept(keep) if keep else {}
+        self._known: dict[str, Source] = _read_cached(keep) if keep else {}
         self._of: dict[str, Source] = {}
         self._fresh = False
 
@@ -136,7 +136,7 @@ class Sources:
         seen, outside, waiting = dict[str, str](), set[str](), list(asked)
         while waiting:
             place = waiting.pop()
-            if place in seen or (place not in asked and (self._arranges(place) or place == f"{SHARED}.py")):
+            if place in seen or (place not in asked and (self._is_excluded(place) or place == f"{SHARED}.py")):
                 continue
             source = self._source(place)
             seen[place] = source.digest
@@ -165,7 +165,7 @@ class Sources:
         return dict(LOCKED.findall(lock.read_text(encoding="utf-8"))) if lock.is_file() else {}
 
     @staticmethod
-    def _arranges(place: str) -> bool:
+    def _is_excluded(place: str) -> bool:
         """Return whether the module in the file ``place`` is excluded, because no number of a run passes through it."""
         return any(place == f"{a}.py" or place.startswith(f"{a}/") for a in ARRANGES)
 
@@ -200,7 +200,7 @@ class Sources:
 @cache
 def package_sources() -> Sources:
     """Return the sources of this package, one object in each process."""
-    return Sources(ROOT, cache_folder("sources", ROOT / "results" / "local") / "parsed.json")
+    return Sources(ROOT, make_cache_folder("sources", ROOT / "results" / "local") / "parsed.json")
 
 
 def digest_run_code(problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
@@ -220,7 +220,7 @@ def _digest_with(parts: list[str], plugins: Iterable[str]) -> str:
     return _digest(parts)
 
 
-def _read_kept(keep: Path) -> dict[str, Source]:
+def _read_cached(keep: Path) -> dict[str, Source]:
     """Return the modules that an earlier process parsed, by version, file and content; empty if unusable."""
     try:
         if not 0 < os.stat(keep).st_size < LARGE:

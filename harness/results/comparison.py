@@ -11,7 +11,7 @@ from enum import StrEnum
 
 from ..types import Status
 from .records import COLUMNS, RunRecord
-from .store import newest
+from .store import select_newest
 
 NOT_COMPARED = {  # numbers that the machine or the settings determine
     "cpu_min_s",
@@ -98,7 +98,7 @@ class Comparison:
 
 def compare(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> Comparison:
     """Compare two sets of records run by run, using the newest record of each run."""
-    a, b = ({r.settings_id: r for r in newest(records)} for records in (before, after))
+    a, b = ({r.settings_id: r for r in select_newest(records)} for records in (before, after))
     both = [s for s in a if s in b]
     changes = [c for s in both for c in _find_changes(a[s], b[s])]
     return Comparison(

@@ -37,7 +37,7 @@ PLATFORM = (  # keys on which numbers may depend; on the processor only if nothi
 
 
 @cache
-def code_digest(plugins: tuple[str, ...] = ()) -> str:
+def digest_code(plugins: tuple[str, ...] = ()) -> str:
     """Return the digest of all code that shapes the numbers of runs, of this package and of ``plugins``."""
     from .codes import package_sources  # here: the command line starts with this module
 
@@ -45,7 +45,7 @@ def code_digest(plugins: tuple[str, ...] = ()) -> str:
 
 
 @cache
-def commit() -> str:
+def read_commit() -> str:
     """Return the commit of the checkout, with ``+dirty`` if it has changes; empty outside a checkout."""
     head = _git("rev-parse", "HEAD")
     return head + ("+dirty" if head and _git("status", "--porcelain") else "")
@@ -64,33 +64,33 @@ def describe_environment(folder: str, suite: str, jobs: int, plugins: Iterable[s
         "results_folder": folder,
         "suite": suite,
         "started": read_utc_time(),
-        "commit": commit().removesuffix("+dirty"),
-        "dirty": commit().endswith("+dirty"),
-        "code": code_digest(tuple(plugins)),
-        "lock_sha256": hashlib.sha256(_content(LOCK)).hexdigest(),
+        "commit": read_commit().removesuffix("+dirty"),
+        "dirty": read_commit().endswith("+dirty"),
+        "code": digest_code(tuple(plugins)),
+        "lock_sha256": hashlib.sha256(_read_content(LOCK)).hexdigest(),
         "python": platform.python_version(),
         "implementation": platform.python_implementation(),
         "executable": sys.executable,
         "packages": {name: v for name in names if (v := _version(name))},
         "system": f"{platform.system()} {platform.release()}",
         "machine": platform.machine(),
-        "cpu": machine.cpu_model(),
+        "cpu": machine.read_cpu_model(),
         "cores": os.cpu_count(),
         "memory_MB": int(psutil.virtual_memory().total // 2**20),
         "blas": [{k: b.get(k) for k in BLAS} for b in _blas()],
-        **machine.describe(),
+        **machine.describe_machine(),
         "threads": dict(machine.THREADS),
         "jobs": jobs,
         "plugins": list(plugins),
     }
 
 
-def identity(stamp: Mapping[str, Any]) -> str:
+def digest_environment(stamp: Mapping[str, Any]) -> str:
     """Return the digest of a stamp's machine, packages and threads, by which a run's record names its environment."""
     return _digest(stamp, PLATFORM)
 
 
-def arithmetic(stamp: Mapping[str, Any]) -> str:
+def digest_arithmetic(stamp: Mapping[str, Any]) -> str:
     """Return the digest of everything in a stamp that affects the last digits of numbers.
 
     The processor is left out if the libraries' kernels and the compiler's target are pinned.
@@ -132,7 +132,7 @@ def read_utc_time(*, fine: bool = False) -> str:
     return datetime.datetime.now(datetime.UTC).strftime(f"%Y-%m-%dT%H:%M:%S{'.%f' if fine else ''}Z")
 
 
-def _content(path: Path) -> bytes:
+def _read_content(path: Path) -> bytes:
     """Return the content of a file; empty if there is no such file."""
     return path.read_bytes() if path.is_file() else b""
 
@@ -150,7 +150,7 @@ def _git(*arguments: str) -> str:
 
 def _read_lock() -> list[str]:
     """Return the names of the locked packages."""
-    lines = _content(LOCK).decode().splitlines()
+    lines = _read_content(LOCK).decode().splitlines()
     return [line.split("==")[0] for line in lines if "==" in line and not line.startswith((" ", "#"))]
 
 

@@ -88,7 +88,7 @@ class Finding:
         return {"subject": self.subject, "verdict": self.verdict.name.lower(), **measured, **required}
 
 
-def compare(
+def judge_value(
     value: float,
     unit: str = "",
     least: float = -math.inf,
@@ -113,15 +113,15 @@ def compare(
 
 def make_failure(words: str, *, remedy: str = "", cause: str = "") -> Finding:
     """Return a finding that failed and has no number, such as a run that crashed."""
-    return compare(math.nan, words=words, remedy=remedy, cause=cause)
+    return judge_value(math.nan, words=words, remedy=remedy, cause=cause)
 
 
 def leave_open(words: str) -> Finding:
     """Return a finding on a requirement that could not be tested; ``words`` say why."""
-    return compare(math.nan, words=words, tested=False)
+    return judge_value(math.nan, words=words, tested=False)
 
 
-def state(quantity: str, words: str, required: str = "", good: bool | None = None) -> Finding:
+def state_finding(quantity: str, words: str, required: str = "", good: bool | None = None) -> Finding:
     """Return a finding in words instead of numbers; ``good`` is whether the requirement is met.
 
     ``good`` is None if nothing is required or it could not be determined.

@@ -25,7 +25,9 @@ SAME = ("suite", "settings_id", "case", "label", "problem", "solver", "status") 
 def read_folder(folder: Path) -> list[Row]:
     """Return the rows of a results folder, one per run, from its newest records and its stamp."""
     return make_rows(
-        folder.resolve().name, read_environment(folder), store.newest(store.load(folder, check_series=False).records)
+        folder.resolve().name,
+        read_environment(folder),
+        store.select_newest(store.load(folder, check_series=False).records),
     )
 
 

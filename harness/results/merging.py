@@ -38,8 +38,8 @@ def merge(out: Path, sources: Sequence[Path]) -> MergeOutcome:
     found = [store.load(source) for source in sources]  # before anything is written
     if any(source.resolve() == out.resolve() for source in sources):
         raise FileError(f"{out} is one of the folders to be merged into it")
-    store.create(out)
-    with store.lock(out):
+    store.create_folder(out)
+    with store.lock_folder(out):
         there = store.load(out)
         kept = {r.run_id: r for r in there.records}
         origin = dict.fromkeys(kept, out)

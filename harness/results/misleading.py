@@ -9,7 +9,7 @@ RIGHT = 0.01  # relative errors of motion, velocities and reactions below which 
 TO_THE_END = 0.98  # fraction of the time that must be compared with the exact motion
 
 
-def is_right(r: RunRecord) -> bool:
+def agrees_with_reference(r: RunRecord) -> bool:
     """Return whether the motion was compared to its end, with right poses, velocities and, if known, reactions."""
     pairs = [(r.motion_error_judged_m, r.length_scale_m), (r.rate_error_judged_m_per_s, r.speed_scale_m_per_s)]
     for error, size in ((r.reaction_error_max_N, r.reaction_size_N), (r.moment_error_max_Nm, r.moment_size_Nm)):
@@ -25,4 +25,8 @@ def is_misleading(r: RunRecord) -> bool:
     motion is right by comparison, its derivative does not matter.
     """
     laws = {reason.law for reason in parse_reasons(r.wrong_because)}
-    return r.claimed == Status.SUCCESS and r.status == Status.WRONG and not (laws == {Law.TRUNCATION} and is_right(r))
+    return (
+        r.claimed == Status.SUCCESS
+        and r.status == Status.WRONG
+        and not (laws == {Law.TRUNCATION} and agrees_with_reference(r))
+    )

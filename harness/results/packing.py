@@ -36,10 +36,10 @@ def pack(arrays: Mapping[str, np.ndarray], envelopes: Mapping[str, Envelope], le
             rows = np.minimum(np.searchsorted(grid, times), len(grid) - 1)
             if np.array_equal(grid[rows], times):
                 out[f"{kind}_t"] = times[[0, -1]]
-                out[f"{PACKED}{kind}_rows"] = _along(rows.astype(np.int32))
+                out[f"{PACKED}{kind}_rows"] = _pack_rows(rows.astype(np.int32))
     for name, e in envelopes.items():
         low, high = e.codes
-        out[f"{ENVELOPE}{name}"] = _apart(np.concatenate((np.diff(low, prepend=np.int32(0)), high - low)))
+        out[f"{ENVELOPE}{name}"] = _split_bytes(np.concatenate((np.diff(low, prepend=np.int32(0)), high - low)))
     if envelopes:
         some = next(iter(envelopes.values()))
         out["env"] = np.array([some.begin, some.end, *(e.base for e in envelopes.values())])
@@ -60,7 +60,7 @@ def unpack(members: Mapping[str, np.ndarray]) -> tuple[Arrays, dict[str, Envelop
         if f"{PACKED}{kind}_rows" in members:
             ends, packed = out[f"{kind}_t"], members[f"{PACKED}{kind}_rows"]
             grid = out["t"] if kind == "frame" else np.linspace(ends[0], ends[-1], FINE)
-            rows = _along_back(packed, (packed.size // 4,))
+            rows = _unpack_rows(packed, (packed.size // 4,))
             if rows.min() < 0 or rows.max() >= len(grid):
                 raise ValueError(f"{kind}_t has rows beyond {len(grid)} times")
             out[f"{kind}_t"] = grid[rows]
@@ -69,16 +69,16 @@ def unpack(members: Mapping[str, np.ndarray]) -> tuple[Arrays, dict[str, Envelop
     if about.shape != (2 + len(names),) or about.dtype != float:
         raise ValueError(f"{len(names)} envelopes are described by numbers of shape {about.shape}")
     begin, end, *bases = map(float, about)
-    coded = {name: _codes_of(members[name]) for name in names}
+    coded = {name: _unpack_codes(members[name]) for name in names}
     return out, {
         name.removeprefix(ENVELOPE): Envelope(begin, end, codes, base)
         for (name, codes), base in zip(coded.items(), bases, strict=True)
     }
 
 
-def _codes_of(packed: np.ndarray) -> Int[np.ndarray, "2 spans"]:
+def _unpack_codes(packed: np.ndarray) -> Int[np.ndarray, "2 spans"]:
     """Return the codes of an envelope's lower and upper bounds from their packed differences."""
-    values = _together(packed)
+    values = _join_bytes(packed)
     if len(values) % 2:
         raise ValueError(f"an envelope of {len(values)} numbers")
     low, apart = values.reshape(2, -1)
@@ -100,9 +100,9 @@ def _pack_poses(kind: str, r: np.ndarray, q: np.ndarray, length: float) -> Array
     step = GRID * (length if length > 0.0 else 1.0)
     steps = np.rint(r.astype(float) / step)
     turned = np.rint(TURNS * _continue_signs(np.nan_to_num(q.astype(float))))
-    out = {f"{PACKED}{kind}_q": _along(turned.astype(np.int32)), f"{PACKED}{kind}_shape": np.array(q.shape[:2])}
+    out = {f"{PACKED}{kind}_q": _pack_rows(turned.astype(np.int32)), f"{PACKED}{kind}_shape": np.array(q.shape[:2])}
     if np.all(np.abs(steps) < FAR):
-        return out | {f"{PACKED}{kind}_r": _along(steps.astype(np.int32)), f"{PACKED}{kind}_step": np.array(step)}
+        return out | {f"{PACKED}{kind}_r": _pack_rows(steps.astype(np.int32)), f"{PACKED}{kind}_step": np.array(step)}
     return out | {f"{kind}_r": r}
 
 
@@ -115,33 +115,33 @@ def _continue_signs(q: np.ndarray) -> np.ndarray:
 def _unpack_poses(kind: str, members: Mapping[str, np.ndarray]) -> Arrays:
     """Return positions [m] and unit quaternions of one kind of pose; a zero quaternion becomes NaN, as it was."""
     n, nb = map(int, members[f"{PACKED}{kind}_shape"])
-    turned = _along_back(members[f"{PACKED}{kind}_q"], (n, nb, 4)) / TURNS
+    turned = _unpack_rows(members[f"{PACKED}{kind}_q"], (n, nb, 4)) / TURNS
     size = np.linalg.norm(turned, axis=2, keepdims=True)
     q = np.divide(turned, size, out=np.full_like(turned, np.nan), where=size > 0.0)
     out = {f"{kind}_q": q.astype(np.float32)}
     if f"{PACKED}{kind}_r" in members:
-        r = _along_back(members[f"{PACKED}{kind}_r"], (n, nb, 3)) * float(members[f"{PACKED}{kind}_step"])
+        r = _unpack_rows(members[f"{PACKED}{kind}_r"], (n, nb, 3)) * float(members[f"{PACKED}{kind}_step"])
         out[f"{kind}_r"] = r.astype(np.float32)
     return out
 
 
-def _along(a: Int[np.ndarray, "n ..."]) -> np.ndarray:
+def _pack_rows(a: Int[np.ndarray, "n ..."]) -> np.ndarray:
     """Return second differences along the first axis, column by column, as byte planes; small for a smooth motion."""
     flat = a.reshape(len(a), -1)
     zeros = np.zeros_like(flat[:1])
-    return _apart(np.diff(np.concatenate((zeros, zeros, flat)), n=2, axis=0).T.ravel())
+    return _split_bytes(np.diff(np.concatenate((zeros, zeros, flat)), n=2, axis=0).T.ravel())
 
 
-def _along_back(packed: np.ndarray, shape: tuple[int, ...]) -> Int[np.ndarray, "n ..."]:
-    """Return numbers of this shape from the second differences that ``_along`` packed; raise ValueError if wrong."""
-    values = _together(packed)
+def _unpack_rows(packed: np.ndarray, shape: tuple[int, ...]) -> Int[np.ndarray, "n ..."]:
+    """Return numbers of this shape from second differences that ``_pack_rows`` packed; raise ValueError if wrong."""
+    values = _join_bytes(packed)
     if min(shape) < 1 or len(values) != np.prod(shape):
         raise ValueError(f"{len(values)} numbers of poses where the shape is {shape}")
     once = np.cumsum(values.reshape(-1, shape[0]), axis=1, dtype=np.int32)
     return np.cumsum(once, axis=1, dtype=np.int32).T.reshape(shape)
 
 
-def _apart(a: Int[np.ndarray, " n"]) -> np.ndarray:
+def _split_bytes(a: Int[np.ndarray, " n"]) -> np.ndarray:
     """Return the byte planes of integers: the lowest byte of each, then the second and so on, of shape (4, n) uint8.
 
     This makes equal bytes adjacent, which compresses well.
@@ -149,8 +149,8 @@ def _apart(a: Int[np.ndarray, " n"]) -> np.ndarray:
     return np.ascontiguousarray(a.astype("<i4").view(np.uint8).reshape(-1, 4).T)
 
 
-def _together(planes: np.ndarray) -> Int[np.ndarray, " n"]:
-    """Return the integers in byte planes, the inverse of ``_apart``; raise ValueError for another shape or type."""
+def _join_bytes(planes: np.ndarray) -> Int[np.ndarray, " n"]:
+    """Return the integers in byte planes, undoing ``_split_bytes``; raise ValueError for another shape or type."""
     if planes.dtype != np.uint8 or planes.ndim != 2 or len(planes) != 4:
         raise ValueError(f"packed numbers of {planes.dtype} of shape {planes.shape}")
     return np.ascontiguousarray(planes.T).view("<i4").ravel().astype(np.int32)

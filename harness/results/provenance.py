@@ -66,9 +66,9 @@ def find_differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> lis
     return out
 
 
-def same_platform(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
+def is_same_platform(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
     """Return whether runs of equal code must agree bit for bit, by their stamps; False if the first one is empty."""
-    return bool(before) and environment.arithmetic(before) == environment.arithmetic(after)
+    return bool(before) and environment.digest_arithmetic(before) == environment.digest_arithmetic(after)
 
 
 def describe_processor(stamp: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..confined_paths import ConfinedPath
 from ..types import EndCause, Status
 from .records import RunRecord
-from .store import UnreadableFile, end_key
+from .store import UnreadableFile, make_end_key
 
 PROVISIONAL = (  # causes outside a run, which say nothing about it
     EndCause.TOTAL_LIMIT,
@@ -25,10 +25,10 @@ def is_provisional(record: RunRecord) -> bool:
     return record.ended_by in PROVISIONAL
 
 
-def latest_of_each(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
+def select_latest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
     """Return the latest record of each run; if one succeeded, records of runs cut short or crashed do not count."""
     found: dict[str, list[RunRecord]] = {}
-    for r in sorted(records, key=lambda r: (end_key(r), r.run_id)):
+    for r in sorted(records, key=lambda r: (make_end_key(r), r.run_id)):
         found.setdefault(r.settings_id, []).append(r)
     return tuple(map(_pick_latest, found.values()))
 

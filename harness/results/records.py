@@ -233,7 +233,7 @@ def is_literal(record: RunRecord) -> bool:
     return bool(files.parse_json(record.problem_parameters, "parameters").get("literal_start"))
 
 
-def judged_own(record: RunRecord) -> float:
+def find_judged_reference_error(record: RunRecord) -> float:
     """Return the reference's stated error [m] over the time in which errors are judged, or an upper bound of it.
 
     Older records have only the stated error over all time, hence the bound.
@@ -244,19 +244,19 @@ def judged_own(record: RunRecord) -> float:
     return min(record.reference_own_error_m, PREDICTABLE * (length if length > 0.0 else 1.0))
 
 
-def cpu_range(record: RunRecord) -> tuple[float, float]:
+def find_cpu_range(record: RunRecord) -> tuple[float, float]:
     """Return the lower and upper quartile of the repeats' CPU times [s]; for older records the extremes."""
     if math.isnan(record.cpu_q1_s):
         return record.cpu_min_s, record.cpu_max_s
     return record.cpu_q1_s, record.cpu_q3_s
 
 
-def to_json(record: RunRecord) -> str:
+def format_record(record: RunRecord) -> str:
     """Format the record as strict JSON; numbers that are not finite become ``"nan"``, ``"inf"``, ``"-inf"``."""
-    return files.to_json({c.name: files.exact(getattr(record, c.name)) for c in COLUMNS}, indent=1)
+    return files.to_json({c.name: files.encode_nonfinite(getattr(record, c.name)) for c in COLUMNS}, indent=1)
 
 
-def from_json(text: str) -> RunRecord:
+def parse_record_json(text: str) -> RunRecord:
     """Return the record in ``text``; raise FileError if it is not JSON, foreign, of another schema, or ill-typed."""
     plain = files.parse_json(text, "record")
     if not isinstance(plain, dict) or "schema" not in plain or "run_id" not in plain:
@@ -280,9 +280,9 @@ def from_json(text: str) -> RunRecord:
     return record
 
 
-def reasons_json(reasons: Iterable[Reason]) -> str:
+def format_reasons(reasons: Iterable[Reason]) -> str:
     """Format reasons as the text of the column ``wrong_because``, a JSON list."""
-    return files.to_json([{k: files.exact(v) for k, v in vars(r).items()} for r in reasons])
+    return files.to_json([{k: files.encode_nonfinite(v) for k, v in vars(r).items()} for r in reasons])
 
 
 def parse_reasons(wrong_because: str) -> tuple[Reason, ...]:

@@ -51,7 +51,7 @@ def read_nearest(folder: Path) -> dict[str, NearestMotion]:
     Raise FileError if a file is invalid; a missing one counts as empty.
     """
     published = _read(PUBLISHED / CHAOS, dict[str, dict[str, Any]]).get("runs", {})
-    out = {f"chain {name} {row['setting']}": _of(row) for name, row in published.items()}
+    out = {f"chain {name} {row['setting']}": _parse_row(row) for name, row in published.items()}
     return out | _read(ConfinedPath(folder) / FILE, dict[str, NearestMotion])
 
 
@@ -67,7 +67,7 @@ def keep_nearest(folder: Path, record: RunRecord, nearest: NearestMotion) -> Non
     place.write(json.dumps({k: asdict(v) for k, v in sorted(rows.items())}, indent=1) + "\n")
 
 
-def _of(row: dict[str, Any]) -> NearestMotion:
+def _parse_row(row: dict[str, Any]) -> NearestMotion:
     """Return the nearest motion in a row of the published file."""
     shadow = row["shadow"]
     return NearestMotion(

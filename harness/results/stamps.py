@@ -12,7 +12,7 @@ from typing import Any
 
 from ..confined_paths import ConfinedPath
 from ..files import FileError, parse_json, read_text
-from .records import RunRecord, to_json
+from .records import RunRecord, format_record
 
 NAME = "environment.json"  # the stamp's file
 SEAL, FILES = "sha256", "files_sha256"  # keys: the digest of all other keys, and digests of the files beside it
@@ -21,7 +21,7 @@ BESIDE = re.compile(r"[\w-]+\.toml")
 LARGEST = 2**22  # [bytes] of a stamp or a suite: what is read is held in memory, and the file may be a stranger's
 
 
-def seal(stamp: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, Any]:
+def seal_stamp(stamp: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, Any]:
     """Return the stamp with its own digest and with digests of the suite files beside it.
 
     ``texts`` are the contents of these files by name.
@@ -58,12 +58,12 @@ def find_changed(folder: Path) -> Iterator[tuple[Path, str]]:
             yield beside.path, f"not as {NAME} says: it was changed after it was run"
 
 
-def is_there(folder: Path, promised: RunRecord, found: RunRecord | None) -> bool:
+def is_intact(folder: Path, promised: RunRecord, found: RunRecord | None) -> bool:
     """Return whether ``found``, a run's record on disk, is the one written, ``promised``, and has its series file."""
-    return found is not None and to_json(found) == to_json(promised) and has_its_series(folder, found)
+    return found is not None and format_record(found) == format_record(promised) and has_intact_series(folder, found)
 
 
-def has_its_series(folder: Path, record: RunRecord) -> bool:
+def has_intact_series(folder: Path, record: RunRecord) -> bool:
     """Return whether a record's series file, if it has one, still has the digest in the record."""
     if not record.series:
         return True

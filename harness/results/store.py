@@ -21,7 +21,7 @@ from ..files import FileError
 from ..shapes import Shape, convert_shape
 from ..text import escape_text
 from ..types import Status
-from .records import COLUMNS, SCHEMA, RunRecord, from_json, to_json
+from .records import COLUMNS, SCHEMA, RunRecord, format_record, parse_record_json
 from .series import Series, read_series
 from .stamps import find_changed
 
@@ -76,10 +76,10 @@ class LoadedResults:
 
 def is_results(folder: Path) -> bool:
     """Return whether ``folder`` holds results in the format of this version."""
-    return (ConfinedPath(folder) / "runs").kind() == "a folder" and not older_schema(folder)
+    return (ConfinedPath(folder) / "runs").kind() == "a folder" and not find_older_schema(folder)
 
 
-def older_schema(folder: Path) -> int:
+def find_older_schema(folder: Path) -> int:
     """Return the schema of the results in ``folder`` if an older version wrote them, else 0.
 
     Runs of schema 1 were called cells.
@@ -95,7 +95,7 @@ def older_schema(folder: Path) -> int:
 
 def refuse_older(folder: Path) -> None:
     """Raise FileError if an older version wrote the results; its message has the command that makes them anew."""
-    if schema := older_schema(folder):
+    if schema := find_older_schema(folder):
         suite = ConfinedPath(folder) / "suite.toml"
         again = f"run the suite again: mbsbench run {suite}" if suite.is_own_file() else "run its suite again"
         raise FileError(f"{folder} holds results of an older version (schema {schema}); {again}")
@@ -110,7 +110,7 @@ def refuse_links(folder: Path) -> None:
         (ConfinedPath(folder) / name).is_there()
 
 
-def create(folder: Path) -> Path:
+def create_folder(folder: Path) -> Path:
     """Create the results folder and its parts, and return it; an existing folder is kept.
 
     Raise FileError if it cannot be written to or holds results of an older version.
@@ -130,7 +130,7 @@ def create(folder: Path) -> Path:
     return folder
 
 
-def lock(folder: Path) -> BinaryIO:
+def lock_folder(folder: Path) -> BinaryIO:
     """Lock the folder for one runner; return the open file, on closing which, or at the process's end, the lock ends.
 
     Raise FileError if another runner holds the lock.
@@ -174,7 +174,7 @@ def locate_record(folder: Path, run_id: str) -> ConfinedPath:
 
 def write_record(folder: Path, record: RunRecord) -> Path:
     """Write the record of a finished run with its digest; return its path."""
-    body = to_json(record)
+    body = format_record(record)
     place = locate_record(folder, record.run_id)
     place.write(files.to_json({"sha256": _digest(body), "record": body}))
     return place.path
@@ -182,7 +182,7 @@ def write_record(folder: Path, record: RunRecord) -> Path:
 
 def read_digest(record: RunRecord) -> str:
     """Return the digest that the file of this record contains, computed from the record."""
-    return _digest(to_json(record))
+    return _digest(format_record(record))
 
 
 def read_record(path: Path | ConfinedPath) -> RunRecord:
@@ -199,7 +199,7 @@ def parse_record(name: str, text: bytes) -> RunRecord:
     outer = convert_shape(files.parse_json(text, "record file"), RecordFile, "record file")
     if _digest(outer.record) != outer.sha256:
         raise FileError("its digest does not match: truncated or changed")
-    record = from_json(outer.record)
+    record = parse_record_json(outer.record)
     if f"{record.run_id}.json" != name:
         raise FileError(f"it is the record of run {record.run_id}")
     for column in ("series", "stderr"):  # a name in its part of this folder; a path could lead outside
@@ -262,16 +262,16 @@ def load(folder: Path, *, check_series: bool = True) -> LoadedResults:
     return LoadedResults(tuple(sorted(good, key=lambda r: (r.problem, r.solver, r.case))), tuple(bad))
 
 
-def newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
+def select_newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
     """Return the newest record of each run, as a resumed folder may hold records of older code."""
     found: dict[str, RunRecord] = {}
     for r in records:
-        if r.settings_id not in found or end_key(r) > end_key(found[r.settings_id]):
+        if r.settings_id not in found or make_end_key(r) > make_end_key(found[r.settings_id]):
             found[r.settings_id] = r
     return tuple(found.values())
 
 
-def end_key(record: RunRecord) -> tuple[str, bool]:
+def make_end_key(record: RunRecord) -> tuple[str, bool]:
     """Return the sort key of a run's end; of two at the same time, a success sorts first and cannot hide the other."""
     return record.finished, record.status != Status.SUCCESS
 

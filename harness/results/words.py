@@ -33,7 +33,7 @@ LAWS = {
 
 def list_reasons(record: RunRecord) -> list[str]:
     """Return the reasons why a run is not a success, at least one; for a success the solver's message, if any."""
-    found = [describe_breach(r) for r in parse_reasons(record.wrong_because)] or [words_of_ending(record)]
+    found = [describe_breach(r) for r in parse_reasons(record.wrong_because)] or [describe_ending(record)]
     said = [w for w in found if w.strip()]
     return said or ([] if record.status == Status.SUCCESS else [f"{record.status or 'unknown'}, without a message"])
 
@@ -44,13 +44,13 @@ def format_accurate_times(record: RunRecord) -> list[str]:
     It is a lower bound if the reference ends first.
     """
     return [
-        f"{'at least ' if at_least(record, time) else ''}{time:.4g} s ({100.0 * level:g} %)"
+        f"{'at least ' if is_lower_bound(record, time) else ''}{time:.4g} s ({100.0 * level:g} %)"
         for name, level in ACCURATE.items()
         if not math.isnan(time := getattr(record, name))
     ]
 
 
-def judged_error(record: RunRecord, name: str, unit: str) -> float:
+def select_judged_error(record: RunRecord, name: str, unit: str) -> float:
     """Return the error that tables, pages and terminals show: its maximum up to ``judged_to_s``, else over all time.
 
     ``name`` and ``unit`` are those of its columns, such as ``position_error`` and ``m``; the result has that unit.
@@ -59,57 +59,57 @@ def judged_error(record: RunRecord, name: str, unit: str) -> float:
     return whole if math.isnan(value) else value
 
 
-def error_until(record: RunRecord) -> float:
-    """Return the time [s] up to which ``judged_error`` is taken; NaN without a reference."""
+def find_error_end(record: RunRecord) -> float:
+    """Return the time [s] up to which ``select_judged_error`` is taken; NaN without a reference."""
     if math.isnan(record.position_error_judged_m):
         return min(record.reference_horizon_s, record.t_reached_s)
     return min(record.judged_to_s, record.t_reached_s)
 
 
-def error_words(record: RunRecord) -> str:
+def describe_errors(record: RunRecord) -> str:
     """Format position and orientation error, ``0.0159 m, 0.0433 rad (to 1.62 s)``; empty without a reference."""
     position, orientation = (
-        judged_error(record, "position_error", "m"),
-        judged_error(record, "orientation_error", "rad"),
+        select_judged_error(record, "position_error", "m"),
+        select_judged_error(record, "orientation_error", "rad"),
     )
     if math.isnan(position):
         return ""
     turned = "" if math.isnan(orientation) else f", {orientation:.3e} rad"
-    return f"{position:.3e} m{turned} (to {error_until(record):.4g} s)"
+    return f"{position:.3e} m{turned} (to {find_error_end(record):.4g} s)"
 
 
-def comparison_words(record: RunRecord) -> str:
+def describe_comparison(record: RunRecord) -> str:
     """Return how far a lawful motion was compared, ``compared to 58.8 of 2000 s``; empty if to its end.
 
     Empty also for a motion that is not lawful.
     """
     if record.status not in (Status.SUCCESS, Status.INACCURATE):
         return ""
-    if math.isnan(end := error_until(record)):
+    if math.isnan(end := find_error_end(record)):
         return "compared with no exact motion"
     return "" if end >= WHOLE * record.t_reached_s else f"compared to {end:.4g} of {record.t_reached_s:.4g} s"
 
 
-def status_words(record: RunRecord) -> str:
+def describe_status(record: RunRecord) -> str:
     """Format the status, how far the motion was compared, a singular pose that it passed, and wrong reactions."""
-    words = (record.status, comparison_words(record), passage_words(record), reaction_words(record))
+    words = (record.status, describe_comparison(record), describe_passage(record), describe_reactions(record))
     return ", ".join(filter(None, words))
 
 
-def passage_words(record: RunRecord) -> str:
+def describe_passage(record: RunRecord) -> str:
     """Return ``passes a singular pose at t = 0.73 s`` if the motion passed a pose from which several go on, or ""."""
     notes = [escape_text(n) for n in json.loads(record.notes or "[]")]
     begin, end = PASSAGE
     return next((n.split(end)[0] for n in notes if n.startswith(begin) and end in n), "")
 
 
-def reaction_words(record: RunRecord) -> str:
+def describe_reactions(record: RunRecord) -> str:
     """Return text such as ``reactions off by 176 %`` if joint loads of a lawful motion are wrong, else ""."""
-    share, lawful = reaction_share(record), record.status in (Status.SUCCESS, Status.INACCURATE)
+    share, lawful = compute_reaction_share(record), record.status in (Status.SUCCESS, Status.INACCURATE)
     return f"reactions off by {100.0 * share:.3g} %" if lawful and share > RIGHT_REACTION else ""
 
 
-def reaction_share(record: RunRecord) -> float:
+def compute_reaction_share(record: RunRecord) -> float:
     """Return the largest relative error of the joints' force or moment on a body; NaN if it is unknown."""
     r, shares = record, []
     for error, size, scale in (
@@ -123,7 +123,7 @@ def reaction_share(record: RunRecord) -> float:
     return max(known, default=math.nan)
 
 
-def at_least(record: RunRecord, accurate_until: float) -> bool:
+def is_lower_bound(record: RunRecord, accurate_until: float) -> bool:
     """Return whether a tracking time is only a lower bound, because the reference ended before the motion left it.
 
     ``accurate_until`` is that time [s], a column of the record.
@@ -151,7 +151,7 @@ def describe_breach(reason: Reason) -> str:
     return words + _append_time(r, ", first at ")
 
 
-def words_of_ending(record: RunRecord) -> str:
+def describe_ending(record: RunRecord) -> str:
     """Return the solver's own message, or what ended its process and up to which time its steps are kept."""
     r = record
     words = {

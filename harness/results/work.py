@@ -9,7 +9,7 @@ from .records import RunRecord
 SHARE = 0.5
 
 
-def evaluations(r: RunRecord) -> float:
+def count_evaluations(r: RunRecord) -> float:
     """Return the number of evaluations of residual or right side in a run.
 
     A solver that counts only iterations is taken to make one evaluation in each.
@@ -19,15 +19,15 @@ def evaluations(r: RunRecord) -> float:
 
 def operations(r: RunRecord) -> float:
     """Return the work of a run as evaluations plus factorisations, which count as 0 if unknown."""
-    return evaluations(r) + (0.0 if math.isnan(r.factorisations) else r.factorisations)
+    return count_evaluations(r) + (0.0 if math.isnan(r.factorisations) else r.factorisations)
 
 
-def index_1_evaluations(r: RunRecord) -> float:
+def count_index_1_evaluations(r: RunRecord) -> float:
     """Return the work of a run in evaluations of the index-1 equations of motion with their factorisation.
 
     An evaluation without factorisation counts as ``SHARE`` of one. A solver that does not count factorisations is taken
     to make one in each evaluation, as strong forms do.
     """
-    total = evaluations(r)
+    total = count_evaluations(r)
     factorised = total if math.isnan(r.factorisations) else r.factorisations
     return factorised + SHARE * max(total - factorised, 0.0)

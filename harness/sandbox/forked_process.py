@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from ..clock import cpu_by_process, cpu_seconds, cpu_seconds_below, descendants
-from ..code_meter import CodePage, CodeReading, listen_to_numba, page_for_child, report_code_time
+from ..clock import cpu_by_process, cpu_seconds, cpu_seconds_below, list_descendants
+from ..code_meter import CodePage, CodeReading, listen_to_numba, prepare_child_page, report_code_time
 from ..confined_paths import ConfinedPath
 from .isolation import BEGUN, PATIENCE, Target, end_descendants, fork, kill_descendants, kill_group
-from .memory import megabytes, megabytes_at_most, own_megabytes
+from .memory import bound_memory, measure_memory, measure_own_memory
 
 Limit = Literal["", "cpu", "wall", "code", "memory"]
 Above = Literal["keeper", "here", "itself"]
@@ -93,8 +93,8 @@ class ForkedProcess:
         that its meter reports does not count towards the limits on time; it has a limit of its own, ``code`` [s].
         """
         self.above, self.code = above, code
-        self.memory = memory + own_megabytes() if math.isfinite(memory) else math.inf  # [MB] of its tree
-        page, slot = page_for_child() if code else (CodePage(), 0)
+        self.memory = memory + measure_own_memory() if math.isfinite(memory) else math.inf  # [MB] of its tree
+        page, slot = prepare_child_page() if code else (CodePage(), 0)
         self._reading = CodeReading(page, slot)
 
         def begin(send: Callable[[str], None]) -> object:
@@ -159,7 +159,7 @@ class ForkedProcess:
         cpu = max(usage.ru_utime + usage.ru_stime + left, sum(self.used.values()))
         if code == -signal.SIGXCPU and self._reading.is_making():
             self.over = "code"
-        code_s = min(self._reading.seconds(cpu), cpu)
+        code_s = min(self._reading.read_seconds(cpu), cpu)
         ended = ProcessEnd(code, self.killed and code != 0, sent, peak, self.suspended, cpu, self.over, code_s)
         if self.begun:
             return ended
@@ -169,7 +169,7 @@ class ForkedProcess:
     @property
     def code_seconds(self) -> float:
         """The CPU time of making code [s] that its meter reports, at most all CPU time it is known to have used."""
-        return min(self._reading.seconds(self._used), self._used or 2.0 * self.code)
+        return min(self._reading.read_seconds(self._used), self._used or 2.0 * self.code)
 
     def _check_limits(self, now: float) -> None:
         """Kill the process if its tree has passed a limit on CPU time, memory or time of making code, or its deadline.
@@ -201,9 +201,9 @@ class ForkedProcess:
         Pages are measured one by one only if the quick sum, which counts shared pages repeatedly, exceeds it.
         """
         if math.isfinite(self.memory):
-            tree = (*descendants(self.root), *((self.pid,) if self.above == "itself" else ()))
-            if megabytes_at_most(tree) > self.memory:
-                seen = megabytes(tree)
+            tree = (*list_descendants(self.root), *((self.pid,) if self.above == "itself" else ()))
+            if bound_memory(tree) > self.memory:
+                seen = measure_memory(tree)
                 # measured twice: shared pages count repeatedly while a process ends
                 if min(seen, self._seen) > self.memory:
                     self._tree = max(self._tree, seen)

@@ -18,8 +18,8 @@ import traceback
 from collections.abc import Callable, Collection
 from pathlib import Path
 
-from ..clock import cpu_seconds, descendants, set_keeper
-from ..code_meter import HARD, leave_code_out_of
+from ..clock import cpu_seconds, list_descendants, set_subreaper
+from ..code_meter import HARD, limit_solver_time
 from ..confined_paths import ConfinedPath
 
 Target = Callable[[Callable[[str], None]], object]  # what a child runs, given a function that sends a line
@@ -76,9 +76,9 @@ def fork(
     ended, begun = 70, False
     try:
         os.setsid()  # a group of its own
-        end_with(parent)
+        end_with_parent(parent)
         if keeper:
-            _keep((read, write))
+            _become_keeper((read, write))
         isolate_process()
         os.closerange(3, write)  # the parent's own
         os.closerange(write + 1, 1024)
@@ -157,7 +157,7 @@ def _prctl(option: int, value: int) -> None:
 def end_orphans(known: Collection[int]) -> None:
     """Kill and reap all processes below this one except those ``known`` and what is below them."""
     until = time.monotonic() + PATIENCE
-    while (strays := descendants(os.getpid(), known)) and time.monotonic() < until:
+    while (strays := list_descendants(os.getpid(), known)) and time.monotonic() < until:
         for pid in strays:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.kill(pid, signal.SIGKILL)
@@ -167,7 +167,7 @@ def end_orphans(known: Collection[int]) -> None:
 
 def kill_descendants(root: int) -> None:
     """Send SIGKILL to all processes below ``root``."""
-    for pid in descendants(root):
+    for pid in list_descendants(root):
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.kill(pid, signal.SIGKILL)
 
@@ -179,14 +179,14 @@ def end_descendants() -> tuple[dict[int, int], float]:
     while time.monotonic() < until:
         kill_descendants(os.getpid())
         statuses |= _reap()
-        if not descendants(os.getpid()):
+        if not list_descendants(os.getpid()):
             break
         time.sleep(0.001)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return statuses, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def _keep(pipe: tuple[int, int]) -> None:
+def _become_keeper(pipe: tuple[int, int]) -> None:
     """Become a keeper: fork the child, in which alone this returns, and end as it did once all it started has ended.
 
     ``pipe`` are the descriptors of the child's pipe, which the keeper closes.
@@ -195,8 +195,8 @@ def _keep(pipe: tuple[int, int]) -> None:
     own = os.getpid()
     child = os.fork()
     if not child:
-        end_with(own)
-        set_keeper(own)
+        end_with_parent(own)
+        set_subreaper(own)
         return
     os.closerange(3, max(1024, *pipe) + 1)  # the parent's descriptors, and both ends of the pipe
     status = None
@@ -225,7 +225,7 @@ def _reap() -> dict[int, int]:
     return found
 
 
-def end_with(parent: int, number: int = signal.SIGKILL) -> None:
+def end_with_parent(parent: int, number: int = signal.SIGKILL) -> None:
     """Request that the system sends this process the signal ``number`` when ``parent`` dies; exit if it has died.
 
     Nothing else would end this process at its limits if its parent is killed, even by SIGKILL.
@@ -284,7 +284,7 @@ def limit_process(memory: float, cpu: float, code: float = 0.0) -> None:
         hard = most if hard == resource.RLIM_INFINITY else min(hard, most)
         resource.setrlimit(resource.RLIMIT_CPU, (min(seconds, hard), hard))
         if code:
-            leave_code_out_of(seconds)
+            limit_solver_time(seconds)
     # elsewhere the system accepts the limit but does not enforce it
     if math.isfinite(memory) and not describe_lacking():
         # private memory; RLIMIT_AS would count mapped libraries

@@ -13,7 +13,7 @@ KEPT = ("Pss_Anon:", "Pss_Shmem:", "SwapPss:")  # without pages of files, which 
 KILO = 2.0**-10  # [MB] in a kB
 
 
-def own_megabytes() -> float:
+def measure_own_memory() -> float:
     """Return the resident memory [MB] of this process without pages of files.
 
     A fork begins with this memory and shares it.
@@ -21,12 +21,12 @@ def own_megabytes() -> float:
     return _pages("self")[1] * PAGE
 
 
-def megabytes_at_most(processes: Iterable[int]) -> float:
+def bound_memory(processes: Iterable[int]) -> float:
     """Return an upper bound on the memory [MB] of all processes, quickly: it counts files, and shared pages in each."""
     return sum(_pages(pid)[0] for pid in processes) * PAGE
 
 
-def megabytes(processes: Iterable[int]) -> float:
+def measure_memory(processes: Iterable[int]) -> float:
     """Return the memory [MB] of all processes without files; each page counts once, hidden ones in each process.
 
     A process hides its pages by ``isolation.protect_process``.

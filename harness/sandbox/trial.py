@@ -25,7 +25,7 @@ def try_in_process(what: str, attempt: Callable[[], T]) -> T:
     ``what`` names the attempt in that line, ``problem heavy_top`` for example.
     """
     if threading.active_count() == 1:  # otherwise an earlier plugin has started a thread, and nothing can be forked
-        complaint = _try_elsewhere(what, attempt)
+        complaint = _try_in_child(what, attempt)
         if complaint:
             raise ValueError(complaint)
     try:
@@ -50,7 +50,7 @@ def _describe_error(what: str, error: BaseException) -> str:
     return f"{str(error).rstrip()} {type(error.__cause__).__name__}" if silent else str(error)
 
 
-def _try_elsewhere(what: str, attempt: Callable[[], object]) -> str:
+def _try_in_child(what: str, attempt: Callable[[], object]) -> str:
     """Run ``attempt`` in another process; return what went wrong in one line, empty if it returned."""
 
     def run(send: Callable[[str], None]) -> None:

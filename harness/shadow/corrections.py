@@ -26,12 +26,12 @@ class Frames:
     coordinates: Float[np.ndarray, "n m ny"]
 
     @staticmethod
-    def at(E: FlowEquations, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], tau: float) -> "Frames":
+    def compute(E: FlowEquations, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], tau: float) -> "Frames":
         """Compute bases, orthonormal in the module's metric, of the changes of the states ``y`` that keep loops closed.
 
         ``t`` [s] are the times, ``tau`` [s] is the weight of velocities.
         """
-        T, H, slopes = E.frame(t, y)
+        T, H, slopes = E.evaluate_frame(t, y)
         nu = E.nu
         root = np.swapaxes(np.linalg.cholesky(H / np.sum(E.system.mass)), 1, 2)
         unit = np.linalg.inv(root)
@@ -75,7 +75,7 @@ class Continuity:
         """Return B z, the changes of the gaps by corrections z."""
         return np.einsum("kij,kj->ki", self.A, z[:-1]) - z[1:]
 
-    def least(self, b: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "nodes m"]:
+    def find_least_corrections(self, b: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "nodes m"]:
         """Return the corrections z of least sum of w_k |z_k|^2 with B z = b."""
         x, n = b.copy(), len(b)
         for k in range(1, n):
@@ -89,7 +89,7 @@ class Continuity:
         z[1:] -= x
         return z / self.w[:, None]
 
-    def size(self, z: Float[np.ndarray, "nodes m"]) -> float:
+    def measure_size(self, z: Float[np.ndarray, "nodes m"]) -> float:
         """Return the norm of corrections [m], the root of their ``product`` with themselves."""
         return float(np.sqrt(self.product(z, z)))
 

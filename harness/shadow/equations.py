@@ -18,7 +18,7 @@ from ...solvers.formulations.joint_coordinates import code as joint_code
 from ...solvers.formulations.joint_coordinates.tree import Tree
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
-from .lanes import LANES, one_by_one, side_by_side, vectorise_functions
+from .lanes import LANES, pack_lanes, unpack_lanes, vectorise_functions
 
 if TYPE_CHECKING:
     from ...solvers.formulations.generated import Loop
@@ -51,14 +51,14 @@ class FlowEquations:
         """Call the machine code of ``name`` for the states ``y`` at ``t``; it writes the ``outputs``."""
         self._call(name, len(y), np.ascontiguousarray(t), np.ascontiguousarray(y), *outputs)
 
-    def rate(self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"]) -> Float[np.ndarray, "n ny"]:
+    def evaluate_rate(self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"]) -> Float[np.ndarray, "n ny"]:
         """Return y_dot of the motion at each state."""
-        lanes = [side_by_side(a[None])[0] for a in (t[:, None], y)]
+        lanes = [pack_lanes(a[None])[0] for a in (t[:, None], y)]
         out = np.empty(lanes[1].shape)
         self._call("rate", len(out), *lanes, out)
-        return one_by_one(out[None], len(y))[0]
+        return unpack_lanes(out[None], len(y))[0]
 
-    def tangent(
+    def evaluate_tangent(
         self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], Y: Float[np.ndarray, "n m ny lanes"]
     ) -> Float[np.ndarray, "n m ny lanes"]:
         """Return the derivative of y_dot along m times ``LANES`` directions ``Y`` at each state."""
@@ -74,7 +74,7 @@ class FlowEquations:
         self._map("project", t, y, out)
         return out
 
-    def frame(
+    def evaluate_frame(
         self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"]
     ) -> tuple[Float[np.ndarray, "n nq nu"], Float[np.ndarray, "n nu nu"], Float[np.ndarray, "n rows two_nu"]]:
         """Return T of q_dot = T u, H of 2 T_kin = u^T H u, and the slopes of (phi, phi_dot) along (T xi, eta)."""
@@ -83,7 +83,7 @@ class FlowEquations:
         self._map("frame", t, y, T, H, G)  # matrices are stored by columns
         return np.swapaxes(T, 1, 2), H, np.swapaxes(G, 1, 2)
 
-    def bodies(self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"]) -> States:
+    def evaluate_bodies(self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"]) -> States:
         """Return poses and velocities of all bodies, in space, at each state."""
         shape = (len(y), self.system.nb, 3)
         r, R, v, Omega = np.empty(shape), np.empty((*shape, 3)), np.empty(shape), np.empty(shape)
@@ -105,7 +105,7 @@ def _functions(system: MultibodySystem, tree: Tree) -> "dict[str, Loop]":
 
     t, y = ca.SX.sym("t"), ca.SX.sym("y", tree.nq + tree.nu)
     found = joint_code._equations(system, tree, t, y, [])
-    parts = joint_code.Parts(system, tree, joint_code.choose_order(system, tree, t, y))
+    parts = joint_code.MechanismFunctions(system, tree, joint_code.choose_equations(system, tree, t, y))
     rate, finish, record = parts.accelerate(), parts.finish(), parts.functions["record"]
     dy, x = ca.SX.sym("dy", y.numel()), ca.SX.sym("x", 1 + y.numel())
     along = ca.substitute(ca.jtimes(rate.outputs[0], y, dy), ca.vertcat(t, y), x)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..results.findings import Finding, MeasuredQuantity, compare, state
+from ..results.findings import Finding, MeasuredQuantity, judge_value, state_finding
 from ..results.shadows import SYMPLECTIC, NearestMotion
 from ..types import ACCURATE
 from .modified_energy import ModifiedEnergy
@@ -30,9 +30,9 @@ def describe_shadow(s: Shadow) -> list[Finding]:
         ("CPU time", s.cpu_s, "s"),
     )
     return [
-        state("true motion nearby", describe_extent(s), f"over {s.t_end:.6g} s", s.is_complete),
-        _name("largest gap left", compare(s.gap, "m", most=GAP)),
-        _name("largest distance of C", compare(float(np.max(C)), "m", most=most, words=at, tested=s.until > 0.0)),
+        state_finding("true motion nearby", describe_extent(s), f"over {s.t_end:.6g} s", s.is_complete),
+        _name("largest gap left", judge_value(s.gap, "m", most=GAP)),
+        _name("largest distance of C", judge_value(float(np.max(C)), "m", most=most, words=at, tested=s.until > 0.0)),
         *(
             Finding(MeasuredQuantity(name, float(value), unit))
             for name, value, unit in numbers
@@ -41,7 +41,7 @@ def describe_shadow(s: Shadow) -> list[Finding]:
     ]
 
 
-def summarize_shadow(s: Shadow) -> dict[str, str | float]:
+def summarise_shadow(s: Shadow) -> dict[str, str | float]:
     """Return a sentence on a shadow (``words``) and its numbers by name: ``until_s``, ``largest_m``, ``rms_m`` ..."""
     largest, rms = float(np.max(s.distance)), float(np.sqrt(np.mean(s.distance**2)))
     numbers = {"until_s": s.until, "largest_m": largest, "rms_m": rms, "gap_m": s.gap, "glitch_s": s.glitch}
@@ -75,7 +75,7 @@ def describe_energy(m: ModifiedEnergy) -> list[Finding]:
     swing, shown = m.energy_range / m.scale, NearestMotion(modified_energy=m.energy_range / m.scale).symplectic
     words = f"symplectic: {shown}"
     return [
-        _name(name, compare(swing, "of the scale", most=SYMPLECTIC, words=words, tested=shown == "yes")),
+        _name(name, judge_value(swing, "of the scale", most=SYMPLECTIC, words=words, tested=shown == "yes")),
         Finding(MeasuredQuantity("swing of the energy", float(np.ptp(m.energy)) / m.scale, "of the scale")),
     ]
 

@@ -5,7 +5,7 @@ from jaxtyping import Float, Int
 
 from ...solvers.formulations.methods.tableaux import DOPRI853
 from .equations import FlowEquations
-from .lanes import one_by_one, side_by_side
+from .lanes import pack_lanes, unpack_lanes
 
 TOLERANCE = 1e-12  # error of a step, relative to 1 + |y|
 ROUGH = 1e-9  # the same for intermediate iterations
@@ -14,7 +14,7 @@ MOST_STEPS = 512  # steps in a segment
 TOGETHER = 2**15  # numbers of tangents processed together, of which a step has twelve
 
 
-def flow(
+def integrate_flow(
     E: FlowEquations,
     t: Float[np.ndarray, " n"],
     h: Float[np.ndarray, " n"],
@@ -43,7 +43,7 @@ def flow(
     return out
 
 
-def tangents(
+def transport_changes(
     E: FlowEquations,
     t: Float[np.ndarray, " n"],
     h: Float[np.ndarray, " n"],
@@ -53,30 +53,30 @@ def tangents(
 ) -> Float[np.ndarray, "n m ny"]:
     """Return the small changes of the states at t + h [s] that the changes ``Y`` of those at t cause.
 
-    ``steps`` are those that ``flow`` needed.
+    ``steps`` are those that ``integrate_flow`` needed.
     """
-    few, lanes = -(-steps // COARSER), side_by_side(Y)
+    few, lanes = -(-steps // COARSER), pack_lanes(Y)
     size = max(1, TOGETHER // lanes[0].size)
     for n in np.unique(few):
         group = np.flatnonzero(few == n)
         for own in np.array_split(group, -(-len(group) // size)):
-            lanes[own] = _carry(E, t[own], h[own] / n, y[own], lanes[own], int(n))
-    return one_by_one(lanes, Y.shape[1])
+            lanes[own] = _transport_steps(E, t[own], h[own] / n, y[own], lanes[own], int(n))
+    return unpack_lanes(lanes, Y.shape[1])
 
 
 def _march(E: FlowEquations, t: np.ndarray, h: np.ndarray, y: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return y after n steps of h [s] of DOP853, and the largest error of a step, relative to 1 + |y|."""
     c, a, b, e = DOPRI853.c, DOPRI853.a, DOPRI853.b, DOPRI853.error
     K = np.empty((len(b) + 1, *y.shape))
-    K[0] = E.rate(t, y)
+    K[0] = E.evaluate_rate(t, y)
     worst = np.zeros(len(y))
     with np.errstate(all="ignore"):
         for step in range(n):
             at = t + step * h
             for i in range(1, len(b)):
-                K[i] = E.rate(at + c[i] * h, y + h[:, None] * np.tensordot(a[i, :i], K[:i], 1))
+                K[i] = E.evaluate_rate(at + c[i] * h, y + h[:, None] * np.tensordot(a[i, :i], K[:i], 1))
             y = y + h[:, None] * np.tensordot(b, K[:-1], 1)
-            K[-1] = E.rate(at + h, y)
+            K[-1] = E.evaluate_rate(at + h, y)
             first, second = (np.mean((np.tensordot(x, K, 1) / (1.0 + np.abs(y))) ** 2, axis=1) for x in e)
             norm = np.abs(h) * first / np.sqrt(first + 0.01 * second)
             worst = np.maximum(worst, np.where(first > 0.0, norm, first))
@@ -84,7 +84,9 @@ def _march(E: FlowEquations, t: np.ndarray, h: np.ndarray, y: np.ndarray, n: int
     return y, worst
 
 
-def _carry(E: FlowEquations, t: np.ndarray, h: np.ndarray, y: np.ndarray, Y: np.ndarray, n: int) -> np.ndarray:
+def _transport_steps(
+    E: FlowEquations, t: np.ndarray, h: np.ndarray, y: np.ndarray, Y: np.ndarray, n: int
+) -> np.ndarray:
     """Return the changes ``Y`` after n steps of h [s] along the motion from y, by the variational equations."""
     c, a, b = DOPRI853.c, DOPRI853.a, DOPRI853.b
     K, D = np.empty((len(b), *y.shape)), np.empty((len(b), *Y.shape))
@@ -93,7 +95,7 @@ def _carry(E: FlowEquations, t: np.ndarray, h: np.ndarray, y: np.ndarray, Y: np.
         for i in range(len(b)):
             y_i = y + h[:, None] * np.tensordot(a[i, :i], K[:i], 1)
             Y_i = Y + h[:, None, None, None] * np.tensordot(a[i, :i], D[:i], 1)
-            K[i], D[i] = E.rate(at + c[i] * h, y_i), E.tangent(at + c[i] * h, y_i, Y_i)
+            K[i], D[i] = E.evaluate_rate(at + c[i] * h, y_i), E.evaluate_tangent(at + c[i] * h, y_i, Y_i)
         y = y + h[:, None] * np.tensordot(b, K, 1)
         Y = Y + h[:, None, None, None] * np.tensordot(b, D, 1)
     return Y

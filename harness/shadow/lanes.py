@@ -8,7 +8,7 @@ from jaxtyping import Float
 LANES = 8  # doubles of AVX-512; other processors handle them in parts
 
 
-def side_by_side(a: Float[np.ndarray, "n m k"]) -> Float[np.ndarray, "n groups k lanes"]:
+def pack_lanes(a: Float[np.ndarray, "n m k"]) -> Float[np.ndarray, "n groups k lanes"]:
     """Arrange the m rows in groups of ``LANES``; the last group is padded with zeros."""
     n, m, k = a.shape
     out = np.zeros((n, -(-m // LANES), LANES, k))
@@ -16,8 +16,8 @@ def side_by_side(a: Float[np.ndarray, "n m k"]) -> Float[np.ndarray, "n groups k
     return np.ascontiguousarray(np.swapaxes(out, 2, 3))
 
 
-def one_by_one(a: Float[np.ndarray, "n groups k lanes"], m: int) -> Float[np.ndarray, "n m k"]:
-    """Return the m rows from groups of ``LANES``: the inverse of ``side_by_side``."""
+def unpack_lanes(a: Float[np.ndarray, "n groups k lanes"], m: int) -> Float[np.ndarray, "n m k"]:
+    """Return the m rows from groups of ``LANES``: the inverse of ``pack_lanes``."""
     return np.swapaxes(a, 2, 3).reshape(len(a), -1, a.shape[2])[:, :m]
 
 
@@ -29,23 +29,23 @@ def vectorise_functions(ir: str) -> str:
             lines.append(line)
             continue
         if own := re.match(r"declare double @(?!llvm)(\w+)\((.*)\)", line):
-            lines += [line, *_each_lane(own[1], own[2].count("double"))]
+            lines += [line, *_print_lane_calls(own[1], own[2].count("double"))]
             continue
         line = re.sub(r"@llvm\.(\w+)\.f64", rf"@llvm.\1.v{LANES}f64", line)
         line = re.sub(r"double @(?!llvm)(\w+)\(", r"double @each.\1(", line)
         line = re.sub(r"\b(double|i1)\b", rf"<{LANES} x \1>", line)
-        line = re.sub(r" (-?\d\.\d|0x\w{16})(?=,|\)|$)", lambda m: f" {_same(f'double {m[1]}')}", line)
-        line = re.sub(r"\btrue\b", _same("i1 true"), line)
+        line = re.sub(r" (-?\d\.\d|0x\w{16})(?=,|\)|$)", lambda m: f" {_repeat_constant(f'double {m[1]}')}", line)
+        line = re.sub(r"\btrue\b", _repeat_constant("i1 true"), line)
         lines.append(f"{line}, align 8" if re.search(r" = load <|^  store ", line) else line)
     return "\n".join([*lines, ""])
 
 
-def _same(x: str) -> str:
+def _repeat_constant(x: str) -> str:
     """Return a constant of LLVM IR repeated in all lanes."""
     return f"<{', '.join([x] * LANES)}>"
 
 
-def _each_lane(name: str, arguments: int) -> list[str]:
+def _print_lane_calls(name: str, arguments: int) -> list[str]:
     """Return LLVM IR of a function of lanes that calls the function ``name`` of numbers for each lane."""
     V, letters = f"<{LANES} x double>", "ab"[:arguments]
     lines = [f"define internal {V} @each.{name}({', '.join(f'{V} %{a}' for a in letters)}) {{"]

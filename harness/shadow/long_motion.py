@@ -24,8 +24,8 @@ from jaxtyping import Float
 
 from ..files import write_text
 from ..mechanics.state import States
-from .rods import RECIPES, Recipe
-from .series import Flow, PreciseState
+from .rods import RECIPES, RodProblem
+from .series import PlaneFlow, PreciseState
 
 STORED = Path(__file__).parent / "long"
 FIRST, SECOND = ("angles", 240), ("directors", 272)  # formulation, bits at the start
@@ -51,7 +51,7 @@ class LongMotion:
         return float(self.t[-1])
 
     @cached_property
-    def recipe(self) -> Recipe:
+    def recipe(self) -> RodProblem:
         """The bodies and the start of the problem, in exact numbers."""
         return RECIPES[self.problem]()
 
@@ -59,7 +59,7 @@ class LongMotion:
         """Return the state at the k-th stored time, in units of 2^-bits."""
         with flint.ctx.workprec(bits):
             q, u = ([flint.arb(x) for x in row[k]] for row in (self.q, self.u))
-        return self.recipe.rods.state(q, u, scale(self.t[k], bits), bits)
+        return self.recipe.rods.state(q, u, to_fixed_point(self.t[k], bits), bits)
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
         """Return the motion at increasing times [s] up to the horizon, accurate to its error plus 1e-12 m."""
@@ -69,15 +69,15 @@ class LongMotion:
         parts = np.searchsorted([float(a) for a in self.t], t, "right") - 1
         found: list[PreciseState] = []
         for k in np.unique(parts):
-            wanted = [scale(Fraction(x), bits) for x in t[parts == k]]
+            wanted = [to_fixed_point(Fraction(x), bits) for x in t[parts == k]]
             begin = self.state(int(k), bits)
-            flow = Flow(self.recipe.rods.mechanism(), *READ)
+            flow = PlaneFlow(self.recipe.rods.make_mechanism(), *READ)
             found += [begin] * (wanted[0] == begin.t)
             found += [p for p, asked in flow.march(begin, wanted[-1], wanted) if asked]
         X, V = (np.array([getattr(p, name) for p in found], dtype=float) / 2.0**bits for name in ("X", "V"))
         return self.recipe.bodies(X, V).with_times(t)
 
-    def digest(self) -> str:
+    def compute_digest(self) -> str:
         """Return the digest of the numbers that are stored."""
         return hashlib.sha256(repr((self.problem, self.t, self.q, self.u, self.difference)).encode()).hexdigest()
 
@@ -86,7 +86,7 @@ def load_long_motion(problem: str) -> LongMotion:
     """Load the stored motion of a problem; raise ValueError where its digest is wrong."""
     stored = json.loads((STORED / f"{problem}.json").read_text())
     motion = _collect(problem, stored)
-    if motion.digest() != stored["sha256"]:
+    if motion.compute_digest() != stored["sha256"]:
         raise ValueError(f"{problem}.json is damaged: its digest is not that of its states")
     return motion
 
@@ -97,7 +97,7 @@ def _collect(problem: str, plain: dict[str, Any]) -> LongMotion:
     return LongMotion(problem, tuple(map(Fraction, plain["t"])), q, u, tuple(plain["difference"]))
 
 
-def scale(a: Fraction, bits: int) -> int:
+def to_fixed_point(a: Fraction, bits: int) -> int:
     """Return ``a`` in units of 2^-bits, rounded down."""
     return (a.numerator << bits) // a.denominator
 
@@ -105,16 +105,16 @@ def scale(a: Fraction, bits: int) -> int:
 class Integration:
     """A run, the first or the second, which ``integrate_to`` continues from the start or from the numbers ``saved``."""
 
-    def __init__(self, recipe: Recipe, formulation: str, bits: int, saved: dict[str, Any] | None = None) -> None:
-        self._mechanism, self._formulation, self._most = recipe.rods.mechanism(), formulation, bits
-        self._lost = recipe.lost
-        self.flow = Flow(self._mechanism, formulation, bits)
+    def __init__(self, recipe: RodProblem, formulation: str, bits: int, saved: dict[str, Any] | None = None) -> None:
+        self._mechanism, self._formulation, self._most = recipe.rods.make_mechanism(), formulation, bits
+        self._bits_lost_per_second = recipe.lost
+        self.flow = PlaneFlow(self._mechanism, formulation, bits)
         if saved is None:
             with flint.ctx.workprec(bits + 32):
                 q, u = recipe.start()
             self.now = recipe.rods.state(q, u, 0, bits)
         else:
-            self.flow = Flow(self._mechanism, formulation, saved["bits"])
+            self.flow = PlaneFlow(self._mechanism, formulation, saved["bits"])
             self.now, self.flow.unit = PreciseState(saved["t"], saved["X"], saved["V"]), saved["unit"]
 
     def save(self) -> dict[str, Any]:
@@ -123,8 +123,8 @@ class Integration:
 
     def integrate_to(self, t: Fraction) -> Iterator[PreciseState | None]:
         """Yield None after each step, so that a caller can stop, and finally the state at ``t`` [s]."""
-        self._round(max(FEWEST, self._most - int(self._lost * t)))
-        at = scale(t, self.flow.bits)
+        self._round(max(FEWEST, self._most - int(self._bits_lost_per_second * t)))
+        at = to_fixed_point(t, self.flow.bits)
         if self.now.t == at == 0:
             yield self.now
         for p, asked in self.flow.march(self.now, at, (at,)):
@@ -138,7 +138,10 @@ class Integration:
         """Round the state and continue with fewer ``bits``: chaos has made the others meaningless."""
         drop, unit = self.flow.bits - bits, self.flow.unit
         X, V = ([[x >> drop for x in body] for body in part] for part in (self.now.X, self.now.V))
-        self.now, self.flow = PreciseState(self.now.t >> drop, X, V), Flow(self._mechanism, self._formulation, bits)
+        self.now, self.flow = (
+            PreciseState(self.now.t >> drop, X, V),
+            PlaneFlow(self._mechanism, self._formulation, bits),
+        )
         self.flow.unit = unit >> drop
 
 
@@ -167,7 +170,7 @@ def make_long_motion(problem: str, t_end: Fraction, stored: Path, budget: float)
         digits = int(bits * 0.30103)
         saved["t"].append(str(t))
         saved["difference"].append(difference)
-        for name, row in zip(("q", "u"), recipe.rods.coordinates(first, bits), strict=True):
+        for name, row in zip(("q", "u"), recipe.rods.find_coordinates(first, bits), strict=True):
             saved[name].append([a.mid().str(digits, radius=False) for a in row])
         saved["runs"] = [run.save() for run in runs]
         _write(path, _collect(problem, saved))
@@ -186,7 +189,7 @@ def measure_difference(a: tuple[PreciseState, int], b: tuple[PreciseState, int])
 def _write(path: Path, motion: LongMotion) -> None:
     """Write the file of a motion: how to make it, its digest and its numbers."""
     command = f"python -m mbsbench.harness.shadow.long_motion {motion.problem} {motion.horizon:g}"
-    head = {"recipe": {"command": command, "first": FIRST, "second": SECOND}, "sha256": motion.digest()}
+    head = {"recipe": {"command": command, "first": FIRST, "second": SECOND}, "sha256": motion.compute_digest()}
     body = {"t": [str(t) for t in motion.t], "q": motion.q, "u": motion.u, "difference": motion.difference}
     write_text(path, json.dumps(head | body, indent=0) + "\n")
 

@@ -49,13 +49,13 @@ class ModifiedEnergy:
 def find_modified_energy(problem: Problem, trajectory: Trajectory) -> ModifiedEnergy:
     """Return the modified energy by the order of differences for which it varies least.
 
-    Raise ValueError where it is undefined, as ``of_order``.
+    Raise ValueError where it is undefined, as ``compute_modified_energy``.
     """
-    found = (of_order(problem, trajectory, order) for order in range(2, LARGEST_ORDER + 1, 2))
+    found = (compute_modified_energy(problem, trajectory, order) for order in range(2, LARGEST_ORDER + 1, 2))
     return min(found, key=lambda m: m.energy_range)
 
 
-def of_order(problem: Problem, trajectory: Trajectory, order: int) -> ModifiedEnergy:
+def compute_modified_energy(problem: Problem, trajectory: Trajectory, order: int) -> ModifiedEnergy:
     """Return the modified energy by central differences of even ``order``; raise ValueError where it is undefined.
 
     It is undefined for variable steps, too few steps, systems that are not conservative, and asymmetric bodies or long
@@ -90,14 +90,16 @@ def _actions(problem: Problem, s: States, h: float) -> Float[np.ndarray, " steps
     size = np.max(np.linalg.norm(L, axis=2) * np.linalg.norm(turned, axis=2))
     nutating = np.max(np.linalg.norm(np.cross(L, turned), axis=2), axis=0) > TURNED * size
     for b in np.flatnonzero(nutating):
-        twice[:, b] = _nutate(system.inertia[b], turned[:, b])
+        twice[:, b] = _compute_nutation_energy(system.inertia[b], turned[:, b])
     moved = np.diff(s.r, axis=0)
     T = 0.5 * (np.sum(system.mass[:, None] * moved**2, axis=(1, 2)) + np.sum(twice, axis=1)) / h**2
     V = potential_energy(system, s)
     return h * T - 0.5 * h * (V[:-1] + V[1:])
 
 
-def _nutate(inertia: Float[np.ndarray, "3 3"], turned: Float[np.ndarray, "steps 3"]) -> Float[np.ndarray, " steps"]:
+def _compute_nutation_energy(
+    inertia: Float[np.ndarray, "3 3"], turned: Float[np.ndarray, "steps 3"]
+) -> Float[np.ndarray, " steps"]:
     """Return h^2 times twice the energy of a symmetric free top that turns by exp(``turned``) in each step h.
 
     With exp(``turned``) = exp(w) exp(c w_a e), w = h L / I_t: e is the axis of symmetry, c = I_t / I_a - 1; w_a = e . w

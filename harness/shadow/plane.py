@@ -12,7 +12,7 @@ from ..types import Problem
 PLANE = 1e-6  # relative to the extent of the motion: one that leaves the plane by less counts as planar
 
 
-def is_plane(problem: Problem, states: States, reach: float) -> bool:
+def is_planar_motion(problem: Problem, states: States, reach: float) -> bool:
     """Return whether the exact motion is planar and the computed one stays in that plane, to ``PLANE`` of ``reach``."""
     if problem.planar_normal is None:
         return False

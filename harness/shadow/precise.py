@@ -18,7 +18,7 @@ import numpy as np
 
 from ...solvers.formulations.generated.functions import GeneratedFunction
 from ...solvers.formulations.joint_coordinates import code as joint_code
-from ...solvers.formulations.joint_coordinates.tree import spanning_tree
+from ...solvers.formulations.joint_coordinates.tree import build_spanning_tree
 from ..catalogue.registry import make_problem
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
@@ -33,7 +33,7 @@ CLOSING = 4  # Newton steps to close loops at the start, each of which doubles t
 
 
 def round_states(times: Sequence[Fraction], poses: Sequence[Sums]) -> States:
-    """Return the poses and velocities of ``PreciseFlow.poses``, at these times [s], rounded to doubles."""
+    """Return the poses and velocities of ``PreciseFlow.compute_poses``, at these times [s], rounded to doubles."""
     x = np.array(poses)[:, :, 0]
     nb = x.shape[1] // 18
     r, R, V = x[:, : 3 * nb], x[:, 3 * nb : 12 * nb], x[:, 12 * nb :].reshape(-1, nb, 6)
@@ -51,10 +51,10 @@ class PreciseFlow:
         """
         import casadi as ca
 
-        tree = spanning_tree(system, start)
+        tree = build_spanning_tree(system, start)
         joint_code.make_code(system, tree)  # raises ValueError for mechanisms that it refuses
         found = joint_code.find_equations(system, tree, joint_code.digest_mechanism(system, tree))
-        written, self.rows = joint_code.Parts(system, tree, found), len(found.rows)
+        written, self.rows = joint_code.MechanismFunctions(system, tree, found), len(found.rows)
         rate, finish, record = written.accelerate(), written.finish(), written.functions["record"]
         self.tolerance = TOLERANCE[bits] if tolerance is None else tolerance
         self.order = math.ceil(1.0 - 0.5 * math.log(self.tolerance))
@@ -68,17 +68,17 @@ class PreciseFlow:
         parts[1:, 0] = tree.start
         parts[0] = split_doubles(Fraction(start.t))
         for _ in range(CLOSING):
-            parts = self.close(parts)
+            parts = self.close_loops(parts)
         self.start: Sums = parts
         self.steps = 0
 
-    def close(self, x: Sums) -> Sums:
+    def close_loops(self, x: Sums) -> Sums:
         """Return the state x after one Newton step towards closed loops and unit quaternions."""
-        return np.concatenate((x[:1], self._close.values(x)))
+        return np.concatenate((x[:1], self._close.evaluate(x)))
 
-    def poses(self, x: Sums) -> Sums:
+    def compute_poses(self, x: Sums) -> Sums:
         """Return r, R by rows, then (v, Omega) by bodies, of the state x, as one column of sums."""
-        return self._poses.values(x)
+        return self._poses.evaluate(x)
 
     def march(self, times: Sequence[Fraction]) -> Iterator[Sums]:
         """Yield the states at ``times`` [s], integrated from the start; decreasing times are integrated backwards."""
@@ -89,9 +89,9 @@ class PreciseFlow:
             self._rate.expand(x)
             h = self._step()
             while wanted and abs(wanted[0] - t) <= h:
-                yield self.close(self._rate.sum(wanted.pop(0) - t))
+                yield self.close_loops(self._rate.sum_series(wanted.pop(0) - t))
             t += way * h
-            x = self.close(self._rate.sum(way * h))
+            x = self.close_loops(self._rate.sum_series(way * h))
             x[0] = split_doubles(t)
             self.steps += 1
 
@@ -100,14 +100,16 @@ class PreciseFlow:
 
         Jorba and Zou, Sect. 3.2. Raise ArithmeticError if the series is not finite.
         """
-        p, scale = self.order, max(1.0, self._rate.size(0))
-        radius = min((max(self._rate.size(k), 1e-300) / scale) ** (-1.0 / k) for k in range(p - LAST, p + 1))
+        p, scale = self.order, max(1.0, self._rate.find_largest_coefficient(0))
+        radius = min(
+            (max(self._rate.find_largest_coefficient(k), 1e-300) / scale) ** (-1.0 / k) for k in range(p - LAST, p + 1)
+        )
         if not 0.0 < radius < math.inf:
             raise ArithmeticError("the series is not finite: a pivot is lost")
         return Fraction(radius * math.exp(-2.0 - 0.7 / (p - 1)))
 
 
-def difference(a: Sums, b: Sums) -> float:
+def measure_difference(a: Sums, b: Sums) -> float:
     """Return the largest difference of two states or poses, as sums of doubles whose leading ones are close."""
     return float(np.max(np.abs(np.sum(a - b, axis=1))))
 
@@ -123,9 +125,9 @@ def make_precise_motion(
     flow, rough = (PreciseFlow(problem.system, problem.initial, bits, TOLERANCE[bits] * c) for c in (1, LOOSER))
     poses, apart, own = [], [0.0], slice(12 * problem.system.nb)
     for x, y in zip(flow.march(times), rough.march(times), strict=True):
-        poses.append(flow.poses(x))
+        poses.append(flow.compute_poses(x))
         # ``np.maximum`` propagates a NaN
-        apart.append(np.maximum(apart[-1], difference(poses[-1][own], rough.poses(y)[own])))
+        apart.append(np.maximum(apart[-1], measure_difference(poses[-1][own], rough.compute_poses(y)[own])))
     if not np.isfinite(apart[-1]):
         raise ArithmeticError("the motion is no longer finite: give a shorter time")
     return round_states(times, poses), SAFETY * np.array(apart[1:]), flow

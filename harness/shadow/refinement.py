@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from .corrections import Continuity, Frames
 from .equations import FlowEquations
-from .flow import ROUGH, TOLERANCE, flow, tangents
+from .flow import ROUGH, TOLERANCE, integrate_flow, transport_changes
 
 CLOSED = 1e-10  # [m] in the metric: largest gap of a closed motion
 TANGENTS = 4  # number of directions along which tangents cost about as much as a correction
@@ -42,10 +42,10 @@ class Refinement:
         w = 0.5 * (np.append(self._h, 0.0) + np.insert(self._h, 0, 0.0))
         self._w = w / np.sum(w)
         self._steps, self._rough = np.ones((2, len(self._h)), dtype=np.int64)
-        self._place(given)
-        self.frames = Frames.at(E, t, self.y, tau)
+        self._set_nodes(given)
+        self.frames = Frames.compute(E, t, self.y, tau)
 
-    def _place(self, y: np.ndarray, rough: bool = False) -> None:
+    def _set_nodes(self, y: np.ndarray, rough: bool = False) -> None:
         """Set the nodes to ``y``, with closed loops, and compute the jumps of the true flow from node to node.
 
         With ``rough`` the flow has the wider tolerance of intermediate iterations.
@@ -54,14 +54,14 @@ class Refinement:
             y = self.E.project(self.t, y)
         self.y = y
         how = (self._rough, ROUGH) if rough else (self._steps, TOLERANCE)
-        ends = flow(self.E, self.t[:-1], self._h, y[:-1], *how, ASTRAY)
+        ends = integrate_flow(self.E, self.t[:-1], self._h, y[:-1], *how, ASTRAY)
         self.jumps = ends - y[1:]
 
     def _linearise(self) -> Continuity:
         """Compute bases and tangents at the nodes; return the conditions on corrections that close the gaps."""
-        self.frames = Frames.at(self.E, self.t, self.y, self.tau)
+        self.frames = Frames.compute(self.E, self.t, self.y, self.tau)
         directions = np.swapaxes(self.frames.basis[:-1], 1, 2)
-        Y = tangents(self.E, self.t[:-1], self._h, self.y[:-1], directions, self._steps)
+        Y = transport_changes(self.E, self.t[:-1], self._h, self.y[:-1], directions, self._steps)
         return Continuity(self.frames.coordinates[1:] @ np.swapaxes(Y, 1, 2), self._w)
 
     @property
@@ -98,14 +98,16 @@ class Refinement:
             if linear is None:
                 linear, left = self._linearise(), left - 1
             self.iterations += 1
-            z = linear.least(-self.gaps)
-            size, after, y, steps, damping = linear.size(z), np.inf, self.y, self._steps, 1.0
+            z = linear.find_least_corrections(-self.gaps)
+            size, after, y, steps, damping = linear.measure_size(z), np.inf, self.y, self._steps, 1.0
             while damping == 1.0 or not (after <= (1.0 - damping / 4.0) * size or self.gap < CLOSED):
                 if damping < LEAST_DAMPING:
                     return False
                 self._steps = steps.copy()  # a motion that went astray took many steps
-                self._place(y + damping * self.frames.move(z))
-                after = linear.size(linear.least(-self.gaps)) if np.isfinite(self.gap) else np.inf
+                self._set_nodes(y + damping * self.frames.move(z))
+                after = (
+                    linear.measure_size(linear.find_least_corrections(-self.gaps)) if np.isfinite(self.gap) else np.inf
+                )
                 damping *= 0.5
             corrections = np.log(CLOSED / max(self.gap, CLOSED)) / np.log(after / size) if after < size else np.inf
             linear = linear if TANGENTS * corrections < z.shape[1] else None  # new tangents would cost more
@@ -115,9 +117,9 @@ class Refinement:
         """Move a closed motion towards the nearest true one; restore it if the gaps cannot be closed again."""
         before = self.y
         linear = self._approach()
-        self._place(self.y)
+        self._set_nodes(self.y)
         if not self.close(linear):
-            self._place(before)
+            self._set_nodes(before)
 
     def _approach(self) -> Continuity | None:
         """Approach the nearest motion by conjugate directions; return the last conditions if valid at the nodes."""
@@ -125,12 +127,12 @@ class Refinement:
         for _ in range(MOST_APPROACHES):
             linear = self._linearise()
             away = self.frames.measure(self.y - self.given)
-            along = linear.least(linear.apply(away)) - away
-            before, steepest, y = linear.size(away), linear.size(along), self.y
+            along = linear.find_least_corrections(linear.apply(away)) - away
+            before, steepest, y = linear.measure_size(away), linear.measure_size(along), self.y
             if steepest < NEAREST * before:
                 return linear
             conjugate = self.frames.measure(direction)
-            conjugate -= linear.least(linear.apply(conjugate))
+            conjugate -= linear.find_least_corrections(linear.apply(conjugate))
             z = along + (steepest / last) ** 2 * conjugate
             slope = -linear.product(away, z)
             if not slope > 0.0:
@@ -139,7 +141,7 @@ class Refinement:
             while not (after := self._step(linear, y + damping * direction)) < before:
                 damping *= 0.5
                 if damping < LEAST_DAMPING:
-                    self._place(y)
+                    self._set_nodes(y)
                     return linear
             if before - after < SETTLED * before:
                 return None
@@ -154,14 +156,14 @@ class Refinement:
         anew. Counts an iteration.
         """
         steps = self._rough.copy()
-        self._place(y, rough=True)
+        self._set_nodes(y, rough=True)
         self.iterations += 1
         last = np.inf
-        while self.gap >= max(CLOSED, NEARLY * linear.size(self.frames.measure(self.y - self.given))):
-            z = linear.least(-self.gaps)
-            if not linear.size(z) < 0.5 * last:
+        while self.gap >= max(CLOSED, NEARLY * linear.measure_size(self.frames.measure(self.y - self.given))):
+            z = linear.find_least_corrections(-self.gaps)
+            if not linear.measure_size(z) < 0.5 * last:
                 self._rough = steps  # keep the steps, as in ``_close``
                 return np.inf
-            last = linear.size(z)
-            self._place(self.y + self.frames.move(z), rough=True)
-        return linear.size(self.frames.measure(self.y - self.given))
+            last = linear.measure_size(z)
+            self._set_nodes(self.y + self.frames.move(z), rough=True)
+        return linear.measure_size(self.frames.measure(self.y - self.given))

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...problems.exact import planar
-from ...problems.four_bar_grid import grid_states
+from ...problems.four_bar_grid import make_grid_states
 from ..mechanics.state import States
 from .series import C, PlaneMechanism, PreciseState, S, X
 
@@ -36,7 +36,7 @@ class Rods:
     cart: Fraction | None = None  # [kg]
     end: Fraction | None = None  # [m]
 
-    def mechanism(self) -> PlaneMechanism:
+    def make_mechanism(self) -> PlaneMechanism:
         """Return the bodies and their constraint rows: two, x and y, for each joint, and two that guide a cart."""
         k0 = int(self.cart is not None)
         rows: list[dict[int, tuple[Fraction, ...]]] = []
@@ -78,7 +78,7 @@ class Rods:
                 x, y, v_x, v_y = x + whole * c, y + whole * s, v_x - whole * w * s, v_y + whole * w * c
             return PreciseState(t, *([[_integer(a, bits) for a in body] for body in part] for part in (values, rates)))
 
-    def coordinates(self, p: PreciseState, bits: int) -> tuple[list[flint.arb], list[flint.arb]]:
+    def find_coordinates(self, p: PreciseState, bits: int) -> tuple[list[flint.arb], list[flint.arb]]:
         """Return q and u from a state in units of 2^-bits: the inverse of ``state``, with angles in (-pi, pi]."""
         q, u = [], []
         with flint.ctx.workprec(bits + SPARE):
@@ -91,7 +91,7 @@ class Rods:
 
 
 @dataclass(frozen=True)
-class Recipe:
+class RodProblem:
     """A problem of the catalogue, with its default parameters, as rods from an exact start."""
 
     rods: Rods
@@ -100,7 +100,7 @@ class Recipe:
     lost: int  # approximate loss of bits per second by chaos, by which the number of bits decreases with time
 
 
-def _chain() -> Recipe:
+def _chain() -> RodProblem:
     """Return the recipe of the problem ``chain``: fifteen bars with both ends fixed."""
     bar = _bar(ONE, Fraction("0.3048"))
 
@@ -113,17 +113,17 @@ def _chain() -> Recipe:
             a = (a - (1 + 2 * sum(cosines) - 3) / slope).mid()
         return [(lever * a).atan() for lever in (-2, -1, 0, 1, 2)] * 3, [flint.arb(0)] * 15
 
-    return Recipe(Rods((bar,) * 15, Fraction("9.81"), end=9 * bar.length), start, _bars, 7)
+    return RodProblem(Rods((bar,) * 15, Fraction("9.81"), end=9 * bar.length), start, _bars, 7)
 
 
-def _cart_pendulum() -> Recipe:
+def _cart_pendulum() -> RodProblem:
     """Return the recipe of the problem ``cart_pendulum``: two bars below a cart, at rest."""
     bar = _bar(Fraction(1, 2), Fraction(1, 2))
     nothing = [flint.arb(0)] * 3
-    return Recipe(Rods((bar, bar), Fraction("9.81"), cart=ONE), lambda: (nothing, nothing), _bars, 3)
+    return RodProblem(Rods((bar, bar), Fraction("9.81"), cart=ONE), lambda: (nothing, nothing), _bars, 3)
 
 
-def _four_bar_grid() -> Recipe:
+def _four_bar_grid() -> RodProblem:
     """Return the recipe of ``four_bar_grid``: each row, six uprights and five bars of 1 kg, moves as one rod."""
     upright, across = Fraction(6), Fraction(5)
     mass = upright + across
@@ -137,9 +137,9 @@ def _four_bar_grid() -> Recipe:
     def bodies(X: np.ndarray, V: np.ndarray) -> States:
         """Return the motion of all bars from that of the rods."""
         rate = X[:, :, C] * V[:, :, S] - X[:, :, S] * V[:, :, C]
-        return grid_states(np.arctan2(X[:, :, C], -X[:, :, S]), rate, 5, 1.0)
+        return make_grid_states(np.arctan2(X[:, :, C], -X[:, :, S]), rate, 5, 1.0)
 
-    return Recipe(Rods((Rod(mass, ONE, centre, inertia),) * 5, Fraction("9.81")), start, bodies, 3)
+    return RodProblem(Rods((Rod(mass, ONE, centre, inertia),) * 5, Fraction("9.81")), start, bodies, 3)
 
 
 def _bars(X: np.ndarray, V: np.ndarray) -> States:
@@ -148,7 +148,7 @@ def _bars(X: np.ndarray, V: np.ndarray) -> States:
     A cart lies along OX.
     """
     rate = X[:, :, C] * V[:, :, S] - X[:, :, S] * V[:, :, C]
-    return planar.states(X[:, :, :2], np.arctan2(X[:, :, S], X[:, :, C]), V[:, :, :2], rate)
+    return planar.make_planar_states(X[:, :, :2], np.arctan2(X[:, :, S], X[:, :, C]), V[:, :, :2], rate)
 
 
 RECIPES = {"chain": _chain, "cart_pendulum": _cart_pendulum, "four_bar_grid": _four_bar_grid}

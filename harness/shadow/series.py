@@ -46,14 +46,14 @@ class PreciseState:
     V: Sequence[Sequence[int]]
 
 
-class Flow:
+class PlaneFlow:
     """Integrate from a state; the truncation error of a step is about 2^(GUARD - bits)."""
 
     def __init__(self, mechanism: PlaneMechanism, formulation: str, bits: int) -> None:
         if formulation not in FORMULATIONS:
             raise ValueError(f"formulation must be {' or '.join(FORMULATIONS)} (got {formulation})")
         self.mechanism, self.bits, self.order = mechanism, bits, int(ORDER * bits)
-        self._expand = self._by_angles if formulation == "angles" else self._by_directors
+        self._expand = self._extend_by_angles if formulation == "angles" else self._extend_by_directors
         self._rows = [
             [(b, k, self._to_fixed(a)) for b, r in row.items() for k, a in enumerate(r) if a] for row in mechanism.rows
         ]
@@ -159,7 +159,7 @@ class Flow:
                 b[i] -= sum(a * b[j] for j, a in self._above[i]) >> B
         return b
 
-    def _react(self, known: list[list[int]]) -> list[list[int]]:
+    def _solve_reactions(self, known: list[list[int]]) -> list[list[int]]:
         """Return the forces Q = J^T lam on each body for which J X_dot_dot = 0.
 
         ``known`` is the part of X_dot_dot without these forces, at the same order.
@@ -183,7 +183,7 @@ class Flow:
             body[C].append((a[C] - (s * turn >> B)) // n)
             body[S].append((a[S] + (c * turn >> B)) // n)
 
-    def _by_angles(self, series: list[list[Series]]) -> list[list[Series]]:
+    def _extend_by_angles(self, series: list[list[Series]]) -> list[list[Series]]:
         """Extend the series of all bodies to full order by the formulation ``angles``."""
         B = self.bits
         rate = [[(b[C][0] * b[S][1] - b[S][0] * b[C][1]) >> B] for b in series]
@@ -202,7 +202,7 @@ class Flow:
                         ((k + 1) * _dot(c, back) + c[0] * turn) >> B,
                     ]
                 )
-            Q = self._react(known)
+            Q = self._solve_reactions(known)
             self._advance(series, k, known, Q)
             for body, w, own, q, turn, agile in zip(series, rate, force, Q, turns, self._agile, strict=True):
                 w.append((turn + ((body[C][0] * q[S] - body[S][0] * q[C] >> B) * agile >> B)) // (k + 1))
@@ -210,7 +210,7 @@ class Flow:
                 own[1].append(q[S])
         return series
 
-    def _by_directors(self, series: list[list[Series]]) -> list[list[Series]]:
+    def _extend_by_directors(self, series: list[list[Series]]) -> list[list[Series]]:
         """Extend the series of all bodies to full order by the formulation ``directors``."""
         B = self.bits
         force: list[tuple[Series, Series]] = [([], []) for _ in series]
@@ -228,7 +228,7 @@ class Flow:
                 back = mu[::-1]
                 e_c, e_s = (_dot(e, back) + e[0] * own >> B for e in (c, s))
                 known.append([0, 0 if k else self._pull, e_c * agile >> B, e_s * agile >> B])
-            Q = self._react(known)
+            Q = self._solve_reactions(known)
             self._advance(series, k, known, Q)
             for body, own, mu, q, part, (c_dot, s_dot) in zip(series, force, stretch, Q, half, rates, strict=True):
                 mu.append(part - ((body[C][0] * q[C] + body[S][0] * q[S]) >> B))

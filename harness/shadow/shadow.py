@@ -7,16 +7,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...solvers.formulations.joint_coordinates.counting import refuse_code
-from ...solvers.formulations.joint_coordinates.tree import spanning_tree
+from ...solvers.formulations.joint_coordinates.tree import build_spanning_tree
 from ..clock import cpu_seconds
 from ..mechanics.motion import energy
 from ..mechanics.state import States
-from ..metrics.scales import displacement, speeds
+from ..metrics.scales import measure_displacement, measure_speeds
 from ..types import Problem, Trajectory
 from .coordinates import compute_coordinates
 from .equations import FlowEquations
-from .flow import flow
-from .plane import add_hinges, is_plane
+from .flow import integrate_flow
+from .plane import add_hinges, is_planar_motion
 from .refinement import Refinement
 
 SHARE = 0.25  # fraction of the time that the motion takes for its own extent: weight of velocities, as a power of 2
@@ -80,16 +80,18 @@ def find_shadow(problem: Problem, trajectory: Trajectory, t_end: float | None = 
     if why := refuse_code(problem):
         raise ValueError(f"no shadow of {problem.name}: it {why.split(': use')[0]}")
     system, start = problem.system, States.one(problem.initial)
-    far = displacement(system, given, start)
+    far = measure_displacement(system, given, start)
     reach, share = float(np.max(far)), system.mass / np.sum(system.mass)
     if reach == 0.0:
         raise ValueError("a motion at rest has no shadow to look for")
-    slow = math.sqrt(float(np.mean(far**2 @ share)) / max(float(np.mean(speeds(system, given) ** 2 @ share)), 1e-300))
+    slow = math.sqrt(
+        float(np.mean(far**2 @ share)) / max(float(np.mean(measure_speeds(system, given) ** 2 @ share)), 1e-300)
+    )
     tau = 2.0 ** round(math.log2(SHARE * slow))
-    planar = is_plane(problem, given, reach)
+    planar = is_planar_motion(problem, given, reach)
     if planar and problem.planar_normal is not None:
         system = add_hinges(system, problem.initial, problem.frame @ problem.planar_normal)
-    E = FlowEquations(system, spanning_tree(system, problem.initial))
+    E = FlowEquations(system, build_spanning_tree(system, problem.initial))
     y = compute_coordinates(E.tree, given)
     nodes = choose_nodes(E, t, y, SEGMENT * tau)
     glitch = math.nan
@@ -103,13 +105,13 @@ def find_shadow(problem: Problem, trajectory: Trajectory, t_end: float | None = 
             break
         glitch = float(t[own][int(np.argmax(np.linalg.norm(np.nan_to_num(refinement.gaps, nan=np.inf), axis=1)))])
     own, there = refinement.t, given.at(nodes[: len(refinement.t)])
-    true = E.bodies(own, refinement.y)
+    true = E.evaluate_bodies(own, refinement.y)
     shift = energy(problem.system, true.at(slice(1))) - energy(problem.system, start)
     return Shadow(
         own,
         there,
         true,
-        displacement(problem.system, there, true),
+        measure_displacement(problem.system, there, true),
         reach,
         tau,
         planar,
@@ -129,7 +131,7 @@ def choose_nodes(
     even = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], length)))
     even = np.append(even[even < len(t) - 1], len(t) - 1)
     steps = np.ones(len(even) - 1, dtype=np.int64)
-    ends = flow(E, t[even[:-1]], np.diff(t[even]), y[even[:-1]], steps)
+    ends = integrate_flow(E, t[even[:-1]], np.diff(t[even]), y[even[:-1]], steps)
     pieces: Int[np.ndarray, " n"] = np.where(np.isfinite(ends).all(axis=1), -(-steps // MOST_STEPS), 1)
     parts = [np.round(np.linspace(a, b, n + 1)) for a, b, n in zip(even[:-1], even[1:], pieces, strict=True)]
     return np.unique(np.concatenate(parts)).astype(np.int64)

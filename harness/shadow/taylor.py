@@ -67,23 +67,23 @@ class TaylorSeries:
         return out
 
     def expand(self, x: Sums) -> None:
-        """Compute the coefficients of all orders about the inputs ``x``, for ``size`` and ``sum``."""
+        """Compute the coefficients of all orders about the inputs ``x``, which the other methods read."""
         self._write(self._inputs, np.ascontiguousarray(x))
         t = self._table
         if len(t) == 0:
             return
         self._machine.expand(t.ctypes.data, len(t), self._C.ctypes.data, self._stride, self._order + 1)
 
-    def values(self, x: Sums) -> Sums:
+    def evaluate(self, x: Sums) -> Sums:
         """Return the outputs of the function at the inputs ``x``."""
         self.expand(x)
         return self._read(len(self._C), 0)[self._results]
 
-    def size(self, order: int) -> float:
+    def find_largest_coefficient(self, order: int) -> float:
         """Return the largest absolute value of the inputs' coefficients of one order."""
         return float(np.max(np.abs(self._read(self._inputs, order)[:, 0])))
 
-    def sum(self, h: Fraction) -> Sums:
+    def sum_series(self, h: Fraction) -> Sums:
         """Return the inputs after ``h`` [s], by the series of the last ``expand``."""
         out, parts = np.empty((self._inputs, PARTS)), np.array(split_doubles(h))
         self._machine.sum(self._C.ctypes.data, self._inputs, self._stride, parts.ctypes.data, out.ctypes.data)
@@ -104,27 +104,27 @@ class _Table:
         self._inputs = {at: k for k, at in enumerate(inputs)}
         self._tape, self._one = tape, self._constant(1.0)
         for number in find_needed(tape, results):
-            self.places[number] = self._place(number)
+            self.places[number] = self._add_tape_operation(number)
 
     @property
     def size(self) -> int:
         """Number of numbers, each of which has a row of coefficients."""
         return len(self.start)
 
-    def _new(self, x: float = 0.0) -> int:
+    def _add_number(self, x: float = 0.0) -> int:
         """Add a number whose order 0 is ``x``; return its index."""
         self.start.append([x, *[0.0] * (PARTS - 1)])
         return len(self.start) - 1
 
-    _constant = _new
+    _constant = _add_number
 
     def _add(self, kind: str, a: int, b: int = 0, second: int = 0, out: int | None = None) -> int:
         """Add an operation on the numbers a and b; return the index of its result, ``out`` or a new one."""
-        out = self._new() if out is None else out
+        out = self._add_number() if out is None else out
         self.rows.append(((*KINDS, *FUNCTIONS).index(kind), a, b, out, second))
         return out
 
-    def _place(self, number: int) -> int:
+    def _add_tape_operation(self, number: int) -> int:
         """Add the rows for an operation of the tape; return the index of its result."""
         name, a, b = self._tape.operations[number]
         if name == "input":
@@ -140,13 +140,13 @@ class _Table:
         if name in KINDS:
             return self._add(name, x, y)
         if name in ("sin", "cos"):
-            return self._wave(a, x)[name == "cos"]
+            return self._add_sine_cosine(a, x)[name == "cos"]
         return self._function(name, x, y)
 
-    def _wave(self, a: int, x: int) -> tuple[int, int]:
+    def _add_sine_cosine(self, a: int, x: int) -> tuple[int, int]:
         """Add sine and cosine of the tape's number a, at index x, each the slope of the other; return their indices."""
         if a not in self._pairs:
-            s, c, back = self._new(), self._new(), self._new()
+            s, c, back = self._add_number(), self._add_number(), self._add_number()
             self._add("sin", x, c, out=s)
             self._add("cos", x, back, out=c)
             self._add("neg", s, out=back)
@@ -158,13 +158,13 @@ class _Table:
 
         The slope may be an operation on the result. Raise ValueError for a function without Taylor series here.
         """
-        out = self._new()
+        out = self._add_number()
         if name == "exp":
             return self._add(name, x, out, out=out)
         if name == "log":
             return self._add(name, x, self._add("div", self._one, x), out=out)
         if name == "sqrt":
-            slope = self._new()
+            slope = self._add_number()
             self._add(name, x, slope, out=out)
             self._add("div", self._constant(0.5), out, out=slope)
             return out

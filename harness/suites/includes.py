@@ -24,7 +24,7 @@ class SuiteSource:
     beside: Path  # plugins and included suites are looked for here
 
 
-def suite_names() -> list[str]:
+def list_suites() -> list[str]:
     """Return the names of the suites in ``harness/suites/``."""
     return sorted(p.stem for p in FOLDER.glob("*.toml"))
 
@@ -54,10 +54,10 @@ def _is_file(path: Path) -> bool:
 
 def read_source(path: Path) -> SuiteSource:
     """Read the file at ``path``; raise FileError if it is invalid."""
-    return source(read_text(path, "suite"), path.stem, str(path), path.parent)
+    return make_source(read_text(path, "suite"), path.stem, str(path), path.parent)
 
 
-def source(text: str, name: str, where: str, beside: Path = Path()) -> SuiteSource:
+def make_source(text: str, name: str, where: str, beside: Path = Path()) -> SuiteSource:
     """Return the suite file in ``text``, not expanded; raise FileError if it is invalid.
 
     ``where`` names it in messages; plugins and includes are looked for ``beside`` it.
@@ -71,7 +71,7 @@ def list_included(first: SuiteSource) -> list[SuiteSource]:
     Raise FileError if they include each other in a circle, or if two have the same name.
     """
     found: dict[Path, SuiteSource] = {}
-    _follow(first, _place(first), (), found)
+    _collect_includes(first, _resolve_place(first), (), found)
     names: dict[str, str] = {OWN_COPY: "its own copy in the results folder"}
     for s in list(found.values())[:-1]:  # copies are written into one folder, where names must be unique
         if s.name in names:
@@ -80,7 +80,9 @@ def list_included(first: SuiteSource) -> list[SuiteSource]:
     return list(found.values())
 
 
-def _follow(s: SuiteSource, place: Path, above: Sequence[tuple[Path, str]], found: dict[Path, SuiteSource]) -> None:
+def _collect_includes(
+    s: SuiteSource, place: Path, above: Sequence[tuple[Path, str]], found: dict[Path, SuiteSource]
+) -> None:
     """Add a suite file, whose path is ``place``, to ``found`` after all that it includes.
 
     ``above`` are path and name of the files that include it. Raise FileError if it includes one of them.
@@ -96,11 +98,11 @@ def _follow(s: SuiteSource, place: Path, above: Sequence[tuple[Path, str]], foun
             circle = " includes ".join([*(n for _, n in chain), path.stem])
             raise FileError(f"{s.where}: include goes round in a circle: {circle}")
         if target not in found:
-            _follow(read_source(path), target, chain, found)
+            _collect_includes(read_source(path), target, chain, found)
     found[place] = s
 
 
-def _place(s: SuiteSource) -> Path:
+def _resolve_place(s: SuiteSource) -> Path:
     """Return the absolute path of a suite file; a suite that exists only as text gets a path made from its name."""
     path = Path(s.where)
     return path.resolve() if path.suffix == ".toml" else Path(f"/{s.where}")

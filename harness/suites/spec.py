@@ -81,12 +81,12 @@ def make_spec(
     ``RunSpec``.
     """
     entry = registry.find_entry("solver", solver, registry.solvers())
-    steps = step_control(solver, entry.control, problem, control or {})
+    steps = make_step_control(solver, entry.control, problem, control or {})
     changed = entry.changed_options(entry.make_solver(options))
     return RunSpec(problem.name, solver, steps, dict(problem.parameters), changed, **limits)
 
 
-def step_control(solver: str, kind: str, problem: Problem, given: Mapping[str, Any]) -> StepControl:
+def make_step_control(solver: str, kind: str, problem: Problem, given: Mapping[str, Any]) -> StepControl:
     """Return ``StepControl`` from values by name, as text or numbers; raise ValueError if one is invalid.
 
     ``kind`` is what controls the solver, ``dt`` or ``rtol``; the other is not taken. The default step is the

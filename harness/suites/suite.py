@@ -19,7 +19,7 @@ from ..files import FileError
 from ..sandbox.trial import try_in_process
 from ..text import check_text
 from ..types import Problem
-from .includes import SuiteSource, find_suite_file, list_included, read_source, source
+from .includes import SuiteSource, find_suite_file, list_included, make_source, read_source
 from .shape import Defaults, Group, Names, Tables
 from .spec import RunSpec, make_spec
 
@@ -56,7 +56,7 @@ def parse_suite(text: str, name: str, where: str, beside: Path = Path(), plugins
 
     ``where`` names it in messages, plugins and includes are found ``beside`` it.
     """
-    return _build_suite(source(text, name, where, beside), plugins)
+    return _build_suite(make_source(text, name, where, beside), plugins)
 
 
 def _build_suite(own: SuiteSource, plugins: tuple[str, ...]) -> Suite:
@@ -186,7 +186,11 @@ def _count_tables(given: Tables | None, known: Mapping[str, tuple[Any, Any]]) ->
 def _count(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> int:
     """Count the combinations of values in one table."""
     return math.prod(
-        _count_sweep(key, value) if isinstance(value, dict) else 1 if _is_one(key, value, known) else len(value)
+        _count_sweep(key, value)
+        if isinstance(value, dict)
+        else 1
+        if _is_single_value(key, value, known)
+        else len(value)
         for key, value in given.items()
     )
 
@@ -241,23 +245,23 @@ def _combine(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> 
         value = _expand_sweep(key, value) if isinstance(value, dict) else value
         if value == []:
             raise ValueError(f"{key} is an empty list: nothing would be run")
-        values = [value] if _is_one(key, value, known) else value
-        choices.append([dict.fromkeys(_names_in(key), v) for v in values])
+        values = [value] if _is_single_value(key, value, known) else value
+        choices.append([dict.fromkeys(_split_names(key), v) for v in values])
     for combination in itertools.product(*choices):
         yield {name: v for part in combination for name, v in part.items()}
 
 
-def _names_in(key: str) -> list[str]:
+def _split_names(key: str) -> list[str]:
     """Split ``"alpha, beta"`` into two names, which have the same value."""
     return [name.strip() for name in key.split(",")]
 
 
-def _is_one(key: str, value: Any, known: Mapping[str, tuple[Any, Any]]) -> bool:
+def _is_single_value(key: str, value: Any, known: Mapping[str, tuple[Any, Any]]) -> bool:
     """Return whether a value is single, not a list of values.
 
     A flat list is one value of a tuple-valued parameter. ``known`` are the parameters with their defaults.
     """
-    first = _names_in(key)[0]
+    first = _split_names(key)[0]
     is_tuple = first in known and isinstance(known[first][0], tuple)
     return not isinstance(value, list) or (is_tuple and not any(isinstance(v, list | str) for v in value))
 

@@ -35,7 +35,7 @@ def run_in_balls(function: Callable[P, T]) -> Callable[P, T]:
     return precise
 
 
-def vector(a: Float[np.ndarray, " n"]) -> Vector:
+def to_balls(a: Float[np.ndarray, " n"]) -> Vector:
     """Return float64 numbers as balls of radius zero."""
     return [arb(float(x)) for x in a]
 
@@ -52,7 +52,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 def norm(a: Vector) -> arb:
     """Return |a|."""
-    return root(dot(a, a))
+    return find_root(dot(a, a))
 
 
 def scale_vector(a: Vector, factor: arb) -> Vector:
@@ -75,7 +75,7 @@ def apply_matrix(A: Matrix, b: Vector) -> Vector:
     return [dot(row, b) for row in A]
 
 
-def root(x: arb) -> arb:
+def find_root(x: arb) -> arb:
     """Return the square root of a number known to be nonnegative, though its ball may extend below zero.
 
     Raise BallTooWide if the ball is not finite.
@@ -97,7 +97,7 @@ def nearest_rotation(R: Float[np.ndarray, "3 3"]) -> Matrix:
 
     Raise ValueError if R is no rotation up to rounding. The distance is below |X^T X - 1|, which widens the balls.
     """
-    X = [vector(row) for row in R]
+    X = [to_balls(row) for row in R]
     for _ in range(POLAR_STEPS):
         gram = product(transpose(X), X)
         X = product(X, [[(3 * (i == j) - gram[i][j]) / 2 for j in range(3)] for i in range(3)])
@@ -153,7 +153,7 @@ def to_extended(x: arb) -> np.longdouble:
     return total
 
 
-def extended_complex(x: acb) -> np.clongdouble:
+def round_to_extended(x: acb) -> np.clongdouble:
     """Return the midpoint of a complex ball, both parts to 64 bits."""
     return np.clongdouble(to_extended(x.real)) + np.clongdouble(1j) * to_extended(x.imag)
 

@@ -12,7 +12,7 @@ from flint import acb, arb
 from jaxtyping import Complex, Float
 
 from .balls import Matrix, Quaternion, conjugate, largest_radius, multiply, quaternion, to_extended
-from .theta import UNIT, ThetaPhase, ThetaSeries, constant
+from .theta import UNIT, ThetaPhase, ThetaSeries, make_constant_series
 
 Four = tuple[Float[np.ndarray, "*nt"], ...]  # w, x, y, z
 
@@ -39,15 +39,15 @@ class CayleyKlein:
         turn_p, turn_s = self.turn_p(t), self.turn_s(t)
         p, s = (over(w) / D * turn for over, turn in ((self.over_p, turn_p), (self.over_s, turn_s)))
         left, right = (tuple(np.asarray(to_extended(x)) for x in q) for q in (self.left, self.right))
-        R = rotation(_times(_times(left, _list_four(p, s)), right))
+        R = find_rotation(_times(_times(left, _find_quaternion(p, s)), right))
         rate, mu_p, mu_s = self.rates
         w, p, s, D = (x.astype(y) for x, y in ((w, complex), (p, complex), (s, complex), (D, float)))
         log = self.under.slope(w).real / D
         p_dot = rate * (self.over_p.slope(w) / D * turn_p.astype(complex) - p * log) + 1j * mu_p * p
         s_dot = rate * (self.over_s.slope(w) / D * turn_s.astype(complex) - s * log) + 1j * mu_s * s
         back = (p.real, -s.real, -s.imag, -p.imag)
-        Omega = 2.0 * np.stack(_times(back, _list_four(p_dot, s_dot))[1:], axis=-1)
-        B = rotation((right[0], -right[1], -right[2], -right[3]))
+        Omega = 2.0 * np.stack(_times(back, _find_quaternion(p_dot, s_dot))[1:], axis=-1)
+        B = find_rotation((right[0], -right[1], -right[2], -right[3]))
         return R, Omega @ B.astype(float).T
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
@@ -59,17 +59,25 @@ class CayleyKlein:
         return 3.0 * (q + 4.0 * largest_radius([*self.left, *self.right])) + 100.0 * UNIT
 
 
-def even_turns(q0: Quaternion, left: Matrix, right: Matrix, mu_p: arb, mu_s: arb) -> CayleyKlein:
+def rotate_uniformly(q0: Quaternion, left: Matrix, right: Matrix, mu_p: arb, mu_s: arb) -> CayleyKlein:
     """Return the attitude that starts as ``q0`` and rotates uniformly: p at ``mu_p``, s at ``mu_s`` [rad/s].
 
     ``left`` and ``right`` are the constant rotations, in space and in the body, on both sides of it.
     """
-    one, still = constant(acb(1)), ThetaPhase.from_radians(arb(0), arb(0))
-    p, s = pair(q0)
+    one, still = make_constant_series(acb(1)), ThetaPhase.from_radians(arb(0), arb(0))
+    p, s = find_cayley_klein(q0)
     turns = ThetaPhase.from_radians(arb(0), mu_p), ThetaPhase.from_radians(arb(0), mu_s)
     rates = (0.0, float(mu_p), float(mu_s))
     return CayleyKlein(
-        constant(p), constant(s), one, 1.0, still, *turns, rates, quaternion(left), conjugate(quaternion(right))
+        make_constant_series(p),
+        make_constant_series(s),
+        one,
+        1.0,
+        still,
+        *turns,
+        rates,
+        quaternion(left),
+        conjugate(quaternion(right)),
     )
 
 
@@ -78,12 +86,12 @@ def relative_quaternion(left: Matrix, R: Matrix, right: Matrix) -> Quaternion:
     return multiply(multiply(conjugate(quaternion(left)), quaternion(R)), quaternion(right))
 
 
-def pair(q: Quaternion) -> tuple[acb, acb]:
+def find_cayley_klein(q: Quaternion) -> tuple[acb, acb]:
     """Return the Cayley-Klein parameters p and s of a quaternion."""
     return acb(q[0], q[3]), acb(q[1], q[2])
 
 
-def rotation(q: Four) -> Float[np.ndarray, "*nt 3 3"]:
+def find_rotation(q: Four) -> Float[np.ndarray, "*nt 3 3"]:
     """Return R of a quaternion, which need not have unit length."""
     w, x, y, z = q
     rows = (
@@ -95,7 +103,7 @@ def rotation(q: Four) -> Float[np.ndarray, "*nt 3 3"]:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2) / np.asarray(size)[..., None, None]
 
 
-def _list_four(p: Complex[np.ndarray, " nt"], s: Complex[np.ndarray, " nt"]) -> Four:
+def _find_quaternion(p: Complex[np.ndarray, " nt"], s: Complex[np.ndarray, " nt"]) -> Four:
     """Return the quaternion (w, x, y, z) of Cayley-Klein parameters."""
     return p.real, s.real, s.imag, p.imag
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics.state import States
-from ...harness.reference.extrapolation import each
+from ...harness.reference.extrapolation import vectorize_rate
 from ...harness.reference.orbit import SAFETY, Orbit, Pair, Piece, advance_routes, join_chunks, load_or_compute
 from ...harness.types import ReferenceKind
 from .linkage import Linkage, make_rates_by_angles, make_rates_by_nodes
@@ -47,7 +47,7 @@ class CertifiedMotion:
         return self.orbit.error(t)
 
 
-def linkage_orbit(link: Linkage, y0: Float[np.ndarray, " coordinates"], t_max: float, span: float) -> Orbit:
+def certify_linkage(link: Linkage, y0: Float[np.ndarray, " coordinates"], t_max: float, span: float) -> Orbit:
     """Integrate a linkage from ``y0``, its angles and rates, by angles and by nodes; return the certified orbit.
 
     It is integrated up to ``t_max`` [s], in chunks of ``span`` [s].
@@ -59,11 +59,13 @@ def linkage_orbit(link: Linkage, y0: Float[np.ndarray, " coordinates"], t_max: f
         return float(np.max(np.linalg.norm(apart, axis=1)))
 
     data = (link.length, link.gravity, link.end, link.rod_mass.tolist(), link.node_mass.tolist())
-    pair = Pair(make_rates_by_angles(link), each(make_rates_by_nodes(link)), y0, link.node_start(y0), gap)
-    return certified_orbit(pair, repr(("linkage", data)), t_max, span)
+    pair = Pair(
+        make_rates_by_angles(link), vectorize_rate(make_rates_by_nodes(link)), y0, link.convert_to_nodes(y0), gap
+    )
+    return certify_orbit(pair, repr(("linkage", data)), t_max, span)
 
 
-def certified_orbit(pair: Pair, data: str, t_max: float, span: float) -> Orbit:
+def certify_orbit(pair: Pair, data: str, t_max: float, span: float) -> Orbit:
     """Integrate both routes in chunks of ``span`` [s] to ``t_max`` [s] or the end of the certificate; return the orbit.
 
     The orbit is cached on disk by its start and by ``data``, which holds all other inputs of the equations. Raise

@@ -37,7 +37,7 @@ class ClosedForm:
         """Return the state at t = 0."""
         return self.of(np.zeros(1))[0]
 
-    def from_start(self, start: State) -> "ClosedForm | None":
+    def match_start(self, start: State) -> "ClosedForm | None":
         """Return this motion if it begins at ``start``; None otherwise, since no formula is known there."""
         own = self.start()
         apart = max(float(np.max(np.abs(getattr(own, n) - getattr(start, n)))) for n in ("r", "R", "v", "Omega"))

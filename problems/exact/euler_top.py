@@ -26,24 +26,24 @@ from .balls import (
     apply_matrix,
     cross,
     dot,
+    find_root,
     frame_about,
     largest_radius,
     norm,
     product,
-    root,
+    to_balls,
     to_extended,
     transpose,
-    vector,
 )
-from .lagrange_top import free_symmetric
+from .lagrange_top import solve_free_symmetric
 from .pinned_body import PinnedBody, PinnedMotion, RoundingEffect
-from .steady_precession import steady_precession
-from .theta import UNIT, ThetaPhase, ThetaSeries, elliptic_argument, theta, thetas
+from .steady_precession import find_steady_precession
+from .theta import UNIT, ThetaPhase, ThetaSeries, evaluate_thetas, find_elliptic_argument, make_theta_series
 
 SAME_INERTIA = 1e-14  # relative difference: rounding of computed data
 
 
-def euler_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
+def solve_euler_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
     """Return the motion without torque from R0, Omega0 [rad/s, body]; None on the separatrix.
 
     That is the motion which approaches the intermediate axis.
@@ -54,17 +54,17 @@ def euler_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | No
         order = np.argsort(np.diag(body.inertia_O), kind="stable")
         inertia, axes = np.diag(body.inertia_O)[order], np.eye(3)[:, order]
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
-    P, I = [vector(row) for row in axes], vector(inertia)
+    P, I = [to_balls(row) for row in axes], to_balls(inertia)
     speed = float(norm(Omega0))
     for j, (i, k) in enumerate(((1, 2), (0, 2), (0, 1))):
         if abs(inertia[k] - inertia[i]) <= SAME_INERTIA * inertia[k]:
             rounded = RoundingEffect.compute_unless(exact and inertia[i] == inertia[k], speed)
-            return free_symmetric(body, R0, Omega0, transpose(P)[j], I[j], (I[i] + I[k]) / 2, rounded)
+            return solve_free_symmetric(body, R0, Omega0, transpose(P)[j], I[j], (I[i] + I[k]) / 2, rounded)
     w = apply_matrix(transpose(P), Omega0)
     rounded = RoundingEffect.compute_unless(exact, speed)
     if sum(not x.is_zero() for x in w) <= 1:
         axis = Omega0 if speed else transpose(P)[0]
-        return steady_precession(body, R0, transpose(R0)[0], arb(0), axis, norm(Omega0), rounded)
+        return find_steady_precession(body, R0, transpose(R0)[0], arb(0), axis, norm(Omega0), rounded)
     LL = dot([a * b for a, b in zip(I, w, strict=True)], [a * b for a, b in zip(I, w, strict=True)])
     between = dot(I, [x * x for x in w]) * I[1] - LL
     if between.contains(0):
@@ -72,7 +72,7 @@ def euler_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | No
     if between > 0:  # L circles the axis of the least inertia: call that one 3, keep the frame right-handed
         I, w = I[::-1], [w[2], -w[1], w[0]]
         P = [[row[2], -row[1], row[0]] for row in P]
-    return _by_theta(body, R0, P, I, w, rounded)
+    return _solve_by_theta(body, R0, P, I, w, rounded)
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,9 @@ class JacobiMatrix:
         return 1.1 * quotients / (self.least - under) + 3.0 * self.turn.error(t) + 20.0 * constant + 100.0 * UNIT
 
 
-def _by_theta(body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rounded: RoundingEffect) -> PinnedMotion:
+def _solve_by_theta(
+    body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rounded: RoundingEffect
+) -> PinnedMotion:
     """Return the motion of an asymmetric body by theta functions.
 
     ``P`` are the principal axes as columns, ``I`` the inertias and ``w`` the angular velocities about them, with L
@@ -118,44 +120,44 @@ def _by_theta(body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rou
     L = [a * b for a, b in zip(I, w, strict=True)]
     LL, TT = dot(L, L), dot(L, w)  # L^2, 2 T
     size, up = LL.sqrt(), 1 if float(L[2]) > 0.0 else -1
-    A, B = root(I1 * (TT * I3 - LL) / (I3 - I1)), root(I2 * (TT * I3 - LL) / (I3 - I2))
-    C = root(I3 * (LL - TT * I1) / (I3 - I1))
-    lam = root((I3 - I2) * (LL - TT * I1) / (I1 * I2 * I3))
+    A, B = find_root(I1 * (TT * I3 - LL) / (I3 - I1)), find_root(I2 * (TT * I3 - LL) / (I3 - I2))
+    C = find_root(I3 * (LL - TT * I1) / (I3 - I1))
+    lam = find_root((I3 - I2) * (LL - TT * I1) / (I1 * I2 * I3))
     m = (I2 - I1) * (TT * I3 - LL) / ((I3 - I2) * (LL - TT * I1))
     K, K1 = (acb(x).elliptic_k().real for x in (m, 1 - m))
     tau, to_phase = acb(0, K1 / K), arb.pi() / (2 * K)
     q = (-arb.pi() * K1 / K).exp()
     side = 1 if I3 > I2 else -1
     B2 = up * side * B  # L2 = B2 sn x, from L1_dot = L2 L3 (1/I3 - 1/I2)
-    z0 = to_phase * elliptic_argument(L[1] / B2, L[0] / A, m)
-    root_height = root(B * B - A * A)
-    eta = side * to_phase * elliptic_argument(A / B, root_height / B, 1 - m)
+    z0 = to_phase * find_elliptic_argument(L[1] / B2, L[0] / A, m)
+    root_height = find_root(B * B - A * A)
+    eta = side * to_phase * find_elliptic_argument(A / B, root_height / B, 1 - m)
     rate = to_phase * lam
     # sn, cn, dn as quotients of theta1, theta2, theta3 by theta4, scaled to the components of L/|L|
-    _, t2, t3, t4 = thetas(acb(0), tau)
+    _, t2, t3, t4 = evaluate_thetas(acb(0), tau)
     scales = (A / size * t4 / t2, B2 / size * t3 / t2, up * C / size * t4 / t3)
-    l = tuple(theta(kind, q, arb(0), scale) for kind, scale in zip((2, 1, 3), scales, strict=True))
+    l = tuple(make_theta_series(kind, q, arb(0), scale) for kind, scale in zip((2, 1, 3), scales, strict=True))
     S = frame_about(apply_matrix(R0, apply_matrix(P, L)))
     rows = product(product(transpose(S), R0), P)
     U0, U0_dot = (
         [acb(x, y) for x, y in zip(*pair, strict=True)] for pair in (rows[:2], [cross(a, w) for a in rows[:2]])
     )
-    at, slope = (thetas(acb(z0, -eta), tau, d) for d in (0, 1))
-    D, D_dot = (thetas(acb(z0), tau, d)[3] for d in (0, 1))
+    at, slope = (evaluate_thetas(acb(z0, -eta), tau, d) for d in (0, 1))
+    D, D_dot = (evaluate_thetas(acb(z0), tau, d)[3] for d in (0, 1))
     kinds = (3, 2, 0)
     turning = [U_dot / U - rate * (slope[k] / at[k] - D_dot / D) for U, U_dot, k in zip(U0, U0_dot, kinds, strict=True)]
-    l0 = [s * thetas(acb(z0), tau)[k] / D for s, k in zip(scales, (1, 0, 2), strict=True)]
+    l0 = [s * evaluate_thetas(acb(z0), tau)[k] / D for s, k in zip(scales, (1, 0, 2), strict=True)]
     known = zip(l0, rows[2], strict=True)
     if not all(x.overlaps(acb(0, turning[0].imag)) for x in turning) or not all(x.overlaps(acb(y)) for x, y in known):
         raise ArithmeticError("the formula of Euler's top does not start where the motion does")
     n = turning[0].imag
-    U = tuple(theta(k + 1, q, eta, x * D / at[k]) for x, k in zip(U0, kinds, strict=True))
+    U = tuple(make_theta_series(k + 1, q, eta, x * D / at[k]) for x, k in zip(U0, kinds, strict=True))
     rates = float(size) / np.array([float(x) for x in I])
     least = 0.999 * float(t4.real)  # theta4 is smallest at 0
     motion = JacobiMatrix(
         U,
         l,
-        theta(4, q, arb(0), acb(1)),
+        make_theta_series(4, q, arb(0), acb(1)),
         least,
         ThetaPhase.from_radians(z0, rate),
         ThetaPhase.from_radians(arb(0), n),

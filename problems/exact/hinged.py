@@ -21,7 +21,7 @@ from ...harness.mechanics.state import State, States
 from ...harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
 from ...harness.types import ReferenceKind
 from .balls import BallTooWide
-from .one_body import one_body_motion
+from .one_body import find_one_body_motion
 from .pinned_body import ROUNDING
 
 DATA = 16.0 * ROUNDING  # relative uncertainty of data, and the change of those of a disturbed motion
@@ -42,7 +42,7 @@ class Swing:
     phi: float
     rate: float
 
-    def angle(self) -> Angle:
+    def find_angle(self) -> Angle:
         """Return the motion as a function of time [s], to the angle turned [rad], its rate [rad/s] and its error [rad].
 
         Raise ArithmeticError where no formula is found.
@@ -56,11 +56,11 @@ class Swing:
         Omega = np.array([0.0, 0.0, self.rate])
         start = State((R @ arm)[None], R[None], (R @ np.cross(Omega, arm))[None], Omega[None])
         try:
-            found = one_body_motion(system, start)
+            found = find_one_body_motion(system, start)
         except (BallTooWide, ArithmeticError):
             found = None
         if found is None:
-            return self._to_rest()  # raises ArithmeticError for any other motion
+            return self._find_motion_to_rest()  # raises ArithmeticError for any other motion
 
         def by_theta(t: Float[np.ndarray, " nt"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             """Return the angle turned, its rate and error at ``t``, by theta functions."""
@@ -70,8 +70,8 @@ class Swing:
 
         return by_theta
 
-    def _to_rest(self) -> Angle:
-        """Return the motion towards an upright rest or away from it, or at rest, in the form of ``angle``.
+    def _find_motion_to_rest(self) -> Angle:
+        """Return the motion towards an upright rest or away from it, or at rest, in the form of ``find_angle``.
 
         Roundings grow as exp(w t). Raise ArithmeticError for any other motion.
         """
@@ -124,10 +124,10 @@ class HingedMotion:
     @cached_property
     def _angle(self) -> Angle:
         """The angle turned as a function of time."""
-        return self.swing.angle()
+        return self.swing.find_angle()
 
     @cached_property
-    def _others(self) -> list[Angle]:
+    def _disturbed_angles(self) -> list[Angle]:
         """The angles, as functions of time, of three pendulums whose data differ by a few roundings."""
         s = self.swing
         swings = (
@@ -135,10 +135,10 @@ class HingedMotion:
             Swing(s.pull, s.phi + DATA, s.rate),
             Swing(s.pull, s.phi, s.rate + DATA * max(abs(s.rate), np.sqrt(s.pull))),
         )
-        return [swing.angle() for swing in swings]
+        return [swing.find_angle() for swing in swings]
 
     @cached_property
-    def _growth(self) -> tuple[np.ndarray, np.ndarray]:
+    def _error_growth(self) -> tuple[np.ndarray, np.ndarray]:
         """Times, and the largest error [rad] up to each."""
         early = np.geomspace(1e-6 * self.t_end, self.t_end, TIMES)
         t = np.union1d(np.linspace(0.0, self.t_end, TIMES + 1), early)
@@ -148,13 +148,13 @@ class HingedMotion:
     def _angle_error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """Return an estimate of the angle's error [rad] at ``t`` [s]: of the formula, and of rounding of the data."""
         turn, _, own = self._angle(t)
-        apart = [np.abs((other(t)[0] - turn + np.pi) % (2.0 * np.pi) - np.pi) for other in self._others]
+        apart = [np.abs((other(t)[0] - turn + np.pi) % (2.0 * np.pi) - np.pi) for other in self._disturbed_angles]
         return own + DATA + SURE * np.sum(apart, axis=0)
 
     @cached_property
     def horizon(self) -> float:
         """End of the problem [s], or the time when data within their rounding differ by ``WORST``."""
-        t, error = self._growth
+        t, error = self._error_growth
         inside = int(np.searchsorted(error, WORST))
         return self.t_end if inside == len(t) else float(t[max(inside - 1, 0)])
 
@@ -172,7 +172,7 @@ class HingedMotion:
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """Return an estimate [m] of the position error of C and of points within the radius of gyration of it."""
         t = np.asarray(t, dtype=float)
-        times, grown = self._growth
+        times, grown = self._error_growth
         before = grown[np.minimum(np.searchsorted(times, t), len(times) - 1)]
         away = float(np.linalg.norm(self.start.r[0] - self.point))
         return (away + self.gyration) * before + DATA * (away + float(np.linalg.norm(self.point)))
@@ -186,7 +186,7 @@ def is_hinged(system: MultibodySystem) -> bool:
     return (system.joint_points[0], system.joint_lines[0], system.joint_axes[0], system.joint_j[0]) == (3, 0, 2, GROUND)
 
 
-def hinged_motion(system: MultibodySystem, start: State, t_end: float) -> HingedMotion | None:
+def find_hinged_motion(system: MultibodySystem, start: State, t_end: float) -> HingedMotion | None:
     """Return the exact motion of a body on a hinge up to ``t_end`` [s].
 
     None for any other system, and where no closed form is found.

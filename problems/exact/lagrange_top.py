@@ -28,27 +28,27 @@ from .balls import (
     conjugate,
     cross,
     dot,
+    find_root,
     frame_about,
     multiply,
     norm,
     quaternion,
-    root,
     scale_vector,
     sign,
+    to_balls,
     transpose,
-    vector,
 )
-from .cayley_klein import CayleyKlein, pair, relative_quaternion
+from .cayley_klein import CayleyKlein, find_cayley_klein, relative_quaternion
 from .pinned_body import PinnedBody, PinnedMotion, RoundingEffect
-from .steady_precession import steady_precession
-from .theta import ThetaPhase, elliptic_argument, theta, thetas
+from .steady_precession import find_steady_precession
+from .theta import ThetaPhase, evaluate_thetas, find_elliptic_argument, make_theta_series
 
 EQUAL = 1e-60  # distance of equal roots: far below the resolution of float64 data
 SYMMETRIC = 1e-14  # relative difference of transverse inertias that is rounding
 ROUTE = "theta functions (Lagrange's top)"
 
 
-def lagrange_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
+def solve_lagrange_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
     """Return the exact motion from R0, Omega0 [rad/s, body]; None if the body is not symmetric about OC.
 
     None, too, if it approaches an unstable equilibrium.
@@ -62,7 +62,7 @@ def lagrange_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion |
     symmetric = float_axial * np.outer(e, e) + float_transverse * (np.eye(3) - np.outer(e, e))
     if np.max(np.abs(body.inertia_C - symmetric)) > SYMMETRIC * np.max(np.abs(body.inertia_O)):
         return None
-    arm, weight = vector(body.arm), vector(body.gravity)
+    arm, weight = to_balls(body.arm), to_balls(body.gravity)
     c, g, m = norm(arm), norm(weight), arb(body.mass)
     axial, transverse = arb(float_axial), arb(float_transverse) + m * dot(arm, arm)
     k, axis = scale_vector(weight, -1 / g), scale_vector(arm, 1 / c)
@@ -70,21 +70,21 @@ def lagrange_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion |
         apply_matrix(transpose(R0), k), axis, Omega0, 2 * m * g * c / transverse, axial / transverse
     )
     u1, u2, u3 = top.roots
-    rates = abs(float(top.spin)) + abs(float(top.b)) + float(root(top.beta * (u3 - u1)))
+    rates = abs(float(top.spin)) + abs(float(top.b)) + float(find_root(top.beta * (u3 - u1)))
     upper = bool(u3 - u2 > EQUAL)
     if not u2 - u1 > EQUAL or (not upper and not abs(top.u - u2) > EQUAL):
         pole = not 1 - top.u * top.u > EQUAL
         precession = arb(0) if pole else (top.b - top.a * top.u) / (1 - top.u * top.u)
         rounded = RoundingEffect.compute_unless(False, rates)
-        return steady_precession(body, R0, k, precession, axis, top.spin - top.u * precession, rounded)
+        return find_steady_precession(body, R0, k, precession, axis, top.spin - top.u * precession, rounded)
     if not upper:
         return None
-    return _by_theta(
+    return _solve_by_theta(
         body, R0, Omega0, frame_about(k), frame_about(axis), top, RoundingEffect.compute_unless(exact, rates)
     )
 
 
-def free_symmetric(
+def solve_free_symmetric(
     body: PinnedBody, R0: Matrix, Omega0: Vector, e: Vector, axial: arb, transverse: arb, rounded: RoundingEffect
 ) -> PinnedMotion:
     """Return the motion without torque of a body that is symmetric about ``e``: a steady precession.
@@ -96,8 +96,8 @@ def free_symmetric(
     L = apply_matrix(R0, [transverse * w + (axial - transverse) * spin * x for w, x in zip(Omega0, e, strict=True)])
     size = norm(L)
     if not size > 0:
-        return steady_precession(body, R0, e, arb(0), e, arb(0), rounded)
-    return steady_precession(body, R0, L, size / transverse, e, spin * (1 - axial / transverse), rounded)
+        return find_steady_precession(body, R0, e, arb(0), e, arb(0), rounded)
+    return find_steady_precession(body, R0, L, size / transverse, e, spin * (1 - axial / transverse), rounded)
 
 
 @dataclass(frozen=True)
@@ -128,17 +128,17 @@ class _Constants:
 def _cubic(sum_: arb, p: arb, q: arb) -> tuple[arb, arb, arb]:
     """Return the three real roots of u^3 - ``sum_`` u^2 + p u + q, increasing: -1 <= u1 <= u2 <= 1 <= u3."""
     third = sum_ / 3
-    radius = root(third * third - p / 3)
+    radius = find_root(third * third - p / 3)
     if not radius > 0:
         return third, third, third
     cosine = (2 * third * third * third - third * p - q) / (2 * radius * radius * radius)
-    angle = arb.atan2(root((1 - cosine) * (1 + cosine)), cosine) / 3
+    angle = arb.atan2(find_root((1 - cosine) * (1 + cosine)), cosine) / 3
     u3, u1, u2 = (third + 2 * radius * (angle - 2 * arb.pi() * j / 3).cos() for j in (0, 2, 1))
     u1, u2 = u1.min(u2), u1.max(u2)
     return u1.max(arb(-1)), u2.min(arb(1)), u3.max(arb(1))
 
 
-def _by_theta(
+def _solve_by_theta(
     body: PinnedBody, R0: Matrix, Omega0: Vector, S: Matrix, B: Matrix, top: _Constants, rounded: RoundingEffect
 ) -> PinnedMotion:
     """Return the motion of a nutating top by theta functions.
@@ -151,30 +151,30 @@ def _by_theta(
     K, K1 = (acb(x).elliptic_k().real for x in (m, m1))
     tau, to_phase = acb(0, K1 / K), arb.pi() / (2 * K)
     q = (-arb.pi() * K1 / K).exp()
-    rate = to_phase * root(top.beta * (u3 - u1)) / 2  # of z
+    rate = to_phase * find_root(top.beta * (u3 - u1)) / 2  # of z
     z0 = to_phase * _argument(top, m)
     # sn^2(i y_p) = (-1 - u1)/(u2 - u1) and sn^2(K + i y_s) = (1 - u1)/(u2 - u1); u_dot = i(a+b), i(a-b) there
-    y_p = elliptic_argument(root((1 + u1) / (1 + u2)), root((u2 - u1) / (1 + u2)), m1)
+    y_p = find_elliptic_argument(find_root((1 + u1) / (1 + u2)), find_root((u2 - u1) / (1 + u2)), m1)
     inside = (1 - u2) * (u3 - u1) / ((1 - u1) * (u3 - u2))
-    y_s = elliptic_argument(root(inside), root(1 - inside), m1)
+    y_s = find_elliptic_argument(find_root(inside), find_root(1 - inside), m1)
     eta_p, eta_s = to_phase * _copy_sign(y_p, top.a + top.b, K1), to_phase * _copy_sign(y_s, top.b - top.a, K1)
-    at_p, at_s, zero = (thetas(acb(0, -eta), tau) for eta in (eta_p, eta_s, arb(0)))
+    at_p, at_s, zero = (evaluate_thetas(acb(0, -eta), tau) for eta in (eta_p, eta_s, arb(0)))
     slope_p, slope_s = (
-        (thetas(acb(0, -eta), tau, 1)[1] / at[1]).imag for eta, at in ((eta_p, at_p), (eta_s, at_s))
+        (evaluate_thetas(acb(0, -eta), tau, 1)[1] / at[1]).imag for eta, at in ((eta_p, at_p), (eta_s, at_s))
     )  # theta2'/theta2 at -i eta is imaginary
     # p_dot/p at u2 and s_dot/s at u1, where u_dot = 0; theta1 a quarter period on is theta2
     mu_p = (top.a + top.b) / (2 * (1 + u2)) + (top.spin - top.a) / 2 - rate * slope_p
     mu_s = (top.b - top.a) / (2 * (1 - u1)) + (top.a - top.spin) / 2 - rate * slope_s
-    P = root((1 + u2) / 2) * abs(zero[2] / at_p[1])  # theta4(pi/2) = theta3(0)
-    Q = root((1 - u1) / 2) * abs(zero[3] / at_s[1])
+    P = find_root((1 + u2) / 2) * abs(zero[2] / at_p[1])  # theta4(pi/2) = theta3(0)
+    Q = find_root((1 - u1) / 2) * abs(zero[3] / at_s[1])
     q0 = relative_quaternion(S, R0, B)
     q_dot = scale_vector(multiply(q0, [arb(0), *apply_matrix(transpose(B), Omega0)]), arb(1) / 2)
     factors = []
     for kind, eta, mu, size, start, start_dot in zip(
-        (0, 1), (eta_p, eta_s), (mu_p, mu_s), (P, Q), pair(q0), pair(q_dot), strict=True
+        (0, 1), (eta_p, eta_s), (mu_p, mu_s), (P, Q), find_cayley_klein(q0), find_cayley_klein(q_dot), strict=True
     ):
-        N, N_dot = (thetas(acb(z0, -eta), tau, d)[kind] for d in (0, 1))
-        D, D_dot = (thetas(acb(z0), tau, d)[3] for d in (0, 1))
+        N, N_dot = (evaluate_thetas(acb(z0, -eta), tau, d)[kind] for d in (0, 1))
+        D, D_dot = (evaluate_thetas(acb(z0), tau, d)[3] for d in (0, 1))
         value, slope = size * N / D, size * rate * (N_dot - N * D_dot / D) / D
         slope += acb(0, mu) * value
         turn = start / value if abs(start) > 1e-9 else start_dot / slope
@@ -183,9 +183,9 @@ def _by_theta(
         factors.append(size * turn)
     least = 0.999 * float(zero[3].real)  # theta4 is smallest at 0
     motion = CayleyKlein(
-        theta(1, q, eta_p, factors[0]),
-        theta(2, q, eta_s, factors[1]),
-        theta(4, q, arb(0), acb(1)),
+        make_theta_series(1, q, eta_p, factors[0]),
+        make_theta_series(2, q, eta_s, factors[1]),
+        make_theta_series(4, q, arb(0), acb(1)),
         least,
         ThetaPhase.from_radians(z0, rate),
         ThetaPhase.from_radians(arb(0), mu_p),
@@ -203,7 +203,7 @@ def _argument(top: _Constants, m: arb) -> arb:
     If the sign is unknown, x0 is a ball about 0 or about K.
     """
     u1, u2, _ = top.roots
-    sn, cn = root((top.u - u1) / (u2 - u1)), root((u2 - top.u) / (u2 - u1))
+    sn, cn = find_root((top.u - u1) / (u2 - u1)), find_root((u2 - top.u) / (u2 - u1))
     side = sign(top.u_dot)
     if side:
         sn = side * sn
@@ -211,7 +211,7 @@ def _argument(top: _Constants, m: arb) -> arb:
         sn = sn * arb(0, 1)
     else:
         cn = cn * arb(0, 1)
-    return elliptic_argument(sn, cn, m)
+    return find_elliptic_argument(sn, cn, m)
 
 
 def _copy_sign(y: arb, x: arb, K1: arb) -> arb:

@@ -46,7 +46,7 @@ class Linkage:
         """Return the positions (n, 2) of the nodes in the plane [m], from the rods' angles to x [rad]."""
         return self.length * np.cumsum(np.stack((np.cos(angle), np.sin(angle)), axis=-1), axis=-2)
 
-    def node_start(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " state"]:
+    def convert_to_nodes(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " state"]:
         """Return the state of ``make_rates_by_nodes`` that equals the state ``y`` of ``make_rates_by_angles``."""
         angle, rate = y[: self.n], y[self.n :]
         across = np.stack((-np.sin(angle), np.cos(angle)), axis=-1)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics.state import State, States
-from .certification import CertifiedMotion, linkage_orbit
+from .certification import CertifiedMotion, certify_linkage
 from .linkage import Linkage
 
 MOST_RODS = 30  # about ten seconds; each evaluation costs n^3
@@ -16,7 +16,7 @@ PLANAR = 1e-12  # [1], [rad/s] rounding of a start rotated to its own frame; a p
 Bodies = Callable[[Float[np.ndarray, "nt n"], Float[np.ndarray, "nt n"]], States]  # angles [rad], rates [rad/s]
 
 
-def linkage_motion(
+def certify_linkage_motion(
     link: Linkage, angle: Float[np.ndarray, " n"], rate: Float[np.ndarray, " n"], t_max: float, bodies: Bodies
 ) -> CertifiedMotion | None:
     """Return the certified motion from these angles [rad] and rates [rad/s] up to ``t_max`` [s].
@@ -26,11 +26,11 @@ def linkage_motion(
     """
     if link.n > MOST_RODS:
         return None
-    orbit = linkage_orbit(link, np.concatenate((angle, rate)), t_max, CHUNK)
+    orbit = certify_linkage(link, np.concatenate((angle, rate)), t_max, CHUNK)
     return CertifiedMotion(orbit, lambda y: bodies(y[:, : link.n], y[:, link.n :]))
 
 
-def planar_angles(
+def find_planar_angles(
     start: State, plane: Float[np.ndarray, "3 3"]
 ) -> tuple[Float[np.ndarray, " nb"], Float[np.ndarray, " nb"]] | None:
     """Return angle [rad] and rate [rad/s] of each body's x axis in a plane; None if a body leaves it.

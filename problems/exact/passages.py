@@ -8,7 +8,7 @@ from ...harness.types import Problem
 SAMPLING = 1e-3  # [s] sampling; a row that folds and unfolds within it is missed
 
 
-def singular_passages(problem: Problem, t_end: float) -> tuple[tuple[float, int], ...]:
+def find_singular_passages(problem: Problem, t_end: float) -> tuple[tuple[float, int], ...]:
     """Return (time [s], row from 1) of every cos(row angle) = 0 of the reference, in order, up to its horizon."""
     reference = problem.reference()
     if reference is None:

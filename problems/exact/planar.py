@@ -14,14 +14,14 @@ AXIS = (0.0, 1.0, 0.0)  # OZ in such a body
 OZ = (0.0, 0.0, 1.0)
 
 
-def frames(angle: Float[np.ndarray, "*nt nb"]) -> Float[np.ndarray, "*nt nb 3 3"]:
+def make_bar_frames(angle: Float[np.ndarray, "*nt nb"]) -> Float[np.ndarray, "*nt nb 3 3"]:
     """Return R of bars at ``angle`` to OX [rad]."""
     turn = np.zeros((*angle.shape, 3))
     turn[..., 2] = angle
     return so3.exp(turn) @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
-def states(
+def make_planar_states(
     centre: Float[np.ndarray, "nt nb 2"],
     angle: Float[np.ndarray, "nt nb"],
     velocity: Float[np.ndarray, "nt nb 2"],
@@ -30,10 +30,10 @@ def states(
     """Return the motion of bars from C in the plane (X, Y) [m], its velocity, angles to OX [rad] and rates [rad/s]."""
     flat = np.zeros((*angle.shape, 1))
     r, v = (np.concatenate((a, flat), axis=-1) for a in (centre, velocity))
-    return States(r, frames(angle), v, rate[..., None] * np.array(AXIS))
+    return States(r, make_bar_frames(angle), v, rate[..., None] * np.array(AXIS))
 
 
-def slender(mass: float, length: float, axial: float, name: str) -> RigidBody:
+def make_slender_bar(mass: float, length: float, axial: float, name: str) -> RigidBody:
     """Return a bar with its axis along body x; ``axial`` is its inertia about that axis [kg m2]."""
     across = mass * length**2 / 12.0
     return RigidBody(mass, np.diag([axial, across, across]), name)

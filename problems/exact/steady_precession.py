@@ -9,11 +9,11 @@ principal axis, and of a top whose axis rests or keeps its height.
 from flint import arb
 
 from .balls import Matrix, Vector, frame_about
-from .cayley_klein import even_turns, relative_quaternion
+from .cayley_klein import relative_quaternion, rotate_uniformly
 from .pinned_body import PinnedBody, PinnedMotion, RoundingEffect
 
 
-def steady_precession(
+def find_steady_precession(
     body: PinnedBody, R0: Matrix, k: Vector, precession: arb, e: Vector, spin: arb, rounded: RoundingEffect
 ) -> PinnedMotion:
     """Return the motion that turns about ``k`` at ``precession`` [rad/s] and about ``e`` at ``spin`` [rad/s].
@@ -21,5 +21,5 @@ def steady_precession(
     ``k`` is fixed in space, ``e`` in the body; ``rounded`` is the effect of rounded data.
     """
     S, B = frame_about(k), frame_about(e)
-    motion = even_turns(relative_quaternion(S, R0, B), S, B, (precession + spin) / 2, (precession - spin) / 2)
+    motion = rotate_uniformly(relative_quaternion(S, R0, B), S, B, (precession + spin) / 2, (precession - spin) / 2)
     return PinnedMotion("closed form: steady precession", body, motion, rounded)

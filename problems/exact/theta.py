@@ -18,7 +18,7 @@ import numpy as np
 from flint import acb, arb
 from jaxtyping import Complex, Float
 
-from .balls import BallTooWide, bound_above, extended_complex, run_in_balls, to_extended
+from .balls import BallTooWide, bound_above, round_to_extended, run_in_balls, to_extended
 
 UNIT = 2.0**-64  # relative rounding of one operation
 PROVABLE = np.finfo(np.longdouble).nmant >= 63  # long double is float64 except on x86 and some servers
@@ -45,8 +45,8 @@ class ThetaPhase:
         turn = 2 * arb.pi()
         z0, rate = z0 / turn, rate / turn
         z0 = z0 - round(float(z0))
-        high = _leading(float(rate))
-        middle = _leading(float(rate - high))
+        high = _round_to_split(float(rate))
+        middle = _round_to_split(float(rate - high))
         return ThetaPhase(
             to_extended(z0),
             np.longdouble(high),
@@ -113,7 +113,7 @@ class ThetaSeries:
         return value * w if self.least else value
 
 
-def theta(kind: int, q: arb, eta: arb, scale: acb) -> ThetaSeries:
+def make_theta_series(kind: int, q: arb, eta: arb, scale: acb) -> ThetaSeries:
     """Return ``scale`` theta_kind(zeta - i eta), ``kind`` 1 to 4 and nome ``q``, as a series in zeta.
 
     Raise BallTooWide if a coefficient has no bound.
@@ -145,19 +145,19 @@ def theta(kind: int, q: arb, eta: arb, scale: acb) -> ThetaSeries:
         n += 1
 
 
-def constant(value: acb) -> ThetaSeries:
+def make_constant_series(value: acb) -> ThetaSeries:
     """Return a series of one term, constant in the phase."""
     radius = bound_above(value.real - value.real.mid()) + bound_above(value.imag - value.imag.mid())
     return ThetaSeries(0, _freeze_terms([value]), _freeze_terms([acb(0)]), radius)
 
 
-def thetas(z: acb, tau: acb, derivative: int = 0) -> tuple[acb, ...]:
+def evaluate_thetas(z: acb, tau: acb, derivative: int = 0) -> tuple[acb, ...]:
     """Return theta1 to theta4 at ``z`` for the half-period ratio ``tau``; with ``derivative`` 1 their derivatives."""
     values = (z / arb.pi()).modular_theta(tau, derivative)
     return tuple(x / arb.pi() ** derivative for x in values)
 
 
-def elliptic_argument(sn: arb, cn: arb, m: arb) -> arb:
+def find_elliptic_argument(sn: arb, cn: arb, m: arb) -> arb:
     """Return the x with sn x = ``sn`` and cn x = ``cn``, parameter ``m``, |x| <= 2 K.
 
     It is computed from the smaller of both, away from branch points.
@@ -170,7 +170,7 @@ def elliptic_argument(sn: arb, cn: arb, m: arb) -> arb:
     return x * (K - acb.elliptic_f(arb.atan2(cn, (1 - m).sqrt() * x * sn), m).real)  # sn (K - x) = cn x/dn x
 
 
-def _leading(x: float) -> float:
+def _round_to_split(x: float) -> float:
     """Return ``x`` rounded to ``SPLIT`` bits."""
     fraction, exponent = np.frexp(x)
     return float(np.ldexp(np.rint(np.ldexp(fraction, SPLIT)), exponent - SPLIT))
@@ -178,7 +178,7 @@ def _leading(x: float) -> float:
 
 def _freeze_terms(values: list[acb]) -> Complex[np.ndarray, " terms"]:
     """Return the midpoints of balls as a read-only array."""
-    a = np.array([extended_complex(x) for x in values])
+    a = np.array([round_to_extended(x) for x in values])
     a.flags.writeable = False
     return a
 

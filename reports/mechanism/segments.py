@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...harness.results.series import Series
-from .theatre.poses import Poses, finite, rotations
+from .theatre.poses import Poses, make_rotations, select_finite
 
 SEEN = 0.2  # an axis whose projection is shorter than this points at the reader and is not drawn
 SAME = 1e-9  # fraction of the mechanism's size: joint points closer than this are one
@@ -55,11 +55,11 @@ def read_mechanism(series: Series | None) -> DrawnMechanism | None:
     needed = ("frame_t", "frame_r", "frame_q", "joint_i", "joint_j", "joint_s_i", "joint_s_j")
     if series is None or any(name not in series for name in needed):
         return None
-    poses = finite(Poses(series["frame_t"], series["frame_r"].astype(float), series["frame_q"].astype(float)))
+    poses = select_finite(Poses(series["frame_t"], series["frame_r"].astype(float), series["frame_q"].astype(float)))
     if not len(poses):
         return None
     nf, nb = poses.r.shape[:2]
-    R = rotations(poses.q).as_matrix().reshape(nf, nb, 3, 3)
+    R = make_rotations(poses.q).as_matrix().reshape(nf, nb, 3, 3)
     i, j = series["joint_i"].astype(int), series["joint_j"].astype(int)
     gravity = series["gravity"] if "gravity" in series else np.zeros(3)
     ground = series["joint_s_j"][j < 0]
@@ -90,13 +90,13 @@ def _segments(series: Series, nb: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
         elif len(ends) > 2:
             found += [(body, np.zeros(3), p) for p in ends]
         elif len(ends) == 1:
-            found += [(body, ends[0], -ends[0]), (body, *_cross(ends[0]))]
+            found += [(body, ends[0], -ends[0]), (body, *_make_cross_bar(ends[0]))]
         else:
             found += [(body, -rod, rod) for rod in (scale if len(points) < len(s_i) else LONE) * np.eye(3)]
     return np.array([f[0] for f in found]), np.array([f[1] for f in found]), np.array([f[2] for f in found])
 
 
-def _cross(end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _make_cross_bar(end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the ends of a bar normal to a rod at its free end, near the body axis that is most nearly normal to it."""
     free, axis = -end, np.eye(3)[int(np.argmin(np.abs(end)))]
     across = axis - free * (axis @ free) / (free @ free)

@@ -15,8 +15,8 @@ from ..model.results import StoredResults, StoredRun
 from ..plots.browser import Steps
 from ..plots.spec import LineStyle
 from .segments import DrawnMechanism, choose_view, project_points, read_mechanism
-from .theatre.poses import Poses, finite, interpolate_poses
-from .theatre.scene import make_player, stored_exact
+from .theatre.poses import Poses, interpolate_poses, select_finite
+from .theatre.scene import make_player, read_exact_motion
 
 FRAMES = 240  # frames of a stage; mechanisms of many bodies get fewer, which bounds the file
 COORDINATES = 30_000  # most coordinates of one player
@@ -25,7 +25,7 @@ STEPS = 4095  # steps across the box: one is a fifth of a pixel
 ROOM = 0.06  # margin on each side, as a fraction of the box
 
 
-def stage(
+def make_stage(
     results: StoredResults,
     roles: Sequence[tuple[StoredRun, str]],
     measure: ErrorMeasure | None,
@@ -43,7 +43,7 @@ def stage(
         return None
     first = found[0][3]
     view = choose_view(first)
-    known = next((e for _, _, s, _ in found if (e := stored_exact(s)) is not None and len(e) > 1), None)
+    known = next((e for _, _, s, _ in found if (e := read_exact_motion(s)) is not None and len(e) > 1), None)
     horizon = measure.until if measure and measure.until else math.inf  # beyond it no error distinguishes solvers
     whole = min(max(float(m.t[-1]) for *_, m in found), WINDOW, horizon)
     t = np.linspace(0.0, whole, max(min(frames, COORDINATES // (4 * len(first.body))), 24))
@@ -63,7 +63,7 @@ def stage(
         "ground": ((ground - low) / step).tolist(),
         "exact": None
         if exact is None
-        else {"until": min(until, whole), "frames": len(exact), "lines": _columns((exact - low) / step)},
+        else {"until": min(until, whole), "frames": len(exact), "lines": _round_coordinates((exact - low) / step)},
         "unit": measure.unit if measure else "m",
         "players": [
             {
@@ -72,7 +72,7 @@ def stage(
                 "words": role,
                 "stopped": run.has_stopped,
                 "last": float(m.t[-1]),
-                "lines": _columns((xy - low) / step),
+                "lines": _round_coordinates((xy - low) / step),
                 "off": Steps(_measure_error(s, measure, t), log=True),
             }
             for (run, role, s, m), xy in zip(found, lines, strict=True)
@@ -80,7 +80,9 @@ def stage(
     }
 
 
-def moment(results: StoredResults, run: StoredRun, t: float) -> tuple[np.ndarray, np.ndarray | None, np.ndarray] | None:
+def project_moment(
+    results: StoredResults, run: StoredRun, t: float
+) -> tuple[np.ndarray, np.ndarray | None, np.ndarray] | None:
     """Return the drawing at time ``t`` [s]: the run's segments, those of the exact motion, and the ground's points [m].
 
     The exact segments are None where the exact motion is unknown. None is returned if the run stored no poses.
@@ -90,7 +92,7 @@ def moment(results: StoredResults, run: StoredRun, t: float) -> tuple[np.ndarray
     if mechanism is None or series is None:
         return None
     view, at = choose_view(mechanism), np.array([t])
-    exact = stored_exact(series)
+    exact = read_exact_motion(series)
     known = exact is not None and len(exact) > 1 and float(exact.t[-1]) >= t
     own = place_segments(mechanism, make_player(run, series, load_poses(series)).poses, at, view)[0]
     return (
@@ -102,7 +104,7 @@ def moment(results: StoredResults, run: StoredRun, t: float) -> tuple[np.ndarray
 
 def load_poses(series: Series) -> Poses:
     """Return the poses that a run stored, up to the first that is not finite."""
-    return finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
+    return select_finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
 
 
 def place_segments(
@@ -134,7 +136,7 @@ def _measure_error(series: Series, measure: ErrorMeasure | None, t: Float[np.nda
     return np.interp(t, at, values, right=values[-1] if t[-1] <= at[-1] * (1.0 + 1e-9) else np.inf)
 
 
-def _columns(values: np.ndarray) -> np.ndarray:
+def _round_coordinates(values: np.ndarray) -> np.ndarray:
     """Return coordinates rounded to whole steps of the box, one time history after another.
 
     They are shifted by four widths of the box to be positive, and clipped to 16 bits.

@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ...harness.results.records import judged_own
-from ...harness.results.words import judged_error
+from ...harness.results.records import find_judged_reference_error
+from ...harness.results.words import select_judged_error
 from .results import StoredRun
 
 EXACT = 1e-12  # fraction of the mechanism's size: smaller position errors are rounding
@@ -23,10 +23,10 @@ class ErrorMeasure:
 
     def of(self, run: StoredRun) -> float:
         """Return the error of a run, in ``unit``, up to the time to which errors are judged; NaN if it has none."""
-        return judged_error(run.record, self.name, self.unit)
+        return select_judged_error(run.record, self.name, self.unit)
 
 
-def measure_for(runs: Sequence[StoredRun]) -> ErrorMeasure | None:
+def choose_measure(runs: Sequence[StoredRun]) -> ErrorMeasure | None:
     """Choose the error that judges a problem: the position error, or None without a reference.
 
     Where all positions are exact (a body that only turns), the orientation error is used.
@@ -39,7 +39,7 @@ def measure_for(runs: Sequence[StoredRun]) -> ErrorMeasure | None:
     until = find_judged_end(known)
     words = "" if until is None else f" to {until:.4g} s"
     if until is not None:
-        own = max((e for c in known if not math.isnan(e := judged_own(c.record))), default=math.nan)
+        own = max((e for c in known if not math.isnan(e := find_judged_reference_error(c.record))), default=math.nan)
     position = ErrorMeasure(f"position error{words}", "position_error", "m", own, until)
     if max(map(position.of, known)) > EXACT * length:
         return position
@@ -58,7 +58,7 @@ def find_judged_end(runs: Sequence[StoredRun]) -> float | None:
     return max(times)
 
 
-def drifts(run: StoredRun) -> bool | None:
+def is_drifting(run: StoredRun) -> bool | None:
     """Return whether the energy error drifts rather than oscillates; None if undecided.
 
     It drifts if its mean shifts from the first to the last quarter by more than a third of the largest error (a linear
@@ -74,4 +74,4 @@ def drifts(run: StoredRun) -> bool | None:
 
 def energy_kind(run: StoredRun) -> str:
     """Return "drifts" or "bounded" for the energy error of a run; an empty string if undecided."""
-    return {None: "", True: "drifts", False: "bounded"}[drifts(run)]
+    return {None: "", True: "drifts", False: "bounded"}[is_drifting(run)]

@@ -19,7 +19,7 @@ TRAITS = {  # why a problem with this trait is hard
 PLAIN = "No trait makes it hard: what counts is the error at a given cost."
 
 
-def about_solver(name: str) -> str:
+def describe_method(name: str) -> str:
     """Describe a method by the first lines of the docstrings of its file and of its class; empty for a plug-in."""
     path = next((p for p in (f"solvers/{name}.py", f"solvers/engines/{name}.py") if _source(p)), "")
     if not path:
@@ -35,19 +35,19 @@ def is_engine(name: str) -> bool:
     return bool(_source(f"solvers/engines/{name}.py"))
 
 
-def code_of_others(name: str) -> str:
+def name_external_code(name: str) -> str:
     """Return the usual name of the external package that a solver runs; empty if all its code is this project's."""
-    name_of_it = re.split(r"[,:.]", about_solver(name))[0]
+    name_of_it = re.split(r"[,:.]", describe_method(name))[0]
     return name_of_it if is_engine(name) or name_of_it.startswith("SUNDIALS") else ""
 
 
-def about_problem(name: str) -> str:
+def describe_mechanism(name: str) -> str:
     """Describe a mechanism by the first line of the docstring of its file; empty for a plug-in."""
     source = _source(f"problems/{name}.py")
     return _summary(ast.parse(source)) if source else ""
 
 
-def why_hard(name: str) -> str:
+def explain_difficulty(name: str) -> str:
     """Explain why a problem is hard, by its traits, in at most two sentences; empty for a plug-in."""
     source = _source(f"problems/{name}.py")
     traits = re.findall(r"Trait\.(\w+)", source.partition("@problem(")[2].partition("\n")[0])

@@ -4,9 +4,9 @@ from ...harness.results.judgements import claims as judged
 from .condition_words import (
     condition,
     decision,
-    describe_chosen,
+    describe_choice,
     describe_condition,
-    is_chosen,
+    is_met_by_choice,
     setting,
     spell_out,
     value,
@@ -85,12 +85,12 @@ def list_sides(c: judged.JudgedClaim) -> tuple[tuple[str, judged.ClaimFinding], 
 def verdict(f: judged.ClaimFinding) -> str:
     """Format a verdict with its condition or reason: ``reproduced if gain 5``, ``cannot be told, because ...``."""
     if f.verdict is judged.ClaimVerdict.CANNOT_BE_TOLD and f.missing:
-        return f"{f.verdict}, because {_missing(f.missing[0])}"
+        return f"{f.verdict}, because {_describe_gap(f.missing[0])}"
     if f.verdict is judged.ClaimVerdict.CANNOT_BE_TOLD and f.left_out:
         why = (f"{plural(x.settings, 'setting')}: {LEFT_OUT[x.why]}" for x in f.left_out)
         return f"{f.verdict}, because no setting counts ({'; '.join(why)})"
     if f.verdict is judged.ClaimVerdict.REPRODUCED_IF and f.decision:
-        return describe_chosen(f.decision) if is_chosen(f) else describe_condition(f.decision)
+        return describe_choice(f.decision) if is_met_by_choice(f) else describe_condition(f.decision)
     if f.verdict is judged.ClaimVerdict.REPRODUCED and f.decision:
         return f"{f.verdict}: there are such {describe_condition(f.decision).removeprefix('reproduced ')}"
     return str(f.verdict)
@@ -113,17 +113,17 @@ def control(c: judged.JudgedClaim) -> str:
     at = f"over the same {c.because.across}s" if c.because.across else "at the same tolerance"
     beside = f"{who}, in the same chart, {at}, with the same step limit and on the same motion,"
     if f.verdict is judged.ClaimVerdict.CANNOT_BE_TOLD:
-        return f"{beside} settles nothing{_left_alone(c)}"
+        return f"{beside} settles nothing{_describe_unknown_control(c)}"
     if not f.holds:
-        return f"{beside} does not ({quantify(f)}){_left_alone(c)}"
-    found = f"{beside} does so too ({quantify(f)}{_met(f)})"
+        return f"{beside} does not ({quantify(f)}){_describe_unknown_control(c)}"
+    found = f"{beside} does so too ({quantify(f)}{_format_met(f)})"
     if not c.control.both:
-        return f"{found}, but in no setting where the claim holds{_left_alone(c)}"
+        return f"{found}, but in no setting where the claim holds{_describe_unknown_control(c)}"
     where = f"in {plural(c.control.both, 'setting')} where the claim holds"
-    return f"{found}, {where}: there the claim tells nothing of its own solvers{_left_alone(c)}"
+    return f"{found}, {where}: there the claim tells nothing of its own solvers{_describe_unknown_control(c)}"
 
 
-def _left_alone(c: judged.JudgedClaim) -> str:
+def _describe_unknown_control(c: judged.JudgedClaim) -> str:
     """Describe the settings where the claim holds and the control is unknown, and why; empty if there are none."""
     if c.control is None or not c.control.alone:
         return ""
@@ -140,7 +140,7 @@ def format_by_solver(c: judged.JudgedClaim) -> str:
     return "; beyond them ".join(filter(None, found)) if found[0] else f"beyond them {found[1]}" * bool(found[1])
 
 
-def condition_and_share(f: judged.ClaimFinding) -> str:
+def format_condition_and_share(f: judged.ClaimFinding) -> str:
     """Format the condition under which a claim holds, and for how many of the settings tried."""
     return "; ".join(filter(None, (format_condition(f), format_share(f))))
 
@@ -150,10 +150,10 @@ def format_share(f: judged.ClaimFinding | None) -> str:
     if f is None or not f.settings:
         return ""
     flips = dict.fromkeys(f"{m.verdict}, {m.holds} of {m.settings}" for m in f.borderline)
-    return f"for {quantify(f)}{_met(f)}" + (f" (borderline: {'; '.join(flips)})" if flips else "")
+    return f"for {quantify(f)}{_format_met(f)}" + (f" (borderline: {'; '.join(flips)})" if flips else "")
 
 
-def _met(f: judged.ClaimFinding) -> str:
+def _format_met(f: judged.ClaimFinding) -> str:
     """Format at how many values of a dimension the claim is met, if one value suffices; else return an empty string."""
     return f", at {f.met[0]} of {f.met[1]} values" if f.met else ""
 
@@ -181,13 +181,13 @@ def _describe_finding(c: judged.JudgedClaim, where: str, f: judged.ClaimFinding)
         out[-1] += f" ({format_distinct(f)})" if f.rows > f.settings else ""
         out[-1] += f", {plural(f.like, 'setting')} beyond them with the series of one counted with it" * bool(f.like)
         out[-1] += f", met at {f.met[0]} of {plural(f.met[1], spell_out(c.because.across))}" if f.met else ""
-    out += map(_missing, f.missing)
+    out += map(_describe_gap, f.missing)
     if f.lone:
         out.append(f"{plural(f.lone, 'setting')} that one failed run alone meets counted as not met {where}")
     if f.stopped:
         out.append(f"in {f.stopped} of these {f.holds} because a run stopped before its end")
     if f.decision:
-        all_at = f"every setting meets it at {condition(f.decision)}, and each at others" if is_chosen(f) else ""
+        all_at = f"every setting meets it at {condition(f.decision)}, and each at others" if is_met_by_choice(f) else ""
         words = all_at or decision(f.decision)
         out.append(f"{words} (settings of equal series counted each)" if f.rows > f.settings else words)
     for m in f.borderline:
@@ -200,7 +200,7 @@ def _describe_finding(c: judged.JudgedClaim, where: str, f: judged.ClaimFinding)
 
 def describe_missing(c: judged.JudgedClaim) -> str:
     """Describe what is missing to test the claim; empty if it was tested."""
-    return "; ".join(map(_missing, c.missing))
+    return "; ".join(map(_describe_gap, c.missing))
 
 
 def describe_count(c: judged.JudgedClaim) -> str:
@@ -236,7 +236,7 @@ def figures(c: judged.JudgedClaim) -> str:
     return join_words([str(n) for n in c.figure])
 
 
-def _missing(m: judged.MissingReason) -> str:
+def _describe_gap(m: judged.MissingReason) -> str:
     """Describe one reason why a claim cannot be tested."""
     if m.gap is judged.ClaimGap.RUNS:
         absent, first = m.wanted - m.found, f", first {m.name}" if m.name else ""

@@ -47,12 +47,12 @@ def describe_condition(d: judged.Decision) -> str:
     return f"reproduced if {', or if '.join(terms)}{more}"
 
 
-def is_chosen(f: judged.ClaimFinding) -> bool:
+def is_met_by_choice(f: judged.ClaimFinding) -> bool:
     """Return whether every setting meets the claim at some value of a dimension of which one value suffices."""
     return bool(f.met and f.decision and f.decision.by and f.holds == f.settings)
 
 
-def describe_chosen(d: judged.Decision) -> str:
+def describe_choice(d: judged.Decision) -> str:
     """Format ``reproduced if the tolerance may be chosen, all at tolerance 0.1``."""
     return f"reproduced if the {spell_out(next(iter(d.by)))} may be chosen, all at {condition(d)}"
 

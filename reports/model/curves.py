@@ -30,30 +30,32 @@ def find_maxima(
     t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER
 ) -> Curve:
     """Return the curve through the largest finite |a| in each of ``spans`` equal spans of [0, t_end] [s]."""
-    t, a = _finite(t, np.abs(a))
-    at = _rows_of(np.maximum, a, _spans(t, t_end, spans))
+    t, a = _select_finite(t, np.abs(a))
+    at = _find_rows(np.maximum, a, _find_span_starts(t, t_end, spans))
     return Curve(t[at], a[at])
 
 
-def signed_curve(
+def find_extrema(
     t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_SIGNED
 ) -> Curve:
     """Return the curve of the least and largest value in each of ``spans`` spans of [0, t_end] [s] and of both ends."""
-    t, a = _finite(t, a)
-    starts = _spans(t, t_end, spans)
+    t, a = _select_finite(t, a)
+    starts = _find_span_starts(t, t_end, spans)
     ends = [0, len(t) - 1] if len(t) else []
-    at = np.unique(np.concatenate([ends, *(_rows_of(f, a, starts) for f in (np.minimum, np.maximum))])).astype(int)
+    at = np.unique(np.concatenate([ends, *(_find_rows(f, a, starts) for f in (np.minimum, np.maximum))])).astype(int)
     return Curve(t[at], a[at])
 
 
-def band(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER) -> Curve:
+def find_band(
+    t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER
+) -> Curve:
     """Return the median of each of ``spans`` spans of [0, t_end] [s], in a band from its least to its largest value.
 
     The time of each point is the last one of its span.
     """
-    t, a = _finite(t, a)
-    starts = _spans(t, t_end, spans)
-    lengths = _lengths(starts, a)
+    t, a = _select_finite(t, a)
+    starts = _find_span_starts(t, t_end, spans)
+    lengths = _count_points(starts, a)
     ordered = a[np.lexsort((a, np.repeat(np.arange(len(starts)), lengths)))]
     median = 0.5 * (ordered[starts + (lengths - 1) // 2] + ordered[starts + lengths // 2])
     last = starts + lengths - 1
@@ -101,7 +103,7 @@ def find_range(curve: Curve, limits: tuple[float, float]) -> tuple[float, float]
     return float(low), float(high)
 
 
-def _finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _select_finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the points of which time and value are finite, as floats; the longer array is cut to the shorter."""
     n = min(len(t), len(a))
     with np.errstate(invalid="ignore"):
@@ -109,21 +111,21 @@ def _finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return t[:n][good].astype(float), a[:n][good].astype(float)
 
 
-def _spans(t: np.ndarray, t_end: float, n: int) -> Int[np.ndarray, " m"]:
+def _find_span_starts(t: np.ndarray, t_end: float, n: int) -> Int[np.ndarray, " m"]:
     """Return the first row of each of ``n`` equal spans of [0, t_end], the same spans for all curves of a figure."""
     whole = max(t_end if t_end > 0.0 else 0.0, *t[-1:], 1e-300)
     at = np.minimum((t / whole * n).astype(np.int64), n - 1)
     return np.flatnonzero(np.diff(at, prepend=at[:1] - 1))
 
 
-def _lengths(starts: Int[np.ndarray, " m"], a: np.ndarray) -> Int[np.ndarray, " m"]:
+def _count_points(starts: Int[np.ndarray, " m"], a: np.ndarray) -> Int[np.ndarray, " m"]:
     """Return the number of points in each span of ``a`` that begins at ``starts``."""
     return np.diff(np.append(starts, len(a)))
 
 
-def _rows_of(f: np.ufunc, a: np.ndarray, starts: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
+def _find_rows(f: np.ufunc, a: np.ndarray, starts: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
     """Return the first row of each span with its largest or smallest value, for ``f`` np.maximum or np.minimum."""
-    lengths = _lengths(starts, a)
+    lengths = _count_points(starts, a)
     rows = np.flatnonzero(a == np.repeat(f.reduceat(a, starts), lengths))
     _, first = np.unique(np.repeat(np.arange(len(starts)), lengths)[rows], return_index=True)
     return rows[first]

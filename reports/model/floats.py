@@ -32,7 +32,7 @@ def latex_caption(text: str) -> str:
     return out
 
 
-def write_floats(title: str, figures: Sequence[Mapping[str, Any]], tables: Mapping[str, str]) -> str:
+def format_floats(title: str, figures: Sequence[Mapping[str, Any]], tables: Mapping[str, str]) -> str:
     """Return the LaTeX code of all floats.
 
     ``figures`` are entries of captions.json; ``tables`` maps paths without suffix to captions.

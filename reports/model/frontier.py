@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal
 
-from ...harness.results.records import cpu_range
-from .accuracy import ErrorMeasure, measure_for
+from ...harness.results.records import find_cpu_range
+from .accuracy import ErrorMeasure, choose_measure
 from .catalogue import is_engine
 from .results import StoredResults, StoredRun, Variant, format_exactly, group_by, group_by_solver
-from .variants import presentation
+from .variants import describe_presentation
 from .words import claim_success, format_decade, mark_status, number, plural, seconds
 
 TARGETS = tuple(10.0**-k for k in range(1, 12))  # errors in the unit of the problem's error
@@ -37,7 +37,7 @@ class RankedSolver:
     @property
     def spread(self) -> float:
         """The ratio of the upper to the lower quartile of the CPU times of the repeats; NaN for a quartile of 0."""
-        low, high = cpu_range(self.run.record)
+        low, high = find_cpu_range(self.run.record)
         return high / low if low > 0.0 else math.nan
 
 
@@ -98,16 +98,16 @@ def classify_doubt(spread: float, lead: float) -> Doubt:
     return ""
 
 
-def frontiers(results: StoredResults) -> list[Frontier]:
+def find_frontiers(results: StoredResults) -> list[Frontier]:
     """Return the frontiers of every variant with a reference, at errors that two solvers reach.
 
     Presentations are left out.
     """
     out = []
     for variant in results.variants:
-        measure = measure_for(variant.runs)
-        if measure is not None and not presentation(variant):
-            out += [f for target in TARGETS if len((f := _frontier(variant, measure, target)).places) >= LEAST]
+        measure = choose_measure(variant.runs)
+        if measure is not None and not describe_presentation(variant):
+            out += [f for target in TARGETS if len((f := _rank_solvers(variant, measure, target)).places) >= LEAST]
     return out
 
 
@@ -117,13 +117,13 @@ def select_broad(results: StoredResults, found: Sequence[Frontier]) -> list[Fron
     return [f for f in found if len(f.places) + len(f.missed) + len(f.refused) >= least]
 
 
-def engines_first(found: Sequence[Frontier]) -> list[Frontier]:
+def sort_engines_first(found: Sequence[Frontier]) -> list[Frontier]:
     """Sort the frontiers so that variants on which an external engine is the cheapest at some error come first."""
     led = {f.variant for f in found if f.is_led_by_engine}
     return sorted(found, key=lambda f: f.variant not in led)
 
 
-def of_most_problems(found: Sequence[Frontier]) -> list[Frontier]:
+def select_shared_target(found: Sequence[Frontier]) -> list[Frontier]:
     """Return the frontiers of one error: the tightest that half of all solver-problem pairs reach, else the loosest."""
     by_target = {t: [f for f in found if f.target == t] for t in sorted({f.target for f in found})}
     pairs = {f.variant: len(f.places) + len(f.missed) for f in found}
@@ -131,7 +131,7 @@ def of_most_problems(found: Sequence[Frontier]) -> list[Frontier]:
     return next(reached, list(by_target.values())[-1] if by_target else [])
 
 
-def _frontier(variant: Variant, measure: ErrorMeasure, target: float) -> Frontier:
+def _rank_solvers(variant: Variant, measure: ErrorMeasure, target: float) -> Frontier:
     """Rank the solvers of a variant by their least CPU time for an error of ``target``.
 
     A solver that reached no such error is refused if all its runs are; with an unfinished run it is in no list.
@@ -178,7 +178,7 @@ def find_least_cost(ladder: Sequence[tuple[float, float]], target: float) -> tup
     return min(out, key=lambda found: found[:2], default=None)
 
 
-def length(value: float, unit: str) -> str:
+def format_length(value: float, unit: str) -> str:
     """Format a length or an angle in ``unit`` (m or rad): ``1 mm``, ``610 µm``, ``10⁻⁴ rad``."""
     scale, name = next((u for u in UNITS.get(unit, ((1.0, unit),)) if value >= 0.999 * u[0]), (1.0, unit))
     power = math.isclose(math.log10(value), round(math.log10(value)))
@@ -186,18 +186,20 @@ def length(value: float, unit: str) -> str:
     return f"{words} {name}"
 
 
-def costs(results: StoredResults, found: Sequence[Frontier], url: Callable[[StoredRun], str]) -> list[dict[str, Any]]:
+def tabulate_costs(
+    results: StoredResults, found: Sequence[Frontier], url: Callable[[StoredRun], str]
+) -> list[dict[str, Any]]:
     """Return the page's data on the cost of every problem in ``found``, at errors that at least two solvers reach.
 
     ``url`` gives the address of a run.
     """
     variants = {p.title: p for p in results.variants}
-    return [_costs(variants[title], own, url) for title, own in group_by(found, lambda f: f.variant).items()]
+    return [_tabulate_variant(variants[title], own, url) for title, own in group_by(found, lambda f: f.variant).items()]
 
 
-def _costs(variant: Variant, found: Sequence[Frontier], url: Callable[[StoredRun], str]) -> dict[str, Any]:
+def _tabulate_variant(variant: Variant, found: Sequence[Frontier], url: Callable[[StoredRun], str]) -> dict[str, Any]:
     """Return the page's data on one problem: its target errors, and by solver the CPU time at each and all runs."""
-    measure = measure_for(variant.runs)
+    measure = choose_measure(variant.runs)
     unit = found[0].unit
     targets = [f.target for f in found]
     solvers = {}
@@ -220,14 +222,14 @@ def _costs(variant: Variant, found: Sequence[Frontier], url: Callable[[StoredRun
         "unit": unit,
         "parameters": variant.parameters,
         "targets": targets,
-        "words": [length(t, unit) for t in targets],
+        "words": [format_length(t, unit) for t in targets],
         "command": [suggest_command(variant, t) for t in targets],
         "solvers": solvers,
-        "answers": [answer(f) for f in found],
+        "answers": [describe_cheapest(f) for f in found],
     }
 
 
-def answer(f: Frontier) -> str:
+def describe_cheapest(f: Frontier) -> str:
     """Describe the cheapest solver: ``rkmk_dop853 needs 9.54 ms of CPU time; 9 of 21 solvers do not get there``."""
     best, missed = f.places[0], len(f.missed) + len(f.refused)
     parts = [f"{best.run.record.solver} needs {'at most ' if best.bound else ''}{seconds(best.cpu_s)} of CPU time"]
@@ -254,14 +256,14 @@ def _explain_missing(runs: Sequence[StoredRun], best: float | None, unit: str) -
     """Explain why a solver has no cost at these errors: by its ``best`` error, else its wrong runs, else a status."""
     wrong = sorted((c for c in runs if c.status == "wrong"), key=lambda c: c.finest_first)
     if best is not None:
-        return f"best {length(float(f'{best:.1e}'), unit)}" if best > 0.0 else f"best 0 {unit}"
+        return f"best {format_length(float(f'{best:.1e}'), unit)}" if best > 0.0 else f"best 0 {unit}"
     if wrong:
         words = f"{len(wrong)} of {plural(len(runs), 'run')} {claim_success(len(wrong))}"
         return f"{mark_status('wrong').symbol} {words}, finest {wrong[0].step_words}"
     return mark_status(runs[0].status).word
 
 
-def default_target(problem: dict[str, Any]) -> int:
+def choose_target(problem: dict[str, Any]) -> int:
     """Return the index of the target of 1 mm, else of the tightest error that at least half of the solvers reach."""
     if ASKED in problem["words"]:
         return int(problem["words"].index(ASKED))

@@ -23,11 +23,11 @@ def term(name: str, shown: str = "") -> Markup:
     return Markup('<abbr title="{}">{}</abbr>').format(GLOSSARY[name], shown or name)
 
 
-def markdown() -> str:
+def format_markdown() -> str:
     """Return the list of terms for ``docs/glossary.md``, in Markdown."""
     entries = (f"- **{name}**: {text}" for name, text in GLOSSARY.items())
     return "".join(f"{textwrap.fill(e, WIDTH, subsequent_indent='  ', break_on_hyphens=False)}\n" for e in entries)
 
 
 if __name__ == "__main__":
-    sys.stdout.write(markdown())
+    sys.stdout.write(format_markdown())

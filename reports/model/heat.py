@@ -5,9 +5,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from .margin import Margin, margin
+from .margin import Margin, find_margin
 from .results import StoredResults, StoredRun, Variant, group_by_solver
-from .scores import finest
+from .scores import find_finest
 from .variants import find_plain_label, plain_runs, select_variants
 from .words import Mark, join_words, mark_status, number, plural
 
@@ -32,7 +32,7 @@ class HeatCell:
     @cached_property
     def margin(self) -> Margin | None:
         """The error that is the largest fraction of its limit; None if nothing was measured."""
-        return margin(self.run)
+        return find_margin(self.run)
 
     @property
     def level(self) -> int | None:
@@ -115,17 +115,17 @@ class HeatMap:
         return f"{whole} of {plural(len(complete), 'solver')}{ran} {stay}, each at its finest setting"
 
 
-def rank(boxes: Iterable[HeatCell]) -> list[HeatCell]:
+def sort_cells(boxes: Iterable[HeatCell]) -> list[HeatCell]:
     """Sort the cells, the best first, leaving out refused and unfinished runs."""
     return sorted((b for b in boxes if b.mark.kind not in ("open", "refused")), key=lambda b: b.order)
 
 
-def farthest_and_nearest(boxes: Sequence[HeatCell]) -> str:
+def describe_extremes(boxes: Sequence[HeatCell]) -> str:
     """Name the solvers that stay farthest below and come nearest to their limits, with settings and margins.
 
     Settings differ, so that neither is called the best; solvers within ``EQUAL`` of the first are named with it.
     """
-    ranked = rank(boxes)
+    ranked = sort_cells(boxes)
     if len(ranked) < 2:
         return f"{ranked[0].words}." if ranked else "Every solver refused it."
     first, last = (
@@ -141,7 +141,7 @@ def farthest_and_nearest(boxes: Sequence[HeatCell]) -> str:
     return f"Each solver at its finest setting: farthest below its limits is {first}{beside}. Last is {last}."
 
 
-def make_boxes(variant: Variant, label: str) -> list[HeatCell]:
+def make_cells(variant: Variant, label: str) -> list[HeatCell]:
     """Return the cell of each solver's finest settings under ``label``, else at default options, else at any."""
     own = plain_runs(variant, label)
     return [HeatCell(min(runs, key=lambda c: c.finest_first)) for runs in group_by_solver(own).values()]
@@ -157,7 +157,7 @@ def make_heat_map(results: StoredResults) -> HeatMap | None:
         (p.slug, s): run
         for p in select_variants(results, label)
         for s in results.solvers
-        if (run := finest(p, s, label)) is not None
+        if (run := find_finest(p, s, label)) is not None
     }
     solvers = [s for s in results.solvers if any(s == other for _, other in runs)]
     least = max(FEW * len(solvers), 1)

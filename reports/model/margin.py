@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ...harness.results.records import judged_own, parse_reasons
+from ...harness.results.records import find_judged_reference_error, parse_reasons
 from ...harness.results.words import describe_breach, find_broken_law
 from ...harness.types import ACCURATE, ALLOWED, Law, Reason
 from .results import StoredRun
@@ -55,7 +55,7 @@ def describe_break(e: Reason) -> str:
     return f"{find_broken_law(e)} reaches {value}, {times}the {limit} allowed{first}"
 
 
-def margin(run: StoredRun) -> Margin | None:
+def find_margin(run: StoredRun) -> Margin | None:
     """Return the error of a run that is the largest fraction of its limit; None if no error with a limit is known."""
     broken = parse_reasons(run.record.wrong_because)
     laws = {e.law for e in broken}
@@ -69,11 +69,13 @@ def _recompute_reasons(run: StoredRun) -> list[Reason]:
     Unless the run stopped, errors above their limits are left out: the run was judged by wider limits (a mechanism
     beside others).
     """
-    r, own = run.record, judged_own(run.record)
+    r, own = run.record, find_judged_reference_error(run.record)
     rows = (
         Reason(Law.ENERGY, r.energy_drift_max_J, ALLOWED[Law.ENERGY] * r.energy_scale_J, "J"),
-        _of_constraints(Law.CONSTRAINT, r.gap_share_max, r.phi_max, r.phi_limit_m, "m"),
-        _of_constraints(Law.CONSTRAINT_RATE, r.gap_rate_share_max, r.phi_dot_max, r.phi_dot_limit_m_per_s, "m/s"),
+        _make_constraint_reason(Law.CONSTRAINT, r.gap_share_max, r.phi_max, r.phi_limit_m, "m"),
+        _make_constraint_reason(
+            Law.CONSTRAINT_RATE, r.gap_rate_share_max, r.phi_dot_max, r.phi_dot_limit_m_per_s, "m/s"
+        ),
         Reason(Law.ORTHOGONALITY, r.orthogonality_max, ALLOWED[Law.ORTHOGONALITY]),
         Reason(
             Law.MOTION,
@@ -85,7 +87,7 @@ def _recompute_reasons(run: StoredRun) -> list[Reason]:
     return [e for e in rows if e.value >= 0.0 and e.limit > 0.0 and (run.has_stopped or e.value <= e.limit)]
 
 
-def _of_constraints(law: Law, share: float, value: float, limit: float, unit: str) -> Reason:
+def _make_constraint_reason(law: Law, share: float, value: float, limit: float, unit: str) -> Reason:
     """Return a constraint error in its unit if a limit is recorded, else as the fraction of its limit.
 
     Only the fraction is known for axis rows and for several mechanisms.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...harness.results.series import Series
-from .curves import SPANS_UPPER, Curve, band, find_maxima, signed_curve
+from .curves import SPANS_UPPER, Curve, find_band, find_extrema, find_maxima
 from .results import StoredRun
 
 NORMS = ("energy_error", "phi_norm", "phi_dot_norm", "position_error", "orientation_error", "out_of_plane")
@@ -42,10 +42,10 @@ def read_curves(run: StoredRun, series: Series | None, spans: int = SPANS_UPPER)
     norms = {n: series.points(n) for n in (*NORMS, "reference_own_error") if n in series}
     norms |= {f"inv_{n}": series.points(f"inv_{n}") for n in series.names("inv_")}
     observables, exact = series.names("obs_"), series.names("ref_")
-    norms |= {f"away_{n}": _distance(series, n) for n in observables if n in exact}
+    norms |= {f"away_{n}": _compute_difference(series, n) for n in observables if n in exact}
     signed = {n: series.points(n) for n in (*(f"obs_{n}" for n in observables), *(f"ref_{n}" for n in exact))}
     curves = {n: find_maxima(*points, t_end, spans) for n, points in norms.items()}
-    curves |= {n: signed_curve(*points, t_end, 3 * spans // 4) for n, points in signed.items()}
+    curves |= {n: find_extrema(*points, t_end, 3 * spans // 4) for n, points in signed.items()}
     if "dt" in series:
         curves["dt"] = _steps(t, series["dt"], run.has_stopped, t_end, spans)
     there = {n: c for n, c in curves.items() if len(c)}
@@ -57,7 +57,7 @@ def count_bodies(series: Series) -> int:
     return len(series.body_names) or (len(series["end_r"]) if "end_r" in series else 0)
 
 
-def _distance(series: Series, name: str) -> tuple[np.ndarray, np.ndarray]:
+def _compute_difference(series: Series, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the times and the difference of an observable from its reference, as stored, or else computed."""
     if f"away_{name}" in series:
         return series.points(f"away_{name}")
@@ -67,8 +67,8 @@ def _distance(series: Series, name: str) -> tuple[np.ndarray, np.ndarray]:
 def _steps(t: np.ndarray, dt: np.ndarray, stopped: bool, t_end: float, spans: int) -> Curve:
     """Return the band of step sizes [s] without the last step, which may be cut; a stopped run keeps its last step."""
     if len(dt) < 3:
-        return band(t, dt, t_end, spans)
-    whole = band(t[:-1], dt[:-1], t_end, spans)  # the last step may be cut to end at t_end
+        return find_band(t, dt, t_end, spans)
+    whole = find_band(t[:-1], dt[:-1], t_end, spans)  # the last step may be cut to end at t_end
     if not stopped or whole.low is None or whole.high is None:
         return whole
     last = [np.append(e, dt[-1]) for e in (whole.y, whole.low, whole.high)]  # the last step of a failure is of interest

@@ -15,12 +15,12 @@ from ...harness.files import FileError
 from ...harness.results import store
 from ...harness.results.naming import format_exactly, format_name
 from ...harness.results.provenance import read_environment
-from ...harness.results.provisional import latest_of_each
+from ...harness.results.provisional import select_latest
 from ...harness.results.records import RunRecord
 from ...harness.results.series import Series, read_series
 from ...harness.results.series import check_series as check_series_file
 from ...harness.results.shadows import NearestMotion, choose_nearest, read_nearest
-from ...harness.results.words import comparison_words, list_reasons, passage_words
+from ...harness.results.words import describe_comparison, describe_passage, list_reasons
 from ...harness.types import Status
 
 T = TypeVar("T")
@@ -80,7 +80,7 @@ class StoredRun:
     @property
     def compared(self) -> str:
         """Words on how far the motion was compared, if not to its end, and on singular poses that it passed."""
-        return ", ".join(filter(None, (comparison_words(self.record), passage_words(self.record))))
+        return ", ".join(filter(None, (describe_comparison(self.record), describe_passage(self.record))))
 
     @property
     def is_success(self) -> bool:
@@ -166,9 +166,9 @@ class StoredResults:
     def variants(self) -> tuple[Variant, ...]:
         """The variants in the order of the paper's sections, then by name."""
         found = group_by(self.runs, lambda run: run.variant).items()
-        ordered = sorted(found, key=lambda kv: (kv[1][0].record.section or "~", natural(kv[0])))
+        ordered = sorted(found, key=lambda kv: (kv[1][0].record.section or "~", make_natural_key(kv[0])))
         taken: set[str] = set()
-        return tuple(Variant(title, slug(title, taken), tuple(runs)) for title, runs in ordered)
+        return tuple(Variant(title, make_slug(title, taken), tuple(runs)) for title, runs in ordered)
 
     @cached_property
     def solvers(self) -> tuple[str, ...]:
@@ -233,7 +233,7 @@ def read_results(folder: Path, *, check_series: bool = True) -> StoredResults:
         except FileError as error:
             faults[r.run_id] = f"its series file {r.series}: {error}"
     sound = [r for r in loaded.records if r.run_id not in faults]
-    shown = {r.settings_id: r for r in latest_of_each(sound)}
+    shown = {r.settings_id: r for r in select_latest(sound)}
     later = sum(r.finished > shown[r.settings_id].finished for r in sound)
     near = read_nearest(folder)
     runs = []
@@ -266,13 +266,13 @@ def group_by_solver(runs: Iterable[StoredRun]) -> dict[str, list[StoredRun]]:
     return group_by(runs, lambda run: run.record.solver)
 
 
-def natural(text: str) -> list[tuple[int, float, str]]:
+def make_natural_key(text: str) -> list[tuple[int, float, str]]:
     """Return a sort key by which ``links=6`` precedes ``links=30``."""
     parts = re.split(r"(\d+(?:\.\d+)?)", text)
     return [(1, float(p), "") if k % 2 else (0, 0.0, p) for k, p in enumerate(parts)]
 
 
-def slug(title: str, taken: set[str]) -> str:
+def make_slug(title: str, taken: set[str]) -> str:
     """Return a name for files and anchors made from ``title`` but not ``taken``, and add it to these in lower case."""
     base = re.sub(r"[^a-zA-Z0-9.]+", "-", title).strip("-.")[:80] or "unnamed"
     names = chain([base], (f"{base}-{n}" for n in count(2)))
@@ -281,15 +281,15 @@ def slug(title: str, taken: set[str]) -> str:
     return name
 
 
-def stamp(results: StoredResults) -> str:
+def format_stamp(results: StoredResults) -> str:
     """Format commit, dirty flag, versions and machine in one line."""
-    e, versions = results.environment, dict(packages(results))
+    e, versions = results.environment, dict(list_recorded_packages(results))
     known = [f"Python {e.get('python') or UNKNOWN}", *(f"{k} {versions[k]}" for k in STAMPED if k in versions)]
     commit = str(e.get("commit") or UNKNOWN)[:12] + (" with uncommitted changes (dirty)" if e.get("dirty") else "")
     return f"Commit {commit}; {', '.join(known)}; {e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores."
 
 
-def packages(results: StoredResults) -> list[tuple[str, str]]:
+def list_recorded_packages(results: StoredResults) -> list[tuple[str, str]]:
     """Return every recorded package with its version, sorted by name."""
     found = results.environment.get("packages")
     return sorted((str(k), str(v)) for k, v in found.items()) if isinstance(found, dict) else []

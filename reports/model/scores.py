@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from .accuracy import drifts, measure_for
+from .accuracy import choose_measure, is_drifting
 from .results import StoredResults, StoredRun, Variant, group_by_solver
 from .variants import find_plain_label, select_variants
 from .words import join_words, mark_status, truncate
@@ -57,7 +57,7 @@ def score(runs: Iterable[StoredRun]) -> SolverScore:
     """Count the outcomes of runs; unfinished runs are not counted."""
     own = list(runs)
     kinds = Counter(mark_status(c.status).kind for c in own)
-    energy = Counter(drifts(c) for c in own if c.is_success)
+    energy = Counter(is_drifting(c) for c in own if c.is_success)
     ended = {name: kinds[kind] for kind, name in KINDS.items()}
     return SolverScore(**ended, bounded=energy[False], drifting=energy[True])
 
@@ -70,7 +70,7 @@ def standings(results: StoredResults) -> list[dict[str, Any]]:
     label, out = find_plain_label(results), list[dict[str, Any]]()
     variants = select_variants(results, label)
     for solver, own in group_by_solver(results.runs).items():
-        stands = [(p, h) for p in variants if (h := finest(p, solver, label)) is not None]
+        stands = [(p, h) for p in variants if (h := find_finest(p, solver, label)) is not None]
         heads = [h for _, h in stands]
         failures = [(p, c) for p, c in stands if not (c.is_success or c.is_unfinished)]
         out.append(
@@ -86,7 +86,7 @@ def standings(results: StoredResults) -> list[dict[str, Any]]:
     return out
 
 
-def finest(variant: Variant, solver: str, label: str) -> StoredRun | None:
+def find_finest(variant: Variant, solver: str, label: str) -> StoredRun | None:
     """Return a solver's run under ``label`` of smallest step or tolerance, then fewest options; None without one."""
     own = [c for c in variant.runs if c.record.solver == solver and c.record.label == label]
     return min(own, key=lambda c: c.finest_first, default=None)
@@ -103,6 +103,6 @@ def _describe_finer(variant: Variant, run: StoredRun) -> str:
 def name_unpredictable(results: StoredResults) -> str:
     """Name the problems of the plain comparison whose errors are judged over a part of the time only."""
     variants = select_variants(results, find_plain_label(results))
-    found = [(p, m.until) for p in variants if (m := measure_for(p.runs)) and m.until is not None]
+    found = [(p, m.until) for p in variants if (m := choose_measure(p.runs)) and m.until is not None]
     parts = [f"{p.title} to {until:.2g} of {max(c.record.t_end_s for c in p.runs):g} s" for p, until in found]
     return f"Errors are judged while the motion is predictable: {join_words(parts)}." if parts else ""

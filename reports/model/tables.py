@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...harness.confined_paths import ConfinedPath
-from ...harness.results.records import cpu_range
+from ...harness.results.records import find_cpu_range
 from ...harness.results.shadows import SYMPLECTIC
-from ...harness.results.words import judged_error
+from ...harness.results.words import select_judged_error
 from . import words
-from .accuracy import energy_kind, measure_for
+from .accuracy import choose_measure, energy_kind
 from .results import StoredRun, Variant, group_by_solver
 from .words import BELOW_CLOCK, NONE, format_cpu_time, mark_status
 
@@ -43,7 +43,7 @@ LATEX = {
 
 def _spread(c: StoredRun) -> Value:
     """Format the quartiles of the CPU times [s] and the number of repeats; a dash for a single timing."""
-    low, high = map(format_cpu_time, cpu_range(c.record))
+    low, high = map(format_cpu_time, find_cpu_range(c.record))
     return f"{low} to {high} ({c.record.repeats})" if c.record.repeats > 1 else NONE
 
 
@@ -75,7 +75,7 @@ class PageColumn:
         if self.record:
             return getattr(run.record, self.record)
         if self.error:
-            return judged_error(run.record, self.error, self.unit)
+            return select_judged_error(run.record, self.error, self.unit)
         if self.nearest:
             value: float | None = getattr(run.nearest, self.nearest, None)
             return math.nan if value is None else value
@@ -99,7 +99,7 @@ COLUMNS = tuple(PageColumn(key, **given) for key, given in tomllib.loads(TEXT).i
 
 def list_printed_columns(runs: Sequence[StoredRun]) -> Sequence[PageColumn]:
     """Return the columns of a printed table; of position and orientation error only the one that judges the runs."""
-    measure = measure_for(runs)
+    measure = choose_measure(runs)
     other = "position_error" if measure and measure.unit == "rad" else "orientation_error"
     return [c for c in COLUMNS if c.latex and c.key != other]
 
@@ -141,7 +141,7 @@ def format_as_latex(title: str, runs: Sequence[StoredRun]) -> str:
 
     A failed run keeps its row and states how it ended.
     """
-    columns, measure = list_printed_columns(runs), measure_for(runs)
+    columns, measure = list_printed_columns(runs), choose_measure(runs)
     kinds = "".join(WRAPPED.get(c.key, "r") for c in columns)
     out = [" & ".join(c.latex for c in columns) + r" \\", r"\midrule"]
     for solver, own in group_by_solver(runs).items():
@@ -152,7 +152,7 @@ def format_as_latex(title: str, runs: Sequence[StoredRun]) -> str:
             out.append(" & ".join(words) + r" \\")
     until = "" if measure is None or measure.until is None else f", errors up to {measure.until:.4g} s"
     start = [
-        f"% {_one_line(title)}{until}",
+        f"% {_join_lines(title)}{until}",
         r"% needs \usepackage{booktabs,array}",
         r"{\footnotesize\setlength{\tabcolsep}{2pt}%",
         rf"\begin{{tabular}}{{@{{}}{kinds}@{{}}}}",
@@ -163,7 +163,7 @@ def format_as_latex(title: str, runs: Sequence[StoredRun]) -> str:
 
 def latex_text(text: str) -> str:
     """Escape text for LaTeX."""
-    return "".join(LATEX.get(c, c) for c in _one_line(text))
+    return "".join(LATEX.get(c, c) for c in _join_lines(text))
 
 
 def latex_number(value: float, shown: str) -> str:
@@ -181,6 +181,6 @@ def latex_number(value: float, shown: str) -> str:
     return f"${plain}$"
 
 
-def _one_line(text: str) -> str:
+def _join_lines(text: str) -> str:
     """Return the text with each stretch of blanks and line ends replaced by one blank."""
     return " ".join(text.split())

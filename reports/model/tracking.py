@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ...harness.results.words import at_least, format_accurate_times
+from ...harness.results.words import format_accurate_times, is_lower_bound
 from ...harness.types import ACCURATE
 from .results import StoredRun, Variant, group_by_solver
 
@@ -27,7 +27,7 @@ class TrackingTime:
     known: float  # [s] simulated time that the reference covers
 
 
-def list_followed(variant: Variant) -> Sequence[TrackingTime]:
+def list_tracking_times(variant: Variant) -> Sequence[TrackingTime]:
     """Return the tracking time of each solver's finest settings, the longest first; empty without a reference."""
     out = []
     for own in group_by_solver(variant.runs).values():
@@ -39,6 +39,6 @@ def list_followed(variant: Variant) -> Sequence[TrackingTime]:
             ends = [100.0 * min(getattr(r, name) / known_to, 1.0) for name in reversed(ACCURATE)]
             widths = [end - begin for begin, end in zip([0.0, *ends], ends, strict=False)]
             shades = tuple(zip(reversed(SHADES), widths, strict=True))
-            whole = at_least(r, until) or until >= WHOLE * known_to
+            whole = is_lower_bound(r, until) or until >= WHOLE * known_to
             out.append(TrackingTime(run, until, whole, shades, ", ".join(format_accurate_times(r)), known_to))
     return sorted(out, key=lambda f: (-f.until, f.run.record.solver))

@@ -14,12 +14,12 @@ SAME_MOTION = tuple(p.name for p in PRESENTATIONS if p.undone)
 OTHER_PARAMETERS = "other end times, sizes and releases"
 
 
-def presentation(variant: Variant) -> str:
+def describe_presentation(variant: Variant) -> str:
     """Describe how a variant presents its problem (mirrored, perturbed, ...); empty if as in the problem's file."""
     return next((words for key, words in PRESENTED.items() if key in variant.runs[0].parameters), "")
 
 
-def same_motion(variant: Variant) -> bool:
+def has_same_motion(variant: Variant) -> bool:
     """Return whether a variant has the motion of another one, since its presentation is undone before measuring."""
     return any(key in variant.runs[0].parameters for key in SAME_MOTION)
 
@@ -33,7 +33,7 @@ def find_plain_label(results: StoredResults) -> str:
     for name in HEADLINE:
         if name in labels:
             return name
-    plain = [p for p in results.variants if not presentation(p)]
+    plain = [p for p in results.variants if not describe_presentation(p)]
     pairs = {(c.record.label, p.title, c.record.solver) for p in plain for c in p.runs}
     count = Counter(label for label, _, _ in pairs)
     return max(labels, key=count.__getitem__, default="")
@@ -43,14 +43,16 @@ def select_variants(results: StoredResults, label: str) -> tuple[Variant, ...]:
     """Return the variants with runs under ``label``; for a problem without any, all its unpresented variants."""
     own = {p.title: p for p in results.variants if any(c.record.label == label for c in p.runs)}
     there = {p.problem for p in own.values()}
-    return tuple(p for p in results.variants if p.title in own or (p.problem not in there and not presentation(p)))
+    return tuple(
+        p for p in results.variants if p.title in own or (p.problem not in there and not describe_presentation(p))
+    )
 
 
 def variant_groups(results: StoredResults, label: str) -> dict[str, list[Variant]]:
     """Group the variants outside the plain comparison by how they differ; other times and sizes come first."""
     here = {p.title for p in select_variants(results, label)}
     others = [p for p in results.variants if p.title not in here]
-    apart = group_by(others, lambda p: presentation(p) or OTHER_PARAMETERS)
+    apart = group_by(others, lambda p: describe_presentation(p) or OTHER_PARAMETERS)
     return {words: apart[words] for words in (OTHER_PARAMETERS, *PRESENTED.values()) if words in apart}
 
 
@@ -60,7 +62,7 @@ def group_by_label(variant: Variant, label: str) -> dict[str, tuple[StoredRun, .
     return {k: found[k] for k in sorted(found, key=lambda name: name != label)}
 
 
-def mechanisms(results: StoredResults) -> str:
+def format_problem_counts(results: StoredResults) -> str:
     """Format the number of problems and how many of them have a known exact motion."""
     known = {c.record.problem for c in results.runs if c.record.reference}
     count = len({c.record.problem for c in results.runs})

@@ -38,11 +38,11 @@ from ...harness.files import FileError
 from ...harness.results.judgements import files
 from ...harness.results.judgements.files import PUBLISHED, File, read_judgement
 from ..model.accuracy import energy_kind
-from ..model.frontier import Frontier, frontiers
-from ..model.results import StoredResults, StoredRun, Variant, group_by, packages, slug, stamp
+from ..model.frontier import Frontier, find_frontiers
+from ..model.results import StoredResults, StoredRun, Variant, format_stamp, group_by, list_recorded_packages, make_slug
 from ..model.scores import score
-from ..plots.browser import bundle, script, shorten_plots
-from ..plots.spec import LineStyle, Plot, choose_styles, families
+from ..plots.browser import format_bundle, format_script, shorten_plots
+from ..plots.spec import LineStyle, Plot, choose_styles, group_by_family
 from ..rendering import FOLDER, render
 
 ASSETS = FOLDER / "assets"
@@ -110,19 +110,19 @@ class Site:
             own = [self.bundle(name, shorten_plots(plots, self.looks))] if plots else []
             scripts = [*own, *([f"data/{borrowed}.js"] if borrowed else []), *PLOTTING, *scripts]
             values["plots_data"] = name
-        self.take({page.file: (page, template, {"scripts": scripts, "plots": list(plots), **values})})
+        self.add_pages({page.file: (page, template, {"scripts": scripts, "plots": list(plots), **values})})
         return page
 
-    def take(self, pages: Pending) -> None:
+    def add_pages(self, pages: Pending) -> None:
         """Add pages to be rendered; raise ValueError if two have the same file."""
         for file in pages.keys() & self.pending.keys():
             raise ValueError(f"two pages want to be {file}: {self.pending[file][0].title}, {pages[file][0].title}")
         self.pending |= pages
 
-    def data(self, name: str, value: Any, form: Callable[[str, Any], str] = script) -> str:
+    def data(self, name: str, value: Any, form: Callable[[str, Any], str] = format_script) -> str:
         """Write ``data/<name>.js`` at once and return its path, to be listed in ``scripts``.
 
-        ``form`` makes the script from name and value: plain or, for ``bundle``, deflated.
+        ``form`` makes the script from name and value: plain or, for ``format_bundle``, deflated.
         """
         (self.folder / "data" / f"{name}.js").write(form(name, value), durable=False)
         return f"data/{name}.js"
@@ -132,7 +132,7 @@ class Site:
 
         ``MBS.unpack`` reads it in a page, and ``MBS.numbers`` makes its arrays lists.
         """
-        return self.data(name, value, bundle)
+        return self.data(name, value, format_bundle)
 
     def url(self, about: StoredRun | Variant | str) -> str:
         """Return the address of the page of a run, a variant or a solver, from the report folder."""
@@ -145,7 +145,7 @@ class Site:
     @cached_property
     def frontiers(self) -> list[Frontier]:
         """The cheapest solvers for every error on every problem."""
-        return frontiers(self.results)
+        return find_frontiers(self.results)
 
     @cached_property
     def looks(self) -> dict[str, LineStyle]:
@@ -170,7 +170,7 @@ class Site:
     def _solver_urls(self) -> Mapping[str, str]:
         """The address of the page of each solver, by name."""
         taken: set[str] = set()
-        return {name: f"solver-{slug(name, taken)}.html" for name in self.results.solvers}
+        return {name: f"solver-{make_slug(name, taken)}.html" for name in self.results.solvers}
 
     def _shared_values(self) -> dict[str, Any]:
         """Return the values and functions that every template may use."""
@@ -182,17 +182,17 @@ class Site:
             "url": self.url,
             "exists": self.pending.__contains__,
             "run_title": results.environment.get("results_folder") or results.folder.name,
-            "stamp": stamp(results),
-            "packages": packages(results),
+            "stamp": format_stamp(results),
+            "packages": list_recorded_packages(results),
             "energy_kind": energy_kind,
             "score_of": score,
             "slug_of": lambda run: slugs[run.variant],
             "related": lambda about: related.get(about, []),
-            "families": families(self.looks),
+            "families": group_by_family(self.looks),
         }
 
 
-def writers() -> list[ModuleType]:
+def load_page_modules() -> list[ModuleType]:
     """Return the page modules in the order of their calls: smallest ``RANK`` first (0 without one), then by name."""
     found = pkgutil.walk_packages([str(FOLDER / "pages")], f"{__package__}.")
     modules = [m for m in (importlib.import_module(m.name) for m in found) if hasattr(m, "write")]
@@ -201,20 +201,20 @@ def writers() -> list[ModuleType]:
 
 def write_pages(site: Site) -> None:
     """Call every page module, which adds its pages to the site; those marked ``APART`` in a second process."""
-    apart = {m.__name__: getattr(m, "APART", False) for m in writers()}
+    apart = {m.__name__: getattr(m, "APART", False) for m in load_page_modules()}
     with ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as pool:
         untouched = pickle.dumps(site)  # pickled here: the pool's thread would pickle while pages are added
-        beside = pool.submit(_write_apart, [m for m in apart if apart[m]], untouched)
-        _write_some([m for m in apart if not apart[m]], site)
-        site.take(beside.result())
+        beside = pool.submit(_call_in_process, [m for m in apart if apart[m]], untouched)
+        _call_modules([m for m in apart if not apart[m]], site)
+        site.add_pages(beside.result())
 
 
-def _write_apart(modules: Sequence[str], untouched: bytes) -> Pending:
+def _call_in_process(modules: Sequence[str], untouched: bytes) -> Pending:
     """Call these page modules with a copy of the site, in another process; return the pages that they added."""
-    return _write_some(modules, pickle.loads(untouched))
+    return _call_modules(modules, pickle.loads(untouched))
 
 
-def _write_some(modules: Sequence[str], site: Site) -> Pending:
+def _call_modules(modules: Sequence[str], site: Site) -> Pending:
     """Call these page modules, which add their pages to the site; return all pages of the site."""
     for name in modules:
         importlib.import_module(name).write(site.results, site)
@@ -242,17 +242,17 @@ def read_judged_or_published(results: Path, file: File[T]) -> JudgementFile[T]:
     broken = own.found is None and (ConfinedPath(results) / files.FOLDER / f"{file.name}.json").is_there()
     if own.found or broken:
         return own
-    kept = read_or_why(PUBLISHED, file, f"{JUDGE} --publish")
+    kept = read_or_explain(PUBLISHED, file, f"{JUDGE} --publish")
     why = own.why or "These results hold no runs to judge it from."
     return JudgementFile(kept.found, published=why) if kept.found else own
 
 
 def read_judged(results: Path, file: File[T]) -> JudgementFile[T]:
     """Read ``judgement/<name>.json`` of a results folder, or explain why it cannot be read."""
-    return read_or_why(ConfinedPath(results) / files.FOLDER, file, f"{JUDGE} {results.name}")
+    return read_or_explain(ConfinedPath(results) / files.FOLDER, file, f"{JUDGE} {results.name}")
 
 
-def read_or_why(folder: ConfinedPath, file: File[T], command: str) -> JudgementFile[T]:
+def read_or_explain(folder: ConfinedPath, file: File[T], command: str) -> JudgementFile[T]:
     """Read a judgement in ``folder``, or explain why there is none and name the ``command`` that creates it."""
     try:
         return JudgementFile(read_judgement(file, folder))

@@ -12,9 +12,9 @@ from ...harness.results.comparison import METRICS, Change, Likeness, compare, is
 from ...harness.results.judgements.claims import ClaimVerdict, JudgedClaim
 from ...harness.results.judgements.files import CLAIMS
 from ...harness.results.provenance import find_differences, read_environment
-from ...harness.results.records import RunRecord, cpu_range
+from ...harness.results.records import RunRecord, find_cpu_range
 from ..model.curves import find_maxima
-from ..model.results import StoredResults, StoredRun, group_by, read_results, slug
+from ..model.results import StoredResults, StoredRun, group_by, make_slug, read_results
 from ..model.words import mark_status, number
 from ..plots.spec import Axis, Plot, Trace
 from .base import Page, Site, address_run, copy_assets, read_judged
@@ -80,10 +80,10 @@ class RankedChange:
     others: tuple["RankedChange", ...] = ()  # smaller changes of the same kind in the same run
 
 
-def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[RankedChange]:
+def list_changed_statuses(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[RankedChange]:
     """Return a change for each run whose status differs; runs that became worse come first."""
     out = []
-    for a, b in pairs(before, after):
+    for a, b in pair_runs(before, after):
         if a.status != b.status:
             (then, old), (now, new) = (
                 (m, BETTER.index(m.kind)) for m in (mark_status(a.status), mark_status(b.status))
@@ -96,7 +96,7 @@ def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
     return sort_worst_first(out)
 
 
-def claims(before: Sequence[JudgedClaim], after: Sequence[JudgedClaim]) -> list[RankedChange]:
+def list_changed_claims(before: Sequence[JudgedClaim], after: Sequence[JudgedClaim]) -> list[RankedChange]:
     """Return a change for each verdict on a claim that differs."""
     then = {c.id: c for c in before}
     out = []
@@ -126,14 +126,14 @@ def list_changed_physics(before: Sequence[RunRecord], after: Sequence[RunRecord]
 
     Changes are weighed by the problem's scale.
     """
-    found = (_rank_physics(a, b, c) for a, b, c in _changes(before, after) if c.metric in PHYSICS)
+    found = (_rank_physics(a, b, c) for a, b, c in _list_changed_numbers(before, after) if c.metric in PHYSICS)
     return gather_by_run([r for r in found if r])
 
 
 def list_changed_work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[RankedChange]:
     """Return one change per run whose steps or evaluations differ, the largest ratio first."""
     out = []
-    for a, _, c in _changes(before, after):
+    for a, _, c in _list_changed_numbers(before, after):
         if c.metric in WORK and not isinstance(c.before, str) and not isinstance(c.after, str):
             x, y = c.before, c.after
             ratio = y / x if x > 0.0 else math.inf if y > 0.0 else 1.0
@@ -155,12 +155,12 @@ def list_changed_work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -
     return gather_by_run(out)
 
 
-def timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[RankedChange]:
+def list_changed_timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[RankedChange]:
     """Return a change for each CPU time that differs by more than its spreads and the factor ``SPREAD``."""
     out = []
-    for a, b in pairs(before, after):
+    for a, b in pair_runs(before, after):
         x, y = a.cpu_median_s, b.cpu_median_s
-        (a_low, a_high), (b_low, b_high) = cpu_range(a), cpu_range(b)
+        (a_low, a_high), (b_low, b_high) = find_cpu_range(a), find_cpu_range(b)
         separate = a_high < b_low or b_high < a_low
         if x > 0.0 and y > 0.0 and separate and max(x / y, y / x) > SPREAD:
             out.append(
@@ -179,7 +179,7 @@ def timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
     return sort_worst_first(out)
 
 
-def pairs(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord]]:
+def pair_runs(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord]]:
     """Return the records before and after of each run that both results have, matched by their settings."""
     there = {r.settings_id: r for r in after}
     return [(r, there[r.settings_id]) for r in before if r.settings_id in there]
@@ -201,7 +201,7 @@ def find_unmeasured(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> 
 
     They show that other quantities were measured, not that motions changed.
     """
-    both = pairs(before, after)
+    both = pair_runs(before, after)
     none = [{m for m in METRICS if all(math.isnan(float(getattr(p[k], m))) for p in both)} for k in (0, 1)]
     return none[0] - none[1], none[1] - none[0]
 
@@ -211,11 +211,13 @@ def format_ratio(ratio: float) -> str:
     return f"{number(ratio)} times" if math.isfinite(ratio) and ratio > 0.0 else "–"
 
 
-def _changes(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord, Change]]:
+def _list_changed_numbers(
+    before: Sequence[RunRecord], after: Sequence[RunRecord]
+) -> list[tuple[RunRecord, RunRecord, Change]]:
     """Return the changes of numbers beyond rounding, each with the two records."""
     out = []
     unknown = set.union(*find_unmeasured(before, after))
-    for a, b in pairs(before, after):
+    for a, b in pair_runs(before, after):
         found = compare([a], [b]).changes
         out += [(a, b, c) for c in found if c.likeness is Likeness.CHANGED and c.metric not in {"status", *unknown}]
     return out
@@ -263,7 +265,7 @@ def write_compare(a: Path, b: Path, folder: ConfinedPath) -> Path:
 def write_page(a: StoredResults, b: StoredResults, site: Site) -> Page:
     """Add the page that compares two results to the site, and return it."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
-    found, parts = compare(before, after), changes(a, b)
+    found, parts = compare(before, after), list_changes(a, b)
     unmeasured = find_unmeasured(before, after)
     known = [c for c in found.changes if c.metric not in set.union(*unmeasured)]
     touched, changed = {c.case for c in known}, {c.case for c in known if c.likeness is Likeness.CHANGED}
@@ -272,7 +274,7 @@ def write_page(a: StoredResults, b: StoredResults, site: Site) -> Page:
         Page("Comparison", "compare.html", nav=True, order=90),
         "compare.html",
         scripts=["assets/judgement.js"],
-        plots=overlays(a, b, parts),
+        plots=plot_overlays(a, b, parts),
         parts=parts,
         found=found,
         touched=touched,
@@ -288,21 +290,21 @@ def write_page(a: StoredResults, b: StoredResults, site: Site) -> Page:
     )
 
 
-def changes(a: StoredResults, b: StoredResults) -> dict[Rank, list[RankedChange]]:
+def list_changes(a: StoredResults, b: StoredResults) -> dict[Rank, list[RankedChange]]:
     """Return the changes from ``a`` to ``b`` by rank, the most important first; ranks without a change are left out."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
     verdicts = (read_judged(results.folder, CLAIMS).found or () for results in (a, b))
     rows = [
-        *endings(before, after),
-        *claims(*verdicts),
+        *list_changed_statuses(before, after),
+        *list_changed_claims(*verdicts),
         *list_changed_physics(before, after),
         *list_changed_work(before, after),
-        *timings(before, after),
+        *list_changed_timings(before, after),
     ]
     return group_by(rows, lambda r: r.rank)
 
 
-def overlays(a: StoredResults, b: StoredResults, parts: Mapping[Rank, Sequence[RankedChange]]) -> list[Plot]:
+def plot_overlays(a: StoredResults, b: StoredResults, parts: Mapping[Rank, Sequence[RankedChange]]) -> list[Plot]:
     """Plot the energy errors of both runs where status or motion changed, the most important ``OVERLAYS`` of them."""
     runs = [results.by_settings for results in (a, b)]
     wanted = dict.fromkeys(r.settings_id for rank in (Rank.ENDING, Rank.PHYSICS) for r in parts.get(rank, ()))
@@ -314,7 +316,7 @@ def overlays(a: StoredResults, b: StoredResults, parts: Mapping[Rank, Sequence[R
         if traces:
             title = runs[1][settings].record.case
             axes = Axis("time", "s"), Axis("|energy error|", "J", log=True)
-            plots.append(Plot(f"energy-{slug(title, taken)}", title, "", *axes, traces))
+            plots.append(Plot(f"energy-{make_slug(title, taken)}", title, "", *axes, traces))
         if len(plots) == OVERLAYS:
             break
     return plots

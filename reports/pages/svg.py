@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from ..mechanism.segments import Picture
 from ..model.words import format_decade, number
-from ..rendering import environment
+from ..rendering import make_environment
 
 BADGE = {"good": "#1a7044", "wrong": "#b3123a", "failed": "#8f4500", "refused": "#4d5a8f"}
 LETTER = 7.0  # [px] largest width of a letter
@@ -38,7 +38,7 @@ class Scale:
         return self.start + share * (self.end - self.start)
 
 
-def scale_for(values: Sequence[float], start: float, end: float, *, log: bool | None = None) -> Scale:
+def choose_scale(values: Sequence[float], start: float, end: float, *, log: bool | None = None) -> Scale:
     """Return a scale from ``start`` to ``end`` [px] for all values with a margin.
 
     It is logarithmic if the values are far apart and none is negative, unless ``log`` decides.
@@ -55,13 +55,15 @@ def scale_for(values: Sequence[float], start: float, end: float, *, log: bool | 
     return Scale(low - room, high + room, start, end)
 
 
-def number_line(measured: float, low: float, high: float, unit: str, kind: str, spread: Sequence[float] = ()) -> Markup:
+def draw_number_line(
+    measured: float, low: float, high: float, unit: str, kind: str, spread: Sequence[float] = ()
+) -> Markup:
     """Draw the measured number against its band, with its spread over all settings; open ends extend to the edge.
 
     ``kind`` is that of the mark which colours the number.
     """
     around = [v for v in spread if math.isfinite(v)]
-    at = scale_for([measured, low, high, *around], 8.0, 232.0)
+    at = choose_scale([measured, low, high, *around], 8.0, 232.0)
     if not at.log and low == 0.0 and min((measured, *around)) >= 0.0:
         at = replace(at, low=0.0)
     return _draw("number_line", describe_bar(measured, low, high, unit), at, measured, low, high, around, kind)
@@ -80,10 +82,10 @@ def describe_bar(measured: float, low: float, high: float, unit: str) -> str:
     return f"measured {value}; band {band}"
 
 
-def panel(title: str, unit: str, values: Sequence[float], colour: str, *, star: bool) -> Markup:
+def draw_panel(title: str, unit: str, values: Sequence[float], colour: str, *, star: bool) -> Markup:
     """Draw values on a logarithmic axis over steps counted from the last, with a star if the run stopped there."""
     first, sizes = len(values) - 1, [abs(v) for v in values]
-    x, y = Scale(-float(first), 0.0, 46.0, 248.0), scale_for(sizes, 92.0, 18.0, log=True)
+    x, y = Scale(-float(first), 0.0, 46.0, 248.0), choose_scale(sizes, 92.0, 18.0, log=True)
     dots = [(x(k - first), y(v)) for k, v in enumerate(sizes) if math.isfinite(v)]
     finite = [number(v) for v in sizes if math.isfinite(v)]
     change = f" over the last {first} steps: from {finite[0]} to {finite[-1]} {unit}" if finite else ": no number"
@@ -103,7 +105,7 @@ def choose_ticks(low: float, high: float) -> list[float]:
     return [v for v in fine if low <= v <= high][:4]
 
 
-def badge(name: str, facts: Sequence[tuple[str, str, str]]) -> Markup:
+def draw_badge(name: str, facts: Sequence[tuple[str, str, str]]) -> Markup:
     """Draw a stand-alone badge for a README: the name and its facts, with colours that need no style sheet."""
     x, parts = LETTER * len(name) + 20.0, [(0.0, LETTER * len(name) + 20.0, "", name)]
     for a, b, kind in facts:
@@ -113,7 +115,7 @@ def badge(name: str, facts: Sequence[tuple[str, str, str]]) -> Markup:
     return _draw("badge", "; ".join(said for *_, said in parts), x, parts)
 
 
-def sketch(p: Picture, words: str) -> Markup:
+def draw_sketch(p: Picture, words: str) -> Markup:
     """Draw a mechanism at its start: bodies, joints, supports, arrows for the axes and gravity, and names."""
     at = _fit_to_page(np.concatenate([p.lines.reshape(-1, 2), p.ground.reshape(-1, 2)]), 420.0, 300.0, 46.0)
     ways = [(name, 26.0 * float(way[0]), -26.0 * float(way[1])) for name, way in p.arrows]
@@ -123,7 +125,7 @@ def sketch(p: Picture, words: str) -> Markup:
     return _draw("sketch", words, at(p.lines), at(p.joints), at(p.ground), ways, placed)
 
 
-def snapshot(lines: np.ndarray, exact: np.ndarray | None, ground: np.ndarray, words: str) -> Markup:
+def draw_snapshot(lines: np.ndarray, exact: np.ndarray | None, ground: np.ndarray, words: str) -> Markup:
     """Draw a mechanism at one time (x right, y up, any unit) over the exact one in black."""
     known = lines if exact is None else exact
     seen = np.concatenate([known.reshape(-1, 2), ground.reshape(-1, 2)])
@@ -135,7 +137,7 @@ def snapshot(lines: np.ndarray, exact: np.ndarray | None, ground: np.ndarray, wo
     return _draw("snapshot", words, [*layers, ("run", at(own))])
 
 
-def ticks_on(dots: Sequence[tuple[float, str, str, str]], whole: int, words: str) -> Markup:
+def draw_tracking(dots: Sequence[tuple[float, str, str, str]], whole: int, words: str) -> Markup:
     """Draw a dot for each fraction of a line, with its name if there is room, and the count that reaches the end.
 
     ``dots`` hold fraction, colour, words and name; ``whole`` is the count, ``words`` describe the picture.
@@ -167,4 +169,4 @@ def _place_name(at: np.ndarray, name: str, ink: np.ndarray) -> tuple[float, floa
 
 def _draw(macro: str, *values: object) -> Markup:
     """Render a macro of the template ``drawings.html``, with numbers to a tenth of a pixel."""
-    return getattr(environment().get_template("drawings.html").module, macro)(*values)
+    return getattr(make_environment().get_template("drawings.html").module, macro)(*values)

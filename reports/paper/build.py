@@ -19,24 +19,24 @@ from ..plots.paper import (
     SINGLE,
     SUFFIXES,
     Legend,
-    label,
+    draw_panel,
+    format_label,
     note_size,
-    panel,
     save,
     set_limits,
     sheet,
     strip_math,
 )
 from ..plots.spec import LineStyle, Plot, Trace, choose_styles
-from .captions import FOLDER, Caption, caption, write
+from .captions import FOLDER, Caption, caption, write_captions
 from .catalogue import FIGURES, Panel, PaperFigure, Sketch
-from .lines import PaperLine, RequestedRun, choose, list_records, make_plot
+from .lines import PaperLine, RequestedRun, list_records, make_plot, match_runs
 from .sketch import draw_sketch
 
 COLUMNS = 12
 
 
-def command(
+def draw_figures(
     folder: Path,
     only: Sequence[str],
     specs: Sequence[RequestedRun],
@@ -59,7 +59,7 @@ def command(
         missing = sum(not c.run_id for c in out[-1].runs)
         words = f" ({missing} of {len(out[-1].runs)} runs missing)" if missing else ""
         tell(f"{figure.name}: {figure.title}{words}")
-    write(results.folder, results.environment, out, names)
+    write_captions(results.folder, results.environment, out, names)
     return out
 
 
@@ -71,7 +71,7 @@ def draw_figure(
     font: Font = DEFAULT_FONT,
 ) -> Caption:
     """Draw one figure into the results folder and return its caption."""
-    lines = choose(figure.picks, specs, results.runs, results.readable_series)
+    lines = match_runs(figure.picks, specs, results.runs, results.readable_series)
     own = choose_styles({*results.solvers, *(k.asked.solver for k in lines)})
     files = save(lambda: draw(figure, lines, own), ConfinedPath(results.folder) / FOLDER, figure.name, suffixes, font)
     return caption(figure, lines, results.folder, [p.name for p in files])
@@ -107,24 +107,24 @@ def draw(spec: PaperFigure, lines: Sequence[PaperLine], looks: Mapping[str, Line
                     words = fill(strip_math(f"{lines[0].words}{': no poses recorded' if lines[0].run else ''}"), 40)
                     ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center", color=MUTED)
             elif isinstance(plot, Plot):
-                panel(ax, plot, looks)
+                draw_panel(ax, plot, looks)
                 set_limits(ax, plot)
-                _frame(ax, part, plot, lines)
+                _label_panel(ax, part, plot, lines)
     legend.put(figure)
     return figure
 
 
-def _frame(ax: Axes, part: Panel, plot: Plot, lines: Sequence[PaperLine]) -> None:
+def _label_panel(ax: Axes, part: Panel, plot: Plot, lines: Sequence[PaperLine]) -> None:
     """Set the panel's labels and ticks, write its caption, and shade the band of allowed energy."""
-    ax.set_xlabel(label(plot.x))
-    ax.set_ylabel("" if part.continued else label(plot.y))
+    ax.set_xlabel(format_label(plot.x))
+    ax.set_ylabel("" if part.continued else format_label(plot.y))
     ax.tick_params(labelleft=not part.continued)
     ax.xaxis.set_major_locator(MaxNLocator(6 if part.width > 4 else 4, steps=[1, 2, 2.5, 5, 10]))
     ax.text(0.5, 0.6, plot.caption, transform=ax.transAxes, ha="center", color=MUTED)
     if not plot.y.log:
         ax.ticklabel_format(axis="y", useOffset=False)
     if part.band:
-        _band(ax, plot, lines)
+        _shade_allowed(ax, plot, lines)
     starts = [float(t.y[0]) for t in plot.traces if t.solver]
     for words, y in zip(part.labels, starts, strict=False):  # labels stand at the lines of the first run
         ax.annotate(
@@ -138,7 +138,7 @@ def _frame(ax: Axes, part: Panel, plot: Plot, lines: Sequence[PaperLine]) -> Non
         )
 
 
-def _band(ax: Axes, plot: Plot, lines: Sequence[PaperLine]) -> None:
+def _shade_allowed(ax: Axes, plot: Plot, lines: Sequence[PaperLine]) -> None:
     """Shade the energies that the benchmark allows; say so in words if that is wider than the axis."""
     record = next((r for r in list_records(lines) if r.energy_allowed_J > 0.0), None)
     if record is None:

@@ -88,7 +88,7 @@ class Captions(msgspec.Struct, frozen=True):
     figures: tuple[Caption, ...]
 
 
-def read(folder: Path) -> tuple[Caption, ...]:
+def read_captions(folder: Path) -> tuple[Caption, ...]:
     """Read the captions of figures drawn from the results in ``folder``; empty without a file of this format.
 
     Raise UnsafeFile for a link or a device in its place.
@@ -101,13 +101,13 @@ def read(folder: Path) -> tuple[Caption, ...]:
         return ()
 
 
-def write(folder: Path, environment: Any, made: list[Caption], order: list[str]) -> None:
+def write_captions(folder: Path, environment: Any, made: list[Caption], order: list[str]) -> None:
     """Write the captions ``made`` now together with those of figures drawn earlier.
 
     ``order`` are the names of all figures, in order.
     """
     new = {c.name for c in made}
-    every = [*(c for c in read(folder) if c.name in order and c.name not in new), *made]
+    every = [*(c for c in read_captions(folder) if c.name in order and c.name not in new), *made]
     figures = tuple(sorted(every, key=lambda c: order.index(c.name)))
     whole = Captions(str(environment.get("run") or folder.name), str(environment.get("commit", "")), figures)
     (ConfinedPath(folder) / FOLDER / FILE).write(to_json(whole, indent=1))
@@ -142,7 +142,7 @@ def caption(figure: PaperFigure, lines: Sequence[PaperLine], folder: Path, writt
 def _claim(c: JudgedClaim) -> CaptionClaim:
     """Return a judged claim in the words of the caption."""
     tests = tuple((claim_words.format_measured(t), claim_words.band(t)) for t in c.tests)
-    found = [(f.verdict, claim_words.condition_and_share(f)) if f else ("", "") for f in (c.paper, c.beyond)]
+    found = [(f.verdict, claim_words.format_condition_and_share(f)) if f else ("", "") for f in (c.paper, c.beyond)]
     return CaptionClaim(c.id, c.quote, c.claim, claim_words.describe_missing(c), tests, *found)
 
 

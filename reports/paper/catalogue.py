@@ -68,7 +68,7 @@ class PaperFigure:
         return [p for row in self.rows for p in row]
 
 
-def _read(given: dict[str, Any]) -> Iterator[PaperFigure]:
+def _read_figures(given: dict[str, Any]) -> Iterator[PaperFigure]:
     """Yield the figures of the file; of each number the printed one before the recommended one."""
     sketches = {name: Sketch(**v) for name, v in given["sketches"].items()}
     panels = {}
@@ -92,4 +92,4 @@ def _read(given: dict[str, Any]) -> Iterator[PaperFigure]:
                 yield PaperFigure(f["number"], label, f["section"], f["title"], picks, rows, words, height)
 
 
-FIGURES = tuple(_read(tomllib.loads((Path(__file__).parent / "figures.toml").read_text(encoding="utf-8"))))
+FIGURES = tuple(_read_figures(tomllib.loads((Path(__file__).parent / "figures.toml").read_text(encoding="utf-8"))))

@@ -12,11 +12,11 @@ import numpy as np
 from ...harness.results.records import RunRecord
 from ...harness.results.series import Series
 from ...harness.types import StepControl
-from ..model.curves import Curve, find_maxima, log_limits, signed_curve
+from ..model.curves import Curve, find_extrema, find_maxima, log_limits
 from ..model.results import StoredRun, format_name, group_by
 from ..model.words import number
 from ..plots.laws import value_limits
-from ..plots.lines import all_lines, describe_end, shared_options
+from ..plots.lines import describe_end, find_shared_options, make_lines
 from ..plots.spec import Axis, Plot, Trace, choose_end_mark
 from .catalogue import FIGURES, Panel, PaperFigure, RunSelection
 
@@ -83,7 +83,7 @@ class PaperLine:
         return f"{words}{describe_end(self.run)}"
 
 
-def choose(
+def match_runs(
     picks: Iterable[RunSelection],
     specs: Iterable[RequestedRun],
     runs: Iterable[StoredRun],
@@ -98,7 +98,7 @@ def choose(
     there = {r.record.settings_id: r for r in sorted(runs, key=lambda r: r.record.finished)}
     found = [(s, there.get(s.settings_id)) for s in asked]
     drawn = [run for _, run in found if run]
-    dash = {k.run.record.run_id: k.dash for k in all_lines(drawn, shared_options(drawn))}
+    dash = {k.run.record.run_id: k.dash for k in make_lines(drawn, find_shared_options(drawn))}
     series = {run.record.run_id: read(run) for run in drawn}
     lines = [(s, run, _settings(s, asked), run.record.run_id if run else "") for s, run in found]
     return [PaperLine(s, run, words, series.get(name), dash.get(name, 0)) for s, run, words, name in lines]
@@ -114,7 +114,7 @@ def select_runs(pick: RunSelection, specs: Sequence[RequestedRun]) -> list[Reque
     return out
 
 
-def series_magnified(
+def find_magnified_series(
     specs: Sequence[RequestedRun], duration: Callable[[RequestedRun], float], figures: Iterable[PaperFigure] = FIGURES
 ) -> dict[str, set[str]]:
     """Return by settings_id the names of the series of which a panel draws less than half of the ``duration`` [s].
@@ -150,7 +150,7 @@ def select_lines(panel: Panel, lines: Sequence[PaperLine]) -> list[PaperLine]:
 
 def make_plot(panel: Panel, lines: Sequence[PaperLine]) -> Plot:
     """Return the plot of a panel without its letter; its caption notes values that the lines do not show."""
-    found = [(k, curve(k, name, panel)) for k in select_lines(panel, lines) for name in panel.of]
+    found = [(k, make_curve(k, name, panel)) for k in select_lines(panel, lines) for name in panel.of]
     made = [(k, c) for k, c in found if c is not None and len(c)]
     drawn, exact, known = [c for _, c in made], choose_exact(panel, lines), list_records(lines)
     units = {k.series.units.get(name, "") for k in lines if k.series is not None for name in panel.of}
@@ -166,11 +166,11 @@ def make_plot(panel: Panel, lines: Sequence[PaperLine]) -> Plot:
         traces.append(Trace("exact motion", exact.t, np.clip(exact.y, low, high)))
     room = 0.015 * (panel.window[1] - panel.window[0])
     time = Axis("t", "s", low=panel.window[0], high=panel.window[1] + room, symbol="t")
-    words = _remark(panel, drawn, (low, high), known, units)
+    words = _describe_hidden(panel, drawn, (low, high), known, units)
     return Plot(panel.title, panel.title, words, time, replace(panel.axis, low=low, high=high), traces)
 
 
-def curve(line: PaperLine, name: str, panel: Panel) -> Curve | None:
+def make_curve(line: PaperLine, name: str, panel: Panel) -> Curve | None:
     """Return a line's series ``name`` in the panel's window, reduced with its peaks kept; None if not recorded.
 
     On a logarithmic axis it holds magnitudes.
@@ -187,7 +187,7 @@ def clip_points(t: np.ndarray, a: np.ndarray, window: tuple[float, float], *, la
     """Return the points of the window and one beyond each edge; with ``largest`` the peaks of |a| only."""
     first = max(int(np.searchsorted(t, window[0])) - 1, 0)
     last = int(np.searchsorted(t, window[1], side="right")) + 1
-    kind = find_maxima if largest else signed_curve
+    kind = find_maxima if largest else find_extrema
     cut = kind(t[first:last] - window[0], a[first:last], window[1] - window[0])
     return Curve(cut.t + window[0], cut.y)
 
@@ -201,7 +201,7 @@ def choose_exact(panel: Panel, lines: Sequence[PaperLine]) -> Curve | None:
     return None if longest is None else clip_points(*longest, panel.window)
 
 
-def _remark(
+def _describe_hidden(
     panel: Panel, drawn: Sequence[Curve], limits: tuple[float, float], records: Sequence[RunRecord], units: set[str]
 ) -> str:
     """Describe what the lines do not show: rounding, values beyond the axis, or an unrecorded quantity."""

@@ -38,17 +38,17 @@ def draw_sketch(ax: Axes, p: Picture) -> None:
             annotation_clip=False,
             arrowprops={"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "color": MUTED},
         )
-        _write(ax, f"${name}$", ends[1], 8.0 * way, MUTED)
+        _write_words(ax, f"${name}$", ends[1], 8.0 * way, MUTED)
     for name, at in p.names if len(p.names) > 1 else ():  # outwards, where bars are few
-        _write(ax, strip_math(name), at, np.array([np.copysign(24.0, at[0] - 0.5 * (low + high)[0]), -6.0]), INK)
+        _write_words(ax, strip_math(name), at, np.array([np.copysign(24.0, at[0] - 0.5 * (low + high)[0]), -6.0]), INK)
 
 
-def _write(ax: Axes, words: str, at: np.ndarray, away: np.ndarray, colour: str) -> None:
-    """Write ``words`` into the drawing, at an offset ``away`` [pt] from the point ``at``."""
+def _write_words(ax: Axes, words: str, at: np.ndarray, offset: np.ndarray, colour: str) -> None:
+    """Write ``words`` into the drawing, at an offset ``offset`` [pt] from the point ``at``."""
     ax.annotate(
         words,
         at,
-        xytext=tuple(away),
+        xytext=tuple(offset),
         textcoords="offset points",
         ha="center",
         va="center",

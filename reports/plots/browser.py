@@ -23,15 +23,15 @@ LOG_STEP = 0.002  # step of a logarithmic axis: errors are at most a tenth of a 
 MOST_STEPS = 65534  # 0 is reserved for zeros
 
 
-def bundle(name: str, value: Any) -> str:
+def format_bundle(name: str, value: Any) -> str:
     """Return a script that sets ``window.MBS[name]`` to the deflated bundle of ``value``.
 
     Leaves of ``value`` may be arrays or ``Steps``.
     """
     parts = bytearray()
-    head = text(_leaves(value, parts)).encode("utf-8")
+    head = format_json(_pack_leaves(value, parts)).encode("utf-8")
     whole = len(head).to_bytes(4, "little") + head + parts
-    return script(name, {"packed": base64.b64encode(zlib.compress(whole, 6)).decode("ascii")})
+    return format_script(name, {"packed": base64.b64encode(zlib.compress(whole, 6)).decode("ascii")})
 
 
 class Steps:
@@ -65,7 +65,7 @@ class Steps:
         return np.where(v > 0.0, counts, 0).astype(np.int64), {"log": low, "step": step}
 
 
-def _leaves(value: Any, parts: bytearray) -> Any:
+def _pack_leaves(value: Any, parts: bytearray) -> Any:
     """Return ``value`` with each array replaced by its description; the array's bytes are appended to ``parts``."""
     if isinstance(value, Steps):
         counts, undo = value.count_steps()
@@ -74,9 +74,9 @@ def _leaves(value: Any, parts: bytearray) -> Any:
     if isinstance(value, np.ndarray):
         return _store_array(value, parts)
     if isinstance(value, Mapping):
-        return {str(k): _leaves(v, parts) for k, v in value.items()}
+        return {str(k): _pack_leaves(v, parts) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_leaves(v, parts) for v in value]
+        return [_pack_leaves(v, parts) for v in value]
     return value
 
 
@@ -99,12 +99,12 @@ def _store_array(array: np.ndarray, parts: bytearray) -> dict[str, Any]:
     return {"kind": kind, "at": at, "n": len(plain)}
 
 
-def script(name: str, value: Any) -> str:
+def format_script(name: str, value: Any) -> str:
     """Return a script that sets ``window.MBS[name]`` to ``value``, as JSON."""
-    return f"(window.MBS ||= {{}})[{json.dumps(name)}] = {text(value)};\n"
+    return f"(window.MBS ||= {{}})[{json.dumps(name)}] = {format_json(value)};\n"
 
 
-def text(value: Any) -> str:
+def format_json(value: Any) -> str:
     """Return ``value`` as strict JSON that is safe inside a script; NaN and infinities become null."""
     return to_json(value).replace("\u2028", "\\u2028").replace("\u2029", "\\u2029").replace("</", "<\\/")
 
@@ -118,9 +118,9 @@ def shorten_plots(plots: Sequence[Plot], looks: Mapping[str, LineStyle]) -> dict
     found = {
         p.name: {
             "title": p.finding or p.title,
-            "x": _axis(p.x),
-            "y": _axis(p.y),
-            "traces": [_trace(t, looks, p, texts) for t in p.traces],
+            "x": _list_axis_fields(p.x),
+            "y": _list_axis_fields(p.y),
+            "traces": [_list_trace_fields(t, looks, p, texts) for t in p.traces],
             "marks": {k: list(v) for k, v in p.marks.items()},
             "focus": list(p.focus),
             **({"triangles": [vars(t) for t in p.triangles]} if p.triangles else {}),
@@ -131,12 +131,14 @@ def shorten_plots(plots: Sequence[Plot], looks: Mapping[str, LineStyle]) -> dict
     return {"texts": list(texts), "plots": found}
 
 
-def _axis(axis: Axis) -> dict[str, Any]:
+def _list_axis_fields(axis: Axis) -> dict[str, Any]:
     """Return the fields of an axis that are set, without its symbol for print."""
     return {k: v for k, v in vars(axis).items() if v == v and v != "" and v is not False and k != "symbol"}
 
 
-def _trace(trace: Trace, looks: Mapping[str, LineStyle], plot: Plot, texts: dict[str, int]) -> dict[str, Any]:
+def _list_trace_fields(
+    trace: Trace, looks: Mapping[str, LineStyle], plot: Plot, texts: dict[str, int]
+) -> dict[str, Any]:
     """Return the fields of a trace that are set, with texts as their numbers in ``texts``, to which new ones are added.
 
     Curves of a plot whose time axis is linked to others are stored in steps.

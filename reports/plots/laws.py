@@ -13,7 +13,7 @@ from ..model.curves import SPANS_UPPER, Curve, find_range, log_limits
 from ..model.motion import MotionCurves, read_curves
 from ..model.results import StoredResults, StoredRun
 from ..model.words import number, time, unit
-from .lines import Line, all_lines, shared_options, traces
+from .lines import Line, find_shared_options, make_lines, make_traces
 from .spec import MOST, Axis, Chapter, Plot, Trace
 
 BLOWN_UP = 1e-9  # a reference below this fraction of the shown range is zero and gives no scale
@@ -62,7 +62,7 @@ class Drawing:
                 out.setdefault(name.removeprefix(kind), unit(m.units.get(name, "")))
         return out
 
-    def longest(self, name: str) -> Curve | None:
+    def find_longest(self, name: str) -> Curve | None:
         """Return the curve of that name that ends last among those of all runs; None if no run has it."""
         found = (m.curves[name] for m in self.motions.values() if name in m.curves)
         return max(found, key=lambda c: float(c.t[-1]), default=None)
@@ -72,7 +72,7 @@ class Drawing:
         found = ((line, self.motions[line.run.record.run_id].curves.get(name)) for line in lines)
         return [(line, c) for line, c in found if c is not None]
 
-    def extremes(self, name: str, until: float = math.inf) -> list[tuple[float, str]]:
+    def find_extremes(self, name: str, until: float = math.inf) -> list[tuple[float, str]]:
         """Return the smallest and largest peak up to ``until`` [s] of the solvers' finest runs, each with its solver.
 
         Runs under the drawing's label are compared if it has any; a single line gives one value.
@@ -85,12 +85,12 @@ class Drawing:
         ]
         return [min(found), max(found)][: len(found)] if found else []
 
-    def scale(self, column: str) -> float:
+    def find_scale(self, column: str) -> float:
         """Return the largest value of a column of the records over all runs of the problem; 1 if none has it."""
         values = [getattr(c.record, column) for c in self.runs]
         return max((v for v in values if v == v), default=1.0)
 
-    def log(
+    def plot_log(
         self,
         curve: str,
         name: str,
@@ -112,10 +112,10 @@ class Drawing:
         if drawn:
             low, high = log_limits([c for _, c in drawn], scale)
             high = max(high, *(3.0 * v for t in extra for v in t.reach), high)
-            own = traces(drawn, (0.0, high), low)
+            own = make_traces(drawn, (0.0, high), low)
             if not any(t.y.any() for t in own):
                 caption = f"Exactly zero throughout. {caption}"
-            found = self.extremes(curve, until)
+            found = self.find_extremes(curve, until)
             ends = " to ".join(f"{number(v)} {axis.unit} ({who})" for v, who in found)
             finding = f"{title} at the finest settings: {ends}"
             focus = tuple(dict.fromkeys([*(who for _, who in found), *self.focus]))[:MOST]
@@ -132,21 +132,21 @@ class Drawing:
             )
 
 
-def draw_runs(results: StoredResults, runs: Sequence[StoredRun], among: Sequence[StoredRun]) -> Drawing:
-    """Return the drawing with a line for each of ``runs``; ``among`` are all runs of the problem, for the scales."""
+def draw_runs(results: StoredResults, runs: Sequence[StoredRun], all_runs: Sequence[StoredRun]) -> Drawing:
+    """Return the drawing with a line for each of ``runs``; ``all_runs`` are all runs of the problem, for the scales."""
     motions = {c.record.run_id: read_curves(c, results.readable_series(c)) for c in runs}
-    return Drawing(among, all_lines(runs, shared_options(runs)), motions)
+    return Drawing(all_runs, make_lines(runs, find_shared_options(runs)), motions)
 
 
-def laws(d: Drawing) -> Chapter | None:
+def plot_laws(d: Drawing) -> Chapter | None:
     """Return the chapter with plots of energy error, |phi|, |phi_dot| and step; None if no run has any of them."""
-    energy, length = d.scale("energy_scale_J"), d.scale("length_scale_m")
-    limits = {law: limit([line.run for line in d.lines], law, d.axis.high) for law in LIMITS}
+    energy, length = d.find_scale("energy_scale_J"), d.find_scale("length_scale_m")
+    limits = {law: make_limit_line([line.run for line in d.lines], law, d.axis.high) for law in LIMITS}
     return _chapter(
         "Laws and step",
         "Quantities that the exact motion conserves, and the accepted steps.",
         [
-            *d.log(
+            *d.plot_log(
                 "energy_error",
                 "energy",
                 "Energy error",
@@ -156,7 +156,7 @@ def laws(d: Drawing) -> Chapter | None:
                 energy,
                 limits[Law.ENERGY],
             ),
-            *d.log(
+            *d.plot_log(
                 "phi_norm",
                 "phi",
                 "Constraints",
@@ -165,7 +165,7 @@ def laws(d: Drawing) -> Chapter | None:
                 length,
                 limits[Law.CONSTRAINT],
             ),
-            *d.log(
+            *d.plot_log(
                 "phi_dot_norm",
                 "phi-dot",
                 "Constraint rates",
@@ -174,7 +174,7 @@ def laws(d: Drawing) -> Chapter | None:
                 length,
                 limits[Law.CONSTRAINT_RATE],
             ),
-            *d.log(
+            *d.plot_log(
                 "dt",
                 "step",
                 "Step",
@@ -186,15 +186,17 @@ def laws(d: Drawing) -> Chapter | None:
     )
 
 
-def errors(d: Drawing) -> Chapter | None:
+def plot_errors(d: Drawing) -> Chapter | None:
     """Return the chapter with plots of the distance from the exact motion; None if no run has any of them."""
-    length, until, own = d.scale("length_scale_m"), find_judged_end(d.runs), d.longest("reference_own_error")
+    length, until, own = d.find_scale("length_scale_m"), find_judged_end(d.runs), d.find_longest("reference_own_error")
     floor = [] if own is None else [Trace("the reference's stated error", own.t, own.y, dash=2)]
     far = f"Worst body, {d.largest}, up to the end of the reference."
     known = d.known_axis, until or math.inf
     plots = [
-        *d.log("position_error", "position", "Position error", far, Axis("|r − r exact|", "m"), length, floor, *known),
-        *d.log(
+        *d.plot_log(
+            "position_error", "position", "Position error", far, Axis("|r − r exact|", "m"), length, floor, *known
+        ),
+        *d.plot_log(
             "orientation_error", "orientation", "Orientation error", far, Axis("∠(R, R exact)", "rad"), 1.0, (), *known
         ),
     ]
@@ -203,21 +205,21 @@ def errors(d: Drawing) -> Chapter | None:
         plots = [replace(p, marks={"judged up to here": [until]}) for p in plots]  # the plane needs no reference
         note += f" Errors are judged up to {time(until)} s (dotted line); beyond it the motion is chaotic."
     plane = "Worst body's distance from the plane that the exact motion stays in."
-    plots += d.log("out_of_plane", "plane", "Out of the plane", plane, Axis("distance", "m"), length)
+    plots += d.plot_log("out_of_plane", "plane", "Out of the plane", plane, Axis("distance", "m"), length)
     return _chapter("Errors against the reference", note, plots)
 
 
-def observables(d: Drawing) -> Chapter | None:
+def plot_observables(d: Drawing) -> Chapter | None:
     """Return the chapter with plots of each observable and its distance from the reference; None if there are none."""
     plots: list[Plot] = []
     for name, in_unit in d.find_curves("obs_").items():
-        exact, drawn = d.longest(f"ref_{name}"), d.match_lines(f"obs_{name}", d.lines)
+        exact, drawn = d.find_longest(f"ref_{name}"), d.match_lines(f"obs_{name}", d.lines)
         low, high = value_limits([c for _, c in drawn], exact)
         known = [] if exact is None else [Trace("reference", exact.t, exact.y, reach=find_range(exact, (low, high)))]
         caption = f"Smallest and largest of each span; {'the thin line is the' if known else 'there is no'} reference."
-        own = traces(drawn, (2 * low - high, 2 * high - low))
+        own = make_traces(drawn, (2 * low - high, 2 * high - low))
         axis = Axis(name, in_unit, low=low, high=high)
-        ends = (f"{number(v)} {in_unit} ({who})".replace("  ", " ") for v, who in d.extremes(f"away_{name}"))
+        ends = (f"{number(v)} {in_unit} ({who})".replace("  ", " ") for v, who in d.find_extremes(f"away_{name}"))
         off = " to ".join(ends)
         finding = f"{name} at the finest settings: off by {off}" if off else ""
         plots.append(
@@ -232,7 +234,7 @@ def observables(d: Drawing) -> Chapter | None:
                 finding=finding,
             )
         )
-        plots += d.log(
+        plots += d.plot_log(
             f"away_{name}",
             f"away-{name}",
             f"{name}: distance from the reference",
@@ -245,14 +247,14 @@ def observables(d: Drawing) -> Chapter | None:
     return _chapter("Observables", "Quantities that the problem defines for comparison.", plots)
 
 
-def invariants(d: Drawing) -> Chapter | None:
+def plot_invariants(d: Drawing) -> Chapter | None:
     """Return the chapter with plots of the departure of each invariant from its start; None without invariants."""
     plots: list[Plot] = []
     for name, in_unit in d.find_curves("inv_").items():
         starts = [abs(float(c.invariant_drifts.get(name, {}).get("start", 0.0))) for c in d.runs]
         size = max((s for s in starts if 0.0 < s < float("inf")), default=1.0)
         caption = f"Departure from the start ({number(size)} {in_unit}), {d.largest}."
-        plots += d.log(f"inv_{name}", f"inv-{name}", name, caption, Axis(f"|{name} − start|", in_unit), size)
+        plots += d.plot_log(f"inv_{name}", f"inv-{name}", name, caption, Axis(f"|{name} − start|", in_unit), size)
     return _chapter("Invariants", "Quantities beside energy that the exact motion conserves.", plots)
 
 
@@ -279,7 +281,7 @@ def value_limits(shown: Sequence[Curve], exact: Curve | None, reach: float = np.
     return low - margin, high + margin
 
 
-def limit(runs: Sequence[StoredRun], law: Law, end: float) -> list[Trace]:
+def make_limit_line(runs: Sequence[StoredRun], law: Law, end: float) -> list[Trace]:
     """Return the line from 0 to ``end`` that the errors of ``runs`` must not cross; none if the law judges no run.
 
     Each run is judged by its own size: if limits differ, the least is drawn and named so.

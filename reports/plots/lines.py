@@ -27,20 +27,20 @@ class Line:
     who: str = ""  # the solver with its name in the paper
 
 
-def choose_lines(variant: Variant, url: Callable[[StoredRun], str], ever: int = EVER) -> list[Line]:
-    """Return at most ``ever`` lines: each solver's finest run under every label, then wrong, failed and other ones.
+def choose_lines(variant: Variant, url: Callable[[StoredRun], str], most: int = EVER) -> list[Line]:
+    """Return at most ``most`` lines: each solver's finest run under every label, then wrong, failed and other ones.
 
     ``url`` gives the address of a run's page.
     """
     chosen: list[Line] = []
     for runs in variant.labels().values():
-        chosen += sorted(all_lines(runs, shared_options(variant.runs), url), key=_urgency)[:MOST]
-    kept = {line.run.record.run_id: line for line in sorted(chosen, key=_urgency)[:ever]}
+        chosen += sorted(make_lines(runs, find_shared_options(variant.runs), url), key=_make_urgency_key)[:MOST]
+    kept = {line.run.record.run_id: line for line in sorted(chosen, key=_make_urgency_key)[:most]}
     ordered = (c.record.run_id for runs in variant.labels().values() for c in runs)
     return [kept[name] for name in ordered if name in kept]
 
 
-def all_lines(
+def make_lines(
     runs: Sequence[StoredRun], alike: Mapping[str, frozenset[str]], url: Callable[[StoredRun], str] = lambda run: ""
 ) -> list[Line]:
     """Return a line for each run, with dashes counted by solver from its finest run on.
@@ -56,7 +56,7 @@ def all_lines(
     return [found[c.record.run_id] for c in runs]
 
 
-def shared_options(runs: Iterable[StoredRun]) -> dict[str, frozenset[str]]:
+def find_shared_options(runs: Iterable[StoredRun]) -> dict[str, frozenset[str]]:
     """Return by solver the options (and ``max_step``) that are equal in all its runs."""
     out: dict[str, frozenset[str]] = {}
     for name, own in group_by_solver(runs).items():
@@ -67,7 +67,9 @@ def shared_options(runs: Iterable[StoredRun]) -> dict[str, frozenset[str]]:
     return out
 
 
-def traces(drawn: Iterable[tuple[Line, Curve]], limits: tuple[float, float], floor: float | None = None) -> list[Trace]:
+def make_traces(
+    drawn: Iterable[tuple[Line, Curve]], limits: tuple[float, float], floor: float | None = None
+) -> list[Trace]:
     """Return a trace per line, cut to ``limits``; on a logarithmic axis values below ``floor`` are rounding.
 
     Each trace gives the range of the axis that it needs, so that hidden ones need none.
@@ -124,7 +126,7 @@ def coincide(a: Trace, b: Trace, floor: float | None) -> bool:
     return bool(np.max(apart) <= WIDE * max(np.ptp(ya), np.ptp(yb)))
 
 
-def _urgency(line: Line) -> tuple[bool, bool, int]:
+def _make_urgency_key(line: Line) -> tuple[bool, bool, int]:
     """Return the sort key of lines to draw: solvers' finest runs first, then failures, then finer settings."""
     return not line.main, line.run.is_success, line.dash
 

@@ -25,7 +25,7 @@ from matplotlib.ticker import MaxNLocator
 from ...harness.confined_paths import ConfinedPath
 from .fonts import DEFAULT_FONT, SIZE, SMALL, Font
 from .spec import DASHES, ENGINES, Axis, LineStyle, Plot, Trace, Triangle
-from .ticks import log_axis, raise_digits
+from .ticks import raise_digits, set_log_axis
 
 ROOM = 0.8  # largest height of a legend, relative to a panel
 NAMED = 14  # most traces that a legend names; beyond, it names solvers
@@ -43,7 +43,7 @@ logging.getLogger("fontTools").setLevel(logging.ERROR)  # it warns about dates i
 STYLE = mpl.rc_params_from_file(Path(__file__).parent / "print.mplstyle", use_default_template=False)
 
 
-def figure(
+def draw_plots(
     plots: Sequence[Plot],
     looks: Mapping[str, LineStyle],
     *,
@@ -66,12 +66,12 @@ def figure(
         sharex = axes[row - 1, column] if above and above.x == plot.x else None
         sharey = axes[row, column - 1] if beside and beside.y == plot.y else None
         ax = axes[at] = out.add_subplot(rows, columns, k + 1, sharex=sharex, sharey=sharey)
-        panel(ax, plot, looks)
+        draw_panel(ax, plot, looks)
         if columns > 1:
             ax.set_title(f"{chr(ord('a') + k)}  {strip_math(plot.title)}")
         below = plots[k + columns] if k + columns < len(plots) else None
         for axis, spec, hidden in ((ax.xaxis, plot.x, below and below.x == plot.x), (ax.yaxis, plot.y, sharey)):
-            axis.set_label_text("" if hidden else label(spec))
+            axis.set_label_text("" if hidden else format_label(spec))
             axis.set_tick_params(which="both", **{f"label{'bottom' if axis is ax.xaxis else 'left'}": not hidden})
     for ax, plot in zip(axes.values(), plots, strict=True):
         set_limits(ax, plot)
@@ -93,7 +93,7 @@ class Legend:
         If it is higher than ``room`` [in], it names solvers only.
         """
         for most in (NAMED, 0):
-            handles = _handles(traces, looks, int((96 if wide else 62) / scale()), most)
+            handles = _make_handles(traces, looks, int((96 if wide else 62) / scale()), most)
             longest = max((len(str(h.get_label())) for h in handles), default=0)
             abreast = (108 if wide else 54) / scale() / max(longest, 18 if wide else 24)
             legend = Legend(tuple(handles), max(int(abreast), 1))
@@ -112,22 +112,22 @@ class Legend:
             figure.legend(handles=list(self.handles), loc="outside lower left", ncols=self.columns)
 
 
-def label(axis: Axis) -> str:
+def format_label(axis: Axis) -> str:
     """Format the symbol and unit of an axis."""
     words = f"${axis.symbol}$" if axis.symbol else strip_math(axis.title)
     return f"{words} [{strip_math(axis.unit)}]" if axis.unit else words
 
 
-def panel(ax: Axes, plot: Plot, looks: Mapping[str, LineStyle]) -> None:
+def draw_panel(ax: Axes, plot: Plot, looks: Mapping[str, LineStyle]) -> None:
     """Draw the traces, marks and triangles of a plot into ``ax``; call ``set_limits`` afterwards."""
     for which, axis in (("x", plot.x), ("y", plot.y)):
         if axis.log:
-            log_axis(ax, which)
-    floors = [_floor(plot.traces, key) if axis.log else -np.inf for key, axis in (("x", plot.x), ("y", plot.y))]
+            set_log_axis(ax, which)
+    floors = [_find_floor(plot.traces, key) if axis.log else -np.inf for key, axis in (("x", plot.x), ("y", plot.y))]
     low = plot.y.low if plot.y.log and plot.y.low == plot.y.low else floors[1]
     for k, trace in enumerate(plot.traces):
         if len(trace.x):
-            _draw(ax, trace, looks.get(trace.solver, INKED), (floors[0], low), k / len(plot.traces))
+            _draw_trace(ax, trace, looks.get(trace.solver, INKED), (floors[0], low), k / len(plot.traces))
     points = [t for t in plot.traces if t.mode != "lines"]
     if points:
         ax.margins(0.12)
@@ -192,7 +192,7 @@ def set_limits(ax: Axes, plot: Plot) -> None:
     ax.set_ylim(*(v if v == v else None for v in (plot.y.low, plot.y.high)))
 
 
-def _draw(ax: Axes, trace: Trace, look: LineStyle, floors: tuple[float, float], phase: float) -> None:
+def _draw_trace(ax: Axes, trace: Trace, look: LineStyle, floors: tuple[float, float], phase: float) -> None:
     """Draw one trace; values below ``floors`` (x and y) are raised to them.
 
     ``phase`` from 0 to 1 shifts the markers of long lines against each other.
@@ -249,7 +249,7 @@ def _style(trace: Trace, look: LineStyle) -> dict:
     }
 
 
-def _handles(traces: Sequence[Trace], looks: Mapping[str, LineStyle], wrap: int, most: int) -> list[Line2D]:
+def _make_handles(traces: Sequence[Trace], looks: Mapping[str, LineStyle], wrap: int, most: int) -> list[Line2D]:
     """Return one handle per name; beyond ``most``, one per solver and one per trace without a solver."""
     named = {t.name: t for t in reversed(traces)}
     if len(named) > most:  # a solver is shown by its main line
@@ -271,14 +271,14 @@ def _handles(traces: Sequence[Trace], looks: Mapping[str, LineStyle], wrap: int,
     return out
 
 
-def _floor(traces: Sequence[Trace], key: str) -> float:
+def _find_floor(traces: Sequence[Trace], key: str) -> float:
     """Return where zeros of a coordinate (``key``, x or y) are drawn: ``ZERO`` times below all positive values."""
     points = [t for t in traces if t.mode != "lines"] or traces
     above = [float(v[v > 0.0].min()) for t in points if (v := getattr(t, key)).size and np.any(v > 0.0)]
     return min(above) / ZERO if above else 1e-16
 
 
-def style(font: Font = DEFAULT_FONT) -> AbstractContextManager[None]:
+def apply_style(font: Font = DEFAULT_FONT) -> AbstractContextManager[None]:
     """Return a context manager that sets matplotlib's style and the font for print."""
     return mpl.rc_context({**mpl.rcParamsDefault, "backend": "agg", **STYLE, **font.settings})
 
@@ -310,7 +310,7 @@ def save(
     Equal records give equal bytes.
     """
     paths = []
-    with style(font), mpl.rc_context({"svg.hashsalt": name}):
+    with apply_style(font), mpl.rc_context({"svg.hashsalt": name}):
         figure = draw()
         for suffix in sorted(suffixes, key=SUFFIXES[::-1].index):  # pixels first, which fixes the layout
             out = io.BytesIO()

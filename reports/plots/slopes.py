@@ -54,10 +54,10 @@ def add_triangles(plot: Plot, orders: Iterable[tuple[int, Trace]]) -> Plot:
     frame = _Frame(plot.traces)
     if not owners or not frame.is_plane:
         return plot
-    taken = [frame.points_of(t) for t in plot.traces]
+    taken = [frame.sample_trace(t) for t in plot.traces]
     out = []
     for order in sorted(owners):
-        near = np.concatenate([frame.points_of(t) for t in owners[order]])
+        near = np.concatenate([frame.sample_trace(t) for t in owners[order]])
         triangle = frame.place(order, np.concatenate(taken), near)
         out.append(triangle)
         taken.append(frame.cover(triangle))
@@ -82,7 +82,7 @@ class _Frame:
         """True if the values span more than one point along both axes, so that slopes exist."""
         return bool(np.all(self.size > 0.0))
 
-    def points_of(self, trace: Trace) -> Points:
+    def sample_trace(self, trace: Trace) -> Points:
         """Return the points of a trace and, if it has a line, points densely along it."""
         with np.errstate(divide="ignore"):
             logs = np.log(np.array([trace.x, trace.y], dtype=float)).T

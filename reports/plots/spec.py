@@ -127,21 +127,21 @@ class LineStyle:
 
 
 @cache
-def shipped_looks() -> dict[str, LineStyle]:
+def list_catalogue_styles() -> dict[str, LineStyle]:
     """Return by name the line style of every solver and engine in the catalogue."""
     out: dict[str, LineStyle] = {}
     names = {p.stem for p in CATALOGUE.glob("[!_]*.py")}
     for family, (colour, begins) in FAMILIES.items():
         own = sorted(n for n in names if n.startswith(begins))
         out |= {name: LineStyle(colour, MARKERS[k % len(MARKERS)], family) for k, name in enumerate(own)}
-    out |= {n: _other(n) for n in sorted(names - set(out))}
+    out |= {n: _make_other_style(n) for n in sorted(names - set(out))}
     engines = sorted(p.stem for p in (CATALOGUE / "engines").glob("[!_]*.py"))
     return out | {name: LineStyle(OTHERS[ENGINES], ENGINE, ENGINES) for name in engines}
 
 
 def choose_styles(solvers: Iterable[str]) -> dict[str, LineStyle]:
     """Return a line style for every solver, whatever others are shown; those of plug-ins share a colour."""
-    return {name: shipped_looks().get(name) or _other(name) for name in sorted(set(solvers))}
+    return {name: list_catalogue_styles().get(name) or _make_other_style(name) for name in sorted(set(solvers))}
 
 
 def choose_print_styles(solvers: Iterable[str]) -> dict[str, LineStyle]:
@@ -155,12 +155,12 @@ def choose_print_styles(solvers: Iterable[str]) -> dict[str, LineStyle]:
     return found
 
 
-def _other(name: str) -> LineStyle:
+def _make_other_style(name: str) -> LineStyle:
     """Return the line style of a solver outside the families, with a marker that follows from its name."""
     return LineStyle(OTHERS[PLUGINS], MARKERS[hashlib.sha256(name.encode()).digest()[0] % len(MARKERS)], PLUGINS)
 
 
-def families(found: dict[str, LineStyle]) -> dict[str, list[str]]:
+def group_by_family(found: dict[str, LineStyle]) -> dict[str, list[str]]:
     """Group solvers by family, in the order of the families, given their line styles."""
     order = [*FAMILIES, ENGINES, PLUGINS]
     by_family = {f: [name for name, look in found.items() if look.family == f] for f in order}

@@ -13,7 +13,7 @@ LOWERED = {v: k for k, v in SUPERSCRIPTS.items()}
 RAISED = re.compile(f"[{''.join(map(chr, LOWERED))}]+")
 
 
-class Powers(LogFormatter):
+class PowerFormatter(LogFormatter):
     """A formatter that writes ``10⁻⁵`` as text: math mode for every tick takes as long as all the lines."""
 
     _sublabels: set[float] | None  # declared by the base class
@@ -34,13 +34,13 @@ class Powers(LogFormatter):
         return shown if float(mantissa) == 1.0 else f"{float(mantissa):g}×{shown}"
 
 
-def log_axis(ax: Axes, which: str = "y") -> None:
+def set_log_axis(ax: Axes, which: str = "y") -> None:
     """Make an axis logarithmic with at most about seven labelled decades; within one decade, parts are labelled."""
     (ax.set_yscale if which == "y" else ax.set_xscale)("log")
     axis = ax.yaxis if which == "y" else ax.xaxis
     axis.set_major_locator(LogLocator(numticks=7))
-    axis.set_major_formatter(Powers())
-    axis.set_minor_formatter(Powers(labelOnlyBase=False))
+    axis.set_major_formatter(PowerFormatter())
+    axis.set_minor_formatter(PowerFormatter(labelOnlyBase=False))
 
 
 def raise_digits(text: str) -> str:

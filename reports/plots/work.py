@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from ...harness.results.judgements.runs import WorkProfile
-from ...harness.results.records import cpu_range
-from ...harness.results.work import evaluations, index_1_evaluations, operations
-from ..model.accuracy import ErrorMeasure, measure_for
+from ...harness.results.records import find_cpu_range
+from ...harness.results.work import count_evaluations, count_index_1_evaluations, operations
+from ..model.accuracy import ErrorMeasure, choose_measure
 from ..model.frontier import EQUAL, SOUND
 from ..model.frontier import find_least_cost as cheapest
 from ..model.results import StoredRun, Variant, group_by
@@ -66,7 +66,7 @@ class PlottedWork:
         largest = self.run.record.max_step_s
         return self.run.method if math.isnan(largest) else f"{self.run.method}, max step {largest:g} s"
 
-    def drawable(self, error: str, work: str) -> bool:
+    def is_drawable(self, error: str, work: str) -> bool:
         """Return whether the run has that error and that work, so that it is a point of their plot."""
         return all(math.isfinite(v) and v >= 0.0 for v in (self.errors[error], self.works[work]))
 
@@ -75,13 +75,13 @@ def list_points(
     variant: Variant, page: Callable[[StoredRun], str] = lambda run: "", best: Container[str] = ()
 ) -> list[PlottedWork]:
     """Return a point for each run; ``page`` gives its address, ``best`` holds the settings_ids to be marked as best."""
-    measure, out = measure_for(variant.runs), []
+    measure, out = choose_measure(variant.runs), []
     for c in variant.runs:
         r = c.record
         works = {
-            "index1": index_1_evaluations(r),
+            "index1": count_index_1_evaluations(r),
             "operations": operations(r),
-            "evaluations": evaluations(r),
+            "evaluations": count_evaluations(r),
             "factorisations": r.factorisations,
             "steps": float(r.steps),
             "cpu": r.cpu_median_s,
@@ -110,10 +110,10 @@ def make_work_plots(
     variant: Variant, url: Callable[[StoredRun], str] = lambda run: "", *, front: bool = False
 ) -> list[Plot]:
     """Plot error against work of all runs, for each pair of ``PAIRS`` that some run has."""
-    return list(work_plots("work", list_points(variant, url), measure_for(variant.runs), front=front).values())
+    return list(plot_pairs("work", list_points(variant, url), choose_measure(variant.runs), front=front).values())
 
 
-def work_plots(
+def plot_pairs(
     name: str,
     points: Sequence[PlottedWork],
     measure: ErrorMeasure | None,
@@ -129,7 +129,7 @@ def work_plots(
     """
     out = {}
     for error, work in pairs:
-        own = [p for p in points if p.drawable(error, work)]
+        own = [p for p in points if p.is_drawable(error, work)]
         if own:
             what, unit = (measure.what, measure.unit) if error == "error" and measure else ERRORS[error]
             axes = Axis(*WORKS[work], log=True), Axis(what, unit, log=True)
@@ -137,7 +137,7 @@ def work_plots(
             region = _reference_region(own, work, measure.own) if error == "error" and measure else []
             drawn = [*region, *join_ladders(own, work, error, folded)]
             drawn += _find_front(own, work) if front and error == "error" else []
-            finding, focus = race(own, work, error, unit)
+            finding, focus = describe_race(own, work, error, unit)
             out[f"{error}-{work}"] = Plot(
                 f"{name}-{error}-{work}",
                 title,
@@ -150,7 +150,7 @@ def work_plots(
     return out
 
 
-def race(points: Sequence[PlottedWork], work: str, error: str, unit: str) -> tuple[str, tuple[str, ...]]:
+def describe_race(points: Sequence[PlottedWork], work: str, error: str, unit: str) -> tuple[str, tuple[str, ...]]:
     """Return words on which solver is the cheapest, and the solvers to be shown in colour.
 
     They are compared at the tightest power of ten that half of the solvers reach: ``rkmk_dopri5 needs 12.0 ms for 10⁻⁴
@@ -222,24 +222,26 @@ def join_ladders(points: Sequence[PlottedWork], work: str, error: str, folded: b
         name = f"{method}, {label}" if label else method
         whole = [p for p in own if choose_end_mark(p.run.status) != "failed"]
         out += [
-            _trace(name, part, work, error, folded, mode, dash)
+            _make_trace(name, part, work, error, folded, mode, dash)
             for part, mode in ((whole, "lines+markers"), ([p for p in own if p not in whole], "markers"))
             if part
         ]
     for (solver, label), own in loose.items():
         name = f"{solver} with options, {label}" if label else f"{solver} with options"
-        out.append(_trace(name, own, work, error, folded, "markers", 1))
+        out.append(_make_trace(name, own, work, error, folded, "markers", 1))
     return out
 
 
-def _trace(name: str, own: Sequence[PlottedWork], work: str, error: str, folded: bool, mode: str, dash: int) -> Trace:
+def _make_trace(
+    name: str, own: Sequence[PlottedWork], work: str, error: str, folded: bool, mode: str, dash: int
+) -> Trace:
     """Return the points ``own`` as one trace, with the spread of CPU times as bars if there are repeats.
 
     ``dash`` and ``mode`` are the trace's. If ``folded``, it is hidden at first unless a setting is default or best.
     """
     ladder, repeated = len({p.method for p in own}) == 1, any(p.run.record.repeats > 1 for p in own) and work == "cpu"
     records = [p.run.record for p in own]
-    spread = [cpu_range(r) if r.repeats > 1 else (r.cpu_median_s,) * 2 for r in records]
+    spread = [find_cpu_range(r) if r.repeats > 1 else (r.cpu_median_s,) * 2 for r in records]
     left, right = np.array(spread).T
     return Trace(
         name,
@@ -269,7 +271,7 @@ def _describe_point(p: PlottedWork, *, whole: bool) -> str:
     c, r = p.run, p.run.record
     marks = [w for w, on in (("default settings", p.default), ("best", p.best)) if on]
     ending = [] if c.status in ("success", "unknown") else [c.status.replace("_", " ")]
-    low, high = map(seconds, cpu_range(r))
+    low, high = map(seconds, find_cpu_range(r))
     cpu = (
         [f"CPU {low} to {high}, the middle half of {r.repeats} repeats"]
         if r.repeats > 1
@@ -284,7 +286,7 @@ def _numbers(own: Sequence[PlottedWork], kind: str, key: str) -> np.ndarray:
     return np.array([getattr(p, kind)[key] for p in own])
 
 
-def profile_plot(best: Sequence[WorkProfile], default: Sequence[WorkProfile], work: str) -> Plot:
+def plot_profile(best: Sequence[WorkProfile], default: Sequence[WorkProfile], work: str) -> Plot:
     """Plot the fraction of all targets reached over work, with the best of all settings and with default options.
 
     The lines end level, since more work than a solver's runs took reaches no more targets.

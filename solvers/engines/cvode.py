@@ -21,9 +21,9 @@ from ...harness.types import Problem, Status, StepControl, Trajectory
 from ..formulations.classical import SymbolicOptions
 from ..formulations.ida import FAILURES
 from ..formulations.recording import Clock, StepFailure, march
-from ..formulations.start import coordinates_and_velocities, layout_for
+from ..formulations.start import choose_layout, pack_start
 from ..formulations.strong_form import StrongForm
-from ..formulations.sundials import ONE_STEP_LIMIT, not_installed
+from ..formulations.sundials import ONE_STEP_LIMIT, refuse_if_missing
 from .export.engine import describe_engine
 
 # steps between two checks of the rows in use: fewer cost more rank searches, more may miss dependent rows
@@ -45,7 +45,7 @@ class Cvode(SymbolicOptions):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None: scikit-sundae is missing, or as all symbolic solvers refuse."""
-        return not_installed() or super().refuses(problem, control)
+        return refuse_if_missing() or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """Integrate Eq. (65) by CVODE without lam and lam_dot, one accepted step at a time; return the trajectory.
@@ -55,7 +55,7 @@ class Cvode(SymbolicOptions):
         """
         from sksundae.cvode import CVODE  # imported here, since on systems without it the class above refuses
 
-        layout, notes = layout_for(problem, self.coordinates)
+        layout, notes = choose_layout(problem, self.coordinates)
         n, still = layout.n_p + layout.n_u, np.zeros(layout.k)
         form, work = StrongForm(layout, self.alpha, self.beta), {"evaluations": 0}
 
@@ -68,7 +68,7 @@ class Cvode(SymbolicOptions):
         def rhs(t: float, y: np.ndarray, y_dot: np.ndarray) -> None:
             y_dot[:] = rates(t, y)[0]
 
-        y = coordinates_and_velocities(layout, problem)[:n]
+        y = pack_start(layout, problem)[:n]
         with contextlib.redirect_stdout(io.StringIO()) as said:  # SUNDIALS prints its messages
             reaction = rates(0.0, y)[1]
             cvode = CVODE(
@@ -90,7 +90,7 @@ class Cvode(SymbolicOptions):
                     native = " ".join(said.getvalue().split())
                     raise StepFailure(status, f"CVODE: {words}" + (f" ({native})" if native else ""))
                 reaction = rates(step.t, step.y)[1]
-                form = form.renew(step.y, step.t, ROWS_EVERY)
+                form = form.change_rows_if_worn(step.y, step.t, ROWS_EVERY)
                 return step.t, step.y, reaction
 
             notes = (*notes, describe_engine("scikit-sundae"))

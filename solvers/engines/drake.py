@@ -17,7 +17,7 @@ from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, StepControl
 from .export.engine import SupportedElements
 from .export.protocol import Adapter
-from .export.tree import DRIVES, spanning_tree
+from .export.tree import DRIVES, build_spanning_tree
 
 DISCRETE = ("sap", "similar", "lagged", "tamsi")
 INTEGRATORS = {
@@ -64,17 +64,17 @@ class Drake(Adapter):
         """Observed order of the chosen fixed steps."""
         return 1.0 if self.settings == "default" else INTEGRATORS[self.integrator]
 
-    def _cannot(self, problem: Problem, control: StepControl) -> str | None:
+    def _refuse_options(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the chosen steps cannot enforce the closed loops of the problem, or None if they can."""
-        return loops_refusal(problem, "lagged" if self.settings == "default" else self.integrator)
+        return refuse_loops(problem, "lagged" if self.settings == "default" else self.integrator)
 
 
-def loops_refusal(problem: Problem, integrator: str) -> str | None:
+def refuse_loops(problem: Problem, integrator: str) -> str | None:
     """Return why an integrator, or discrete scheme, cannot enforce the closed loops of a problem, or None if it can.
 
     ``integrator`` is a key of ``INTEGRATORS``.
     """
-    cuts = spanning_tree(problem.system, problem.initial).cuts
+    cuts = build_spanning_tree(problem.system, problem.initial).cuts
     if integrator in ("sap", "similar", "lagged"):
         to_ground = any(GROUND in (cut.i, cut.j) for cut in cuts)
         return "a loop is cut at the ground, and Drake's ball constraints to the world crash it" if to_ground else None

@@ -11,7 +11,7 @@ from typing import ClassVar
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.types import Problem, StepControl
-from .drake import TAKEN, loops_refusal
+from .drake import TAKEN, refuse_loops
 from .export.engine import SupportedElements
 from .export.protocol import Adapter
 
@@ -32,6 +32,6 @@ class DrakeAdaptive(Adapter):
     wheel: ClassVar[str] = "drake"
     takes: ClassVar[SupportedElements] = TAKEN
 
-    def _cannot(self, problem: Problem, control: StepControl) -> str | None:
+    def _refuse_options(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the chosen integrator cannot enforce the closed loops of the problem, or None if it can."""
-        return loops_refusal(problem, self.integrator)
+        return refuse_loops(problem, self.integrator)

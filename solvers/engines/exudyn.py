@@ -34,14 +34,14 @@ from ...harness.mechanics.joints.frames import choose_normals
 from ...harness.mechanics.naming import name_body, name_joint
 from ...harness.mechanics.state import State, States
 from ...harness.mechanics.system import GROUND, MultibodySystem
-from ...harness.mechanics.time_functions import are_varying, values
+from ...harness.mechanics.time_functions import evaluate_functions, find_varying
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from ..formulations.packages import find_remedy
 from ..formulations.recording import Clock, ClockedSolver
-from .export.engine import SupportedElements, describe_engine, list_unsupported, package
-from .export.exudyn_rows import KeptRows, joint_frames
+from .export.engine import SupportedElements, describe_engine, import_package, refuse_unsupported
+from .export.exudyn_rows import KeptRows, make_joint_frames
 from .export.march import PartialStretch, march
-from .export.model_check import EngineModel, model_refusal
+from .export.model_check import EngineModel, refuse_model
 from .export.tree import DRIVES, KINDS, PARALLEL
 
 INTEGRATORS = ("TrapezoidalIndex2", "GeneralizedAlpha")
@@ -87,20 +87,20 @@ class Exudyn(ClockedSolver):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why Exudyn cannot take the problem, or None."""
-        reason = find_remedy("exudyn") or list_unsupported(problem.system, self.takes)
+        reason = find_remedy("exudyn") or refuse_unsupported(problem.system, self.takes)
         if reason is not None:
             return reason
         try:
             model = Model(self, problem, control)
         except ValueError as error:
             return f"Exudyn does not take the model: {error}"
-        if model.full and self.integrator == "TrapezoidalIndex2":
+        if model.keeps_all_rows and self.integrator == "TrapezoidalIndex2":
             return KEPT
         steep = np.abs(problem.initial.R[:, 0, 2]) > STEEP
-        if model.full and np.any(steep):
+        if model.keeps_all_rows and np.any(steep):
             which = name_body(problem.system, int(np.argmax(steep)))
             return f"Tait-Bryan angles are singular at the start of {which}: turn it, e.g. rotation=0.3,-0.5,0.7"
-        return model_refusal(self.name, problem, model.at_start())
+        return refuse_model(self.name, problem, model.describe_start())
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """Integrate by Exudyn's own loop with the fixed step ``control.dt`` and return the trajectory."""
@@ -112,14 +112,19 @@ class Model:
     """An assembled Exudyn system in its state at the end of the last stretch, with sensors that record its motion."""
 
     def __init__(self, options: Exudyn, problem: Problem, control: StepControl) -> None:
-        self._exu, self._options, self._problem = _package(), options, problem
-        self._time, self._most, self._changes, keep = 0.0, sys.maxsize, list[float](), options.redundant_rows == "keep"
+        self._exu, self._options, self._problem = _import_exudyn(), options, problem
+        self._time, self._longest_stretch, self._changes, keep = (
+            0.0,
+            sys.maxsize,
+            list[float](),
+            options.redundant_rows == "keep",
+        )
         self._rows, self._last = KeptRows(problem.system, problem.initial), problem.initial
         self._left_out = np.flatnonzero(~self._rows.kept)
-        self.full = keep and len(self._left_out) > 0
-        if self.full:
+        self.keeps_all_rows = keep and len(self._left_out) > 0
+        if self.keeps_all_rows:
             self._rows = KeptRows(problem.system, problem.initial, np.ones(problem.system.nrows, dtype=bool))
-        self._node = "RotationRxyz" if self.full else "RotationEulerParameters"
+        self._node = "RotationRxyz" if self.keeps_all_rows else "RotationEulerParameters"
         self._assemble(problem.initial)
 
     def _assemble(self, start: State) -> None:
@@ -130,16 +135,16 @@ class Model:
         self._ground = mbs.AddObject(self._exu.itemInterface.ObjectGround())
         self.bodies: list[Any] = []
         for b in range(system.nb):
-            self.bodies.append(self._body(system, start, b))
+            self.bodies.append(self._add_body(system, start, b))
         for k in range(system.nj):
-            self._joint(system, start, k, kept[system.row_start[k] : system.row_start[k + 1]])
+            self._add_joint(system, start, k, kept[system.row_start[k] : system.row_start[k + 1]])
         for k in range(len(system.spring_k)):
-            self._spring(system, k)
+            self._add_spring(system, k)
         for k in range(len(system.torsion_k)):
-            self._torsion(system, start, k)
+            self._add_torsional_spring(system, start, k)
         for k in range(len(system.load_i)):
-            self._load(system, k)
-        self._sensors = [[self._sensor(b, name) for name in OUTPUTS] for b in self.bodies]
+            self._add_load(system, k)
+        self._sensors = [[self._add_sensor(b, name) for name in OUTPUTS] for b in self.bodies]
         mbs.Assemble()
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
@@ -150,11 +155,13 @@ class Model:
         then assembled with others. Raises ``PartialStretch`` with the rows so far where Exudyn fails or takes a smaller
         step, or no better choice exists.
         """
-        steps = min(steps, self._most)
+        steps = min(steps, self._longest_stretch)
         began, end = self._time, self._time + steps * dt
         kind, words = getattr(self._exu.DynamicSolverType, self._options.integrator), "its solver failed"
         try:
-            ended = self.mbs.SolveDynamic(self._settings(began, end, steps), solverType=kind, updateInitialValues=True)
+            ended = self.mbs.SolveDynamic(
+                self._make_settings(began, end, steps), solverType=kind, updateInitialValues=True
+            )
         except Exception as error:  # a failure of the engine is a result; its class is not public
             ended, words = False, " ".join(str(error).split())
         stored = [[self.mbs.GetSensorStoredData(s) for s in of_body] for of_body in self._sensors]
@@ -163,11 +170,11 @@ class Model:
         on_grid = np.abs(t[: steps + 1] - began - dt * np.arange(min(len(t), steps + 1))) < ON_GRID * dt
         rows = rows[1 : len(on_grid) if np.all(on_grid) else int(np.argmin(on_grid))]
         states = self.states(rows)
-        if worn := self._rows.check_states(states, dt):
+        if worn := self._rows.examine_states(states, dt):
             rows = rows[: worn.last + 1]
             self._choose_rows(worn.better, rows, dt)
             return rows
-        self._time, self._most = end, 2 * self._most
+        self._time, self._longest_stretch = end, 2 * self._longest_stretch
         if not ended or len(rows) < steps:
             raise PartialStretch(Status.DIVERGED, words if not ended else SMALLER, rows)
         self._last = states[-1]
@@ -181,7 +188,7 @@ class Model:
         state cannot be projected onto the constraints.
         """
         system, start = self._problem.system, self.states(rows[-1:])[0] if len(rows) else self._last
-        self._time, self._most = self._time + len(rows) * dt, max(SHORT, 2 * len(rows))
+        self._time, self._longest_stretch = self._time + len(rows) * dt, max(SHORT, 2 * len(rows))
         if kept is None or self._time in self._changes:
             raise PartialStretch(Status.DIVERGED, WITHIN, rows)
         self._changes.append(self._time)
@@ -198,13 +205,13 @@ class Model:
         r, R, v, Omega = np.split(by_body, np.cumsum(list(OUTPUTS.values()))[:-1], axis=2)
         return States(r, R.reshape(*R.shape[:2], 3, 3), v, Omega)
 
-    def at_start(self) -> EngineModel:
+    def describe_start(self) -> EngineModel:
         """Return Exudyn's model at the start for the model check, and leave its velocities at zero.
 
         Euler parameters p satisfy p . p_ddot = -p_dot . p_dot, the rows ``idle``.
         """
-        mbs, start, n = self.mbs, self._problem.initial, 6 if self.full else 7
-        solver, settings = self._exu.MainSolverImplicitSecondOrder(), self._settings(0.0, self._problem.t_end, 1)
+        mbs, start, n = self.mbs, self._problem.initial, 6 if self.keeps_all_rows else 7
+        solver, settings = self._exu.MainSolverImplicitSecondOrder(), self._make_settings(0.0, self._problem.t_end, 1)
         solver.InitializeSolver(mbs, settings)
         size = solver.GetODE2size()
         solver.ComputeMassMatrix(mbs)
@@ -215,7 +222,7 @@ class Model:
         q = np.array(reference) + np.array(mbs.systemData.GetODE2Coordinates())
         u = np.array(mbs.systemData.GetODE2Coordinates_t())
         T, bias, norms = np.zeros((6 * start.nb, size)), np.zeros((start.nb, 6)), np.zeros((start.nb, size))
-        of_rates = _tait_bryan if self.full else _euler_parameters
+        of_rates = _map_tait_bryan_rates if self.keeps_all_rows else _map_euler_rates
         for b in range(start.nb):
             place, turning = slice(n * b, n * b + 3), slice(n * b + 3, n * (b + 1))
             T[6 * b : 6 * b + 3, place] = np.eye(3)
@@ -228,7 +235,7 @@ class Model:
         mbs.systemData.SetODE2Coordinates_t(0.0 * u)
         solver.ComputeODE2RHS(mbs)
         rest_forces = np.array(solver.GetSystemResidual())[:size]
-        idle = None if self.full else (norms, -np.sum(u.reshape(-1, 7)[:, 3:] ** 2, axis=1))
+        idle = None if self.keeps_all_rows else (norms, -np.sum(u.reshape(-1, 7)[:, 3:] ** 2, axis=1))
         # gravity is a load without a potential
         return EngineModel(T, mass_matrix, rest_forces, kinetic, None, bias, forces, G, idle)
 
@@ -237,12 +244,12 @@ class Model:
         dropped, times = ", ".join(map(str, self._left_out)), ", ".join(f"{t:.4g}" for t in self._changes)
         return (
             f"{int(np.sum(self._rows.kept))} of {self._problem.system.nrows} constraint rows",
-            *((f"left out, redundant at the start: {dropped}",) if dropped and not self.full else ()),
+            *((f"left out, redundant at the start: {dropped}",) if dropped and not self.keeps_all_rows else ()),
             *((f"rows chosen anew at t = {times} s",) if times else ()),
             describe_engine("exudyn"),
         )
 
-    def _settings(self, began: float, end: float, steps: int) -> Any:
+    def _make_settings(self, began: float, end: float, steps: int) -> Any:
         """Return Exudyn's settings of a simulation of ``steps`` from ``began`` to ``end`` [s]."""
         s, options = self._exu.SimulationSettings(), self._options
         t = s.timeIntegration
@@ -252,11 +259,13 @@ class Model:
         s.solution.file.write = False
         s.solution.sensors.writePeriod = (end - began) / steps
         s.parallel.numberOfThreads = 1
-        s.linearSolver.solverType = getattr(self._exu.LinearSolverType, "EigenDense" if self.full else "EigenSparse")
-        s.linearSolver.ignoreSingularJacobian = self.full
+        s.linearSolver.solverType = getattr(
+            self._exu.LinearSolverType, "EigenDense" if self.keeps_all_rows else "EigenSparse"
+        )
+        s.linearSolver.ignoreSingularJacobian = self.keeps_all_rows
         return s
 
-    def _body(self, system: MultibodySystem, start: State, b: int) -> Any:
+    def _add_body(self, system: MultibodySystem, start: State, b: int) -> Any:
         """Add body ``b`` in the state ``start`` to Exudyn's system; return its number."""
         inertia = self._exu.rigidBodyUtilities.RigidBodyInertia(system.mass[b], system.regular_inertia[b])
         return self.mbs.CreateRigidBody(
@@ -269,7 +278,7 @@ class Model:
             nodeType=getattr(self._exu.NodeType, self._node),
         )
 
-    def _marker(self, body: int, place: np.ndarray, rotation: np.ndarray | None = None) -> Any:
+    def _add_marker(self, body: int, place: np.ndarray, rotation: np.ndarray | None = None) -> Any:
         """Add a marker on a body, or the ground; return its number.
 
         ``place`` [m] and the columns of ``rotation`` (None: the identity) are in the frame of the body.
@@ -278,38 +287,38 @@ class Model:
         frame = self._exu.HT(rotation=np.eye(3) if rotation is None else rotation, translation=place)
         return self.mbs.AddMarker(self._exu.itemInterface.MarkerBodyRigid(bodyNumber=number, localHT=frame))
 
-    def _joint(self, system: MultibodySystem, start: State, k: int, rows: Bool[np.ndarray, " n"]) -> None:
+    def _add_joint(self, system: MultibodySystem, start: State, k: int, rows: Bool[np.ndarray, " n"]) -> None:
         """Add joint ``k`` with those of its constraint rows that ``rows`` flags."""
         items, i, j = self._exu.itemInterface, int(system.joint_i[k]), int(system.joint_j[k])
         s_i, s_j = system.joint_s_i[k], system.joint_s_j[k]
         if system.joint_kind(k) == JointKind.SPHERICAL:
-            markers = [self._marker(i, s_i), self._marker(j, s_j)]
+            markers = [self._add_marker(i, s_i), self._add_marker(j, s_j)]
             self.mbs.AddObject(items.SphericalJoint(markerNumbers=markers, constrainedAxes=rows.astype(int).tolist()))
             return
         if system.joint_kind(k) == JointKind.DISTANCE:
-            markers = [self._marker(i, s_i), self._marker(j, s_j)]
+            markers = [self._add_marker(i, s_i), self._add_marker(j, s_j)]
             if rows[0]:
                 length = float(system.joint_length[k])
                 self.mbs.AddObject(items.DistanceConstraint(markerNumbers=markers, distance=length))
             return
         if system.joint_kind(k) == MovingKind.ROLLING:
-            self._disc(system, k, rows)
+            self._add_disc(system, k, rows)
             return
-        in_i, in_j = joint_frames(system, start, k)
+        in_i, in_j = make_joint_frames(system, start, k)
         places = int(system.joint_points[k] + system.joint_lines[k])
         held = dict(zip((*range(places), 4, 3, 5), rows, strict=False))  # a row on x stops turning about y
-        markers = [self._marker(j, s_j, in_j), self._marker(i, s_i, in_i)]
+        markers = [self._add_marker(j, s_j, in_j), self._add_marker(i, s_i, in_i)]
         axes = [int(held.get(n, False)) for n in range(6)]
         self.mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=axes))
 
-    def _spring(self, system: MultibodySystem, k: int) -> None:
+    def _add_spring(self, system: MultibodySystem, k: int) -> None:
         """Add spring-damper ``k``."""
         i, j = int(system.spring_i[k]), int(system.spring_j[k])
-        markers = [self._marker(i, system.spring_p_i[k]), self._marker(j, system.spring_p_j[k])]
+        markers = [self._add_marker(i, system.spring_p_i[k]), self._add_marker(j, system.spring_p_j[k])]
         law = {"stiffness": system.spring_k[k], "damping": system.spring_c[k], "referenceLength": system.spring_d0[k]}
         self.mbs.AddObject(self._exu.itemInterface.SpringDamper(markerNumbers=markers, **law))
 
-    def _torsion(self, system: MultibodySystem, start: State, k: int) -> None:
+    def _add_torsional_spring(self, system: MultibodySystem, start: State, k: int) -> None:
         """Add torsional spring ``k``; Exudyn measures its angle from marker 0, placed at the rest angle, to marker 1.
 
         Raises ValueError for a spring not about the axis of a hinge or cylinder, or wound by whole turns at the start.
@@ -330,13 +339,13 @@ class Model:
             raise ValueError("a torsional spring is wound by whole turns at the start")
         at_rest = np.cos(angle) * e + np.sin(angle) * b
         markers = [
-            self._marker(j, np.zeros(3), np.column_stack((at_rest, np.cross(axis, at_rest), axis))),
-            self._marker(i, np.zeros(3), np.column_stack((u, np.cross(in_i, u), in_i))),
+            self._add_marker(j, np.zeros(3), np.column_stack((at_rest, np.cross(axis, at_rest), axis))),
+            self._add_marker(i, np.zeros(3), np.column_stack((u, np.cross(in_i, u), in_i))),
         ]
         law = {"stiffness": float(system.torsion_k[k]), "damping": float(system.torsion_c[k])}
         self.mbs.AddObject(self._exu.itemInterface.TorsionalSpringDamper(markerNumbers=markers, **law))
 
-    def _disc(self, system: MultibodySystem, k: int, rows: Bool[np.ndarray, " n"]) -> None:
+    def _add_disc(self, system: MultibodySystem, k: int, rows: Bool[np.ndarray, " n"]) -> None:
         """Add rolling disc ``k``, which turns about x of its marker and rolls on the plane x, y of the ground's marker.
 
         Raises ValueError unless it rolls on the ground, about its centre of mass, with all its rows in use.
@@ -348,8 +357,8 @@ class Model:
                 "and none of its rows may depend on others"
             )
         markers = [
-            self._marker(j, system.joint_s_j[k], np.column_stack((*n[1:], n[0]))),
-            self._marker(i, np.zeros(3), np.column_stack((u, *choose_normals(u)))),
+            self._add_marker(j, system.joint_s_j[k], np.column_stack((*n[1:], n[0]))),
+            self._add_marker(i, np.zeros(3), np.column_stack((u, *choose_normals(u)))),
         ]
         radius = float(system.joint_length[k])
         self.mbs.AddObject(
@@ -358,10 +367,14 @@ class Model:
             )
         )
 
-    def _load(self, system: MultibodySystem, k: int) -> None:
+    def _add_load(self, system: MultibodySystem, k: int) -> None:
         """Add load ``k``; a factor that varies with time is computed by a Python call in every evaluation."""
-        marker, factor = self._marker(int(system.load_i[k]), system.load_p[k]), system.load_factor[k : k + 1]
-        items, follows, now = self._exu.itemInterface, bool(system.load_follows[k]), values(factor, np.zeros(1))[0]
+        marker, factor = self._add_marker(int(system.load_i[k]), system.load_p[k]), system.load_factor[k : k + 1]
+        items, follows, now = (
+            self._exu.itemInterface,
+            bool(system.load_follows[k]),
+            evaluate_functions(factor, np.zeros(1))[0],
+        )
         for kind, vector in (
             (items.LoadForceVector, system.load_force[k]),
             (items.LoadTorqueVector, system.load_torque[k]),
@@ -369,13 +382,13 @@ class Model:
             if not np.any(vector):
                 continue
             law = {}
-            if are_varying(factor)[0]:
+            if find_varying(factor)[0]:
                 law["loadVectorUserFunction"] = lambda mbs, t, _, vector=vector: (
-                    float(values(factor, np.array([t]))[0][0, 0]) * vector
+                    float(evaluate_functions(factor, np.array([t]))[0][0, 0]) * vector
                 )
             self.mbs.AddLoad(kind(markerNumber=marker, loadVector=float(now[0, 0]) * vector, bodyFixed=follows, **law))
 
-    def _sensor(self, body: Any, name: str) -> Any:
+    def _add_sensor(self, body: Any, name: str) -> Any:
         """Add a sensor that records the output ``name`` of a body in memory; return its number."""
         kind = getattr(self._exu.OutputVariableType, name)
         sensor = self._exu.itemInterface.SensorBody(
@@ -384,20 +397,22 @@ class Model:
         return self.mbs.AddSensor(sensor)
 
 
-def _package() -> ModuleType:
+def _import_exudyn() -> ModuleType:
     """Import Exudyn without its range checks; return the module."""
     sys.exudynFast = True  # type: ignore[attr-defined]  # its own switch, read at import
     with contextlib.redirect_stdout(io.StringIO()):  # it prints a message about that
-        return package("exudyn", "itemInterface", "rigidBodyUtilities")
+        return import_package("exudyn", "itemInterface", "rigidBodyUtilities")
 
 
-def _euler_parameters(p: Float[np.ndarray, " 4"], rate: Float[np.ndarray, " 4"]) -> tuple[np.ndarray, np.ndarray]:
+def _map_euler_rates(p: Float[np.ndarray, " 4"], rate: Float[np.ndarray, " 4"]) -> tuple[np.ndarray, np.ndarray]:
     """Return G of Omega = G rate for Euler parameters ``p``, and G_dot rate (zero), the rest of Omega_dot."""
     a, b, c, d = p
     return 2.0 * np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]]), np.zeros(3)
 
 
-def _tait_bryan(angles: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) -> tuple[np.ndarray, np.ndarray]:
+def _map_tait_bryan_rates(
+    angles: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return G of Omega = G rate for R = R_x R_y R_z of ``angles`` [rad], and G_dot rate, the rest of Omega_dot."""
     (sb, cb), (sc, cc) = ((np.sin(x), np.cos(x)) for x in angles[1:])
     _, b, c = rate

@@ -36,11 +36,11 @@ from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, States, Status, StepControl, Trajectory
 from ..formulations.packages import find_remedy
 from ..formulations.recording import Clock, ClockedSolver
-from .export.engine import VARYING, SupportedElements, list_unsupported, package
+from .export.engine import VARYING, SupportedElements, import_package, refuse_unsupported
 from .export.march import PartialStretch, march
-from .export.model_check import EngineModel, model_refusal
-from .export.plain import flatten_tree, springs_of_hinges
-from .export.tree import DRIVES, Kind, Tree, spanning_tree
+from .export.model_check import EngineModel, refuse_model
+from .export.plain import flatten_tree, list_hinge_springs
+from .export.tree import DRIVES, Kind, Tree, build_spanning_tree
 
 INTEGRATORS = {  # order in dt without constraints
     "RK4": 4.0,
@@ -96,17 +96,17 @@ class MuJoCo(ClockedSolver):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why MuJoCo cannot take the problem, or None."""
-        if (reason := find_remedy("mujoco") or list_unsupported(problem.system, self.takes)) is not None:
+        if (reason := find_remedy("mujoco") or refuse_unsupported(problem.system, self.takes)) is not None:
             return reason
         if (reason := self._describe_ignored()) is not None:
             return reason
-        if self.settings == "file" and (reason := _not_as_in_file(problem)) is not None:
+        if self.settings == "file" and (reason := _refuse_file_settings(problem)) is not None:
             return reason
         try:
             model = Model(self, problem, control)
         except ValueError as error:  # raised by its compiler, e.g. for an inertia that no body can have
             return f"MuJoCo does not take the model: {' '.join(str(error).split())}"
-        return model_refusal(self.name, problem, model.at_start())
+        return refuse_model(self.name, problem, model.describe_start())
 
     def _describe_ignored(self) -> str | None:
         """Return a refusal that names the options which the chosen ``settings`` override, or None."""
@@ -128,10 +128,10 @@ class Model:
 
     def __init__(self, options: MuJoCo, problem: Problem, control: StepControl) -> None:
         assert control.dt is not None  # checked by the catalogue
-        self.mj = package("mujoco", "rollout")
-        self.problem, self.tree = problem, spanning_tree(problem.system, problem.initial)
-        self.model = _spec(self.mj, options, problem, self.tree, control.dt).compile()
-        given = _file_of(problem) if options.settings == "file" else None
+        self.mj = import_package("mujoco", "rollout")
+        self.problem, self.tree = problem, build_spanning_tree(problem.system, problem.initial)
+        self.model = _make_spec(self.mj, options, problem, self.tree, control.dt).compile()
+        given = _find_file_model(problem) if options.settings == "file" else None
         own = control.dt if given is None else float(given.opt.timestep)
         is_other = abs(control.dt - own) > 1e-9 * own
         self._other_step = (f"dt = {control.dt:g} s; the file's timestep is {own:g} s",) if is_other else ()
@@ -164,7 +164,7 @@ class Model:
         nq = self.model.nq
         return self.tree.states(rows[:, 1 : 1 + nq], rows[:, 1 + nq : 1 + nq + self.model.nv])
 
-    def at_start(self) -> EngineModel:
+    def describe_start(self) -> EngineModel:
         """Return MuJoCo's model at the start for the model check; ``data`` is evaluated there."""
         mj, m, d, problem = self.mj, self.model, self.data, self.problem
         mj.mj_forward(m, d)
@@ -200,7 +200,7 @@ class Model:
         return held, f"integrator {used}", *self._other_step, made_by
 
 
-def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: float) -> Any:
+def _make_spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: float) -> Any:
     """Return the problem as an uncompiled ``MjSpec`` with steps of ``dt`` [s] and the settings of the options."""
     from .inside import mjcf  # it imports MuJoCo
 
@@ -212,7 +212,7 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
     o.integrator = getattr(mj.mjtIntegrator, f"mjINT_{options.integrator.upper()}")
     solref, solimp = (options.time_constant * dt, 1.0), (options.impedance, options.impedance, 1e-3, 0.5, 2)
     if options.settings != "ours":
-        given = _file_of(problem) if options.settings == "file" else mj.MjSpec().compile()
+        given = _find_file_model(problem) if options.settings == "file" else mj.MjSpec().compile()
         o.integrator, o.iterations, o.tolerance = given.opt.integrator, given.opt.iterations, given.opt.tolerance
         o.solver = given.opt.solver
         active = np.flatnonzero(given.eq_active0)
@@ -223,30 +223,30 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
             solref, solimp = unset.solref, unset.solimp
     o.disableflags = off.mjDSBL_CONTACT | off.mjDSBL_AUTORESET
     spec.compiler.degree = False
-    springs = springs_of_hinges(system, start, tree)
+    springs = list_hinge_springs(system, start, tree)
     parts = {GROUND: spec.worldbody}
     for limb in tree.limbs:
         free = limb.kind is Kind.FREE
         moments, axes = np.linalg.eigh(system.regular_inertia[limb.body])
         parts[limb.body] = part = parts[limb.parent].add_body(
-            name=_name(limb.body),
+            name=_name_body(limb.body),
             mass=system.mass[limb.body],
             explicitinertial=True,
             ipos=np.zeros(3),
             inertia=moments,
-            iquat=_quaternion(axes * np.linalg.det(axes)),
+            iquat=_make_quaternion(axes * np.linalg.det(axes)),
             pos=start.r[limb.body] if free else limb.s_parent - limb.R_0 @ limb.s_child,
-            quat=_quaternion(limb.R_0),
+            quat=_make_quaternion(limb.R_0),
         )
         kinds = mj.mjtJoint
-        if limb.kind.is_turned:
+        if limb.kind.has_quaternion:
             part.add_joint(type=kinds.mjJNT_FREE if free else kinds.mjJNT_BALL, pos=limb.s_child)
-        for slides, axis in limb.moves():
+        for slides, axis in limb.list_moves():
             kind = kinds.mjJNT_SLIDE if slides else kinds.mjJNT_HINGE
             part.add_joint(type=kind, pos=limb.s_child, axis=axis, **mjcf.make_spring(springs.get(limb.body)))
     for cut in tree.cuts:
         row = spec.add_equality(type=mj.mjtEq.mjEQ_CONNECT, objtype=mj.mjtObj.mjOBJ_BODY)
-        row.name1, row.name2, row.data[:3] = _name(cut.i), _name(cut.j), cut.s_i
+        row.name1, row.name2, row.data[:3] = _name_body(cut.i), _name_body(cut.j), cut.s_i
         row.solref, row.solimp = solref, solimp
     given = flatten_tree(tree, system, start)
     mjcf.add_springs(spec, parts, given["springs"])
@@ -254,16 +254,16 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
     return spec
 
 
-def _file_of(problem: Problem) -> Any:
+def _find_file_model(problem: Problem) -> Any:
     """Return MuJoCo's compiled model of the MJCF file from which the problem was read, or None if there is none."""
     entry = registry.problems().get(problem.name)
     made_by_file = getattr(getattr(entry, "make", None), "__self__", None)
     return made_by_file.model if isinstance(made_by_file, CompiledMechanism) else None
 
 
-def _not_as_in_file(problem: Problem) -> str | None:
+def _refuse_file_settings(problem: Problem) -> str | None:
     """Return why ``settings`` "file" cannot be used for the problem, or None."""
-    given = _file_of(problem)
+    given = _find_file_model(problem)
     if given is None:
         return "settings=file: the problem was not read from an MJCF file"
     active = np.flatnonzero(given.eq_active0)
@@ -272,11 +272,11 @@ def _not_as_in_file(problem: Problem) -> str | None:
     return None
 
 
-def _name(body: int) -> str:
+def _name_body(body: int) -> str:
     """Return the name of a body in MuJoCo's model."""
     return "world" if body == GROUND else f"body {body}"
 
 
-def _quaternion(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]:
+def _make_quaternion(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]:
     """Return the quaternion (w, x, y, z) of a rotation matrix."""
     return Rotation.from_matrix(R).as_quat(scalar_first=True)

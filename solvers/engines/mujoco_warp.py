@@ -33,7 +33,7 @@ class MuJoCoWarp(Adapter):
     wheel: ClassVar[str] = "mujoco-warp"
     takes: ClassVar[SupportedElements] = SupportedElements(loads="constant", lacks=LACKS)
     eps: ClassVar[float] = SINGLE
-    moving: ClassVar[bool] = True
+    checks_random_velocities: ClassVar[bool] = True
     stretch: ClassVar[int] = 200
 
     @property

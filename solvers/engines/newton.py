@@ -19,8 +19,8 @@ from ...harness.mechanics.joints import JointKind
 from ...harness.types import Problem, StepControl
 from .export.engine import LOADS, SPRINGS, TORSIONS, VARYING, SupportedElements
 from .export.protocol import Adapter
-from .export.stepping import Stepped
-from .export.tree import DRIVES, spanning_tree
+from .export.stepping import BodyAdapter
+from .export.tree import DRIVES, build_spanning_tree
 
 SOLVERS = ("Featherstone", "MuJoCo", "XPBD", "Kamino")
 MUJOCO = ("euler", "implicitfast", "rk4")
@@ -29,7 +29,7 @@ MANY = 100  # iterations at the model check
 
 @solver("newton")
 @dataclass(frozen=True)
-class Newton(Stepped):
+class Newton(BodyAdapter):
     """Newton's solvers on a CPU."""
 
     solver: str = option("Featherstone", "Newton's solver", choices=SOLVERS)
@@ -58,7 +58,7 @@ class Newton(Stepped):
             **dict.fromkeys(DRIVES, "its joints have targets, not prescribed motions"),
         },
     )
-    moving: ClassVar[bool] = True
+    checks_random_velocities: ClassVar[bool] = True
     stretch: ClassVar[int] = 50
 
     @property
@@ -75,12 +75,12 @@ class Newton(Stepped):
         of_steps = self.solver in ("Featherstone", "Kamino")
         return super().compare_model(problem, control) if of_steps else Adapter.compare_model(self, problem, control)
 
-    def stiffest(self) -> "Newton":
+    def stiffen(self) -> "Newton":
         """Return this solver for the model check: without damping or stabilisation, Kamino with ``MANY`` iterations."""
         return replace(self, settings="ours", max_iterations=MANY, alpha=0.0)
 
-    def _cannot(self, problem: Problem, control: StepControl) -> str | None:
+    def _refuse_options(self, problem: Problem, control: StepControl) -> str | None:
         """Return why Featherstone cannot solve a problem with closed loops, or None."""
-        if self.solver == "Featherstone" and spanning_tree(problem.system, problem.initial).cuts:
+        if self.solver == "Featherstone" and build_spanning_tree(problem.system, problem.initial).cuts:
             return "the system has loops, and Newton's Featherstone ignores them: use solver=MuJoCo, XPBD or Kamino"
         return None

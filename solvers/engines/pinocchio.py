@@ -31,12 +31,12 @@ from .export.engine import (
     VARYING,
     SupportedElements,
     describe_engine,
-    list_unsupported,
-    package,
+    import_package,
+    refuse_unsupported,
 )
 from .export.march import march
-from .export.model_check import EngineModel, model_refusal
-from .export.tree import DRIVES, Kind, Tree, spanning_tree
+from .export.model_check import EngineModel, refuse_model
+from .export.tree import DRIVES, Kind, Tree, build_spanning_tree
 
 INTEGRATORS = {"RKMK4": 4.0, "Euler": 1.0}
 STRETCH = 1_000  # steps times bodies between two readings of the clock
@@ -73,10 +73,10 @@ class Pinocchio(ClockedSolver):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why Pinocchio cannot take the problem, or None."""
-        if (reason := find_remedy("pinocchio", "pin") or list_unsupported(problem.system, self.takes)) is not None:
+        if (reason := find_remedy("pinocchio", "pin") or refuse_unsupported(problem.system, self.takes)) is not None:
             return reason
         try:
-            return model_refusal(self.name, problem, Model(self, problem, control).at_start())
+            return refuse_model(self.name, problem, Model(self, problem, control).describe_start())
         except ValueError as error:
             return str(error)
 
@@ -90,14 +90,15 @@ class Model:
     """A Pinocchio model with its cut joints, and its state (q, u) after the last step."""
 
     def __init__(self, options: Pinocchio, problem: Problem, control: StepControl) -> None:
-        self.pin, self.problem, self._options = (pin := package("pinocchio")), problem, options
-        self.tree = tree = spanning_tree(problem.system, problem.initial)
-        self.model, self._joint, self._at = _tree(pin, problem, tree)
+        self.pin, self.problem, self._options = (pin := import_package("pinocchio")), problem, options
+        self.tree = tree = build_spanning_tree(problem.system, problem.initial)
+        self.model, self._joint, self._placements = _build_model(pin, problem, tree)
         self.data = self.model.createData()
-        self.cuts, self._held = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
+        self.cuts, self._constraint_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
         for cut in tree.cuts:
             ends = (
-                (self._joint[b], self._at[b] * pin.SE3(np.eye(3), s)) for b, s in ((cut.i, cut.s_i), (cut.j, cut.s_j))
+                (self._joint[b], self._placements[b] * pin.SE3(np.eye(3), s))
+                for b, s in ((cut.i, cut.s_i), (cut.j, cut.s_j))
             )
             (i, at_i), (j, at_j) = ends
             held = pin.RigidConstraintModel(
@@ -105,19 +106,19 @@ class Model:
             )
             held.setBaumgarteCorrectorParameters(pin.BaumgarteCorrectorParameters(options.gain**2, 2.0 * options.gain))
             self.cuts.append(held)
-            self._held.append(held.createData())
-        pin.initConstraintDynamics(self.model, self.data, self.cuts, self._held)
+            self._constraint_data.append(held.createData())
+        pin.initConstraintDynamics(self.model, self.data, self.cuts, self._constraint_data)
         self._proximal = pin.ProximalSettings(options.accuracy, options.mu, options.iterations)
         self._no_torque = np.zeros(self.model.nv)
-        balls = [limb for limb in tree.limbs if limb.kind.is_turned]
+        balls = [limb for limb in tree.limbs if limb.kind.has_quaternion]
         first = [limb.u_at + (3 if limb.kind is Kind.FREE else 0) for limb in balls]
         self._turning = np.array(first, dtype=int)[:, None] + np.arange(3)
         self._quaternions = np.array([limb.q_at + (3 if limb.kind is Kind.FREE else 0) for limb in balls], dtype=int)
-        self.q, self.u = self._theirs(tree.start), tree.start_velocity.copy()
+        self.q, self.u = self._convert_from_tree(tree.start), tree.start_velocity.copy()
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
         """Advance by ``steps`` of ``dt`` [s]; return (q, u) after each step, in Pinocchio's coordinates."""
-        step = self._rkmk4 if self._options.integrator == "RKMK4" else self._euler
+        step = self._step_rkmk4 if self._options.integrator == "RKMK4" else self._step_euler
         rows = np.empty((steps, self.model.nq + self.model.nv))
         for k in range(steps):
             self.q, self.u = step(self.q, self.u, dt)
@@ -127,9 +128,9 @@ class Model:
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
         """Return poses and velocities of the bodies from rows of ``advance``."""
         nq = self.model.nq
-        return self.tree.states(self._ours(rows[:, :nq]), rows[:, nq:])
+        return self.tree.states(self._convert_to_tree(rows[:, :nq]), rows[:, nq:])
 
-    def at_start(self) -> EngineModel:
+    def describe_start(self) -> EngineModel:
         """Return Pinocchio's model for the model check, at its present state, which has to be the start."""
         pin, m, d, q, u = self.pin, self.model, self.model.createData(), self.q, self.u
         upper = np.triu(pin.crba(m, d, q))
@@ -137,11 +138,11 @@ class Model:
         forces = -pin.nonLinearEffects(m, d, q, u)
         rest_forces = -pin.computeGeneralizedGravity(m, d, q)
         kinetic, potential = pin.computeKineticEnergy(m, d, q, u), pin.computePotentialEnergy(m, d, q)
-        self._acceleration(q, u)  # places the frames of the constraints
+        self._accelerate(q, u)  # places the frames of the constraints
         pin.computeJointJacobians(m, self.data, q)
         G = np.zeros((0, m.nv))
         if len(self.cuts):
-            G = np.array(pin.getConstraintsJacobian(m, self.data, self.cuts, self._held))
+            G = np.array(pin.getConstraintsJacobian(m, self.data, self.cuts, self._constraint_data))
         T, bias = self.tree.jacobian(), self.tree.bias(self.problem.initial)
         return EngineModel(T, mass_matrix, rest_forces, kinetic, potential, bias, forces, G)
 
@@ -151,31 +152,31 @@ class Model:
         limbs = f"{len(self.tree.limbs)} bodies as a tree of {self.model.nv} velocities{cuts}"
         return limbs, f"own loop {self._options.integrator} in Python, its overhead counted", describe_engine("pin")
 
-    def _acceleration(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def _accelerate(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return Pinocchio's accelerations u_dot at q and u, constrained at cut joints if there are any."""
         if not len(self.cuts):
             return self.pin.aba(self.model, self.data, q, u, self._no_torque)
         return self.pin.constraintDynamics(
-            self.model, self.data, q, u, self._no_torque, self.cuts, self._held, self._proximal
+            self.model, self.data, q, u, self._no_torque, self.cuts, self._constraint_data, self._proximal
         )
 
-    def _rkmk4(self, q: np.ndarray, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+    def _step_rkmk4(self, q: np.ndarray, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
         """Return (q, u) after a step of ``h`` [s] with weights 1, 2, 2, 1 of slopes at 0, 1/2, 1/2, 1."""
-        slope, rate = u, np.array(self._acceleration(q, u))
+        slope, rate = u, np.array(self._accelerate(q, u))
         theta, change = slope.copy(), rate.copy()
         for share, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
             local, u_here = share * h * slope, u + share * h * rate
-            slope = self._local_rate(local, u_here)
-            rate = np.array(self._acceleration(self.pin.integrate(self.model, q, local), u_here))
+            slope = self._find_local_rate(local, u_here)
+            rate = np.array(self._accelerate(self.pin.integrate(self.model, q, local), u_here))
             theta, change = theta + weight * slope, change + weight * rate
         return self.pin.integrate(self.model, q, h / 6.0 * theta), u + h / 6.0 * change
 
-    def _euler(self, q: np.ndarray, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+    def _step_euler(self, q: np.ndarray, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
         """Return (q, u) after a semi-implicit Euler step of ``h`` [s]."""
-        u = u + h * self._acceleration(q, u)
+        u = u + h * self._accelerate(q, u)
         return self.pin.integrate(self.model, q, h * u), u
 
-    def _local_rate(self, theta: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def _find_local_rate(self, theta: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return theta', the rate of the local coordinates at velocities ``u``, to the order of the scheme."""
         out = u.copy()
         if len(self._turning):
@@ -184,14 +185,14 @@ class Model:
             out[self._turning] += 0.5 * once + _cross(a, once) / 12.0
         return out
 
-    def _theirs(self, q: np.ndarray) -> np.ndarray:
+    def _convert_from_tree(self, q: np.ndarray) -> np.ndarray:
         """Return coordinates (nq,) of the tree with quaternions in Pinocchio's order, (x, y, z, w)."""
         out = q.copy()
         for at in self._quaternions:
             out[at : at + 4] = np.roll(q[at : at + 4], -1)
         return out
 
-    def _ours(self, q: Float[np.ndarray, "k nq"]) -> Float[np.ndarray, "k nq"]:
+    def _convert_to_tree(self, q: Float[np.ndarray, "k nq"]) -> Float[np.ndarray, "k nq"]:
         """Return Pinocchio's coordinates (k, nq) with quaternions in the tree's order, (w, x, y, z)."""
         out = q.copy()
         for at in self._quaternions:
@@ -199,7 +200,7 @@ class Model:
         return out
 
 
-def _tree(pin: ModuleType, problem: Problem, tree: Tree) -> tuple[Any, dict[int, int], dict[int, Any]]:
+def _build_model(pin: ModuleType, problem: Problem, tree: Tree) -> tuple[Any, dict[int, int], dict[int, Any]]:
     """Return Pinocchio's model, with coordinates in the tree's order, and joint and placement of each body.
 
     Both are by body: the number of the joint that carries it, and its placement (SE3) in that joint's frame.
@@ -211,9 +212,9 @@ def _tree(pin: ModuleType, problem: Problem, tree: Tree) -> tuple[Any, dict[int,
         b, moves = limb.body, []
         if limb.kind is Kind.FREE:
             moves = [pin.JointModelTranslation()]
-        if limb.kind.is_turned:
+        if limb.kind.has_quaternion:
             moves += [pin.JointModelSpherical()]
-        for slides, axis in limb.moves():
+        for slides, axis in limb.list_moves():
             moves += [(pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned)(axis)]
         here = zero if limb.kind is Kind.FREE else at[limb.parent] * pin.SE3(limb.R_0, limb.s_parent)
         joint[b], at[b] = joint[limb.parent], pin.SE3(np.eye(3), -np.array(limb.s_child))

@@ -40,5 +40,5 @@ class PyBullet(Adapter):
         },
     )
     stretch: ClassVar[int] = 2_000
-    moving: ClassVar[bool] = True
+    checks_random_velocities: ClassVar[bool] = True
     order: ClassVar[float] = 1.0

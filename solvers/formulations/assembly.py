@@ -44,17 +44,17 @@ class Assembly:
         self.row, self.column, self.of_w = _entries(self._batches[: len(sparsities)], sparsities)
         self.column[self.column >= np.where(self.of_w, layout.n_u, layout.n)] = -1  # constants
         self.out = np.zeros(n_out + 1)  # the outputs after ``evaluate``, and a spare one
-        self.evaluate = self._program("values", self.out, _concatenate([b.out for b in self._batches]))
+        self.evaluate = self._make_program("values", self.out, _concatenate([b.out for b in self._batches]))
 
     def values(
         self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float = 0.0
     ) -> Float[np.ndarray, " n_out"]:
         """Evaluate the outputs at unknowns ``y``, accelerations ``w`` and time ``t`` [s], and return a copy of them."""
-        self.read(y, w, t)
+        self.set_inputs(y, w, t)
         self.evaluate.run()
         return self.out[:-1].copy()
 
-    def derivatives_into(
+    def make_derivative_program(
         self,
         data: Float[np.ndarray, " slots"],
         place: Int[np.ndarray, " n_entries"],
@@ -64,16 +64,18 @@ class Assembly:
 
         The derivative is d out[``row``] / d (w if ``of_w`` else y)[``column``]. The last element of ``data`` is a
         dummy: entries with ``place`` -1 are added there. Entries whose row or column is -1 (constants and dropped
-        outputs) must have ``place`` -1. The program evaluates the derivatives at the values set by ``read``.
+        outputs) must have ``place`` -1. The program evaluates the derivatives at the values set by ``set_inputs``.
         """
-        return self._program("derivatives", data, place, weight)
+        return self._make_program("derivatives", data, place, weight)
 
-    def read(self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float) -> None:
+    def set_inputs(self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float) -> None:
         """Set the unknowns ``y``, accelerations ``w`` and time ``t`` [s] at which the programs evaluate."""
         self.y[:], self.w[:], self.t[0] = y, w, t
 
-    def _program(self, name: str, target: np.ndarray, place: np.ndarray, weight: np.ndarray | None = None) -> Program:
-        """Return a program that runs the function ``name`` of every batch at the inputs set by ``read``.
+    def _make_program(
+        self, name: str, target: np.ndarray, place: np.ndarray, weight: np.ndarray | None = None
+    ) -> Program:
+        """Return a program that runs the function ``name`` of every batch at the inputs set by ``set_inputs``.
 
         ``name`` is "values" or "derivatives". Results are added to ``target[place]``, or to its last element, a dummy,
         where ``place`` is -1. Without ``weight`` the target is set to zero first; with it, each result is multiplied by

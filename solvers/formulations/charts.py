@@ -77,7 +77,7 @@ class Chart(ABC):
         It is the least value over all bodies.
         """
 
-    def refusal(self, system: NamedSystem, state: State) -> str | None:
+    def refuse_start(self, system: NamedSystem, state: State) -> str | None:
         """Return why the chart cannot represent ``state``, naming a body of ``system``; None if it can."""
         return None
 
@@ -125,7 +125,7 @@ class Euler313(Chart):
     def coordinates(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Return p = (r, phi, theta, psi) and u = p_dot of all bodies.
 
-        It divides by sin(theta); ``refusal`` excludes starts at which that vanishes.
+        It divides by sin(theta); ``refuse_start`` excludes starts at which that vanishes.
         """
         R = state.R
         theta = np.arctan2(np.hypot(R[:, 0, 2], R[:, 1, 2]), R[:, 2, 2])
@@ -146,7 +146,7 @@ class Euler313(Chart):
         """Return the least abs(sin(theta)) over the bodies at each time."""
         return np.min(np.abs(np.sin(p[..., 4])), axis=-1)
 
-    def refusal(self, system: NamedSystem, state: State) -> str | None:
+    def refuse_start(self, system: NamedSystem, state: State) -> str | None:
         """Return a refusal if a body starts at |sin(theta)| below ``SINGULAR_CHART``, else None.
 
         Angles are not unique where sin(theta) = 0.

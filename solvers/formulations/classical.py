@@ -13,7 +13,7 @@ from .dae import ImplicitForm
 from .differences import DifferencedForm
 from .layout import Layout
 from .recording import ClockedSolver
-from .start import coordinates_and_velocities, make_consistent, redundancy_refusal, start_unloaded
+from .start import make_consistent, make_unloaded_start, pack_start, refuse_redundant_rows
 from .tracing import refuse_without_expression
 
 
@@ -41,11 +41,11 @@ class SymbolicOptions(ClockedSolver):
         if control.rtol is None:
             return f"error control needs rtol; a fixed step was given (dt={control.dt:g})"
         if self.redundancy == "refuse":
-            reason = redundancy_refusal(problem)
+            reason = refuse_redundant_rows(problem)
             if reason is not None:
                 return reason
         chart = CHARTS[self.coordinates]
-        return chart.refusal(problem.system, problem.initial) or refuse_without_expression(problem.system, chart)
+        return chart.refuse_start(problem.system, problem.initial) or refuse_without_expression(problem.system, chart)
 
 
 @dataclass(frozen=True)
@@ -76,12 +76,14 @@ class BaumgarteOptions(ImplicitOptions):
     lambda_in_error_test: bool = option(False, "include the multipliers in the local error test")
     consistent_start: bool = option(True, "start from consistent accelerations and multipliers, else from lambda = 0")
 
-    def start(self, layout: Layout, problem: Problem) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    def compute_start(
+        self, layout: Layout, problem: Problem
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Return (y, y') at the problem's initial state: accelerations and multipliers consistent, or lam = 0.
 
         A state later than t = 0, where the integrator restarts on other constraint rows, is always made consistent.
         """
-        y, t = coordinates_and_velocities(layout, problem), problem.initial.t
+        y, t = pack_start(layout, problem), problem.initial.t
         if self.consistent_start or t > 0.0:
             return make_consistent(layout, y, self.alpha, self.beta, t)
-        return start_unloaded(layout, y)
+        return make_unloaded_start(layout, y)

@@ -25,7 +25,7 @@ from .generated.steps import Step, add_products, set_to_zero, take, take_negativ
 from .layout import Layout
 from .saddle import InverseMass
 from .sparse_pattern import FixedPattern, FixedProduct
-from .system_elements import equations_of_motion
+from .system_elements import assemble_equations
 
 
 class ImplicitForm:
@@ -37,13 +37,13 @@ class ImplicitForm:
 
     def __init__(self, layout: Layout, form: str, alpha: float, beta: float) -> None:
         level = "acceleration" if form in ("fi", "se") else form
-        self._motion = motion = equations_of_motion(layout, level, alpha, beta, differentiable=True)
+        self._motion = motion = assemble_equations(layout, level, alpha, beta, differentiable=True)
         self.y, self.t, self.y_dot, self.F = motion.y, motion.t, np.zeros(layout.n), np.zeros(layout.n)
         p, lam, n_u, rest = layout.p, layout.lam, layout.n_u, np.arange(layout.n_p, layout.n)
         at_u_dot = [take(self.y_dot[layout.u], np.arange(n_u), motion.w), motion.evaluate.step]
         rates = _subtract().address("subtract"), [np.array([layout.n_p]), self.y_dot[p], motion.out[p], self.F[p]]
         steps = [*at_u_dot, rates, take(motion.out, rest, self.F[layout.n_p :])]
-        semi = _Semi(layout, motion, self.y_dot) if form == "se" else None
+        semi = _SemiExplicit(layout, motion, self.y_dot) if form == "se" else None
         if semi is not None:
             last = np.arange(lam.start, lam.stop)
             steps += [*semi.to_accelerations, motion.evaluate.step, take(motion.out, last, self.F[lam])]
@@ -86,7 +86,7 @@ class _Direct:
         row, column = motion.row, motion.column
         self._set_pattern(layout, motion, np.flatnonzero((row >= 0) & (column >= 0)), np.zeros((0, 2), dtype=np.int64))
         self._set_data(0)
-        self._add = motion.derivatives_into(self._data, self._place, self._sign)
+        self._add = motion.make_derivative_program(self._data, self._place, self._sign)
         self.steps = [self._reset, self._add.step]
 
     def _set_pattern(self, layout: Layout, motion: Assembly, used: np.ndarray, more: np.ndarray) -> None:
@@ -119,7 +119,7 @@ class _Direct:
         self._reset = take(at_rest, np.arange(len(at_rest)), self._data)
 
 
-class _Semi(_Direct):
+class _SemiExplicit(_Direct):
     """The Jacobian of form "se": its constraint rows are c at w(y), with dw/dy = -M^-1 de/dy."""
 
     def __init__(self, layout: Layout, motion: Assembly, y_dot: Float[np.ndarray, " n"]) -> None:
@@ -139,7 +139,9 @@ class _Semi(_Direct):
         upper = np.where(row < first_c, self._place, -1)
         lower = np.where(row >= first_c, self._place, -1)
         lower[of_A], lower[of_e] = start + A.place, start + A.nnz + e.place
-        self._add, self._add_at_w = (motion.derivatives_into(self._data, place, self._sign) for place in (upper, lower))
+        self._add, self._add_at_w = (
+            motion.make_derivative_program(self._data, place, self._sign) for place in (upper, lower)
+        )
         minus_e, AW_data, minus = np.zeros(layout.n_u), np.zeros(AW.pattern.nnz), np.zeros(AW.pattern.nnz)
         out, rows, columns = motion.out[layout.u], W.pattern.rows, W.pattern.columns
         self.to_accelerations: list[Step] = [  # w = u' - M^-1 e from e = M u' + h - f - A^T lam

@@ -24,7 +24,7 @@ class DifferencedForm(ImplicitForm):
 
     def __init__(self, layout: Layout, form: str, alpha: float, beta: float) -> None:
         super().__init__(layout, form, alpha, beta)
-        self._groups_y, self._groups_y_dot = (column_groups(self.pattern, used) for used in self.structure)
+        self._groups_y, self._groups_y_dot = (group_columns_of_pattern(self.pattern, used) for used in self.structure)
 
     def jacobian(
         self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
@@ -53,7 +53,7 @@ class DifferencedForm(ImplicitForm):
         return out
 
 
-def column_groups(pattern: FixedPattern, used: np.ndarray) -> list[Int[np.ndarray, " _"]]:
+def group_columns_of_pattern(pattern: FixedPattern, used: np.ndarray) -> list[Int[np.ndarray, " _"]]:
     """Return groups of columns of which no two share a row, each group as the indices of its ``used`` nonzeros.
 
     One evaluation of a difference Jacobian changes all columns of a group. Each column joins the first group it fits.

@@ -65,12 +65,12 @@ def integrate(
     has run since the set-up began; ``first_step`` is in s, and 0 leaves it to IDA. ``notes`` enter the trajectory.
     """
     assert control.rtol is not None  # the catalogue requires it
-    pieces, latest = list[_Piece](), np.zeros(0)
+    pieces, latest = list[_IdaSegment](), np.zeros(0)
 
     def restart(layout: Layout, problem: Problem) -> None:
         nonlocal latest
         start = begin(layout, problem)
-        pieces.append(_Piece(start, problem, control, layout, first_step, clock, stack))
+        pieces.append(_IdaSegment(start, problem, control, layout, first_step, clock, stack))
         latest = start.y
 
     with ExitStack() as stack:
@@ -83,7 +83,7 @@ def integrate(
             try:
                 t, y = pieces[-1].step(problem.t_end)
             except StepFailure as failure:
-                if failure.status not in WORN_OUT or not rows.can_rescue(*last):
+                if failure.status not in WORN_OUT or not rows.restart_after_failure(*last):
                     raise
                 t, y = pieces[-1].step(problem.t_end)
             at = rows.layout
@@ -102,7 +102,7 @@ def integrate(
         return march(problem, control, layout, clock, advance, y, reaction, count, notes, in_use)
 
 
-class _Piece:
+class _IdaSegment:
     """An integration by IDA on one choice of constraint rows."""
 
     def __init__(
@@ -118,7 +118,7 @@ class _Piece:
         assert control.rtol is not None
         self._form, self._clock = start.form, clock
         order, self._place, linear_solver = _choose_order(start.form)
-        equations = _in_order(start.form, order, self._place)
+        equations = _permute_equations(start.form, order, self._place)
         equations.y[:], equations.y_dot[:] = start.y[order], start.y_dot[order]
         self._ida = stack.enter_context(
             Ida(
@@ -178,7 +178,7 @@ def _choose_order(form: ImplicitForm) -> tuple[np.ndarray, np.ndarray, str]:
     return (own, own, "sparse") if band.work > BAND_WORK else (band.order, band.place, "band")
 
 
-def _in_order(form: ImplicitForm, order: np.ndarray, place: np.ndarray) -> IdaEquations:
+def _permute_equations(form: ImplicitForm, order: np.ndarray, place: np.ndarray) -> IdaEquations:
     """Return ``form`` as IDA's equations, permuted by ``order``, of which ``place`` is the inverse."""
     y, y_dot, F = (np.zeros(len(order)) for _ in range(3))
     steps = [take(y, place, form.y), take(y_dot, place, form.y_dot), form.evaluate.step, take(form.F, order, F)]

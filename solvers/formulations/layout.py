@@ -67,26 +67,26 @@ class Layout:
         """Index of the time in y followed by its constants."""
         return self.n + self.chart.size + 7
 
-    def body(self, b: Int[np.ndarray, " m"]) -> Int[np.ndarray, "m s"]:
+    def index_bodies(self, b: Int[np.ndarray, " m"]) -> Int[np.ndarray, "m s"]:
         """Return the indices in y of (p, u) of the bodies ``b``; those of the ground point to the constants after y."""
         size, ground = self.chart.size, (b == GROUND)[:, None]
         p = np.where(ground, self.n + np.arange(size), b[:, None] * size + np.arange(size))
         u = np.where(ground, self.n + size + np.arange(6), self.n_p + b[:, None] * 6 + np.arange(6))
         return np.concatenate((p, u), axis=1)
 
-    def velocity(self, b: Int[np.ndarray, " m"]) -> Int[np.ndarray, "m 6"]:
+    def index_velocities(self, b: Int[np.ndarray, " m"]) -> Int[np.ndarray, "m 6"]:
         """Return the indices of u_dot of the bodies ``b`` in the accelerations w; the ground's follow all others."""
         return np.where((b == GROUND)[:, None], self.n_u + np.arange(6), b[:, None] * 6 + np.arange(6))
 
-    def row(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
+    def index_rows(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
         """Return the index of each row of phi among the kept rows, -1 for a dropped row."""
         place = np.full(self.system.nrows, -1)
         place[self.kept] = np.arange(self.k)
         return place[rows]
 
-    def multiplier(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
+    def index_multipliers(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
         """Return the indices in y of the multipliers of rows of phi; a dropped row has a constant zero after y."""
-        place = self.row(rows)
+        place = self.index_rows(rows)
         return np.where(place < 0, self.n + self.chart.size + 6, self.lam.start + place)
 
     def all_rows(self, lam: Float[np.ndarray, " k"]) -> Float[np.ndarray, " nrows"]:

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from .generated import Program
-from .generated.steps import Step, call_lapack, integer
+from .generated.steps import Step, call_lapack, make_integer
 from .sparse_pattern import FixedPattern
 
 BAND_WORK = 2e7  # products in a factorisation of a band, beyond which SuperLU is faster
@@ -60,8 +60,8 @@ class Factors:
         height, letter = 2 * band.below + band.above + 1, "z" if kind is complex else "d"
         self._band: np.ndarray = np.zeros(n * height, dtype=kind)
         self._entries = (height - 1) * band.column + band.row + band.below + band.above
-        size, below, above, lead = (integer(k) for k in (n, band.below, band.above, height))
-        pivots, info = np.zeros(n, dtype=np.int32), integer(0)
+        size, below, above, lead = (make_integer(k) for k in (n, band.below, band.above, height))
+        pivots, info = np.zeros(n, dtype=np.int32), make_integer(0)
         factor = call_lapack(f"{letter}gbtrf", size, size, below, above, self._band, lead, pivots, info)
         self.steps = [
             call_lapack(
@@ -70,7 +70,7 @@ class Factors:
                 size,
                 below,
                 above,
-                integer(1),
+                make_integer(1),
                 self._band,
                 lead,
                 pivots,
@@ -84,7 +84,7 @@ class Factors:
     def factorise(self, data: Num[np.ndarray, " nnz"]) -> None:
         """Factorise the matrix with nonzeros ``data``, in the order of the pattern."""
         if not self.steps:
-            self._superlu = splu(self._pattern.matrix(data))
+            self._superlu = splu(self._pattern.make_matrix(data))
             return
         self._band.fill(0.0)
         self._band[self._entries] = data

@@ -48,7 +48,7 @@ class Scheme(NamedTuple):
     newton: Newton
     settings: dict[str, Any]
 
-    def on(
+    def set_up_method(
         self,
         form: ImplicitForm,
         start: tuple[float, np.ndarray, np.ndarray],

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ...harness.mechanics.jacobian import even_jacobian
+from ...harness.mechanics.jacobian import scale_jacobian
 from ...harness.mechanics.state import State
 from ...harness.mechanics.system import GROUND, MultibodySystem
 
@@ -38,12 +38,12 @@ def rows_to_keep(system: MultibodySystem, state: State) -> Int[np.ndarray, " ran
     return np.flatnonzero(distance >= INDEPENDENT)
 
 
-def better_rows(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+def find_better_rows(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
     """Return as many constraint rows as ``kept``, the most independent at ``state``, or ``kept`` itself.
 
     The result is ``kept`` unless the least singular value of the other rows is more than ``BETTER`` times as large.
     """
-    A = even_jacobian(system, state).toarray()
+    A = scale_jacobian(system, state).toarray()
     best = np.sort(sl.qr(A.T, mode="r", pivoting=True)[1][: len(kept)])
     least = [np.linalg.svd(A[rows], compute_uv=False)[-1] for rows in (kept, best)]
     return best if least[1] > BETTER * least[0] else kept
@@ -51,7 +51,7 @@ def better_rows(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k
 
 def least_singular_value(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k"]) -> float:
     """Return the least singular value of the constraint rows ``kept`` of A, scaled to length one."""
-    return float(np.linalg.svd(even_jacobian(system, state).toarray()[kept], compute_uv=False)[-1])
+    return float(np.linalg.svd(scale_jacobian(system, state).toarray()[kept], compute_uv=False)[-1])
 
 
 def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray, " nrows"]:
@@ -60,9 +60,9 @@ def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray
     Rows are taken joint by joint, the closing joint of a loop last. If rounding stops the factorisation, all distances
     are set between ``DEPENDENT`` and ``INDEPENDENT``, which leaves all rows undecided.
     """
-    A = even_jacobian(system, state)
+    A = scale_jacobian(system, state)
     S = sp.csr_matrix(A @ A.T)
-    place = np.argsort(_joints_in_order(system))
+    place = np.argsort(_order_joints(system))
     order = np.lexsort((-np.arange(system.nrows), np.repeat(place, system.joint_rows)))
     entries = S[order][:, order].tocoo()
     i, j = entries.row, entries.col
@@ -77,7 +77,7 @@ def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray
     return out
 
 
-def _joints_in_order(system: MultibodySystem) -> Int[np.ndarray, " nj"]:
+def _order_joints(system: MultibodySystem) -> Int[np.ndarray, " nj"]:
     """Return the joints ordered body by body (Cuthill-McKee, for a narrow band), a body's joint to the ground first.
 
     The last joint of each loop is the one that closes it.
@@ -96,9 +96,9 @@ def _choose_by_orthogonalisation(system: MultibodySystem, state: State) -> Int[n
 
     Among the rows of a joint, those farthest from the span of the rows already kept come first.
     """
-    A = even_jacobian(system, state)
+    A = scale_jacobian(system, state)
     rows, basis, kept = A.toarray(), np.zeros((0, A.shape[1])), []
-    for k in _joints_in_order(system):
+    for k in _order_joints(system):
         at = np.arange(*system.row_start[k : k + 2])
         left = rows[at]
         for _ in range(2):

@@ -148,7 +148,7 @@ def march(
         layout, changes = in_use()
         notes = (*notes, *changes)
     if status is not Status.SUCCESS:
-        blamed, reasons = _blame(layout, states, margin, status)
+        blamed, reasons = _explain_failure(layout, states, margin, status)
         status = status if status in (Status.STALLED, Status.MEMORY) else blamed
         message += reasons
     return Trajectory(
@@ -192,7 +192,7 @@ def _states(layout: Layout, y: Float[np.ndarray, "nt n"]) -> States:
     return layout.chart.states(p, y[:, layout.u].reshape(nt, nb, 6))
 
 
-def _blame(layout: Layout, states: States, margin: np.ndarray, status: Status) -> tuple[Status, str]:
+def _explain_failure(layout: Layout, states: States, margin: np.ndarray, status: Status) -> tuple[Status, str]:
     """Return the status of a failed run and text to add to its message, from singularities near its end.
 
     The status is ``SINGULAR`` near a singularity of the 3-1-3 chart, or where the kept constraint rows are nearly

@@ -2,7 +2,7 @@
 
 Rows chosen at one pose may become dependent later although all rows together do not; the constraints then seem to lose
 rank, and an integrator that passes that pose continues with a joint open. The check monitors the sine of the angle
-between each row and the span of those before it, in the metric of ``even_jacobian``: that of the masses changes as
+between each row and the span of those before it, in the metric of ``scale_jacobian``: that of the masses changes as
 slender bodies turn.
 """
 
@@ -13,10 +13,10 @@ from jaxtyping import Float, Int
 
 from .assembly import Assembly, Batch
 from .layout import Layout
-from .rank import better_rows
+from .rank import find_better_rows
 from .saddle import InverseMass, Saddle
-from .symbolic import jacobian_element
-from .system_elements import jacobian_pattern, rows_by_kind
+from .symbolic import make_jacobian_element
+from .system_elements import find_jacobian_pattern, iterate_joint_kinds
 
 WORN = 0.5  # share of a row's sine at the choice, at which the choice is made again
 LARGEST = 100  # rows of phi that are monitored: beyond it singular values cost as much as hundreds of steps
@@ -30,7 +30,7 @@ class RowWear:
         self._layout, self._steps, self._limit = layout, 0, WORN
         self._sines, self._first = Sines(layout) if watched else None, np.zeros(0)
 
-    def better_rows(self, pu: Float[np.ndarray, " n"], t: float, every: int) -> Int[np.ndarray, " k"] | None:
+    def find_better_rows(self, pu: Float[np.ndarray, " n"], t: float, every: int) -> Int[np.ndarray, " k"] | None:
         """Check the rows in use at an accepted step; return more independent rows, or None to keep the present ones.
 
         Only one of ``every`` calls checks: a check takes some 9 us, for small mechanisms a sixth of a step of IDA. Rows
@@ -41,7 +41,7 @@ class RowWear:
         turn, self._steps = self._steps % every, self._steps + 1
         if self._sines is None or turn:
             return None
-        at, sines = self._layout, self._sines.at(pu, t)
+        at, sines = self._layout, self._sines.compute_sines(pu, t)
         if not len(self._first):
             self._first = sines
         left = float((sines / self._first).min())
@@ -50,7 +50,7 @@ class RowWear:
             return None
         self._limit = WORN * left
         p, u = pu[at.p].reshape(1, at.system.nb, -1), pu[at.u].reshape(1, at.system.nb, 6)
-        kept = better_rows(at.system, replace(at.chart.states(p, u)[0], t=t), at.kept)
+        kept = find_better_rows(at.system, replace(at.chart.states(p, u)[0], t=t), at.kept)
         return None if kept is at.kept else kept
 
 
@@ -61,18 +61,18 @@ class Sines:
         s = layout.system
         even = replace(s, mass=np.ones(s.nb), inertia=np.eye(3) * s.gyration[:, None, None] ** 2)
         layout = Layout(even, layout.chart, layout.kept)
-        pattern, place = jacobian_pattern(layout)
+        pattern, place = find_jacobian_pattern(layout)
         batches, used = [], 0
-        for of in rows_by_kind(layout):
+        for of in iterate_joint_kinds(layout):
             entries = slice(used, used := used + 12 * of.rows.size)
             z, out = np.concatenate((of.ends.z, of.ends.t), axis=1), place[entries].reshape(len(of.rows), -1)
-            batches.append(Batch(jacobian_element(of.kind, layout.chart), of.numbers, z, of.ends.w, out))
+            batches.append(Batch(make_jacobian_element(of.kind, layout.chart), of.numbers, z, of.ends.w, out))
         self._rows = rows = Assembly(layout, batches, pattern.nnz, differentiable=False)
         right = np.zeros(layout.n_u), np.zeros(layout.k)
         self._saddle = Saddle(layout, pattern, InverseMass(layout, rows.y), rows.out[:-1], *right)
         self._pu, self._size = rows.y[: layout.lam.start], layout.lam.start
 
-    def at(self, pu: Float[np.ndarray, " n"], t: float) -> Float[np.ndarray, " k"]:
+    def compute_sines(self, pu: Float[np.ndarray, " n"], t: float) -> Float[np.ndarray, " k"]:
         """Return the sine of each kept row's angle with the span of those before it, in the order of a band.
 
         Entries after a row that depends on those before it are meaningless.

@@ -32,22 +32,22 @@ class RowsInUse:
         Call it after each accepted step (t [s], y); one of ``every`` calls checks. Raises ``StepFailure`` where the
         state cannot be projected onto the constraints.
         """
-        self._renew(t, y, self._every)
+        self._restart_on_better_rows(t, y, self._every)
 
-    def can_rescue(self, t: float, y: np.ndarray) -> bool:
+    def restart_after_failure(self, t: float, y: np.ndarray) -> bool:
         """Restart the integrator on better rows after a failed step; return whether there were any.
 
         ``t`` [s] and ``y`` are those of the last accepted step.
         """
-        return self._renew(t, y, 1)
+        return self._restart_on_better_rows(t, y, 1)
 
-    def _renew(self, t: float, y: np.ndarray, every: int) -> bool:
+    def _restart_on_better_rows(self, t: float, y: np.ndarray, every: int) -> bool:
         """Restart the integrator on other rows if those in use are nearly dependent; return whether it did.
 
         With ``every`` = 1, after a failed step, a state that cannot be projected returns False; else it raises
         ``StepFailure``.
         """
-        kept = self._wear.better_rows(y, t, every)
+        kept = self._wear.find_better_rows(y, t, every)
         if kept is None:
             return False
         at = self.layout

@@ -16,7 +16,7 @@ from ...harness.mechanics.fixed_order import inverse
 from ...harness.types import Status
 from .charts import Chart
 from .generated import Code, Loop, Program, compile_functions
-from .generated.steps import Step, add_products, call_lapack, integer, set_to_zero, take, take_negative
+from .generated.steps import Step, add_products, call_lapack, make_integer, set_to_zero, take, take_negative
 from .layout import Layout
 from .linear import find_band
 from .recording import StepFailure
@@ -76,7 +76,7 @@ class Saddle:
         k, n_u = layout.k, layout.n_u
         W, blocks, in_blocks = inverse_mass.pattern, inverse_mass.data, inverse_mass.places
         self._u_dot, self._lam = np.zeros(n_u), np.zeros(k)
-        self._info, self._pivots, self._squares = integer(0), np.zeros(0), np.zeros(k)
+        self._info, self._pivots, self._squares = make_integer(0), np.zeros(0), np.zeros(k)
         free, back = np.zeros(n_u), np.zeros(n_u)
         factor = list(inverse_mass.steps)
         solve = [set_to_zero(free), add_products(blocks, in_blocks, e, W.columns, free, W.rows)]
@@ -91,8 +91,8 @@ class Saddle:
             lower = np.flatnonzero((i >= j)[S.pattern.place])
             in_band = (j * height + i - j)[S.pattern.place[lower]]  # by columns, from the diagonal down
             AW_data, band, right = np.zeros(AW.pattern.nnz), np.zeros(height * k), np.zeros(k)
-            uplo, size, one = np.frombuffer(b"L", dtype=np.uint8), integer(k), integer(1)
-            width, lead = integer(height - 1), integer(height)
+            uplo, size, one = np.frombuffer(b"L", dtype=np.uint8), make_integer(k), make_integer(1)
+            width, lead = make_integer(height - 1), make_integer(height)
             self._pivots = band[::height]
             factor += [
                 set_to_zero(AW_data),
@@ -106,7 +106,7 @@ class Saddle:
             solve += [
                 take_negative(c, order, right),
                 add_products(A, every, free, pattern.columns, right, place[pattern.rows]),
-                call_lapack("dpbtrs", uplo, size, width, one, band, lead, right, size, integer(0)),
+                call_lapack("dpbtrs", uplo, size, width, one, band, lead, right, size, make_integer(0)),
                 take(right, place, self._lam),
                 add_products(A, every, self._lam, pattern.rows, back, pattern.columns),
             ]

@@ -34,7 +34,7 @@ class FixedPattern:
         m = len(self.place)
         self._sum = sp.csr_array((np.ones(m), (self.place, np.arange(m))), shape=(self.nnz, m))
 
-    def data(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " nnz"]:
+    def sum_entries(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " nnz"]:
         """Return the nonzeros of the matrix from the ``values`` of its entries, summed where they coincide."""
         return self._sum @ values
 
@@ -48,7 +48,7 @@ class FixedPattern:
         """Column of each nonzero."""
         return self.major if self.by_column else self.indices
 
-    def matrix(self, data: Num[np.ndarray, " nnz"]) -> sp.csr_array | sp.csc_array:
+    def make_matrix(self, data: Num[np.ndarray, " nnz"]) -> sp.csr_array | sp.csc_array:
         """Return a SciPy array with the nonzeros ``data``: CSC if the pattern is by column, else CSR."""
         kind = sp.csc_array if self.by_column else sp.csr_array
         return kind((data, self.indices, self.indptr), shape=self.shape)

@@ -9,12 +9,12 @@ from .layout import Layout
 from .rank import rows_to_keep
 from .saddle import InverseMass, Saddle
 from .sparse_pattern import FixedPattern
-from .system_elements import equations_of_motion
+from .system_elements import assemble_equations
 
 RATE_STEP = 1e-5  # [s] step of the central difference for lam', which serves only the first predictor
 
 
-def layout_for(problem: Problem, coordinates: str) -> tuple[Layout, tuple[str, ...]]:
+def choose_layout(problem: Problem, coordinates: str) -> tuple[Layout, tuple[str, ...]]:
     """Return the layout of unknowns over independent constraint rows at the start, and notes on rows dropped.
 
     ``coordinates`` is the chart's name.
@@ -30,7 +30,7 @@ def layout_for(problem: Problem, coordinates: str) -> tuple[Layout, tuple[str, .
     return layout, (f"{count}, redundant at the start (rank {len(kept)}): {rows}",)
 
 
-def redundancy_refusal(problem: Problem) -> str | None:
+def refuse_redundant_rows(problem: Problem) -> str | None:
     """Return the refusal of a system whose constraint rows are redundant at the start, or None."""
     rank, rows = len(rows_to_keep(problem.system, problem.initial)), problem.system.nrows
     if rank == rows:
@@ -38,7 +38,7 @@ def redundancy_refusal(problem: Problem) -> str | None:
     return f"{rows} constraint rows have rank {rank} at the start; set redundancy=drop to keep {rank} independent ones"
 
 
-def coordinates_and_velocities(layout: Layout, problem: Problem) -> Float[np.ndarray, " n"]:
+def pack_start(layout: Layout, problem: Problem) -> Float[np.ndarray, " n"]:
     """Return y = (p, u, lam) at the problem's initial state, with lam = 0."""
     p, u = layout.chart.coordinates(problem.initial)
     return np.concatenate((p.ravel(), u.ravel(), np.zeros(layout.k)))
@@ -49,19 +49,19 @@ class Accelerations:
 
     def __init__(self, layout: Layout, alpha: float = 0.0, beta: float = 0.0) -> None:
         self._layout = layout
-        self._motion = motion = equations_of_motion(layout, "acceleration", alpha, beta, differentiable=True)
+        self._motion = motion = assemble_equations(layout, "acceleration", alpha, beta, differentiable=True)
         first_c = layout.n_p + layout.n_u
         entries = np.flatnonzero((motion.row >= first_c) & motion.of_w & (motion.column >= 0))
         pattern = FixedPattern(motion.row[entries] - first_c, motion.column[entries], (layout.k, layout.n_u))
         place = np.full(len(motion.row), -1)
         place[entries] = pattern.place
         self._A = np.zeros(pattern.nnz + 1)
-        self._add_A = motion.derivatives_into(self._A, place, np.ones(len(place)))
+        self._add_A = motion.make_derivative_program(self._A, place, np.ones(len(place)))
         e, c = motion.out[layout.u], motion.out[layout.lam]
         self._saddle = Saddle(layout, pattern, InverseMass(layout, motion.y), self._A[:-1], e, c)
         self._at_rest = np.zeros(layout.n_u)
 
-    def at(
+    def compute_accelerations(
         self, y: Float[np.ndarray, " n"], t: float = 0.0
     ) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
         """Return (u', lam) at (p, u) of ``y`` and time ``t`` [s]; the lam in ``y`` is ignored.
@@ -70,14 +70,14 @@ class Accelerations:
         """
         at, y = self._layout, y.copy()
         y[at.lam] = 0.0
-        self._motion.read(y, self._at_rest, t)
+        self._motion.set_inputs(y, self._at_rest, t)
         self._motion.evaluate.run()
         self._A.fill(0.0)
         self._add_A.run()
         u_dot, lam = self._saddle.solve()
         return u_dot.copy(), lam.copy()
 
-    def rate(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_p"]:
+    def compute_coordinate_rates(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_p"]:
         """Return the coordinate rates p' of the chart at (p, u) of ``y``."""
         return self._motion.values(y, self._at_rest)[self._layout.p]
 
@@ -91,15 +91,15 @@ def make_consistent(
     lam' is a central difference, which serves only an integrator's first predictor.
     """
     accelerations = Accelerations(layout, alpha, beta)
-    u_dot, lam = accelerations.at(y, t)
-    y_dot = np.concatenate((accelerations.rate(y), u_dot, np.zeros(layout.k)))
-    ahead, behind = (accelerations.at(y + h * y_dot, t + h)[1] for h in (RATE_STEP, -RATE_STEP))
+    u_dot, lam = accelerations.compute_accelerations(y, t)
+    y_dot = np.concatenate((accelerations.compute_coordinate_rates(y), u_dot, np.zeros(layout.k)))
+    ahead, behind = (accelerations.compute_accelerations(y + h * y_dot, t + h)[1] for h in (RATE_STEP, -RATE_STEP))
     y, y_dot = y.copy(), y_dot.copy()
     y[layout.lam], y_dot[layout.lam] = lam, (ahead - behind) / (2.0 * RATE_STEP)
     return y, y_dot
 
 
-def start_unloaded(
+def make_unloaded_start(
     layout: Layout, y: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Return (y, y') with the accelerations of free fall; without multipliers the acceleration rows are violated.
@@ -108,5 +108,5 @@ def start_unloaded(
     """
     accelerations = Accelerations(Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64)))
     y_short = y[: layout.n - layout.k]
-    u_dot, _ = accelerations.at(y_short)
-    return y, np.concatenate((accelerations.rate(y_short), u_dot, np.zeros(layout.k)))
+    u_dot, _ = accelerations.compute_accelerations(y_short)
+    return y, np.concatenate((accelerations.compute_coordinate_rates(y_short), u_dot, np.zeros(layout.k)))

@@ -28,8 +28,14 @@ from .row_wear import RowWear
 from .rows.expressions import force_numbers
 from .saddle import InverseMass, Saddle
 from .sparse_pattern import FixedPattern
-from .symbolic import ELEMENTS, free_spring_element, strong_row_element
-from .system_elements import body_batch, force_batches, jacobian_pattern, pair_ends, rows_by_kind
+from .symbolic import ELEMENTS, make_spring_slope_element, make_strong_row_element
+from .system_elements import (
+    find_jacobian_pattern,
+    index_pair_ends,
+    iterate_joint_kinds,
+    make_body_batch,
+    make_force_batches,
+)
 
 
 class StrongRates(NamedTuple):
@@ -77,14 +83,14 @@ class StrongForm:
         self._wear = RowWear(layout)
         self._bare = Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64))  # z has no lam here
         self._direction, self._given = direction, (c_bar, k_bar)
-        self.pattern, place = jacobian_pattern(layout)
+        self.pattern, place = find_jacobian_pattern(layout)
         self._slices, n_out = _slices(layout, self.pattern.nnz)
         self._motion = Assembly(self._bare, self._batches(layout, place), n_out, differentiable=False)
         self._at_rest = np.zeros(layout.n_u)
         s = layout.system
         self._gravity = np.concatenate((s.mass[:, None] * s.gravity, np.zeros((s.nb, 3))), axis=1).ravel()
         self._springs = _Springs(self._bare) if len(s.spring_k) else None
-        loads = force_batches(self._bare, chosen=False)
+        loads = make_force_batches(self._bare, in_chart=False)
         loaded = any(len(b.z) for b in loads)
         self._loads = Assembly(self._bare, loads, layout.n_u, differentiable=False) if loaded else None
         *of_motion, self._of_c = (self._motion.out[part] for part in self._slices)
@@ -95,7 +101,7 @@ class StrongForm:
         c, self._lam, self._lam_dot, self._F, self._lam_ddot = (np.zeros(layout.k) for _ in range(5))
         self._saddle = Saddle(layout, self.pattern, InverseMass(layout, self._motion.y), at.A, at.e, c)
         terms = self.pattern.rows, self.pattern.columns
-        count, code = np.array([layout.k]), _compiled_rows(alpha, beta)
+        count, code = np.array([layout.k]), _compile_rows(alpha, beta)
         shared = [at.phi, at.phi_dot, at.M_bar, at.M_bar_dot, at.C_bar, at.K_bar]
         self._before = Program(
             [
@@ -108,12 +114,12 @@ class StrongForm:
         outer = self._lam, self._lam_dot, self._F
         self._after = Program([(code.address("lam_ddot"), [count, *shared, *outer, at.f_bar, self._lam_ddot])], code)
 
-    def renew(self, pu: Float[np.ndarray, " n"], t: float, every: int) -> "StrongForm":
+    def change_rows_if_worn(self, pu: Float[np.ndarray, " n"], t: float, every: int) -> "StrongForm":
         """Return this form, or one on other constraint rows where the kept ones are nearly dependent.
 
         Both have the same accelerations. Call it after accepted steps; one of ``every`` calls checks.
         """
-        kept = self._wear.better_rows(pu, t, every)
+        kept = self._wear.find_better_rows(pu, t, every)
         return self if kept is None else StrongForm(replace(self._layout, kept=kept), *self._options)
 
     def terms(self, pu: Float[np.ndarray, " n"], t: float = 0.0) -> RowTerms:
@@ -144,14 +150,14 @@ class StrongForm:
 
     def _evaluate(self, pu: np.ndarray, t: float) -> None:
         """Evaluate the terms of Eq. (65) at (p, u) and time ``t`` [s], and the right side of the linear system."""
-        self._motion.read(pu, self._at_rest, t)
+        self._motion.set_inputs(pu, self._at_rest, t)
         self._motion.evaluate.run()
         if self._loads is not None:
             np.add(self._gravity, self._loads.values(pu, self._at_rest, t), out=self._f)
         if self._springs is not None:
-            c = self.pattern.matrix(self._of_c)
+            c = self.pattern.make_matrix(self._of_c)
             rows = self._at.C_bar, self._at.K_bar
-            for to, least, slope in zip(rows, self._given, self._springs.at(pu), strict=True):
+            for to, least, slope in zip(rows, self._given, self._springs.compute_slopes(pu), strict=True):
                 to[:] = least + np.asarray((c @ slope).multiply(c).sum(axis=1)).ravel()
             np.maximum(self._at.K_bar, 0.0, out=self._at.K_bar)  # a negative value would drive phi away exponentially
         self._before.run()
@@ -163,24 +169,24 @@ class StrongForm:
         """
         bare = self._bare
         A, gamma, phi_dot, phi, M_bar, M_bar_dot, c = (part.start for part in self._slices[2:])
-        batches, used = [body_batch(bare), *force_batches(bare)], 0
-        for of in rows_by_kind(bare):
+        batches, used = [make_body_batch(bare), *make_force_batches(bare)], 0
+        for of in iterate_joint_kinds(bare):
             inertia, moves = (_inertia(layout, b) for b in (of.i, of.j)), (of.j != GROUND)[:, None].astype(float)
-            row = layout.row(of.rows)
+            row = layout.index_rows(of.rows)
             entries = place[used : used + 12 * row.size].reshape(len(row), 12 * row.shape[1])
             used += entries.size
             parts = [(A, entries), *((start, row) for start in (gamma, phi_dot, phi, M_bar, M_bar_dot)), (c, entries)]
             out = np.concatenate([np.where(index < 0, -1, start + index) for start, index in parts], axis=1)
             parameters = np.concatenate((of.numbers, *inertia, moves), axis=1)
             z = np.concatenate((of.ends.z, of.ends.t), axis=1)
-            element = strong_row_element(of.kind, layout.chart, self._direction)
+            element = make_strong_row_element(of.kind, layout.chart, self._direction)
             batches.append(Batch(element, parameters, z, of.ends.w, out))
         return batches
 
 
 @lru_cache(ELEMENTS)
 @making_code
-def _compiled_rows(alpha: float, beta: float) -> Code:
+def _compile_rows(alpha: float, beta: float) -> Code:
     """Compile the scalar formulas of Eq. (65) for a row: "right", the right side of the saddle, and "lam_ddot"."""
     names = ("phi", "phi_dot", "M_bar", "M_bar_dot", "C_bar", "K_bar", "gamma", "lam", "lam_dot", "F", "f_bar")
     phi, phi_dot, M_bar, M_bar_dot, C_bar, K_bar, gamma, lam, lam_dot, F, f_bar = (ca.SX.sym(name) for name in names)
@@ -201,7 +207,7 @@ class _Springs:
 
     def __init__(self, bare: Layout) -> None:
         s, n = bare.system, bare.n_u
-        ends = pair_ends(bare, s.spring_i, s.spring_j)
+        ends = index_pair_ends(bare, s.spring_i, s.spring_j)
         at, z = ends.free, np.concatenate((ends.z, ends.t), axis=1)
         row = np.broadcast_to(at[:, None, :], (len(at), 12, 12)).reshape(len(at), -1)  # by columns
         column = np.broadcast_to(at[:, :, None], (len(at), 12, 12)).reshape(len(at), -1)
@@ -209,13 +215,13 @@ class _Springs:
         self._pattern = FixedPattern(row.ravel()[keep], column.ravel()[keep], (n, n))
         entry, self._m = np.where(keep, np.cumsum(keep) - 1, -1).reshape(len(at), -1), int(keep.sum())
         out = np.concatenate((entry, np.where(entry < 0, -1, self._m + entry)), axis=1)
-        batch = Batch(free_spring_element(bare.chart), force_numbers(s, "spring"), z, ends.w, out)
+        batch = Batch(make_spring_slope_element(bare.chart), force_numbers(s, "spring"), z, ends.w, out)
         self._slopes, self._at_rest = Assembly(bare, [batch], 2 * self._m, differentiable=False), np.zeros(n)
 
-    def at(self, pu: np.ndarray) -> tuple[Any, Any]:
+    def compute_slopes(self, pu: np.ndarray) -> tuple[Any, Any]:
         """Return -df/dV and -df/dx (along the flow) of all springs at (p, u), as two sparse matrices (n_u, n_u)."""
         found, of = self._slopes.values(pu, self._at_rest), self._pattern
-        return of.matrix(of.data(found[: self._m])), of.matrix(of.data(found[self._m :]))
+        return of.make_matrix(of.sum_entries(found[: self._m])), of.make_matrix(of.sum_entries(found[self._m :]))
 
 
 def _slices(layout: Layout, nnz: int) -> tuple[list[slice], int]:

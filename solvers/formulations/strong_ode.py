@@ -12,7 +12,7 @@ from ...harness.types import Problem, Status, StepControl, Trajectory
 from .classical import SymbolicOptions
 from .error_test import tolerances
 from .recording import Clock, StepFailure, march
-from .start import coordinates_and_velocities, layout_for
+from .start import choose_layout, pack_start
 from .strong_form import StrongForm
 from .symbolic import DIRECTIONS
 
@@ -56,7 +56,7 @@ def integrate(
     the reactions cost one more per step. ``clock`` has run since the set-up began.
     """
     pair = STAGES.get(method.__name__)
-    layout, notes = layout_for(problem, options.coordinates)
+    layout, notes = choose_layout(problem, options.coordinates)
     k, n = layout.k, layout.n_p + layout.n_u
     form = StrongForm(layout, options.alpha, options.beta, options.direction, options.c_bar, options.k_bar)
     latest = np.zeros(k)  # reaction at the last evaluation
@@ -67,7 +67,7 @@ def integrate(
         latest[:] = rates.reaction
         return np.concatenate((rates.p_dot, rates.u_dot, y[n + k :], rates.lam_ddot))
 
-    y = np.concatenate((coordinates_and_velocities(layout, problem)[:n], np.zeros(2 * k)))
+    y = np.concatenate((pack_start(layout, problem)[:n], np.zeros(2 * k)))
     rhs(0.0, y)
     reaction = form.all_rows(latest)
     assert control.rtol is not None  # the catalogue requires it
@@ -83,7 +83,7 @@ def integrate(
         if pair is None:
             rhs(ode.t, ode.y)
         reaction = form.all_rows(latest)
-        form = form.renew(ode.y[:n], ode.t, ROWS_EVERY)
+        form = form.change_rows_if_worn(ode.y[:n], ode.t, ROWS_EVERY)
         return ode.t, ode.y[:n], reaction
 
     def count(steps: int) -> dict[str, int]:

@@ -34,7 +34,7 @@ CREATORS = ("SUNDense", "SUNBand", "SUNSparse", "SUNLinSol_", "N_V", "IDACreate"
 WORK = ("evaluations", "deadline", "data_of", "y", "y_dot", "F", "bytes", "t", "run", "program")
 
 
-def not_installed() -> NotInstalled | None:
+def refuse_if_missing() -> NotInstalled | None:
     """Return how to install scikit-sundae where it is missing; else import it, and return None.
 
     Importing it here excludes the import from a solver's CPU time.
@@ -88,7 +88,7 @@ class Ida:
         context = ADDRESS()
         _check(_function("SUNContext_Create")(FLAG(0), ctypes.byref(context)))
         self._free("SUNContext_Free", ctypes.byref(context))
-        self._hear_c = ctypes.CFUNCTYPE(None, FLAG, *[ctypes.c_char_p] * 3, FLAG, ADDRESS, ADDRESS)(self._hear)
+        self._hear_c = ctypes.CFUNCTYPE(None, FLAG, *[ctypes.c_char_p] * 3, FLAG, ADDRESS, ADDRESS)(self._store_message)
         _check(_function("SUNContext_ClearErrHandlers")(context))
         _check(_function("SUNContext_PushErrHandler")(context, self._hear_c, None))
         self._atol = atol.copy()
@@ -96,7 +96,7 @@ class Ida:
         matrix, solver = self._linear_algebra(linear_solver, n, y, context)
         self._memory = _allocate("IDACreate", context)
         self._free("IDAFree", ctypes.byref(self._memory))
-        code, limit = _residual(), 2**62 if seconds is None else int((time.process_time() + seconds) * 1e6)
+        code, limit = _compile_residual(), 2**62 if seconds is None else int((time.process_time() + seconds) * 1e6)
         own = (equations.y, equations.y_dot, equations.F)
         run, (program,) = equations.evaluate.step
         self._work = np.array(
@@ -112,7 +112,7 @@ class Ida:
             ],
             dtype=np.int64,
         )
-        self._jacobian = ctypes.CFUNCTYPE(FLAG, NUMBER, NUMBER, *[ADDRESS] * 8)(self._fill)
+        self._jacobian = ctypes.CFUNCTYPE(FLAG, NUMBER, NUMBER, *[ADDRESS] * 8)(self._fill_jacobian)
         for name, *arguments in (
             ("IDAInit", ADDRESS(code.address("residual")), NUMBER(start), y, y_dot),
             ("IDASetUserData", ADDRESS(self._work.ctypes.data)),
@@ -204,7 +204,7 @@ class Ida:
         self._free("SUNLinSolFree", solver)
         return matrix, solver
 
-    def _fill(self, t: float, cj: float, y: int, y_dot: int, *rest: int) -> int:
+    def _fill_jacobian(self, t: float, cj: float, y: int, y_dot: int, *rest: int) -> int:
         """Fill the matrix dF/dy + cj dF/dy', as IDA's ``jacfn``; return 0, or -1 after an exception, which is stored.
 
         SUNDIALS has set the matrix to zero.
@@ -222,7 +222,7 @@ class Ida:
             return -1
         return 0
 
-    def _hear(self, line: int, function: bytes, file: bytes, message: bytes, code: int, *rest: int) -> None:
+    def _store_message(self, line: int, function: bytes, file: bytes, message: bytes, code: int, *rest: int) -> None:
         """Store an error message of SUNDIALS, as its error handler."""
         self._said.append(f"[{function.decode()}, Error: {code}] {message.decode().strip()}")
 
@@ -272,7 +272,7 @@ def _function(name: str) -> Any:
 
 
 @cache
-def _residual() -> Code:
+def _compile_residual() -> Code:
     """Return the code of IDA's ``resfn``, which copies y and y' to our arrays, runs the program and copies F back.
 
     It returns -1 after the deadline, which one of ``CHECK_EVERY`` calls checks.

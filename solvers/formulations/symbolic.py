@@ -22,7 +22,7 @@ import casadi as ca
 from ...harness.code_meter import making_code
 from ...harness.mechanics.forces import DECLARED
 from .charts import Chart
-from .rows.expressions import push_expressions, row_expressions
+from .rows.expressions import express_push, express_rows
 
 ELEMENTS = 64  # elements of each kind that are kept for the next run
 
@@ -64,7 +64,7 @@ class Element:
     outputs: dict[str, ca.SX]
 
 
-def moving_body(chart: Chart, end: str) -> MovingBody:
+def make_moving_body(chart: Chart, end: str) -> MovingBody:
     """Return symbols p, u, u_dot of a body's coordinates, velocities and accelerations, and its motion in ``chart``.
 
     V = B(p) u are v in space and Omega in the body's frame, in this order; V_dot and p_dot follow from p, u, u_dot.
@@ -79,9 +79,9 @@ def moving_body(chart: Chart, end: str) -> MovingBody:
 
 @lru_cache(ELEMENTS)
 @making_code
-def body_element(chart: Chart) -> Element:
+def make_body_element(chart: Chart) -> Element:
     """Return the element of a body: parameters m, J (9), g (3); outputs "rate" = p_dot and "e", the unbalanced load."""
-    b = moving_body(chart, "i")
+    b = make_moving_body(chart, "i")
     parameters = ca.SX.sym("body", 13)
     m, J, g = parameters[0], ca.reshape(parameters[1:10], 3, 3), parameters[10:]
     Omega = b.V[3:]
@@ -92,7 +92,7 @@ def body_element(chart: Chart) -> Element:
     return Element(ca.vertcat(b.p, b.u), b.u_dot, parameters, {"rate": rate, "e": e})
 
 
-class Pair(NamedTuple):
+class JointRows(NamedTuple):
     """The rows phi of one kind of joint between two bodies, with their first and second rate along the motion.
 
     Rows of velocities alone have no phi.
@@ -109,25 +109,25 @@ class Pair(NamedTuple):
     acceleration: ca.SX  # phi_ddot at the accelerations of i and j
 
 
-def joint_pair(kind: str, chart: Chart) -> Pair:
+def make_joint_rows(kind: str, chart: Chart) -> JointRows:
     """Return the constraint rows of a joint of kind ``kind`` between two bodies, in ``chart``."""
-    e, i, j = row_expressions(kind), moving_body(chart, "i"), moving_body(chart, "j")
+    e, i, j = express_rows(kind), make_moving_body(chart, "i"), make_moving_body(chart, "j")
     free = ca.Function("rows", [e.x, e.V, e.t, e.numbers], [e.phi, e.A, e.phi_dot, e.gamma])
     phi, A, phi_dot, gamma = free(*_motion_of(i, j), e.t, e.numbers)
     A_chart = ca.densify(A @ ca.diagcat(i.B, j.B))
-    return Pair(i, j, e.numbers, e.t, phi, A, A_chart, phi_dot, gamma + A @ ca.vertcat(i.V_dot, j.V_dot))
+    return JointRows(i, j, e.numbers, e.t, phi, A, A_chart, phi_dot, gamma + A @ ca.vertcat(i.V_dot, j.V_dot))
 
 
 @lru_cache(ELEMENTS)
 @making_code
-def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) -> Element:
+def make_row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) -> Element:
     """Return the element of a joint: parameters ``joint_numbers``; inputs z end with lam, then t; outputs loads and c.
 
     The loads load_i, load_j are -A^T lam, and c are the rows. ``level`` "acceleration":
     c = phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "velocity": phi_dot + alpha phi; "position": phi, Eq. (93);
     "both": phi and phi_dot; z then has lam and eta, and G A^T eta, output "moved", is added to p_dot.
     """
-    pair = joint_pair(kind, chart)
+    pair = make_joint_rows(kind, chart)
     n = pair.value.numel()
     lam = ca.SX.sym("lam", n)
     load = -pair.A_chart.T @ lam
@@ -147,9 +147,9 @@ def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) 
 
 @lru_cache(ELEMENTS)
 @making_code
-def jacobian_element(kind: str, chart: Chart) -> Element:
+def make_jacobian_element(kind: str, chart: Chart) -> Element:
     """Return the element whose output is A of a joint's constraint rows in the chart, column by column."""
-    pair = joint_pair(kind, chart)
+    pair = make_joint_rows(kind, chart)
     return Element(_unknowns(pair), _accelerations(pair), pair.numbers, {"A": ca.vec(pair.A_chart)})
 
 
@@ -158,7 +158,7 @@ DIRECTIONS = ("a", "mass", "translation")
 
 @lru_cache(ELEMENTS)
 @making_code
-def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element:
+def make_strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element:
     """Return the element with the terms of Eq. (65) for the rows of a joint, at u_dot = 0.
 
     Parameters: ``joint_numbers``, then m_i, J_i, m_j, J_j, and 1 if j moves, else 0. Outputs: A in the chart, ``gamma``
@@ -167,7 +167,7 @@ def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element
     "a" a / (a . a); "mass" M^-1 a / (a . M^-1 a); "translation" (e_k, 0) on the first body, for point rows. Matrices
     are stored column by column; the ground has no part in a.
     """
-    pair, body = joint_pair(kind, chart), ca.SX.sym("bodies", 21)
+    pair, body = make_joint_rows(kind, chart), ca.SX.sym("bodies", 21)
     n = pair.value.numel()
     a = pair.A @ ca.diagcat(ca.SX.eye(6), body[20] * ca.SX.eye(6))
     M = ca.diagcat(*[ca.diagcat(body[k] * ca.SX.eye(3), ca.reshape(body[k + 1 : k + 10], 3, 3)) for k in (0, 10)])
@@ -193,36 +193,38 @@ def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element
 
 @lru_cache(ELEMENTS)
 @making_code
-def push_element(kind: str, chart: Chart, *, chosen: bool = True) -> Element:
+def make_force_element(kind: str, chart: Chart, *, in_chart: bool = True) -> Element:
     """Return the element of a force of kind ``kind``: parameters ``force_numbers``, output "load".
 
-    The load is -B^T f in the chart's velocities if ``chosen``, else f itself in the velocities V.
+    The load is -B^T f in the chart's velocities if ``in_chart``, else f itself in the velocities V.
     """
-    e, i, j = push_expressions(kind), moving_body(chart, "i"), moving_body(chart, "j")
+    e, i, j = express_push(kind), make_moving_body(chart, "i"), make_moving_body(chart, "j")
     (f,) = ca.Function("push", [e.x, e.V, e.t, e.numbers], [e.load]).call([*_motion_of(i, j), e.t, e.numbers])
     if DECLARED[kind].pair:
-        return make_load_element((i, j), f, e.numbers, e.t, chosen=chosen)
-    return make_load_element((i,), f[:6], e.numbers, e.t, chosen=chosen)
+        return make_load_element((i, j), f, e.numbers, e.t, in_chart=in_chart)
+    return make_load_element((i,), f[:6], e.numbers, e.t, in_chart=in_chart)
 
 
-def make_load_element(bodies: Sequence[MovingBody], f: ca.SX, parameters: ca.SX, t: ca.SX, *, chosen: bool) -> Element:
+def make_load_element(
+    bodies: Sequence[MovingBody], f: ca.SX, parameters: ca.SX, t: ca.SX, *, in_chart: bool
+) -> Element:
     """Return the element of a force ``f``, given by six components in V for each of ``bodies``.
 
-    Its output is -B^T f, as it enters e in the chart's velocities, if ``chosen``, else f; inputs z end with ``t``.
+    Its output is -B^T f, as it enters e in the chart's velocities, if ``in_chart``, else f; inputs z end with ``t``.
     """
-    load = -ca.diagcat(*[b.B for b in bodies]).T @ f if chosen else f
+    load = -ca.diagcat(*[b.B for b in bodies]).T @ f if in_chart else f
     z = ca.vertcat(*[part for b in bodies for part in (b.p, b.u)], t)
     return Element(z, ca.vertcat(*[b.u_dot for b in bodies]), parameters, {"load": ca.densify(load)})
 
 
 @lru_cache(ELEMENTS)
 @making_code
-def free_spring_element(chart: Chart) -> Element:
+def make_spring_slope_element(chart: Chart) -> Element:
     """Return the element of a spring's derivatives: -df/dV, and -df/dx along the flow (12 x 12, column by column).
 
     Eq. (32) takes C_bar and K_bar from these.
     """
-    e, i, j = push_expressions("spring"), moving_body(chart, "i"), moving_body(chart, "j")
+    e, i, j = express_push("spring"), make_moving_body(chart, "i"), make_moving_body(chart, "j")
     free = ca.Function("spring", [e.x, e.V, e.t, e.numbers], [-e.velocity_slopes, -e.pose_slopes])
     damping, stiffness = free(*_motion_of(i, j), e.t, e.numbers)
     outputs = {"damping": ca.vec(damping), "stiffness": ca.vec(stiffness)}
@@ -235,11 +237,11 @@ def _motion_of(i: MovingBody, j: MovingBody) -> tuple[ca.SX, ca.SX]:
     return ca.vertcat(i.pose.flat(), j.pose.flat()), ca.vertcat(i.V, j.V)
 
 
-def _unknowns(pair: Pair, *more: ca.SX) -> ca.SX:
+def _unknowns(pair: JointRows, *more: ca.SX) -> ca.SX:
     """Return the inputs z of an element of two bodies: (p, u) of both, then ``more``, then the time."""
     return ca.vertcat(pair.i.p, pair.i.u, pair.j.p, pair.j.u, *more, pair.t)
 
 
-def _accelerations(pair: Pair) -> ca.SX:
+def _accelerations(pair: JointRows) -> ca.SX:
     """Return the inputs w of an element of two bodies: u_dot of both."""
     return ca.vertcat(pair.i.u_dot, pair.j.u_dot)

@@ -13,29 +13,29 @@ from ...harness.code_meter import making_code
 from ...harness.mechanics.system import MultibodySystem
 from ...harness.mechanics.user_forces import ForceLaw
 from .rows.symbols import Symbol
-from .symbolic import Element, make_load_element, moving_body
+from .symbolic import Element, make_load_element, make_moving_body
 
 
 @making_code
-def user_element(law: ForceLaw, chart: Any, *, chosen: bool) -> Element:
+def make_user_element(law: ForceLaw, chart: Any, *, in_chart: bool) -> Element:
     """Return the element of a user's force law between bodies i and j; its inputs z end with the time.
 
-    The output is the load -B^T f if ``chosen``, else f in V. Raises whatever the law raises when run on symbols.
+    The output is the load -B^T f if ``in_chart``, else f in V. Raises whatever the law raises when run on symbols.
     """
-    i, j, t = moving_body(chart, "i"), moving_body(chart, "j"), ca.SX.sym("t")
+    i, j, t = make_moving_body(chart, "i"), make_moving_body(chart, "j"), ca.SX.sym("t")
     x = [(b.pose.r, b.pose.R, b.V[:3], b.V[3:]) for b in (i, j)]
     r, R, v, Omega = (np.array([_symbols(a) for a in of_both]) for of_both in zip(*x, strict=True))
     F, T = np.zeros((2, 2, 3), dtype=object)
     law.build_function()(Symbol(t), r[:, :, 0], R, v[:, :, 0], Omega[:, :, 0], F, T)
     f = [ca.vertcat(_column(F[e]), b.pose.R.T @ _column(T[e])) for e, b in enumerate((i, j))]
-    return make_load_element((i, j), ca.vertcat(*f), ca.SX(0, 1), t, chosen=chosen)
+    return make_load_element((i, j), ca.vertcat(*f), ca.SX(0, 1), t, in_chart=in_chart)
 
 
 def refuse_without_expression(system: MultibodySystem, chart: Any) -> str | None:
     """Return the refusal of a user force that cannot be run on symbols, and thus not be differentiated, or None."""
     for k, law in enumerate(system.user_law):
         try:
-            user_element(law, chart, chosen=True)
+            make_user_element(law, chart, in_chart=True)
         except Exception as error:  # a user's law on symbols may raise anything
             return (
                 f"cannot differentiate user force {k} symbolically: {error}; write it without if, min or max and "

@@ -27,7 +27,7 @@ MOST_ITERATIONS = 60
 class CarriedState(NamedTuple):
     """The change of v over the last step, the first estimate of the next one, and multipliers of two midpoints."""
 
-    gain: Float[np.ndarray, "nb 6"]
+    change: Float[np.ndarray, "nb 6"]
     F: Float[np.ndarray, " nr"]  # of the last step's midpoint
     F_before: Float[np.ndarray, " nr"]  # of the midpoint before
 
@@ -53,19 +53,19 @@ class Step:
 
         Newton's method takes S of the mean rows at the present estimate. Return None where it does not converge.
         """
-        m, v1, F, last = self.mechanism, a.v + old.gain, old.F, np.inf
+        m, v1, F, last = self.mechanism, a.v + old.change, old.F, np.inf
         for _ in range(MOST_ITERATIONS):
             v_m = 0.5 * (a.v + v1)
             r, R = a.r + h * v_m[:, :3], a.R @ _cayley(0.5 * h * v_m[:, 3:])
             mean = m.rows(a.t + 0.5 * h, 0.5 * (a.r + r), 0.5 * (a.R + R), v_m)
-            A = np.array([self.in_bodies(h, a, v_m, row) for row in mean.D.T]).reshape(m.nr, 6 * m.nb)
+            A = np.array([self.turn_to_bodies(h, a, v_m, row) for row in mean.D.T]).reshape(m.nr, 6 * m.nb)
             phi = m.rows(a.t + h, r, R, v1).phi
-            f = self.in_bodies(h, a, v_m, self.loads(h, a, Node(a.t + h, r, R, v1)))
+            f = self.turn_to_bodies(h, a, v_m, self.average_loads(h, a, Node(a.t + h, r, R, v1)))
             spin = np.cross(v_m[:, 3:], np.einsum("bij,bj->bi", m.J, v_m[:, 3:]))
             f = f - np.hstack((np.zeros((m.nb, 3)), spin)).ravel()
-            off = (a.v - v1).ravel() + h * m.over_inertia(f + A.T @ F)
+            off = (a.v - v1).ravel() + h * m.divide_by_inertia(f + A.T @ F)
             P = solve(m.schur(A, A), -A @ off - 2.0 * phi / h)
-            change = off + m.over_inertia(A.T @ P)
+            change = off + m.divide_by_inertia(A.T @ P)
             F, v1 = F + P / h, v1 + change.reshape(-1, 6)
             self.counters["newton_iterations"] += 1
             size = max(float(np.max(np.abs(phi), initial=0.0)), h * float(np.max(np.abs(change))))
@@ -81,7 +81,7 @@ class Step:
         # multipliers of the middle alternate by O(h), as A v of the ends may: that cancels in F + (F' - F'') / 2
         return node, CarriedState(v1 - a.v, F, old.F), F + 0.5 * (old.F - old.F_before)
 
-    def loads(self, h: float, a: Node, b: Node) -> Float[np.ndarray, " n"]:
+    def average_loads(self, h: float, a: Node, b: Node) -> Float[np.ndarray, " n"]:
         """Return the mean applied wrenches (n,) in space over a step of ``h`` [s] from ``a`` to ``b``.
 
         Included are gravity, springs and dampers by discrete gradients, and loads as means of both ends.
@@ -108,7 +108,7 @@ class Step:
             out[e] += np.concatenate((force, torque + np.cross(point - 0.5 * (a.r[e] + b.r[e]), force)))
         return out.ravel()
 
-    def in_bodies(self, h: float, a: Node, v_m: np.ndarray, w: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def turn_to_bodies(self, h: float, a: Node, v_m: np.ndarray, w: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return wrenches ``w`` in space with their torques turned by R_m^-1 = (1 - h/2 hat(Omega_m)) R_0^T."""
         six = w.reshape(-1, 6).copy()
         turned = np.einsum("bji,bj->bi", a.R, six[:, 3:])

@@ -24,10 +24,10 @@ class ErrorControl:
 
     def __init__(self, problem: Problem, control: StepControl, order: float) -> None:
         self.t_end, self.order, self.longest = problem.t_end, order, control.max_step or np.inf
-        self.h, self.old = min(FIRST_STEP, problem.t_end), SMALL
+        self.h, self.old_error = min(FIRST_STEP, problem.t_end), SMALL
         self.counters, self.ended = {"rejected": 0}, (Status.SUCCESS, "")
 
-    def next(self, t: float) -> float | None:
+    def choose_step(self, t: float) -> float | None:
         """Return the step [s] to try at ``t``; None at the end, or where a step would not advance the time.
 
         The status of the latter is set as ``ended``.
@@ -40,17 +40,17 @@ class ErrorControl:
             return None
         return left if h >= left * (1.0 - 1e-12) else min(h, 0.5 * left)  # two even steps, not one and a sliver
 
-    def takes(self, h: float, made: Any) -> bool:
+    def accept(self, h: float, result: Any) -> bool:
         """Decide whether a step of ``h`` [s] is accepted, set the size of the next one, and return the decision.
 
-        ``made`` is the result of the step, with its error over the tolerance as the fourth entry; None where it failed.
+        ``result`` is that of the step, with its error over the tolerance as the fourth entry; None where it failed.
         """
-        error = made[3] if made is not None else np.inf
+        error = result[3] if result is not None else np.inf
         if error <= 1.0:
-            change = SAFETY * max(error, 1e-10) ** (-0.7 / self.order) * self.old ** (0.4 / self.order)
-            self.h, self.old = h * min(MOST, max(LEAST, change)), max(error, SMALL)
+            change = SAFETY * max(error, 1e-10) ** (-0.7 / self.order) * self.old_error ** (0.4 / self.order)
+            self.h, self.old_error = h * min(MOST, max(LEAST, change)), max(error, SMALL)
             return True
-        self.h = h * (min(MOST_AGAIN, max(LEAST, SAFETY * error ** (-1.0 / self.order))) if made is not None else 0.5)
+        self.h = h * (min(MOST_AGAIN, max(LEAST, SAFETY * error ** (-1.0 / self.order))) if result is not None else 0.5)
         self.counters["rejected"] += 1
         return False
 

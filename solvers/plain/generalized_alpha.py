@@ -65,15 +65,15 @@ class Step:
             a, v, r, R = self.predict(h, x, old, vdot, slack)
             rows, f = m.rows(t, r, R, v), m.forces(t, r, R, v)
             S = m.schur(rows.A, rows.A)
-            d = m.over_inertia(f + rows.A.T @ lam) - vdot
+            d = m.divide_by_inertia(f + rows.A.T @ lam) - vdot
             size = float(np.max(np.abs(rows.phi), initial=0.0))
             if self.stabilised:
                 size = max(size, on_q / on_v * float(np.max(np.abs(rows.phi_dot), initial=0.0)))
                 dlam = solve(S, -rows.A @ d - rows.phi_dot / on_v)
-                slack = slack + m.over_inertia(rows.A.T @ solve(S, on_q / on_v * rows.phi_dot - rows.phi))
+                slack = slack + m.divide_by_inertia(rows.A.T @ solve(S, on_q / on_v * rows.phi_dot - rows.phi))
             else:
                 dlam = solve(S, -rows.A @ d - rows.phi / on_q)
-            change = d + m.over_inertia(rows.A.T @ dlam)
+            change = d + m.divide_by_inertia(rows.A.T @ dlam)
             lam, vdot = lam + dlam, vdot + change
             self.counters["newton_iterations"] += 1
             size = max(size, on_q * float(np.max(np.abs(change))))
@@ -88,9 +88,9 @@ class Step:
         if self.projected:  # v onto A v + phi_t = 0, then vdot onto A vdot = -gamma, along M^-1 A^T
             rows = m.rows(t, r, R, v)
             S = m.schur(rows.A, rows.A)
-            v = v + m.over_inertia(rows.A.T @ solve(S, -rows.phi_dot)).reshape(-1, 6)
+            v = v + m.divide_by_inertia(rows.A.T @ solve(S, -rows.phi_dot)).reshape(-1, 6)
             more = solve(S, -m.rows(t, r, R, v).gamma - rows.A @ vdot)
-            lam, vdot = lam + more, vdot + m.over_inertia(rows.A.T @ more)
+            lam, vdot = lam + more, vdot + m.divide_by_inertia(rows.A.T @ more)
             a = vdot
         node = Node(t, r, R, v)
         return node, CarriedState(vdot, a, lam), lam

@@ -47,7 +47,7 @@ class Step:
         theta, stage, rows = np.zeros((m.nb, 3)), x, m.rows(*x)
         for i in range(STAGES):
             moves.append(np.hstack((stage.v[:, :3], _theta_dot(theta, stage.v[:, 3:]))))
-            free = m.over_inertia(m.forces(*stage))
+            free = m.divide_by_inertia(m.forces(*stage))
             q = h * sum(A[i + 1, j] * moves[j] for j in range(i + 1))
             theta = q[:, 3:]
             if not np.all(np.linalg.norm(theta, axis=1) < np.pi):
@@ -56,14 +56,14 @@ class Step:
             V = x.v.ravel() + h * (sum(A[i + 1, j] * gains[j] for j in range(i)) + A[i + 1, i] * free)
             after = m.rows(t, r, R, V.reshape(-1, 6))
             lam = solve(m.schur(after.A, rows.A), -after.phi_dot / (h * A[i + 1, i]))
-            gains.append(free + m.over_inertia(rows.A.T @ lam))
+            gains.append(free + m.divide_by_inertia(rows.A.T @ lam))
             v = (x.v.ravel() + h * sum(A[i + 1, j] * gains[j] for j in range(i + 1))).reshape(-1, 6)
             stage, rows = Node(t, r, R, v), after
         end, lam = m.rows(*stage), m.accelerate(*stage)[1]
         S = m.schur(end.A, end.A)
-        r, R = move(stage.r, stage.R, m.over_inertia(end.A.T @ solve(S, -end.phi)).reshape(-1, 6))
+        r, R = move(stage.r, stage.R, m.divide_by_inertia(end.A.T @ solve(S, -end.phi)).reshape(-1, 6))
         end = m.rows(stage.t, r, R, stage.v)
-        v = stage.v + m.over_inertia(end.A.T @ solve(S, -end.phi_dot)).reshape(-1, 6)
+        v = stage.v + m.divide_by_inertia(end.A.T @ solve(S, -end.phi_dot)).reshape(-1, 6)
         return Node(stage.t, r, R, v), None, lam
 
 

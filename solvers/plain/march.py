@@ -32,29 +32,29 @@ class Grid:
 
     def __init__(self, t_end: float, dt: float, most_cuts: int = 0) -> None:
         whole = int(t_end / dt + ROUNDED)
-        self.todo, self.most_cuts = [(dt, 0)] * whole, most_cuts
+        self.steps_left, self.most_cuts = [(dt, 0)] * whole, most_cuts
         if t_end - whole * dt > ROUNDED * dt:
-            self.todo = [(t_end - whole * dt, 0), *self.todo]
+            self.steps_left = [(t_end - whole * dt, 0), *self.steps_left]
         self.counters, self.ended = {"step_cuts": 0}, (Status.SUCCESS, "")
 
-    def next(self, t: float) -> float | None:
+    def choose_step(self, t: float) -> float | None:
         """Return the step [s] to try at ``t``; None at the end, or after a step that failed for good."""
-        return self.todo[-1][0] if self.todo and not self.ended[1] else None
+        return self.steps_left[-1][0] if self.steps_left and not self.ended[1] else None
 
-    def takes(self, h: float, made: Any) -> bool:
-        """Remove the present step from the list, and return whether it is accepted: whether ``made`` is not None.
+    def accept(self, h: float, result: Any) -> bool:
+        """Remove the present step from the list, and return whether it is accepted: whether ``result`` is not None.
 
         A step that failed is replaced by two halves; after ``most_cuts`` halvings ``ended`` is set instead.
         """
-        _, level = self.todo.pop()
-        if made is not None:
+        _, level = self.steps_left.pop()
+        if result is not None:
             return True
         if level == self.most_cuts:
             cut = f", cut {self.most_cuts} times," if self.most_cuts else ""
             self.ended = Status.STEP_UNDERFLOW, f"a step of this size{cut} does not come to an end"
         else:
             self.counters["step_cuts"] += 1
-            self.todo += [(0.5 * h, level + 1)] * 2
+            self.steps_left += [(0.5 * h, level + 1)] * 2
         return False
 
 
@@ -68,7 +68,7 @@ def march(problem: Problem, control: StepControl, step: Any, pace: Any = None) -
     watch, pace = Stopwatch(), pace or Grid(problem.t_end, float(control.dt or 0.0))
     node, carried, reaction = step.start(problem)
     nodes, reactions, limit = [node], [reaction], ""
-    while not limit and (h := pace.next(node.t)) is not None:
+    while not limit and (h := pace.choose_step(node.t)) is not None:
         try:
             with np.errstate(all="ignore"):  # a step that overflows is cut
                 made = step(h, node, carried)
@@ -76,14 +76,14 @@ def march(problem: Problem, control: StepControl, step: Any, pace: Any = None) -
             made = None
         if made is not None and not np.all(np.isfinite(made[0].v)):
             made = None
-        if pace.takes(h, made):
+        if pace.accept(h, made):
             node, carried, reaction = made[:3]
             nodes.append(node)
             reactions.append(reaction)
             if control.spool is not None and control.spool.due():
                 new = nodes[control.spool.rows :]
-                control.spool.take([x.t for x in new], _states(new))
-        if pace.next(node.t) is not None:
+                control.spool.take([x.t for x in new], _join_nodes(new))
+        if pace.choose_step(node.t) is not None:
             if len(nodes) > control.max_steps:
                 limit = f"max_steps = {control.max_steps} reached"
             elif control.cpu_limit is not None and watch.solver > control.cpu_limit:
@@ -93,7 +93,7 @@ def march(problem: Problem, control: StepControl, step: Any, pace: Any = None) -
     counters = {"steps": len(nodes) - 1, **pace.counters, **step.counters}
     return Trajectory(
         np.array([x.t for x in nodes]),
-        _states(nodes),
+        _join_nodes(nodes),
         status,
         message,
         counters,
@@ -104,7 +104,7 @@ def march(problem: Problem, control: StepControl, step: Any, pace: Any = None) -
     )
 
 
-def _states(nodes: list[Any]) -> States:
+def _join_nodes(nodes: list[Any]) -> States:
     """Return the poses and velocities of ``nodes``."""
     v = np.stack([x.v for x in nodes])
     return States(np.stack([x.r for x in nodes]), np.stack([x.R for x in nodes]), v[:, :, :3], v[:, :, 3:])

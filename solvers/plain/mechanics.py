@@ -54,17 +54,21 @@ class Mechanism:
         n, nr = 6 * self.nb, self.nr
         D, D_dot = np.zeros((2, n, nr))
         out = Rows(np.zeros(nr), np.zeros(nr), D, D_dot, np.zeros((nr, n)), np.zeros(nr))
-        f, f_dot, f_ddot = time_functions.values(self.system.joint_motion, np.array([t]))
+        f, f_dot, f_ddot = time_functions.evaluate_functions(self.system.joint_motion, np.array([t]))
         for k, start in enumerate(self.system.row_start[:-1]):
             ends = int(self.system.joint_i[k]), int(self.system.joint_j[k])
             declared = DECLARED[self.system.joint_kind(k)]
             along = np.eye(DIRECTIONS)[-1]
             driven = Jet(f[0, k], f_dot[0, k], f_dot[0, k] * along, f_ddot[0, k] * along)
-            numbers = self._numbers(k, driven if declared.motion else 0.0)
-            i, j = (REST if b == GROUND else _moved(r[b], R[b], v[b], end) for end, b in enumerate(ends))
+            numbers = self._collect_numbers(k, driven if declared.motion else 0.0)
+            i, j = (
+                REST if b == GROUND else _make_pose_by_displacement(r[b], R[b], v[b], end) for end, b in enumerate(ends)
+            )
             found = [(jet(a), True) for a in declared.phi(i, j, numbers)]
             if not declared.is_holonomic:
-                i, j = (REST if b == GROUND else _pushed(r[b], R[b], v[b], end) for end, b in enumerate(ends))
+                i, j = (
+                    REST if b == GROUND else _make_pose_by_velocity(r[b], R[b], v[b], end) for end, b in enumerate(ends)
+                )
                 found += [(jet(a), False) for a in declared.rates(i, j, numbers)]
             for row, (a, holonomic) in enumerate(found, start):
                 slopes, slope_rates = (np.broadcast_to(x, DIRECTIONS) for x in (a.slopes, a.slope_rates))
@@ -76,7 +80,7 @@ class Mechanism:
                         out.D[6 * b : 6 * b + 6, row] += slopes[six]
                         out.D_dot[6 * b : 6 * b + 6, row] += slope_rates[six]
         for row in range(nr):
-            out.A[row] = self.in_bodies(R, out.D[:, row])
+            out.A[row] = self.turn_to_bodies(R, out.D[:, row])
         return out
 
     def loads(
@@ -88,7 +92,7 @@ class Mechanism:
         out[:, :3] = self.mass[:, None] * s.gravity
         poses = [Pose(r[b], R[b], v[b, :3], R[b] @ v[b, 3:]) for b in range(self.nb)] + [REST]  # -1: the ground
         for kind in forces.DECLARED:
-            for b, force, moment in self._pushes(kind, t, poses):
+            for b, force, moment in self._list_forces(kind, t, poses):
                 out[b] += np.concatenate((force, moment))
         for law, i, j in zip(s.user_law, s.user_i, s.user_j, strict=True):
             ends = [b for b in (i, j) if b != GROUND]
@@ -115,12 +119,12 @@ class Mechanism:
             by_rate, by_pose = [REST], [REST]  # bodies that are faster, and displaced, along c
             for b, d in reversed(list(enumerate(one.reshape(-1, 6)))):
                 omega, turned = R[b] @ v[b, 3:], R[b] @ so3.hat(d[3:])
-                faster = _jets(v[b, :3], d[:3]), _jets(omega, R[b] @ d[3:])
-                by_rate.insert(0, Pose(_jets(r[b], np.zeros(3)), _jets(R[b], np.zeros((3, 3))), *faster))
-                moved = _jets(r[b], d[:3]), _jets(R[b], turned), _jets(v[b, :3], np.zeros(3))
-                by_pose.insert(0, Pose(*moved, _jets(omega, turned @ v[b, 3:])))
+                faster = _make_jets(v[b, :3], d[:3]), _make_jets(omega, R[b] @ d[3:])
+                by_rate.insert(0, Pose(_make_jets(r[b], np.zeros(3)), _make_jets(R[b], np.zeros((3, 3))), *faster))
+                moved = _make_jets(r[b], d[:3]), _make_jets(R[b], turned), _make_jets(v[b, :3], np.zeros(3))
+                by_pose.insert(0, Pose(*moved, _make_jets(omega, turned @ v[b, 3:])))
             for k, poses in enumerate((by_rate, by_pose)):
-                for b, force, moment in self._pushes("spring", 0.0, poses):
+                for b, force, moment in self._list_forces("spring", 0.0, poses):
                     load = np.concatenate((force, poses[b].R.T @ moment))
                     out[k, row] += sum(a * jet(x).rate for a, x in zip(one[6 * b : 6 * b + 6], load, strict=True))
         return out
@@ -129,11 +133,11 @@ class Mechanism:
         """Return force, torque and point of the declared load ``k`` at ``t`` [s] and its body's pose, in space."""
         s = self.system
         numbers = {name: getattr(s, f"load_{name}")[k] for name in forces.DECLARED["load"].numbers}
-        numbers["factor"] = time_functions.values(numbers["factor"][None], np.array([t]))[0][0, 0]
+        numbers["factor"] = time_functions.evaluate_functions(numbers["factor"][None], np.array([t]))[0][0, 0]
         pose = Pose(r, R, np.zeros(3), np.zeros(3))
         return forces.DECLARED["load"].push(pose, REST, SimpleNamespace(**numbers))
 
-    def _pushes(self, kind: str, t: float, poses: list[Pose]) -> Iterator[tuple[int, Any, Any]]:
+    def _list_forces(self, kind: str, t: float, poses: list[Pose]) -> Iterator[tuple[int, Any, Any]]:
         """Yield the body, the force and its moment about C, in space, of each force of a kind on each of its bodies.
 
         ``poses`` are those of all bodies, then of the ground.
@@ -144,7 +148,7 @@ class Mechanism:
         for k, ends in enumerate(zip(bodies_i, bodies_j, strict=True)):
             numbers = {name: getattr(s, f"{kind}_{name}")[k] for name in declared.numbers}
             if "factor" in numbers:
-                numbers["factor"] = time_functions.values(numbers["factor"][None], np.array([t]))[0][0, 0]
+                numbers["factor"] = time_functions.evaluate_functions(numbers["factor"][None], np.array([t]))[0][0, 0]
             push = declared.push(poses[ends[0]], poses[ends[1]], SimpleNamespace(**numbers))
             for b, sign in zip(ends, (1.0, -1.0), strict=True):
                 if b != GROUND:
@@ -152,38 +156,38 @@ class Mechanism:
 
     def forces(self, t: float, r: np.ndarray, R: np.ndarray, v: np.ndarray) -> Float[np.ndarray, " n"]:
         """Return f of M v_dot = f + A^T lam: applied wrenches less Omega x J Omega, torques in body frames."""
-        f = self.in_bodies(R, self.loads(t, r, R, v).ravel()).reshape(-1, 6)
+        f = self.turn_to_bodies(R, self.loads(t, r, R, v).ravel()).reshape(-1, 6)
         f[:, 3:] -= np.cross(v[:, 3:], np.einsum("bij,bj->bi", self.J, v[:, 3:]))
         return f.ravel()
 
     def schur(self, A1: Float[np.ndarray, "nr n"], A0: Float[np.ndarray, "nr n"]) -> Float[np.ndarray, "nr nr"]:
         """Return S = A1 M^-1 A0^T, the Schur complement of the mass matrix."""
-        return A1 @ np.array([self.over_inertia(a) for a in A0]).reshape(A0.shape).T
+        return A1 @ np.array([self.divide_by_inertia(a) for a in A0]).reshape(A0.shape).T
 
     def accelerate(
         self, t: float, r: np.ndarray, R: np.ndarray, v: np.ndarray
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " nr"]]:
         """Return v_dot and lam of index 1: M v_dot = f + A^T lam, A v_dot = -gamma."""
         rows, f = self.rows(t, r, R, v), self.forces(t, r, R, v)
-        lam = solve(self.schur(rows.A, rows.A), -rows.gamma - rows.A @ self.over_inertia(f))
-        return self.over_inertia(f + rows.A.T @ lam), lam
+        lam = solve(self.schur(rows.A, rows.A), -rows.gamma - rows.A @ self.divide_by_inertia(f))
+        return self.divide_by_inertia(f + rows.A.T @ lam), lam
 
-    def times_inertia(self, c: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def multiply_by_inertia(self, c: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return M c for velocities ``c`` (r_dot [space], Omega [body])."""
         six = c.reshape(-1, 6)
         return np.hstack((self.mass[:, None] * six[:, :3], np.einsum("bij,bj->bi", self.J, six[:, 3:]))).ravel()
 
-    def over_inertia(self, f: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def divide_by_inertia(self, f: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return M^-1 f for wrenches ``f`` (force [space], torque [body])."""
         six = f.reshape(-1, 6)
         return np.hstack((six[:, :3] / self.mass[:, None], np.einsum("bij,bj->bi", self.J_inv, six[:, 3:]))).ravel()
 
-    def in_bodies(self, R: Float[np.ndarray, "nb 3 3"], w: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def turn_to_bodies(self, R: Float[np.ndarray, "nb 3 3"], w: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return wrenches ``w`` in space with their torques transformed to the frames of the bodies."""
         six = w.reshape(-1, 6)
         return np.hstack((six[:, :3], np.einsum("bji,bj->bi", R, six[:, 3:]))).ravel()
 
-    def _numbers(self, k: int, f: Any) -> Numbers:
+    def _collect_numbers(self, k: int, f: Any) -> Numbers:
         """Return the numbers of joint ``k`` by name, with the value ``f`` of its function of time."""
         s = self.system
         return Numbers(
@@ -203,13 +207,13 @@ def move(
     return r + d[:, :3], R @ so3.exp(d[:, 3:])
 
 
-def _jets(x: np.ndarray, rate: np.ndarray) -> np.ndarray:
+def _make_jets(x: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """Return the numbers ``x`` as an array of jets whose rates are ``rate``."""
     found = [Jet(a, b) for a, b in zip(x.ravel(), rate.ravel(), strict=True)]
     return np.array(found, dtype=object).reshape(x.shape)
 
 
-def _moved(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
+def _make_pose_by_displacement(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
     """Return a pose of jets: rates by the velocities ``v``, slopes by its displacements; for rows that have phi.
 
     ``end`` is 0 for body i of a joint, 1 for body j.
@@ -226,7 +230,7 @@ def _moved(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
     return Pose(np.array(place), np.array(frame), v[:3], R @ v[3:])
 
 
-def _pushed(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
+def _make_pose_by_velocity(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
     """Return a pose of jets: rates by ``v``, slopes by its velocities; for rows that restrict velocities alone.
 
     ``end`` is 0 for body i of a joint, 1 for body j.

@@ -89,20 +89,20 @@ class Step:
     def start(self, problem: Problem) -> tuple[Node, CarriedState, np.ndarray]:
         """Return the first node, the state carried to the first step, and NaN: reactions are means over steps."""
         state, m = problem.initial, self.mechanism
-        node = self.node(state.t, state.r, state.R, np.concatenate((state.v, state.Omega), axis=1))
+        node = self.make_node(state.t, state.r, state.R, np.concatenate((state.v, state.Omega), axis=1))
         mu, none = np.zeros(m.nr), np.zeros(m.nr)
         if self.choices.mu0 == "velocity":  # mu0 = c . M v / M_bar: the velocity along c_R
             c = self.directions(node.rows)
-            mu = c @ m.in_bodies(node.R, node.p) / node.M_bar
+            mu = c @ m.turn_to_bodies(node.R, node.p) / node.M_bar
         return node, CarriedState(node.M_bar * mu, mu, none, none, node.v, none, none, 0.0), np.full(m.nr, np.nan)
 
-    def node(self, t: float, r: np.ndarray, R: np.ndarray, v: np.ndarray) -> Node:
+    def make_node(self, t: float, r: np.ndarray, R: np.ndarray, v: np.ndarray) -> Node:
         """Return the node at a time and state: constraint rows, momenta, loads and the coefficients (30) to (32)."""
         m, choices = self.mechanism, self.choices
         rows, f = m.rows(t, r, R, v), m.loads(t, r, R, v).ravel()
         c = self.directions(rows)
-        M_bar = np.array([np.sum(one * m.times_inertia(one)) for one in c])  # (30)
-        f_bar = c @ self.mechanism.in_bodies(R, f) if choices.f_bar else np.zeros(m.nr)  # (30)
+        M_bar = np.array([np.sum(one * m.multiply_by_inertia(one)) for one in c])  # (30)
+        f_bar = c @ self.mechanism.turn_to_bodies(R, f) if choices.f_bar else np.zeros(m.nr)  # (30)
         C_bar, K_bar = choices.c_bar * M_bar, choices.k_bar * M_bar
         if self.settings.by_forces:
             by_rate, by_pose = m.spring_slopes(r, R, v, c)
@@ -118,7 +118,9 @@ class Step:
                 at = slice(6 * m.system.joint_i[joint], 6 * m.system.joint_i[joint] + 3)
                 c[row, at] = a[row, at]
             return c
-        along = a if self.choices.direction == "a" else np.array([m.over_inertia(one) for one in a]).reshape(a.shape)
+        along = (
+            a if self.choices.direction == "a" else np.array([m.divide_by_inertia(one) for one in a]).reshape(a.shape)
+        )
         return along / np.sum(a * along, axis=1)[:, None]
 
     def residual(
@@ -131,7 +133,7 @@ class Step:
         half, m = 0.5 * dt, self.mechanism
         r1 = a.r + half * (a.v[:, :3] + v1[:, :3])  # (66)
         R1 = a.R @ so3.exp(half * (a.v[:, 3:] + v1[:, 3:]))
-        b = self.node(a.t + dt, r1, R1, v1)
+        b = self.make_node(a.t + dt, r1, R1, v1)
         if kept is not None:
             nu1 = kept - self.xi * b.M_bar * b.rows.phi_dot  # (84): mu - xi psi
         mu1 = nu1 / b.M_bar
@@ -149,14 +151,14 @@ class Step:
         before, after = (x.C_bar * x.rows.phi_dot + x.K_bar * x.rows.phi for x in (a, b))  # (73)
         R_mu = sigma1 - sigma0 + half * (before + after)  # (75)
         self.counters["residuals"] += 1
-        return Estimate(b, nu1, mu1, lam1, (nu1 - nu0) / dt + 0.5 * (G0 + G1), m.in_bodies(R1, R_v), R_mu)
+        return Estimate(b, nu1, mu1, lam1, (nu1 - nu0) / dt + 0.5 * (G0 + G1), m.turn_to_bodies(R1, R_v), R_mu)
 
-    def norm(self, x: Estimate) -> float:
+    def measure_residual(self, x: Estimate) -> float:
         """Return the norm of an estimate's residual, Eq. (80) [sqrt(J)]; in Sect. 4.3 it does not include (75)."""
         by_rows = 0.0 if self.settings.active else np.sum(x.R_mu**2 / x.node.M_bar)
-        return float(np.sqrt(x.R_v @ self.mechanism.over_inertia(x.R_v) + by_rows))
+        return float(np.sqrt(x.R_v @ self.mechanism.divide_by_inertia(x.R_v) + by_rows))
 
-    def slip(self, x: Estimate) -> float:
+    def measure_slip(self, x: Estimate) -> float:
         """Return the norm of phi_dot of an estimate, Eq. (81) [sqrt(J)]."""
         return float(np.sqrt(np.sum(x.node.M_bar * x.node.rows.phi_dot**2)))
 
@@ -183,8 +185,8 @@ class Step:
             found = eta(x)
             if not np.all(np.isfinite(found.R_v)):
                 return None
-            passes = self.norm(found) < self.settings.tolerance
-            passes = passes and (not asks_slip or self.slip(found) < self.settings.tolerance)
+            passes = self.measure_residual(found) < self.settings.tolerance
+            passes = passes and (not asks_slip or self.measure_slip(found) < self.settings.tolerance)
             if passes and final != "corrected" and iteration >= (final == "after_correction"):
                 return found
             if iteration == self.choices.max_newton and not passes:
@@ -214,11 +216,11 @@ class Step:
                 return None
             kept, v1 = found.nu, found.node.v  # (85): mu - xi psi is the next multiplier
             self.counters["augmentations"] += 1
-            if self.slip(found) < self.settings.tolerance:
+            if self.measure_slip(found) < self.settings.tolerance:
                 return found
-            if self.slip(found) > ENOUGH * before:
+            if self.measure_slip(found) > ENOUGH * before:
                 self.xi *= self.choices.penalty_growth
-            before = self.slip(found)
+            before = self.measure_slip(found)
         return found if before < self.settings.accept else None
 
     def __call__(self, dt: float, a: Node, old: CarriedState) -> tuple[Node, CarriedState, np.ndarray] | None:

@@ -87,20 +87,20 @@ class Step:
             phi, phi_dot = np.stack([one.phi for one in rows]), np.stack([one.phi_dot for one in rows])  # (4)
             for i in range(3):
                 S = m.schur(rows[i].A, rows[i].A)
-                d = m.over_inertia(m.forces(*stages[i]) + rows[i].A.T @ lam[i]) - v_dot[i]  # (3)
+                d = m.divide_by_inertia(m.forces(*stages[i]) + rows[i].A.T @ lam[i]) - v_dot[i]  # (3)
                 dlam = solve(S, -rows[i].A @ d - W[i] @ phi_dot / h)  # (5)
                 lam[i] += dlam
-                v_dot[i] += d + m.over_inertia(rows[i].A.T @ dlam)
+                v_dot[i] += d + m.divide_by_inertia(rows[i].A.T @ dlam)
                 eta[i] += solve(S, phi_dot[i] - W[i] @ phi / h)  # (6)
-                z[i] = m.over_inertia(rows[i].A.T @ eta[i])
+                z[i] = m.divide_by_inertia(rows[i].A.T @ eta[i])
             q_before, v_before = q, v
             v = v0 + h * A @ v_dot  # (1)
-            q = h * A @ rates(q, v + z)  # (2)
+            q = h * A @ find_stage_rates(q, v + z)  # (2)
             self.counters["newton_iterations"] += 1
-            sizes.append(max(largest(q - q_before, q), largest(v - v_before, v)))
+            sizes.append(max(measure_change(q - q_before, q), measure_change(v - v_before, v)))
             if not np.isfinite(sizes[-1]):
                 return None
-            if changes_to_come(sizes) <= self.tolerance:  # (7)
+            if estimate_further_changes(sizes) <= self.tolerance:  # (7)
                 break
         else:
             return None
@@ -110,7 +110,7 @@ class Step:
         return b, CarriedState(v_dot, lam, h), lam[2], float(error)
 
 
-def changes_to_come(sizes: list[float]) -> float:
+def estimate_further_changes(sizes: list[float]) -> float:
     """Return the expected sum of all further changes of an iteration, from the ``sizes`` of those so far, by (7).
 
     Where Theta >= 1, as at rounding, return the last change itself; infinity before the third change.
@@ -121,16 +121,16 @@ def changes_to_come(sizes: list[float]) -> float:
     return sizes[-1] * (theta / (1.0 - theta) if theta < 1.0 else 1.0)
 
 
-def rates(q: Float[np.ndarray, "3 n"], u: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "3 n"]:
+def find_stage_rates(q: Float[np.ndarray, "3 n"], u: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "3 n"]:
     """Return q' of the stages at ``q`` for velocities ``u`` of the bodies, (2)."""
     theta, out = q.reshape(3, -1, 6)[..., 3:], u.reshape(3, -1, 6).copy()
     out[..., 3:] = so3.dexpinv(theta, out[..., 3:])
     return out.reshape(q.shape)
 
 
-def largest(change: Float[np.ndarray, "3 n"], of: Float[np.ndarray, "3 n"]) -> float:
-    """Return the largest entry of ``change`` relative to 1 + |y|, where y is ``of``."""
-    return float(np.max(np.abs(change) / (1.0 + np.abs(of))))
+def measure_change(change: Float[np.ndarray, "3 n"], reference: Float[np.ndarray, "3 n"]) -> float:
+    """Return the largest entry of ``change`` relative to 1 + |y|, where y is ``reference``."""
+    return float(np.max(np.abs(change) / (1.0 + np.abs(reference))))
 
 
 def integrate(problem: Problem, control: StepControl, tolerance: float) -> Trajectory:

@@ -45,12 +45,12 @@ class Step:
         Return None instead where phi does not converge to the tolerance.
         """
         m, t = self.mechanism, a.t + h
-        rows, f = m.rows(*a), m.in_bodies(a.R, m.loads(*a).ravel())
+        rows, f = m.rows(*a), m.turn_to_bodies(a.R, m.loads(*a).ravel())
         S, x, last = m.schur(rows.A, rows.A), m.accelerate(*a)[1], np.inf
         for _ in range(MOST_ITERATIONS):
-            p_half = m.times_inertia(a.v.ravel()) + 0.5 * h * (f + rows.A.T @ x)
+            p_half = m.multiply_by_inertia(a.v.ravel()) + 0.5 * h * (f + rows.A.T @ x)
             r, R, p = self.drift(h, a, p_half)
-            v = m.over_inertia(p).reshape(-1, 6)
+            v = m.divide_by_inertia(p).reshape(-1, 6)
             phi = m.rows(t, r, R, v).phi
             size = float(np.max(np.abs(phi), initial=0.0))
             if size <= self.tolerance and (size == 0.0 or size > 0.1 * last):
@@ -62,10 +62,10 @@ class Step:
             return None
         for _ in range(self.passes):
             end = m.rows(t, r, R, v)
-            pushed = m.over_inertia(p + 0.5 * h * m.in_bodies(R, m.loads(t, r, R, v).ravel()))
+            pushed = m.divide_by_inertia(p + 0.5 * h * m.turn_to_bodies(R, m.loads(t, r, R, v).ravel()))
             left = end.A @ pushed + end.phi_dot - end.A @ v.ravel()  # A v + phi_t of the velocities pushed
             y = solve(m.schur(end.A, end.A), -left)
-            v = (pushed + m.over_inertia(end.A.T @ y)).reshape(-1, 6)
+            v = (pushed + m.divide_by_inertia(end.A.T @ y)).reshape(-1, 6)
         node = Node(t, r, R, v)
         return node, None, m.accelerate(*node)[1]
 

@@ -52,10 +52,12 @@ class Step:
     def start(self, problem: Problem) -> tuple[Node, np.ndarray, np.ndarray]:
         """Return the first node, its slope (q', v') to carry on, and the reaction there."""
         node = begin(problem)
-        slope, lam = self.slope(node, np.zeros((self.mechanism.nb, 3)))
+        slope, lam = self.evaluate_slope(node, np.zeros((self.mechanism.nb, 3)))
         return node, slope, lam
 
-    def slope(self, x: Node, theta: Float[np.ndarray, "nb 3"]) -> tuple[Float[np.ndarray, "nb 12"], np.ndarray]:
+    def evaluate_slope(
+        self, x: Node, theta: Float[np.ndarray, "nb 3"]
+    ) -> tuple[Float[np.ndarray, "nb 12"], np.ndarray]:
         """Return the slope (q', v') and the multipliers lam of a stage ``x`` with rotation vector ``theta``."""
         v_dot, lam = self.mechanism.accelerate(*x)  # (3)
         self.counters["evaluations"] += 1
@@ -70,17 +72,17 @@ class Step:
         for c, a in zip(self.pair.c[1:], self.pair.a[1:], strict=True):
             change = h * sum(weight * slope for weight, slope in zip(a, slopes, strict=False))  # (1)
             end = Node(x.t + c * h, *move(x.r, x.R, change[:, :6]), x.v + change[:, 6:])
-            slope, lam = self.slope(end, change[:, 3:6])
+            slope, lam = self.evaluate_slope(end, change[:, 3:6])
             slopes.append(slope)
-        error = self.size([h * np.tensordot(e, slopes, 1) for e in self.pair.e], x, end)  # (4)
+        error = self.measure_error([h * np.tensordot(e, slopes, 1) for e in self.pair.e], x, end)  # (4)
         rows = m.rows(*end)
         S = m.schur(rows.A, rows.A)
-        r, R = move(end.r, end.R, m.over_inertia(rows.A.T @ solve(S, -rows.phi)).reshape(-1, 6))  # (5)
+        r, R = move(end.r, end.R, m.divide_by_inertia(rows.A.T @ solve(S, -rows.phi)).reshape(-1, 6))  # (5)
         rows = m.rows(end.t, r, R, end.v)
-        v = end.v + m.over_inertia(rows.A.T @ solve(S, -rows.phi_dot)).reshape(-1, 6)
+        v = end.v + m.divide_by_inertia(rows.A.T @ solve(S, -rows.phi_dot)).reshape(-1, 6)
         return Node(end.t, r, R, v), np.hstack((v, slopes[-1][:, 6:])), lam, error
 
-    def size(self, errors: list[np.ndarray], x: Node, end: Node) -> float:
+    def measure_error(self, errors: list[np.ndarray], x: Node, end: Node) -> float:
         """Return a step's error over its tolerance: the root mean square of one estimate.
 
         For two estimates e5, e3 it is |e5|^2 / sqrt(|e5|^2 + 0.01 |e3|^2), with norms by the root mean square.

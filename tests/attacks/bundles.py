@@ -81,7 +81,7 @@ def cut_run(files, where):
 def write_parts(record, run):
     """Records, runs and the table of a bundle of one run."""
     try:
-        table = make_table([records.from_json(json.dumps(record))])
+        table = make_table([records.parse_record_json(json.dumps(record))])
     except ValueError:  # no record any more: its table is that of what it was
         return {"records.json": json.dumps([record]).encode(), "runs.json": json.dumps([run]).encode()}
     parts = {"records": [record], "runs": [run], "table": table}

@@ -38,7 +38,7 @@ def wanted(tmp_path, monkeypatch):
         above = {"checkout": "local", "chosen": "chosen", "installed": "home/mbsbench"}[where]
         return tmp_path / above / "user_forces"
 
-    return lambda where: (place(where), lambda: cache.cache_folder("user_forces", tmp_path / "local"))
+    return lambda where: (place(where), lambda: cache.make_cache_folder("user_forces", tmp_path / "local"))
 
 
 def mode_of(path):
@@ -97,7 +97,9 @@ def test_one_that_others_could_write_to_is_not_used(wanted, capsys, where, harm,
     said = capsys.readouterr().err
     assert why in said and str(folder) in said and said.count("\n") == 1
     assert found != folder and mode_of(found) == 0o700 == mode_of(found.parent) and not list(found.iterdir())
-    assert cache.cache_folder("references", Path("beside")).parent == found.parent == Path(os.environ[cache.CHOSEN])
+    assert (
+        cache.make_cache_folder("references", Path("beside")).parent == found.parent == Path(os.environ[cache.CHOSEN])
+    )
     assert not capsys.readouterr().err
 
 

@@ -17,7 +17,7 @@ from mbsbench.harness.bundle.archive import write_archive
 from mbsbench.harness.ladder import bundling
 from mbsbench.harness.ladder.closing import FILE, TRIAL
 from mbsbench.harness.ladder.instances import digest_submission, draw_instances
-from mbsbench.harness.ladder.submission import Blind, Submission, run_submission
+from mbsbench.harness.ladder.submission import BlindWorker, Submission, run_submission
 from mbsbench.harness.results import records
 
 from ..harness.ladder.forgeries.bundles import members_of
@@ -34,7 +34,7 @@ def made(tmp_path_factory):
     file, paths = place / "honest.py", {}
     file.write_text(TEXT.format("nothing"))
     submission = Submission(NAME, "dt", str(file), digest_submission(file.read_bytes()))
-    with Blind() as blind:
+    with BlindWorker() as blind:
         for k, value in enumerate((VALUE, "7", TRIAL)):
             folder = place / f"run{k}"
             run_submission(submission, value, folder, kinds=SHORT, repeats=1, blind=blind)
@@ -213,7 +213,7 @@ def test_a_bundle_that_differs_from_our_own_run_of_it_is_removed(made, tmp_path,
     for record in changed:
         record["cpu_median_s"] = 0.1 * float(record["cpu_median_s"])
     entry = bundling.read_entry(folder / "ours.zip", SHORT)
-    cheap = replace(entry, file="theirs.zip", records=tuple(records.from_json(json.dumps(r)) for r in changed))
+    cheap = replace(entry, file="theirs.zip", records=tuple(records.parse_record_json(json.dumps(r)) for r in changed))
     (folder / "theirs.zip").write_bytes(made[1]["7"].read_bytes())
     read = {"ours.zip": entry, "theirs.zip": cheap}
     monkeypatch.setattr(ladder, "read_entry", lambda file, **_: read[file.name])

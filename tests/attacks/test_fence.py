@@ -313,7 +313,7 @@ def test_a_fence_that_lacks_a_part_says_so(tmp_path, monkeypatch):
     """No namespace for root, or a Landlock that does not keep signals in: what runs then is marked not fenced."""
     if not os.getuid():
         with monkeypatch.context() as patch:
-            patch.setattr(fence, "_leave_memory_behind", lambda: False)
+            patch.setattr(fence, "_isolate_memory", lambda: False)
             assert not attempt(tmp_path, lambda: None)[0]
         (tmp_path / "own").rmdir()
     monkeypatch.setattr(fence, "SIGNALS", 99)

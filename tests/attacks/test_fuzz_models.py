@@ -36,11 +36,11 @@ def test_mutated_models_are_read_or_refused(tmp_path, name):
         pytest.importorskip("mujoco", reason="MuJoCo reads URDF and MJCF")
     tally, path = Tally(f"models, {name}"), tmp_path / name
     path.write_text(MODELS[name])
-    mechanism_files.read(path)  # as it is; and what readers import late is there for all
+    mechanism_files.read_mechanism(path)  # as it is; and what readers import late is there for all
 
     def read() -> int:
         try:
-            mechanism_files.read(path)
+            mechanism_files.read_mechanism(path)
         except ValueError as error:
             sys.stdout.write(
                 str(error).splitlines()[0] if str(error) else "Traceback (most recent call last): no words"

@@ -12,10 +12,10 @@ import time
 
 import pytest
 
-from mbsbench.harness.results.words import words_of_ending
+from mbsbench.harness.results.words import describe_ending
 from mbsbench.harness.sandbox import isolation
 from mbsbench.harness.sandbox.forked_process import ForkedProcess, ProcessEnd
-from mbsbench.harness.sandbox.memory import own_megabytes
+from mbsbench.harness.sandbox.memory import measure_own_memory
 
 from ..harness.conftest import run_in
 
@@ -52,7 +52,7 @@ parameters = { t_end = 0.1 }
 
 def count_pieces():
     """As many as are more than the limit and all that a fork of this process begins with, of which half may count."""
-    return PIECES + math.ceil(own_megabytes() * MB / PIECE)
+    return PIECES + math.ceil(measure_own_memory() * MB / PIECE)
 
 
 def fill(buffer, size=PIECE):
@@ -176,7 +176,7 @@ def test_a_run_that_shares_too_much_has_the_status_of_memory(tmp_path):
     loaded, _ = run_in(tmp_path / "run", SUITE, plugins=(plugin,))
     found = {r.solver: r for r in loaded.records}
     assert (found["shares"].status, found["shares"].ended_by) == ("memory", "memory_limit")
-    words = words_of_ending(found["shares"])
+    words = describe_ending(found["shares"])
     assert "with all that it started, more than its limit of 120 MB" in words and "\n" not in words
     assert found["shares"].peak_memory_MB > LIMIT and found["honest"].status == "success"
 

@@ -15,7 +15,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.runner import Request, _jobs
 from mbsbench.harness.execution.started_runs import StartedRuns
 from mbsbench.harness.results import environment, store
-from mbsbench.harness.results.records import to_json
+from mbsbench.harness.results.records import format_record
 from mbsbench.harness.suites.suite import parse_suite
 
 from ..harness.conftest import PLUGIN, run_in
@@ -48,7 +48,7 @@ def forge(folder, text):
             series="",
             series_sha256="",
         )
-        body = to_json(record)
+        body = format_record(record)
         plain = {"sha256": store._digest(body), "record": body}
         out[str(store.locate_record(folder, job.id).path)] = json.dumps(plain)
     return out, jobs

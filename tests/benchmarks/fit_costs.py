@@ -21,7 +21,14 @@ from scipy.optimize import nnls
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.contract import SHORT
-from mbsbench.harness.execution.costs import SIZES, TOLERANCE, measure_loop, nearest_size, read_costs, size_of
+from mbsbench.harness.execution.costs import (
+    SIZES,
+    TOLERANCE,
+    count_bodies_and_rows,
+    measure_loop,
+    nearest_size,
+    read_costs,
+)
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord
 
@@ -29,15 +36,15 @@ STEPS = 50  # of a run that counts: less is timed too coarsely
 COMPILE = """
 import sys, resource
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.warmup import runs_to_warm, warm
+from mbsbench.harness.execution.warmup import list_runs_to_warm, warm_up
 from mbsbench.harness.metrics import passes
 from mbsbench.harness.suites.spec import make_spec
 tuple(registry.problems().values())
 def used(): return sum(resource.getrusage(who).ru_utime for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-specs = runs_to_warm([make_spec(registry.make_problem("chain"), sys.argv[1])]) if sys.argv[1:] else []
+specs = list_runs_to_warm([make_spec(registry.make_problem("chain"), sys.argv[1])]) if sys.argv[1:] else []
 tuple(registry.solvers().values())
 before = used()
-warm(specs) if specs else passes.load()
+warm_up(specs) if specs else passes.load()
 print(used() - before)
 """
 
@@ -83,7 +90,7 @@ def fit(records: Iterable[RunRecord], compiled: dict[str, float]) -> str:
 def describe(r: RunRecord) -> tuple[int, float]:
     """Return which of ``SIZES`` the problem of a run is nearest to, and its own step [s]."""
     problem = registry.make_problem(r.problem, json.loads(r.problem_parameters))
-    return nearest_size(size_of(problem.system)), problem.dt
+    return nearest_size(count_bodies_and_rows(problem.system)), problem.dt
 
 
 def by_size(rows: Sequence[tuple[RunRecord, int, float]], cost: Callable[[RunRecord], float]) -> str:

@@ -6,9 +6,9 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.solvers.formulations.compiled.entries import Program
-from mbsbench.solvers.formulations.compiled.kernel import Kernel, make_kernel, start_at
-from mbsbench.solvers.formulations.compiled.marching import new_control
-from mbsbench.solvers.formulations.methods.gc_newton_arrays import NEEDED, newton_steps
+from mbsbench.solvers.formulations.compiled.kernel import Kernel, make_kernel, set_state
+from mbsbench.solvers.formulations.compiled.marching import make_control
+from mbsbench.solvers.formulations.methods.gc_newton_arrays import NEEDED, make_newton_method
 
 CASES = {"pendulum": ("spherical_pendulum", 1e-2), "chain": ("chain", 1e-3), "grid": ("four_bar_grid", 1e-2)}
 
@@ -18,11 +18,11 @@ def case(request) -> tuple[Any, Kernel]:
     """The first estimate of a step, its matrix factored, and what keeps its entries alive."""
     name, dt = CASES[request.param]
     problem = make_problem(name)
-    settings = make_solver("gc_augmented_lagrangian", {"newton": "exact"}).settings(problem)
+    settings = make_solver("gc_augmented_lagrangian", {"newton": "exact"}).make_settings(problem)
     settings = settings._replace(active=1, penalty=1e7)
     made = make_kernel(problem.system, NEEDED)
-    start_at(made, problem.initial)
-    step = newton_steps(problem.system, settings, 16, 0.0, "zero").prepare(made, new_control(h=dt, dt=dt))
+    set_state(made, problem.initial)
+    step = make_newton_method(problem.system, settings, 16, 0.0, "zero").prepare(made, make_control(h=dt, dt=dt))
     step.scheme["h"] = dt
     step.r0[:], step.R0[:], step.v0[:] = made.r, made.R, made.v
     for entry in (step.complete, step.keep_end, step.begin_step, step.estimate, step.evaluate, step.refresh):

@@ -5,15 +5,15 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.solvers.formulations.dae import ImplicitForm
-from mbsbench.solvers.formulations.start import coordinates_and_velocities, layout_for, make_consistent
+from mbsbench.solvers.formulations.start import choose_layout, make_consistent, pack_start
 
 
 @pytest.fixture(params=["spherical_pendulum", "chain", "four_bar_grid"])
 def case(request) -> tuple[ImplicitForm, np.ndarray, np.ndarray]:
     """The form and a consistent (y, y')."""
     problem = make_problem(request.param)
-    layout, _ = layout_for(problem, "quaternion")
-    y, y_dot = make_consistent(layout, coordinates_and_velocities(layout, problem), 5.0, 5.0)
+    layout, _ = choose_layout(problem, "quaternion")
+    y, y_dot = make_consistent(layout, pack_start(layout, problem), 5.0, 5.0)
     return ImplicitForm(layout, "fi", 5.0, 5.0), y, y_dot
 
 

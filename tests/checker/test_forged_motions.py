@@ -33,7 +33,7 @@ PARAMETERS = {"mass": 1.0, "half_length": 0.5, "omega_x": 5.0, "omega_z": 3.0, "
 def bundle(tmp_path_factory):
     """The lossless bundle of an honest motion and of all forged ones, each judged by the harness."""
     place = tmp_path_factory.mktemp("forged")
-    folder = store.create(place / "results")
+    folder = store.create_folder(place / "results")
     load_plugin(Path(__file__).parent / "forged.py")
     problem = make_problem("spherical_pendulum", PARAMETERS)
     for how in ("nothing", *MOTIONS):
@@ -54,7 +54,7 @@ def forged(bundle, how, **changes):
     kept = ("runs/", "series/", "problems/", "references/")
     files = {n: raw for n, raw in bundle.items() if not n.startswith(kept) or any(key in n for key in own)}
     record |= changes
-    table = make_table([records.from_json(json.dumps(record))])
+    table = make_table([records.parse_record_json(json.dumps(record))])
     for name, content in (("records", [record]), ("runs", [run]), ("table", table)):
         files[f"{name}.json"] = json.dumps(content).encode()
     return files, record, run

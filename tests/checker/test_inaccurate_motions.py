@@ -41,7 +41,7 @@ def motion(request, tmp_path_factory):
     place = tmp_path_factory.mktemp("inaccurate")
     load_plugin(Path(__file__).parent / "forged.py")
     problem, parameters, solver, step = MOTIONS[request.param]
-    folder = store.create(place / "results")
+    folder = store.create_folder(place / "results")
     spec = make_spec(make_problem(problem, parameters), solver, {}, step)
     run_here(Job(spec, folder, "some", "code", "commit", lossless=True))
     assert main(["bundle", str(folder), "-o", str(place / "b.zip"), "--lossless"]) == 0
@@ -66,9 +66,9 @@ def test_a_success_claimed_for_it_is_found_by_that_law_alone(motion, tmp_path, m
     law, files = motion
     (record,) = json.loads(files["records.json"])
     record |= {"status": "success", "wrong_because": "[]"}
-    table = make_table([records.from_json(json.dumps(record))])
+    table = make_table([records.parse_record_json(json.dumps(record))])
     forged = files | {"records.json": json.dumps([record]).encode(), "table.json": json.dumps(table).encode()}
     assert {line[18:56].split()[0] for line in findings(tmp_path, forged)} == {"status", "wrong_because"}
-    whole = checker.Run.find_excesses
-    monkeypatch.setattr(checker.Run, "find_excesses", lambda run: whole(run) | {law: (0.0, 1.0)})
+    whole = checker.Run.list_limits
+    monkeypatch.setattr(checker.Run, "list_limits", lambda run: whole(run) | {law: (0.0, 1.0)})
     assert findings(tmp_path, forged) == []

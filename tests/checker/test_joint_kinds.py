@@ -7,10 +7,10 @@ import pytest
 
 from mbsbench.harness.bundle.contents import FORCES, _add_forces
 from mbsbench.harness.mechanics import motion
-from mbsbench.harness.mechanics.index1 import index_1
+from mbsbench.harness.mechanics.index1 import solve_index_1
 from mbsbench.harness.mechanics.joints import KINDS as SORTS
 from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.metrics.reactions import load_on_bodies
+from mbsbench.harness.metrics.reactions import compute_loads_on_bodies
 
 from ..solvers.arbitrary_joints import KINDS, MOVING, one_joint
 from ..solvers.arbitrary_joints import moving_rows as moving_joints
@@ -45,7 +45,7 @@ def compare(system, change=None):
             q = problem_of(system, state)
             if change is not None:
                 change(q)
-            found = q.measure(row, q.all_bodies)
+            found = q.measure_series(row, q.all_bodies)
         one = States(state.r[None], state.R[None], state.v[None], state.Omega[None], np.array([0.4]))
         worst = max(worst, compare_accelerations(q, row, system, one))
         metres = np.ones(system.nrows)
@@ -66,14 +66,14 @@ def compare_accelerations(q, row, system, one):
     """The largest relative difference of accelerations, of the joints' loads, and of loads of given reactions."""
     if len(system.user_i):
         return 0.0
-    expected = index_1(system, one)
+    expected = solve_index_1(system, one)
     given = np.linspace(-1.0, 2.0, system.nrows)[None]
     with np.errstate(all="ignore"):
         pairs = [*zip(q.accelerate(row), (expected.a, expected.load), strict=True)]
         pairs.append(
             (
                 np.einsum("tr,trbk->tbk", given, q.differentiate(row)[:, q.row_is_joint]),
-                load_on_bodies(system, given, one),
+                compute_loads_on_bodies(system, given, one),
             )
         )
     return max(LOOSER * np.max(np.abs(a - b)) / (1.0 + np.max(np.abs(b))) for a, b in pairs)

@@ -39,7 +39,7 @@ def test_limits_of_the_status_are_those_of_the_page():
         p=SimpleNamespace(t_end=4.0, start=np.zeros((1, 20))),
         find_exact_defect=lambda: 0.0,
     )
-    limits = {law: limit for law, (_, limit) in checker.Run.find_excesses(run).items()}
+    limits = {law: limit for law, (_, limit) in checker.Run.list_limits(run).items()}
     assert limits == pytest.approx(
         {
             "end": 4e-9,

@@ -23,7 +23,7 @@ HANGING = {"angle": -90.0, "t_end": 0.1}
 def make_bundle(place, parameters):
     """The files of a lossless bundle of one honest pendulum."""
     load_plugin(Path(__file__).parent / "forged.py")
-    folder = store.create(place / "results")
+    folder = store.create_folder(place / "results")
     spec = make_spec(make_problem("spherical_pendulum", parameters), "forged", {}, {"dt": 2e-3})
     run_here(Job(spec, folder, "some", "code", "commit", lossless=True))
     assert main(["bundle", str(folder), "-o", str(place / "b.zip"), "--lossless"]) == 0

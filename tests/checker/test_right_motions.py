@@ -44,7 +44,7 @@ MOTIONS = {  # problem, parameters, solver, options, step
 @pytest.mark.parametrize("what", MOTIONS)
 def test_the_checker_agrees(what, tmp_path):
     problem, parameters, solver, options, step = MOTIONS[what]
-    folder = store.create(tmp_path / "results")
+    folder = store.create_folder(tmp_path / "results")
     spec = make_spec(make_problem(problem, parameters), solver, options, step)
     record = run_here(Job(spec, folder, "some", "code", "commit", lossless=True))
     assert record.status == "success"

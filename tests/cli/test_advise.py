@@ -22,7 +22,7 @@ def searched(solver: str, error: float, law, rounds: int = 6) -> Candidate:
     """The search on runs whose error follows ``law`` of the setting."""
     c = Candidate(solver, SWING, error, 10.0)
     for _ in range(rounds):
-        spec = c.next_spec()
+        spec = c.choose_next_spec()
         if spec is None:
             break
         setting = spec.control.dt or spec.control.rtol

@@ -92,7 +92,7 @@ def test_a_dry_run_removes_nothing(local, capsys):
 def test_what_a_command_is_writing_stays(local, capsys, how, dry):
     """A runner holds the lock of its folder, a report or a judgement marks it as in use."""
     folder = local / "ci-20260101-000000-77"
-    held = store.lock(folder) if how == "a run" else store.hold_folder(folder)
+    held = store.lock_folder(folder) if how == "a run" else store.hold_folder(folder)
     set_age(folder, 9 * DAY)
     with held:
         assert main(["clean", *["--dry-run"] * dry]) == 0

@@ -9,7 +9,7 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.fuzz.campaign import CampaignSettings
-from mbsbench.harness.fuzz.cases import page, read_case, write_cases
+from mbsbench.harness.fuzz.cases import format_page, read_case, write_cases
 from mbsbench.harness.fuzz.log import SUMMARY, Trial, append_trial, count_trials, read_trials
 from mbsbench.harness.fuzz.oracle import Behaviour, OracleOutcome
 
@@ -50,7 +50,7 @@ def test_a_deviation_beyond_all_numbers_is_read_again(tmp_path):
 def test_the_published_page_is_that_of_its_summary_and_cases():
     """A sentence and a table of the counts, the causes as they are kept with the cases."""
     assert json.loads((PUBLISHED / SUMMARY).read_text())["counts"] == count_trials(read_trials(PUBLISHED))
-    assert (PUBLISHED / "README.md").read_text() == page(PUBLISHED)
+    assert (PUBLISHED / "README.md").read_text() == format_page(PUBLISHED)
 
 
 def test_a_published_case_is_examined_again(capsys):
@@ -72,7 +72,7 @@ def test_a_finding_says_where_the_bodies_should_be(tmp_path):
     case = read_case(PUBLISHED / "mujoco-74.json")
     write_cases(tmp_path, [case])
     (tmp_path / SUMMARY).write_text((PUBLISHED / SUMMARY).read_text())
-    text = " ".join(page(tmp_path).split())
+    text = " ".join(format_page(tmp_path).split())
     assert {p.name for p in tmp_path.glob("*.xml")} == {"mujoco-74.xml", "mujoco-74-form.xml"}
     assert "exact (-2.10815, 0.557382, -0.713332)" in text and "unit_time=0.001: it does not reach it" in text
     assert "mujoco 4.0.0" in text

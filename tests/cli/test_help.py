@@ -12,7 +12,7 @@ import pytest
 from mbsbench.cli import list as catalogue
 from mbsbench.cli.__main__ import main
 from mbsbench.cli.commands import add_commands
-from mbsbench.cli.parser import top_parser
+from mbsbench.cli.parser import make_parser
 from mbsbench.harness import machine
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.remaining_time import COMPILING, PREPARING, REFERENCES, describe_wait
@@ -22,7 +22,7 @@ from mbsbench.harness.reference import orbit
 from mbsbench.harness.reference.computation import Source, describe_source
 from mbsbench.solvers.formulations.generated import code
 
-_, DECLARED = top_parser()
+_, DECLARED = make_parser()
 add_commands(DECLARED)
 COMMANDS = {a.dest: a.help for a in DECLARED._choices_actions}
 HEAVY = ("numba", "scipy", "pandas", "casadi", "matplotlib", "numpy")
@@ -69,7 +69,7 @@ def test_help_and_list_load_nothing_heavy(arguments):
 
 def test_the_kept_catalogue_is_the_one_of_the_code(tmp_path, monkeypatch):
     """Nothing is lost on the way to the file; another code is another file."""
-    monkeypatch.setattr(catalogue, "cache_folder", lambda *_: tmp_path)
+    monkeypatch.setattr(catalogue, "make_cache_folder", lambda *_: tmp_path)
     made, again = catalogue.load_catalogue(), catalogue.load_catalogue()
     assert json.loads(to_json(made)) == again == json.loads(to_json(catalogue.describe_catalogue(plugins=False)))
     (file,) = tmp_path.iterdir()
@@ -84,7 +84,7 @@ def test_the_kept_catalogue_is_our_own(tmp_path, monkeypatch):
     """It is kept for every later command: what a plugin marks in the process that writes it is no part of it."""
     monkeypatch.setattr(registry, "_plugin_problems", {})
     monkeypatch.setattr(registry, "_plugin_solvers", {})
-    monkeypatch.setattr(catalogue, "cache_folder", lambda *_: tmp_path / "kept")
+    monkeypatch.setattr(catalogue, "make_cache_folder", lambda *_: tmp_path / "kept")
     plugin = tmp_path / "mine.py"
     plugin.write_text(
         (Path(__file__).parents[1] / "harness" / "misbehaving.py").read_text().replace("free_fall", "falls")
@@ -129,7 +129,7 @@ def test_the_version_says_what_a_report_of_a_fault_needs(capsys):
     assert {" ".join(line.split()) for line in short.splitlines()} < {
         " ".join(line.split()) for line in out.splitlines()
     }
-    for folder in (orbit.FOLDER, code.FOLDER, machine._kept_names().parent):
+    for folder in (orbit.FOLDER, code.FOLDER, machine._locate_names_file().parent):
         assert f"  {folder.resolve()} (" in out
 
 

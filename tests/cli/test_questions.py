@@ -52,6 +52,6 @@ def test_the_command_prints_the_number_of_its_answer(question, tmp_path):
     path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
     env = {**os.environ, "PATH": path, "COLUMNS": WIDE, "PYTHONPATH": str(tmp_path / "modules")}
     ran = subprocess.run(question["command"], shell=True, cwd=tmp_path, env=env, capture_output=True, text=True)  # noqa: PLW1510
-    value, half_unit = list_questions.stated(question)
+    value, half_unit = list_questions.read_stated(question)
     found = list_questions.read_figure(question, ran.stdout + ran.stderr)
     assert abs(found - value) <= 1.01 * half_unit, f"{found} is not {question['value']}"

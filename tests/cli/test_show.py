@@ -16,7 +16,7 @@ from rich.console import Console
 from mbsbench.cli.__main__ import main
 from mbsbench.cli.arguments import UsageError
 from mbsbench.cli.show import find_run
-from mbsbench.cli.terminal import BARS, Column, fit_table, sparkline, timeline
+from mbsbench.cli.terminal import BARS, Column, draw_sparkline, draw_timeline, fit_table
 from mbsbench.harness.referee.claims.register import read_register
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements import files
@@ -176,29 +176,37 @@ def test_a_run_on_a_terminal_shows_what_is_left_and_the_worst_drift(tmp_path):
 def test_a_timeline_stops_where_the_motion_did():
     """Half-way: half of it, a star, then nothing; a long step leaves no hole."""
     t = np.linspace(0.0, 5.0, 101)
-    assert timeline(t, 10.0**-t, 10.0, 10).startswith("█▇▆▅▄") and timeline(t, 10.0**-t, 10.0, 10).endswith("*   ")
-    assert timeline(np.array([0.0, 9.0, 10.0]), np.ones(3), 10.0, 10) == "██████████"
-    assert timeline(np.array([0.0]), np.zeros(1), 10.0, 4) == "▁*  " and timeline(t, t, 0.0, 4) == ""
+    assert draw_timeline(t, 10.0**-t, 10.0, 10).startswith("█▇▆▅▄") and draw_timeline(t, 10.0**-t, 10.0, 10).endswith(
+        "*   "
+    )
+    assert draw_timeline(np.array([0.0, 9.0, 10.0]), np.ones(3), 10.0, 10) == "██████████"
+    assert draw_timeline(np.array([0.0]), np.zeros(1), 10.0, 4) == "▁*  " and draw_timeline(t, t, 0.0, 4) == ""
 
 
 def test_a_sparkline_shows_growth_by_decades():
     """One bar a power of ten; the largest of each stretch, whatever its sign."""
-    assert sparkline([10.0**-k for k in range(8)], 8) == BARS[::-1]
-    assert sparkline([1.0, -1e-3, 1e-3, 1.0, 1e-7, 1e-7], 3) == "██▁"
-    assert sparkline([1.0, 1.0, 1.0], 3) == "███"
-    assert sparkline([1.0, 2.0, 3.0], 3, log=False) == "▁▅█" or sparkline([1.0, 2.0, 3.0], 3, log=False) == "▁▄█"
+    assert draw_sparkline([10.0**-k for k in range(8)], 8) == BARS[::-1]
+    assert draw_sparkline([1.0, -1e-3, 1e-3, 1.0, 1e-7, 1e-7], 3) == "██▁"
+    assert draw_sparkline([1.0, 1.0, 1.0], 3) == "███"
+    assert (
+        draw_sparkline([1.0, 2.0, 3.0], 3, log=False) == "▁▅█" or draw_sparkline([1.0, 2.0, 3.0], 3, log=False) == "▁▄█"
+    )
 
 
 def test_what_is_not_there_is_blank():
     """NaN is a gap, zero and rounding are the bottom."""
-    assert sparkline([math.nan, 1.0, 0.0, 1e-30], 4) == " █▁▁"
-    assert sparkline([math.nan, math.inf], 2) == "  " and sparkline([], 5) == "" and sparkline([0.0, 0.0], 9) == "▁▁"
+    assert draw_sparkline([math.nan, 1.0, 0.0, 1e-30], 4) == " █▁▁"
+    assert (
+        draw_sparkline([math.nan, math.inf], 2) == "  "
+        and draw_sparkline([], 5) == ""
+        and draw_sparkline([0.0, 0.0], 9) == "▁▁"
+    )
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(st.lists(st.floats(), max_size=60), st.integers(1, 30), st.booleans())
 def test_any_series_has_a_sparkline(values, width, log):
-    assert len(sparkline(values, width, log=log)) == min(width, len(values))
+    assert len(draw_sparkline(values, width, log=log)) == min(width, len(values))
 
 
 @pytest.mark.parametrize("width", [40, 60, 80, 200])

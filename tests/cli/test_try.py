@@ -45,10 +45,10 @@ def laddered(tmp_path):
         registry.load_plugin(tmp_path / "own.py")
         own = [s for s in assessment.plan_runs("own", 60.0) if s.solver == "own" and s.label == "ladder"]
         specs = [s for s in own if s.problem == "spherical_pendulum"][:5]
-        folder = store.create(tmp_path / "results")
+        folder = store.create_folder(tmp_path / "results")
         records = [run_here(Job(spec, folder)) for spec in specs]  # in this process
         orders = assessment.certify_ladders("own", folder, records)
-        return list(assessment.assess("own", folder, records, orders)), orders
+        return list(assessment.assess_solver("own", folder, records, orders)), orders
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "_plugin_files", set())

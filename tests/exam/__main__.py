@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.metrics.identity import fingerprint
+from mbsbench.harness.metrics.identity import compute_fingerprint
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import RunSpec
@@ -74,7 +74,7 @@ def main() -> int:
         parser.error(f"argument --only: expected a word in a name of a mechanism of the exam (got {given.only!r})")
     records: dict[str, list[RunRecord]] = {name: [] for name in names}
     if (given.folder / "runs").is_dir():
-        for record in store.newest(store.load(given.folder, check_series=False).records):
+        for record in store.select_newest(store.load(given.folder, check_series=False).records):
             records.get(record.problem, []).append(record)
     found, told = {}, {}
     for name in sorted(names):
@@ -98,7 +98,7 @@ def judge_mechanism(
     told[name] = falsify(sizes, problem)
     out = []
     for record in records:
-        if record.steps and record.problem_fingerprint != fingerprint(problem):
+        if record.steps and record.problem_fingerprint != compute_fingerprint(problem):
             raise SystemExit(f"error: {record.case} has other numbers than {name} has now: remove {folder}")
         out.append(judge_run(sizes, problem, record, store.read_run_series(folder, record)))
     say(f"{name}: {len(records)} runs judged in {time.monotonic() - began:.0f} s")

@@ -6,8 +6,8 @@ import numpy as np
 
 from mbsbench import Problem, States, Status, Trajectory
 from mbsbench.harness.metrics.measure import measure
-from mbsbench.harness.metrics.summary import columns
-from mbsbench.harness.metrics.verdict import inaccuracy, list_broken_laws
+from mbsbench.harness.metrics.summary import make_columns
+from mbsbench.harness.metrics.verdict import find_inaccuracy, list_broken_laws
 
 from .judging import Sizes, errors
 from .motion import BEYOND
@@ -78,8 +78,8 @@ def is_accused(problem: Problem, t: np.ndarray, s: States) -> list[str]:
     run = Trajectory(t, s, Status.SUCCESS, "", {})
     with np.errstate(all="ignore"):
         m = measure(problem, run)
-        c = columns(problem, run, m)
-        return [r.law for r in (*list_broken_laws(problem, run, m, c), *inaccuracy(m, c))]
+        c = make_columns(problem, run, m)
+        return [r.law for r in (*list_broken_laws(problem, run, m, c), *find_inaccuracy(m, c))]
 
 
 def falsify(sizes: Sizes, problem: Problem) -> dict[str, str]:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from mbsbench import Problem, States, Status
-from mbsbench.harness.metrics.reactions import load_on_bodies
+from mbsbench.harness.metrics.reactions import compute_loads_on_bodies
 from mbsbench.harness.results.records import RunRecord, parse_reasons
 from mbsbench.harness.results.series import Series
 
@@ -89,7 +89,7 @@ def errors(sizes: Sizes, problem: Problem, t: np.ndarray, s: States, reaction: n
     out["rows"] = float(np.max(phi / lengths, initial=0.0))
     out["reactions"] = math.nan
     if reaction is not None and len(some):
-        told = load_on_bodies(problem.system, reaction[pick][some], here.at(some))
+        told = compute_loads_on_bodies(problem.system, reaction[pick][some], here.at(some))
         exact = truth.loads(t[some])
         off = told - exact
         force = float(np.max(np.linalg.norm(exact[..., :3], axis=-1)))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from mbsbench.harness.files import FileError
 from mbsbench.harness.results import store
-from mbsbench.harness.results.misleading import is_right
+from mbsbench.harness.results.misleading import agrees_with_reference
 from mbsbench.harness.results.records import RunRecord, parse_reasons
 from mbsbench.harness.types import ACCURATE, Law, Status
 
@@ -44,7 +44,7 @@ def shares(r: RunRecord) -> dict[str, float]:
 def is_accused(r: RunRecord) -> bool:
     """Whether it is called wrong though it is right by comparison and keeps all laws of states."""
     laws = {reason.law for reason in parse_reasons(r.wrong_because)}
-    return r.status == Status.WRONG and is_right(r) and not laws & KEPT
+    return r.status == Status.WRONG and agrees_with_reference(r) and not laws & KEPT
 
 
 def is_believed(r: RunRecord) -> bool:
@@ -55,7 +55,7 @@ def is_believed(r: RunRecord) -> bool:
 
 def print_table(folder: Path) -> int:
     """Print the contradictions of a results folder; their number."""
-    records = store.newest(store.load(folder, check_series=False).records)
+    records = store.select_newest(store.load(folder, check_series=False).records)
     found = [
         (words, [r for r in records if of(r)])
         for words, of in (

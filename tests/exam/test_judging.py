@@ -9,7 +9,7 @@ import pytest
 from mbsbench import StepControl
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.registry import make_solver
-from mbsbench.harness.results.records import RunRecord, reasons_json
+from mbsbench.harness.results.records import RunRecord, format_reasons
 from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import Law, Reason, Status
 from mbsbench.tests.exam import falsified, misleading
@@ -94,7 +94,7 @@ def record(**columns):
 
 def test_records_that_contradict_themselves():
     """Wrong by rates and right by comparison; a success that is far off: each way only then."""
-    rates, energy = (reasons_json([Reason(law)]) for law in (Law.TRUNCATION, Law.ENERGY))
+    rates, energy = (format_reasons([Reason(law)]) for law in (Law.TRUNCATION, Law.ENERGY))
     wrong = record(status=Status.WRONG, wrong_because=rates)
     assert misleading.is_accused(wrong)
     for other in (

@@ -62,8 +62,8 @@ def _compile() -> Callable[[float], float]:
 
 def report_code(seconds: float) -> None:
     """Hand over ``code_s`` of that many seconds, whatever the meter has counted."""
-    exact = worker._exact
-    worker._exact = lambda cost: exact({**cost, "code_s": seconds})
+    exact = worker._format_costs
+    worker._format_costs = lambda cost: exact({**cost, "code_s": seconds})
 
 
 DONE: set[int] = set()  # processes in which the work was done already
@@ -116,9 +116,9 @@ class Cheats(Exact):
             work()
             cost = {"half": {"cpu_time": 0.5 * WORK}, "set_up": {"setup_time": WORK}}.get(self.where, cost)
         if self.where == "block":
-            code_meter._open()
+            code_meter._open_block()
             work()
-            code_meter._close()
+            code_meter._close_block()
         if self.where == "numba_event":
             with numba.core.event.trigger_event("numba:compile"):
                 work()

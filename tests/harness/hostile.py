@@ -11,7 +11,7 @@ import numpy as np
 
 from mbsbench import Parameter, Problem, States, Status, StepControl, Trajectory, option, problem, solver
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.results.records import RunRecord, to_json
+from mbsbench.harness.results.records import RunRecord, format_record
 from mbsbench.tests.harness.misbehaving import (
     Exact,
     FreeFall,
@@ -95,7 +95,7 @@ def forges(self, p, control):
         worker.split_cost = lambda *_: Cost({"less_time": -5.0, "more_time": 1e6}[self.how], 0.0, 0.0)
         return follow_exactly(self, p, control)
     measuring.list_broken_laws = lambda *_: []
-    measuring.inaccuracy = lambda *_: []
+    measuring.find_inaccuracy = lambda *_: []
     done = follow_exactly(self, p, control)
     return dataclasses.replace(done, states=dataclasses.replace(done.states, r=1e3 + done.states.r))
 
@@ -194,7 +194,7 @@ def perfect_record(control: StepControl) -> bytes:
     """A success of this run."""
     own = control.spool.path.stem  # type: ignore[union-attr]
     record = RunRecord(run_id=own, case="perfect", problem="free_fall", solver="attacks", status="success")
-    return to_json(record).replace("\n", " ").encode()
+    return format_record(record).replace("\n", " ").encode()
 
 
 def leave_child(control: StepControl) -> None:

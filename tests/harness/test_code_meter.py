@@ -21,7 +21,7 @@ from mbsbench.harness.code_meter import (
     is_making_code,
     listen_to_numba,
     making_code,
-    page_for_child,
+    prepare_child_page,
 )
 from mbsbench.harness.sandbox.forked_process import ForkedProcess
 
@@ -40,11 +40,11 @@ def work(seconds: float = WORK) -> float:
 @contextlib.contextmanager
 def block():
     """``making_code``, which tests may not use."""
-    code_meter._open()
+    code_meter._open_block()
     try:
         yield
     finally:
-        code_meter._close()
+        code_meter._close_block()
 
 
 def test_the_clock_of_solvers_stands_still_while_code_is_made():
@@ -119,37 +119,37 @@ def test_a_page_tells_what_is_made_while_it_is_made():
     page = CodePage()
     whole, below = CodeReading(page), CodeReading(page, 1)
     page.report(0, 3.0)
-    assert whole.seconds(3.5) == 3.0 and not whole.is_making()
+    assert whole.read_seconds(3.5) == 3.0 and not whole.is_making()
     page.report(0, 3.0, since=4.0)
-    assert whole.seconds(10.0) == 9.0 and whole.is_making()
+    assert whole.read_seconds(10.0) == 9.0 and whole.is_making()
     page.report(1, 1.0)
-    assert whole.seconds(10.0) == 10.0 and below.seconds(10.0) == 1.0
+    assert whole.read_seconds(10.0) == 10.0 and below.read_seconds(10.0) == 1.0
     for nonsense in (math.nan, -1.0):
         page.report(1, nonsense, since=nonsense)
-        assert below.seconds(10.0) == 0.0
+        assert below.read_seconds(10.0) == 0.0
     page.report(1, math.inf)
-    assert below.seconds(10.0) == math.inf
+    assert below.read_seconds(10.0) == math.inf
 
 
 def test_an_open_block_holds_nothing_that_other_processes_used_before_it():
     """A young process begins to make code once its elder has used a minute: it has taken what is used from then on."""
     page = CodePage()
     reading = CodeReading(page)
-    assert reading.seconds(60.0) == 0.0
+    assert reading.read_seconds(60.0) == 0.0
     page.report(1, 0.0, since=0.1)
-    assert reading.seconds(60.5) == 0.5 and reading.seconds(62.0) == 2.0
+    assert reading.read_seconds(60.5) == 0.5 and reading.read_seconds(62.0) == 2.0
     page.report(1, 1.9)
-    assert reading.seconds(62.5) == 1.9
+    assert reading.read_seconds(62.5) == 1.9
     page.report(1, 1.9, since=2.5)
-    assert reading.seconds(63.0) == pytest.approx(1.9 + 0.5)
+    assert reading.read_seconds(63.0) == pytest.approx(1.9 + 0.5)
 
 
 def test_code_made_below_is_reported_at_once(monkeypatch):
     """Not at the end of the next block, which may never come."""
-    page, slot = page_for_child()
+    page, slot = prepare_child_page()
     monkeypatch.setattr(code_meter, "_process", code_meter._Process(page=page, slot=slot))
     add_code_below(2.0)
-    assert CodeReading(page).seconds(10.0) == 2.0
+    assert CodeReading(page).read_seconds(10.0) == 2.0
 
 
 @pytest.mark.parametrize("how", ["reports", "ends while it makes code"])
@@ -194,9 +194,9 @@ def test_numba_is_heard_in_a_process_that_has_an_allowance():
 
 def test_pages_of_processes_above_one_another_are_one(monkeypatch):
     """So that who limits a run sees what its solver makes, two processes below."""
-    page, slot = page_for_child()
+    page, slot = prepare_child_page()
     monkeypatch.setattr(code_meter, "_process", code_meter._Process(page=page, slot=slot))
-    below, place = page_for_child()
+    below, place = prepare_child_page()
     assert below is page and (slot, place) == (0, 1)
 
 
@@ -234,7 +234,7 @@ def test_who_says_that_it_makes_code_without_end_is_ended(how):
     """By the limit on code where it computes, by that on wall time where it does not: a false block buys no more."""
 
     def target(send):
-        code_meter._open()
+        code_meter._open_block()
         work(60.0) if how == "computes" else time.sleep(60.0)
 
     began = time.monotonic()
@@ -248,7 +248,7 @@ def test_a_process_that_reports_nothing_has_its_limit():
     """Without an allowance for code a block changes no limit."""
 
     def target(send):
-        code_meter._open()
+        code_meter._open_block()
         work(60.0)
 
     ended = ForkedProcess(target, limit=0.3, memory=500.0).wait()

@@ -8,7 +8,7 @@ import tomllib
 import pytest
 
 from mbsbench.cli.commands import add_commands
-from mbsbench.cli.parser import top_parser
+from mbsbench.cli.parser import make_parser
 from mbsbench.harness.code_meter import CODE_LIMIT
 from mbsbench.harness.execution.contract import EXPLAINED
 from mbsbench.harness.execution.handover import HIDDEN
@@ -41,7 +41,7 @@ def test_what_a_page_names_exists(page):
         linked = page.parent / target if target else page
         assert linked.exists(), target
         assert not anchor or anchor in headings(linked), f"{target}#{anchor}"
-    _, commands = top_parser()
+    _, commands = make_parser()
     add_commands(commands)
     assert {a or b for a, b in COMMAND.findall(text)} - {"COMMAND"} <= {*commands.choices}
 

@@ -42,7 +42,7 @@ def test_pipes_and_devices_are_refused_at_once(tmp_path: Path, suffix: str, kind
         os.mkfifo(path)
     else:
         path.symlink_to("/dev/zero")
-    read = mechanism_files.read if suffix in (".xml", ".sdf") else read_table
+    read = mechanism_files.read_mechanism if suffix in (".xml", ".sdf") else read_table
     with pytest.raises((ValueError, OSError), match=f"it is a {kind}, not a file|there is no such file"):
         read(path)
 

@@ -28,9 +28,9 @@ from mbsbench.harness.mechanics.consistency import InconsistentStart, check_star
 from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, assemble
 from mbsbench.harness.metrics import measure
 from mbsbench.harness.results import store
-from mbsbench.harness.results.records import RunRecord, from_json, to_json
+from mbsbench.harness.results.records import RunRecord, format_record, parse_record_json
 from mbsbench.harness.results.series import read_series
-from mbsbench.harness.results.words import list_reasons, words_of_ending
+from mbsbench.harness.results.words import describe_ending, list_reasons
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.suites.suite import load_suite, parse_suite
 
@@ -152,7 +152,7 @@ def test_thresholds_are_read_or_refused_in_a_line(change, tmp_path_factory):
     assert again == bound or math.isnan(bound.value)
 
 
-GOOD = json.loads(to_json(RunRecord(run_id="abc", case="c", problem="p", solver="s", status="success")))
+GOOD = json.loads(format_record(RunRecord(run_id="abc", case="c", problem="p", solver="s", status="success")))
 
 
 @MORE
@@ -163,7 +163,8 @@ def test_records_are_read_or_refused(change, tmp_path_factory):
     path.write_text(json.dumps({"record": text, "sha256": hashlib.sha256(text.encode()).hexdigest()}))
     record = told(lambda: store.read_record(path), FileError)
     assert record is None or (
-        to_json(from_json(to_json(record))) == to_json(record) and len(store.table([record])) == 1
+        format_record(parse_record_json(format_record(record))) == format_record(record)
+        and len(store.table([record])) == 1
     )
 
 
@@ -171,7 +172,7 @@ def test_records_are_read_or_refused(change, tmp_path_factory):
 @given(cut=st.integers(0, 400), flip=st.integers(0, 400), noise=st.binary(max_size=40))
 def test_damaged_record_files_are_never_good(cut, flip, noise, tmp_path_factory):
     """Cut, changed or replaced: the digest tells."""
-    folder = store.create(tmp_path_factory.mktemp("r"))
+    folder = store.create_folder(tmp_path_factory.mktemp("r"))
     path = store.write_record(folder, RunRecord(run_id="abc", case="c", problem="p", solver="s", status="success"))
     whole = path.read_bytes()
     changed = bytearray(whole[: len(whole) - cut])
@@ -206,7 +207,7 @@ words = st.one_of(
 @given(value=words, flag=st.sampled_from(["--solver", "--status", "--sort", "--limit", "--label"]))
 def test_filters_of_show_are_reported_in_one_line(value, flag, capsys, tmp_path_factory):
     """Whatever is asked of a run of one run: a table, or one line and exit code 2."""
-    folder = store.create(tmp_path_factory.mktemp("w"))
+    folder = store.create_folder(tmp_path_factory.mktemp("w"))
     store.write_record(folder, RunRecord(run_id="abc", case="c", problem="p", solver="s", status="success"))
     code = main(["show", str(folder), f"{flag}={value}"])
     out, err = capsys.readouterr()
@@ -276,9 +277,9 @@ def test_random_mechanisms_have_no_wrong_success(problem, solver, tmp_path_facto
         patch.setattr(registry, "make_problem", lambda name, parameters=None: problem)
         patch.setattr(measure, "find_reference", lambda problem: None)  # laws alone: a reference takes up to a minute
         spec = make_spec(problem, solver, None, {}, cpu_limit=20.0)
-        folder = store.create(tmp_path_factory.mktemp("m"))
+        folder = store.create_folder(tmp_path_factory.mktemp("m"))
         record = run_here(Job(spec, folder))
-    assert record.status in set(Status) and (words_of_ending(record) or Status(record.status).lawful)
+    assert record.status in set(Status) and (describe_ending(record) or Status(record.status).lawful)
     assert record.status != Status.CRASHED, record.message
     if record.status == Status.SUCCESS:
         assert record.t_reached_s == problem.t_end
@@ -300,7 +301,7 @@ def test_random_mechanisms_move_alike_in_all_solvers(problem, tmp_path_factory):
     """Each solver in a process of its own, as in runs: no crash, no hang; those that claim success agree."""
     if (problem := movable(problem)) is None:
         return
-    folder = store.create(tmp_path_factory.mktemp("m"))
+    folder = store.create_folder(tmp_path_factory.mktemp("m"))
     supervisor, ended = Supervisor(), []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "make_problem", lambda name, parameters=None: problem)

@@ -14,7 +14,7 @@ from mbsbench.harness import machine
 from mbsbench.harness.results import provenance
 from mbsbench.harness.results.environment import ROOT
 
-pytestmark = pytest.mark.skipif(not machine.variables(), reason="this processor is none that the pin knows")
+pytestmark = pytest.mark.skipif(not machine.list_variables(), reason="this processor is none that the pin knows")
 SHAPING = (
     machine.NATIVE,
     machine.CORE,
@@ -62,7 +62,7 @@ from mbsbench.harness import machine
 from mbsbench.harness.mechanics.kept_code import digest_callback
 numba.njit(lambda x: 3.0 * x)(1.0)  # reads numba's variables again
 own = numba.core.registry.cpu_target.target_context.codegen().magic_tuple()[1]
-print(json.dumps([machine.find_deviations(), machine.describe()["llvm"], own, digest_callback(abs)]))
+print(json.dumps([machine.find_deviations(), machine.describe_machine()["llvm"], own, digest_callback(abs)]))
 mbsbench.solve("heavy_top", "rattle", t_end=0.01, dt=1e-3)
 """
 
@@ -144,13 +144,13 @@ def test_a_notebook_that_loaded_numpy_first_is_told_so_in_one_line():
 def test_numba_that_was_loaded_first_is_not_taken_for_pinned():
     """It compiles on for this processor: said, recorded, in its own index, and in the key of code that we keep."""
     target, host = machine.TARGETS[platform.machine()].compiled, binding.get_host_cpu_name()
-    done = run(LATE, **{k: v for k, v in machine.variables().items() if not k.startswith("NUMBA")})
+    done = run(LATE, **{k: v for k, v in machine.list_variables().items() if not k.startswith("NUMBA")})
     late, llvm, own, key = json.loads(done.stdout)
     assert late == [f"numba compiles for {host}"] and llvm.startswith(f"{target}; numba: {host} ") and own == host
     assert done.stderr.count("UserWarning") == 1 and "import mbsbench before numpy and numba" in done.stderr
     early = run(LATE.replace("import numba\n", "import mbsbench, numba\n"))
     assert json.loads(early.stdout)[:3] == [[], target, target] and json.loads(early.stdout)[3] != key
-    assert early.stderr == "" and run(LATE, **machine.variables()).stderr == ""
+    assert early.stderr == "" and run(LATE, **machine.list_variables()).stderr == ""
 
 
 @pytest.mark.parametrize("damage", [lambda text: "", lambda text: text[:5], lambda text: text.split("\n")[0]])
@@ -196,8 +196,8 @@ def test_who_asked_for_native_runs_is_told_nothing(capsys, monkeypatch):
 @pytest.mark.parametrize("flag", ["avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"])
 def test_a_processor_without_one_of_the_features_is_not_pinned(flag, monkeypatch):
     """Those of x86-64-v3, which LLVM may use for the common processor; lzcnt is Linux's abm."""
-    without = machine.processor_flags() - {flag}
-    monkeypatch.setattr(machine, "processor_flags", lambda: without)
+    without = machine.read_processor_flags() - {flag}
+    monkeypatch.setattr(machine, "read_processor_flags", lambda: without)
     assert machine._target.__wrapped__() is None
 
 
@@ -205,11 +205,11 @@ def test_kernels_are_a_cause_of_different_digits():
     """Two runs of one commit on two machines differ: "no input differs: a solver is not deterministic" was false."""
     one = {"cpu": "A", "blas": [{"internal_api": "openblas", "architecture": "Haswell"}], "pinned": True}
     other = {**one, "blas": [{"internal_api": "openblas", "architecture": "SkylakeX"}], "pinned": False}
-    assert not provenance.same_platform(one, other)
+    assert not provenance.is_same_platform(one, other)
     words = provenance.describe_differences(provenance.find_differences(one, other))
     assert "kernels" in words and "SkylakeX" in words
-    assert provenance.same_platform(one, {**one, "cpu": "B"})
-    assert not provenance.same_platform(other, {**other, "cpu": "B"})
+    assert provenance.is_same_platform(one, {**one, "cpu": "B"})
+    assert not provenance.is_same_platform(other, {**other, "cpu": "B"})
     assert [provenance.describe_processor(s) for s in (one, other)] == ["A", "A (SkylakeX kernels)"]
 
 
@@ -224,13 +224,13 @@ def test_names_do_not_depend_on_the_processor(monkeypatch):
     Asked as a processor with AVX-512, which needs all names: one without it, as this may be, has none to disable. On
     one that has them all NumPy has no list of those not found.
     """
-    flags = machine.processor_flags() | {"avx512f"}
-    monkeypatch.setattr(machine, "processor_flags", lambda: flags)
+    flags = machine.read_processor_flags() | {"avx512f"}
+    monkeypatch.setattr(machine, "read_processor_flags", lambda: flags)
     wanted = (
         "import numpy; s = numpy.show_config('dicts')['SIMD Extensions']; print(*s['found'], *s.get('not found', ()))"
     )
     names = set(run(wanted).stdout.split()) - machine.TARGETS[platform.machine()].loops
-    pinned = machine.variables.__wrapped__()  # not what this process keeps of its own processor
+    pinned = machine.list_variables.__wrapped__()  # not what this process keeps of its own processor
     assert names and set(pinned["NPY_DISABLE_CPU_FEATURES"].split()) == names
 
 

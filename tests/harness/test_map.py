@@ -184,10 +184,10 @@ from pathlib import Path
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.reports import site
-folder = store.create(Path({str(tmp_path)!r}))
+folder = store.create_folder(Path({str(tmp_path)!r}))
 given = dict(problem="heavy_top", solver="a", status="success", cpu_median_s=0.5)
 store.write_record(folder, RunRecord("ab12", "ab12", "heavy_top a", **given))
-print((site.build(folder).parent / "slowest.html").read_text())
+print((site.build_report(folder).parent / "slowest.html").read_text())
 """,
     )
     assert "heavy_top a</a>: 0.5 s" in out

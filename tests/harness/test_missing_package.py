@@ -20,7 +20,7 @@ problem, found = registry.make_problem("heavy_top", {"t_end": 0.004}), {}
 for name, entry in registry.solvers().items():
     solver = entry.make_solver()
     control = StepControl(**({"dt": 0.002} if entry.control == "dt" else {"rtol": 1e-5}))
-    reason = contract.refusal(solver, problem, control)
+    reason = contract.find_refusal(solver, problem, control)
     package = reason.package if isinstance(reason, NotInstalled) else ""
     status = "refused" if reason else str(solver.solve(problem, control).status)
     found[name] = {"status": status, "reason": reason, "package": package}

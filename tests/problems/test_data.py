@@ -6,9 +6,9 @@ import pytest
 from mbsbench import Problem, State, States, constraint, constraint_rate
 from mbsbench.harness.catalogue.registry import make_problem, problems
 from mbsbench.harness.mechanics.consistency import InconsistentStart, check_start
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian, independent_rows, singular_values
+from mbsbench.harness.mechanics.jacobian import compute_singular_values, constraint_jacobian, independent_rows
 from mbsbench.problems import four_bar_grid
-from mbsbench.problems.exact.passages import singular_passages
+from mbsbench.problems.exact.passages import find_singular_passages
 from mbsbench.tests.comparing import assert_close, assert_each
 
 
@@ -120,18 +120,20 @@ def test_rows_fold_flat_where_the_passages_say(monkeypatch: pytest.MonkeyPatch) 
     """At a passage A loses rank (one more singular value falls to rounding), and a millisecond before it has not."""
     monkeypatch.setattr(four_bar_grid, "SOUGHT", 1.5)
     p = make_problem("four_bar_grid", {"release": "all_rows", "columns": 2})
-    passages = singular_passages(p, 1.2)
+    passages = find_singular_passages(p, 1.2)
     assert len(passages) >= 3
     reference = p.reference()
     rank = 6 * p.system.nb - 5
     for t, _ in passages:
-        at, before = (singular_values(p.system, reference.states(np.array([s]))[0])[rank - 1] for s in (t, t - 1e-3))
+        at, before = (
+            compute_singular_values(p.system, reference.states(np.array([s]))[0])[rank - 1] for s in (t, t - 1e-3)
+        )
         assert at < 1e-9 < 1e-6 < before
 
 
 def test_top_row_is_never_singular() -> None:
     """Its rows stay within 70 degrees of hanging in 10 s (here: the first 1.5 s)."""
-    assert singular_passages(make_problem("four_bar_grid"), 10.0) == ()
+    assert find_singular_passages(make_problem("four_bar_grid"), 10.0) == ()
 
 
 IMPOSSIBLE = [

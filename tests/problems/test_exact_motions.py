@@ -7,7 +7,7 @@ import pytest
 
 from mbsbench import Joint, RigidBody, State, assemble, make_problem, so3
 from mbsbench.harness.reference.extrapolation import gbs
-from mbsbench.problems.exact.one_body import one_body_motion
+from mbsbench.problems.exact.one_body import find_one_body_motion
 from mbsbench.problems.exact.pinned_body import PinnedBody
 from mbsbench.tests.comparing import assert_each
 
@@ -42,7 +42,7 @@ def compare(cases: list, t: np.ndarray, substeps: int) -> None:
     bodies = [PinnedBody.from_system(p.system) for p in presented]
     R, Omega = integrated(bodies, [p.initial for p in presented], t, substeps)
     for k, (p, body) in enumerate(zip(presented, bodies, strict=True)):
-        exact = one_body_motion(p.system, p.initial)
+        exact = find_one_body_motion(p.system, p.initial)
         s = exact.states(t)
         angle = so3.angle_between(s.R[:, 0], R[k])
         allowed = exact.error(t) + ROUTE * body.reach * (1.0 + np.abs(t) * np.max(np.abs(Omega[k])))
@@ -103,7 +103,7 @@ def test_there_is_no_formula_for_an_asymmetric_top() -> None:
     body = RigidBody(1.0, np.diag([0.1, 0.12, 0.05]))
     system = assemble([body], [Joint(0, (0.0, 0.0, -0.5))], (0.0, 0.0, -9.81))
     start = State(np.array([[0.0, 0.0, 0.5]]), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
-    assert one_body_motion(system, start) is None
+    assert find_one_body_motion(system, start) is None
 
 
 EXTENDED = np.longdouble

@@ -10,7 +10,7 @@ from mbsbench import Joint, Problem, RigidBody, SpringDamper, State, assemble, s
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy
 from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.reference.computation import Source, compute_reference, describe_source, find_reference
-from mbsbench.problems.exact.hinged import HingedMotion, hinged_motion
+from mbsbench.problems.exact.hinged import HingedMotion, find_hinged_motion
 from mbsbench.tests.comparing import assert_each
 
 GRAVITY = np.array([1.0, -2.0, -9.0])
@@ -45,7 +45,7 @@ SHARES = (0.0, 0.5, -0.9, 0.999, 1.001, 1.5, -4.0)  # of the rate that separates
 @pytest.mark.parametrize("share", SHARES)
 def test_two_routes_that_know_no_closed_form_agree_within_what_is_stated(share):
     p = bar(share * upright_rate(bar(0.0)))
-    exact, found = hinged_motion(p.system, p.initial, p.t_end), compute_reference(p)
+    exact, found = find_hinged_motion(p.system, p.initial, p.t_end), compute_reference(p)
     t = np.linspace(0.0, found.horizon, 301)
     a, b = exact.states(t), found.states(t)
     bound = exact.error(t) + found.error(t)
@@ -74,7 +74,7 @@ def test_two_thousand_seconds_keep_laws_and_state_their_error(share):
 def test_small_swings_have_the_period_of_the_elliptic_integral():
     """T = 4 K(sin^2(A/2)) / w from a turning point, counted over 1,000 swings."""
     p = bar(0.0, 5000.0)
-    exact = hinged_motion(p.system, p.initial, p.t_end)
+    exact = find_hinged_motion(p.system, p.initial, p.t_end)
     w = np.sqrt(exact.swing.pull)
     period = 4.0 * ellipk(np.sin(0.5 * exact.swing.phi) ** 2) / w
     s = exact.states(np.array([0.0, 1000.0 * period, 1000.5 * period]))
@@ -99,7 +99,7 @@ def test_gravity_along_the_axis_turns_it_steadily():
 
 def test_a_spring_makes_it_another_problem():
     p = bar(1.0, springs=[SpringDamper(0, (0.0, 0.0, 0.0), GROUND, (0.0, 0.0, 0.0), 10.0, 1.0)])
-    assert hinged_motion(p.system, p.initial, p.t_end) is None and describe_source(p) is Source.COMPUTED
+    assert find_hinged_motion(p.system, p.initial, p.t_end) is None and describe_source(p) is Source.COMPUTED
 
 
 def test_a_long_run_is_compared_to_its_end():

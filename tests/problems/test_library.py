@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from mbsbench import Problem, States, Status, StepControl, constraint
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import motion, time_functions, work
-from mbsbench.harness.mechanics.jacobian import singular_values
+from mbsbench.harness.mechanics.jacobian import compute_singular_values
 from mbsbench.harness.reference.computation import compute_reference
 from mbsbench.problems import n_four_bar
 from mbsbench.tests.comparing import assert_close, assert_each
@@ -87,7 +87,7 @@ def test_the_hinges_of_bricard_should_lock_it() -> None:
     p = make_problem("bricard", {"t_end": 0.2})
     motion = compute_reference(p)
     for t in (0.0, 0.1, 0.2):
-        sizes = singular_values(p.system, motion.states(np.array([t]))[0])
+        sizes = compute_singular_values(p.system, motion.states(np.array([t]))[0])
         assert len(sizes) == 30
         assert sizes[28] > 0.2
         assert sizes[29] < 1e-9
@@ -135,7 +135,7 @@ def swings(p: Problem, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
     numbers = p.system.joint_motion
 
     def length(t: float | np.ndarray) -> list[np.ndarray]:
-        return [a[:, 0] for a in time_functions.values(numbers, np.atleast_1d(t))]
+        return [a[:, 0] for a in time_functions.evaluate_functions(numbers, np.atleast_1d(t))]
 
     def rate(t: float, y: np.ndarray) -> list[float]:
         L = float(length(t)[0][0])
@@ -155,7 +155,7 @@ def test_the_reference_is_the_equation_of_the_angle() -> None:
     states = exact.states(t)
     assert np.max(np.abs(p.observe(states)["theta"] - theta)) < 1e-9
     e = np.stack((np.cos(theta), np.sin(theta)), axis=1)
-    length = time_functions.values(p.system.joint_motion, t)[0][:, 0]
+    length = time_functions.evaluate_functions(p.system.joint_motion, t)[0][:, 0]
     assert np.max(np.abs(np.sum(states.v[:, 0, :2] * e, axis=1) - length * rate)) < 1e-8
     assert np.max(exact.error(t)) < 1e-9
     assert np.max(np.abs(theta)) > 5.0 * theta[0]

@@ -9,8 +9,8 @@ from mpmath import mp, mpf
 from mbsbench import make_problem
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.types import ReferenceKind, classify_reference
-from mbsbench.problems.exact.balls import nearest_rotation, run_in_balls, vector
-from mbsbench.problems.exact.one_body import pinned_motion
+from mbsbench.problems.exact.balls import nearest_rotation, run_in_balls, to_balls
+from mbsbench.problems.exact.one_body import find_pinned_motion
 from mbsbench.problems.exact.pinned_body import PinnedBody, PinnedMotion
 from mbsbench.tests.comparing import assert_each
 
@@ -33,7 +33,7 @@ CASES = [
 
 @run_in_balls
 def motion_of(body: PinnedBody, start: State) -> PinnedMotion:
-    return pinned_motion(body, nearest_rotation(start.R[0]), vector(start.Omega[0]))
+    return find_pinned_motion(body, nearest_rotation(start.R[0]), to_balls(start.Omega[0]))
 
 
 def series(body: PinnedBody, start: State, t_end: float) -> np.ndarray:

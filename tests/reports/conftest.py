@@ -10,7 +10,7 @@ import pytest
 
 from mbsbench.harness.files import write_text
 from mbsbench.harness.results import store
-from mbsbench.harness.results.records import RunRecord, reasons_json
+from mbsbench.harness.results.records import RunRecord, format_reasons
 from mbsbench.harness.results.series import Series, write_series
 from mbsbench.harness.types import Law, Reason
 from mbsbench.reports import site
@@ -69,12 +69,12 @@ def record(run: str, solver: str = "alpha", status: str = "success", **changes) 
 
 def because(name: str) -> str:
     """The column ``wrong_because`` with one reason, whose words begin with ``name``."""
-    return reasons_json([Reason(Law.SYMMETRY, 2.0, 1.0, "m", name=name)])
+    return format_reasons([Reason(Law.SYMMETRY, 2.0, 1.0, "m", name=name)])
 
 
 def put(folder: Path, run: RunRecord, motion: Series | None = None, stderr: str = "") -> RunRecord:
     """Store a run as the runner does."""
-    store.create(folder)
+    store.create_folder(folder)
     if motion is not None:
         name = f"series/{run.run_id}.npz"
         run = dataclasses.replace(run, series=name, series_sha256=write_series(folder / name, motion))
@@ -151,7 +151,7 @@ def built(tmp_path_factory) -> tuple[Path, list[RunRecord], str]:
             }
         ),
     )
-    return folder, records, site.build(folder).read_text(encoding="utf-8")
+    return folder, records, site.build_report(folder).read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="session")
@@ -223,7 +223,7 @@ def matrices(tmp_path_factory):
             series(),
         )
     write_text(folder / "environment.json", "{}")
-    return site.build(folder)
+    return site.build_report(folder)
 
 
 @pytest.fixture(autouse=True)

@@ -12,12 +12,27 @@ from mbsbench.harness.types import Law
 from mbsbench.reports.model import curves
 from mbsbench.reports.model.motion import read_curves
 from mbsbench.reports.model.results import StoredRun, read_results
-from mbsbench.reports.pages.judged.cost import growths
+from mbsbench.reports.pages.judged.cost import measure_growths
 from mbsbench.reports.plots import paper, spec
-from mbsbench.reports.plots.browser import LOG_STEP, STEPS, Steps, bundle, script, shorten_plots, text
-from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, limit, observables
-from mbsbench.reports.plots.lines import MOST, choose_lines, traces
-from mbsbench.reports.plots.paper import Legend, figure
+from mbsbench.reports.plots.browser import (
+    LOG_STEP,
+    STEPS,
+    Steps,
+    format_bundle,
+    format_json,
+    format_script,
+    shorten_plots,
+)
+from mbsbench.reports.plots.laws import (
+    Drawing,
+    make_limit_line,
+    plot_errors,
+    plot_invariants,
+    plot_laws,
+    plot_observables,
+)
+from mbsbench.reports.plots.lines import MOST, choose_lines, make_traces
+from mbsbench.reports.plots.paper import Legend, draw_plots
 from mbsbench.reports.plots.spec import Axis, Plot, Trace
 from mbsbench.reports.plots.work import work_chapter
 
@@ -104,13 +119,13 @@ def test_families_are_told_apart_with_any_sight(sight):
 
 def test_looks_follow_from_the_name_whoever_takes_part():
     """A colour is a family, a marker a solver of it; every shipped solver has a family."""
-    shipped = spec.shipped_looks()
+    shipped = spec.list_catalogue_styles()
     together = spec.choose_styles(CATALOGUE)
     assert all(spec.choose_styles([name])[name] == together[name] == shipped[name] for name in CATALOGUE)
     assert spec.PLUGINS not in {look.family for look in shipped.values()}
     own = spec.choose_styles(["aaa", *shipped, "zzz"])
     assert {name for name, look in own.items() if look.family == spec.PLUGINS} == {"aaa", "zzz"}
-    assert sum(map(len, spec.families(own).values())) == len(own)
+    assert sum(map(len, spec.group_by_family(own).values())) == len(own)
     assert len(spec.choose_styles(f"solver{k}" for k in range(20))) == 20  # more than there are colours
 
 
@@ -147,10 +162,10 @@ def test_the_reference_is_drawn_to_its_horizon(tmp_path):
     put(tmp_path, record("aa01"), series(100))
     put(tmp_path, record("aa02", "beta", "singular", t_reached_s=0.3, message="pivot"), series(2000, 0.3))
     drawn = drawing_of(tmp_path)
-    (theta, *_) = [p for p in observables(drawn).plots if p.name == "obs-theta"]
+    (theta, *_) = [p for p in plot_observables(drawn).plots if p.name == "obs-theta"]
     (exact,) = [t for t in theta.traces if t.name == "reference"]
     assert exact.x[-1] == pytest.approx(2.0)
-    (position, *_) = errors(drawn).plots
+    (position, *_) = plot_errors(drawn).plots
     (own,) = [t for t in position.traces if not t.solver]
     assert own.x[-1] == pytest.approx(2.0)
 
@@ -158,13 +173,13 @@ def test_the_reference_is_drawn_to_its_horizon(tmp_path):
 def test_a_law_has_the_line_of_its_limit(tmp_path):
     """Beyond it a run is wrong: it is seen however small the errors are. Constraints have one where it was recorded."""
     put(tmp_path, record("aa01", phi_limit_m=0.01, phi_dot_limit_m_per_s=0.1), series(size=1e-9))
-    energy, phi, phi_dot, *_ = laws(drawing_of(tmp_path)).plots
+    energy, phi, phi_dot, *_ = plot_laws(drawing_of(tmp_path)).plots
     (line,) = [t for t in energy.traces if not t.solver]
     assert line.y == pytest.approx(0.1 * np.ones(2)) and line.name == "limit 0.100 J"  # a tenth of energy_scale_J
     assert energy.y.low < line.y[0] < energy.y.high
     assert [p.traces[-1].y[0] for p in (phi, phi_dot)] == pytest.approx([0.01, 0.1])
     put(tmp_path, record("aa01", finished="later"), series(size=1e-9))
-    assert [all(t.solver for t in p.traces) for p in laws(drawing_of(tmp_path)).plots[:3]] == [False, True, True]
+    assert [all(t.solver for t in p.traces) for p in plot_laws(drawing_of(tmp_path)).plots[:3]] == [False, True, True]
 
 
 def test_each_run_has_its_own_limit():
@@ -173,11 +188,11 @@ def test_each_run_has_its_own_limit():
 
     def name(*sizes: float) -> str:
         runs = [StoredRun(record(f"a{k}", energy_scale_J=size)) for k, size in enumerate(sizes)]
-        return limit([*runs, stopped], Law.ENERGY, 2.0)[0].name
+        return make_limit_line([*runs, stopped], Law.ENERGY, 2.0)[0].name
 
     assert name(1.0, 1.005) == "limit 0.100 J"
     assert name(9.0, 1.0) == "least limit 0.100 J, each run its own"
-    assert limit([stopped], Law.ENERGY, 2.0) == []
+    assert make_limit_line([stopped], Law.ENERGY, 2.0) == []
 
 
 def test_finest_settings_are_solid_and_stand_for_their_solver(tmp_path):
@@ -192,7 +207,7 @@ def test_a_curve_that_lies_on_another_is_dashed_and_says_so(tmp_path):
     """Two solvers with one motion would look like one; a third that is a tenth of a decade off has its own line."""
     for run, solver, size in (("aa01", "alpha", 1e-3), ("bb01", "beta", 1.0001e-3), ("cc01", "gamma", 2e-3)):
         put(tmp_path, record(run, solver), series(size=size))
-    energy = laws(drawing_of(tmp_path)).plots[0]
+    energy = plot_laws(drawing_of(tmp_path)).plots[0]
     found = {t.solver: t for t in energy.traces}
     assert found["beta"].dash == 1 and found["beta"].name.endswith("coincides with alpha")
     assert all(found[s].dash == 0 and "coincides" not in found[s].name for s in ("alpha", "gamma"))
@@ -209,7 +224,7 @@ def test_of_a_large_group_the_finest_and_the_failures_are_drawn(tmp_path):
 
 def test_ends_are_marked_and_settings_named(built):
     d = drawing_of(built[0])
-    found = {t.solver: t for t in traces(d.match_lines("energy_error", d.lines), (0.0, 1.0))}
+    found = {t.solver: t for t in make_traces(d.match_lines("energy_error", d.lines), (0.0, 1.0))}
     assert found["delta"].end == "failed" and "step underflow at 0.7 s" in found["delta"].name
     assert found["beta"].end == "wrong" and found["delta"].urls == ("dd01",)
     assert float(found["delta"].x[-1]) == pytest.approx(0.7)
@@ -219,7 +234,7 @@ def test_a_motion_that_blew_up_does_not_hide_the_others(tmp_path):
     """The axis ends at a multiple of the problem's own scale; the curve is cut there, not dropped."""
     put(tmp_path, record("aa01"), series())
     put(tmp_path, record("bb01", "beta", "diverged", t_reached_s=2.0), series(size=1e30))
-    chapter = laws(drawing_of(tmp_path))
+    chapter = plot_laws(drawing_of(tmp_path))
     assert chapter is not None
     energy = chapter.plots[0]
     assert energy.y.high < 1e5 and max(float(t.y.max()) for t in energy.traces) == pytest.approx(energy.y.high)
@@ -227,7 +242,12 @@ def test_a_motion_that_blew_up_does_not_hide_the_others(tmp_path):
 
 def test_every_quantity_of_a_series_has_its_plot(built):
     d = drawing_of(built[0])
-    names = {p.name for make in (laws, errors, observables, invariants) if (c := make(d)) for p in c.plots}
+    names = {
+        p.name
+        for make in (plot_laws, plot_errors, plot_observables, plot_invariants)
+        if (c := make(d))
+        for p in c.plots
+    }
     assert names >= {"energy", "phi", "phi-dot", "step", "position", "orientation", "obs-theta", "away-theta", "inv-L"}
 
 
@@ -255,11 +275,11 @@ def test_lines_are_drawn_for_runs_without_an_observable(tmp_path):
     put(tmp_path, record("aa01"), series(30))
     put(tmp_path, record("bb01", "beta"), poor)
     d = drawing_of(tmp_path)
-    for make in (laws, errors, observables, invariants):
+    for make in (plot_laws, plot_errors, plot_observables, plot_invariants):
         chapter = make(d)
         assert chapter is not None
         for plot in chapter.plots:
-            bundle("x", shorten_plots([plot], {}))
+            format_bundle("x", shorten_plots([plot], {}))
 
 
 def test_peaks_survive_decimation():
@@ -268,12 +288,12 @@ def test_peaks_survive_decimation():
     a = 1e-6 * np.sin(900.0 * t)
     a[31_415] = -7.0
     assert curves.find_maxima(t, a, 1.0).y.max() == 7.0
-    assert curves.signed_curve(t, a, 1.0).y.min() == -7.0
+    assert curves.find_extrema(t, a, 1.0).y.min() == -7.0
     assert len(curves.find_maxima(t, a, 1.0)) <= curves.SPANS_UPPER
-    assert len(curves.signed_curve(t, a, 1.0)) <= 2 * curves.SPANS_SIGNED + 2
+    assert len(curves.find_extrema(t, a, 1.0)) <= 2 * curves.SPANS_SIGNED + 2
 
 
-@pytest.mark.parametrize("kind", [curves.find_maxima, curves.signed_curve, curves.band])
+@pytest.mark.parametrize("kind", [curves.find_maxima, curves.find_extrema, curves.find_band])
 def test_decimation_takes_anything(kind):
     """Empty, one point, all NaN, a motion that blew up."""
     for t, a in (([], []), ([0.0], [1.0]), ([0.0, 1.0], [np.nan, np.nan]), ([0.0, 1.0, 2.0], [0.0, np.inf, 1e300])):
@@ -285,7 +305,7 @@ def test_band_holds_median_smallest_and_largest():
     """Against the plain way, span by span; spans are unequally full."""
     rng = np.random.default_rng(0)
     t, a = np.sort(rng.uniform(0.0, 1.0, 3001)), rng.lognormal(size=3001)
-    curve = curves.band(t, a, 1.0)
+    curve = curves.find_band(t, a, 1.0)
     span = np.minimum((t * curves.SPANS_UPPER).astype(int), curves.SPANS_UPPER - 1)
     expected = [(np.median(a[span == k]), a[span == k].min(), a[span == k].max()) for k in np.unique(span)]
     assert curve.low is not None and curve.high is not None
@@ -301,7 +321,7 @@ def test_level_keeps_every_change():
 
 
 def test_what_is_no_number_is_null_in_json():
-    assert json.loads(text({"a": [float("nan"), float("inf"), np.float64(2.0)]})) == {"a": [None, None, 2.0]}
+    assert json.loads(format_json({"a": [float("nan"), float("inf"), np.float64(2.0)]})) == {"a": [None, None, 2.0]}
 
 
 def test_a_bundle_gives_its_numbers_back_to_the_stated_precision():
@@ -322,7 +342,7 @@ def test_a_bundle_gives_its_numbers_back_to_the_stated_precision():
         "level": Steps(np.full(4, 2.5)),
         "wild": Steps(np.array([1e-300, 1e300]), log=True),
     }
-    found = opened(bundle("x", given))
+    found = opened(format_bundle("x", given))
     assert found["text"] == HOSTILE and len(found["none"]) == 0
     assert np.abs(found["t"] - t).max() <= 0.51 * np.ptp(t) / STEPS
     assert np.abs(found["swing"] - swing).max() <= 0.51 * np.ptp(swing) / STEPS  # negative: no logarithm
@@ -341,18 +361,18 @@ def test_a_curve_costs_few_bytes(tmp_path):
     noisy = dataclasses.replace(noisy, arrays={**noisy.arrays, "energy_error": rng.lognormal(size=4000)})
     put(tmp_path, record("aa01"), noisy)
     d = drawing_of(tmp_path)
-    chapter = laws(d)
+    chapter = plot_laws(d)
     assert chapter is not None
     energy = chapter.plots[0]
     assert len(energy.traces[0].x) == curves.SPANS_UPPER
-    assert len(bundle("x", shorten_plots([energy], {}))) < 1600  # 400 of them are titles and axes
+    assert len(format_bundle("x", shorten_plots([energy], {}))) < 1600  # 400 of them are titles and axes
     many = dataclasses.replace(energy, traces=[dataclasses.replace(energy.traces[0], words=[HOSTILE * 9] * 240)] * 5)
-    assert len(bundle("x", shorten_plots([many], {}))) < 7000
+    assert len(format_bundle("x", shorten_plots([many], {}))) < 7000
 
 
 def test_scripts_of_data_cannot_be_left():
     """Not by an end of script, not by a line that only some count as one."""
-    made = script("x", {HOSTILE: "</script>\u2028"})
+    made = format_script("x", {HOSTILE: "</script>\u2028"})
     assert "</" not in made and "\u2028" not in made
     assert json.loads(made[made.index(" = ") + 3 : made.rindex(";")]) == {HOSTILE: "</script>\u2028"}
 
@@ -365,10 +385,10 @@ def test_slope_of_growth_is_that_of_the_data(tmp_path):
     put(tmp_path, far)
     results = read_results(tmp_path)
     bodies = {c.record.run_id: int(c.record.run_id[1:]) for c in results.runs}
-    (found,) = growths(results.runs, bodies)
+    (found,) = measure_growths(results.runs, bodies)
     assert found.bodies == (3, 6, 12, 24)
     assert found.fit[0] == pytest.approx(1.0)
-    assert not growths(results.runs[:2], bodies)  # two sizes are no evidence
+    assert not measure_growths(results.runs[:2], bodies)  # two sizes are no evidence
 
 
 def test_text_of_files_is_plain_in_figures():
@@ -380,10 +400,10 @@ def test_text_of_files_is_plain_in_figures():
 @pytest.mark.parametrize("low", [1.05e-5, 2.1e-5, 3.3e-5, 9.1e-5])
 def test_labels_of_a_printed_log_axis_do_not_overlap(low, decades):
     """In the width of one column, from half a decade to thirty; there is always a label."""
-    with paper.style():
+    with paper.apply_style():
         figure = paper.sheet(paper.SINGLE, 2.0)
         ax, canvas = figure.add_subplot(), FigureCanvasAgg(figure)
-        paper.log_axis(ax, "x")
+        paper.set_log_axis(ax, "x")
         ax.set_xlim(low, low * 10.0**decades)
         canvas.draw()
         ticks = [*ax.xaxis.get_major_ticks(), *ax.xaxis.get_minor_ticks()]
@@ -396,11 +416,11 @@ def test_a_path_that_turns_back_is_drawn(tmp_path):
     """It runs to smaller abscissas: the marks along it stay on it."""
     path = Trace("path", np.array([1.0, 0.5, 0.0]), np.zeros(3), "alpha")
     plot = Plot("paths", "Paths", "", Axis("X", "m"), Axis("Y", "m"), [path])
-    figure([plot], {"alpha": spec.LineStyle("#3D62C7", "o")}).savefig(tmp_path / "path.svg")
+    draw_plots([plot], {"alpha": spec.LineStyle("#3D62C7", "o")}).savefig(tmp_path / "path.svg")
 
 
 def test_panels_that_share_an_axis_show_all_of_each():
     """A limit on one side of the first must not fix the other before the second is drawn."""
     x, y = np.array([0.0, 1.0]), Axis("draws", low=0.0)
     plots = [Plot(f"p{k}", "", "", Axis("rank"), y, [Trace("a", x, top * x)]) for k, top in enumerate((1.0, 5.0))]
-    assert all(ax.get_ylim()[1] >= 5.0 and ax.get_ylim()[0] == 0.0 for ax in figure(plots, {}).axes)
+    assert all(ax.get_ylim()[1] >= 5.0 and ax.get_ylim()[0] == 0.0 for ax in draw_plots(plots, {}).axes)

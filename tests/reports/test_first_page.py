@@ -17,7 +17,7 @@ from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import Law
 from mbsbench.reports import site
 from mbsbench.reports.mechanism.stage import FRAMES
-from mbsbench.reports.model.margin import margin
+from mbsbench.reports.model.margin import find_margin
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import format_count as count
 from mbsbench.reports.model.words import number, seconds, time
@@ -85,7 +85,7 @@ def built(tmp_path_factory):
     )
     write_text(folder / "environment.json", "{}")
     store.write_table(folder, store.load(folder).records)
-    return site.build(folder), pd.read_parquet(folder / "runs.parquet")
+    return site.build_report(folder), pd.read_parquet(folder / "runs.parquet")
 
 
 def cost(table: pd.DataFrame, problem: str, solver: str, target: float) -> float:
@@ -276,7 +276,7 @@ def shown(table: pd.DataFrame) -> set[str]:
         out.add(f"mbsbench solve {r.problem} {r.solver} --set dt={r.dt_s:g} --out {r.run_id}.npz")
         out |= {f"{r.solver}: {r.accurate_until_s:g} s (10 %)", "0 →", "0 of 1 run follows the exact motion to its end"}
     for c in read_results(ENGINES).runs:
-        first = margin(c).error
+        first = find_margin(c).error
         law = {"constraint": "|phi|", "energy": "the energy error"}.get(str(first.law), "|R^T R - 1|")
         place = f"{c.record.solver} on {c.variant}, {c.settings()}"
         out |= card_of(law, vars(first), place, c.record.t_reached_s) | {write_command(c.record)}
@@ -387,7 +387,7 @@ def whole(tmp_path_factory):
                 put(folder, record(f"{k}x{j}x{n}", solver, **motion, **bad), moving(0) if (j, n) == (0, 0) else None)
     write_text(folder / "environment.json", "{}")
     store.write_table(folder, store.load(folder).records)
-    return site.build(folder)
+    return site.build_report(folder)
 
 
 @pytest.mark.browser
@@ -402,4 +402,4 @@ def test_the_first_page_is_four_screens_and_fits_a_phone(whole, browser, width, 
 def test_a_wrong_run_without_size_has_its_card_too(tmp_path):
     """Another start, another symmetry: what has no number is told in words."""
     put(tmp_path, record("aa01", "alpha", "wrong", wrong_because=because("far off")), moving(0))
-    assert "far off" in site.build(tmp_path).read_text(encoding="utf-8")
+    assert "far off" in site.build_report(tmp_path).read_text(encoding="utf-8")

@@ -45,7 +45,7 @@ def laws_of(results):
 
 def fonts_in(draw, font: Font) -> set[str]:
     """Names of the fonts in a PDF, without the tags of subsets."""
-    with paper.style(font), mpl.rc_context({"pdf.compression": 0}):
+    with paper.apply_style(font), mpl.rc_context({"pdf.compression": 0}):
         out = io.BytesIO()
         FigureCanvasPdf(draw()).print_pdf(out)
     found = re.findall(rb"/BaseFont /(?:[A-Z]{6}\+)?(\S+)", out.getvalue())
@@ -55,9 +55,9 @@ def fonts_in(draw, font: Font) -> set[str]:
 def test_the_default_changes_no_setting():
     """Published pictures stay as they are."""
     assert find_font() == DEFAULT_FONT == Font() and not DEFAULT_FONT.settings
-    with paper.style():
+    with paper.apply_style():
         plain = dict(mpl.rcParams)
-    with paper.style(find_font("dejavu sans", 8.0)):
+    with paper.apply_style(find_font("dejavu sans", 8.0)):
         assert dict(mpl.rcParams) == plain
     assert (plain["font.family"][0], plain["font.size"]) == (fonts.DEFAULT, fonts.SIZE)
     assert {plain[k] for k in ("legend.fontsize", "xtick.labelsize", "ytick.labelsize")} == {fonts.SIZE * fonts.SMALL}
@@ -79,7 +79,7 @@ def test_text_and_mathematics_are_of_the_family(results, family):
 def test_every_text_has_the_size_or_seven_eighths_of_it(results, family, size):
     """In every figure of a folder; legends and their lines grow with the letters."""
     overview = next(v for v in results.variants if v.title == "pendulum")
-    with paper.style(find_font(family, size)):
+    with paper.apply_style(find_font(family, size)):
         for name, _, _, draw in publication.list_figures(results, overview):
             if name.endswith(("-energy", "-work", "-laws")):
                 figure = draw()
@@ -95,7 +95,7 @@ def test_powers_are_set_as_mathematics_beside_another_font(results):
     """Few fonts have all superscripts; the default has, and its files stay as they were."""
     texts = {}
     for family in ("DejaVu Sans", "STIXGeneral"):
-        with paper.style(find_font(family)):
+        with paper.apply_style(find_font(family)):
             figure = laws_of(results)()
             FigureCanvasPdf(figure).print_pdf(io.BytesIO())
             texts[family] = "".join(t.get_text() for t in figure.findobj(Text))

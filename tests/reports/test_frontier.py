@@ -9,12 +9,12 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.reports import site
-from mbsbench.reports.model.frontier import answer, engines_first, frontiers, of_most_problems
+from mbsbench.reports.model.frontier import describe_cheapest, find_frontiers, select_shared_target, sort_engines_first
 from mbsbench.reports.model.results import StoredRun, Variant, read_results
-from mbsbench.reports.model.scores import finest, name_unpredictable, score, standings
-from mbsbench.reports.model.tracking import list_followed
+from mbsbench.reports.model.scores import find_finest, name_unpredictable, score, standings
+from mbsbench.reports.model.tracking import list_tracking_times
 from mbsbench.reports.model.variants import OTHER_PARAMETERS, find_plain_label, select_variants, variant_groups
-from mbsbench.reports.pages.judged.cost import title
+from mbsbench.reports.pages.judged.cost import state_cheapest
 from mbsbench.reports.pages.runs.solvers import describe_solver
 
 from .conftest import because, put, record
@@ -36,7 +36,7 @@ def test_work_is_interpolated_on_the_power_law(tmp_path):
     """error = (10 dt)^p and CPU = c/dt: CPU at an error e is 10 c e^(-1/p), between the steps that were run too."""
     ladder(tmp_path, "alpha", 2.0, 1e-3)
     ladder(tmp_path, "beta", 4.0, 3e-3)
-    (found,) = [f for f in frontiers(read_results(tmp_path)) if f.target == 1e-3]
+    (found,) = [f for f in find_frontiers(read_results(tmp_path)) if f.target == 1e-3]
     assert [p.run.record.solver for p in found.places] == ["beta", "alpha"]
     assert found.places[0].cpu_s == pytest.approx(10.0 * 3e-3 * 1e3**0.25)
     assert found.places[1].cpu_s == pytest.approx(10.0 * 1e-3 * 1e3**0.5)
@@ -50,7 +50,7 @@ def test_who_misses_and_who_refuses_is_said(tmp_path):
     ladder(tmp_path, "gamma", 1.0, 1e-3)
     ladder(tmp_path, "delta", 4.0, 1e-6, status="wrong")
     put(tmp_path, record("eps", "epsilon", "refused", message="no springs", position_error_max_m=float("nan")))
-    found = {f.target: f for f in frontiers(read_results(tmp_path))}
+    found = {f.target: f for f in find_frontiers(read_results(tmp_path))}
     assert [p.run.record.solver for p in found[1e-6].places] == ["alpha", "beta"]
     assert found[1e-6].missed == ("delta", "gamma")
     assert [r.record.message for r in found[1e-6].refused] == ["no springs"]
@@ -62,7 +62,7 @@ def test_variants_on_which_an_engine_leads_come_first(tmp_path):
     ladder(tmp_path, "gc_weak_form", 4.0, 2e-3, problem="arm")
     for solver, cost in (("mujoco", 1e-3), ("radau_ggl", 2e-3)):
         ladder(tmp_path, solver, 4.0, cost, problem="bar")
-    found = [f for f in engines_first(frontiers(read_results(tmp_path))) if f.target == 1e-3]
+    found = [f for f in sort_engines_first(find_frontiers(read_results(tmp_path))) if f.target == 1e-3]
     assert [f.places[0].run.record.solver for f in found] == ["mujoco", "rattle"]
     assert [f.is_led_by_engine for f in found] == [True, False]
     assert found[1].places[0].spread == pytest.approx(1.5)
@@ -72,7 +72,7 @@ def test_a_coarsest_run_below_the_error_is_a_bound(tmp_path):
     """No run shows how much less would do."""
     ladder(tmp_path, "alpha", 4.0, 1e-3, position_error_max_m=1e-9)
     ladder(tmp_path, "beta", 4.0, 1e-3)
-    (found,) = [f for f in frontiers(read_results(tmp_path)) if f.target == 1e-3]
+    (found,) = [f for f in find_frontiers(read_results(tmp_path)) if f.target == 1e-3]
     bounds = {p.run.record.solver: p.bound for p in found.places}
     assert bounds == {"alpha": True, "beta": False}
 
@@ -82,7 +82,7 @@ def test_a_run_that_is_better_and_cheaper_counts_for_looser_errors(tmp_path):
     ladder(tmp_path, "alpha", 4.0, 1e-3)
     for name, dt, error, cpu in (("b0", 0.1, 5e-3, 9.0), ("b1", 0.05, 1e-7, 2.0)):
         put(tmp_path, record(name, "beta", dt_s=dt, position_error_max_m=error, cpu_median_s=cpu))
-    found = {f.target: {p.run.record.solver: p for p in f.places} for f in frontiers(read_results(tmp_path))}
+    found = {f.target: {p.run.record.solver: p for p in f.places} for f in find_frontiers(read_results(tmp_path))}
     costs = [found[10.0**-k]["beta"].cpu_s for k in range(3, 8)]
     assert costs == [2.0] * 5 and found[1e-2]["beta"].bound and not found[1e-4]["beta"].bound
 
@@ -90,10 +90,10 @@ def test_a_run_that_is_better_and_cheaper_counts_for_looser_errors(tmp_path):
 def test_the_page_names_the_cheapest_where_two_reach_an_error(tmp_path):
     """With its ratios; one solver alone is no comparison."""
     ladder(tmp_path, "alpha", 4.0, 1e-3)
-    alone = site.build(tmp_path).parent
+    alone = site.build_report(tmp_path).parent
     assert "cheapest" not in (alone / "cost.html").read_text(encoding="utf-8").partition("</h1>")[0]
     ladder(tmp_path, "beta", 4.0, 2e-3)
-    page = (site.build(tmp_path).parent / "cost.html").read_text(encoding="utf-8")
+    page = (site.build_report(tmp_path).parent / "cost.html").read_text(encoding="utf-8")
     assert page.count('<td class="n" data-v="2">') >= 2 and "alpha is cheapest on 1 of 1 problem" in page
 
 
@@ -101,9 +101,9 @@ def test_errors_below_that_of_the_reference_are_marked(tmp_path):
     """Who is nearer to a motion that is itself known to 3e-5 m may be further from the true one."""
     for solver in ("alpha", "beta"):
         ladder(tmp_path, solver, 4.0, 1e-3, reference_own_error_m=3e-5)
-    found = frontiers(read_results(tmp_path))
+    found = find_frontiers(read_results(tmp_path))
     assert {f.target: f.is_below_reference for f in found} == {f.target: f.target < 3e-5 for f in found}
-    page = (site.build(tmp_path).parent / "cost.html").read_text(encoding="utf-8")
+    page = (site.build_report(tmp_path).parent / "cost.html").read_text(encoding="utf-8")
     assert page.count("Below the stated error") == sum(f.target < 3e-5 for f in found) > 0
 
 
@@ -116,7 +116,7 @@ def test_each_undecided_lead_says_why(tmp_path):
     for problem, (spread, lead, _) in expected.items():
         ladder(tmp_path, "alpha", 4.0, 1e-3, problem=problem, cpu_q3_s=spread, **many)
         ladder(tmp_path, "beta", 4.0, lead * 1e-3, problem=problem, cpu_q3_s=99.0, **many)
-    found = frontiers(read_results(tmp_path))
+    found = find_frontiers(read_results(tmp_path))
     assert {f.variant: f.doubt for f in found} == {problem: doubt for problem, (*_, doubt) in expected.items()}
     for f in found:
         spread, lead, doubt = expected[f.variant]
@@ -124,24 +124,24 @@ def test_each_undecided_lead_says_why(tmp_path):
         assert bool(f.doubt_words) is bool(doubt) is (spread > lead)
         if doubt:
             assert all(word in f.doubt_words for word in ("alpha", "beta", "40 repeats", f"{spread:g}", f"{lead:g}"))
-    page = (site.build(tmp_path).parent / "cost.html").read_text(encoding="utf-8")
+    page = (site.build_report(tmp_path).parent / "cost.html").read_text(encoding="utf-8")
     assert page.count("Not decided: ") == sum(bool(f.doubt) for f in found) > page.count("Not decided: a tie: ") > 0
     assert page.count("the cheapest is not decided: ") == 2
-    answers = {f.variant: answer(f) for f in found}
+    answers = {f.variant: describe_cheapest(f) for f in found}
     assert {v: "who is the cheapest is not decided" in words for v, words in answers.items()} == {
         problem: bool(doubt) for problem, (*_, doubt) in expected.items()
     }
     at = [f for f in found if f.target == 1e-3]
-    assert title(at).startswith("At 0.001 m, alpha is cheapest on 2 of 4 problems, 2 not decided; ")
+    assert state_cheapest(at).startswith("At 0.001 m, alpha is cheapest on 2 of 4 problems, 2 not decided; ")
     undecided = [f for f in at if f.doubt]
-    assert title(undecided).startswith("At 0.001 m, the cheapest is decided on none of 2 problems; ")
+    assert state_cheapest(undecided).startswith("At 0.001 m, the cheapest is decided on none of 2 problems; ")
 
 
 def test_a_presentation_has_no_frontier(tmp_path):
     """The problem in another unit costs what the problem costs."""
     for solver in ("alpha", "beta"):
         ladder(tmp_path, solver, 4.0, 1e-3, problem_parameters='{"unit_mass": 1024}')
-    assert frontiers(read_results(tmp_path)) == []
+    assert find_frontiers(read_results(tmp_path)) == []
 
 
 def test_bars_end_where_the_error_passes_or_the_reference_ends():
@@ -159,7 +159,7 @@ def test_bars_end_where_the_error_passes_or_the_reference_ends():
         StoredRun(record("c1", "gamma")),
         StoredRun(record("d1", "delta", "diverged", **stopped)),
     ]
-    beta, alpha, delta = list_followed(Variant("p", "p", tuple(runs)))
+    beta, alpha, delta = list_tracking_times(Variant("p", "p", tuple(runs)))
     assert [f.run.record.run_id for f in (beta, alpha, delta)] == ["b1", "a1", "d1"]
     assert alpha.known == 4.0 and alpha.shades == (("tenth", 12.5), ("one", 12.5), ("ten", 25.0)) and not alpha.whole
     assert beta.shades == (("tenth", 50.0), ("one", 25.0), ("ten", 0.0)) and beta.whole and not delta.whole
@@ -196,8 +196,8 @@ def test_cost_and_followed_time_are_those_of_the_runs(tmp_path):
     ladder(tmp_path, "alpha", 4.0, 2e-3, accurate_until_s=1.5, accurate_until_1pct_s=1.0, accurate_until_0p1pct_s=0.5)
     ladder(tmp_path, "beta", 4.0, 1e-3)
     results = read_results(tmp_path)
-    follow = [f for v in results.variants for f in list_followed(v)]
-    card = describe_solver("alpha", (), (), follow, of_most_problems(frontiers(results)))
+    follow = [f for v in results.variants for f in list_tracking_times(v)]
+    card = describe_solver("alpha", (), (), follow, select_shared_target(find_frontiers(results)))
     assert re.match(r"×2.0 the cheapest at \S+ m, reached on 1 of 1 problem", facts(card)["cost"])
     least = f"least pendulum, 1.5 of 2 s at dt = {0.1 / 2 ** HALVINGS[-1]:g} s"
     assert facts(card)["followed"] == f"0 of 1 motion to the end of the reference; {least}"
@@ -256,7 +256,7 @@ def test_broadest_label_is_that_of_most_pairs(tmp_path):
     put(tmp_path, record("bb01", "beta", label="sound"))
     results = read_results(tmp_path)
     assert find_plain_label(results) == "sound"
-    head = finest(results.variants[0], "alpha", "sound")
+    head = find_finest(results.variants[0], "alpha", "sound")
     assert head is not None and head.record.run_id == "aa01"
 
 

@@ -8,28 +8,28 @@ import pytest
 
 from mbsbench.harness.files import write_text
 from mbsbench.harness.metrics.scales import Scales
-from mbsbench.harness.results.records import reasons_json
+from mbsbench.harness.results.records import format_reasons
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.types import ALLOWED, Law, Reason
 from mbsbench.reports import site
-from mbsbench.reports.model.heat import farthest_and_nearest, make_boxes, make_heat_map, rank
-from mbsbench.reports.model.margin import LEVELS, margin
+from mbsbench.reports.model.heat import describe_extremes, make_cells, make_heat_map, sort_cells
+from mbsbench.reports.model.margin import LEVELS, find_margin
 from mbsbench.reports.model.results import StoredRun, read_results
 
 from .conftest import put, record, series
 
 
 def broken(law: Law, value: float, limit: float, unit: str) -> dict[str, str]:
-    return {"status": "wrong", "wrong_because": reasons_json([Reason(law, value, limit, unit)])}
+    return {"status": "wrong", "wrong_because": format_reasons([Reason(law, value, limit, unit)])}
 
 
 def test_margin_is_the_error_that_is_the_largest_part_of_its_limit():
     """0.03 of 0.1 J is nearer than 0.001 of 0.01 m; the limits are those that runs are judged by."""
     run = StoredRun(record("aa01", energy_drift_max_J=0.03, phi_max=1e-3, phi_limit_m=0.01))
-    found = margin(run)
+    found = find_margin(run)
     assert found is not None and found.error.law is Law.ENERGY and found.part == pytest.approx(0.3)
     assert found.words == "the energy error is 0.0300 of 0.100 J allowed"
-    near = margin(StoredRun(record("aa02", energy_drift_max_J=0.03, phi_max=5e-3, phi_limit_m=0.01)))
+    near = find_margin(StoredRun(record("aa02", energy_drift_max_J=0.03, phi_max=5e-3, phi_limit_m=0.01)))
     assert near is not None and near.words == "|phi| is 0.00500 of 0.0100 m allowed"
     judged = Scales(length=1.0, speed=2.0, momentum=1.0, energy=3.0, reach=1.0, gap=1.0).limits
     assert judged == {
@@ -39,26 +39,26 @@ def test_margin_is_the_error_that_is_the_largest_part_of_its_limit():
 
 def test_a_marginal_error_looks_marginal_and_a_large_one_does_not():
     """Just above its limit is another colour than five times it, and than what has no size at all."""
-    near = margin(StoredRun(record("aa01", **broken(Law.ENERGY, 1.05, 1.0, "J"))))
-    far = margin(StoredRun(record("aa02", **broken(Law.ENERGY, 45.0, 9.49, "J"))))
-    other = margin(StoredRun(record("aa03", **broken(Law.START, 1e-9, 1e-12, ""))))
+    near = find_margin(StoredRun(record("aa01", **broken(Law.ENERGY, 1.05, 1.0, "J"))))
+    far = find_margin(StoredRun(record("aa02", **broken(Law.ENERGY, 45.0, 9.49, "J"))))
+    other = find_margin(StoredRun(record("aa03", **broken(Law.START, 1e-9, 1e-12, ""))))
     assert near is not None and far is not None and other is not None
     assert (near.level, far.level) == (LEVELS.index(1.5), len(LEVELS)) and math.isinf(other.part)
 
 
 def test_constraints_count_by_their_limit_or_by_the_share_that_was_judged():
     """Hinges are judged in metres, and recorded with axis rows that have no unit: the length says nothing of them."""
-    shared = margin(StoredRun(record("aa03", phi_max=9e-3, gap_share_max=0.6)))
+    shared = find_margin(StoredRun(record("aa03", phi_max=9e-3, gap_share_max=0.6)))
     assert shared is not None and shared.words == "|phi| is 0.600 of its limit" and shared.part == pytest.approx(0.6)
-    found = margin(StoredRun(record("aa01", phi_max=9e-3, phi_dot_max=0.04, speed_scale_m_per_s=1.0)))
+    found = find_margin(StoredRun(record("aa01", phi_max=9e-3, phi_dot_max=0.04, speed_scale_m_per_s=1.0)))
     assert found is not None and found.error.law is Law.ENERGY
-    fast = margin(StoredRun(record("aa02", phi_dot_max=0.04, phi_dot_limit_m_per_s=0.05)))
+    fast = find_margin(StoredRun(record("aa02", phi_dot_max=0.04, phi_dot_limit_m_per_s=0.05)))
     assert fast is not None and fast.error.law is Law.CONSTRAINT_RATE and fast.part == pytest.approx(0.8)
 
 
 def test_a_success_is_never_above_a_limit():
     """Where a record lacks what a wider limit was reckoned from, that law is left out and not shown as broken."""
-    found = margin(StoredRun(record("aa01", phi_max=0.5, phi_limit_m=0.01, energy_drift_max_J=0.01)))
+    found = find_margin(StoredRun(record("aa01", phi_max=0.5, phi_limit_m=0.01, energy_drift_max_J=0.01)))
     assert found is not None and found.error.law is Law.ENERGY and found.part <= 1.0
 
 
@@ -108,9 +108,9 @@ def test_all_solvers_have_one_denominator_and_the_sentence_names_best_and_worst(
     ]
     assert found.title == "2 of 4 solvers stay within every limit on all 2 problems, each at its finest setting"
     column = [row.boxes[1] for row in found.rows]
-    ranked = [b.run.record.solver for b in rank(column)]
+    ranked = [b.run.record.solver for b in sort_cells(column)]
     assert (ranked[0], ranked[-1]) == ("alpha", "gamma")
-    said = farthest_and_nearest(column)
+    said = describe_extremes(column)
     assert said.startswith("Each solver at its finest setting: farthest below its limits is alpha (dt = 0.01 s): ")
     assert said.endswith("Last is gamma (dt = 0.01 s): wrong, the energy error reaches 0.45 J, more than 0.1 J.")
     assert {b.run.record.solver: b.text for b in column}["delta"] == "at 25 %"
@@ -129,7 +129,7 @@ def test_no_solver_is_named_first_that_is_not(tmp_path, errors, words):
     for solver, error in zip(("alpha", "beta", "gamma"), errors, strict=True):
         put(tmp_path, record(solver, solver, energy_drift_max_J=error, phi_max=0.0, position_error_max_m=0.0))
     (variant,) = read_results(tmp_path).variants
-    assert words in farthest_and_nearest(make_boxes(variant, "recommended"))
+    assert words in describe_extremes(make_cells(variant, "recommended"))
 
 
 def test_a_solver_beside_the_comparison_has_its_row(folder):
@@ -147,7 +147,7 @@ def test_a_solver_beside_the_comparison_has_its_row(folder):
 @pytest.mark.browser
 def test_the_first_screen_shows_the_picture_and_the_mechanism_moves(folder, browser):
     """The mechanism is on the screen without scrolling and its pixels change with time; the margins have colours."""
-    tab = browser.open(site.build(folder), width=1280, height=800)
+    tab = browser.open(site.build_report(folder), width=1280, height=800)
     tab.until("window.MBS.onStage && MBS.onStage.play()")
     box = "document.querySelector('[data-stage]').getBoundingClientRect()"
     assert tab.evaluate(f"{box}.width") > 200 and tab.evaluate(f"{box}.bottom") < 800

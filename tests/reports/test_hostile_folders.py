@@ -160,7 +160,7 @@ def test_a_linked_device_fills_no_memory(folders, capsys):
 
 def test_a_link_that_appears_later_is_refused(tmp_path):
     """Not the name is looked at, but what was opened: each folder in the one above it."""
-    store.create(tmp_path / "A")
+    store.create_folder(tmp_path / "A")
     place = ConfinedPath(tmp_path / "A") / "report" / "runs" / "x.html"
     place.write("ours")
     (tmp_path / "A" / "report").rename(tmp_path / "A" / "before")
@@ -176,7 +176,7 @@ def test_a_link_that_appears_later_is_refused(tmp_path):
 def test_another_name_of_a_file_keeps_its_content(tmp_path):
     """A hard link cannot be told from a file: it is read, but a new file is written in its place."""
     (tmp_path / "thesis.txt").write_text("thesis")
-    folder = store.create(tmp_path / "A")
+    folder = store.create_folder(tmp_path / "A")
     for name in ("environment.json", ".spool/x.rows", "stderr/x.txt"):
         (folder / name).parent.mkdir(exist_ok=True)
         os.link(tmp_path / "thesis.txt", folder / name)

@@ -18,7 +18,7 @@ from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimGap, C
 from mbsbench.reports import site
 from mbsbench.reports.model.words import number
 from mbsbench.reports.pages.compare import write_compare
-from mbsbench.reports.pages.judged.claims import origins
+from mbsbench.reports.pages.judged.claims import describe_origins
 
 from .conftest import put, record, series
 from .outline import Outline
@@ -57,7 +57,7 @@ def built(tmp_path_factory):
             )
     put(folder, record("gg01", problem="grid", energy_drift_max_J=1e-9, phi_max=5e-3, gap_share_max=0.7), series())
     store.write_table(folder, store.load(folder).records)
-    page = site.build(folder).parent
+    page = site.build_report(folder).parent
     return folder, pd.read_parquet(folder / "runs.parquet"), lambda name: (page / name).read_text(encoding="utf-8")
 
 
@@ -135,7 +135,9 @@ def test_claims_that_no_run_can_test_are_not_judged_from_these():
         beyond=ClaimFinding(ClaimVerdict.CANNOT_BE_TOLD),
         missing=(MissingReason(ClaimGap.RUNS, found=0, wanted=3),),
     )
-    said = origins([untestable] * 4 + [lacking] * 80, 80)
+    said = describe_origins([untestable] * 4 + [lacking] * 80, 80)
     assert said.startswith("None of 84 claims is judged from these runs; for 80 they lack runs: 80 of these")
     assert "4 can be tested by no run" in said
-    assert origins([CLAIM, CLAIM, untestable, lacking], 1).startswith("2 of 4 claims are judged from these runs; for 1")
+    assert describe_origins([CLAIM, CLAIM, untestable, lacking], 1).startswith(
+        "2 of 4 claims are judged from these runs; for 1"
+    )

@@ -98,11 +98,11 @@ def test_an_open_page_says_when_the_report_has_been_written_anew(browser, tmp_pa
     """From a disk, without a network: the page of the first pass offers to load that of the second."""
     write_text(tmp_path / "environment.json", json.dumps({"suite": "bench", "suite_runs": 2}))
     put(tmp_path, record("aa01"))
-    tab = browser.open(site.build(tmp_path))
+    tab = browser.open(site.build_report(tmp_path))
     notice = "document.querySelector('[data-written]')"
     assert "1 run of the 2 of the suite bench is here, 1 to come:" in tab.evaluate(f"{notice}.textContent")
     put(tmp_path, record("aa02", dt_s=0.005))
-    site.build(tmp_path)
+    site.build_report(tmp_path)
     tab.until(f"{notice}.textContent.includes('written anew, with 2 runs')")
     tab.evaluate(f"{notice}.querySelector('button').click()")
     tab.until(f"document.readyState === 'complete' && {notice} === null")

@@ -74,7 +74,7 @@ def test_axes_leave_out_what_is_hidden(browser, tmp_path):
     put(tmp_path, record("aa01", dt_s=0.005), series(size=1e-3))
     put(tmp_path, record("aa02", dt_s=0.05), series(size=9.0))
     write_text(tmp_path / "environment.json", "{}")
-    tab = drawn(browser, site.build(tmp_path).parent / "problem-pendulum.html", "obs-theta")
+    tab = drawn(browser, site.build_report(tmp_path).parent / "problem-pendulum.html", "obs-theta")
     top = "MBS.plotted.view('obs-theta').range.y[1]"
     assert tab.evaluate(top) < 1.3
     ink = tab.ink("[data-plot=obs-theta]")

@@ -17,7 +17,7 @@ def test_thousands_of_runs_are_paged_and_the_address_keeps_the_choice(browser, t
     for k in range(230):
         put(tmp_path, record(f"r{k:03}", dt_s=1e-4 * (k + 1), status="success" if k % 2 else "wrong", label="map"))
     write_text(tmp_path / "environment.json", "{}")
-    tab = browser.open(site.build(tmp_path).parent / "runs.html")
+    tab = browser.open(site.build_report(tmp_path).parent / "runs.html")
     rows = "document.querySelectorAll('[data-runs] tbody tr').length"
     tab.until(f"{rows} === 100")
     assert tab.evaluate("document.querySelectorAll('*').length") < 6000

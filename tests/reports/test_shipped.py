@@ -10,7 +10,7 @@ import pytest
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.reports import site
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.pages.judged.engines import SHIPPED, TUNED, contests
+from mbsbench.reports.pages.judged.engines import SHIPPED, TUNED, list_contests
 
 from .conftest import put, record
 
@@ -34,12 +34,12 @@ def test_the_best_is_the_cheapest_within_the_target(tmp_path):
             record(f"run{k}", solver, label=label, dt_s=0.1 / 2**k, position_error_max_m=error, cpu_median_s=cpu),
         )
     put(tmp_path, record("no", "gamma", "refused", label=SHIPPED, position_error_max_m=math.nan))
-    (contest,) = contests(read_results(tmp_path))
+    (contest,) = list_contests(read_results(tmp_path))
     best = {pair.who: pair.best.record.cpu_median_s for pair in contest.pairs}
     assert (best["alpha"], best["beta"]) == (2.0, 9.0)
     assert contest.count_within([p.shipped for p in contest.pairs]) == (0, 2)
     assert contest.count_within([p.best for p in contest.pairs]) == (1, 2)
-    page = (site.build(tmp_path).parent / "engines.html").read_text()
+    page = (site.build_report(tmp_path).parent / "engines.html").read_text()
     assert [pair.tried for pair in contest.pairs if pair.who == "alpha"] == [2]
     assert "0 to 2 settings of each, steps of 0.00625 to 0.05 s" in " ".join(page.split())
     assert "As shipped, 0 of 2 come within 0.001 m or rad; tuned, 1 of 2" in page
@@ -48,15 +48,15 @@ def test_the_best_is_the_cheapest_within_the_target(tmp_path):
 def test_a_page_of_runs_as_shipped_alone_is_written(tmp_path):
     """A suite that is still running has made those first."""
     put(tmp_path, record("run", "alpha", label=SHIPPED, dt_s=0.1, position_error_max_m=0.1))
-    assert "nothing has been tuned yet" in (site.build(tmp_path).parent / "engines.html").read_text()
+    assert "nothing has been tuned yet" in (site.build_report(tmp_path).parent / "engines.html").read_text()
 
 
 @pytest.mark.published
 def test_the_tables_of_the_page_on_engines_are_what_is_published():
     """Made by docs/list_engines.py, which publishes nothing of a changed checkout."""
     page = list_engines.PAGE.read_text(encoding="utf-8")
-    assert list_engines.TABLES.findall(page) == [list_engines.tables()], "python docs/list_engines.py"
-    assert list_engines.FRONTIER.findall(page) == [list_engines.frontier_table()], "python docs/list_engines.py"
+    assert list_engines.TABLES.findall(page) == [list_engines.format_contests()], "python docs/list_engines.py"
+    assert list_engines.FRONTIER.findall(page) == [list_engines.format_frontier()], "python docs/list_engines.py"
 
 
 def test_the_frontier_is_published_with_losses_first(tmp_path, monkeypatch):
@@ -88,7 +88,7 @@ def test_the_frontier_is_published_with_losses_first(tmp_path, monkeypatch):
             )
     (tmp_path / "results" / "environment.json").write_text('{"commit": "a", "cpu": "none"}')
     list_engines.publish(tmp_path / "results")
-    rows = [line for line in list_engines.frontier_table().splitlines() if line.startswith(("| arm", "| bar"))]
+    rows = [line for line in list_engines.format_frontier().splitlines() if line.startswith(("| arm", "| bar"))]
     assert rows == [
         "| bar | **`mujoco`** 50 s, 1.5; 2, 1 | **`mujoco`** 5e+04 s, 1.5; 2, 1 † | – | – |",
         "| arm | `alpha` 1e+02 s, 1.5; 2, 8 | `alpha` 1e+05 s, 1.5; 2, 8 † | – | – |",
@@ -105,7 +105,7 @@ def test_each_cell_of_the_frontier_is_decided_or_says_why():
         (1.0, 1.05, " ≈ tie"),
         (1.0, 1.3, ", –"),
     ):
-        assert list_engines._place(row | {"spread": spread, "next": lead}).endswith(ending)
+        assert list_engines._format_frontier_cell(row | {"spread": spread, "next": lead}).endswith(ending)
 
 
 def test_the_cheapest_of_a_tie_is_not_decided(tmp_path, monkeypatch):
@@ -123,14 +123,16 @@ def test_the_cheapest_of_a_tie_is_not_decided(tmp_path, monkeypatch):
     found["contests"] = [contest("arm", 1.05), contest("bar", 2.0)]
     (tmp_path / "contests.json").write_text(json.dumps(found))
     monkeypatch.setattr(list_engines, "PUBLISHED", tmp_path / "contests.json")
-    rows = [line.split("|")[2] for line in list_engines.tables().splitlines() if re.match(r"\| (arm|bar) ", line)]
+    rows = [
+        line.split("|")[2] for line in list_engines.format_contests().splitlines() if re.match(r"\| (arm|bar) ", line)
+    ]
     assert [row.endswith(" ≈ ") for row in rows] == [True, False]
 
 
 def test_the_page_on_engines_lists_what_their_adapters_take():
     """Made by docs/list_engines.py from what they declare."""
     page = list_engines.PAGE.read_text(encoding="utf-8")
-    assert list_engines.ELEMENTS.findall(page) == [list_engines.elements()]
+    assert list_engines.ELEMENTS.findall(page) == [list_engines.format_elements()]
 
 
 def test_nothing_is_published_of_a_changed_checkout(tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ from mbsbench.harness.confined_paths import ConfinedPath
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.types import Status
 from mbsbench.reports import site
-from mbsbench.reports.model.glossary import GLOSSARY, markdown, term
+from mbsbench.reports.model.glossary import GLOSSARY, format_markdown, term
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages import base
 from mbsbench.reports.pages.base import Page, Site
@@ -46,7 +46,7 @@ def report(request, built, tmp_path_factory):
         return built[0] / "report"
     folder = tmp_path_factory.mktemp("judged") / "run"
     judge(folder, [r.settings_id for r in every_kind(folder)])
-    return site.build(folder).parent
+    return site.build_report(folder).parent
 
 
 def test_no_template_shows_its_own_syntax():
@@ -201,7 +201,7 @@ def test_poor_runs_have_a_site_too(tmp_path, kind):
     if kind == "only failures":
         put(tmp_path, record("cc01", "gamma", "refused", message="no", t_reached_s=float("nan")))
         put(tmp_path, record("ee01", "beta", "crashed", message="", t_reached_s=float("nan")))
-    html = site.build(tmp_path).read_text(encoding="utf-8")
+    html = site.build_report(tmp_path).read_text(encoding="utf-8")
     words = {"nothing": "no finished run", "one": "1 solver on 1 mechanism", "only failures": "crashed, without a"}
     assert words[kind] in html
     assert "environment.json is missing" in html
@@ -213,7 +213,7 @@ def test_damaged_files_are_named(tmp_path):
     (tmp_path / "runs" / "zz99.json").write_text("{")
     put(tmp_path, record("bb01"), series(40))
     (tmp_path / "series" / "bb01.npz").write_bytes(b"cut off")
-    html = site.build(tmp_path).read_text(encoding="utf-8")
+    html = site.build_report(tmp_path).read_text(encoding="utf-8")
     assert "Left out: zz99.json" in html and "Left out: bb01.json" in html
     assert not (tmp_path / "report" / "runs" / "bb01.html").exists()
 
@@ -222,11 +222,11 @@ def test_a_new_report_keeps_no_page_of_an_earlier_one(tmp_path):
     """Pages of runs that are gone would be taken for this run's."""
     put(tmp_path, record("aa01"), series(40))
     put(tmp_path, record("aa02", dt_s=0.005), series(40))
-    site.build(tmp_path)
+    site.build_report(tmp_path)
     (tmp_path / "runs" / "aa02.json").unlink()
     (tmp_path / "report" / "figures").mkdir(exist_ok=True)
     (tmp_path / "report" / "figures" / "kept.svg").write_text("")
-    site.build(tmp_path)
+    site.build_report(tmp_path)
     assert not (tmp_path / "report" / "runs" / "aa02.html").exists()
     assert (tmp_path / "report" / "figures" / "kept.svg").exists()  # others put figures there
 
@@ -241,7 +241,7 @@ def test_two_pages_cannot_have_one_name(tmp_path):
 
 def test_page_modules_are_found_and_late_ones_come_last():
     """No list to edit: what has a ``write`` is a page; runs need what problems left for them."""
-    names = [module.__name__ for module in base.writers()]
+    names = [module.__name__ for module in base.load_page_modules()]
     assert {
         "mbsbench.reports.pages.runs.overview",
         "mbsbench.reports.pages.runs.problems",
@@ -280,7 +280,7 @@ def test_real_run_has_a_report(tmp_path, capsys):
 
 def test_the_page_in_docs_is_the_table_that_the_reports_use():
     """Made anew by ``python -m mbsbench.reports.model.glossary``."""
-    assert markdown() in (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+    assert format_markdown() in (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
 
 
 def test_every_status_and_verdict_has_an_entry_of_one_sentence():

@@ -14,13 +14,13 @@ from msgspec.structs import replace
 
 from mbsbench.reports import publication
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.pages.judged.orders import ladders
+from mbsbench.reports.pages.judged.orders import plot_ladders
 from mbsbench.reports.plots import paper
 from mbsbench.reports.plots.browser import shorten_plots
 from mbsbench.reports.plots.convergence import convergence_plots
 from mbsbench.reports.plots.slopes import add_triangles, find_order
 from mbsbench.reports.plots.spec import Axis, LineStyle, Plot, Trace, choose_styles
-from mbsbench.reports.trial import QUANTITIES, _orders
+from mbsbench.reports.trial import QUANTITIES, _plot_orders
 
 from .conftest import put, record
 from .pages import synthetic
@@ -70,8 +70,8 @@ def test_a_triangle_has_its_slope_and_covers_nothing(seed):
     assert [t.order for t in plot.triangles] == sorted(found)
     for t in plot.triangles:
         assert math.log(t.y[1] / t.y[0]) / math.log(t.x[1] / t.x[0]) == pytest.approx(t.order)
-    with paper.style():
-        figure = paper.figure([plot], dict.fromkeys((t.solver for t in plot.traces), LOOK), columns=2, height=2.3)
+    with paper.apply_style():
+        figure = paper.draw_plots([plot], dict.fromkeys((t.solver for t in plot.traces), LOOK), columns=2, height=2.3)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         (ax,) = figure.axes
@@ -108,8 +108,8 @@ def luminance(colour: str) -> float:
 
 def test_triangles_are_legible_in_grey():
     """Edges at 3:1 at least, digits at 7:1, on white and on the triangle's own shade (WCAG 1.4.11, 1.4.6)."""
-    with paper.style():
-        (ax,) = paper.figure([plot_of((STEPS, STEPS**2))], {"s0": LOOK}).axes
+    with paper.apply_style():
+        (ax,) = paper.draw_plots([plot_of((STEPS, STEPS**2))], {"s0": LOOK}).axes
     (shape,), digits = [p for p in ax.patches if isinstance(p, Polygon)], ax.texts
     for ground in (paper.PAPER, shape.get_facecolor()):
         assert (luminance(ground) + 0.05) / (luminance(shape.get_edgecolor()) + 0.05) >= 3.0
@@ -131,7 +131,7 @@ def test_figures_have_error_against_step_with_a_triangle_for_each_order(tmp_path
     made = {name: (caption, draw) for name, caption, _, draw in publication.list_figures(results, results.variants[0])}
     caption, draw = made["pendulum-convergence"]
     assert publication.TRIANGLES in caption
-    with paper.style():
+    with paper.apply_style():
         figure, work = draw(), made["pendulum-work"][1]()
     assert [[p.get_gid() for p in ax.patches] for ax in figure.axes] == [["order 2", "order 4"], ["order 1"]]
     assert [ax.get_xlabel() for ax in figure.axes] == ["step, or mean step under error control [s]"] * 2
@@ -179,10 +179,10 @@ def test_ladders_of_pages_and_certificates_have_triangles():
         declared=2.0,
         verdict="certified",
     )
-    (plot,) = ladders([made])
+    (plot,) = plot_ladders([made])
     assert [t.order for t in plot.triangles] == [2]
     (shown,) = shorten_plots([plot], choose_styles(["alpha"]))["plots"].values()
     assert json.loads(json.dumps(shown["triangles"]))[0]["order"] == 2
-    assert ladders([replace(made, error=tuple(STEPS**1.5), order=1.5)])[0].triangles == ()
-    (certificate,) = _orders([replace(made, quantity=QUANTITIES[0])])
+    assert plot_ladders([replace(made, error=tuple(STEPS**1.5), order=1.5)])[0].triangles == ()
+    (certificate,) = _plot_orders([replace(made, quantity=QUANTITIES[0])])
     assert [t.order for t in certificate.triangles] == [2] and len(certificate.traces) > len(plot.traces)

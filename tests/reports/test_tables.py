@@ -8,7 +8,7 @@ import pytest
 
 from mbsbench.harness.results.shadows import NearestMotion
 from mbsbench.reports import site
-from mbsbench.reports.model.accuracy import measure_for
+from mbsbench.reports.model.accuracy import choose_measure
 from mbsbench.reports.model.results import StoredRun, read_results
 from mbsbench.reports.model.tables import COLUMNS, format_as_csv, format_as_latex, latex_number, latex_text
 from mbsbench.reports.model.words import format_count, format_signed, number, seconds, unit
@@ -81,7 +81,7 @@ def test_pages_tables_and_plots_have_one_error_over_one_interval(tmp_path):
     put(tmp_path, record("aa01", **chaos))
     put(tmp_path, record("aa02", dt_s=0.005, **chaos))
     (variant,) = read_results(tmp_path).variants
-    measure = measure_for(variant.runs)
+    measure = choose_measure(variant.runs)
     assert measure is not None and measure.until == 0.5
     (row, _) = csv.DictReader(io.StringIO(format_as_csv(variant.runs)))
     assert (float(row["position_error [m]"]), float(row["position_error_whole [m]"])) == (1e-3, 0.4)
@@ -139,5 +139,5 @@ def test_the_stated_error_of_the_reference_is_told_where_errors_are_judged(tmp_p
     own = {"reference": "exact", "reference_horizon_s": 5.0, "t_end_s": 20.0, "judged_to_s": 1.5}
     put(tmp_path, record("aa", t_reached_s=20.0, reference_own_error_m=1e-3, reference_own_error_judged_m=2e-9, **own))
     put(tmp_path, record("bb", "beta", "diverged", t_reached_s=0.1, reference_own_error_m=1e-11, **own))
-    page = (site.build(tmp_path).parent / "problem-pendulum.html").read_text(encoding="utf-8")
+    page = (site.build_report(tmp_path).parent / "problem-pendulum.html").read_text(encoding="utf-8")
     assert "0.00100 m up to 5 s, 2.00×10⁻⁹ m up to 1.5 s, where errors are judged</p>" in page

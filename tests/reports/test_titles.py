@@ -9,13 +9,13 @@ from msgspec.structs import replace
 
 from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.harness.results.series import Series
-from mbsbench.reports.model.accuracy import measure_for
+from mbsbench.reports.model.accuracy import choose_measure
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import number
-from mbsbench.reports.pages.judged.cost import growth, growths
-from mbsbench.reports.pages.judged.orders import ladders
-from mbsbench.reports.plots.laws import errors, invariants, laws, observables
-from mbsbench.reports.plots.work import list_points, profile_plot, work_plots
+from mbsbench.reports.pages.judged.cost import measure_growths, plot_growth
+from mbsbench.reports.pages.judged.orders import plot_ladders
+from mbsbench.reports.plots.laws import plot_errors, plot_invariants, plot_laws, plot_observables
+from mbsbench.reports.plots.work import list_points, plot_pairs, plot_profile
 
 from .conftest import put, record, series
 from .pages.synthetic import ORDER
@@ -54,7 +54,7 @@ def drawn(tmp_path):
 
 def test_laws_and_errors_go_from_the_smallest_to_the_largest(drawn):
     """Of each solver's finest run its largest value: of laws to the end, of errors to where they are judged."""
-    found = {p.name: p for chapter in (laws, errors, invariants) for p in chapter(drawn).plots}
+    found = {p.name: p for chapter in (plot_laws, plot_errors, plot_invariants) for p in chapter(drawn).plots}
     for name, (column, unit) in SERIES.items():
         until = 1.0 if name in ("position", "orientation") else 2.0
         ends = []
@@ -66,7 +66,7 @@ def test_laws_and_errors_go_from_the_smallest_to_the_largest(drawn):
 
 def test_observables_say_how_far_off_they_are(drawn):
     """From the reference, over the whole time that this is known."""
-    (plot,) = [p for p in observables(drawn).plots if p.name == "obs-theta"]
+    (plot,) = [p for p in plot_observables(drawn).plots if p.name == "obs-theta"]
     low, high = (number(2.0 * SIZES[name]) for name in ("alpha", "beta"))
     assert plot.finding == f"theta at the finest settings: off by {low} rad (alpha) to {high} rad (beta)"
 
@@ -79,9 +79,9 @@ def test_growth_names_the_smallest_and_the_largest_exponent(tmp_path):
         for n, cpu in zip(sizes, cost, strict=True):
             put(tmp_path, record(f"{solver}{n}", solver, problem_parameters=f'{{"links": {n}}}', cpu_median_s=cpu))
     results = read_results(tmp_path)
-    found = growths(results.runs, {c.record.run_id: int(c.record.run_id[-1]) for c in results.runs})
+    found = measure_growths(results.runs, {c.record.run_id: int(c.record.run_id[-1]) for c in results.runs})
     slopes = [np.polyfit(np.log(sizes), np.log(rates[name]), 1)[0] for name in ("alpha", "beta")]
-    title = growth("pendulum", found, lambda run: "").title
+    title = plot_growth("pendulum", found, lambda run: "").title
     assert title == (
         f"pendulum: a step of alpha grows with the number of bodies to the power {slopes[0]:.2f}, "
         f"one of beta to {slopes[1]:.2f}"
@@ -93,9 +93,9 @@ def test_a_profile_names_who_reaches_most_targets():
     best = [WorkProfile("alpha", "evaluations", 9, (1.0, 2.0)), WorkProfile("beta", "evaluations", 9, (5.0, 6.0, 7.0)),
             WorkProfile("gamma", "steps", 9, (1.0, 2.0, 3.0, 4.0))]  # fmt: skip
     default = [WorkProfile("gamma", "evaluations", 9, (1.0, 2.0, 3.0, 4.0))]
-    assert profile_plot(best, default, "evaluations").finding == "beta reaches 3 of 9 targets with the best settings"
+    assert plot_profile(best, default, "evaluations").finding == "beta reaches 3 of 9 targets with the best settings"
     both = [best[1], WorkProfile("alpha", "evaluations", 9, (1.0, 2.0, 9.0))]
-    assert profile_plot(both, (), "evaluations").finding.startswith("alpha and beta reach 3 of 9 targets")
+    assert plot_profile(both, (), "evaluations").finding.startswith("alpha and beta reach 3 of 9 targets")
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_cpu_times_that_are_equal_have_no_winner(tmp_path, factor, words):
     for solver, cpu in (("alpha", 0.1), ("beta", 0.1 * factor), ("gamma", 0.4)):
         put(tmp_path, record(solver, solver, position_error_max_m=1e-4, cpu_median_s=cpu))
     (variant,) = read_results(tmp_path).variants
-    plots = work_plots("work", list_points(variant), measure_for(variant.runs))
+    plots = plot_pairs("work", list_points(variant), choose_measure(variant.runs))
     assert plots["error-cpu"].finding == f"pendulum: {words}"
 
 
@@ -118,8 +118,8 @@ def test_a_title_on_orders_names_whose_they_are():
     """The least and the largest of several methods; never the first one's for all."""
     own = replace(ORDER, quantity="position", dt=(0.1, 0.05), error=(1e-2, 2.5e-3), used=(True, True), fit="power")
     two = [replace(own, solver=s, case=s, order=p) for s, p in (("alpha", 4.0), ("beta", 2.0))]
-    assert ladders(two)[0].title == "pendulum: position converges with order 2.00 (beta) to 4.00 (alpha)"
-    assert ladders(two[:1])[0].title == "pendulum: position converges with order 4.00 (alpha)"
+    assert plot_ladders(two)[0].title == "pendulum: position converges with order 2.00 (beta) to 4.00 (alpha)"
+    assert plot_ladders(two[:1])[0].title == "pendulum: position converges with order 4.00 (alpha)"
 
 
 def test_work_says_what_the_tightest_common_error_costs(tmp_path):
@@ -135,7 +135,7 @@ def test_work_says_what_the_tightest_common_error_costs(tmp_path):
                 record(f"{solver}{k}", solver, dt_s=0.1 * 2.0**-k, position_error_max_m=error, cpu_median_s=cpu),
             )
     (variant,) = read_results(tmp_path).variants
-    finding = work_plots("work", list_points(variant), measure_for(variant.runs))["error-cpu"].finding
+    finding = plot_pairs("work", list_points(variant), choose_measure(variant.runs))["error-cpu"].finding
     target = 1e-3
     alpha = 0.1 * (0.01 / target) ** 0.5
     assert finding == (

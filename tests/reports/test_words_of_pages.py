@@ -5,14 +5,14 @@ import re
 
 import pytest
 
-from mbsbench.harness.results.records import reasons_json
+from mbsbench.harness.results.records import format_reasons
 from mbsbench.harness.types import Law, Reason
 from mbsbench.reports import site
-from mbsbench.reports.model.frontier import costs, frontiers
+from mbsbench.reports.model.frontier import find_frontiers, tabulate_costs
 from mbsbench.reports.model.margin import SHARE, describe_break
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.pages.judged.cost import title
-from mbsbench.reports.pages.runs.overview import false_successes
+from mbsbench.reports.pages.judged.cost import state_cheapest
+from mbsbench.reports.pages.runs.overview import list_false_successes
 
 from .conftest import put, record, series
 from .outline import Outline
@@ -33,7 +33,7 @@ def built(tmp_path_factory):
     )
     put(folder, record("cc02", "gamma", dt_s=0.001, accurate_until_s=2.0), moving(0))
     put(folder, record("dd01", "delta", "refused", claimed="refused", message="no", position_error_max_m=math.nan))
-    return site.build(folder).parent
+    return site.build_report(folder).parent
 
 
 def read(page) -> str:
@@ -74,9 +74,9 @@ def test_a_card_names_setting_problem_and_time_in_full(built, tmp_path):
     broken_law = "the energy error reaches 0.450 J, 4.5 times the 0.100 J allowed"
     assert f"claims success over 2 s; {broken_law}" in card
     put(tmp_path, record("ff01", "ida_index3", **broken(Law.ENERGY, 0.45, 0.1, "J")), series())
-    cards, count = false_successes(read_results(tmp_path), "recommended")
+    cards, count = list_false_successes(read_results(tmp_path), "recommended")
     assert count == 1 and any("SUNDIALS" in c["code"] for c in cards)
-    page = site.build(tmp_path).read_text(encoding="utf-8")
+    page = site.build_report(tmp_path).read_text(encoding="utf-8")
     assert "SUNDIALS" not in re.search(r'<h2 id="wrong">(.*?)</h2>', page)[1]
 
 
@@ -108,9 +108,9 @@ def test_the_stage_calls_nobody_the_worst_or_the_cheapest(built):
 
 def test_reasons_that_have_no_words_of_their_own_are_still_told(tmp_path):
     """A law by its name alone, without a time."""
-    why = reasons_json([Reason(Law.SYMMETRY, 2.0, 1.0, "m", name="mirrored motion")])
+    why = format_reasons([Reason(Law.SYMMETRY, 2.0, 1.0, "m", name="mirrored motion")])
     put(tmp_path, record("aa01", "alpha", "wrong", wrong_because=why), series())
-    cards, _ = false_successes(read_results(tmp_path), "recommended")
+    cards, _ = list_false_successes(read_results(tmp_path), "recommended")
     (card,) = [c for c in cards if not c["published"]]
     assert card["broken"] == "mirrored motion reaches 2.00 m, 2.0 times the 1.00 m allowed"
 
@@ -120,8 +120,8 @@ def test_solvers_that_lead_as_often_are_all_named(tmp_path):
     for problem, (alpha, beta) in {"arm": (1e-3, 2e-3), "bar": (2e-3, 1e-3)}.items():
         ladder(tmp_path, "alpha", 4.0, alpha, problem=problem)
         ladder(tmp_path, "beta", 4.0, beta, problem=problem)
-    found = [f for f in frontiers(read_results(tmp_path)) if f.target == 1e-3]
-    assert title(found).startswith("At 0.001 m, alpha and beta are each cheapest on 1 of 2 problems; ")
+    found = [f for f in find_frontiers(read_results(tmp_path)) if f.target == 1e-3]
+    assert state_cheapest(found).startswith("At 0.001 m, alpha and beta are each cheapest on 1 of 2 problems; ")
 
 
 def test_who_does_not_get_there_because_it_is_wrong_is_so_at_a_setting(tmp_path):
@@ -130,6 +130,6 @@ def test_who_does_not_get_there_because_it_is_wrong_is_so_at_a_setting(tmp_path)
         ladder(tmp_path, solver, 4.0, 1e-3)
     ladder(tmp_path, "delta", 4.0, 1e-6, status="wrong")
     results = read_results(tmp_path)
-    (race,) = costs(results, frontiers(results), lambda run: "")
+    (race,) = tabulate_costs(results, find_frontiers(results), lambda run: "")
     finest = 0.1 / 2 ** HALVINGS[-1]
     assert race["solvers"]["delta"]["why"] == f"✗ 9 of 9 runs report success and are wrong, finest dt = {finest:g} s"

@@ -8,7 +8,7 @@ from mbsbench import State, TimeFunction, so3
 from mbsbench.harness.mechanics.consistency import project
 from mbsbench.harness.mechanics.joints import DECLARED, Joint, JointKind, MovingKind
 from mbsbench.harness.mechanics.system import GROUND, Load, MultibodySystem, SpringDamper, TorsionSpring, assemble
-from mbsbench.problems.random_mechanism import arbitrary_body, closed_joint
+from mbsbench.problems.random_mechanism import draw_body, draw_closed_joint
 
 KINDS = tuple(JointKind)
 MOVING = (*MovingKind, *(name for name, one in DECLARED.items() if one.count.moving and name not in set(MovingKind)))
@@ -32,8 +32,8 @@ def one_joint(kind: JointKind, *, ground: bool, seed: int = 3, times: int = 1) -
     """
     random, nb = np.random.default_rng(seed), 1 if ground else 2
     r, R = poses = _poses(random, nb)
-    joint = closed_joint(kind, 0, GROUND if ground else 1, poses, random)
-    bodies = [arbitrary_body(random) for _ in range(nb)]
+    joint = draw_closed_joint(kind, 0, GROUND if ground else 1, poses, random)
+    bodies = [draw_body(random) for _ in range(nb)]
     system = assemble(bodies, [joint] * times, (0.3, -9.81, 0.2), [SPRING], LOADS)
     v = random.standard_normal((2, nb, 3))
     return system, project(system, State(r[:-1], R[:-1], v[0], v[1]))
@@ -43,8 +43,8 @@ def all_joints() -> MultibodySystem:
     """A row of bodies, from the ground on, with a joint of each kind between two neighbours."""
     random, nb = np.random.default_rng(11), len(KINDS)
     poses = _poses(random, nb)
-    joints = [closed_joint(kind, k, k - 1, poses, random) for k, kind in enumerate(KINDS)]
-    return assemble([arbitrary_body(random) for _ in range(nb)], joints, (1.1, -2.3, -9.5), [SPRING], LOADS)
+    joints = [draw_closed_joint(kind, k, k - 1, poses, random) for k, kind in enumerate(KINDS)]
+    return assemble([draw_body(random) for _ in range(nb)], joints, (1.1, -2.3, -9.5), [SPRING], LOADS)
 
 
 SWAY = TimeFunction((0.3, 0.4, -0.2, 0.1), 0.2, 5.0, 0.7)
@@ -91,6 +91,6 @@ def moving_rows(kind: str | None, *, ground: bool = False, seed: int = 5) -> Mul
         joints.append(row)
     nb = len(kinds) if kind is None or ground else 2
     loads = tuple(dataclasses.replace(load, factor=SWAY) for load in LOADS)
-    bodies = [arbitrary_body(random) for _ in range(nb)]
+    bodies = [draw_body(random) for _ in range(nb)]
     twist = TorsionSpring(0, (0.3, 1.0, 0.2), nb - 1 if nb > 1 else GROUND, (1, 2, 3), (1, 0, 0.5), 3.0, 0.4, 0.5)
     return assemble(bodies, joints, (0.3, -9.81, 0.2), [SPRING], loads, [twist])

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from mbsbench import Joint, MultibodySystem, RigidBody, SpringDamper, State, States, UserForce, assemble, so3
 from mbsbench.harness.mechanics import motion
 from mbsbench.harness.mechanics.consistency import project
-from mbsbench.harness.mechanics.index1 import index_1
+from mbsbench.harness.mechanics.index1 import solve_index_1
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 
 Rows = Float[np.ndarray, "2 ..."]
@@ -96,9 +96,9 @@ def judge_accelerations(system: MultibodySystem, s: State) -> list[tuple[np.ndar
 
     By these it takes A_dot v. Over half their reach their error is a 64th: the change is the error of the first.
     """
-    judge = index_1(system, States.one(s))
+    judge = solve_index_1(system, States.one(s))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(motion, "REACH", 0.5 * motion.REACH)
-        nearer = index_1(system, States.one(s))
+        nearer = solve_index_1(system, States.one(s))
     pairs = ((judge.a[0], nearer.a[0]), (judge.load[0], nearer.load[0]))
     return [(one, 1.1 * float(np.max(np.abs(other - one)))) for one, other in pairs]

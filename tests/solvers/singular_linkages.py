@@ -9,7 +9,7 @@ from mbsbench import Joint, assemble
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.types import Problem
-from mbsbench.problems.exact.planar import AXIS, OZ, slender, states
+from mbsbench.problems.exact.planar import AXIS, OZ, make_planar_states, make_slender_bar
 
 AXIAL, GRAVITY = 1e-4, 9.81
 
@@ -29,7 +29,7 @@ def _passing(
     step = 1e-6
     slope = (centres(angle + step) - centres(angle - step)) / (2.0 * step)  # to 1e-11: a start may be off by 1e-9
     turned = np.array([turns]) * angle[:, None]
-    s = states(centres(angle), turned, rate * slope, rate * np.array([turns]))
+    s = make_planar_states(centres(angle), turned, rate * slope, rate * np.array([turns]))
     system = assemble(bars, joints, (0.0, -GRAVITY, 0.0))
     problem = Problem(name, system, s[0], t_end=4.0, dt=1e-3, section="", source="")
     return Passing(problem, centres)
@@ -38,8 +38,8 @@ def _passing(
 def parallel_bars(crank: float, couplers: Sequence[float], rate: float) -> Passing:
     """Cranks of one length, their ends joined by couplers as long as the ground: in line twice a turn."""
     feet, n = np.concatenate(([0.0], np.cumsum(couplers))), len(couplers)
-    bars = [slender(1.0 + 0.3 * k, crank, AXIAL, f"crank {k}") for k in range(n + 1)]
-    bars += [slender(0.7 + 0.2 * k, b, AXIAL, f"coupler {k}") for k, b in enumerate(couplers)]
+    bars = [make_slender_bar(1.0 + 0.3 * k, crank, AXIAL, f"crank {k}") for k in range(n + 1)]
+    bars += [make_slender_bar(0.7 + 0.2 * k, b, AXIAL, f"coupler {k}") for k, b in enumerate(couplers)]
     low, high = (-0.5 * crank, 0.0, 0.0), (0.5 * crank, 0.0, 0.0)
     joints = [Joint(k, low, GROUND, (float(x), 0.0, 0.0), AXIS, OZ) for k, x in enumerate(feet)]
     for k, b in enumerate(couplers):
@@ -63,7 +63,7 @@ def parallel_bars(crank: float, couplers: Sequence[float], rate: float) -> Passi
 
 def folding_crank(length: float, rate: float) -> Passing:
     """Crank and rod of one length, the rod's end on OX: where both stand upright the rod may as well turn with it."""
-    bars = [slender(m, length, AXIAL, name) for m, name in ((1.0, "crank"), (0.8, "rod"), (0.5, "slider"))]
+    bars = [make_slender_bar(m, length, AXIAL, name) for m, name in ((1.0, "crank"), (0.8, "rod"), (0.5, "slider"))]
     low, half, x, O = (-0.5 * length, 0.0, 0.0), (0.5 * length, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     joints = [
         Joint(0, low, GROUND, O, AXIS, OZ),

@@ -10,7 +10,7 @@ from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.motion import constraint_rate, point_position
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.types import Problem, StepControl, Trajectory
-from mbsbench.problems.exact.passages import singular_passages
+from mbsbench.problems.exact.passages import find_singular_passages
 
 from .runs import drift, run
 
@@ -64,7 +64,7 @@ def test_all_singular_passages_are_crossed(t_end, passages, max_turn):
     """
     p = make_problem("four_bar_grid", {"release": "all_rows", "t_end": t_end})
     out = run(p, 1e-3, "gc_augmented_lagrangian", max_turn=max_turn)
-    exact = np.array([time for time, _ in singular_passages(p, p.t_end)])
+    exact = np.array([time for time, _ in find_singular_passages(p, p.t_end)])
     found = np.array([e["t"] for e in out.events])
     assert len(exact) == len(found) == passages
     away = np.min(np.abs(found[:, None] - exact), axis=0)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mbsbench.solvers.formulations.compiled import algebra, entries, numba_code
-from mbsbench.solvers.formulations.compiled.entries import Bound
+from mbsbench.solvers.formulations.compiled.entries import BoundFunction
 from mbsbench.solvers.formulations.generated import code
 
 
@@ -31,7 +31,7 @@ def take_root(p: Any) -> None:
 def test_what_compiled_code_raises_reaches_its_caller():
     """Else it would go on with what was there before."""
     pair = Pair(np.array([4.0]), np.zeros(1))
-    bound = Bound(take_root, pair)
+    bound = BoundFunction(take_root, pair)
     bound()
     assert pair.y[0] == 2.0
     pair.x[0] = -1.0
@@ -51,7 +51,7 @@ def test_another_version_of_numba_compiles_the_same(monkeypatch, tmp_path):
     seen = []
     monkeypatch.setattr(numba_code, "_close", lambda library: seen.append(library))
     pair = Pair(np.array([4.0]), np.zeros(1))
-    Bound(take_root, pair)()
+    BoundFunction(take_root, pair)()
     assert pair.y[0] == 2.0 and not seen and numba_code.CPUCodeLibrary._optimize_final_module is own
 
 

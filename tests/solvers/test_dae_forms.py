@@ -14,7 +14,7 @@ from mbsbench.solvers.formulations.charts import CHARTS
 from mbsbench.solvers.formulations.dae import ImplicitForm
 from mbsbench.solvers.formulations.differences import INCREMENT, DifferencedForm
 from mbsbench.solvers.formulations.layout import Layout, StabilisedLayout
-from mbsbench.solvers.formulations.start import Accelerations, coordinates_and_velocities, layout_for, make_consistent
+from mbsbench.solvers.formulations.start import Accelerations, choose_layout, make_consistent, pack_start
 from mbsbench.tests.comparing import assert_each
 
 from . import arbitrary_systems
@@ -47,7 +47,7 @@ def test_jacobians_are_exact(form, coordinates):
     multipliers = random.standard_normal(at.n - at.n_p - at.n_u)
     y, y_dot = np.concatenate((p.ravel(), u.ravel(), multipliers)), random.standard_normal(at.n)
     implicit = ImplicitForm(at, form, ALPHA, BETA)
-    of_y, of_y_dot = (implicit.pattern.matrix(part).toarray() for part in implicit.jacobian(y, y_dot))
+    of_y, of_y_dot = (implicit.pattern.make_matrix(part).toarray() for part in implicit.jacobian(y, y_dot))
     for k, way in enumerate(np.eye(at.n)):
         h = STEP * way
         by_y = (implicit.residual(y + h, y_dot) - implicit.residual(y - h, y_dot)) / (2.0 * STEP)
@@ -66,9 +66,9 @@ def test_differences_of_grouped_columns_equal_the_exact_jacobian(name, form):
     evaluations than columns.
     """
     problem = presented(3) if name == "linkage" else make_problem(name)
-    start, _ = layout_for(problem, "quaternion")
+    start, _ = choose_layout(problem, "quaternion")
     at, random = of_form(form, start), np.random.default_rng(5)
-    y = np.concatenate((coordinates_and_velocities(start, problem), np.zeros(at.n - start.n)))
+    y = np.concatenate((pack_start(start, problem), np.zeros(at.n - start.n)))
     y += 0.1 * random.standard_normal(at.n)
     y_dot = random.standard_normal(at.n)
     exact, differenced = (kind(at, form, ALPHA, BETA) for kind in (ImplicitForm, DifferencedForm))
@@ -83,9 +83,9 @@ def test_differences_of_grouped_columns_equal_the_exact_jacobian(name, form):
 def test_a_consistent_start_satisfies_every_form(coordinates, seed):
     """One (y, y') solves all forms, with eta = 0: they are one set of equations. Rounding times forces of order 1e3."""
     problem = presented(seed)
-    at, notes = layout_for(problem, coordinates)
+    at, notes = choose_layout(problem, coordinates)
     assert notes == ()
-    y, y_dot = make_consistent(at, coordinates_and_velocities(at, problem), ALPHA, BETA)
+    y, y_dot = make_consistent(at, pack_start(at, problem), ALPHA, BETA)
     size = 1.0 + np.max(np.abs(np.concatenate((y, y_dot))))
     for form in FORMS:
         here = of_form(form, at)
@@ -110,7 +110,7 @@ def test_eta_moves_the_bodies_along_the_gradients_of_the_constraints(coordinates
     assert_each(change[at.n_p :], "==", 0.0)
     y_dot = np.zeros(at.n)
     velocity, position = (ImplicitForm(at, form, 0.0, 0.0) for form in ("velocity", "position"))
-    A = velocity.pattern.matrix(velocity.jacobian(y, y_dot)[0]).toarray()[at.lam, at.u]
+    A = velocity.pattern.make_matrix(velocity.jacobian(y, y_dot)[0]).toarray()[at.lam, at.u]
     moved = [y + way * np.append(change[at.p], np.zeros(at.n - at.n_p)) for way in (h, -h)]
     phi = [position.residual(z, y_dot)[at.lam] for z in moved]
     np.testing.assert_allclose((phi[0] - phi[1]) / (2.0 * h), A @ A.T @ eta, atol=1e-7 * np.max(np.abs(A @ A.T)))
@@ -119,10 +119,12 @@ def test_eta_moves_the_bodies_along_the_gradients_of_the_constraints(coordinates
 def test_lambda_dot_of_the_start_is_the_derivative_along_the_motion():
     """lam' by the start's difference equals that of a ten times longer one to its truncation."""
     problem = presented(5)
-    at, _ = layout_for(problem, "quaternion")
-    y, y_dot = make_consistent(at, coordinates_and_velocities(at, problem), 0.0, 0.0)
+    at, _ = choose_layout(problem, "quaternion")
+    y, y_dot = make_consistent(at, pack_start(at, problem), 0.0, 0.0)
     accelerations, h = Accelerations(at), 1e-4
-    longer = (accelerations.at(y + h * y_dot)[1] - accelerations.at(y - h * y_dot)[1]) / (2.0 * h)
+    longer = (
+        accelerations.compute_accelerations(y + h * y_dot)[1] - accelerations.compute_accelerations(y - h * y_dot)[1]
+    ) / (2.0 * h)
     np.testing.assert_allclose(y_dot[at.lam], longer, rtol=1e-4, atol=1e-4 * np.max(np.abs(longer)))
 
 
@@ -130,10 +132,10 @@ def test_redundant_rows_are_dropped_and_named():
     """A joint stated twice has rank one joint: its rows are left out, the note says which, lam is that of one joint."""
     problem = presented(1)
     system = Presentation(duplicate=1).system(SYSTEM)
-    at, notes = layout_for(dataclasses.replace(problem, system=system), "quaternion")
+    at, notes = choose_layout(dataclasses.replace(problem, system=system), "quaternion")
     assert at.k == SYSTEM.nrows and system.nrows == SYSTEM.nrows + 3
     assert notes[0].startswith("dropped 3 of 19 constraint rows")
-    once, _ = layout_for(problem, "quaternion")
-    u_dot, _ = Accelerations(at).at(coordinates_and_velocities(at, problem))
-    expected, _ = Accelerations(once).at(coordinates_and_velocities(once, problem))
+    once, _ = choose_layout(problem, "quaternion")
+    u_dot, _ = Accelerations(at).compute_accelerations(pack_start(at, problem))
+    expected, _ = Accelerations(once).compute_accelerations(pack_start(once, problem))
     np.testing.assert_allclose(u_dot, expected, atol=1e-8)

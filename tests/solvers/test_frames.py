@@ -16,9 +16,12 @@ from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.fixed_order import principal_axes
 from mbsbench.harness.suites.suite import load_suite
 from mbsbench.solvers.formulations import linear, saddle
-from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
+from mbsbench.solvers.formulations.compiled.kernel import make_kernel, set_state
 from mbsbench.solvers.formulations.joint_coordinates import symplectic
-from mbsbench.solvers.formulations.joint_coordinates.collocation import extrapolation, gauss_lobatto
+from mbsbench.solvers.formulations.joint_coordinates.collocation import (
+    compute_extrapolation_weights,
+    make_gauss_lobatto_tableau,
+)
 from mbsbench.solvers.formulations.rows.mechanism import SymbolicMechanism
 
 SPECS = load_suite("ci").specs
@@ -86,7 +89,7 @@ def test_redundant_rows_of_hinges_lie_along_their_axes(tilt: tuple[float, ...]) 
     """In every frame S x = b is solved by an x without force along the axes where the rows across them suffice."""
     problem = make_problem("four_bar_grid", {"rotation": tilt})
     k = make_kernel(problem.system)
-    start_at(k, problem.initial)
+    set_state(k, problem.initial)
     k.accelerate.run()
     axis = so3.exp(np.array(tilt)) @ np.array([0.0, 1.0, 0.0])
     lam = k.lam.reshape(-1, 5)
@@ -202,8 +205,8 @@ def test_no_linear_algebra_of_a_library_is_in_a_run(
             monkeypatch.setattr(library, function, refuse)
     for module in (linear, saddle):
         monkeypatch.setattr(module, "call_lapack", refuse)
-    gauss_lobatto.cache_clear()
-    extrapolation.cache_clear()
+    make_gauss_lobatto_tableau.cache_clear()
+    compute_extrapolation_weights.cache_clear()
     SymbolicMechanism(problem.system, (), (), chooses=False)  # whose numbers are in code that is kept from other runs
     out = make_solver(solver).solve(problem, control)
     assert out.status is Status.SUCCESS, out.message

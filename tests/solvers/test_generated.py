@@ -194,8 +194,8 @@ def test_a_kept_object_is_loaded_and_a_damaged_one_made_again(monkeypatch, tmp_p
             file.write_bytes(content[: len(content) // 2] if damage is None else damage)
         before = len(compiled)
         assert value() == 12.0 and len(compiled) == before + 1
-    cpu, features = code.llvm_target()
-    monkeypatch.setattr(code, "llvm_target", lambda: ("x86-64" if cpu != "x86-64" else "core2", features))
+    cpu, features = code.find_llvm_target()
+    monkeypatch.setattr(code, "find_llvm_target", lambda: ("x86-64" if cpu != "x86-64" else "core2", features))
     before = len(compiled)
     assert value() == 12.0 and len(compiled) == before + 1
 

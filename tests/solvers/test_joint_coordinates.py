@@ -18,7 +18,7 @@ from mbsbench.solvers.formulations.joint_coordinates import code, marching, symp
 from mbsbench.solvers.formulations.joint_coordinates.code import make_code
 from mbsbench.solvers.formulations.joint_coordinates.counting import least_operations, refuse_code
 from mbsbench.solvers.formulations.joint_coordinates.evaluation import Evaluation
-from mbsbench.solvers.formulations.joint_coordinates.tree import MOTIONS, spanning_tree
+from mbsbench.solvers.formulations.joint_coordinates.tree import MOTIONS, build_spanning_tree
 from mbsbench.tests.comparing import assert_each
 
 from .arbitrary_joints import KINDS, MOVING, all_joints, moving_rows, one_joint
@@ -38,7 +38,7 @@ def solve(problem: Problem, rtol: float, solver: str = "dop853_joint") -> Trajec
 
 def check_accelerations(system: MultibodySystem, start: State, *, seed: int = 0) -> None:
     """Those of the code, at coordinates and velocities away from the start, against the judge's."""
-    random, tree = np.random.default_rng(seed), spanning_tree(system, start)
+    random, tree = np.random.default_rng(seed), build_spanning_tree(system, start)
     made = make_code(system, tree)
     n, nb = len(tree.start), system.nb
     y = tree.start + 0.1 * random.standard_normal(n) * (np.arange(n) >= tree.nq if tree.cuts else 1.0)
@@ -52,7 +52,7 @@ def check_accelerations(system: MultibodySystem, start: State, *, seed: int = 0)
         finish.run()
         y[:] = after
     finish.run()
-    Program(evaluation.call_function("record", t, y, y_dot, lam, r, R, v, v_dot, reaction)).run()
+    Program(evaluation.make_call("record", t, y, y_dot, lam, r, R, v, v_dot, reaction)).run()
     state = State(r, R, v[:, :3].copy(), v[:, 3:].copy(), float(t[0]))
     for rows, rounding in zip((constraint, constraint_rate), rounding_of_rows(state), strict=True):
         assert (
@@ -77,8 +77,8 @@ def test_accelerations_of_each_joint_are_the_judges(kind: str, ground: bool) -> 
 def test_of_a_joint_declared_twice_no_row_of_the_copy_is_kept(kind: str) -> None:
     """Entries of the copy's rows are rounding of what the first leaves: as rows, they held nothing that is there."""
     system, start = one_joint(kind, ground=False, times=2)
-    made = make_code(system, spanning_tree(system, start))
-    assert made.kept == made.rows - system.nrows // 2
+    made = make_code(system, build_spanning_tree(system, start))
+    assert made.rows_in_use == made.rows - system.nrows // 2
 
 
 @pytest.mark.usefixtures("without_whole_steps")
@@ -147,7 +147,7 @@ def test_a_tilt_that_defeats_folding_leaves_the_motion() -> None:
     u = system.joint_u.copy()
     u[0] += 1e-9 * np.array([0.6, 0.5, -0.4])
     tilted = dataclasses.replace(problem, system=dataclasses.replace(system, joint_u=u))
-    sizes = [make_code(p.system, spanning_tree(p.system, p.initial)).operations for p in (problem, tilted)]
+    sizes = [make_code(p.system, build_spanning_tree(p.system, p.initial)).operations for p in (problem, tilted)]
     assert sizes[1] > 1.2 * sizes[0]
     planar, spatial = (solve(p, 1e-10).states.r[-1] for p in (problem, tilted))
     assert np.max(np.abs(planar - spatial)) < 1e-8
@@ -264,10 +264,12 @@ def test_code_of_other_pivots_goes_on_with_the_same_motion(monkeypatch: pytest.M
 def test_lists_eliminate_as_code_does(name: str) -> None:
     """The same order, and the one found where the mechanism is, give the accelerations that straight code gives."""
     problem = make_problem(name, {"rows": 2, "columns": 2} if name == "four_bar_grid" else {})
-    tree = spanning_tree(problem.system, problem.initial)
+    tree = build_spanning_tree(problem.system, problem.initial)
     made = make_code(problem.system, tree)
     random, n = np.random.default_rng(2), len(tree.start)
-    moves = np.arange(n) >= (tree.nq if made.kept < made.rows else 0)  # off the loops, dependent rows are independent
+    moves = np.arange(n) >= (
+        tree.nq if made.rows_in_use < made.rows else 0
+    )  # off the loops, dependent rows are independent
     t, y = np.array([0.2]), tree.start + 0.01 * random.standard_normal(n) * moves
     found = []
     here = Evaluation(made, tree.nq).find_order(0.2, y, tree.start)
@@ -365,7 +367,7 @@ def test_code_has_no_fewer_operations_than_were_counted(name: str) -> None:
     """A mechanism whose code is small enough is not refused."""
     problem = make_problem(name)
     counted = least_operations(problem.system, problem.initial)
-    assert counted <= make_code(problem.system, spanning_tree(problem.system, problem.initial)).operations
+    assert counted <= make_code(problem.system, build_spanning_tree(problem.system, problem.initial)).operations
 
 
 def test_every_kind_of_a_tree_is_declared() -> None:

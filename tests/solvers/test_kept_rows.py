@@ -13,12 +13,12 @@ from mbsbench.harness.execution.presenting import present_problem
 from mbsbench.harness.fuzz.cases import read_case
 from mbsbench.harness.fuzz.oracle import Behaviour
 from mbsbench.harness.fuzz.presenting import Form
-from mbsbench.harness.mechanics.jacobian import even_jacobian
+from mbsbench.harness.mechanics.jacobian import scale_jacobian
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.solvers.formulations import row_wear, rows_in_use
 from mbsbench.solvers.formulations.rank import rows_to_keep
 from mbsbench.solvers.formulations.row_wear import Sines
-from mbsbench.solvers.formulations.start import coordinates_and_velocities, layout_for
+from mbsbench.solvers.formulations.start import choose_layout, pack_start
 from mbsbench.tests.comparing import assert_each
 
 FOUND = Path(mbsbench.__file__).parent / "results/published/fuzz/cvode-673.json"
@@ -49,10 +49,10 @@ def test_the_plane_loop_that_the_fuzzer_found_is_solved(solver):
 def test_the_product_of_the_sines_is_the_volume_of_the_rows(problem, chart):
     """sqrt(det E E^T) of rows E of length one, in whatever order they are taken."""
     problem = Form(0, "fixed", (0.7, -0.4, 1.1)).problem(make_problem(problem))
-    layout = layout_for(problem, chart)[0]
-    E = even_jacobian(problem.system, problem.initial).toarray()[layout.kept]
+    layout = choose_layout(problem, chart)[0]
+    E = scale_jacobian(problem.system, problem.initial).toarray()[layout.kept]
     volume = np.prod(np.linalg.svd(E, compute_uv=False))
-    sines = Sines(layout).at(coordinates_and_velocities(layout, problem), 0.0)
+    sines = Sines(layout).compute_sines(pack_start(layout, problem), 0.0)
     assert np.max(sines) <= 1.0 + 1e-12 and np.prod(sines) == pytest.approx(volume, rel=1e-9)
 
 
@@ -60,7 +60,7 @@ def test_the_product_of_the_sines_is_the_volume_of_the_rows(problem, chart):
 @pytest.mark.parametrize("problem", ["bricard", "andrews"])
 def test_rows_that_do_not_wear_cost_no_search(problem, solver, monkeypatch):
     """As drawn, the sines of both stay above half of those at the start; a search costs as much as fifty steps."""
-    monkeypatch.setattr(row_wear, "better_rows", None)
+    monkeypatch.setattr(row_wear, "find_better_rows", None)
     assert make_solver(solver).solve(make_problem(problem), StepControl(rtol=1e-6)).status is Status.SUCCESS
 
 
@@ -115,6 +115,6 @@ class _WornAfterFortySteps:
     def __init__(self, layout):
         self.kept, self.steps = layout.kept, 0
 
-    def better_rows(self, pu, t, every):
+    def find_better_rows(self, pu, t, every):
         self.steps += 1
         return self.kept.copy() if self.steps == 40 else None

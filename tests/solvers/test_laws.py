@@ -199,7 +199,7 @@ def test_springs_and_dampers_lose_what_the_dampers_take(solver):
     """E(t) - E(0) = integral of the damping power, by the trapezoid rule on the recorded steps (1 ms: 1e-5 J)."""
     p = sprung_linkage(0.5, 3)
     out = run(p, 1e-8, solver, {"max_step": 1e-3})
-    power = work.power(p.system, out.states)
+    power = work.compute_power(p.system, out.states)
     lost = np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(out.t))
     gained = drift(p, out)[-1]
     assert gained == pytest.approx(lost, abs=1e-3) and lost < -1e-2

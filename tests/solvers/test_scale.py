@@ -9,8 +9,8 @@ import pytest
 from mbsbench import Problem, Trajectory, constraint_jacobian, independent_rows, make_problem
 from mbsbench.harness.metrics import scales
 from mbsbench.harness.metrics.measure import measure
-from mbsbench.solvers.formulations.compiled.kernel import empty_kernel
-from mbsbench.solvers.formulations.compiled.saddle_pattern import analyse
+from mbsbench.solvers.formulations.compiled.kernel import allocate_kernel
+from mbsbench.solvers.formulations.compiled.saddle_pattern import analyse_saddle
 from mbsbench.solvers.formulations.rank import DEPENDENT, INDEPENDENT, rows_to_keep, squared_distances
 from mbsbench.tests.comparing import assert_each
 
@@ -35,8 +35,8 @@ def test_factors_grow_in_proportion() -> None:
     """Numbers of both factors and of their products, by cell: cells of a row fill in no more than their neighbours."""
     each = []
     for windows in (100, 200, 400):
-        k = empty_kernel(row_of_cells(windows).system)
-        _, lu = analyse(k.body, k.row, k.pair, np.arange(len(k.mass), len(k.pair)))
+        k = allocate_kernel(row_of_cells(windows).system)
+        _, lu = analyse_saddle(k.body, k.row, k.pair, np.arange(len(k.mass), len(k.pair)))
         numbers = [a.size for part in (lu, k, k.blocks) for a in part if isinstance(a, np.ndarray)]
         each.append(np.array([sum(numbers), len(k.blocks.update), len(lu.low), len(lu.blocks)]) / windows)
     assert_each(np.abs(each[2] / each[0] - 1.0), "<", 0.02, each)
@@ -59,7 +59,7 @@ def test_nothing_is_dense() -> None:
 def test_blocks_cover_all_rows() -> None:
     """Once each, and never more poses at a time than ``STATES``."""
     for nt, nb in ((0, 3), (7, 10**7), (10**6, 55)):
-        parts = list(scales.blocks(nt, nb))
+        parts = list(scales.split_into_blocks(nt, nb))
         assert [k for part in parts for k in range(part.start, part.stop)] == list(range(nt))
         assert all((part.stop - part.start) * nb <= max(scales.STATES, nb) for part in parts)
 

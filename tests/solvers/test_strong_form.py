@@ -69,8 +69,8 @@ def test_the_printed_matrix_equation_holds(coordinates, springs, choice, seed):
     s: RowTerms = form.terms(pu)
     inverse = InverseMass(at, pu)
     Program(inverse.steps).run()
-    M = np.linalg.inv(inverse.pattern.matrix(inverse.data[inverse.places]).toarray())
-    A = form.pattern.matrix(s.A).toarray()
+    M = np.linalg.inv(inverse.pattern.make_matrix(inverse.data[inverse.places]).toarray())
+    A = form.pattern.make_matrix(s.A).toarray()
     first = M @ r.u_dot - A.T @ (s.M_bar * r.lam_ddot) + s.e
     first -= A.T @ ((s.M_bar_dot + s.C_bar) * lam_dot + s.K_bar * lam - s.f_bar)
     second = s.M_bar * (A @ r.u_dot + s.gamma) + (s.M_bar_dot + s.C_bar) * s.phi_dot + s.K_bar * s.phi
@@ -98,7 +98,7 @@ def test_c_bar_and_k_bar_are_slopes_of_the_force_along_c(seed):
     at, h = layout("quaternion", springs=True), 1e-5
     form, pu = StrongForm(at), position_and_velocity(at, arbitrary(at.system, seed))
     terms = form.terms(pu)
-    A = form.pattern.matrix(terms.A).toarray()
+    A = form.pattern.make_matrix(terms.A).toarray()
     c = A / np.sum(A * A, axis=1, keepdims=True)
 
     def force(pu: np.ndarray) -> np.ndarray:

@@ -10,17 +10,21 @@ import pytest
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.consistency import perturb
-from mbsbench.harness.mechanics.index1 import index_1
+from mbsbench.harness.mechanics.index1 import solve_index_1
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
-from mbsbench.solvers.formulations.compiled.marching import new_control
+from mbsbench.solvers.formulations.compiled.marching import make_control
 from mbsbench.solvers.formulations.joint_coordinates import marching, symplectic
 from mbsbench.solvers.formulations.joint_coordinates.code import make_code
-from mbsbench.solvers.formulations.joint_coordinates.collocation import CollocationTableau, gauss_lobatto, rattle
+from mbsbench.solvers.formulations.joint_coordinates.collocation import (
+    CollocationTableau,
+    make_gauss_lobatto_tableau,
+    make_rattle_tableau,
+)
 from mbsbench.solvers.formulations.joint_coordinates.hamilton import make_hamilton_code
 from mbsbench.solvers.formulations.joint_coordinates.symplectic import Marcher
-from mbsbench.solvers.formulations.joint_coordinates.tree import spanning_tree
+from mbsbench.solvers.formulations.joint_coordinates.tree import build_spanning_tree
 
 from .runs import drift, orders, run
 
@@ -37,7 +41,7 @@ def problem_of(name: str, **parameters: Any) -> Problem:
 @pytest.mark.parametrize("stages", [1, 2, 3, 4, 5, 6])
 def test_tableaux_are_symplectic(stages: int) -> None:
     """The conditions of Jay (2007), to rounding; so does RATTLE."""
-    for of in (gauss_lobatto(stages), rattle()):
+    for of in (make_gauss_lobatto_tableau(stages), make_rattle_tableau()):
         np.testing.assert_allclose(of.b[:, None] * of.a_p + (of.b[:, None] * of.a).T, np.outer(of.b, of.b), atol=1e-15)
         pairs = of.b[:, None] * of.a_row + (of.b_row[:, None] * of.a_node).T
         np.testing.assert_allclose(pairs, np.outer(of.b, of.b_row), atol=1e-15)
@@ -109,7 +113,7 @@ def test_the_way_back_leads_to_the_start(solver: str, name: str) -> None:
 
 def marcher_of(name: str, tableau: CollocationTableau, dt: float) -> Marcher:
     """Ready for steps ``dt``."""
-    state = new_control(t_end=1e6, dt=dt)
+    state = make_control(t_end=1e6, dt=dt)
     return Marcher(make_problem(name, {"t_end": 1e6}), state, tableau, radial=not tableau.collocates)
 
 
@@ -132,7 +136,11 @@ def form(of: Callable[[np.ndarray], np.ndarray], n: int) -> np.ndarray:
     return pairs - pairs.T
 
 
-@pytest.mark.parametrize("tableau", [gauss_lobatto(2), gauss_lobatto(3), rattle()], ids=["gauss2", "gauss3", "rattle"])
+@pytest.mark.parametrize(
+    "tableau",
+    [make_gauss_lobatto_tableau(2), make_gauss_lobatto_tableau(3), make_rattle_tableau()],
+    ids=["gauss2", "gauss3", "rattle"],
+)
 @pytest.mark.parametrize("name", ["cart_pendulum", "spherical_pendulum", "bricard"])
 def test_steps_keep_the_symplectic_form(name: str, tableau: CollocationTableau) -> None:
     """M^T J M = J of the flow map, long steps; of a ball on quaternions of unit length, of a loop on phi = 0."""
@@ -158,7 +166,7 @@ def test_steps_keep_the_symplectic_form(name: str, tableau: CollocationTableau) 
             quaternion = np.concatenate(([np.sqrt(1.0 - x[:3] @ x[:3])], x[:3]))
             return of_velocities(quaternion, np.array([0.7, -1.2, 0.5]) + x[3:])
     else:  # one degree of freedom: along its motion, and by its speed
-        n, there = 2, marcher_of(name, gauss_lobatto(6), 0.01)
+        n, there = 2, marcher_of(name, make_gauss_lobatto_tableau(6), 0.01)
         base = flow(there, start, 20)
 
         def surface(x: np.ndarray) -> np.ndarray:
@@ -232,7 +240,7 @@ def test_energy_of_slender_bars_out_of_plane_is_bounded() -> None:
 def test_velocities_are_those_of_momenta_with_a_bar_level() -> None:
     """H u = pi at u that have made p: no orientation of a bar takes the pivots of a chain's tree."""
     problem = make_problem("chain")
-    tree = spanning_tree(problem.system, problem.initial)
+    tree = build_spanning_tree(problem.system, problem.initial)
     code = make_hamilton_code(problem.system, tree).code
     x = np.tile([1.0, 0.0, 0.0, 0.0], (len(tree.limbs), 1))
     d = next(limb.arm for limb in tree.limbs if limb.parent == tree.limbs[0].body)
@@ -294,7 +302,7 @@ def test_a_tilt_that_defeats_folding_leaves_the_motion(solver: str) -> None:
     u = problem.system.joint_u.copy()
     u[-1] += 1e-9 * np.array([0.6, 0.5, -0.4])
     tilted = dataclasses.replace(problem, system=dataclasses.replace(problem.system, joint_u=u))
-    sizes = [make_code(p.system, spanning_tree(p.system, p.initial)).operations for p in (problem, tilted)]
+    sizes = [make_code(p.system, build_spanning_tree(p.system, p.initial)).operations for p in (problem, tilted)]
     assert sizes[1] > 1.2 * sizes[0]
     planar, spatial = (run(p, 0.01, solver).states.r[-1] for p in (problem, tilted))
     assert np.max(np.abs(planar - spatial)) < 1e-8
@@ -310,7 +318,7 @@ def test_reactions_are_the_judges_and_constraints_hold(solver: str, name: str) -
     assert np.max(np.abs(constraint(system, out.states))) < 1e-12
     assert np.max(np.abs(constraint_rate(system, out.states))) < 1e-11
     assert out.reaction is not None
-    judge = index_1(system, out.states)
+    judge = solve_index_1(system, out.states)
     for k in range(len(out.t)):
         load = (constraint_jacobian(system, out.states[k]).T @ out.reaction[k]).reshape(system.nb, 6)
         assert np.max(np.abs(load - judge.load[k])) < 1e-10 * max(1.0, float(np.max(np.abs(judge.load[k]))))

@@ -14,7 +14,7 @@ from mbsbench.harness.catalogue.registry import engines, make_problem, make_solv
 from mbsbench.harness.mechanics.motion import constraint, energy
 from mbsbench.harness.mechanics.state import States
 from mbsbench.solvers.formulations.compiled import host, mechanism
-from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
+from mbsbench.solvers.formulations.compiled.kernel import make_kernel, set_state
 from mbsbench.solvers.formulations.compiled.row_choice import IN_USE, NEVER, WORN
 
 from .turning_loops import bennett, skew_crank_rocker
@@ -78,7 +78,7 @@ def test_a_whole_turn_by_code_of_the_mechanism_ends_where_it_began(name):
 
 
 def test_code_that_a_run_changes_to_chooses_rows_too(monkeypatch):
-    monkeypatch.setattr(mechanism, "is_made", lambda *_: False)
+    monkeypatch.setattr(mechanism, "is_code_kept", lambda *_: False)
     monkeypatch.setattr(host, "EVALUATIONS_THAT_PAY", 300)
     monkeypatch.setattr(host, "STRETCH_BYTES", 0.0)
     problem = LOOPS["bennett"].problem("bennett")
@@ -101,7 +101,7 @@ def test_rows_kept_stay_independent_all_the_way_and_rank_is_that_of_all():
     loop = LOOPS["bennett"]
     system = loop.problem("bennett").system
     kernel, chosen = make_kernel(system, ("rows", "factorise")), set()
-    start_at(kernel, loop.at(0.9))
+    set_state(kernel, loop.at(0.9))
     kernel.rows.run()
     kernel.factorise.run()
     first = np.min(pivots(kernel))
@@ -121,7 +121,7 @@ def test_where_rows_stay_well_apart_or_all_lose_rank_none_are_chosen(name):
     problem = make_problem(name)
     motion = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-8))
     kernel = make_kernel(problem.system, ("rows", "factorise"))
-    start_at(kernel, problem.initial)
+    set_state(kernel, problem.initial)
     for s in motion.states:
         kernel.r[:], kernel.R[:] = s.r, s.R
         kernel.rows.run()

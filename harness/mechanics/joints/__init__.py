@@ -24,7 +24,7 @@ from ..declaring import Count, JointDeclaration
 from ..naming import name_part
 from ..time_functions import NONE, TimeFunction
 from . import kinds
-from .frames import Directions, Vector, project_normals, unit
+from .frames import Directions, Vector, normalise, project_normals
 
 __all__ = [
     "DECLARED",
@@ -39,9 +39,9 @@ __all__ = [
     "MovingKind",
     "MovingRows",
     "Vector",
-    "directions",
+    "find_directions",
+    "normalise",
     "project_normals",
-    "unit",
 ]
 
 
@@ -145,23 +145,23 @@ class MovingRows(NamedTuple):
     kind: tuple[Kind, ...]
 
 
-def title(k: int, joint: Joint) -> str:
+def name_joint(k: int, joint: Joint) -> str:
     """Return the name of joint ``k`` in messages: the user's own name if it has one, else its number from 0."""
     return name_part("joint", k, joint.name)
 
 
-def directions(k: int, joint: Joint) -> dict[str, Any]:
+def find_directions(k: int, joint: Joint) -> dict[str, Any]:
     """Return the numbers that the rows of joint ``k`` read, by name; raise ValueError for input not of its kind.
 
     These are u, w (3,) in body i and n (3, 3) in body j, unit vectors, zero where no row reads them; length [m];
     motion, the numbers of its function of time.
     """
-    where = title(k, joint)
+    where = name_joint(k, joint)
     try:
         declared = DECLARED[joint.sort]
     except KeyError:
         raise ValueError(f"{where}: kind must be one of {', '.join(ROWS)} (got {joint.kind!r})") from None
-    _check_given(where, declared, joint)
+    _check_input(where, declared, joint)
     out: dict[str, Any] = {"u": np.zeros(3), "w": np.zeros(3), "n": np.zeros((3, 3)), "length": 0.0}
     out["motion"] = NONE if joint.motion is None else joint.motion.numbers(where)
     if declared.length:
@@ -182,9 +182,11 @@ def select_rows(k: int, joint: Joint) -> list[Joint]:
     """
     if joint.rows is None:
         return [joint]
-    made, count = directions(k, joint), ROWS[joint.sort]
+    made, count = find_directions(k, joint), ROWS[joint.sort]
     if count.moving or joint.sort == JointKind.DISTANCE:
-        raise ValueError(f"{title(k, joint)}: the rows of a {joint.sort} joint cannot be chosen (got {joint.rows!r})")
+        raise ValueError(
+            f"{name_joint(k, joint)}: the rows of a {joint.sort} joint cannot be chosen (got {joint.rows!r})"
+        )
     ways = [*np.eye(3)[: count.point], *made["n"][: count.line]]
     tilts = [(made["u"], made["n"][0]), (made["u"], made["n"][1]), (made["w"], made["n"][1])][: count.axis]
     plain = replace(joint, across_i=None, across_j=None)
@@ -194,13 +196,13 @@ def select_rows(k: int, joint: Joint) -> list[Joint]:
     whole = all(isinstance(row, Integral) and not isinstance(row, bool) for row in rows)
     if not (rows and whole and len(set(rows)) == len(rows) and set(rows) <= set(range(len(each)))):
         expected = f"distinct whole numbers from 0 to {len(each) - 1}"
-        raise ValueError(f"{title(k, joint)}: rows must be {expected} (got {joint.rows!r})")
+        raise ValueError(f"{name_joint(k, joint)}: rows must be {expected} (got {joint.rows!r})")
     name = joint.name or f"joint {k}"
     single = [replace(one, name=f"{name}, row {row}", rows=None) for row, one in enumerate(each)]
     return [single[row] for row in rows]
 
 
-def _check_given(where: str, declared: JointDeclaration, joint: Joint) -> None:
+def _check_input(where: str, declared: JointDeclaration, joint: Joint) -> None:
     """Raise ValueError unless the joint has the axes, directions, length and motion that its kind needs.
 
     Axes and motions that the kind has no use for are refused, too, where they show a misunderstanding.

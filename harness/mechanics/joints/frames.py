@@ -17,7 +17,7 @@ class Directions:
     def unit(self, name: str) -> np.ndarray:
         """Return the user's direction ``name`` (``axis_i``, ...) of length 1, or zero where none is given."""
         a = getattr(self.joint, name)
-        return np.zeros(3) if a is None else unit(a, self.where)
+        return np.zeros(3) if a is None else normalise(a, self.where)
 
     def across(self, axis: np.ndarray, end: str) -> np.ndarray | None:
         """Return across_i or across_j (``end``), normal to ``axis`` and of length 1, and axis x that, as rows.
@@ -61,7 +61,7 @@ def frame_ahead(d: Directions) -> dict[str, np.ndarray]:
     return {"u": u[0], "n": np.stack((n[1], -n[0]))}
 
 
-def unit(a: Vector, where: str) -> Float[np.ndarray, " 3"]:
+def normalise(a: Vector, where: str) -> Float[np.ndarray, " 3"]:
     """Return the direction ``a`` with length 1; raise ValueError naming ``where`` if it is zero or not finite."""
     length = float(np.linalg.norm(a))
     if not (np.isfinite(length) and length > 0.0):
@@ -82,5 +82,5 @@ def project_normals(a: Float[np.ndarray, " 3"], across: Vector, where: str) -> F
     Raise ValueError, which names ``where``, if ``across`` is along ``a``.
     """
     n1 = np.asarray(across, dtype=float) - (np.asarray(across, dtype=float) @ a) * a
-    n1 = unit(n1, f"{where}: across, less its part along the axis")
+    n1 = normalise(n1, f"{where}: across, less its part along the axis")
     return np.stack((n1, np.cross(a, n1)))

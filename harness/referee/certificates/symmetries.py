@@ -31,7 +31,7 @@ from ...mechanics import so3
 from ...results import store
 from ...results.judgements.runs import Symmetry, SymmetryVerdict, UnjudgedSymmetry
 from ...results.records import RunRecord
-from ...results.words import words_of_ending
+from ...results.words import describe_ending
 from ...types import Status
 from ...types.presentations import PRESENTATIONS
 
@@ -84,22 +84,24 @@ def check_symmetries(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmet
     A run is judged if the results also have the runs that its bound is measured from: one with a tenth of the
     tolerance, one from a perturbed start, and for fixed steps one with half the step.
     """
-    known = {_key_without(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings_id))}
+    known = {_make_key(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings_id))}
     runs = sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.settings_id))
     ends = _Ends(folder)
     alike: dict[tuple, list[RunRecord]] = {}  # grouped, so that thousands of runs are not compared in pairs
     for r, column in itertools.product(runs, COMPARED):
-        alike.setdefault(_key_without(r, column), []).append(r)
+        alike.setdefault(_make_key(r, column), []).append(r)
     found = []
     for base in runs:
-        kin, others, finer = (alike[_key_without(base, column)] for column in COMPARED)
+        kin, others, finer = (alike[_make_key(base, column)] for column in COMPARED)
         presented = [r for r in kin if _find_change(base, r)]
         explicit = base if math.isnan(_tolerance(base)) else None  # no equations are solved to a tolerance
         tighter = min(
             (r for r in others if _is_tighter(base, r)), key=lambda r: _distance_from_tenth(base, r), default=explicit
         )
         nudged = min(
-            (r for r in kin if _is_nudged(base, r)), key=lambda r: (_size_of_nudge(r), r.settings_id), default=None
+            (r for r in kin if _is_perturbed(base, r)),
+            key=lambda r: (_read_perturbation(r), r.settings_id),
+            default=None,
         )
         halved = next((r for r in finer if 2.0 * r.dt_s == base.dt_s), None)
         if not presented or tighter is None or nudged is None or (halved is None and base.control == "dt"):
@@ -147,7 +149,7 @@ def _parse(text: str) -> Mapping[str, Any]:
     return MappingProxyType(json.loads(text))
 
 
-def _key_without(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
+def _make_key(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
     """Return all settings that shape a run except one column, as a key that groups runs which differ in it alone.
 
     ``left_out`` is a column of the record; ``rtol`` of a fixed-step run stands for the tolerance of a step's
@@ -172,14 +174,14 @@ def _find_change(base: RunRecord, r: RunRecord) -> str:
     return more[0] if len(more) == 1 and more[0] in CHANGES else ""
 
 
-def _is_nudged(base: RunRecord, r: RunRecord) -> bool:
+def _is_perturbed(base: RunRecord, r: RunRecord) -> bool:
     """Return whether ``r`` differs from ``base`` only by a perturbed start."""
-    return _size_of_nudge(r) > 0.0 and {
+    return _read_perturbation(r) > 0.0 and {
         k: v for k, v in _parse(r.problem_parameters).items() if k != "perturb"
     } == _parse(base.problem_parameters)
 
 
-def _size_of_nudge(r: RunRecord) -> float:
+def _read_perturbation(r: RunRecord) -> float:
     """Return the relative perturbation of a run's start; 0 if the start is not perturbed."""
     return float(_parse(r.problem_parameters).get("perturb", 0.0))
 
@@ -214,7 +216,7 @@ def _measure_yardstick(
     if any(r is not None and r.claimed != "success" for r in (base, tighter, nudged, halved)):
         return None
     level = ends.measure_distance(base, tighter, np.eye(3))
-    growth = ends.measure_distance(base, nudged, np.eye(3)) / (_size_of_nudge(nudged) * base.length_scale_m)
+    growth = ends.measure_distance(base, nudged, np.eye(3)) / (_read_perturbation(nudged) * base.length_scale_m)
     step = 0.0 if halved is None else ends.measure_distance(base, halved, np.eye(3))
     return Yardstick(level, step, growth, base.steps, base.length_scale_m)
 
@@ -245,11 +247,11 @@ def _judge(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, e
     if change.startswith("unit_"):
         made = functools.partial(made, factor=float(value))
     if base.claimed != "success":
-        return made(_describe_ending(base), UnjudgedSymmetry.BASE, base.status, words_of_ending(base))
+        return made(_describe_ending(base), UnjudgedSymmetry.BASE, base.status, describe_ending(base))
     if yard is None:
         return made("failed", UnjudgedSymmetry.BOUND)
     if r.claimed != "success":
-        return made(_describe_ending(r), UnjudgedSymmetry.PRESENTED, r.status, words_of_ending(r))
+        return made(_describe_ending(r), UnjudgedSymmetry.PRESENTED, r.status, describe_ending(r))
     end = ends.of(base)
     if change == "renumber" and end is not None and len(end[0]) == 1:
         return made("not applicable", UnjudgedSymmetry.SINGLE)
@@ -264,7 +266,7 @@ def _judge(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, e
                 bound=yard.bound * yard.return_factor,
             )
         return _compare(made, deviation, yard, yard.return_factor)
-    turned = np.eye(3) if end is None else _turn_of(change, value, end[2])
+    turned = np.eye(3) if end is None else _find_rotation(change, value, end[2])
     return _compare(made, ends.measure_distance(base, r, turned), yard)
 
 
@@ -314,7 +316,7 @@ def _describe_ending(r: RunRecord) -> SymmetryVerdict:
     return "refused" if r.status == Status.REFUSED else "failed"
 
 
-def _turn_of(change: str, value: Any, gravity: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+def _find_rotation(change: str, value: Any, gravity: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     """Return the rotation from the problem's frame to that of a presentation, as the registry rotates problems.
 
     ``change`` names the presentation, ``value`` is its parameter. Presentations that rotate nothing give the identity.

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...results.judgements.runs import Targets, Work, WorkPoint, WorkProfile
-from ...results.records import RunRecord, is_literal, judged_own
-from ...results.work import evaluations, index_1_evaluations, operations
+from ...results.records import RunRecord, find_judged_reference_error, is_literal
+from ...results.work import count_evaluations, count_index_1_evaluations, operations
 from ...types import Status
 from .symmetries import CHANGES
 
@@ -30,9 +30,9 @@ REGULAR = 0.5  # fraction of the variants: a solver tried on fewer does not excl
 
 
 WORKS: Mapping[str, Callable[[RunRecord], float]] = {
-    "index1": index_1_evaluations,
+    "index1": count_index_1_evaluations,
     "operations": operations,
-    "evaluations": evaluations,
+    "evaluations": count_evaluations,
     "factorisations": lambda r: r.factorisations,
     "steps": lambda r: float(r.steps),
     "cpu": lambda r: r.cpu_median_s,
@@ -108,7 +108,7 @@ def _make_field(all_runs: Sequence[RunRecord]) -> Field | None:
     tried = frozenset(r.solver for r in all_runs)
     first = runs[0]
     length = first.length_scale_m if first.length_scale_m > 0.0 else 1.0
-    own = max(judged_own(r) for r in runs)
+    own = max(find_judged_reference_error(r) for r in runs)
     moved = any(r.position_error_judged_m > EXACT * length for r in runs)
     variant = first.case.split(" ")[0]
     if moved:
@@ -141,11 +141,11 @@ def _make_points(f: Field) -> list[WorkPoint]:
             r.phi_max,
             r.cpu_median_s,
             r.steps,
-            evaluations(r),
+            count_evaluations(r),
             r.factorisations,
             operations(r),
             f.own,
-            index_1_evaluations(r),
+            count_index_1_evaluations(r),
         )
         for r in f.runs
     ]

@@ -42,14 +42,14 @@ def bound_points(points: Float[np.ndarray, "*n 3"]) -> Box:
     return Box(flat.min(axis=0).astype(float), flat.max(axis=0).astype(float))
 
 
-def positions(r: Float[np.ndarray, "nf nb 3"], box: Box) -> Int[np.ndarray, "nf nb 3"]:
+def quantise_positions(r: Float[np.ndarray, "nf nb 3"], box: Box) -> Int[np.ndarray, "nf nb 3"]:
     """Return positions as whole steps of the box's grid (int16), 0 in the middle of the box."""
     middle = 0.5 * (box.low + box.high)
     steps = np.rint((r.astype(float) - middle) / box.quantum)
     return np.clip(steps, -LEVELS, LEVELS).astype(np.int16)
 
 
-def quaternions(q: Float[np.ndarray, "nf nb 4"]) -> Int[np.ndarray, "nf nb 4"]:
+def quantise_quaternions(q: Float[np.ndarray, "nf nb 4"]) -> Int[np.ndarray, "nf nb 4"]:
     """Return unit quaternions in whole steps of 1/32767 (int16), each with the sign nearer to the one before."""
     q = q.astype(float)
     turns = np.sign(np.sum(q[1:] * q[:-1], axis=-1))
@@ -58,7 +58,7 @@ def quaternions(q: Float[np.ndarray, "nf nb 4"]) -> Int[np.ndarray, "nf nb 4"]:
     return np.rint(np.clip(q, -1.0, 1.0) * LEVELS).astype(np.int16)
 
 
-def columns(a: Int[np.ndarray, "nf n"]) -> Int[np.ndarray, " m"]:
+def flatten_columns(a: Int[np.ndarray, "nf n"]) -> Int[np.ndarray, " m"]:
     """Return all columns one after another, shifted by ``LEVELS`` so that no value is negative.
 
     A page stores the differences of neighbouring values, which compress well.
@@ -80,7 +80,7 @@ class Poses:
     r: Float[np.ndarray, "nf nb 3"]  # centres of mass [m, space frame]
     q: Float[np.ndarray, "nf nb 4"]
 
-    def at(self, k: Int[np.ndarray, " n"]) -> "Poses":
+    def select_rows(self, k: Int[np.ndarray, " n"]) -> "Poses":
         """Return the poses of the rows ``k``."""
         return Poses(self.t[k], self.r[k], self.q[k])
 
@@ -88,11 +88,11 @@ class Poses:
         return len(self.t)
 
 
-def finite(poses: Poses) -> Poses:
+def select_finite(poses: Poses) -> Poses:
     """Return the poses before the first one that is not finite or has a zero quaternion."""
     good = np.isfinite(poses.t) & np.isfinite(poses.r).all(axis=(1, 2)) & np.isfinite(poses.q).all(axis=(1, 2))
     good &= poses.q.any(axis=-1).all(axis=-1)
-    return poses.at(np.flatnonzero(np.logical_and.accumulate(good)))
+    return poses.select_rows(np.flatnonzero(np.logical_and.accumulate(good)))
 
 
 def thin_poses(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
@@ -104,7 +104,7 @@ def thin_poses(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]
     n = len(poses)
     if n <= max(at_most, 2):
         return np.arange(n)
-    way = np.max(np.linalg.norm(np.diff(poses.r, axis=0), axis=-1) + size * turns(poses.q), axis=1)
+    way = np.max(np.linalg.norm(np.diff(poses.r, axis=0), axis=-1) + size * measure_turns(poses.q), axis=1)
     time = np.diff(poses.t)
     measure = time / max(float(np.sum(time)), 1e-300) + way / max(float(np.sum(way)), 1e-300)
     along = np.concatenate(([0.0], np.cumsum(measure)))
@@ -133,10 +133,10 @@ def choose_poses(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n
     return rows
 
 
-def turns(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "m nb"]:
+def measure_turns(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "m nb"]:
     """Return the angle from each orientation to the next [rad]."""
     q = normalize(q)
-    return angles(q[:-1], q[1:])
+    return measure_angles(q[:-1], q[1:])
 
 
 def normalize(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb 4"]:
@@ -145,7 +145,7 @@ def normalize(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb 4"]:
     return q / np.sqrt(np.einsum("...i,...i", q, q))[..., None]
 
 
-def angles(a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb"]:
+def measure_angles(a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb"]:
     """Return the smaller angle between unit quaternions ``a`` and ``b`` [rad], exact near zero."""
     return 4.0 * _halve_angle(a, b)[0]
 
@@ -162,7 +162,7 @@ def _halve_angle(
     return np.arctan2(np.minimum(d, s), np.maximum(d, s)), np.where(d > s, -1.0, 1.0)
 
 
-def rates(poses: Poses, body: int) -> Float[np.ndarray, "m 3"]:
+def measure_rates(poses: Poses, body: int) -> Float[np.ndarray, "m 3"]:
     """Return the mean angular velocity of a body between stored poses [rad/s, body frame], by the smaller rotation."""
     R = Rotation.from_quat(poses.q[:, body])
     return (R[:-1].inv() * R[1:]).as_rotvec() / np.maximum(np.diff(poses.t), 1e-300)[:, None]
@@ -182,12 +182,12 @@ def interpolate_poses(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
     return Poses(t, (1.0 - u) * poses.r[k] + u * poses.r[j], near * q[k] + far * sign[..., None] * q[j])
 
 
-def rotations(q: Float[np.ndarray, "nf nb 4"]) -> Rotation:
+def make_rotations(q: Float[np.ndarray, "nf nb 4"]) -> Rotation:
     """Return all quaternions as one flat sequence of rotations."""
     return Rotation.from_quat(q.reshape(-1, 4))
 
 
-def fill(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tuple[tuple[float, float], ...]]:
+def fill_gaps(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tuple[tuple[float, float], ...]]:
     """Return the poses with others added where interpolation is inaccurate, the number added, and the unknown spans.
 
     An added pose is that of the exact motion plus the run's error, which is interpolated between the stored poses at
@@ -195,32 +195,34 @@ def fill(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tuple[tup
     far from it, cannot be filled and is an unknown span [s].
     """
     inside = (exact.t > poses.t[0]) & (exact.t < poses.t[-1]) & ~np.isin(exact.t, poses.t)
-    here, there = exact.at(np.flatnonzero(inside)), interpolate_poses(exact, poses.t)
+    here, there = exact.select_rows(np.flatnonzero(inside)), interpolate_poses(exact, poses.t)
     back, own = there.q * [-1.0, -1.0, -1.0, 1.0], normalize(poses.q)
-    error = Poses(poses.t, poses.r - there.r, _product(back, own))
-    angle = angles(there.q, own)
+    error = Poses(poses.t, poses.r - there.r, _multiply_quaternions(back, own))
+    angle = measure_angles(there.q, own)
     far = np.maximum(np.linalg.norm(error.r, axis=-1) / size, angle).max(axis=1) > ALIKE
     far |= poses.t > exact.t[-1] * (1.0 + 1e-12)
     far = far[1:] | far[:-1]
-    turned = np.interp(poses.t, exact.t, np.append(0.0, np.cumsum(np.max(turns(exact.q), axis=1))))
+    turned = np.interp(poses.t, exact.t, np.append(0.0, np.cumsum(np.max(measure_turns(exact.q), axis=1))))
     unknown = np.flatnonzero(far & (np.diff(turned) > np.pi))
     spans = tuple((float(poses.t[k]), float(poses.t[k + 1])) for k in unknown)
     if not len(here):
         return poses, 0, spans
     added = interpolate_poses(error, here.t)
-    made = Poses(here.t, here.r + added.r, _product(normalize(here.q), added.q))
+    made = Poses(here.t, here.r + added.r, _multiply_quaternions(normalize(here.q), added.q))
     distance, angle = _compare_poses(interpolate_poses(poses, here.t), made)
     gap = np.searchsorted(poses.t, here.t, side="right") - 1
     off_in = np.zeros(len(far), dtype=bool)
     # fill all of a gap: after whole turns a pose may fit by chance
     off_in[gap[(distance > NEAR * size) | (angle > TURNED)]] = True
-    made = made.at(np.flatnonzero((off_in & ~far)[gap]))
+    made = made.select_rows(np.flatnonzero((off_in & ~far)[gap]))
     order = np.argsort(np.concatenate((poses.t, made.t)), kind="stable")
     both = (np.concatenate(pair) for pair in ((poses.t, made.t), (poses.r, made.r), (poses.q, made.q)))
-    return Poses(*both).at(order), len(made), spans
+    return Poses(*both).select_rows(order), len(made), spans
 
 
-def _product(a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb 4"]:
+def _multiply_quaternions(
+    a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]
+) -> Float[np.ndarray, "nf nb 4"]:
     """Return the quaternion products a b: the rotation ``b`` followed by the rotation ``a``."""
     x, w = a[..., :3], a[..., 3:]
     y, v = b[..., :3], b[..., 3:]
@@ -240,10 +242,10 @@ def measure_deviations(
     poses: Poses, kept: Int[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
     """Return for each stored pose the worst body's distance [m] and angle [rad] from the motion drawn by ``kept``."""
-    return _compare_poses(interpolate_poses(poses.at(kept), poses.t), poses)
+    return _compare_poses(interpolate_poses(poses.select_rows(kept), poses.t), poses)
 
 
 def _compare_poses(a: Poses, b: Poses) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
     """Return the worst body's distance [m] and angle [rad] between two sets of poses at the same times."""
     distance = np.max(np.linalg.norm(a.r - b.r, axis=-1), axis=-1)
-    return distance, np.max(angles(normalize(a.q), normalize(b.q)), axis=-1)
+    return distance, np.max(measure_angles(normalize(a.q), normalize(b.q)), axis=-1)

@@ -13,7 +13,17 @@ from ....harness.results.series import Series
 from ...model.results import StoredResults, StoredRun, Variant, group_by, group_by_solver
 from ...plots.spec import LineStyle
 from ..theatre import poses as packing
-from .poses import Box, Poses, bound_points, choose_poses, fill, finite, measure_deviation, round_mantissa, thin_poses
+from .poses import (
+    Box,
+    Poses,
+    bound_points,
+    choose_poses,
+    fill_gaps,
+    measure_deviation,
+    round_mantissa,
+    select_finite,
+    thin_poses,
+)
 from .shapes import (
     EVENTS,
     SPANS,
@@ -52,26 +62,28 @@ class Player:
     run: StoredRun
     series: Series
     poses: Poses
-    added: int = 0  # number of poses that the run did not store, see ``fill``
+    added: int = 0  # number of poses that the run did not store, see ``fill_gaps``
     unknown: tuple[tuple[float, float], ...] = ()  # [s] spans between stored poses in which nothing is drawn
 
 
-def players(results: StoredResults, variant: Variant) -> tuple[list[Player], list[Player], tuple[StoredRun, ...]]:
+def collect_players(
+    results: StoredResults, variant: Variant
+) -> tuple[list[Player], list[Player], tuple[StoredRun, ...]]:
     """Return the players, the players that a visitor may add (failures first), and all runs not shown at first."""
     chosen, left_out = choose_players(variant, [c.record.run_id for c in variant.runs if c.record.series])
-    found = _with_motion(results, chosen)
+    found = _make_players(results, chosen)
     absent = tuple(c for c in chosen if all(c is not p.run for p in found))
     more = sorted((c for c in left_out if c.record.series), key=lambda c: c.is_success)
-    return found, _with_motion(results, more[:MOST_ADDED], found[:1]), (*left_out, *absent)
+    return found, _make_players(results, more[:MOST_ADDED], found[:1]), (*left_out, *absent)
 
 
-def _with_motion(results: StoredResults, runs: Sequence[StoredRun], alike: Sequence[Player] = ()) -> list[Player]:
+def _make_players(results: StoredResults, runs: Sequence[StoredRun], alike: Sequence[Player] = ()) -> list[Player]:
     """Return a player for each run that stored poses of as many bodies as ``alike``, or else as the first such run."""
     found = list(alike)
     for run in runs:
         series = results.series(run)
         if series is not None and all(k in series for k in ("t", "frame_t", "frame_r", "frame_q")):
-            poses = finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
+            poses = select_finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
             same = not found or poses.r.shape[1:] == found[0].poses.r.shape[1:]
             if len(poses) and len(series["t"]) and same:
                 found.append(make_player(run, series, poses))
@@ -80,53 +92,53 @@ def _with_motion(results: StoredResults, runs: Sequence[StoredRun], alike: Seque
 
 def make_player(run: StoredRun, series: Series, poses: Poses) -> Player:
     """Return a run as a player, with poses added between long steps where the exact motion is stored."""
-    exact = stored_exact(series)
+    exact = read_exact_motion(series)
     if len(poses) < 2 or exact is None or len(exact) < 2 or exact.r.shape[1:] != poses.r.shape[1:]:
         return Player(run, series, poses)
     scale = run.record.length_scale_m
-    return Player(run, series, *fill(poses, exact, scale if scale > 0.0 else 1.0))
+    return Player(run, series, *fill_gaps(poses, exact, scale if scale > 0.0 else 1.0))
 
 
-def stored_exact(series: Series) -> Poses | None:
+def read_exact_motion(series: Series) -> Poses | None:
     """Return the poses of the exact motion in a series file, up to the first that is not finite; None without any."""
     if "exact_t" not in series:
         return None
-    return finite(Poses(series["exact_t"], series["exact_r"], series["exact_q"]))
+    return select_finite(Poses(series["exact_t"], series["exact_r"], series["exact_q"]))
 
 
-def scene(
+def make_scene(
     variant: Variant,
-    cast_: Sequence[Player],
+    shown: Sequence[Player],
     looks: Mapping[str, LineStyle],
     pose_bytes: float = POSE_BYTES,
     more: Sequence[Player] = (),
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return the data of a theatre page, and the data of each run in ``more``, which a visitor may add.
 
-    The first of ``cast_`` leads: shapes and gravity are those of its series. ``pose_bytes`` limits the size of the
+    The first of ``shown`` leads: shapes and gravity are those of its series. ``pose_bytes`` limits the size of the
     page's poses; ``looks`` gives line styles by solver.
     """
-    lead = cast_[0]
+    lead = shown[0]
     record, bodies = lead.run.record, lead.poses.r.shape[1]
     scale = record.length_scale_m if record.length_scale_m > 0.0 else 1.0
-    t_end = max([record.t_end_s] + [float(p.series["t"][-1]) for p in cast_])
+    t_end = max([record.t_end_s] + [float(p.series["t"][-1]) for p in shown])
     t_end = t_end if math.isfinite(t_end) and t_end > 0.0 else 1.0
-    shapes, kinds = make_shapes(lead.series, lead.poses, scale), select_known([p.series for p in cast_])
+    shapes, kinds = make_shapes(lead.series, lead.poses, scale), select_known([p.series for p in shown])
     lengths = [float(np.linalg.norm(np.subtract(s.b, s.a))) for s in shapes if s.kind == "rod"]
     body = min(scale, float(np.median(lengths))) if lengths else scale
     ground = ground_points(lead.series)
     gravity = np.asarray(lead.series["gravity"], dtype=float) if "gravity" in lead.series else np.zeros(3)
-    sound = [p for p in cast_ if p.run.is_success] or [lead]
+    sound = [p for p in shown if p.run.is_success] or [lead]
     stage = _bound_scene(sound, shapes, ground)
     box = stage.widen(0.75)  # diverging players stay at its walls
-    long = max(len(p.series["t"]) for p in cast_) > LONG and pose_bytes > FEW * POSE_BYTES
+    long = max(len(p.series["t"]) for p in shown) > LONG and pose_bytes > FEW * POSE_BYTES
     spans = SPANS if long else SPANS // 2
-    at_most = max(2, min(MOST_POSES, int(pose_bytes / (BODY_BYTES * bodies * len(cast_)))))
+    at_most = max(2, min(MOST_POSES, int(pose_bytes / (BODY_BYTES * bodies * len(shown)))))
     # a solver's second and later runs are drawn thinner, with other dashes
-    ranked = group_by_solver(p.run for p in (*cast_, *more)).values()
+    ranked = group_by_solver(p.run for p in (*shown, *more)).values()
     rank = {run.record.run_id: k for own in ranked for k, run in enumerate(own)}
 
-    exact = choose_exact(cast_)
+    exact = choose_exact(shown)
 
     def pack_player(k: int, p: Player, most: int) -> dict[str, Any]:
         """Return the data of player ``k`` in at most ``most`` poses, with the error of drawing it by these."""
@@ -160,7 +172,7 @@ def scene(
         "bodies": bodies,
         "scale": scale,
         "gravity": gravity.tolist(),
-        "normal": _normal(lead),
+        "normal": _find_plane_normal(lead),
         "low": stage.low.tolist(),
         "high": stage.high.tolist(),
         "middle": (0.5 * (box.low + box.high)).tolist(),
@@ -171,25 +183,25 @@ def scene(
         "spans": spans,
         "strips": kinds,
         "exact": exact and {**_pack_poses(exact, box, body, MOST_POSES)[0], "until": float(exact.t[-1])},
-        "players": [pack_player(k, p, at_most) for k, p in enumerate(cast_)],
-        "events_cut": any(len(p.series.events) > EVENTS for p in cast_),
+        "players": [pack_player(k, p, at_most) for k, p in enumerate(shown)],
+        "events_cut": any(len(p.series.events) > EVENTS for p in shown),
     }
-    return play, [pack_player(len(cast_), p, min(at_most, ADDED_POSES)) for p in more]
+    return play, [pack_player(len(shown), p, min(at_most, ADDED_POSES)) for p in more]
 
 
-def choose_exact(cast_: Sequence[Player]) -> Poses | None:
+def choose_exact(shown: Sequence[Player]) -> Poses | None:
     """Return the exact motion that is known for the longest time among the players'; None if none has one."""
-    known = [stored_exact(p.series) for p in cast_]
-    alike = [e for e in known if e is not None and len(e) and e.r.shape[1:] == cast_[0].poses.r.shape[1:]]
+    known = [read_exact_motion(p.series) for p in shown]
+    alike = [e for e in known if e is not None and len(e) and e.r.shape[1:] == shown[0].poses.r.shape[1:]]
     return max(alike, key=lambda e: float(e.t[-1]), default=None)
 
 
 def _pack_poses(poses: Poses, box: Box, body: float, at_most: int) -> tuple[dict[str, Any], Int[np.ndarray, " n"]]:
     """Return at most ``at_most`` poses in the page's format, and their rows; ``body`` [m] is the size of a body."""
     rows = choose_poses(poses, at_most, body)
-    kept = poses.at(rows)
-    both = np.concatenate((packing.positions(kept.r, box), packing.quaternions(kept.q)), axis=-1)
-    return {"t": kept.t, "poses": packing.columns(both.reshape(len(kept), -1)), "frames": len(kept)}, rows
+    kept = poses.select_rows(rows)
+    both = np.concatenate((packing.quantise_positions(kept.r, box), packing.quantise_quaternions(kept.q)), axis=-1)
+    return {"t": kept.t, "poses": packing.flatten_columns(both.reshape(len(kept), -1)), "frames": len(kept)}, rows
 
 
 def _bound_scene(sound: Sequence[Player], shapes: Sequence[BodyShape], ground: Float[np.ndarray, "n 3"]) -> Box:
@@ -199,14 +211,14 @@ def _bound_scene(sound: Sequence[Player], shapes: Sequence[BodyShape], ground: F
     local = np.array([x for s in shapes for x in (s.a, s.b)]).reshape(-1, 3)
     corners = [ground]
     for p in sound:
-        some = p.poses.at(thin_poses(p.poses, VIEWS, 1.0))
+        some = p.poses.select_rows(thin_poses(p.poses, VIEWS, 1.0))
         for r, q in zip(some.r, some.q, strict=True):
             x = r[body] + Rotation.from_quat(q[body]).apply(local)
             corners.append(np.stack((x.min(axis=0) - thick, x.max(axis=0) + thick)))
     return bound_points(np.concatenate(corners))
 
 
-def _normal(lead: Player) -> list[float] | None:
+def _find_plane_normal(lead: Player) -> list[float] | None:
     """Return the normal of the plane in which the centres of mass stay [space frame]; None if there is none."""
     points = lead.poses.r.reshape(-1, 3).astype(float)
     points = points[:: max(1, len(points) // 20000)]
@@ -219,7 +231,7 @@ def _normal(lead: Player) -> list[float] | None:
 
 def _choose_trail(lead: Player, shapes: Sequence[BodyShape]) -> dict[str, Any]:
     """Return the end of a body with the longest path, whose trail is drawn: ``body`` and ``at`` [m, body frame]."""
-    some = lead.poses.at(thin_poses(lead.poses, 200, 1.0))
+    some = lead.poses.select_rows(thin_poses(lead.poses, 200, 1.0))
     best, body, at = -1.0, 0, np.zeros(3)
     bodies = some.r.shape[1]
     for k in range(0, bodies, 1 if bodies <= 200 else 50):
@@ -232,25 +244,25 @@ def _choose_trail(lead: Player, shapes: Sequence[BodyShape]) -> dict[str, Any]:
 
 
 def choose_players(
-    variant: Variant, moved: Sequence[str], at_most: int = AT_MOST
+    variant: Variant, playable: Sequence[str], at_most: int = AT_MOST
 ) -> tuple[tuple[StoredRun, ...], tuple[StoredRun, ...]]:
-    """Return the runs that play and those left out; ``moved`` holds the run_ids of those that may play.
+    """Return the runs that play and those left out; ``playable`` holds the run_ids of those that may play.
 
     The first player, drawn solid, is a success with the fewest options and then the least energy drift, if there is a
     success.
     """
-    can = [c for c in variant.runs if c.record.run_id in set(moved)]
+    can = [c for c in variant.runs if c.record.run_id in set(playable)]
     failing = {c.record.solver for c in can if not c.is_success}
     at_most += max(len(failing) - (AT_MOST - SOUND), 0)
     chosen: list[StoredRun] = []
-    for run in _order(can):
-        if len(chosen) < at_most and all(_setting(run) != _setting(other) for other in chosen):
+    for run in _list_candidates(can):
+        if len(chosen) < at_most and all(_make_settings_key(run) != _make_settings_key(other) for other in chosen):
             chosen.append(run)
     chosen.sort(key=_rank_soundness)
     return tuple(chosen), tuple(c for c in variant.runs if c not in chosen)
 
 
-def _order(can: Sequence[StoredRun]) -> Iterator[StoredRun]:
+def _list_candidates(can: Sequence[StoredRun]) -> Iterator[StoredRun]:
     """Yield the runs in the order in which they are chosen as players, see ``RULE``; some appear more than once."""
 
     def plainest(c: StoredRun) -> tuple[bool, int, float]:
@@ -277,7 +289,7 @@ def _order(can: Sequence[StoredRun]) -> Iterator[StoredRun]:
     yield from sorted(can, key=broke)
 
 
-def _setting(c: StoredRun) -> tuple[str, ...]:
+def _make_settings_key(c: StoredRun) -> tuple[str, ...]:
     """Return the run's settings without its label and its step limit."""
     r = c.record
     return (r.solver, r.control, *map(repr, (r.dt_s, r.rtol, r.max_step_s, r.t_end_s)), repr(sorted(c.options.items())))

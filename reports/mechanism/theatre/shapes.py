@@ -17,7 +17,7 @@ from jaxtyping import Float
 from ....harness.results.series import Series
 from ...model.results import StoredRun
 from ..segments import SAME, joint_points
-from .poses import Poses, rates
+from .poses import Poses, measure_rates
 
 SPINS = 2.0  # least ratio of spin about the axis to rotation across it for a top
 AXES = np.eye(3)
@@ -65,7 +65,7 @@ def make_shapes(series: Series, poses: Poses, scale: float) -> list[BodyShape]:
         elif far:
             out.append(_rod(body, far[0], -far[0], 0.045))
         else:
-            out += _cross(body, 0.5 * scale)
+            out += _make_crossed_rods(body, 0.5 * scale)
     return out
 
 
@@ -91,7 +91,7 @@ def _is_top(poses: Poses, body: int, point: np.ndarray) -> bool:
     """Return whether a body mostly spins about the line from its centre of mass to its joint ``point``."""
     if len(poses) < 3:
         return False
-    omega, axis = rates(poses, body), point / np.linalg.norm(point)
+    omega, axis = measure_rates(poses, body), point / np.linalg.norm(point)
     about = omega @ axis
     across = np.linalg.norm(omega - about[:, None] * axis, axis=1)
     return bool(np.median(np.abs(about)) > SPINS * np.median(across))
@@ -112,7 +112,7 @@ def _top(body: int, tip: np.ndarray) -> list[BodyShape]:
     ]
 
 
-def _cross(body: int, half: float) -> list[BodyShape]:
+def _make_crossed_rods(body: int, half: float) -> list[BodyShape]:
     """Return rods along the body's axes, with balls at the positive ends: large, middle and small for x, y and z."""
     out: list[BodyShape] = []
     for tip, ball in zip(half * AXES, (0.11, 0.08, 0.055), strict=True):

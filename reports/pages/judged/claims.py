@@ -12,10 +12,10 @@ from ....harness.results.judgements.claims import ClaimGap, ClaimVerdict, Judged
 from ....harness.results.judgements.files import CLAIMS, PUBLISHED
 from ...model import claim_words
 from ...model.claim_words import setting
-from ...model.results import StoredResults, StoredRun, group_by, natural, slug
+from ...model.results import StoredResults, StoredRun, group_by, make_natural_key, make_slug
 from ...model.words import Mark, mark_status, number, unit
-from ..base import JUDGE, Page, Site, address_run, read_judged_or_published, read_or_why
-from ..svg import number_line
+from ..base import JUDGE, Page, Site, address_run, read_judged_or_published, read_or_explain
+from ..svg import draw_number_line
 
 AXES = ("tolerance", "gain")  # all other dimensions make facets
 MOST = 6  # most boxes in one place
@@ -33,27 +33,27 @@ LISTED = 40  # most runs listed beside the map
 SUMMARY = "What abstract and conclusions say"
 
 
-def grids(rows: Sequence[MapRow], here: Mapping[str, StoredRun]) -> list[dict[str, Any]]:
+def make_grids(rows: Sequence[MapRow], by_settings: Mapping[str, StoredRun]) -> list[dict[str, Any]]:
     """Return one grid of boxes per facet, all with the same tolerances and gains so that they can be compared.
 
     A facet has one value of every dimension of the map but these two. A row of boxes has one gain; a tolerance has
-    several boxes where runs share a place (other frames, other cases). ``here`` holds these results' runs by
+    several boxes where runs share a place (other frames, other cases). ``by_settings`` holds these results' runs by
     settings_id.
     """
-    tolerances, gains = (_values([m.at.get(key) for m in rows], falling=key == "tolerance") for key in AXES)
+    tolerances, gains = (_sort_values([m.at.get(key) for m in rows], falling=key == "tolerance") for key in AXES)
     facets = tuple(dict.fromkeys(k for m in rows for k in m.at if k not in AXES))
     found = group_by(rows, lambda m: tuple(setting(f, m.at[f]) if f in m.at else "" for f in facets))
     varies = [k for k in range(len(facets)) if len({key[k] for key in found}) > 1]
     out = []
     for key, own in found.items():
         title = ", ".join(key[k] for k in varies if key[k]) or ", ".join(filter(None, key)) or "all settings"
-        places = group_by(own, lambda m: (_text(m.at.get("gain")), _text(m.at.get("tolerance"))))
-        boxes = [[_place(places.get((g, t), ()), here) for t in tolerances] for g in gains]
+        places = group_by(own, lambda m: (_format_value(m.at.get("gain")), _format_value(m.at.get("tolerance"))))
+        boxes = [[_make_boxes(places.get((g, t), ()), by_settings) for t in tolerances] for g in gains]
         out.append({"title": title, "tolerances": tolerances, "gains": gains, "rows": boxes})
     return sorted(out, key=lambda g: g["title"])
 
 
-def state(m: MapRow) -> Mark:
+def mark_setting(m: MapRow) -> Mark:
     """Return the mark of a setting: whether the claim holds there; a run that stopped has its own mark."""
     stopped = mark_status(m.status).kind == "failed"
     if m.holds is None:
@@ -61,14 +61,14 @@ def state(m: MapRow) -> Mark:
     return HOLDS if m.holds else FAILED if stopped else NOT
 
 
-def _place(rows: Sequence[MapRow], here: Mapping[str, StoredRun]) -> list[dict[str, Any]]:
+def _make_boxes(rows: Sequence[MapRow], by_settings: Mapping[str, StoredRun]) -> list[dict[str, Any]]:
     """Return one box per run at a place of a grid, or one for all if there are more than ``MOST``.
 
     ``words`` describe the box.
     """
     out = []
     for m in rows:
-        mark_of_it, run = state(m), here.get(m.settings_id)
+        mark_of_it, run = mark_setting(m), by_settings.get(m.settings_id)
         measured = "" if math.isnan(m.measured) else f", measured {number(m.measured)}"
         printed = ", as the paper prints it" if m.printed else ""
         # the settings are on its page and in its place and facet
@@ -77,7 +77,7 @@ def _place(rows: Sequence[MapRow], here: Mapping[str, StoredRun]) -> list[dict[s
         out.append({"mark": mark_of_it, "words": words, "page": address_run(run) if run else "", "printed": m.printed})
     if len(rows) <= MOST:
         return out
-    holds, stopped = (sum(state(m) is kind for m in rows) for kind in (HOLDS, FAILED))
+    holds, stopped = (sum(mark_setting(m) is kind for m in rows) for kind in (HOLDS, FAILED))
     kind = HOLDS.kind if holds == len(rows) else NOT.kind if holds == 0 else FAILED.kind
     words = f"{holds} of {len(rows)} runs hold, {stopped} do not and stopped; first {out[0]['words']}"
     return [
@@ -86,18 +86,18 @@ def _place(rows: Sequence[MapRow], here: Mapping[str, StoredRun]) -> list[dict[s
     ]
 
 
-def _values(given: Sequence[Value], *, falling: bool) -> tuple[str, ...]:
+def _sort_values(given: Sequence[Value], *, falling: bool) -> tuple[str, ...]:
     """Return the texts of an axis's values in order, numbers ``falling`` or rising, then texts (``1/h``) and None."""
 
     def key(v: Value) -> tuple[bool, float, str]:
         """Return the sort key of a value."""
         size = float(v) if isinstance(v, int | float) else math.nan
-        return (True, 0.0, _text(v)) if math.isnan(size) else (False, -size if falling else size, "")
+        return (True, 0.0, _format_value(v)) if math.isnan(size) else (False, -size if falling else size, "")
 
-    return tuple(dict.fromkeys(_text(v) for v in sorted(given, key=key)))
+    return tuple(dict.fromkeys(_format_value(v) for v in sorted(given, key=key)))
 
 
-def _text(value: Value) -> str:
+def _format_value(value: Value) -> str:
     """Format the value of a dimension; "none" for None."""
     return "none" if value is None else value if isinstance(value, str) else f"{value:g}"
 
@@ -111,7 +111,7 @@ class ClaimView:
     line: Markup | None  # its measured number against its band; None without a test
     runs: tuple[tuple[str, str], ...]  # runs not on the map: words and address, empty for one not in these results
     solvers: tuple[str, ...]  # those whose runs in these results it was tried on
-    grids: list[dict[str, Any]]  # its map, see ``grids``
+    grids: list[dict[str, Any]]  # its map, see ``make_grids``
     published: bool = False  # the published verdict is shown, since these results lack its runs
 
     @property
@@ -130,7 +130,7 @@ class ClaimView:
     def sides(self) -> tuple[tuple[str, Mark, str], ...]:
         """The settings (printed or beyond), the verdict on them, and for how many of those tried the claim holds."""
         return tuple(
-            (where, VERDICTS[f.verdict], claim_words.condition_and_share(f))
+            (where, VERDICTS[f.verdict], claim_words.format_condition_and_share(f))
             for where, f in claim_words.list_sides(self.of)
         )
 
@@ -147,7 +147,7 @@ class ClaimView:
 
 
 def select_claims(
-    claims: Sequence[JudgedClaim], here: Mapping[str, StoredRun], published: Sequence[JudgedClaim] = ()
+    claims: Sequence[JudgedClaim], by_settings: Mapping[str, StoredRun], published: Sequence[JudgedClaim] = ()
 ) -> tuple[ClaimView, ...]:
     """Return the claims for the page: those of abstract and conclusions, then by section and figure.
 
@@ -157,9 +157,9 @@ def select_claims(
     kept = {c.id: c for c in published}
     instead = {c.id: kept[c.id] for c in claims if lacks_runs(c) and c.id in kept}
     ordered = sorted(
-        (instead.get(c.id, c) for c in claims), key=lambda c: (not c.summary, natural(c.section), c.figure)
+        (instead.get(c.id, c) for c in claims), key=lambda c: (not c.summary, make_natural_key(c.section), c.figure)
     )
-    shown = (_show_claim(c, here, slug(c.id, taken)) for c in ordered)
+    shown = (_show_claim(c, by_settings, make_slug(c.id, taken)) for c in ordered)
     return tuple(replace(s, published=True, grids=[], runs=()) if s.of.id in instead else s for s in shown)
 
 
@@ -173,7 +173,7 @@ def count_judged(claims: Iterable[JudgedClaim]) -> int:
     return sum(c.verdict is not ClaimVerdict.CANNOT_BE_TOLD for c in claims if not lacks_runs(c))
 
 
-def origins(claims: Sequence[JudgedClaim], published: int) -> str:
+def describe_origins(claims: Sequence[JudgedClaim], published: int) -> str:
     """Describe how many claims are judged from these runs, ``published`` for lack of runs, or tested by no run."""
     lacking = sum(map(lacks_runs, claims))
     here = count_judged(claims)
@@ -185,13 +185,13 @@ def origins(claims: Sequence[JudgedClaim], published: int) -> str:
     return "; ".join(parts) + "."
 
 
-def counts(claims: Iterable[ClaimView]) -> list[tuple[Mark, int]]:
+def count_verdicts(claims: Iterable[ClaimView]) -> list[tuple[Mark, int]]:
     """Count the claims of each verdict, without checks of presentation; verdicts without a claim are kept."""
     found = Counter(c.of.verdict for c in claims if not c.presentation)
     return [(m, found[v]) for v, m in VERDICTS.items()]
 
 
-def differences(
+def list_differences(
     claims: Sequence[JudgedClaim], published: Sequence[JudgedClaim], shown: Sequence[ClaimView]
 ) -> list[dict[str, Any]]:
     """Return the differences from the published verdicts: changed ones first, then added and removed claims."""
@@ -203,47 +203,47 @@ def differences(
         if new and old and new.verdicts == old.verdicts:
             continue
         words = (
-            f"{old.verdicts}: {_first(old)} before; {new.verdicts}: {_first(new)} now"
+            f"{old.verdicts}: {_format_first(old)} before; {new.verdicts}: {_format_first(new)} now"
             if new and old
             else ("not published yet" if new else "published, but not judged here")
         )
         before, after = (VERDICTS[c.verdict] if c else None for c in (old, new))
         out.append({"id": name, "anchor": anchors.get(name, ""), "before": before, "after": after, "words": words})
-    return sorted(out, key=lambda d: (d["before"] is None, d["after"] is None, natural(d["id"])))
+    return sorted(out, key=lambda d: (d["before"] is None, d["after"] is None, make_natural_key(d["id"])))
 
 
-def _first(c: JudgedClaim) -> str:
+def _format_first(c: JudgedClaim) -> str:
     """Format the value that the first test of a claim measured."""
     return claim_words.format_measured(c.tests[0]) if c.tests else "nothing"
 
 
-def _show_claim(c: JudgedClaim, here: Mapping[str, StoredRun], anchor: str) -> ClaimView:
+def _show_claim(c: JudgedClaim, by_settings: Mapping[str, StoredRun], anchor: str) -> ClaimView:
     """Return a claim for the page with some of its runs that are not on the map; absent runs are counted."""
     line = None
     if c.tests:
         first = c.tests[0]
         low, high = (v if v is not None else end for v, end in zip(first.band, (-math.inf, math.inf), strict=True))
-        line = number_line(first.measured, low, high, unit(first.unit), VERDICTS[c.verdict].kind, c.measured_range)
+        line = draw_number_line(first.measured, low, high, unit(first.unit), VERDICTS[c.verdict].kind, c.measured_range)
     rest = [k for k in c.settings_ids if k not in {m.settings_id for m in c.map}]
-    found = [here[k] for k in rest if k in here]
+    found = [by_settings[k] for k in rest if k in by_settings]
     counted = (len(found) - LISTED, "more in these results"), (len(rest) - len(found), "not in these results")
     runs = [(run.record.case, address_run(run)) for run in found[:LISTED]]
     runs += [(f"{n} {words}", "") for n, words in counted if n > 0]
-    solvers = sorted({here[k].record.solver for k in c.settings_ids if k in here})
-    return ClaimView(c, anchor, line, tuple(runs), tuple(solvers), grids(c.map, here))
+    solvers = sorted({by_settings[k].record.solver for k in c.settings_ids if k in by_settings})
+    return ClaimView(c, anchor, line, tuple(runs), tuple(solvers), make_grids(c.map, by_settings))
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
     """Add ``claims.html`` to the site and return the page."""
     found = read_judged_or_published(results.folder, CLAIMS)
-    published = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish")
+    published = read_or_explain(PUBLISHED, CLAIMS, f"{JUDGE} --publish")
     claims = select_claims(found.found or (), results.by_settings, published.found or ())
     if found.published:
         claims = tuple(replace(c, published=True, grids=[], runs=()) for c in claims)
     lacking = sum(c.published for c in claims)
     own = () if found.published else [c for c in found.found or () if not lacks_runs(c)]
     here = {c.id for c in own}
-    kept = found.published or (origins(found.found or (), lacking) if lacking else "")
+    kept = found.published or (describe_origins(found.found or (), lacking) if lacking else "")
     page = Page("Claims", "claims.html", nav=bool(claims), order=20)
     before = [c for c in published.found or () if c.id in here or not lacking] if own else []
     return site.write(
@@ -253,12 +253,12 @@ def write(results: StoredResults, site: Site) -> Page | None:
         why=found.why,
         kept=kept,
         claims=claims,
-        counts=counts(claims),
+        counts=count_verdicts(claims),
         checks=[c for c in claims if c.presentation],
         say=claim_words,
         sections=group_by(claims, lambda c: c.section),
         solvers=sorted({s for c in claims for s in c.solvers}),
-        differences=differences(own, before, claims),
+        differences=list_differences(own, before, claims),
         published_why=published.why,
         judged_here=count_judged(own),
     )

@@ -11,13 +11,13 @@ import numpy as np
 
 from ....harness.results.judgements.files import WORK
 from ....harness.results.judgements.runs import WorkPoint, WorkProfile
-from ...model.accuracy import measure_for
-from ...model.frontier import Frontier, engines_first, of_most_problems, select_broad
+from ...model.accuracy import choose_measure
+from ...model.frontier import Frontier, select_broad, select_shared_target, sort_engines_first
 from ...model.motion import count_bodies
 from ...model.results import StoredResults, StoredRun, group_by, group_by_solver
 from ...model.words import format_decade, join_words, mark_status, number, plural, seconds, time
 from ...plots.spec import Axis, Plot, Trace
-from ...plots.work import ERRORS, WORKS, list_points, profile_plot, work_plots
+from ...plots.work import ERRORS, WORKS, list_points, plot_pairs, plot_profile
 from ..base import Page, Site, address_run, read_judged
 
 FEW = ("index1", "evaluations", "cpu")  # kinds of work that errors of energy and joints are plotted against
@@ -31,14 +31,14 @@ SIZES = 3  # least number of sizes: a slope through two would be no evidence
 def write(results: StoredResults, site: Site) -> Page | None:
     """Add ``cost.html`` to the site and return the page; keep the plots of error over CPU time for other pages."""
     work = read_judged(results.folder, WORK)
-    best = profiles(work.found.profile if work.found else ())
-    default = profiles(work.found.profile_default if work.found else ())
-    found = [(f, make_cost_plots(f)) for f in fields(results, work.found.points if work.found else ())]
+    best = sort_profiles(work.found.profile if work.found else ())
+    default = sort_profiles(work.found.profile_default if work.found else ())
+    found = [(f, make_cost_plots(f)) for f in list_fields(results, work.found.points if work.found else ())]
     works = list(dict.fromkeys(p.work for p in best))
     kinds = [(w, *WORKS[w]) for w in WORKS if any(key.endswith(f"-{w}") for _, own in found for key in own)]
-    profile_plots = [profile_plot(best, default, w) for w in works]
+    profile_plots = [plot_profile(best, default, w) for w in works]
     cheapest, grown = select_broad(results, site.frontiers), list_growths(results)
-    sizes = [growth(problem, grown, site.url) for problem in dict.fromkeys(g.problem for g in grown)]
+    sizes = [plot_growth(problem, grown, site.url) for problem in dict.fromkeys(g.problem for g in grown)]
     site.work = {f["variant"]: own["error-cpu"] for f, own in found if "error-cpu" in own}
     return site.write(
         Page("Cost", "cost.html", nav=True, order=30),
@@ -54,20 +54,20 @@ def write(results: StoredResults, site: Site) -> Page | None:
         profile_works=works,
         named=WORKS,
         work_at=find_work,
-        title=title(cheapest),
+        title=state_cheapest(cheapest),
         worked=WORKED,
-        cheapest=group_by(engines_first(cheapest), lambda f: f.variant),
+        cheapest=group_by(sort_engines_first(cheapest), lambda f: f.variant),
         grown=grown,
         sizes=sizes,
     )
 
 
-def title(found: Sequence[Frontier]) -> str:
+def state_cheapest(found: Sequence[Frontier]) -> str:
     """State which solver is the cheapest most often, at the error where most problems compare, and the median cost.
 
     Only problems with a decided cheapest solver count; solvers that lead on equally many are all named.
     """
-    if not (own := of_most_problems(found)):
+    if not (own := select_shared_target(found)):
         return "What accuracy costs"
     firsts = Counter(f.places[0].run.record.solver for f in own if not f.doubt)
     most = max(firsts.values(), default=0)
@@ -88,7 +88,7 @@ def title(found: Sequence[Frontier]) -> str:
     return f"At {format_decade(own[0].target)} {unit}, {lead}{undecided}; {median}"
 
 
-def fields(results: StoredResults, judged: Sequence[WorkPoint]) -> list[dict[str, Any]]:
+def list_fields(results: StoredResults, judged: Sequence[WorkPoint]) -> list[dict[str, Any]]:
     """Return the work-precision points of each variant, variants with fewest absent solvers first.
 
     Only ``judged`` runs are points, if there are any. ``absent`` lists solvers without a point, and how their runs
@@ -99,7 +99,7 @@ def fields(results: StoredResults, judged: Sequence[WorkPoint]) -> list[dict[str
     for variant in results.variants:
         points = list_points(variant, address_run, best)
         points = [p for p in points if p.run.record.settings_id in known] if known else points
-        drawn = {p.solver for p in points if any(p.drawable(error, work) for error in ERRORS for work in WORKS)}
+        drawn = {p.solver for p in points if any(p.is_drawable(error, work) for error in ERRORS for work in WORKS)}
         if drawn:
             runs = group_by_solver(variant.runs)
             ends = {
@@ -114,24 +114,24 @@ def fields(results: StoredResults, judged: Sequence[WorkPoint]) -> list[dict[str
                     "slug": variant.slug,
                     "points": points,
                     "absent": absent,
-                    "measure": measure_for(variant.runs),
+                    "measure": choose_measure(variant.runs),
                 }
             )
     return sorted(out, key=lambda f: len(f["absent"]))
 
 
 def make_cost_plots(f: dict[str, Any]) -> dict[str, Plot]:
-    """Return plots of one entry of ``fields`` by ``<error>-<work>``.
+    """Return plots of one entry of ``list_fields`` by ``<error>-<work>``.
 
     Energy and joints are plotted against fewer kinds of work, and for default and best settings only.
     """
     slug, points, measure = f["slug"], f["points"], f["measure"]
-    errors = work_plots(slug, points, measure, [("error", work) for work in WORKS], folded=True, front=True)
+    errors = plot_pairs(slug, points, measure, [("error", work) for work in WORKS], folded=True, front=True)
     laws = [(error, work) for error in ("energy", "phi") for work in WORKS if work in FEW]
-    return errors | work_plots(slug, [p for p in points if p.default or p.best], measure, laws, folded=True)
+    return errors | plot_pairs(slug, [p for p in points if p.default or p.best], measure, laws, folded=True)
 
 
-def profiles(found: Sequence[WorkProfile]) -> list[WorkProfile]:
+def sort_profiles(found: Sequence[WorkProfile]) -> list[WorkProfile]:
     """Sort the profiles by kind of work, machine-independent ones first, then by solver."""
     return sorted(found, key=lambda p: (list(WORKS).index(p.work), p.solver))
 
@@ -167,7 +167,7 @@ class Growth:
         return f"{self.method}, {self.step}, {time(self.t_end)} s simulated"
 
 
-def growths(runs: Sequence[StoredRun], bodies: Mapping[str, int]) -> list[Growth]:
+def measure_growths(runs: Sequence[StoredRun], bodies: Mapping[str, int]) -> list[Growth]:
     """Return how the cost per step of each method grows on problems run at three sizes or more.
 
     ``bodies`` gives the number of bodies by run_id. Only successful runs with a CPU time count.
@@ -192,10 +192,10 @@ def list_growths(results: StoredResults) -> list[Growth]:
         if variants[variant.problem] > 1:  # all its runs have the same bodies, so one series file suffices
             some = next((s for c in variant.runs if c.is_success and (s := results.series(c)) is not None), None)
             bodies |= {c.record.run_id: count_bodies(some) for c in variant.runs} if some is not None else {}
-    return growths(results.runs, bodies)
+    return measure_growths(results.runs, bodies)
 
 
-def growth(problem: str, found: Sequence[Growth], url: Callable[[StoredRun], str]) -> Plot:
+def plot_growth(problem: str, found: Sequence[Growth], url: Callable[[StoredRun], str]) -> Plot:
     """Plot CPU time per step against the number of bodies, for all methods on one problem, with fitted power laws."""
     seen: Counter[str] = Counter()
     traces, own = [], [g for g in found if g.problem == problem]

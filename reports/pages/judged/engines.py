@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...model.accuracy import ErrorMeasure, measure_for
+from ...model.accuracy import ErrorMeasure, choose_measure
 from ...model.results import StoredResults, StoredRun, Variant, group_by
 from ...model.words import format_decade
 from ...plots.spec import Axis, Plot, Trace, choose_end_mark
@@ -23,7 +23,7 @@ SOUND = ("success", "inaccurate", "wrong")  # statuses of runs that reached the 
 class ContestPair:
     """A solver on a problem; ``best`` is its cheapest run within the target, else its most accurate one."""
 
-    who: str  # see ``contestant``
+    who: str  # see ``name_contestant``
     shipped: StoredRun | None  # its run as shipped, if there is one
     best: StoredRun
     tried: int  # number of tuned settings
@@ -61,15 +61,15 @@ class Contest:
         return np.array([self.count_within([getattr(p, which) for p in self.pairs]) for which in ("shipped", "best")])
 
 
-def contests(results: StoredResults) -> list[Contest]:
+def list_contests(results: StoredResults) -> list[Contest]:
     """Return a contest for each problem that solvers ran as shipped, with their tuned runs."""
     out = []
     for variant in results.variants:
         runs = [c for label in (SHIPPED, TUNED) for c in variant.labels().get(label, ())]
-        measure = measure_for(runs)
+        measure = choose_measure(runs)
         if measure is not None and variant.labels().get(SHIPPED):
             contest = Contest(variant, measure)
-            pairs = [_pair(contest, who, own) for who, own in group_by(runs, contestant).items()]
+            pairs = [_pair(contest, who, own) for who, own in group_by(runs, name_contestant).items()]
             pairs.sort(key=lambda p: (contest.rank(p.shipped), contest.rank(p.best), p.who))
             out.append(replace(contest, pairs=tuple(pairs)))
     return out
@@ -101,7 +101,7 @@ def _span(values: Sequence[float]) -> str:
     return f"{least:g}" if least == most else f"{least:g} to {most:g}"
 
 
-def contestant(run: StoredRun) -> str:
+def name_contestant(run: StoredRun) -> str:
     """Return the solver's name, with its option ``solver`` for an engine that has several."""
     return " ".join([run.record.solver, *([str(run.options["solver"])] if "solver" in run.options else [])])
 
@@ -116,7 +116,7 @@ def _pair(contest: Contest, who: str, runs: Sequence[StoredRun]) -> ContestPair:
 
 def write(results: StoredResults, site: Site) -> Page | None:
     """Add ``engines.html`` to the site and return the page; None if no solver ran as shipped."""
-    found = contests(results)
+    found = list_contests(results)
     if not found:
         return None
     plots = [_plot(c, site) for c in found]

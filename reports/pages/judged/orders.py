@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ....harness.results.judgements.runs import Note, Order
-from ...model.results import group_by, natural, slug
+from ...model.results import group_by, make_natural_key, make_slug
 from ...model.words import Mark, plural
 from ...plots.slopes import NEAR, add_triangles
 from ...plots.spec import Axis, Plot, Trace
@@ -38,7 +38,7 @@ VERDICTS = {  # verdicts of certificates and of drifts
 
 def sort_by_case(found: Sequence[Order]) -> list[Order]:
     """Sort orders by problem, solver and quantity."""
-    return sorted(found, key=lambda o: (natural(o.variant), o.solver, natural(o.case)))
+    return sorted(found, key=lambda o: (make_natural_key(o.variant), o.solver, make_natural_key(o.case)))
 
 
 def verdict_mark(verdict: str) -> Mark:
@@ -52,10 +52,10 @@ def describe_order(o: Order) -> str:
     runs = len(o.dt) + o.unfinished + o.unmeasured
     unfinished = f"{o.unfinished} of {runs} runs did not finish" if o.unfinished and o.verdict != "refused" else ""
     unmeasured = f"{o.unmeasured} of {runs} runs have no error to measure" if 0 < o.unmeasured < runs else ""
-    return "; ".join(filter(None, (*_fit(o), unfinished, unmeasured, *(NOTES[n] for n in o.notes))))
+    return "; ".join(filter(None, (*_describe_fit(o), unfinished, unmeasured, *(NOTES[n] for n in o.notes))))
 
 
-def _fit(o: Order) -> list[str]:
+def _describe_fit(o: Order) -> list[str]:
     """Return clauses on the fitted order with its range of steps, or on why there is none."""
     slopes = ", ".join(f"{s:.2f}" for s in o.slopes)
     if o.status:
@@ -117,7 +117,7 @@ def find_fit_ends(o: Order) -> tuple[np.ndarray, np.ndarray] | None:
     return np.exp(ends), np.exp(y.mean() + o.order * (ends - x.mean()))
 
 
-def ladders(orders: Sequence[Order]) -> list[Plot]:
+def plot_ladders(orders: Sequence[Order]) -> list[Plot]:
     """Plot error against step, one plot per quantity of each problem, with a fit and its points per method."""
     groups = group_by((o for o in orders if o.dt), lambda o: (o.variant, o.quantity))
     taken: set[str] = set()
@@ -125,7 +125,7 @@ def ladders(orders: Sequence[Order]) -> list[Plot]:
     for (variant, quantity), own in groups.items():
         step = Axis("step, or mean step under error control", "s", log=True)
         error = Axis(f"error of {quantity}", own[0].unit, log=True)
-        name = slug(f"order-{variant}-{quantity}", taken)
+        name = make_slug(f"order-{variant}-{quantity}", taken)
         fitted = sorted((o for o in own if find_fit_ends(o)), key=lambda o: o.order)
         ends = " to ".join(dict.fromkeys(f"{o.order:.2f} ({o.case})" for o in fitted[:1] + fitted[-1:]))
         order = f" converges with order {ends}" if fitted else ""

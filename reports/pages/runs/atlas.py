@@ -18,7 +18,7 @@ from ...model.scores import SolverScore, score
 from ...model.words import claim_success, number, plural
 from ...plots.spec import LineStyle
 from ..base import Page, Site
-from ..svg import panel
+from ..svg import draw_panel
 
 DRAWN = 80  # most rows drawn, from the end
 LISTED = 40  # runs named beside the one shown in detail; the pages of solvers and problems list all
@@ -36,12 +36,12 @@ def tabulate_survival(runs: Sequence[StoredRun]) -> dict[str, tuple[SolverScore,
     """Return by solver how its runs ended and the least fraction of the time at which one stopped; 1 if none did."""
     ended = {name: [c for c in own if not c.is_unfinished] for name, own in sorted(group_by_solver(runs).items())}
     return {
-        name: (score(own), min((part_reached(c) for c in own if c.has_stopped), default=1.0))
+        name: (score(own), min((compute_reached_fraction(c) for c in own if c.has_stopped), default=1.0))
         for name, own in ended.items()
     }
 
 
-def part_reached(run: StoredRun) -> float:
+def compute_reached_fraction(run: StoredRun) -> float:
     """Return the fraction of the requested time that was reached, 0 to 1; 0 for a run without a step."""
     r = run.record
     if not (r.t_end_s > 0.0 and math.isfinite(r.t_reached_s)):
@@ -49,7 +49,7 @@ def part_reached(run: StoredRun) -> float:
     return min(max(r.t_reached_s / r.t_end_s, 0.0), 1.0)
 
 
-def groups(
+def group_stops(
     results: StoredResults, stopped: Sequence[StoredRun], looks: Mapping[str, LineStyle]
 ) -> dict[str, dict[str, Any]]:
     """Group the runs that ``stopped`` by cause, in the order of ``CAUSES``, and into families by solver and problem.
@@ -81,7 +81,7 @@ def plot_last_steps(run: StoredRun, series: Series | None, colour: str) -> tuple
         return ()
     rows = min(DRAWN, len(series["t"]) - 1)
     return tuple(
-        panel(title, unit, series.tail(name, rows).tolist(), colour, star=run.has_stopped)
+        draw_panel(title, unit, series.tail(name, rows).tolist(), colour, star=run.has_stopped)
         for name, title, unit in SHOWN
         if name in series
     )
@@ -106,7 +106,7 @@ def group_families(runs: Sequence[StoredRun]) -> tuple[tuple[StoredRun, ...], ..
     return tuple(tuple(found[k]) for k in sorted(found, key=lambda k: (-len(found[k]), k)))
 
 
-def title(all_of: SolverScore) -> str:
+def state_stops(all_of: SolverScore) -> str:
     """State how many runs stopped, and how many claim a success that is false."""
     wrong = all_of.wrong
     return f"{all_of.stopped} of {plural(all_of.began, 'run')} stopped, {wrong} {claim_success(wrong)}"
@@ -120,12 +120,12 @@ def find_first_cause(run: StoredRun, series: Series | None) -> tuple[str, list[s
     signs = [
         s
         for s in (
-            _chart(series),
-            _size(
+            _check_chart(series),
+            _check_size(
                 series, "energy", "energy_error", "J", r.energy_scale_J, ENERGY, "energy error {} the energy exchanged"
             ),
-            _size(series, "apart", "phi_norm", "m", r.length_scale_m, APART, "|φ| {} the mechanism's size"),
-            _step(series),
+            _check_size(series, "apart", "phi_norm", "m", r.length_scale_m, APART, "|φ| {} the mechanism's size"),
+            _check_step(series),
         )
         if s is not None
     ]
@@ -143,19 +143,19 @@ def find_first_cause(run: StoredRun, series: Series | None) -> tuple[str, list[s
     return next(c for c in CAUSES if c in applies), evidence
 
 
-def _step(series: Series) -> tuple[str, bool, str] | None:
+def _check_step(series: Series) -> tuple[str, bool, str] | None:
     """Return ("collapse", whether the step size collapsed before the end, words); None for fewer than two steps."""
     dt = series["dt"][1:] if "dt" in series else np.empty(0)
     dt = dt[np.isfinite(dt)]
     if len(dt) < 2:
         return None
-    usual, last = usual_step(dt), float(np.min(dt[-3:]))
+    usual, last = find_usual_step(dt), float(np.min(dt[-3:]))
     if last < COLLAPSE * usual:
         return "collapse", True, f"the step fell from its usual {number(usual)} s to {number(last)} s"
     return "collapse", False, f"the step did not collapse: {number(last)} s at the end, usually {number(usual)} s"
 
 
-def usual_step(dt: Float[np.ndarray, " n"]) -> float:
+def find_usual_step(dt: Float[np.ndarray, " n"]) -> float:
     """Return the step such that half of the time was covered by steps at least as long [s].
 
     The many small steps before a stop then do not count.
@@ -164,7 +164,7 @@ def usual_step(dt: Float[np.ndarray, " n"]) -> float:
     return float(ordered[np.searchsorted(np.cumsum(ordered), 0.5 * np.sum(ordered))])
 
 
-def _size(
+def _check_size(
     series: Series, cause: str, name: str, unit: str, scale: float, limit: float, words: str
 ) -> tuple[str, bool, str] | None:
     """Return (``cause``, whether an error exceeds ``limit`` times its ``scale`` at the end, words).
@@ -186,7 +186,7 @@ def _size(
     return cause, not last <= limit * scale, said
 
 
-def _chart(series: Series) -> tuple[str, bool, str] | None:
+def _check_chart(series: Series) -> tuple[str, bool, str] | None:
     """Return ("chart", True, words) if the motion came near a singularity of its chart, else None.
 
     Solvers in angles record how near they came.
@@ -207,12 +207,12 @@ def write(results: StoredResults, site: Site) -> Page | None:
         Page("Failures", "atlas.html", nav=True, order=40),
         "atlas.html",
         scripts=["assets/judgement.js"],
-        groups=groups(results, stopped, site.looks),
-        title=title(score(results.runs)),
+        groups=group_stops(results, stopped, site.looks),
+        title=state_stops(score(results.runs)),
         survival=tabulate_survival(results.runs),
         broken=group_broken(results.runs),
         refused=group_families([c for c in results.runs if c.status == "refused"]),
-        part=part_reached,
+        part=compute_reached_fraction,
         listed_at_most=LISTED,
         stopped_solvers=sorted({c.record.solver for c in stopped}),
         stopped_problems=sorted({c.record.problem for c in stopped}),

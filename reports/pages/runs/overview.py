@@ -7,25 +7,25 @@ from typing import Any
 from ....harness.results.judgements.files import CLAIMS, PUBLISHED
 from ....harness.results.records import parse_reasons
 from ....harness.results.reproduce import write_command
-from ...mechanism.stage import moment
-from ...model.accuracy import ErrorMeasure, measure_for
-from ...model.catalogue import code_of_others, is_engine
+from ...mechanism.stage import project_moment
+from ...model.accuracy import ErrorMeasure, choose_measure
+from ...model.catalogue import is_engine, name_external_code
 from ...model.curves import find_maxima
-from ...model.frontier import costs, default_target, select_broad
+from ...model.frontier import choose_target, select_broad, tabulate_costs
 from ...model.heat import HeatCell, HeatMap, make_heat_map
-from ...model.margin import LEVELS, describe_break, margin
+from ...model.margin import LEVELS, describe_break, find_margin
 from ...model.results import StoredResults, StoredRun, group_by, read_results
 from ...model.scores import name_unpredictable
-from ...model.tracking import list_followed
-from ...model.variants import find_plain_label, mechanisms
+from ...model.tracking import list_tracking_times
+from ...model.variants import find_plain_label, format_problem_counts
 from ...model.words import number, seconds, time
 from ...plots.browser import Steps
 from ...plots.spec import LineStyle
-from ..base import JUDGE, Page, Site, read_judged_or_published, read_or_why
+from ..base import JUDGE, Page, Site, read_judged_or_published, read_or_explain
 from ..judged import cost
-from ..judged.claims import ClaimView, counts, select_claims
-from ..svg import snapshot, ticks_on
-from .problems import one_a_problem
+from ..judged.claims import ClaimView, count_verdicts, select_claims
+from ..svg import draw_snapshot, draw_tracking
+from .problems import choose_miniatures
 
 PANELS = 6
 STRIP = 60  # spans of time in the energy strip of a cell
@@ -39,17 +39,19 @@ def write(results: StoredResults, site: Site) -> Page | None:
     """Add ``index.html`` to the site and return the page."""
     label, picture = find_plain_label(results), make_heat_map(results)
     found = select_broad(results, site.frontiers)
-    races = costs(results, found, site.url)
-    stages = [site.scenes[p.title] for p in one_a_problem(picture, label) if p.title in site.scenes]
+    races = tabulate_costs(results, found, site.url)
+    stages = [site.scenes[p.title] for p in choose_miniatures(picture, label) if p.title in site.scenes]
     on = stages[0] if stages else {}
     # of these the one with most points is shown first
     near = [k for k, r in enumerate(races) if r["problem"] == on.get("problem")]
     first = max(near, key=lambda k: sum(len(s["points"]) for s in races[k]["solvers"].values()), default=0)
-    target = default_target(races[first]) if races else 0
+    target = choose_target(races[first]) if races else 0
     problems, rows = (picture.problems, picture.rows) if picture else ((), ())
     boxes = [(row.solver, p, b) for row in rows for p, b in zip(problems, row.boxes, strict=True) if b]
-    cells = {f"{solver} {p.slug}": _cell(results, site, b, measure_for(p.runs)) for solver, p, b in boxes}
-    tables = [(p, [b.run for row in rows if (b := row.boxes[k])], measure_for(p.runs)) for k, p in enumerate(problems)]
+    cells = {f"{solver} {p.slug}": _describe_cell(results, site, b, choose_measure(p.runs)) for solver, p, b in boxes}
+    tables = [
+        (p, [b.run for row in rows if (b := row.boxes[k])], choose_measure(p.runs)) for k, p in enumerate(problems)
+    ]
     data = {
         "costs": races,
         "stages": stages,
@@ -64,7 +66,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
         "assets/stage.js",
         "assets/overview.js",
     ]
-    cards, wrong = false_successes(results, label)
+    cards, wrong = list_false_successes(results, label)
     # per problem, the variant that most solvers ran
     by_problem = group_by(site.work, lambda title: title.partition("[")[0])
     panels = [site.work[titles[0]] for titles in by_problem.values()][:PANELS]
@@ -82,17 +84,17 @@ def write(results: StoredResults, site: Site) -> Page | None:
         first=first,
         target=target,
         stages=stages,
-        panels_title=cost.title(found),
+        panels_title=cost.state_cheapest(found),
         cards=cards,
         wrong=wrong,
-        strips=strips(picture, site.looks),
-        verdicts=verdicts(results),
-        mechanisms=mechanisms(results),
+        strips=draw_strips(picture, site.looks),
+        verdicts=collect_verdicts(results),
+        mechanisms=format_problem_counts(results),
         door=max(site.cards.values(), key=lambda c: (len(c["facts"]), c["solver"]), default=None),
     )
 
 
-def _cell(results: StoredResults, site: Site, b: HeatCell, measure: ErrorMeasure | None) -> dict[str, Any]:
+def _describe_cell(results: StoredResults, site: Site, b: HeatCell, measure: ErrorMeasure | None) -> dict[str, Any]:
     """Return the data of one cell of the heat map: words, address, command, energy error over time, and facts."""
     r = b.run.record
     series = results.series(b.run, poses=False) if r.series else None
@@ -117,7 +119,7 @@ def _cell(results: StoredResults, site: Site, b: HeatCell, measure: ErrorMeasure
     }
 
 
-def false_successes(results: StoredResults, label: str) -> tuple[list[dict[str, Any]], int]:
+def list_false_successes(results: StoredResults, label: str) -> tuple[list[dict[str, Any]], int]:
     """Return a card for the largest violation of each solver, external code first, and the number of wrong runs.
 
     At most ``CARDS`` are returned. If these results have no engine, the published false successes of engines are shown
@@ -129,37 +131,37 @@ def false_successes(results: StoredResults, label: str) -> tuple[list[dict[str, 
 
     def key(c: StoredRun) -> tuple[bool, bool, bool, float, str]:
         """Return the sort key: external code first, then the plain comparison, default options, large violations."""
-        m = margin(c)
+        m = find_margin(c)
         size = m.part if m and math.isfinite(m.part) else 0.0
-        return not code_of_others(c.record.solver), c.record.label != label, bool(c.options), -size, c.record.run_id
+        return not name_external_code(c.record.solver), c.record.label != label, bool(c.options), -size, c.record.run_id
 
     worst = [min(own, key=key) for own in group_by([*wrong, *published], lambda c: c.record.solver).values()]
-    return [_card(results, c, c in published) for c in sorted(worst, key=key)[:CARDS]], len(wrong)
+    return [_make_card(results, c, c in published) for c in sorted(worst, key=key)[:CARDS]], len(wrong)
 
 
-def _card(results: StoredResults, run: StoredRun, published: bool) -> dict[str, Any]:
+def _make_card(results: StoredResults, run: StoredRun, published: bool) -> dict[str, Any]:
     """Describe a false success: the law that it breaks, and its motion at the end of the time that is judged."""
-    m, r = margin(run), run.record
+    m, r = find_margin(run), run.record
     reason = m.error if m else parse_reasons(r.wrong_because)[0]
     drawn = min(t for t in (r.t_reached_s, r.reference_horizon_s, r.judged_to_s) if t > 0.0)
-    seen = moment(results, run, drawn) if r.series and not published else None
+    seen = project_moment(results, run, drawn) if r.series and not published else None
     words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"
     return {
         "run": run,
-        "code": code_of_others(r.solver).partition(" on ")[0],
+        "code": name_external_code(r.solver).partition(" on ")[0],
         "published": published,
-        "picture": snapshot(*seen, words) if seen else None,
+        "picture": draw_snapshot(*seen, words) if seen else None,
         "broken": describe_break(reason),
         "drawn": drawn,
         "command": write_command(r, results.plugins),
     }
 
 
-def strips(picture: HeatMap | None, looks: Mapping[str, LineStyle]) -> list[dict[str, Any]]:
+def draw_strips(picture: HeatMap | None, looks: Mapping[str, LineStyle]) -> list[dict[str, Any]]:
     """Draw how long each solver tracks the exact motion: one strip, with counts, per problem with a reference."""
     out = []
     for variant in picture.problems if picture else ():
-        own = list_followed(variant)
+        own = list_tracking_times(variant)
         known = max((f.known for f in own), default=0.0)
         if known > 0.0:
             whole = sum(f.whole for f in own)
@@ -180,22 +182,24 @@ def strips(picture: HeatMap | None, looks: Mapping[str, LineStyle]) -> list[dict
                     "whole": whole,
                     "count": len(own),
                     "known": known,
-                    "picture": ticks_on(dots, whole, words),
+                    "picture": draw_tracking(dots, whole, words),
                 }
             )
     return out
 
 
-def verdicts(results: StoredResults) -> dict[str, Any] | None:
+def collect_verdicts(results: StoredResults) -> dict[str, Any] | None:
     """Return the verdicts on the paper's claims by these results, or else the published ones; None without any."""
     found = read_judged_or_published(results.folder, CLAIMS)
-    kept = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish").found or ()  # for claims without runs in these results
+    kept = (
+        read_or_explain(PUBLISHED, CLAIMS, f"{JUDGE} --publish").found or ()
+    )  # for claims without runs in these results
     shown = [c for c in select_claims(found.found or (), results.by_settings, kept) if not c.presentation]
     if not shown:
         return None
     columns, published = group_by(shown, lambda c: c.section), found.published or any(c.published for c in shown)
     return {
-        "counts": {m.word: k for m, k in counts(shown)},
+        "counts": {m.word: k for m, k in count_verdicts(shown)},
         "columns": columns,
         "published": published,
         "sentences": choose_sentences(shown),

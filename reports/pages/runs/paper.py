@@ -14,7 +14,7 @@ SUFFIXES = (".svg", ".pdf")
 
 def write(results: StoredResults, site: Site) -> Page | None:
     """Add ``paper.html`` to the site and return the page; None if no figure was drawn."""
-    made = [(c, _files(results, site, c.name)) for c in captions.read(results.folder)]
+    made = [(c, _copy_figure(results, site, c.name)) for c in captions.read_captions(results.folder)]
     figures = [(c, files) for c, files in made if ".svg" in files]
     if not figures:
         return None
@@ -23,7 +23,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
     return site.write(page, "paper.html", figures=figures, runs=runs, verdicts=VERDICTS)
 
 
-def _files(results: StoredResults, site: Site, figure: str) -> dict[str, str]:
+def _copy_figure(results: StoredResults, site: Site, figure: str) -> dict[str, str]:
     """Copy the files of a figure into the report folder; return their paths from the page, by suffix."""
     name, out = Path(figure).name, {}  # only the name: a path could lead out of the folder
     for suffix in SUFFIXES:

@@ -7,27 +7,27 @@ from typing import Any
 from markupsafe import Markup
 
 from ....harness.results.judgements.files import DRIFTS
-from ....harness.results.records import judged_own
+from ....harness.results.records import find_judged_reference_error
 from ...mechanism.segments import draw_picture
-from ...mechanism.stage import stage
-from ...model.accuracy import find_judged_end, measure_for
-from ...model.catalogue import about_problem, code_of_others, why_hard
+from ...mechanism.stage import make_stage
+from ...model.accuracy import choose_measure, find_judged_end
+from ...model.catalogue import describe_mechanism, explain_difficulty, name_external_code
 from ...model.curves import SPANS_UPPER
-from ...model.frontier import of_most_problems
-from ...model.heat import HeatMap, farthest_and_nearest, make_boxes, rank
-from ...model.margin import margin
+from ...model.frontier import select_shared_target
+from ...model.heat import HeatMap, describe_extremes, make_cells, sort_cells
+from ...model.margin import find_margin
 from ...model.motion import MotionCurves, read_curves
 from ...model.results import StoredResults, StoredRun, Variant, group_by
 from ...model.scores import name_unpredictable
-from ...model.tracking import list_followed
-from ...model.variants import find_plain_label, group_by_label, mechanisms, select_variants, variant_groups
+from ...model.tracking import list_tracking_times
+from ...model.variants import find_plain_label, format_problem_counts, group_by_label, select_variants, variant_groups
 from ...model.words import mark_status, unit
-from ...plots.laws import Drawing, errors, invariants, laws, observables
+from ...plots.laws import Drawing, plot_errors, plot_invariants, plot_laws, plot_observables
 from ...plots.lines import EVER, choose_lines
 from ...plots.spec import choose_focus
 from ...plots.work import work_chapter
 from ..base import Page, Site, read_judged
-from ..svg import sketch
+from ..svg import draw_sketch
 
 MOST_EVENTS = 20  # most events of one run in the table
 ROWS = 100  # most rows of a folded table; the table of all runs and the CSV have all
@@ -38,7 +38,9 @@ PAPER = "ODE-GC"  # the paper's method; its extensions have longer labels
 SMALL = 60  # frames of a miniature
 
 
-def extras(runs: Sequence[StoredRun]) -> Iterator[tuple[str, dict[str, str], list[tuple[StoredRun, list[float]]]]]:
+def tabulate_extras(
+    runs: Sequence[StoredRun],
+) -> Iterator[tuple[str, dict[str, str], list[tuple[StoredRun, list[float]]]]]:
     """Yield the tables of observables against the reference and of invariants against their start, if any run has them.
 
     Each has a title, units by name and a row of numbers per run.
@@ -75,7 +77,7 @@ def draw_start(results: StoredResults, variant: Variant) -> Markup | None:
     series = next((s for c in variant.runs if c.record.series and (s := results.readable_series(c))), None)
     picture = draw_picture(series)
     words = f"{variant.title} at its start, with its supports, the axes and gravity"
-    return None if picture is None else sketch(picture, words)
+    return None if picture is None else draw_sketch(picture, words)
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
@@ -83,9 +85,9 @@ def write(results: StoredResults, site: Site) -> Page | None:
     label = find_plain_label(results)
     plain = {p.title for p in select_variants(results, label)}
     for variant in results.variants:  # one problem at a time, because its series are large
-        _write(results, site, variant, label, SPANS_UPPER if variant.title in plain else SPANS_VARIANT)
+        _write_variant(results, site, variant, label, SPANS_UPPER if variant.title in plain else SPANS_VARIANT)
     cards = [
-        (p, draw_start(results, p), farthest_and_nearest(make_boxes(p, label)))
+        (p, draw_start(results, p), describe_extremes(make_cells(p, label)))
         for p in results.variants
         if p.title in plain
     ]
@@ -93,22 +95,25 @@ def write(results: StoredResults, site: Site) -> Page | None:
         Page("Mechanisms", "mechanisms.html", nav=True, order=10),
         "mechanisms.html",
         cards=cards,
-        about=about_problem,
-        title=mechanisms(results),
+        about=describe_mechanism,
+        title=format_problem_counts(results),
         unpredictable=name_unpredictable(results),
         apart=variant_groups(results, label),
     )
 
 
-def _write(results: StoredResults, site: Site, variant: Variant, label: str, spans: int) -> None:
+def _write_variant(results: StoredResults, site: Site, variant: Variant, label: str, spans: int) -> None:
     """Add the page of one variant to the site, with its curves in ``spans`` spans of time."""
     plain = spans == SPANS_UPPER  # a problem at its default presentation
     lines = choose_lines(variant, site.url, EVER if plain else EVER_VARIANT)
     read = ((k.run, results.series(k.run, poses=False)) for k in lines)
     motions = {run.record.run_id: read_curves(run, series, spans) for run, series in read}
-    boxes = sorted(make_boxes(variant, label), key=lambda b: b.order)
+    boxes = sorted(make_cells(variant, label), key=lambda b: b.order)
     drawing = Drawing(variant.runs, lines, motions, spans, choose_focus(b.run.record.solver for b in boxes), label)
-    made = (work_chapter(variant, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))
+    made = (
+        work_chapter(variant, site.url),
+        *(make(drawing) for make in (plot_laws, plot_errors, plot_observables, plot_invariants)),
+    )
     chapters = [c for c in made if c is not None]
     groups = group_by_label(variant, label)
     scene = write_stage(results, site, variant, label) if plain else None
@@ -123,29 +128,29 @@ def _write(results: StoredResults, site: Site, variant: Variant, label: str, spa
         scripts=[f"data/{scene['file']}.js", "assets/stage.js"] if scene else [],
         chapters=chapters,
         work=next((c for c in chapters if c.plots[0].x.log), None),
-        measure=measure_for(variant.runs),
+        measure=choose_measure(variant.runs),
         first=next((p for c in chapters for p in c.plots if p.name == "energy"), None),
         drifts=[d for d in read_judged(results.folder, DRIFTS).found or () if d.variant == variant.title],
         plots=[p for c in chapters for p in c.plots],
         left_out=len(variant.runs) - len(lines),
         bodies=max((m.bodies for m in motions.values()), default=0),
         until=find_judged_end(variant.runs),
-        own=judged_own,
-        sentence=farthest_and_nearest(boxes),
+        own=find_judged_reference_error,
+        sentence=describe_extremes(boxes),
         sketch=draw_start(results, variant),
-        about=about_problem(variant.problem),
-        hard=why_hard(variant.problem),
+        about=describe_mechanism(variant.problem),
+        hard=explain_difficulty(variant.problem),
         groups=groups,
         most=ROWS,
         rest={name: f"{where}{results.labels().index(name)}#runs" for name in groups},
-        followed=list_followed(variant),
-        extras=list(extras([k.run for k in lines])),
+        followed=list_tracking_times(variant),
+        extras=list(tabulate_extras([k.run for k in lines])),
         events=tabulate_events(motions.values()),
     )
     site.drawn.update((name, variant.slug) for name, m in motions.items() if m.has_steps)
 
 
-def one_a_problem(picture: HeatMap | None, label: str) -> list[Variant]:
+def choose_miniatures(picture: HeatMap | None, label: str) -> list[Variant]:
     """Choose for each problem of the heat map the variant with most wrong solvers, then with most runs.
 
     At most ``MINIATURES`` are returned, in the same order.
@@ -168,7 +173,7 @@ def choose_roles(variant: Variant, label: str, site: Site) -> list[tuple[StoredR
     Each is returned with words on its role. The false success is of an implicit method if there is one, since most
     codes in use are implicit; the last is that of lowest rank.
     """
-    best_first = [b.run for b in rank(make_boxes(variant, label))]
+    best_first = [b.run for b in sort_cells(make_cells(variant, label))]
     cheap, cheapest = "among the cheapest accurate", _cheapest_first(variant, site)
     if not cheapest:
         cheap, cheapest = "far below its limits", best_first
@@ -176,7 +181,7 @@ def choose_roles(variant: Variant, label: str, site: Site) -> list[tuple[StoredR
         (c for c in best_first if c.record.paper_label.startswith(PAPER) and c.is_success),
         key=lambda c: len(c.record.paper_label),
     )
-    sizes = {c.record.run_id: min(m.part, 1e9) if (m := margin(c)) else 0.0 for c in variant.runs}
+    sizes = {c.record.run_id: min(m.part, 1e9) if (m := find_margin(c)) else 0.0 for c in variant.runs}
     wrong = sorted(
         (c for c in variant.runs if c.status == "wrong"),
         reverse=True,
@@ -198,7 +203,7 @@ def _cheapest_first(variant: Variant, site: Site) -> list[StoredRun]:
         return {name: value for name, value in v.runs[0].parameters.items() if name != "t_end"}
 
     same = {v.title for v in site.results.variants if v.problem == variant.problem and start(v) == start(variant)}
-    found = of_most_problems([f for f in site.frontiers if f.variant in same])
+    found = select_shared_target([f for f in site.frontiers if f.variant in same])
     order = [p.run.record.solver for f in sorted(found, key=lambda f: -len(f.places)) for p in f.places]
     sound = [c for c in variant.runs if c.is_success and c.record.solver in order]
     return sorted(sound, key=lambda c: (order.index(c.record.solver), c.record.cpu_median_s))
@@ -206,12 +211,12 @@ def _cheapest_first(variant: Variant, site: Site) -> list[StoredRun]:
 
 def write_stage(results: StoredResults, site: Site, variant: Variant, label: str) -> dict[str, Any] | None:
     """Write the animation's data, ``data/stage-<slug>.js``, and return what is shown beside it; None without poses."""
-    roles, measure = choose_roles(variant, label, site), measure_for(variant.runs)
-    play = stage(results, roles, measure, site.looks)
+    roles, measure = choose_roles(variant, label, site), choose_measure(variant.runs)
+    play = make_stage(results, roles, measure, site.looks)
     if play is None:
         return None
     site.bundle(f"stage-{variant.slug}", play)
-    small = stage(results, roles[:1], measure, site.looks, SMALL)
+    small = make_stage(results, roles[:1], measure, site.looks, SMALL)
     return {
         "file": f"stage-{variant.slug}",
         "title": variant.title,
@@ -227,7 +232,7 @@ def _describe_role(run: StoredRun, role: str, site: Site) -> dict[str, str]:
     measured, r = mark_status(run.status), run.record
     return {
         "solver": r.solver,
-        "code": code_of_others(r.solver),
+        "code": name_external_code(r.solver),
         "words": role,
         "step": run.step_words,
         "url": site.url(run),

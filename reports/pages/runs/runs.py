@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ....harness.results.reproduce import write_command
-from ...model.accuracy import energy_kind, measure_for
+from ...model.accuracy import choose_measure, energy_kind
 from ...model.results import StoredResults, StoredRun
 from ...model.tables import COLUMNS
 from ...model.variants import find_plain_label, select_variants
@@ -39,7 +39,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
     label = find_plain_label(results)
     main = {c.record.run_id for p in select_variants(results, label) for c in p.runs}
     ordered = sorted(results.runs, key=lambda c: (c.record.label != label, c.record.run_id not in main))
-    scripts = [site.bundle("runs", _table(results, site, ordered)), "assets/runs.js"]
+    scripts = [site.bundle("runs", _tabulate_runs(results, site, ordered)), "assets/runs.js"]
     return site.write(Page("All runs", "runs.html"), "runs.html", scripts=scripts)
 
 
@@ -51,13 +51,13 @@ def _list_numbers(run: StoredRun) -> list[tuple[str, str]]:
     return out + [(f"counted: {k.replace('_', ' ')}", number(v)) for k, v in own.items() if v != known[k]]
 
 
-def _table(results: StoredResults, site: Site, runs: Sequence[StoredRun]) -> dict[str, Any]:
+def _tabulate_runs(results: StoredResults, site: Site, runs: Sequence[StoredRun]) -> dict[str, Any]:
     """Return ``runs`` as rows of numbers and texts; problems, solvers and labels are indices into lists."""
     titles = [p.title for p in results.variants]
     variants, labels, solvers = (
         {name: k for k, name in enumerate(names)} for names in (titles, results.labels(), results.solvers)
     )
-    measures = [measure_for(p.runs) for p in results.variants]
+    measures = [choose_measure(p.runs) for p in results.variants]
     rows = []
     for c in runs:
         r, m = c.record, mark_status(c.status)

@@ -7,18 +7,18 @@ from typing import Any
 from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRONG, File
 from ....harness.results.judgements.runs import Drift, Order
 from ....harness.results.words import describe_breach
-from ...model.catalogue import about_solver
-from ...model.frontier import Frontier, of_most_problems, select_broad
+from ...model.catalogue import describe_method
+from ...model.frontier import Frontier, select_broad, select_shared_target
 from ...model.heat import make_heat_map
-from ...model.results import StoredResults, StoredRun, format_exactly, group_by, group_by_solver, natural
+from ...model.results import StoredResults, StoredRun, format_exactly, group_by, group_by_solver, make_natural_key
 from ...model.scores import SolverScore, score, standings
-from ...model.tracking import TrackingTime, list_followed
+from ...model.tracking import TrackingTime, list_tracking_times
 from ...model.variants import find_plain_label, group_by_label, select_variants
 from ...model.words import format_decade, number, plural, time
 from ..base import Page, Site, read_judged_or_published
 from ..judged import orders as order_words
 from ..judged import symmetries as symmetry_words
-from ..svg import badge
+from ..svg import draw_badge
 
 CHIPS = 8  # most runs named in a row; the problem's page names all
 DRAWN = 6  # most ladders drawn per solver
@@ -32,13 +32,13 @@ def write(results: StoredResults, site: Site) -> Page | None:
     plain = {p.title for p in select_variants(results, label)}
     judged = [read_judged_or_published(results.folder, file) for file in FILES]
     picture = make_heat_map(results)
-    follow = [f for p in (picture.problems if picture else ()) for f in list_followed(p)]
-    costs = of_most_problems(select_broad(results, site.frontiers))
+    follow = [f for p in (picture.problems if picture else ()) for f in list_tracking_times(p)]
+    costs = select_shared_target(select_broad(results, site.frontiers))
     loud = sorted(results.runs, key=lambda c: (c.record.label != label, c.variant not in plain))
     for name, runs in group_by_solver(results.runs).items():
         orders, drifts, symmetries, wrong = ([x for x in j.found or () if x.solver == name] for j in judged)
         certified = order_words.sort_by_case(orders)
-        drawn = order_words.ladders([o for o in certified if o.quantity == QUANTITY and o.against == "dt"])[:DRAWN]
+        drawn = order_words.plot_ladders([o for o in certified if o.quantity == QUANTITY and o.against == "dt"])[:DRAWN]
         card = site.cards[name] = describe_solver(name, orders, drifts, follow, costs)
         image = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
         (site.folder / image).write(card["badge"], durable=False)
@@ -56,7 +56,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
             solver=name,
             card=card,
             badge=image,
-            about=about_solver(name),
+            about=describe_method(name),
             scripts=["assets/judgement.js"],
             plots=drawn,
             work=work,
@@ -72,7 +72,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
             apart=[row for row in rows if row[2] and row[0].title not in plain],
             whys=[(j.why, j.published) for j in judged],
             certificates=certified,
-            drifts=sorted(drifts, key=lambda d: (natural(d.variant), natural(d.case))),
+            drifts=sorted(drifts, key=lambda d: (make_natural_key(d.variant), make_natural_key(d.case))),
             order_words=order_words,
             symmetry_words=symmetry_words,
             checks=group_by(symmetries, lambda s: s.title),
@@ -85,7 +85,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
         standings=standings(results),
         label=label,
         loud=loud,
-        about=about_solver,
+        about=describe_method,
     )
 
 
@@ -141,4 +141,4 @@ def describe_solver(
         unit = costs[0].unit if len({f.unit for f in costs}) == 1 else "m or rad"
         at = f"{ratio} the cheapest at {format_decade(costs[0].target)} {unit}"
         facts.append(("cost", f"{at}, reached on {on}", at, "good" if mean < 3.0 else "refused"))
-    return {"solver": solver, "facts": facts, "badge": badge(solver, [(f[0], *f[2:]) for f in facts])}
+    return {"solver": solver, "facts": facts, "badge": draw_badge(solver, [(f[0], *f[2:]) for f in facts])}

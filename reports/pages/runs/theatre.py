@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from ...mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, RULE, players, scene
+from ...mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, RULE, collect_players, make_scene
 from ...model.results import StoredResults, Variant
-from ...model.variants import find_plain_label, same_motion, select_variants
+from ...model.variants import find_plain_label, has_same_motion, select_variants
 from ..base import Page, Site
 
 ALL_BYTES = 12_000_000  # bytes of the data files of all theatres
@@ -30,8 +30,10 @@ def write(results: StoredResults, site: Site) -> Page | None:
 
     Variants above their share of ``ALL_BYTES`` get fewer poses. Return the first page, or None where no run has poses.
     """
-    stages = {p.slug: t for p in _list_variants(results) if (t := _stage(results, site, p, POSE_BYTES)) is not None}
-    level = share_size([t["size"] for t in stages.values()], ALL_BYTES)
+    stages = {
+        p.slug: t for p in _list_variants(results) if (t := _write_theatre(results, site, p, POSE_BYTES)) is not None
+    }
+    level = find_size_limit([t["size"] for t in stages.values()], ALL_BYTES)
     pages = []
     for own in (stages[p.slug] for p in results.variants if p.slug in stages):
         play, variant = own["play"], own["variant"]
@@ -40,7 +42,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
         for _ in range(ROUNDS):
             if own["size"] > level:
                 poses *= 0.97 * level / own["size"]
-                own = _stage(results, site, variant, poses) or own
+                own = _write_theatre(results, site, variant, poses) or own
         page = Page(f"Theatre: {variant.title}", f"{own['name']}.html", order=60, about=variant.slug, brief=True)
         worst = {f"worst_{k}": max(p[f"off_{k}"] for p in own["play"]["players"]) for k in ("m", "rad")}
         own["play"] = _without_arrays(own["play"])  # the arrays are in the data file
@@ -52,21 +54,21 @@ def write(results: StoredResults, site: Site) -> Page | None:
 
 def _list_variants(results: StoredResults) -> list[Variant]:
     """List the variants, those of the plain comparison first, without those that repeat another one's motion."""
-    plain = {p.problem for p in results.variants if not same_motion(p)}
-    found = [p for p in results.variants if not same_motion(p) or p.problem not in plain]
+    plain = {p.problem for p in results.variants if not has_same_motion(p)}
+    found = [p for p in results.variants if not has_same_motion(p) or p.problem not in plain]
     first = {p.slug for p in select_variants(results, find_plain_label(results))}
     return sorted(found, key=lambda p: p.slug not in first)[: max(MOST, len(first))]
 
 
-def _stage(results: StoredResults, site: Site, variant: Variant, pose_bytes: float) -> dict[str, Any] | None:
+def _write_theatre(results: StoredResults, site: Site, variant: Variant, pose_bytes: float) -> dict[str, Any] | None:
     """Write the data file of a theatre with about ``pose_bytes`` of poses; return what its page shows and needs.
 
     Runs that a visitor may add are written to files of their own. None is returned if no run stored poses.
     """
-    cast, more, left_out = players(results, variant)
+    cast, more, left_out = collect_players(results, variant)
     if not cast:
         return None
-    play, added = scene(variant, cast, site.looks, pose_bytes, more)
+    play, added = make_scene(variant, cast, site.looks, pose_bytes, more)
     name = f"theatre-{variant.slug}"
     for player in added:
         site.bundle(f"{name}-{player['run']}", player)
@@ -90,7 +92,7 @@ def _without_arrays(value: Any) -> Any:
     return [_without_arrays(v) for v in value] if isinstance(value, list | tuple) else value
 
 
-def share_size(sizes: Sequence[int], whole: float) -> float:
+def find_size_limit(sizes: Sequence[int], whole: float) -> float:
     """Return the size to which the largest files must shrink so that all fit into ``whole``; infinite if all fit."""
     left, ordered = whole, sorted(sizes)
     for k, size in enumerate(ordered):

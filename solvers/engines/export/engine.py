@@ -8,7 +8,7 @@ from types import ModuleType
 
 from ....harness.mechanics.naming import name_body
 from ....harness.mechanics.system import MultibodySystem
-from ....harness.mechanics.time_functions import are_varying
+from ....harness.mechanics.time_functions import find_varying
 from .tree import KINDS
 
 SPRINGS, TORSIONS, LOADS, VARYING, USERS = (
@@ -42,14 +42,14 @@ class SupportedElements:
         return (*map(str, self.kinds), *(name for name, taken in forces.items() if taken))
 
 
-def list_unsupported(system: MultibodySystem, taken: SupportedElements) -> str | None:
+def refuse_unsupported(system: MultibodySystem, taken: SupportedElements) -> str | None:
     """Return a refusal that names the elements of ``system`` beyond those ``taken``, with reasons, or None."""
     named, elements = {LOADS: "a load", VARYING: "a load that varies"}, taken.elements
     found = dict[str, list[str]]()
     for k, name in enumerate(system.joint_names):
         found.setdefault(str(system.joint_kind(k)), []).append(name)
     for k, body in enumerate(system.load_i):
-        what = VARYING if are_varying(system.load_factor[k : k + 1])[0] else LOADS
+        what = VARYING if find_varying(system.load_factor[k : k + 1])[0] else LOADS
         found.setdefault(what, []).append(f"on {name_body(system, int(body))}")
     others = {SPRINGS: system.spring_k, TORSIONS: system.torsion_k, USERS: system.user_i}
     found |= {what: [] for what, some in others.items() if len(some)}
@@ -73,7 +73,7 @@ def describe_engine(name: str) -> str:
     return f"{name} {importlib.metadata.version(name)}"
 
 
-def package(name: str, *parts: str) -> ModuleType:
+def import_package(name: str, *parts: str) -> ModuleType:
     """Import the package ``name`` and its submodules ``parts``; return the package."""
     module = importlib.import_module(name)
     for part in parts:

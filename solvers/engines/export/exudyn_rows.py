@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from ....harness.mechanics.ends import append_ground
 from ....harness.mechanics.joints import JointKind
 from ....harness.mechanics.joints.frames import choose_normals
-from ....harness.mechanics.motion import constraint, row_parts
+from ....harness.mechanics.motion import constraint, list_jacobian_parts
 from ....harness.mechanics.state import State, States
 from ....harness.mechanics.system import MultibodySystem
 from ...formulations.rank import BETTER
@@ -43,15 +43,15 @@ class KeptRows:
     def __init__(self, system: MultibodySystem, start: State, kept: Bool[np.ndarray, " nrows"] | None = None) -> None:
         self._system = system
         partial = np.flatnonzero((system.joint_points == 3) & (system.joint_axes > 0))
-        self._frames = {int(k): joint_frames(system, start, int(k))[1] for k in partial}
-        self._latest = self._rows(States.one(start))[0][0]
-        self.kept = _most_independent(self._latest) if kept is None else kept
+        self._frames = {int(k): make_joint_frames(system, start, int(k))[1] for k in partial}
+        self._latest = self._scale_rows(States.one(start))[0][0]
+        self.kept = _choose_independent(self._latest) if kept is None else kept
         self._watched = not np.all(self.kept) and system.nrows <= LARGEST
-        self._first = _least(self._latest[self.kept]) if self._watched else 0.0
-        self._limit, self._way = WORN * self._first, 0.0
+        self._first_singular_value = _find_least_singular_value(self._latest[self.kept]) if self._watched else 0.0
+        self._limit, self._turned = WORN * self._first_singular_value, 0.0
         self._arm = float(max(np.max(np.abs(system.joint_s_i), initial=0.0), np.max(system.gyration)))
 
-    def check_states(self, s: States, dt: float) -> WornRows | None:
+    def examine_states(self, s: States, dt: float) -> WornRows | None:
         """Examine the rows kept at further states; return where they are too dependent and better rows, or None.
 
         States are ``dt`` [s] apart and follow those of the call before, of which the monitor remembers rows and turns.
@@ -60,27 +60,28 @@ class KeptRows:
         if not self._watched or not len(s.r):
             return None
         rate = np.linalg.norm(s.Omega, axis=2) + np.linalg.norm(s.v, axis=2) / self._arm
-        way = np.cumsum(np.append(self._way, np.max(rate, axis=1) * dt))
-        self._way = float(way[-1])
-        looks = np.union1d(np.flatnonzero(np.diff(np.floor(way / TURN)) > 0.0), len(s.r) - 1)
+        turned = np.cumsum(np.append(self._turned, np.max(rate, axis=1) * dt))
+        self._turned = float(turned[-1])
+        looks = np.union1d(np.flatnonzero(np.diff(np.floor(turned / TURN)) > 0.0), len(s.r) - 1)
         last, number = -1, int(np.sum(self.kept))
         for at, A, gap in zip(
-            looks, *self._rows(States(s.r[looks], s.R[looks], s.v[looks], s.Omega[looks])), strict=True
+            looks, *self._scale_rows(States(s.r[looks], s.R[looks], s.v[looks], s.Omega[looks])), strict=True
         ):
-            least = _least(A[self.kept])
+            least = _find_least_singular_value(A[self.kept])
             opened = np.max(gap[~self.kept]) > TIMES * np.max(gap[self.kept]) + OPEN * self._arm
             if opened or least < self._limit:
-                best = _most_independent(A, number)
-                if opened or _least(A[best]) > BETTER * least:
-                    both = _least(self._latest[best]) > WORN * _least(self._latest[self.kept])
+                best = _choose_independent(A, number)
+                if opened or _find_least_singular_value(A[best]) > BETTER * least:
+                    now, then = (_find_least_singular_value(self._latest[rows]) for rows in (self.kept, best))
+                    both = then > WORN * now
                     return WornRows(last, best if both and np.any(best != self.kept) else None)
                 self._limit = WORN * least
             else:
-                self._limit = min(WORN * self._first, max(WORN * least, self._limit))
+                self._limit = min(WORN * self._first_singular_value, max(WORN * least, self._limit))
             last, self._latest = int(at), A
         return None
 
-    def _rows(self, s: States) -> tuple[Float[np.ndarray, "nt nrows n"], Float[np.ndarray, "nt nrows"]]:
+    def _scale_rows(self, s: States) -> tuple[Float[np.ndarray, "nt nrows n"], Float[np.ndarray, "nt nrows"]]:
         """Return A of all constraint rows, scaled to length one, and their gaps |phi|, scaled alike [m], at each state.
 
         A multiplies (r_dot, gyration Omega). Point rows of a joint that also has axis rows are along the axes of its
@@ -88,7 +89,7 @@ class KeptRows:
         """
         system = self._system
         six = np.zeros((len(s.r), system.nrows, system.nb, 6))
-        for body, row, translation, rotation in row_parts(system, s):
+        for body, row, translation, rotation in list_jacobian_parts(system, s):
             six[:, row, body, :3] += translation
             six[:, row, body, 3:] += rotation / system.gyration[body, None]
         A = np.append(six.reshape(len(s.r), system.nrows, 6 * system.nb), constraint(system, s)[..., None], axis=2)
@@ -101,7 +102,7 @@ class KeptRows:
         return A[..., :-1], np.abs(A[..., -1])
 
 
-def joint_frames(
+def make_joint_frames(
     system: MultibodySystem, start: State, k: int
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
     """Return columns x, y, z of the joint frame of joint ``k`` in the frames of i and of j; z is its axis, in i.
@@ -119,7 +120,7 @@ def joint_frames(
     return R[system.joint_i[k]].T @ R[system.joint_j[k]] @ in_j, in_j
 
 
-def _most_independent(rows: Float[np.ndarray, "nrows n"], number: int = -1) -> Bool[np.ndarray, " nrows"]:
+def _choose_independent(rows: Float[np.ndarray, "nrows n"], number: int = -1) -> Bool[np.ndarray, " nrows"]:
     """Return flags of the ``number`` most independent rows by a pivoted QR, of all independent ones if negative."""
     out = np.zeros(len(rows), dtype=bool)
     if len(rows):
@@ -129,6 +130,6 @@ def _most_independent(rows: Float[np.ndarray, "nrows n"], number: int = -1) -> B
     return out
 
 
-def _least(rows: Float[np.ndarray, "k n"]) -> float:
+def _find_least_singular_value(rows: Float[np.ndarray, "k n"]) -> float:
     """Return the least singular value of ``rows``."""
     return float(np.linalg.svd(rows, compute_uv=False)[-1])

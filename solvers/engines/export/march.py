@@ -15,11 +15,11 @@ Advance = Callable[[int, float], Float[np.ndarray, "k n"]]  # steps, dt [s] -> t
 
 
 class PartialStretch(StepFailure):
-    """Raised where an engine stops inside a stretch; ``done`` has its rows before the failure."""
+    """Raised where an engine stops inside a stretch; ``rows`` are those before the failure."""
 
-    def __init__(self, status: Status, message: str, done: Float[np.ndarray, "k n"]) -> None:
+    def __init__(self, status: Status, message: str, rows: Float[np.ndarray, "k n"]) -> None:
         super().__init__(status, message)
-        self.done = done
+        self.rows = rows
 
 
 def march(
@@ -58,7 +58,7 @@ def march(
             try:
                 rows = advance(k, h)
             except PartialStretch as failure:
-                rows, stopped = failure.done, failure
+                rows, stopped = failure.rows, failure
             cpu += seconds() - before
             finite = np.isfinite(rows).all(axis=1)
             sound = len(rows) if finite.all() else int(np.argmin(finite))

@@ -27,10 +27,10 @@ from jaxtyping import Float
 
 from ....harness.mechanics.dynamics import accelerations
 from ....harness.mechanics.jacobian import constraint_jacobian, independent_rows
-from ....harness.mechanics.motion import applied_loads, kinetic_energy, potential_energy, spring_line
+from ....harness.mechanics.motion import applied_loads, evaluate_spring_line, kinetic_energy, potential_energy
 from ....harness.mechanics.state import State, States
 from ....harness.mechanics.system import MultibodySystem
-from ....harness.mechanics.torsion import torsion
+from ....harness.mechanics.torsion import evaluate_torsion
 from ....harness.types import Problem
 
 SAME = 1e-10  # rounding of intermediate sums is 1e-13 with 55 bodies
@@ -54,7 +54,7 @@ class EngineModel:
     idle: tuple[Float[np.ndarray, "k nu"], Float[np.ndarray, " k"]] | None = None  # a u_dot = b moves no body
 
 
-def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
+def measure_differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     """Return the relative difference of an engine's model from the expected one at the start, by quantity.
 
     Matrices, forces and accelerations are compared relative to their largest entry, energies to T + |V| + m |g| |r|,
@@ -64,29 +64,31 @@ def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     one = States.one(start)
     rates = accelerations(system, start)
     exact = np.concatenate((rates.v_dot, rates.Omega_dot), axis=1)
-    theirs = model.bias + (T @ _rigid(model, exact)).reshape(-1, 6)
+    theirs = model.bias + (T @ _solve_rigid(model, exact)).reshape(-1, 6)
     load = applied_loads(system, States.one(replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega)))[0]
-    rest_forces, pulls = T.T @ load.ravel(), _spring_sizes(system, one)
-    largest = _rates(one, np.concatenate((exact, load[:, :3] / system.mass[:, None]), axis=1))
+    rest_forces, pulls = T.T @ load.ravel(), _sum_spring_terms(system, one)
+    largest = _find_acceleration_scale(one, np.concatenate((exact, load[:, :3] / system.mass[:, None]), axis=1))
     kinetic, potential = float(kinetic_energy(system, one)[0]), float(potential_energy(system, one)[0])
     lift = float(system.mass @ np.linalg.norm(start.r, axis=1)) * float(np.linalg.norm(system.gravity))
     joules = kinetic + abs(potential) + lift
     freedom = 6 * system.nb - len(independent_rows(system, start))
-    left = T.shape[1] - rank(model.constraints, float(np.max(np.abs(T), initial=0.0)))
+    left = T.shape[1] - find_rank(model.constraints, float(np.max(np.abs(T), initial=0.0)))
     return {
-        "mass matrix": _apart(model.mass_matrix, T.T @ mass_blocks(problem) @ T),
-        "forces at rest": _apart(model.rest_forces, rest_forces, float(max(np.max(np.abs(load)), np.max(pulls)))),
+        "mass matrix": _compare_arrays(model.mass_matrix, T.T @ make_mass_blocks(problem) @ T),
+        "forces at rest": _compare_arrays(
+            model.rest_forces, rest_forces, float(max(np.max(np.abs(load)), np.max(pulls)))
+        ),
         "kinetic energy": abs(model.kinetic - kinetic) / (joules or 1.0),
         "potential energy": 0.0 if model.potential is None else abs(model.potential - potential) / (joules or 1.0),
-        "acceleration of C": _apart(theirs[:, :3], exact[:, :3], largest),
-        "angular acceleration": _apart(theirs[:, 3:], exact[:, 3:], largest),
+        "acceleration of C": _compare_arrays(theirs[:, :3], exact[:, :3], largest),
+        "angular acceleration": _compare_arrays(theirs[:, 3:], exact[:, 3:], largest),
         "degrees of freedom": abs(left - freedom) / freedom if freedom else float(left != 0),
     }
 
 
-def model_refusal(engine: str, problem: Problem, model: EngineModel) -> str | None:
+def refuse_model(engine: str, problem: Problem, model: EngineModel) -> str | None:
     """Return the refusal of an engine's model that differs from the expected one by more than ``SAME``, or None."""
-    found = differences(problem, model)
+    found = measure_differences(problem, model)
     worst = max(found, key=lambda k: found[k] if np.isfinite(found[k]) else np.inf)
     if found[worst] <= SAME:
         return None
@@ -94,7 +96,7 @@ def model_refusal(engine: str, problem: Problem, model: EngineModel) -> str | No
     return f"the model made for {engine} is not that of {problem.name}: {words}"
 
 
-def force_refusal(
+def refuse_forces(
     engine: str, problem: Problem, model: EngineModel, loops: Float[np.ndarray, "nl nu"], levels: int, eps: float
 ) -> str | None:
     """Return the refusal of an engine's model in single precision that differs from the expected one, or None.
@@ -105,9 +107,9 @@ def force_refusal(
     """
     k = 6 * (levels + 1) + model.T.shape[1]
     found = {
-        **force_differences(problem, model),
-        "rows of loops": loop_difference(model.constraints, loops),
-        "mass matrix": _apart(model.mass_matrix, model.T.T @ mass_blocks(problem) @ model.T),
+        **measure_force_differences(problem, model),
+        "rows of loops": measure_loop_difference(model.constraints, loops),
+        "mass matrix": _compare_arrays(model.mass_matrix, model.T.T @ make_mass_blocks(problem) @ model.T),
     }
     worst = max(found, key=lambda name: found[name] if np.isfinite(found[name]) else np.inf)
     if found[worst] <= k * eps:
@@ -116,7 +118,7 @@ def force_refusal(
     return f"the model made for {engine} is not that of {problem.name}: {words}"
 
 
-def force_differences(problem: Problem, model: EngineModel) -> dict[str, float]:
+def measure_force_differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     """Return the difference of an engine's forces from the expected ones, relative to the sizes S of their terms.
 
     The keys are "forces at rest" and "forces", those at the velocities of the start.
@@ -133,38 +135,38 @@ def force_differences(problem: Problem, model: EngineModel) -> dict[str, float]:
         load[:, 3:] -= np.cross(state.Omega, momentum)
         lacking = load - np.concatenate((m[:, None] * bias[:, :3], np.einsum("bij,bj->bi", J, bias[:, 3:])), axis=1)
         u_dot = np.linalg.lstsq(model.mass_matrix, forces, rcond=None)[0]
-        rates = _sizes(bias) + np.einsum("bkn,n->bk", parts, np.abs(u_dot))
+        rates = _measure_wrenches(bias) + np.einsum("bkn,n->bk", parts, np.abs(u_dot))
         v, spin = np.linalg.norm(state.v, axis=1), np.linalg.norm(state.Omega, axis=1)
         crossed = np.stack((m * spin * v, m * v**2 + spin * np.linalg.norm(momentum, axis=1)), axis=1)
         inertia = np.stack((m, np.linalg.norm(J, 2, axis=(1, 2))), axis=1)
-        pulls = _spring_sizes(system, States.one(state))
-        size = np.einsum("bkn,bk->n", parts, _sizes(load) + pulls + inertia * rates + crossed)
+        pulls = _sum_spring_terms(system, States.one(state))
+        size = np.einsum("bkn,bk->n", parts, _measure_wrenches(load) + pulls + inertia * rates + crossed)
         size = np.where(turns, np.max(size[turns], initial=0.0), np.max(size[~turns], initial=0.0))
         out[name] = float(np.max(np.abs(forces - T.T @ lacking.ravel()) / np.where(size > 0.0, size, 1.0), initial=0.0))
     return out
 
 
-def loop_difference(theirs: Float[np.ndarray, "nl nu"], ours: Float[np.ndarray, "nl nu"]) -> float:
+def measure_loop_difference(theirs: Float[np.ndarray, "nl nu"], ours: Float[np.ndarray, "nl nu"]) -> float:
     """Return the relative difference of two Jacobians of loops up to a common sign; infinity if their shapes differ."""
     if theirs.shape != ours.shape:
         return np.inf
-    return min(_apart(theirs, ours), _apart(-theirs, ours))
+    return min(_compare_arrays(theirs, ours), _compare_arrays(-theirs, ours))
 
 
-def mass_blocks(problem: Problem) -> Float[np.ndarray, "twists twists"]:
+def make_mass_blocks(problem: Problem) -> Float[np.ndarray, "twists twists"]:
     """Return blockdiag(m I, J), body by body."""
     masses = zip(problem.system.mass, problem.system.regular_inertia, strict=True)
     return np.array(sl.block_diag(*(b for m, J in masses for b in (m * np.eye(3), J))))
 
 
-def _spring_sizes(system: MultibodySystem, one: States) -> Float[np.ndarray, "nb 2"]:
+def _sum_spring_terms(system: MultibodySystem, one: States) -> Float[np.ndarray, "nb 2"]:
     """Return the sizes k d + k d_0 of the spring forces and torques on each body [N, N m].
 
     The two terms of a spring cancel where it is at rest, their rounding does not.
     """
-    out, (stretched, _, _) = np.zeros((system.nb + 1, 2)), torsion(system, one)  # the last one is the ground
+    out, (stretched, _, _) = np.zeros((system.nb + 1, 2)), evaluate_torsion(system, one)  # the last one is the ground
     for k, stiffness in enumerate(system.spring_k):
-        pull = stiffness * (np.linalg.norm(spring_line(system, one, k)[0]) + system.spring_d0[k])
+        pull = stiffness * (np.linalg.norm(evaluate_spring_line(system, one, k)[0]) + system.spring_d0[k])
         for b, p in ((system.spring_i[k], system.spring_p_i[k]), (system.spring_j[k], system.spring_p_j[k])):
             out[b] += pull * np.array([1.0, np.linalg.norm(p)])
     for k, stiffness in enumerate(system.torsion_k):
@@ -173,18 +175,18 @@ def _spring_sizes(system: MultibodySystem, one: States) -> Float[np.ndarray, "nb
     return out[:-1]
 
 
-def _sizes(wrenches: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, "nb 2"]:
+def _measure_wrenches(wrenches: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, "nb 2"]:
     """Return the magnitudes of the force and of the torque of each wrench."""
     return np.linalg.norm(wrenches.reshape(-1, 2, 3), axis=2)
 
 
-def rank(G: Float[np.ndarray, "nl nu"], largest: float = 0.0) -> int:
+def find_rank(G: Float[np.ndarray, "nl nu"], largest: float = 0.0) -> int:
     """Return the rank of constraint rows; entries that are rounding relative to ``largest`` count as zero."""
     size = np.linalg.svd(G, compute_uv=False) if G.size else np.zeros(1)
     return int(np.sum(size > DEPENDENT * max(size[0], largest)))
 
 
-def _rigid(model: EngineModel, exact: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, " nu"]:
+def _solve_rigid(model: EngineModel, exact: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, " nu"]:
     """Return the accelerations u_dot of the engine's model with its constraints made rigid.
 
     They satisfy M u_dot = f + G^T lam, with G u_dot that of the ``exact`` accelerations of bodies; redundant rows are
@@ -202,7 +204,7 @@ def _rigid(model: EngineModel, exact: Float[np.ndarray, "nb 6"]) -> Float[np.nda
     return scale * (particular + N @ np.linalg.solve(N.T @ M @ N, N.T @ (f - M @ particular)))
 
 
-def _apart(a: np.ndarray, b: np.ndarray, size: float = 0.0) -> float:
+def _compare_arrays(a: np.ndarray, b: np.ndarray, size: float = 0.0) -> float:
     """Return the largest difference of ``a`` and ``b``, relative to the largest entry of ``b`` or to a larger ``size``.
 
     It is absolute where both are zero.
@@ -211,12 +213,12 @@ def _apart(a: np.ndarray, b: np.ndarray, size: float = 0.0) -> float:
     return float(np.max(np.abs(a - b), initial=0.0)) / (size or 1.0)
 
 
-def _rates(one: States, accelerations: np.ndarray) -> float:
+def _find_acceleration_scale(one: States, accelerations: np.ndarray) -> float:
     """Return a scale of accelerations: the largest entry of these and of spins squared, whose terms may cancel."""
     return float(max(np.max(np.abs(accelerations), initial=0.0), np.max(one.Omega**2, initial=0.0)))
 
 
-def check_states(problem: Problem) -> Iterator[tuple[str, State]]:
+def list_check_states(problem: Problem) -> Iterator[tuple[str, State]]:
     """Yield a label and a state for each model check: the start, and its pose with two random admissible velocities."""
     start, system = problem.initial, problem.system
     yield "at the start", start

@@ -7,7 +7,7 @@ import numpy as np
 
 from ....harness.mechanics.state import State, States
 from ....harness.mechanics.system import MultibodySystem
-from ....harness.mechanics.torsion import torsion
+from ....harness.mechanics.torsion import evaluate_torsion
 from .tree import PARALLEL, Kind, Tree
 
 
@@ -16,15 +16,15 @@ def flatten_tree(tree: Tree, system: MultibodySystem, start: State) -> dict[str,
 
     Limbs have ``torsion`` and ``drive`` of their hinge, or None. Points and axes are in body frames, gravity and the
     ``r``, ``v`` of limbs in space; a load is in space unless it ``follows``. Raises ValueError as
-    ``springs_of_hinges`` does.
+    ``list_hinge_springs`` does.
     """
-    torsions = springs_of_hinges(system, start, tree)
+    torsions = list_hinge_springs(system, start, tree)
     drives = {drive.body: {"name": drive.name, "motion": drive.motion} for drive in tree.drives}
     limbs = [
         {
             **{f.name: getattr(limb, f.name) for f in fields(limb)},
             "kind": limb.kind.name,
-            "moves": limb.moves(),
+            "moves": limb.list_moves(),
             "mass": system.mass[limb.body],
             "inertia": system.regular_inertia[limb.body],
             "torsion": torsions.get(limb.body),
@@ -74,13 +74,13 @@ def flatten_tree(tree: Tree, system: MultibodySystem, start: State) -> dict[str,
 MOTION = ("r", "R", "v", "Omega")
 
 
-def springs_of_hinges(system: MultibodySystem, start: State, tree: Tree) -> dict[int, dict[str, float]]:
+def list_hinge_springs(system: MultibodySystem, start: State, tree: Tree) -> dict[int, dict[str, float]]:
     """Return stiffness, rest angle and damping of each torsional spring, by the child body of its hinge.
 
     Raises ValueError for a spring not about the axis of a hinge of the tree, and for a second one on the same hinge.
     """
     out: dict[int, dict[str, float]] = {}
-    stretched = torsion(system, States.one(start))[0][0]
+    stretched = evaluate_torsion(system, States.one(start))[0][0]
     limbs = {limb.body: limb for limb in tree.limbs if limb.kind is Kind.HINGE}
     for k, (i, j) in enumerate(zip(system.torsion_i.tolist(), system.torsion_j.tolist(), strict=True)):
         axis = np.cross(*system.torsion_n[k])  # in j

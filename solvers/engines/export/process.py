@@ -43,8 +43,8 @@ class Process:
         self._child = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._errors)
         atexit.register(self.close)
 
-    def request_answer(self, do: str, **about: Any) -> tuple[dict[str, Any], np.ndarray]:
-        """Send the request ``do`` with the values ``about``; return the engine's answer and its rows.
+    def request_answer(self, request: str, **arguments: Any) -> tuple[dict[str, Any], np.ndarray]:
+        """Send ``request`` with its ``arguments``; return the engine's answer and its rows.
 
         ``stepping`` and ``cpu`` are updated. CPU time of a request other than "advance" is counted as making code.
         Raises ValueError where the engine refuses, ``StepFailure`` where its process has died.
@@ -52,20 +52,20 @@ class Process:
         to, back = self._child.stdin, self._child.stdout
         assert to is not None and back is not None
         try:
-            to.write(json.dumps({"do": do, **about}).encode() + b"\n")
+            to.write(json.dumps({"do": request, **arguments}).encode() + b"\n")
             to.flush()
         except BrokenPipeError:
-            raise self._failure() from None
+            raise self._report_failure() from None
         line = back.readline()
         if not line.endswith(b"\n"):
-            raise self._failure()
+            raise self._report_failure()
         found = json.loads(line)
         shape = found.pop("shape", (0, 0))
         rows = back.read(8 * shape[0] * shape[1])
         if len(rows) < 8 * shape[0] * shape[1]:
-            raise self._failure()
+            raise self._report_failure()
         stepping, cpu, self.stepping, self.cpu = self.stepping, self.cpu, found.pop("stepping"), found.pop("cpu")
-        if do != "advance":
+        if request != "advance":
             add_code_below(max(self.cpu - cpu - (self.stepping - stepping), 0.0))
         if "refusal" in found:
             raise ValueError(found["refusal"])
@@ -83,7 +83,7 @@ class Process:
             self._child.wait()
         atexit.unregister(self.close)
 
-    def _failure(self) -> StepFailure:
+    def _report_failure(self) -> StepFailure:
         """Remove a process that died, and return, without raising it, the ``StepFailure`` with its reason in one line.
 
         All its messages are written to standard error.
@@ -111,6 +111,6 @@ def get_process(inside: str, python: Path) -> Process:
     return _processes[key]
 
 
-def seconds_of_processes() -> float:
+def sum_process_seconds() -> float:
     """Return the CPU time [s] of all running engine processes that this process started, as of their last answers."""
     return sum(one.cpu for (_, owner), one in _processes.items() if owner == os.getpid())

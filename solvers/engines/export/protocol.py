@@ -4,7 +4,7 @@
 the reason where the engine cannot build the model, and has::
 
     notes                how the system was modelled, and the engine's version: sentences
-    at_start()           fields of ``EngineModel`` by name; instead of forces, u_dot as ``rates`` and at rest as
+    describe_start()     fields of ``EngineModel`` by name; instead of forces, u_dot as ``rates`` and at rest as
                          ``rest_rates``, both without constraints, may be given. T, bias and constraints are the tree's
                          where left out, with ``rates`` also mass matrix and kinetic energy
     advance(steps, dt)   rows (q, u), coordinates and velocities of the tree, after each of the next steps;
@@ -28,12 +28,12 @@ from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ...formulations.packages import ENGINES, find_remedy
 from ...formulations.recording import Clock, ClockedSolver, StepFailure
 from ..inside.serve import step
-from .engine import SupportedElements, list_unsupported
+from .engine import SupportedElements, refuse_unsupported
 from .march import STRETCH, PartialStretch, march
-from .model_check import EngineModel, check_states, force_refusal, mass_blocks, model_refusal
+from .model_check import EngineModel, list_check_states, make_mass_blocks, refuse_forces, refuse_model
 from .plain import flatten_tree
-from .process import find_environment, get_process, seconds_of_processes
-from .tree import spanning_tree
+from .process import find_environment, get_process, sum_process_seconds
+from .tree import build_spanning_tree
 
 
 class Adapter(ClockedSolver):
@@ -49,14 +49,14 @@ class Adapter(ClockedSolver):
     remedy: ClassVar[str] = ENGINES
     takes: ClassVar[SupportedElements] = SupportedElements()
     eps: ClassVar[float] = 0.0  # precision of its numbers, where they are single
-    moving: ClassVar[bool] = False  # whether the model check asks for random velocities, too
+    checks_random_velocities: ClassVar[bool] = False  # whether the model check asks for random velocities, too
     stretch: ClassVar[int] = STRETCH
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the engine cannot take the problem, or None."""
         absent = None if find_environment(self.inside) else find_remedy(self.package, self.wheel, self.remedy)
         if (
-            reason := absent or list_unsupported(problem.system, self.takes) or self._cannot(problem, control)
+            reason := absent or refuse_unsupported(problem.system, self.takes) or self._refuse_options(problem, control)
         ) is not None:
             return reason
         try:
@@ -69,9 +69,9 @@ class Adapter(ClockedSolver):
 
         CPU time of the engine's process that is not spent on steps is added to the set-up time of the run.
         """
-        before = seconds_of_processes()
+        before = sum_process_seconds()
         found = super().solve(problem, control)
-        spent = seconds_of_processes() - before
+        spent = sum_process_seconds() - before
         return replace(found, setup_time=found.setup_time + max(spent - found.cpu_time, 0.0)) if spent else found
 
     def build(self, problem: Problem, control: StepControl) -> "Model":
@@ -80,20 +80,20 @@ class Adapter(ClockedSolver):
 
     def compare_model(self, problem: Problem, control: StepControl) -> str | None:
         """Return the refusal of an engine's model that differs from this project's equations, or None if they agree."""
-        for _, state in check_states(problem) if self.moving else [("", problem.initial)]:
+        for _, state in list_check_states(problem) if self.checks_random_velocities else [("", problem.initial)]:
             posed = replace(problem, initial=state)
             model = self.build(posed, control)
-            theirs, tree = model.at_start(), model.tree
+            theirs, tree = model.describe_start(), model.tree
             found = (
-                force_refusal(self.name, posed, theirs, tree.loop_jacobian(), tree.levels, self.eps)
+                refuse_forces(self.name, posed, theirs, tree.loop_jacobian(), tree.levels, self.eps)
                 if self.eps
-                else model_refusal(self.name, posed, theirs)
+                else refuse_model(self.name, posed, theirs)
             )
             if found is not None:
                 return found
         return None
 
-    def _cannot(self, problem: Problem, control: StepControl) -> str | None:
+    def _refuse_options(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the adapter's options do not suit the problem, or None; adapters override it."""
         return None
 
@@ -109,7 +109,7 @@ class Adapter(ClockedSolver):
             clock=clock,
             notes=model.notes(),
             stretch=self.stretch,
-            seconds=model.seconds,
+            seconds=model.read_seconds,
         )
 
 
@@ -117,7 +117,7 @@ class Model:
     """An engine's model behind the protocol, in its state after the last step."""
 
     def __init__(self, adapter: Any, problem: Problem, control: StepControl) -> None:
-        self.problem, self.tree = problem, spanning_tree(problem.system, problem.initial)
+        self.problem, self.tree = problem, build_spanning_tree(problem.system, problem.initial)
         self.clock: Clock | None = None
         data = {
             **flatten_tree(self.tree, problem.system, problem.initial),
@@ -129,15 +129,15 @@ class Model:
         data = json.loads(json.dumps(data, default=lambda a: a.tolist()))
         python = find_environment(adapter.inside)
         with making_code:  # imports of the engine, and the kernels that its first step compiles
-            self._made = (
+            self._backend = (
                 _LocalModel(adapter.inside, data)
                 if python is None
                 else _RemoteModel(get_process(adapter.inside, python), data)
             )
 
-    def seconds(self) -> float:
+    def read_seconds(self) -> float:
         """Return the CPU time [s] that the engine has spent on steps so far."""
-        return self._made.stepping
+        return self._backend.stepping
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
         """Advance by ``steps`` of ``dt`` [s]; return the engine's rows after each step.
@@ -145,10 +145,10 @@ class Model:
         CPU time of a separate process is charged to ``clock``. Raises ``PartialStretch``, with the rows until then,
         where the engine stopped.
         """
-        before = self._made.stepping
-        rows, stopped = self._made.advance(steps, dt)
-        if self._made.apart and self.clock is not None:
-            self.clock.whole.solver_began -= self._made.stepping - before  # the limit is on both processes
+        before = self._backend.stepping
+        rows, stopped = self._backend.advance(steps, dt)
+        if self._backend.is_remote and self.clock is not None:
+            self.clock.whole.solver_began -= self._backend.stepping - before  # the limit is on both processes
         if stopped:
             raise PartialStretch(Status.DIVERGED, stopped, rows)
         return rows
@@ -158,18 +158,18 @@ class Model:
         nq = len(self.tree.start)
         return self.tree.states(rows[:, :nq], rows[:, nq:])
 
-    def at_start(self) -> EngineModel:
+    def describe_start(self) -> EngineModel:
         """Return the engine's model at the start for the model check, completed by quantities of the tree."""
         nu = len(self.tree.start_velocity)
         with making_code:  # the check compiles other kernels than steps do
-            answer = self._made.at_start()
+            answer = self._backend.describe_start()
         found = {
             name: np.array(a, dtype=float) if isinstance(a, list | np.ndarray) else a for name, a in answer.items()
         }
         found["constraints"] = found.get("constraints", self.tree.loop_jacobian()).reshape(-1, nu)
         if "rates" in found:  # accelerations given instead of forces
             T, u = self.tree.jacobian(), self.tree.start_velocity
-            M = T.T @ mass_blocks(self.problem) @ T
+            M = T.T @ make_mass_blocks(self.problem) @ T
             found = {"mass_matrix": M, "kinetic": 0.5 * float(u @ M @ u), "potential": None, **found}
             found |= {"forces": M @ found.pop("rates"), "rest_forces": M @ found.pop("rest_rates")}
         given: dict[str, Any] = {"T": self.tree.jacobian(), "bias": self.tree.bias(self.problem.initial), **found}
@@ -180,23 +180,23 @@ class Model:
         cuts = f"; {len(self.tree.cuts)} points of cut joints" if self.tree.cuts else ""
         return (
             f"{len(self.tree.limbs)} bodies as a tree of {len(self.tree.start_velocity)} velocities{cuts}",
-            *self._made.notes,
+            *self._backend.notes,
         )
 
 
 class _LocalModel:
     """An engine's model in this process."""
 
-    apart, stepping = False, 0.0
+    is_remote, stepping = False, 0.0
 
     def __init__(self, inside: str, data: dict[str, Any]) -> None:
         module = importlib.import_module(f"..inside.{inside}", __package__)
         self._model = module.Model(data)
         self.notes = tuple(self._model.notes)
 
-    def at_start(self) -> dict[str, Any]:
-        """Return the result of the model's ``at_start``, by name."""
-        return dict(self._model.at_start())
+    def describe_start(self) -> dict[str, Any]:
+        """Return the result of the model's ``describe_start``, by name."""
+        return dict(self._model.describe_start())
 
     def advance(self, steps: int, dt: float) -> tuple[np.ndarray, str]:
         """Advance by ``steps`` of ``dt`` [s]; return the rows after each step, and why there are fewer, or ""."""
@@ -208,7 +208,7 @@ class _LocalModel:
 class _RemoteModel:
     """An engine's model in the engine's process."""
 
-    apart = True
+    is_remote = True
 
     def __init__(self, process: Any, data: dict[str, Any]) -> None:
         self._process = process
@@ -220,8 +220,8 @@ class _RemoteModel:
         """CPU time [s] of steps in that process, of all its models."""
         return float(self._process.stepping)
 
-    def at_start(self) -> dict[str, Any]:
-        """Return the result of the model's ``at_start``, by name."""
+    def describe_start(self) -> dict[str, Any]:
+        """Return the result of the model's ``describe_start``, by name."""
         return dict(self._process.request_answer("at_start", model=self._number)[0])
 
     def advance(self, steps: int, dt: float) -> tuple[np.ndarray, str]:

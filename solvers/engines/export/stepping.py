@@ -18,19 +18,19 @@ from jaxtyping import Float
 
 from ....harness.mechanics.dynamics import accelerations
 from ....harness.types import Problem, States, StepControl
-from .model_check import SINGLE, check_states
+from .model_check import SINGLE, list_check_states
 from .protocol import Adapter, Model
-from .tree import matrices
+from .tree import make_matrices
 
 ALLOWED = 100.0  # multiple of eps^(2/3)
 
 
-class Stepped(Adapter):
+class BodyAdapter(Adapter):
     """Base class of adapters whose rows are poses and velocities of bodies, (13 nb,)."""
 
     eps: ClassVar[float] = SINGLE
 
-    def stiffest(self) -> "Stepped":
+    def stiffen(self) -> "BodyAdapter":
         """Return this adapter with the settings of the model check, by default its own.
 
         An override may change damping, stabilisation and iterations, and has to keep the model.
@@ -39,30 +39,30 @@ class Stepped(Adapter):
 
     def build(self, problem: Problem, control: StepControl) -> Model:
         """Build the engine's model, whose rows are poses and velocities of bodies, and return it."""
-        return Bodies(self, problem, control)
+        return BodyModel(self, problem, control)
 
     def compare_model(self, problem: Problem, control: StepControl) -> str | None:
         """Return the refusal of a model whose steps have other than the exact accelerations, or None if they agree."""
         allowed = ALLOWED * self.eps ** (2.0 / 3.0)
-        for which, state in check_states(problem):
-            found = acceleration_errors(self.stiffest(), replace(problem, initial=state), self.eps ** (1.0 / 3.0))
+        for which, state in list_check_states(problem):
+            found = measure_acceleration_error(self.stiffen(), replace(problem, initial=state), self.eps ** (1.0 / 3.0))
             if not found <= allowed:
                 words = f"accelerations {which} differ by {found:.3g} of the largest (allowed {allowed:.2g})"
                 return f"the model made for {self.name} is not that of {problem.name}: {words}"
         return None
 
 
-class Bodies(Model):
+class BodyModel(Model):
     """A model whose rows are poses and velocities of bodies."""
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
         """Return poses and velocities of the bodies from rows of ``advance``."""
         by_body = rows.reshape(len(rows), len(self.tree.limbs), 13)
-        R = matrices(by_body[..., 3:7].reshape(-1, 4)).reshape(*by_body.shape[:2], 3, 3)
+        R = make_matrices(by_body[..., 3:7].reshape(-1, 4)).reshape(*by_body.shape[:2], 3, 3)
         return States(by_body[..., :3], R, by_body[..., 7:10], by_body[..., 10:])
 
 
-def acceleration_errors(adapter: Stepped, problem: Problem, step: float) -> float:
+def measure_acceleration_error(adapter: BodyAdapter, problem: Problem, step: float) -> float:
     """Return the largest difference of the engine's accelerations from the exact ones, relative to the largest.
 
     ``step`` is the engine's step in units of the shortest time of the motion, T of the module's docstring.
@@ -75,12 +75,12 @@ def acceleration_errors(adapter: Stepped, problem: Problem, step: float) -> floa
     fastest = max(float(np.max(start.Omega**2, initial=0.0)), size[1], size[0] / arm)
     time = 1.0 / np.sqrt(fastest or 1.0)
     size = np.maximum(size, np.array([arm, 1.0]) * fastest)
-    coarse, fine = (_acceleration(adapter, problem, h) for h in (step * time, 0.5 * step * time))
+    coarse, fine = (_measure_acceleration(adapter, problem, h) for h in (step * time, 0.5 * step * time))
     apart = np.max(np.abs(2.0 * fine - coarse - exact), axis=(1, 2), initial=0.0)
     return float(np.max(apart / np.where(size > 0.0, size, 1.0)))
 
 
-def _acceleration(adapter: Stepped, problem: Problem, h: float) -> Any:
+def _measure_acceleration(adapter: BodyAdapter, problem: Problem, h: float) -> Any:
     """Return (v_dot, Omega_dot) of all bodies, (2, nb, 3), by the engine's second step of ``h`` [s]."""
     model = adapter.build(problem, StepControl(dt=h))
     after = model.states(model.advance(2, h))

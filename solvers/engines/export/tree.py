@@ -37,7 +37,7 @@ from ....harness.mechanics.motion import point_velocity
 from ....harness.mechanics.naming import name_joint
 from ....harness.mechanics.state import State, States
 from ....harness.mechanics.system import GROUND, MultibodySystem
-from .model_check import rank
+from .model_check import find_rank
 
 
 class Kind(Enum):
@@ -62,7 +62,7 @@ class Kind(Enum):
         return self.value[2]
 
     @property
-    def is_turned(self) -> bool:
+    def has_quaternion(self) -> bool:
         """Flag of a connection that has a quaternion."""
         return self in (Kind.BALL, Kind.FREE)
 
@@ -102,7 +102,7 @@ class Limb:
     q_at: int  # first coordinate
     u_at: int  # first velocity
 
-    def moves(self) -> tuple[tuple[bool, Float[np.ndarray, " 3"]], ...]:
+    def list_moves(self) -> tuple[tuple[bool, Float[np.ndarray, " 3"]], ...]:
         """Return the one-axis joints that the connection consists of, from the parent to the child.
 
         Each is a pair: whether it slides, and its axis in the frame of the child at the start. Balls, free and fixed
@@ -171,14 +171,14 @@ class Tree:
             own_q = q[:, limb.q_at : limb.q_at + limb.kind.nq]
             own_u = u[:, limb.u_at : limb.u_at + limb.kind.nu]
             if limb.kind is Kind.FREE:
-                r[:, b], R[:, b] = own_q[:, :3], matrices(own_q[:, 3:])
+                r[:, b], R[:, b] = own_q[:, :3], make_matrices(own_q[:, 3:])
                 v[:, b], Omega[:, b] = own_u[:, :3], own_u[:, 3:]
                 continue
             slides, turns_first = limb.kind.slides, limb.kind is Kind.UNIVERSAL
             first, angle = (own_q[:, :1], own_q[:, -1:]) if len(own_q.T) else np.zeros((2, nt, 1))
             first_rate, rate = (own_u[:, :1], own_u[:, -1:]) if len(own_u.T) else np.zeros((2, nt, 1))
             way, way_rate = (x * limb.axis_parent * slides for x in (first, first_rate))
-            last = matrices(own_q) if limb.kind is Kind.BALL else so3.exp(angle * limb.axis)
+            last = make_matrices(own_q) if limb.kind is Kind.BALL else so3.exp(angle * limb.axis)
             turn = so3.exp(first * limb.axis_parent * turns_first) @ limb.R_0 @ last
             R[:, b] = R[:, p] @ turn
             relative = own_u if limb.kind is Kind.BALL else rate * limb.axis
@@ -205,7 +205,7 @@ class Tree:
     def loop_jacobian(self) -> Float[np.ndarray, "nl nu"]:
         """Return G with G u the rates of the gaps of cut joints, then of driven coordinates, at the start."""
         driven = np.eye(len(self.start_velocity))[[drive.u_at for drive in self.drives]]
-        return np.concatenate((_gap_rates(self._unit_motions(), self.cuts), driven))
+        return np.concatenate((_make_gap_jacobian(self._unit_motions(), self.cuts), driven))
 
     def bias(self, start: State) -> Float[np.ndarray, "nb 6"]:
         """Return the bodies' accelerations (r_ddot, Omega_dot) at the start for u_dot = 0."""
@@ -235,7 +235,7 @@ class Tree:
         return self.states(np.tile(self.start, (n, 1)), np.eye(n))
 
 
-def spanning_tree(system: MultibodySystem, start: State) -> Tree:
+def build_spanning_tree(system: MultibodySystem, start: State) -> Tree:
     """Return the spanning tree of a system, its cut joints, drives and links, by the rule of the module's docstring.
 
     Raises ValueError for a joint that closes a loop and cannot be cut, and for a drive without a hinge or slide.
@@ -246,7 +246,7 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
     sizes = [0, 0]
 
     def visit(body: int) -> None:
-        limb = _limb(system, start, body, *reached[body], *sizes)
+        limb = _make_limb(system, start, body, *reached[body], *sizes)
         limbs.append(limb)
         sizes[0] += limb.kind.nq
         sizes[1] += limb.kind.nu
@@ -265,16 +265,16 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
             )
     q, u = np.zeros(sizes[0]), np.zeros(sizes[1])
     for limb in limbs:
-        q[limb.q_at : limb.q_at + limb.kind.nq], u[limb.u_at : limb.u_at + limb.kind.nu] = _start_coordinates(
+        q[limb.q_at : limb.q_at + limb.kind.nq], u[limb.u_at : limb.u_at + limb.kind.nu] = _find_start_coordinates(
             limb, start
         )
     bare = Tree(tuple(limbs), (), q, u)
-    drives = tuple(_drive(system, bare, k) for k in range(system.nj) if system.joint_kind(k) in DRIVES)
-    links = tuple(_link(system, k) for k in range(system.nj) if system.joint_kind(k) in LINKS)
-    return Tree(bare.limbs, _coincidences(system, start, cut, bare), q, u, drives, links)
+    drives = tuple(_make_drive(system, bare, k) for k in range(system.nj) if system.joint_kind(k) in DRIVES)
+    links = tuple(_make_link(system, k) for k in range(system.nj) if system.joint_kind(k) in LINKS)
+    return Tree(bare.limbs, _find_coincidences(system, start, cut, bare), q, u, drives, links)
 
 
-def _limb(system: MultibodySystem, start: State, body: int, parent: int, k: int, q_at: int, u_at: int) -> Limb:
+def _make_limb(system: MultibodySystem, start: State, body: int, parent: int, k: int, q_at: int, u_at: int) -> Limb:
     """Return the connection of ``body`` to its parent by joint ``k`` (-1: it floats)."""
     R_parent = np.eye(3) if parent == GROUND else start.R[parent]
     R_0, zero = R_parent.T @ start.R[body], np.zeros(3)
@@ -298,7 +298,7 @@ def _limb(system: MultibodySystem, start: State, body: int, parent: int, k: int,
     return Limb(body, parent, kind, s_parent, s_child, axis, axis_parent, R_0, q_at, u_at)
 
 
-def _drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
+def _make_drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
     """Return the drive of joint ``k``, on the hinge or slide between the same bodies; ValueError if there is none."""
     i, j, name = int(system.joint_i[k]), int(system.joint_j[k]), system.joint_names[k]
     turns = system.joint_kind(k) == MovingKind.DRIVEN_ANGLE
@@ -306,7 +306,7 @@ def _drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
     axis_j = np.cross(n[0], n[1]) if turns else n[0]
     for limb in tree.limbs:
         if limb.kind is kind and {limb.body, limb.parent} == {i, j}:
-            ((_, in_child),) = limb.moves()
+            ((_, in_child),) = limb.list_moves()
             along = float(in_child @ (axis_j if limb.body == j else limb.R_0.T @ axis_j))
             if abs(abs(along) - 1.0) < PARALLEL:
                 numbers = np.round(along) * (1.0 if limb.body == i else -1.0) * system.joint_motion[k]
@@ -316,18 +316,18 @@ def _drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
     raise ValueError(f"{name_joint(system, k)}: the drive is not along the axis of a {kind.value[0]} of the tree")
 
 
-def _link(system: MultibodySystem, k: int) -> Link:
+def _make_link(system: MultibodySystem, k: int) -> Link:
     """Return joint ``k``, a distance or a point on a line, as a link."""
     axis, length = np.cross(*system.joint_n[k, :2]), float(system.joint_length[k])
-    return Link(*_ends(system, k), axis, length)
+    return Link(*_find_ends(system, k), axis, length)
 
 
-def _ends(system: MultibodySystem, k: int) -> tuple[int, np.ndarray, int, np.ndarray]:
+def _find_ends(system: MultibodySystem, k: int) -> tuple[int, np.ndarray, int, np.ndarray]:
     """Return the bodies and points of joint ``k``, in the order of ``Points``."""
     return int(system.joint_i[k]), system.joint_s_i[k], int(system.joint_j[k]), system.joint_s_j[k]
 
 
-def _start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray]:
+def _find_start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray]:
     """Return coordinates and velocities of a limb at the start."""
     b, p = limb.body, limb.parent
     if limb.kind is Kind.FREE:
@@ -338,11 +338,11 @@ def _start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray
     if limb.kind is Kind.BALL:
         return np.array([1.0, 0.0, 0.0, 0.0]), relative
     slip = R.T @ (start.v[b] + start.R[b] @ np.cross(start.Omega[b], limb.s_child) - v) - np.cross(Omega, limb.s_parent)
-    u = [(slip @ limb.axis_parent) if slides else relative @ axis for slides, axis in limb.moves()]
+    u = [(slip @ limb.axis_parent) if slides else relative @ axis for slides, axis in limb.list_moves()]
     return np.zeros(len(u)), np.array(u)
 
 
-def _coincidences(system: MultibodySystem, start: State, cut: list[int], tree: Tree) -> tuple[Coincidence, ...]:
+def _find_coincidences(system: MultibodySystem, start: State, cut: list[int], tree: Tree) -> tuple[Coincidence, ...]:
     """Return the pairs of points that have to coincide at the cut joints; none for a joint declared twice.
 
     A revolute joint has a second pair on its axis where that adds rank.
@@ -351,29 +351,29 @@ def _coincidences(system: MultibodySystem, start: State, cut: list[int], tree: T
     joined = [{limb.body, limb.parent} for limb in tree.limbs if limb.kind in (Kind.HINGE, Kind.BALL)]
     R = np.concatenate((start.R, np.eye(3)[None]))
     for k in cut:
-        first, u = Coincidence(*_ends(system, k)), system.joint_u[k]
+        first, u = Coincidence(*_find_ends(system, k)), system.joint_u[k]
         arm = max(float(np.linalg.norm(first.s_i)), float(np.linalg.norm(first.s_j))) or 1.0
         u_j = R[first.j].T @ R[first.i] @ u
         second = Coincidence(first.i, first.s_i + arm * u, first.j, first.s_j + arm * u_j)
         for to, point in ((out, first), (axes, second))[: 1 + bool(system.joint_revolute[k])]:
-            if {first.i, first.j} not in joined or np.max(np.abs(_gap_rates(unit, [point]))) > PARALLEL * arm:
+            if {first.i, first.j} not in joined or np.max(np.abs(_make_gap_jacobian(unit, [point]))) > PARALLEL * arm:
                 to.append(point)
-    known = rank(_gap_rates(unit, out))
+    known = find_rank(_make_gap_jacobian(unit, out))
     for second in axes:
-        more = rank(_gap_rates(unit, [*out, second]))
+        more = find_rank(_make_gap_jacobian(unit, [*out, second]))
         if more > known:
             known = more
             out.append(second)
     return tuple(out)
 
 
-def _gap_rates(unit: States, cuts: Sequence[Coincidence]) -> Float[np.ndarray, "nl nu"]:
+def _make_gap_jacobian(unit: States, cuts: Sequence[Coincidence]) -> Float[np.ndarray, "nl nu"]:
     """Return the Jacobian of the gaps of cut points, three rows each, from the motions ``unit`` of each velocity."""
     rows = [point_velocity(unit, c.i, c.s_i) - point_velocity(unit, c.j, c.s_j) for c in cuts]
     return np.concatenate(rows, axis=1).T if rows else np.zeros((0, len(unit)))
 
 
-def matrices(q: Float[np.ndarray, "nt 4"]) -> Float[np.ndarray, "nt 3 3"]:
+def make_matrices(q: Float[np.ndarray, "nt 4"]) -> Float[np.ndarray, "nt 3 3"]:
     """Return rotation matrices of quaternions (w, x, y, z)."""
     return Rotation.from_quat(q, scalar_first=True).as_matrix()
 

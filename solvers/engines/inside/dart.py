@@ -11,7 +11,7 @@ from typing import Any
 import dartpy as dart
 import numpy as np
 
-from .turning import rotate_back, value
+from .turning import evaluate_factor, rotate_back
 
 GROUND = -1
 OWN = 0.01  # default error reduction of DART
@@ -30,9 +30,9 @@ class Model:
         self._bodies: dict[int, Any] = {}
         self._joints: list[tuple[Any, dict[str, Any]]] = []
         for limb in data["limbs"]:
-            self._add(limb)
+            self._add_limb(limb)
         self._world.addSkeleton(self._skeleton)
-        self._place(np.array(data["start_velocity"]))
+        self._set_start(np.array(data["start_velocity"]))
         solver = self._world.getConstraintSolver()
         for cut in data["cuts"]:
             i, j = self._bodies[cut["i"]], self._bodies.get(cut["j"])
@@ -44,14 +44,14 @@ class Model:
         loop = "a loop of its steps in Python, whose overhead counts"
         self.notes = [loop, f"dartpy {importlib.metadata.version('dartpy')}"]
 
-    def at_start(self) -> dict[str, Any]:
+    def describe_start(self) -> dict[str, Any]:
         """Return fields of ``EngineModel``; forces are M u_dot of DART's unconstrained forward dynamics."""
         skeleton, u, nu = self._skeleton, np.array(self._data["start_velocity"]), len(self._data["start_velocity"])
-        V = np.stack([self._velocities(unit) for unit in np.eye(nu)], axis=1)
+        V = np.stack([self._convert_velocities(unit) for unit in np.eye(nu)], axis=1)
         loads = []
         for rates in (0.0 * u, u):
-            self._place(rates)
-            self._push(0.0)
+            self._set_start(rates)
+            self._apply_loads(0.0)
             skeleton.computeForwardDynamics()
             skeleton.clearExternalForces()
             M = skeleton.getMassMatrix()
@@ -78,7 +78,7 @@ class Model:
         step, skeleton = self._world.step, self._skeleton
         made = np.empty((steps, 2 * skeleton.getNumDofs()))
         for k in range(steps):
-            self._push(self._world.getTime())
+            self._apply_loads(self._world.getTime())
             step()
             made[k] = np.concatenate((skeleton.getPositions(), skeleton.getVelocities()))
         return made
@@ -92,9 +92,12 @@ class Model:
             at, to, kind = limb["q_at"], limb["u_at"], limb["kind"]
             i = joint.getIndexInSkeleton(0)
             if kind == "BALL":
-                q[:, at : at + 4], u[:, to : to + 3] = _quaternions(theirs[:, i : i + 3]), v[:, i : i + 3]
+                q[:, at : at + 4], u[:, to : to + 3] = _make_quaternions(theirs[:, i : i + 3]), v[:, i : i + 3]
             elif kind == "FREE":
-                q[:, at : at + 3], q[:, at + 3 : at + 7] = theirs[:, i + 3 : i + 6], _quaternions(theirs[:, i : i + 3])
+                q[:, at : at + 3], q[:, at + 3 : at + 7] = (
+                    theirs[:, i + 3 : i + 6],
+                    _make_quaternions(theirs[:, i : i + 3]),
+                )
                 u[:, to : to + 3] = v[:, i + 3 : i + 6]
                 u[:, to + 3 : to + 6] = rotate_back(q[:, at + 3 : at + 7], v[:, i : i + 3])
             else:
@@ -102,7 +105,7 @@ class Model:
                 q[:, at : at + n], u[:, to : to + n] = theirs[:, i : i + n], v[:, i : i + n]
         return np.concatenate((q, u), axis=1)
 
-    def _add(self, limb: dict[str, Any]) -> None:
+    def _add_limb(self, limb: dict[str, Any]) -> None:
         """Add a limb's body with its joint to the skeleton."""
         skeleton, kind, b = self._skeleton, limb["kind"], limb["body"]
         parent = self._bodies.get(limb["parent"])
@@ -124,32 +127,32 @@ class Model:
             joint.setAxis1(axes[0])
             joint.setAxis2(axes[1])
         if kind != "FREE":
-            joint.setTransformFromParentBodyNode(_isometry(limb["R_0"], limb["s_parent"]))
+            joint.setTransformFromParentBodyNode(_make_isometry(limb["R_0"], limb["s_parent"]))
         if kind != "FIXED":
             self._joints.append((joint, limb))
         if kind != "FREE":
-            joint.setTransformFromChildBodyNode(_isometry(np.eye(3), limb["s_child"]))
+            joint.setTransformFromChildBodyNode(_make_isometry(np.eye(3), limb["s_child"]))
         body.setInertia(dart.dynamics.Inertia(limb["mass"], np.zeros(3), np.array(limb["inertia"])))
         self._bodies[b] = body
 
-    def _push(self, t: float) -> None:
+    def _apply_loads(self, t: float) -> None:
         """Apply the loads at time ``t`` [s] to the bodies; a step clears them."""
         for load in self._data["loads"]:
-            body, factor, follows = self._bodies[load["body"]], value(load["factor"], t), load["follows"]
+            body, factor, follows = self._bodies[load["body"]], evaluate_factor(load["factor"], t), load["follows"]
             body.addExtForce(factor * np.array(load["force"]), np.array(load["point"]), follows, True)
             body.addExtTorque(factor * np.array(load["torque"]), follows)
 
-    def _place(self, u: np.ndarray) -> None:
+    def _set_start(self, u: np.ndarray) -> None:
         """Set the skeleton to the pose of the start and velocities ``u`` of the tree."""
         q = np.zeros(self._skeleton.getNumDofs())
         for joint, limb in self._joints:
             if limb["kind"] == "FREE":
                 i = joint.getIndexInSkeleton(0)
-                q[i : i + 6] = dart.dynamics.FreeJoint.convertToPositions(_isometry(limb["R"], limb["r"]))
+                q[i : i + 6] = dart.dynamics.FreeJoint.convertToPositions(_make_isometry(limb["R"], limb["r"]))
         self._skeleton.setPositions(q)
-        self._skeleton.setVelocities(self._velocities(u))
+        self._skeleton.setVelocities(self._convert_velocities(u))
 
-    def _velocities(self, u: np.ndarray) -> np.ndarray:
+    def _convert_velocities(self, u: np.ndarray) -> np.ndarray:
         """Return DART's velocities at the start for velocities ``u`` of the tree."""
         v = np.zeros(self._skeleton.getNumDofs())
         for joint, limb in self._joints:
@@ -161,7 +164,7 @@ class Model:
         return v
 
 
-def _isometry(R: Any, p: Any) -> Any:
+def _make_isometry(R: Any, p: Any) -> Any:
     """Return DART's transform with rotation R and translation p."""
     out = dart.math.Isometry3()
     out.set_rotation(np.array(R))
@@ -169,7 +172,7 @@ def _isometry(R: Any, p: Any) -> Any:
     return out
 
 
-def _quaternions(a: np.ndarray) -> np.ndarray:
+def _make_quaternions(a: np.ndarray) -> np.ndarray:
     """Return the quaternions (w, x, y, z), (n, 4), of rotation vectors (n, 3)."""
     angle = np.linalg.norm(a, axis=1, keepdims=True)
     return np.concatenate((np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * a), axis=1)

@@ -35,7 +35,7 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
-from .turning import arm_and_normal, matrices, value
+from .turning import evaluate_factor, find_arm_and_normal, make_matrices
 
 GROUND = -1
 APPROXIMATIONS = {"tamsi": "kTamsi", "sap": "kSap", "similar": "kSimilar", "lagged": "kLagged"}
@@ -54,14 +54,14 @@ class Model:
         self._default, self._discrete, self.stopped = default, self._scheme in APPROXIMATIONS, ""
         try:
             self._assemble(data["dt"] or 0.0)
-            self._restart(0.0, *self._theirs(np.array(data["start"]), np.array(data["start_velocity"])))
+            self._restart(0.0, *self._convert_from_tree(np.array(data["start"]), np.array(data["start_velocity"])))
         except RuntimeError as error:  # raised by its checks, e.g. for an inertia that no body can have
             raise ValueError(" ".join(str(error).split())) from None
         what = "discrete steps, approximation" if self._discrete else "integrator"
         held = "; its ball constraints are regularised" if data["cuts"] else ""
         self.notes = [f"{what} {self._scheme}{held}", f"drake {importlib.metadata.version('drake')}"]
 
-    def at_start(self) -> dict[str, Any]:
+    def describe_start(self) -> dict[str, Any]:
         """Return fields of ``EngineModel``.
 
         Drake's velocities are v = V u, with V_dot u = 0 at the start.
@@ -71,13 +71,13 @@ class Model:
         q, u = np.array(self._data["start"]), np.array(self._data["start_velocity"])
         V = np.zeros((len(u), len(u)))
         for k, unit in enumerate(np.eye(len(u))):
-            V[:, k] = self._theirs(q, unit)[1]
-        place, v = self._theirs(q, u)
+            V[:, k] = self._convert_from_tree(q, unit)[1]
+        place, v = self._convert_from_tree(q, u)
         plant.SetPositions(context, place)
         plant.SetVelocities(context, 0.0 * v)
-        rest_forces = V.T @ self._forces(context)
+        rest_forces = V.T @ self._sum_forces(context)
         plant.SetVelocities(context, v)
-        M, forces = V.T @ plant.CalcMassMatrix(context) @ V, V.T @ self._forces(context)
+        M, forces = V.T @ plant.CalcMassMatrix(context) @ V, V.T @ self._sum_forces(context)
         world, rows = plant.world_frame(), [np.zeros((0, len(u)))]
         for cut in self._data["cuts"] if plant.num_constraints() and self._discrete else []:
             ends = [
@@ -107,7 +107,7 @@ class Model:
         Another ``dt`` than before rebuilds the plant. The reason of a failure is set as ``stopped``.
         """
         if dt and dt != self._dt:
-            state, time = self._state(), self._time
+            state, time = self._read_state(), self._time
             self._assemble(dt)
             self._restart(time, *np.split(state, [self._plant.num_positions()]))
         self._left, began = steps, self._time
@@ -129,7 +129,7 @@ class Model:
 
     def rows(self, made: np.ndarray) -> np.ndarray:
         """Convert rows of ``advance`` to rows (q, u) of the tree, or (t, q, u) where Drake chooses the steps."""
-        q, u = self._ours(*np.split(made[:, 1:], [self._plant.num_positions()], axis=1))
+        q, u = self._convert_to_tree(*np.split(made[:, 1:], [self._plant.num_positions()], axis=1))
         return np.concatenate(([] if self._data["dt"] else [made[:, :1]]) + [q, u], axis=1)
 
     def _assemble(self, dt: float) -> None:
@@ -144,7 +144,7 @@ class Model:
         self._bodies: dict[int, Any] = {GROUND: plant.world_body()}
         self._joints: list[tuple[Any, dict[str, Any], Any]] = []
         for limb in data["limbs"]:
-            self._add(plant, limb)
+            self._add_limb(plant, limb)
         for spring in data["springs"]:
             ends = [x for b in ("i", "j") for x in (self._bodies[spring[b]], np.array(spring[f"p_{b}"]))]
             law = spring["rest_length"], spring["stiffness"], spring["damping"]
@@ -166,9 +166,9 @@ class Model:
                 integrator.set_fixed_step_mode(True)
             else:
                 integrator.set_target_accuracy(data["rtol"])
-                self._simulator.set_monitor(self._count)
+                self._simulator.set_monitor(self._count_step)
 
-    def _add(self, plant: Any, limb: dict[str, Any]) -> None:
+    def _add_limb(self, plant: Any, limb: dict[str, Any]) -> None:
         """Add a limb's body with its joints to the plant."""
         b, name = limb["body"], f"body {limb['body']}"
         inertia = np.array(limb["inertia"])
@@ -181,7 +181,7 @@ class Model:
             return
         moves, A = limb["moves"], np.eye(3)
         if kind == "BALL":
-            x, z = arm_and_normal(limb, self._data["gravity"])
+            x, z = find_arm_and_normal(limb, self._data["gravity"])
             A = np.stack((x, np.cross(z, x), z), axis=1)
         if kind == "UNIVERSAL":
             x, y = (np.array(axis) for _, axis in moves)
@@ -233,18 +233,18 @@ class Model:
         self._simulator.Initialize()
         self._log.FindLog(self._simulator.get_context()).Clear()
 
-    def _state(self) -> np.ndarray:
+    def _read_state(self) -> np.ndarray:
         """Return Drake's present positions and velocities, one after the other."""
         context = self._plant.GetMyContextFromRoot(self._simulator.get_context())
         return np.array(self._plant.GetPositionsAndVelocities(context))
 
-    def _count(self, context: Any) -> Any:
+    def _count_step(self, context: Any) -> Any:
         """Count a step, as Drake's monitor; return the status, which stops the simulator after the last step due."""
         self._left -= 1
         done = self._left <= 0 < context.get_time()
         return EventStatus.ReachedTermination(self._plant, "") if done else EventStatus.Succeeded()
 
-    def _forces(self, context: Any) -> np.ndarray:
+    def _sum_forces(self, context: Any) -> np.ndarray:
         """Return the generalised forces except those of constraints: -(C v - gravity - springs - loads)."""
         plant, applied = self._plant, MultibodyForces(self._plant)
         plant.CalcForceElementsContribution(context, applied)
@@ -254,7 +254,7 @@ class Model:
             body.AddInForce(context, load.p_BoBq_B, load.F_Bq_W.Rotate(to_body.inverse()), body.body_frame(), applied)
         return -plant.CalcInverseDynamics(context, np.zeros(plant.num_velocities()), applied)
 
-    def _theirs(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _convert_from_tree(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Drake's coordinates and velocities for those of the tree at the start, where ball angles are zero."""
         theirs, v = np.zeros(self._plant.num_positions()), np.zeros(self._plant.num_velocities())
         for joint, limb, about in self._joints:
@@ -269,7 +269,7 @@ class Model:
                 theirs[i : i + n], v[j : j + n] = q[at:][about], u[to:][about]
         return theirs, v
 
-    def _ours(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _convert_to_tree(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return coordinates and velocities of the tree for Drake's ``theirs`` and ``v``, at each time."""
         q = np.zeros((len(theirs), len(self._data["start"])))
         u = np.zeros((len(v), len(self._data["start_velocity"])))
@@ -277,12 +277,12 @@ class Model:
             at, to, i, j = limb["q_at"], limb["u_at"], joint.position_start(), joint.velocity_start()
             if limb["kind"] == "FREE":
                 q[:, at : at + 3], q[:, at + 3 : at + 7] = theirs[:, i + 4 : i + 7], theirs[:, i : i + 4]
-                u[:, to : to + 3], turned = v[:, j + 3 : j + 6], matrices(theirs[:, i : i + 4])
+                u[:, to : to + 3], turned = v[:, j + 3 : j + 6], make_matrices(theirs[:, i : i + 4])
                 u[:, to + 3 : to + 6] = np.einsum("tji,tj->ti", turned, v[:, j : j + 3])
             elif limb["kind"] == "BALL":
-                turned = _quaternions(theirs[:, i : i + 3])
+                turned = _make_quaternions(theirs[:, i : i + 3])
                 q[:, at], q[:, at + 1 : at + 4] = turned[:, 0], turned[:, 1:] @ about.T
-                u[:, to : to + 3] = np.einsum("tji,tj->ti", matrices(turned), v[:, j : j + 3]) @ about.T
+                u[:, to : to + 3] = np.einsum("tji,tj->ti", make_matrices(turned), v[:, j : j + 3]) @ about.T
             else:
                 n = joint.num_positions()
                 q[:, at:][:, about], u[:, to:][:, about] = theirs[:, i : i + n], v[:, j : j + n]
@@ -297,22 +297,22 @@ class Loads(LeafSystem):
         self._loads = [(load, bodies[load["body"]].index()) for load in loads]
         self.DeclareAbstractInputPort("poses", AbstractValue.Make([RigidTransform()]))
         blank = AbstractValue.Make([ExternallyAppliedSpatialForce()])
-        self.DeclareAbstractOutputPort("forces", lambda: blank, self._forces)
+        self.DeclareAbstractOutputPort("forces", lambda: blank, self._set_forces)
 
-    def _forces(self, context: Any, output: Any) -> None:
+    def _set_forces(self, context: Any, output: Any) -> None:
         """Set the output to all loads at the time and poses of ``context``, in space."""
         poses, forces = self.get_input_port().Eval(context), []
         for load, index in self._loads:
             force = ExternallyAppliedSpatialForce()
             force.body_index, force.p_BoBq_B = index, np.array(load["point"])
             R = poses[int(index)].rotation().matrix() if load["follows"] else np.eye(3)
-            factor = value(load["factor"], context.get_time())
+            factor = evaluate_factor(load["factor"], context.get_time())
             force.F_Bq_W = SpatialForce(factor * (R @ load["torque"]), factor * (R @ load["force"]))
             forces.append(force)
         output.set_value(forces)
 
 
-def _quaternions(rpy: np.ndarray) -> np.ndarray:
+def _make_quaternions(rpy: np.ndarray) -> np.ndarray:
     """Return the quaternions (w, x, y, z) of R_z(yaw) R_y(pitch) R_x(roll), from angles (nt, 3) [rad]."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(0.5 * rpy).T, np.sin(0.5 * rpy).T
     return np.stack(

@@ -5,7 +5,7 @@ from typing import Any
 import mujoco as mj
 import numpy as np
 
-from .turning import quaternion
+from .turning import make_quaternion
 
 GROUND = -1
 
@@ -30,8 +30,8 @@ def build_model(data: dict[str, Any]) -> Any:
             explicitinertial=True,
             ipos=np.zeros(3),
             inertia=moments,
-            iquat=quaternion(axes * np.linalg.det(axes)),
-            quat=quaternion(R_0),
+            iquat=make_quaternion(axes * np.linalg.det(axes)),
+            quat=make_quaternion(R_0),
             pos=limb["r"] if free else np.array(limb["s_parent"]) - R_0 @ limb["s_child"],
         )
         if limb["kind"] in ("BALL", "FREE"):

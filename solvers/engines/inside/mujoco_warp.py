@@ -12,7 +12,7 @@ wp.config.quiet = True
 import mujoco_warp as warped  # noqa: E402  below the line that keeps its import quiet
 
 from .mjcf import build_model  # noqa: E402
-from .warp_model import dynamics  # noqa: E402
+from .warp_model import read_dynamics  # noqa: E402
 
 
 class Model:
@@ -22,29 +22,29 @@ class Model:
         self._model = build_model(data).compile()
         self._start, self._velocity = np.array(data["start"]), np.array(data["start_velocity"])
         self._dt, self.stopped = 0.0, ""
-        self._set(data["dt"])
-        warped.step(self._there, self._data)  # compilation by the first step is set-up
-        self._set(data["dt"])
+        self._reset(data["dt"])
+        warped.step(self._device_model, self._data)  # compilation by the first step is set-up
+        self._reset(data["dt"])
         made_by = f"mujoco_warp {importlib.metadata.version('mujoco-warp')} on mujoco {mj.__version__}"
         self.notes = ["single precision, CPU", made_by]
 
-    def at_start(self) -> dict[str, Any]:
+    def describe_start(self) -> dict[str, Any]:
         """Return mass matrix, constraints, and unconstrained accelerations in motion and at rest."""
         found = []
         for u in (0.0 * self._velocity, self._velocity):
-            data = self._put(u)
-            warped.forward(self._there, data)
-            found.append(dynamics(self._there, data, self._model.neq))
+            data = self._make_data(u)
+            warped.forward(self._device_model, data)
+            found.append(read_dynamics(self._device_model, data, self._model.neq))
         return {"rest_rates": found[0]["rates"], **found[1]}
 
     def advance(self, steps: int, dt: float) -> list[tuple[np.ndarray, np.ndarray]]:
         """Advance by ``steps`` of ``dt`` [s]; return (q, u) after each step."""
         if dt != self._dt:
             self._dt = dt
-            self._there.opt.timestep.fill_(dt)
+            self._device_model.opt.timestep.fill_(dt)
         out = []
         for _ in range(steps):
-            warped.step(self._there, self._data)
+            warped.step(self._device_model, self._data)
             out.append((self._data.qpos.numpy()[0].copy(), self._data.qvel.numpy()[0].copy()))
         return out
 
@@ -52,13 +52,13 @@ class Model:
         """Convert the result of ``advance`` to an array of rows (q, u)."""
         return np.array([np.concatenate(row) for row in found], dtype=float)
 
-    def _set(self, dt: float) -> None:
+    def _reset(self, dt: float) -> None:
         """Set the model on the device, for steps of ``dt`` [s], and its state to the start."""
         self._dt = self._model.opt.timestep = dt
-        self._there = warped.put_model(self._model)
-        self._data = self._put(self._velocity)
+        self._device_model = warped.put_model(self._model)
+        self._data = self._make_data(self._velocity)
 
-    def _put(self, u: np.ndarray) -> Any:
+    def _make_data(self, u: np.ndarray) -> Any:
         """Return new data on the device, at the pose of the start with velocities ``u``."""
         data = mj.MjData(self._model)
         data.qpos[:], data.qvel[:] = self._start, u

@@ -13,7 +13,7 @@ warnings.simplefilter("ignore")
 import newton  # noqa: E402  below the line that keeps its import quiet
 
 from .turning import rotate_back  # noqa: E402
-from .warp_model import dynamics  # noqa: E402
+from .warp_model import read_dynamics  # noqa: E402
 
 GROUND = -1
 PROBE = 1e-6  # [s] of the step after which accelerations are read
@@ -33,7 +33,7 @@ class Model:
         joints = []
         for limb in limbs:
             link[limb["body"]] = child = builder.add_link(
-                xform=_frame(limb["r"], limb["R"]),
+                xform=_make_transform(limb["r"], limb["R"]),
                 mass=limb["mass"],
                 inertia=wp.mat33(*np.ravel(limb["inertia"])),
                 lock_inertia=True,
@@ -44,11 +44,11 @@ class Model:
             ends = {
                 "parent": link[limb["parent"]],
                 "child": child,
-                "parent_xform": _frame(limb["s_parent"], limb["R_0"]),
-                "child_xform": _frame(limb["s_child"], np.eye(3)),
+                "parent_xform": _make_transform(limb["s_parent"], limb["R_0"]),
+                "child_xform": _make_transform(limb["s_child"], np.eye(3)),
             }
             joints.append(_add_joint(builder, limb["kind"], limb["moves"], ends))
-        for root, tree in _trees(limbs, joints):
+        for root, tree in _group_trees(limbs, joints):
             builder.add_articulation(tree, label=f"tree {root}")
         self._cuts = len(data["cuts"])
         for cut in data["cuts"]:
@@ -56,8 +56,8 @@ class Model:
                 parent=link[cut["j"]],
                 child=link[cut["i"]],
                 armature=0.0,
-                parent_xform=_frame(cut["s_j"], np.eye(3)),
-                child_xform=_frame(cut["s_i"], np.eye(3)),
+                parent_xform=_make_transform(cut["s_j"], np.eye(3)),
+                child_xform=_make_transform(cut["s_i"], np.eye(3)),
             )
         self._model = model = builder.finalize(device="cpu")
         self._order = [link[b] for b in sorted(b for b in link if b != GROUND)]
@@ -65,7 +65,7 @@ class Model:
         if np.max(np.abs(model.body_inertia.numpy() - given)) > 1e-6 * np.max(np.abs(given)):
             raise ValueError("it changes an inertia, whose moments violate the triangle inequality")
         self._now, self._next = model.state(), model.state()
-        self._now.body_q.assign(np.array([_frame(x["r"], x["R"]) for x in limbs], dtype=np.float32))
+        self._now.body_q.assign(np.array([_make_transform(x["r"], x["R"]) for x in limbs], dtype=np.float32))
         turning = [np.array(x["R"]) @ x["Omega"] for x in limbs]
         motion = np.array([[*x["v"], *w] for x, w in zip(limbs, turning, strict=True)], dtype=np.float32)
         self._now.body_qd.assign(motion)
@@ -87,14 +87,14 @@ class Model:
 
     def _make_solver(self, kind: Any, options: dict[str, Any], dt: float) -> Any:
         """Return Newton's solver of class ``kind`` with the options, including the stiffness of loops."""
-        solver = kind(self._model, **_settings(self._name, options))
+        solver = kind(self._model, **_select_settings(self._name, options))
         if self._name == "MuJoCo" and options["settings"] == "ours" and solver.mjw_model.neq:
             loops, T, d = solver.mjw_model, options["time_constant"] * dt, options["impedance"]
             loops.eq_solref.assign(np.broadcast_to([T, 1.0], (*loops.eq_solref.shape, 2)))
             loops.eq_solimp.assign(np.broadcast_to([d, d, 1e-3, 0.5, 2.0], (*loops.eq_solimp.shape, 5)))
         return solver
 
-    def at_start(self) -> dict[str, Any]:
+    def describe_start(self) -> dict[str, Any]:
         """Return mass matrix, constraints, and unconstrained accelerations in motion and at rest.
 
         They are those of the solver MuJoCo, whose velocities are the tree's.
@@ -106,7 +106,7 @@ class Model:
             there.assign(self._now)
             there.joint_qd.assign(share * self._now.joint_qd.numpy())
             solver.step(there, after, None, None, PROBE)
-            found.append(dynamics(solver.mjw_model, solver.mjw_data, self._cuts))
+            found.append(read_dynamics(solver.mjw_model, solver.mjw_data, self._cuts))
         return {"rest_rates": found[0]["rates"], **found[1]}
 
     def advance(self, steps: int, dt: float) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -145,7 +145,7 @@ def _add_joint(builder: Any, kind: str, moves: list[Any], ends: dict[str, Any]) 
     return int(builder.add_joint_d6(linear_axes=axes[True], angular_axes=axes[False], **ends))
 
 
-def _settings(name: str, options: dict[str, Any]) -> dict[str, Any]:
+def _select_settings(name: str, options: dict[str, Any]) -> dict[str, Any]:
     """Return the keyword arguments of Newton's solver ``name`` for the options; none for its own settings."""
     if options["settings"] == "default":
         return {}
@@ -162,7 +162,7 @@ def _settings(name: str, options: dict[str, Any]) -> dict[str, Any]:
     return {"angular_damping": 0.0}
 
 
-def _trees(limbs: list[dict[str, Any]], joints: list[int]) -> list[tuple[int, list[int]]]:
+def _group_trees(limbs: list[dict[str, Any]], joints: list[int]) -> list[tuple[int, list[int]]]:
     """Return (first body, joints) of each tree; a new tree begins where a limb is joined to the ground or floats."""
     out: list[tuple[int, list[int]]] = []
     for limb, joint in zip(limbs, joints, strict=True):
@@ -172,6 +172,6 @@ def _trees(limbs: list[dict[str, Any]], joints: list[int]) -> list[tuple[int, li
     return out
 
 
-def _frame(r: Any, R: Any) -> wp.transform:
+def _make_transform(r: Any, R: Any) -> wp.transform:
     """Return Warp's transform with position r and rotation R."""
     return wp.transform(wp.vec3(*r), wp.quat_from_matrix(wp.mat33(*np.ravel(R))))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import opensim as osim
 
-from .turning import arm_and_normal, matrices
+from .turning import find_arm_and_normal, make_matrices
 
 PARTS = 10  # parts of the time to t_end: limits are checked between them, Simbody cannot be stopped within one
 
@@ -28,7 +28,7 @@ class Model:
         self._driven: list[tuple[Any, dict[str, Any]]] = []
         self._joints: list[tuple[dict[str, Any], list[Any], np.ndarray]] = []
         for limb in data["limbs"]:
-            self._add(limb)
+            self._add_limb(limb)
         # dampers become expressions, which have no energy in OpenSim
         dampers = any(spring["damping"] for spring in data["springs"])
         self._states_energy = not (dampers or any(limb["torsion"] for limb in data["limbs"]))
@@ -43,7 +43,7 @@ class Model:
             force.setName(f"spring_{k}")
             model.addForce(force)
         for k, load in enumerate(data["loads"]):
-            self._load(k, load)
+            self._add_load(k, load)
         for k, cut in enumerate(data["cuts"]):
             ends = [x for b in ("i", "j") for x in (self._bodies[cut[b]], osim.Vec3(*cut[f"s_{b}"]))]
             constraint = osim.PointConstraint(*ends)
@@ -61,8 +61,8 @@ class Model:
             self._state = model.initSystem()
         except RuntimeError as error:  # raised by its checks, e.g. for an inertia that no body can have
             raise ValueError(" ".join(str(error).split())) from None
-        self._index()
-        self._set(np.array(data["start_velocity"]))
+        self._find_indices()
+        self._set_start(np.array(data["start_velocity"]))
         self._manager, self._time = None, 0.0
         options = data["options"]
         accuracy = "as it comes" if options["settings"] == "default" else f"{data['rtol']:g}"
@@ -71,13 +71,13 @@ class Model:
             f"opensim {osim.GetVersion()}",
         ]
 
-    def at_start(self) -> dict[str, Any]:
+    def describe_start(self) -> dict[str, Any]:
         """Return fields of ``EngineModel``; forces are M u_dot + G^T lambda of the constrained motion."""
         model, state, matter = self._model, self._state, self._model.getMatterSubsystem()
         u = np.array(self._data["start_velocity"])
         loads = []
         for rates in (0.0 * u, u):
-            self._set(rates)
+            self._set_start(rates)
             model.realizeAcceleration(state)
             M, G = osim.Matrix(), osim.Matrix()
             matter.calcM(state, M)
@@ -132,10 +132,10 @@ class Model:
         nq, nu = self._state.getNQ(), self._state.getNU()
         all_y = np.array(y).reshape(-1, 1 + nq + nu)
         all_y = all_y[np.diff(all_y[:, 0], prepend=-1.0) > 0.0]
-        q, u = self._ours(all_y[:, 1 : 1 + nq], all_y[:, 1 + nq :])
+        q, u = self._convert_to_tree(all_y[:, 1 : 1 + nq], all_y[:, 1 + nq :])
         return np.concatenate((all_y[:, :1], q, u), axis=1)
 
-    def _add(self, limb: dict[str, Any]) -> None:
+    def _add_limb(self, limb: dict[str, Any]) -> None:
         """Add a limb's body with its joints to the model."""
         name, kind, J = f"body_{limb['body']}", limb["kind"], np.array(limb["inertia"])
         inertia = osim.Inertia(*np.diag(J), J[0, 1], J[0, 2], J[1, 2])
@@ -146,12 +146,12 @@ class Model:
         end, coordinates, A = np.array(limb["s_child"]), [], np.eye(3)
         if kind in ("BALL", "FIXED", "FREE"):
             if kind == "BALL":
-                z, x = arm_and_normal(limb, self._data["gravity"])
+                z, x = find_arm_and_normal(limb, self._data["gravity"])
                 A = np.stack((x, np.cross(z, x), z), axis=1)
             if kind == "FREE":
                 place, turned = np.array(limb["r"]), np.array(limb["R"])
             make = {"BALL": osim.BallJoint, "FIXED": osim.WeldJoint, "FREE": osim.FreeJoint}[kind]
-            ends = inner, *_frame(place, turned @ A), body, *_frame(end, A)
+            ends = inner, *_make_frame(place, turned @ A), body, *_make_frame(end, A)
             joint = make(f"{name}_joint", *ends)
             self._model.addJoint(joint)
             coordinates = [joint.upd_coordinates(k) for k in range({"BALL": 3, "FREE": 6, "FIXED": 0}[kind])]
@@ -161,15 +161,15 @@ class Model:
             if k + 1 < len(moves):
                 outer, to = osim.Body(f"{name}_massless", 0.0, osim.Vec3(0), osim.Inertia(0.0)), np.zeros(3)
                 self._model.addBody(outer)
-            A = _axes_of(np.array(axis), 0 if slides else 2)
+            A = _make_axes(np.array(axis), 0 if slides else 2)
             make = osim.SliderJoint if slides else osim.PinJoint
-            joint = make(f"{name}_joint_{k}", inner, *_frame(place, turned @ A), outer, *_frame(to, A))
+            joint = make(f"{name}_joint_{k}", inner, *_make_frame(place, turned @ A), outer, *_make_frame(to, A))
             self._model.addJoint(joint)
             coordinate, torsion = joint.upd_coordinates(0), limb["torsion"]
             coordinate.setName(f"{name}_coordinate_{k}")
             coordinates.append(coordinate)
             if limb["drive"] is not None:
-                coordinate.setPrescribedFunction(_motion(**limb["drive"]))
+                coordinate.setPrescribedFunction(_make_motion(**limb["drive"]))
                 self._driven.append((coordinate, limb))
             if torsion is not None:
                 force = osim.SpringGeneralizedForce(coordinate.getName())
@@ -180,18 +180,18 @@ class Model:
             inner, place, turned = outer, np.zeros(3), np.eye(3)
         self._joints.append((limb, coordinates, A))
 
-    def _load(self, k: int, load: dict[str, Any]) -> None:
+    def _add_load(self, k: int, load: dict[str, Any]) -> None:
         """Add load ``k`` to the model: a force and a torque by functions of time."""
         force = osim.PrescribedForce(f"load_{k}", self._bodies[load["body"]])
         for name in ("force", "torque"):
-            parts = [_function(load["factor"], x) for x in load[name]]
+            parts = [_make_function(load["factor"], x) for x in load[name]]
             getattr(force, f"set{name.capitalize()}Functions")(*parts)
         force.setPointFunctions(*(osim.Constant(x) for x in load["point"]))
         force.setForceIsInGlobalFrame(not load["follows"])
         force.setPointIsInGlobalFrame(False)
         self._model.addForce(force)
 
-    def _index(self) -> None:
+    def _find_indices(self) -> None:
         """Find and set the index of each coordinate in Simbody's q and u, and V of Simbody's velocities V u.
 
         V is that of the start; the state's coordinates and speeds are set to zero.
@@ -223,43 +223,43 @@ class Model:
             else:
                 self._V[at, range(to, to + len(at))] = 1.0
 
-    def _set(self, u: np.ndarray) -> None:
+    def _set_start(self, u: np.ndarray) -> None:
         """Set the state to the start, where all coordinates of Simbody are 0, with velocities ``u`` of the tree."""
         state = self._state
         state.setTime(0.0)
         state.setQ(osim.Vector(state.getNQ(), 0.0))
         state.setU(osim.Vector.createFromMat(self._V @ u))
 
-    def _ours(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _convert_to_tree(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return coordinates and velocities of the tree for Simbody's ``theirs`` and ``v``, at each time."""
         q = np.zeros((len(theirs), len(self._data["start"])))
         u = np.zeros((len(v), len(self._data["start_velocity"])))
         for (limb, _, A), q_at, u_at in zip(self._joints, self._q_at, self._u_at, strict=True):
             at, to, kind = limb["q_at"], limb["u_at"], limb["kind"]
             if kind in ("BALL", "FREE"):
-                turned = _quaternions(theirs[:, q_at[:3]])
-                spin = np.einsum("tji,tj->ti", matrices(turned), v[:, u_at[:3]]) @ A.T
+                turned = _make_quaternions(theirs[:, q_at[:3]])
+                spin = np.einsum("tji,tj->ti", make_matrices(turned), v[:, u_at[:3]]) @ A.T
             if kind == "BALL":
                 q[:, at], q[:, at + 1 : at + 4] = turned[:, 0], turned[:, 1:] @ A.T
                 u[:, to : to + 3] = spin
             elif kind == "FREE":
                 R = np.array(limb["R"])
                 q[:, at : at + 3] = limb["r"] + theirs[:, q_at[3:]] @ R.T
-                q[:, at + 3 : at + 7] = _product(np.array(self._data["start"][at + 3 : at + 7]), turned)
+                q[:, at + 3 : at + 7] = _multiply(np.array(self._data["start"][at + 3 : at + 7]), turned)
                 u[:, to : to + 3], u[:, to + 3 : to + 6] = v[:, u_at[3:]] @ R.T, spin
             else:
                 q[:, at : at + len(q_at)], u[:, to : to + len(u_at)] = theirs[:, q_at], v[:, u_at]
         return q, u
 
 
-def _function(numbers: list[float], factor: float = 1.0) -> Any:
+def _make_function(numbers: list[float], factor: float = 1.0) -> Any:
     """Return ``factor`` times the function of time with the given numbers, as an expression of OpenSim."""
     c_0, c_1, c_2, c_3, a, w, p = numbers
     law = f"({c_0!r}+({c_1!r})*t+({c_2!r})*t^2+({c_3!r})*t^3+({a!r})*sin(({w!r})*t+({p!r})))"
     return osim.ExpressionBasedFunction(f"({factor!r})*{law}", ["t"])
 
 
-def _motion(name: str, motion: list[float]) -> Any:
+def _make_motion(name: str, motion: list[float]) -> Any:
     """Return a drive's function of time, a polynomial or a constant plus a sine; ValueError for both together.
 
     OpenSim's expressions cannot serve here: their second derivative is the first (4.6).
@@ -272,7 +272,7 @@ def _motion(name: str, motion: list[float]) -> Any:
     return osim.Sine(a, w, p, c[0])
 
 
-def _frame(place: np.ndarray, turned: np.ndarray) -> tuple[Any, Any]:
+def _make_frame(place: np.ndarray, turned: np.ndarray) -> tuple[Any, Any]:
     """Return OpenSim's vectors of the position ``place``, and of the body-fixed x-y-z angles [rad] of a rotation."""
     a, c = np.arctan2(-turned[1, 2], turned[2, 2]), np.arctan2(-turned[0, 1], turned[0, 0])
     if np.hypot(turned[0, 0], turned[0, 1]) < 1e-9:
@@ -281,7 +281,7 @@ def _frame(place: np.ndarray, turned: np.ndarray) -> tuple[Any, Any]:
     return osim.Vec3(*map(float, place)), osim.Vec3(float(a), float(b), float(c))
 
 
-def _axes_of(axis: np.ndarray, which: int) -> np.ndarray:
+def _make_axes(axis: np.ndarray, which: int) -> np.ndarray:
     """Return a rotation matrix whose column ``which`` is the unit vector ``axis``."""
     one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     one /= np.linalg.norm(one)
@@ -289,16 +289,16 @@ def _axes_of(axis: np.ndarray, which: int) -> np.ndarray:
     return np.stack([columns[(k - which) % 3] for k in range(3)], axis=1)
 
 
-def _quaternions(angles: np.ndarray) -> np.ndarray:
+def _make_quaternions(angles: np.ndarray) -> np.ndarray:
     """Return the quaternions (w, x, y, z) of R_x R_y R_z, from angles (n, 3) [rad]."""
     half = 0.5 * angles
     parts = [np.zeros((len(angles), 4)) for _ in range(3)]
     for k, part in enumerate(parts):
         part[:, 0], part[:, 1 + k] = np.cos(half[:, k]), np.sin(half[:, k])
-    return _product(_product(parts[0], parts[1]), parts[2])
+    return _multiply(_multiply(parts[0], parts[1]), parts[2])
 
 
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the product of quaternions a and b (w, x, y, z)."""
     (aw, ax, ay, az), (bw, bx, by, bz) = np.broadcast_to(a, b.shape).T, b.T
     vector = aw * np.stack((bx, by, bz)) + bw * np.stack((ax, ay, az)) + np.cross((ax, ay, az), (bx, by, bz), axis=0)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pybullet as bullet
 
-from .turning import matrices, quaternion
+from .turning import make_matrices, make_quaternion
 
 GROUND, FIRST = -1, 0  # body number of the ground; number of the first server
 UNLIMITED = 1e12
@@ -24,17 +24,17 @@ class Model:
         self._data, self._default, self.stopped = data, data["options"]["settings"] == "default", ""
         self._ground = (-1, -1)
         self._start, self._velocity = np.array(data["start"]), np.array(data["start_velocity"])
-        self._found = self._measure()
+        self._start_quantities = self._measure()
         self._build(cuts=True, default=self._default)
-        self._set(self._start, self._velocity)
+        self._set_state(self._start, self._velocity)
         self.notes = [
             "semi-implicit Euler" + (", with its damping" if self._default else ""),
             f"pybullet {importlib.metadata.version('pybullet')}",
         ]
 
-    def at_start(self) -> dict[str, Any]:
+    def describe_start(self) -> dict[str, Any]:
         """Return the mass matrix, and unconstrained accelerations in motion and at rest, as measured on the set-up."""
-        return self._found
+        return self._start_quantities
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
         """Advance by ``steps`` of ``dt`` [s]; return rows (q, u) of the tree after each step."""
@@ -42,7 +42,7 @@ class Model:
         rows = np.empty((steps, len(self._start) + len(self._velocity)))
         for k in range(steps):
             bullet.stepSimulation(self._server)
-            rows[k] = self._get()
+            rows[k] = self._read_row()
         return rows
 
     def _measure(self) -> dict[str, Any]:
@@ -51,13 +51,13 @@ class Model:
         bullet.setTimeStep(PROBE, self._server)
         found = []
         for u in (0.0 * self._velocity, self._velocity):
-            self._set(self._start, u)
+            self._set_state(self._start, u)
             bullet.stepSimulation(self._server)
-            after = self._get()[len(self._start) :]
+            after = self._read_row()[len(self._start) :]
             found.append((after - u) / PROBE)
-        return {"mass_matrix": self._mass_matrix(found[0]), "rest_rates": found[0], "rates": found[1]}
+        return {"mass_matrix": self._measure_mass_matrix(found[0]), "rest_rates": found[0], "rates": found[1]}
 
-    def _mass_matrix(self, rest_rates: np.ndarray) -> np.ndarray:
+    def _measure_mass_matrix(self, rest_rates: np.ndarray) -> np.ndarray:
         """Measure the mass matrix by unit forces, one a step, and return it.
 
         ``calculateMassMatrix`` (3.2.7) is wrong where one ball joint follows another.
@@ -66,7 +66,7 @@ class Model:
         for limb in self._data["limbs"]:
             (body, link), server = self._at[limb["body"]], self._server
             for k in range({"FREE": 6, "BALL": 3, "FIXED": 0}.get(limb["kind"], 1)):
-                self._set(self._start, 0.0 * self._velocity)
+                self._set_state(self._start, 0.0 * self._velocity)
                 unit = np.eye(3)[k % 3]
                 if limb["moves"]:
                     bullet.setJointMotorControl2(body, link, bullet.TORQUE_CONTROL, force=1.0, physicsClientId=server)
@@ -76,7 +76,7 @@ class Model:
                         link,
                         bullet.TORQUE_CONTROL,
                         physicsClientId=server,
-                        force=self._frame[limb["body"]].T @ unit,
+                        force=self._principal_axes[limb["body"]].T @ unit,
                     )
                 elif k < 3:
                     bullet.applyExternalForce(body, link, unit, limb["r"], bullet.WORLD_FRAME, physicsClientId=server)
@@ -85,7 +85,7 @@ class Model:
                         body, link, np.array(limb["R"]) @ unit, bullet.WORLD_FRAME, physicsClientId=server
                     )
                 bullet.stepSimulation(server)
-                columns.append(self._get()[len(self._start) :] / PROBE - rest_rates)
+                columns.append(self._read_row()[len(self._start) :] / PROBE - rest_rates)
         return np.linalg.inv(np.array(columns).T)
 
     def _build(self, *, cuts: bool, default: bool) -> None:
@@ -98,17 +98,17 @@ class Model:
         self._server = server = bullet.connect(bullet.DIRECT)
         bullet.setGravity(*self._data["gravity"], physicsClientId=server)
         self._at: dict[int, tuple[int, int]] = {}  # (multibody, link) by body
-        self._frame: dict[int, np.ndarray] = {}  # principal axes
+        self._principal_axes: dict[int, np.ndarray] = {}  # principal axes
         trees: list[list[dict[str, Any]]] = []
         for limb in self._data["limbs"]:
             if limb["parent"] == GROUND:
                 trees.append([])
             trees[-1].append(limb)
         for tree in trees:
-            self._tree(tree, default)
+            self._add_tree(tree, default)
         if cuts:
             for cut in self._data["cuts"]:
-                ends = [(self._anchor(cut[k]), self._local(cut[k], cut[f"s_{k}"])) for k in ("i", "j")]
+                ends = [(self._find_anchor(cut[k]), self._express_point(cut[k], cut[f"s_{k}"])) for k in ("i", "j")]
                 (one, p), (two, s) = ends
                 held = bullet.createConstraint(
                     *one, *two, bullet.JOINT_POINT2POINT, [0, 0, 0], p, s, physicsClientId=server
@@ -123,7 +123,7 @@ class Model:
                 numSolverIterations=iterations, solverResidualThreshold=0.0, physicsClientId=server
             )
 
-    def _tree(self, limbs: list[dict[str, Any]], default: bool) -> None:
+    def _add_tree(self, limbs: list[dict[str, Any]], default: bool) -> None:
         """Add a tree of limbs to the server as one multibody, on a base that floats or is fixed."""
         server, floats = self._server, limbs[0]["kind"] == "FREE"
         links = limbs[1:] if floats else limbs
@@ -131,7 +131,7 @@ class Model:
         for limb in limbs:
             moments, axes = np.linalg.eigh(np.array(limb["inertia"]))
             axes = axes * np.linalg.det(axes)
-            self._frame[limb["body"]], names[limb["body"]] = axes, moments
+            self._principal_axes[limb["body"]], names[limb["body"]] = axes, moments
         if floats:
             place[limbs[0]["body"]], arm[limbs[0]["body"]] = 0, np.zeros(3)
         columns: dict[str, list[Any]] = {key: [] for key in COLUMNS}
@@ -143,9 +143,9 @@ class Model:
                 -1,
                 -1,
                 np.array(limb["s_parent"]) - arm[limb["parent"]],
-                _quaternion(limb["R_0"]),
+                _make_quaternion(limb["R_0"]),
                 -np.array(limb["s_child"]),
-                _quaternion(self._frame[b]),
+                _make_quaternion(self._principal_axes[b]),
                 place[limb["parent"]],
                 kind,
                 axis,
@@ -157,8 +157,8 @@ class Model:
         base = {
             "baseMass": root["mass"],
             "basePosition": root["r"],
-            "baseOrientation": _quaternion(root["R"]),
-            "baseInertialFrameOrientation": _quaternion(self._frame[root["body"]]),
+            "baseOrientation": _make_quaternion(root["R"]),
+            "baseInertialFrameOrientation": _make_quaternion(self._principal_axes[root["body"]]),
         }
         body = bullet.createMultiBody(**(base if floats else {"baseMass": 0.0}), **columns, physicsClientId=server)
         for limb in limbs:
@@ -184,23 +184,26 @@ class Model:
                     force=[0, 0, 0], physicsClientId=server,
                 )  # fmt: skip
 
-    def _set(self, q: np.ndarray, u: np.ndarray) -> None:
+    def _set_state(self, q: np.ndarray, u: np.ndarray) -> None:
         """Set the state of all joints and bases to coordinates ``q`` and velocities ``u`` of the tree."""
         for limb in self._data["limbs"]:
             body, link = self._at[limb["body"]]
             x, v = q[limb["q_at"] :], u[limb["u_at"] :]
             if limb["kind"] == "FREE":
-                R = matrices(x[None, 3:7])[0]
-                axes = _quaternion(R @ self._frame[limb["body"]])
+                R = make_matrices(x[None, 3:7])[0]
+                axes = _make_quaternion(R @ self._principal_axes[limb["body"]])
                 bullet.resetBasePositionAndOrientation(body, x[:3], axes, physicsClientId=self._server)
                 bullet.resetBaseVelocity(body, v[:3], R @ v[3:6], physicsClientId=self._server)
             elif limb["moves"]:
                 bullet.resetJointState(body, link, x[0], v[0], physicsClientId=self._server)
             elif limb["kind"] == "BALL":
-                turn, w = self._principal(limb["body"], np.roll(x[:4], -1)), self._frame[limb["body"]].T @ v[:3]
+                turn, w = (
+                    self._express_in_principal_axes(limb["body"], np.roll(x[:4], -1)),
+                    self._principal_axes[limb["body"]].T @ v[:3],
+                )
                 bullet.resetJointStateMultiDof(body, link, turn, w, physicsClientId=self._server)
 
-    def _get(self) -> np.ndarray:
+    def _read_row(self) -> np.ndarray:
         """Return the present row (q, u) of the tree."""
         nq = len(self._start)
         row = np.empty(nq + len(self._velocity))
@@ -210,25 +213,25 @@ class Model:
             if limb["kind"] == "FREE":
                 r, p = bullet.getBasePositionAndOrientation(body, physicsClientId=self._server)
                 v, w = bullet.getBaseVelocity(body, physicsClientId=self._server)
-                R = matrices(np.roll(p, 1)[None])[0] @ self._frame[limb["body"]].T
-                row[a : a + 3], row[a + 3 : a + 7] = r, quaternion(R)
+                R = make_matrices(np.roll(p, 1)[None])[0] @ self._principal_axes[limb["body"]].T
+                row[a : a + 3], row[a + 3 : a + 7] = r, make_quaternion(R)
                 row[b : b + 3], row[b + 3 : b + 6] = v, R.T @ w
             elif limb["moves"]:
                 row[a], row[b] = bullet.getJointState(body, link, physicsClientId=self._server)[:2]
             elif limb["kind"] == "BALL":
                 q, u = bullet.getJointStateMultiDof(body, link, physicsClientId=self._server)[:2]
-                F = self._frame[limb["body"]]
+                F = self._principal_axes[limb["body"]]
                 row[a], row[a + 1 : a + 4], row[b : b + 3] = q[3], F @ q[:3], F @ u
         return row
 
-    def _principal(self, b: int, p: np.ndarray) -> np.ndarray:
+    def _express_in_principal_axes(self, b: int, p: np.ndarray) -> np.ndarray:
         """Express a rotation (x, y, z, w) of the ball joint of body ``b`` in the principal axes of that body.
 
         They are the axes that Bullet uses.
         """
-        return np.append(self._frame[b].T @ p[:3], p[3])
+        return np.append(self._principal_axes[b].T @ p[:3], p[3])
 
-    def _anchor(self, b: int) -> tuple[int, int]:
+    def _find_anchor(self, b: int) -> tuple[int, int]:
         """Return the multibody and link of body ``b``; for the ground a fixed multibody, made once per server."""
         if b != GROUND:
             return self._at[b]
@@ -236,9 +239,9 @@ class Model:
             self._ground = self._server, bullet.createMultiBody(baseMass=0.0, physicsClientId=self._server)
         return self._ground[1], -1
 
-    def _local(self, b: int, s: Any) -> np.ndarray:
+    def _express_point(self, b: int, s: Any) -> np.ndarray:
         """Return the point ``s`` of body ``b`` in its principal axes, as Bullet's constraints take it."""
-        return np.array(s) if b == GROUND else self._frame[b].T @ np.array(s)
+        return np.array(s) if b == GROUND else self._principal_axes[b].T @ np.array(s)
 
 
 KINDS = {
@@ -261,6 +264,6 @@ COLUMNS = (
 )
 
 
-def _quaternion(R: Any) -> np.ndarray:
+def _make_quaternion(R: Any) -> np.ndarray:
     """Return the quaternion (x, y, z, w) of a rotation matrix."""
-    return np.roll(quaternion(R), -1)
+    return np.roll(make_quaternion(R), -1)

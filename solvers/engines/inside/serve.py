@@ -1,6 +1,6 @@
 """Serve an engine's model to another process: requests are lines of JSON on stdin (``python -I serve.py FILE``).
 
-FILE has a class ``Model(data)`` with ``notes``, ``at_start()`` and ``advance(steps, dt)``, as module
+FILE has a class ``Model(data)`` with ``notes``, ``describe_start()`` and ``advance(steps, dt)``, as module
 ``export.protocol`` says. Whatever an engine prints goes to standard error; answers go to standard output.
 """
 
@@ -42,14 +42,14 @@ def main(path: str) -> None:
             elif asked["model"] != models:
                 raise ValueError(f"model {asked['model']} was replaced by model {models}")
             elif asked["do"] == "at_start":
-                answer = model.at_start()
+                answer = model.describe_start()
             else:
                 made, spent = step(model, asked["steps"], asked["dt"])
                 stepping += spent
                 answer, rows = {"shape": made.shape, "stopped": model.stopped}, made.tobytes()
         except ValueError as error:
             answer = {"refusal": " ".join(str(error).split())}
-        answer |= {"stepping": stepping, "cpu": seconds()}
+        answer |= {"stepping": stepping, "cpu": read_cpu_time()}
         answers.write(json.dumps(answer, default=lambda a: a.tolist()).encode() + b"\n" + rows)
         answers.flush()
 
@@ -63,14 +63,14 @@ def load_model(path: str) -> Any:
 
 def step(model: Any, steps: int, dt: float) -> tuple[np.ndarray, float]:
     """Advance a model by ``steps`` of ``dt`` [s]; return its rows, and the CPU time [s] of ``advance`` alone."""
-    before = seconds()
+    before = read_cpu_time()
     made = model.advance(steps, dt)
-    spent = seconds() - before
+    spent = read_cpu_time() - before
     made = getattr(model, "rows", np.asarray)(made)
     return np.ascontiguousarray(made, dtype=np.float64), spent
 
 
-def seconds() -> float:
+def read_cpu_time() -> float:
     """Return the user and system CPU time [s] of all threads of this process."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 
-def matrices(quaternions: np.ndarray) -> np.ndarray:
+def make_matrices(quaternions: np.ndarray) -> np.ndarray:
     """Return rotation matrices (n, 3, 3) of quaternions (n, 4), which need not be of length 1."""
     w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
     rows = [
@@ -23,7 +23,7 @@ def rotate_back(quaternions: np.ndarray, a: np.ndarray) -> np.ndarray:
     return a + 2.0 * (w * once + np.cross(axis, once))
 
 
-def quaternion(R: Any) -> np.ndarray:
+def make_quaternion(R: Any) -> np.ndarray:
     """Return the quaternion (w, x, y, z) of a rotation matrix.
 
     It is the eigenvector of Bar-Itzhack's matrix: no branch.
@@ -36,7 +36,7 @@ def quaternion(R: Any) -> np.ndarray:
     return np.linalg.eigh(K)[1][:, 3]
 
 
-def arm_and_normal(limb: dict[str, Any], gravity: list[float]) -> tuple[np.ndarray, np.ndarray]:
+def find_arm_and_normal(limb: dict[str, Any], gravity: list[float]) -> tuple[np.ndarray, np.ndarray]:
     """Return unit vectors in the child: along the arm from a ball joint to C, and normal to arm and gravity."""
     arm, down = -np.array(limb["s_child"]), np.array(limb["R"]).T @ np.array(gravity)
     along = arm / np.linalg.norm(arm) if np.any(arm) else np.eye(3)[0]
@@ -46,7 +46,7 @@ def arm_and_normal(limb: dict[str, Any], gravity: list[float]) -> tuple[np.ndarr
     return along, normal / np.linalg.norm(normal)
 
 
-def value(numbers: list[float], t: float) -> float:
+def evaluate_factor(numbers: list[float], t: float) -> float:
     """Return a load's factor at time ``t`` [s]: c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p)."""
     c_0, c_1, c_2, c_3, a, w, p = numbers
     return float(c_0 + t * (c_1 + t * (c_2 + t * c_3)) + a * np.sin(w * t + p))

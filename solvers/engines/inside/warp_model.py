@@ -5,12 +5,16 @@ from typing import Any
 import numpy as np
 
 
-def dynamics(model: Any, data: Any, cuts: int) -> dict[str, np.ndarray]:
+def read_dynamics(model: Any, data: Any, cuts: int) -> dict[str, np.ndarray]:
     """Return mass matrix, unconstrained accelerations, and the Jacobian (3 cuts, nv) of points of cut joints."""
     nv = model.nv
-    lower = _dense(data.M, model.M_rownnz, model.M_rowadr, model.M_colind, nv, nv)
+    lower = _make_dense(data.M, model.M_rownnz, model.M_rowadr, model.M_colind, nv, nv)
     efc, n = data.efc, int(data.nefc.numpy()[0])
-    J = _dense(efc.J, efc.J_rownnz, efc.J_rowadr, efc.J_colind, n, nv) if model.is_sparse else efc.J.numpy()[0][:n, :nv]
+    J = (
+        _make_dense(efc.J, efc.J_rownnz, efc.J_rowadr, efc.J_colind, n, nv)
+        if model.is_sparse
+        else efc.J.numpy()[0][:n, :nv]
+    )
     which, rows = efc.id.numpy()[0][:n], np.zeros((cuts, 3, nv))
     for cut in np.unique(which):
         rows[cut] = J[which == cut]  # MuJoCo leaves out a cut whose rows vanish
@@ -21,7 +25,7 @@ def dynamics(model: Any, data: Any, cuts: int) -> dict[str, np.ndarray]:
     }
 
 
-def _dense(values: Any, lengths: Any, first: Any, columns: Any, n: int, nv: int) -> np.ndarray:
+def _make_dense(values: Any, lengths: Any, first: Any, columns: Any, n: int, nv: int) -> np.ndarray:
     """Return the dense matrix (n, nv) of a sparse one, whose rows are stored one after the other."""
     stored, length, at, column = (a.numpy().ravel() for a in (values, lengths, first, columns))
     out = np.zeros((n, nv))

@@ -40,7 +40,7 @@ def take_larger(x, y):
 
 
 @compile_inline
-def times(A, x, y, z):
+def multiply(A, x, y, z):
     """Return the product A (x, y, z) of a matrix (3, 3) and a vector."""
     return (
         A[0, 0] * x + A[0, 1] * y + A[0, 2] * z, A[1, 0] * x + A[1, 1] * y + A[1, 2] * z,
@@ -49,7 +49,7 @@ def times(A, x, y, z):
 
 
 @compile_inline
-def times_transposed(A, x, y, z):
+def multiply_transposed(A, x, y, z):
     """Return the product A^T (x, y, z) of a transposed matrix (3, 3) and a vector."""
     return (
         A[0, 0] * x + A[1, 0] * y + A[2, 0] * z, A[0, 1] * x + A[1, 1] * y + A[2, 1] * z,
@@ -58,7 +58,7 @@ def times_transposed(A, x, y, z):
 
 
 @compile_inline
-def sines(s):
+def evaluate_sine_ratios(s):
     """Return sin(a) / a and (1 - cos a) / a^2 for the squared angle s = a^2 [rad^2].
 
     Below s = 1 they are series up to s^9, with a truncation error below 1e-17.
@@ -91,7 +91,7 @@ def sines(s):
 @compile_inline
 def turn_rotation(R, x, y, z, out):
     """Set out := R exp(hat(x, y, z)), a rotation by the vector (x, y, z) [rad] in the body; ``out`` may be ``R``."""
-    f, g = sines(x * x + y * y + z * z)
+    f, g = evaluate_sine_ratios(x * x + y * y + z * z)
     E00, E11, E22 = 1.0 - g * (y * y + z * z), 1.0 - g * (x * x + z * z), 1.0 - g * (x * x + y * y)
     E01, E10 = g * x * y - f * z, g * x * y + f * z
     E02, E20 = g * x * z + f * y, g * x * z - f * y
@@ -104,7 +104,7 @@ def turn_rotation(R, x, y, z, out):
 
 
 @compile_inline
-def close_rotations(R):
+def orthogonalise_rotations(R):
     """Make the matrices ``R`` (nb, 3, 3) more nearly orthogonal, in place: R := R (3 - R^T R) / 2.
 
     A distance e from a rotation becomes 3/4 e^2, plus rounding.

@@ -5,7 +5,7 @@ product per pair, contiguous in the columns of q), inverts its pivot block and s
 writing this rather than using a library: docs/decisions/block-lu.md.
 """
 
-from .entries import inner_fused
+from .entries import compile_inline_fused
 
 
 def factor(lu):
@@ -21,7 +21,7 @@ def solve(lu):
     _solve(lu, lu.x)
 
 
-@inner_fused
+@compile_inline_fused
 def _factor(lu):
     """Compute the block factors row by row; see ``factor``."""
     blocks, state = lu.blocks, lu.state
@@ -69,7 +69,7 @@ def _factor(lu):
             break
 
 
-@inner_fused
+@compile_inline_fused
 def _combine(low, k, a, panel, o, inner, w, strip):
     """Set strip = low[k, a, :inner] @ panel, unrolled for the usual node sizes.
 
@@ -100,7 +100,7 @@ def _combine(low, k, a, panel, o, inner, w, strip):
             strip[c] += x5 * panel[o + 5 * w + c]
 
 
-@inner_fused
+@compile_inline_fused
 def _solve(lu, x):
     """Replace the right side ``x`` by the solution, by forward and back substitution with the factors of ``lu``."""
     size, start, up, up_start = lu.size, lu.start, lu.up, lu.up_start
@@ -133,7 +133,7 @@ def _solve(lu, x):
             x[own + a] = total
 
 
-@inner_fused
+@compile_inline_fused
 def invert(A, m, pivots, swapped):
     """Invert A (m x m) in place by Gauss-Jordan elimination with row pivoting; return the smallest absolute pivot.
 

@@ -28,7 +28,7 @@ class Blocks(NamedTuple):
     update_start: np.ndarray  # (nj + 1,)
 
 
-def analyse(bodies: np.ndarray, row: np.ndarray) -> Blocks:
+def analyse_joint_blocks(bodies: np.ndarray, row: np.ndarray) -> Blocks:
     """Return the elimination order of joints, the fill and the block products of the factor of S.
 
     ``bodies`` (nj, 2) are the ends of joints, -1 for the ground; ``row`` (nj + 1) are their first constraint rows.
@@ -43,7 +43,7 @@ def analyse(bodies: np.ndarray, row: np.ndarray) -> Blocks:
     for users in held.values():
         for j, _ in users:
             near[j] |= {k for k, _ in users if k != j}
-    order, below = eliminate(near, _list_missing)
+    order, below = eliminate(near, _rank_joint)
     place = {j: c for c, j in enumerate(order)}
     start: list[int] = [0]
     other: list[int] = []
@@ -82,7 +82,7 @@ def analyse(bodies: np.ndarray, row: np.ndarray) -> Blocks:
     )
 
 
-def _list_missing(left: dict[int, set[int]], j: int) -> tuple[int, int]:
+def _rank_joint(left: dict[int, set[int]], j: int) -> tuple[int, int]:
     """Return the cost of eliminating joint ``j``: the number of links it adds, then the number of its neighbours.
 
     ``left`` are the neighbours of each joint that is not eliminated yet.

@@ -75,7 +75,7 @@ def compile_inline(function: Callable[..., Any]) -> Any:
     return InlineFunction(function, {"forceinline": True, "fastmath": False})
 
 
-def inner_fused(function: Callable[..., Any]) -> Any:
+def compile_inline_fused(function: Callable[..., Any]) -> Any:
     """Mark a function like ``compile_inline``, but with fused multiply-adds, for linear algebra."""
     return InlineFunction(function, {"forceinline": True, "fastmath": {"contract"}})
 
@@ -95,7 +95,7 @@ def call_law(address: int, t: float, state: np.ndarray, load: np.ndarray) -> Non
     raise TypeError("call_law is called by compiled functions")
 
 
-class Bound(Program):
+class BoundFunction(Program):
     """A compiled function with its bundle, called from Python, or from compiled code by ``run(bound.entry)``."""
 
     def __init__(self, function: Callable[..., None], bundle: Any) -> None:
@@ -124,11 +124,11 @@ def select_fields(bundle: Any, names: frozenset[str]) -> Any:
         if name in names
     }
     kept = {name: x for name, x in found.items() if not isinstance(x, tuple) or len(x)}
-    return _kind(type(bundle).__name__, tuple(kept))(**kept)
+    return _make_tuple_type(type(bundle).__name__, tuple(kept))(**kept)
 
 
 @cache
-def _kind(name: str, fields: tuple[str, ...]) -> Callable[..., Any]:
+def _make_tuple_type(name: str, fields: tuple[str, ...]) -> Callable[..., Any]:
     """Return the named tuple type of these fields, the same object for equal ones."""
     return namedtuple(name, fields)  # type: ignore[misc]
 
@@ -169,7 +169,7 @@ def digest_callees(function: Callable[..., None]) -> CodeIdentity:
     seen: list[Callable[..., Any]] = [function]
     for one in seen:  # the list grows during the loop
         digest.update(f"{one.__module__}.{one.__qualname__} {_options(one)}".encode())
-        for code in _codes(one.__code__):
+        for code in _iterate_codes(one.__code__):
             names.update(code.co_names)
             constants = [x for x in code.co_consts if not isinstance(x, CodeType) and x != one.__doc__]
             digest.update(code.co_code + repr((constants, code.co_names, code.co_varnames)).encode())
@@ -186,12 +186,12 @@ def digest_callees(function: Callable[..., None]) -> CodeIdentity:
     return CodeIdentity(digest.hexdigest(), frozenset(names))
 
 
-def _codes(code: CodeType) -> Iterator[CodeType]:
+def _iterate_codes(code: CodeType) -> Iterator[CodeType]:
     """Yield a code object and all code objects nested in it."""
     yield code
     for one in code.co_consts:
         if isinstance(one, CodeType):
-            yield from _codes(one)
+            yield from _iterate_codes(one)
 
 
 def _options(function: Callable[..., Any]) -> str:

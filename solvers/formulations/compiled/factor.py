@@ -13,9 +13,9 @@ and rounding would decide which one is left out.
 
 import math
 
-from .algebra import times
+from .algebra import multiply
 from .blocks import WIDTH
-from .entries import compile_inline, inner_fused
+from .entries import compile_inline, compile_inline_fused
 
 DEPENDENT = 1e-9  # share of the row's own entry of S: rounding leaves 1e-15, the weakest true pivots here are 1e-4
 ALIGNED = 1e-12  # a hinge's axis is an axis of space where its other components are below this: rows are not turned
@@ -42,14 +42,14 @@ def solve_points(k):
     _solve(k, 3)
 
 
-@inner_fused
+@compile_inline_fused
 def _factorise(k, W):
     """Assemble S in blocks W x W, then factorise it in place; ``k.state.rank`` becomes the number of rows kept."""
     assemble(k, W)
     eliminate(k, W)
 
 
-@inner_fused
+@compile_inline_fused
 def assemble(k, W):
     """Assemble S in ``k.L`` and copy its diagonal to ``k.diagonal``.
 
@@ -87,7 +87,7 @@ def assemble(k, W):
             k.diagonal[b.row[col] + a] = L[b.start[col], a, a]
 
 
-@inner_fused
+@compile_inline_fused
 def eliminate(k, W):
     """Factorise S in ``k.L`` in place (block Cholesky); rows whose ``k.diagonal`` is infinite are left out.
 
@@ -114,7 +114,7 @@ def eliminate(k, W):
     k.state.rank = rank
 
 
-@inner_fused
+@compile_inline_fused
 def _solve(k, W):
     """Set ``k.rhs`` := S^-1 rhs by forward and back substitution with blocks W x W."""
     b, L, x, nj = k.blocks, k.L, k.rhs, len(k.blocks.joint)
@@ -166,7 +166,7 @@ def _find_axes(k):
         x = X[row + 3, 1] * X[row + 4, 2] - X[row + 3, 2] * X[row + 4, 1]
         y = X[row + 3, 2] * X[row + 4, 0] - X[row + 3, 0] * X[row + 4, 2]
         z = X[row + 3, 0] * X[row + 4, 1] - X[row + 3, 1] * X[row + 4, 0]
-        a = times(R, x, y, z)
+        a = multiply(R, x, y, z)
         size = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
         if size > 0.0:
             _set_directions(Q, a[0] / size, a[1] / size, a[2] / size)
@@ -240,7 +240,7 @@ def turn_rows_back(k, x):
                 x[row + a] = Q[0, a] * u + Q[1, a] * v + Q[2, a] * w
 
 
-@inner_fused
+@compile_inline_fused
 def _add_turnings(X, Y, L, p, at, ea, to, ec, size, height):
     """Add X J^-1 X^T, the rotational part of S for two joints at one body, to block ``p`` of L."""
     for a in range(height):
@@ -249,7 +249,7 @@ def _add_turnings(X, Y, L, p, at, ea, to, ec, size, height):
             L[p, a, c] += x0 * Y[ec, to + c, 0] + x1 * Y[ec, to + c, 1] + x2 * Y[ec, to + c, 2]
 
 
-@inner_fused
+@compile_inline_fused
 def _add_translations(way, at, to, height, size, weight, L, p):
     """Add weight f_a . f_c, the translational part of S, to block ``p`` of L, for rows with a force in ``way``."""
     for a in range(height):
@@ -258,7 +258,7 @@ def _add_translations(way, at, to, height, size, weight, L, p):
             L[p, a, c] += weight * (f0 * way[to + c, 0] + f1 * way[to + c, 1] + f2 * way[to + c, 2])
 
 
-@inner_fused
+@compile_inline_fused
 def _divide(L, p, d, size, height):
     """Set block p of L := L_p L_d^-T, where d is the factorised diagonal block."""
     for a in range(height):
@@ -269,7 +269,7 @@ def _divide(L, p, d, size, height):
             L[p, a, c] = x * L[d, c, c]
 
 
-@inner_fused
+@compile_inline_fused
 def _subtract(L, p, x, row, size, at, height):
     """Subtract block p times x[row:] from x[at:], in the forward substitution."""
     for a in range(height):
@@ -279,7 +279,7 @@ def _subtract(L, p, x, row, size, at, height):
         x[at + a] -= y
 
 
-@inner_fused
+@compile_inline_fused
 def _subtract_transposed(L, p, x, row, size, at, height):
     """Subtract block p transposed times x[at:] from x[row:], in the back substitution."""
     for a in range(height):
@@ -288,7 +288,7 @@ def _subtract_transposed(L, p, x, row, size, at, height):
             x[row + q] -= L[p, a, q] * y
 
 
-@inner_fused
+@compile_inline_fused
 def _diagonal(L, d, size, diagonal, row):
     """Factorise a diagonal block by Cholesky and invert its diagonal; return the number of rows kept."""
     kept = 0

@@ -11,9 +11,9 @@ from ....harness.code_meter import Stopwatch, collect_garbage, making_code
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ..refusals import refuse_without_phi
 from . import marching, mechanism
-from .entries import Bound, digest_callees
-from .kernel import Kernel, empty_kernel, finish_kernel, forget_choice, make_kernel, start_at
-from .marching import March, Record, empty_record, march, new_control
+from .entries import BoundFunction, digest_callees
+from .kernel import Kernel, allocate_kernel, finish_kernel, forget_choice, make_kernel, set_state
+from .marching import March, Record, allocate_record, make_control, march
 from .row_choice import IN_USE
 
 FIRST_STEP = 1e-4  # [s] first step, which grows five-fold a step at most
@@ -38,13 +38,17 @@ class Method:
     needs: tuple[str, ...] = ()  # entries of the kernel beside those that these functions name
     notes: tuple[str, ...] = field(default=())
     most_cuts: int = 0  # halvings of a fixed step that fails
-    tells: tuple[str, ...] = ()  # names of each step's diagnostics, which are in ``told`` of its bundle
+    diagnostic_names: tuple[
+        str, ...
+    ] = ()  # names of each step's diagnostics, which are in ``diagnostics`` of its bundle
     explain: Callable[[Any, int], str] | None = None  # words for an outcome of the march
-    relieve: Callable[[Problem, Any], Any] | None = None  # makes another marcher that alternates with this method's
+    make_fallback: Callable[[Problem, Any], Any] | None = (
+        None  # makes another marcher that alternates with this method's
+    )
     code: str = "kernel"  # "kernel", "mechanism" or "auto": the code behind the kernel's entries
 
 
-UNTOLD = np.zeros(0)
+NO_DIAGNOSTICS = np.zeros(0)
 
 
 def choose_tolerance(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]]:
@@ -109,13 +113,17 @@ class MarchedSolver:
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why code of the mechanism cannot be made, if the option requires it, or None."""
-        return mechanism.refusal(problem.system, empty_kernel(problem.system)) if self.code == "mechanism" else None
+        return (
+            mechanism.refuse_mechanism(problem.system, allocate_kernel(problem.system))
+            if self.code == "mechanism"
+            else None
+        )
 
-    def _method(self, problem: Problem, control: StepControl) -> Method:
+    def _make_method(self, problem: Problem, control: StepControl) -> Method:
         """Return the method to march, with the solver's options; each solver defines its own."""
         raise NotImplementedError
 
-    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _integrate_plain(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate by the method of ``solvers/plain``, for solvers whose ``code`` may be "plain"."""
         raise NotImplementedError
 
@@ -125,11 +133,11 @@ class MarchedSolver:
         The step is fixed at ``control.dt``, or controlled by the error at ``control.rtol``, as the method requires.
         """
         if self.code == "plain":
-            return self._plain(problem, control)
-        return integrate(problem, control, self._method(problem, control))
+            return self._integrate_plain(problem, control)
+        return integrate(problem, control, self._make_method(problem, control))
 
 
-class ClosedMarch(MarchedSolver):
+class HolonomicMarchedSolver(MarchedSolver):
     """A marched solver that solves phi = 0 at the ends of steps, and thus needs phi in every row."""
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
@@ -152,11 +160,11 @@ class Marcher:
         self.notes, self._may_change = list[str](), False
         self._needed = frozenset(needed)
         kernel = self._choose_kernel(self._needed)
-        start_at(kernel, problem.initial)
+        set_state(kernel, problem.initial)
         self.bundle = method.prepare(kernel, state)
-        self._bind(kernel)
-        self._told = self.bundle.told if method.tells else UNTOLD
-        self.start = Bound(method.start, self.bundle) if method.start else self.kernel.accelerate.run
+        self._bind_entries(kernel)
+        self._diagnostics = self.bundle.diagnostics if method.diagnostic_names else NO_DIAGNOSTICS
+        self.start = BoundFunction(method.start, self.bundle) if method.start else self.kernel.accelerate.run
         self.start()
         self.reaction = self.kernel.lam[self.kernel.order][None]
         self.stretch(0)  # compiles or loads the code
@@ -168,17 +176,17 @@ class Marcher:
         """
         if self.method.code == "kernel":
             return make_kernel(self._system, needed)
-        empty = empty_kernel(self._system)
+        empty = allocate_kernel(self._system)
         if self.method.code == "mechanism":
             return self._use_code(empty)
-        reason = mechanism.refusal(self._system, empty)
-        if reason is None and mechanism.is_made(self._system, empty, needed):
+        reason = mechanism.refuse_mechanism(self._system, empty)
+        if reason is None and mechanism.is_code_kept(self._system, empty, needed):
             try:
                 return self._use_code(empty)
             except mechanism.NoMechanismCode as error:
                 reason = str(error)
         self._may_change = reason is None
-        self.notes.append(f"code of the kernel{f' ({_cause(reason)})' if reason else ''}")
+        self.notes.append(f"code of the kernel{f' ({_strip_advice(reason)})' if reason else ''}")
         return finish_kernel(self._system, empty, needed)
 
     def _use_code(self, kernel: Kernel) -> Kernel:
@@ -191,10 +199,10 @@ class Marcher:
         self.notes.append(f"code of the mechanism{since}: {made.operations} operations an evaluation")
         return made.kernel
 
-    def _bind(self, kernel: Kernel) -> None:
+    def _bind_entries(self, kernel: Kernel) -> None:
         """Set the kernel, and make the entries of the method's step and finish for the present bundle."""
         self.kernel = kernel
-        self._entries = Bound(self.method.step, self.bundle), Bound(self.method.finish, self.bundle)
+        self._entries = BoundFunction(self.method.step, self.bundle), BoundFunction(self.method.finish, self.bundle)
 
     @making_code
     def _change_code(self) -> None:
@@ -206,9 +214,9 @@ class Marcher:
                 if entry in self._needed:
                     getattr(kernel, entry).run()
             self.bundle = self.bundle._replace(kernel=kernel)
-            self._bind(kernel)
+            self._bind_entries(kernel)
         except mechanism.NoMechanismCode as error:
-            self.notes[-1] += f" ({_cause(str(error))})"
+            self.notes[-1] += f" ({_strip_advice(str(error))})"
         self._may_change = False
 
     @property
@@ -228,8 +236,10 @@ class Marcher:
         pays = self._may_change and self._evaluations > EVALUATIONS_THAT_PAY
         if pays and self.kernel.state["chosen"] != IN_USE:
             self._change_code()
-        record = empty_record(n, len(self.kernel.mass), len(self.kernel.lam), len(self._told))
-        Bound(march, March(self.state, self.kernel, record, self._told, *(e.entry for e in self._entries)))()
+        record = allocate_record(n, len(self.kernel.mass), len(self.kernel.lam), len(self._diagnostics))
+        BoundFunction(
+            march, March(self.state, self.kernel, record, self._diagnostics, *(e.entry for e in self._entries))
+        )()
         return Record(*(a[: self.state["recorded"]] for a in record))
 
     def explain(self, outcome: int) -> str:
@@ -240,7 +250,7 @@ class Marcher:
 def integrate(problem: Problem, control: StepControl, method: Method) -> Trajectory:
     """Integrate a problem by a method to the end, a limit or a failure, and return the trajectory with its status."""
     watch = Stopwatch()
-    state = new_control(
+    state = make_control(
         t_end=problem.t_end,
         adaptive=method.order > 0.0,
         order=method.order,
@@ -258,8 +268,8 @@ def integrate(problem: Problem, control: StepControl, method: Method) -> Traject
         from ..recording import no_trajectory
 
         return no_trajectory(problem, Status.REFUSED, str(error))
-    if method.relieve:
-        return _march(problem, control, method, method.relieve(problem, marcher), watch)
+    if method.make_fallback:
+        return _march(problem, control, method, method.make_fallback(problem, marcher), watch)
     out = _march(problem, control, method, marcher, watch)
     return replace(out, notes=(*out.notes, *marcher.notes))
 
@@ -309,11 +319,13 @@ def _march(problem: Problem, control: StepControl, method: Method, marcher: Any,
         reaction=reaction,
         cpu_time=cpu,
         setup_time=set_up,
-        diagnostics={n: np.concatenate(([np.nan], a)) for n, a in zip(method.tells, whole.told.T, strict=True)},
+        diagnostics={
+            n: np.concatenate(([np.nan], a)) for n, a in zip(method.diagnostic_names, whole.diagnostics.T, strict=True)
+        },
     )
 
 
-def _cause(refusal: str) -> str:
+def _strip_advice(refusal: str) -> str:
     """Return the reason of a refusal without its advice to use the kernel, which has been followed."""
     return refusal.split(": use")[0]
 

@@ -16,11 +16,11 @@ from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.mechanics.user_forces import NUMBERS as NUMBERS_READ
 from ..generated import Code, Program
-from ..rows.kept_code import load_or_make_code, row_code
+from ..rows.kept_code import load_or_make_code, load_row_code
 from ..rows.numbers import force_numbers, joint_numbers
 from . import evaluation, factor, row_choice, user_forces
-from .blocks import WIDTH, Blocks, analyse
-from .entries import Bound, digest_callees
+from .blocks import WIDTH, Blocks, analyse_joint_blocks
+from .entries import BoundFunction, digest_callees
 
 STATE = np.dtype([("shift", "f8"), ("rank", "i8"), ("first", "i8"), ("limit", "f8"), ("chosen", "i8"), ("poor", "f8")])
 UNKNOWN = -1, row_choice.POOR, 0, row_choice.POOR
@@ -119,7 +119,7 @@ class Part(NamedTuple):
 
 def make_kernel(system: MultibodySystem, needed: Collection[str] = ENTRIES) -> Kernel:
     """Make the kernel of a system: its arrays, and programs for the entries that are ``needed``."""
-    return finish_kernel(system, empty_kernel(system), needed)
+    return finish_kernel(system, allocate_kernel(system), needed)
 
 
 def finish_kernel(system: MultibodySystem, k: Kernel, needed: Collection[str]) -> Kernel:
@@ -139,12 +139,12 @@ def finish_kernel(system: MultibodySystem, k: Kernel, needed: Collection[str]) -
             parts = [program(part) for part in JOINED[name]]
             return Program([step for part in parts for step in part.steps], keeps=parts)
         if name == "leave_out":
-            return Bound(row_choice.leave_out, k) if len(k.dense) else Program([])
+            return BoundFunction(row_choice.leave_out, k) if len(k.dense) else Program([])
         points = "_points" if k.L.shape[1] == 3 else ""
         function = getattr(factor, name + points) if name in FACTOR else getattr(evaluation, name)
-        found = Bound(function, with_entries(digest_callees(function).names))
+        found = BoundFunction(function, with_entries(digest_callees(function).names))
         if name == "factorise" and len(k.dense):
-            choose = Bound(getattr(row_choice, f"choose_rows{points}"), k)
+            choose = BoundFunction(getattr(row_choice, f"choose_rows{points}"), k)
             return Program([*found.steps, *choose.steps], keeps=(found, choose))
         return found
 
@@ -159,7 +159,7 @@ FACTOR = ("factorise", "solve")
 JOINED = {"accelerate": ("rows", "factorise", "react"), "reactions": ("rows", "react")}
 
 
-def start_at(k: Kernel, state: State) -> None:
+def set_state(k: Kernel, state: State) -> None:
     """Set poses, velocities and time of the kernel to those of ``state``, and discard an earlier choice of rows."""
     k.r[:], k.R[:], k.v[:, :3], k.v[:, 3:], k.t[0] = state.r, state.R, state.v, state.Omega, state.t
     forget_choice(k)  # of an earlier run
@@ -171,7 +171,7 @@ def forget_choice(k: Kernel) -> None:
         k.state[name] = value
 
 
-def empty_kernel(system: MultibodySystem) -> Kernel:
+def allocate_kernel(system: MultibodySystem) -> Kernel:
     """Make the arrays of a system's kernel, with all entries unset (0)."""
     place, parts = list_parts(system)
     size = np.array([part.hi - part.lo for part in parts], dtype=np.int64)
@@ -190,8 +190,8 @@ def empty_kernel(system: MultibodySystem) -> Kernel:
     def bodies(*shape: int) -> np.ndarray:
         return np.zeros((nb, *shape))
 
-    blocks = _blocks(body, row, place)
-    pair = _pairs(system)
+    blocks = _analyse_blocks(body, row, place)
+    pair = _list_body_pairs(system)
     width = 3 if np.max(size, initial=0) <= 3 else WIDTH
     return Kernel(
         mass=np.array(system.mass),
@@ -244,12 +244,12 @@ def empty_kernel(system: MultibodySystem) -> Kernel:
 
 def list_parts(system: MultibodySystem) -> tuple[list[int], list[Part]]:
     """Return the parts in the kernel's order by kind, preceded by the index of each in the system's order."""
-    found = list(_parts(system))
+    found = list(_iterate_parts(system))
     place = sorted(range(len(found)), key=lambda p: (found[p][:4], p))
     return place, [found[p] for p in place]
 
 
-def _parts(system: MultibodySystem) -> Iterator[Part]:
+def _iterate_parts(system: MultibodySystem) -> Iterator[Part]:
     """Yield the parts of all joints in the system's order; ValueError for a joint with too many rows for a block."""
     for j, sort in enumerate(system.joint_sort):
         c, ground = joints.DECLARED[joints.KINDS[sort]].count, bool(system.joint_j[j] == GROUND)
@@ -265,7 +265,7 @@ def _parts(system: MultibodySystem) -> Iterator[Part]:
             yield Part(int(sort), ahead, ahead + c.axis, ground, j)
 
 
-def _blocks(body: np.ndarray, row: np.ndarray, place: list[int]) -> Blocks:
+def _analyse_blocks(body: np.ndarray, row: np.ndarray, place: list[int]) -> Blocks:
     """Return the pattern of S and of its factor, for parts in the kernel's order.
 
     ``place`` is the index of each part in the system's order. The pattern is analysed in that order, on which the
@@ -274,12 +274,12 @@ def _blocks(body: np.ndarray, row: np.ndarray, place: list[int]) -> Blocks:
     back = np.argsort(place) if place else np.zeros(0, dtype=np.int64)
     size = np.diff(row)[back]
     first = np.concatenate(([0], np.cumsum(size))).astype(np.int64)
-    found = analyse(body[back], first)
+    found = analyse_joint_blocks(body[back], first)
     joint = back[found.joint] if len(place) else found.joint
     return found._replace(joint=joint.astype(np.int64), row=row[:-1][joint].astype(np.int64))
 
 
-def _pairs(system: MultibodySystem) -> np.ndarray:
+def _list_body_pairs(system: MultibodySystem) -> np.ndarray:
     """Return pairs of bodies (loaded, moving): (b, b) for each body, then both orders for each joint and force."""
     ends = [(getattr(system, f"{name}_i"), getattr(system, f"{name}_j")) for name in ("joint", "spring", "torsion")]
     ends.append((system.user_i, system.user_j))
@@ -300,7 +300,7 @@ class Loops:
         self._keeps: list[Any] = []
         self._groups = list(self._group_parts())
         for group in self._groups:
-            way = row_code(*group.key).way
+            way = load_row_code(*group.key).way
             if way is not None:
                 k.way[group.rows] = np.tile(way, (len(group.body), 1))
 
@@ -313,10 +313,10 @@ class Loops:
         """Return the steps that compute the constraint rows: X, Y, way, phi, slip and gamma of the kernel."""
         k, steps = self._k, []
         for group in self._groups:
-            made, rows, ends = row_code(*group.key), group.rows, group.ends
+            made, rows, ends = load_row_code(*group.key), group.rows, group.ends
             stored = [k.phi[rows], k.gamma[rows], *(k.X[e, rows] for e in ends), *(k.Y[e, rows] for e in ends)]
             stored += [] if made.way is not None else [k.way[rows]]
-            stored += [] if made.still else [k.slip[rows]]
+            stored += [] if made.is_phi_t_zero else [k.slip[rows]]
             at = list_places(group, (k.r, 3), (k.R, 9), (k.v, 6), (k.J_inv, 9))
             steps.append(self._step(group, made.code, "rows", *at, *stored))
         return steps
@@ -352,24 +352,24 @@ class Loops:
 
     def forces(self) -> list[Step]:
         """Return the steps that compute ``force``: applied forces, less the gyroscopic torque Omega x J Omega."""
-        return self._loads("forces")
+        return self._make_load_steps("forces")
 
     def applied_forces(self) -> list[Step]:
         """Return the steps that compute ``force``: applied forces alone."""
-        return self._loads("applied")
+        return self._make_load_steps("applied")
 
-    def _loads(self, bodies: str) -> list[Step]:
+    def _make_load_steps(self, bodies: str) -> list[Step]:
         """Return the steps that set ``force`` by the loop ``bodies`` over all bodies and add forces of all kinds.
 
         ``bodies`` is "forces" (weight and gyroscopic torque) or "applied" (weight).
         """
-        k, steps = self._k, [self._on_bodies(bodies)]
-        for kind, group in self._pushing():
+        k, steps = self._k, [self._make_body_step(bodies)]
+        for kind, group in self._iterate_force_groups():
             at = [*list_places(group, (k.r, 3), (k.R, 9), (k.v, 6)), *list_places(group, (k.force, 6))]
             steps.append(self._step(group, load_or_make_code("loops.push", kind, group.ends == [0]), "push", *at))
-        return [*steps, *self._users(user_forces.add_user_forces)]
+        return [*steps, *self._make_user_steps(user_forces.add_user_forces)]
 
-    def _on_bodies(self, name: str) -> Step:
+    def _make_body_step(self, name: str) -> Step:
         """Return the step that sets ``force`` by the loop ``name`` over all bodies."""
         s, k = self._system, self._k
         weight = s.mass[:, None] * s.gravity
@@ -384,7 +384,7 @@ class Loops:
 
     def applied_slopes(self) -> list[Step]:
         """Return the steps that compute the slopes of ``applied_forces`` by poses and velocities."""
-        return [*self._push_slopes("spring", "torsion", "load"), *self._users(user_forces.add_user_slopes)]
+        return [*self._push_slopes("spring", "torsion", "load"), *self._make_user_steps(user_forces.add_user_slopes)]
 
     def spring_slopes(self) -> list[Step]:
         """Return the steps that compute the slopes of spring-dampers alone by poses and velocities."""
@@ -394,7 +394,7 @@ class Loops:
         """Return the steps that set the slopes to zero and add those of the forces of these ``kinds``."""
         k, zero = self._k, load_or_make_code("loops.bodies").address("zero")
         steps: list[Step] = [(zero, [np.array([a.size]), a]) for a in (k.by_pose, k.by_rate)]
-        for kind, group in self._pushing():
+        for kind, group in self._iterate_force_groups():
             if kind in kinds:
                 code, at = (
                     load_or_make_code("loops.push_slopes", kind, group.ends == [0]),
@@ -404,11 +404,11 @@ class Loops:
                 steps.append(self._step(group, code, "slopes", *list_places(group, *at), *blocks))
         return steps
 
-    def _users(self, function: Callable[[Any], None]) -> list[Step]:
+    def _make_user_steps(self, function: Callable[[Any], None]) -> list[Step]:
         """Return the steps of a compiled ``function`` of user forces; none for a system without user forces."""
         if not len(self._k.users.law):
             return []
-        users = Bound(function, self._k)
+        users = BoundFunction(function, self._k)
         self._keeps.append(users)
         return users.steps
 
@@ -433,7 +433,7 @@ class Loops:
             yield Group(key, k.body[at:end], ends, numbers, np.array([end - at]), rows)
             at = end
 
-    def _pushing(self) -> Iterator[tuple[str, "Group"]]:
+    def _iterate_force_groups(self) -> Iterator[tuple[str, "Group"]]:
         """Yield kind and group of all springs, torsional springs and loads, those attached to the ground separately."""
         for kind in ("spring", "torsion", "load"):
             i = np.asarray(getattr(self._system, f"{kind}_i"), dtype=np.int64)

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .algebra import close_rotations, copy, find_largest
+from .algebra import copy, find_largest, orthogonalise_rotations
 from .entries import compile_inline, run
 from .kernel import Kernel
 
@@ -82,7 +82,7 @@ class Record(NamedTuple):
     R: Any  # (n, nb, 3, 3)
     v: Any  # (n, nb, 6)
     lam: Any  # (n, nrows) in the kernel's order
-    told: Any  # (n, ntold) diagnostics of the method for each
+    diagnostics: Any  # (n, n_diagnostics) diagnostics of the method for each
 
 
 class March(NamedTuple):
@@ -91,12 +91,12 @@ class March(NamedTuple):
     control: Any  # record
     kernel: Kernel
     record: Record
-    told: Any  # (ntold,) diagnostics of the last step
+    diagnostics: Any  # (n_diagnostics,) diagnostics of the last step
     step: int  # entry: a trial step
     finish: int  # entry: after an accepted one
 
 
-def new_control(**values: float) -> np.ndarray:
+def make_control(**values: float) -> np.ndarray:
     """Make the record of a march's state and settings with these values, all others 0."""
     control = np.zeros((), dtype=CONTROL)
     for name, value in values.items():
@@ -104,15 +104,15 @@ def new_control(**values: float) -> np.ndarray:
     return control
 
 
-def empty_record(n: int, nb: int, nrows: int, ntold: int = 0) -> Record:
-    """Make zero arrays for ``n`` steps of ``nb`` bodies, ``nrows`` constraint rows and ``ntold`` diagnostics."""
+def allocate_record(n: int, nb: int, nrows: int, n_diagnostics: int = 0) -> Record:
+    """Make zero arrays for ``n`` steps of ``nb`` bodies, ``nrows`` constraint rows, ``n_diagnostics`` diagnostics."""
     return Record(
         np.zeros(n),
         np.zeros((n, nb, 3)),
         np.zeros((n, nb, 3, 3)),
         np.zeros((n, nb, 6)),
         np.zeros((n, nrows)),
-        np.zeros((n, ntold)),
+        np.zeros((n, n_diagnostics)),
     )
 
 
@@ -146,18 +146,18 @@ def march(m):
             c.outcome = NOT_FINITE
             break
         if c.adaptive:
-            _grow(c)
+            _choose_next_step(c)
         else:
             _advance(c)
         c.t = end
         c.steps += 1
         m.record.t[done] = end
-        close_rotations(k.R)
+        orthogonalise_rotations(k.R)
         copy(k.r, m.record.r[done])
         copy(k.R, m.record.R[done])
         copy(k.v, m.record.v[done])
         copy(k.lam, m.record.lam[done])
-        copy(m.told, m.record.told[done])
+        copy(m.diagnostics, m.record.diagnostics[done])
         done += 1
     c.recorded = done
 
@@ -257,7 +257,7 @@ def _accept_step(c):
 
 
 @compile_inline
-def _grow(c):
+def _choose_next_step(c):
     """Set the next step from the errors of this step and the last (PI controller), within ``LEAST`` and ``MOST``."""
     grow = SAFETY * max(c.error, 1e-10) ** (-0.7 / c.order) * c.last_error ** (0.4 / c.order)
     c.next_step = c.h * min(MOST, max(LEAST, grow))

@@ -10,7 +10,7 @@ import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Program
-from ..rows.kept_code import load_or_make_code, row_code
+from ..rows.kept_code import load_or_make_code, load_row_code
 from ..rows.means import BODY
 from .bundles import make_bundle
 from .kernel import Group, Kernel, Loops, Step, list_places
@@ -40,24 +40,24 @@ class MeanLoops(Loops):
         for group in self._groups:
             code, rows, ends = load_or_make_code("means.rows", *group.key), group.rows, group.ends
             stored = [k.phi[rows], *(k.X[e, rows] for e in ends), *(k.Y[e, rows] for e in ends)]
-            stored += [] if row_code(*group.key).way is not None else [k.way[rows]]
-            given = [group.members, self.start[0], group.numbers, *self._both(group), *stored]
+            stored += [] if load_row_code(*group.key).way is not None else [k.way[rows]]
+            given = [group.members, self.start[0], group.numbers, *self._list_both_ends(group), *stored]
             steps.append((code.address("rows"), given))
             self._keeps.append(code)
         return steps
 
-    def _loads(self, bodies: str) -> list[Step]:
+    def _make_load_steps(self, bodies: str) -> list[Step]:
         """Return the steps that compute the mean ``force``; ``bodies`` as in ``Loops``."""
         k = self._k
-        steps: list[Step] = [self._on_bodies(bodies)]
-        for kind, group in self._pushing():
+        steps: list[Step] = [self._make_body_step(bodies)]
+        for kind, group in self._iterate_force_groups():
             code = load_or_make_code("means.push", kind, group.ends == [0])
-            given = [group.members, k.t, self.start[0], group.numbers, *self._both(group)]
+            given = [group.members, k.t, self.start[0], group.numbers, *self._list_both_ends(group)]
             steps.append((code.address("push"), [*given, *list_places(group, (k.force, 6))]))
             self._keeps.append(code)
         return steps
 
-    def _both(self, group: Group) -> list[np.ndarray]:
+    def _list_both_ends(self, group: Group) -> list[np.ndarray]:
         """Return arrays and indices of a group's bodies at both ends of the step, in the order of the code."""
         k, (_, r0, R0) = self._k, self.start
         arrays = {"r0": r0, "R0": R0, "r": k.r, "R": k.R, "v": k.v, "J_inv": k.J_inv}

@@ -17,8 +17,8 @@ from ....harness.mechanics import joints
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code, Program
 from ..generated.code import is_kept, print_functions
-from ..rows.kept_code import digest_files, texts_of_makers
-from .entries import Bound
+from ..rows.kept_code import digest_files, digest_makers
+from .entries import BoundFunction
 from .kernel import Kernel, finish_kernel, list_parts
 from .row_choice import choose_rows_of_code, leave_out_of_code
 
@@ -60,15 +60,15 @@ SPLIT = {  # entries, and their functions in ``rows.split_mechanism``
 }
 
 
-def refusal(system: MultibodySystem, k: Kernel) -> str | None:
+def refuse_mechanism(system: MultibodySystem, k: Kernel) -> str | None:
     """Return why no code of the mechanism can be made, as far as that is known without writing it, or None."""
     if len(system.user_i):
         return USER_FORCES
     least = _least_operations(k)
-    return _too_large(least) if least > MOST_OPERATIONS else None
+    return _refuse_size(least) if least > MOST_OPERATIONS else None
 
 
-def is_made(system: MultibodySystem, k: Kernel, needed: Collection[str] = FUSED) -> bool:
+def is_code_kept(system: MultibodySystem, k: Kernel, needed: Collection[str] = FUSED) -> bool:
     """Return whether the code of the ``needed`` entries is kept on disk."""
     step, choices = ("", {}) if FUSED.issuperset(needed) else ("split", {"names": _functions(needed)})
     return is_kept(_key(system, k, step, choices))
@@ -99,19 +99,19 @@ def use_mean_code(system: MultibodySystem, k: Kernel, h: np.ndarray, r0: np.ndar
 
 def _use_fused(system: MultibodySystem, k: Kernel) -> CodedKernel:
     """Return the kernel with ``accelerate`` and ``project`` as code, one function each that computes the rows too."""
-    code, operations, (size,) = code_of_mechanism(system, k)
+    code, operations, (size,) = make_mechanism_code(system, k)
     factor, at = np.zeros(size), [k.t, k.r, k.R, k.v]
     moved = [np.zeros_like(x) for x in at[1:]]
     project = (code.address("project"), [*at, factor, *moved]), (code.address("copy"), [*moved, *at[1:]])
-    bounds, shares = choice_arrays(k)
+    bounds, shares = list_choice_arrays(k)
     kernel = k._replace(
-        accelerate=choosing(k, code, "accelerate", [*at, *bounds, k.v_dot, k.lam, factor, *shares], at),
+        accelerate=make_choosing_program(k, code, "accelerate", [*at, *bounds, k.v_dot, k.lam, factor, *shares], at),
         project=Program(project, (code, k, factor, moved)),
     )
     return CodedKernel(kernel, operations)
 
 
-def choice_arrays(k: Kernel) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def list_choice_arrays(k: Kernel) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Return the last inputs and the last results of code that factorises, for the choice among redundant rows.
 
     They are [pivots' bounds] and [inverse shares], both empty where rows are never chosen.
@@ -119,7 +119,9 @@ def choice_arrays(k: Kernel) -> tuple[list[np.ndarray], list[np.ndarray]]:
     return ([k.pivot_bound], [k.inverse_share]) if len(k.dense) else ([], [])
 
 
-def choosing(k: Kernel, code: Code, name: str, arrays: list[np.ndarray], rows: list[np.ndarray]) -> Program:
+def make_choosing_program(
+    k: Kernel, code: Code, name: str, arrays: list[np.ndarray], rows: list[np.ndarray]
+) -> Program:
     """Return the program of a function ``name`` that factorises and, where rows are redundant, of their choice.
 
     ``arrays`` are its arguments; ``rows`` are the inputs of ``couple``, which computes S of the rows in use.
@@ -128,7 +130,7 @@ def choosing(k: Kernel, code: Code, name: str, arrays: list[np.ndarray], rows: l
     if not len(k.dense):
         return made
     couple = Program([(code.address("couple"), [*rows, k.dense])], (code, k, rows))
-    choose = Bound(choose_rows_of_code, k._replace(factorise_code=made, fill_dense=couple))
+    choose = BoundFunction(choose_rows_of_code, k._replace(factorise_code=made, fill_dense=couple))
     return Program([*made.steps, *choose.steps], keeps=(made, couple, choose))
 
 
@@ -145,10 +147,10 @@ def _split_entries(
     ``step`` is "split" or "mean"; its function ``rows`` computes ``results`` from ``given_rows``.
     """
     own = [name for name in SPLIT if name in needed]
-    code, operations, (count, size) = code_of_mechanism(system, k, step, names=_functions(needed))
+    code, operations, (count, size) = make_mechanism_code(system, k, step, names=_functions(needed))
     A, A_kept, factor, poses = np.zeros(count), np.zeros(count), np.zeros(size), [k.t, k.r, k.R, k.v]
     x, w, r, R = (np.zeros_like(a) for a in (k.x, k.w, k.r, k.R))  # buffers for results before they are read
-    shift, (bounds, shares) = np.ndarray(1, buffer=k.state), choice_arrays(k)
+    shift, (bounds, shares) = np.ndarray(1, buffer=k.state), list_choice_arrays(k)
     given: dict[str, list[np.ndarray]] = {
         "rows": [*given_rows, A, *results],
         "factorise": [A, shift, *bounds, factor, *shares],
@@ -168,7 +170,7 @@ def _split_entries(
     of_entry = {"push_kept": {"push": [A_kept, k.x, k.w, w]}}
     of_entry |= {name: {"copy_bodies": [w, k.v]} for name in ("project", "project_rates")}
     keeps = code, k, given, of_entry
-    factorise = choosing(k, code, "factorise", given["factorise"], [A])
+    factorise = make_choosing_program(k, code, "factorise", given["factorise"], [A])
     entries: dict[str, Any] = {}
     for name in own:
         steps = [
@@ -180,7 +182,7 @@ def _split_entries(
         ]
         entries[name] = Program(steps, (keeps, factorise))
     if "leave_out" in needed and len(k.dense):
-        entries["leave_out"] = Bound(leave_out_of_code, k)
+        entries["leave_out"] = BoundFunction(leave_out_of_code, k)
     return entries, operations
 
 
@@ -190,7 +192,7 @@ def _functions(needed: Collection[str]) -> tuple[str, ...]:
 
 
 @making_code
-def code_of_mechanism(
+def make_mechanism_code(
     system: MultibodySystem, k: Kernel, step: str = "", **choices: Any
 ) -> tuple[Code, int, list[int]]:
     """Return code of a mechanism, made or read from disk, the operations of an evaluation, and the sizes of its arrays.
@@ -198,18 +200,18 @@ def code_of_mechanism(
     ``step``: "" for accelerations, "iterate" (``rows.simplified_step``), "split" or "mean"; ``choices`` are its
     settings. Raises ``NoMechanismCode`` where none can be made.
     """
-    reason = refusal(system, k)
+    reason = refuse_mechanism(system, k)
     if reason:
         raise NoMechanismCode(reason)
     code, about = Code(lambda: _print(system, k, step, choices), _key(system, k, step, choices)), np.zeros(4)
     code.function("about", 1)(about.ctypes.data)
     operations, *sizes = (int(x) for x in about)
     if operations > MOST_OPERATIONS:
-        raise NoMechanismCode(_too_large(operations))
+        raise NoMechanismCode(_refuse_size(operations))
     return code, operations, sizes[: 2 if step else 1]
 
 
-def _too_large(operations: int) -> str:
+def _refuse_size(operations: int) -> str:
     """Return the refusal of code that needs at least so many ``operations``."""
     return (
         f"code for the mechanism takes up to {MOST_OPERATIONS} operations an evaluation (needs {operations} or more): "
@@ -236,7 +238,7 @@ def _print(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any
         for part, (i, j), first in zip(list_parts(system)[1], k.body, k.row, strict=False)
     ]
     kinds = {"": SymbolicMechanism, "iterate": SimplifiedStep, "split": SplitMechanism, "mean": MeanMechanism}
-    functions, sizes = kinds[step](system, parts, _order(k), len(k.dense) > 0).functions(**choices)
+    functions, sizes = kinds[step](system, parts, _order(k), len(k.dense) > 0).make_functions(**choices)
     operations = sum(len(record_function(functions[name]).tape.operations) for name in EVALUATION[step])
     if operations > MOST_OPERATIONS:
         functions = {}
@@ -259,7 +261,7 @@ def _least_operations(k: Kernel) -> int:
 
 def _key(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any]) -> str:
     """Return the key of the code on disk: a digest of the system's numbers, the kernel's order and the generator."""
-    makers = texts_of_makers(), digest_files((__file__, str(FACTOR)))
+    makers = digest_makers(), digest_files((__file__, str(FACTOR)))
     digest = hashlib.sha256(f"{makers} {_order(k)} {k.row.tolist()} {k.body.tolist()} {len(k.dense)}".encode())
     digest.update(system.regular_inertia.tobytes())
     for field in fields(system):

@@ -29,7 +29,7 @@ def print_function(function: Callable[..., None], name: str, bundle: Any) -> str
 
     The marked functions of its module, and of those it imports from, are replaced by numba's.
     """
-    arm_functions(function.__module__, set())
+    replace_marked_functions(function.__module__, set())
     inner = numba.njit(**OPTIONS, forceinline=True)(function)
     view = _viewer(Bundle(bundle))
 
@@ -206,7 +206,7 @@ def _viewer(of: Bundle) -> Any:
     return view
 
 
-def arm_functions(name: str, seen: set[str]) -> None:
+def replace_marked_functions(name: str, seen: set[str]) -> None:
     """Replace all marked functions of a module, and of those it imports from, by numba's compiled ones.
 
     ``seen`` are the names of modules already done; it is extended.
@@ -217,7 +217,7 @@ def arm_functions(name: str, seen: set[str]) -> None:
     space = vars(sys.modules[name])
     for key, value in list(space.items()):
         if isinstance(value, InlineFunction):
-            arm_functions(value.function.__module__, seen)
+            replace_marked_functions(value.function.__module__, seen)
             space[key] = _compile_inner(value)
         elif value is entries.run:
             space[key] = run
@@ -226,7 +226,7 @@ def arm_functions(name: str, seen: set[str]) -> None:
         elif callable(value):
             of = getattr(getattr(value, "py_func", value), "__module__", None)
             if isinstance(of, str) and of in sys.modules:
-                arm_functions(of, seen)
+                replace_marked_functions(of, seen)
 
 
 @cache

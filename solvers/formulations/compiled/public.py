@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.mechanics import consistency, dynamics, so3
-from ....harness.mechanics.added_inertia import check_idle
+from ....harness.mechanics.added_inertia import check_added_inertia
 from ....harness.mechanics.counting import count_calls
 from ....harness.mechanics.dynamics import Equations, Rates
 from ....harness.mechanics.state import State
 from ....harness.mechanics.step_time import check_time
 from ....harness.mechanics.system import GROUND, MultibodySystem
-from .kernel import Kernel, make_kernel, start_at
+from .kernel import Kernel, make_kernel, set_state
 
 SHIFT = 1e-6  # share of S's diagonal: redundant rows' loads are then right to 1e-10, weak rows settle in a few passes
 PASSES = 30  # passes of refinement at most
@@ -65,7 +65,7 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     """
     check_time(s)
     _, k, added, _ = _entries(system, "accelerations")
-    start_at(k, s)
+    set_state(k, s)
     k.rows.run()
     if np.any(phi_ddot):
         k.gamma[k.order] -= phi_ddot
@@ -73,11 +73,11 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     redundant = k.state["rank"] < system.nrows
     k.react.run()
     if redundant:
-        _share(k)
+        _share_redundant_load(k)
     if not (np.isfinite(k.v_dot).all() and np.isfinite(k.lam).all()):
         return dynamics.accelerations(system, s, phi_ddot)
     if added is not None:
-        check_idle(added, system.gyration, k.force, k.v_dot[:, 3:])
+        check_added_inertia(added, system.gyration, k.force, k.v_dot[:, 3:])
     return Rates(s.v, s.Omega, k.v_dot[:, :3].copy(), k.v_dot[:, 3:].copy(), k.lam[k.order])
 
 
@@ -91,7 +91,7 @@ def equations(system: MultibodySystem, s: State) -> Equations:
     check_time(s)
     _, k, _, dense = _entries(system, "equations")
     assert dense is not None
-    start_at(k, s)
+    set_state(k, s)
     k.rows.run()
     k.applied_forces.run()
     A, f = np.zeros((system.nrows, 6 * system.nb)), k.force.copy()
@@ -110,7 +110,7 @@ def project(system: MultibodySystem, state: State, iterations: int = ITERATIONS)
     ``InconsistentStart`` where no pose is found.
     """
     k = _entries(system, "project").kernel
-    start_at(k, state)
+    set_state(k, state)
     v = k.v.copy()
     k.rows.run()
     for _ in range(iterations):
@@ -162,7 +162,7 @@ def _prepare_dense(system: MultibodySystem, k: Kernel) -> _Dense:
     return _Dense(M, end, row, sign, first[:, None] + np.arange(6))
 
 
-def _share(k: Kernel) -> None:
+def _share_redundant_load(k: Kernel) -> None:
     """Subtract from ``k.lam`` its part n without effect (S n = 0), so that redundant rows share their load evenly.
 
     n is found by the iteration n -= (S + e D)^-1 S n from n = ``lam``, with D the diagonal of S.

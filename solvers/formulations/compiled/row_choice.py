@@ -11,10 +11,10 @@ that it returns.
 
 import math
 
-from ....harness.mechanics.loops import closes_loops
+from ....harness.mechanics.loops import has_loops
 from ....harness.mechanics.system import MultibodySystem
 from .blocks import WIDTH
-from .entries import compile_inline, inner_fused, run
+from .entries import compile_inline, compile_inline_fused, run
 from .factor import DEPENDENT, assemble, eliminate, turn_rows, turn_rows_back
 
 POOR = 1e-2  # share of its own diagonal (a squared sine) of a kept row's pivot, at which others are searched for
@@ -31,7 +31,7 @@ MOST_ROWS = 300  # rows of a mechanism at most: a search costs their cube
 
 def may_choose(system: MultibodySystem) -> bool:
     """Return whether rows may be chosen: joints close loops, since rows of a tree are independent, and rows are few."""
-    return 0 < system.nrows <= MOST_ROWS and closes_loops(system)
+    return 0 < system.nrows <= MOST_ROWS and has_loops(system)
 
 
 def choose_rows(k):
@@ -65,7 +65,7 @@ def choose_rows_of_code(k):
     """Keep the factor that code of the mechanism has made, or factorise on better rows."""
     state, rank = k.state, _rank_of_code(k)
     least = _least_pivot_of_code(k)
-    look = _look(state, len(k.inverse_share), rank, least)
+    look = _decide_on_factor(state, len(k.inverse_share), rank, least)
     if look == KEEP:
         return
     if look == AS_CHOSEN:
@@ -73,7 +73,7 @@ def choose_rows_of_code(k):
         if _rank_of_code(k) == rank and _least_pivot_of_code(k) > state.poor:
             return
     run(k.fill_dense)
-    if _take(state, _choose(k, rank, state.first), least):
+    if _accept_choice(state, _choose(k, rank, state.first), least):
         _keep_chosen(k)
     else:
         run(k.factorise_code)
@@ -89,7 +89,7 @@ def leave_out_of_code(k):
 
 
 @compile_inline
-def _look(state, n, rank, least):
+def _decide_on_factor(state, n, rank, least):
     """Decide what to do with a factor of ``n`` rows in the fixed order, and return it: KEEP, AS_CHOSEN or SEARCH.
 
     ``rank`` is the number of rows kept in it, ``least`` their least pivot as a share of its diagonal. The limits in
@@ -113,7 +113,7 @@ def _look(state, n, rank, least):
 
 
 @compile_inline
-def _take(state, better, least):
+def _accept_choice(state, better, least):
     """Return whether to use the rows found, of least pivot ``better``, in place of those of least pivot ``least``.
 
     ``state`` is updated: whether rows are chosen, and the limit for the next search.
@@ -126,12 +126,12 @@ def _take(state, better, least):
     return False
 
 
-@inner_fused
+@compile_inline_fused
 def _choose_rows(k, W):
     """Keep the factor of the fixed order, or factorise on the rows chosen before or newly found, in blocks W x W."""
     state, rank = k.state, k.state.rank
     least = _least_pivot(k) if rank < len(k.diagonal) else 1.0
-    look = _look(state, len(k.diagonal), rank, least)
+    look = _decide_on_factor(state, len(k.diagonal), rank, least)
     if look == KEEP:
         return
     if look == AS_CHOSEN:
@@ -144,7 +144,7 @@ def _choose_rows(k, W):
     _copy_scaled(k)
     better = _choose(k, rank, state.first)
     assemble(k, W)
-    if _take(state, better, least):
+    if _accept_choice(state, better, least):
         _leave_others(k)
     eliminate(k, W)
 

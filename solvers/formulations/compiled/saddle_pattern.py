@@ -23,7 +23,7 @@ NUMBERS = {  # arrays of the factors and of a solution, by elimination position
 }
 
 
-def analyse(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.ndarray) -> tuple[Any, Any]:
+def analyse_saddle(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.ndarray) -> tuple[Any, Any]:
     """Return the bundle of the saddle's blocks and that of its LU factors: elimination order, fill and storage.
 
     Blocks of the first, by rows: ``bodies``: load of one body by velocities of another, for pairs of the kernel;

@@ -14,7 +14,7 @@ from ....harness.mechanics import joints
 from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.system import MultibodySystem
 from .bundles import make_bundle
-from .kernel import Kernel, empty_kernel, finish_kernel
+from .kernel import Kernel, allocate_kernel, finish_kernel
 from .mechanism import use_code
 
 ROW = list(joints.KINDS).index("driven distance")
@@ -29,11 +29,11 @@ def stack_kernels(
 
     ``code`` is "kernel" (loops) or "mechanism"; raises ``NoMechanismCode`` where the latter cannot be made.
     """
-    one = empty_kernel(system)
+    one = allocate_kernel(system)
     stacked: dict[str, Any] = {name: np.zeros((n, *getattr(one, name).shape)) for name in ARRAYS}
     made = []
     for i in range(n):
-        k = empty_kernel(system)._replace(**{name: a[i] for name, a in stacked.items()})
+        k = allocate_kernel(system)._replace(**{name: a[i] for name, a in stacked.items()})
         whole = code == "mechanism"
         made.append(use_code(system, k, needed).kernel if whole else finish_kernel(system, k, needed))
     words: dict[str, Any] = {name: np.array([int(getattr(k, name)) for k in made]) for name in ENTRIES}
@@ -64,7 +64,7 @@ def make_springs(system: MultibodySystem, n: int) -> tuple[Any, list[Kernel], np
         joint_n=np.zeros((m, 3, 3)),
         joint_length=np.zeros(m),
         joint_motion=of_time,
-        **_none(s, "spring", "torsion", "load", "user"),
+        **_cut_fields(s, "spring", "torsion", "load", "user"),
     )
     stages, made = stack_kernels(as_joints, n, ("rows", "push", "slips"))
     for k in made:
@@ -76,10 +76,10 @@ def make_springs(system: MultibodySystem, n: int) -> tuple[Any, list[Kernel], np
 
 def remove_springs(system: MultibodySystem) -> MultibodySystem:
     """Return a copy of the system without its spring-dampers; torsional springs and user forces stay."""
-    return replace(system, **_none(system, "spring"))
+    return replace(system, **_cut_fields(system, "spring"))
 
 
-def _none(system: MultibodySystem, *kinds: str) -> dict[str, Any]:
+def _cut_fields(system: MultibodySystem, *kinds: str) -> dict[str, Any]:
     """Return the system's fields of these ``kinds`` of parts, each cut to length zero."""
     names = [name for name in vars(system) if name.split("_")[0] in kinds]
     return {name: getattr(system, name)[:0] for name in names}

@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING, Any
 import llvmlite
 import llvmlite.binding as llvm
 
-from ....harness.cache import cache_folder
+from ....harness.cache import make_cache_folder
 from ....harness.code_meter import making_code
 from ....harness.confined_paths import ConfinedPath
-from ....harness.machine import llvm_target
+from ....harness.machine import find_llvm_target
 
 if TYPE_CHECKING:
     from .functions import GeneratedFunction, Loop
 
-FOLDER = cache_folder("generated", Path(__file__).parent / "__pycache__")
+FOLDER = make_cache_folder("generated", Path(__file__).parent / "__pycache__")
 LARGEST = 1 << 28  # bytes of an object
 MOST = 1 << 29  # bytes of all that are kept: some thousand kernels
 WAIT = 60.0  # [s] for another process to make an object: most take less than five
@@ -43,7 +43,7 @@ class Code:
         """
         self._machine = _machine()
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), self._machine)
-        self._engine.add_object_file(llvm.ObjectFileRef.from_data(_object(ir, key, self._machine)))
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(_load_object(ir, key, self._machine)))
         self._engine.finalize_object()
 
     def address(self, name: str) -> int:
@@ -84,29 +84,29 @@ def _machine() -> llvm.TargetMachine:
     llvm.initialize_native_asmprinter()
     llvm.add_symbol("mbsbench_error", id(ArithmeticError))  # for code that raises; numba uses the name PyExc_...
     target = llvm.Target.from_triple(llvm.get_process_triple())
-    cpu, features = llvm_target()
+    cpu, features = find_llvm_target()
     return target.create_target_machine(cpu=cpu, features=features, opt=LEVEL, reloc="pic", codemodel="jitdefault")
 
 
 def is_kept(key: str) -> bool:
     """Return whether an object of code is kept on disk under ``key``, for this processor and version of LLVM."""
-    return _place(key, _machine()).path.exists()
+    return _locate_object(key, _machine()).path.exists()
 
 
-def _place(key: str, machine: llvm.TargetMachine) -> ConfinedPath:
+def _locate_object(key: str, machine: llvm.TargetMachine) -> ConfinedPath:
     """Return the path of the object file of ``key``, named by a digest of it, the processor and LLVM's version."""
     version = f"{llvmlite.__version__} {llvm.llvm_version_info} {LEVEL}"
-    name = hashlib.sha256("\0".join((key, *llvm_target(), machine.triple, version)).encode()).hexdigest()
+    name = hashlib.sha256("\0".join((key, *find_llvm_target(), machine.triple, version)).encode()).hexdigest()
     return ConfinedPath(FOLDER) / f"{name}.o"
 
 
-def _object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMachine) -> bytes:
+def _load_object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMachine) -> bytes:
     """Return the content of the object file of ``ir``, read from disk or made and stored there."""
-    place = _place(ir if isinstance(ir, str) else key, machine)
-    if (content := _read(place)) is not None:
+    place = _locate_object(ir if isinstance(ir, str) else key, machine)
+    if (content := _read_object(place)) is not None:
         return content
     with _lock_object(place):
-        if (content := _read(place)) is not None:  # another process has made it meanwhile
+        if (content := _read_object(place)) is not None:  # another process has made it meanwhile
             return content
         content = _compile(ir if isinstance(ir, str) else ir(), machine)
         with contextlib.suppress(OSError):  # no place to write
@@ -116,7 +116,7 @@ def _object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMachine) 
     return content
 
 
-def _read(place: ConfinedPath) -> bytes | None:
+def _read_object(place: ConfinedPath) -> bytes | None:
     """Return the content of the object file at ``place`` and mark it as used; None if it is missing or damaged."""
     with contextlib.suppress(OSError):
         kept = place.read(LARGEST)

@@ -39,7 +39,7 @@ def print_module(functions: dict[str, GeneratedFunction | Loop]) -> str:
     lines: list[str] = []
     callees: dict[str, None] = {}
     for name, function in functions.items():
-        lines += _Printer(name, record_function(function), isinstance(function, Loop), callees).function()
+        lines += _Printer(name, record_function(function), isinstance(function, Loop), callees).print_lines()
     return "\n".join([*(f"declare double {callee}" for callee in callees), *lines, ""])
 
 
@@ -61,7 +61,7 @@ class _Printer:
         self._reads.update(number for result in recorded.results for number in result)
         self._slots: dict[int, int] = {}  # place of a number in the array between parts
 
-    def function(self) -> list[str]:
+    def print_lines(self) -> list[str]:
         """Return the lines of IR of the function, preceded by those of its parts if it is long."""
         cuts = range(0, max(1, len(self._live)), PART)
         parts = [self._live[start : start + PART] for start in cuts]
@@ -80,9 +80,9 @@ class _Printer:
                 ]
                 lines += [*self._body(part, rest), "  ret void", "}"]
                 calls.append(f'  call void @"{self._name}.{k}"({self._arguments()}, i64 %e, ptr %slots)')
-        return [*lines, *self._entry(calls)]
+        return [*lines, *self._print_entry(calls)]
 
-    def _entry(self, calls: list[str]) -> Iterator[str]:
+    def _print_entry(self, calls: list[str]) -> Iterator[str]:
         """Yield the lines of the function that callers see: ``calls`` once, or in a loop over the elements."""
         shared = any("%slots" in call for call in calls)  # all parts take it, even where no number passes between them
         slots = [f"  %slots = alloca double, i64 {max(len(self._slots), 1)}"] if shared else []
@@ -162,8 +162,8 @@ class _Printer:
         own = set(part)
         for number in part:
             if number in self._slots:
-                place = body.point("slots", str(self._slots[number]))
-                body.write(f"store double {body.name(number)}, ptr {place}")
+                place = body.write_address("slots", str(self._slots[number]))
+                body.write(f"store double {body.load_number(number)}, ptr {place}")
         for result in (*(result for result in self._results if result[2] in own), *given):
             body.write_result(*result)
         return iter(body.lines)
@@ -193,37 +193,37 @@ class _Body:
         self.write(f"%t{self._fresh} = {line}")
         return f"%t{self._fresh}"
 
-    def point(self, array: str, place: str, kind: str = "double") -> str:
+    def write_address(self, array: str, place: str, kind: str = "double") -> str:
         """Write the computation of the address of an element of an array argument; return the address's name."""
         return self.define(f"getelementptr {kind}, ptr %{array}, i64 {place}")
 
-    def name(self, number: int) -> str:
+    def load_number(self, number: int) -> str:
         """Return the IR name of the tape's ``number``; load it first if it is an input or from an earlier part."""
         if number not in self._names:
             name, a, b = self._recorded.tape.operations[number]
             if name == "constant":
                 return f"0x{a & 0xFFFFFFFFFFFFFFFF:016X}"
-            address = self._place(f"x{a}", self._recorded.inputs[a], b) if name == "input" else None
-            address = address or self.point("slots", str(self._slots[number]))
+            address = self._write_entry_address(f"x{a}", self._recorded.inputs[a], b) if name == "input" else None
+            address = address or self.write_address("slots", str(self._slots[number]))
             self._names[number] = self.define(f"load double, ptr {address}")
         return self._names[number]
 
-    def _place(self, name: str, array: Array, place: int) -> str:
+    def _write_entry_address(self, name: str, array: Array, place: int) -> str:
         """Write the computation of the address of an element's entry ``place`` in ``array``; return its name."""
         if array.access == "whole":
-            return self.point(name, str(place))
+            return self.write_address(name, str(place))
         if array.access in ("blocks", "added_blocks"):
             if name not in self._rows:
-                first = self.define(f"load i64, ptr {self.point(f'{name}.at', '%e', 'i64')}")
-                self._rows[name] = self.point(name, first)
+                first = self.define(f"load i64, ptr {self.write_address(f'{name}.at', '%e', 'i64')}")
+                self._rows[name] = self.write_address(name, first)
             return self.define(f"getelementptr double, ptr {self._rows[name]}, i64 {place}")
         table = name if array.access in ("rows", "stored") else f"{name}.at"
         if table not in self._rows:
             first = self.define(f"mul nsw i64 %e, {array.size}")
-            self._rows[table] = self.point(table, first, "double" if table == name else "i64")
+            self._rows[table] = self.write_address(table, first, "double" if table == name else "i64")
         kind = "double" if table == name else "i64"
         at = self.define(f"getelementptr {kind}, ptr {self._rows[table]}, i64 {place}")
-        return at if table == name else self.point(name, self.define(f"load i64, ptr {at}"))
+        return at if table == name else self.write_address(name, self.define(f"load i64, ptr {at}"))
 
     def write_result(self, output: int, place: int, number: int) -> None:
         """Store the tape's ``number`` at index ``place`` of an output, or add it there; an added zero is omitted."""
@@ -231,7 +231,7 @@ class _Body:
         added = array.access in ("added", "added_blocks")
         if added and number == self._recorded.tape.zero:
             return
-        value, address = self.name(number), self._place(f"y{output}", array, place)
+        value, address = self.load_number(number), self._write_entry_address(f"y{output}", array, place)
         if added:
             value = self.define(f"fadd double {self.define(f'load double, ptr {address}')}, {value}")
         self.write(f"store double {value}, ptr {address}")
@@ -244,31 +244,33 @@ class _Body:
         name, a, b = self._recorded.tape.operations[number]
         if name in (*COMPARED, "not", "and", "or"):
             if name in COMPARED:
-                truth = self.define(f"fcmp {COMPARED[name]} double {self.name(a)}, {self.name(b)}")
+                truth = self.define(f"fcmp {COMPARED[name]} double {self.load_number(a)}, {self.load_number(b)}")
             elif name == "not":
-                truth = self.define(f"xor i1 {self._truth(a)}, true")
+                truth = self.define(f"xor i1 {self._write_truth(a)}, true")
             else:
-                truth = self.define(f"{name} i1 {self._truth(a)}, {self._truth(b)}")
+                truth = self.define(f"{name} i1 {self._write_truth(a)}, {self._write_truth(b)}")
             self._truths[number] = truth
             self._names[number] = self.define(f"uitofp i1 {truth} to double")
         elif name == "if_else_zero":
-            self._names[number] = self.define(f"select i1 {self._truth(a)}, double {self.name(b)}, double 0.0")
+            self._names[number] = self.define(
+                f"select i1 {self._write_truth(a)}, double {self.load_number(b)}, double 0.0"
+            )
         elif name == "sign":
-            x = self.name(a)
+            x = self.load_number(a)
             below = self.define(f"fcmp olt double {x}, 0.0")
             other = self.define(f"select i1 {below}, double -1.0, double {x}")
             above = self.define(f"fcmp ogt double {x}, 0.0")
             self._names[number] = self.define(f"select i1 {above}, double 1.0, double {other}")
         elif name == "neg":
-            self._names[number] = self.define(f"fneg double {self.name(a)}")
+            self._names[number] = self.define(f"fneg double {self.load_number(a)}")
         elif number in self._products:
             return  # written with the sum that reads it
         elif number in self._fused:
             self._names[number] = self._fuse(name, a, b, self._fused[number])
         elif name in ARITHMETIC:
-            self._names[number] = self.define(f"{ARITHMETIC[name]} double {self.name(a)}, {self.name(b)}")
+            self._names[number] = self.define(f"{ARITHMETIC[name]} double {self.load_number(a)}, {self.load_number(b)}")
         else:
-            arguments = [f"double {self.name(x)}" for x in (a, b) if x >= 0]
+            arguments = [f"double {self.load_number(x)}" for x in (a, b) if x >= 0]
             name = LEAST_AND_LARGEST.get(name, name)
             callee = f"@llvm.{name}.f64" if name in INTRINSIC else f"@{name}"
             self._callees[f"{callee}({', '.join('double' for _ in arguments)})"] = None
@@ -277,7 +279,7 @@ class _Body:
     def _fuse(self, name: str, a: int, b: int, product: int) -> str:
         """Write a + b or a - b as one fused multiply-add, with ``product`` the operand to contract; return its name."""
         _, x, y = self._recorded.tape.operations[product]
-        first, second, other = self.name(x), self.name(y), self.name(b if product == a else a)
+        first, second, other = self.load_number(x), self.load_number(y), self.load_number(b if product == a else a)
         if name == "sub" and product == a:
             other = self.define(f"fneg double {other}")
         elif name == "sub":
@@ -285,8 +287,8 @@ class _Body:
         self._callees["@llvm.fma.f64(double, double, double)"] = None
         return self.define(f"call double @llvm.fma.f64(double {first}, double {second}, double {other})")
 
-    def _truth(self, number: int) -> str:
+    def _write_truth(self, number: int) -> str:
         """Return the IR name of a truth value (i1), that the tape's ``number`` is not zero; write it if new."""
         if number not in self._truths:
-            self._truths[number] = self.define(f"fcmp une double {self.name(number)}, 0.0")
+            self._truths[number] = self.define(f"fcmp une double {self.load_number(number)}, 0.0")
         return self._truths[number]

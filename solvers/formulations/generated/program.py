@@ -26,7 +26,7 @@ class Program:
         Raises ValueError for arrays that are not contiguous, and for more than ``MOST_ARGUMENTS`` of them in a call.
         """
         self.steps = list(steps)
-        words = [runner().address("run"), len(steps)]
+        words = [compile_runner().address("run"), len(steps)]
         for address, arrays in steps:
             if len(arrays) > MOST_ARGUMENTS:
                 raise ValueError(f"a call takes at most {MOST_ARGUMENTS} arrays (got {len(arrays)})")
@@ -36,9 +36,9 @@ class Program:
         self._words = np.array(words, dtype=np.int64)
         self._keeps = keeps
         self.entry = self._words.ctypes.data
-        self._run = runner().function("run", 1)
+        self._run = compile_runner().function("run", 1)
         # a step of another program, which must keep this one alive
-        self.step = runner().address("run"), [self._words[1:]]
+        self.step = compile_runner().address("run"), [self._words[1:]]
 
     def __int__(self) -> int:
         return self.entry
@@ -49,7 +49,7 @@ class Program:
 
 
 @cache
-def runner() -> Code:
+def compile_runner() -> Code:
     """Return the code of ``run(program)``, which executes a list of calls.
 
     The program's first word is the number of its steps; each step is (address, number of arguments, arguments...).

@@ -18,19 +18,19 @@ Step = tuple[int, list[np.ndarray]]
 
 def set_to_zero(target: Float[np.ndarray, " n"]) -> Step:
     """Return a step that sets ``target`` = 0."""
-    return _step("zero", len(target), target)
+    return _make_step("zero", len(target), target)
 
 
 def take(source: Float[np.ndarray, " m"], table: Int[np.ndarray, " n"], target: Float[np.ndarray, " n"]) -> Step:
     """Return a step that sets ``target`` = source[table]."""
-    return _step("take", len(table), source, _indices(table), target)
+    return _make_step("take", len(table), source, _indices(table), target)
 
 
 def take_negative(
     source: Float[np.ndarray, " m"], table: Int[np.ndarray, " n"], target: Float[np.ndarray, " n"]
 ) -> Step:
     """Return a step that sets ``target`` = -source[table]."""
-    return _step("take_negative", len(table), source, _indices(table), target)
+    return _make_step("take_negative", len(table), source, _indices(table), target)
 
 
 def add_products(
@@ -43,7 +43,7 @@ def add_products(
 ) -> Step:
     """Return a step that adds p[p_table] q[q_table] to ``target``[place], term by term."""
     tables = [_indices(table) for table in (p_table, q_table, place)]
-    return _step("add_products", len(place), p, tables[0], q, tables[1], target, tables[2])
+    return _make_step("add_products", len(place), p, tables[0], q, tables[1], target, tables[2])
 
 
 def call_lapack(name: str, *arguments: np.ndarray) -> Step:
@@ -59,7 +59,7 @@ def call_lapack(name: str, *arguments: np.ndarray) -> Step:
     return get(capsule, get_name(capsule)), list(arguments)
 
 
-def integer(value: Any) -> Int[np.ndarray, " 1"]:
+def make_integer(value: Any) -> Int[np.ndarray, " 1"]:
     """Return an integer as LAPACK takes it: an array of one int32."""
     return np.array([value], dtype=np.int32)
 
@@ -69,14 +69,14 @@ def _indices(table: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(table, dtype=np.int64)
 
 
-def _step(name: str, n: int, *arrays: np.ndarray) -> Step:
+def _make_step(name: str, n: int, *arrays: np.ndarray) -> Step:
     """Return the step that calls the loop ``name`` over ``n`` elements with ``arrays``."""
-    return _loops().address(name), [np.array([n]), *arrays]
+    return _compile_loops().address(name), [np.array([n]), *arrays]
 
 
 @cache
 @making_code
-def _loops() -> Code:
+def _compile_loops() -> Code:
     """Compile the loops over flat arrays that the steps call."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     return compile_functions(

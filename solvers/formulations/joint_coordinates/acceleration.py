@@ -25,7 +25,7 @@ def accelerate(s: Any, h: float, known: int) -> int:
     """
     n, k = len(s.unknowns), len(s.weights)
     if known < 0:
-        _weigh(s, h)
+        _set_weights(s, h)
     for a in range(k):
         s.change[a] = s.weights[a] * (s.unknowns[a] - s.entered[a])
     if known < 0:
@@ -40,7 +40,7 @@ def accelerate(s: Any, h: float, known: int) -> int:
         before = _product(new, new)
         for j in range(kept):
             if j != place:
-                _remove(s, j, new, image)
+                _remove_component(s, j, new, image)
         after = _product(new, new)
         if after > DEPENDENT * DEPENDENT * before:
             scale = 1.0 / np.sqrt(after)
@@ -55,12 +55,12 @@ def accelerate(s: Any, h: float, known: int) -> int:
     copy(s.change, s.change_before)
     copy(s.unknowns, s.left)
     for j in range(min(known, MEMORY)):
-        _remove(s, j, s.change, s.unknowns)
+        _remove_component(s, j, s.change, s.unknowns)
     return known
 
 
 @compile_inline
-def _weigh(s: Any, h: float) -> None:
+def _set_weights(s: Any, h: float) -> None:
     """Set the ``weights`` of changes: for rates of q, h / (1 + |q|); for others, h over the largest momentum."""
     n, moment = len(s.start[0]), 0.0
     for k in range(n):
@@ -73,7 +73,7 @@ def _weigh(s: Any, h: float) -> None:
 
 
 @compile_inline
-def _remove(s: Any, j: int, change: Any, unknowns: Any) -> None:
+def _remove_component(s: Any, j: int, change: Any, unknowns: Any) -> None:
     """Remove the component of ``change`` along column j of ``basis``, and its counterpart from ``unknowns``."""
     q, u = s.basis[j], s.images[j]
     along = _product(q, change)

@@ -10,7 +10,7 @@ from .counting import refuse_code
 from .elimination import Order
 from .evaluation import Evaluation
 from .hamilton import HamiltonCode, make_hamilton_code
-from .tree import Tree, spanning_tree
+from .tree import Tree, build_spanning_tree
 
 
 def choose_code(problem: Problem, tree: Tree) -> JointCode | TreeMechanism:
@@ -44,15 +44,17 @@ def choose_phase(
     return mechanism, TreePhase(mechanism, radial=radial)
 
 
-def evaluate(made: JointCode | TreeMechanism, nq: int, chosen: Order | None = None) -> Evaluation | TreeEvaluation:
+def make_evaluation(
+    made: JointCode | TreeMechanism, nq: int, chosen: Order | None = None
+) -> Evaluation | TreeEvaluation:
     """Return the object with the arrays and programs that evaluate a mechanism; nothing is evaluated yet.
 
     Rows are eliminated in the order ``chosen``, or in that of the start; ``nq`` is the number of coordinates.
     """
-    return made.evaluate(chosen) if isinstance(made, TreeMechanism) else Evaluation(made, nq, chosen)
+    return made.make_evaluation(chosen) if isinstance(made, TreeMechanism) else Evaluation(made, nq, chosen)
 
 
-def refusal(problem: Problem) -> str | None:
+def refuse_loop_rows(problem: Problem) -> str | None:
     """Return the refusal of a mechanism without code and with too many loop rows for the recursion, or None."""
     if refuse_code(problem) is None:
         return None
@@ -62,4 +64,4 @@ def refusal(problem: Problem) -> str | None:
 
 def count_rows(system: MultibodySystem, start: State) -> int:
     """Return the number of constraint rows of the joints that close the loops of a spanning tree."""
-    return sum(int(system.joint_rows[k]) for k in spanning_tree(system, start).cuts)
+    return sum(int(system.joint_rows[k]) for k in build_spanning_tree(system, start).cuts)

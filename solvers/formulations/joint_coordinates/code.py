@@ -27,7 +27,7 @@ from ....harness.mechanics import fixed_order
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
-from ..rows.kept_code import texts_of_makers
+from ..rows.kept_code import digest_makers
 from .elimination import Factor, Matrix, NoInertia, Order
 from .pivots import Pattern, order_rows
 from .tree import Tree
@@ -65,7 +65,7 @@ class JointCode(NamedTuple):
     whole: bool  # whether ``accelerate`` is one function
 
     @property
-    def kept(self) -> int:
+    def rows_in_use(self) -> int:
         """Number of loop rows in use: those in the elimination, without rows that depend on others."""
         return sum(k >= self.pattern.first for k in self.order.rows)
 
@@ -97,15 +97,15 @@ def make_code(system: MultibodySystem, tree: Tree, *, whole: bool = True) -> Joi
     if made.operations < 0:
         raise ValueError("needs inertia for each velocity of a joint; a point mass on a ball has none: use rkmk_dop853")
     if made.operations > MOST_OPERATIONS:
-        raise CodeTooLarge(too_large(made.operations))
-    if made.kept < made.rows and not system.is_holonomic:
+        raise CodeTooLarge(refuse_size(made.operations))
+    if made.rows_in_use < made.rows and not system.is_holonomic:
         raise ValueError("leaves out rows that depend on others, and not every row has a phi to watch: use rkmk_dop853")
     return made
 
 
 def digest_mechanism(system: MultibodySystem, tree: Tree) -> str:
     """Return the key of a mechanism's code on disk, from the generator's text and the numbers of system and tree."""
-    return f"{texts_of_makers()}\0{_own_text()}\0{_digest(system, tree)}"
+    return f"{digest_makers()}\0{_digest_generator()}\0{_digest(system, tree)}"
 
 
 ABOUT = "operations", "rows", "entries", "pairs", "variable", "ordered", "nu", "held"
@@ -124,7 +124,7 @@ def _load(code: Code, whole: bool) -> JointCode:
     return JointCode(code, pattern, order, about["rows"], about["operations"], about["entries"], whole)
 
 
-def too_large(operations: int) -> str:
+def refuse_size(operations: int) -> str:
     """Return the refusal of a mechanism whose code takes at least so many ``operations`` an evaluation."""
     return (
         f"writes code for the mechanism, up to {MOST_OPERATIONS} operations an evaluation (needs {operations} or "
@@ -142,13 +142,13 @@ def _print(system: MultibodySystem, tree: Tree, key: str, whole: bool) -> str:
     from ..generated.functions import GeneratedFunction, record_function
     from .stages import write_step
 
-    def tell(operations: int, parts: "Parts | None" = None) -> "dict[str, GeneratedFunction]":
+    def tell(operations: int, parts: "MechanismFunctions | None" = None) -> "dict[str, GeneratedFunction]":
         about = (operations, *parts.sizes) if parts else (operations, *(0 for _ in ABOUT[1:]))
         what = parts.tables if parts else [ca.SX(0, 1)] * 4
         return {"about": GeneratedFunction([], [ca.vertcat(*about)]), "pattern": GeneratedFunction([], what)}
 
     try:
-        parts = Parts(system, tree, find_equations(system, tree, key))
+        parts = MechanismFunctions(system, tree, find_equations(system, tree, key))
     except NoInertia:
         return print_functions(tell(-1))
     functions = {name: parts.functions[name] for name in (*SHARED, "measure" if whole else "solve_rows")}
@@ -184,16 +184,16 @@ _FOUND: dict[str, Equations] = {}  # the last equations found
 
 
 def find_equations(system: MultibodySystem, tree: Tree, key: str) -> Equations:
-    """Return the equations of ``choose_order`` for this ``key``; the last ones found are kept for the next call."""
+    """Return the equations of ``choose_equations`` for this ``key``; the last ones found are kept for the next call."""
     import casadi as ca
 
     if key not in _FOUND:
         _FOUND.clear()
-        _FOUND[key] = choose_order(system, tree, ca.SX.sym("t"), ca.SX.sym("y", tree.nq + tree.nu))
+        _FOUND[key] = choose_equations(system, tree, ca.SX.sym("t"), ca.SX.sym("y", tree.nq + tree.nu))
     return _FOUND[key]
 
 
-def choose_order(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX") -> Equations:
+def choose_equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX") -> Equations:
     """Return the equations of a tree with all or none of its balls opened, whichever has the shorter elimination."""
     balls = [limb.body for limb in tree.limbs if limb.ball and limb.parent != GROUND]
     found = [_equations(system, tree, t, y, way) for way in ([], balls)[: 1 + bool(balls)]]
@@ -206,13 +206,13 @@ def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", open
     from .motion import TreeMotion
 
     motion = TreeMotion(system, tree, t, y, opened=opened)
-    held, rows, K = loops.list_ball_rows(motion), loops.rows(motion), motion.inertia()
+    held, rows, K = loops.list_ball_rows(motion), loops.list_loop_rows(motion), motion.assemble_inertia()
     n = len(K)
     for k, row in enumerate([*held, *rows], n):
         K[k] = {}
         for u, entry in row.J.items():
             K[k][u] = K[u][k] = entry
-    order = order_rows(_evaluate(K, t, y, tree.start), tree.nu, len(held))
+    order = order_rows(_evaluate_matrix(K, t, y, tree.start), tree.nu, len(held))
     return Equations(t, y, motion, K, n + len(held), rows, order)
 
 
@@ -226,7 +226,7 @@ def list_entries(found: Equations) -> tuple[list[tuple[int, int]], list[tuple[in
     return [pair for pair in pairs if pair not in constant], [pair for pair in pairs if pair in constant]
 
 
-class Parts:
+class MechanismFunctions:
     """The functions of a mechanism as expressions, from which its accelerations and its projection are composed."""
 
     def __init__(self, system: MultibodySystem, tree: Tree, found: Equations) -> None:
@@ -245,28 +245,30 @@ class Parts:
         given = ca.SX.sym("K", len(variable))
         K: Matrix = {k: {} for k in found.K}
         for (k, row), entry in [
-            *zip(variable, _parts(given), strict=True),
+            *zip(variable, _split_column(given), strict=True),
             *((p, found.K[p[0]][p[1]]) for p in constant),
         ]:
             K[k][row] = K[row][k] = entry
         factor = self.factor = Factor(K, found.order.rows)
         L = factor.name_entries()
         b = ca.SX.sym("b", nu + nr)
-        x = factor.solve({**dict(enumerate(_parts(b[:nu]))), **dict(zip(lam_at, _parts(b[nu:]), strict=True))})
-        of_rows = factor.solve(dict(zip(lam_at, _parts(b[nu:]), strict=True)))
-        lam_of_rows = _column([-of_rows.get(k, ca.SX(0)) for k in lam_at])
+        x = factor.solve(
+            {**dict(enumerate(_split_column(b[:nu]))), **dict(zip(lam_at, _split_column(b[nu:]), strict=True))}
+        )
+        of_rows = factor.solve(dict(zip(lam_at, _split_column(b[nu:]), strict=True)))
+        lam_of_rows = _join_column([-of_rows.get(k, ca.SX(0)) for k in lam_at])
         ratio = ca.SX(1)
         for pivot, value in zip(factor.pivots, found.order.pivots, strict=True):
             ratio = ca.fmin(ratio, (1.0 / value) * pivot)
-        efforts = motion.efforts(motion.compute_carried_loads(motion.applied_forces()))
+        efforts = motion.compute_generalised_forces(motion.compute_carried_loads(motion.compute_applied_forces()))
         loads = ca.vertcat(-efforts, *(-row.acceleration for row in rows))
         self.functions = {
             "entries": GeneratedFunction(
-                [t, y], [_column([found.K[k][row] for k, row in variable]), ca.densify(loads), motion.q_dot(u)]
+                [t, y], [_join_column([found.K[k][row] for k, row in variable]), ca.densify(loads), motion.q_dot(u)]
             ),
-            "factor": GeneratedFunction([given], [_column(factor.entries), ratio]),
+            "factor": GeneratedFunction([given], [_join_column(factor.entries), ratio]),
             "solve": GeneratedFunction(
-                [L, b], [_column([x[k] for k in range(nu)]), _column([-x.get(k, ca.SX(0)) for k in lam_at])]
+                [L, b], [_join_column([x[k] for k in range(nu)]), _join_column([-x.get(k, ca.SX(0)) for k in lam_at])]
             ),
             "solve_rows": GeneratedFunction([L, b[nu:]], [lam_of_rows]),
             "measure": write_measure(tree),
@@ -274,12 +276,14 @@ class Parts:
         }
         step, q = ca.SX.sym("step", nu), ca.SX.sym("q", nq)
         moved = _normalise(tree, motion.q + motion.q_dot(step) if rows else motion.q)
-        gaps_and_rates = [_column([row.phi for row in rows]), _column([row.rate for row in rows])]
+        gaps_and_rates = [_join_column([row.phi for row in rows]), _join_column([row.rate for row in rows])]
         phi, rates = ca.Function("rows", [t, y], gaps_and_rates)(t, ca.vertcat(moved, u))
         still = [ca.SX(0)] * nu
         self.functions |= {
-            "gaps": GeneratedFunction([t, y], [_column([*still, *(-row.phi for row in rows)])]),
-            "move": GeneratedFunction([t, y, step], [moved, _column([*still, *_parts(-rates)]), ca.densify(phi)]),
+            "gaps": GeneratedFunction([t, y], [_join_column([*still, *(-row.phi for row in rows)])]),
+            "move": GeneratedFunction(
+                [t, y, step], [moved, _join_column([*still, *_split_column(-rates)]), ca.densify(phi)]
+            ),
             "conclude": GeneratedFunction([y, q, step], [ca.vertcat(q, u + step), coordinate_rates(tree, q, u + step)]),
         }
         places = [place for pair in (*variable, *constant) for place in pair]
@@ -347,18 +351,20 @@ def _record(system: MultibodySystem, tree: Tree, rows: int) -> "GeneratedFunctio
     t, y, y_dot = ca.SX.sym("t"), ca.SX.sym("y", tree.nq + tree.nu), ca.SX.sym("y_dot", tree.nq + tree.nu)
     lam = ca.SX.sym("lam", rows)
     motion = TreeMotion(system, tree, t, y, y_dot[tree.nq :])
-    loads, held = motion.applied_forces(), loops.row_loads(motion, lam)
+    loads, held = motion.compute_applied_forces(), loops.compute_row_loads(motion, lam)
     carried = motion.compute_carried_loads({b: Wrench(x.f + held[b].f, x.n + held[b].n) for b, x in loads.items()})
     first = system.row_start
     reaction: list[Any] = [ca.SX(0)] * system.nrows
     back = ca.SX(ca.DM(tree.base.T))
-    parts = {limb.joint: loops.reaction(motion, limb, carried[limb.body]) for limb in tree.limbs if limb.joint >= 0}
+    parts = {
+        limb.joint: loops.compute_reaction(motion, limb, carried[limb.body]) for limb in tree.limbs if limb.joint >= 0
+    }
     at = np.concatenate(([0], np.cumsum(system.joint_rows[list(tree.cuts)]))).astype(int)
     parts |= {k: lam[int(at[n]) : int(at[n + 1])] for n, k in enumerate(tree.cuts)}
     for k, own in parts.items():
         points = int(system.joint_points[k])
         own = ca.vertcat(back @ own[:points], own[points:]) if points else own
-        reaction[first[k] : first[k + 1]] = _parts(own)
+        reaction[first[k] : first[k + 1]] = _split_column(own)
     r, R, v, v_dot = [], [], [], []
     for b in range(system.nb):
         F, c, omega = ca.SX(ca.DM(tree.frames[b])), motion.centre[b], motion.omega[b]
@@ -367,15 +373,17 @@ def _record(system: MultibodySystem, tree: Tree, rows: int) -> "GeneratedFunctio
         R.append(ca.vec((back @ R_b).T))
         v += [back @ (motion.v[b] + ca.cross(omega, c)), R_b.T @ omega]
         v_dot += [back @ (motion.a[b] + motion.W[b] @ c), R_b.T @ motion.alpha[b]]
-    return GeneratedFunction([t, y, y_dot, lam], [ca.densify(_column(x)) for x in (r, R, v, v_dot, reaction)])
+    return GeneratedFunction([t, y, y_dot, lam], [ca.densify(_join_column(x)) for x in (r, R, v, v_dot, reaction)])
 
 
-def _evaluate(K: dict[int, dict[int, Any]], t: "ca.SX", y: "ca.SX", start: np.ndarray) -> dict[int, dict[int, float]]:
+def _evaluate_matrix(
+    K: dict[int, dict[int, Any]], t: "ca.SX", y: "ca.SX", start: np.ndarray
+) -> dict[int, dict[int, float]]:
     """Return K with numbers for its expressions, at t = 0 and the coordinates and velocities ``start``."""
     import casadi as ca
 
     places = [(k, row) for k, column in K.items() for row in column]
-    values = ca.Function("K", [t, y], [_column([K[k][row] for k, row in places])])(0.0, start)
+    values = ca.Function("K", [t, y], [_join_column([K[k][row] for k, row in places])])(0.0, start)
     out: dict[int, dict[int, float]] = {k: {} for k in K}
     for (k, row), value in zip(places, np.asarray(values, dtype=float).ravel().tolist(), strict=True):
         out[k][row] = value
@@ -394,12 +402,12 @@ def _normalise(tree: Tree, q: "ca.SX") -> "ca.SX":
     return out
 
 
-def _parts(x: "ca.SX") -> list[Any]:
+def _split_column(x: "ca.SX") -> list[Any]:
     """Return the entries of a CasADi column as a list."""
     return [x[k] for k in range(x.numel())]
 
 
-def _column(x: list[Any]) -> "ca.SX":
+def _join_column(x: list[Any]) -> "ca.SX":
     """Return a list of expressions as a dense CasADi column, also if it is empty."""
     import casadi as ca
 
@@ -419,7 +427,7 @@ def _digest(system: MultibodySystem, tree: Tree) -> str:
 
 
 @cache
-def _own_text() -> str:
+def _digest_generator() -> str:
     """Return a digest of the modules that generate the code, so that code of another version is made again."""
     names = ("code", "elimination", "loops", "motion", "pivots", "stages", "tree")
     paths = [*(Path(__file__).with_name(f"{name}.py") for name in names), Path(fixed_order.__file__)]

@@ -38,7 +38,7 @@ class CollocationTableau(NamedTuple):
     a_row: Float[np.ndarray, "s m"]
     b_row: Float[np.ndarray, " m"]
 
-    def estimates(self) -> tuple[Float[np.ndarray, "d s ds"], Float[np.ndarray, "d n dm"]]:
+    def compute_estimate_weights(self) -> tuple[Float[np.ndarray, "d s ds"], Float[np.ndarray, "d n dm"]]:
         """Return the weights of earlier steps' stages, and of their lam, that extrapolate those of the next step.
 
         Index k - 1 of the first axis is for k earlier steps; lam of the last node is not estimated. For collocation,
@@ -52,16 +52,16 @@ class CollocationTableau(NamedTuple):
             if self.collocates:
                 past = past[-2:]
                 of = (past[:, None] + self.c).ravel()
-                weights = extrapolation((*of,), (*self.c,), min(len(of) - 1, DEGREE))
+                weights = compute_extrapolation_weights((*of,), (*self.c,), min(len(of) - 1, DEGREE))
                 stages[k, :, DEPTH - len(past) :] = weights.reshape(s, -1, s)
-                rows[k, :, -1] = extrapolation((*self.nodes - 1.0,), (*self.nodes[:-1],), m - 1)
+                rows[k, :, -1] = compute_extrapolation_weights((*self.nodes - 1.0,), (*self.nodes[:-1],), m - 1)
             else:
-                each = extrapolation((*past,), (0.0,), k)[0, :, None]
+                each = compute_extrapolation_weights((*past,), (0.0,), k)[0, :, None]
                 stages[k, :, DEPTH - k - 1 :] = each * np.eye(s)[:, None]
                 rows[k, :, DEPTH - k - 1 :] = each * np.eye(m)[:-1, None]
         return stages.reshape(DEPTH, s, -1), rows.reshape(DEPTH, m - 1, -1)
 
-    def newton(self) -> Float[np.ndarray, "n n"]:
+    def invert_newton_matrix(self) -> Float[np.ndarray, "n n"]:
         """Return C^-1, by which Newton's method corrects lam of all nodes but the last.
 
         C = a_node a_row without the first node (row) and the last node (column).
@@ -75,7 +75,7 @@ class CollocationTableau(NamedTuple):
 
 
 @cache
-def gauss_lobatto(s: int) -> CollocationTableau:
+def make_gauss_lobatto_tableau(s: int) -> CollocationTableau:
     """Return the tableau of Gauss collocation with s stages, and rows at Lobatto's s + 1 nodes (Jay 2007).
 
     Its order is 2 s.
@@ -116,7 +116,7 @@ def gauss_lobatto(s: int) -> CollocationTableau:
     )
 
 
-def rattle() -> CollocationTableau:
+def make_rattle_tableau() -> CollocationTableau:
     """Return the tableau of RATTLE: Lobatto IIIA and IIIB of two stages (Hairer, Lubich, Wanner 2006, VII.1.4)."""
     ends, half, first = np.array([0.0, 1.0]), np.full(2, 0.5), np.array([[0.5, 0.0], [0.5, 0.0]])
     to_end = np.array([[0.0, 0.0], [0.5, 0.5]])
@@ -124,7 +124,9 @@ def rattle() -> CollocationTableau:
 
 
 @cache
-def extrapolation(of: tuple[float, ...], to: tuple[float, ...], degree: int) -> Float[np.ndarray, "n m"]:
+def compute_extrapolation_weights(
+    of: tuple[float, ...], to: tuple[float, ...], degree: int
+) -> Float[np.ndarray, "n m"]:
     """Return weights (n, m) that convert values at the m points ``of`` to values at the n points ``to``.
 
     They evaluate the polynomial of this ``degree`` that interpolates the values, or fits them by least squares.

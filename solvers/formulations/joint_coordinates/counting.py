@@ -11,9 +11,9 @@ from ....harness.mechanics.jacobian import constraint_jacobian
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.types import Problem
-from .code import MOST_OPERATIONS, too_large
+from .code import MOST_OPERATIONS, refuse_size
 from .elimination import Matrix, NoInertia, find_order
-from .tree import Tree, remove_rounding, spanning_tree
+from .tree import Tree, build_spanning_tree, remove_rounding
 
 # operations an entry of H, a ball, a body; a product of the elimination
 OF_AN_ENTRY, OF_A_BALL, OF_A_BODY, OF_A_PRODUCT = 3, 150, 30, 6
@@ -28,7 +28,7 @@ def refuse_code(problem: Problem) -> str | None:
     if len(problem.system.user_i):
         return "writes out declared forces only, no user forces: use rkmk_dop853"
     operations = least_operations(problem.system, problem.initial)
-    return too_large(operations) if operations > MOST_OPERATIONS else None
+    return refuse_size(operations) if operations > MOST_OPERATIONS else None
 
 
 def least_operations(system: MultibodySystem, start: State) -> int:
@@ -38,7 +38,7 @@ def least_operations(system: MultibodySystem, start: State) -> int:
     """
     if system.nb > MOST_BODIES:
         return OF_A_BODY * system.nb
-    tree, depth, total = spanning_tree(system, start), {GROUND: 0}, 0
+    tree, depth, total = build_spanning_tree(system, start), {GROUND: 0}, 0
     for limb in tree.limbs:
         depth[limb.body] = limb.sizes[1] + (0 if limb.ball else depth[limb.parent])
         total += OF_AN_ENTRY * limb.sizes[1] * depth[limb.body] + OF_A_BALL * limb.ball

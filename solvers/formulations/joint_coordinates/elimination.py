@@ -31,29 +31,29 @@ class Order(NamedTuple):
 def find_order(
     K: Matrix,
     nu: int,
-    behind: Mapping[int, Collection[int]] | None = None,
+    predecessors: Mapping[int, Collection[int]] | None = None,
     sure: int = 0,
     size: Sequence[float] | None = None,
 ) -> Order:
     """Return an order of elimination of the numeric matrix K, with its pivots and its number of products.
 
-    The first ``nu`` rows are those of H; ``behind`` lists the rows that each row must come after. The first ``sure``
-    rows have safe pivots in such an order in every configuration. Pivots are compared with ``size``; without it, with
-    the rows of K, and then a row that vanishes here counts as safe. Rows without a pivot are left out. Raises
+    The first ``nu`` rows are those of H; ``predecessors`` lists the rows that each row must come after. The first
+    ``sure`` rows have safe pivots in such an order in every configuration. Pivots are compared with ``size``; without
+    it, with the rows of K, and then a row that vanishes here counts as safe. Rows without a pivot are left out. Raises
     ``NoInertia`` where H is singular.
     """
-    size = sizes(K, nu) if size is None else size
+    size = compute_pivot_sizes(K, nu) if size is None else size
     K = {k: dict(column) for k, column in K.items()}
     order, pivots, products = list[int](), list[float](), 0
     largest = max(size[nu:], default=0.0)
     left = {k for k in K if k < nu or size[k] > DEPENDENT**2 * largest}
-    waits = {k: left.intersection(others) for k, others in (behind or {}).items()}
+    waits = {k: left.intersection(others) for k, others in (predecessors or {}).items()}
     while left:
         free = [k for k in left if not waits.get(k)]
         safety = {k: abs(K[k].get(k, 0.0)) / size[k] if size[k] > 0.0 else 0.0 for k in free}
         safe = [k for k in free if k < sure or safety[k] > SAFE]
         fewest = min((len(K[k]) for k in safe), default=0)
-        rank = {k: _fill(K, k) if k < sure else -safety[k] for k in safe if len(K[k]) == fewest}
+        rank = {k: _count_fill(K, k) if k < sure else -safety[k] for k in safe if len(K[k]) == fewest}
         k = min(rank, key=rank.__getitem__) if safe else max(free, key=safety.__getitem__)
         if not safety[k] > DEPENDENT:
             break
@@ -69,7 +69,7 @@ def find_order(
     return Order(order, pivots, products)
 
 
-def sizes(K: Matrix, nu: int) -> list[float]:
+def compute_pivot_sizes(K: Matrix, nu: int) -> list[float]:
     """Return the size that each row's pivot is compared with: the diagonal of H, then that of J H^-1 J^T.
 
     The latter neglects the off-diagonal entries of H.
@@ -78,7 +78,7 @@ def sizes(K: Matrix, nu: int) -> list[float]:
     return size + [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
 
 
-def _fill(K: Matrix, k: int) -> int:
+def _count_fill(K: Matrix, k: int) -> int:
     """Return the number of entries of K that the elimination of row ``k`` makes nonzero."""
     return sum(b not in K[a] for a in K[k] for b in K[k] if k not in (a, b))
 

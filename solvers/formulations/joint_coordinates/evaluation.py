@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..compiled.algebra import take_larger
-from ..compiled.entries import Bound
+from ..compiled.entries import BoundFunction
 from ..generated import Program
 from .code import JointCode
 from .elimination import Order
-from .pivots import factor_by_lists, find_order_here, make_lists, solve_by_lists, solve_rows_by_lists
+from .pivots import factor_by_lists, find_safe_order, make_lists, solve_by_lists, solve_rows_by_lists
 
 Calls = list[tuple[int, list[np.ndarray]]]
 
@@ -47,14 +47,14 @@ class Evaluation:
         pattern = self.made.pattern
         return np.concatenate((np.zeros(pattern.variable), pattern.constants))
 
-    def call_function(self, name: str, *arrays: np.ndarray) -> Calls:
+    def make_call(self, name: str, *arrays: np.ndarray) -> Calls:
         """Return the call of the code's function ``name`` with these arrays, as a list of one step; nothing is run."""
         return [(self.made.code.address(name), list(arrays))]
 
     def accelerate(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, least: np.ndarray) -> Program:
         """Return the program that computes ``y_dot`` and the ``least`` pivot from ``t`` and ``y``."""
         if self.made.whole and not self._lists:
-            return Program(self.call_function("accelerate", t, y, y_dot, least), self)
+            return Program(self.make_call("accelerate", t, y, y_dot, least), self)
         q_dot, u_dot = np.split(y_dot, [self.nq])
         steps = self.entries(t, y, self._b, q_dot) + self.factor(least) + self.solve(self._b, u_dot, self._lam)
         return Program(steps, self)
@@ -72,17 +72,17 @@ class Evaluation:
         steps = self.entries(t, y, self._b, q_dot) + self.factor(guard[:1]) + self.solve(self._b, u_dot, lam)
         close = self.solve(gaps, step, self._lam) if self.made.rows else []
         steps += [
-            *self.call_function("gaps", t, y, gaps),
+            *self.make_call("gaps", t, y, gaps),
             *close,
-            *self.call_function("move", t, y, step, q, gaps, phi),
+            *self.make_call("move", t, y, step, q, gaps, phi),
             *close,
         ]
         steps += self._watch(phi, guard[1:])
-        return Program(steps + self.call_function("conclude", y, q, step, after, q_dot), self)
+        return Program(steps + self.make_call("conclude", y, q, step, after, q_dot), self)
 
     def record(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, *results: np.ndarray) -> Program:
         """Return the program that computes r, R, v, v_dot of all bodies and all joints' reactions, the ``results``."""
-        return Program(self.call_function("record", t, y, y_dot, lam, *results), self.made.code)
+        return Program(self.make_call("record", t, y, y_dot, lam, *results), self.made.code)
 
     def measure(
         self, given: np.ndarray, start: np.ndarray, y: np.ndarray, sums: np.ndarray, error: np.ndarray
@@ -91,62 +91,62 @@ class Evaluation:
 
         ``given`` are (t, h, rtol); ``sums`` are both estimates of the error, divided by h.
         """
-        return Program(self.call_function("measure", given, start, y, sums, error), self.made.code)
+        return Program(self.make_call("measure", given, start, y, sums, error), self.made.code)
 
     def step_at_once(self, *arrays: np.ndarray) -> Program:
         """Return the program of one function with all stages of a step, which only code of small mechanisms has."""
-        return Program(self.call_function("step", *arrays), self.made.code)
+        return Program(self.make_call("step", *arrays), self.made.code)
 
     def entries(self, t: np.ndarray, y: np.ndarray, b: np.ndarray, q_dot: np.ndarray) -> Calls:
         """Return the steps that compute K, the loads ``b`` and the rates ``q_dot`` from ``t`` and ``y``."""
-        return self.call_function("entries", t, y, self.K[: self.made.pattern.variable], b, q_dot)
+        return self.make_call("entries", t, y, self.K[: self.made.pattern.variable], b, q_dot)
 
     def factor(self, least: np.ndarray) -> Calls:
         """Return the steps that factorise K, and compute its ``least`` pivot relative to its value at the start."""
         if self._lists:
-            return self._bound(factor_by_lists, least=least)
-        return self.call_function("factor", self.K, self._L, least)
+            return self._make_list_steps(factor_by_lists, least=least)
+        return self.make_call("factor", self.K, self._L, least)
 
     def solve(self, b: np.ndarray, u: np.ndarray, lam: np.ndarray) -> Calls:
         """Return the steps that solve K (u, -lam) = b; ``b`` are the loads along velocities, then those of rows."""
         if self._lists:
-            return self._bound(solve_by_lists, b=b, u=u, lam=lam)
-        return self.call_function("solve", self._L, b, u, lam)
+            return self._make_list_steps(solve_by_lists, b=b, u=u, lam=lam)
+        return self.make_call("solve", self._L, b, u, lam)
 
     def solve_rows(self, b: np.ndarray, lam: np.ndarray) -> Calls:
         """Return the steps that solve for ``lam`` from the loads ``b`` of rows, with no loads along velocities."""
         if self._lists:
-            return self._bound(solve_rows_by_lists, b=b, lam=lam)
-        return self.call_function("solve_rows", self._L, b, lam)
+            return self._make_list_steps(solve_rows_by_lists, b=b, lam=lam)
+        return self.make_call("solve_rows", self._L, b, lam)
 
     def find_order(self, t: float, y: np.ndarray, start: np.ndarray) -> Order:
         """Return an order of elimination whose pivots are safe at ``y``; raise ``LostRank`` if there is none.
 
         They are compared with the pivots at ``start``, which is y at t = 0.
         """
-        return find_order_here(self.made.pattern, self._entries_at(t, y), self._entries_at(0.0, start))
+        return find_safe_order(self.made.pattern, self._entries_at(t, y), self._entries_at(0.0, start))
 
     def _entries_at(self, t: float, y: np.ndarray) -> np.ndarray:
         """Return K's entries at ``t`` [s] and ``y``."""
         K, pattern = self._entries(), self.made.pattern
         found = K[: pattern.variable], np.zeros_like(self._b), np.zeros(self.nq)
-        Program(self.call_function("entries", np.array([t]), y.copy(), *found)).run()
+        Program(self.make_call("entries", np.array([t]), y.copy(), *found)).run()
         return K
 
     def _watch(self, phi: np.ndarray, gap: np.ndarray) -> Calls:
         """Return the steps that set ``gap`` to the largest phi of the rows left out; none where all rows are in use."""
         kept = {k - self.made.pattern.first for k in self.order.rows}
         out = np.array([k for k in range(self.made.rows) if k not in kept], dtype=np.int64)
-        return self._steps(Bound(find_gap, Gap(phi, out, gap))) if len(out) else []
+        return self._steps(BoundFunction(find_gap, Gap(phi, out, gap))) if len(out) else []
 
-    def _bound(self, function: Any, **arrays: Any) -> Calls:
+    def _make_list_steps(self, function: Any, **arrays: Any) -> Calls:
         """Return the steps that call a compiled ``function`` on the lists of the order of elimination.
 
         ``arrays`` replace fields of the lists.
         """
-        return self._steps(Bound(function, self._lists._replace(**arrays)))  # type: ignore[union-attr]
+        return self._steps(BoundFunction(function, self._lists._replace(**arrays)))  # type: ignore[union-attr]
 
-    def _steps(self, bound: Bound) -> Calls:
+    def _steps(self, bound: BoundFunction) -> Calls:
         """Return the steps of a compiled function, and keep it alive."""
         self._keeps.append(bound)
         return [(address, list(arrays)) for address, arrays in bound.steps]

@@ -37,14 +37,14 @@ from ..generated.code import print_functions
 from .code import (
     MOST_OPERATIONS,
     CodeTooLarge,
-    _column,
-    _evaluate,
+    _evaluate_matrix,
+    _join_column,
     _normalise,
-    _parts,
+    _split_column,
     digest_mechanism,
     find_equations,
     list_entries,
-    too_large,
+    refuse_size,
 )
 from .elimination import Factor, Matrix
 from .pivots import order_rows
@@ -91,7 +91,7 @@ def make_hamilton_code(system: MultibodySystem, tree: Tree, *, radial: bool = Fa
     code.function("about", 1)(about.ctypes.data)
     rows, spins, operations = (int(x) for x in about)
     if operations > MOST_OPERATIONS:
-        raise CodeTooLarge(too_large(operations))
+        raise CodeTooLarge(refuse_size(operations))
     return HamiltonCode(code, rows, spins, operations)
 
 
@@ -129,14 +129,14 @@ def _functions(
     H = {
         k: {row: entry + added[k].get(row, 0) for row, entry in found.K[k].items() if row < first} for k in range(first)
     }
-    at_start = _evaluate(H, t, y, tree.start)
+    at_start = _evaluate_matrix(H, t, y, tree.start)
     of_tree = Factor(H, order_rows({k: dict(column) for k, column in at_start.items()}, nu, found.held).rows)
 
     moving, resting = (TreeMotion(system, tree, t, ca.vertcat(x, w)) for w in (u, ca.SX.zeros(nu)))
     energy = _kinetic_energy(moving)
     whole_energy = sum((spin.added_energy(moving) for spin in spins), energy)
     forces = _project_momenta(tree, x, ca.gradient(whole_energy, y)[:nq]) - _loads(moving, resting)
-    phi, lam = _column([row.phi for row in rows]), ca.SX.sym("lam", len(rows) + (len(balls) if radial else 0))
+    phi, lam = _join_column([row.phi for row in rows]), ca.SX.sym("lam", len(rows) + (len(balls) if radial else 0))
     gradient = ca.gradient(ca.dot(phi, lam[: len(rows)]), y)[:nq] if rows else ca.SX.zeros(nq)
     moved = of_tree.solve({k: pi[k] for k in range(nu)})
     q_held, u_held = ca.SX(x), ca.SX(u)
@@ -150,10 +150,10 @@ def _functions(
         return list(out) if isinstance(out, tuple) else [out]
 
     rest, lowered, own_u = ca.SX.zeros(nu), _project_momenta(tree, q, p), ca.SX.sym("u", nu)
-    (velocities,) = express([_column([moved[k] for k in range(nu)])], rest, lowered)
+    (velocities,) = express([_join_column([moved[k] for k in range(nu)])], rest, lowered)
     (forces,) = express([forces], velocities, lowered)
     phi, gradient, slips = express(
-        [phi, _project_momenta(tree, x, gradient), _column([-row.rate for row in rows])], rest, lowered
+        [phi, _project_momenta(tree, x, gradient), _join_column([-row.rate for row in rows])], rest, lowered
     )
     (held,) = express([ca.vertcat(q_held, u_held)], own_u, lowered)
     q_dot, p_dot = (
@@ -179,16 +179,16 @@ def _functions(
         "push": GeneratedFunction([t, q, lam], [push]),
         "pose": GeneratedFunction([t, q, p], [ca.vertcat(_normalise(tree, q), rest), ca.vertcat(lowered, slips)]),
         "close": GeneratedFunction([t, q, p, own_u, lam[: len(rows)]], [held, mu]),
-        "soften": GeneratedFunction([softened], [_column(soft)]),
+        "soften": GeneratedFunction([softened], [_join_column(soft)]),
     }
     if spins:
         variable, _ = list_entries(found)
         K = ca.SX.sym("K", len(variable))
         entries = [
             entry + added[k].get(row, 0) if k < first else entry
-            for (k, row), entry in zip(variable, _parts(K), strict=True)
+            for (k, row), entry in zip(variable, _split_column(K), strict=True)
         ]
-        functions["add_spins"] = GeneratedFunction([y, K], [_column(entries)])
+        functions["add_spins"] = GeneratedFunction([y, K], [_join_column(entries)])
     return functions, lam.numel(), len(spins)
 
 
@@ -210,7 +210,7 @@ def _loads(moving: "TreeMotion", resting: "TreeMotion") -> "ca.SX":
 
     ``moving`` has the velocities on which the forces depend; ``resting``, at rest, excludes inertial loads.
     """
-    return resting.efforts(resting.compute_carried_loads(moving.applied_forces()))
+    return resting.compute_generalised_forces(resting.compute_carried_loads(moving.compute_applied_forces()))
 
 
 def _quaternion(limb: Limb) -> slice:
@@ -218,7 +218,7 @@ def _quaternion(limb: Limb) -> slice:
     return slice(limb.q_at + len(limb.slides), limb.q_at + limb.sizes[0])
 
 
-def _parts_of(limb: Limb, u: "ca.SX") -> "tuple[ca.SX, ca.SX]":
+def _split_velocities(limb: Limb, u: "ca.SX") -> "tuple[ca.SX, ca.SX]":
     """Return the velocities of a limb among ``u``: those of its slides, and those of its hinges or ball."""
     ns = len(limb.slides)
     return u[limb.u_at : limb.u_at + ns, 0], u[limb.u_at + ns : limb.u_at + limb.sizes[1], 0]  # columns, even if empty
@@ -230,7 +230,7 @@ def _coordinate_rates(tree: Tree, q: "ca.SX", u: "ca.SX", slides: float = 1.0) -
 
     out = ca.SX.zeros(tree.nq)
     for limb in tree.limbs:
-        along, omega = _parts_of(limb, u)
+        along, omega = _split_velocities(limb, u)
         if limb.ball:
             own, ns = q[_quaternion(limb)], len(limb.slides)
             s, v = own[0], own[1:]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ....harness.mechanics.fixed_order import apply
 from ....harness.mechanics.system import GROUND
-from ..rows.expressions import joint_numbers, row_expressions
+from ..rows.expressions import express_rows, joint_numbers
 from .motion import ZERO, TreeMotion, Wrench, weighted_sum
 from .tree import Limb, remove_rounding
 
@@ -22,7 +22,7 @@ class LoopRow(NamedTuple):
     acceleration: ca.SX
 
 
-def rows(motion: TreeMotion) -> list[LoopRow]:
+def list_loop_rows(motion: TreeMotion) -> list[LoopRow]:
     """Return the constraint rows of the cut joints, which close the tree's loops."""
     out = []
     for k in motion.tree.cuts:
@@ -61,13 +61,13 @@ def list_ball_rows(motion: TreeMotion) -> list[LoopRow]:
     """
     out = []
     for b in motion.opened:
-        for k, e in motion.freed_directions(b):
-            J = {u: -x for u, x in motion.along(motion.limb[b].parent, motion.passed_on(b, Wrench(e, ZERO)))}
+        for k, e in motion.list_freed_directions(b):
+            J = {u: -x for u, x in motion.along(motion.limb[b].parent, motion.transmit_load(b, Wrench(e, ZERO)))}
             out.append(LoopRow({u: x for u, x in J.items() if not x.is_zero()} | {k: ca.SX(1)}, *[ca.SX(0)] * 3))
     return out
 
 
-def row_loads(motion: TreeMotion, lam: ca.SX) -> dict[int, Wrench]:
+def compute_row_loads(motion: TreeMotion, lam: ca.SX) -> dict[int, Wrench]:
     """Return the reactions of the cut joints with multipliers ``lam`` on each body, about its P."""
     out = {b: Wrench(ZERO, ZERO) for b in motion.limb}
     at = 0
@@ -83,14 +83,14 @@ def row_loads(motion: TreeMotion, lam: ca.SX) -> dict[int, Wrench]:
     return out
 
 
-def reaction(motion: TreeMotion, limb: Limb, load: Wrench) -> ca.SX:
+def compute_reaction(motion: TreeMotion, limb: Limb, load: Wrench) -> ca.SX:
     """Return the multipliers of a tree joint's rows that carry ``load``, the wrench on the limb about its P.
 
     The rows are orthonormal about the joint's point on body i.
     """
     A = _evaluate_joint(motion, limb.joint, at_joint=True)[0]
     sign = 1.0 if limb.child_is_i else -1.0
-    way = motion.R[limb.parent] @ ca.SX(ca.DM(limb.beside))  # from P to the point of i
+    way = motion.R[limb.parent] @ ca.SX(ca.DM(limb.point_of_i))  # from P to the point of i
     if not limb.child_is_i:
         slides = motion.axes[limb.body].slides
         way = way - weighted_sum(slides, [motion.q[limb.q_at + k] for k in range(len(slides))])
@@ -141,12 +141,12 @@ def _list_outboard(motion: TreeMotion, b: int, below: int) -> list[int]:
 def _transmit_moment(motion: TreeMotion, b: int, load: Wrench, below: int) -> ca.SX:
     """Return the moment about the P of ``below`` that the joints transmit to it from a load on ``b``."""
     while b != below:
-        load, b = motion.passed_on(b, load), motion.limb[b].parent
+        load, b = motion.transmit_load(b, load), motion.limb[b].parent
     return load.n
 
 
 @cache
 def _row_function(kind: str) -> ca.Function:
     """Return the constraint rows of a kind of joint as a CasADi function of poses, velocities, time and numbers."""
-    e = row_expressions(kind, None, space=True)
+    e = express_rows(kind, None, space=True)
     return ca.Function("rows", [e.x, e.V, e.t, e.numbers], [e.A, e.phi, e.phi_t, e.gamma])

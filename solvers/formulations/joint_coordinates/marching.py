@@ -21,20 +21,20 @@ from ....harness.mechanics.state import State
 from ....harness.types import Problem, Status, StepControl, Trajectory
 from ..compiled import host as kernel
 from ..compiled.algebra import copy
-from ..compiled.entries import Bound, compile_inline, run
-from ..compiled.host import ENDS, FIRST_STEP, UNTOLD, Method, _march
-from ..compiled.marching import FULL, SAFETY, STUCK, March, Record, empty_record, march, new_control
+from ..compiled.entries import BoundFunction, compile_inline, run
+from ..compiled.host import ENDS, FIRST_STEP, NO_DIAGNOSTICS, Method, _march
+from ..compiled.marching import FULL, SAFETY, STUCK, March, Record, allocate_record, make_control, march
 from ..generated import Program
-from ..methods.rkmk import explicit_pair
+from ..methods.rkmk import make_pair_method
 from ..methods.tableaux import DOPRI853
 from ..recording import no_trajectory
 from ..recursion.evaluation import TreeMechanism
-from .choice import choose_code, evaluate
+from .choice import choose_code, make_evaluation
 from .code import JointCode
 from .elimination import Order
 from .evaluation import Evaluation
 from .pivots import LostRank
-from .tree import Tree, spanning_tree
+from .tree import Tree, build_spanning_tree
 
 # ratios to the value at the start: where a step is projected, and in its stages
 LEAST_PIVOT, LEAST_IN_STAGES = 3e-6, 1e-8
@@ -90,7 +90,7 @@ class Stages(NamedTuple):
 def step(s: Any) -> None:
     """Evaluate the stages of a step of ``control.h`` and its error; project it if the error is small enough."""
     if not _is_stuck(s):
-        _close(s, _try(s, 0))
+        _complete_step(s, _evaluate_step(s, 0))
 
 
 def step_at_once(s: Any) -> None:
@@ -101,7 +101,7 @@ def step_at_once(s: Any) -> None:
     s.given[0], s.given[1], s.given[2] = c.t, c.h, c.rtol
     c.evaluations += len(s.b) - 1
     run(s.whole)
-    _close(s, s.least[0])
+    _complete_step(s, s.least[0])
 
 
 def finish(s: Any) -> None:
@@ -136,7 +136,7 @@ def _is_stuck(s: Any) -> bool:
 
 
 @compile_inline
-def _try(s: Any, projections: int) -> float:
+def _evaluate_step(s: Any, projections: int) -> float:
     """Evaluate all stages, each after so many ``projections`` onto the loops, and the error; return the least pivot.
 
     Without projections the first slope is known from the step before.
@@ -161,7 +161,7 @@ def _try(s: Any, projections: int) -> float:
 
 
 @compile_inline
-def _close(s: Any, least: float) -> None:
+def _complete_step(s: Any, least: float) -> None:
     """Project a step whose error is small enough, and set ``control.error``.
 
     ``least`` is the least pivot of its stages. Near a singular position the step is evaluated again, and the next
@@ -169,7 +169,7 @@ def _close(s: Any, least: float) -> None:
     """
     c = s.control
     if not least > s.limits[3] and not s.error[0] <= 1.0:
-        least = _try(s, 2)
+        least = _evaluate_step(s, 2)
     c.error = s.error[0]
     near = not least > s.limits[0]
     s.guard[0], s.guard[1] = least, 0.0
@@ -221,15 +221,15 @@ class Marcher:
 
     tree: Tree
     code: JointCode | TreeMechanism
-    _room: tuple[Record, Bound] | None = None
+    _room: tuple[Record, BoundFunction] | None = None
 
     def __init__(
         self, problem: Problem, state: np.ndarray, before: "Marcher | None" = None, chosen: Order | None = None
     ) -> None:
         """Begin at the problem's start, or at the state of the marcher ``before``, in the order ``chosen``."""
-        system, tree = problem.system, before.tree if before else spanning_tree(problem.system, problem.initial)
+        system, tree = problem.system, before.tree if before else build_spanning_tree(problem.system, problem.initial)
         self.tree, self.code = tree, before.code if before else choose_code(problem, tree)
-        self.evaluation = evaluate(self.code, tree.nq, chosen)
+        self.evaluation = make_evaluation(self.code, tree.nq, chosen)
         nb, n, tableau = system.nb, len(tree.start), DOPRI853
         self.state = state
         self.kernel = bodies = Bodies(
@@ -273,7 +273,7 @@ class Marcher:
             *(program.entry for program in self._programs),
         )
         one = step_at_once if at_once else step
-        self._entries = Bound(one, self.stages), Bound(finish, self.stages)
+        self._entries = BoundFunction(one, self.stages), BoundFunction(finish, self.stages)
         t[0], first = state["t"], before.stages.start if before else tree.start
         y[:] = first
         self._programs[3].run()
@@ -289,22 +289,22 @@ class Marcher:
         """
         if self._room is None:
             bytes_of_a_step = 8 * (1 + 18 * len(self.kernel.r) + len(self.kernel.lam))
-            self._room = self._make_room(min(1 + ROOM // bytes_of_a_step, MOST_AT_ONCE))
-        record, march_on = self._room if n >= len(self._room[0].t) else self._make_room(n)
+            self._room = self._make_record(min(1 + ROOM // bytes_of_a_step, MOST_AT_ONCE))
+        record, march_on = self._room if n >= len(self._room[0].t) else self._make_record(n)
         march_on()
         taken = Record(*(a[: self.state["recorded"]] for a in record))
         return Record(*(a.copy() for a in taken)) if self.state["outcome"] == FULL else taken
 
-    def _make_room(self, n: int) -> tuple[Record, Bound]:
+    def _make_record(self, n: int) -> tuple[Record, BoundFunction]:
         """Return a record for ``n`` steps, and the compiled march that fills it."""
-        record = empty_record(n, len(self.kernel.r), len(self.kernel.lam))
+        record = allocate_record(n, len(self.kernel.r), len(self.kernel.lam))
         for a in record:
             a.fill(0.0)  # the system provides pages as they are touched
-        bundle = March(self.state, self.kernel, record, UNTOLD, *(e.entry for e in self._entries))  # type: ignore[arg-type]
-        return record, Bound(march, bundle)
+        bundle = March(self.state, self.kernel, record, NO_DIAGNOSTICS, *(e.entry for e in self._entries))  # type: ignore[arg-type]
+        return record, BoundFunction(march, bundle)
 
     @property
-    def here(self) -> np.ndarray:
+    def present_state(self) -> np.ndarray:
         """Coordinates and velocities y at the end of the last step."""
         return self.stages.start
 
@@ -348,7 +348,7 @@ class Relay:
             with making_code:
                 if not self._choose_pivots():
                     self.state["outcome"] = STUCK  # the marchers tried have changed it
-                    self._go_on_without()
+                    self._continue_without_pivots()
             collect_garbage()
         return record
 
@@ -361,32 +361,32 @@ class Relay:
         if self.changes and not t > self.changes[-1]:
             return False
         for order in self._orders:
-            other = self._made_by(order)
+            other = self._make_marcher(order)
             if other.stages.guard[0] > FAIR:
                 break
         else:
             before = self._runner
             try:
-                order = before.evaluation.find_order(t, before.here, before.tree.start)
+                order = before.evaluation.find_order(t, before.present_state, before.tree.start)
             except LostRank:
                 return False
-            other = self._made_by(order)
+            other = self._make_marcher(order)
             self._orders.append(order)
         self._runner = other
         self.changes.append(t)
         return True
 
-    def _made_by(self, order: Order | None) -> Marcher:
+    def _make_marcher(self, order: Order | None) -> Marcher:
         """Return a marcher at the present state with this order of elimination; None stands for that of the start."""
         return Marcher(self._problem, self.state, self._runner, order)
 
-    def _go_on_without(self) -> None:
+    def _continue_without_pivots(self) -> None:
         """Continue from the present state to the end by the kernel of ``rkmk_dop853``, and note it."""
         t, k = float(self.state["t"]), self._runner.kernel
         self._notes.append(f"{self._runner.explain(STUCK)} at t = {t:g} s; from there on by the kernel of rkmk_dop853")
         here = State(k.r.copy(), k.R.copy(), k.v[:, :3].copy(), k.v[:, 3:].copy(), t)
         rest = dataclasses.replace(self._problem, initial=here)
-        self._fallback = kernel.Marcher(rest, explicit_pair(DOPRI853), self.state)
+        self._fallback = kernel.Marcher(rest, make_pair_method(DOPRI853), self.state)
 
     def explain(self, outcome: int) -> str:
         """Return the message for an ``outcome`` of the march, after the notes on changes."""
@@ -405,7 +405,7 @@ METHOD = Method(
 def integrate(problem: Problem, control: StepControl) -> Trajectory:
     """Integrate in joint coordinates to the end, a limit or a failure, and return the trajectory with its status."""
     watch = Stopwatch()
-    state = new_control(
+    state = make_control(
         t_end=problem.t_end,
         adaptive=True,
         order=METHOD.order,
@@ -422,5 +422,7 @@ def integrate(problem: Problem, control: StepControl) -> Trajectory:
     out = _march(problem, control, METHOD, relay, watch)
     notes = [marcher.code.words]
     if marcher.code.rows:
-        notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
+        notes.append(
+            f"{marcher.code.rows_in_use} of {marcher.code.rows} rows of the loops hold, the others depend on them"
+        )
     return dataclasses.replace(out, notes=(*notes, *relay.notes))

@@ -20,7 +20,7 @@ from ....harness.mechanics import forces
 from ....harness.mechanics.declaring import Pose
 from ....harness.mechanics.fixed_order import apply, dot, product
 from ....harness.mechanics.system import GROUND, MultibodySystem
-from ..rows.expressions import force_numbers, time_function
+from ..rows.expressions import express_time_function, force_numbers
 from ..rows.symbols import Symbol
 from .tree import Limb, Tree, remove_rounding
 
@@ -82,7 +82,7 @@ class TreeMotion:
         self.a[b] = self.a[p] + self.W[p] @ L + 2.0 * ca.cross(omega, across) + weighted_sum(slides, u_dot)
         turns = []
         if limb.ball:
-            R, omega, alpha = _of_quaternion(q[ns:]), ca.vertcat(*u[ns:]), ca.vertcat(*u_dot[ns:])
+            R, omega, alpha = _convert_quaternion(q[ns:]), ca.vertcat(*u[ns:]), ca.vertcat(*u_dot[ns:])
             turns = [ca.SX(ca.DM(a)) for a in np.eye(3)]
         else:
             for k, axis in enumerate(limb.turns):
@@ -100,10 +100,10 @@ class TreeMotion:
         """Return the rates of the coordinates at velocities ``u``."""
         return coordinate_rates(self.tree, self.q, u)
 
-    def inertia(self) -> dict[int, dict[int, ca.SX]]:
+    def assemble_inertia(self) -> dict[int, dict[int, ca.SX]]:
         """Return the mass matrix H of the tree's velocities by columns {row: entry}, both halves, zeros omitted."""
         H: dict[int, dict[int, ca.SX]] = {k: {} for k in range(self.tree.nu + 3 * len(self.opened))}
-        m, h, inertia = dict(enumerate(self.system.mass.tolist())), dict(self.h), dict(self.inertias())
+        m, h, inertia = dict(enumerate(self.system.mass.tolist())), dict(self.h), dict(self.compute_body_inertias())
         for limb in reversed(self.tree.limbs):
             b, p, L = limb.body, limb.parent, self.arm[limb.body]
             for k, (f, n) in self._momenta(limb, m[b], h[b], inertia[b]):
@@ -118,7 +118,7 @@ class TreeMotion:
                 h[p], m[p] = h[p] + carried + m[b] * L, m[p] + m[b]
         return H
 
-    def inertias(self) -> dict[int, ca.SX]:
+    def compute_body_inertias(self) -> dict[int, ca.SX]:
         """Return the inertia of each body about its point P, in the base frame."""
         out = {}
         for limb in self.tree.limbs:
@@ -136,10 +136,10 @@ class TreeMotion:
         """
         slides = [Wrench(m * w, ca.cross(h, w)) for w in self.axes[limb.body].slides]
         turns = [Wrench(ca.cross(s, h), inertia @ s) for s in self.axes[limb.body].turns]
-        free = [(k, Wrench(m * e, ca.cross(h, e))) for k, e in self.freed_directions(limb.body)]
+        free = [(k, Wrench(m * e, ca.cross(h, e))) for k, e in self.list_freed_directions(limb.body)]
         return [*enumerate([*slides, *turns], limb.u_at), *free]
 
-    def freed_directions(self, b: int) -> list[tuple[int, ca.SX]]:
+    def list_freed_directions(self, b: int) -> list[tuple[int, ca.SX]]:
         """Return (number, direction) of the velocities that an opened ball of body ``b`` frees; else an empty list."""
         if b not in self.opened:
             return []
@@ -158,11 +158,11 @@ class TreeMotion:
             entries = [*(ca.dot(w, load.f) for w in axes.slides), *(ca.dot(s, load.n) for s in axes.turns)]
             out += list(enumerate(entries, limb.u_at))
             if b in self.opened:
-                return [*out, *((k, ca.dot(e, load.f)) for k, e in self.freed_directions(b))]
-            load, b = self.passed_on(b, load), limb.parent
+                return [*out, *((k, ca.dot(e, load.f)) for k, e in self.list_freed_directions(b))]
+            load, b = self.transmit_load(b, load), limb.parent
         return out
 
-    def passed_on(self, b: int, load: Wrench) -> Wrench:
+    def transmit_load(self, b: int, load: Wrench) -> Wrench:
         """Return the wrench that the joint of body ``b`` transmits of a load on it, about the P of its parent.
 
         A ball transmits no moment.
@@ -172,7 +172,7 @@ class TreeMotion:
 
     def compute_carried_loads(self, loads: dict[int, Wrench]) -> dict[int, Wrench]:
         """Return the wrench that each body's joint carries, so that the bodies have this motion under ``loads``."""
-        out, inertias = {}, self.inertias()
+        out, inertias = {}, self.compute_body_inertias()
         for b in self.limb:
             m, h, omega, fall = self.system.mass[b], self.h[b], self.omega[b], self.a[b] - self._gravity()
             spin = inertias[b] @ omega
@@ -181,11 +181,11 @@ class TreeMotion:
         for limb in reversed(self.tree.limbs):
             b, p = limb.body, limb.parent
             if p != GROUND:
-                more = self.passed_on(b, out[b])
+                more = self.transmit_load(b, out[b])
                 out[p] = Wrench(out[p].f + more.f, out[p].n + more.n)
         return out
 
-    def efforts(self, carried: dict[int, Wrench]) -> ca.SX:
+    def compute_generalised_forces(self, carried: dict[int, Wrench]) -> ca.SX:
         """Return the generalised forces of the ``carried`` wrenches, their components along the velocities."""
         out = []
         for limb in self.tree.limbs:
@@ -197,7 +197,7 @@ class TreeMotion:
         """Return the acceleration of gravity [m/s2] in the base frame."""
         return ca.SX(ca.DM(remove_rounding(apply(self.tree.base, self.system.gravity))))
 
-    def applied_forces(self) -> dict[int, Wrench]:
+    def compute_applied_forces(self) -> dict[int, Wrench]:
         """Return the wrench of all declared forces on each body, about its P; weight is not among them."""
         out = {b: Wrench(ZERO, ZERO) for b in self.limb}
         s = self.system
@@ -207,7 +207,7 @@ class TreeMotion:
                 j = int(getattr(s, f"{kind}_j")[k]) if declared.pair else GROUND
                 poses = self._pose(i), self._pose(j)
                 push = declared.push(*poses, self._force_numbers(kind, numbers, (i, j)))
-                force, torque, point = (ca.vertcat(*[_value(x) for x in part]) for part in push)
+                force, torque, point = (ca.vertcat(*[_unwrap_symbol(x) for x in part]) for part in push)
                 for b, sign in ((i, 1.0), (j, -1.0)):
                     if b != GROUND:
                         moment = torque + ca.cross(point - self.P[b], force)
@@ -226,11 +226,11 @@ class TreeMotion:
             size = 7 if name == "factor" else int(np.prod(shape))
             own, at = numbers[at : at + size], at + size
             if name == "factor":
-                parts[name] = Symbol(time_function(ca.SX(ca.DM(own)), self.t))
+                parts[name] = Symbol(express_time_function(ca.SX(ca.DM(own)), self.t))
             elif shape:
                 end = DIRECTIONS.get(name) or ("i" if follows else "")
                 frame = self.frame(ends["ij".index(end)]) if end else self.tree.base
-                parts[name] = _symbols(remove_rounding(product(own.reshape(-1, 3), frame.T)).reshape(shape))
+                parts[name] = _wrap_symbols(remove_rounding(product(own.reshape(-1, 3), frame.T)).reshape(shape))
             else:
                 parts[name] = Symbol(ca.SX(float(own[0])))
         return SimpleNamespace(**parts)
@@ -243,7 +243,7 @@ class TreeMotion:
         """Return position, rotation and velocities of body ``b`` at C, as arrays of symbols."""
         C = self.P[b] + self.centre[b]
         v = self.v[b] + ca.cross(self.omega[b], self.centre[b])
-        return Pose(*(_symbols(x) for x in (C, self.R[b], v, self.omega[b])))
+        return Pose(*(_wrap_symbols(x) for x in (C, self.R[b], v, self.omega[b])))
 
 
 def coordinate_rates(tree: Tree, q: ca.SX, u: ca.SX) -> ca.SX:
@@ -268,7 +268,7 @@ def weighted_sum(directions: list[ca.SX], values: Sequence[ca.SX]) -> ca.SX:
     return out
 
 
-def _of_quaternion(q: Sequence[ca.SX]) -> ca.SX:
+def _convert_quaternion(q: Sequence[ca.SX]) -> ca.SX:
     """Return the rotation matrix of a unit quaternion (scalar first)."""
     s, x, y, z = q
     return ca.vertcat(
@@ -296,7 +296,7 @@ def _symmetric(RJ: ca.SX, R: ca.SX) -> ca.SX:
     return out
 
 
-def _symbols(a: Any) -> np.ndarray:
+def _wrap_symbols(a: Any) -> np.ndarray:
     """Return numbers, or the entries of a CasADi matrix, as an array of ``Symbol``."""
     if isinstance(a, np.ndarray):
         return np.array([Symbol(ca.SX(float(x))) for x in a.ravel()], dtype=object).reshape(a.shape)
@@ -304,6 +304,6 @@ def _symbols(a: Any) -> np.ndarray:
     return out.reshape(a.shape if a.shape[1] > 1 else a.shape[0])
 
 
-def _value(x: Any) -> Any:
+def _unwrap_symbol(x: Any) -> Any:
     """Return the CasADi expression of a ``Symbol``, or a number as it is."""
     return x.x if isinstance(x, Symbol) else x

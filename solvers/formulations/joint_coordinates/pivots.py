@@ -11,7 +11,7 @@ import numpy as np
 
 from ..compiled.algebra import clear
 from ..compiled.entries import compile_inline
-from .elimination import Matrix, Order, find_order, sizes
+from .elimination import Matrix, Order, compute_pivot_sizes, find_order
 
 AGAIN = 0.03  # least share of its size at the start, for a pivot of an order found later
 ROUNDING = 1e-9  # entries of rows below it are rounding: the largest are 1 where a joint holds anything
@@ -40,7 +40,7 @@ class Pattern(NamedTuple):
         """Number of K's entries that are not constant; they come first."""
         return len(self.pairs) - len(self.constants)
 
-    def at_numbers(self, K: np.ndarray) -> Matrix:
+    def build_matrix(self, K: np.ndarray) -> Matrix:
         """Return K by columns, from the array ``K`` of its entries."""
         out: Matrix = {k: {} for k in range(self.first + self.rows)}
         for (k, row), value in zip(self.pairs.tolist(), K.tolist(), strict=True):
@@ -66,22 +66,22 @@ def order_rows(K: Matrix, nu: int, held: int, size: Sequence[float] | None = Non
     return last if last.products < mixed.products else mixed
 
 
-def find_order_here(pattern: Pattern, here: np.ndarray, start: np.ndarray) -> Order:
+def find_safe_order(pattern: Pattern, here: np.ndarray, start: np.ndarray) -> Order:
     """Return an order of elimination for K's entries ``here``, with pivots compared with those at the ``start``.
 
     Raises ``LostRank`` where a row's pivot is not safe relative to its size at the start, or where the number of
     independent rows differs.
     """
     n = pattern.nu + pattern.held
-    at_start = pattern.at_numbers(start)
+    at_start = pattern.build_matrix(start)
     kept = len(order_rows(at_start, pattern.nu, pattern.held).rows)
-    size = sizes(at_start, n)
+    size = compute_pivot_sizes(at_start, n)
     largest = max(size[n:], default=0.0)
     of_rows = [*size[:n], *(x or largest for x in size[n:])]
     for compared in (None, of_rows):  # a row may vanish here where another one takes its place
-        now = pattern.at_numbers(here)
+        now = pattern.build_matrix(here)
         if compared is not None:
-            compared = [*sizes(now, n)[:n], *of_rows[n:]]
+            compared = [*compute_pivot_sizes(now, n)[:n], *of_rows[n:]]
         order = order_rows(now, pattern.nu, pattern.held, compared)
         safe = all(
             abs(pivot) >= AGAIN * of_rows[k] for k, pivot in zip(order.rows, order.pivots, strict=True) if k >= n
@@ -93,7 +93,7 @@ def find_order_here(pattern: Pattern, here: np.ndarray, start: np.ndarray) -> Or
 
 def _drop_rounding(K: Matrix, nu: int) -> None:
     """Remove in place those rows of K that contain only rounding: of a tree joint that is declared twice."""
-    size = sizes(K, nu)
+    size = compute_pivot_sizes(K, nu)
     nothing = (ROUNDING / max(size[:nu], default=1.0)) * ROUNDING
     for k in range(nu, len(K)):
         if size[k] < nothing:
@@ -102,7 +102,7 @@ def _drop_rounding(K: Matrix, nu: int) -> None:
             K[k] = {}
 
 
-class Lists(NamedTuple):
+class EliminationLists(NamedTuple):
     """The bundle of an elimination by lists: columns of L, each with its pivot first, indices, and work arrays."""
 
     K: Any
@@ -123,7 +123,7 @@ class Lists(NamedTuple):
     ahead: int  # columns of the order before the first such row
 
 
-def make_lists(pattern: Pattern, order: Order, K: np.ndarray) -> Lists:
+def make_lists(pattern: Pattern, order: Order, K: np.ndarray) -> EliminationLists:
     """Return the lists of indices by which an order of elimination is executed on the entries ``K``.
 
     The arrays for right sides and results are placeholders.
@@ -154,7 +154,7 @@ def make_lists(pattern: Pattern, order: Order, K: np.ndarray) -> Lists:
     ahead = next((a for a, k in enumerate(order.rows) if k >= pattern.first), n)
     columns, of_places, updates = (np.array(x, dtype=np.int64) for x in (start, rows, [place[pair] for pair in update]))
     W, L = np.zeros((2, len(rows)))
-    return Lists(
+    return EliminationLists(
         K,
         source,
         np.array(at, dtype=np.int64)[source],

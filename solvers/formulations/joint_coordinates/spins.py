@@ -79,7 +79,7 @@ def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
     pushed = {int(b) for kind in DECLARED for end in "ij" for b in getattr(system, f"{kind}_{end}", ())}
     out = []
     for limb in tree.limbs:
-        arms = _held_by_balls(system, limb.body)
+        arms = _find_ball_points(system, limb.body)
         if not limb.ball or arms is None or limb.body in pushed:
             continue
         J, axes = principal_axes(system.regular_inertia[limb.body])
@@ -93,7 +93,7 @@ def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
     return out
 
 
-def _held_by_balls(system: MultibodySystem, body: int) -> Float[np.ndarray, "n 3"] | None:
+def _find_ball_points(system: MultibodySystem, body: int) -> Float[np.ndarray, "n 3"] | None:
     """Return the points [m, in the body] of a body's joints; None if one of these is not spherical."""
     ends = ((system.joint_i, system.joint_s_i), (system.joint_j, system.joint_s_j))
     if any(system.joint_kind(int(k)) != "spherical" for of, _ in ends for k in np.flatnonzero(of == body)):

@@ -21,7 +21,7 @@ def write_measure(tree: Tree) -> GeneratedFunction:
     n = tree.nq + tree.nu
     given, start, y, sums = ca.SX.sym("given", 3), ca.SX.sym("start", n), ca.SX.sym("y", n), ca.SX.sym("sums", 2 * n)
     first = second = ca.SX(0)
-    for low, high, angle in tolerance_blocks(tree):
+    for low, high, angle in list_tolerance_blocks(tree):
         a, b, x, z = start[low:high], y[low:high], sums[low:high], sums[n + low : n + high]
         scale = 0.5 * angle if angle else 1.0 + ca.sqrt(ca.fmax(ca.dot(a, a), ca.dot(b, b)))
         weight = 1.0 / (scale * scale)
@@ -51,7 +51,7 @@ def write_step(accelerate: GeneratedFunction, measure: GeneratedFunction) -> Gen
     return GeneratedFunction([given, start, first], [y, error(given, start, y, sums), least])
 
 
-def tolerance_blocks(tree: Tree) -> list[tuple[int, int, int]]:
+def list_tolerance_blocks(tree: Tree) -> list[tuple[int, int, int]]:
     """Return (first, last + 1, kind) of the parts of y that have one tolerance each.
 
     Kind 0 has the tolerance rtol (1 + length); 1 (a quaternion) and 2 (an angle) have kind / 2 times rtol.

@@ -20,9 +20,9 @@ import numpy as np
 from ....harness.code_meter import Stopwatch
 from ....harness.types import Problem, Status, StepControl, Trajectory
 from ..compiled.algebra import clear, copy, take_larger
-from ..compiled.entries import Bound, compile_inline, run
+from ..compiled.entries import BoundFunction, compile_inline, run
 from ..compiled.host import ENDS, ROUNDINGS, Method, _march
-from ..compiled.marching import FULL, STUCK, new_control
+from ..compiled.marching import FULL, STUCK, make_control
 from ..generated import Program
 from ..recording import no_trajectory
 from ..recursion.evaluation import TreeEvaluation
@@ -30,14 +30,13 @@ from ..recursion.phases import TreeClosing, TreePhase
 from ..refusals import refuse_without_phi
 from . import marching
 from .acceleration import MEMORY, accelerate
-from .choice import choose_phase, evaluate
-from .choice import refusal as refuse_loops
+from .choice import choose_phase, make_evaluation, refuse_loop_rows
 from .collocation import DEPTH, CollocationTableau
 from .elimination import Order
 from .evaluation import Calls, Evaluation
 from .hamilton import HamiltonCode
 from .marching import OPEN, Bodies
-from .tree import spanning_tree
+from .tree import build_spanning_tree
 
 MOST_SWEEPS = 60  # twice what the longest steps with any accuracy take
 LOOK = 5  # sweeps between two checks of their rate
@@ -164,7 +163,7 @@ def finish(s: Any) -> None:
             if e == 1:
                 for j in range(m - 1):
                     change -= s.b_row[j] * s.pushes[j, k]
-            _add(s, e, k, h * change)
+            _add_compensated(s, e, k, h * change)
     s.t[0] = c.t + h
     run(s.close)
     if len(s.rows) > 0:
@@ -172,7 +171,7 @@ def finish(s: Any) -> None:
             s.lam[m - 1, r] = s.rows[r] / (h * s.b_row[m - 1])
         run(s.pushed)
         for k in range(n):
-            _add(s, 1, k, -s.push[k])
+            _add_compensated(s, 1, k, -s.push[k])
     copy(s.z, s.start)
     d = len(s.before)
     for k in range(d - 1):
@@ -186,7 +185,7 @@ def finish(s: Any) -> None:
 
 
 @compile_inline
-def _add(s: Any, e: int, k: int, change: float) -> None:
+def _add_compensated(s: Any, e: int, k: int, change: float) -> None:
     """Add ``change`` to entry (e, k) of z, with Kahan's compensation of rounding."""
     change += s.rest[e, k]
     total = s.z[e, k] + change
@@ -222,7 +221,7 @@ def _estimate(s: Any, t: float) -> None:
             for i in range(m):
                 for r in range(len(s.rows)):
                     s.lam[j, r] += s.guess_rows[past - 1, j, k * m + i] * s.lam_before[k, i, r]
-        _push(s, j, t, s.control.h)
+        _compute_push(s, j, t, s.control.h)
 
 
 @compile_inline
@@ -266,7 +265,7 @@ def _node(s: Any, j: int, t: float, h: float) -> None:
 
 
 @compile_inline
-def _push(s: Any, j: int, t: float, h: float) -> None:
+def _compute_push(s: Any, j: int, t: float, h: float) -> None:
     """Set ``pushes`` of node ``j`` to G^T lam, the force of its multipliers."""
     if len(s.rows) > 0:
         _node(s, j, t, h)
@@ -300,7 +299,7 @@ def _correct(s: Any, t: float, h: float) -> float:
                 for i in range(m - 1):
                     change += s.newton[j, i] * s.phi[i, r]
                 s.lam[j, r] += change / (h * h)
-        _push(s, j, t, h)
+        _compute_push(s, j, t, h)
     return worst
 
 
@@ -340,7 +339,7 @@ class Closing:
         if not self._own.spins:
             return [pose, *e.entries(t, self._y, loads, self._rates), *e.factor(np.zeros(1))]
         K = np.zeros(variable)
-        entries = e.call_function("entries", t, self._y, K, loads, self._rates)
+        entries = e.make_call("entries", t, self._y, K, loads, self._rates)
         return [pose, *entries, self._step("add_spins", self._y, K, e.K[:variable]), *e.factor(np.zeros(1))]
 
     def _step(self, name: str, *arrays: np.ndarray) -> tuple[int, list[np.ndarray]]:
@@ -372,10 +371,10 @@ class Marcher(marching.Marcher):
         radial: bool,
     ) -> None:
         """Begin at the problem's start, or at the state of the marcher ``before``, in the order ``chosen``."""
-        system, tree = problem.system, before.tree if before else spanning_tree(problem.system, problem.initial)
+        system, tree = problem.system, before.tree if before else build_spanning_tree(problem.system, problem.initial)
         self.tree = tree
         self.code, own = (before.code, before.hamilton) if before else choose_phase(problem, tree, radial=radial)
-        self.evaluation = evaluate(self.code, tree.nq, chosen)
+        self.evaluation = make_evaluation(self.code, tree.nq, chosen)
         self.hamilton, self.tableau, self.radial = own, tableau, radial
         nb, ny, nq, r = system.nb, len(tree.start), tree.nq, own.rows
         stages, m = len(tableau.b), len(tableau.nodes)
@@ -403,7 +402,7 @@ class Marcher(marching.Marcher):
             "enter": [y, z[1]],
         }
         programs = {name: own.bind(name, *arrays) for name, arrays in steps.items()}
-        closing = make_closing(evaluate(self.code, nq, chosen), own)
+        closing = make_closing(make_evaluation(self.code, nq, chosen), own)
         programs |= {
             "close": closing.close(t, z, y, rows),
             "solve": closing.solve(rows, solved),
@@ -416,8 +415,8 @@ class Marcher(marching.Marcher):
             state,
             t,
             *tableau[2:],
-            tableau.newton(),
-            *tableau.estimates(),
+            tableau.invert_newton_matrix(),
+            *tableau.compute_estimate_weights(),
             np.zeros((2, nq)),
             np.zeros((2, nq)),
             z,
@@ -456,7 +455,7 @@ class Marcher(marching.Marcher):
             np.zeros((MEMORY, len(unknowns))),
             *(programs[name].entry for name in CALLS),
         )
-        t[0], y[:] = state["t"], before.here if before else tree.start
+        t[0], y[:] = state["t"], before.present_state if before else tree.start
         for name in ("finish", "record"):  # projected velocities, the reaction
             programs[name].run()
         self.reaction = bodies.lam.copy()[None]
@@ -470,23 +469,23 @@ class Marcher(marching.Marcher):
             self.stages.start[:] = z
         z[:] = self.stages.start
         closing.factor(t, z).run()
-        self._entries = Bound(step, self.stages), Bound(finish, self.stages)
+        self._entries = BoundFunction(step, self.stages), BoundFunction(finish, self.stages)
         self.stretch(0)
 
     @property
-    def here(self) -> np.ndarray:
+    def present_state(self) -> np.ndarray:
         """Coordinates and velocities y at the end of the last step."""
         return self.stages.y  # type: ignore[no-any-return]
 
     @property
-    def is_near(self) -> bool:
+    def has_poor_pivots(self) -> bool:
         """Flag of poor pivots, or of rows left out that are open, with which the march cannot continue."""
         s = self.stages
         return not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1])
 
     def explain(self, outcome: int) -> str:
         """Return the message for an ``outcome`` of the march, with advice."""
-        if self.is_near:
+        if self.has_poor_pivots:
             return f"{super().explain(outcome)}: use rattle"
         helps = SHORTER if outcome == STUCK and isinstance(self.hamilton, TreePhase) else ""
         return f"{ENDS[outcome][1]}{helps}"
@@ -504,14 +503,14 @@ class Relay(marching.Relay):
 
     def _choose_pivots(self) -> bool:
         """Change to an order with safe pivots if the present ones are poor; return whether it did."""
-        return self._runner.is_near and super()._choose_pivots()
+        return self._runner.has_poor_pivots and super()._choose_pivots()
 
-    def _made_by(self, order: Order | None) -> Marcher:
+    def _make_marcher(self, order: Order | None) -> Marcher:
         """Return a marcher at the same canonical coordinates, with this order of elimination."""
         before = self._runner
         return Marcher(self._problem, self.state, before.tableau, before, order, radial=before.radial)
 
-    def _go_on_without(self) -> None:
+    def _continue_without_pivots(self) -> None:
         """Continue with the present pivots if they exceed ``LEAST_PIVOT`` and no row is open; else end the march."""
         s = self._runner.stages
         if s.limits[0] > LEAST_PIVOT and s.guard[0] > LEAST_PIVOT and s.guard[1] < s.limits[1]:
@@ -521,9 +520,9 @@ class Relay(marching.Relay):
 METHOD = Method(lambda kernel, state: None, step, finish, counters=("evaluations", "iterations"))
 
 
-def refusal(problem: Problem) -> str | None:
+def refuse_problem(problem: Problem) -> str | None:
     """Return the refusal of rows without phi, or of a mechanism too large for code and recursion, or None."""
-    return refuse_without_phi(problem.system) or refuse_loops(problem)
+    return refuse_without_phi(problem.system) or refuse_loop_rows(problem)
 
 
 def integrate(
@@ -535,7 +534,7 @@ def integrate(
     quadratic invariants.
     """
     watch = Stopwatch()
-    state = new_control(t_end=problem.t_end, dt=control.dt or 0.0)
+    state = make_control(t_end=problem.t_end, dt=control.dt or 0.0)
     try:
         marcher = Marcher(problem, state, tableau, radial=radial)
     except ValueError as error:
@@ -544,7 +543,9 @@ def integrate(
     out = _march(problem, control, METHOD, relay, watch)
     notes = [marcher.hamilton.words]
     if marcher.code.rows:
-        notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
+        notes.append(
+            f"{marcher.code.rows_in_use} of {marcher.code.rows} rows of the loops hold, the others depend on them"
+        )
     if not problem.system.is_conservative:
         act = "user forces" if len(problem.system.user_i) else "dampers, loads or drives"
         notes.append(f"{act} act: the order holds, a claim on energy does not")

@@ -40,7 +40,7 @@ class Limb(NamedTuple):
     slides: Float[np.ndarray, "ns 3"]  # directions in which P moves in the parent
     ball: bool  # orientation and angular velocity are those in the base frame: nothing of the parent's is passed on
     arm: Float[np.ndarray, " 3"]  # from the parent's P to P
-    beside: Float[np.ndarray, " 3"]  # from P to the joint's point of i
+    point_of_i: Float[np.ndarray, " 3"]  # from P to the joint's point of i
     centre: Float[np.ndarray, " 3"]  # from P to C
     q_at: int  # first coordinate: slides, then angles or a quaternion
     u_at: int  # first velocity: slides, then turns
@@ -72,7 +72,7 @@ class Tree(NamedTuple):
         return sum(limb.sizes[1] for limb in self.limbs)
 
 
-def spanning_tree(system: MultibodySystem, start: State) -> Tree:
+def build_spanning_tree(system: MultibodySystem, start: State) -> Tree:
     """Return the spanning tree of a system by the module's rule, its cut joints, and its coordinates at ``start``."""
     reached = walk_joints(system, MOTIONS).reached
     base = _base(system, start, reached)

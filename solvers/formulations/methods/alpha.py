@@ -26,7 +26,7 @@ from ..compiled.host import Method, choose_tolerance
 from ..compiled.marching import STUCK
 from .iteration import iterate
 from .products import add_scaled, move, set_rates
-from .stiff_springs import explaining
+from .stiff_springs import make_explainer
 
 COUNTERS = ("iterations", "factorisations")
 ARRAYS = {
@@ -42,7 +42,7 @@ ARRAYS = {
 }
 
 
-def alpha_steps(
+def make_alpha_method(
     problem: Problem,
     tolerance: float,
     *,
@@ -72,7 +72,7 @@ def alpha_steps(
         projected=projected,
     )
     of_system = partial(make_step, arrays=ARRAYS, scheme=scheme)  # ``v_dot`` of the kernel is vdot
-    return Method(of_system, step, finish, start, counters=COUNTERS, notes=notes, explain=explaining(problem))
+    return Method(of_system, step, finish, start, counters=COUNTERS, notes=notes, explain=make_explainer(problem))
 
 
 def start(s):

@@ -15,7 +15,7 @@ from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.types import Problem, StepControl
 from ..compiled import mechanism
 from ..compiled.host import code_option, refuse_unused
-from ..compiled.kernel import empty_kernel
+from ..compiled.kernel import allocate_kernel
 
 CHOICES = ("a", "mass", "translation")  # choices of c_R
 FINAL_ITERATES = ("passing", "corrected", "after_correction")  # which Newton iterate ends a step
@@ -61,7 +61,7 @@ class Settings(NamedTuple):
         return {name: type(self._field_defaults[name])(x) for name, x in self._asdict().items()}
 
 
-def needs_more(settings: Settings, system: MultibodySystem) -> str:
+def find_unsupported(settings: Settings, system: MultibodySystem) -> str:
     """Return what the step in ``settings`` needs that the simplified method lacks; empty where it solves the step."""
     if any(len(a) for a in (system.spring_k, system.torsion_k, system.load_i, system.user_i)):
         return "forces beside gravity"
@@ -72,7 +72,7 @@ def needs_more(settings: Settings, system: MultibodySystem) -> str:
     return "" if system.is_pinned else "joints other than spherical and revolute ones"
 
 
-TOLD = (
+DIAGNOSTICS = (
     "newton_iterations",
     "cut_level",
     "residual_norm",
@@ -85,7 +85,7 @@ ROUNDINGS = 1e-14
 GAUGES = {"symmetric": "symmetric", "zero": "zero gauge", "accumulate": "accumulating"}
 
 
-def energy_at_hand(problem: Problem) -> float:
+def estimate_energy(problem: Problem) -> float:
     """Return the scale of energy [J] of a problem, 1 where it is at rest without forces.
 
     It is T(0), plus the applied forces at the start times the largest joint arm or radius of gyration, plus the
@@ -183,7 +183,7 @@ class GaugeChoices:
             words = ["C_bar, K_bar given"]  # mu is then physical and has no gauge
         return f"ODE-GC ({self.variant}{', '.join(words)})"
 
-    def settings(self, problem: Problem) -> Settings:
+    def make_settings(self, problem: Problem) -> Settings:
         """Return the choices as ``Settings``. Where C_bar or K_bar is not zero, mu, lam and sigma are carried."""
         by_forces = self.corrective and len(problem.system.spring_k) > 0
         corrective = by_forces or self.c_bar > 0.0 or self.k_bar > 0.0
@@ -199,7 +199,7 @@ class GaugeChoices:
             k_bar=self.k_bar,
             carry_sigma=self.sigma0 == "carried" or corrective,
             b_term=float(self.b_term),
-            tolerance=self.of_energy(self.tolerance, problem),
+            tolerance=self.scale_tolerance(self.tolerance, problem),
             max_newton=self.max_newton,
             refresh=0.0 if exact else 0.2,
             couple=exact,
@@ -211,17 +211,17 @@ class GaugeChoices:
         )
 
     @staticmethod
-    def of_energy(tolerance: float, problem: Problem) -> float:
+    def scale_tolerance(tolerance: float, problem: Problem) -> float:
         """Return ``tolerance`` [sqrt(J)] times the root of the problem's energy [J] where that is below 1.
 
         The result is at least ``ROUNDINGS`` of that root, the rounding of a residual.
         """
-        root = float(np.sqrt(energy_at_hand(problem)))
+        root = float(np.sqrt(estimate_energy(problem)))
         return max(tolerance * min(root, 1.0), ROUNDINGS * root)
 
     def notes(self, problem: Problem) -> tuple[str, ...]:
         """Return notes on options that have no effect on the problem, at most one."""
-        if self.settings(problem).corrective and self.gauge != "accumulate":
+        if self.make_settings(problem).corrective and self.gauge != "accumulate":
             return (f"mu is carried on as printed, for C_bar or K_bar is not zero: gauge = {self.gauge} has no effect",)
         return ()
 
@@ -245,10 +245,10 @@ class GaugeChoices:
             lacks = "" if self.has_plain else "plain steps know no extrapolation and no composition"
             lacks = lacks or ("plain steps keep no Jacobian: set newton = exact" if self.newton == "kept" else "")
             return lacks or refuse_unused(self, "max_turn")
-        more = "max_turn" if self.max_turn else needs_more(self.settings(problem), problem.system)
+        more = "max_turn" if self.max_turn else find_unsupported(self.make_settings(problem), problem.system)
         if more:
             return f"code for the mechanism is the simplified method's, which does not take {more}: use code = kernel"
-        return mechanism.refusal(problem.system, empty_kernel(problem.system))
+        return mechanism.refuse_mechanism(problem.system, allocate_kernel(problem.system))
 
     def refuses_direction(self, problem: Problem) -> str | None:
         """Return why c_R does not exist for a joint of the problem, or None."""

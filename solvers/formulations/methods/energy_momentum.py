@@ -30,7 +30,7 @@ from ..compiled.means import make_means
 from ..compiled.mechanism import use_mean_code
 from .iteration import iterate
 from .products import add_scaled, set_rates
-from .stiff_springs import explaining
+from .stiff_springs import make_explainer
 
 ARRAYS = {
     "v0": "nb 6",
@@ -42,7 +42,7 @@ ARRAYS = {
 }
 
 
-def mean_value_steps(problem: Problem, tolerance: float, code: str) -> Method:
+def make_mean_value_method(problem: Problem, tolerance: float, code: str) -> Method:
     """Make the mean-value method, for ``host.integrate``.
 
     ``tolerance`` is that of phi and of the last correction of poses [m; without unit]; ``code`` is the solver's option.
@@ -57,7 +57,7 @@ def mean_value_steps(problem: Problem, tolerance: float, code: str) -> Method:
         start,
         counters=("iterations", "factorisations"),
         notes=notes,
-        explain=explaining(problem),
+        explain=make_explainer(problem),
     )
 
 

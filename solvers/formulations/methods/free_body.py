@@ -19,7 +19,7 @@ EQUAL = 1e-14  # share of the inertia below which two principal values count as 
 NEWTON = 30  # corrections of the discrete free body
 
 
-def principal(inertia: np.ndarray) -> Any:
+def find_principal_axes(inertia: np.ndarray) -> Any:
     """Return the bundle of principal axes (columns of Q) and inertias J of bodies, ordered for the splitting.
 
     Rotations are about axes 0 and 1, and J[2] is that of the isotropic part: an axisymmetric body needs one rotation, a

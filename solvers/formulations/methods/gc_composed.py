@@ -14,7 +14,7 @@ from .choices import Settings
 from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, refresh_factor, take_step
 
 
-def composed_steps(system: MultibodySystem, choices: Settings, gamma: np.ndarray, rate: float) -> Method:
+def make_composed_method(system: MultibodySystem, choices: Settings, gamma: np.ndarray, rate: float) -> Method:
     """Make the method of a symmetric composition of ODE-GC's step, for ``host.integrate``.
 
     Its sub-steps are ``gamma`` times dt; ``rate`` [rad/s] is that of reversible step control, 0 for fixed steps.

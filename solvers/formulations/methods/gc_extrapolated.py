@@ -34,7 +34,7 @@ ARRAYS = {  # start of the whole step, accelerations and multipliers of index 1
 }
 
 
-def extrapolated_steps(system: MultibodySystem, choices: Settings, columns: int) -> Method:
+def make_extrapolated_method(system: MultibodySystem, choices: Settings, columns: int) -> Method:
     """Make the extrapolated method of order 2 ``columns``, for ``host.integrate``."""
     arrays = ARRAYS | {"table": f"{columns} nb 12"}  # last row of the scheme
 

@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from ..compiled.algebra import clear, copy, sines, times, times_transposed, turn_rotation
+from ..compiled.algebra import clear, copy, evaluate_sine_ratios, multiply, multiply_transposed, turn_rotation
 from ..compiled.entries import compile_inline, compile_separately, run
 from ..compiled.marching import NOT_FINITE, STUCK
 from .choices import AFTER_CORRECTION, CORRECTED
@@ -167,9 +167,14 @@ def finish(s):
     copy(s.v0, s.old_v)
     g.last = g.h
     run(s.keep_end)
-    s.told[0], s.told[1], s.told[2], s.told[3] = c.iterations - g.corrections, c.level, g.norm, g.slip
+    s.diagnostics[0], s.diagnostics[1], s.diagnostics[2], s.diagnostics[3] = (
+        c.iterations - g.corrections,
+        c.level,
+        g.norm,
+        g.slip,
+    )
     if g.active:
-        s.told[4], s.told[5] = g.xi, g.log_det
+        s.diagnostics[4], s.diagnostics[5] = g.xi, g.log_det
 
 
 def keep_end(s):
@@ -305,8 +310,8 @@ def begin_step(s):
             o.G0[a] += o.c_bar0[a] * o.mu0[a] + o.k_bar0[a] * lam_bar
     for b in range(len(k.mass)):
         v, f, out = s.v0[b], s.force0[b], s.known[b]
-        p = times(k.J[b], v[3], v[4], v[5])
-        L = times(s.R0[b], p[0] + half * f[3], p[1] + half * f[4], p[2] + half * f[5])
+        p = multiply(k.J[b], v[3], v[4], v[5])
+        L = multiply(s.R0[b], p[0] + half * f[3], p[1] + half * f[4], p[2] + half * f[5])
         for q in range(3):
             out[q], out[3 + q] = -k.mass[b] * v[q] - half * f[q], -L[q]
     k.t[0] = s.control.t
@@ -394,14 +399,14 @@ def evaluate(s):
         total += m * o.off[a] * o.off[a]
     for b in range(len(k.mass)):
         v, f, out, w = k.v[b], k.force[b], s.off[b], s.known[b]
-        back, p = times_transposed(k.R[b], w[3], w[4], w[5]), times(k.J[b], v[3], v[4], v[5])
+        back, p = multiply_transposed(k.R[b], w[3], w[4], w[5]), multiply(k.J[b], v[3], v[4], v[5])
         for q in range(3):
             out[q] = w[q] + k.mass[b] * v[q] - half * f[q]
             out[3 + q] = back[q] - half * f[3 + q] + p[q]
     run(s.balance)
     for b in range(len(k.mass)):
         out = s.off[b]
-        turn = times(k.J_inv[b], out[3], out[4], out[5])
+        turn = multiply(k.J_inv[b], out[3], out[4], out[5])
         for q in range(3):
             total += out[q] * out[q] / k.mass[b]
             total += out[3 + q] * turn[q]
@@ -423,7 +428,7 @@ def assemble(s):
             s.T[b],
         )
         J, T, v = k.J[b], s.T[b], k.v[b]
-        p0, p1, p2 = times(J, v[3], v[4], v[5])
+        p0, p1, p2 = multiply(J, v[3], v[4], v[5])
         for q in range(3):
             K[b, q, q] = k.mass[b]
             x, y, z = T[q], T[3 + q], T[6 + q]  # d(R J Omega) = R (J dOmega - J Omega x theta)
@@ -462,7 +467,7 @@ def _set_differential(x, y, z, scale, out):
     dexp = 1 - (1 - cos a)/a^2 hat(a) + (a - sin a)/a^3 hat(a)^2; series where a^2 < 1e-2, cut at a^10.
     """
     s = x * x + y * y + z * z
-    f, g = sines(s)
+    f, g = evaluate_sine_ratios(s)
     if s < 1e-2:
         h = (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0)))) / 6.0
     else:

@@ -10,16 +10,16 @@ from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem, StepControl, Trajectory
 from ..compiled.block_lu import factor, solve
 from ..compiled.bundles import make_bundle, make_record
-from ..compiled.entries import Bound
+from ..compiled.entries import BoundFunction
 from ..compiled.host import Method, integrate
 from ..compiled.kernel import Kernel, Loops, list_places
 from ..compiled.kernel import Step as Call
 from ..compiled.marching import NOT_FINITE
-from ..compiled.saddle_pattern import analyse
+from ..compiled.saddle_pattern import analyse_saddle
 from ..generated import Program
-from ..rows.kept_code import newton_code
+from ..rows.kept_code import load_newton_code
 from . import gc_newton
-from .choices import TOLD, Settings
+from .choices import DIAGNOSTICS, Settings
 from .gc_newton import ARRAYS, PARTS, TERMS
 
 COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augmentations", "loose_steps")
@@ -57,7 +57,7 @@ def interpolate_to_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
     return np.concatenate(((mean[0] - dt[0] * slope_first)[None], inner, (mean[-1] + dt[-1] * slope_last)[None]))
 
 
-def newton_steps(system: MultibodySystem, settings: Settings, max_cuts: int, max_turn: float, mu0: str) -> Method:
+def make_newton_method(system: MultibodySystem, settings: Settings, max_cuts: int, max_turn: float, mu0: str) -> Method:
     """Make ODE-GC's method by full Newton iterations with these choices, for ``host.integrate``.
 
     ``max_turn`` [rad] limits the rotation of a body in a step, 0: no limit; with ``mu0`` "velocity" the first mu is the
@@ -73,7 +73,7 @@ def newton_steps(system: MultibodySystem, settings: Settings, max_cuts: int, max
         gc_newton.start,
         counters=COUNTERS,
         most_cuts=max_cuts,
-        tells=TOLD if settings.active else TOLD[:4],
+        diagnostic_names=DIAGNOSTICS if settings.active else DIAGNOSTICS[:4],
         explain=partial(explain, most_cuts=max_cuts),
         needs=NEEDED,
     )
@@ -127,7 +127,7 @@ def make_step(
         if a != b and min(a, b) >= 0
     }
     apart = np.arange(nb, len(k.pair)) if couple else np.array(sorted(pair_at[p] for p in pushed), dtype=np.int64)
-    saddle, lu = analyse(k.body, k.row, k.pair, apart)
+    saddle, lu = analyse_saddle(k.body, k.row, k.pair, apart)
     couples = [[[pair_at.get((int(a), int(b)), -1) for b in ends] for a in ends] for ends in k.body]
     step = make_bundle(
         "Step",
@@ -137,7 +137,7 @@ def make_step(
         control=control,
         kernel=k,
         scheme=scheme,
-        told=np.zeros(len(TOLD) if settings.active else 4),
+        diagnostics=np.zeros(len(DIAGNOSTICS) if settings.active else 4),
         terms=make_bundle("Terms", dict.fromkeys(TERMS, "nr"), {"nr": nr}),
         # pairs of the kernel: load of end e by the motion of end o; places of rows in ``lu.x``
         couple=np.array(couples, dtype=np.int64).reshape(-1, 2, 2),
@@ -146,14 +146,14 @@ def make_step(
         row_at=np.repeat(lu.joint_at - k.row[:-1], np.diff(k.row)) + np.arange(nr),
     )
     loops = NewtonLoops(system, k)
-    loops.at, loops.couple, loops.choice = step, couple, direction
+    loops.step, loops.couple, loops.choice = step, couple, direction
     entries: dict[str, Any] = dict(loops.entries())
-    entries |= {"factor_saddle": Bound(factor, lu), "solve_saddle": Bound(solve, lu)}
+    entries |= {"factor_saddle": BoundFunction(factor, lu), "solve_saddle": BoundFunction(solve, lu)}
     step = step._replace(**entries)
     optional = {"leave_redundant": settings.redundant, "correct_pose": settings.closes_pose}
     for name in PARTS:
         entered = optional.get(name, 1)
-        entry: dict[str, Any] = {name: Bound(getattr(gc_newton, name), step) if entered else Program([])}
+        entry: dict[str, Any] = {name: BoundFunction(getattr(gc_newton, name), step) if entered else Program([])}
         step = step._replace(**entry)
     return step
 
@@ -173,13 +173,13 @@ def explain(s: Any, outcome: int, *, most_cuts: int) -> str:
 class NewtonLoops(Loops):
     """The loops of ``rows.newton`` on the arrays of a kernel and of a step."""
 
-    at: Any  # the step of ``gc_newton``
+    step: Any  # the step of ``gc_newton``
     couple: bool
     choice: int  # choice of c in Eq. (31)
 
     def entries(self) -> dict[str, Any]:
         """Return a program for each function of ``rows.newton``, over all groups of joints."""
-        s, k = self.at, self._k
+        s, k = self.step, self._k
         o, system, symmetric = s.terms, self._system, bool(s.scheme["gauge"] != 0.0)
         inertia = np.concatenate((system.mass[:, None], k.J.reshape(-1, 9), k.J_inv.reshape(-1, 9)), axis=1)
         use_f_bar = bool(s.scheme["use_f_bar"])
@@ -187,7 +187,9 @@ class NewtonLoops(Loops):
         for group in self._groups:
             own, ends, n = group.rows, group.ends, int(group.members[0])
             six = slice(6 * own.start, 6 * own.stop)
-            code = newton_code(*group.key, self.choice, symmetric=symmetric, use_f_bar=use_f_bar, couple=self.couple)
+            code = load_newton_code(
+                *group.key, self.choice, symmetric=symmetric, use_f_bar=use_f_bar, couple=self.couple
+            )
             pose, more = ((k.r, 3), (k.R, 9), (k.v, 6)), ((k.force, 6), (inertia, 19))
             kept = np.zeros((n, 6 * len(ends) * (own.stop - own.start) // max(n, 1)))
             room = [kept] if symmetric else []

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
-from ..compiled.algebra import clear, copy, times, times_transposed, turn_rotation
+from ..compiled.algebra import clear, copy, multiply, multiply_transposed, turn_rotation
 from ..compiled.bundles import make_bundle, make_record
-from ..compiled.entries import Bound, compile_inline, run
+from ..compiled.entries import BoundFunction, compile_inline, run
 from ..compiled.kernel import Kernel
-from ..compiled.mechanism import choice_arrays, choosing, code_of_mechanism
+from ..compiled.mechanism import list_choice_arrays, make_choosing_program, make_mechanism_code
 from ..compiled.row_choice import NEVER
 from ..generated import Program
-from .choices import TOLD, Settings
+from .choices import DIAGNOSTICS, Settings
 from .gc_wrenches import WrenchLoops
 
 EARLY = 0.1  # replaces ``refresh``: by code a factor costs less than an iteration
@@ -93,21 +93,21 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
         control=control,
         kernel=kernel,
         scheme=scheme,
-        told=np.zeros(len(TOLD)),
+        diagnostics=np.zeros(len(DIAGNOSTICS)),
         plan=np.array([0.0, 0.0, choices.gauge]),
         numbers=numbers,
     )
     if choices.whole:
         return _with_code(system, step, choices)
     loops = WrenchLoops(system, kernel)
-    loops.at = step
+    loops.step = step
     made = loops.entries(choices.direction, use_f_bar=bool(choices.use_f_bar))
     step = step._replace(start=made.pop("begin"), **made)
-    correct = Bound(correct_poses, kernel) if choices.closes_pose else Program([])
+    correct = BoundFunction(correct_poses, kernel) if choices.closes_pose else Program([])
     return step._replace(
-        begin=Bound(begin_by_loops, step),
-        factor=Bound(factor_by_loops, step),
-        iterate=Bound(iterate_by_loops, step),
+        begin=BoundFunction(begin_by_loops, step),
+        factor=BoundFunction(factor_by_loops, step),
+        iterate=BoundFunction(iterate_by_loops, step),
         correct=correct,
     )
 
@@ -121,8 +121,8 @@ def _with_code(system: MultibodySystem, s: Any, choices: Settings) -> Any:
     s.scheme["refresh"] = EARLY
     if choices.active:  # where kept rows become dependent, the proximal saddle takes over
         k = k._replace(dense=k.dense[:0])
-    bounds, shares = choice_arrays(k)
-    code, _, (kept, size) = code_of_mechanism(system, k, "iterate", **{name: given[name] for name in names})
+    bounds, shares = list_choice_arrays(k)
+    code, _, (kept, size) = make_mechanism_code(system, k, "iterate", **{name: given[name] for name in names})
     start, factor, poses = np.zeros(kept), np.zeros(size), [k.t, k.r, k.R]
     moved, v, nu = [np.zeros_like(k.r), np.zeros_like(k.R)], np.zeros_like(k.v), np.zeros_like(s.nu)
 
@@ -132,7 +132,7 @@ def _with_code(system: MultibodySystem, s: Any, choices: Settings) -> Any:
     correct = ("correct", [*poses, factor, *moved]), ("copy_poses", [*moved, *poses[1:]])
     return s._replace(
         begin=program(("begin", [k.t, s.plan, k.r, k.R, k.v, s.nu_start, s.known, start, s.slip, s.f_bar0])),
-        factor=choosing(k, code, "factor", [*poses, *bounds, factor, s.found, *shares], poses),
+        factor=make_choosing_program(k, code, "factor", [*poses, *bounds, factor, s.found, *shares], poses),
         iterate=program(
             ("iterate", [k.t, s.plan, k.r, k.R, k.v, s.known, start, s.nu, factor, v, nu, s.square]),
             ("copy", [v, nu, k.v, s.nu]),
@@ -177,7 +177,7 @@ def restart(s, v_dot, lam):
 def _spin(k, u):
     """Set u := (r_dot, R Omega), the velocities of ``k`` in space."""
     for b in range(len(k.mass)):
-        omega = times(k.R[b], k.v[b, 3], k.v[b, 4], k.v[b, 5])
+        omega = multiply(k.R[b], k.v[b, 3], k.v[b, 4], k.v[b, 5])
         for a in range(3):
             u[b, a], u[b, 3 + a] = k.v[b, a], omega[a]
 
@@ -214,8 +214,8 @@ def begin_by_loops(s):
     k, h = s.kernel, 2.0 * s.plan[0]
     for b in range(len(k.mass)):
         v = k.v[b]
-        p = times(k.J[b], v[3], v[4], v[5])
-        L = times(k.R[b], p[0], p[1], p[2])
+        p = multiply(k.J[b], v[3], v[4], v[5])
+        L = multiply(k.R[b], p[0], p[1], p[2])
         for a in range(3):
             k.w[b, a], k.w[b, 3 + a] = k.mass[b] * v[a] + h * s.numbers[b, a], L[a]
     _spin(k, s.u)
@@ -253,9 +253,9 @@ def _to_velocities(s):
     """Convert the impulses w to velocities, w := M^-1 R^T w; set ``u`` to these in space, and ``load`` to 0."""
     k = s.kernel
     for b in range(len(k.mass)):
-        p = times_transposed(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5])
-        Omega = times(k.J_inv[b], p[0], p[1], p[2])
-        omega = times(k.R[b], Omega[0], Omega[1], Omega[2])
+        p = multiply_transposed(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5])
+        Omega = multiply(k.J_inv[b], p[0], p[1], p[2])
+        omega = multiply(k.R[b], Omega[0], Omega[1], Omega[2])
         for a in range(3):
             k.w[b, a] /= k.mass[b]
             s.load[b, a] = s.load[b, 3 + a] = 0.0
@@ -316,8 +316,8 @@ def _take_velocities(s):
     k, total = s.kernel, 0.0
     for b in range(len(k.mass)):
         m = s.load[b]
-        t = times_transposed(k.R[b], m[3], m[4], m[5])
-        turn = times(k.J_inv[b], t[0], t[1], t[2])
+        t = multiply_transposed(k.R[b], m[3], m[4], m[5])
+        turn = multiply(k.J_inv[b], t[0], t[1], t[2])
         for a in range(3):
             x = k.w[b, a] + m[a] / k.mass[b]
             d = x - k.v[b, a]
@@ -326,7 +326,7 @@ def _take_velocities(s):
         d0, d1, d2 = k.w[b, 3] + turn[0], k.w[b, 4] + turn[1], k.w[b, 5] + turn[2]
         x, y, z = d0 - k.v[b, 3], d1 - k.v[b, 4], d2 - k.v[b, 5]
         k.v[b, 3], k.v[b, 4], k.v[b, 5] = d0, d1, d2
-        p = times(k.J[b], x, y, z)
+        p = multiply(k.J[b], x, y, z)
         total += x * p[0]
         total += y * p[1]
         total += z * p[2]

@@ -12,14 +12,14 @@ from ....harness.code_meter import collect_garbage, making_code
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem, StepControl, Trajectory
 from ...plain import ode_gc
-from ..compiled.algebra import close_rotations
+from ..compiled.algebra import orthogonalise_rotations
 from ..compiled.bundles import make_bundle
-from ..compiled.entries import Bound, run
+from ..compiled.entries import BoundFunction, run
 from ..compiled.host import Marcher, Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import FULL, STUCK, Record
-from .choices import TOLD, GaugeChoices, Settings, needs_more
-from .gc_newton_arrays import integrate_newton, move_reactions_to_nodes, newton_steps
+from .choices import DIAGNOSTICS, GaugeChoices, Settings, find_unsupported
+from .gc_newton_arrays import integrate_newton, make_newton_method, move_reactions_to_nodes
 from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, take_step
 
 ROUNDING = 1e-14  # share of the square of the largest velocity below which accelerations and loads are rounding
@@ -32,23 +32,23 @@ def integrate_weak_form(
     """Integrate by the simplified method where it applies, else by the full one, or by plain steps with code=plain."""
     if choices.code == "plain":
         return move_reactions_to_nodes(ode_gc.integrate(problem, control, choices, settings))
-    method = newton_steps(problem.system, settings, choices.max_cuts, choices.max_turn, choices.mu0)
-    if not (choices.max_turn or needs_more(settings, problem.system)):
-        method = simplified_steps(problem.system, settings, method)
+    method = make_newton_method(problem.system, settings, choices.max_cuts, choices.max_turn, choices.mu0)
+    if not (choices.max_turn or find_unsupported(settings, problem.system)):
+        method = make_simplified_method(problem.system, settings, method)
     return integrate_newton(problem, control, method)
 
 
-def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -> Method:
+def make_simplified_method(system: MultibodySystem, choices: Settings, full: Method) -> Method:
     """Make the simplified method, for ``host.integrate``, with ``full`` for stretches where it does not converge."""
 
     def prepare(kernel: Kernel, control: np.ndarray) -> Any:
         """Make the bundle of a step for this kernel and control."""
         one = make_step(system, kernel, control, choices)
-        told, penalty = one.told if choices.active else one.told[:4], np.array([choices.penalty])
-        plain = make_bundle("Plain", {}, {}, ("begin_next",), step=one, told=told, penalty=penalty)
-        return plain._replace(begin_next=Bound(begin_next, plain))
+        diagnostics, penalty = one.diagnostics if choices.active else one.diagnostics[:4], np.array([choices.penalty])
+        plain = make_bundle("Plain", {}, {}, ("begin_next",), step=one, diagnostics=diagnostics, penalty=penalty)
+        return plain._replace(begin_next=BoundFunction(begin_next, plain))
 
-    def relieve(problem: Problem, marcher: Marcher) -> Any:
+    def make_fallback(problem: Problem, marcher: Marcher) -> Any:
         """Return the march that changes to the full method where the simplified one does not converge."""
         return FallbackMarcher(problem, marcher, full, bool(choices.active))
 
@@ -58,9 +58,9 @@ def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -
         finish,
         start,
         counters=full.counters,
-        tells=TOLD if choices.active else TOLD[:4],
+        diagnostic_names=DIAGNOSTICS if choices.active else DIAGNOSTICS[:4],
         needs=(*NEEDED, *(("push",) if choices.closes_pose else ())),
-        relieve=relieve,
+        make_fallback=make_fallback,
         notes=("code of the mechanism",) if choices.whole else (),
     )
 
@@ -73,7 +73,7 @@ class FallbackMarcher:
         self.state, self.kernel, self.reaction = simple.state, simple.kernel, simple.reaction
         self._other: Marcher | None = None
         self._patience, self._stuck = PATIENCE, False
-        self._teller: Marcher | None = None
+        self._last_marcher: Marcher | None = None
         self._level, self._shift = 0.0, 0.0
         k = simple.kernel
         # Dropped pivots are the proximal saddle's motion; the plain weak form has none to offer. Where nothing
@@ -82,13 +82,13 @@ class FallbackMarcher:
         dropped = not saddle and int(k.state["rank"]) < len(k.lam)
         rounding = ROUNDING * np.max(k.v**2, initial=0.0)
         loads = np.max(np.abs(k.v_dot), initial=0.0) > rounding or np.max(np.abs(k.lam), initial=0.0) > rounding
-        self._never = dropped or not loads
-        if self._never:
+        self._simple_excluded = dropped or not loads
+        if self._simple_excluded:
             self._hand_over()
-            self.reaction = self._marcher.reaction
+            self.reaction = self._full_marcher.reaction
 
     @property
-    def _marcher(self) -> Marcher:
+    def _full_marcher(self) -> Marcher:
         """The march of the full method, made when it is first needed."""
         if self._other is None:
             with making_code:
@@ -98,7 +98,7 @@ class FallbackMarcher:
 
     def explain(self, outcome: int) -> str:
         """Return the full method's message for an ``outcome`` of the march."""
-        return self._marcher.explain(outcome)
+        return self._full_marcher.explain(outcome)
 
     def stretch(self, n: int) -> Record:
         """March up to ``n`` steps by one of the methods; return the record of those accepted.
@@ -106,8 +106,8 @@ class FallbackMarcher:
         The full method's steps begin and end anywhere, the simplified one's on the grid of dt.
         """
         c = self.state
-        if self._never or self._stuck or c["place"] or c["level"] or self._is_turn_limited:
-            return self._marcher_stretch(n)
+        if self._simple_excluded or self._stuck or c["place"] or c["level"] or self._is_turn_limited:
+            return self._march_full(n)
         c["most_cuts"] = 0
         record = self._simple.stretch(n)
         done = len(record.t)
@@ -125,16 +125,16 @@ class FallbackMarcher:
         """Flag of a limit on rotations in the full method's march, which the simplified one does not have."""
         return self._other is not None and bool(np.isfinite(self._other.bundle.scheme["max_turn"]))
 
-    def _marcher_stretch(self, n: int) -> Record:
+    def _march_full(self, n: int) -> Record:
         """March up to ``n`` steps by the full method, and pass its state back to the simplified one, if that is used.
 
         In the latter case the limit on the number of steps doubles from call to call.
         """
-        c, other = self.state, self._marcher
+        c, other = self.state, self._full_marcher
         c["most_cuts"] = self._full.most_cuts
-        record = other.stretch(n if self._never else min(n, self._patience))
+        record = other.stretch(n if self._simple_excluded else min(n, self._patience))
         self._patience, self._stuck = min(2 * self._patience, MOST_PATIENCE), False
-        if not self._never:
+        if not self._simple_excluded:
             self._take_back()
         self._join_determinants(other, record)
         return record
@@ -146,16 +146,16 @@ class FallbackMarcher:
         of the record.
         """
         if self._saddle and len(record.t):
-            told = record.told[:, 5]
-            if self._teller not in (None, teller):
-                self._shift = self._level - told[0]
-            self._teller = teller
-            told += self._shift
-            self._level = told[-1]
+            diagnostics = record.diagnostics[:, 5]
+            if self._last_marcher not in (None, teller):
+                self._shift = self._level - diagnostics[0]
+            self._last_marcher = teller
+            diagnostics += self._shift
+            self._level = diagnostics[-1]
 
     def _hand_over(self) -> None:
         """Make the full method's march; if the simplified one is stuck, pass on its state and its last steps."""
-        s, other, c = self._simple.bundle.step, self._marcher, self.state
+        s, other, c = self._simple.bundle.step, self._full_marcher, self.state
         k, f, h = other.kernel, other.bundle, float(c["dt"])
         if self._stuck:
             k.r[:], k.R[:], k.v[:], k.t[0] = s.r0, s.R0, s.v0, c["t"]
@@ -173,7 +173,7 @@ class FallbackMarcher:
 
     def _take_back(self) -> None:
         """Pass the state of the full method, and its last step as the past, to the simplified one."""
-        s, f, c = self._simple.bundle.step, self._marcher.bundle, self.state
+        s, f, c = self._simple.bundle.step, self._full_marcher.bundle, self.state
         k, o, h, g = s.kernel, f.kernel, float(f.scheme["last"]), s.scheme
         k.r[:], k.R[:], k.v[:], k.t[0] = o.r, o.R, o.v, o.t[0]
         s.nu_start[:] = f.terms.nu_start
@@ -199,12 +199,12 @@ def step(m):
     Its start stays in ``r0``, ``R0``, ``v0``.
     """
     s, c = m.step, m.step.control
-    s.told[0] = c.iterations
+    s.diagnostics[0] = c.iterations
     if not (s.scheme.begun and s.plan[0] == 0.5 * c.h):
         run(m.begin_next)
     s.scheme.begun = 0
-    s.told[2] = take_step(s, c.h, c.t + 0.5 * c.h)
-    if s.told[2] < 0.0:
+    s.diagnostics[2] = take_step(s, c.h, c.t + 0.5 * c.h)
+    if s.diagnostics[2] < 0.0:
         c.status = STUCK
 
 
@@ -215,7 +215,7 @@ def finish(m):
     """
     s, c, k = m.step, m.step.control, m.step.kernel
     run(s.correct)
-    close_rotations(k.R)
+    orthogonalise_rotations(k.R)
     accept_step(s, c.h, c.t + 0.5 * c.h)
     d = (s.scheme.known - 1) % len(s.middle)
     for a in range(len(k.lam)):
@@ -227,7 +227,7 @@ def finish(m):
     for a in range(len(k.lam)):
         k.lam[a] -= 0.5 * s.f_bar0[a]
         total += s.slip[a]
-    s.told[0] = c.iterations - s.told[0]
-    s.told[3] = math.sqrt(total)
-    s.told[4] = m.penalty[0]
-    s.told[5] = s.scheme.log_det
+    s.diagnostics[0] = c.iterations - s.diagnostics[0]
+    s.diagnostics[3] = math.sqrt(total)
+    s.diagnostics[4] = m.penalty[0]
+    s.diagnostics[5] = s.scheme.log_det

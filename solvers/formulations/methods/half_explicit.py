@@ -49,7 +49,7 @@ ARRAYS = {
 }
 
 
-def half_explicit_steps(tolerance: float) -> Method:
+def make_half_explicit_method(tolerance: float) -> Method:
     """Make the half-explicit method, for ``host.integrate``.
 
     ``tolerance`` is that of the last correction of velocities [m/s, rad/s].
@@ -133,11 +133,11 @@ def _next_stage(s, k, c, i):
     move(s.r0, s.R0, s.q, k.r, k.R)
     k.t[0] = c.t + c.h * s.c[i + 1]
     run(k.rows)
-    return _hold(s, k, c.h * s.a[i + 1, i], i)
+    return _find_multipliers(s, k, c.h * s.a[i + 1, i], i)
 
 
 @compile_inline
-def _hold(s, k, weight, i):
+def _find_multipliers(s, k, weight, i):
     """Correct lam of stage i so that A V + phi_t = 0 at the poses of ``k``; return the step's status, 0 on success.
 
     ``weight`` is h a_(i+1)i, by which lam changes V.
@@ -150,7 +150,7 @@ def _hold(s, k, weight, i):
         p, q, share = s.tried[n % depth], s.reached[n % depth], 1.0
         copy(s.left, p)
         s.control.iterations += 1
-        last = _push(k, p) <= s.scheme.tolerance
+        last = _apply_multipliers(k, p) <= s.scheme.tolerance
         if not last:  # q = S^-1 A M^-1 A_i^T p, made orthogonal to those of the tries before
             set_rates(k)
             _solve(k, q)
@@ -166,7 +166,7 @@ def _hold(s, k, weight, i):
                 p[a], q[a] = p[a] / size, q[a] / size
             share = _product(q, s.left)
             add_scaled(-share, q, s.left)
-            _push(k, p)
+            _apply_multipliers(k, p)
         for b in range(len(k.v)):
             add_scaled(share, k.w[b], k.v[b])
             add_scaled(share / weight, k.w[b], s.gains[i, b])
@@ -185,7 +185,7 @@ def _solve(k, out):
 
 
 @compile_inline
-def _push(k, x):
+def _apply_multipliers(k, x):
     """Set ``k.w`` := M^-1 A_i^T x, with the copied rows of the stage; return its largest absolute entry."""
     clear(k.w)
     copy(x, k.x)

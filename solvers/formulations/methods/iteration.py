@@ -11,7 +11,7 @@ GO_ON, SETTLED, FAILED = range(3)
 
 
 @compile_inline
-def has_settled(size, last, tolerance):
+def classify_iteration(size, last, tolerance):
     """Return the state of an iteration: GO_ON, SETTLED or FAILED.
 
     It is SETTLED when ``size``, of residual and correction, is within the tolerance and no longer falls below a tenth
@@ -34,7 +34,7 @@ def iterate(s, sweep, tolerance):
     for i in range(MOST_ITERATIONS):
         size = sweep(s, i, slow)
         s.control.iterations += 1
-        state = has_settled(size, last, tolerance)
+        state = classify_iteration(size, last, tolerance)
         slow = size > SLOW * last
         last = size
         if state != GO_ON:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ....harness.mechanics.jacobian import singular_values
+from ....harness.mechanics.jacobian import compute_singular_values
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Trajectory
 
@@ -17,7 +17,7 @@ LOST = 0.02  # smallest singular value, relative to the start's, below which a d
 AROUND = 5  # steps on both sides whose penalty, cuts and corrections are reported; nearer dips are one passage
 
 
-def passages(system: MultibodySystem, run: Trajectory) -> tuple[Mapping[str, Any], ...]:
+def find_passages(system: MultibodySystem, run: Trajectory) -> tuple[Mapping[str, Any], ...]:
     """Return one entry for each singular passage of a finished run, none where they cannot be searched for.
 
     Keys: kind ("singular passage"), t [s], smallest_singular_value there and, over ``AROUND`` steps on both sides,
@@ -33,11 +33,11 @@ def passages(system: MultibodySystem, run: Trajectory) -> tuple[Mapping[str, Any
     dips, _ = find_peaks(depth, prominence=DECADES, distance=AROUND)
     if len(dips) == 0:
         return ()
-    at_start = singular_values(system, run.states[0])
+    at_start = compute_singular_values(system, run.states[0])
     last = int(np.sum(at_start > 1e-9 * at_start[0])) - 1
     found = []
     for k in map(int, dips + 1):
-        sigma = float(singular_values(system, run.states[k])[last])
+        sigma = float(compute_singular_values(system, run.states[k])[last])
         if sigma > LOST * at_start[last]:
             continue
         near = slice(max(1, k - AROUND), k + AROUND + 1)

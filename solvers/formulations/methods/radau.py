@@ -56,7 +56,7 @@ ARRAYS = {  # the first axis is that of the stages
 }
 
 
-def tolerance_for(rtol: float) -> float:
+def choose_newton_tolerance(rtol: float) -> float:
     """Return the tolerance of Newton's iteration, and of the constraints: a thousandth of ``rtol``.
 
     It is limited to 1e-13 .. 1e-10.
@@ -64,12 +64,12 @@ def tolerance_for(rtol: float) -> float:
     return max(1e-13, min(1e-10, 1e-3 * rtol))
 
 
-def radau_steps(problem: Problem, rtol: float, code: str) -> Method:
+def make_radau_method(problem: Problem, rtol: float, code: str) -> Method:
     """Make the Radau method, for ``host.integrate``.
 
     ``rtol`` sets the tolerance of its iteration; ``code`` is the solver's option.
     """
-    tolerance, notes = choose_tolerance(tolerance_for(rtol), problem)
+    tolerance, notes = choose_tolerance(choose_newton_tolerance(rtol), problem)
     of_system = partial(prepare, system=problem.system, tolerance=tolerance, code=code)
     counters = ("rejected", "iterations", "factorisations")
     notes += ("code of the mechanism",) if code == "mechanism" else ()
@@ -180,15 +180,15 @@ def _guess(s, h):
 
 
 @compile_inline
-def _set_poses(s, h, sloped):
+def _set_poses(s, h, with_slack):
     """Set velocities and poses of the stages from their accelerations.
 
-    With ``sloped``, the slack z is that of eta with the rows of the last iterate; else it is zero.
+    With ``with_slack``, the slack z is that of eta with the rows of the last iterate; else it is zero.
     """
     g = s.stages
     for i in range(3):
         clear(g.w[i])
-        if sloped:
+        if with_slack:
             copy(s.eta[i], g.x[i])
             run(g.push[i])
         for b in range(len(s.kernel.v)):

@@ -20,9 +20,9 @@ from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import compile_inline, run
 from ..compiled.host import Method, choose_tolerance
 from ..compiled.marching import STUCK
-from .free_body import principal, turn_discretely, turn_freely
+from .free_body import find_principal_axes, turn_discretely, turn_freely
 from .iteration import iterate
-from .stiff_springs import explaining
+from .stiff_springs import make_explainer
 
 DAMPER_PASSES = 6  # passes over forces at the new velocities: each leaves about h c / (2 m) of the error before it
 ARRAYS = {
@@ -35,7 +35,7 @@ ARRAYS = {
 }
 
 
-def symplectic_steps(
+def make_rattle_method(
     problem: Problem, gamma: np.ndarray, tolerance: float, *, discrete: bool = False, rate: float = 0.0
 ) -> Method:
     """Make RATTLE, or a composition of it with sub-steps ``gamma`` h, for ``host.integrate``.
@@ -45,7 +45,7 @@ def symplectic_steps(
     """
     system, (tolerance, notes) = problem.system, choose_tolerance(tolerance, problem)
     scheme = make_record(h=0.0, tolerance=tolerance, damped=not system.is_conservative, discrete=discrete)
-    axes = principal(system.regular_inertia)
+    axes = find_principal_axes(system.regular_inertia)
     of_system = partial(make_step, arrays=ARRAYS, scheme=scheme, axes=axes, gamma=gamma)
     return Method(
         of_system,
@@ -55,7 +55,7 @@ def symplectic_steps(
         rate=rate,
         counters=("iterations", "factorisations"),
         notes=notes,
-        explain=explaining(problem),
+        explain=make_explainer(problem),
     )
 
 

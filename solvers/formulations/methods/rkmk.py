@@ -16,7 +16,7 @@ from typing import ClassVar
 
 from ....harness.types import Problem, StepControl, Trajectory
 from ...plain import rkmk
-from ..compiled.algebra import clear, close_rotations, copy, theta_dot, turn_rotation
+from ..compiled.algebra import clear, copy, orthogonalise_rotations, theta_dot, turn_rotation
 from ..compiled.bundles import make_step
 from ..compiled.entries import compile_inline, run
 from ..compiled.host import WITH_PLAIN, MarchedSolver, Method, code_option
@@ -40,16 +40,16 @@ class ExplicitPair(MarchedSolver):
     tableau: ClassVar[Tableau]
     pair: ClassVar[str]  # its name in solvers/plain
 
-    def _method(self, problem: Problem, control: StepControl) -> Method:
+    def _make_method(self, problem: Problem, control: StepControl) -> Method:
         """Return the method of the pair with the option ``code``."""
-        return replace(explicit_pair(self.tableau), code=self.code)
+        return replace(make_pair_method(self.tableau), code=self.code)
 
-    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _integrate_plain(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate by the pair in plain NumPy."""
         return rkmk.integrate(problem, control, self.pair)
 
 
-def explicit_pair(tableau: Tableau) -> Method:
+def make_pair_method(tableau: Tableau) -> Method:
     """Make the method of an embedded pair, first same as last, for ``host.integrate``."""
     t, arrays = tableau, ARRAYS | {"slopes": f"{len(tableau.b) + 1} nb 12"}
     return Method(
@@ -84,7 +84,7 @@ def finish(s):
     """Project the end onto the constraints; make the last slope the first one, with the projected velocities."""
     k, n = s.kernel, len(s.b)
     run(k.project)
-    close_rotations(k.R)  # rotations, exact to rounding, for the start of the next step
+    orthogonalise_rotations(k.R)  # rotations, exact to rounding, for the start of the next step
     _begin(s)
     for b in range(len(k.mass)):
         for a in range(6):

@@ -22,7 +22,7 @@ from ....harness.mechanics.fixed_order import product
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import clear, copy, find_largest, take_larger
 from ..compiled.bundles import make_bundle
-from ..compiled.entries import Bound, compile_inline, run
+from ..compiled.entries import BoundFunction, compile_inline, run
 from ..compiled.soft_rows import make_springs
 from ..generated import Program
 from .products import add_scaled
@@ -207,4 +207,4 @@ ENTRIES = {"follow": follow, "respond": respond, "correct": correct}  # entries 
 def add_entries(step: Any) -> Any:
     """Return the bundle of a step with the entries of its springs, which do nothing in a system without springs."""
     some = len(step.springs.G)
-    return step._replace(**{name: Bound(f, step) if some else Program([]) for name, f in ENTRIES.items()})
+    return step._replace(**{name: BoundFunction(f, step) if some else Program([]) for name, f in ENTRIES.items()})

@@ -21,7 +21,7 @@ SMALL = 1e-6  # change of a pose over the system's size, and of a rotation; of t
 INDEPENDENT = 1e-9  # least singular value of an independent row, over the largest
 
 
-def explaining(problem: Problem) -> Callable[[Any, int], str]:
+def make_explainer(problem: Problem) -> Callable[[Any, int], str]:
     """Return the function ``explain`` of a method whose iteration leaves out the slopes of forces."""
     return partial(_explain, problem)
 
@@ -29,7 +29,7 @@ def explaining(problem: Problem) -> Callable[[Any, int], str]:
 def _explain(problem: Problem, bundle: Any, outcome: int) -> str:
     """Return the message for an ``outcome`` of a march; if springs stop its iteration, with the step to take."""
     if outcome == STUCK and problem.system.nb <= MOST_BODIES:
-        rate = fastest_rate(problem.system, problem.initial)
+        rate = compute_fastest_rate(problem.system, problem.initial)
         if rate * float(bundle.control["h"]) > 1.0:
             return (
                 "the iteration of a step does not converge with this step, as its matrix leaves out springs and "
@@ -38,7 +38,7 @@ def _explain(problem: Problem, bundle: Any, outcome: int) -> str:
     return ENDS[outcome][1]
 
 
-def fastest_rate(system: MultibodySystem, s: State) -> float:
+def compute_fastest_rate(system: MultibodySystem, s: State) -> float:
     """Return the largest rate [1/s] at which applied forces let the mechanism vibrate, or damp it, joints closed.
 
     With N the motions that joints allow, normalised to unit masses, and K and C the slopes of forces by poses and by

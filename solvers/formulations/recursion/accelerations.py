@@ -7,9 +7,9 @@ factor of J H^-1 J^T.
 import math
 from typing import Any, NamedTuple
 
-from ..compiled.algebra import clear, copy, take_larger, times
+from ..compiled.algebra import clear, copy, multiply, take_larger
 from ..compiled.entries import compile_inline, run
-from .closing_rows import couple_rows, factor_closing, rate_rows, release, respond, solve_closing
+from .closing_rows import add_response, couple_rows, factor_closing, rate_rows, solve_closing, store_multipliers
 from .limbs import Closing, Limbs
 from .sweeps import move_to, turn_about_centre
 from .twists import cross
@@ -40,7 +40,7 @@ class AcceleratedTree(NamedTuple):
 
 
 class ProjectedTree(NamedTuple):
-    """A tree, its present state, and the results of ``finish_tree``."""
+    """A tree, its present state, and the results of ``project_tree``."""
 
     limbs: Limbs
     closing: Closing
@@ -90,7 +90,7 @@ def _accelerate(s: Any) -> float:
         for k in range(len(c.kept)):
             c.mu[k] = -(c.gamma[c.kept[k]] + c.rates[c.kept[k]])
         solve_closing(c)
-        respond(c, s.u_dot)
+        add_response(c, s.u_dot)
     return least
 
 
@@ -100,19 +100,19 @@ def set_loads(l: Any) -> None:
     for k in range(len(l.parent)):
         body, m, bias, load = l.body[k], l.mass[k], l.bias[k], l.load[k]
         x, y, z = l.c[k, 0], l.c[k, 1], l.c[k, 2]
-        a, b, c = _acceleration_of_centre(l, k, bias)
+        a, b, c = _accelerate_centre(l, k, bias)
         f0, f1, f2 = l.force[body, 0] - m * a, l.force[body, 1] - m * b, l.force[body, 2] - m * c
         a, b, c = turn_about_centre(l, k, bias[0], bias[1], bias[2])
-        n0, n1, n2 = times(l.R[body], l.force[body, 3], l.force[body, 4], l.force[body, 5])
+        n0, n1, n2 = multiply(l.R[body], l.force[body, 3], l.force[body, 4], l.force[body, 5])
         m0, m1, m2 = cross(x, y, z, f0, f1, f2)
         load[0], load[1], load[2] = n0 - a + m0, n1 - b + m1, n2 - c + m2
         load[3], load[4], load[5] = f0, f1, f2
 
 
 @compile_inline
-def _acceleration_of_centre(l: Any, k: int, a: Any) -> Any:
+def _accelerate_centre(l: Any, k: int, a: Any) -> Any:
     """Return the acceleration of limb k's C [m/s2, space]; ``a`` is (angular acceleration, acceleration of P)."""
-    d0, d1, d2 = _centripetal(l, k)
+    d0, d1, d2 = _compute_centripetal(l, k)
     e0, e1, e2 = cross(a[0], a[1], a[2], l.c[k, 0], l.c[k, 1], l.c[k, 2])
     return a[3] + d0 + e0, a[4] + d1 + e1, a[5] + d2 + e2
 
@@ -120,13 +120,13 @@ def _acceleration_of_centre(l: Any, k: int, a: Any) -> Any:
 @compile_inline
 def add_centripetal(l: Any, k: int, a: Any, out: Any) -> None:
     """Set ``out`` to limb k's accelerations ``a`` plus the centripetal acceleration of C about P."""
-    d0, d1, d2 = _centripetal(l, k)
+    d0, d1, d2 = _compute_centripetal(l, k)
     out[0], out[1], out[2] = a[0], a[1], a[2]
     out[3], out[4], out[5] = a[3] + d0, a[4] + d1, a[5] + d2
 
 
 @compile_inline
-def _centripetal(l: Any, k: int) -> Any:
+def _compute_centripetal(l: Any, k: int) -> Any:
     """Return omega x (omega x c), the centripetal acceleration of limb k's C about P."""
     w0, w1, w2 = l.motion[k, 0], l.motion[k, 1], l.motion[k, 2]
     x, y, z = cross(w0, w1, w2, l.c[k, 0], l.c[k, 1], l.c[k, 2])
@@ -180,7 +180,7 @@ def couple_tree(s: Any) -> None:
         couple_rows(l, s.closing)
 
 
-def finish_tree(s: Any) -> None:
+def project_tree(s: Any) -> None:
     """Compute accelerations at t, q and u, project q and u onto the loops, and compute q_dot there.
 
     Set are ``q_after``, ``u_after`` and ``q_dot`` after the projection, ``u_dot`` and ``lam`` before it, the ``least``
@@ -189,7 +189,7 @@ def finish_tree(s: Any) -> None:
     l, c = s.limbs, s.closing
     s.least[0] = _accelerate(s)
     if len(c.joint) > 0:
-        release(c, s.lam)
+        store_multipliers(c, s.lam)
     copy(s.q, s.q_after)
     copy(s.u, s.u_after)
     if len(c.kept) > 0:
@@ -197,7 +197,7 @@ def finish_tree(s: Any) -> None:
             c.mu[k] = -c.phi[c.kept[k]]
         solve_closing(c)
         clear(s.change)
-        respond(c, s.change)
+        add_response(c, s.change)
         rate_coordinates(l, s.q, s.change, s.q_moved)
         for i in range(len(s.q)):
             s.q_after[i] += s.q_moved[i]
@@ -213,5 +213,5 @@ def finish_tree(s: Any) -> None:
         for k in range(len(c.kept)):
             c.mu[k] = -(c.rates[c.kept[k]] + c.slip[c.kept[k]])
         solve_closing(c)
-        respond(c, s.u_after)
+        add_response(c, s.u_after)
     rate_coordinates(l, s.q_after, s.u_after, s.q_dot)

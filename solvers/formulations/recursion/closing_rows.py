@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ..compiled.algebra import clear, times
+from ..compiled.algebra import clear, multiply
 from ..compiled.entries import compile_inline, compile_separately, run
 from .sweeps import set_rate
 from .twists import cross
@@ -17,7 +17,7 @@ def add_row(s: Any, c: Any, a: int, x: float) -> None:
             continue
         l, side = c.limb[body], x * (1.0 - 2.0 * e)
         f0, f1, f2 = side * c.way[a, 0], side * c.way[a, 1], side * c.way[a, 2]
-        n0, n1, n2 = times(s.R[body], x * c.X[e, a, 0], x * c.X[e, a, 1], x * c.X[e, a, 2])
+        n0, n1, n2 = multiply(s.R[body], x * c.X[e, a, 0], x * c.X[e, a, 1], x * c.X[e, a, 2])
         m0, m1, m2 = cross(s.c[l, 0], s.c[l, 1], s.c[l, 2], f0, f1, f2)
         load = s.load[l]
         load[0] += n0 + m0
@@ -103,7 +103,7 @@ def solve_closing(c: Any) -> None:
 
 
 @compile_inline
-def respond(c: Any, x: Any) -> None:
+def add_response(c: Any, x: Any) -> None:
     """Add Y^T mu, the response of the velocities to the multipliers of the rows in use, to ``x``."""
     for k in range(len(c.kept)):
         for i in range(len(x)):
@@ -111,7 +111,7 @@ def respond(c: Any, x: Any) -> None:
 
 
 @compile_inline
-def release(c: Any, out: Any) -> None:
+def store_multipliers(c: Any, out: Any) -> None:
     """Set ``out`` to the multipliers ``mu`` in the cut joints' order of rows, 0 for rows left out.
 
     ``rates`` is overwritten.

@@ -6,14 +6,14 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.mechanics.system import MultibodySystem
-from ..compiled.entries import Bound
+from ..compiled.entries import BoundFunction
 from ..generated import Program
 from ..joint_coordinates.elimination import DEPENDENT, Order
 from ..joint_coordinates.pivots import AGAIN, ROUNDING, LostRank
-from ..joint_coordinates.stages import tolerance_blocks
+from ..joint_coordinates.stages import list_tolerance_blocks
 from ..joint_coordinates.tree import Tree
-from .accelerations import AcceleratedTree, CoupledTree, ProjectedTree, accelerate_tree, couple_tree, finish_tree
-from .limbs import ClosedTree, hold_rows, make_mechanism
+from .accelerations import AcceleratedTree, CoupledTree, ProjectedTree, accelerate_tree, couple_tree, project_tree
+from .limbs import ClosedTree, make_mechanism, select_rows
 from .recording import ErrorParts, make_record, measure_error, record_tree
 
 MOST_ROWS = 600  # rows that close loops: their factor is dense, and each needs a sweep over all bodies
@@ -51,14 +51,14 @@ class TreeMechanism:
         if self.rows > MOST_ROWS:
             raise ValueError(too_many_rows(self.rows))
         self.at_start = self.couple_at(0.0, tree.start)
-        if not np.all(np.isfinite(self.mechanism.limbs.D)) or not _is_moved(self.mechanism):
+        if not np.all(np.isfinite(self.mechanism.limbs.D)) or not _has_inertia(self.mechanism):
             raise ValueError(NO_INERTIA)
         self.order = choose_rows(self.at_start)
-        if self.kept < self.rows and not system.is_holonomic:
+        if self.rows_in_use < self.rows and not system.is_holonomic:
             raise ValueError(DEPENDENT_RATES)
 
     @property
-    def kept(self) -> int:
+    def rows_in_use(self) -> int:
         """Number of closing rows in use, those that do not depend on others."""
         return len(self.order.rows)
 
@@ -67,7 +67,7 @@ class TreeMechanism:
         """Note for the trajectory, which says that a recursion evaluates the mechanism."""
         return f"recursion over {self.system.nb} {'body' if self.system.nb == 1 else 'bodies'}"
 
-    def evaluate(self, chosen: Order | None = None) -> "TreeEvaluation":
+    def make_evaluation(self, chosen: Order | None = None) -> "TreeEvaluation":
         """Return the arrays and programs that evaluate the mechanism; nothing is computed yet.
 
         Rows are eliminated in the order ``chosen``, by default that of the start.
@@ -80,9 +80,9 @@ class TreeMechanism:
         The arrays of the mechanism are left at this state.
         """
         of = self.mechanism
-        closing = hold_rows(of.closing, range(self.rows), np.ones(self.rows))
+        closing = select_rows(of.closing, range(self.rows), np.ones(self.rows))
         q, u = np.split(np.array(y), [self.tree.nq])
-        Bound(couple_tree, CoupledTree(of.limbs, closing, np.array([t]), q, u))()
+        BoundFunction(couple_tree, CoupledTree(of.limbs, closing, np.array([t]), q, u))()
         cut, place, (i, j) = of.cut, of.closing.place, of.cut.body.T[:, of.closing.joint]
         mass = [np.where(e < 0, 0.0, 1.0 / of.whole.mass[e]) for e in (i, j)]
         turn = np.einsum("eak,eak->ea", cut.X, cut.Y) * (np.stack((i, j)) >= 0)
@@ -118,7 +118,7 @@ class TreeEvaluation:
 
     def __init__(self, made: TreeMechanism, chosen: Order | None = None) -> None:
         self.made, self.nq, self.order = made, made.tree.nq, chosen or made.order
-        self.closing = hold_rows(made.mechanism.closing, self.order.rows, self.order.pivots)
+        self.closing = select_rows(made.mechanism.closing, self.order.rows, self.order.pivots)
         self._limbs, self._loads = made.mechanism.limbs, int(made.mechanism.forces)
 
     def accelerate(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, least: np.ndarray) -> Program:
@@ -126,7 +126,7 @@ class TreeEvaluation:
         q, u = np.split(y, [self.nq])
         q_dot, u_dot = np.split(y_dot, [self.nq])
         task = AcceleratedTree(self._limbs, self.closing, t, q, u, q_dot, u_dot, least, self._loads)
-        return Bound(accelerate_tree, task)
+        return BoundFunction(accelerate_tree, task)
 
     def finish(
         self, t: np.ndarray, y: np.ndarray, after: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, guard: np.ndarray
@@ -154,13 +154,15 @@ class TreeEvaluation:
             np.zeros(len(q)),
             np.zeros(len(u)),
         )
-        return Bound(finish_tree, task)
+        return BoundFunction(project_tree, task)
 
     def record(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, *results: np.ndarray) -> Program:
         """Return the program that computes the ``results``: r, R, v, v_dot of all bodies, reactions of all joints."""
         (q, u), (_, u_dot) = (np.split(x, [self.nq]) for x in (y, y_dot))
         of = self.made.mechanism._replace(closing=self.closing)
-        return Bound(record_tree, make_record(self.made.system, self.made.tree, of, (t, q, u, u_dot, lam, *results)))
+        return BoundFunction(
+            record_tree, make_record(self.made.system, self.made.tree, of, (t, q, u, u_dot, lam, *results))
+        )
 
     def measure(
         self, given: np.ndarray, start: np.ndarray, y: np.ndarray, sums: np.ndarray, error: np.ndarray
@@ -169,9 +171,9 @@ class TreeEvaluation:
 
         ``given`` is (t, h, rtol); ``sums`` (2, n) are both estimates of the error, over h.
         """
-        blocks = np.array(tolerance_blocks(self.made.tree), dtype=np.int64).reshape(-1, 3).T
+        blocks = np.array(list_tolerance_blocks(self.made.tree), dtype=np.int64).reshape(-1, 3).T
         low, high, angle = (np.ascontiguousarray(x) for x in blocks)
-        return Bound(measure_error, ErrorParts(low, high, angle, given, start, y, sums, error))
+        return BoundFunction(measure_error, ErrorParts(low, high, angle, given, start, y, sums, error))
 
     def find_order(self, t: float, y: np.ndarray, start: np.ndarray) -> Order:
         """Return an order of rows whose pivots are safe at ``t`` [s] and ``y``; raise ``LostRank`` if there is none."""
@@ -180,12 +182,12 @@ class TreeEvaluation:
         for compared in (None, of):  # a row may vanish here where another one takes its place
             order = choose_rows(here, compared)
             safe = all(pivot >= AGAIN * of[k] for k, pivot in zip(order.rows, order.pivots, strict=True))
-            if len(order.rows) == self.made.kept and safe:
+            if len(order.rows) == self.made.rows_in_use and safe:
                 return order
         raise LostRank
 
 
-def _is_moved(of: ClosedTree) -> bool:
+def _has_inertia(of: ClosedTree) -> bool:
     """Return whether each velocity of a tree moves inertia, so that the inertia D^-1 along each limb's axes exists."""
     l: Any = of.limbs
     for k in range(len(l.parent)):

@@ -13,12 +13,12 @@ do not rotate with its parent: their momentum p acts on the parent as the moment
 import math
 from typing import Any, NamedTuple
 
-from ..compiled.algebra import clear, copy, times, times_transposed
+from ..compiled.algebra import clear, copy, multiply, multiply_transposed
 from ..compiled.entries import compile_inline, compile_separately, run
 from .accelerations import normalise, rate_coordinates, rate_quaternion
-from .closing_rows import add_row, factor_closing, rate_rows, release, respond, solve_closing
+from .closing_rows import add_response, add_row, factor_closing, rate_rows, solve_closing, store_multipliers
 from .limbs import Closing, Limbs
-from .sweeps import gather_efforts, move_to, pass_on, set_rate, turn_about_centre
+from .sweeps import gather_efforts, move_to, set_rate, transmit_load, turn_about_centre
 from .twists import cross
 
 
@@ -60,7 +60,7 @@ def find_slopes(s: Any) -> None:
     run(s.loads)
     for k in range(len(l.parent)):
         body, load = l.body[k], l.load[k]
-        x, y, z = times(l.R[body], l.force[body, 3], l.force[body, 4], l.force[body, 5])
+        x, y, z = multiply(l.R[body], l.force[body, 3], l.force[body, 4], l.force[body, 5])
         f0, f1, f2 = l.force[body, 0], l.force[body, 1], l.force[body, 2]
         a, b, c = cross(l.c[k, 0], l.c[k, 1], l.c[k, 2], f0, f1, f2)
         load[0], load[1], load[2], load[3], load[4], load[5] = a + x, b + y, c + z, f0, f1, f2
@@ -71,7 +71,7 @@ def find_slopes(s: Any) -> None:
         if l.ball[k]:
             j, i = l.q_at[k] + l.slides[k], l.u_at[k] + l.slides[k]
             add_quaternion(s.p, l.found, s.p_dot, j, i, 0.5)
-            along = s.soft[k] * _along(s.q, s.p, j)
+            along = s.soft[k] * _dot_quaternions(s.q, s.p, j)
             for a in range(4):
                 s.q_dot[j + a] += along * s.q[j + a]
                 s.p_dot[j + a] -= along * s.p[j + a]
@@ -113,8 +113,8 @@ def _gather_slopes(l: Any, out: Any) -> None:
             s = l.axes[k, i]
             out[first + i] = s[3] * (F[3] + x) + s[4] * (F[4] + y) + s[5] * (F[5] + z)
         if p < n:
-            pass_on(l, k, h, l.momentum[p])
-            pass_on(l, k, F, l.load[p])
+            transmit_load(l, k, h, l.momentum[p])
+            transmit_load(l, k, F, l.load[p])
             if l.ball[k]:
                 for i in range(3):
                     l.load[p, i] -= a * (i == 0) + b * (i == 1) + c * (i == 2)
@@ -147,7 +147,7 @@ def lift_momenta(l: Any, q: Any, pi: Any, out: Any) -> None:
             out[at + i] = pi[first + i]
         if l.ball[k]:
             j = at + ns
-            rate_quaternion(q, pi, out, j, first + ns, 2.0 / _along(q, q, j))
+            rate_quaternion(q, pi, out, j, first + ns, 2.0 / _dot_quaternions(q, q, j))
 
 
 @compile_inline
@@ -180,11 +180,11 @@ def find_gaps(s: Any) -> None:
     for k in range(len(l.parent)):
         if s.soft[k] > 0.0:
             j = l.q_at[k] + l.slides[k]
-            s.out[at] = 0.5 * (_along(s.q, s.q, j) - 1.0)
+            s.out[at] = 0.5 * (_dot_quaternions(s.q, s.q, j) - 1.0)
             at += 1
 
 
-def find_push(s: Any) -> None:
+def find_row_force(s: Any) -> None:
     """Compute G^T lam, the force of all rows on the coordinates (nq,), at t and q, in ``out``."""
     l, c = s.limbs, s.closing
     clear(l.found)
@@ -240,17 +240,17 @@ def close_phase(s: Any) -> None:
             a = c.kept[k]
             c.mu[k] = -(c.rates[a] + c.slip[a])
         solve_closing(c)
-        respond(c, s.u)
+        add_response(c, s.u)
         for k in range(len(c.kept)):
             c.mu[k] = -c.mu[k]
-        release(c, s.out)
+        store_multipliers(c, s.out)
     copy(s.q, s.q_dot)
     normalise(l, s.q_dot)
     at = len(c.joint)
     for k in range(len(l.parent)):
         j, i = l.q_at[k] + l.slides[k], l.u_at[k] + l.slides[k]
         if s.soft[k] > 0.0:
-            s.out[at] = _along(s.q, s.p, j) / _along(s.q, s.q, j)
+            s.out[at] = _dot_quaternions(s.q, s.p, j) / _dot_quaternions(s.q, s.q, j)
             at += 1
         if s.spin[k] > 0.0:
             _add_spin(l, k, s.spin[k], s.t[0], s.axis[k], s.q_dot, j, s.u, i)
@@ -263,9 +263,9 @@ def _add_spin(l: Any, k: int, share: float, t: float, axis: Any, q: Any, j: int,
     The rate is ``share`` times the angular momentum about the axis; the angle is that since time 0, at ``t`` [s].
     """
     x, y, z = axis[0], axis[1], axis[2]
-    a, b, c = times_transposed(l.base, x, y, z)
-    a, b, c = times(l.turned[k], a, b, c)
-    a, b, c = times(l.base, a, b, c)
+    a, b, c = multiply_transposed(l.base, x, y, z)
+    a, b, c = multiply(l.turned[k], a, b, c)
+    a, b, c = multiply(l.base, a, b, c)
     rate = share * (a * l.effort[i] + b * l.effort[i + 1] + c * l.effort[i + 2])
     u[i], u[i + 1], u[i + 2] = u[i] + rate * a, u[i + 1] + rate * b, u[i + 2] + rate * c
     half = 0.5 * rate * t
@@ -286,7 +286,7 @@ def solve_phase(s: Any) -> None:
         for k in range(len(c.kept)):
             c.mu[k] = c.rates[c.kept[k]]
         solve_closing(c)
-        release(c, s.out)
+        store_multipliers(c, s.out)
     at = len(c.joint)
     for k in range(len(l.parent)):
         if s.soft[k] > 0.0:
@@ -295,6 +295,6 @@ def solve_phase(s: Any) -> None:
 
 
 @compile_inline
-def _along(q: Any, p: Any, j: int) -> float:
+def _dot_quaternions(q: Any, p: Any, j: int) -> float:
     """Return the scalar product of the four numbers at j of q and of p."""
     return q[j] * p[j] + q[j + 1] * p[j + 1] + q[j + 2] * p[j + 2] + q[j + 3] * p[j + 3]

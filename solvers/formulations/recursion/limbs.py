@@ -12,8 +12,8 @@ import numpy as np
 
 from ....harness.mechanics.fixed_order import apply, product
 from ....harness.mechanics.system import GROUND, MultibodySystem
-from ..compiled.entries import Bound
-from ..compiled.kernel import Kernel, empty_kernel, finish_kernel
+from ..compiled.entries import BoundFunction
+from ..compiled.kernel import Kernel, allocate_kernel, finish_kernel
 from ..joint_coordinates.tree import Limb, Tree
 from .sweeps import factor_inertia, find_response, place_bodies
 
@@ -105,12 +105,12 @@ class ClosedTree(NamedTuple):
 
 def make_mechanism(system: MultibodySystem, tree: Tree) -> ClosedTree:
     """Make the arrays and kernels of a tree with all of its closing rows, of which none is in use yet."""
-    whole = finish_kernel(system, empty_kernel(system), {"rows", "forces", "applied_forces"})
-    cut = empty_kernel(_with_joints(system, tree.cuts))._replace(
+    whole = finish_kernel(system, allocate_kernel(system), {"rows", "forces", "applied_forces"})
+    cut = allocate_kernel(_restrict_joints(system, tree.cuts))._replace(
         J=whole.J, J_inv=whole.J_inv, t=whole.t, r=whole.r, R=whole.R, v=whole.v
     )
-    cut = finish_kernel(_with_joints(system, tree.cuts), cut, {"rows"})
-    limbs = _limbs(system, tree, whole)
+    cut = finish_kernel(_restrict_joints(system, tree.cuts), cut, {"rows"})
+    limbs = _make_limbs(system, tree, whole)
     place = {limb.body: n for n, limb in enumerate(tree.limbs)}
     nr, none = len(cut.phi), np.zeros(0)
     closing = Closing(
@@ -137,7 +137,7 @@ def make_mechanism(system: MultibodySystem, tree: Tree) -> ClosedTree:
     return ClosedTree(limbs, closing, whole.forces, whole.applied_forces, whole, cut)
 
 
-def hold_rows(closing: Closing, rows: Sequence[int], pivots: Any) -> Closing:
+def select_rows(closing: Closing, rows: Sequence[int], pivots: Any) -> Closing:
     """Return a copy of ``closing`` with these ``rows`` in use, in this order, and new arrays for their factor.
 
     Rows are numbered in the cut joints' order; ``pivots`` are those at the position where the order was found. All
@@ -155,7 +155,7 @@ def hold_rows(closing: Closing, rows: Sequence[int], pivots: Any) -> Closing:
     )
 
 
-def _with_joints(system: MultibodySystem, joints: Sequence[int]) -> MultibodySystem:
+def _restrict_joints(system: MultibodySystem, joints: Sequence[int]) -> MultibodySystem:
     """Return a copy of the system with these ``joints`` alone."""
     own: dict[str, Any] = {
         name: a[list(joints)]
@@ -165,14 +165,14 @@ def _with_joints(system: MultibodySystem, joints: Sequence[int]) -> MultibodySys
     return replace(system, **own, joint_names=())
 
 
-def _limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
+def _make_limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
     """Return the arrays of a tree, those of bodies shared with the ``kernel`` of the whole system."""
     n, back = len(tree.limbs), tree.base.T
     place = {limb.body: k for k, limb in enumerate(tree.limbs)} | {GROUND: n}
     body = np.array([limb.body for limb in tree.limbs], dtype=np.int64)
     way = np.zeros((n, MOST, 3))
     for k, limb in enumerate(tree.limbs):
-        own = _directions(limb)
+        own = _list_directions(limb)
         way[k, : len(own)] = product(own, tree.base)
     turned = np.zeros((n + 1, 3, 3))
     turned[n] = np.eye(3)
@@ -230,12 +230,12 @@ def _limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
 def bind_sweeps(limbs: Limbs) -> Limbs:
     """Return ``limbs`` with the programs of their sweeps, which are compiled once and not inlined in each caller."""
     return limbs._replace(
-        placing=Bound(place_bodies, limbs),
-        factoring=Bound(factor_inertia, limbs),
-        responding=Bound(find_response, limbs),
+        placing=BoundFunction(place_bodies, limbs),
+        factoring=BoundFunction(factor_inertia, limbs),
+        responding=BoundFunction(find_response, limbs),
     )
 
 
-def _directions(limb: Limb) -> np.ndarray:
+def _list_directions(limb: Limb) -> np.ndarray:
     """Return the directions of a limb's slides, then of its turns, in the base frame."""
     return np.concatenate((limb.slides, np.eye(3) if limb.ball else limb.turns))

@@ -4,18 +4,18 @@ from typing import Any
 
 import numpy as np
 
-from ..compiled.entries import Bound
+from ..compiled.entries import BoundFunction
 from ..generated import Program
 from ..joint_coordinates.spins import find_spins
 from .evaluation import TreeEvaluation, TreeMechanism
-from .hamilton import Phase, close_phase, enter_phase, factor_phase, find_gaps, find_push, find_slopes, solve_phase
-from .limbs import bind_sweeps, hold_rows
+from .hamilton import Phase, close_phase, enter_phase, factor_phase, find_gaps, find_row_force, find_slopes, solve_phase
+from .limbs import bind_sweeps, select_rows
 
 NONE = np.zeros(0)
 FUNCTIONS: dict[str, tuple[Any, tuple[str, ...]]] = {  # functions by name, and their arrays
     "stage": (find_slopes, ("t", "q", "p", "q_dot", "p_dot")),
     "gaps": (find_gaps, ("t", "q", "out")),
-    "push": (find_push, ("t", "q", "lam", "out")),
+    "push": (find_row_force, ("t", "q", "lam", "out")),
     "enter": (enter_phase, ("q", "u", "p")),
 }
 
@@ -71,7 +71,7 @@ class TreePhase:
             arrays = *np.split(arrays[0], [self.made.tree.nq]), *arrays[1:]
             phase = phase._replace(limbs=self.made.mechanism.limbs)  # without the inertia added for spins
         given: dict[str, Any] = dict(zip(names, arrays, strict=True))
-        return Bound(function, phase._replace(**given))
+        return BoundFunction(function, phase._replace(**given))
 
 
 class TreeClosing:
@@ -79,13 +79,13 @@ class TreeClosing:
 
     def __init__(self, evaluation: TreeEvaluation, own: TreePhase) -> None:
         order, made = evaluation.order, own.made
-        self._nq, closing = made.tree.nq, hold_rows(made.mechanism.closing, evaluation.order.rows, order.pivots)
+        self._nq, closing = made.tree.nq, select_rows(made.mechanism.closing, evaluation.order.rows, order.pivots)
         self._phase = own.phase._replace(closing=closing)
         self.kept = np.array([*sorted(order.rows), *range(made.rows, own.rows)], dtype=np.int64)
 
     def factor(self, t: np.ndarray, z: np.ndarray) -> Program:
         """Return the program that factorises H and S at the time ``t`` and the coordinates ``z`` [0]."""
-        return Bound(factor_phase, self._phase._replace(t=t, q=z[0], p=z[1]))
+        return BoundFunction(factor_phase, self._phase._replace(t=t, q=z[0], p=z[1]))
 
     def close(self, t: np.ndarray, z: np.ndarray, y: np.ndarray, rows: np.ndarray) -> Program:
         """Return the program that projects velocities onto phi_dot = 0 at the end ``z`` = (q, p) of a step.
@@ -93,8 +93,8 @@ class TreeClosing:
         It sets ``y`` = (q, u), and ``rows`` to the multipliers of that projection, impulses of the last node.
         """
         q, u = np.split(y, [self._nq])
-        return Bound(close_phase, self._phase._replace(t=t, q=z[0], p=z[1], q_dot=q, u=u, out=rows))
+        return BoundFunction(close_phase, self._phase._replace(t=t, q=z[0], p=z[1], q_dot=q, u=u, out=rows))
 
     def solve(self, rows: np.ndarray, solved: np.ndarray) -> Program:
         """Return the program that sets ``solved`` to S^-1 ``rows`` with the last factor of S."""
-        return Bound(solve_phase, self._phase._replace(lam=rows, out=solved))
+        return BoundFunction(solve_phase, self._phase._replace(lam=rows, out=solved))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
-from ..compiled.algebra import copy, times
+from ..compiled.algebra import copy, multiply
 from ..compiled.entries import run
 from ..joint_coordinates.tree import Tree
 from .accelerations import add_centripetal, set_loads
@@ -103,11 +103,11 @@ def record_tree(s: Any) -> None:
     for n in range(len(s.row)):
         k, a, e, i = s.limb[n], s.row[n], s.end[n], s.first[n]
         load, body = l.load[k], l.body[k]
-        x, y, z = times(l.R[i], s.point[n, 0], s.point[n, 1], s.point[n, 2])
+        x, y, z = multiply(l.R[i], s.point[n, 0], s.point[n, 1], s.point[n, 2])
         x, y, z = x + l.r[i, 0], y + l.r[i, 1], z + l.r[i, 2]
         side = 1.0 - 2.0 * e
         f0, f1, f2 = side * s.way[a, 0], side * s.way[a, 1], side * s.way[a, 2]
-        n0, n1, n2 = times(l.R[body], s.X[e, a, 0], s.X[e, a, 1], s.X[e, a, 2])
+        n0, n1, n2 = multiply(l.R[body], s.X[e, a, 0], s.X[e, a, 1], s.X[e, a, 2])
         m0, m1, m2 = cross(x - l.r[body, 0], y - l.r[body, 1], z - l.r[body, 2], f0, f1, f2)
         p0, p1, p2 = cross(x - l.P[k, 0], y - l.P[k, 1], z - l.P[k, 2], load[3], load[4], load[5])
         s.reaction[s.to[n]] = -(

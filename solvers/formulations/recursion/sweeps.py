@@ -10,7 +10,7 @@ ball, only the translation of its P. The cost is linear in the number of bodies.
 
 from typing import Any
 
-from ..compiled.algebra import copy, times, times_transposed, turn_rotation
+from ..compiled.algebra import copy, multiply, multiply_transposed, turn_rotation
 from ..compiled.entries import compile_inline, compile_separately, run
 from .twists import copy_rotation, cross, dot, put, turn_by_quaternion
 
@@ -32,10 +32,10 @@ def place_bodies(s: Any) -> None:
     for l in range(n):
         p, ns, at, first = s.parent[l], s.slides[l], s.q_at[l], s.u_at[l]
         own, before, axes, way = s.turned[l], s.turned[p], s.axes[l], s.way[l]
-        x, y, z = times(before, s.arm[l, 0], s.arm[l, 1], s.arm[l, 2])
+        x, y, z = multiply(before, s.arm[l, 0], s.arm[l, 1], s.arm[l, 2])
         a = b = c = 0.0
         for k in range(ns):
-            d0, d1, d2 = times(before, way[k, 0], way[k, 1], way[k, 2])
+            d0, d1, d2 = multiply(before, way[k, 0], way[k, 1], way[k, 2])
             put(axes[k], 0.0, 0.0, 0.0, d0, d1, d2)
             x, y, z = x + q[at + k] * d0, y + q[at + k] * d1, z + q[at + k] * d2
             a, b, c = a + u[first + k] * d0, b + u[first + k] * d1, c + u[first + k] * d2
@@ -49,9 +49,9 @@ def place_bodies(s: Any) -> None:
         s.P[l, 0], s.P[l, 1], s.P[l, 2] = s.P[p, 0] + x, s.P[p, 1] + y, s.P[p, 2] + z
         if s.ball[l]:
             j = at + ns
-            x, y, z = times_transposed(s.base, q[j + 1], q[j + 2], q[j + 3])
+            x, y, z = multiply_transposed(s.base, q[j + 1], q[j + 2], q[j + 3])
             turn_by_quaternion(q[j], x, y, z, own)
-            w0, w1, w2 = times_transposed(s.base, u[first + ns], u[first + ns + 1], u[first + ns + 2])
+            w0, w1, w2 = multiply_transposed(s.base, u[first + ns], u[first + ns + 1], u[first + ns + 2])
             a = b = c = 0.0
             for k in range(3):
                 put(axes[ns + k], way[ns + k, 0], way[ns + k, 1], way[ns + k, 2], 0.0, 0.0, 0.0)
@@ -60,7 +60,7 @@ def place_bodies(s: Any) -> None:
             copy_rotation(before, own)
             for k in range(ns, ns + s.turns[l]):
                 x, y, z = way[k, 0], way[k, 1], way[k, 2]
-                d0, d1, d2 = times(own, x, y, z)
+                d0, d1, d2 = multiply(own, x, y, z)
                 put(axes[k], d0, d1, d2, 0.0, 0.0, 0.0)
                 rate, angle = u[first + k], q[at + k]
                 f0, f1, f2 = cross(w0, w1, w2, d0, d1, d2)
@@ -69,7 +69,7 @@ def place_bodies(s: Any) -> None:
                 turn_rotation(own, angle * x, angle * y, angle * z, own)
         put(s.motion[l], w0, w1, w2, v0, v1, v2)
         put(s.bias[l], a, b, c, e0, e1, e2)
-        x, y, z = times(own, s.centre[l, 0], s.centre[l, 1], s.centre[l, 2])
+        x, y, z = multiply(own, s.centre[l, 0], s.centre[l, 1], s.centre[l, 2])
         s.c[l, 0], s.c[l, 1], s.c[l, 2] = x, y, z
         body = s.body[l]
         R = s.R[body]
@@ -85,7 +85,7 @@ def set_rate(s: Any, l: int, motion: Any, out: Any) -> None:
     """Set ``out`` to the ``motion`` of limb l in the kernels' form: velocity of C [space], angular velocity [body]."""
     w0, w1, w2 = motion[0], motion[1], motion[2]
     x, y, z = cross(w0, w1, w2, s.c[l, 0], s.c[l, 1], s.c[l, 2])
-    a, b, c = times_transposed(s.R[s.body[l]], w0, w1, w2)
+    a, b, c = multiply_transposed(s.R[s.body[l]], w0, w1, w2)
     put(out, motion[3] + x, motion[4] + y, motion[5] + z, a, b, c)
 
 
@@ -93,9 +93,9 @@ def set_rate(s: Any, l: int, motion: Any, out: Any) -> None:
 def turn_about_centre(s: Any, l: int, w0: float, w1: float, w2: float) -> Any:
     """Return R J R^T w of limb l's body, its angular momentum about C, in space, at the angular velocity w."""
     R, J = s.R[s.body[l]], s.inertia[l]
-    a, b, c = times_transposed(R, w0, w1, w2)
-    a, b, c = times(J, a, b, c)
-    return times(R, a, b, c)
+    a, b, c = multiply_transposed(R, w0, w1, w2)
+    a, b, c = multiply(J, a, b, c)
+    return multiply(R, a, b, c)
 
 
 def factor_inertia(s: Any) -> None:
@@ -222,10 +222,10 @@ def find_response(s: Any) -> None:
             for i in range(6):
                 own[i] += x * s.gain[l, k, i]
         if p < n:
-            pass_on(s, l, own, s.back[p])
+            transmit_load(s, l, own, s.back[p])
     for l in range(n):
         p, first, count, own = s.parent[l], s.u_at[l], s.slides[l] + s.turns[l], s.response[l]
-        _take_part(s, l, s.response[p], own)
+        _take_motion(s, l, s.response[p], own)
         for k in range(count):
             x = -dot(s.gain[l, k], own)
             for j in range(count):
@@ -239,12 +239,12 @@ def find_motion(s: Any, u: Any) -> None:
     """Set ``response`` to the motion of all bodies at joint velocities, or accelerations, ``u``."""
     for l in range(len(s.parent)):
         own = s.response[l]
-        _take_part(s, l, s.response[s.parent[l]], own)
+        _take_motion(s, l, s.response[s.parent[l]], own)
         _add_axes(s, l, u, own)
 
 
 @compile_inline
-def _take_part(s: Any, l: int, before: Any, out: Any) -> None:
+def _take_motion(s: Any, l: int, before: Any, out: Any) -> None:
     """Set ``out`` to X a_parent, the part of its parent's motion ``before`` that limb l takes over."""
     x, y, z = cross(before[0], before[1], before[2], s.L[l, 0], s.L[l, 1], s.L[l, 2])
     share = 0.0 if s.ball[l] else 1.0
@@ -271,11 +271,11 @@ def gather_efforts(s: Any, loads: Any, out: Any) -> None:
         for k in range(s.slides[l] + s.turns[l]):
             out[s.u_at[l] + k] = dot(s.axes[l, k], loads[l])
         if s.parent[l] < n:
-            pass_on(s, l, loads[l], loads[s.parent[l]])
+            transmit_load(s, l, loads[l], loads[s.parent[l]])
 
 
 @compile_inline
-def pass_on(s: Any, l: int, load: Any, out: Any) -> None:
+def transmit_load(s: Any, l: int, load: Any, out: Any) -> None:
     """Add X^T load, the part of limb l's ``load`` that its joint transmits, to its parent's load ``out``."""
     x, y, z = cross(s.L[l, 0], s.L[l, 1], s.L[l, 2], load[3], load[4], load[5])
     share = 0.0 if s.ball[l] else 1.0

@@ -17,7 +17,7 @@ import numpy as np
 
 from ....harness.mechanics import forces, joints
 from ....harness.mechanics.declaring import JointDeclaration, Numbers, PointLoad, Pose, cross
-from .numbers import NUMBERS, force_size
+from .numbers import NUMBERS, count_force_numbers
 from .numbers import force_numbers as force_numbers
 from .numbers import joint_numbers as joint_numbers
 from .symbols import Symbol
@@ -45,12 +45,12 @@ class RowExpressions:
     @property
     def load_slopes(self) -> ca.SX:
         """Exact slopes dW/d(pose) (12, 12) of the load W = A^T lam."""
-        return slopes(self.A.T @ self.lam, self.x)
+        return differentiate_by_pose(self.A.T @ self.lam, self.x)
 
     @property
     def rate_slopes(self) -> ca.SX:
         """Exact slopes d(phi_dot)/d(pose) (n, 12)."""
-        return slopes(self.phi_dot, self.x)
+        return differentiate_by_pose(self.phi_dot, self.x)
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class PushExpressions:
     @property
     def pose_slopes(self) -> ca.SX:
         """Exact slopes d(load)/d(pose) (12, 12)."""
-        return slopes(self.load, self.x)
+        return differentiate_by_pose(self.load, self.x)
 
     @property
     def velocity_slopes(self) -> ca.SX:
@@ -75,16 +75,16 @@ class PushExpressions:
 
 
 @cache
-def row_expressions(kind: str, rows: tuple[int, ...] | None = None, *, space: bool = False) -> RowExpressions:
+def express_rows(kind: str, rows: tuple[int, ...] | None = None, *, space: bool = False) -> RowExpressions:
     """Return the constraint rows of a ``kind`` of joint as expressions: all, or those whose numbers are in ``rows``.
 
     With ``space`` the velocities V are (r_dot, omega = R Omega), else (r_dot, Omega).
     """
     declared = joints.DECLARED[kind]
     x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", NUMBERS)
-    i, j, p = _pose(x, V, 0, space), _pose(x, V, 1, space), _joint_numbers(declared, numbers, t)
-    phi, rates = column(declared.phi(i, j, p)), column(declared.rates(i, j, p))
-    x_dot = pose_rate(x, V, space=space)
+    i, j, p = _make_pose(x, V, 0, space), _make_pose(x, V, 1, space), _name_numbers(declared, numbers, t)
+    phi, rates = stack_column(declared.phi(i, j, p)), stack_column(declared.rates(i, j, p))
+    x_dot = differentiate_pose(x, V, space=space)
     at, at_dot = ca.vertcat(x, t), ca.vertcat(x_dot, 1)
     full = ca.vertcat(ca.jtimes(phi, at, at_dot), rates)
     phi = ca.vertcat(phi, ca.SX(rates.numel(), 1))
@@ -98,82 +98,84 @@ def row_expressions(kind: str, rows: tuple[int, ...] | None = None, *, space: bo
 
 
 @cache
-def push_expressions(kind: str) -> PushExpressions:
+def express_push(kind: str) -> PushExpressions:
     """Return the load of a ``kind`` of force on both bodies, as an expression."""
-    x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", force_size(kind))
+    x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", count_force_numbers(kind))
     i, j, (force, torque, point) = express_load(kind, x, V, t, numbers)
     load = []
     for body, sign in ((i, 1.0), (j, -1.0)):
         moment = body.R.T @ (torque + cross(point - body.r, force))
         load += [sign * force, sign * moment]
-    return PushExpressions(x, V, t, numbers, ca.densify(column(np.concatenate(load))))
+    return PushExpressions(x, V, t, numbers, ca.densify(stack_column(np.concatenate(load))))
 
 
 def express_load(kind: str, x: ca.SX, V: ca.SX, t: ca.SX, numbers: ca.SX) -> tuple[Pose, Pose, PointLoad]:
     """Return the poses of both bodies and the force, torque and point by which a ``kind`` of force loads body i."""
     declared = forces.DECLARED[kind]
-    i, j = _pose(x, V, 0), _pose(x, V, 1)
+    i, j = _make_pose(x, V, 0), _make_pose(x, V, 1)
     parts: dict[str, Any] = {}
     at = 0
     for name, shape in declared.numbers.items():
         if name == "factor":
-            parts[name] = Symbol(time_function(numbers[at : at + 7], t))
+            parts[name] = Symbol(express_time_function(numbers[at : at + 7], t))
             at += 7
             continue
         n = int(np.prod(shape))
-        a = _symbols(numbers[at : at + n]).reshape(shape)
+        a = _wrap_symbols(numbers[at : at + n]).reshape(shape)
         parts[name] = a if shape else a.item()
         at += n
     return i, j, declared.push(i, j, SimpleNamespace(**parts))
 
 
-def time_function(numbers: ca.SX, t: ca.SX) -> ca.SX:
+def express_time_function(numbers: ca.SX, t: ca.SX) -> ca.SX:
     """Return c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p), the seven ``numbers`` in this order."""
     c0, c1, c2, c3, a, w, p = (numbers[k] for k in range(7))
     return c0 + t * (c1 + t * (c2 + t * c3)) + a * ca.sin(w * t + p)
 
 
-def pose_rate(x: ca.SX, V: ca.SX, *, space: bool = False) -> ca.SX:
+def differentiate_pose(x: ca.SX, V: ca.SX, *, space: bool = False) -> ca.SX:
     """Return x_dot = (r_dot, R_dot by rows) of both bodies; R_dot = R hat(Omega), with ``space`` hat(omega) R."""
     parts = []
     for e in range(2):
-        R = matrix(x[12 * e + 3 : 12 * e + 12])
+        R = make_matrix(x[12 * e + 3 : 12 * e + 12])
         hat = ca.skew(V[6 * e + 3 : 6 * e + 6])
         parts += [V[6 * e : 6 * e + 3], ca.vec((hat @ R if space else R @ hat).T)]
     return ca.vertcat(*parts)
 
 
-def slopes(g: ca.SX, x: ca.SX) -> ca.SX:
+def differentiate_by_pose(g: ca.SX, x: ca.SX) -> ca.SX:
     """Return the slopes dg/d(pose) (n, 12) of ``g`` (n,), a function of poses ``x``, by (dr, dtheta) of both bodies."""
     d = ca.SX.sym("d", 12)
-    return ca.densify(ca.jacobian(g, x) @ ca.jacobian(pose_rate(x, d), d))
+    return ca.densify(ca.jacobian(g, x) @ ca.jacobian(differentiate_pose(x, d), d))
 
 
-def _pose(x: ca.SX, V: ca.SX, e: int, space: bool = False) -> Pose:
+def _make_pose(x: ca.SX, V: ca.SX, e: int, space: bool = False) -> Pose:
     """Return pose and velocities of body ``e`` (0: i, 1: j) as arrays of symbols."""
-    R = _symbols(x[12 * e + 3 : 12 * e + 12]).reshape(3, 3)
-    Omega = _symbols(V[6 * e + 3 : 6 * e + 6])
-    return Pose(_symbols(x[12 * e : 12 * e + 3]), R, _symbols(V[6 * e : 6 * e + 3]), Omega if space else R @ Omega)
+    R = _wrap_symbols(x[12 * e + 3 : 12 * e + 12]).reshape(3, 3)
+    Omega = _wrap_symbols(V[6 * e + 3 : 6 * e + 6])
+    return Pose(
+        _wrap_symbols(x[12 * e : 12 * e + 3]), R, _wrap_symbols(V[6 * e : 6 * e + 3]), Omega if space else R @ Omega
+    )
 
 
-def _joint_numbers(declared: JointDeclaration, a: ca.SX, t: ca.SX) -> Numbers:
+def _name_numbers(declared: JointDeclaration, a: ca.SX, t: ca.SX) -> Numbers:
     """Return a joint's numbers by name, from their column ``a`` (29,), with its function of time at ``t``."""
-    points, n = _symbols(a[:12]).reshape(4, 3), _symbols(a[12:21]).reshape(3, 3)
-    f = Symbol(time_function(a[22:29], t)) if declared.motion else Symbol(ca.SX(0))
+    points, n = _wrap_symbols(a[:12]).reshape(4, 3), _wrap_symbols(a[12:21]).reshape(3, 3)
+    f = Symbol(express_time_function(a[22:29], t)) if declared.motion else Symbol(ca.SX(0))
     return Numbers(points[0], points[1], points[2], points[3], n, Symbol(a[21]), f)
 
 
-def _symbols(a: ca.SX) -> np.ndarray:
+def _wrap_symbols(a: ca.SX) -> np.ndarray:
     """Return the entries of a CasADi column as an array of ``Symbol``."""
     return np.array([Symbol(a[k]) for k in range(a.numel())], dtype=object)
 
 
-def column(a: Sequence[Any] | np.ndarray) -> ca.SX:
+def stack_column(a: Sequence[Any] | np.ndarray) -> ca.SX:
     """Return numbers and symbols as a CasADi column."""
     return ca.vertcat(*[x.x if isinstance(x, Symbol) else x for x in a]) if len(a) else ca.SX(0, 1)
 
 
-def matrix(a: ca.SX) -> ca.SX:
+def make_matrix(a: ca.SX) -> ca.SX:
     """Return the matrix (3, 3) of nine numbers that are given row by row."""
     return ca.reshape(a, 3, 3).T
 

@@ -20,12 +20,12 @@ class RowCode(NamedTuple):
 
     code: Code
     way: np.ndarray | None  # forces (n, 3) of the rows on body i, or None where they vary
-    still: bool  # whether phi_t is 0
+    is_phi_t_zero: bool  # whether phi_t is 0
 
 
 @cache
 @making_code
-def row_code(kind: str, rows: tuple[int, ...], ground: bool) -> RowCode:
+def load_row_code(kind: str, rows: tuple[int, ...], ground: bool) -> RowCode:
     """Return the code of the constraint rows of a kind of joint (``loops.rows``), with its constant results."""
     code = load_or_make_code("loops.rows", kind, rows, ground)
     constants = np.zeros(2 + 3 * len(rows))
@@ -34,7 +34,7 @@ def row_code(kind: str, rows: tuple[int, ...], ground: bool) -> RowCode:
     return RowCode(code, way, bool(constants[1]))
 
 
-def newton_code(*of: Any, **choices: bool) -> Code:
+def load_newton_code(*of: Any, **choices: bool) -> Code:
     """Return the code of ODE-GC's full Newton method for a kind of joint.
 
     ``of`` and ``choices`` are the arguments of ``newton.newton_loops``.
@@ -42,7 +42,7 @@ def newton_code(*of: Any, **choices: bool) -> Code:
     return load_or_make_code("newton.newton_loops", *of, **choices)
 
 
-def wrench_code(*of: Any, use_f_bar: bool) -> tuple[Code, int, int]:
+def load_wrench_code(*of: Any, use_f_bar: bool) -> tuple[Code, int, int]:
     """Return the code of ODE-GC's simplified method for a kind of joint, and two counts.
 
     These are the numbers of matrix entries that it keeps of the start and of the end of a step. ``of`` and
@@ -69,12 +69,12 @@ def load_or_make_code(maker: str, kind: str = "", *of: Any, **choices: Any) -> C
     key = (kind, *of) if kind else of
     declared = {**joints.DECLARED, **forces.DECLARED}
     paths = {f.__code__.co_filename for f in vars(declared[kind]).values() if hasattr(f, "__code__")} if kind else ()
-    return Code(print_code, f"{maker} {key} {choices}\0{texts_of_makers()}\0{digest_files(tuple(sorted(paths)))}")
+    return Code(print_code, f"{maker} {key} {choices}\0{digest_makers()}\0{digest_files(tuple(sorted(paths)))}")
 
 
 @cache
 @making_code
-def texts_of_makers() -> str:
+def digest_makers() -> str:
     """Return a digest of the files of all modules that make code and of all declarations, and CasADi's version."""
     here = Path(__file__).resolve().parent
     folders = (here, here.parent / "generated", Path(joints.__file__).parent / "kinds", Path(forces.__file__).parent)

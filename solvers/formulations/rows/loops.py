@@ -8,7 +8,7 @@ from itertools import chain
 import casadi as ca
 
 from ..generated import GeneratedFunction, Loop
-from .expressions import PushExpressions, RowExpressions, list_by_rows, matrix, push_expressions, row_expressions
+from .expressions import PushExpressions, RowExpressions, express_push, express_rows, list_by_rows, make_matrix
 
 
 def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
@@ -18,10 +18,10 @@ def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Gener
     ``constants``: whether forces are constant, whether phi_t is zero, and these forces by rows (zero if they vary).
     ``of`` are the numbers of the rows; with ``ground`` body j is the ground, and there is body i alone.
     """
-    e, bodies = row_expressions(kind, of), _bodies(ground, 4)
-    A, phi, gamma, phi_t = _at(e, [e.A, e.phi, e.gamma, e.phi_t], bodies)
+    e, bodies = express_rows(kind, of), _make_body_symbols(ground, 4)
+    A, phi, gamma, phi_t = _substitute_bodies(e, [e.A, e.phi, e.gamma, e.phi_t], bodies)
     X = [A[:, 6 * k + 3 : 6 * k + 6] for k in range(len(bodies))]
-    Y = [x @ matrix(body[3]) for x, body in zip(X, bodies, strict=True)]
+    Y = [x @ make_matrix(body[3]) for x, body in zip(X, bodies, strict=True)]
     way = A[:, :3]
     fixed, still = way.is_constant(), (phi_t.is_constant() and phi_t.nnz() == 0) or bool(phi_t.is_zero())
     stored = [phi, gamma, *map(list_by_rows, (*X, *Y, *([] if fixed else [way]))), *([] if still else [phi_t])]
@@ -38,20 +38,20 @@ def row_slopes(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop |
     ``load_slopes``: d(A^T lam)/d(pose), added to blocks (6, 6) by rows, of i by i, i by j, j by i, j by j.
     ``rate_slopes``: d(phi_dot)/d(pose) (n, 6), by body i and by body j.
     """
-    e, bodies = row_expressions(kind, of), _bodies(ground, 3)
-    K, slopes = _at(e, [e.load_slopes, e.rate_slopes], bodies, e.lam)
+    e, bodies = express_rows(kind, of), _make_body_symbols(ground, 3)
+    K, slopes = _substitute_bodies(e, [e.load_slopes, e.rate_slopes], bodies, e.lam)
     poses = [part for body in bodies for part in body[:2]]
     stored = [list_by_rows(slopes[:, 6 * k : 6 * k + 6]) for k in range(len(bodies))]
     return {
-        "load_slopes": Loop(whole=[e.t], rows=[e.numbers, e.lam], blocks=poses, added_blocks=_blocks(K, ground)),
+        "load_slopes": Loop(whole=[e.t], rows=[e.numbers, e.lam], blocks=poses, added_blocks=_list_blocks(K, ground)),
         "rate_slopes": Loop(whole=[e.t], rows=[e.numbers], stored=stored, blocks=[*chain(*bodies)]),
     }
 
 
 def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
     """Return the function ``push`` of a kind of force, to be compiled: it adds the load to those of the bodies."""
-    e, bodies = push_expressions(kind), _bodies(ground, 3)
-    (load,) = _at(e, [e.load], bodies)
+    e, bodies = express_push(kind), _make_body_symbols(ground, 3)
+    (load,) = _substitute_bodies(e, [e.load], bodies)
     added = [load[6 * k : 6 * k + 6] for k in range(len(bodies))]
     return {"push": Loop(whole=[e.t], rows=[e.numbers], blocks=[*chain(*bodies)], added_blocks=added)}
 
@@ -61,9 +61,9 @@ def push_slopes(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
 
     It adds the slopes of the load by poses, then by velocities, to blocks in the order of ``load_slopes``.
     """
-    e, bodies = push_expressions(kind), _bodies(ground, 3)
-    by_pose, by_rate = _at(e, [e.pose_slopes, e.velocity_slopes], bodies)
-    added = [*_blocks(by_pose, ground), *_blocks(by_rate, ground)]
+    e, bodies = express_push(kind), _make_body_symbols(ground, 3)
+    by_pose, by_rate = _substitute_bodies(e, [e.pose_slopes, e.velocity_slopes], bodies)
+    added = [*_list_blocks(by_pose, ground), *_list_blocks(by_rate, ground)]
     return {"slopes": Loop(whole=[e.t], rows=[e.numbers], blocks=[*chain(*bodies)], added_blocks=added)}
 
 
@@ -74,7 +74,7 @@ def bodies() -> dict[str, Loop | GeneratedFunction]:
     ``slopes``: those of ``forces`` by velocities (n, 36), from rows J, v; ``zero`` sets numbers to zero.
     """
     weight, J, v = ca.SX.sym("weight", 3), ca.SX.sym("J", 9), ca.SX.sym("v", 6)
-    turning = ca.vertcat(ca.SX.zeros(3), -ca.cross(v[3:], matrix(J) @ v[3:]))
+    turning = ca.vertcat(ca.SX.zeros(3), -ca.cross(v[3:], make_matrix(J) @ v[3:]))
     still = ca.vertcat(weight, ca.SX.zeros(3))
     return {
         "forces": Loop(rows=[weight, J, v], stored=[ca.densify(still + turning)]),
@@ -84,19 +84,21 @@ def bodies() -> dict[str, Loop | GeneratedFunction]:
     }
 
 
-def _blocks(K: ca.SX, ground: bool) -> list[ca.SX]:
+def _list_blocks(K: ca.SX, ground: bool) -> list[ca.SX]:
     """Return the blocks (6, 6) of slopes K by loaded and moving body, each by rows; with ``ground`` that of i alone."""
     ends = (slice(0, 6),) if ground else (slice(0, 6), slice(6, 12))
     return [list_by_rows(K[a, b]) for a in ends for b in ends]
 
 
-def _bodies(ground: bool, n: int) -> list[list[ca.SX]]:
+def _make_body_symbols(ground: bool, n: int) -> list[list[ca.SX]]:
     """Return new symbols for the bodies that move, for each the first ``n`` of r, R, v, J^-1."""
     parts = (("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))[:n]
     return [[ca.SX.sym(f"{name}_{end}", size) for name, size in parts] for end in ("i" if ground else "ij")]
 
 
-def _at(e: RowExpressions | PushExpressions, of: list[ca.SX], bodies: list[list[ca.SX]], *rest: ca.SX) -> list[ca.SX]:
+def _substitute_bodies(
+    e: RowExpressions | PushExpressions, of: list[ca.SX], bodies: list[list[ca.SX]], *rest: ca.SX
+) -> list[ca.SX]:
     """Return the expressions ``of`` with the symbols of ``bodies`` in place of the general ones.
 
     Where ``bodies`` has one entry, body j is the ground, at rest. ``rest`` are further symbols, which stay.

@@ -12,8 +12,8 @@ from typing import Any
 import casadi as ca
 
 from ..generated import GeneratedFunction, Loop
-from .expressions import RowExpressions, column, express_load, list_by_rows, matrix, row_expressions
-from .numbers import force_size
+from .expressions import RowExpressions, express_load, express_rows, list_by_rows, make_matrix, stack_column
+from .numbers import count_force_numbers
 
 # poses at the start, at the end; v is the mean
 BODY = (("r0", 3), ("R0", 9), ("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))
@@ -26,17 +26,17 @@ def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Gener
     mean rows on body i and, unless it is the ground, j; and forces of the rows where they vary. ``of`` are the numbers
     of the rows.
     """
-    e, h, (i, j) = row_expressions(kind, of), ca.SX.sym("h"), _bodies(ground)
-    phi, forces, X = mean_rows(e, e.numbers, h, (i, j))
+    e, h, (i, j) = express_rows(kind, of), ca.SX.sym("h"), _make_body_symbols(ground)
+    phi, forces, X = express_mean_rows(e, e.numbers, h, (i, j))
     X = X[: 1 if ground else 2]
-    Y = [x @ matrix(body[5]) for x, body in zip(X, (i, j), strict=False)]
+    Y = [x @ make_matrix(body[5]) for x, body in zip(X, (i, j), strict=False)]
     way = [] if e.A[:, :3].is_constant() else [list_by_rows(forces)]
     stored = [phi, *map(list_by_rows, X), *map(list_by_rows, Y), *way]
     made = [ca.densify(ca.simplify(a)) for a in stored]
     return {"rows": Loop(whole=[h], rows=[e.numbers], stored=made, blocks=[*i, *([] if ground else j)])}
 
 
-def mean_rows(
+def express_mean_rows(
     e: RowExpressions, numbers: Any, h: ca.SX, bodies: Sequence[Sequence[ca.SX]]
 ) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
     """Return phi at the end, forces (n, 3) on body i, and torques X (n, 3) on both ``bodies``.
@@ -53,7 +53,7 @@ def mean_rows(
     _, P = free(0.5 * (x0 + x1), numbers)
     X = []
     for k, body in enumerate(bodies):
-        R = 0.5 * (matrix(body[1]) + matrix(body[3]))
+        R = 0.5 * (make_matrix(body[1]) + make_matrix(body[3]))
         columns = [P[:, 12 * k + 3 + c : 12 * k + 12 : 3] for c in range(3)]  # d(phi)/d(c-th column of R)
         T = ca.vertcat(
             *[
@@ -61,7 +61,7 @@ def mean_rows(
                 for a in range(P.shape[0])
             ]
         )
-        X.append(T @ _back(body, h).T)
+        X.append(T @ _invert_mean_rotation(body, h).T)
     return phi, P[:, :3], X
 
 
@@ -72,10 +72,15 @@ def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
     k (1 - 2 d_free / (d_0 + d_1)) times the mean line, a damper with (2 c / h) (d_1 - d_0) / (d_0 + d_1) times it.
     Forces and torques of a load are means of both ends.
     """
-    t, h, numbers, (i, j) = ca.SX.sym("t"), ca.SX.sym("h"), ca.SX.sym("p", force_size(kind)), _bodies(ground)
+    t, h, numbers, (i, j) = (
+        ca.SX.sym("t"),
+        ca.SX.sym("h"),
+        ca.SX.sym("p", count_force_numbers(kind)),
+        _make_body_symbols(ground),
+    )
     if kind == "spring":
         p, (k, free, c) = (numbers[:3], numbers[3:6]), (numbers[6 + a] for a in range(3))
-        arms = [[matrix(b[at]) @ s for at in (1, 3)] for b, s in zip((i, j), p, strict=True)]
+        arms = [[make_matrix(b[at]) @ s for at in (1, 3)] for b, s in zip((i, j), p, strict=True)]
         lines = [i[at] + arms[0][n] - j[at] - arms[1][n] for n, at in enumerate((0, 2))]
         before, after = (ca.norm_2(line) for line in lines)
         pull = k * (1.0 - 2.0 * free / (before + after)) + 2.0 * c * (after - before) / (h * (before + after))
@@ -87,15 +92,19 @@ def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
             express_load(kind, ca.vertcat(i[at], i[at + 1], j[at], j[at + 1]), still, time, numbers)[2]
             for at, time in ((0, t - h), (2, t))
         ]
-        force, torque, point = (0.5 * (column(a) + column(b)) for a, b in zip(*pushes, strict=True))
+        force, torque, point = (0.5 * (stack_column(a) + stack_column(b)) for a, b in zip(*pushes, strict=True))
         mean_arms = [point - 0.5 * (i[0] + i[2])]
     added = []
     for body, arm, sign in zip((i, j)[: 1 if ground else 2], mean_arms, (1.0, -1.0), strict=False):
-        added.append(ca.densify(ca.vertcat(sign * force, _back(body, h) @ (sign * (torque + ca.cross(arm, force))))))
+        added.append(
+            ca.densify(
+                ca.vertcat(sign * force, _invert_mean_rotation(body, h) @ (sign * (torque + ca.cross(arm, force))))
+            )
+        )
     return {"push": Loop(whole=[t, h], rows=[numbers], blocks=[*i, *([] if ground else j)], added_blocks=added)}
 
 
-def _bodies(ground: bool) -> tuple[list[ca.SX], list[ca.SX]]:
+def _make_body_symbols(ground: bool) -> tuple[list[ca.SX], list[ca.SX]]:
     """Return the quantities of ``BODY`` for i and j: new symbols, but zeros and R = I for the ground."""
     i, j = ([ca.SX.sym(f"{name}_{end}", size) for name, size in BODY] for end in "ij")
     one = list_by_rows(ca.SX.eye(3))
@@ -103,6 +112,6 @@ def _bodies(ground: bool) -> tuple[list[ca.SX], list[ca.SX]]:
     return i, still if ground else j
 
 
-def _back(body: Sequence[ca.SX], h: ca.SX) -> ca.SX:
+def _invert_mean_rotation(body: Sequence[ca.SX], h: ca.SX) -> ca.SX:
     """Return R_m^-1, which transforms a mean torque from space to the body."""
-    return (ca.SX.eye(3) - ca.skew(0.5 * h * body[4][3:])) @ matrix(body[1]).T
+    return (ca.SX.eye(3) - ca.skew(0.5 * h * body[4][3:])) @ make_matrix(body[1]).T

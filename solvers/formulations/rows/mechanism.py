@@ -17,7 +17,7 @@ from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import GeneratedFunction
 from ..joint_coordinates.elimination import Factor, Matrix
-from .expressions import force_numbers, joint_numbers, list_by_rows, matrix, push_expressions, row_expressions
+from .expressions import express_push, express_rows, force_numbers, joint_numbers, list_by_rows, make_matrix
 
 DEPENDENT = 1e-9  # the bound of ``compiled.factor``
 NOISE = 1e-15  # share of the largest of an array below which a constant is rounding of zero
@@ -102,7 +102,7 @@ class SymbolicMechanism:
         nb = self.system.nb
         return SymbolicState(ca.SX.sym("t"), ca.SX.sym("r", 3 * nb), ca.SX.sym("R", 9 * nb), ca.SX.sym("v", 6 * nb))
 
-    def functions(self) -> tuple[dict[str, GeneratedFunction], list[int]]:
+    def make_functions(self) -> tuple[dict[str, GeneratedFunction], list[int]]:
         """Return the functions ``accelerate``, ``project`` and ``copy``, and the size of the factor.
 
         ``accelerate`` (t, r, R, v) -> (v_dot, lam, factor), ``project`` (t, r, R, v, factor) -> (r, R, v), ``copy``
@@ -113,9 +113,9 @@ class SymbolicMechanism:
         n, at = len(self.order), self.state()
         rows = self._rows(at)
         factor, shares, couple = self._make_factor(rows, [*at])
-        free = [self._inverse_mass(b, load) for b, load in enumerate(self._loads(at))]
-        lam = factor.solve({k: -row.gamma - product_of_row(row, free) for k, row in rows.items()})
-        v_dot = self._push(free, rows, lam)
+        free = [self._divide_by_mass(b, load) for b, load in enumerate(self._loads(at))]
+        lam = factor.solve({k: -row.gamma - multiply_row(row, free) for k, row in rows.items()})
+        v_dot = self._add_response(free, rows, lam)
         numbers = factor.exchange_numbers()
         kept = ca.SX.sym("factor", numbers.numel())
         factor.exchange_numbers(kept)
@@ -123,12 +123,12 @@ class SymbolicMechanism:
         moved = self._close_joints(at, rows, factor)
         rows = self._rows(moved)
         v = ca.vertsplit(at.v, 6)
-        x = factor.solve({k: -row.phi_t - product_of_row(row, v) for k, row in rows.items()})
+        x = factor.solve({k: -row.phi_t - multiply_row(row, v) for k, row in rows.items()})
         return {
             "accelerate": GeneratedFunction(
                 [*at, *self._bounds], [ca.vertcat(*v_dot), make_column([lam[k] for k in range(n)]), numbers, *shares]
             ),
-            "project": GeneratedFunction([*at, kept], [moved.r, moved.R, ca.vertcat(*self._push(v, rows, x))]),
+            "project": GeneratedFunction([*at, kept], [moved.r, moved.R, ca.vertcat(*self._add_response(v, rows, x))]),
             "copy": GeneratedFunction([*at[1:]], [*at[1:]]),
             **couple,
         }, [numbers.numel()]
@@ -140,7 +140,7 @@ class SymbolicMechanism:
 
         ``inputs`` are the symbols that the rows depend on; ``shift`` is added to the diagonal, relative to it.
         """
-        S, n = self._matrix(rows), len(self.order)
+        S, n = self._make_schur_complement(rows), len(self.order)
         factor = RankedFactor(S, self.order, shift, self._bounds[0] if self._bounds else None)
         if not self._bounds:
             return factor, [], {}
@@ -151,29 +151,29 @@ class SymbolicMechanism:
     def _close_joints(self, at: SymbolicState, rows: dict[int, SymbolicRow], factor: Factor) -> SymbolicState:
         """Return the state after one correction of the poses towards phi = 0 along M^-1 A^T, with the ``factor``."""
         x = factor.solve({k: -row.phi for k, row in rows.items()})
-        change = self._push([ca.SX.zeros(6)] * self.system.nb, rows, x)
-        R = [_turn_by_series(matrix(at.R[9 * b : 9 * b + 9]), a[3:]) for b, a in enumerate(change)]
+        change = self._add_response([ca.SX.zeros(6)] * self.system.nb, rows, x)
+        R = [_turn_by_series(make_matrix(at.R[9 * b : 9 * b + 9]), a[3:]) for b, a in enumerate(change)]
         return at._replace(r=at.r + ca.vertcat(*[a[:3] for a in change]), R=ca.vertcat(*map(list_by_rows, R)))
 
     def _rows(self, at: SymbolicState) -> dict[int, SymbolicRow]:
         """Return the constraint rows of all joints at a state, by their numbers in the kernel."""
         out: dict[int, SymbolicRow] = {}
         for part in self.parts:
-            e = row_expressions(part.kind, part.of)
+            e = express_rows(part.kind, part.of)
             free = ca.Function("free", [e.x, e.V, e.t, e.numbers], [e.A, e.phi, e.phi_t, e.gamma])
-            A, *scalars = free(*join_ends(at, part.body), at.t, joint_numbers_of(self.system, part.joint))
+            A, *scalars = free(*join_ends(at, part.body), at.t, list_joint_numbers(self.system, part.joint))
             for k in range(len(part.of)):
                 own = {b: A[k, 6 * e : 6 * e + 6].T for e, b in enumerate(part.body) if b != GROUND}
                 out[part.first + k] = SymbolicRow(own, *(x[k] for x in scalars))
         return out
 
-    def _matrix(self, rows: dict[int, SymbolicRow]) -> Matrix:
+    def _make_schur_complement(self, rows: dict[int, SymbolicRow]) -> Matrix:
         """Return S = A M^-1 A^T by columns {row: entry}, both halves, zeros left out."""
         S: Matrix = {k: {k: ca.SX(0)} for k in rows}
         holding: dict[int, list[int]] = {}
         for k, row in rows.items():
             for b, a in row.A.items():
-                y = self._inverse_mass(b, a)
+                y = self._divide_by_mass(b, a)
                 for other in [*holding.setdefault(b, []), k]:
                     x = ca.dot(rows[other].A[b], y)
                     if not x.is_zero():
@@ -189,7 +189,7 @@ class SymbolicMechanism:
             gyroscopic = -ca.cross(v[3:], J @ v[3:]) if turning else ca.SX.zeros(3)
             out.append(ca.vertcat(ca.SX(ca.DM(s.mass[b] * s.gravity)), gyroscopic))
         for kind, declared in forces.DECLARED.items():
-            e = push_expressions(kind)
+            e = express_push(kind)
             free = ca.Function("free", [e.x, e.V, e.t, e.numbers], [e.load])
             # numbers of several units: none is small compared with others
             for m, numbers in enumerate(force_numbers(s, kind)):
@@ -201,17 +201,17 @@ class SymbolicMechanism:
                         out[b] = out[b] + load[6 * e_b : 6 * e_b + 6]
         return out
 
-    def _inverse_mass(self, b: int, load: ca.SX) -> ca.SX:
+    def _divide_by_mass(self, b: int, load: ca.SX) -> ca.SX:
         """Return M^-1 load of body ``b``."""
         return ca.vertcat(load[:3] * (1.0 / self.system.mass[b]), self.J_inv[b] @ load[3:])
 
-    def _push(self, w: Sequence[ca.SX], rows: dict[int, SymbolicRow], x: dict[int, ca.SX]) -> list[ca.SX]:
+    def _add_response(self, w: Sequence[ca.SX], rows: dict[int, SymbolicRow], x: dict[int, ca.SX]) -> list[ca.SX]:
         """Return w + M^-1 A^T x by bodies: the velocities ``w`` changed by the multipliers ``x``."""
         load = [ca.SX.zeros(6) for _ in w]
         for k, row in rows.items():
             for b, a in row.A.items():
                 load[b] = load[b] + a * x[k]
-        return [w_b + self._inverse_mass(b, load[b]) for b, w_b in enumerate(w)]
+        return [w_b + self._divide_by_mass(b, load[b]) for b, w_b in enumerate(w)]
 
 
 def join_ends(at: SymbolicState, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:
@@ -224,7 +224,7 @@ def join_ends(at: SymbolicState, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:
     return ca.vertcat(r_i, R_i, r_j, R_j), ca.vertcat(v_i, v_j)
 
 
-def joint_numbers_of(system: MultibodySystem, joint: int) -> np.ndarray:
+def list_joint_numbers(system: MultibodySystem, joint: int) -> np.ndarray:
     """Return the numbers of a joint in the order of the expressions, with exact zeros instead of rounding."""
     numbers = joint_numbers(system, np.array([joint]))[0]
     for part in (slice(0, 6), slice(6, 12), slice(12, 21)):
@@ -237,7 +237,7 @@ def snap_zeros(a: np.ndarray) -> np.ndarray:
     return np.where(np.abs(a) < NOISE * np.max(np.abs(a), initial=0.0), 0.0, a)
 
 
-def product_of_row(row: SymbolicRow, w: Sequence[ca.SX]) -> Any:
+def multiply_row(row: SymbolicRow, w: Sequence[ca.SX]) -> Any:
     """Return the product A w of one constraint row and the velocities ``w`` of all bodies."""
     return sum((ca.dot(a, w[b]) for b, a in row.A.items()), ca.SX(0))
 

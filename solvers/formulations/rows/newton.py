@@ -17,8 +17,8 @@ from collections.abc import Sequence
 import casadi as ca
 
 from ..generated import Loop
-from .expressions import list_by_rows, matrix, pose_rate, row_expressions, slopes
-from .wrenches import TRANSLATION, list_by_ends, measures
+from .expressions import differentiate_by_pose, differentiate_pose, express_rows, list_by_rows, make_matrix
+from .wrenches import TRANSLATION, list_by_ends, measure_rows
 
 BODY = (("r", 3), ("R", 9), ("v", 6), ("force", 6), ("inertia", 19), ("T", 9))  # inertia: m, J, J^-1
 
@@ -32,7 +32,7 @@ def newton_loops(
     ``symmetric``: in the symmetric gauge; ``use_f_bar``: with f_bar of Eq. (30); ``couple``: with slopes of each body's
     load by the other body, and of f_bar.
     """
-    e, n, ends = row_expressions(kind, rows), len(rows), 1 if ground else 2
+    e, n, ends = express_rows(kind, rows), len(rows), 1 if ground else 2
     i, j = ([ca.SX.sym(f"{part}_{end}", size) for part, size in BODY] for end in "ij")
     still = [ca.SX.zeros(3), ca.vec(ca.SX.eye(3)), ca.SX.zeros(6), *(ca.SX.zeros(size) for _, size in BODY[3:])]
     both = i, still if ground else j
@@ -42,10 +42,10 @@ def newton_loops(
     nu, p, z, start, G0, stiff, on_rate, on_phi = (
         ca.SX.sym(name, n) for name in ("nu", "p", "z", "start", "G0", "stiff", "on_rate", "on_phi")
     )
-    bodies = [(b[4][0], matrix(b[4][1:10]), matrix(b[4][10:19]), b[3]) for b in moving]
-    m_bar, f_bar, c = measures(e.A, bodies, direction)
+    bodies = [(b[4][0], make_matrix(b[4][1:10]), make_matrix(b[4][10:19]), b[3]) for b in moving]
+    m_bar, f_bar, c = measure_rows(e.A, bodies, direction)
     D = e.A.T  # torques in the body
-    along = ca.vertcat(e.x, e.t), ca.vertcat(pose_rate(e.x, e.V), 1)
+    along = ca.vertcat(e.x, e.t), ca.vertcat(differentiate_pose(e.x, e.V), 1)
     D_dot = ca.jtimes(D, *along)
     D_dot = ca.vertcat(
         *[
@@ -54,17 +54,21 @@ def newton_loops(
         ]
     )
     load = D @ p + D_dot @ z
-    by_pose, by_rate = slopes(load, e.x), ca.jacobian(load, e.V)
+    by_pose, by_rate = differentiate_by_pose(load, e.x), ca.jacobian(load, e.V)
     if couple and use_f_bar and direction != TRANSLATION:
-        by_pose = by_pose + D @ (half * slopes(f_bar, e.x))
-    K = _by_end_velocities(by_pose, by_rate, both, half)
+        by_pose = by_pose + D @ (half * differentiate_by_pose(f_bar, e.x))
+    K = _differentiate_by_end_velocities(by_pose, by_rate, both, half)
     for b in range(2):  # turned back after differentiation: R^T d(R torque) = d torque - torque x theta
         turned = slice(6 * b + 3, 6 * b + 6)
-        K[turned, turned] += -ca.skew(load[turned]) @ matrix(both[b][5])
+        K[turned, turned] += -ca.skew(load[turned]) @ make_matrix(both[b][5])
     phi_dot = e.phi_dot
-    row = ca.diag(on_rate) @ _by_end_velocities(slopes(phi_dot, e.x), ca.jacobian(phi_dot, e.V), both, half)
-    row += ca.diag(on_phi) @ _by_end_velocities(slopes(e.phi, e.x), ca.SX(n, 12), both, half)
-    in_space = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), matrix(b[1])) for b in both])
+    row = ca.diag(on_rate) @ _differentiate_by_end_velocities(
+        differentiate_by_pose(phi_dot, e.x), ca.jacobian(phi_dot, e.V), both, half
+    )
+    row += ca.diag(on_phi) @ _differentiate_by_end_velocities(
+        differentiate_by_pose(e.phi, e.x), ca.SX(n, 12), both, half
+    )
+    in_space = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), make_matrix(b[1])) for b in both])
     Z0 = (in_space @ (D + B * D_dot))[: 6 * ends, :]
     first = (in_space @ D)[: 6 * ends, :] @ (-half * G0)
     rest = [part for body in moving for part in body[3:]]
@@ -79,7 +83,7 @@ def newton_loops(
         return [ca.simplify(x) for x in out]
 
     (Z0,) = at(Z0)
-    kept, values, Z0_kept = _varying(Z0)
+    kept, values, Z0_kept = _name_varying(Z0)
     (first,) = at(first)
     phi, rate, m_bar, f_bar = at(e.phi, phi_dot, m_bar, f_bar)
     c = at(*c)
@@ -108,7 +112,7 @@ def newton_loops(
     given = [e.numbers]
     if symmetric:
         given = [e.numbers, kept]
-        turned_back = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), matrix(b[1]).T) for b in moving])
+        turned_back = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), make_matrix(b[1]).T) for b in moving])
         pushed = pushed + turned_back @ (Z0_kept @ (gauge * nu))
         column = column + gauge * (turned_back @ Z0_kept)
     loops["balance"] = Loop(whole=[e.t, plan], rows=[*given, nu, p, z], blocks=poses, added_blocks=list_by_ends(pushed))
@@ -126,7 +130,7 @@ def newton_loops(
     return loops
 
 
-def _by_end_velocities(by_pose: ca.SX, by_rate: ca.SX, both: Sequence[list[ca.SX]], half: ca.SX) -> ca.SX:
+def _differentiate_by_end_velocities(by_pose: ca.SX, by_rate: ca.SX, both: Sequence[list[ca.SX]], half: ca.SX) -> ca.SX:
     """Return slopes by the velocities at the end of the step, (., 12): dr = dt/2 dr_dot, theta = T dOmega.
 
     ``by_pose`` and ``by_rate`` are the slopes by poses and by velocities of ``both`` bodies; ``half`` is dt/2.
@@ -136,12 +140,12 @@ def _by_end_velocities(by_pose: ca.SX, by_rate: ca.SX, both: Sequence[list[ca.SX
         at = 6 * b
         parts += [
             half * by_pose[:, at : at + 3] + by_rate[:, at : at + 3],
-            by_pose[:, at + 3 : at + 6] @ matrix(both[b][5]) + by_rate[:, at + 3 : at + 6],
+            by_pose[:, at + 3 : at + 6] @ make_matrix(both[b][5]) + by_rate[:, at + 3 : at + 6],
         ]
     return ca.horzcat(*parts)
 
 
-def _varying(Z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+def _name_varying(Z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return symbols and values of all entries of a matrix, and the matrix in these symbols except for constants."""
     Z = ca.densify(Z)
     kept, inside = ca.SX.sym("kept", Z.numel()), ca.SX(Z)

@@ -9,7 +9,7 @@ from ....harness.mechanics import forces
 NUMBERS = 29  # numbers of a joint: s_i, s_j, u, w, n by rows, length, then the function of time
 
 
-def force_size(kind: str) -> int:
+def count_force_numbers(kind: str) -> int:
     """Return the number of numbers that describe a force of a ``kind``."""
     return sum(7 if name == "factor" else int(np.prod(shape)) for name, shape in forces.DECLARED[kind].numbers.items())
 
@@ -25,4 +25,4 @@ def force_numbers(system: Any, kind: str) -> np.ndarray:
     """Return the numbers of all forces of a kind (m, size), in the order of the expressions."""
     arrays = [np.asarray(getattr(system, f"{kind}_{name}"), dtype=float) for name in forces.DECLARED[kind].numbers]
     m = len(arrays[0])
-    return np.concatenate([a.reshape(m, -1) for a in arrays], axis=1) if m else np.zeros((0, force_size(kind)))
+    return np.concatenate([a.reshape(m, -1) for a in arrays], axis=1) if m else np.zeros((0, count_force_numbers(kind)))

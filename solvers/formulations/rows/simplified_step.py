@@ -9,18 +9,18 @@ import numpy as np
 
 from ....harness.mechanics.fixed_order import inverse
 from ..generated import GeneratedFunction
-from .expressions import matrix, pose_rate, row_expressions
+from .expressions import differentiate_pose, express_rows, make_matrix
 from .mechanism import (
     JointPart,
     SymbolicMechanism,
     SymbolicState,
     join_ends,
-    joint_numbers_of,
+    list_joint_numbers,
     make_column,
-    product_of_row,
+    multiply_row,
     snap_zeros,
 )
-from .wrenches import distinct_entries, measures_in_space
+from .wrenches import distinct_entries, measure_rows_in_space
 
 IN_A_PRODUCT = 16  # ratios of pivots, each above 1e-9, of which one logarithm is taken
 
@@ -28,7 +28,7 @@ IN_A_PRODUCT = 16  # ratios of pivots, each above 1e-9, of which one logarithm i
 class SimplifiedStep(SymbolicMechanism):
     """The functions of a step for a system of spherical and revolute joints under gravity."""
 
-    def functions(  # type: ignore[override]
+    def make_functions(  # type: ignore[override]
         self, *, gauge: float, b_term: float, direction: int, use_f_bar: int, keep_nu: int
     ) -> tuple[dict[str, GeneratedFunction], list[int]]:
         """Return the functions of a step, and the numbers of entries kept of the start and of the factor.
@@ -46,7 +46,7 @@ class SimplifiedStep(SymbolicMechanism):
         spun = at._replace(
             v=ca.vertcat(
                 *[
-                    ca.vertcat(v[:3], matrix(at.R[9 * b : 9 * b + 9]) @ v[3:])
+                    ca.vertcat(v[:3], make_matrix(at.R[9 * b : 9 * b + 9]) @ v[3:])
                     for b, v in enumerate(ca.vertsplit(at.v, 6))
                 ]
             )
@@ -61,8 +61,8 @@ class SimplifiedStep(SymbolicMechanism):
             Z, D, f_bar, slip = wrench(*at_start, B)
             load = D @ (-half * f_bar) if use_f_bar else ca.SX.zeros(Z.shape[0])
             if keep_nu:
-                load -= Z @ nu_start[_own(part)]
-            _add(first, part, load)
+                load -= Z @ nu_start[_slice_rows(part)]
+            _add_load(first, part, load)
             own, filled = distinct_entries(Z)
             starts.append(_skip_first(filled, len(values)))
             values += own
@@ -72,25 +72,26 @@ class SimplifiedStep(SymbolicMechanism):
         for part, wrench, at_end, start in zip(self.parts, wrenches, given, starts, strict=True):
             Z, D, f_bar, _ = wrench(*at_end, -B)
             own, filled = distinct_entries(Z - gauge * start(kept) if gauge else Z)
-            load = filled(own) @ nu[_own(part)]
-            _add(w, part, load - half * (D @ f_bar) if use_f_bar else load)
+            load = filled(own) @ nu[_slice_rows(part)]
+            _add_load(w, part, load - half * (D @ f_bar) if use_f_bar else load)
 
         rows = self._rows(at)
         poses = [at.t, at.r, at.R]
         factor, shares, couple = self._make_factor(rows, poses)
         free = [
-            self._inverse_mass(b, ca.vertcat(p[:3], matrix(at.R[9 * b : 9 * b + 9]).T @ p[3:])) for b, p in enumerate(w)
+            self._divide_by_mass(b, ca.vertcat(p[:3], make_matrix(at.R[9 * b : 9 * b + 9]).T @ p[3:]))
+            for b, p in enumerate(w)
         ]
         whole = [factor.inverse[k] > 0 for k in self.order]
         ratios = [ca.if_else(whole[c], factor.pivots[c] / factor.diagonal[k], 1) for c, k in enumerate(self.order)]
-        products = [_product(ratios[c : c + IN_A_PRODUCT]) for c in range(0, n, IN_A_PRODUCT)]
+        products = [_multiply(ratios[c : c + IN_A_PRODUCT]) for c in range(0, n, IN_A_PRODUCT)]
         log_det = sum((ca.log(x) for x in products), ca.SX(0)) / np.log(10.0)
         found = ca.vertcat(sum(whole, ca.SX(0)), log_det)
         numbers = factor.exchange_numbers()
         told = ca.SX.sym("factor", numbers.numel())
         factor.exchange_numbers(told)
-        x = factor.solve({k: -product_of_row(row, free) for k, row in rows.items()})
-        v = self._push(free, rows, x)
+        x = factor.solve({k: -multiply_row(row, free) for k, row in rows.items()})
+        v = self._add_response(free, rows, x)
         square = sum(
             (self._energy(b, a - o) for b, (a, o) in enumerate(zip(v, ca.vertsplit(at.v, 6), strict=True))), ca.SX(0)
         )
@@ -121,7 +122,7 @@ class SimplifiedStep(SymbolicMechanism):
         s, out = self.system, []
         for b, v in enumerate(ca.vertsplit(at.v, 6)):
             weight = 2.0 * half * ca.SX(ca.DM(s.mass[b] * s.gravity))
-            spin = matrix(at.R[9 * b : 9 * b + 9]) @ (self._inertia(b) @ v[3:])
+            spin = make_matrix(at.R[9 * b : 9 * b + 9]) @ (self._inertia(b) @ v[3:])
             out.append(ca.vertcat(s.mass[b] * v[:3] + weight, spin))
         return out
 
@@ -140,7 +141,7 @@ class SimplifiedStep(SymbolicMechanism):
             J = snap_zeros(s.regular_inertia[max(b, 0)]), snap_zeros(inverse(s.regular_inertia[max(b, 0)]))
             numbers = s.mass[b] * s.gravity, s.mass[b : b + 1], J[1].ravel(), J[0].ravel()
             bodies.append(ca.DM(np.concatenate(numbers)) if b >= 0 else ca.DM.zeros(22))
-        return [*join_ends(spun, part.body), spun.t, joint_numbers_of(s, part.joint), *bodies]
+        return [*join_ends(spun, part.body), spun.t, list_joint_numbers(s, part.joint), *bodies]
 
 
 @cache
@@ -149,22 +150,22 @@ def _wrenches(kind: str, of: tuple[int, ...], both: bool, direction: int) -> ca.
 
     It returns Z = D + B D_dot (6 or 12, n), D, f_bar and M_bar phi_dot^2; ``both``: of two bodies, none the ground.
     """
-    e, x, B = row_expressions(kind, of, space=True), ca.SX.sym("x", len(of)), ca.SX.sym("B")
+    e, x, B = express_rows(kind, of, space=True), ca.SX.sym("x", len(of)), ca.SX.sym("B")
     numbers, ends = [ca.SX.sym(f"numbers_{end}", 22) for end in "ij"], 2 if both else 1
-    rate = ca.jtimes(e.A.T @ x, ca.vertcat(e.x, e.t), ca.vertcat(pose_rate(e.x, e.V, space=True), 1))
-    m_bar, f_bar = measures_in_space(e, [[a, a, a, a] for a in numbers[:ends]], direction)
+    rate = ca.jtimes(e.A.T @ x, ca.vertcat(e.x, e.t), ca.vertcat(differentiate_pose(e.x, e.V, space=True), 1))
+    m_bar, f_bar = measure_rows_in_space(e, [[a, a, a, a] for a in numbers[:ends]], direction)
     D = e.A.T[: 6 * ends, :]
     Z = D + B * ca.jacobian(rate, x)[: 6 * ends, :]
     given = [e.x, e.V, e.t, e.numbers, *numbers, B]
     return ca.Function("wrenches", given, [Z, D, f_bar, m_bar * e.phi_dot**2])
 
 
-def _own(part: JointPart) -> slice:
+def _slice_rows(part: JointPart) -> slice:
     """Return the slice of a joint's rows among the kernel's."""
     return slice(part.first, part.first + len(part.of))
 
 
-def _add(w: list[ca.SX], part: JointPart, load: ca.SX) -> None:
+def _add_load(w: list[ca.SX], part: JointPart, load: ca.SX) -> None:
     """Add the ``load`` of a joint to the entries of its bodies in ``w``, which is changed."""
     for e, b in enumerate(part.body):
         if b >= 0:
@@ -176,7 +177,7 @@ def _skip_first(filled: Callable[[Any], ca.SX], first: int) -> Callable[[Any], c
     return lambda kept: filled(kept[first:])
 
 
-def _product(factors: Sequence[ca.SX]) -> Any:
+def _multiply(factors: Sequence[ca.SX]) -> Any:
     """Return the product of ``factors``, 1 if there are none."""
     out: Any = 1
     for x in factors:

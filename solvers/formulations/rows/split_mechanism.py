@@ -11,15 +11,15 @@ import casadi as ca
 
 from ....harness.mechanics.system import GROUND
 from ..generated import GeneratedFunction
-from .expressions import list_by_rows, row_expressions
-from .means import mean_rows
+from .expressions import express_rows, list_by_rows
+from .means import express_mean_rows
 from .mechanism import (
     SymbolicMechanism,
     SymbolicRow,
     SymbolicState,
-    joint_numbers_of,
+    list_joint_numbers,
     make_column,
-    product_of_row,
+    multiply_row,
 )
 from .wrenches import distinct_entries
 
@@ -27,7 +27,7 @@ from .wrenches import distinct_entries
 class SplitMechanism(SymbolicMechanism):
     """A system and its rows, by functions that share A (entries that vary) and ``factor``."""
 
-    def functions(self, *, names: Sequence[str]) -> tuple[dict[str, GeneratedFunction], list[int]]:  # type: ignore[override]
+    def make_functions(self, *, names: Sequence[str]) -> tuple[dict[str, GeneratedFunction], list[int]]:  # type: ignore[override]
         """Return the functions ``names``, and the numbers of varying entries of A and of the factor.
 
         ``rows`` (t, r, R, v) -> (A, phi, phi_t, gamma); ``factorise`` (A, shift) -> factor, where rows are chosen
@@ -54,22 +54,24 @@ class SplitMechanism(SymbolicMechanism):
             return make_column([values[k] for k in range(n)])
 
         def react() -> GeneratedFunction:
-            free = [self._inverse_mass(b, load) for b, load in enumerate(self._loads(at))]
-            lam = factor.solve({k: -row.gamma - product_of_row(row, free) for k, row in rows.items()})
-            return GeneratedFunction([*poses, A, gamma, kept], [ca.vertcat(*self._push(free, rows, lam)), listed(lam)])
+            free = [self._divide_by_mass(b, load) for b, load in enumerate(self._loads(at))]
+            lam = factor.solve({k: -row.gamma - multiply_row(row, free) for k, row in rows.items()})
+            return GeneratedFunction(
+                [*poses, A, gamma, kept], [ca.vertcat(*self._add_response(free, rows, lam)), listed(lam)]
+            )
 
         def close_joints() -> GeneratedFunction:
             closed = self._close_joints(at, rows, factor)
             return GeneratedFunction([at.r, at.R, A, phi, kept], [closed.r, closed.R])
 
         def project_rates() -> GeneratedFunction:
-            impulse = factor.solve({k: -row.phi_t - product_of_row(row, by_body) for k, row in rows.items()})
+            impulse = factor.solve({k: -row.phi_t - multiply_row(row, by_body) for k, row in rows.items()})
             return GeneratedFunction(
-                [A, phi_t, kept, w], [ca.vertcat(*self._push(by_body, rows, impulse)), listed(impulse)]
+                [A, phi_t, kept, w], [ca.vertcat(*self._add_response(by_body, rows, impulse)), listed(impulse)]
             )
 
         def slips() -> GeneratedFunction:
-            slip = {k: -row.phi_t - product_of_row(row, by_body) for k, row in rows.items()}
+            slip = {k: -row.phi_t - multiply_row(row, by_body) for k, row in rows.items()}
             return GeneratedFunction([A, phi_t, w], [listed(slip)])
 
         def columns(name: str) -> ca.SX:
@@ -87,7 +89,7 @@ class SplitMechanism(SymbolicMechanism):
             "project_rates": project_rates,
             "slips": slips,
             "push": lambda: GeneratedFunction(
-                [A, x, w], [ca.vertcat(*self._push(by_body, rows, {k: x[k] for k in range(n)}))]
+                [A, x, w], [ca.vertcat(*self._add_response(by_body, rows, {k: x[k] for k in range(n)}))]
             ),
             "copy_entries": lambda: GeneratedFunction([A], [A]),
             "copy_rows": lambda: GeneratedFunction([x], [x]),
@@ -148,8 +150,8 @@ class MeanMechanism(SplitMechanism):
         still = ca.SX.zeros(3), one, ca.SX.zeros(3), one, ca.SX.zeros(6)
         for part in self.parts:
             bodies = [still if b == GROUND else [a[n * b : n * b + n] for a, n in arrays] for b in part.body]
-            numbers = ca.SX(ca.DM(joint_numbers_of(self.system, part.joint)))
-            phi, forces, X = mean_rows(row_expressions(part.kind, part.of), numbers, self._h, bodies)
+            numbers = ca.SX(ca.DM(list_joint_numbers(self.system, part.joint)))
+            phi, forces, X = express_mean_rows(express_rows(part.kind, part.of), numbers, self._h, bodies)
             for k in range(len(part.of)):
                 A = {
                     b: ca.vertcat((1.0 - 2.0 * e) * forces[k, :].T, X[e][k, :].T)

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from ..generated import GeneratedFunction, Loop
-from .expressions import RowExpressions, matrix, pose_rate, row_expressions
+from .expressions import RowExpressions, differentiate_pose, express_rows, make_matrix
 
 ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
 BODY = (("r", 3), ("R", 9), ("u", 6), ("numbers", 22))  # numbers: m g, m, J^-1, J
@@ -33,15 +33,15 @@ def wrench_loops(
     rows; with ``ground`` body j is the ground. ``direction`` is that of c in Eq. (31); ``use_f_bar``: with f_bar of Eq.
     (30).
     """
-    e, n = row_expressions(kind, rows, space=True), 1 if ground else 2
+    e, n = express_rows(kind, rows, space=True), 1 if ground else 2
     x, nu_start = (ca.SX.sym(name, len(rows)) for name in ("x", "nu_start"))
     plan = ca.SX.sym("plan", 3)
     bodies = [[ca.SX.sym(f"{part}_{end}", size) for part, size in BODY] for end in "ij"]
     still = [ca.SX.zeros(3), ca.vec(ca.densify(ca.SX.eye(3))), ca.SX.zeros(6)]
     ends = [bodies[0][:3], still if ground else bodies[1][:3]]
-    moved = ca.vertcat(e.x, e.t), ca.vertcat(pose_rate(e.x, e.V, space=True), 1)
+    moved = ca.vertcat(e.x, e.t), ca.vertcat(differentiate_pose(e.x, e.V, space=True), 1)
     rate = ca.jtimes(e.A.T @ x, *moved)
-    m_bar, f_bar = measures_in_space(e, bodies[:n], direction)
+    m_bar, f_bar = measure_rows_in_space(e, bodies[:n], direction)
     f_bar = f_bar if use_f_bar else ca.SX.zeros(len(rows))
     slip = m_bar * e.phi_dot**2
     Z = e.A.T + plan[1] * ca.jacobian(rate, x)
@@ -52,8 +52,8 @@ def wrench_loops(
     )
     poses = ca.vertcat(*ends[0][:2], *ends[1][:2]), ca.vertcat(ends[0][2], ends[1][2])
     Z, D, w, f_bar, first, slip = (ca.simplify(a) for a in free.call([*poses, e.t, e.numbers, plan, x, *others]))
-    entries0, Z_kept = _entries(Z[: 6 * n, :])
-    entries, D_kept = _entries(D[: 6 * n, :])
+    entries0, Z_kept = _name_entries(Z[: 6 * n, :])
+    entries, D_kept = _name_entries(D[: 6 * n, :])
     given = [entries0[0], entries[0]]
     w = w[: 6 * n] - Z_kept @ (plan[2] * x + nu_start)
     u = ca.vertcat(*[ends[b][2] for b in range(n)])
@@ -85,7 +85,7 @@ def list_by_ends(w: ca.SX) -> list[ca.SX]:
     return [ca.densify(w[at : at + 6]) for at in range(0, w.numel(), 6)]
 
 
-def _entries(Z: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
+def _name_entries(Z: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
     """Return symbols and values of the entries of a matrix that vary, and the matrix in these symbols."""
     values, fill = distinct_entries(Z)
     kept = ca.SX.sym("kept", len(values))
@@ -127,17 +127,17 @@ def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
     return values, fill
 
 
-def measures_in_space(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX]:
+def measure_rows_in_space(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX]:
     """Return M_bar and f_bar of rows in space under gravity; ``bodies`` are symbols of each end that end in numbers.
 
     These are the ``numbers`` of ``BODY``: m g, m, J^-1, J.
     """
-    turn = [ca.diagcat(ca.SX.eye(3), matrix(e.x[12 * end + 3 : 12 * end + 12])) for end in range(2)]
-    ends = [(x[3], matrix(x[13:22]), matrix(x[4:13]), ca.vertcat(x[:3], ca.SX(3, 1))) for *_, x in bodies]
-    return measures(e.A @ ca.diagcat(*turn), ends, direction)[:2]
+    turn = [ca.diagcat(ca.SX.eye(3), make_matrix(e.x[12 * end + 3 : 12 * end + 12])) for end in range(2)]
+    ends = [(x[3], make_matrix(x[13:22]), make_matrix(x[4:13]), ca.vertcat(x[:3], ca.SX(3, 1))) for *_, x in bodies]
+    return measure_rows(e.A @ ca.diagcat(*turn), ends, direction)[:2]
 
 
-def measures(
+def measure_rows(
     A: ca.SX, ends: Sequence[tuple[ca.SX, ca.SX, ca.SX, ca.SX]], direction: int
 ) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
     """Return M_bar = c . M c and f_bar = c . f of the rows ``A`` (n, 12), and c on each end (n, 6).

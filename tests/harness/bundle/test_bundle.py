@@ -36,7 +36,7 @@ BODIES = ("r", "R", "v", "Omega")
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    folder = store.create(tmp_path_factory.mktemp("results") / "run")
+    folder = store.create_folder(tmp_path_factory.mktemp("results") / "run")
     for problem, parameters, solver, control in RUNS:
         spec = make_spec(make_problem(problem, parameters), solver, None, control)
         run_here(Job(spec, folder, "some", "code", "commit", lossless=True))

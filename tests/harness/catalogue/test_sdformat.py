@@ -104,7 +104,7 @@ def public(name: str) -> Path:
 @pytest.mark.parametrize("name", ["Acrobot.sdf", "transcendesk55inch.sdf", "planar_gripper.sdf", "frames"])
 def test_accelerations_are_those_of_drake(tmp_path, name):
     """Its recursions in joint coordinates and our rows in absolute ones, at a random state: to 1e-10."""
-    m = mechanism_files.read(written(tmp_path, FRAMES) if name == "frames" else public(name))
+    m = mechanism_files.read_mechanism(written(tmp_path, FRAMES) if name == "frames" else public(name))
     assert isinstance(m, LinkMechanism)
     plant, context = drake_plant(m.path, m.gravity)
     random = np.random.default_rng(2)
@@ -122,7 +122,7 @@ def test_accelerations_are_those_of_drake(tmp_path, name):
 
 def test_a_loop_moves_as_drakes_tree_with_the_loop_s_rows(tmp_path):
     """Drake reads no loops: its matrices of the tree, and rows of its own Jacobians where the loop is cut."""
-    m = mechanism_files.read(written(tmp_path, LOOP))
+    m = mechanism_files.read_mechanism(written(tmp_path, LOOP))
     problem = make_problem(str(m.path), {"rates": "1.5,0,0", "t_end": 0.1})
     cut = LOOP[: LOOP.index('<joint name="D"')] + "</model></sdf>"
     plant, context = drake_plant(written(tmp_path, cut, "cut.sdf"), m.gravity)
@@ -161,7 +161,8 @@ def test_frames_and_axes_mean_the_same_however_they_are_written(tmp_path):
         '<link name="a">', '<frame name="f"><pose degrees="true">0 0 0 0 0 90</pose></frame><link name="a">'
     )
     starts = [
-        mechanism_files.read(written(tmp_path, text, f"{k}.sdf")).problem() for k, text in enumerate((plain, other))
+        mechanism_files.read_mechanism(written(tmp_path, text, f"{k}.sdf")).problem()
+        for k, text in enumerate((plain, other))
     ]
     assert_close(starts[0].initial.r, starts[1].initial.r, atol=1e-15)
     rates = [accelerations(p.system, p.initial).Omega_dot for p in starts]
@@ -169,7 +170,7 @@ def test_frames_and_axes_mean_the_same_however_they_are_written(tmp_path):
 
 
 def test_rates_that_a_loop_does_not_allow_are_refused(tmp_path):
-    m = mechanism_files.read(written(tmp_path, LOOP))
+    m = mechanism_files.read_mechanism(written(tmp_path, LOOP))
     with pytest.raises(ValueError, match="the loops allow no such rates"):
         m.problem(rates=(1.0, 1.0, 1.0))
 
@@ -235,13 +236,13 @@ def test_a_refused_element_is_named_with_its_line(tmp_path, before, after, words
 def test_a_point_mass_that_a_joint_turns_is_refused():
     """Drake's own cart and pole: 1e-20 kg m2 stand for none, by which absolute coordinates cannot divide."""
     with pytest.raises(ValueError, match="body 'Pole' has no inertia about"):
-        mechanism_files.read(public("cart_pole.sdf")).problem()
+        mechanism_files.read_mechanism(public("cart_pole.sdf")).problem()
 
 
 def test_a_model_at_rest_in_free_fall_has_gravity_of_the_format(tmp_path):
     """A model without a world: the format's default is 9.8 m/s2, not 9.81."""
     text = f'<sdf version="1.9"><model name="m"><link name="a">{INERTIAL.format(m=1, pose="")}</link></model></sdf>'
-    problem = mechanism_files.read(written(tmp_path, text)).problem()
+    problem = mechanism_files.read_mechanism(written(tmp_path, text)).problem()
     assert_close(accelerations(problem.system, replace(problem.initial)).v_dot, [[0.0, 0.0, -9.8]])
 
 
@@ -258,7 +259,7 @@ def test_the_version_says_whose_directions_axes_are(tmp_path, version):
 
     The step from 1.4 to 1.5 in SDFormat's own converter is ``use_parent_model_frame``.
     """
-    problem = mechanism_files.read(written(tmp_path, BAR.replace("VERSION", version))).problem()
+    problem = mechanism_files.read_mechanism(written(tmp_path, BAR.replace("VERSION", version))).problem()
     rate = np.linalg.norm(accelerations(problem.system, problem.initial).Omega_dot)
     assert np.isclose(rate, 9.8 * 0.4 / (0.25 + 0.16) if version < "1.5" else 0.0, atol=1e-12)
 
@@ -269,10 +270,10 @@ def test_gravity_within_physics_is_that_of_old_versions(tmp_path):
         '<sdf version="1.5"><world name="w"><physics type="ode"><gravity>0 0 -1.62</gravity></physics>{}</world></sdf>'
     )
     model = BAR[BAR.index("<model") : BAR.index("</sdf>")]
-    m = mechanism_files.read(written(tmp_path, world.format(model)))
+    m = mechanism_files.read_mechanism(written(tmp_path, world.format(model)))
     assert np.array_equal(m.problem().system.gravity, [0.0, 0.0, -1.62])
     with pytest.raises(ValueError, match="the world has another gravity"):
-        mechanism_files.read(written(tmp_path, world.format("<gravity>0 0 -9.8</gravity>" + model)))
+        mechanism_files.read_mechanism(written(tmp_path, world.format("<gravity>0 0 -9.8</gravity>" + model)))
 
 
 def test_limits_that_lock_a_joint_fix_it(tmp_path):
@@ -287,7 +288,7 @@ def test_limits_that_lock_a_joint_fix_it(tmp_path):
     parts = [bar.format(n, x, 1 / 12) for n, x in (("upper", 0), ("lower", 1))]
     parts += [pin.format("world", "upper", ""), pin.format("upper", "lower", locked)]
     text = f'<sdf version="1.7"><model name="m">{"".join(parts)}</model></sdf>'
-    problem = mechanism_files.read(written(tmp_path, text)).problem()
+    problem = mechanism_files.read_mechanism(written(tmp_path, text)).problem()
     rates = accelerations(problem.system, problem.initial).Omega_dot[:, 1]
     assert_close(rates, 9.8 * 1.5 / 2.0, atol=1e-12)
     assert "joints fixed by equal limits: 1" in problem.source
@@ -298,5 +299,5 @@ def test_what_changes_no_motion_is_passed_over_or_named(tmp_path):
     text = BAR.replace("VERSION", "1.7").replace("<model", '<model xmlns:x="u" x:kind="a"', 1)
     text = text.replace("<link", "<enable_wind>true</enable_wind><x:note/><link", 1)
     text = text.replace("<parent>", "<physics><ode><erp>.1</erp></ode></physics><parent>")
-    m = mechanism_files.read(written(tmp_path, '\n\n<?xml version="1.0"?>' + text))
+    m = mechanism_files.read_mechanism(written(tmp_path, '\n\n<?xml version="1.0"?>' + text))
     assert {*m.omitted} == {"wind", "elements x:note", "attributes x:kind", "solver settings of joints"}

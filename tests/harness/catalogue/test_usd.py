@@ -159,14 +159,14 @@ def test_a_joint_may_name_its_bodies_in_either_order(tmp_path):
 def test_accelerations_are_those_of_newton_s_model(tmp_path, name):
     """Newton reads a file of its wheel and makes a model of MuJoCo's, in float64: its own solvers are in float32."""
     newton = import_engine("newton")
-    from mbsbench.solvers.engines.export.model_check import SAME, differences
+    from mbsbench.solvers.engines.export.model_check import SAME, measure_differences
 
     from ...solvers.engines.test_mechanism_files import CompiledMechanism, moving, theirs
 
     text = linkage().replace('"scene" {}', '"scene" {\nfloat physics:gravityMagnitude = 9.75\n}')  # a float32
     assets = Path(newton.__file__).parent / "tests" / "assets"
     path = written(tmp_path, text) if name == "linkage" else assets / name
-    ours = mechanism_files.read(path)
+    ours = mechanism_files.read_mechanism(path)
     builder = newton.ModelBuilder()
     builder.add_usd(str(path))
     if max(builder.joint_articulation) < 0:  # Newton wants a joint for a free body, and a root for the tree
@@ -177,7 +177,7 @@ def test_accelerations_are_those_of_newton_s_model(tmp_path, name):
     m = CompiledMechanism("newton", Path(), "", pytest.importorskip("mujoco"), model, {})
     qpos, qvel = moving(m)
     problem = replace(ours.problem(), initial=m.state(tuple(qpos), tuple(qvel)))
-    found = differences(problem, theirs(m, qpos, qvel))
+    found = measure_differences(problem, theirs(m, qpos, qvel))
     assert max(found.values()) < SAME, found
 
 
@@ -346,5 +346,5 @@ def test_layers_are_part_of_the_runs_identity(tmp_path):
     base = written(tmp_path, linkage(), "base.usda")
     head = "(\n subLayers = [@./base.usda@]\n metersPerUnit = 1\n)"
     top = written(tmp_path, f"#usda 1.0\n{head}\n", "top.usda")
-    assert {p.name for p in mechanism_files.files(top)} == {base.name, top.name}
-    assert len(mechanism_files.read(top).problem().system.mass) == 3
+    assert {p.name for p in mechanism_files.list_files(top)} == {base.name, top.name}
+    assert len(mechanism_files.read_mechanism(top).problem().system.mass) == 3

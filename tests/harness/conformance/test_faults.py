@@ -121,7 +121,7 @@ def measured(name, text, folder):
             patch.setattr(requirements, motion, {**own, "t_end": 0.5 * own["t_end"]})
         registry.load_plugin(path)
         specs = {k: s for k, s in requirements.group_runs(name).items() if k.startswith(("finer", "spinning"))}
-        store.create(folder / "run")
+        store.create_folder(folder / "run")
         mine = {role: run_here(Job(spec, folder / "run")) for role, spec in specs.items()}  # in this process
         series = {role: store.read_run_series(folder / "run", r) for role, r in mine.items()}
         made = registry.make_solver(name)
@@ -142,7 +142,7 @@ def test_a_solver_that_drops_time_does_not_follow_drives(text, tmp_path, monkeyp
     path = tmp_path / "midpoint.py"
     path.write_text(text, encoding="utf-8")
     registry.load_plugin(path)
-    store.create(tmp_path / "run")
+    store.create_folder(tmp_path / "run")
     spec = requirements.group_runs("midpoint")["driven"]
     record = run_here(Job(spec, tmp_path / "run"))
     found = check_drives(Evidence("dt", 2.0, {"driven": record}, {}))

@@ -27,7 +27,7 @@ from mbsbench.harness.conformance import trials
 from mbsbench.harness.mechanics import motion
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.results.work import index_1_evaluations
+from mbsbench.harness.results.work import count_index_1_evaluations
 
 PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
 MIDPOINT, BAUMGARTE = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
@@ -183,12 +183,12 @@ def test_calls_of_accelerations_are_counted():
 
     run = solve("spherical_pendulum", rates, rtol=1e-6, t_end=0.1).record
     assert run.evaluations == run.factorisations > run.steps
-    assert index_1_evaluations(run) == run.evaluations
+    assert count_index_1_evaluations(run) == run.evaluations
 
 
 def test_one_unit_of_work_for_all_solvers():
     """A factorised evaluation is one, one without is half, and who counts no factorisations makes one an evaluation."""
     of = {"newton_iterations": 10.0, "factorisations": 2.0}
-    assert index_1_evaluations(RunRecord(**of)) == 2.0 + 0.5 * 8.0
-    assert index_1_evaluations(RunRecord(evaluations=7.0)) == 7.0
-    assert index_1_evaluations(RunRecord(evaluations=7.0, factorisations=7.0)) == 7.0
+    assert count_index_1_evaluations(RunRecord(**of)) == 2.0 + 0.5 * 8.0
+    assert count_index_1_evaluations(RunRecord(evaluations=7.0)) == 7.0
+    assert count_index_1_evaluations(RunRecord(evaluations=7.0, factorisations=7.0)) == 7.0

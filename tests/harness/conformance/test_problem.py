@@ -116,7 +116,7 @@ def test_without_a_reference_its_requirements_are_not_tested(tmp_path):
     """They are neither met nor broken, and the reason is given."""
     found = checked(tmp_path, EXAMPLE.replace("reference_from=exact,", ""))
     silent = [f for f in found if not f.is_tested and f.measured.words == "no reference"]
-    assert all(f.holds for f in found) and len(silent) == sum(c.of_reference for c in requirements.REQUIREMENTS)
+    assert all(f.holds for f in found) and len(silent) == sum(c.needs_reference for c in requirements.REQUIREMENTS)
 
 
 def test_json_has_the_numbers(command):

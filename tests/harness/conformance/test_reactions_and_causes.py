@@ -41,7 +41,7 @@ def judged(text: str, folder, monkeypatch, *roles: str):
     monkeypatch.setattr(solver, "EASY", {**solver.EASY, "easy hinge": (hinge, {**swept, "t_end": 0.03})})
     monkeypatch.setattr(solver, "MOVING", {**solver.MOVING, "t_end": 0.3})
     registry.load_plugin(path)
-    store.create(folder / "run")
+    store.create_folder(folder / "run")
     specs = {role: s for role, s in solver.group_runs("midpoint").items() if role.startswith(roles)}
     records = {role: run_here(Job(spec, folder / "run")) for role, spec in specs.items()}
     series = {role: store.read_run_series(folder / "run", r) for role, r in records.items()}
@@ -70,7 +70,7 @@ def test_one_error_is_one_failure(tmp_path):
     path = tmp_path / "midpoint.py"
     path.write_text(MIDPOINT.replace("dt / 2", "dt / None"), encoding="utf-8")
     registry.load_plugin(path)
-    store.create(tmp_path / "run")
+    store.create_folder(tmp_path / "run")
     records = tuple(run_here(Job(s, tmp_path / "run")) for s in solver.group_runs("midpoint").values())
     found = solver.check_solver("midpoint", tmp_path / "run", records)
     (failed,) = [f for f in found if not f.holds]

@@ -10,7 +10,7 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import plugins, registry
 from mbsbench.harness.conformance import trials
-from mbsbench.harness.execution.warmup import runs_to_warm
+from mbsbench.harness.execution.warmup import list_runs_to_warm
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import RunSpec
@@ -180,7 +180,7 @@ def test_the_misbehaving_plugin_is_loaded_by_file():
 def test_kernels_are_compiled_for_problems_of_plugins_too():
     """The problem's code does not run where kernels are compiled: two of ours stand in, with springs and without."""
     asked = RunSpec("of_a_plugin", "rattle", StepControl(dt=1e-3), {"size": 3}, {})
-    assert [s.problem for s in runs_to_warm([asked])] == ["heavy_top", "spring_pendulum"]
+    assert [s.problem for s in list_runs_to_warm([asked])] == ["heavy_top", "spring_pendulum"]
 
 
 def test_without_mujoco_a_mechanism_s_file_is_one_line(tmp_path, monkeypatch, capsys):

@@ -39,10 +39,10 @@ def true(ensemble):
 def test_starts_are_consistent_and_depend_on_seed_and_member_alone(ensemble):
     """Each is drawn by its own number, so an ensemble of any size has the same first members."""
     system = ensemble.problem.system
-    starts = [ensemble.start(k) for k in (0, 1, 0)]
+    starts = [ensemble.draw_start(k) for k in (0, 1, 0)]
     np.testing.assert_array_equal(starts[0].r, starts[2].r)
     assert np.any(starts[0].r != starts[1].r)
-    assert np.any(dataclasses.replace(ensemble, seed=2).start(0).r != starts[0].r)
+    assert np.any(dataclasses.replace(ensemble, seed=2).draw_start(0).r != starts[0].r)
     for s in map(States.one, starts):
         assert max(np.abs(constraint(system, s)).max(), np.abs(constraint_rate(system, s)).max()) < 1e-9
 
@@ -95,7 +95,7 @@ def test_states_between_steps_are_those_of_the_motion(ensemble):
 
 def test_missing_members_are_counted_and_leave_no_clean_verdict(ensemble, true):
     """A member that raises, one that kills its process, one that stops early: each costs itself alone."""
-    inner, starts = true[0].code.solver, [ensemble.start(k).R for k in range(20)]
+    inner, starts = true[0].code.solver, [ensemble.draw_start(k).R for k in range(20)]
 
     class Fragile:
         name, paper_label, control = "fragile", "", "rtol"

@@ -14,7 +14,7 @@ from mbsbench.harness.execution.pool import LocalPool, PoolError
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.results.words import words_of_ending
+from mbsbench.harness.results.words import describe_ending
 from mbsbench.harness.suites.suite import parse_suite
 
 from ..conftest import PLUGIN, TIMED, Silent
@@ -136,5 +136,5 @@ def test_a_limit_on_the_whole_run_reaches_the_workers(cluster, tmp_path):
     began = time.monotonic()
     done = run_suite(Request(suite, tmp_path / "run", 2), watcher, lambda size, *w: DaskPool(str(file), *w))
     assert time.monotonic() - began < 60.0
-    assert len(done.records) == 2 and all("total_limit of 12 s" in words_of_ending(r) for r in done.records)
+    assert len(done.records) == 2 and all("total_limit of 12 s" in describe_ending(r) for r in done.records)
     assert {r.status for r in done.records} == {"unfinished"} and len(watcher.left) == 4

@@ -25,7 +25,7 @@ TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "raises", "spins"]\n
 
 def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
     """Two runs one after the other in one supervisor; the third never returns and is ended from another thread."""
-    store.create(tmp_path)
+    store.create_folder(tmp_path)
     plugins = (str(PLUGIN),)
     suite = parse_suite(TEXT, "test", "test", plugins=plugins)
     codes_of = [digest_run_code(s.problem, s.solver, plugins) for s in suite.specs]

@@ -14,16 +14,16 @@ from mbsbench.harness.execution import costs
 from mbsbench.harness.execution.costs import (
     SIZES,
     WarmCaches,
-    cost_of_run,
     describe_command,
     interpolate_by_size,
+    predict_run_cost,
     predict_times,
     read_costs,
 )
 from mbsbench.harness.execution.remaining_time import format_duration
 from mbsbench.harness.execution.runner import Request, list_waiting
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.results.store import create, write_record
+from mbsbench.harness.results.store import create_folder, write_record
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.suites.suite import parse_suite
 
@@ -40,8 +40,8 @@ rtol = [1e-4, 1e-6]
 @pytest.fixture
 def cold(tmp_path, monkeypatch):
     """No cache holds anything, and this machine is as fast as that of the table."""
-    monkeypatch.setattr(costs, "cache_folder", lambda *_: tmp_path / "caches")
-    monkeypatch.setattr(costs, "slowness", lambda jobs: 1.0)
+    monkeypatch.setattr(costs, "make_cache_folder", lambda *_: tmp_path / "caches")
+    monkeypatch.setattr(costs, "measure_slowness", lambda jobs: 1.0)
     return tmp_path
 
 
@@ -55,7 +55,7 @@ def test_cost_follows_steps_and_size(cold):
     assert [costs.nearest_size(f.size) for f in facts.values()] == [0, 1, 2]
     for solver in ("rattle", "mujoco"):
         one, two, four = (
-            cost_of_run(spec_of("chain", solver, dt=dt), facts["chain"], read_costs()) for dt in (4e-4, 2e-4, 1e-4)
+            predict_run_cost(spec_of("chain", solver, dt=dt), facts["chain"], read_costs()) for dt in (4e-4, 2e-4, 1e-4)
         )
         assert four - two == pytest.approx(2.0 * (two - one))
     step = [interpolate_by_size(read_costs().solvers["rattle"].step_us, f.size) for f in facts.values()]
@@ -65,7 +65,7 @@ def test_cost_follows_steps_and_size(cold):
 @pytest.mark.parametrize("solver", ["rkmk_dop853", "ida_index1", "dop853_joint"])
 def test_a_finer_tolerance_costs_more(cold, solver):
     facts = costs._facts_of(registry.make_problem("chain"))
-    times = [cost_of_run(spec_of("chain", solver, rtol=rtol), facts, read_costs()) for rtol in (1e-4, 1e-8, 1e-12)]
+    times = [predict_run_cost(spec_of("chain", solver, rtol=rtol), facts, read_costs()) for rtol in (1e-4, 1e-8, 1e-12)]
     assert times == sorted(times)
 
 
@@ -86,7 +86,7 @@ def test_every_solver_has_a_cost(cold):
     facts = costs._facts_of(registry.make_problem("heavy_top"))
     for name, entry in registry.solvers().items():
         control = {"dt": 0.01} if entry.control == "dt" else {"rtol": 1e-6}
-        assert cost_of_run(spec_of("heavy_top", name, **control), facts, read_costs()) > 0.05
+        assert predict_run_cost(spec_of("heavy_top", name, **control), facts, read_costs()) > 0.05
     assert {n for n in registry.solvers() if registry.is_own_solver(n)} >= {*read_costs().solvers}
 
 
@@ -95,9 +95,9 @@ def test_a_loop_is_part_of_the_cost_of_a_run(cold):
     facts, table = costs._facts_of(registry.make_problem("heavy_top")), read_costs()
     for dt, looped in ((0.05, True), (1e-5, False)):
         spec = spec_of("heavy_top", "rattle", dt=dt)
-        once, in_loop = (cost_of_run(replace(spec, min_time=seconds), facts, table) for seconds in (0.0, 0.2))
+        once, in_loop = (predict_run_cost(replace(spec, min_time=seconds), facts, table) for seconds in (0.0, 0.2))
         set_up = interpolate_by_size(table.solvers["rattle"].setup_s, facts.size)
-        solve = costs.cost_of_solve(spec, facts, table)
+        solve = costs.predict_solve_cost(spec, facts, table)
         assert in_loop == pytest.approx(once - set_up - solve + 0.2 if looped else once) and (solve < 0.02) is looped
 
 
@@ -107,7 +107,7 @@ def test_what_a_run_took_here_counts_more_than_the_table(cold):
     record = RunRecord(
         run_id="x", case="c", problem="p", solver="s", status="success", wall_s=123.0, settings_id=specs[0].settings_id
     )
-    write_record(create(cold / "local" / "t-1"), record)
+    write_record(create_folder(cold / "local" / "t-1"), record)
     runs = predict_times(specs, 1, "t", cold / "local").runs
     assert runs[specs[0].settings_id] == pytest.approx(123.0 + read_costs().store_s)
     assert 0.0 < runs[specs[1].settings_id] < 5.0
@@ -141,7 +141,7 @@ def test_a_slower_machine_takes_longer(cold, monkeypatch):
     """In proportion, cold and warm."""
     specs = parse_suite(TEXT, "t", "t").specs
     before = predict_times(specs, 2, "", cold / "none")
-    monkeypatch.setattr(costs, "slowness", lambda jobs: 3.0)
+    monkeypatch.setattr(costs, "measure_slowness", lambda jobs: 3.0)
     after = predict_times(specs, 2, "", cold / "none")
     assert after.seconds == pytest.approx(3.0 * before.seconds) and after.once == pytest.approx(3.0 * before.once)
 
@@ -152,7 +152,7 @@ def test_a_core_that_others_want_is_slower(monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     for others, jobs, factor in ((0.0, 2, 1.0), (5.0, 1, 3.0), (0.0, 4, 2.0), (4.0, 4, 4.0), (1.0, 1, 1.0)):
         monkeypatch.setattr(costs, "count_rivals", lambda others=others: others)
-        assert costs.slowness.__wrapped__(jobs) == pytest.approx(2.0 * factor)
+        assert costs.measure_slowness.__wrapped__(jobs) == pytest.approx(2.0 * factor)
 
 
 def test_rivals_are_the_other_processes_that_run_now(monkeypatch):
@@ -205,7 +205,7 @@ def test_members_of_a_cloud_need_no_process_each(cold):
     """A thousand solves cost a thousand times one, at so many at a time, and one start."""
     spec = spec_of("heavy_top", "rattle", dt=0.001)
     one, many = (costs.expect_solves([(spec, n)], 2) for n in (1, 1000))
-    each = cost_of_run(spec, costs._facts_of(registry.make_problem("heavy_top")), read_costs())
+    each = predict_run_cost(spec, costs._facts_of(registry.make_problem("heavy_top")), read_costs())
     assert many.runs[spec.settings_id] == pytest.approx(1000.0 * one.runs[spec.settings_id]) and many.once == one.once
     assert 0.0 < one.runs[spec.settings_id] < each
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from mbsbench.harness.execution.remaining_time import RemainingTime, durations, format_duration, schedule_end
+from mbsbench.harness.execution.remaining_time import RemainingTime, format_duration, read_durations, schedule_end
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.results.store import create, write_record
+from mbsbench.harness.results.store import create_folder, write_record
 from mbsbench.harness.suites.suite import parse_suite
 
 from ..conftest import PLUGIN
@@ -62,14 +62,14 @@ def test_times_of_earlier_runs_are_found(tmp_path):
     """The newest folders; links and other things are none."""
     for name, seconds in (("ci-1", 1.0), ("ci-2", 2.0)):
         write_record(
-            create(tmp_path / name),
+            create_folder(tmp_path / name),
             RunRecord(
                 run_id="x", case="c", problem="p", solver="s", status="success", settings_id="abc", wall_s=seconds
             ),
         )
     (tmp_path / "latest").symlink_to("ci-1")
     (tmp_path / "stray").write_text("")
-    assert durations(tmp_path, "ci") == {"abc": 2.0} and durations(tmp_path / "none") == {}
+    assert read_durations(tmp_path, "ci") == {"abc": 2.0} and read_durations(tmp_path / "none") == {}
 
 
 @pytest.mark.parametrize(

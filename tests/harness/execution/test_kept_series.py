@@ -9,7 +9,7 @@ from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy
 from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.metrics.scales import displacement, speeds
+from mbsbench.harness.metrics.scales import measure_displacement, measure_speeds
 from mbsbench.harness.results import store
 from mbsbench.harness.suites.spec import make_spec
 
@@ -24,7 +24,7 @@ RUNS = {  # a slow order, a fast one, mechanisms beside each other, redundant ro
 
 def run(folder, problem, parameters, solver, control, *, lossless=False):
     made = make_problem(problem, parameters)
-    job = Job(make_spec(made, solver, None, control), store.create(folder), lossless=lossless)
+    job = Job(make_spec(made, solver, None, control), store.create_folder(folder), lossless=lossless)
     record = run_here(job)
     assert record.status == "success", record.message or record.wrong_because
     return made, record, store.read_run_series(folder, record)
@@ -52,9 +52,9 @@ def test_every_reported_maximum_is_that_of_the_kept_states(tmp_path, name):
     within = here.times <= record.judged_to_s
     position = np.max(np.linalg.norm(here.r - there.r, axis=2), axis=1)
     turned = np.max(so3.angle_between(here.R, there.R), axis=1)
-    motion = np.max(displacement(system, here, there), axis=1)
+    motion = np.max(measure_displacement(system, here, there), axis=1)
     rate = States(there.r, there.R, here.v - there.v, here.Omega - there.Omega)
-    rates = np.max(speeds(system, rate), axis=1)
+    rates = np.max(measure_speeds(system, rate), axis=1)
     for found, column in (
         (position, "position_error_judged_m"),
         (turned, "orientation_error_judged_rad"),
@@ -72,11 +72,11 @@ def test_the_scales_are_those_of_the_kept_exact_motion(tmp_path, name):
     """It is kept where it reaches farthest, is fastest and exchanges most energy, as 2,001 of its instants tell."""
     problem, record, series = run(tmp_path, *RUNS[name])
     exact, start = states(series, "sample"), States.one(problem.initial)
-    T = 0.5 * speeds(problem.system, exact) ** 2 @ problem.system.mass
+    T = 0.5 * measure_speeds(problem.system, exact) ** 2 @ problem.system.mass
     V = energy(problem.system, exact) - T
     for found, scale in (
-        (np.max(displacement(problem.system, exact, start)), record.length_scale_m),
-        (np.max(speeds(problem.system, exact)), record.speed_scale_m_per_s),
+        (np.max(measure_displacement(problem.system, exact, start)), record.length_scale_m),
+        (np.max(measure_speeds(problem.system, exact)), record.speed_scale_m_per_s),
         (max(np.max(T), np.ptp(V)), record.energy_scale_J),
     ):
         assert (1.0 - 1e-12) * scale <= found <= 1.001 * scale

@@ -14,7 +14,7 @@ import psutil
 import pytest
 import threadpoolctl
 
-from mbsbench.cli.keeping import series_to_keep
+from mbsbench.cli.keeping import make_series_choice
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.provisional import is_provisional
@@ -102,7 +102,7 @@ def test_kills_and_suspensions_lose_nothing(tmp_path, RUNS, KILLS, SUSPENSIONS):
     assert f"{len(kept) - len(again)} already done" in out or len(kept) == len(again), out
     assert all(done(folder)[name] == when for name, when in kept.items() if name.removesuffix(".json") not in again)
     calm = load_suite(str(suite))
-    run_suite(Request(calm, tmp_path / "calm", 2, keep=series_to_keep(calm)), Silent())
+    run_suite(Request(calm, tmp_path / "calm", 2, keep=make_series_choice(calm)), Silent())
     loaded = [store.load(x) for x in (folder, tmp_path / "calm")]
     killed, calm = (store.table(x.records).drop(columns=TIMED) for x in loaded)
     assert len(killed) == RUNS and killed.equals(calm), killed.compare(calm).to_string()
@@ -121,6 +121,10 @@ def test_the_environment_of_a_run_does_not_depend_on_what_else_is_imported(monke
         "filepath": str(Path(np.__file__).parents[1] / "other.libs" / "libopenblas.so"),
     }
     monkeypatch.setattr(threadpoolctl, "threadpool_info", lambda: [*found, other])
-    assert environment.identity(environment.describe_environment("f", "s", 1, ())) == environment.identity(before)
+    assert environment.digest_environment(
+        environment.describe_environment("f", "s", 1, ())
+    ) == environment.digest_environment(before)
     monkeypatch.setattr(threadpoolctl, "threadpool_info", lambda: [{**one, "version": "0"} for one in found])
-    assert environment.identity(environment.describe_environment("f", "s", 1, ())) != environment.identity(before)
+    assert environment.digest_environment(
+        environment.describe_environment("f", "s", 1, ())
+    ) != environment.digest_environment(before)

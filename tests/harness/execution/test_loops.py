@@ -8,7 +8,7 @@ import pytest
 from mbsbench import StepControl
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import worker
-from mbsbench.harness.execution.contract import Cost, cost_columns, looped_cost
+from mbsbench.harness.execution.contract import Cost, average_loop_times, make_cost_columns
 from mbsbench.harness.suites.suite import load_suite
 
 from ..conftest import run_in
@@ -90,7 +90,7 @@ def test_more_repeats_do_not_widen_the_spread():
     draw = np.random.default_rng(1).lognormal(0.0, 0.1, (2000, 300))
 
     def mean_spread(low, high, n):
-        columns = [cost_columns(row[:n], n) for row in draw]
+        columns = [make_cost_columns(row[:n], n) for row in draw]
         return np.mean([c[high] / c[low] for c in columns])
 
     quartiles, extremes = (
@@ -102,7 +102,7 @@ def test_more_repeats_do_not_widen_the_spread():
 @pytest.mark.parametrize("times", [(3.0,), (2.0, 3.0), (2.0, 9.0, 3.0)])
 def test_quartiles_of_up_to_three_are_the_extremes(times):
     """So the spread of results with three repeats is what it was."""
-    c = cost_columns(times, len(times))
+    c = make_cost_columns(times, len(times))
     assert (c["cpu_q1_s"], c["cpu_median_s"], c["cpu_q3_s"]) == (min(times), np.median(times), max(times))
 
 
@@ -138,17 +138,17 @@ def test_solves_without_a_cost_end_too(timed, monkeypatch):
 def test_solves_below_the_grain_of_the_clock_count_in_groups():
     """A clock that moves by 1 us gives 21.3 us as 21 or 22; of groups that take 0.1 ms each is right to 1 %."""
     ends = np.floor(21.3 * np.arange(1, 102) + 0.01) * 1e-6
-    costs = looped_cost([1e-4, *np.diff(ends)], OURS, 0.0)
+    costs = average_loop_times([1e-4, *np.diff(ends)], OURS, 0.0)
     assert len(costs) == 20 and costs == pytest.approx([21.3e-6] * 20, rel=0.01)
-    assert cost_columns(costs, 100)["cpu_q3_s"] / cost_columns(costs, 100)["cpu_q1_s"] < 1.01
-    few = looped_cost([1e-4, 2e-5, 2e-5, 2e-5, 2e-5], OURS, 0.0)
+    assert make_cost_columns(costs, 100)["cpu_q3_s"] / make_cost_columns(costs, 100)["cpu_q1_s"] < 1.01
+    few = average_loop_times([1e-4, 2e-5, 2e-5, 2e-5, 2e-5], OURS, 0.0)
     assert len(few) >= 3
 
 
 def test_reading_the_clock_is_not_the_solvers_cost():
     """It is left out of each solve, and leaves nothing below zero."""
-    assert looped_cost([1e-3] * 9, OURS, 1e-6) == pytest.approx([0.999e-3] * 8)
-    assert looped_cost([0.0] * 10, OURS, 1e-6) == [0.0] * 3
+    assert average_loop_times([1e-3] * 9, OURS, 1e-6) == pytest.approx([0.999e-3] * 8)
+    assert average_loop_times([0.0] * 10, OURS, 1e-6) == [0.0] * 3
     assert 0.0 < worker._reading_seconds() < 1e-4
 
 

@@ -154,7 +154,7 @@ def test_what_is_more_than_a_law_is_run_again(tmp_path, monkeypatch, other_code,
     if what == "commit":
         monkeypatch.undo()
         monkeypatch.setattr(command_module, "find_outdated", lambda records, plugins: list(records))
-        monkeypatch.setattr(store, "newest", lambda records: [replace(r, commit="0" * 40) for r in records])
+        monkeypatch.setattr(store, "select_newest", lambda records: [replace(r, commit="0" * 40) for r in records])
     else:
         monkeypatch.setattr(remeasure, "open_sources", lambda: nullcontext(lambda commit: then))
     assert main(command(folder)) == 1
@@ -197,7 +197,7 @@ def test_an_interruption_keeps_what_is_done(tmp_path, monkeypatch, other_code):
 def test_the_code_of_a_commit_is_read_once(tmp_path):
     """Its digests are those of its files; an unknown commit is refused in words."""
     with remeasure.open_sources() as sources_of:
-        head = environment.commit().removesuffix("+dirty")
+        head = environment.read_commit().removesuffix("+dirty")
         then = sources_of(head)
         assert then is sources_of(head) and then.root != codes.package_sources().root
         assert then.solvers.keys() and then.digest_modules(*codes.COSTS)

@@ -16,7 +16,7 @@ from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.pool import LocalPool, PoolError
 from mbsbench.harness.execution.protocol import RunEnded, StartOrder, Supervised, SupervisorLost
 from mbsbench.harness.execution.run import run_here
-from mbsbench.harness.execution.runner import Request, last_folder, run_suite
+from mbsbench.harness.execution.runner import Request, find_last_folder, run_suite
 from mbsbench.harness.files import FileError, name_partial
 from mbsbench.harness.results import codes, environment, store
 from mbsbench.harness.suites.suite import parse_suite
@@ -165,9 +165,9 @@ def test_the_newest_run_is_of_this_suite(tmp_path):
     """``small-2`` is another suite, and its runs are not those of ``small``."""
     for name in ("small-20260101-000000", "small-20260102-000000-77", "small-2-20260301-000000", "small-3", "small-9x"):
         (tmp_path / name / "runs").mkdir(parents=True)
-    assert last_folder("small", tmp_path) == tmp_path / "small-20260102-000000-77"
-    assert last_folder("small-2", tmp_path) == tmp_path / "small-2-20260301-000000"
-    assert last_folder("tiny", tmp_path) is None
+    assert find_last_folder("small", tmp_path) == tmp_path / "small-20260102-000000-77"
+    assert find_last_folder("small-2", tmp_path) == tmp_path / "small-2-20260301-000000"
+    assert find_last_folder("tiny", tmp_path) is None
 
 
 def test_a_full_disk_at_the_end_hides_nothing_and_leaves_no_rest(run_text, tmp_path, monkeypatch):
@@ -227,7 +227,7 @@ def test_table_does_not_depend_on_jobs(run_text, tmp_path):
 def test_a_full_disk_is_no_result_of_a_run(tmp_path, monkeypatch):
     """ENOSPC while writing is not stored as the solver's crash: the run stays to be done."""
     suite = parse_suite('[[runs]]\nproblem = "free_fall"\nsolver = "exact"', "t", "t", plugins=(str(PLUGIN),))
-    folder = store.create(tmp_path / "run")
+    folder = store.create_folder(tmp_path / "run")
 
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")

@@ -11,7 +11,7 @@ from mbsbench.harness.results import store
 from mbsbench.harness.results.findings import Verdict
 from mbsbench.harness.results.provisional import is_provisional, list_record_files
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.results.words import words_of_ending
+from mbsbench.harness.results.words import describe_ending
 from mbsbench.harness.suites.suite import parse_suite
 from mbsbench.harness.types import EndCause
 
@@ -63,7 +63,7 @@ def test_running_runs_are_ended_and_the_rest_is_left(tmp_path):
         "hangs_later": "unfinished",
         "spins": "unfinished",
     }
-    assert all("limit of 600 s" in words_of_ending(ended[s]) for s in ("hangs_later", "spins"))
+    assert all("limit of 600 s" in describe_ending(ended[s]) for s in ("hangs_later", "spins"))
     assert ended["hangs_later"].steps > 0 and ended["hangs_later"].series and ended["spins"].steps == 0
     assert len(watcher.left) == 4 and all("sleeps" in case or "raises" in case for case in watcher.left)
     verdict = judge(suite.specs, loaded.records, Thresholds("test"))
@@ -103,7 +103,7 @@ def test_what_a_run_did_itself_is_no_matter_of_the_run():
 
 def test_the_series_of_such_a_record_goes_aside_too(tmp_path):
     """Nothing is deleted, nothing is written over."""
-    folder = store.create(tmp_path / "run")
+    folder = store.create_folder(tmp_path / "run")
     record = RunRecord(run_id="abc", status="stalled", ended_by="total_limit", series="series/abc.npz", stderr="")
     store.write_record(folder, record)
     (folder / record.series).write_bytes(b"x")

@@ -24,7 +24,7 @@ AT_REST = 60  # of seed 1
 
 def make_short_oracle(number: int) -> Oracle:
     """Mechanism ``number`` for a fifth of its time."""
-    oracle = CampaignSettings(SEED).oracle(number)
+    oracle = CampaignSettings(SEED).make_oracle(number)
     return replace(oracle, mechanism=replace(oracle.mechanism, steps=STEPS))
 
 
@@ -75,7 +75,7 @@ def test_a_refused_mechanism_is_no_finding():
 
 def test_a_deviation_from_rest_is_confirmed():
     """The reference of a mechanism that nothing moves is its start; a code that lets it fall is off it."""
-    oracle = CampaignSettings(1, form=Form()).oracle(AT_REST)
+    oracle = CampaignSettings(1, form=Form()).make_oracle(AT_REST)
     assert oracle.decide(SOUND)[0] is OracleVerdict.DISMISSED
     verdict, evidence = oracle.decide("broken", Falls())
     assert verdict is OracleVerdict.CONFIRMED and "at rest and without accelerations, nothing moves" in evidence

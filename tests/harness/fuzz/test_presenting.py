@@ -10,10 +10,10 @@ import pytest
 
 from mbsbench import JointKind, MultibodySystem, Problem, State, States, make_problem
 from mbsbench.harness.catalogue.registry import rotate_problem
-from mbsbench.harness.fuzz.cases import mjcf
+from mbsbench.harness.fuzz.cases import format_mjcf
 from mbsbench.harness.fuzz.drawing import draw_mechanism
 from mbsbench.harness.fuzz.mechanism import RandomMechanism
-from mbsbench.harness.fuzz.presenting import Form, _Parts
+from mbsbench.harness.fuzz.presenting import Form, _SplitBody
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.consistency import check_start
 from mbsbench.harness.mechanics.dynamics import RANK, Rates, accelerations, equations
@@ -76,8 +76,8 @@ def accelerations_in(form: Form, problem: Problem, rates: Rates) -> State:
     s, start = problem.system, problem.initial
     out = State(start.r, start.R, rates.v_dot, rates.Omega_dot)
     if form.split:
-        b, parts = form.split - 1, _Parts(s, form.split - 1)
-        out, Omega = parts.state(out), start.Omega[b]
+        b, parts = form.split - 1, _SplitBody(s, form.split - 1)
+        out, Omega = parts.split_state(out), start.Omega[b]
         v = out.v.copy()
         for k, arm in zip((b, s.nb), parts.offsets, strict=True):
             v[k] += start.R[b] @ np.cross(Omega, np.cross(Omega, arm))
@@ -125,7 +125,7 @@ def test_mjcf_is_the_same_mechanism(tmp_path):
         if not problem.system.is_pinned:
             continue
         path = tmp_path / f"m{k}.xml"
-        path.write_text(mjcf(problem))
+        path.write_text(format_mjcf(problem))
         read = make_problem(str(path), {"keyframe": "start"})
         order = [int(name.split()[1]) - 1 for name in read.system.body_names]
         ours, theirs = (accelerations(p.system, p.initial) for p in (problem, read))

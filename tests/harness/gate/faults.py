@@ -60,7 +60,7 @@ FAULTS = (
         ONE,
     ),
     Fault(ENDS, "x_i = r[:, i] + turn_vectors(s, i, system.joint_s_i[joints])", "x_i = r[:, i]", ONE),
-    Fault(ENDS, "v[:, i] + turn_rates(s, i, system", "v[:, i] - turn_rates(s, i, system", ONE),
+    Fault(ENDS, "v[:, i] + find_vector_rates(s, i, system", "v[:, i] - find_vector_rates(s, i, system", ONE),
     Fault("harness/mechanics/so3.py", "return 2.0 * np.arcsin(", "return np.arcsin(", of(PENDULUM, "gc_weak_form dt")),
     Fault(
         "harness/catalogue/registry.py",
@@ -77,8 +77,8 @@ FAULTS = (
     Fault("harness/metrics/scales.py", "Scales(*(float(v) for v in", "Scales(*(float(10.0 * v) for v in", ONE),
     Fault(
         "harness/metrics/reactions.py",
-        "load = index_1(system, near).load",
-        "load = -index_1(system, near).load",
+        "load = solve_index_1(system, near).load",
+        "load = -solve_index_1(system, near).load",
         ONE,
     ),
     Fault(
@@ -101,7 +101,10 @@ FAULTS = (
         WRONG,
     ),
     Fault(
-        "harness/execution/measuring.py", "(because := inaccuracy(measured, numbers))", "(because := [])", INACCURATE
+        "harness/execution/measuring.py",
+        "(because := find_inaccuracy(measured, numbers))",
+        "(because := [])",
+        INACCURATE,
     ),
     Fault("harness/types/verdicts.py", "Law.ENERGY: 0.10", "Law.ENERGY: 1.0", WRONG),
     Fault("harness/types/verdicts.py", '"accurate_until_s": 0.1,', '"accurate_until_s": 1.0,', TURNING),

@@ -17,7 +17,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.baseline import FOLDER, read_thresholds, write_thresholds
 from mbsbench.harness.gate.check import judge, select_judged, tighten_bounds
-from mbsbench.harness.gate.files import annotate, junit, markdown
+from mbsbench.harness.gate.files import format_annotations, format_junit, format_markdown
 from mbsbench.harness.gate.thresholds import (
     ERROR_CONTROL,
     FIXED_STEP,
@@ -32,10 +32,10 @@ from mbsbench.harness.gate.thresholds import (
 )
 from mbsbench.harness.mechanics.state import State as Pose
 from mbsbench.harness.mechanics.system import RigidBody, assemble
-from mbsbench.harness.metrics.identity import fingerprint
+from mbsbench.harness.metrics.identity import compute_fingerprint
 from mbsbench.harness.results import environment
 from mbsbench.harness.results.findings import Verdict
-from mbsbench.harness.results.provisional import latest_of_each
+from mbsbench.harness.results.provisional import select_latest
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import RunSpec
 from mbsbench.harness.types import Problem, Status, StepControl
@@ -137,7 +137,7 @@ def test_another_problem_is_not_the_one_of_the_baseline(change):
         start = Pose(np.zeros((1, 3)), np.eye(3)[None], np.full((1, 3), v), np.zeros((1, 3)))
         return Problem("p", assemble([RigidBody(mass, np.eye(3))], (), gravity), start, t_end, 0.01, "", "")
 
-    same, other = fingerprint(problem()), fingerprint(problem(**change))
+    same, other = compute_fingerprint(problem()), compute_fingerprint(problem(**change))
     (bound,) = [
         b
         for b in propose_bounds([RunRecord(case=CASE, status="success", problem_fingerprint=same)])
@@ -206,7 +206,7 @@ def test_of_two_results_of_one_time_all_readers_take_the_failure():
     """Certificates and pictures as well."""
     good, bad = RECORDS[0], dataclasses.replace(RECORDS[0], run_id="0", status="diverged")
     for records in ([good, bad], [bad, good]):
-        assert latest_of_each(records) == (bad,)
+        assert select_latest(records) == (bad,)
 
 
 def test_a_missing_figure_closes_the_gate():
@@ -243,21 +243,21 @@ def test_the_worst_is_printed_last(capsys, monkeypatch):
         dataclasses.replace(good[2], phi_max=7.0),
     ]
     result = judge(runs, records, Thresholds("t", tuple(threshold(c, lower=0.5) for c in cases)))
-    gate_command._print(result, everything=False)
+    gate_command._print_findings(result, everything=False)
     lines = capsys.readouterr().out.splitlines()
     first = {word: next(k for k, x in enumerate(lines) if word in x) for word in ("x 1.1", "diverged", "x 7")}
     assert [*first] == sorted(first, key=lambda word: first[word])
     assert "CLOSED" in lines[-1] and not any("x 0" in x for x in lines)
     assert any(x.startswith("1 bound more of runs that did not end as expected") for x in lines)
-    gate_command._print(result, everything=True)
+    gate_command._print_findings(result, everything=True)
     assert "x 0" in capsys.readouterr().out
 
 
 def test_github_gets_an_annotation_a_case():
     """Workflow commands with the first cause; characters that would end one are written as GitHub reads them."""
-    assert annotate(state(), "ci") == []
+    assert format_annotations(state(), "ci") == []
     bad = dataclasses.replace(RECORDS[0], status="diverged", message="50 %\nof: all, at once", phi_max=0.0)
-    (line,) = annotate(state([bad, RECORDS[1]], with_bound(lower=0.5)), "ci")
+    (line,) = format_annotations(state([bad, RECORDS[1]], with_bound(lower=0.5)), "ci")
     head, _, words = line.removeprefix("::error title=").partition("::")
     assert line.startswith("::error title=") and head == "gate ci%3A " + CASE.replace(",", "%2C")
     assert words.startswith("FAIL: diverged, expected success") and "50 %25" in words and "\n" not in line
@@ -348,15 +348,15 @@ def test_equal_is_exact_unless_a_tolerance_is_stated(tmp_path):
 def test_verdicts_are_written_for_ci():
     """JUnit that parses, whatever a solver's message holds; Markdown with the same counts."""
     verdict = state(changed(phi_max=1.3, status="crashed", message="a | b\0<c> ]]> \ud800"))
-    root = ElementTree.fromstring(junit(verdict, "t"))
+    root = ElementTree.fromstring(format_junit(verdict, "t"))
     assert root.get("tests") == "4" and root.get("failures") == "2" and len(root.findall(".//failure")) == 2
-    text = markdown(verdict, "t")
+    text = format_markdown(verdict, "t")
     assert "CLOSED" in text and "2 FAIL, 2 PASS" in text and r"a \| b" in text
     empty = state([], Thresholds("t"), ())
-    assert ElementTree.fromstring(junit(empty, "t")).get("failures") == "1" and "nothing was judged" in markdown(
-        empty, "t"
-    )
-    expected = ElementTree.fromstring(junit(state(bounds=with_bound(expect="fail", upper=0.5)), "t"))
+    assert ElementTree.fromstring(format_junit(empty, "t")).get(
+        "failures"
+    ) == "1" and "nothing was judged" in format_markdown(empty, "t")
+    expected = ElementTree.fromstring(format_junit(state(bounds=with_bound(expect="fail", upper=0.5)), "t"))
     assert expected.get("skipped") == "1" and expected.get("failures") == "0"
 
 
@@ -492,6 +492,6 @@ def test_a_run_without_its_package_is_left_out_only_where_it_was_named():
     none = [dataclasses.replace(r, status="refused", missing_package="a") for r in RECORDS]
     nothing = judge(RUNS, none, BOUNDS, without=("a",))
     assert not nothing.is_open and nothing.summary == "nothing was judged"
-    assert ElementTree.fromstring(junit(nothing, "t").partition("\n")[2]).attrib["failures"] == "1"
+    assert ElementTree.fromstring(format_junit(nothing, "t").partition("\n")[2]).attrib["failures"] == "1"
     stale = changed(status="success", missing_package="a", phi_max=9.0)  # it ran: the package is no excuse
     assert not judge(RUNS, stale, BOUNDS, without=("a",)).is_open

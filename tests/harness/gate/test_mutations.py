@@ -38,7 +38,7 @@ def judged(runs):
     cases, all_ = {c.case for c in specs}, read_thresholds(FOLDER / "ci.toml")
     own = Thresholds("ci", *(tuple(b for b in part if b.case in cases) for part in (all_.bounds, all_.statuses)))
     with tempfile.TemporaryDirectory() as place:
-        result = judge(specs, [run_here(Job(c, store.create(Path(place)))) for c in specs], own)
+        result = judge(specs, [run_here(Job(c, store.create_folder(Path(place)))) for c in specs], own)
     sys.stderr.write("".join(f"{f.verdict} {f.measured.quantity} {f.measured.text}\\n" for f in result.notable[:3]))
     return result.is_open
 

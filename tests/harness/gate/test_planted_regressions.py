@@ -60,7 +60,7 @@ def planted():
 
 def state_of(spec, run, folder: Path) -> Verdict:
     """The gate's words when the code makes ``run`` of ``spec``."""
-    record = run_here(Job(run, store.create(folder)))
+    record = run_here(Job(run, store.create_folder(folder)))
     assert record.status != Status.CRASHED, record.message  # a gate red for a bug of ours proves nothing
     record = dataclasses.replace(record, case=spec.case, settings_id=spec.settings_id)
     bounds = tuple(b for b in THRESHOLDS.bounds if b.case == spec.case)
@@ -94,22 +94,22 @@ def changed(function, module, old: str, new: str):
 
 def classical_with(monkeypatch, new: str) -> None:
     """The symbolic route with another gyroscopic term."""
-    broken = changed(symbolic.body_element, symbolic, GYROSCOPIC, new)
-    monkeypatch.setattr(system_elements, "body_element", broken)
+    broken = changed(symbolic.make_body_element, symbolic, GYROSCOPIC, new)
+    monkeypatch.setattr(system_elements, "make_body_element", broken)
 
 
 def joints_with(monkeypatch, new: str) -> None:
     """Joint coordinates with another gyroscopic term, and code of their own."""
     broken = changed(motion.TreeMotion.compute_carried_loads, motion, "+ ca.cross(omega, spin)", new)
     monkeypatch.setattr(motion.TreeMotion, "compute_carried_loads", broken)
-    monkeypatch.setattr(code, "_own_text", lambda: f"planted {new}")
+    monkeypatch.setattr(code, "_digest_generator", lambda: f"planted {new}")
     monkeypatch.setattr(code, "SMALL", 0)  # all stages of a step as one function take seconds to compile
 
 
 def geometric_with(monkeypatch, **change: float) -> None:
     """The geometric route with a factor in its kernels changed."""
-    sound = GaugeChoices.settings
-    monkeypatch.setattr(GaugeChoices, "settings", lambda self, problem: sound(self, problem)._replace(**change))
+    sound = GaugeChoices.make_settings
+    monkeypatch.setattr(GaugeChoices, "make_settings", lambda self, problem: sound(self, problem)._replace(**change))
 
 
 ON_KERNEL = (
@@ -127,7 +127,7 @@ ON_KERNEL = (
 
 def kernel_with(monkeypatch, factor: float) -> None:
     """The kernel by loops with J Omega times ``factor``, its inverse as it is."""
-    sound = kernel.empty_kernel
+    sound = kernel.allocate_kernel
 
     def broken(system: MultibodySystem) -> kernel.Kernel:
         k = sound(system)
@@ -135,7 +135,7 @@ def kernel_with(monkeypatch, factor: float) -> None:
         return k
 
     for module in (kernel, soft_rows):
-        monkeypatch.setattr(module, "empty_kernel", broken)
+        monkeypatch.setattr(module, "allocate_kernel", broken)
 
 
 @pytest.mark.parametrize("solver", sorted({c.solver for c in SUITE.specs}))

@@ -92,7 +92,7 @@ def test_records_that_contradict_themselves_are_named(changed: dict[str, str], w
 
 def test_the_gate_judges_no_record_that_contradicts_itself(tmp_path: Path, capsys) -> None:
     """One that says success of a run that a signal ended; one of 2099, which would outlive a newer failure."""
-    folder = store.create(tmp_path / "r")
+    folder = store.create_folder(tmp_path / "r")
     for changed in ({"ended_by": "signal"}, {"finished": "2099-01-01T00:00:00.000000Z"}):
         store.write_record(folder, dataclasses.replace(GOOD, **changed))
         assert main(["gate", "--results", str(folder), "--any-code"]) == 2

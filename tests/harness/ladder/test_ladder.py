@@ -111,7 +111,7 @@ def test_submit_and_ladder_from_the_command_line(tmp_path, monkeypatch, capsys):
     """A bundle of an honest and of a false solver; the page names both, escaped, and the label of each."""
     monkeypatch.setattr(submit, "run_submission", partial(run_submission, kinds=SHORT, repeats=1))
     monkeypatch.setattr(submit, "read_entry", partial(read_entry, kinds=SHORT))
-    monkeypatch.setattr(submit, "new_folder", lambda name: tmp_path / f"{name}{len(list(tmp_path.iterdir()))}")
+    monkeypatch.setattr(submit, "name_new_folder", lambda name: tmp_path / f"{name}{len(list(tmp_path.iterdir()))}")
     for name, how, code in (("good", "nothing", 0), ("bad", "gravity too small", 1)):
         (tmp_path / f"{name}.py").write_text(TEXT.format(how))
         line = ["submit", str(tmp_path / f"{name}.py"), "-o", str(tmp_path / f"{name}.zip"), "--json"]
@@ -141,7 +141,7 @@ def test_all_is_solved_before_any_reference_is_computed(tmp_path, monkeypatch):
     """Else a later run could read what an earlier one's measure left."""
     order = []
     monkeypatch.setattr(submission, "_solve", lambda *_: order.append("solve") or SimpleNamespace(sent=""))
-    monkeypatch.setattr(submission, "_measure_apart", lambda run: order.append("measure"))
+    monkeypatch.setattr(submission, "_measure_in_process", lambda run: order.append("measure"))
     made = submission.Submission("s", "dt", "", "a")
     run_submission(made, "1", tmp_path / "run", kinds=SHORT, repeats=1, blind=object())
     assert len(order) > 2 and order == sorted(order, reverse=True)
@@ -169,7 +169,7 @@ def test_one_run_without_a_fence_marks_the_entry(tmp_path, monkeypatch, first):
     """Each run's process says whether it is shut in, not the one that looked at the file."""
     said = itertools.cycle(first)
     monkeypatch.setattr(submission, "_solve", lambda *_: replace(ENDED, sent=next(said)))
-    monkeypatch.setattr(submission, "_measure_apart", lambda run: None)
+    monkeypatch.setattr(submission, "_measure_in_process", lambda run: None)
     made = submission.Submission("s", "dt", "", "a", fenced=True)
     run_submission(made, "1", tmp_path / "run", kinds=SHORT, repeats=1, blind=object())
     about = tomllib.loads((tmp_path / "run" / "suite.toml").read_text())

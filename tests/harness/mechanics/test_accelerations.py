@@ -27,7 +27,7 @@ def test_states_that_are_all_not_finite_have_no_accelerations(most, monkeypatch)
     problem = make_problem("slider_crank")
     state = problem.initial
     lost = States(*(np.full_like(x, np.nan)[None] for x in (state.r, state.R, state.v, state.Omega)))
-    assert all(np.all(np.isnan(x)) for x in index1.index_1(problem.system, lost))
+    assert all(np.all(np.isnan(x)) for x in index1.solve_index_1(problem.system, lost))
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_sparse_and_dense_algebra_agree(name, parameters, monkeypatch):
     found = []
     for most in (np.inf, -1.0):
         monkeypatch.setattr(index1, "DENSE", most)
-        found.append(index1.index_1(problem.system, run.states.at(slice(0, None, 5))))
+        found.append(index1.solve_index_1(problem.system, run.states.at(slice(0, None, 5))))
     for dense, sparse in ((found[0].a, found[1].a), (found[0].load, found[1].load)):
         np.testing.assert_allclose(sparse, dense, rtol=0, atol=1e-8 * np.max(np.abs(dense)))
 
@@ -59,7 +59,7 @@ def test_large_systems_are_solved_to_rounding(name):
     problem = make_problem(name, LARGE[name])
     system, one = problem.system, problem.initial
     s = States(one.r[None], one.R[None], one.v[None], one.Omega[None])
-    found = index1.index_1(system, s)
+    found = index1.solve_index_1(system, s)
     f = motion.applied_loads(system, s)
     f[..., 3:] -= np.cross(one.Omega, np.einsum("bij,bj->bi", system.inertia, one.Omega))
     Ma = np.concatenate(
@@ -67,7 +67,7 @@ def test_large_systems_are_solved_to_rounding(name):
     )
     np.testing.assert_allclose(Ma, f + found.load, rtol=0, atol=1e-9 * np.max(np.abs(f)))
     faster = States(s.r, s.R, found.a[..., :3], found.a[..., 3:])  # A a, where no row moves by itself
-    opening = motion.constraint_rate(system, faster) + motion.drift(system, s)
+    opening = motion.constraint_rate(system, faster) + motion.evaluate_acceleration_bias(system, s)
     np.testing.assert_allclose(opening, 0.0, atol=1e-8 * np.max(np.abs(found.a)))
 
 
@@ -120,7 +120,7 @@ def both(rates: mbsbench.Rates) -> np.ndarray:
 
 
 def check_against_judge(system: MultibodySystem, s: State) -> None:
-    judged, rates = index1.index_1(system, States.one(s)), mbsbench.accelerations(system, s)
+    judged, rates = index1.solve_index_1(system, States.one(s)), mbsbench.accelerations(system, s)
     size = np.max(np.abs(judged.a)) + np.max(s.Omega**2)
     assert np.max(np.abs(both(rates) - judged.a[0])) < JUDGED * size
     load = mbsbench.constraint_jacobian(system, s).T @ rates.reaction
@@ -206,7 +206,7 @@ def test_the_equations_hold_for_the_accelerations(name: str) -> None:
 
 def test_equations_are_free_to_change_and_take_no_differences(monkeypatch: pytest.MonkeyPatch) -> None:
     """A user may write into what it is given; the differences, two thirds of the time of a call, are not taken."""
-    monkeypatch.setattr(dynamics, "drift", None)
+    monkeypatch.setattr(dynamics, "evaluate_acceleration_bias", None)
     system, s = started("bricard", 1)
     first = equations(system, s)
     kept = {name: value.copy() for name, value in vars(first).items()}

@@ -8,7 +8,7 @@ from scipy import sparse
 
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics import index1
-from mbsbench.harness.metrics.reactions import exact_loads_on_bodies
+from mbsbench.harness.metrics.reactions import compute_exact_loads
 from mbsbench.harness.reference.computation import find_reference
 
 # of the grid whose rows all turn: regular at 0.3 s, nearly dependent at 0.763 and 0.844 s (least singular value 1e-7)
@@ -25,7 +25,7 @@ def grid():
 def test_exact_loads_are_those_that_move_the_bodies(grid):
     """Mass times the second difference of the exact positions is weight plus the joints' force on each body."""
     system, states = grid
-    force = exact_loads_on_bodies(system, states(INSTANTS))[..., :3]
+    force = compute_exact_loads(system, states(INSTANTS))[..., :3]
     weight = system.mass[:, None] * system.gravity
     for h in (2e-4, 1e-4, 5e-5):  # [s]: above, rows between would show; below, rounding of positions over h^2
         before, now, after = (states(INSTANTS + k * h).r for k in (-1, 0, 1))
@@ -39,9 +39,9 @@ def test_sparse_rows_give_what_dense_ones_give(grid, monkeypatch, contradiction,
     system, states = grid
     s = states(INSTANTS)
     s = replace(s, Omega=s.Omega + contradiction * np.random.default_rng(3).standard_normal(s.Omega.shape))
-    sparse = index1.index_1(system, s)
+    sparse = index1.solve_index_1(system, s)
     monkeypatch.setattr(index1, "DENSE", np.inf)
-    dense = index1.index_1(system, s)
+    dense = index1.solve_index_1(system, s)
     assert np.max(np.abs(sparse.load - dense.load)) < bound
     assert np.max(np.abs(sparse.a - dense.a)) < 10.0 * bound
 
@@ -63,5 +63,5 @@ def test_the_bordered_matrix_is_that_of_scipy():
     """The factor's pivots, and so its bits, follow from the order of the entries: no entry is elsewhere."""
     S = sparse.random_array((7, 12), density=0.3, rng=np.random.default_rng(2)).tocsr()
     borders = [[sparse.eye_array(12), S.T], [S, -1e-14 * sparse.eye_array(7)]]
-    expected, found = sparse.block_array(borders, format="csc"), index1._bordered(S, S.T.tocsr(), 1e-14)
+    expected, found = sparse.block_array(borders, format="csc"), index1._border_rows(S, S.T.tocsr(), 1e-14)
     assert all(np.array_equal(getattr(found, k), getattr(expected, k)) for k in ("data", "indices", "indptr"))

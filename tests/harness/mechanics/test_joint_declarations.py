@@ -13,7 +13,7 @@ from mbsbench.harness.mechanics.consistency import InconsistentStart, check_star
 from mbsbench.harness.mechanics.joints import DECLARED, Joint, JointKind
 from mbsbench.harness.mechanics.system import GROUND, Load, RigidBody, SpringDamper, assemble
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.problems.random_mechanism import closed_joint
+from mbsbench.problems.random_mechanism import draw_closed_joint
 
 from ...solvers.arbitrary_joints import KINDS
 
@@ -68,7 +68,7 @@ def test_all_rows_of_a_joint_one_by_one_are_the_joint(kind: JointKind) -> None:
     """One space of A: the same motion. Point rows are along the axes of j there, along those of space in the joint."""
     bodies, random = [RigidBody(1.0, np.eye(3))] * 2, np.random.default_rng(5)
     r, R = random.standard_normal((2, 3)), so3.exp(random.standard_normal((2, 3)))
-    joint = closed_joint(kind, 0, 1, (r, R), random)
+    joint = draw_closed_joint(kind, 0, 1, (r, R), random)
     v = random.standard_normal((2, 2, 3))
     state = State(r, R, v[0], v[1])
     whole = assemble(bodies, [joint])
@@ -85,15 +85,15 @@ def test_all_rows_of_a_joint_one_by_one_are_the_joint(kind: JointKind) -> None:
 def test_pictures_and_tables_of_the_manual_are_those_of_the_declarations() -> None:
     """As ``make joints`` draws and writes them: an arrow for each freedom."""
     draws: Any = SourceFileLoader("draw_joints", str(ROOT / "docs" / "draw_joints.py")).load_module()
-    for kind in draws.drawn():
-        assert (ROOT / "docs" / "images" / "joints" / draws.name(kind)).is_file(), "make joints"
-        drawn = draws.picture(kind)
+    for kind in draws.list_drawn_kinds():
+        assert (ROOT / "docs" / "images" / "joints" / draws.name_file(kind)).is_file(), "make joints"
+        drawn = draws.draw_picture(kind)
         assert drawn.count('stroke-width="2"') == 6 - sum(kind.count)
-        assert (ROOT / "docs" / "images" / "joints" / draws.name(kind)).read_text(encoding="utf-8") == drawn, (
+        assert (ROOT / "docs" / "images" / "joints" / draws.name_file(kind)).read_text(encoding="utf-8") == drawn, (
             "make joints"
         )
     text = (ROOT / "docs" / "joints-and-forces.md").read_text(encoding="utf-8")
-    assert draws.page(text) == text, "docs/joints-and-forces.md lags behind the declarations: make joints"
+    assert draws.fill_page(text) == text, "docs/joints-and-forces.md lags behind the declarations: make joints"
 
 
 def test_a_load_on_the_ground_is_refused() -> None:

@@ -15,11 +15,11 @@ from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
 from mbsbench.solvers.formulations.charts import CHARTS
-from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
+from mbsbench.solvers.formulations.compiled.kernel import make_kernel, set_state
 from mbsbench.solvers.formulations.layout import Layout
-from mbsbench.solvers.formulations.start import Accelerations, coordinates_and_velocities
+from mbsbench.solvers.formulations.start import Accelerations, pack_start
 from mbsbench.solvers.formulations.strong_form import RowTerms, StrongForm
-from mbsbench.solvers.formulations.system_elements import equations_of_motion
+from mbsbench.solvers.formulations.system_elements import assemble_equations
 from mbsbench.tests.comparing import assert_close, assert_each
 
 from ...solvers.arbitrary_joints import KINDS, MOVING, SWAY, all_joints, moving_rows, one_joint
@@ -93,11 +93,11 @@ def test_all_routes_give_one_acceleration(kind, ground) -> None:
     expected = np.concatenate((first.v_dot, first.Omega_dot), axis=1)
     layout = Layout(system, CHARTS["quaternion"], np.arange(system.nrows))
     problem = Problem("one kind", system, s, 1.0, 1e-3, "", "made up")
-    u_dot, lam = Accelerations(layout).at(coordinates_and_velocities(layout, problem), s.t)
+    u_dot, lam = Accelerations(layout).compute_accelerations(pack_start(layout, problem), s.t)
     assert u_dot == pytest.approx(expected.ravel(), abs=1e-8)
     assert lam == pytest.approx(first.reaction, abs=1e-8)
     k = make_kernel(system, ("accelerate",))
-    start_at(k, s)
+    set_state(k, s)
     k.accelerate.run()
     assert k.v_dot == pytest.approx(u_dot.reshape(-1, 6), abs=1e-9)
     assert k.lam[k.order] == pytest.approx(lam, abs=1e-9)
@@ -136,7 +136,7 @@ def test_the_symbolic_rows_are_those_of_motion(name, coordinates) -> None:
     here = terms(state)
     assert np.max(np.abs(here.phi - motion.constraint(system, one)[0])) < ROUNDING
     assert np.max(np.abs(here.phi_dot - motion.constraint_rate(system, one)[0])) < ROUNDING
-    assert np.max(np.abs(here.M_bar / motion.scaling_masses(system, one)[0] - 1.0)) < ROUNDING
+    assert np.max(np.abs(here.M_bar / motion.evaluate_scaling_masses(system, one)[0] - 1.0)) < ROUNDING
     B = np.zeros((at.n_u, at.n_u))
     for b, T in enumerate(at.chart.rotation_rates(unknowns(state)[at.p].reshape(system.nb, -1))):
         B[6 * b : 6 * b + 3, 6 * b : 6 * b + 3], B[6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = np.eye(3), T
@@ -155,7 +155,7 @@ def test_the_symbolic_rows_are_those_of_motion(name, coordinates) -> None:
 def test_the_power_of_the_unbalanced_load_is_the_rate_of_energy(name, coordinates) -> None:
     """u . e = d(T + V)/dt - power at any u_dot: Newton, gravity, springs, dampers, loads and laws at once."""
     system, at = SYSTEMS[name], layout_of(name, coordinates)[0]
-    motions = equations_of_motion(at, "acceleration", 0.0, 0.0, differentiable=False)
+    motions = assemble_equations(at, "acceleration", 0.0, 0.0, differentiable=False)
     for seed in range(3):
         state = arbitrary(system, seed)
         p, u = at.chart.coordinates(state)
@@ -167,7 +167,7 @@ def test_the_power_of_the_unbalanced_load_is_the_rate_of_energy(name, coordinate
             s = at.chart.states(z[at.p].reshape(1, system.nb, -1), z[at.u].reshape(1, system.nb, 6))
             return float(motion.energy(system, s)[0])
 
-        rate = (energy(STEP) - energy(-STEP)) / (2.0 * STEP) - work.power(system, States.one(state))[0]
+        rate = (energy(STEP) - energy(-STEP)) / (2.0 * STEP) - work.compute_power(system, States.one(state))[0]
         sharp = DIFFERENCES * (1.0 + abs(rate)) / at.chart.margin(p[None])[0] ** 2
         assert y[at.u] @ out[at.u] == pytest.approx(rate, abs=sharp)
 
@@ -183,7 +183,7 @@ def test_charts_move_as_bodies_turn_and_rows_are_those_of_eq_94(coordinates, see
     state = arbitrary(system, seed)
     p, u = at.chart.coordinates(state)
     y, u_dot = np.concatenate((p.ravel(), u.ravel(), np.zeros(at.k))), np.cos(seed + np.arange(at.n_u))
-    out = equations_of_motion(at, "acceleration", alpha, beta, differentiable=False).values(y, u_dot)
+    out = assemble_equations(at, "acceleration", alpha, beta, differentiable=False).values(y, u_dot)
 
     def after(h: float) -> States:
         z = y + h * np.concatenate((out[at.p], u_dot, np.zeros(at.k)))
@@ -209,10 +209,10 @@ def test_along_the_accelerations_rows_hold_and_the_power_of_drives_is_the_rate_o
     system, s = consistent(kind, ground=ground)
     rates = accelerations(system, s)
     ahead, behind = (motion.energy(system, States.one(along(s, rates, h)))[0] for h in (STEP, -STEP))
-    power = work.power(system, States.one(s))[0]
+    power = work.compute_power(system, States.one(s))[0]
     assert (ahead - behind) / (2.0 * STEP) == pytest.approx(power, rel=1e-6)
     if DECLARED[kind].motion:
-        assert abs(work.drive_power(system, States.one(s))[0]) > 1e-2 * abs(power)
+        assert abs(work.compute_drive_power(system, States.one(s))[0]) > 1e-2 * abs(power)
     off = [np.max(np.abs(motion.constraint_rate(system, States.one(along(s, rates, h))))) for h in (2e-4, 1e-4)]
     assert np.log2(off[0] / off[1]) == pytest.approx(2.0, abs=0.05)
 
@@ -222,21 +222,23 @@ def test_the_power_of_a_motion_that_is_lost_is_not_a_number() -> None:
     system, s = consistent(MovingKind.DRIVEN_ANGLE)
     lost = State(s.r * np.nan, s.R, s.v, s.Omega, s.t)
     both = States(*(np.stack((getattr(s, n), getattr(lost, n))) for n in ("r", "R", "v", "Omega", "t")))
-    power = work.drive_power(system, both)
-    assert power[0] == work.drive_power(system, States.one(s))[0] and np.isnan(power[1])
+    power = work.compute_drive_power(system, both)
+    assert power[0] == work.compute_drive_power(system, States.one(s))[0] and np.isnan(power[1])
 
 
 def test_a_function_of_time_has_its_derivatives_and_its_integral() -> None:
     """By central differences; the integral of a speed is the position of a drive."""
     numbers, t = SWAY.numbers()[None], np.array([0.1, 0.7])
-    _, f_dot, f_ddot = time_functions.values(numbers, t)
-    ahead, behind = (time_functions.values(numbers, t + h) for h in (STEP, -STEP))
+    _, f_dot, f_ddot = time_functions.evaluate_functions(numbers, t)
+    ahead, behind = (time_functions.evaluate_functions(numbers, t + h) for h in (STEP, -STEP))
     assert np.max(np.abs((ahead[0] - behind[0]) / (2 * STEP) - f_dot)) < 1e-8
     assert np.max(np.abs((ahead[1] - behind[1]) / (2 * STEP) - f_ddot)) < 1e-8
     for rate in (TimeFunction((1.0, 2.0, 3.0), 0.5, 2.0, 0.4), TimeFunction((1.0,), 0.5, 0.0, 0.4)):
         whole = rate.integral(0.25).numbers()[None]
-        assert time_functions.values(whole, np.zeros(1))[0] == pytest.approx(0.25, abs=1e-15)
-        assert time_functions.values(whole, t)[1] == pytest.approx(time_functions.values(rate.numbers()[None], t)[0])
+        assert time_functions.evaluate_functions(whole, np.zeros(1))[0] == pytest.approx(0.25, abs=1e-15)
+        assert time_functions.evaluate_functions(whole, t)[1] == pytest.approx(
+            time_functions.evaluate_functions(rate.numbers()[None], t)[0]
+        )
 
 
 def test_what_the_rows_of_velocities_forbid_is_what_their_names_say() -> None:
@@ -249,7 +251,9 @@ def test_what_the_rows_of_velocities_forbid_is_what_their_names_say() -> None:
     assert s.v[0] + np.cross(s.R[0] @ s.Omega[0], lowest - s.r[0]) == pytest.approx(np.zeros(3), abs=1e-11)
     system, s = consistent(MovingKind.KNIFE_EDGE, ground=True)
     across = motion.point_velocity(States.one(s), 0, system.joint_s_i[0])[0] @ s.R[0] @ system.joint_u[0]
-    assert across == pytest.approx(time_functions.values(SWAY.numbers()[None], np.array([0.3]))[0][0, 0], abs=1e-11)
+    assert across == pytest.approx(
+        time_functions.evaluate_functions(SWAY.numbers()[None], np.array([0.3]))[0][0, 0], abs=1e-11
+    )
 
 
 @ends
@@ -258,7 +262,7 @@ def test_a_driven_distance_is_that_of_the_points(ground) -> None:
     system, s = consistent(MovingKind.DRIVEN_DISTANCE, ground=ground)
     one, (a, b) = States.one(s), ((0, system.joint_s_i[0]), (-1 if ground else 1, system.joint_s_j[0]))
     d, d_dot = (of(one, *a)[0] - of(one, *b)[0] for of in (motion.point_position, motion.point_velocity))
-    L, L_dot, _ = (a[0, 0] for a in time_functions.values(SWAY.numbers()[None], np.array([0.3])))
+    L, L_dot, _ = (a[0, 0] for a in time_functions.evaluate_functions(SWAY.numbers()[None], np.array([0.3])))
     assert (np.linalg.norm(d), d @ d_dot / L) == pytest.approx((L, L_dot), abs=1e-11)
     A = constraint_jacobian(system, s).toarray()[0].reshape(-1, 6)
     for (body, arm), sign in ((a, 1.0), (b, -1.0))[: system.nb]:
@@ -275,12 +279,12 @@ def test_a_row_of_loads_and_dampers_works_along_the_motion() -> None:
     s = States(turn + state.r, so3.exp(turn) @ np.eye(3), rate, so3.angular_velocity(turn, rate))
 
     def work_in(k: int) -> float:
-        return float(np.sum(work.work_along_cubics(system, s.at(slice(None, None, k)), np.diff(t[::k]))))
+        return float(np.sum(work.integrate_power_along_cubics(system, s.at(slice(None, None, k)), np.diff(t[::k]))))
 
     exact = work_in(1)
     off = [abs(work_in(k) - exact) for k in (160, 80)]
     assert np.log2(off[0] / off[1]) == pytest.approx(4.0, abs=0.4)
-    power = work.power(system, s)
+    power = work.compute_power(system, s)
     simpson = np.sum(power[:-2:2] + 4.0 * power[1:-1:2] + power[2::2]) * t[1] / 3.0
     assert exact == pytest.approx(simpson, abs=1e-9)
 
@@ -305,10 +309,10 @@ def differences(system: MultibodySystem, s: State) -> float:
 
     Over half their reach it is a 64th: the change is the error.
     """
-    power = work.power(system, States.one(s))[0]
+    power = work.compute_power(system, States.one(s))[0]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(motion, "REACH", 0.5 * motion.REACH)
-        return 1.1 * abs(float(work.power(system, States.one(s))[0] - power))
+        return 1.1 * abs(float(work.compute_power(system, States.one(s))[0] - power))
 
 
 @pytest.mark.parametrize(("system", "given"), PRESENTED)
@@ -317,15 +321,15 @@ def test_a_presentation_changes_no_energy_and_no_power(system, given) -> None:
     asked, s = Presentation(**given), settle(system, timed(system, 6))
     shown, there = asked.system(system), asked.state(system, s)
     joule = asked.force * asked.unit_length
-    E, P = motion.energy(system, States.one(s))[0], work.power(system, States.one(s))[0]
+    E, P = motion.energy(system, States.one(s))[0], work.compute_power(system, States.one(s))[0]
     assert motion.energy(shown, States.one(there))[0] == pytest.approx(E * joule, rel=1e-9)
-    watt, P_there = joule / asked.unit_time, work.power(shown, States.one(there))[0]
+    watt, P_there = joule / asked.unit_time, work.compute_power(shown, States.one(there))[0]
     doubt = differences(system, s) * watt + differences(shown, there)
     assert abs(P_there - P * watt) < doubt + 1e-9 * abs(P * watt)
     assert np.max(np.abs(motion.constraint(shown, States.one(there)))) < 1e-12 * max(asked.unit_length, 1.0)
     assert np.max(np.abs(motion.constraint_rate(shown, States.one(there)))) < 1e-10 * max(asked.speed, 1.0)
     assert_each(np.linalg.eigvalsh(shown.inertia)[:, 0], ">", 0.0)
-    back = asked.states_back(system, States.one(there))
+    back = asked.restore_states(system, States.one(there))
     assert back.times[0] == pytest.approx(s.t)
     for name in ("r", "R", "v", "Omega"):
         assert_close(getattr(back[0], name), getattr(s, name), rtol=1e-14, atol=0.0, what=name)
@@ -345,6 +349,6 @@ def test_a_turned_frame_changes_no_energy_and_no_power(system) -> None:
     p = Problem("turned", system, s, 1.0, 1e-3, "", "made up")
     q = rotate_problem(p, so3.exp(np.array([0.3, -0.2, 0.5])))
     there = States(*(getattr(States.one(q.initial), n) for n in ("r", "R", "v", "Omega")), np.array([s.t]))
-    for of in (motion.energy, work.power):
+    for of in (motion.energy, work.compute_power):
         assert of(q.system, there)[0] == pytest.approx(of(system, States.one(s))[0], rel=1e-9)
     assert np.max(np.abs(motion.constraint_rate(q.system, there))) < 1e-10

@@ -8,7 +8,7 @@ import pytest
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.metrics.reactions import exact_loads_on_bodies, pull_on_bodies
+from mbsbench.harness.metrics.reactions import compute_exact_loads, compute_forces_on_bodies
 from mbsbench.harness.types import StepControl
 from mbsbench.tests.comparing import assert_close
 
@@ -36,7 +36,9 @@ def test_an_accurate_solver_finds_the_same_motion_and_reactions(presentation):
     for name in ("r", "R", "v", "Omega"):
         gap = getattr(found.states, name)[-1] - getattr(plain.states, name)[-1]
         assert np.max(np.abs(gap)) < 1e-7, name
-    ours, theirs = (pull_on_bodies(p.system, o.reaction[-1:], o.states.at(slice(-1, None))) for o in (plain, found))
+    ours, theirs = (
+        compute_forces_on_bodies(p.system, o.reaction[-1:], o.states.at(slice(-1, None))) for o in (plain, found)
+    )
     assert np.max(np.abs(ours - theirs)) < 1e-6 * np.max(np.abs(ours))
     if presentation.duplicate == 0:
         assert found.reaction.shape[1] == p.system.nrows
@@ -91,6 +93,6 @@ def test_exact_pulls_are_the_joint_forces(name, t_end):
     problem = make_problem(name, {"t_end": t_end})
     out = make_solver("ida_index1").solve(problem, StepControl(rtol=1e-9))
     k = np.searchsorted(out.t, 0.8 * t_end)
-    exact = exact_loads_on_bodies(problem.system, problem.reference().states(out.t[k : k + 1]))[..., :3]
-    found = pull_on_bodies(problem.system, out.reaction[k : k + 1], out.states.at(slice(k, k + 1)))
+    exact = compute_exact_loads(problem.system, problem.reference().states(out.t[k : k + 1]))[..., :3]
+    found = compute_forces_on_bodies(problem.system, out.reaction[k : k + 1], out.states.at(slice(k, k + 1)))
     assert np.max(np.abs(found - exact)) < 1e-3

@@ -21,8 +21,8 @@ from mbsbench import (
 )
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.mechanics.time_functions import shift_time, values
-from mbsbench.harness.mechanics.torsion import count_turns, follow_turns, torsion, wind
+from mbsbench.harness.mechanics.time_functions import evaluate_functions, shift_time
+from mbsbench.harness.mechanics.torsion import count_turns, evaluate_torsion, follow_turns, rewind_springs
 from mbsbench.harness.reference.computation import find_reference
 from mbsbench.tests.comparing import assert_close, assert_each
 
@@ -143,14 +143,14 @@ def test_loads_of_time_go_on_where_a_piece_begins():
 def test_functions_of_time_are_shifted():
     numbers = np.array([[0.3, -1.0, 0.5, 0.2, 1.5, 2.0, 0.7]])
     t = np.linspace(0.0, 2.0, 9)
-    for a, b in zip(values(shift_time(numbers, 0.4), t), values(numbers, t + 0.4), strict=True):
+    for a, b in zip(evaluate_functions(shift_time(numbers, 0.4), t), evaluate_functions(numbers, t + 0.4), strict=True):
         assert_close(a, b, atol=1e-13)
 
 
 def test_a_law_about_another_angle_is_the_same_law():
     p = wheel(4.0, 5.0)
-    again = wind(p.system, p.initial)
-    assert_close(torsion(again, States.one(p.initial))[0], 4.0, atol=1e-14)
+    again = rewind_springs(p.system, p.initial)
+    assert_close(evaluate_torsion(again, States.one(p.initial))[0], 4.0, atol=1e-14)
     assert np.isclose(again.torsion_wound[0], 4.0)
     rates = [accelerations(s, p.initial).Omega_dot for s in (p.system, again)]
     assert_close(*rates, atol=1e-13)

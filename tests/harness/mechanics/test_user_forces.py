@@ -16,7 +16,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.foreign.description import describe_problem
 from mbsbench.harness.mechanics import kept_code, motion, work
-from mbsbench.harness.metrics.identity import fingerprint
+from mbsbench.harness.metrics.identity import compute_fingerprint
 
 from ...solvers.arbitrary_systems import arbitrary, consistent, law, with_user_forces
 
@@ -59,7 +59,7 @@ def test_what_is_applied_is_the_law(seed: int) -> None:
     assert np.max(np.abs(found[:, :3] - F - SYSTEM.mass[:, None] * SYSTEM.gravity)) < 1e-12
     assert np.max(np.abs(found[:, 3:] - np.einsum("bij,bi->bj", state.R, T))) < 1e-12
     omega = np.einsum("bij,bj->bi", state.R, state.Omega)
-    assert work.power(SYSTEM, States.one(state))[0] == pytest.approx(np.sum(F * state.v + T * omega), rel=1e-12)
+    assert work.compute_power(SYSTEM, States.one(state))[0] == pytest.approx(np.sum(F * state.v + T * omega), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def force_of(law) -> np.ndarray:
 @pytest.fixture
 def compiled(tmp_path, monkeypatch):
     """How many laws were compiled, with an empty folder to begin with."""
-    monkeypatch.setattr(kept_code, "cache_folder", lambda *_: tmp_path)
+    monkeypatch.setattr(kept_code, "make_cache_folder", lambda *_: tmp_path)
     count, own = [], CFunc._compile_uncached
 
     def compile_uncached(self):
@@ -214,7 +214,7 @@ def written(body: str, before: str = "") -> Callable[..., None]:
 def number(*laws: Callable[..., None]) -> float:
     system = assemble([RigidBody(1.0, np.eye(3))], user_forces=[UserForce(one, 0) for one in laws])
     start = State(np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
-    return fingerprint(Problem("p", system, start, 1.0, 0.1, "", ""))
+    return compute_fingerprint(Problem("p", system, start, 1.0, 0.1, "", ""))
 
 
 def test_a_run_with_a_user_force_has_a_record(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 
 from mbsbench import Problem, States, Status, Trajectory
 from mbsbench.harness.metrics.measure import MeasuredSeries, measure
-from mbsbench.harness.metrics.summary import columns
-from mbsbench.harness.metrics.verdict import inaccuracy, list_broken_laws
+from mbsbench.harness.metrics.summary import make_columns
+from mbsbench.harness.metrics.verdict import find_inaccuracy, list_broken_laws
 from mbsbench.harness.types import Law, Reason
 
 
@@ -21,9 +21,9 @@ class Judgement(NamedTuple):
 
 def judge(problem: Problem, run: Trajectory) -> Judgement:
     m = measure(problem, run)
-    c = columns(problem, run, m)
+    c = make_columns(problem, run, m)
     broken = list_broken_laws(problem, run, m, c)
-    return Judgement(m, c, inaccuracy(m, c), broken, [r.law for r in broken])
+    return Judgement(m, c, find_inaccuracy(m, c), broken, [r.law for r in broken])
 
 
 def claimed(t: np.ndarray, states: States) -> Trajectory:

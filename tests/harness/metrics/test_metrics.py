@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from mbsbench import Joint, RigidBody, SpringDamper, States, assemble
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.metrics import measure, passes, rows, scales, thinning
-from mbsbench.harness.metrics.summary import find_largest, time_mean, trend
-from mbsbench.harness.metrics.thinning import frames_to_keep, rows_to_keep
+from mbsbench.harness.metrics.summary import compute_time_mean, find_largest, fit_trend
+from mbsbench.harness.metrics.thinning import choose_frames, choose_rows
 from mbsbench.harness.types import ACCURATE, Law, Problem, State, StepControl
 from mbsbench.tests.comparing import assert_close
 
@@ -86,8 +86,8 @@ def test_damper_work_is_no_drift():
 def test_trend_weights_time_not_steps():
     """A line stays a line however its steps are bunched."""
     t = np.concatenate((np.linspace(0.0, 1.0, 1000), np.linspace(1.1, 10.0, 20)))
-    assert trend(t, 3.0 * t - 1.0) == pytest.approx(3.0)
-    assert time_mean(t, 3.0 * t, 0.0, 10.0) == pytest.approx(15.0, rel=1e-6)
+    assert fit_trend(t, 3.0 * t - 1.0) == pytest.approx(3.0)
+    assert compute_time_mean(t, 3.0 * t, 0.0, 10.0) == pytest.approx(15.0, rel=1e-6)
 
 
 @pytest.mark.parametrize(("solver", "laws"), [("exact", []), ("stops_early", [Law.END]), ("not_numbers", [Law.FINITE])])
@@ -118,9 +118,9 @@ def test_thinning_keeps_every_peak():
     """A spike of one step in a million must be seen in the plot."""
     a, b = np.zeros(1_000_000), np.zeros(1_000_000)
     a[123_456], b[765_432] = -5.0, np.nan
-    kept = rows_to_keep(len(a), a, b, at_most=3000)
+    kept = choose_rows(len(a), a, b, at_most=3000)
     assert len(kept) <= 3001 and {0, 123_456, 765_432, 999_999} <= set(kept)
-    assert np.array_equal(rows_to_keep(10, a[:10]), np.arange(10))
+    assert np.array_equal(choose_rows(10, a[:10]), np.arange(10))
 
 
 def bar(t: np.ndarray, angle: np.ndarray) -> States:
@@ -134,7 +134,7 @@ def bar(t: np.ndarray, angle: np.ndarray) -> States:
 def test_frames_are_spread_over_time():
     """A run that crawls at its end must not have all its frames there."""
     t = np.concatenate((np.linspace(0.0, 1.0, 5000), 1.0 + np.linspace(1e-9, 1e-6, 50_000)))
-    frames = t[frames_to_keep(t, bar(t, 3.0 * t).at, 0.5, 100)]
+    frames = t[choose_frames(t, bar(t, 3.0 * t).at, 0.5, 100)]
     assert frames[0] == 0.0 and frames[-1] == t[-1]
     assert 95 <= len(frames) <= 102 and np.max(np.diff(frames)) < 0.011
 
@@ -143,7 +143,7 @@ def test_frames_of_many_bodies_are_chosen_in_less_memory(monkeypatch):
     """Blocks are as small as the bodies are many, and change no frame."""
     t = np.linspace(0.0, 1.0, 3000) ** 2
     states, asked = bar(t, 3.0 * t), list[int]()
-    whole = frames_to_keep(t, states.at, 0.5, 100)
+    whole = choose_frames(t, states.at, 0.5, 100)
     monkeypatch.setattr(thinning, "BODIES", 64)
 
     def some(k: slice) -> States:
@@ -151,7 +151,7 @@ def test_frames_of_many_bodies_are_chosen_in_less_memory(monkeypatch):
         asked.append(len(out))
         return out
 
-    assert np.array_equal(frames_to_keep(t, some, 0.5, 100), whole)
+    assert np.array_equal(choose_frames(t, some, 0.5, 100), whole)
     assert max(asked) == 66  # with a neighbour on either side
 
 
@@ -165,7 +165,7 @@ def test_a_whip_is_drawn_to_a_hundredth_of_the_body():
         chords = np.stack([np.interp(t, t[kept], x) for x in end[kept].T], axis=-1)
         return np.max(np.linalg.norm(chords - end, axis=-1))
 
-    kept = frames_to_keep(t, states.at, 0.5, 300)
+    kept = choose_frames(t, states.at, 0.5, 300)
     assert len(kept) <= 300 and off(kept) < 0.01
     assert off(np.linspace(0, 20_000, 300).astype(int)) > 0.1
 
@@ -219,8 +219,11 @@ def test_all_laws_and_sizes_are_those_of_numpy(anywhere, monkeypatch):
 
     calls = {
         "laws": lambda: measure._laws(system, s),
-        "displacement": lambda: (scales.displacement(system, s, first), scales.displacement(system, s, s)),
-        "speeds": lambda: (scales.speeds(system, s),),
+        "displacement": lambda: (
+            scales.measure_displacement(system, s, first),
+            scales.measure_displacement(system, s, s),
+        ),
+        "speeds": lambda: (scales.measure_speeds(system, s),),
         "moved": step,
     }
     for name, call in calls.items():

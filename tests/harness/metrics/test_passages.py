@@ -8,7 +8,7 @@ import pytest
 from mbsbench import StepControl, solve
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.metrics.passages import find_passages, list_passages
-from mbsbench.harness.results.words import status_words
+from mbsbench.harness.results.words import describe_status
 from mbsbench.tests.comparing import assert_each
 
 from ...solvers.singular_linkages import LINKAGES, folding_crank, parallel_bars
@@ -43,7 +43,7 @@ def test_the_note_stands_beside_the_status(of):
     run = solve(of.problem, "half_explicit", t_end=0.6)
     note = [n for n in json.loads(run.record.notes) if n.startswith("passes a singular pose at t = ")]
     assert len(note) == 1 and note[0].endswith("where branches meet: its motion after that is one of several")
-    assert "passes a singular pose at t = " in status_words(run.record)
+    assert "passes a singular pose at t = " in describe_status(run.record)
 
 
 @pytest.mark.parametrize("solver", ["rkmk_dop853", "half_explicit"])

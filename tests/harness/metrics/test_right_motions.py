@@ -11,8 +11,8 @@ from mbsbench.harness.mechanics import projection
 from mbsbench.harness.mechanics.motion import applied_loads, constraint
 from mbsbench.harness.mechanics.projection import disturb_poses, project_poses
 from mbsbench.harness.metrics import truncation as law
-from mbsbench.harness.metrics.reactions import exact_loads_on_bodies
-from mbsbench.harness.metrics.truncation import truncation
+from mbsbench.harness.metrics.reactions import compute_exact_loads
+from mbsbench.harness.metrics.truncation import measure_truncation
 from mbsbench.harness.reference.computation import find_reference
 from mbsbench.harness.types import Law, StepControl
 
@@ -54,14 +54,14 @@ def test_what_is_false_there_is_found(bricard, how):
         system = dataclasses.replace(problem.system, gravity=2.0 * problem.system.gravity)
         heavy = dataclasses.replace(problem, system=system)
         run = make_solver("gc_augmented_lagrangian", PRINTED).solve(heavy, StepControl(dt=0.01))
-        t = truncation(problem.system, run.t, run.states, run.reaction, *sizes(judge(*bricard)))
+        t = measure_truncation(problem.system, run.t, run.states, run.reaction, *sizes(judge(*bricard)))
         assert t.accelerations > 1.0
     elif how == "velocities":
         s = run.states
         run = dataclasses.replace(run, states=States(s.r, s.R, 1.1 * s.v, 1.1 * s.Omega))
-        assert truncation(problem.system, run.t, run.states, None, *sizes(judge(*bricard))).velocities > 1.0
+        assert measure_truncation(problem.system, run.t, run.states, None, *sizes(judge(*bricard))).velocities > 1.0
     else:
-        t = truncation(problem.system, run.t, run.states, 1.5 * run.reaction, *sizes(judge(*bricard)))
+        t = measure_truncation(problem.system, run.t, run.states, 1.5 * run.reaction, *sizes(judge(*bricard)))
         assert t.reactions > 1.0
 
 
@@ -111,7 +111,7 @@ SPEED, REACH = 0.1 * 2.0 * np.pi * 160.0, 0.2
 def test_an_exact_motion_is_right_however_it_was_sampled(per_period, phase):
     """Rows farther apart than half a period tell nothing of velocities; the law says so, and accuses nobody."""
     system, t, exact = vibration(per_period, phase)
-    found = truncation(system, t, exact(t), None, SPEED, REACH, lambda rows: exact(t[rows]), len(t))
+    found = measure_truncation(system, t, exact(t), None, SPEED, REACH, lambda rows: exact(t[rows]), len(t))
     assert np.nanmax(list(found.shares.values())) < 1.0
 
 
@@ -121,7 +121,9 @@ def test_velocities_of_a_vibration_that_is_resolved_are_judged():
         system, t, exact = vibration(per_period)
         s = exact(t)
         false = States(s.r, s.R, factor * s.v, s.Omega, t)
-        found = truncation(system, t, false, None, SPEED, REACH, lambda rows, t=t, exact=exact: exact(t[rows]), len(t))
+        found = measure_truncation(
+            system, t, false, None, SPEED, REACH, lambda rows, t=t, exact=exact: exact(t[rows]), len(t)
+        )
         assert found.velocities > 1.0
 
 
@@ -142,7 +144,7 @@ def test_beside_a_stiff_spring_poses_are_not_known_well_enough_for_accelerations
     r[:, 0, 0], v[:, 0, 0] = 0.1 * np.cos(w * t), -0.1 * w * np.sin(w * t)
     r[:, 1] = 1e-11, 5.0, 0.0
     s = States(r, np.broadcast_to(np.eye(3), (len(t), 2, 3, 3)), v, np.zeros_like(v), t)
-    found = truncation(system, t, s, None, 0.1 * w, 0.2)
+    found = measure_truncation(system, t, s, None, 0.1 * w, 0.2)
     if rate > 1e4:
         assert np.isnan(found.accelerations) and found.unsure == found.rows > 0
     else:
@@ -155,7 +157,7 @@ def test_false_reactions_are_found_however_large(factor, step):
     """One row counts for no more than two loads can differ by, and hides no other."""
     problem = make_problem("simple_pendulum", {"t_end": 2.0})
     run = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-10, max_step=step))
-    t = truncation(problem.system, run.t, run.states, factor * run.reaction, *sizes(judge(problem, run)))
+    t = measure_truncation(problem.system, run.t, run.states, factor * run.reaction, *sizes(judge(problem, run)))
     assert t.reactions > 1.0
 
 
@@ -165,7 +167,7 @@ def test_reactions_that_are_no_numbers_hide_no_false_ones():
     run = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-10, max_step=2e-3))
     told = 1.5 * run.reaction
     told[::5] = np.nan
-    assert truncation(problem.system, run.t, run.states, told, *sizes(judge(problem, run))).reactions > 1.0
+    assert measure_truncation(problem.system, run.t, run.states, told, *sizes(judge(problem, run))).reactions > 1.0
 
 
 @pytest.mark.parametrize("name", ["bricard", "simple_pendulum", "four_bar_grid", "andrews"])
@@ -177,7 +179,7 @@ def test_poses_aside_hide_no_false_reactions(name):
     s, random = run.states, np.random.default_rng(2)
     r = s.r + 5e-3 * length * random.standard_normal(s.r.shape[1:]) / np.sqrt(3.0)
     aside = States(r, s.R, s.v, s.Omega, s.times, s.angles)
-    assert truncation(problem.system, run.t, aside, 1.5 * run.reaction, speed, length).reactions > 1.0
+    assert measure_truncation(problem.system, run.t, aside, 1.5 * run.reaction, speed, length).reactions > 1.0
 
 
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
@@ -202,7 +204,7 @@ def test_exact_loads_have_two_routes(name):
     reference, system = find_reference(problem), problem.system
     assert reference is not None
     at = np.linspace(0.3, 0.7, 5) * problem.t_end
-    found = exact_loads_on_bodies(system, reference.states(at))
+    found = compute_exact_loads(system, reference.states(at))
     weights, errors = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0, []
     for h in (1e-3 * problem.t_end, 0.5e-3 * problem.t_end, 0.25e-3 * problem.t_end):
         rows = [reference.states(at + k * h) for k in range(-3, 4)]

@@ -8,7 +8,7 @@ import pytest
 from mbsbench import Joint, RigidBody, States, assemble, so3
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import energy, kinetic_energy
-from mbsbench.harness.metrics.truncation import truncation
+from mbsbench.harness.metrics.truncation import measure_truncation
 from mbsbench.harness.types import Law, StepControl
 
 from .judged import judge
@@ -125,10 +125,10 @@ def test_a_body_at_rest_and_reactions_of_nothing_have_no_size_of_their_own():
     r[:, 0, 0], r[:, 1, 0] = 3.0 * t, 5e-10 * t**2
     v = np.gradient(r, t, axis=0, edge_order=2)
     s = States(r, np.broadcast_to(still, (201, 2, 3, 3)), v, np.zeros((201, 2, 3)), t)
-    assert np.nanmax(list(truncation(two, t, s, None, 3.0, 3.0).shares.values())) < 0.1
+    assert np.nanmax(list(measure_truncation(two, t, s, None, 3.0, 3.0).shares.values())) < 0.1
     wheel = assemble([RigidBody(1.0, still)], [Joint(0, np.zeros(3), -1, np.zeros(3), still[2], still[2])])
     spin = np.zeros((201, 1, 3))
     spin[..., 2] = 5.0
     R = np.stack([so3.exp(np.array([0.0, 0.0, 5.0 * x])) for x in t])[:, None]
     s = States(np.zeros((201, 1, 3)), R, np.zeros((201, 1, 3)), spin, t)
-    assert truncation(wheel, t, s, np.full((201, 5), 1e-18), 5.0, 1.0).reactions < 1e-6
+    assert measure_truncation(wheel, t, s, np.full((201, 5), 1e-18), 5.0, 1.0).reactions < 1e-6

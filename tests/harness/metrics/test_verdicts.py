@@ -10,8 +10,8 @@ from mbsbench import RigidBody, States, api, assemble
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.metrics.scales import displacement
-from mbsbench.harness.metrics.summary import columns
+from mbsbench.harness.metrics.scales import measure_displacement
+from mbsbench.harness.metrics.summary import make_columns
 from mbsbench.harness.results.words import format_accurate_times
 from mbsbench.harness.types import Law, Problem, Status, Trajectory
 from mbsbench.tests.comparing import assert_close, assert_each
@@ -43,7 +43,7 @@ def test_the_recorded_limits_are_those_that_are_judged():
     exact = claimed(t, reference.states(t))
     m, c, *_ = judge(problem, exact)
     limit = c["phi_limit_m"]
-    assert "phi_limit_m" not in columns(dataclasses.replace(problem, system=slider_crank().system), exact, m)
+    assert "phi_limit_m" not in make_columns(dataclasses.replace(problem, system=slider_crank().system), exact, m)
     for part, broken in ((0.9, False), (1.1, True)):
         s = exact.states
         away = np.where(np.arange(len(t)) == 5, part * limit, 0.0)[:, None, None] * [1.0, 0.0, 0.0]
@@ -131,7 +131,7 @@ def test_displacement_is_that_of_a_bodys_matter():
     x = (random.random((200_000, 3)) - 0.5) * sides
     points = [r[k] + x @ Q[k].T for k in range(2)]
     expected = np.sqrt(np.mean(np.sum((points[0] - points[1]) ** 2, axis=1)))
-    assert displacement(system, a, b)[0, 0] == pytest.approx(expected, rel=5e-3)  # 1/sqrt(200,000), twice
+    assert measure_displacement(system, a, b)[0, 0] == pytest.approx(expected, rel=5e-3)  # 1/sqrt(200,000), twice
 
 
 @pytest.mark.parametrize("t_end", [3.0, 20.0])

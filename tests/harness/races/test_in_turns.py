@@ -6,7 +6,7 @@ import math
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.races import in_turns
 from mbsbench.harness.results import store
-from mbsbench.harness.results.records import RunRecord, to_json
+from mbsbench.harness.results.records import RunRecord, format_record
 
 from ..conftest import PLUGIN
 
@@ -48,7 +48,7 @@ def test_records_hold_the_times_of_the_turns_and_nothing_else_changes(tmp_path, 
     for run_id, old in before.items():
         new = after[run_id]
         if old.solver == "raises":
-            assert to_json(new) == to_json(old)
+            assert format_record(new) == format_record(old)
             continue
         assert (new.repeats, new.energy_drift_max_J, new.series_sha256) == (
             3,

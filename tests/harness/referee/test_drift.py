@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.metrics.periods import find_periods
-from mbsbench.harness.metrics.thinning import rows_to_keep
+from mbsbench.harness.metrics.thinning import choose_rows
 from mbsbench.harness.referee.certificates.drift import MATTERS, split_energy_error, split_error
 from mbsbench.harness.referee.certificates.trend import FEWEST, fit_trend
 from mbsbench.harness.results.series import Series
@@ -79,7 +79,7 @@ def test_thinning_that_keeps_extremes_moves_nothing():
     """A mean of the kept rows would: they are the peaks."""
     t, e, o = swinging(trend=2e-4, noise=0.001, steps=5 * STEPS)
     whole = parts(t, e, o)
-    keep = rows_to_keep(len(t), e, np.abs(e) ** 2, at_most=len(t) // 3)
+    keep = choose_rows(len(t), e, np.abs(e) ** 2, at_most=len(t) // 3)
     assert len(keep) < 0.5 * len(t)
     thin = parts(t[keep], e[keep], o[keep])
     assert abs(thin.trend.slope - whole.trend.slope) < 1e-6

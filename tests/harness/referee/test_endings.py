@@ -16,11 +16,11 @@ from mbsbench.harness.referee.claims.endings import (
     ended_by_machine,
     measure_pace,
 )
-from mbsbench.harness.results.words import words_of_ending
+from mbsbench.harness.results.words import describe_ending
 from mbsbench.harness.sandbox.forked_process import ProcessEnd
 from mbsbench.harness.types import EndCause, StepControl
 from mbsbench.solvers.formulations.recording import Clock, march
-from mbsbench.solvers.formulations.start import coordinates_and_velocities, layout_for
+from mbsbench.solvers.formulations.start import choose_layout, pack_start
 from mbsbench.solvers.gc_weak_form import GcWeakForm
 
 from .synthetic import bare, runs_of, series
@@ -37,8 +37,8 @@ def stopped_by_geometric_driver(**limits):
 def stopped_by_recording(**limits):
     """Those of the solvers with error control."""
     problem, t = registry.make_problem("torque_free_body", {"t_end": 10.0}), iter(np.linspace(0.1, 10.0, 100))
-    layout, clock = layout_for(problem, "quaternion")[0], Clock(limits.pop("wall", None))
-    y = coordinates_and_velocities(layout, problem)
+    layout, clock = choose_layout(problem, "quaternion")[0], Clock(limits.pop("wall", None))
+    y = pack_start(layout, problem)
     time.sleep(0.001)
     found = march(
         problem,
@@ -93,7 +93,7 @@ def test_a_process_ended_by_clock_or_memory_is_ended_by_the_machine(killed, limi
         Path("nowhere"),
     )
     record = record_unfinished(job, ProcessEnd(code, killed, "", peak), 1.0, by, limit)
-    assert record.ended_by == by and words in words_of_ending(record)
+    assert record.ended_by == by and words in describe_ending(record)
     assert ended_by_machine(record) and classify_ending(record) is Ending.MACHINE
 
 
@@ -104,14 +104,14 @@ def test_compilation_that_takes_too_long_is_said_to_be_that(killed, code):
     ended = ProcessEnd(code, killed, "", 0.0, cpu=603.0, over="code", code_s=601.0)
     record = record_unfinished(job, ended, 700.0, EndCause.WALL_LIMIT, 620.0)
     assert (record.ended_by, record.status, record.code_s) == (EndCause.CODE_LIMIT, "unfinished", 601.0)
-    assert "compilation took over 600 s of CPU time" in words_of_ending(record)
+    assert "compilation took over 600 s of CPU time" in describe_ending(record)
     assert ended_by_machine(record) and classify_ending(record) is Ending.MACHINE
 
 
 @pytest.mark.parametrize("by", [EndCause.SUPERVISOR_LOST, EndCause.WORKERS_LOST])
 def test_a_lost_parent_is_the_machines_doing(by):
     record = bare(status="crashed", ended_by=str(by), t_reached_s=4.0, steps=50)
-    assert ended_by_machine(record) and "died" in words_of_ending(record)
+    assert ended_by_machine(record) and "died" in describe_ending(record)
 
 
 @pytest.mark.parametrize("made", [stopped_by_geometric_driver, stopped_by_recording])

@@ -19,7 +19,7 @@ from mbsbench.harness.referee.claims.maps import read_dimensions, select
 from mbsbench.harness.referee.claims.register import read_register
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements import files
-from mbsbench.harness.results.records import reasons_json
+from mbsbench.harness.results.records import format_reasons
 from mbsbench.harness.suites.suite import Suite
 from mbsbench.harness.types import Law, Reason
 
@@ -41,7 +41,7 @@ def made(tmp_path, monkeypatch):
     register.write_text(MAP + HEAD + TEST)
 
     def write(phi_max, specs=RUNS):
-        folder = store.create(tmp_path / "run")
+        folder = store.create_folder(tmp_path / "run")
         for x in specs:
             store.write_record(folder, record(x, phi_max=phi_max, series=""))
         return folder
@@ -92,7 +92,7 @@ def test_runs_of_earlier_code_are_judged_where_they_are_carried_over(made, monke
 def test_a_run_that_a_resumed_folder_holds_twice_counts_once(made, tmp_path):
     """Of two codes the later counts, in every judgement; a later crash does not replace a success."""
     _, _, register = made
-    folder = store.create(tmp_path / "run")
+    folder = store.create_folder(tmp_path / "run")
 
     def resumed(code: str, specs=RUNS, **columns):
         for x in specs:
@@ -100,7 +100,7 @@ def test_a_run_that_a_resumed_folder_holds_twice_counts_once(made, tmp_path):
             store.write_record(folder, own)
         return judging.judge_results(folder, read_register(register))
 
-    wrong = {"status": "wrong", "claimed": "success", "wrong_because": reasons_json([Reason(Law.ENERGY, 2.0, 1.0)])}
+    wrong = {"status": "wrong", "claimed": "success", "wrong_because": format_reasons([Reason(Law.ENERGY, 2.0, 1.0)])}
     for code in "12":
         assert len(resumed(code, phi_max=1.5, **wrong)["wrong"]) == len(RUNS)
     found = resumed("3", RUNS[1:], phi_max=0.5, claimed="success")

@@ -14,7 +14,7 @@ from mbsbench.harness.execution.run import run_here as run
 from mbsbench.harness.referee.certificates.fitting import fit_ladder, fit_scattered
 from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify, select_motion
 from mbsbench.harness.results.judgements.files import ORDERS, format_judgement, read_judgement
-from mbsbench.harness.results.store import create
+from mbsbench.harness.results.store import create_folder
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.reports.pages.judged.orders import describe_order
 
@@ -226,7 +226,7 @@ def test_scattered_errors_have_the_median_of_slopes():
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory):
     """Records of runs, each run once."""
-    folder = create(tmp_path_factory.mktemp("ladders"))
+    folder = create_folder(tmp_path_factory.mktemp("ladders"))
     for part in ("series", "stderr"):
         (folder / part).mkdir(exist_ok=True)
     known = {}

@@ -13,7 +13,7 @@ from mbsbench.harness.referee.certificates import symmetries
 from mbsbench.harness.referee.certificates.symmetries import Yardstick, _compare, _prepare_row, check_symmetries
 from mbsbench.harness.referee.false_successes import find_false_successes
 from mbsbench.harness.results.judgements.runs import UnjudgedSymmetry
-from mbsbench.harness.results.store import create
+from mbsbench.harness.results.store import create_folder
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.types import Law
 from mbsbench.reports.pages.judged.symmetries import describe_symmetry
@@ -26,7 +26,7 @@ PENDULUM = "spherical_pendulum"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return create(tmp_path_factory.mktemp("told"))
+    return create_folder(tmp_path_factory.mktemp("told"))
 
 
 @pytest.fixture(scope="module")

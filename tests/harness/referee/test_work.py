@@ -9,7 +9,7 @@ import pytest
 
 from mbsbench.harness.referee.certificates.work import TARGETS, collect_work
 from mbsbench.harness.referee.false_successes import find_false_successes
-from mbsbench.harness.results.records import RunRecord, reasons_json
+from mbsbench.harness.results.records import RunRecord, format_reasons
 from mbsbench.harness.types import Law, Reason
 
 NOWHERE = Path()
@@ -142,7 +142,7 @@ RATES = Reason(Law.TRUNCATION, 95.0, 1.0, name="the error of accelerations")
 def test_wrong_successes_have_the_verdicts_reasons_and_the_planes():
     """Only where success is claimed, and planarity only where the motion is predictable to its end."""
     contradicted = record(
-        "a", 0.1, 1.0, 10, status="wrong", wrong_because=reasons_json([Reason(Law.ENERGY, 5.0, 1.0, "J")])
+        "a", 0.1, 1.0, 10, status="wrong", wrong_because=format_reasons([Reason(Law.ENERGY, 5.0, 1.0, "J")])
     )
     gave_up = dataclasses.replace(contradicted, claimed="diverged", settings_id="x")
     away = record("b", 0.1, 1e-3, 10, out_of_plane_max_m=0.5)
@@ -163,13 +163,13 @@ def test_wrong_successes_have_the_verdicts_reasons_and_the_planes():
         ({"reaction_error_max_N": 0.5}, True),
         ({"reaction_error_max_N": math.nan, "reaction_size_N": math.nan}, False),  # a solver without reactions
         ({"judged_to_s": 0.5}, True),  # not compared to the end
-        ({"wrong_because": reasons_json([RATES, Reason(Law.ENERGY, 5.0, 1.0, "J")])}, True),
+        ({"wrong_because": format_reasons([RATES, Reason(Law.ENERGY, 5.0, 1.0, "J")])}, True),
     ],
 )
 def test_rates_of_a_motion_that_is_right_mislead_nobody(changed, misleads):
     """Wrong by its own rates alone, and right by comparison: no false success."""
     right = record(
-        "a", 0.1, 1.0, 10, status="wrong", wrong_because=reasons_json([RATES]), motion_error_judged_m=1e-4,
+        "a", 0.1, 1.0, 10, status="wrong", wrong_because=format_reasons([RATES]), motion_error_judged_m=1e-4,
         length_scale_m=1.0, rate_error_judged_m_per_s=1e-3, speed_scale_m_per_s=2.0, reaction_error_max_N=0.05,
         reaction_size_N=10.0, judged_to_s=1.0, t_end_s=1.0,
     )  # fmt: skip
@@ -180,7 +180,7 @@ def test_literal_starts_are_no_targets_and_no_false_successes():
     """Their joints are open from the start, and the exact motion is that of another start."""
     literal = [dataclasses.replace(r, problem_parameters='{"literal_start": true}') for r in (*GOOD, *OTHER)]
     assert collect_work(NOWHERE, literal).points == ()
-    broken = {"status": "wrong", "wrong_because": reasons_json([Reason(Law.CONSTRAINT, 2.0, 1.0, "m")])}
+    broken = {"status": "wrong", "wrong_because": format_reasons([Reason(Law.CONSTRAINT, 2.0, 1.0, "m")])}
     assert len(find_false_successes([dataclasses.replace(GOOD[0], **broken)], ())) == 1
     assert find_false_successes([dataclasses.replace(literal[0], **broken)], ()) == ()
 

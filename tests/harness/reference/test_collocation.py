@@ -7,14 +7,14 @@ import pytest
 from scipy.interpolate import pade
 
 from mbsbench.harness.reference.collocation import Collocation
-from mbsbench.harness.reference.extrapolation import each
+from mbsbench.harness.reference.extrapolation import vectorize_rate
 
 TIME = np.array([1.0, np.inf])  # units of y and t
 
 
 def pulled(rate: float):
     """y_dot = -rate (y - cos t) - sin t: cos t, and exp(-rate t) of what the start is off it."""
-    return each(lambda y: np.array([-rate * (y[0] - np.cos(y[1])) - np.sin(y[1]), 1.0]))
+    return vectorize_rate(lambda y: np.array([-rate * (y[0] - np.cos(y[1])) - np.sin(y[1]), 1.0]))
 
 
 @pytest.mark.parametrize("z", [-0.5, -3.0, -1e3, 2.0j, -1e2 + 1e2j])

@@ -12,14 +12,14 @@ from mbsbench.harness.catalogue.registry import make_problem, rotate_problem
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy
 from mbsbench.harness.mechanics.state import rotate_states
 from mbsbench.harness.mechanics.system import GROUND
-from mbsbench.harness.mechanics.work import power
+from mbsbench.harness.mechanics.work import compute_power
 from mbsbench.harness.reference import computation as module
 from mbsbench.harness.reference import orbit
-from mbsbench.harness.reference.computation import compute_reference, find_reference, is_computable, say_why_it_ends
+from mbsbench.harness.reference.computation import compute_reference, explain_end, find_reference, is_computable
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
 from mbsbench.harness.reference.principal import LIGHT
-from mbsbench.problems.exact.one_body import one_body_motion
+from mbsbench.problems.exact.one_body import find_one_body_motion
 from mbsbench.tests.comparing import assert_each
 
 from .mechanisms import problem, slider_crank, sprung
@@ -74,7 +74,7 @@ def test_it_obeys_the_laws_where_nothing_is_known(p: Problem) -> None:
     s = found.states(t)
     assert np.max(np.abs(constraint(p.system, s))) < 1e-11
     assert np.max(np.abs(constraint_rate(p.system, s))) < 1e-10
-    E, P, dt = energy(p.system, s), power(p.system, s), t[1]
+    E, P, dt = energy(p.system, s), compute_power(p.system, s), t[1]
     work = np.sum(P[:-2:2] + 4.0 * P[1:-1:2] + P[2::2]) * dt / 3.0  # Simpson
     assert abs(E[-1] - E[0] - work) < 1e-9 * np.max(np.abs(E))
     k = np.arange(20, 3980, 20)  # differences of sixth order: dt^6 and rounding / dt are both below 1e-9
@@ -116,7 +116,7 @@ def test_a_nearly_massless_axis_has_the_motion_of_the_formula(light: float, tilt
         v = R @ np.cross(Omega, arm)
         return problem("rod", system, State((R @ arm)[None], (R @ Q.T)[None], v[None], (Q @ Omega)[None]), 1.0)
 
-    exact = one_body_motion(rod(np.eye(3)).system, rod(np.eye(3)).initial)
+    exact = find_one_body_motion(rod(np.eye(3)).system, rod(np.eye(3)).initial)
     found, even = compute_reference(rod(Q)), compute_reference(rod(Q, 1.0))
     assert exact is not None and found is not None and even is not None and found.horizon == 1.0
     assert len(found.orbit.y) < 2 * len(even.orbit.y)  # rounding about the rod may have steps halved, once
@@ -318,6 +318,6 @@ def test_one_that_ends_early_says_why(budget: float, words: str, monkeypatch: py
     p = slider_crank(t_end=2.0, hinged=True)
     found = compute_reference(p)
     assert found is not None and 0.0 < found.horizon < p.t_end
-    (note,) = say_why_it_ends(found)
+    (note,) = explain_end(found)
     assert note.startswith(f"reference ends at {found.horizon:.4g} s: ") and words in note
-    assert say_why_it_ends(compute_reference(p)) == [note]  # from disk
+    assert explain_end(compute_reference(p)) == [note]  # from disk

@@ -133,7 +133,7 @@ def test_an_edit_of_a_problem_or_of_measuring_asks_for_theirs(whole, edited):
         ("harness/execution/contract.py", "max(times)", "0.5 * max(times)"),
         ("harness/clock.py", "used.ru_utime + used.ru_stime", "used.ru_utime"),
         ("harness/sandbox/forked_process.py", "usage.ru_utime + usage.ru_stime", "usage.ru_utime"),
-        ("harness/sandbox/isolation.py", "set_keeper(own)", "set_keeper(parent)"),
+        ("harness/sandbox/isolation.py", "set_subreaper(own)", "set_subreaper(parent)"),
     ],
 )
 def test_another_count_of_cpu_time_is_another_measurement(whole, edited, place, before, after):
@@ -154,7 +154,7 @@ def test_the_digest_covers_all_that_a_run_runs(whole):
     done = subprocess.run((sys.executable, "-c", code), cwd=ROOT, capture_output=True, text=True, check=True)
     files = [Path(f).resolve().relative_to(ROOT).as_posix() for f in done.stdout.split()]
     loaded = {f for f in files if not f.endswith("__init__.py")}
-    left_out = {p for p in loaded - whole.list_imported(*MEASURING)[0].keys() if not whole._arranges(p)}
+    left_out = {p for p in loaded - whole.list_imported(*MEASURING)[0].keys() if not whole._is_excluded(p)}
     readers = (
         "closing",
         "mujoco_bodies",

@@ -8,7 +8,7 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.results import store
 from mbsbench.harness.results.comparison import Likeness, compare, is_repeatable
-from mbsbench.harness.results.provenance import describe_differences, find_differences, same_platform
+from mbsbench.harness.results.provenance import describe_differences, find_differences, is_same_platform
 from mbsbench.harness.results.records import RunRecord
 
 from ..conftest import PLUGIN
@@ -75,13 +75,13 @@ def test_inputs_that_differ_are_named():
     other = {**stamp, "code": "2", "packages": {"numpy": "2.2"}, "dirty": True}
     words = describe_differences(find_differences(stamp, other))
     assert "code" in words and "numpy 2.1 -> 2.2" in words and "scipy" in words and "uncommitted" in words
-    assert same_platform(stamp, {**stamp, "code": "2"}) and not same_platform(stamp, other)
+    assert is_same_platform(stamp, {**stamp, "code": "2"}) and not is_same_platform(stamp, other)
     assert "not deterministic" in describe_differences(find_differences(stamp, stamp))
     assert "missing" in describe_differences(find_differences({}, stamp))
     one, two = ({"internal_api": name, "num_threads": 1} for name in ("openblas", "openmp"))
     there, back = {**stamp, "blas": [one, two]}, {**stamp, "blas": [two, one]}
-    assert same_platform(there, back) and not find_differences(there, back)  # the order of imports means nothing
-    assert not same_platform(there, {**stamp, "blas": [one]})
+    assert is_same_platform(there, back) and not find_differences(there, back)  # the order of imports means nothing
+    assert not is_same_platform(there, {**stamp, "blas": [one]})
 
 
 SUITE = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "refuses", "raises"]\ndt = [0.25, 0.5]\n'
@@ -101,7 +101,7 @@ def test_verify_and_diff(command, tmp_path, capsys, monkeypatch):
     assert "verified: 8 of 8" in good and "bit for bit" in good
     assert command("verify", "a").returncode == 2  # without the plugin its runs cannot be run
     folder, other = tmp_path / "a", tmp_path / "b"
-    store.create(other)
+    store.create_folder(other)
     for record in store.load(folder).records:
         told = dataclasses.replace(record, series="", energy_drift_max_J=record.energy_drift_max_J + 1e-3)
         store.write_record(other, told)

@@ -12,7 +12,7 @@ import pytest
 from mbsbench.harness.confined_paths import UnsafeFile
 from mbsbench.harness.execution import run_file
 from mbsbench.harness.execution.handover import Handover, SolverReport, read, write
-from mbsbench.harness.execution.remaining_time import durations
+from mbsbench.harness.execution.remaining_time import read_durations
 from mbsbench.harness.files import FileError
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.results import npz, store
@@ -29,7 +29,7 @@ OUT = ["../../outside/x.npz", "/etc/passwd", "series/../../outside/x.npz", "seri
 
 def folder_with(folder, **columns):
     """Results with one record, whose digest is right whatever it says."""
-    store.create(folder)
+    store.create_folder(folder)
     (folder.parent / "outside").mkdir(exist_ok=True)
     digest = write_series(folder.parent / "outside" / "x.npz", series())
     store.write_record(folder, dataclasses.replace(RECORD, series_sha256=digest, **columns))
@@ -76,10 +76,10 @@ def test_links_are_not_followed(tmp_path):
 def test_a_linked_lock_leaves_its_target_as_it_is(tmp_path):
     precious = tmp_path / "precious"
     precious.write_text("thesis")
-    folder = store.create(tmp_path / "a")
+    folder = store.create_folder(tmp_path / "a")
     (folder / ".lock").symlink_to(precious)
     with pytest.raises(FileError, match=r"cannot lock .*"):
-        store.lock(folder)
+        store.lock_folder(folder)
     assert precious.read_text() == "thesis"
 
 
@@ -152,8 +152,8 @@ def test_a_bad_folder_beside_ours_ends_no_run(tmp_path):
     store.write_record(tmp_path / "old", dataclasses.replace(RECORD, schema=1))
     (tmp_path / "linked" / "runs").mkdir(parents=True)
     (tmp_path / "linked" / "series").symlink_to("/")
-    store.write_record(store.create(tmp_path / "ours"), dataclasses.replace(RECORD, settings_id="x", wall_s=2.0))
-    assert durations(tmp_path) == {"x": 2.0}
+    store.write_record(store.create_folder(tmp_path / "ours"), dataclasses.replace(RECORD, settings_id="x", wall_s=2.0))
+    assert read_durations(tmp_path) == {"x": 2.0}
 
 
 @pytest.mark.parametrize(

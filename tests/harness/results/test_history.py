@@ -23,7 +23,7 @@ def load_history(folders, files=()):
 
 def folder(place, name, commit, started, cpu="one", **specs: tuple[str, float, float]):
     """A run folder whose runs have these (status, drift, CPU time)."""
-    run = store.create(place / name)
+    run = store.create_folder(place / name)
     for n, (settings, (status, drift, seconds)) in enumerate(specs.items()):
         store.write_record(
             run,

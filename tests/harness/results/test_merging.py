@@ -61,10 +61,10 @@ def test_merged_shards_are_the_whole_run(tmp_path, whole):
 def test_contradictions_and_damage_are_reported(tmp_path, whole):
     """Two folders with other numbers for one run: the first stays, the cause is named; no damaged record is copied."""
     first, *others = store.load(whole).records
-    other = store.create(tmp_path / "b")
+    other = store.create_folder(tmp_path / "b")
     stamp = json.loads((whole / "environment.json").read_text(encoding="utf-8"))
     stamp["blas"][0]["architecture"] = "Nehalem"  # that no test runs with
-    (other / "environment.json").write_text(json.dumps(stamps.seal(stamp, {})))
+    (other / "environment.json").write_text(json.dumps(stamps.seal_stamp(stamp, {})))
     store.write_record(other, dataclasses.replace(first, series="", phi_max=9.0))
     (other / "runs" / f"{others[0].run_id}.json").write_text("{")
     done = merge(tmp_path / "out", [whole, other])
@@ -75,7 +75,7 @@ def test_contradictions_and_damage_are_reported(tmp_path, whole):
 
 def test_a_folder_is_not_merged_into_itself(tmp_path):
     """It would be read and written at once."""
-    folder = store.create(tmp_path / "a")
+    folder = store.create_folder(tmp_path / "a")
     with pytest.raises(FileError, match="one of the folders"):
         merge(folder, [folder])
 

@@ -9,7 +9,7 @@ import pytest
 
 from mbsbench.cli.arguments import parse_assignments
 from mbsbench.cli.commands import CONTROL, add_commands
-from mbsbench.cli.parser import top_parser
+from mbsbench.cli.parser import make_parser
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.job import Job, make_job_record
 from mbsbench.harness.results.records import RunRecord
@@ -41,7 +41,7 @@ def run_of(line: str):
     """The run that ``solve`` would make of the line, without running it."""
     words = shlex.split(line)
     assert words[0] == "mbsbench"
-    parser, commands = top_parser()
+    parser, commands = make_parser()
     add_commands(commands)
     given = parser.parse_args(words[1:])
     values = parse_assignments(given.set, "--set")

@@ -12,7 +12,7 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError
 from mbsbench.harness.results import environment, records, store
-from mbsbench.harness.results.records import COLUMNS, RunRecord, from_json, to_json
+from mbsbench.harness.results.records import COLUMNS, RunRecord, format_record, parse_record_json
 from mbsbench.harness.results.series import Series, read_series, write_series
 from mbsbench.harness.types import Status
 
@@ -29,7 +29,7 @@ def series(n: int = 5) -> Series:
 
 
 def stored(folder, record=RECORD) -> RunRecord:
-    store.create(folder)
+    store.create_folder(folder)
     digest = write_series(folder / "series" / f"{record.run_id}.npz", series())
     record = dataclasses.replace(record, series=f"series/{record.run_id}.npz", series_sha256=digest)
     store.write_record(folder, record)
@@ -37,7 +37,7 @@ def stored(folder, record=RECORD) -> RunRecord:
 
 
 def same(a: RunRecord, b: RunRecord) -> bool:
-    return to_json(a) == to_json(b)  # NaN is equal to itself in text
+    return format_record(a) == format_record(b)  # NaN is equal to itself in text
 
 
 def test_record_and_series_come_back(tmp_path):
@@ -53,7 +53,7 @@ def test_record_and_series_come_back(tmp_path):
 
 def test_table_reads_as_it_was(tmp_path):
     """Numbers stay numbers for pandas, NaN stays NaN, an empty run still has all columns."""
-    store.create(tmp_path)
+    store.create_folder(tmp_path)
     frame = pd.read_parquet(store.write_table(tmp_path, [RECORD]))
     assert list(frame.columns) == [c.name for c in COLUMNS]
     assert frame.phi_max[0] == np.inf and np.isnan(frame.dt_s[0]) and frame.steps.dtype == np.int64
@@ -119,7 +119,7 @@ def test_foreign_records_are_refused(tmp_path):
 def test_wrong_types_are_refused(change, words):
     """Numbers of 400 digits, escape sequences in names, other shapes than declared: checked before it is believed."""
     with pytest.raises(FileError, match=words):
-        from_json(json.dumps({**json.loads(to_json(RECORD)), **change}))
+        parse_record_json(json.dumps({**json.loads(format_record(RECORD)), **change}))
 
 
 def test_series_never_unpickles(tmp_path):
@@ -131,16 +131,16 @@ def test_series_never_unpickles(tmp_path):
 
 def test_one_runner_at_a_time(tmp_path):
     """Two runners on one folder would both run every run."""
-    store.create(tmp_path)
-    with store.lock(tmp_path), pytest.raises(FileError, match="another runner"):
-        store.lock(tmp_path)
-    store.lock(tmp_path).close()
+    store.create_folder(tmp_path)
+    with store.lock_folder(tmp_path), pytest.raises(FileError, match="another runner"):
+        store.lock_folder(tmp_path)
+    store.lock_folder(tmp_path).close()
 
 
 def test_latest_follows_and_leaves_strangers_alone(tmp_path):
     """``latest`` is a link of ours; a real folder of that name is somebody's own."""
     for name in ("a", "b"):
-        store.point_latest(store.create(tmp_path / name))
+        store.point_latest(store.create_folder(tmp_path / name))
         assert (tmp_path / "latest").resolve().name == name
     (tmp_path / "latest").unlink()
     (tmp_path / "latest").mkdir()
@@ -150,7 +150,7 @@ def test_latest_follows_and_leaves_strangers_alone(tmp_path):
 
 def test_unwritable_folder_is_said_in_a_line():
     with pytest.raises(FileError, match="cannot write"):
-        store.create(environment.ROOT / "Makefile" / "run")
+        store.create_folder(environment.ROOT / "Makefile" / "run")
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,7 @@ def test_a_folder_of_an_older_version_is_refused_with_what_to_do(tmp_path, line,
         (old / "cells").mkdir(parents=True)
         (old / "cells" / "aa.json").write_bytes(b"")
     else:
-        store.write_record(store.create(old), dataclasses.replace(RECORD, schema=schema))
+        store.write_record(store.create_folder(old), dataclasses.replace(RECORD, schema=schema))
     (old / "suite.toml").write_text("")
     before = sorted(p for p in old.rglob("*"))
     with contextlib.chdir(tmp_path):

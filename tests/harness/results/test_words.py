@@ -8,7 +8,7 @@ import pytest
 from mbsbench.cli.solve import summarize
 from mbsbench.harness.gate.check import _status
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.results.words import comparison_words, status_words
+from mbsbench.harness.results.words import describe_comparison, describe_status
 
 LAWFUL = RunRecord(
     run_id="a",
@@ -46,7 +46,7 @@ LAWFUL = RunRecord(
 def test_a_status_says_until_when_its_motion_was_compared(changed, words):
     """On the terminal, in the gate, and, from the same function, on pages."""
     record = dataclasses.replace(LAWFUL, **changed)
-    assert status_words(record) == words
+    assert describe_status(record) == words
     assert any(line.startswith("status") and words in line for line in summarize(record))
     if record.status == "success":
-        assert _status("case", record, None, "").required.why == comparison_words(record)
+        assert _status("case", record, None, "").required.why == describe_comparison(record)

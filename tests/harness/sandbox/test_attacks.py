@@ -26,7 +26,7 @@ SCOPED = 6  # version of landlock that keeps signals in
 
 def attacked(folder, what, **patches):
     """The record of such a run under a supervisor of its own, where ``patches`` replace functions of the sandbox."""
-    store.create(folder)
+    store.create_folder(folder)
     spec = parse_suite(SUITE.format(what), "t", "t").specs[0]
     job = Job(spec, folder, plugins=(str(PLUGIN), str(HOSTILE)))
     job.stderr.parent.make_folder()

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from mbsbench.harness.execution.handover import COST, SolverReport, _with_hidden_cost
+from mbsbench.harness.execution.handover import COST, SolverReport, _add_hidden_cost
 from mbsbench.harness.types import Status
 
 from .. import cheating
@@ -114,13 +114,13 @@ WHOLE = dict.fromkeys(COST, 1e-9) | {"repeats": 1, "cpu_inside_s": 4.0}
 def test_a_cost_without_its_clock_is_all_that_the_process_took(inside):
     """A report that a solver writes itself may leave out what its own clocks account for: then that is nothing."""
     claimed = {"cpu_min_s": 1e-9, "cpu_median_s": 1e-9, "cpu_max_s": 1e-9, **inside}
-    found = _with_hidden_cost(SolverReport(claimed=Status.SUCCESS, cost=claimed), 8.07)
+    found = _add_hidden_cost(SolverReport(claimed=Status.SUCCESS, cost=claimed), 8.07)
     assert {found.cost[name] for name in ("cpu_min_s", "cpu_median_s", "cpu_max_s")} == {8.07}
     assert "all counts" in found.notes[0]
     for left_out in WHOLE:
         some = {name: value for name, value in WHOLE.items() if name != left_out}
-        assert _with_hidden_cost(SolverReport(claimed=Status.SUCCESS, cost=some), 8.07).cost["cpu_median_s"] == 8.07
+        assert _add_hidden_cost(SolverReport(claimed=Status.SUCCESS, cost=some), 8.07).cost["cpu_median_s"] == 8.07
     whole = SolverReport(claimed=Status.SUCCESS, cost=WHOLE)
-    assert _with_hidden_cost(whole, 8.07) == whole
+    assert _add_hidden_cost(whole, 8.07) == whole
     for ended in (SolverReport(), SolverReport(claimed=Status.REFUSED)):  # neither claims a cost
-        assert _with_hidden_cost(ended, 8.07) == ended
+        assert _add_hidden_cost(ended, 8.07) == ended

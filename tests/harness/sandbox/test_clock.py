@@ -28,9 +28,9 @@ def test_cpu_time_has_no_ticks_under_a_limit_on_it():
 
 def test_a_process_that_ends_while_it_is_looked_at_has_no_children(monkeypatch):
     """Its folder is listed, and gone when it is opened."""
-    before = clock.descendants(os.getpid())
+    before = clock.list_descendants(os.getpid())
     own = os.listdir(f"/proc/{os.getpid()}/task")
     monkeypatch.setattr(os, "listdir", lambda folder: [*own, "0"])
-    assert set(clock.descendants(os.getpid())) <= set(before)  # of earlier tests, some end meanwhile
+    assert set(clock.list_descendants(os.getpid())) <= set(before)  # of earlier tests, some end meanwhile
     monkeypatch.undo()
-    assert clock.descendants(2**22 + 1) == []
+    assert clock.list_descendants(2**22 + 1) == []

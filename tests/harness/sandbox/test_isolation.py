@@ -9,7 +9,7 @@ import psutil
 import pytest
 
 from mbsbench.harness.results import store
-from mbsbench.harness.results.words import list_reasons, words_of_ending
+from mbsbench.harness.results.words import describe_ending, list_reasons
 from mbsbench.harness.sandbox.forked_process import ForkedProcess
 from mbsbench.harness.sandbox.isolation import describe_lacking, fork
 from mbsbench.harness.types import EndCause, Status
@@ -135,7 +135,7 @@ def test_steps_of_a_killed_run_are_kept(outcome, end, status, words):
     """A native loop that holds the interpreter, a segfault, an exception: what was handed over is measured."""
     folder, loaded = outcome
     (record,) = [r for r in loaded.records if r.case == f"free_fall hangs_later{end} dt=0.5"]
-    assert record.status == status and words in words_of_ending(record) and record.claimed == ""
+    assert record.status == status and words in describe_ending(record) and record.claimed == ""
     series = store.read_run_series(folder, record)
     assert series is not None and list(series["t"]) == [0.0, 0.5, 1.0] and record.t_reached_s == 1.0
     assert record.position_error_max_m < 1e-14 and record.wall_s < record.wall_limit_s + 5.0

@@ -67,7 +67,7 @@ def test_a_plugin_that_compiles_long_is_no_plugin_that_hangs(monkeypatch):
         return "loaded"
 
     monkeypatch.setattr(trial, "LIMIT", 0.5)
-    assert trial._try_elsewhere("plugin", attempt) == ""
+    assert trial._try_in_child("plugin", attempt) == ""
 
 
 @pytest.mark.parametrize("text", MADE)

@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 
-from mbsbench.harness.shadow.lanes import one_by_one, side_by_side, vectorise_functions
+from mbsbench.harness.shadow.lanes import pack_lanes, unpack_lanes, vectorise_functions
 from mbsbench.solvers.formulations.generated import Code, Loop
 from mbsbench.solvers.formulations.generated.code import print_functions
 
@@ -16,11 +16,11 @@ def test_code_of_lanes_gives_the_numbers_of_code_for_one():
     ir = print_functions({"f": Loop(rows=[x], stored=[ca.vertcat(*outputs)])})
     given = np.random.default_rng(1).normal(size=(1, 21, 3))
     given[:, :, 2] = np.abs(given[:, :, 2])
-    lanes = side_by_side(given)
+    lanes = pack_lanes(given)
     one, many = np.empty((21, 4)), np.empty((lanes.shape[1], 4, lanes.shape[3]))
     for text, rows, out in ((ir, given, one), (vectorise_functions(ir), lanes, many)):
         code = Code(text)
         count = np.array([len(out)])
         code.function("f", 3)(count.ctypes.data, rows.ctypes.data, out.ctypes.data)
-    assert np.array_equal(one_by_one(many[None], 21)[0], one)
-    assert np.array_equal(one_by_one(lanes, 21), given)
+    assert np.array_equal(unpack_lanes(many[None], 21)[0], one)
+    assert np.array_equal(unpack_lanes(lanes, 21), given)

@@ -11,18 +11,25 @@ import pytest
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.shadow import long_motion
-from mbsbench.harness.shadow.long_motion import FIRST, SECOND, Integration, load_long_motion, measure_difference, scale
+from mbsbench.harness.shadow.long_motion import (
+    FIRST,
+    SECOND,
+    Integration,
+    load_long_motion,
+    measure_difference,
+    to_fixed_point,
+)
 from mbsbench.harness.shadow.rods import RECIPES, Rod, Rods
-from mbsbench.harness.shadow.series import FORMULATIONS, GUARD, Flow
+from mbsbench.harness.shadow.series import FORMULATIONS, GUARD, PlaneFlow
 from mbsbench.tests.comparing import assert_close, assert_each
 
 BITS = 200
 STORED = sorted(p.stem for p in long_motion.STORED.glob("*.json"))
 
 
-def march(flow: Flow, state, t: Fraction):
+def march(flow: PlaneFlow, state, t: Fraction):
     """The state at ``t`` [s]."""
-    at = scale(t, flow.bits)
+    at = to_fixed_point(t, flow.bits)
     return next(p for p, asked in flow.march(state, at, (at,)) if asked)
 
 
@@ -34,7 +41,7 @@ def test_a_pendulum_is_an_elliptic_function_to_fifty_digits(formulation):
     t, a = Fraction("0.7"), 2
     with flint.ctx.workprec(BITS + 64):
         start = rods.state([a - flint.arb.pi() / 2], [flint.arb(0)], 0, BITS)
-    reached = march(Flow(rods.mechanism(), formulation, BITS), start, t)
+    reached = march(PlaneFlow(rods.make_mechanism(), formulation, BITS), start, t)
     with mpmath.workdps(70):
         k = mpmath.sin(mpmath.mpf(a) / 2)
         w = mpmath.sqrt(2 * mpmath.mpf("9.81") / 3 / (mpmath.mpf(1) / 7 + mpmath.mpf(2) / 9))
@@ -49,7 +56,7 @@ def test_a_pendulum_is_an_elliptic_function_to_fifty_digits(formulation):
 def test_steps_see_coefficients_between_those_that_vanish(apart):
     """1 / (1 - (t/R)^apart): its last coefficients may be zero, its radius R stays, and so does the step."""
     mechanism = Rods((Rod(Fraction(2), Fraction(1), Fraction(1, 3), Fraction(1, 7)),), Fraction("9.81")).mechanism()
-    flow = Flow(mechanism, "angles", BITS)
+    flow = PlaneFlow(mechanism, "angles", BITS)
     flow.order = 8 * (flow.order // 8) + 7  # the last seven are zero if apart is 8
     flow.unit = 1 << BITS
     series = [(1 << BITS) >> k if k % apart == 0 else 0 for k in range(flow.order + 1)]  # R = 2 s
@@ -77,7 +84,7 @@ def test_both_formulations_agree_and_keep_energy_and_joints(name):
         start = run.now
         runs.append((start, march(run.flow, start, Fraction(1, 20)), run.flow.bits))
     assert measure_difference(*(r[1:] for r in runs)) < 1e-55
-    m = recipe.rods.mechanism()
+    m = recipe.rods.make_mechanism()
     for start, end, bits in runs:
         assert abs(energy_of(m, end, bits) - energy_of(m, start, bits)) < mpmath.mpf(10) ** -50
         for row in m.rows:
@@ -120,7 +127,7 @@ def test_a_stored_state_leads_to_the_next(name):
     """By the second run's formulation, to thirty digits."""
     motion, bits = load_long_motion(name), 144
     k = len(motion.t) // 2
-    flow = Flow(motion.recipe.rods.mechanism(), SECOND[0], bits)
+    flow = PlaneFlow(motion.recipe.rods.make_mechanism(), SECOND[0], bits)
     reached = march(flow, motion.state(k - 1, bits), motion.t[k])
     assert measure_difference((reached, bits), (motion.state(k, bits), bits)) < 1e-30
 
@@ -146,4 +153,4 @@ def test_damage_and_times_beyond_the_end_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(long_motion, "STORED", tmp_path)
     with pytest.raises(ValueError, match="damaged"):
         load_long_motion(STORED[0])
-    assert dataclasses.replace(motion, problem="other").digest() != motion.digest()
+    assert dataclasses.replace(motion, problem="other").compute_digest() != motion.compute_digest()

@@ -24,7 +24,7 @@ def test_the_page_is_made_from_the_data():
     """Table and paragraph; whoever changes either by hand, or the data alone, is told here."""
     script = load_script()
     (printed,) = script.TABLE.findall(script.PAGE.read_text(encoding="utf-8"))
-    assert printed == script.page()
+    assert printed == script.format_page()
 
 
 def test_gaps_are_closed_where_a_shadow_is_said_to_exist():

@@ -15,12 +15,12 @@ from mbsbench.harness.shadow.coordinates import compute_coordinates
 from mbsbench.harness.shadow.corrections import Continuity
 from mbsbench.harness.shadow.equations import FlowEquations
 from mbsbench.harness.shadow.findings import describe_shadow
-from mbsbench.harness.shadow.flow import flow, tangents
+from mbsbench.harness.shadow.flow import integrate_flow, transport_changes
 from mbsbench.harness.shadow.plane import add_hinges
 from mbsbench.harness.shadow.refinement import Refinement
 from mbsbench.harness.shadow.shadow import GAP, find_shadow
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
-from mbsbench.solvers.formulations.joint_coordinates.tree import spanning_tree
+from mbsbench.solvers.formulations.joint_coordinates.tree import build_spanning_tree
 from mbsbench.tests.comparing import assert_close
 
 OMEGA = 3.0  # [rad/s]
@@ -52,7 +52,7 @@ def equations_of(name: str) -> tuple[Problem, FlowEquations]:
     system = problem.system
     if problem.planar_normal is not None:
         system = add_hinges(system, problem.initial, problem.frame @ problem.planar_normal)
-    return problem, FlowEquations(system, spanning_tree(system, problem.initial))
+    return problem, FlowEquations(system, build_spanning_tree(system, problem.initial))
 
 
 @pytest.mark.parametrize("name", ["heavy_top", "bricard", "spring_pendulum", "cart_pendulum", "slider_crank"])
@@ -62,8 +62,8 @@ def test_coordinates_of_bodies_are_those_that_move_them(name):
     y = E.tree.start + 0.1 * np.random.default_rng(1).normal(size=(5, E.ny))
     for _ in range(30):
         y = E.project(np.zeros(5), y)
-    given = E.bodies(np.zeros(5), y)
-    again = E.bodies(np.zeros(5), compute_coordinates(E.tree, given))
+    given = E.evaluate_bodies(np.zeros(5), y)
+    again = E.evaluate_bodies(np.zeros(5), compute_coordinates(E.tree, given))
     for part in ("r", "R", "v", "Omega"):
         assert_close(getattr(again, part), getattr(given, part), atol=1e-11)
 
@@ -75,8 +75,8 @@ def test_tangents_are_the_slopes_of_the_flow(name):
     y, t, h, d = E.tree.start[None], np.zeros(1), np.full(1, 0.02), 1e-5
     many = np.full(1, 8)
     Y = np.random.default_rng(2).normal(size=(1, 1, E.ny))
-    ahead, behind = (flow(E, t, h, y + s * d * Y[:, 0], many.copy()) for s in (1.0, -1.0))
-    assert_close(tangents(E, t, h, y, Y, many)[:, 0], (ahead - behind) / (2.0 * d), atol=1e-6, rtol=1e-6)
+    ahead, behind = (integrate_flow(E, t, h, y + s * d * Y[:, 0], many.copy()) for s in (1.0, -1.0))
+    assert_close(transport_changes(E, t, h, y, Y, many)[:, 0], (ahead - behind) / (2.0 * d), atol=1e-6, rtol=1e-6)
 
 
 def test_corrections_are_the_least_that_join_segments():
@@ -89,8 +89,8 @@ def test_corrections_are_the_least_that_join_segments():
     root = np.repeat(np.sqrt(w), 3)
     expected = np.linalg.pinv(B / root) @ b.ravel() / root
     linear = Continuity(A, w)
-    assert_close(linear.least(b).ravel(), expected)
-    assert_close(linear.apply(linear.least(b)), b)
+    assert_close(linear.find_least_corrections(b).ravel(), expected)
+    assert_close(linear.apply(linear.find_least_corrections(b)), b)
 
 
 def test_a_motion_that_goes_astray_costs_later_ones_nothing():
@@ -137,7 +137,7 @@ def test_distance_without_chaos_is_the_error_less_a_shift_of_start():
     def follow(start: np.ndarray) -> np.ndarray:
         out = [start]
         for k in range(len(h)):
-            out.append(flow(E, t[k : k + 1], h[k : k + 1], out[-1][None], np.ones(1, dtype=np.int64))[0])
+            out.append(integrate_flow(E, t[k : k + 1], h[k : k + 1], out[-1][None], np.ones(1, dtype=np.int64))[0])
         return np.array(out)
 
     exact, d = follow(E.tree.start), 1e-5

@@ -11,7 +11,7 @@ from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.files import FileError
-from mbsbench.harness.suites.includes import find_suite_file, read_source, suite_names
+from mbsbench.harness.suites.includes import find_suite_file, list_suites, read_source
 from mbsbench.harness.suites.suite import _add_defaults, _expand, count_runs, load_suite, parse_suite
 
 from ..conftest import PLUGIN, Silent
@@ -245,7 +245,7 @@ def test_wrong_suites_are_reported_in_one_line(text):
     assert BAD[text] in str(error.value) and "\n" not in str(error.value) and "test.toml" in str(error.value)
 
 
-@pytest.mark.parametrize("name", suite_names())
+@pytest.mark.parametrize("name", list_suites())
 def test_our_suites_are_sound(name):
     """Every name, option and product in harness/suites/ exists."""
     suite = load_suite(name)
@@ -338,7 +338,7 @@ def test_runs_are_counted_before_they_are_made(keys: str, count: str) -> None:
         parse_suite(text, "many", "many")
 
 
-@pytest.mark.parametrize("suite", suite_names())
+@pytest.mark.parametrize("suite", list_suites())
 def test_runs_are_counted_as_they_are_made(suite: str) -> None:
     """Sweeps, lists, tuples, two names with one value: of every group of our suites."""
     own = read_source(find_suite_file(suite))

@@ -6,18 +6,18 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.harness.results.records import reasons_json
+from mbsbench.harness.results.records import format_reasons
 from mbsbench.harness.types import Law, Reason
 from mbsbench.reports.model.results import StoredRun, read_results
 from mbsbench.reports.pages.runs.atlas import (
     CAUSES,
     find_first_cause,
+    find_usual_step,
     group_broken,
-    groups,
+    group_stops,
     plot_last_steps,
+    state_stops,
     tabulate_survival,
-    title,
-    usual_step,
 )
 from mbsbench.reports.pages.svg import choose_ticks
 from mbsbench.reports.plots.spec import choose_styles
@@ -66,7 +66,7 @@ def test_values_that_are_no_numbers_are_a_blow_up():
 def test_usual_step_is_not_that_of_the_many_small_ones_before_a_stop():
     """A thousand steps of 1e-9 s cover nothing of the second that a hundred steps covered."""
     dt = np.append(np.full(100, 0.01), np.full(1000, 1e-9))
-    assert usual_step(dt) == 0.01
+    assert find_usual_step(dt) == 0.01
     assert np.median(dt) == 1e-9
 
 
@@ -85,13 +85,13 @@ def test_survival_counts_every_run_once():
     ((found, least),) = tabulate_survival(runs).values()
     assert (found.began, found.refused, found.stopped, found.wrong, found.succeeded) == (9, 1, 2, 3, 4)
     assert least == 0.0
-    assert title(found) == "2 of 9 runs stopped, 3 report success and are wrong"
+    assert state_stops(found) == "2 of 9 runs stopped, 3 report success and are wrong"
 
 
 def test_wrong_ones_are_grouped_by_the_law_they_break():
     reasons = Reason(Law.ENERGY, 3.0, 1.0, "J"), Reason(Law.ENERGY, 9.0, 1.0, "J"), Reason(Law.CONSTRAINT, 1.0, 0.1)
     runs = [
-        StoredRun(record(f"w{k}", status="wrong", wrong_because=reasons_json([why]))) for k, why in enumerate(reasons)
+        StoredRun(record(f"w{k}", status="wrong", wrong_because=format_reasons([why]))) for k, why in enumerate(reasons)
     ]
     found = group_broken([*runs, StoredRun(record("aa01"))])
     assert [(law, sum(map(len, own))) for law, own in found.items()] == [("the energy error", 2), ("|phi|", 1)]
@@ -118,7 +118,7 @@ def test_stops_of_one_solver_on_one_problem_stand_together(tmp_path):
     put(tmp_path, record("c1", status="crashed", t_reached_s=1.0), series(40, 1.0))
     put(tmp_path, record("o1", "beta", status="stalled", t_reached_s=1.0), series(40, 1.0))
     results = read_results(tmp_path)
-    found = groups(
+    found = group_stops(
         results, [c for c in results.runs if c.has_stopped and not c.is_unfinished], choose_styles(results.solvers)
     )
     assert {k: g["total"] for k, g in found.items()} == {"killed": 1, "limit": 4}

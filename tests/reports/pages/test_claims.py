@@ -15,8 +15,8 @@ from mbsbench.reports.model.claim_words import (
     format_measured,
     list_rows,
 )
-from mbsbench.reports.pages.judged.claims import VERDICTS, counts, differences, grids, select_claims
-from mbsbench.reports.pages.svg import describe_bar, number_line, scale_for
+from mbsbench.reports.pages.judged.claims import VERDICTS, count_verdicts, list_differences, make_grids, select_claims
+from mbsbench.reports.pages.svg import choose_scale, describe_bar, draw_number_line
 
 from . import synthetic
 
@@ -46,21 +46,21 @@ def test_a_claim_without_its_runs_has_the_published_verdict_and_says_so():
 
 
 def test_counts_are_those_of_the_file_and_name_absent_verdicts():
-    found = counts(select_claims(rows(), NONE))
+    found = count_verdicts(select_claims(rows(), NONE))
     assert {m.word: n for m, n in found} == {
         "not reproduced": 2,
         "reproduced if": 1,
         "reproduced": 2,
         "cannot be told": 1,
     }
-    assert {m.word: n for m, n in counts([])}["not reproduced"] == 0
+    assert {m.word: n for m, n in count_verdicts([])}["not reproduced"] == 0
 
 
 def test_checks_of_the_presentation_are_no_results():
     """They are on the page, but not in the tally of what was found about solvers."""
     found = select_claims(rows(), NONE)
     assert [c.of.id for c in found if c.presentation] == ["presentation-claim"] and len(found) == len(rows())
-    assert sum(n for _, n in counts(found)) == len(rows()) - 1
+    assert sum(n for _, n in count_verdicts(found)) == len(rows()) - 1
 
 
 def test_settings_left_open_are_not_counted_as_failing():
@@ -123,14 +123,14 @@ def test_measured_mark_lies_in_the_band_exactly_when_the_number_does():
     """Also for numbers decades apart, at zero, below zero, and with an open end."""
     for low, high in ((0.0, 0.05), (-2.0, -1.0), (1e-9, 1e-3), (-math.inf, 0.3), (0.3, math.inf)):
         for value in (-1.5, 0.0, 1e-10, 0.04, 0.2, 4.0, 1e5):
-            left, right = band_of(number_line(value, low, high, "m", "good"))
-            x = diamond(number_line(value, low, high, "m", "good"))
+            left, right = band_of(draw_number_line(value, low, high, "m", "good"))
+            x = diamond(draw_number_line(value, low, high, "m", "good"))
             assert (left - 0.2 <= x <= right + 0.2) == (low <= value <= high), (value, low, high)
 
 
 def test_scales_keep_the_order_of_values():
     values = [0.0, 1e-12, 3e-5, 1.0, 7e4]
-    scale = scale_for(values, 0.0, 100.0)
+    scale = choose_scale(values, 0.0, 100.0)
     assert scale.log
     places = [scale(v) for v in values]
     assert places == sorted(places)
@@ -138,7 +138,7 @@ def test_scales_keep_the_order_of_values():
 
 def test_map_has_a_place_for_every_setting_and_facets_only_for_what_varies():
     at = rows()[3].map
-    found = grids(at, NONE)
+    found = make_grids(at, NONE)
     assert len(found) == 4  # two charts, two starts
     assert all(g["tolerances"] == ("0.001", "1e-05", "1e-07") and g["gains"] == ("0", "5", "20", "1/h") for g in found)
     assert sum(len(boxes) for g in found for row in g["rows"] for boxes in row) == len(at)
@@ -151,7 +151,7 @@ def test_map_has_a_place_for_every_setting_and_facets_only_for_what_varies():
 
 
 def test_runs_that_share_a_place_are_all_there():
-    found = grids([synthetic.ROW, replace(synthetic.ROW, holds=False)], NONE)
+    found = make_grids([synthetic.ROW, replace(synthetic.ROW, holds=False)], NONE)
     assert [b["mark"].symbol for b in found[0]["rows"][0][0]] == ["✓", "✗"]
 
 
@@ -160,15 +160,15 @@ def test_changed_verdicts_against_the_published_are_found_and_put_first():
     good = ClaimFinding(ClaimVerdict.REPRODUCED)
     then = [replace(c, beyond=good) for c in now if c.id not in ("fourth-claim", "conditional-claim")]
     then.append(replace(synthetic.CLAIM, id="gone", beyond=ClaimFinding(ClaimVerdict.NOT_REPRODUCED)))
-    found = differences(now, then, select_claims(now, NONE))
+    found = list_differences(now, then, select_claims(now, NONE))
     assert [d["id"] for d in found] == ["second-claim", "third-claim", "gone", "conditional-claim", "fourth-claim"]
     assert found[0]["before"].word == "reproduced" and found[0]["after"].word == "not reproduced"
-    assert differences(now, now, select_claims(now, NONE)) == []
+    assert list_differences(now, now, select_claims(now, NONE)) == []
 
 
 def test_a_place_that_many_runs_share_is_one_box_with_their_count():
     many = [replace(synthetic.ROW, holds=k < 3, case=f"case {k}") for k in range(8)]
-    (box,) = grids(many, NONE)[0]["rows"][0][0]
+    (box,) = make_grids(many, NONE)[0]["rows"][0][0]
     assert (box["mark"].symbol, box["mark"].kind) == ("3/8", "failed")
     assert box["words"].startswith("3 of 8 runs hold, 0 do not and stopped; first case 0")
 

@@ -12,14 +12,14 @@ from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdic
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.compare import (
     Rank,
-    changes,
-    claims,
-    endings,
     find_unmeasured,
     format_distinguishably,
+    list_changed_claims,
     list_changed_physics,
+    list_changed_statuses,
+    list_changed_timings,
     list_changed_work,
-    timings,
+    list_changes,
     write_compare,
 )
 
@@ -31,14 +31,14 @@ from .synthetic import CLAIM
 def test_what_became_wrong_comes_before_what_got_better():
     before = [record("aa01"), record("aa02", status="diverged"), record("aa03"), record("aa04", status="wrong")]
     after = [record("aa01", status="wrong"), record("aa02"), record("aa03", status="stalled"), record("aa04")]
-    found = endings(before, after)
+    found = list_changed_statuses(before, after)
     assert [(r.settings_id, r.worse) for r in found] == [
         ("aa01", True),
         ("aa03", True),
         ("aa04", False),
         ("aa02", False),
     ]
-    assert endings(before, before) == []
+    assert list_changed_statuses(before, before) == []
 
 
 def test_a_large_part_of_the_scale_outranks_many_decades_of_nothing():
@@ -80,8 +80,8 @@ def test_work_is_a_ratio_and_timings_need_more_than_spread():
     b = dataclasses.replace(a, evaluations=9000.0, cpu_min_s=1.5, cpu_median_s=1.8, cpu_max_s=2.0)
     (row,) = list_changed_work([a], [b])
     assert row.size == "10.0 times" and row.worse
-    assert timings([a], [b]) == []  # their spreads touch
-    (slow,) = timings([a], [dataclasses.replace(b, cpu_min_s=1.7)])
+    assert list_changed_timings([a], [b]) == []  # their spreads touch
+    (slow,) = list_changed_timings([a], [dataclasses.replace(b, cpu_min_s=1.7)])
     assert slow.rank is Rank.TIMING and slow.size == "1.80 times"
 
 
@@ -94,7 +94,7 @@ def test_changed_verdicts_say_which_way():
         replace(CLAIM, id=k, beyond=ClaimFinding(ClaimVerdict(v)))
         for k, v in (("a", "not reproduced"), ("b", "reproduced if"))
     ]
-    assert [(r.settings_id, r.worse) for r in claims(before, after)] == [("a", True), ("b", False)]
+    assert [(r.settings_id, r.worse) for r in list_changed_claims(before, after)] == [("a", True), ("b", False)]
 
 
 @pytest.mark.parametrize(("x", "y"), [(1.0, 1.0 + 1e-7), (0.00142, 0.0014203), (3.0, 4.0)])
@@ -140,6 +140,6 @@ def test_page_of_two_runs(two_runs, tmp_path):
 
 def test_a_run_compared_with_itself_has_no_change(two_runs, tmp_path):
     a, _ = two_runs
-    assert changes(read_results(a), read_results(a)) == {}
+    assert list_changes(read_results(a), read_results(a)) == {}
     text = Outline(write_compare(a, a, ConfinedPath(tmp_path)).read_text(encoding="utf-8")).plain
     assert "No input differs, and no result does." in text and "Nothing changed" in text

@@ -9,10 +9,10 @@ from msgspec.structs import replace
 
 from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.reports.model.results import group_by, read_results
-from mbsbench.reports.pages.judged.cost import fields, find_work, make_cost_plots, profiles
+from mbsbench.reports.pages.judged.cost import find_work, list_fields, make_cost_plots, sort_profiles
 from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, find_fit_ends, list_points, verdict_mark
 from mbsbench.reports.pages.judged.symmetries import tally
-from mbsbench.reports.plots.work import make_step_line, profile_plot
+from mbsbench.reports.plots.work import make_step_line, plot_profile
 
 from ..conftest import every_kind, put, record, series
 from . import synthetic
@@ -62,7 +62,7 @@ def test_profile_rises_by_one_target_at_its_work():
     assert y == pytest.approx([0.0, 0.25, 0.25, 0.5, 0.5, 0.75])
     assert find_work(p, 0.5) == 100.0
     assert math.isnan(find_work(p, 1.0))
-    plot = profile_plot(profiles(synthetic.work(["aa01"]).profile), (), "evaluations")
+    plot = plot_profile(sort_profiles(synthetic.work(["aa01"]).profile), (), "evaluations")
     assert len(plot.traces) == 3 and plot.x.log
 
 
@@ -70,7 +70,7 @@ def test_work_of_records_stands_in_until_it_is_judged(tmp_path):
     """Without work.json every run with an error is a point all the same; wrong and stopped ones are marked."""
     every_kind(tmp_path)
     results = read_results(tmp_path)
-    found = next(f for f in fields(results, ()) if f["variant"] == "pendulum")
+    found = next(f for f in list_fields(results, ()) if f["variant"] == "pendulum")
     traces = make_cost_plots(found)["error-evaluations"].traces
     ends = {t.solver: list(t.ends) for t in traces if t.solver}
     assert ends["beta"] == ["wrong"] and ends["delta"] == ["failed"]
@@ -82,7 +82,7 @@ def test_work_of_records_stands_in_until_it_is_judged(tmp_path):
 
 def test_zeros_stay_zeros(tmp_path):
     put(tmp_path, record("aa01", phi_max=0.0), series())
-    (found,) = fields(read_results(tmp_path), ())
+    (found,) = list_fields(read_results(tmp_path), ())
     plots = make_cost_plots(found)
     zeros = next(t for t in plots["phi-evaluations"].traces if t.solver)
     assert np.all(zeros.y == 0.0)  # what is drawn for them is the axis' matter
@@ -96,6 +96,6 @@ def test_the_first_picture_of_work_has_all_solvers_and_others_say_who_is_absent(
     put(tmp_path, record("aa02", "beta", "refused", problem="a_few", message="rank", **unknown))
     for solver in ("alpha", "beta", "gamma"):
         put(tmp_path, record(f"b{solver}", solver, problem="whole"), series())
-    first, second = fields(read_results(tmp_path), ())
+    first, second = list_fields(read_results(tmp_path), ())
     assert (first["variant"], first["absent"]) == ("whole", [])
     assert (second["variant"], second["absent"]) == ("a_few", ["beta (refused)", "gamma (not run)"])

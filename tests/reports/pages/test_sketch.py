@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbsbench.reports.mechanism.segments import Picture
-from mbsbench.reports.pages.svg import sketch
+from mbsbench.reports.pages.svg import draw_sketch
 
 
 def bars(angles: list[float]) -> np.ndarray:
@@ -21,7 +21,7 @@ def test_names_hide_no_bar(angles):
     """Neither a bar nor a joint runs through the box of a name's letters, 6 px wide and 12 px high each."""
     lines = bars(angles)
     names = [("bar 1", lines[0].mean(axis=0)), (f"bar {len(lines)}", lines[-1].mean(axis=0))]
-    drawing = str(sketch(Picture(lines, lines[:, 0], lines[:1, 0], (), tuple(names)), "a chain"))
+    drawing = str(draw_sketch(Picture(lines, lines[:, 0], lines[:1, 0], (), tuple(names)), "a chain"))
     drawn = [
         [float(v) for v in found]
         for found in re.findall(r'class="body" x1="([^"]+)" x2="([^"]+)" y1="([^"]+)" y2="([^"]+)"', drawing)

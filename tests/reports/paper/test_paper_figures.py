@@ -17,7 +17,7 @@ from mbsbench.reports.model.results import StoredRun, read_results
 from mbsbench.reports.paper import build, captions, lines
 from mbsbench.reports.paper.catalogue import FIGURES
 from mbsbench.reports.plots import spec
-from mbsbench.reports.plots.paper import SUFFIXES, style
+from mbsbench.reports.plots.paper import SUFFIXES, apply_style
 
 from .conftest import asked, fill, record_for, suite
 
@@ -27,8 +27,8 @@ BY_NAME = {s.name: s for s in FIGURES}
 def drawn(folder, name):
     """A figure and its lines, not written."""
     results = read_results(folder, check_series=False)
-    own = lines.choose(BY_NAME[name].picks, suite(), results.runs, results.readable_series)
-    with style():
+    own = lines.match_runs(BY_NAME[name].picks, suite(), results.runs, results.readable_series)
+    with apply_style():
         return build.draw(BY_NAME[name], own, spec.choose_styles({k.asked.solver for k in own})), own
 
 
@@ -64,7 +64,7 @@ def test_every_figure_is_made(whole, label):
     """With a caption each; the captions file is strict JSON, its numbers are the records'."""
     folder, records = whole
     figures = [f for f in FIGURES if f.label == label]
-    build.command(folder, [f.name for f in figures], suite(), suffixes=("png",))
+    build.draw_figures(folder, [f.name for f in figures], suite(), suffixes=("png",))
     told = json.loads((folder / "paper" / "captions.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     by_name = {f["name"]: f for f in told["figures"]}
     for figure in figures:
@@ -154,9 +154,9 @@ def test_a_damaged_series_is_named(tmp_path):
 
 def test_one_figure_made_again_keeps_the_captions_of_the_others(tmp_path):
     fill(tmp_path, "fig08", "fig10")
-    build.command(tmp_path, ["fig10"], suite(), suffixes=("png",))
-    build.command(tmp_path, ["fig08"], suite(), suffixes=("png",))
-    assert [c.name for c in captions.read(tmp_path)] == ["fig08", "fig10"]
+    build.draw_figures(tmp_path, ["fig10"], suite(), suffixes=("png",))
+    build.draw_figures(tmp_path, ["fig08"], suite(), suffixes=("png",))
+    assert [c.name for c in captions.read_captions(tmp_path)] == ["fig08", "fig10"]
 
 
 def test_a_run_made_again_takes_the_place_of_the_old_one():
@@ -164,9 +164,9 @@ def test_a_run_made_again_takes_the_place_of_the_old_one():
     figure = BY_NAME["fig08"]
     old = record_for(asked("fig08")[0])
     new = dataclasses.replace(old, run_id="f" * 16, finished="2026-02-02")
-    assert lines.choose(figure.picks, suite(), [StoredRun(new), StoredRun(old)])[0].run.record is new
+    assert lines.match_runs(figure.picks, suite(), [StoredRun(new), StoredRun(old)])[0].run.record is new
     other = dataclasses.replace(old, settings_id="another")
-    assert lines.choose(figure.picks, suite(), [StoredRun(other)])[0].run is None
+    assert lines.match_runs(figure.picks, suite(), [StoredRun(other)])[0].run is None
 
 
 def test_claims_of_a_figure_are_in_its_caption(tmp_path):
@@ -200,7 +200,7 @@ def test_command_writes_one_figure_or_names_all(whole, capsys):
 def test_the_page_shows_figures_claims_and_runs(tmp_path):
     """Also of a run that these results do not hold."""
     fill(tmp_path, "fig11", without=("ndf_index1",))
-    build.command(tmp_path, ["fig11"], suite(), suffixes=("svg",))
-    html = (site.build(tmp_path).parent / "paper.html").read_text(encoding="utf-8")
+    build.draw_figures(tmp_path, ["fig11"], suite(), suffixes=("svg",))
+    html = (site.build_report(tmp_path).parent / "paper.html").read_text(encoding="utf-8")
     assert "Fig. 11" in html and "not run" in html
     assert "These results are not judged" in html and "DAE-SE gets to 5 s" in html and "not reproduced" in html

@@ -20,7 +20,7 @@ from mbsbench.reports import publication
 from mbsbench.reports.model import tables
 from mbsbench.reports.model.floats import latex_caption
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.plots.paper import DOUBLE, SINGLE, save, style
+from mbsbench.reports.plots.paper import DOUBLE, SINGLE, apply_style, save
 
 from ..conftest import every_kind, put, record, series
 
@@ -218,7 +218,7 @@ def test_a_legend_is_smaller_than_its_plot(tmp_path):
         put(tmp_path, record(f"{k:04x}", f"solver{k % 4}", dt_s=1e-3 * (k + 1), paper_label="a long label"), series(40))
     found = read_results(tmp_path)
     made = {name: draw for name, _, _, draw in publication.list_figures(found, found.variants[0])}
-    with style():
+    with apply_style():
         drawn = made["pendulum-recommended-energy"]()
         FigureCanvasAgg(drawn).draw()
         (legend,), (ax,) = drawn.legends, drawn.axes
@@ -235,7 +235,7 @@ def test_many_runs_are_parted_by_solver(tmp_path):
     for c in runs:
         put(tmp_path, c, series(20))
     results = read_results(tmp_path)
-    found = publication.parts(results.runs)
+    found = publication.split_runs(results.runs)
     made = {name: caption for name, caption, _, _ in publication.list_figures(results, results.variants[0])}
     for k, part in enumerate(found, 1):  # a figure of some solvers says of which
         ends = f"figure {k} of {len(found)}: {part[0].record.solver} to {part[-1].record.solver}. "

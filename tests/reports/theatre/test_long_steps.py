@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mbsbench.reports.mechanism.theatre.poses import Poses, fill, interpolate_poses
-from mbsbench.reports.mechanism.theatre.scene import players, scene
+from mbsbench.reports.mechanism.theatre.poses import Poses, fill_gaps, interpolate_poses
+from mbsbench.reports.mechanism.theatre.scene import collect_players, make_scene
 from mbsbench.reports.model.results import read_results
 
 from ..conftest import put, record
@@ -32,7 +32,7 @@ def test_a_long_step_is_filled_with_the_exact_motion_and_the_runs_own_error(off,
     """Three poses of ten turns: what is drawn is the run's own motion, its error growing evenly from pose to pose."""
     exact, fine = np.linspace(0.0, T_END, samples), np.linspace(0.0, T_END, 3001)
     stored = np.array([0.0, 6.0 * np.pi / RATE, T_END])  # after whole turns: at rest, for who looks at stored poses
-    poses, added, unknown = fill(spin(stored, off), spin(exact), 1.0)
+    poses, added, unknown = fill_gaps(spin(stored, off), spin(exact), 1.0)
     assert angle(interpolate_poses(spin(stored, off), fine), spin(fine, off)) > 3.0  # the great circle alone
     assert angle(interpolate_poses(poses, fine), spin(fine, off)) < 1e-6 and not unknown
     assert added == len(poses) - 3 == samples - 2
@@ -42,13 +42,13 @@ def test_a_long_step_is_filled_with_the_exact_motion_and_the_runs_own_error(off,
 def test_where_the_error_is_large_a_long_gap_is_unknown():
     """Two radians off: nobody can tell how the run turned between; a short gap is none, whatever the error."""
     exact, stored = spin(np.linspace(0.0, T_END, 400)), np.array([0.0, 2.0, 11.0, 11.1, T_END])
-    _, added, unknown = fill(spin(stored, 20.0), exact, 1.0)
+    _, added, unknown = fill_gaps(spin(stored, 20.0), exact, 1.0)
     assert unknown == ((0.0, 2.0), (2.0, 11.0), (11.1, T_END)) and added == 0
 
 
 def test_poses_that_are_near_stay_as_they_are():
     t = np.linspace(0.0, T_END, 2000)
-    _, added, unknown = fill(spin(t, 0.2), spin(t[::5]), 1.0)
+    _, added, unknown = fill_gaps(spin(t, 0.2), spin(t[::5]), 1.0)
     assert added == 0 and not unknown
 
 
@@ -61,8 +61,8 @@ def test_the_page_holds_the_motion_of_a_long_step(tmp_path):
     motion.arrays.update(exact)
     put(tmp_path, record("aa01", t_end_s=T_END), motion)
     (variant,) = (results := read_results(tmp_path)).variants
-    cast, _, _ = players(results, variant)
-    (player,) = scene(variant, cast, {"alpha": type("Look", (), {"colour": "#123456"})})[0]["players"]
+    cast, _, _ = collect_players(results, variant)
+    (player,) = make_scene(variant, cast, {"alpha": type("Look", (), {"colour": "#123456"})})[0]["players"]
     rows = np.asarray(player["poses"]).reshape(7, player["frames"]).T - 32767
     q = rows[:, 3:] / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
     drawn = interpolate_poses(Poses(player["t"], np.zeros((len(q), 1, 3)), q[:, None]), exact["exact_t"])

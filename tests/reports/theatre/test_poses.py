@@ -12,14 +12,14 @@ from mbsbench.reports.mechanism.theatre.poses import (
     Poses,
     bound_points,
     choose_poses,
-    finite,
     interpolate_poses,
     measure_deviation,
-    rates,
+    measure_rates,
+    measure_turns,
+    select_finite,
     thin_poses,
-    turns,
 )
-from mbsbench.reports.plots.browser import bundle
+from mbsbench.reports.plots.browser import format_bundle
 
 from ..outline import opened
 from .conftest import about_z
@@ -98,14 +98,14 @@ def test_between_takes_the_shorter_way():
 def test_rates_of_even_turning():
     """Body and space axis agree; sign and size do."""
     for rate in (7.0, -0.3):
-        assert np.allclose(rates(spinning(rate), 0), [0.0, 0.0, rate], atol=1e-9)
-    assert np.allclose(turns(spinning(3.0).q)[:, 0], 3.0 * np.diff(spinning(3.0).t), atol=1e-7)
+        assert np.allclose(measure_rates(spinning(rate), 0), [0.0, 0.0, rate], atol=1e-9)
+    assert np.allclose(measure_turns(spinning(3.0).q)[:, 0], 3.0 * np.diff(spinning(3.0).t), atol=1e-7)
 
 
 def test_poses_end_before_the_first_that_is_no_number():
     poses = spinning(1.0)
     poses.r[40:, 0, 1] = np.inf
-    assert len(finite(poses)) == 40
+    assert len(select_finite(poses)) == 40
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -114,7 +114,7 @@ def test_positions_are_off_by_half_a_step_at_most(seed):
     random = np.random.default_rng(seed)
     r = random.normal(0.0, 10.0 ** random.integers(-3, 4), (50, 4, 3))
     box = bound_points(r)
-    back = 0.5 * (box.low + box.high) + packing.positions(r, box) * box.quantum
+    back = 0.5 * (box.low + box.high) + packing.quantise_positions(r, box) * box.quantum
     assert np.all(np.abs(back - r) <= 0.5 * box.quantum * (1.0 + 1e-9))
     assert np.allclose(box.quantum, (box.high - box.low) / (2 * LEVELS))
 
@@ -123,7 +123,7 @@ def test_what_leaves_the_box_stays_at_its_wall():
     """int16 must not wrap around: a mechanism that flies off would come back on the other side."""
     box = Box(np.zeros(3), np.ones(3))
     far = np.array([[[1e9, -1e9, 0.5]]])
-    assert packing.positions(far, box).tolist() == [[[LEVELS, -LEVELS, 0]]]
+    assert packing.quantise_positions(far, box).tolist() == [[[LEVELS, -LEVELS, 0]]]
 
 
 def test_box_of_points_that_are_no_numbers():
@@ -137,7 +137,7 @@ def test_quaternions_keep_the_orientation_and_never_jump():
     angle = np.cumsum(random.uniform(0.0, 0.3, 200))
     q = np.stack((0 * angle, 0 * angle, np.sin(angle / 2), np.cos(angle / 2)), axis=-1)
     flipped = q * random.choice([-1.0, 1.0], (200, 1))
-    back = packing.quaternions(flipped[:, None])[:, 0] / LEVELS
+    back = packing.quantise_quaternions(flipped[:, None])[:, 0] / LEVELS
     assert np.all(np.abs(np.abs(np.sum(back * q, axis=1)) - 1.0) < 4.0 / LEVELS)
     assert np.max(np.abs(np.diff(back, axis=0))) < 0.16  # half the largest turn
 
@@ -146,7 +146,7 @@ def test_poses_and_strips_come_back():
     """Poses modulo 2^16, whatever the jumps; floats with their NaN."""
     poses = np.random.default_rng(1).integers(-LEVELS, LEVELS + 1, (37, 5)).astype(np.int16)
     strips = np.array([1.5, np.nan, -1e-30, 3e8])
-    found = opened(bundle("x", {"poses": packing.columns(poses), "strips": strips}))
+    found = opened(format_bundle("x", {"poses": packing.flatten_columns(poses), "strips": strips}))
     assert np.array_equal(found["poses"].astype(int).reshape(5, 37).T - LEVELS, poses)
     assert np.array_equal(found["strips"], strips.astype("<f4"), equal_nan=True)
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from mbsbench.reports.mechanism.theatre.poses import Poses
-from mbsbench.reports.mechanism.theatre.scene import players, scene
+from mbsbench.reports.mechanism.theatre.scene import collect_players, make_scene
 from mbsbench.reports.mechanism.theatre.shapes import STRIPS, list_marks, make_shapes, make_strips, strip
 from mbsbench.reports.model.results import StoredRun
-from mbsbench.reports.pages.runs.theatre import share_size
+from mbsbench.reports.pages.runs.theatre import find_size_limit
 
 from ..conftest import HOSTILE, record
 from .conftest import held, two_bars
@@ -70,8 +70,8 @@ def test_a_scene_holds_the_plane_the_farthest_end_and_the_sound_motions(staged):
     """A player that flies apart must not make the others a dot."""
     results, _ = staged
     variant = next(p for p in results.variants if p.problem == "pendulum")
-    cast, _, left_out = players(results, variant)
-    play, _ = scene(variant, cast, {c.record.solver: _Look for c in variant.runs})
+    cast, _, left_out = collect_players(results, variant)
+    play, _ = make_scene(variant, cast, {c.record.solver: _Look for c in variant.runs})
     assert np.allclose(np.abs(play["normal"]), [0.0, 0.0, 1.0], atol=1e-6)
     assert play["trail"] == {"body": 1, "at": [0.5, 0.0, 0.0]}
     assert np.all(np.abs(play["low"]) < 3.0) and np.all(np.abs(play["high"]) < 3.0)
@@ -87,7 +87,7 @@ class _Look:
 @pytest.mark.parametrize("whole", [1, 50, 200, 10**9])
 def test_the_largest_are_cut_so_that_all_fit(whole):
     sizes = [3, 100, 20, 55, 20]
-    level = share_size(sizes, whole)
+    level = find_size_limit(sizes, whole)
     cut = sum(min(s, level) for s in sizes)
     assert cut <= whole * (1 + 1e-12)
     assert cut == pytest.approx(min(sum(sizes), whole))

@@ -18,8 +18,8 @@ from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.engines import mujoco, pinocchio
 from mbsbench.solvers.engines.export import exudyn_rows
-from mbsbench.solvers.engines.export.engine import package
-from mbsbench.solvers.engines.export.model_check import differences
+from mbsbench.solvers.engines.export.engine import import_package
+from mbsbench.solvers.engines.export.model_check import measure_differences
 
 from ..runs import error, orders, run
 from .systems import PROBLEMS
@@ -89,7 +89,9 @@ def test_its_model_is_ours(engine, name):
         said = make_solver(engine).refuses(problem, CONTROL)
         assert said is not None and "only; the system has springs" in said
         problem = without_springs(problem)
-    found = differences(problem, module_of(engine).Model(make_solver(engine), problem, CONTROL).at_start())
+    found = measure_differences(
+        problem, module_of(engine).Model(make_solver(engine), problem, CONTROL).describe_start()
+    )
     assert max(found.values()) < 1e-10, found
 
 
@@ -274,13 +276,13 @@ def test_rows_that_wear_out_are_chosen_anew(number, integrator):
 @needs("exudyn")
 def test_a_joint_that_opens_ends_the_run_in_words(monkeypatch):
     """Where no other rows are found; until then all joints hold."""
-    choose, chosen, problem = exudyn_rows._most_independent, [], draw_mechanism(1, 7).problem()
+    choose, chosen, problem = exudyn_rows._choose_independent, [], draw_mechanism(1, 7).problem()
 
     def choose_once(*of):
         chosen.append(choose(*of))
         return chosen[0]
 
-    monkeypatch.setattr(exudyn_rows, "_most_independent", choose_once)
+    monkeypatch.setattr(exudyn_rows, "_choose_independent", choose_once)
     t = make_solver("exudyn").solve(problem, StepControl(dt=0.01))
     assert t.status is Status.DIVERGED and 0.1 < t.t[-1] < 0.9
     assert t.message.endswith(module_of("exudyn").WITHIN)
@@ -344,7 +346,7 @@ def random_tree(rng, bodies, loops):
 @pytest.mark.parametrize("seed", SPARSE)
 def test_accelerations_of_mujoco_do_not_depend_on_how_rows_are_stored(seed):
     """Dense or sparse: google-deepmind/mujoco#3767."""
-    mj, drawn = package("mujoco"), np.random.default_rng(seed)
+    mj, drawn = import_package("mujoco"), np.random.default_rng(seed)
     bodies, loops = int(drawn.integers(20, 65)), int(drawn.integers(3, 12))
     model = mj.MjModel.from_xml_string(random_tree(np.random.default_rng(seed), bodies, loops))
     found = []

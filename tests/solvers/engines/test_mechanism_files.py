@@ -16,10 +16,10 @@ from mbsbench.harness.catalogue import mechanism_files, plugins, registry
 from mbsbench.harness.catalogue.mechanism import CompiledMechanism, OmittedContents
 from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.motion import energy
-from mbsbench.harness.results.environment import ROOT, code_digest
+from mbsbench.harness.results.environment import ROOT, digest_code
 from mbsbench.solvers.engines import mujoco as engine
-from mbsbench.solvers.engines.export.model_check import SAME, EngineModel, differences
-from mbsbench.solvers.engines.export.tree import spanning_tree
+from mbsbench.solvers.engines.export.model_check import SAME, EngineModel, measure_differences
+from mbsbench.solvers.engines.export.tree import build_spanning_tree
 from mbsbench.tests.comparing import assert_close
 
 from .systems import PROBLEMS
@@ -143,7 +143,7 @@ MODELS = {"tree": TREE, "loops": LOOPS, "urdf": ROBOT, "slender": SLENDER.format
 
 def test_a_point_mass_that_a_joint_turns_is_refused(tmp_path):
     """It would be singular in absolute coordinates; the line names the body and the axis."""
-    m = mechanism_files.read(written(tmp_path, SLENDER.format(bob=BOB)))
+    m = mechanism_files.read_mechanism(written(tmp_path, SLENDER.format(bob=BOB)))
     with pytest.raises(ValueError, match=r"body 'bob' has no inertia about \("):
         m.problem(qpos=(0.1, 0.2), qvel=(0.3, 0.4))
 
@@ -154,11 +154,11 @@ def test_the_system_is_the_one_mujoco_makes(tmp_path, name):
 
     Springs, dampers and armatures of joints are its own, as forces, masses and energies, at rest and moving.
     """
-    m = mechanism_files.read(written(tmp_path, MODELS[name]))
+    m = mechanism_files.read_mechanism(written(tmp_path, MODELS[name]))
     qpos, qvel = moving(m)
     made = m.problem(qpos=tuple(qpos), qvel=tuple(qvel))
     model = theirs(m, qpos, qvel)
-    found = differences(made, model)
+    found = measure_differences(made, model)
     assert max(found.values()) < SAME, found
     if name == "sprung":
         assert not {OmittedContents.STIFFNESS, OmittedContents.DAMPING, OmittedContents.ARMATURE} & {*m.omitted}
@@ -181,20 +181,22 @@ def test_our_own_problems_come_back(name):
 
     But for welded bodies, which come back as one, and for loads, which are actuators, that the reader leaves out.
     """
-    made, mj = PROBLEMS[name](), engine.package("mujoco")
-    tree = spanning_tree(made.system, made.initial)
-    m = CompiledMechanism("again", Path(), "", mj, engine._spec(mj, engine.MuJoCo(), made, tree, 1e-3).compile(), {})
+    made, mj = PROBLEMS[name](), engine.import_package("mujoco")
+    tree = build_spanning_tree(made.system, made.initial)
+    m = CompiledMechanism(
+        "again", Path(), "", mj, engine._make_spec(mj, engine.MuJoCo(), made, tree, 1e-3).compile(), {}
+    )
     again = m.problem(qpos=tuple(tree.start), qvel=tuple(tree.start_velocity))
     order = [int(name.split()[1]) for name in again.system.body_names]
     assert_close(again.initial.v, made.initial.v[order], atol=1e-12)
     assert_close(again.system.mass, made.system.mass[order])
     assert len(again.system.spring_k) == len(made.system.spring_k)
-    assert max(differences(again, theirs(m, tree.start, tree.start_velocity)).values()) < SAME
+    assert max(measure_differences(again, theirs(m, tree.start, tree.start_velocity)).values()) < SAME
 
 
 def test_loops_have_no_row_twice(tmp_path):
     """Two connects of the same bodies are one revolute joint: five rows, not six of rank five."""
-    system = mechanism_files.read(written(tmp_path, LOOPS)).system()
+    system = mechanism_files.read_mechanism(written(tmp_path, LOOPS)).system()
     kinds = [system.joint_kind(k) for k in range(system.nj)]
     assert kinds.count(JointKind.REVOLUTE) == 4 and kinds.count(JointKind.FIXED) == 1
     assert kinds.count(JointKind.SPHERICAL) == 1 and len(system.spring_k) == 1
@@ -204,12 +206,12 @@ def test_what_is_not_taken_over_is_counted(tmp_path):
     """Motors and contacts; a rotor between moving bodies, a damper of a ball, springs that are not linear."""
     text = LOOPS.replace('<joint axis="0 1 0"/>', '<joint name="j" damping="1" stiffness="2" axis="0 1 0"/>', 1)
     text = text.replace("</mujoco>", '<actuator><motor joint="j"/></actuator></mujoco>')
-    assert mechanism_files.read(written(tmp_path, text)).omitted == {
+    assert mechanism_files.read_mechanism(written(tmp_path, text)).omitted == {
         OmittedContents.ACTUATORS: 1,
         OmittedContents.COLLIDING: 5,
     }
     text = SPRUNG.replace('axis="0 1 .5" stiffness="3"', 'axis="0 1 .5" armature=".1" stiffness="3 1 0"')
-    omitted = mechanism_files.read(
+    omitted = mechanism_files.read_mechanism(
         written(tmp_path, text.replace('<joint type="ball"', '<joint type="ball" damping="1"'))
     ).omitted
     assert (
@@ -243,12 +245,12 @@ def test_mimic_joints_of_a_urdf_are_refused(tmp_path):
     """They are couplings of joints, which change the motions that are possible."""
     coupled = ROBOT.replace('<axis xyz="1 1 0"/>', '<axis xyz="1 1 0"/><mimic joint="shoulder" multiplier="2"/>')
     with pytest.raises(ValueError, match="<mimic>: joint 'elbow' is coupled to 'shoulder'"):
-        mechanism_files.read(written(tmp_path, coupled))
+        mechanism_files.read_mechanism(written(tmp_path, coupled))
 
 
 def test_a_keyframe_is_a_start_and_is_moved_onto_the_joints(tmp_path):
     """Printed to three digits, it leaves a loop open by as much; the start closes it."""
-    closed = mechanism_files.read(written(tmp_path, LOOPS))
+    closed = mechanism_files.read_mechanism(written(tmp_path, LOOPS))
     text = " ".join(f"{x:.3f}" for x in closed.model.qpos0)
     key = f'<keyframe><key name="home" qpos="{text}"/></keyframe></mujoco>'
     registry.load_plugin(written(tmp_path, LOOPS.replace("</mujoco>", key), "keyed.xml"))
@@ -263,10 +265,10 @@ def test_the_files_content_is_part_of_the_runs_identity(tmp_path):
         tmp_path, f"<mujocoinclude><worldbody><body><joint/>{BOX}</body></worldbody></mujocoinclude>", "arm.xml"
     )
     assert plugins.list_sources(str(whole)) == (whole, arm)
-    before = code_digest((str(whole),))
+    before = digest_code((str(whole),))
     arm.write_text(arm.read_text().replace("<joint/>", '<joint axis="1 0 0"/>'))
-    code_digest.cache_clear()
-    assert code_digest((str(whole),)) != before
+    digest_code.cache_clear()
+    assert digest_code((str(whole),)) != before
 
 
 def test_a_file_is_solved_like_a_problem(tmp_path):
@@ -328,7 +330,7 @@ def test_the_settings_of_a_file_are_its_own(tmp_path):
     control = StepControl(dt=0.005)
     assert soft.refuses(problem, control) is None
     model = engine.Model(soft, problem, control).model
-    mj = engine.package("mujoco")
+    mj = engine.import_package("mujoco")
     assert model.opt.integrator == mj.mjtIntegrator.mjINT_IMPLICITFAST and model.opt.timestep == 0.005
     assert_close(model.eq_solref, (0.01, 1.0))
     assert_close(model.eq_solimp[0, :2], (0.9, 0.95))

@@ -11,7 +11,7 @@ import pytest
 
 from mbsbench import make_problem
 from mbsbench.harness.catalogue.options import option
-from mbsbench.harness.clock import cpu_seconds, descendants
+from mbsbench.harness.clock import cpu_seconds, list_descendants
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.engines.export import process, protocol
 
@@ -37,7 +37,7 @@ class Model:
         turned = self.g * np.cos(q) - np.cross(a, self.g) * np.sin(q) + a * (a @ self.g) * (1 - np.cos(q))
         return self.m * np.cross(-self.s, turned) @ a
 
-    def at_start(self):
+    def describe_start(self):
         load = np.array([self.torque(self.q[0])])
         J = self.J * (1.0 + 1e-8 * (self.fault == "inertia"))
         return {"mass_matrix": np.array([[J]]), "rest_forces": load, "forces": load, "potential": None,
@@ -163,7 +163,7 @@ time.sleep(60)
     parent = subprocess.Popen([sys.executable, "-c", asleep], stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
     pid = int(parent.stdout.readline())
-    assert pid in descendants(os.getpid())
+    assert pid in list_descendants(os.getpid())
     parent.kill()
     parent.wait()
     parent.stdout.close()

@@ -58,7 +58,7 @@ def six(J):
 def test_shapes_of_a_urdf_have_no_mass_and_need_not_be_there(tmp_path, shape):
     """A link without an inertial has none, whatever it looks like: the bar falls as without it."""
     path = arm(tmp_path, of_arm=shape, more=FIXED.format("tip", shape))
-    assert mechanism_files.read(path).system().mass.tolist() == [1.0]
+    assert mechanism_files.read_mechanism(path).system().mass.tolist() == [1.0]
     assert_close(rates(path), [[0.0, FALL, 0.0]], atol=1e-12)
 
 
@@ -88,7 +88,7 @@ def test_rods_plates_and_point_masses_pass_in_any_direction(tmp_path, moments):
         body = f'<body><freejoint/><inertial pos="0 0 0" mass="1" fullinertia="{full}"/></body>'
         turn = Rotation.from_euler("xyz", (0.3, 0.2, 0.1)).as_matrix()
         for path, Q in ((written(tmp_path, robot), turn), (written(tmp_path, WORLD.format(body, "")), np.eye(3))):
-            system = mechanism_files.read(path).system()
+            system = mechanism_files.read_mechanism(path).system()
             assert_close(system.inertia[0], Q @ J @ Q.T, rtol=0.0, atol=1e-12 * max(1, *moments))
 
 
@@ -97,16 +97,16 @@ def test_equal_limits_are_said_and_a_robot_at_rest_names_them(tmp_path):
     limit = '<limit lower="0" upper="0" effort="1" velocity="1"/></joint>'
     hinge = '<joint name="k" type="revolute"><parent link="arm"/><child link="hand"/>' + limit
     path = arm(tmp_path, more=f'<link name="hand">{INERTIAL}</link>{hinge}')
-    assert "joints fixed by equal limits: 1" in mechanism_files.read(path).doc
+    assert "joints fixed by equal limits: 1" in mechanism_files.read_mechanism(path).doc
     text = path.read_text().replace("continuous", "revolute").replace('"0 1 0"/></joint>', f'"0 1 0"/>{limit}')
     with pytest.raises(ValueError, match=r"nothing in it can move: limits that are equal and 0 lock its joints \(2\)"):
-        mechanism_files.read(written(tmp_path, text))
+        mechanism_files.read_mechanism(written(tmp_path, text))
 
 
 def test_a_urdf_of_one_link_says_how_to_free_it(tmp_path):
     """Its first link is fixed to the ground, as in every reader of URDF."""
     with pytest.raises(ValueError, match=r"nothing in it can move: its first link is fixed.*floating"):
-        mechanism_files.read(written(tmp_path, f'<robot name="r"><link name="b">{INERTIAL}</link></robot>'))
+        mechanism_files.read_mechanism(written(tmp_path, f'<robot name="r"><link name="b">{INERTIAL}</link></robot>'))
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_what_no_urdf_may_have_is_said_in_its_own_words(tmp_path, before, after,
     text = path.read_text()
     assert before in text
     with pytest.raises(ValueError, match=r"^line ") as error:
-        mechanism_files.read(written(tmp_path, text.replace(before, after, 1)))
+        mechanism_files.read_mechanism(written(tmp_path, text.replace(before, after, 1)))
     assert words in str(error.value) and "\n" not in str(error.value)
 
 
@@ -146,7 +146,7 @@ def test_words_of_simulators_are_named_or_passed_over(tmp_path):
     more = '<dynamics damping="0" D="1" K="7000"/><controller_gains Kp="1"/><traits spring_k="2"/></joint>'
     path = arm(tmp_path, of_arm=f"<gravity>0</gravity>{BALL}")
     text = path.read_text().replace("</joint>", more).replace('name="j"', 'name="j" dont_collapse="true"')
-    assert {*mechanism_files.read(written(tmp_path, text)).omitted} == {
+    assert {*mechanism_files.read_mechanism(written(tmp_path, text)).omitted} == {
         "attributes D of dynamics",
         "attributes K of dynamics",
         "controllers",
@@ -162,9 +162,9 @@ def test_a_floating_joint_may_leave_any_link_that_rests(tmp_path):
     first, second = joint.format("f", "floating", "base", "b"), joint.format("g", "fixed", "base", "shelf")
     links = f'<link name="base"/><link name="b">{INERTIAL}</link>'
     path = written(tmp_path, f'<robot name="r">{links}{first}</robot>')
-    assert_close(mechanism_files.read(path).problem().initial.r, [[0.5, 0.0, 1.0]])
+    assert_close(mechanism_files.read_mechanism(path).problem().initial.r, [[0.5, 0.0, 1.0]])
     text = f'<robot name="r">{links}<link name="shelf"/>{second}{first.replace("base", "shelf")}</robot>'
-    assert_close(mechanism_files.read(written(tmp_path, text)).problem().initial.r, [[0.5, 0.0, 2.0]])
+    assert_close(mechanism_files.read_mechanism(written(tmp_path, text)).problem().initial.r, [[0.5, 0.0, 2.0]])
 
 
 def test_mocap_bodies_stand_still(tmp_path):
@@ -173,7 +173,7 @@ def test_mocap_bodies_stand_still(tmp_path):
     bar = f'<body name="bar"><freejoint/>{BAR}</body>'
     join = '<equality><connect body1="bar" body2="hand" anchor="0 0 0"/></equality>'
     path = written(tmp_path, WORLD.format(hand + bar, join))
-    assert mechanism_files.read(path).omitted["mocap bodies, which stand still here"] == 1
+    assert mechanism_files.read_mechanism(path).omitted["mocap bodies, which stand still here"] == 1
     assert_close(rates(path), [[0.0, FALL, 0.0]], atol=1e-9)
 
 
@@ -192,7 +192,7 @@ def test_an_equality_within_one_body_holds_or_is_refused(tmp_path):
     weld = '<equality><weld body1="bar" body2="tip"{}/></equality>'
     assert_close(rates(written(tmp_path, WORLD.format(parts, weld.format("")))), [[0.0, FALL, 0.0]], atol=1e-12)
     with pytest.raises(ValueError, match="it joins 'bar' to itself"):
-        mechanism_files.read(written(tmp_path, WORLD.format(parts, weld.format(' relpose="2 0 0 1 0 0 0"'))))
+        mechanism_files.read_mechanism(written(tmp_path, WORLD.format(parts, weld.format(' relpose="2 0 0 1 0 0 0"'))))
 
 
 @pytest.mark.parametrize("given", [(3.0, 0.0, 0.0), (0.0, 0.0, 2.0), (-1.5, 0.0, -1.5)])
@@ -242,7 +242,7 @@ def test_what_changes_masses_of_a_urdf_unseen_is_refused(tmp_path, name):
     value = "true" if name == "balanceinertia" else "0.7"
     more = f'<mujoco><compiler {name}="{value}"/></mujoco>'
     with pytest.raises(ValueError, match=f"attribute '{name}' changes masses or inertias that the links state"):
-        mechanism_files.read(arm(tmp_path, more=more)).system()
+        mechanism_files.read_mechanism(arm(tmp_path, more=more)).system()
 
 
 def test_a_body_too_small_for_the_compiler_is_refused_and_made_no_rod(tmp_path):
@@ -253,4 +253,4 @@ def test_a_body_too_small_for_the_compiler_is_refused_and_made_no_rod(tmp_path):
     full = " ".join(repr(float(J[i, j])) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
     body = f'<body name="b"><freejoint/><inertial pos="0 0 0" mass="1e-9" fullinertia="{full}"/></body>'
     with pytest.raises(ValueError, match="inertia"):
-        mechanism_files.read(written(tmp_path, WORLD.format(body, ""), "tiny.xml")).system()
+        mechanism_files.read_mechanism(written(tmp_path, WORLD.format(body, ""), "tiny.xml")).system()

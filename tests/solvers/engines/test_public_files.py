@@ -31,7 +31,7 @@ ROBOT = f"""<robot name="r"><link name="base"/><link name="upper">{INERTIAL}</li
 
 
 def rates(path, **start):
-    problem = mechanism_files.read(path).problem(**start)
+    problem = mechanism_files.read_mechanism(path).problem(**start)
     return accelerations(problem.system, problem.initial).Omega_dot
 
 
@@ -48,7 +48,7 @@ def test_flags_switch_springs_and_dampers_off(tmp_path, flag, expected):
     """-(k theta + c omega) / J of what is on; the tendon keeps its length."""
     path = written(tmp_path, WHEEL.format(flag=f'{flag}="disable"'))
     assert_close(rates(path, qpos=(0.5,), qvel=(1.0,)), [[0.0, 0.0, expected]], atol=1e-12)
-    system = mechanism_files.read(path).system()
+    system = mechanism_files.read_mechanism(path).system()
     on = (flag != "spring", flag != "damper")
     assert [float(np.sum(a)) != 0.0 for a in (system.spring_k, system.spring_c)] == [*on]
 
@@ -83,7 +83,7 @@ def test_included_files_are_found_where_mujoco_finds_them(tmp_path):
     a = written(tmp_path, "<mujocoinclude><include file='b.xml'/></mujocoinclude>", "sub/a.xml")
     bar = f'<worldbody><body><joint axis="0 1 0"/>{BAR}</body></worldbody>'
     b = written(tmp_path, f"<mujocoinclude>{bar}</mujocoinclude>", "sub/b.xml")
-    assert mechanism_files.files(top) == (top, a, b)
+    assert mechanism_files.list_files(top) == (top, a, b)
     assert_close(rates(top), [[0.0, FALL, 0.0]], atol=1e-12)
 
 
@@ -97,7 +97,7 @@ def test_limits_that_lock_a_joint_of_a_urdf_fix_it(tmp_path):
 def test_words_of_other_tools_are_named(tmp_path):
     """Extensions, transmissions, and a joint without limits, which is free."""
     text = ROBOT.replace('lower="0" upper="0"', "").replace("</robot>", '<gazebo/><transmission name="t"/></robot>')
-    omitted = mechanism_files.read(written(tmp_path, text)).omitted
+    omitted = mechanism_files.read_mechanism(written(tmp_path, text)).omitted
     assert {*omitted} == {
         "extensions for Gazebo",
         "transmissions",
@@ -129,7 +129,7 @@ def test_a_refused_element_of_a_urdf_is_named_with_its_line(tmp_path, before, af
     text = ROBOT.replace(before, after, 1)
     text = text.replace('type="revolute"', 'type="continuous"') if "upper" in words and "link" in words else text
     with pytest.raises(ValueError, match=r"^line ") as error:
-        mechanism_files.read(written(tmp_path, text))
+        mechanism_files.read_mechanism(written(tmp_path, text))
     assert words in str(error.value) and "\n" not in str(error.value)
 
 
@@ -142,6 +142,6 @@ def test_joints_that_make_no_kind_name_the_remedy(tmp_path, joints):
     ]
     world = "<mujoco><worldbody>{}</worldbody></mujoco>"
     with pytest.raises(ValueError, match="give each a body of its own, with mass and inertia, one within the other"):
-        mechanism_files.read(written(tmp_path, world.format(f'<body name="a">{"".join(tags)}{BAR}</body>')))
+        mechanism_files.read_mechanism(written(tmp_path, world.format(f'<body name="a">{"".join(tags)}{BAR}</body>')))
     nested = f'<body name="a">{tags[0]}{BAR}<body name="b">{tags[1]}{BAR}</body></body>'
-    assert len(mechanism_files.read(written(tmp_path, world.format(nested))).system().mass) == 2
+    assert len(mechanism_files.read_mechanism(written(tmp_path, world.format(nested))).system().mass) == 2

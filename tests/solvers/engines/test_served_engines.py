@@ -17,7 +17,7 @@ from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.engines.drake import INTEGRATORS
 from mbsbench.solvers.engines.export import process, protocol
-from mbsbench.solvers.engines.export.model_check import differences
+from mbsbench.solvers.engines.export.model_check import measure_differences
 
 from ..runs import error, orders, run
 from .systems import PROBLEMS
@@ -93,7 +93,7 @@ def test_its_model_is_ours(engine, name):
         if name in ("driven", "jointed_otherwise", *GUIDED) or (engine, name) == ("dart", "sliding"):
             return
         problem = problem if name == "sliding" else without_springs(problem)
-    found = differences(problem, protocol.Model(solver, problem, control(engine)).at_start())
+    found = measure_differences(problem, protocol.Model(solver, problem, control(engine)).describe_start())
     assert max(found.values()) < 1e-10, found
 
 
@@ -228,7 +228,7 @@ def test_loops_are_refused_where_drake_does_not_hold_them(name, options, words, 
     """In words; and without these the model check finds what Drake does not say of a continuous plant."""
     problem, solver = PROBLEMS["grid"](), make_solver(name, options)
     assert words in solver.refuses(problem, control(name))
-    monkeypatch.setattr(type(solver), "_cannot", lambda *_: None)
+    monkeypatch.setattr(type(solver), "_refuse_options", lambda *_: None)
     said = solver.refuses(problem, control(name))
     assert said is not None and ("differs by" in said or "does not take the model" in said)
 
@@ -267,6 +267,6 @@ def test_stretches_join(engine, monkeypatch):
 def test_what_engines_are_given_is_plain():
     """JSON there and back changes nothing."""
     problem = PROBLEMS["sliding"]()
-    tree = protocol.spanning_tree(problem.system, problem.initial)
+    tree = protocol.build_spanning_tree(problem.system, problem.initial)
     text = json.dumps(protocol.flatten_tree(tree, problem.system, problem.initial), default=lambda a: a.tolist())
     assert json.dumps(json.loads(text)) == text

@@ -12,7 +12,7 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.engines.export import process, protocol
-from mbsbench.solvers.engines.export.model_check import differences
+from mbsbench.solvers.engines.export.model_check import measure_differences
 from mbsbench.solvers.engines.newton import Newton
 
 from .systems import PROBLEMS
@@ -145,7 +145,7 @@ def test_a_fault_of_a_thousandth_is_seen(name, options, what, monkeypatch):
 def test_the_mass_matrix_of_bullets_steps_is_ours(name):
     """Unit forces on every velocity of its own: balls in a row, a floating base, tilted principal axes."""
     problem = without_springs(PROBLEMS[name]())
-    found = differences(problem, protocol.Model(make_solver("pybullet"), problem, CONTROL).at_start())
+    found = measure_differences(problem, protocol.Model(make_solver("pybullet"), problem, CONTROL).describe_start())
     assert found["mass matrix"] < 1e-10 and max(found.values()) < 1e-10
 
 

@@ -13,16 +13,16 @@ from mbsbench.harness.mechanics.motion import (
     applied_loads,
     constraint,
     constraint_rate,
+    evaluate_spring_line,
     kinetic_energy,
     potential_energy,
-    spring_line,
 )
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.mechanics.system import GROUND
-from mbsbench.harness.mechanics.torsion import torsion
-from mbsbench.solvers.engines.export.model_check import EngineModel, differences, model_refusal
-from mbsbench.solvers.engines.export.tree import Kind, Tree, spanning_tree
+from mbsbench.harness.mechanics.torsion import evaluate_torsion
+from mbsbench.solvers.engines.export.model_check import EngineModel, measure_differences, refuse_model
+from mbsbench.solvers.engines.export.tree import Kind, Tree, build_spanning_tree
 
 from .systems import PROBLEMS
 
@@ -33,7 +33,7 @@ def problem(request):
 
 
 def tree_of(problem) -> Tree:
-    return spanning_tree(problem.system, problem.initial)
+    return build_spanning_tree(problem.system, problem.initial)
 
 
 def wandering(tree: Tree, seed: int):
@@ -52,7 +52,7 @@ def moved(tree: Tree, q: np.ndarray, u: np.ndarray, h: float) -> np.ndarray:
     for limb in tree.limbs:
         own = u[limb.u_at : limb.u_at + limb.kind.nu]
         at = limb.q_at
-        if not limb.kind.is_turned:
+        if not limb.kind.has_quaternion:
             out[at : at + limb.kind.nq] += h * own
             continue
         if limb.kind is Kind.FREE:
@@ -94,7 +94,7 @@ def test_velocities_are_the_rates_of_poses(problem):
     """Central differences of poses along the coordinates' own rates, of second order in h."""
     tree = tree_of(problem)
     q, u = wandering(tree, 2)
-    for at in [limb.q_at + (3 if limb.kind is Kind.FREE else 0) for limb in tree.limbs if limb.kind.is_turned]:
+    for at in [limb.q_at + (3 if limb.kind is Kind.FREE else 0) for limb in tree.limbs if limb.kind.has_quaternion]:
         q[at : at + 4] /= np.linalg.norm(q[at : at + 4])
     h, zero = 1e-6, np.zeros((1, len(u)))
     fore, aft = (tree.states(moved(tree, q, u, s * h)[None], zero)[0] for s in (1.0, -1.0))
@@ -129,7 +129,7 @@ def own_model(problem) -> EngineModel:
 
 def test_equations_of_the_tree_are_those_of_the_bodies(problem):
     """Accelerations by joint coordinates and cut joints, and by all rows in absolute coordinates: two routes."""
-    found = differences(problem, own_model(problem))
+    found = measure_differences(problem, own_model(problem))
     assert max(found.values()) < 1e-10, found
 
 
@@ -147,9 +147,9 @@ PLANTED = {
 def test_a_planted_fault_is_found(planted):
     """An engine's model with any datum off by 1e-8 of itself is not ours."""
     problem = PROBLEMS["closed_chain"]()
-    assert model_refusal("itself", problem, own_model(problem)) is None
+    assert refuse_model("itself", problem, own_model(problem)) is None
     other = dataclasses.replace(problem, system=dataclasses.replace(problem.system, **PLANTED[planted](problem.system)))
-    said = model_refusal("an engine", problem, own_model(other))
+    said = refuse_model("an engine", problem, own_model(other))
     assert said is not None and "differs by" in said
 
 
@@ -157,7 +157,7 @@ def test_a_row_left_out_is_found():
     """A model with one loop less open has more freedom."""
     problem = PROBLEMS["closed_chain"]()
     model = own_model(problem)
-    found = differences(problem, dataclasses.replace(model, constraints=model.constraints[1:]))
+    found = measure_differences(problem, dataclasses.replace(model, constraints=model.constraints[1:]))
     assert found["degrees of freedom"] > 0.1
 
 
@@ -179,17 +179,17 @@ def test_springs_at_rest_are_measured_by_what_cancels_in_them(name, kind):
             torsion_wound=np.zeros(1),
         )
     still = States.one(replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega))
-    lengths = np.array([np.linalg.norm(spring_line(s, still, k)[0]) for k in range(len(s.spring_k))])
-    angles = torsion(s, still)[0][0] + s.torsion_rest
+    lengths = np.array([np.linalg.norm(evaluate_spring_line(s, still, k)[0]) for k in range(len(s.spring_k))])
+    angles = evaluate_torsion(s, still)[0][0] + s.torsion_rest
     s = replace(s, spring_d0=np.nextafter(lengths, 9.0), torsion_rest=np.nextafter(angles, 9.0), gravity=np.zeros(3))
     largest = float(np.max(getattr(s, kind)))
     assert 0.0 < np.max(np.abs(applied_loads(s, still))) < 1e-15 * largest
     problem = replace(problem, system=s)
     model = own_model(problem)
     off = replace(model, rest_forces=model.rest_forces + 1e-15 * largest)
-    assert differences(problem, off)["forces at rest"] < 1e-12
+    assert measure_differences(problem, off)["forces at rest"] < 1e-12
     wrong = replace(model, rest_forces=model.rest_forces + 1e-6 * largest)
-    assert differences(problem, wrong)["forces at rest"] > 1e-8
+    assert measure_differences(problem, wrong)["forces at rest"] > 1e-8
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3])
@@ -197,12 +197,14 @@ def test_a_joint_declared_twice_is_held_by_the_tree_alone(joint):
     """The rows of its points would be rounding, of which an engine makes a force."""
     problem = draw_mechanism(1, 8).problem()  # two hinges in a row and a ball joint, nothing closes a loop
     twice = Presentation(duplicate=joint).system(problem.system)
-    assert twice.nj == problem.system.nj + 1 and not spanning_tree(twice, problem.initial).cuts
+    assert twice.nj == problem.system.nj + 1 and not build_spanning_tree(twice, problem.initial).cuts
 
 
 def test_a_second_hinge_on_another_axis_is_held():
     """It welds the body: a point on that axis says what the tree does not."""
     body, at = RigidBody(1.0, 0.1 * np.eye(3)), (0.5, 0.0, 0.0)
     hinges = [Joint(0, at, GROUND, at, axis, axis) for axis in ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))]
-    tree = spanning_tree(assemble([body], hinges), State(*np.zeros((1, 1, 3)), np.eye(3)[None], *np.zeros((2, 1, 3))))
+    tree = build_spanning_tree(
+        assemble([body], hinges), State(*np.zeros((1, 1, 3)), np.eye(3)[None], *np.zeros((2, 1, 3)))
+    )
     assert len(tree.cuts) == 1 and np.linalg.matrix_rank(tree.loop_jacobian()) == 1

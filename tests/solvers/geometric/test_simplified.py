@@ -9,7 +9,7 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.types import Problem, Status, StepControl
 from mbsbench.solvers.formulations.compiled import mechanism
-from mbsbench.solvers.formulations.methods.choices import needs_more
+from mbsbench.solvers.formulations.methods.choices import find_unsupported
 from mbsbench.tests.comparing import assert_each
 
 from ..arbitrary_systems import consistent, linkage
@@ -87,7 +87,7 @@ def test_springs_carried_sigma_and_the_nested_loop_are_not_its_own():
         ({"c_bar": 1.0}, False),
         ({"newton": "kept"}, False),
     ):
-        assert (not needs_more(make_solver("gc_weak_form", options).settings(free), free.system)) == own
+        assert (not find_unsupported(make_solver("gc_weak_form", options).make_settings(free), free.system)) == own
 
 
 def test_recorded_norms_are_below_the_tolerance():

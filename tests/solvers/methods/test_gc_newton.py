@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbsbench.harness.mechanics.motion import scaling_masses
+from mbsbench.harness.mechanics.motion import evaluate_scaling_masses
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, TorsionSpring, assemble
 from mbsbench.harness.mechanics.user_forces import UserForce
-from mbsbench.problems.random_mechanism import arbitrary_body
+from mbsbench.problems.random_mechanism import draw_body
 from mbsbench.solvers.formulations.compiled.entries import Program
-from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
-from mbsbench.solvers.formulations.compiled.marching import new_control
+from mbsbench.solvers.formulations.compiled.kernel import make_kernel, set_state
+from mbsbench.solvers.formulations.compiled.marching import make_control
 from mbsbench.solvers.formulations.methods.choices import Settings
 from mbsbench.solvers.formulations.methods.gc_newton_arrays import NEEDED, make_step
 from mbsbench.tests.comparing import assert_close
@@ -32,7 +32,7 @@ def all_moving() -> MultibodySystem:
         TorsionSpring(0, (0.3, -0.5, 0.8), GROUND, stiffness=3.0, rest_angle=0.4, damping=0.2),
         TorsionSpring(2, (0.3, 0.5, 0.8), 1, stiffness=2.0, rest_angle=0.1, damping=0.3),
     ]
-    bodies = [arbitrary_body(random) for _ in range(nb)]
+    bodies = [draw_body(random) for _ in range(nb)]
     return assemble(bodies, pins, (1.1, -2.3, -9.5), [SPRING], LOADS, twist, [UserForce(law, 2, 0), UserForce(law, 1)])
 
 
@@ -51,9 +51,9 @@ def arbitrary_step(system: MultibodySystem, direction: int = 0, **choices: float
     random = np.random.default_rng(3)
     k = make_kernel(system, NEEDED)
     alive.append(k)
-    control = new_control(h=DT, dt=DT, t_end=1.0)
+    control = make_control(h=DT, dt=DT, t_end=1.0)
     s = make_step(k, control, system=system, settings=Settings(direction=direction, **choices))
-    start_at(k, arbitrary(system, 5))
+    set_state(k, arbitrary(system, 5))
     s.scheme["h"] = DT
     Program.run(s.complete)
     Program.run(s.keep_end)
@@ -118,10 +118,10 @@ def dense(s: Any) -> np.ndarray:
 def test_weights_agree_with_the_batched_mechanics(system):
     """M_bar, computed twice, from the same definition by different code."""
     s = arbitrary_step(system)
-    start_at(s.kernel, arbitrary(system, 5))
+    set_state(s.kernel, arbitrary(system, 5))
     Program.run(s.complete)
     one, order = States.one(arbitrary(system, 5)), s.kernel.order
-    assert_close(s.terms.m_bar[order], scaling_masses(system, one)[0], rtol=1e-12)
+    assert_close(s.terms.m_bar[order], evaluate_scaling_masses(system, one)[0], rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.types import Status, Trajectory
 from mbsbench.solvers.formulations.compiled.host import integrate
-from mbsbench.solvers.formulations.methods.rkmk import explicit_pair
+from mbsbench.solvers.formulations.methods.rkmk import make_pair_method
 from mbsbench.solvers.formulations.methods.tableaux import DOPRI853
 
 X, Y, Z, O = (*np.eye(3), np.zeros(3))
@@ -42,7 +42,7 @@ def hanging() -> tuple[MultibodySystem, float, float]:
 
 
 def by_steps(of: Problem) -> Trajectory:
-    return integrate(of, StepControl(rtol=1e-10), explicit_pair(DOPRI853))
+    return integrate(of, StepControl(rtol=1e-10), make_pair_method(DOPRI853))
 
 
 def by_symbols(of: Problem) -> Trajectory:

@@ -39,10 +39,10 @@ class Replay:
     def __init__(self, t):
         self.left, self.counters, self.ended = [b - a for a, b in pairwise(t)], {}, (Status.SUCCESS, "")
 
-    def next(self, t):
+    def choose_step(self, t):
         return self.left[0] if self.left else None
 
-    def takes(self, h, made):
+    def accept(self, h, made):
         del self.left[0]
         return made is not None
 
@@ -105,7 +105,7 @@ def test_control_chooses_the_compiled_steps(order, longest):
         outcome=marching.FULL,
     )
     plain, t, taken = ErrorControl(SimpleNamespace(t_end=t_end), control, order), 0.0, 0
-    while (h := plain.next(t)) is not None:
+    while (h := plain.choose_step(t)) is not None:
         end = marching._next_end(c, None)
         assert c.outcome == marching.FULL and h == pytest.approx(c.h, rel=1e-12), f"step {taken} at t = {t}"
         fails, c.error = random.random() < 0.1, float(10.0 ** random.uniform(*[(-12.0, 1.5), (-2.0, 1.0)][taken % 2]))
@@ -113,9 +113,9 @@ def test_control_chooses_the_compiled_steps(order, longest):
             c.error = (marching.SAFETY / 0.5) ** order
         taken += 1
         stands = marching._accept_step(c)
-        assert plain.takes(h, None if fails else (None, None, None, c.error)) == stands
+        assert plain.accept(h, None if fails else (None, None, None, c.error)) == stands
         if stands:
-            marching._grow(c)
+            marching._choose_next_step(c)
             t, c.t = t + h, end
     marching._next_end(c, None)
     assert c.outcome == marching.FINISHED and t == pytest.approx(t_end) and taken > 15
@@ -144,12 +144,12 @@ def test_runs_choose_the_same_steps(solver):
 
 def test_what_is_left_is_the_rest_of_a_geometric_series():
     """By the rate of the last two iterations, which may take turns; at rounding it is the last change."""
-    left = radau_ggl.changes_to_come
+    left = radau_ggl.estimate_further_changes
     assert left([8.0, 2.0, 0.5]) == pytest.approx(0.5 / 4 + 0.5 / 16 + 0.5 / 64, rel=0.02)
     assert left([8.0, 8.0, 0.5]) == left([8.0, 2.0, 0.5])
     assert left([1e-15, 1e-15, 2e-15]) == 2e-15
     assert left([3.0, 0.0]) == 0.0 and left([3.0, 1e-9]) == left([3.0]) == np.inf
-    assert radau_ggl.largest(np.array([[0.5, -8.0]]), np.array([[0.0, -3.0]])) == 2.0
+    assert radau_ggl.measure_change(np.array([[0.5, -8.0]]), np.array([[0.0, -3.0]])) == 2.0
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from mbsbench.solvers.formulations.joint_coordinates.code import make_code
 from mbsbench.solvers.formulations.joint_coordinates.evaluation import Evaluation
 from mbsbench.solvers.formulations.joint_coordinates.hamilton import make_hamilton_code
 from mbsbench.solvers.formulations.joint_coordinates.symplectic import make_closing
-from mbsbench.solvers.formulations.joint_coordinates.tree import Tree, spanning_tree
+from mbsbench.solvers.formulations.joint_coordinates.tree import Tree, build_spanning_tree
 from mbsbench.solvers.formulations.recursion.evaluation import TreeMechanism
 from mbsbench.solvers.formulations.recursion.phases import TreePhase
 
@@ -71,8 +71,8 @@ def place(tree: Tree, made: TreeMechanism, t: np.ndarray) -> np.ndarray:
     n = len(tree.start)
     y = tree.start + 0.05 * np.random.default_rng(4).standard_normal(n)
     after, y_dot, lam, guard = np.zeros(n), np.zeros(n), np.zeros(made.rows), np.zeros(2)
-    onto = made.evaluate().finish(t, y, after, y_dot, lam, guard)
-    if made.rows > made.kept:  # off the loops other rows are other motions
+    onto = made.make_evaluation().finish(t, y, after, y_dot, lam, guard)
+    if made.rows > made.rows_in_use:  # off the loops other rows are other motions
         y[: tree.nq] = tree.start[: tree.nq]
     for _ in range(15):
         onto.run()
@@ -91,11 +91,11 @@ def check(names: str, found: "list[list[np.ndarray]]") -> None:
 def test_accelerations_projections_and_records_are_those_of_code(make: Any) -> None:
     """Loads of joints too; where rows depend on others, those that all of them give together."""
     system, start = make()
-    tree, t, nb = spanning_tree(system, start), np.array([0.3]), system.nb
+    tree, t, nb = build_spanning_tree(system, start), np.array([0.3]), system.nb
     made, swept = make_code(system, tree), TreeMechanism(system, tree)
-    assert (swept.rows, swept.kept) == (made.rows, made.kept)
+    assert (swept.rows, swept.rows_in_use) == (made.rows, made.rows_in_use)
     y, n, found = place(tree, swept, t), len(tree.start), []
-    for own in (Evaluation(made, tree.nq), swept.evaluate()):
+    for own in (Evaluation(made, tree.nq), swept.make_evaluation()):
         accelerated, y_dot, after, lam, guard = (*np.zeros((3, n)), np.zeros(made.rows), np.zeros(2))
         own.accelerate(t, y, accelerated, guard[:1]).run()
         own.finish(t, y, after, y_dot, lam, guard).run()
@@ -115,7 +115,7 @@ def test_canonical_functions_are_those_of_code(make: Any, radial: bool) -> None:
     system, start = make()
     if not system.is_holonomic:
         pytest.skip("needs phi in every row")
-    tree, t = spanning_tree(system, start), np.array([0.3])
+    tree, t = build_spanning_tree(system, start), np.array([0.3])
     code, swept = make_code(system, tree, whole=False), TreeMechanism(system, tree)
     y, nq, random = place(tree, swept, t), tree.nq, np.random.default_rng(2)
     phases = make_hamilton_code(system, tree, radial=radial), TreePhase(swept, radial=radial)
@@ -123,8 +123,10 @@ def test_canonical_functions_are_those_of_code(make: Any, radial: bool) -> None:
     found, p = [], np.zeros(nq)
     phases[0].bind("enter", y, p).run()
     y[:nq] = stretched(tree, y[:nq])
-    moved = y[:nq] + (1e-3 * random.standard_normal(nq) if code.kept == code.rows else 0.0)  # dependent rows stay shut
-    for own, evaluation in zip(phases, (Evaluation(code, nq), swept.evaluate()), strict=True):
+    moved = y[:nq] + (
+        1e-3 * random.standard_normal(nq) if code.rows_in_use == code.rows else 0.0
+    )  # dependent rows stay shut
+    for own, evaluation in zip(phases, (Evaluation(code, nq), swept.make_evaluation()), strict=True):
         entered, q_dot, p_dot, closed, solved = np.zeros((5, nq))
         gaps, rows, answer = np.zeros((3, own.rows))
         z, y_closed = np.stack((y[:nq], p)), np.zeros(len(y))
@@ -155,13 +157,13 @@ def stretched(tree: Tree, q: np.ndarray) -> np.ndarray:
 def test_accelerations_are_the_judges(seed: int) -> None:
     """Newton and Euler in Cartesian coordinates, by another route: neither code nor tree."""
     problem = make_problem("random_mechanism", {"seed": 20 + seed, "bodies": 8, "loops": seed})
-    system, tree = problem.system, spanning_tree(problem.system, problem.initial)
+    system, tree = problem.system, build_spanning_tree(problem.system, problem.initial)
     own, n, nb = TreeMechanism(system, tree), len(tree.start), system.nb
     t, y, after, y_dot = np.zeros(1), tree.start.copy(), *np.zeros((2, n))
     lam, guard, reaction = np.zeros(own.rows), np.zeros(2), np.zeros(system.nrows)
     r, R, v, v_dot = (np.zeros(k) for k in ((nb, 3), (nb, 3, 3), (nb, 6), (nb, 6)))
-    own.evaluate().finish(t, y, after, y_dot, lam, guard).run()
-    own.evaluate().record(t, y, y_dot, lam, r, R, v, v_dot, reaction).run()
+    own.make_evaluation().finish(t, y, after, y_dot, lam, guard).run()
+    own.make_evaluation().record(t, y, y_dot, lam, r, R, v, v_dot, reaction).run()
     state = State(r, R, v[:, :3].copy(), v[:, 3:].copy(), 0.0)
     load = (constraint_jacobian(system, state).T @ reaction).reshape(nb, 6)
     for found, (judged, doubt) in zip((v_dot, load), judge_accelerations(system, state), strict=True):

@@ -13,11 +13,11 @@ from mbsbench.solvers.formulations.compiled import algebra
 from mbsbench.solvers.formulations.compiled.entries import InlineFunction
 from mbsbench.solvers.formulations.generated import code as generated_code
 from mbsbench.solvers.formulations.joint_coordinates import choice, marching, symplectic
-from mbsbench.solvers.formulations.joint_coordinates.tree import spanning_tree
+from mbsbench.solvers.formulations.joint_coordinates.tree import build_spanning_tree
 from mbsbench.solvers.formulations.recursion import accelerations, closing_rows, evaluation, hamilton, sweeps, twists
 from mbsbench.solvers.formulations.recursion.accelerations import CoupledTree
 from mbsbench.solvers.formulations.recursion.evaluation import TreeMechanism
-from mbsbench.solvers.formulations.recursion.limbs import hold_rows
+from mbsbench.solvers.formulations.recursion.limbs import select_rows
 from mbsbench.solvers.formulations.recursion.phases import TreePhase
 
 from ..arbitrary_systems import consistent, with_user_forces
@@ -194,7 +194,7 @@ def test_work_grows_in_proportion_to_bodies(function: str) -> None:
 
     def reads(links: int) -> int:
         problem = make_problem("chain", {"links": links})
-        tree = spanning_tree(problem.system, problem.initial)
+        tree = build_spanning_tree(problem.system, problem.initial)
         own = TreeMechanism(problem.system, tree)
         limbs = own.mechanism.limbs._replace(
             **{n: a.view(Counted) for n, a in own.mechanism.limbs._asdict().items() if isinstance(a, np.ndarray)}
@@ -205,7 +205,7 @@ def test_work_grows_in_proportion_to_bodies(function: str) -> None:
             responding=lambda: sweeps.find_response(limbs),
         )
         q, u = np.split(tree.start, [tree.nq])
-        closing = hold_rows(own.mechanism.closing, own.order.rows, own.order.pivots)
+        closing = select_rows(own.mechanism.closing, own.order.rows, own.order.pivots)
         Counted.reads = 0
         if function == "couple":
             accelerations.couple_tree(CoupledTree(limbs, closing, np.zeros(1), q, u))

@@ -12,7 +12,7 @@ from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import MultibodySystem
-from mbsbench.solvers.formulations.compiled.kernel import Kernel, make_kernel, start_at
+from mbsbench.solvers.formulations.compiled.kernel import Kernel, make_kernel, set_state
 from mbsbench.solvers.formulations.rows.means import rows as mean_rows
 
 from ..arbitrary_joints import all_joints, moving_rows
@@ -32,7 +32,7 @@ STEP, SLOPES = 1e-5, 1e-8  # of central differences; relative to the largest slo
 
 def at(system: MultibodySystem, state: State) -> Kernel:
     k = make_kernel(system)
-    start_at(k, state)
+    set_state(k, state)
     return k
 
 
@@ -61,7 +61,7 @@ def test_rows_and_loads_are_the_judges(system: MultibodySystem) -> None:
     assert np.max(np.abs(jacobian(k)[k.order].reshape(A.shape) - A)) < ROUNDING
     v = np.concatenate((s.v, s.Omega), axis=1).ravel()
     assert np.max(np.abs(k.slip[k.order] + A @ v - motion.constraint_rate(system, one)[0])) < 10.0 * ROUNDING
-    drift = motion.drift(system, one)[0]
+    drift = motion.evaluate_acceleration_bias(system, one)[0]
     assert np.max(np.abs(k.gamma[k.order] - drift)) < 1e-8 * np.max(np.abs(drift))
     k.applied_forces.run()
     load = motion.applied_loads(system, one)[0]

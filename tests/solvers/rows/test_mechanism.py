@@ -15,7 +15,7 @@ from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations.compiled import host, mechanism
-from mbsbench.solvers.formulations.compiled.kernel import Kernel, empty_kernel, make_kernel, start_at
+from mbsbench.solvers.formulations.compiled.kernel import Kernel, allocate_kernel, make_kernel, set_state
 from mbsbench.solvers.formulations.generated import code as objects
 
 from ..arbitrary_joints import KINDS, MOVING, all_joints, moving_rows, one_joint
@@ -33,7 +33,7 @@ ROUNDING = 1e-12  # relative
 
 
 def coded(system: MultibodySystem) -> Kernel:
-    return mechanism.use_code(system, empty_kernel(system)).kernel
+    return mechanism.use_code(system, allocate_kernel(system)).kernel
 
 
 def solve(problem: Problem, code: str, solver: str = "rkmk_dop853", rtol: float = 1e-9) -> Trajectory:
@@ -57,7 +57,7 @@ def check_accelerations(system: MultibodySystem, s: State) -> None:
     """The judge's accelerations and load of the reactions; those of the kernel to rounding."""
     k, kernel = coded(system), make_kernel(system, ("accelerate",))
     for one in (k, kernel):
-        start_at(one, s)
+        set_state(one, s)
         one.accelerate.run()
     load = (constraint_jacobian(system, s).T @ k.lam[k.order]).reshape(-1, 6)
     for found, (judged, error) in zip((k.v_dot, load), judge_accelerations(system, s), strict=True):
@@ -90,7 +90,7 @@ def test_each_kind_of_moving_row_has_the_judges_accelerations(kind: str) -> None
 def test_projection_meets_the_constraints(system: MultibodySystem) -> None:
     """A few passes bring phi and phi_dot to rounding, since each leaves the square of what there was."""
     s, k = consistent(system, 1), coded(system)
-    start_at(k, State(s.r + 1e-4, s.R, s.v + 1e-4, s.Omega, s.t))
+    set_state(k, State(s.r + 1e-4, s.R, s.v + 1e-4, s.Omega, s.t))
     for _ in range(4):
         k.accelerate.run()
         k.project.run()
@@ -115,7 +115,7 @@ def test_pairs_of_lower_order_run_on_code() -> None:
 def random_numbers(k: Kernel, s: State, seed: int) -> None:
     """A kernel at a state, with numbers in all that its entries read beside the state."""
     random = np.random.default_rng(seed)
-    start_at(k, s)
+    set_state(k, s)
     k.state["shift"] = 1e-4
     for name in ("x", "w", "rhs", "lam"):
         getattr(k, name)[:] = random.standard_normal(getattr(k, name).shape)
@@ -128,7 +128,7 @@ def test_each_entry_of_code_does_what_the_kernels_does(system: MultibodySystem) 
     s = State(s.r + 1e-3, s.R, s.v + 1e-2, s.Omega, s.t)
     names = tuple(mechanism.SPLIT)
     k = make_kernel(system, names)
-    c = mechanism.use_code(system, empty_kernel(system), names).kernel
+    c = mechanism.use_code(system, allocate_kernel(system), names).kernel
     order = (
         "rows",
         "factorise",
@@ -210,7 +210,7 @@ def test_a_tilt_that_leaves_no_zeros_leaves_the_motion() -> None:
         dataclasses.replace(make_problem("slider_crank", {"rotation": a}), t_end=0.3)
         for a in ((0.0, 0.0, 0.0), (1e-9, -1e-9, 1e-9))
     )
-    one, other = (mechanism.use_code(p.system, empty_kernel(p.system)).operations for p in (straight, tilted))
+    one, other = (mechanism.use_code(p.system, allocate_kernel(p.system)).operations for p in (straight, tilted))
     assert other > one
     new, old = solve(straight, "mechanism"), solve(tilted, "mechanism")
     assert np.max(np.abs(new.states.r[-1] - old.states.r[-1])) < 1e-8
@@ -250,7 +250,7 @@ def test_rank_changes_as_in_the_kernel(angle: float) -> None:
     assert np.max(np.abs(constraint(problem.system, States.one(flat)))) < 1e-15
     k, c = make_kernel(problem.system, ("accelerate",)), coded(problem.system)
     for one in (k, c):
-        start_at(one, flat)
+        set_state(one, flat)
         one.accelerate.run()
     assert (k.state["rank"] < 29) == (angle < 1e-4)
     assert np.max(np.abs(k.v_dot - c.v_dot)) < 1e-10 and np.array_equal(k.lam == 0.0, c.lam == 0.0)
@@ -280,7 +280,7 @@ def test_without_code_the_kernel_runs_or_the_run_is_refused() -> None:
     assert "30000 operations" in solver.refuses(large, control)
     assert "30000 operations" in solve(large, "auto").notes[0]
     system = with_user_forces()
-    assert "user forces" in mechanism.refusal(system, empty_kernel(system))
+    assert "user forces" in mechanism.refuse_mechanism(system, allocate_kernel(system))
     barely = dataclasses.replace(make_problem("four_bar_grid", {"rows": 3, "columns": 2}), t_end=0.01)
     assert solver.solve(barely, control).status is Status.REFUSED
     assert "30000 operations" in solve(barely, "auto").notes[0]

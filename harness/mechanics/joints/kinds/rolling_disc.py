@@ -4,7 +4,7 @@ from ...declaring import Count, JointDeclaration, length
 from ..frames import tangents
 
 
-def lowest(i, j, p):  # type: ignore[no-untyped-def]
+def find_lowest_point(i, j, p):  # type: ignore[no-untyped-def]
     """Return the disc's lowest point above the plane of j, in space [m]."""
     n, axis = j.turn(p.n[0]), i.turn(p.u)
     down = n - (n @ axis) * axis
@@ -13,12 +13,12 @@ def lowest(i, j, p):  # type: ignore[no-untyped-def]
 
 def phi(i, j, p):  # type: ignore[no-untyped-def]
     """Return the row n_1 . (x - x_j) [m]: the height of the lowest point x above the plane."""
-    return [j.turn(p.n[0]) @ (lowest(i, j, p) - j.at(p.s_j))]
+    return [j.turn(p.n[0]) @ (find_lowest_point(i, j, p) - j.at(p.s_j))]
 
 
 def rates(i, j, p):  # type: ignore[no-untyped-def]
     """Return the rows n_k . (v_i(x) - v_j(x)) [m/s]: the slip at the lowest point x along two tangents of the plane."""
-    x = lowest(i, j, p)
+    x = find_lowest_point(i, j, p)
     slip = i.velocity(x) - j.velocity(x)
     return [j.turn(p.n[1]) @ slip, j.turn(p.n[2]) @ slip]
 

@@ -9,7 +9,7 @@ from mbsbench.harness.ladder import bundling
 from mbsbench.harness.ladder.bundling import check_bundle, read_entry, write_bundle
 from mbsbench.harness.ladder.instances import digest_submission
 from mbsbench.harness.ladder.ranking import INDEPENDENT, RE_RUN, rank_entries
-from mbsbench.harness.ladder.submission import Blind, Submission, run_submission
+from mbsbench.harness.ladder.submission import BlindWorker, Submission, run_submission
 
 from .bundles import NEW_DIGESTS, OF_A_RUN, OF_NUMBERS, OLD_DIGESTS, members_of, write_as_it_is, write_edited
 from .forger import NAME
@@ -22,7 +22,7 @@ def bundle(tmp_path_factory):
     place = tmp_path_factory.mktemp("bundle")
     file, path = place / "honest.py", place / "honest.zip"
     file.write_text(TEXT.format("nothing"))
-    with Blind() as blind:
+    with BlindWorker() as blind:
         run_submission(
             Submission(NAME, "dt", str(file), digest_submission(file.read_bytes())),
             "1",

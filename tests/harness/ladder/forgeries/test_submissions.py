@@ -6,7 +6,7 @@ from mbsbench.harness.ladder.blind import confine_process
 from mbsbench.harness.ladder.bundling import Entry
 from mbsbench.harness.ladder.instances import InstanceKind, digest_submission
 from mbsbench.harness.ladder.ranking import rank_entries
-from mbsbench.harness.ladder.submission import Blind, Submission, read_submission, run_submission
+from mbsbench.harness.ladder.submission import BlindWorker, Submission, read_submission, run_submission
 from mbsbench.harness.sandbox.forked_process import ForkedProcess
 
 from .forger import AWAY, CONDUCT, COSTS, FALSE, NAME, WORK
@@ -23,7 +23,7 @@ TICKS = 0.9  # of the work: other processes are accounted in ticks of 10 ms
 @pytest.fixture(scope="module")
 def blind():
     """One process for all."""
-    with Blind() as process:
+    with BlindWorker() as process:
         yield process
 
 
