@@ -48,7 +48,7 @@ def test_without_springs_the_strong_form_is_unstabilised_index_1(coordinates, se
     random = np.random.default_rng(seed)
     lam, lam_dot = random.standard_normal((2, at.k))
     strong = StrongForm(at).rates(pu, lam, lam_dot)
-    u_dot, reaction = Accelerations(at).at(np.concatenate((pu, np.zeros(at.k))))
+    u_dot, reaction = Accelerations(at).compute_accelerations(np.concatenate((pu, np.zeros(at.k))))
     size = np.max(np.abs(u_dot))
     np.testing.assert_allclose(strong.u_dot, u_dot, atol=1e-10 * size)
     np.testing.assert_allclose(strong.reaction, reaction, atol=1e-10 * size)

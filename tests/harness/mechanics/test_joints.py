@@ -141,12 +141,12 @@ def test_the_symbolic_rows_are_those_of_motion(name, coordinates) -> None:
     for b, T in enumerate(at.chart.rotation_rates(unknowns(state)[at.p].reshape(system.nb, -1))):
         B[6 * b : 6 * b + 3, 6 * b : 6 * b + 3], B[6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = np.eye(3), T
     A = constraint_jacobian(system, state).toarray() @ B
-    assert np.max(np.abs(form.pattern.matrix(here.A).toarray() - A)) < ROUNDING
+    assert np.max(np.abs(form.pattern.make_matrix(here.A).toarray() - A)) < ROUNDING
     ahead, behind = (terms(moved(state, h)[0]).M_bar for h in (STEP, -STEP))
     largest = np.max(np.abs(here.M_bar_dot))
     assert np.max(np.abs((ahead - behind) / (2.0 * STEP) - here.M_bar_dot)) < DIFFERENCES * largest
     if name == "joints":
-        weights = form.pattern.matrix(form._motion.values(unknowns(state), np.zeros(at.n_u))[form._slices[8]])
+        weights = form.pattern.make_matrix(form._motion.values(unknowns(state), np.zeros(at.n_u))[form._slices[8]])
         assert np.max(np.abs(here.f_bar - weights @ motion.applied_loads(system, one)[0].ravel())) < 1e-9
 
 

@@ -55,7 +55,9 @@ def test_a_pendulum_is_an_elliptic_function_to_fifty_digits(formulation):
 @pytest.mark.parametrize("apart", [1, 2, 4, 8])
 def test_steps_see_coefficients_between_those_that_vanish(apart):
     """1 / (1 - (t/R)^apart): its last coefficients may be zero, its radius R stays, and so does the step."""
-    mechanism = Rods((Rod(Fraction(2), Fraction(1), Fraction(1, 3), Fraction(1, 7)),), Fraction("9.81")).mechanism()
+    mechanism = Rods(
+        (Rod(Fraction(2), Fraction(1), Fraction(1, 3), Fraction(1, 7)),), Fraction("9.81")
+    ).make_mechanism()
     flow = PlaneFlow(mechanism, "angles", BITS)
     flow.order = 8 * (flow.order // 8) + 7  # the last seven are zero if apart is 8
     flow.unit = 1 << BITS

@@ -87,6 +87,12 @@ def test_linkages(name, solver):
     compare(problem, solver)
 
 
+def body_of(name):
+    """The plain Python function of a step control's: numba takes its place once something has been compiled."""
+    function = getattr(marching, name)
+    return getattr(function, "py_func", None) or function.function
+
+
 @pytest.mark.parametrize("order", [4.0, 5.0, 8.0])
 @pytest.mark.parametrize("longest", [None, 0.03])
 def test_control_chooses_the_compiled_steps(order, longest):
@@ -104,20 +110,21 @@ def test_control_chooses_the_compiled_steps(order, longest):
         rejected=0,
         outcome=marching.FULL,
     )
+    next_end, accept_step, choose_next_step = map(body_of, ("_next_end", "_accept_step", "_choose_next_step"))
     plain, t, taken = ErrorControl(SimpleNamespace(t_end=t_end), control, order), 0.0, 0
     while (h := plain.choose_step(t)) is not None:
-        end = marching._next_end(c, None)
+        end = next_end(c, None)
         assert c.outcome == marching.FULL and h == pytest.approx(c.h, rel=1e-12), f"step {taken} at t = {t}"
         fails, c.error = random.random() < 0.1, float(10.0 ** random.uniform(*[(-12.0, 1.5), (-2.0, 1.0)][taken % 2]))
         if fails:
             c.error = (marching.SAFETY / 0.5) ** order
         taken += 1
-        stands = marching._accept_step(c)
+        stands = accept_step(c)
         assert plain.accept(h, None if fails else (None, None, None, c.error)) == stands
         if stands:
-            marching._choose_next_step(c)
+            choose_next_step(c)
             t, c.t = t + h, end
-    marching._next_end(c, None)
+    next_end(c, None)
     assert c.outcome == marching.FINISHED and t == pytest.approx(t_end) and taken > 15
     assert plain.counters["rejected"] == c.rejected > 2
 
