@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from ...results.judgements.claims import Ending
 from ...results.records import RunRecord
-from ...results.series import Series
+from ...results.series import EnvelopedSeries, Series
 from .endings import classify_ending, ended_by_budget
 from .evidence import MEASURES, evaluate, evaluate_pair
 from .register import Test
@@ -40,7 +40,7 @@ class RunNumbers:
             reads = ended_by_budget(record) or any(MEASURES[t.metric].needs_series for t in own.values())
             series = self._series_of(settings) if reads else None
             self.endings[settings] = classify_ending(record, series)
-            self._found |= {k: evaluate(t.metric, record, series, t.arguments) for k, t in own.items()}
+            self._found |= {k: _evaluate(t, record, series) for k, t in own.items()}
 
     def evaluate_run(self, settings: str, test: Test) -> float:
         """Return the number of a test on the run with the settings_id ``settings``; it must have been ``wanted``."""
@@ -53,6 +53,14 @@ class RunNumbers:
             runs = [(self.records[s], self._series_of(s)) for s in (one, other)]
             self._between[key] = evaluate_pair(test.metric, runs[0], runs[1], test.arguments)
         return self._between[key]
+
+
+def _evaluate(test: Test, record: RunRecord, series: Series | None) -> float:
+    """Return the number of a test on one run; an EnvelopedSeries that this raises names the test and the run."""
+    try:
+        return evaluate(test.metric, record, series, test.arguments)
+    except EnvelopedSeries as error:
+        raise EnvelopedSeries(f"{record.case}: a claim's test {test.metric!r} reads every step: {error}") from error
 
 
 def _key(settings: str, test: Test) -> Key:

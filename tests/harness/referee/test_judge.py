@@ -5,6 +5,7 @@ import json
 import math
 from functools import partial
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
@@ -18,15 +19,17 @@ from mbsbench.harness.referee.claims.count import judge
 from mbsbench.harness.referee.claims.maps import read_dimensions, select
 from mbsbench.harness.referee.claims.register import read_register
 from mbsbench.harness.results import store
+from mbsbench.harness.results.envelopes import Envelope
 from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.records import format_reasons
+from mbsbench.harness.results.series import EnvelopedSeries
 from mbsbench.harness.suites.suite import Suite
 from mbsbench.harness.types import Law, Reason
 
 from ...reports.pages.synthetic import ORDER
 from ..conftest import Silent
-from .claiming import MAP, SUITE, TEST, judged
-from .synthetic import HEAD, record, runs_of
+from .claiming import MAP, SUITE, TEST, claim, judged
+from .synthetic import HEAD, record, runs_of, series
 
 RUNS = runs_of(SUITE)
 
@@ -290,3 +293,12 @@ def test_ladders_that_do_not_show_the_declared_order_are_printed(capsys, monkeyp
     (row,) = (line for line in said.splitlines() if "beta" in line)
     assert "1.04" in row and "below declared" in row
     assert "refused: no springs" in said and "alpha" not in said
+
+
+def test_a_series_kept_as_an_envelope_is_refused_with_the_run_that_lacks_it():
+    """A claim that is new asks for every step of runs that kept bounds alone: the message says of which."""
+    bounds = Envelope(0.0, 10.0, np.zeros((2, 4), dtype=int))
+    kept = dataclasses.replace(series([0.0, 10.0]), envelopes={"phi_norm": bounds})
+    test = 'map = "m"\ntests = [{ metric = "largest", series = "phi_norm", at_most = 1.0, unit = "m" }]\n'
+    with pytest.raises(EnvelopedSeries, match=r"spherical_pendulum.* test 'largest' .*phi_norm is kept as an envelope"):
+        claim(test, of=lambda r: kept)
