@@ -234,11 +234,11 @@ def _resolve_solver(
     if not isinstance(given, str | type):
         if options:
             raise ValueError(f"give the options to {type(given).__name__}(...) (got {', '.join(options)})")
-        return registry.solver_entry(type(given)), given
+        return registry.make_entry_of_class(type(given)), given
     if isinstance(given, str):
         entry = registry.find_entry("solver", given, registry.solvers())
     else:
-        entry = registry.solver_entry(given)
+        entry = registry.make_entry_of_class(given)
     known = registry.problems().get(variant.name)
     for key in options:
         if known and key in known.parameters and key not in entry.parameters:

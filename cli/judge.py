@@ -10,7 +10,7 @@ from rich.text import Text
 from ..harness.confined_paths import ConfinedPath
 from ..harness.execution.costs import describe_command
 from ..harness.referee import judge as judging
-from ..harness.referee.carried import is_of_this_code
+from ..harness.referee.carried import is_current_or_carried
 from ..harness.referee.certificates.orders import select_motion
 from ..harness.referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..harness.referee.currency import code_now, describe_older, find_older_runs
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
             folder, judging.select_needed(register), "that the claims are tried on", ", or judge these: --partial"
         )
     older = find_older_runs(loaded.records, [str(p) for p in read_environment(folder).get("plugins") or ()])
-    if old := [r for r in older if not is_of_this_code(r.problem, r.solver, r.code)]:
+    if old := [r for r in older if not is_current_or_carried(r.problem, r.solver, r.code)]:
         raise UsageError(describe_older(old, str(folder)))
     before = None if arguments.publish else read_claims(published)
     if before is None and arguments.published and not arguments.publish:

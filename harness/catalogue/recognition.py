@@ -88,8 +88,8 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
             angle, rate, push = _measure_angle(j, one.state, samples[0].state)
             found += [push, -angle * push, -rate * push]
         for j in sliding:
-            way, rate, push = _slide(j, one.state, samples[0].state)
-            found += [push, -way * push, -rate * push]
+            displacement, rate, push = _slide(j, one.state, samples[0].state)
+            found += [push, -displacement * push, -rate * push]
         columns.append(np.array([one.twists.T @ f.ravel() for f in found]).T)
     A, b = np.concatenate(columns), np.concatenate(needed)
     rounding = ROUNDING * terms
@@ -161,13 +161,13 @@ def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int,
             else:
                 yield Joint(i, s_i, j, s_j, name=name)
         case 3, False:
-            ways, size, _ = np.linalg.svd((d - d[0]).T, full_matrices=False)
+            directions, size, _ = np.linalg.svd((d - d[0]).T, full_matrices=False)
             if size[1] < NEAR * size[0]:
-                u = choose_normals(ways[:, 0])[0]
-                yield Joint(i, none, j, d[0], Q[0].T @ ways[:, 0], ways[:, 0], name, JointKind.PRISMATIC, Q[0].T @ u, u)
+                axis, u = directions[:, 0], choose_normals(directions[:, 0])[0]
+                yield Joint(i, none, j, d[0], Q[0].T @ axis, axis, name, JointKind.PRISMATIC, Q[0].T @ u, u)
                 return
             if size[2] < NEAR * size[0]:
-                yield Joint(i, none, j, d[0], None, ways[:, 2], name, JointKind.ON_PLANE)
+                yield Joint(i, none, j, d[0], None, directions[:, 2], name, JointKind.ON_PLANE)
             for a, b in ((0, 1), (0, 2), (1, 2)):
                 yield Joint(i, none, j, none, Q[0].T[:, a], np.eye(3)[b], name, JointKind.NORMAL)
         case 1, False:
@@ -190,18 +190,18 @@ def _propose_point_joints(d: Float[np.ndarray, "nt 3"], point: bool) -> Iterator
     ``point`` says that the other is a point mass. Two point masses that stay on one line get a joint for springs
     between them, which constrains neither.
     """
-    ways, size, _ = np.linalg.svd((d - d[0]).T, full_matrices=False)
+    directions, size, _ = np.linalg.svd((d - d[0]).T, full_matrices=False)
     far = np.max(np.abs(d))
-    if point and NEAR * far < size[0] and np.linalg.norm(np.cross(d, ways[:, 0]), axis=1).max() < NEAR * far:
-        yield {"s_j": np.zeros(3), "axis_j": ways[:, 0], "kind": JointKind.ON_LINE}
+    if point and NEAR * far < size[0] and np.linalg.norm(np.cross(d, directions[:, 0]), axis=1).max() < NEAR * far:
+        yield {"s_j": np.zeros(3), "axis_j": directions[:, 0], "kind": JointKind.ON_LINE}
         return
     if not point and size[0] <= NEAR * far:
         yield {"s_j": d[0], "kind": JointKind.SPHERICAL}
     elif not point and size[1] < NEAR * size[0]:
-        yield {"s_j": d[0], "axis_j": ways[:, 0], "kind": JointKind.ON_LINE}
+        yield {"s_j": d[0], "axis_j": directions[:, 0], "kind": JointKind.ON_LINE}
     else:
         if not point and size[2] < NEAR * size[0]:
-            yield {"s_j": d[0], "axis_j": ways[:, 2], "kind": JointKind.ON_PLANE}
+            yield {"s_j": d[0], "axis_j": directions[:, 2], "kind": JointKind.ON_PLANE}
         squares = np.sum(d * d, axis=1)  # = 2 d . s + L^2 - s . s
         A = np.ones((len(d), 1)) if point else np.column_stack((np.ones(len(d)), 2.0 * d))
         x = np.linalg.lstsq(A, squares, rcond=NEAR)[0]
@@ -210,13 +210,17 @@ def _propose_point_joints(d: Float[np.ndarray, "nt 3"], point: bool) -> Iterator
             yield {"s_j": s, "length": float(np.sqrt(x[0] + s @ s)), "kind": JointKind.DISTANCE}
 
 
-def _find_meeting_points(Q: np.ndarray, d: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return points s_i and s_j of two bodies that coincide along the directions ``ways``, and whether they exist.
+def _find_meeting_points(
+    Q: Float[np.ndarray, "nt 3 3"], d: Float[np.ndarray, "nt 3"], directions: Float[np.ndarray, "k 3"]
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Return points s_i and s_j (3 each, from C, in the body's axes) that coincide along ``directions`` of body j.
 
-    They solve ways (d + Q s_i - s_j) = 0 in all samples, by least squares.
+    In each sample Q turns body i's axes into those of j, and ``d`` [m] is the vector from C of j to C of i in j's axes.
+    The points solve directions (d + Q s_i - s_j) = 0 in all samples by least squares; where they are not unique, they
+    are the shortest solution. The flag says whether they solve it within ``NEAR``.
     """
-    A = np.concatenate([ways @ np.hstack((q, -np.eye(3))) for q in Q])
-    b = -(d @ ways.T).ravel()
+    A = np.concatenate([directions @ np.hstack((q, -np.eye(3))) for q in Q])
+    b = -(d @ directions.T).ravel()
     x = np.linalg.lstsq(A, b, rcond=NEAR)[0]
     return x[:3], x[3:], bool(np.max(np.abs(A @ x - b)) <= NEAR * (np.max(np.abs(d)) + np.max(np.abs(x))))
 
@@ -268,13 +272,13 @@ def _slide(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np
     ``_measure_angle``, whose wrenches are alike.
     """
     (r_i, R_i), (r_j, R_j) = _pose(s, joint.i), _pose(s, joint.j)
-    way = np.asarray(joint.axis_j)
-    axis = R_j @ way
+    direction = np.asarray(joint.axis_j)
+    axis = R_j @ direction
     point = r_i + R_i @ joint.s_i
     push = np.zeros((s.nb, 6))
     push[joint.i] = [*axis, *np.cross(joint.s_i, R_i.T @ axis)]
     if joint.j != GROUND:
-        push[joint.j] = [*(-axis), *np.cross(R_j.T @ (point - r_j), -way)]
+        push[joint.j] = [*(-axis), *np.cross(R_j.T @ (point - r_j), -direction)]
     rate = float(np.sum(push * np.concatenate((s.v, s.Omega), axis=1)))
     return float(axis @ (point - r_j - R_j @ joint.s_j)), rate, push
 
@@ -311,9 +315,9 @@ def _make_point_spring(joint: Joint, samples: Sequence[Sample], push: float, k: 
     It joins the masses themselves, which have no other points. Raise ValueError if it has a length at rest and the
     masses pass each other.
     """
-    ways, rest = [_slide(joint, one.state, one.state)[0] for one in samples], _find_rest(joint, push, k)
-    side = np.sign(ways[0])
-    if rest and np.any(np.sign(ways) != side):
+    coordinates, rest = [_slide(joint, one.state, one.state)[0] for one in samples], _find_rest(joint, push, k)
+    side = np.sign(coordinates[0])
+    if rest and np.any(np.sign(coordinates) != side):
         raise ValueError(
             f"the spring of joint {joint.name!r} has a length at rest, and its point masses pass each other"
         )

@@ -159,12 +159,12 @@ class _Catalogue(Mapping[str, T]):
 
 def problems() -> Mapping[str, ProblemEntry]:
     """Return all problems by name, with those of loaded plugins."""
-    return _Catalogue(PROBLEMS, _problem_entry, _plugin_problems)
+    return _Catalogue(PROBLEMS, _make_problem_entry, _plugin_problems)
 
 
 def solvers() -> Mapping[str, SolverEntry]:
     """Return all solvers by name, with those of loaded plugins."""
-    return _Catalogue(SOLVERS, _solver_entry, _plugin_solvers)
+    return _Catalogue(SOLVERS, _make_solver_entry, _plugin_solvers)
 
 
 def engines() -> Mapping[str, SolverEntry]:
@@ -195,7 +195,7 @@ def is_own_class(cls: type) -> bool:
     return is_own_solver(name) and solvers()[name].make is cls
 
 
-def solver_entry(cls: type) -> SolverEntry:
+def make_entry_of_class(cls: type) -> SolverEntry:
     """Return the entry of a class marked ``@solver`` that need not be in the catalogue.
 
     Raise ValueError if it is not marked, is no valid solver, or has the name of another solver of the catalogue.
@@ -203,7 +203,7 @@ def solver_entry(cls: type) -> SolverEntry:
     if _MARK not in vars(cls):
         raise ValueError(f"solver must be a name or a dataclass marked @solver (got {cls.__name__})")
     try:
-        entry = _solver_entry(vars(cls)[_MARK], cls)
+        entry = _make_solver_entry(vars(cls)[_MARK], cls)
     except TypeError as error:
         raise ValueError(str(error)) from None
     known = solvers().get(entry.name)
@@ -235,12 +235,14 @@ def load_plugin(plugin: Path | str) -> None:
         named = plugins.load_plugin(where)
         made: list[tuple[str, SolverEntry | ProblemEntry]]
         if isinstance(named, MechanismFile):
-            made = [(named.name, _mechanism_entry(named))]
+            made = [(named.name, _make_mechanism_entry(named))]
         else:
             found = _entries_of(named) if isinstance(named, ModuleType) else _list_marks([named])
             if not found:
                 raise ValueError("it marks no @problem and no @solver")
-            made = [(n, _solver_entry(n, o) if isinstance(o, type) else _problem_entry(n, o)) for n, o in found]
+            made = [
+                (n, _make_solver_entry(n, o) if isinstance(o, type) else _make_problem_entry(n, o)) for n, o in found
+            ]
         taken = sorted({n for n, _ in made} & {*problems(), *solvers()})
         if taken and not known:
             raise ValueError(
@@ -422,19 +424,19 @@ def keyword_options(where: str, function: Callable[..., Any], others: int = 0) -
     return own
 
 
-def _problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
+def _make_problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
     """Return the entry of a function marked ``@problem``, with its own and the common parameters."""
     own = keyword_options(f"problem {name}", function)
     tests = getattr(function, _TESTS)
     return ProblemEntry(name, function, {**own, **COMMON_PARAMETERS}, _first_line(function), tests)
 
 
-def _mechanism_entry(m: MechanismFile) -> ProblemEntry:
+def _make_mechanism_entry(m: MechanismFile) -> ProblemEntry:
     """Return the entry of a mechanism's file, with its own and the common parameters."""
     return ProblemEntry(m.name, m.problem, {**m.parameters(), **COMMON_PARAMETERS}, m.doc)
 
 
-def _solver_entry(name: str, cls: Any) -> SolverEntry:
+def _make_solver_entry(name: str, cls: Any) -> SolverEntry:
     """Return the entry of a class marked ``@solver``; raise TypeError if it lacks anything that a solver must have."""
     if not getattr(getattr(cls, "__dataclass_params__", None), "frozen", False):
         raise TypeError(f"solver {name}: {cls.__name__} must be a frozen dataclass (below @solver)")

@@ -95,7 +95,7 @@ class UrdfDocument:
                     )
         self._links = {e.get("name", ""): e for e in self._root.findall("link")}
         self._joints = self._root.findall("joint")
-        self._check_form()
+        self._check_elements()
         self.locked = 0  # joints that equal limits fix
         for joint in self._joints:
             if (mimic := joint.find("mimic")) is not None:
@@ -119,8 +119,12 @@ class UrdfDocument:
             return f"limits that are equal and 0 lock its joints ({self.locked})"
         return "its first link is fixed to the ground; a joint of type floating between two links frees the second"
 
-    def _check_form(self) -> None:
-        """Raise ElementRefusal for what no URDF may have: parts that are missing or repeated, invalid numbers."""
+    def _check_elements(self) -> None:
+        """Raise ElementRefusal for links, joints and inertials that no URDF may have.
+
+        These are names and parts that are missing or repeated, invalid numbers, joints of an unknown type or with links
+        that are not in the file, and a link with a second parent.
+        """
         for kind in ("link", "joint"):
             named = Counter(e.get("name") for e in self._root.findall(kind))
             for e in self._root.findall(kind):

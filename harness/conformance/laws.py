@@ -111,7 +111,10 @@ class Subject:
 
 
 def check_documentation(s: Subject) -> Finding:
-    """Check that the problem has a docstring, a meaning for each parameter of its own, a source and its own name."""
+    """Check that the problem has a docstring, a meaning for each parameter of its own, and a source.
+
+    It must also bear the name under which it is registered.
+    """
     entry = registry.problems()[s.name]
     own = {k: p for k, (_, p) in entry.parameters.items() if k not in registry.COMMON_PARAMETERS}
     missing = [] if entry.doc.strip() else ["the docstring of its function"]

@@ -15,7 +15,7 @@ from ..metrics.summary import make_columns
 from ..metrics.verdict import find_inaccuracy, list_broken_laws
 from ..results.records import RunRecord, format_reasons
 from ..results.series import name_file, write_series
-from ..sandbox.isolation import is_full
+from ..sandbox.isolation import is_disk_full_error
 from ..sandbox.spool import read_spool
 from ..types import EndCause, Problem, Reason, Status, Trajectory
 from .handover import Handover, SolverReport, read
@@ -62,7 +62,7 @@ def measure_run(job: Job, bare: RunRecord, problem: Problem | None = None, spent
             about["ended_by"] = bare.ended_by  # its limit expired while the machine was suspended
         return judge_handover(job, problem, handover, spent, **about)
     except Exception as error:  # a solver's motion or a plugin's problem may cause anything
-        if is_full(error):
+        if is_disk_full_error(error):
             raise
         traceback.print_exc()
         by, message = str(EndCause.EXCEPTION), format_first_line(error)

@@ -18,7 +18,7 @@ from ..code_meter import code_seconds_of_tree, collect_garbage, listen_to_numba,
 from ..files import encode_nonfinite
 from ..mechanics.motion import constraint_rate
 from ..mechanics.state import States
-from ..sandbox.isolation import is_full
+from ..sandbox.isolation import is_disk_full_error
 from ..sandbox.spool import FileSpool
 from ..types import EndCause, NotInstalled, Problem, Solver, Status, StepControl, Trajectory
 from . import handover
@@ -60,7 +60,7 @@ def solve_job(job: Job, soft: float = SOFT, problem: Problem | None = None) -> N
         handover.write(job.handover, _attempt_solve(job, soft, made, problem))
         return
     except (Exception, SystemExit, KeyboardInterrupt) as error:  # the failure of the run is its result
-        if is_full(error):
+        if is_disk_full_error(error):
             raise
         if not isinstance(error, MemoryError):
             traceback.print_exc()

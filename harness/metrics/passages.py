@@ -29,7 +29,7 @@ TOLD = 3  # most times that a note names
 
 def list_passages(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> list[str]:
     """Return a note in words on the singular poses that a motion passes, as a list of one; empty if it passes none."""
-    times = find_passages(system, t, s)
+    times = find_passage_times(system, t, s)
     if not times:
         return []
     told = ", ".join(f"{x:.4g}" for x in times[:TOLD]) + (", ..." if len(times) > TOLD else "")
@@ -38,11 +38,12 @@ def list_passages(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: State
     return [f"{begin}{pose} at t = {told} s{end}: its motion after {first} is one of several"]
 
 
-def find_passages(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> list[float]:
+def find_passage_times(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> list[float]:
     """Return the times [s] of singular poses that a motion passes: where A loses rank that it has elsewhere.
 
-    Empty if no joint closes a loop, since the rows of a tree keep their rank, if the motion is not finite, and for
-    systems so large that too few rows can be examined.
+    The criterion is the least singular value of A, at rows of a motion and between them; ODE-GC reports dips of the
+    determinant of its own factorisations instead. Empty if no joint closes a loop, since the rows of a tree keep their
+    rank, if the motion is not finite, and for systems so large that too few rows can be examined.
     """
     n = min(SAMPLES, len(t), int(PRODUCTS / max(1.0, 6.0 * system.nb * system.nrows**2)))
     if not has_loops(system) or n < min(FEWEST, len(t)) or len(t) < 3:

@@ -33,7 +33,7 @@ class Generation(Shape, frozen=True):
     commit: str = ""
     shown: str = ""  # the runs with equal bits in this and the following generation
 
-    def makes_same_runs(self, other: "Generation") -> bool:
+    def has_equal_run_digests(self, other: "Generation") -> bool:
         """Return whether both states of the code have equal digests of all that runs depend on; judging may differ."""
         return all(getattr(self, k) == getattr(other, k) for k in ("solvers", "problems", "measuring"))
 
@@ -79,17 +79,17 @@ def list_equal() -> tuple[Generation, ...]:
     The present state comes first; it is the only one if ``carried.json`` is missing or was written for other code.
     """
     here, carried = digest_present_code(), read_carried()
-    if carried is None or not carried.now.makes_same_runs(here):
+    if carried is None or not carried.now.has_equal_run_digests(here):
         return (here,)
     return (here, *reversed(carried.before))
 
 
-def is_of_this_code(problem: str, solver: str, code: str) -> bool:
-    """Return whether the present code, or an earlier state whose runs have the same bits, made a run of this digest.
+def is_current_or_carried(problem: str, solver: str, code: str) -> bool:
+    """Return whether a run has the digest of the present code, or of an earlier state of it that was carried over.
 
-    ``code`` is the column of the run's record, ``problem`` and ``solver`` are its names.
+    ``code`` is the column of the run's record, ``problem`` and ``solver`` are its names. An empty digest is of no code.
     """
-    return any(code == g.digest_run_code(problem, solver) for g in list_equal())
+    return code != "" and any(code == g.digest_run_code(problem, solver) for g in list_equal())
 
 
 def bring_forward(code: CodeDigests) -> CodeDigests:
@@ -125,7 +125,7 @@ def add_generation(
     ``known`` is its present content; ``solvers`` and ``problems`` are the names whose runs were all equal, the only
     ones that earlier states keep.
     """
-    older = known.before if known is not None and known.now.makes_same_runs(before) else ()
+    older = known.before if known is not None and known.now.has_equal_run_digests(before) else ()
     if known is not None and known.now.judging != before.judging:  # their verdicts were not compared
         older = tuple(msgspec.structs.replace(g, judging="") for g in older)
     return CarriedCode(after, tuple(_restrict(g, solvers, problems) for g in (*older, before)))

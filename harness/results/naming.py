@@ -17,5 +17,5 @@ def format_exactly(value: Any) -> str:
     if isinstance(value, list | tuple):
         return "(" + ",".join(map(format_exactly, value)) + ")"
     if isinstance(value, float):
-        return f"{value:.12g}" if float(f"{value:.12g}") == value else repr(value)
+        return f"{value:.12g}" if float(f"{value:.12g}") == value else repr(float(value))
     return str(value)

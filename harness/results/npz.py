@@ -66,7 +66,7 @@ def read_npz(
             if size > largest or len(members) > MEMBERS:
                 raise ValueError(f"{len(members)} arrays of {size} bytes, more than {MEMBERS} or {largest}")
             named = {m.filename.removesuffix(".npy"): m for m in members}
-            return {name: _array(archive.read(m)) for name, m in named.items() if wanted(name)}
+            return {name: _parse_array(archive.read(m)) for name, m in named.items() if wanted(name)}
     except OSError as error:
         raise ValueError(f"cannot read: {error.strerror or error}") from None
     except (
@@ -101,8 +101,11 @@ def _read_header(content: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
     return *readers[version](file), file.tell()
 
 
-def _array(content: bytes) -> np.ndarray:
-    """Return the array in an NPY file; raise ValueError unless it holds exactly the bytes that its shape needs."""
+def _parse_array(content: bytes) -> np.ndarray:
+    """Parse the content of an NPY file, and return its array.
+
+    Raise ValueError unless its dtype is of numbers or text (``PLAIN``), and its bytes are exactly those of its shape.
+    """
     end = content.find(b"\n", 0, LONGEST_HEADER) + 1
     shape, fortran, dtype, end = _read_header(content[: end or LONGEST_HEADER])
     data = content[end:]

@@ -93,7 +93,7 @@ def fork(
             target(lambda line: print(line, file=pipe, flush=True))
         ended = 0
     except BaseException as error:  # the child must never return into its parent's loop
-        ended = CANNOT_WRITE if is_full(error) else ended
+        ended = CANNOT_WRITE if is_disk_full_error(error) else ended
         with contextlib.suppress(Exception):  # on a full disk nothing can be written
             if not begun:
                 os.write(write, f"{type(error).__name__}: {error}\n".encode(errors="replace"))
@@ -112,8 +112,8 @@ def _flush() -> None:
             stream.flush()
 
 
-def is_full(error: BaseException) -> bool:
-    """Return whether an error says that a disk is full, or that a file exceeds an outside limit lower than ours."""
+def is_disk_full_error(error: BaseException) -> bool:
+    """Return whether ``error`` means that a disk is full, or a file larger than an outside limit lower than ours."""
     if not isinstance(error, OSError):
         return False
     cut = error.errno == errno.EFBIG and resource.getrlimit(resource.RLIMIT_FSIZE)[0] < OUTPUT_LIMIT

@@ -67,9 +67,12 @@ class PinnedBody:
         return PinnedBody(m, J, J + steiner, c, system.joint_s_j[0], system.gravity)
 
     @property
-    def reach(self) -> float:
-        """The larger of arm and radius of gyration [m], by which an angle error becomes a length."""
-        return max(float(np.linalg.norm(self.arm)), float(np.sqrt(np.trace(self.inertia_O) / self.mass)))
+    def error_radius(self) -> float:
+        """The length sqrt(tr J_O / m) [m] by which an error of R becomes one of positions.
+
+        It is sqrt(2) times the radius of gyration about O, and at least sqrt(2) times the arm.
+        """
+        return float(np.sqrt(np.trace(self.inertia_O) / self.mass))
 
 
 @dataclass(frozen=True)
@@ -101,9 +104,9 @@ class PinnedMotion:
         return States(r.astype(float)[:, None], R[:, None], v[:, None], Omega[:, None])
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Return a bound on the position error of C, and of points within the radius of gyration of O [m]."""
+        """Return a bound [m] on the position error of C, and of points no farther from O than ``error_radius``."""
         t = np.abs(np.asarray(t, dtype=float))
-        return self.body.reach * (self.angle_error(t) + FINAL) + FINAL * np.linalg.norm(self.body.pin)
+        return self.body.error_radius * (self.angle_error(t) + FINAL) + FINAL * np.linalg.norm(self.body.pin)
 
     def angle_error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """Return a bound on the Frobenius norm of R's error, its rounding to float64 included [rad]."""

@@ -25,10 +25,10 @@ from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import add_products, set_to_zero
 from .layout import Layout
 from .row_wear import RowWear
-from .rows.expressions import force_numbers
+from .rows.expressions import list_force_parameters
 from .saddle import InverseMass, Saddle
 from .sparse_pattern import FixedPattern
-from .symbolic import ELEMENTS, make_spring_slope_element, make_strong_row_element
+from .symbolic import ELEMENTS, make_spring_derivative_element, make_strong_row_element
 from .system_elements import (
     find_jacobian_pattern,
     index_pair_ends,
@@ -215,7 +215,7 @@ class _Springs:
         self._pattern = FixedPattern(row.ravel()[keep], column.ravel()[keep], (n, n))
         entry, self._m = np.where(keep, np.cumsum(keep) - 1, -1).reshape(len(at), -1), int(keep.sum())
         out = np.concatenate((entry, np.where(entry < 0, -1, self._m + entry)), axis=1)
-        batch = Batch(make_spring_slope_element(bare.chart), force_numbers(s, "spring"), z, ends.w, out)
+        batch = Batch(make_spring_derivative_element(bare.chart), list_force_parameters(s, "spring"), z, ends.w, out)
         self._slopes, self._at_rest = Assembly(bare, [batch], 2 * self._m, differentiable=False), np.zeros(n)
 
     def compute_slopes(self, pu: np.ndarray) -> tuple[Any, Any]:

@@ -121,11 +121,12 @@ def make_joint_rows(kind: str, chart: Chart) -> JointRows:
 @lru_cache(ELEMENTS)
 @making_code
 def make_row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) -> Element:
-    """Return the element of a joint: parameters ``joint_numbers``; inputs z end with lam, then t; outputs loads and c.
+    """Return the element of a joint: inputs z end with lam, then t; outputs are loads and c.
 
-    The loads load_i, load_j are -A^T lam, and c are the rows. ``level`` "acceleration":
-    c = phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "velocity": phi_dot + alpha phi; "position": phi, Eq. (93);
-    "both": phi and phi_dot; z then has lam and eta, and G A^T eta, output "moved", is added to p_dot.
+    Its parameters are those of ``list_joint_parameters``. The loads load_i, load_j are -A^T lam, and c are the rows.
+    ``level`` "acceleration": c = phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "velocity": phi_dot + alpha phi;
+    "position": phi, Eq. (93); "both": phi and phi_dot; z then has lam and eta, and G A^T eta, output "moved", is added
+    to p_dot.
     """
     pair = make_joint_rows(kind, chart)
     n = pair.value.numel()
@@ -161,11 +162,11 @@ DIRECTIONS = ("a", "mass", "translation")
 def make_strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element:
     """Return the element with the terms of Eq. (65) for the rows of a joint, at u_dot = 0.
 
-    Parameters: ``joint_numbers``, then m_i, J_i, m_j, J_j, and 1 if j moves, else 0. Outputs: A in the chart, ``gamma``
-    = phi_ddot, phi_dot, phi, M_bar, M_bar_dot and c. The last three are taken in the coordinate-free velocities V, with
-    a . c = 1 by Eq. (31) and M_bar = c^T M c by Eq. (30), so that they do not depend on the chart. ``direction`` of c:
-    "a" a / (a . a); "mass" M^-1 a / (a . M^-1 a); "translation" (e_k, 0) on the first body, for point rows. Matrices
-    are stored column by column; the ground has no part in a.
+    Parameters: ``list_joint_parameters``, then m_i, J_i, m_j, J_j, and 1 if j moves, else 0. Outputs: A in the chart,
+    ``gamma`` = phi_ddot, phi_dot, phi, M_bar, M_bar_dot and c. The last three are taken in the coordinate-free
+    velocities V, with a . c = 1 by Eq. (31) and M_bar = c^T M c by Eq. (30), so that they do not depend on the chart.
+    ``direction`` of c: "a" a / (a . a); "mass" M^-1 a / (a . M^-1 a); "translation" (e_k, 0) on the first body, for
+    point rows. Matrices are stored column by column; the ground has no part in a.
     """
     pair, body = make_joint_rows(kind, chart), ca.SX.sym("bodies", 21)
     n = pair.value.numel()
@@ -194,7 +195,7 @@ def make_strong_row_element(kind: str, chart: Chart, direction: str = "a") -> El
 @lru_cache(ELEMENTS)
 @making_code
 def make_force_element(kind: str, chart: Chart, *, in_chart: bool = True) -> Element:
-    """Return the element of a force of kind ``kind``: parameters ``force_numbers``, output "load".
+    """Return the element of a force of kind ``kind``: parameters ``list_force_parameters``, output "load".
 
     The load is -B^T f in the chart's velocities if ``in_chart``, else f itself in the velocities V.
     """
@@ -219,10 +220,12 @@ def make_load_element(
 
 @lru_cache(ELEMENTS)
 @making_code
-def make_spring_slope_element(chart: Chart) -> Element:
-    """Return the element of a spring's derivatives: -df/dV, and -df/dx along the flow (12 x 12, column by column).
+def make_spring_derivative_element(chart: Chart) -> Element:
+    """Return the element of a spring's derivatives: parameters ``list_force_parameters``; "damping" and "stiffness".
 
-    Eq. (32) takes C_bar and K_bar from these.
+    These outputs are -df/dV and -df/dx, each 12 x 12 and stored column by column, of the load f (12) on both bodies. V
+    is (r_dot in space, Omega in the body) of both, not the chart's velocities, and a change dx of pose is a
+    displacement along V. C_bar and K_bar of Eq. (32) are made of these.
     """
     e, i, j = express_push("spring"), make_moving_body(chart, "i"), make_moving_body(chart, "j")
     free = ca.Function("spring", [e.x, e.V, e.t, e.numbers], [-e.velocity_slopes, -e.pose_slopes])

@@ -13,7 +13,7 @@ from ...harness.mechanics.forces import DECLARED
 from ...harness.mechanics.joints import KINDS
 from .assembly import Assembly, Batch
 from .layout import Layout, StabilisedLayout
-from .rows.expressions import force_numbers, joint_numbers
+from .rows.expressions import list_force_parameters, list_joint_parameters
 from .sparse_pattern import FixedPattern
 from .symbolic import make_body_element, make_force_element, make_row_element
 from .tracing import make_user_element
@@ -85,7 +85,7 @@ def make_force_batches(layout: Layout, *, in_chart: bool = True) -> list[Batch]:
         z = np.concatenate((ends.z[:, : size * (layout.chart.size + 6)], ends.t), axis=1)
         out = (ends.load if in_chart else ends.free)[:, : 6 * size]
         element = make_force_element(kind, layout.chart, in_chart=in_chart)
-        batches.append(Batch(element, force_numbers(s, kind), z, ends.w[:, : 6 * size], out))
+        batches.append(Batch(element, list_force_parameters(s, kind), z, ends.w[:, : 6 * size], out))
     for k, law in enumerate(s.user_law):
         ends = index_pair_ends(layout, s.user_i[k : k + 1], s.user_j[k : k + 1])
         z, out = np.concatenate((ends.z, ends.t), axis=1), ends.load if in_chart else ends.free
@@ -102,7 +102,7 @@ def iterate_joint_kinds(layout: Layout) -> Iterator[KindRows]:
             first, n = s.row_start[joints], s.row_start[joints[0] + 1] - s.row_start[joints[0]]
             i, j = s.joint_i[joints], s.joint_j[joints]
             rows = first[:, None] + np.arange(n)
-            yield KindRows(kind, i, j, rows, joint_numbers(s, joints), index_pair_ends(layout, i, j))
+            yield KindRows(kind, i, j, rows, list_joint_parameters(s, joints), index_pair_ends(layout, i, j))
 
 
 def find_jacobian_pattern(layout: Layout) -> tuple[FixedPattern, Int[np.ndarray, " entries"]]:

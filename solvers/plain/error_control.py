@@ -28,9 +28,9 @@ class ErrorControl:
         self.counters, self.ended = {"rejected": 0}, (Status.SUCCESS, "")
 
     def choose_step(self, t: float) -> float | None:
-        """Return the step [s] to try at ``t``; None at the end, or where a step would not advance the time.
+        """Return the step [s] to try at ``t``, at most ``max_step``; the last stretch is taken in two even steps.
 
-        The status of the latter is set as ``ended``.
+        None at the end, or, with ``ended`` set to STEP_UNDERFLOW, where a step would not advance the time.
         """
         h, left = min(self.h, self.longest), self.t_end - t
         if left <= SHORTEST * t:

@@ -56,6 +56,39 @@ def test_files_that_the_map_draws_exist():
     assert len(named) > 25 and not [name for name in named if not (ROOT / name).is_file()]
 
 
+def read_rows():
+    """The files to write and to edit in each row of the map's table, by the first two words of the row."""
+    table = MAP.partition("## Where things live")[2].partition("\n\nFolders")[0]
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines() if line.startswith("| a ")]
+    titles = [" ".join(row[0].replace(",", "").split()[:2]).capitalize() for row in rows]
+    files = [[re.findall(r"`([\w<>]+/[\w./<>]+)`", cell) for cell in row[1:3]] for row in rows]
+    return dict(zip(titles, files, strict=True))
+
+
+@pytest.mark.parametrize("title", SECTIONS)
+def test_the_map_names_the_files_of_each_addition(title):
+    """The examples write and edit what its table says; what else may be edited, the section names in words."""
+    text, (write, edited) = SECTIONS[title], read_rows()[title]
+    steps = [(what, name) for what, name, _ in STEP.findall(text)]
+    patterns = [re.sub(r"<\w+>", r"\\w+", re.escape(name)) for name in write]
+    saved = [name for what, name in steps if what == "Save as"]
+    assert all(any(re.fullmatch(pattern, name) for pattern in patterns) for name in saved)
+    assert saved or all(f"`{name}`" in text for name in write)
+    changed = {name for what, name in steps if what != "Save as"}
+    assert changed <= set(edited) and all(name in changed or f"`{name}`" in text for name in edited)
+
+
+def test_the_reason_in_kinds_toml_is_for_the_class_of_the_example():
+    """docs/kinds.toml has one for each reader there is, and the page shows the line of its own."""
+    text = SECTIONS["A format"]
+    (shown,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    (key,) = tomllib.loads(shown)
+    saved, blocks = next((name, blocks) for what, name, blocks in STEP.findall(text) if what == "Save as")
+    assert key == f"{saved} Document" and "\nclass Document:" in blocks
+    known = tomllib.loads((ROOT / "docs" / "kinds.toml").read_text(encoding="utf-8"))["names that classes share"]
+    assert key.replace("bobs", "usd") in known and '["names that classes share"]' in text
+
+
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory):
     """A copy of the package to which every example of the page has been added."""

@@ -45,10 +45,11 @@ def compare(cases: list, t: np.ndarray, substeps: int) -> None:
         exact = find_one_body_motion(p.system, p.initial)
         s = exact.states(t)
         angle = so3.angle_between(s.R[:, 0], R[k])
-        allowed = exact.error(t) + ROUTE * body.reach * (1.0 + np.abs(t) * np.max(np.abs(Omega[k])))
-        assert_each(body.reach * angle, "<=", allowed, (cases[k], np.max(body.reach * angle / allowed)))
+        radius = body.error_radius
+        allowed = exact.error(t) + ROUTE * radius * (1.0 + np.abs(t) * np.max(np.abs(Omega[k])))
+        assert_each(radius * angle, "<=", allowed, (cases[k], np.max(radius * angle / allowed)))
         rate = 1.0 + np.max(np.abs(Omega[k])) ** 2
-        assert_each(np.linalg.norm(s.Omega[:, 0] - Omega[k], axis=1), "<=", rate * allowed / body.reach, cases[k])
+        assert_each(np.linalg.norm(s.Omega[:, 0] - Omega[k], axis=1), "<=", rate * allowed / radius, cases[k])
 
 
 def test_tops_and_pendulums_agree_with_the_second_route() -> None:

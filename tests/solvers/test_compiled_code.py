@@ -42,6 +42,27 @@ def test_what_compiled_code_raises_reaches_its_caller():
     assert pair.y[0] == 3.0
 
 
+def print_number(p: Any) -> None:
+    """Print x, which compiled code cannot."""
+    print(p.x[0])  # noqa: T201  it is what is tried
+
+
+def print_text(p: Any) -> None:
+    """Print a text of the code itself."""
+    print("here")  # noqa: T201  it is what is tried
+    p.y[0] = p.x[0]
+
+
+def test_compiled_code_prints_no_number(monkeypatch, tmp_path, capsys):
+    """As docs/debugging.md says; a text appears in the process that compiles it, whose code is kept apart here."""
+    monkeypatch.setattr(code, "FOLDER", tmp_path)
+    pair = Pair(np.array([4.0]), np.zeros(1))
+    with pytest.raises(ArithmeticError, match="print_number"):
+        BoundFunction(print_number, pair)()
+    BoundFunction(print_text, pair)()
+    assert capsys.readouterr().out == "here\n" and pair.y[0] == 4.0
+
+
 def test_another_version_of_numba_compiles_the_same(monkeypatch, tmp_path):
     """Its private methods stay as they are."""
     monkeypatch.setattr(code, "FOLDER", tmp_path)

@@ -17,7 +17,7 @@ from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.mechanics.user_forces import NUMBERS as NUMBERS_READ
 from ..generated import Code, Program
 from ..rows.kept_code import load_or_make_code, load_row_code
-from ..rows.numbers import force_numbers, joint_numbers
+from ..rows.numbers import list_force_parameters, list_joint_parameters
 from . import evaluation, factor, row_choice, user_forces
 from .blocks import WIDTH, Blocks, analyse_joint_blocks
 from .entries import BoundFunction, digest_callees
@@ -427,7 +427,7 @@ class Loops:
             end = at
             while end < len(parts) and parts[end][:4] == parts[at][:4]:
                 end += 1
-            numbers = joint_numbers(self._system, np.array([part.joint for part in parts[at:end]]))
+            numbers = list_joint_parameters(self._system, np.array([part.joint for part in parts[at:end]]))
             key = str(joints.KINDS[kind]), tuple(range(lo, hi)), bool(ground)
             ends, rows = [0] if ground else [0, 1], slice(int(k.row[at]), int(k.row[end]))
             yield Group(key, k.body[at:end], ends, numbers, np.array([end - at]), rows)
@@ -442,7 +442,7 @@ class Loops:
                 own = np.flatnonzero((j == GROUND) == ground)
                 if len(own):
                     body = np.stack((i[own], j[own]), axis=1)
-                    numbers = force_numbers(self._system, kind)[own]
+                    numbers = list_force_parameters(self._system, kind)[own]
                     ends = [0] if ground else [0, 1]
                     yield kind, Group((kind, (), ground), body, ends, numbers, np.array([len(own)]), slice(0))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ....harness.mechanics.fixed_order import apply
 from ....harness.mechanics.system import GROUND
-from ..rows.expressions import express_rows, joint_numbers
+from ..rows.expressions import express_rows, list_joint_parameters
 from .motion import ZERO, TreeMotion, Wrench, weighted_sum
 from .tree import Limb, remove_rounding
 
@@ -103,7 +103,7 @@ def _evaluate_joint(motion: TreeMotion, k: int, *, at_joint: bool = False) -> tu
     With ``at_joint``, C is the joint's point on each body, and only A is valid.
     """
     s, ends = motion.system, (int(motion.system.joint_i[k]), int(motion.system.joint_j[k]))
-    numbers = joint_numbers(s, np.array([k]))[0]
+    numbers = list_joint_parameters(s, np.array([k]))[0]
     i, j = (motion.frame(b).T for b in ends)
     size = float(np.max(np.abs(numbers[:6]), initial=0.0))
     for at, frame in ((0, i), (3, j), (6, i), (9, i), (12, j), (15, j), (18, j)):

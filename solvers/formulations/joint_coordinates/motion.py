@@ -20,7 +20,7 @@ from ....harness.mechanics import forces
 from ....harness.mechanics.declaring import Pose
 from ....harness.mechanics.fixed_order import apply, dot, product
 from ....harness.mechanics.system import GROUND, MultibodySystem
-from ..rows.expressions import express_time_function, force_numbers
+from ..rows.expressions import express_time_function, list_force_parameters
 from ..rows.symbols import Symbol
 from .tree import Limb, Tree, remove_rounding
 
@@ -202,7 +202,7 @@ class TreeMotion:
         out = {b: Wrench(ZERO, ZERO) for b in self.limb}
         s = self.system
         for kind, declared in forces.DECLARED.items():
-            for k, numbers in enumerate(force_numbers(s, kind)):
+            for k, numbers in enumerate(list_force_parameters(s, kind)):
                 i = int(getattr(s, f"{kind}_i")[k])
                 j = int(getattr(s, f"{kind}_j")[k]) if declared.pair else GROUND
                 poses = self._pose(i), self._pose(j)

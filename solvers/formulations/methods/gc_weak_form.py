@@ -135,7 +135,7 @@ class FallbackMarcher:
         record = other.stretch(n if self._simple_excluded else min(n, self._patience))
         self._patience, self._stuck = min(2 * self._patience, MOST_PATIENCE), False
         if not self._simple_excluded:
-            self._take_back()
+            self._return_to_simplified()
         self._join_determinants(other, record)
         return record
 
@@ -171,13 +171,17 @@ class FallbackMarcher:
                 f.terms.old[:] = scale * s.impulse[last]
                 f.terms.increment[:] = f.terms.old - scale * s.impulse[before] if s.scheme["known"] > 1 else 0.0
 
-    def _take_back(self) -> None:
-        """Pass the state of the full method, and its last step as the past, to the simplified one."""
+    def _return_to_simplified(self) -> None:
+        """Copy pose, velocity, nu_start and time from the full method to the simplified one, with its last step.
+
+        That becomes the only known past step: its acceleration is (v - old_v) / h, its impulse per time increment / h
+        where nu is kept, else (1 - gauge) old / h, the inverse of ``_hand_over``.
+        """
         s, f, c = self._simple.bundle.step, self._full_marcher.bundle, self.state
         k, o, h, g = s.kernel, f.kernel, float(f.scheme["last"]), s.scheme
         k.r[:], k.R[:], k.v[:], k.t[0] = o.r, o.R, o.v, o.t[0]
         s.nu_start[:] = f.terms.nu_start
-        g["known"], g["factored"], g["begun"] = 1, 0, 0
+        g["known"], g["factored"], g["begun"] = 1, 0, 0  # one past step, no factor of S, the next step not begun
         s.acceleration[0] = (k.v - f.old_v) / h
         s.middle[0] = c["t"] - 0.5 * h
         s.impulse[0] = f.terms.increment / h if g["keep_nu"] else (1.0 - float(g["gauge"])) * f.terms.old / h

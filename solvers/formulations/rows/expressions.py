@@ -17,9 +17,9 @@ import numpy as np
 
 from ....harness.mechanics import forces, joints
 from ....harness.mechanics.declaring import JointDeclaration, Numbers, PointLoad, Pose, cross
-from .numbers import NUMBERS, count_force_numbers
-from .numbers import force_numbers as force_numbers
-from .numbers import joint_numbers as joint_numbers
+from .numbers import NUMBERS, count_force_parameters
+from .numbers import list_force_parameters as list_force_parameters
+from .numbers import list_joint_parameters as list_joint_parameters
 from .symbols import Symbol
 
 
@@ -100,7 +100,12 @@ def express_rows(kind: str, rows: tuple[int, ...] | None = None, *, space: bool 
 @cache
 def express_push(kind: str) -> PushExpressions:
     """Return the load of a ``kind`` of force on both bodies, as an expression."""
-    x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", count_force_numbers(kind))
+    x, V, t, numbers = (
+        ca.SX.sym("x", 24),
+        ca.SX.sym("V", 12),
+        ca.SX.sym("t"),
+        ca.SX.sym("p", count_force_parameters(kind)),
+    )
     i, j, (force, torque, point) = express_load(kind, x, V, t, numbers)
     load = []
     for body, sign in ((i, 1.0), (j, -1.0)):

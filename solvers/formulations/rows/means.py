@@ -13,7 +13,7 @@ import casadi as ca
 
 from ..generated import GeneratedFunction, Loop
 from .expressions import RowExpressions, express_load, express_rows, list_by_rows, make_matrix, stack_column
-from .numbers import count_force_numbers
+from .numbers import count_force_parameters
 
 # poses at the start, at the end; v is the mean
 BODY = (("r0", 3), ("R0", 9), ("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))
@@ -75,7 +75,7 @@ def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
     t, h, numbers, (i, j) = (
         ca.SX.sym("t"),
         ca.SX.sym("h"),
-        ca.SX.sym("p", count_force_numbers(kind)),
+        ca.SX.sym("p", count_force_parameters(kind)),
         _make_body_symbols(ground),
     )
     if kind == "spring":

@@ -17,7 +17,14 @@ from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import GeneratedFunction
 from ..joint_coordinates.elimination import Factor, Matrix
-from .expressions import express_push, express_rows, force_numbers, joint_numbers, list_by_rows, make_matrix
+from .expressions import (
+    express_push,
+    express_rows,
+    list_by_rows,
+    list_force_parameters,
+    list_joint_parameters,
+    make_matrix,
+)
 
 DEPENDENT = 1e-9  # the bound of ``compiled.factor``
 NOISE = 1e-15  # share of the largest of an array below which a constant is rounding of zero
@@ -161,7 +168,7 @@ class SymbolicMechanism:
         for part in self.parts:
             e = express_rows(part.kind, part.of)
             free = ca.Function("free", [e.x, e.V, e.t, e.numbers], [e.A, e.phi, e.phi_t, e.gamma])
-            A, *scalars = free(*join_ends(at, part.body), at.t, list_joint_numbers(self.system, part.joint))
+            A, *scalars = free(*join_ends(at, part.body), at.t, list_exact_joint_parameters(self.system, part.joint))
             for k in range(len(part.of)):
                 own = {b: A[k, 6 * e : 6 * e + 6].T for e, b in enumerate(part.body) if b != GROUND}
                 out[part.first + k] = SymbolicRow(own, *(x[k] for x in scalars))
@@ -192,7 +199,7 @@ class SymbolicMechanism:
             e = express_push(kind)
             free = ca.Function("free", [e.x, e.V, e.t, e.numbers], [e.load])
             # numbers of several units: none is small compared with others
-            for m, numbers in enumerate(force_numbers(s, kind)):
+            for m, numbers in enumerate(list_force_parameters(s, kind)):
                 j = int(getattr(s, f"{kind}_j")[m]) if declared.pair else GROUND
                 ends = int(getattr(s, f"{kind}_i")[m]), j
                 load = free(*join_ends(at, ends), at.t, numbers)
@@ -224,9 +231,9 @@ def join_ends(at: SymbolicState, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:
     return ca.vertcat(r_i, R_i, r_j, R_j), ca.vertcat(v_i, v_j)
 
 
-def list_joint_numbers(system: MultibodySystem, joint: int) -> np.ndarray:
+def list_exact_joint_parameters(system: MultibodySystem, joint: int) -> np.ndarray:
     """Return the numbers of a joint in the order of the expressions, with exact zeros instead of rounding."""
-    numbers = joint_numbers(system, np.array([joint]))[0]
+    numbers = list_joint_parameters(system, np.array([joint]))[0]
     for part in (slice(0, 6), slice(6, 12), slice(12, 21)):
         numbers[part] = snap_zeros(numbers[part])
     return numbers

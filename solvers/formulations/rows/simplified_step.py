@@ -15,7 +15,7 @@ from .mechanism import (
     SymbolicMechanism,
     SymbolicState,
     join_ends,
-    list_joint_numbers,
+    list_exact_joint_parameters,
     make_column,
     multiply_row,
     snap_zeros,
@@ -141,7 +141,7 @@ class SimplifiedStep(SymbolicMechanism):
             J = snap_zeros(s.regular_inertia[max(b, 0)]), snap_zeros(inverse(s.regular_inertia[max(b, 0)]))
             numbers = s.mass[b] * s.gravity, s.mass[b : b + 1], J[1].ravel(), J[0].ravel()
             bodies.append(ca.DM(np.concatenate(numbers)) if b >= 0 else ca.DM.zeros(22))
-        return [*join_ends(spun, part.body), spun.t, list_joint_numbers(s, part.joint), *bodies]
+        return [*join_ends(spun, part.body), spun.t, list_exact_joint_parameters(s, part.joint), *bodies]
 
 
 @cache

@@ -17,7 +17,7 @@ from .mechanism import (
     SymbolicMechanism,
     SymbolicRow,
     SymbolicState,
-    list_joint_numbers,
+    list_exact_joint_parameters,
     make_column,
     multiply_row,
 )
@@ -150,7 +150,7 @@ class MeanMechanism(SplitMechanism):
         still = ca.SX.zeros(3), one, ca.SX.zeros(3), one, ca.SX.zeros(6)
         for part in self.parts:
             bodies = [still if b == GROUND else [a[n * b : n * b + n] for a, n in arrays] for b in part.body]
-            numbers = ca.SX(ca.DM(list_joint_numbers(self.system, part.joint)))
+            numbers = ca.SX(ca.DM(list_exact_joint_parameters(self.system, part.joint)))
             phi, forces, X = express_mean_rows(express_rows(part.kind, part.of), numbers, self._h, bodies)
             for k in range(len(part.of)):
                 A = {

@@ -41,6 +41,11 @@ each_chart = pytest.mark.parametrize("coordinates", CHARTS)
 ends = pytest.mark.parametrize("ground", [False, True], ids=["two bodies", "ground"])
 
 
+def test_numbers_of_kinds_are_taken_once_and_leave_no_gap() -> None:
+    """Systems and kept files name a kind by its place among the numbers."""
+    assert [kind.number for kind in DECLARED.values()] == list(range(len(DECLARED)))
+
+
 def timed(system: MultibodySystem, seed: int, t: float = 0.4) -> State:
     s = arbitrary(system, seed)
     return State(s.r, s.R, s.v, s.Omega, t)

@@ -7,7 +7,7 @@ import pytest
 
 from mbsbench import StepControl, solve
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.metrics.passages import find_passages, list_passages
+from mbsbench.harness.metrics.passages import find_passage_times, list_passages
 from mbsbench.harness.results.words import describe_status
 from mbsbench.tests.comparing import assert_each
 
@@ -29,7 +29,7 @@ def crossings(problem, out) -> np.ndarray:
 @pytest.mark.parametrize("of", LINKAGES, ids=lambda of: of.problem.name)
 def test_each_flat_pose_is_found_at_the_time_of_the_angle(of):
     out = make_solver("half_explicit").solve(of.problem, StepControl(dt=1e-3))
-    found, true = np.array(find_passages(of.problem.system, out.t, out.states)), crossings(of.problem, out)
+    found, true = np.array(find_passage_times(of.problem.system, out.t, out.states)), crossings(of.problem, out)
     inside = true[(true > 0.05) & (true < of.problem.t_end - 0.05)]  # at either end no rows lie behind them
     assert len(inside) > 2
     assert_each(np.min(np.abs(inside[:, None] - found), axis=1), "<", 1e-4)
@@ -61,4 +61,4 @@ def test_turning_loops_that_keep_their_rank_have_no_note(loop):
     for parts in (60, 600, 6000):
         t = np.linspace(0.0, problem.t_end, parts)
         out = make_solver("lie_variational").solve(problem, StepControl(dt=float(t[1])))
-        assert find_passages(problem.system, out.t, out.states) == []
+        assert find_passage_times(problem.system, out.t, out.states) == []

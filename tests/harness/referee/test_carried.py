@@ -10,7 +10,7 @@ from mbsbench.harness.referee.carried import (
     add_generation,
     bring_forward,
     digest_present_code,
-    is_of_this_code,
+    is_current_or_carried,
     read_carried,
 )
 from mbsbench.harness.results.codes import digest_run_code
@@ -35,15 +35,21 @@ def published(tmp_path, monkeypatch):
 
 
 def test_the_present_code_is_its_own():
-    assert is_of_this_code("chain", "rattle", digest_run_code("chain", "rattle"))
+    assert is_current_or_carried("chain", "rattle", digest_run_code("chain", "rattle"))
     assert digest_present_code().digest_run_code("chain", "rattle") == digest_run_code("chain", "rattle")
+
+
+def test_an_empty_digest_is_of_no_code():
+    """A solver that a catalogue does not have has none, nor has the record of a run by ``mbsbench solve``."""
+    assert digest_present_code().digest_run_code("chain", "gone") == ""
+    assert not is_current_or_carried("chain", "gone", "") and not is_current_or_carried("chain", "rattle", "")
 
 
 def test_what_was_published_of_any_earlier_generation_counts(published):
     """Verdicts of the first generation and a picture of the second are both true of the present code."""
     here = digest_present_code()
     for old in (FIRST, SECOND):
-        assert is_of_this_code("chain", "rattle", old.digest_run_code("chain", "rattle"))
+        assert is_current_or_carried("chain", "rattle", old.digest_run_code("chain", "rattle"))
         code = bring_forward(CodeDigests(old.solvers, old.problems, old.measuring, "j1", "runs"))
         judging = here.judging if old is FIRST else "j1"  # of the second nobody compared verdicts
         solvers, problems = {"rattle": here.solvers["rattle"]}, {"chain": here.problems["chain"]}
@@ -53,7 +59,7 @@ def test_what_was_published_of_any_earlier_generation_counts(published):
 def test_other_code_is_not_carried(published):
     """A digest that no run has shown to be equal stays what it is, one part of it too."""
     other = CodeDigests({"rattle": "r1"}, {"chain": "c9"}, "m1", "judging", "runs")
-    assert bring_forward(other) == other and not is_of_this_code("chain", "rattle", "elsewhere")
+    assert bring_forward(other) == other and not is_current_or_carried("chain", "rattle", "elsewhere")
 
 
 def test_a_change_after_the_last_carry_ends_it(published):
@@ -62,7 +68,7 @@ def test_a_change_after_the_last_carry_ends_it(published):
     published.write_text(to_json(replace(known, now=replace(known.now, measuring="changed"))))
     carried.list_equal.cache_clear()
     assert carried.list_equal() == (digest_present_code(),)
-    assert not is_of_this_code("chain", "rattle", FIRST.digest_run_code("chain", "rattle"))
+    assert not is_current_or_carried("chain", "rattle", FIRST.digest_run_code("chain", "rattle"))
 
 
 def test_judges_that_changed_judge_runs_that_were_carried(published):
@@ -70,7 +76,7 @@ def test_judges_that_changed_judge_runs_that_were_carried(published):
     known = read_carried(published)
     published.write_text(to_json(replace(known, now=replace(known.now, judging="before"))))
     carried.list_equal.cache_clear()
-    assert is_of_this_code("chain", "rattle", FIRST.digest_run_code("chain", "rattle"))
+    assert is_current_or_carried("chain", "rattle", FIRST.digest_run_code("chain", "rattle"))
     assert bring_forward(CodeDigests(FIRST.solvers, FIRST.problems, FIRST.measuring, "j1", "runs")).judging == "j1"
     other = replace(SECOND, judging="j2")
     assert [

@@ -87,7 +87,7 @@ def test_runs_of_earlier_code_are_judged_where_they_are_carried_over(made, monke
     write, call, _ = made
     write(0.5)
     monkeypatch.setattr(command, "find_older_runs", lambda records, _: tuple(records))
-    monkeypatch.setattr(command, "is_of_this_code", lambda *_: equal)
+    monkeypatch.setattr(command, "is_current_or_carried", lambda *_: equal)
     assert call() == code
     assert ("are older than the code of" in capsys.readouterr().err) is not equal
 

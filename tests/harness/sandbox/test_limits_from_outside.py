@@ -107,7 +107,7 @@ def test_a_file_as_large_as_a_limit_from_outside_is_a_full_disk(monkeypatch) -> 
     error = OSError(errno.EFBIG, "File too large")
     for most, full in ((isolation.OUTPUT_LIMIT // 2, True), (isolation.OUTPUT_LIMIT, False)):
         monkeypatch.setattr(isolation.resource, "getrlimit", lambda what, most=most: (most, most))
-        assert isolation.is_full(error) is full
+        assert isolation.is_disk_full_error(error) is full
 
 
 @pytest.mark.parametrize("code", [0.0, 100.0])
