@@ -21,8 +21,8 @@ from .terminal import make_console, print_unreadable
 def run(arguments: argparse.Namespace) -> int:
     """Repeat a sample of runs and compare; return 0 if they agree, else 1.
 
-    Runs on the same code and platform must agree bit for bit, others within platform differences. Without --json, an
-    unreadable record gives 1, too.
+    Runs on the same code and platform must agree bit for bit, others within platform differences. An unreadable record
+    gives 1, too.
     """
     folder = arguments.results
     plugins = load_plugins(arguments.plugin)
@@ -44,7 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     good = found.is_identical if exact else found.alike
     show_comparison(found, [d for d in find_differences(*stamps) if d.what != "suite"], json=arguments.json)
     if arguments.json:
-        return 0 if good else 1
+        print_unreadable(loaded.unreadable)
+        return 0 if good and not loaded.unreadable else 1
     out = make_console()
     demand = "bit for bit: same code, same platform" if exact else "within the differences between platforms"
     out.print(f"{'verified' if good else 'NOT verified'}: {len(sample)} of {len(records)} runs ({demand})")

@@ -116,6 +116,11 @@ class Problem:
             kind = type(one).__name__.lower()
             check_text(f"problem {self.name}: name of an {kind}", one.name)
             check_text(f"problem {self.name}: unit of {kind} {one.name}", one.unit)
+        if self.initial.t != 0.0:
+            raise ValueError(
+                f"problem {self.name}: the start has t = {self.initial.t:g} s, and every motion begins at t = 0: "
+                "shift drives and loads in time instead"
+            )
         if 0.0 < self.t_end < math.inf:
             check_axes(self.system, self.initial, self.t_end)
 

@@ -109,7 +109,7 @@ def write_captions(folder: Path, environment: Any, made: list[Caption], order: l
     new = {c.name for c in made}
     every = [*(c for c in read_captions(folder) if c.name in order and c.name not in new), *made]
     figures = tuple(sorted(every, key=lambda c: order.index(c.name)))
-    whole = Captions(str(environment.get("run") or folder.name), str(environment.get("commit", "")), figures)
+    whole = Captions(folder.name, str(environment.get("commit", "")), figures)
     (ConfinedPath(folder) / FOLDER / FILE).write(to_json(whole, indent=1))
 
 

@@ -3,6 +3,8 @@
 The laws are those of the full system in (r, R): nothing here knows angles, elliptic functions or linkages.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -162,3 +164,10 @@ def test_a_reference_takes_times_in_any_order(name: str) -> None:
     s = reference.states(t)
     for k in range(len(t)):
         assert np.array_equal(reference.states(t[k : k + 1]).r[0], s.r[k])
+
+
+def test_a_motion_begins_at_zero():
+    """Solvers begin at t = 0, each of them: a start with another time is refused in words."""
+    problem = make_problem("heavy_top", {})
+    with pytest.raises(ValueError, match=r"the start has t = 0.1 s, and every motion begins at t = 0"):
+        dataclasses.replace(problem, initial=dataclasses.replace(problem.initial, t=0.1))

@@ -99,6 +99,12 @@ def test_verify_and_diff(command, tmp_path, capsys, monkeypatch):
     assert main(["verify", "a", *WITH, "--sample", "8"]) == 0
     good = capsys.readouterr().out
     assert "verified: 8 of 8" in good and "bit for bit" in good
+    damaged = tmp_path / "a" / "runs" / "damaged.json"
+    damaged.write_text("{")
+    assert main(["verify", "a", *WITH, "--sample", "1", "--json"]) == 1
+    told = capsys.readouterr()
+    assert json.loads(told.out)["same"] and "damaged.json" in told.err
+    damaged.unlink()
     assert command("verify", "a").returncode == 2  # without the plugin its runs cannot be run
     folder, other = tmp_path / "a", tmp_path / "b"
     store.create_folder(other)
