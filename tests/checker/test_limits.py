@@ -97,7 +97,7 @@ def test_a_motion_is_judged_while_the_stated_error_is_small(stated, judged):
         knows_shares=True,
         is_one_mechanism=True,
         motion_error=np.zeros(10),
-        claim=lambda *words: None,
+        require=lambda *words: None,
         compare=lambda column, value, *more: found.update({column: value}),
     )
     checker.Run.check_errors_in_time(run)
