@@ -77,7 +77,9 @@ def braked(
 
 
 @pytest.mark.parametrize(("steps", "step"), [(2, 0.15), pytest.param(16, 0.625, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(("torque", "frequency"), [(0.0, 0.0), (1.0, 40.0), (5.0, 200.0)])
+@pytest.mark.parametrize(
+    ("torque", "frequency"), [(0.0, 0.0), (1.0, 40.0), pytest.param(5.0, 200.0, marks=pytest.mark.slow)]
+)
 def test_few_exact_steps_lose_no_energy(torque, frequency, steps, step):
     """Of 0.6 s: up to 10 turns of the wheel in each, and 4 to 20 periods of a torque; of 0.15 s a quarter of that."""
     problem, exact = braked(steps, torque, frequency, t_end=steps * step)
