@@ -13,6 +13,7 @@ from syntax_trees import (  # type: ignore[import-not-found]  # beside this file
     list_bodies,
     list_called_names,
     list_names,
+    list_nodes,
     read_modules,
     read_name,
 )
@@ -52,7 +53,7 @@ def find_tableaus(module: Module) -> Found:
 
 def find_steppers(module: Module) -> Found:
     """Find loops over the stages of a pair: they read weights ``a`` and nodes ``c``, in files that name a tableau."""
-    if not any(re.search("dop(ri)?853|tableau", n, re.IGNORECASE) for n in list_names(module.tree)):
+    if not any(re.search("dop(ri)?853|tableau", n, re.IGNORECASE) for n in map(read_name, list_nodes(module.tree))):
         return
     for name, _, own in list_bodies(module.tree):
         for loop in [n for n in own if isinstance(n, Loop)]:
@@ -189,7 +190,7 @@ ROADS = {"njit", "jit", "cfunc", "CFunc", "intrinsic", "parse_assembly", "IRBuil
 
 def find_compilers(module: Module) -> Found:
     """Find places that compile code: by numba, by LLVM, or from LLVM source text in the file."""
-    for node in ast.walk(module.tree):
+    for node in list_nodes(module.tree):
         called = node.func if isinstance(node, ast.Call) else None
         decorated = node.decorator_list if isinstance(node, ast.FunctionDef) else []
         text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
@@ -215,13 +216,13 @@ def find_private_uses(module: Module) -> Found:
     ours = list_own_names()
     foreign = {
         a.asname or a.name.partition(".")[0]
-        for n in ast.walk(module.tree)
+        for n in list_nodes(module.tree)
         if isinstance(n, ast.Import)
         for a in n.names
     }
     foreign |= {
         a.asname or a.name
-        for n in ast.walk(module.tree)
+        for n in list_nodes(module.tree)
         if isinstance(n, ast.ImportFrom) and not n.level
         for a in n.names
     }
@@ -261,7 +262,7 @@ def list_own_names() -> set[str]:
     """Return all names that files of the product define."""
     out = set()
     for module in read_modules():
-        for node in ast.walk(module.tree):
+        for node in list_nodes(module.tree):
             if isinstance(node, Scope) and not isinstance(node, ast.Module):
                 out.add(node.name)
             elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
@@ -278,7 +279,7 @@ def list_class_files() -> dict[str, set[str]]:
     """Return the paths of the files that define a public class, by its name."""
     out: dict[str, set[str]] = defaultdict(set)
     for module in read_modules():
-        for node in ast.walk(module.tree):
+        for node in list_nodes(module.tree):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 out[node.name].add(module.path)
     return out

@@ -74,6 +74,12 @@ def list_bodies(tree: ast.Module) -> tuple[Body, ...]:
     return tuple(Body(name, scope, tuple(walk_own(scope))) for name, scope in walk_scopes(tree))
 
 
+@cache
+def list_nodes(tree: ast.Module) -> tuple[ast.AST, ...]:
+    """Return all nodes of a module, which is walked once."""
+    return tuple(ast.walk(tree))
+
+
 def read_name(node: ast.AST) -> str:
     """Return the last part of a name: ``solve`` of ``lu.solve``; "" for a node that is not a name."""
     return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""

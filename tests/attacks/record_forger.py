@@ -2,7 +2,6 @@
 
 import json
 import os
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -15,7 +14,7 @@ FORGED = "FORGED_RECORDS"  # environment: JSON, the content of each file by its 
 @solver("forges_records")
 @dataclass(frozen=True)
 class ForgesRecords:
-    """Writes, then waits."""
+    """Writes, then works."""
 
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
@@ -28,5 +27,4 @@ class ForgesRecords:
         for path, text in json.loads(os.environ[FORGED]).items():
             Path(path).write_text(text)
         while True:
-            time.sleep(0.01)
-            sum(range(100_000))  # CPU time, which the limit of the suite counts
+            sum(range(100_000))  # CPU time without a pause: it is what the limit of the suite counts

@@ -23,7 +23,7 @@ from .record_forger import FORGED
 
 FORGER = Path(__file__).with_name("record_forger.py")
 LIMITED = """
-total_limit = 4.0
+total_limit = 1.5
 [[runs]]
 problem = "free_fall"
 solver = ["forges_records", "exact", "sleeps", "gives_up"]
@@ -31,15 +31,21 @@ solver = ["forges_records", "exact", "sleeps", "gives_up"]
 PLUGINS = (PLUGIN, FORGER)
 
 
-def forge(folder, text):
-    """The files of successes of all runs of the suite, made of a true one: by path."""
+@pytest.fixture(scope="module")
+def true_record(tmp_path_factory):
+    """The record of a run that did succeed."""
+    text = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"'
+    return run_in(tmp_path_factory.mktemp("forged") / "true", text, 1, plugins=PLUGINS)[0].records[0]
+
+
+def forge(true, folder, text):
+    """The files of successes of all runs of the suite, made of a ``true`` one: by path."""
     suite = parse_suite(text, "test", "test", plugins=tuple(map(str, PLUGINS)))
     jobs = _jobs(Request(suite, folder, 1), folder, "")
-    true, _ = run_in(folder.with_name("true"), '[[runs]]\nproblem = "free_fall"\nsolver = "exact"', 1, plugins=PLUGINS)
     out = {}
     for job in jobs:
         record = dataclasses.replace(
-            true.records[0],
+            true,
             run_id=job.id,
             settings_id=job.spec.settings_id,
             case=job.spec.case,
@@ -54,10 +60,10 @@ def forge(folder, text):
     return out, jobs
 
 
-def test_records_of_runs_that_never_began_are_set_aside(tmp_path, monkeypatch):
+def test_records_of_runs_that_never_began_are_set_aside(true_record, tmp_path, monkeypatch):
     """The suite meets its limit while the first solver works: the successes that it wrote are none, nor later."""
     folder = tmp_path / "run"
-    files, jobs = forge(folder, LIMITED)
+    files, jobs = forge(true_record, folder, LIMITED)
     monkeypatch.setenv(FORGED, json.dumps(files))
     loaded, watcher = run_in(folder, LIMITED, 1, plugins=PLUGINS)
     assert [r.status for r in loaded.records] == ["unfinished"] and len(watcher.left) == len(jobs) - 1
@@ -69,12 +75,12 @@ def test_records_of_runs_that_never_began_are_set_aside(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("how", ["interrupted", "killed"])
-def test_records_of_runs_that_never_began_are_none_after_ctrl_c_or_a_kill(tmp_path, monkeypatch, how):
+def test_records_of_runs_that_never_began_are_none_after_ctrl_c_or_a_kill(true_record, tmp_path, monkeypatch, how):
     """The command itself ends, by Ctrl-C or SIGKILL; --resume begins these runs, and counts none as done."""
     folder, suite = tmp_path / "run", tmp_path / "s.toml"
-    text = 'name = "test"\n' + LIMITED.replace("4.0", "60.0")
+    text = 'name = "test"\n' + LIMITED.replace("1.5", "60.0")
     suite.write_text(text)
-    files, jobs = forge(folder, text)
+    files, jobs = forge(true_record, folder, text)
     line = [sys.executable, "-m", "mbsbench.cli", "run", str(suite), "--out", str(folder), "--jobs", "1"]
     line += [word for plugin in PLUGINS for word in ("--plugin", str(plugin))]
     process = subprocess.Popen(
@@ -97,7 +103,7 @@ def test_records_of_runs_that_never_began_are_none_after_ctrl_c_or_a_kill(tmp_pa
     out, _ = process.communicate(timeout=60)
     assert process.returncode != 0 and "4 success" not in out
     monkeypatch.setenv(FORGED, "{}")
-    _, watcher = run_in(folder, text.replace("60.0", "4.0"), 1, plugins=PLUGINS, resume=True)
+    _, watcher = run_in(folder, text.replace("60.0", "1.5"), 1, plugins=PLUGINS, resume=True)
     own = [job.id for job in jobs if job.spec.solver == "forges_records"]
     begun = how == "killed"  # of the one that had begun nobody can tell, once its runner is killed
     assert len(watcher.set_aside) == (len(jobs) - len(own) if begun else 0), watcher.set_aside
@@ -125,11 +131,11 @@ def test_results_without_a_list_of_begun_runs_are_read_as_they_are(tmp_path):
     assert watcher.ran == [] and watcher.set_aside == []
 
 
-def test_a_record_that_another_solver_changes_is_no_result(tmp_path, monkeypatch):
+def test_a_record_that_another_solver_changes_is_no_result(true_record, tmp_path, monkeypatch):
     """Of a run that is over, with a digest that fits: it is set aside, counted, and done again."""
     text = LIMITED.replace('["forges_records", "exact", "sleeps", "gives_up"]', '["exact", "forges_records"]')
     folder = tmp_path / "run"
-    files, _ = forge(folder, text)
+    files, _ = forge(true_record, folder, text)
     monkeypatch.setenv(FORGED, json.dumps({path: files[path] for path in list(files)[:1]}))
     with pytest.raises(RuntimeError, match=r"1 of 2 results .* not as they were written"):
         run_in(folder, text, 1, plugins=PLUGINS)
@@ -139,23 +145,23 @@ def test_a_record_that_another_solver_changes_is_no_result(tmp_path, monkeypatch
     assert len(watcher.ran) == 2 and "success" in {r.status for r in again.records}
 
 
-def test_a_record_of_an_earlier_command_that_changes_is_no_result(tmp_path, monkeypatch):
+def test_a_record_of_an_earlier_command_that_changes_is_no_result(true_record, tmp_path, monkeypatch):
     """It was there when the command began; what stands there at its end is another."""
     text = LIMITED.replace('["forges_records", "exact", "sleeps", "gives_up"]', '["exact", "forges_records"]')
     folder = tmp_path / "run"
     run_in(folder, text.replace(', "forges_records"', ""), 1, plugins=PLUGINS)
-    files, _ = forge(folder, text)
+    files, _ = forge(true_record, folder, text)
     monkeypatch.setenv(FORGED, json.dumps({path: files[path] for path in list(files)[:1]}))
     with pytest.raises(RuntimeError, match="not as they were written"):
         run_in(folder, text, 1, plugins=PLUGINS, resume=True)
 
 
-def test_records_of_other_runs_are_said_at_the_end(tmp_path, monkeypatch, capsys):
+def test_records_of_other_runs_are_said_at_the_end(true_record, tmp_path, monkeypatch, capsys):
     """Of the rest of a suite, which this command did not ask for: set aside, named, exit code 1."""
     monkeypatch.chdir(tmp_path)
     text = LIMITED.replace('["forges_records", "exact", "sleeps", "gives_up"]', '["forges_records", "exact"]')
     (tmp_path / "suite.toml").write_text(text)
-    files, _ = forge(tmp_path / "run", text)
+    files, _ = forge(true_record, tmp_path / "run", text)
     monkeypatch.setenv(FORGED, json.dumps({path: files[path] for path in list(files)[1:]}))
     plugins = [word for path in PLUGINS for word in ("--plugin", str(path))]
     assert main(["run", "suite.toml", "--limit", "1", "--jobs", "1", "--out", "run", *plugins]) == 1

@@ -2,6 +2,7 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,20 @@ from ..harness.conftest import PLUGIN
 
 WITH = ("--plugin", str(PLUGIN))
 SOLVE = ("solve", "free_fall", "exact", "--out", "run.npz")  # in this process the plugin is loaded already
+
+
+@pytest.fixture
+def here(tmp_path, capsys, monkeypatch):
+    """A command in an empty folder, in this process: its exit code and what it printed."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        capsys.readouterr()
+        code = main(list(arguments))
+        out, err = capsys.readouterr()
+        return SimpleNamespace(returncode=code, stdout=out, stderr=err)
+
+    return call
 
 
 def test_solve_writes_the_promised_file(command, tmp_path):
@@ -158,11 +173,9 @@ def test_a_wrong_call_ends_the_process_with_2(command):
     assert done.returncode == 2 and done.stderr.count("\n") == 1
 
 
-def test_list_names_everything(command):
+def test_list_names_everything(here):
     """Entries of plugins too; those of each kind with their summaries, one with its options."""
-    shown = {
-        name: command("list", *filter(None, [name]), *WITH).stdout for name in ("", "problems", "free_fall", "exact")
-    }
+    shown = {name: here("list", *filter(None, [name]), *WITH).stdout for name in ("", "problems", "free_fall", "exact")}
     for words in ("heavy_top", "segfaults", "free_fall", "singular: ", "engines"):
         assert words in shown[""]
     assert "gc_weak_form" not in shown["problems"] and "released from three" in " ".join(shown["problems"].split())
@@ -175,24 +188,24 @@ def test_list_names_everything(command):
         assert words in shown[name]
 
 
-def test_latest_is_the_newest_folder_that_run_named(command, tmp_path):
+def test_latest_is_the_newest_folder_that_run_named(here, tmp_path):
     """A folder of one's own, or one that other results were merged into, leaves it where it was."""
     (tmp_path / "small.toml").write_text(SUITE.replace(', "raises"', ""))
     local = tmp_path / "results" / "local"
     for more in ((), ("--out", "results/local/mine"), ("--limit", "1", "--out", "elsewhere")):
-        assert command("run", "small.toml", *WITH, *more).returncode == 0
+        assert here("run", "small.toml", *WITH, *more).returncode == 0
         assert (local / "latest").resolve().name.startswith("small-")
-    assert command("merge", "results/local/both", "elsewhere", "results/local/mine").returncode == 0
+    assert here("merge", "results/local/both", "elsewhere", "results/local/mine").returncode == 0
     assert (local / "latest").resolve().name.startswith("small-") and not (tmp_path / "latest").exists()
 
 
-def test_solve_replaces_no_motion_unasked(command, tmp_path):
+def test_solve_replaces_no_motion_unasked(here):
     """The second run of a day gets a name of its own; one that is named is replaced, and that is said."""
     line = ("solve", "free_fall", "exact", *WITH, "--set", "dt=0.25")
-    names = [command(*line).stdout.split("written to")[-1].split()[0] for _ in range(3)]
+    names = [here(*line).stdout.split("written to")[-1].split()[0] for _ in range(3)]
     assert names == ["free_fall-exact.npz", "free_fall-exact-2.npz", "free_fall-exact-3.npz"]
-    assert "is replaced" in command(*line, "--out", names[0]).stdout
-    assert "is replaced" not in command(*line, "--out", "new.npz").stdout
+    assert "is replaced" in here(*line, "--out", names[0]).stdout
+    assert "is replaced" not in here(*line, "--out", "new.npz").stdout
 
 
 def test_solve_prints_its_numbers_where_nothing_can_be_written(capsys, monkeypatch):

@@ -36,6 +36,7 @@ REDUNDANT = {  # how far a frame moves a run of the gate [m]
     "radau_ggl": 1e-5, "rkmk_dop853": 1e-5,  # rtol 1e-6: axes choose steps, by errors of components
 }  # fmt: skip
 YAWS = 0.01 * np.arange(20)  # [rad]
+FEW, ALL = ((0, 7, 13), 1), (range(20), 5)  # which of these yaws, and how many starts changed by rounding
 MOST_SWEEPS = 30  # half of the limit, in any step
 GATE = ["spherical_pendulum[omega_z=3,t_end=5]", "spherical_pendulum[omega_z=0.1,t_end=5]", "heavy_top", "torque_free"]
 
@@ -62,22 +63,32 @@ def change_by_rounding(problem: Problem, seed: int) -> Problem:
     return dataclasses.replace(problem, initial=dataclasses.replace(start, **changed))
 
 
+@pytest.mark.parametrize("how_many", [FEW, pytest.param(ALL, marks=pytest.mark.slow)], ids=["few", "all"])
 @pytest.mark.parametrize("solver", sorted({c.solver for c in SPECS} & set(solvers())))
-def test_no_frame_and_no_rounding_changes_a_status(solver: str) -> None:
+def test_no_frame_and_no_rounding_changes_a_status(solver: str, how_many: Any) -> None:
     """Every method of the gate, at the gate's setting, over the fall and the first rise of the pendulum."""
     (spec,) = runs_of(solver)
     t_end = spec.parameters["t_end"] if solver == "gauss_joint" else 1.0  # of long steps, which take most sweeps
-    out = [solve(spec, yaw, t_end) for yaw in YAWS] + [solve(spec, 0.0, t_end, seed) for seed in range(5)]
+    turned, changed = how_many
+    out = [solve(spec, YAWS[k], t_end) for k in turned] + [solve(spec, 0.0, t_end, seed) for seed in range(changed)]
     assert {o.status for o in out} == {Status.SUCCESS}, [o.message for o in out]
 
 
+SHORTER = {"radau_ggl": 0.3, "rkmk_dop853": 0.3}  # [s] of the few frames: error control takes small steps here
+
+
+@pytest.mark.parametrize(
+    ("tilts", "seeds"), [(TILTS[1:4:2], 1), pytest.param(TILTS, 2, marks=pytest.mark.slow)], ids=["few", "all"]
+)
 @pytest.mark.parametrize("solver", REDUNDANT)
-def test_no_frame_takes_a_plane_grid_out_of_its_plane(solver: str) -> None:
+def test_no_frame_takes_a_plane_grid_out_of_its_plane(solver: str, tilts: list[Any], seeds: int) -> None:
     """75 of the grid's 400 rows are redundant, and its bars are slender: rounding across the plane grows in them."""
     (spec,) = runs_of(solver, "four_bar_grid[t_end=1]")[:1]
+    t_end = 1.0 if tilts is TILTS else SHORTER.get(solver, 1.0)
+    changes = ({}, *({"rotation": tilt} for tilt in tilts), *({"perturb": 1e-15, "seed": k} for k in range(seeds)))
     first, *others = [
-        make_solver(solver).solve(make_problem("four_bar_grid", {"t_end": 1.0, **changed}), spec.control)
-        for changed in ({}, *({"rotation": tilt} for tilt in TILTS), *({"perturb": 1e-15, "seed": k} for k in range(2)))
+        make_solver(solver).solve(make_problem("four_bar_grid", {"t_end": t_end, **changed}), spec.control)
+        for changed in changes
     ]
     distances = [np.linalg.norm(o.states.r[-1] - o.states.r[-1, 0], axis=1) for o in (first, *others)]
     assert {o.status for o in (first, *others)} == {Status.SUCCESS}, [o.message for o in others]
@@ -109,14 +120,15 @@ def test_multipliers_that_nothing_needs_do_not_grow_from_rounding(solver: str, i
     assert np.max(np.abs(out.reaction)) < 1e-2  # 1e-15 m over the first step of 1e-5 s, squared, is 1e-4 N of index 3
 
 
+@pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.slow), 10], ids=["all", "few"])
 @pytest.mark.parametrize("begins", GATE)
 @pytest.mark.parametrize("solver", ["gauss_joint", "rattle_joint"])
-def test_sweeps_end_far_from_their_limit(solver: str, begins: str) -> None:
-    """40 frames at the gate's setting; the longest steps are those of Gauss on the pendulum, h = 0.1 s."""
+def test_sweeps_end_far_from_their_limit(solver: str, begins: str, every: int) -> None:
+    """40 frames at the gate's setting, or a few; the longest steps are those of Gauss on the pendulum, h = 0.1 s."""
     (spec,) = runs_of(solver, begins)
-    frames = 0.01 * np.arange(40) if solver == "gauss_joint" else YAWS[:5]
+    frames = (0.01 * np.arange(40) if solver == "gauss_joint" else YAWS[:5])[::every]
     out = [solve(spec, yaw, spec.parameters["t_end"]) for yaw in frames]
-    out += [solve(spec, 0.0, spec.parameters["t_end"], seed) for seed in range(5)]
+    out += [solve(spec, 0.0, spec.parameters["t_end"], seed) for seed in range(0, 5, every)]
     assert {o.status for o in out} == {Status.SUCCESS}, [o.message for o in out]
     assert max(o.counters["most_sweeps"] for o in out) <= MOST_SWEEPS < symplectic.MOST_SWEEPS
 

@@ -1,6 +1,8 @@
 """Eq. (65) as printed, against its solution by the saddle, and against plain index 1."""
 
 from dataclasses import replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,9 +28,22 @@ few = settings(max_examples=10, deadline=None, derandomize=True, suppress_health
 seeds = st.integers(0, 1000)
 
 
+@cache
 def layout(coordinates: str, *, springs: bool) -> Layout:
     system = linkage(springs=springs)
     return Layout(system, CHARTS[coordinates], np.arange(system.nrows))
+
+
+@cache
+def strong_form(coordinates: str, *, springs: bool, **choice: Any) -> StrongForm:
+    """The equations of a layout, which are made once and take any state."""
+    return StrongForm(layout(coordinates, springs=springs), **choice)
+
+
+@cache
+def plain_index_1(coordinates: str) -> Accelerations:
+    """Those of plain index 1, without springs."""
+    return Accelerations(layout(coordinates, springs=False))
 
 
 def position_and_velocity(at: Layout, state: State) -> np.ndarray:
@@ -47,8 +62,8 @@ def test_without_springs_the_strong_form_is_unstabilised_index_1(coordinates, se
     pu = position_and_velocity(at, consistent(at.system, seed))
     random = np.random.default_rng(seed)
     lam, lam_dot = random.standard_normal((2, at.k))
-    strong = StrongForm(at).rates(pu, lam, lam_dot)
-    u_dot, reaction = Accelerations(at).compute_accelerations(np.concatenate((pu, np.zeros(at.k))))
+    strong = strong_form(coordinates, springs=False).rates(pu, lam, lam_dot)
+    u_dot, reaction = plain_index_1(coordinates).compute_accelerations(np.concatenate((pu, np.zeros(at.k))))
     size = np.max(np.abs(u_dot))
     np.testing.assert_allclose(strong.u_dot, u_dot, atol=1e-10 * size)
     np.testing.assert_allclose(strong.reaction, reaction, atol=1e-10 * size)
@@ -63,7 +78,8 @@ def test_without_springs_the_strong_form_is_unstabilised_index_1(coordinates, se
 def test_the_printed_matrix_equation_holds(coordinates, springs, choice, seed):
     """Both rows of Eq. (65), assembled densely with M, A, M_bar, vanish, at states off the constraints too."""
     at = layout(coordinates, springs=springs)
-    form, pu = StrongForm(at, **choice), position_and_velocity(at, arbitrary(at.system, seed))
+    form = strong_form(coordinates, springs=springs, **choice)
+    pu = position_and_velocity(at, arbitrary(at.system, seed))
     lam, lam_dot = np.random.default_rng(seed).standard_normal((2, at.k))
     r = form.rates(pu, lam, lam_dot)
     s: RowTerms = form.terms(pu)
@@ -96,7 +112,7 @@ def test_gravity_alone_gives_no_c_bar_and_no_k_bar():
 def test_c_bar_and_k_bar_are_slopes_of_the_force_along_c(seed):
     """Eq. (32) by central differences: the springs' force at velocities V +- h c and at poses moved by +- h c."""
     at, h = layout("quaternion", springs=True), 1e-5
-    form, pu = StrongForm(at), position_and_velocity(at, arbitrary(at.system, seed))
+    form, pu = strong_form("quaternion", springs=True), position_and_velocity(at, arbitrary(at.system, seed))
     terms = form.terms(pu)
     A = form.pattern.make_matrix(terms.A).toarray()
     c = A / np.sum(A * A, axis=1, keepdims=True)
@@ -113,9 +129,15 @@ def test_c_bar_and_k_bar_are_slopes_of_the_force_along_c(seed):
         assert terms.K_bar[row] == pytest.approx(max(K_bar, 0.0), abs=1e-5)
 
 
+@cache
+def another_form() -> StrongForm:
+    """One whose numbers may change while those of ``strong_form`` are looked at."""
+    return StrongForm(layout("quaternion", springs=True))
+
+
 def _flow(at: Layout, pu: np.ndarray, V: np.ndarray) -> np.ndarray:
     """p_dot of velocities V at p."""
-    return StrongForm(at).terms(np.concatenate((pu[at.p], V))).p_dot
+    return another_form().terms(np.concatenate((pu[at.p], V))).p_dot
 
 
 def opened(direction: str) -> tuple[Problem, Trajectory]:

@@ -61,15 +61,46 @@ def calls(tmp_path_factory):
     return calls_in_cold_process(tmp_path_factory.mktemp("cold"), *chosen, *SECOND_ROUTES)
 
 
-@pytest.mark.parametrize("solver", OURS)
-def test_no_code_is_made_in_the_time_of_a_solver(calls, solver):
-    """Of every solver, with every option of the suites."""
+SOME = ("rattle", "ida_index1")  # a method of our kernel, and one whose equations CasADi writes
+
+
+@pytest.fixture(scope="module")
+def few_calls(tmp_path_factory):
+    """Of a solver of each road to code, and of a second route on the third road, code in joint coordinates."""
+    return calls_in_cold_process(
+        tmp_path_factory.mktemp("cold"), *(f"{name}:heavy_top" for name in SOME), *SECOND_ROUTES[-1:]
+    )
+
+
+def check_solver(calls, solver):
+    """A solver has calls, some reach their end, and none makes code in the open."""
     own = [call for call in calls if call["solver"] == solver]
     assert own and any(call["status"] == "success" for call in own)
     for call in own:
         check_call(call)
 
 
+@pytest.mark.parametrize("solver", SOME)
+def test_no_code_is_made_in_the_time_of_some_solvers(few_calls, solver):
+    """Of one that is compiled here and one of SUNDIALS, with every option of the suites."""
+    check_solver(few_calls, solver)
+
+
+def test_other_pivots_make_code_on_the_way(few_calls):
+    """Code at other pivots is metered where it is entered."""
+    (call,) = (call for call in few_calls if call["t_end"])
+    assert sum("pivots chosen anew" in note for note in call["notes"]) == 1
+    check_call(call)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", OURS)
+def test_no_code_is_made_in_the_time_of_a_solver(calls, solver):
+    """Of every solver, with every option of the suites."""
+    check_solver(calls, solver)
+
+
+@pytest.mark.slow
 def test_second_routes_make_code_on_the_way(calls):
     """A full Newton method behind the simplified one, code at other pivots: metered where they are entered."""
     of_routes = [call for call in calls if call["t_end"]]
@@ -80,8 +111,10 @@ def test_second_routes_make_code_on_the_way(calls):
         check_call(call)
 
 
-def test_the_process_was_cold(calls):
+@pytest.mark.parametrize("given", ["few_calls", pytest.param("calls", marks=pytest.mark.slow)])
+def test_the_process_was_cold(request, given):
     """All was made here, in plain sight of LLVM and CasADi, and its time is the far larger part."""
+    calls = request.getfixturevalue(given)
     made = sum(call["made"] for call in calls)
     assert made > 50.0 * sum(call["cost"].get("cpu_min_s", 0.0) for call in calls)
     seen = {name for call in calls for name in call["metered"]}

@@ -32,7 +32,7 @@ def suite_of(specs):
 name = "killed"
 plugins = ["{PLUGIN}"]
 [defaults]
-cpu_limit = 3.0
+cpu_limit = 1.0
 [[runs]]
 problem = "free_fall"
 solver = "sleeps"
@@ -54,7 +54,7 @@ def done(folder):
     return {p.name: p.stat().st_mtime_ns for p in folder.glob("runs/[!.]*.json")}
 
 
-SUSPENDED = 6.0  # [s] longer than the limit of a run and its grace
+SUSPENDED = 4.0  # [s] longer than the limit of a run and its grace
 
 
 def suspend(process):
@@ -68,7 +68,8 @@ def suspend(process):
 
 
 @pytest.mark.parametrize(
-    ("RUNS", "KILLS", "SUSPENSIONS"), [(30, 2, 1), pytest.param(100, 20, 5, marks=pytest.mark.slow)]
+    ("RUNS", "KILLS", "SUSPENSIONS"),
+    [(15, 2, 1), *(pytest.param(*many, marks=pytest.mark.slow) for many in ((30, 2, 1), (100, 20, 5)))],
 )
 def test_kills_and_suspensions_lose_nothing(tmp_path, RUNS, KILLS, SUSPENSIONS):
     """SIGKILL to the runner, every fourth time to its supervisor too, from its first moments to its last."""

@@ -51,9 +51,9 @@ def started(tmp_path, text):
 
 def test_a_suspension_longer_than_the_limit_costs_no_run(tmp_path):
     """The supervisor alone, stopped for twice the limit and continued: the run ends as it would have."""
-    process, children = started(tmp_path, SLEEPS.format(wall=3.0, seconds="1.0"))
+    process, children = started(tmp_path, SLEEPS.format(wall=1.0, seconds="1.0"))
     children[0].suspend()
-    time.sleep(6.5)  # the limit of 3 s and the 2 s of grace are over
+    time.sleep(4.0)  # the limit of 1 s and the 2 s of grace are over
     children[0].resume()
     out, _ = process.communicate(timeout=300)
     (record,) = store.load(tmp_path / "run").records
@@ -62,7 +62,7 @@ def test_a_suspension_longer_than_the_limit_costs_no_run(tmp_path):
 
 def test_a_run_killed_from_outside_is_repeated_once_and_alone(tmp_path):
     """It is said that it was killed, --resume runs it beside no other, and a second time it is its own doing."""
-    process, children = started(tmp_path, SLEEPS.format(wall=30.0, seconds="[2.0, 0.0]"))
+    process, children = started(tmp_path, SLEEPS.format(wall=30.0, seconds="[1.0, 0.0]"))
     children[-1].send_signal(signal.SIGKILL)
     process.communicate(timeout=300)
     killed = next(r for r in store.load(tmp_path / "run").records if r.status == "crashed")

@@ -21,7 +21,9 @@ ENGINES = {
 FORMS = {"split": Form(1), "turned": Form(0, "fixed", (0.3, -1.1, 0.7)), "both": Form(1, "fixed", (0.3, -1.1, 0.7))}
 
 
-@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+@pytest.mark.parametrize(
+    "form", [pytest.param(f, id=n, marks=() if n == "both" else pytest.mark.slow) for n, f in FORMS.items()]
+)
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_split_and_turned_mechanism_moves_as_it_was_drawn(engine, form):
     """Three are of single precision; a ball that is singular for OpenSim as it is turned is refused."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.files import parse_toml
 from mbsbench.harness.referee.claims.evidence import MEASURES, evaluate
 from mbsbench.harness.referee.claims.maps import are_equal, read_dimensions, select
@@ -17,8 +17,6 @@ from mbsbench.harness.referee.judge import list_tried
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.suites.suite import parse_suite
-
-from ..conftest import Silent
 
 PATH = REGISTER.with_name("objections.toml")
 OBJECTIONS: list[dict[str, Any]] = parse_toml(PATH.read_text(encoding="utf-8"), PATH.name)["objections"]
@@ -50,9 +48,10 @@ def test_runs_that_answer_are_in_the_map_of_the_claim(given):
 @named("suite")
 def test_small_runs_answer(given, tmp_path):
     """Each run of the objection has the numbers that the answer says."""
-    made = run_suite(Request(parse_suite(given["suite"], "review", given["id"]), tmp_path, 1), Silent(), LocalPool)
-    assert made.records
-    for record in made.records:
+    store.create_folder(tmp_path)
+    records = [run_here(Job(spec, tmp_path)) for spec in parse_suite(given["suite"], "review", given["id"]).specs]
+    assert records
+    for record in records:
         series = store.read_run_series(tmp_path, record)
         for test in given["tests"]:
             band, metric = BAND | {k: v for k, v in test.items() if k in BAND}, test["metric"]

@@ -256,7 +256,7 @@ SHARP = {"tolerance": 1e-12}
         ("spherical_pendulum", {"t_end": 2.0}, 0.04),
         ("spherical_pendulum", {"t_end": 2.0, "omega_z": 0.1}, 0.04),
         ("heavy_top", {"t_end": 0.5}, 0.004),
-        ("chain", {"t_end": 0.4}, 0.008),
+        pytest.param("chain", {"t_end": 0.4}, 0.008, marks=pytest.mark.slow),
     ],
 )
 def test_ode_gc_is_certified_of_order_two(ran, problem, parameters, dt):

@@ -38,23 +38,34 @@ PROBLEMS: dict[str, dict[str, Any]] = {
 }
 pytestmark = pytest.mark.usefixtures("without_whole_steps")
 RANDOM = [(seed, 3 + seed % 7, seed % 4) for seed in range(12)]  # seed, bodies, loops
+HALVES = (range(7), range(5, 12))  # of these, each with every number of bodies and of loops
 CLOSE = 2e-12  # of the largest number, or of 1: sums over a tree in another order
 
 
-def systems() -> "list[Any]":
-    """All of them, as functions of nothing: a system and its start."""
+def systems(part: int) -> "list[Any]":
+    """All of them, as functions of nothing: a system and its start; those outside of a ``part`` are slow.
+
+    A part, 0 or 1, has every kind of joint once, to the ground or in a pair, and about half of the random mechanisms.
+    Both together are all.
+    """
     out: list[Any] = [pytest.param(lambda n=n, p=p: _of(n, p), id=n) for n, p in PROBLEMS.items()]
     for seed, bodies, loops in RANDOM:
         given = {"seed": seed, "bodies": bodies, "loops": loops}
-        out.append(pytest.param(lambda given=given: _of("random_mechanism", given), id=f"random-{seed}"))
-    for kind in KINDS:
+        marks = _slow_unless(seed in HALVES[part])
+        out.append(pytest.param(lambda given=given: _of("random_mechanism", given), id=f"random-{seed}", marks=marks))
+    for k, kind in enumerate(KINDS):
         for ground in (True, False):
             make = lambda kind=kind, ground=ground: one_joint(kind, ground=ground)  # noqa: E731
-            out.append(pytest.param(make, id=f"{kind}-{'ground' if ground else 'pair'}"))
+            marks = _slow_unless((k + ground) % 2 == part)
+            out.append(pytest.param(make, id=f"{kind}-{'ground' if ground else 'pair'}", marks=marks))
     for kind in MOVING:
         out.append(pytest.param(lambda kind=kind: _with_start(moving_rows(kind), 3), id=kind))
     out.append(pytest.param(lambda: _with_start(all_joints(), 5), id="all joints"))
     return [*out, pytest.param(lambda: _with_start(linkage(springs=True), 2), id="linkage")]
+
+
+def _slow_unless(kept: bool) -> Any:
+    return () if kept else pytest.mark.slow
 
 
 def _of(name: str, parameters: dict[str, Any]) -> tuple[MultibodySystem, State]:
@@ -87,7 +98,7 @@ def check(names: str, found: "list[list[np.ndarray]]") -> None:
         np.testing.assert_allclose(swept, made, rtol=0.0, atol=CLOSE * size, err_msg=name)
 
 
-@pytest.mark.parametrize("make", systems())
+@pytest.mark.parametrize("make", systems(0))
 def test_accelerations_projections_and_records_are_those_of_code(make: Any) -> None:
     """Loads of joints too; where rows depend on others, those that all of them give together."""
     system, start = make()
@@ -108,10 +119,20 @@ def test_accelerations_projections_and_records_are_those_of_code(make: Any) -> N
     check("accelerated y_dot after r R v v_dot load error", found)
 
 
-@pytest.mark.parametrize("radial", [False, True])
-@pytest.mark.parametrize("make", systems())
-def test_canonical_functions_are_those_of_code(make: Any, radial: bool) -> None:
-    """q_dot and p_dot, momenta, forces of rows, velocities closed at an end: with free spins, balls of any length."""
+@pytest.mark.parametrize("make", systems(1))
+def test_canonical_functions_are_those_of_code(make: Any) -> None:
+    """q_dot and p_dot, momenta, forces of rows, velocities closed at an end."""
+    check_canonical(make, radial=False)
+
+
+@pytest.mark.parametrize("make", systems(0))
+def test_canonical_functions_of_balls_of_any_length_are_those_of_code(make: Any) -> None:
+    """The same with free spins, and with rows that close the lengths of quaternions."""
+    check_canonical(make, radial=True)
+
+
+def check_canonical(make: Any, *, radial: bool) -> None:
+    """Each canonical function of the recursion is that of the code."""
     system, start = make()
     if not system.is_holonomic:
         pytest.skip("needs phi in every row")

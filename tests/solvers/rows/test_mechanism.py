@@ -72,8 +72,14 @@ def test_accelerations_and_reactions_are_the_judges(system: MultibodySystem, see
     check_accelerations(system, consistent(system, seed))
 
 
-@pytest.mark.parametrize("ground", [True, False])
-@pytest.mark.parametrize("kind", KINDS)
+ENDS = [  # of each kind of joint one, in turn on the ground and between two bodies; the others are slow
+    pytest.param(kind, ground, marks=() if k % 2 == ground else pytest.mark.slow)
+    for k, kind in enumerate(KINDS)
+    for ground in (True, False)
+]
+
+
+@pytest.mark.parametrize(("kind", "ground"), ENDS)
 def test_each_kind_of_joint_has_the_judges_accelerations(kind, ground: bool) -> None:
     """Each alone, between two bodies and on the ground."""
     check_accelerations(*one_joint(kind, ground=ground))
@@ -172,9 +178,19 @@ RUNS = [
     ("rattle", "stewart_platform"),
     ("generalized_alpha", "driven_slider_crank"),
 ]
+SHORT = {  # each solver and each mechanism, those that only one solver moves among them; the rest are slow
+    ("rattle", "chain"), ("lie_variational", "damped_linkage"), ("generalized_alpha", "bricard"),
+    ("energy_momentum", "heavy_top"), ("half_explicit", "damped_linkage"), ("al_index3", "chain"),
+    ("rattle", "bricard"), ("radau_ggl", "damped_linkage"), ("gc_composed", "bricard"),
+    ("gc_extrapolated", "heavy_top"), ("half_explicit", "rolling_disc"), ("rattle", "stewart_platform"),
+    ("generalized_alpha", "driven_slider_crank"),
+}  # fmt: skip
+assert set(RUNS) >= SHORT
 
 
-@pytest.mark.parametrize(("solver", "name"), RUNS)
+@pytest.mark.parametrize(
+    ("solver", "name"), [pytest.param(*run, marks=() if run in SHORT else pytest.mark.slow) for run in RUNS]
+)
 def test_every_compiled_solver_has_the_kernels_motion_by_code(solver: str, name: str) -> None:
     """As many steps, the same end and reactions; what made the rows stands in the run."""
     problem = dataclasses.replace(make_problem(name, {}), t_end=PROBLEMS[name])
@@ -216,8 +232,14 @@ def test_a_tilt_that_leaves_no_zeros_leaves_the_motion() -> None:
     assert np.max(np.abs(new.states.r[-1] - old.states.r[-1])) < 1e-8
 
 
-@pytest.mark.parametrize("name", ["heavy_top", "chain", "slider_crank"])
-@pytest.mark.parametrize("presented_as", PRESENTED, ids=str)
+SAMPLE = [  # each presentation of one mechanism, in turn; the others are slow
+    pytest.param(presented_as, name, id=f"{presented_as}-{name}", marks=() if k % 3 == j else pytest.mark.slow)
+    for k, presented_as in enumerate(PRESENTED)
+    for j, name in enumerate(("heavy_top", "chain", "slider_crank"))
+]
+
+
+@pytest.mark.parametrize(("presented_as", "name"), SAMPLE)
 def test_errors_are_the_same_however_a_mechanism_is_presented(name: str, presented_as: dict[str, Any]) -> None:
     """Turned, mirrored and renumbered copies have other code, the same steps, and errors alike but for rounding."""
     errors, steps = [], []
