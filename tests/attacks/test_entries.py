@@ -19,6 +19,7 @@ from mbsbench.harness.ladder.closing import FILE, TRIAL
 from mbsbench.harness.ladder.instances import digest_submission, draw_instances
 from mbsbench.harness.ladder.submission import BlindWorker, Submission, run_submission
 from mbsbench.harness.results import records
+from mbsbench.tests.covering import every
 
 from ..harness.ladder.forgeries.bundles import members_of
 from ..harness.ladder.forgeries.forger import NAME
@@ -123,16 +124,29 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("what", BAD)
+def check_bad_files(made, ranked, kinds):
+    """Rank bad files beside a good one: each is removed with its reason in a line, the good one keeps its rank."""
+    content = made[1]["7"].read_bytes()
+    bad = {what: BAD[what](members_of(made[1]["7"])) for what in kinds}
+    code, rows, _ = ranked(**bad, good=lambda p: p.write_bytes(content))
+    assert code == 1 and rows["good.zip"]["rank"] == 1 and not rows["good.zip"]["removed"]
+    assert len(rows) == len(bad) + 1
+    for what in bad:
+        row = rows[f"{what}.zip"]
+        assert row["rank"] is None, what
+        (first, *_) = row["removed"]
+        assert first and "\n" not in first and "Traceback" not in first, (what, first)
+
+
+def test_bad_files_are_bad_rows(made, ranked):
+    """Of all kinds at once."""
+    check_bad_files(made, ranked, BAD)
+
+
+@pytest.mark.parametrize("what", every(BAD, len(BAD)))
 def test_a_bad_file_is_one_bad_row(made, ranked, what):
     """With its reason in a line; the honest one beside it keeps its rank."""
-    _, paths = made
-    content = paths["7"].read_bytes()
-    code, rows, _ = ranked(bad=BAD[what](members_of(paths["7"])), good=lambda p: p.write_bytes(content))
-    assert code == 1 and rows["good.zip"]["rank"] == 1 and not rows["good.zip"]["removed"]
-    assert rows["bad.zip"]["rank"] is None
-    (first, *_) = rows["bad.zip"]["removed"]
-    assert first and "\n" not in first and "Traceback" not in first, first
+    check_bad_files(made, ranked, [what])
 
 
 def closed(digests, value=VALUE):

@@ -15,6 +15,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.confined_paths import ConfinedPath, UnsafeFile, confine_path
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
+from mbsbench.tests.covering import diagonal
 
 from .conftest import every_kind, put, record, series
 
@@ -88,8 +89,7 @@ def refused(arguments, capsys, place: str) -> None:
     assert "secret" not in said.out + said.err
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("place", TOP + FILES)
+@pytest.mark.parametrize(("command", "place"), diagonal(list(COMMANDS), TOP + FILES))
 def test_a_link_in_a_results_folder_is_refused(folders, capsys, place, command):
     """By every command that reads or writes there, before it has changed anything inside or outside."""
     outside = folders / "outside"

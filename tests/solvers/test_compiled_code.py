@@ -92,6 +92,7 @@ def solve_with(cache: Path, solver: str) -> bytes:
     return subprocess.run(command, env=given, capture_output=True, check=True).stdout
 
 
+@pytest.mark.slow
 def test_rounding_does_not_depend_on_what_is_compiled_first(tmp_path):
     """numba compiles what is called once, and would hand it the flags of its first caller: here, or not, the factor."""
     alone = solve_with(tmp_path / "alone", "gc_weak_form")

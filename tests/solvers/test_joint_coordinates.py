@@ -20,11 +20,12 @@ from mbsbench.solvers.formulations.joint_coordinates.counting import least_opera
 from mbsbench.solvers.formulations.joint_coordinates.evaluation import Evaluation
 from mbsbench.solvers.formulations.joint_coordinates.tree import MOTIONS, build_spanning_tree
 from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.covering import diagonal
 
 from .arbitrary_joints import KINDS, MOVING, all_joints, moving_rows, one_joint
 from .arbitrary_systems import consistent, judge_accelerations, linkage, rounding_of_rows, with_user_forces
 from .runs import drift, error
-from .singular_linkages import LINKAGES, Passing, branch_error
+from .singular_linkages import LINKAGES, branch_error
 
 PRESENTED = ({"yaw": 0.7}, {"mirror": "X"}, {"renumber": 3}, {"rotation": (0.3, -0.5, 0.7)})
 
@@ -65,8 +66,7 @@ def check_accelerations(system: MultibodySystem, start: State, *, seed: int = 0)
 
 
 @pytest.mark.usefixtures("without_whole_steps")
-@pytest.mark.parametrize("ground", [True, False])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "ground"), diagonal(KINDS, [True, False]))
 def test_accelerations_of_each_joint_are_the_judges(kind: str, ground: bool) -> None:
     """Newton and Euler leave no choice of accelerations, nor of the load of the joints."""
     check_accelerations(*one_joint(kind, ground=ground))
@@ -124,8 +124,7 @@ def test_errors_fall_with_the_tolerance(name: str) -> None:
     assert errors[2] < 1e-8
 
 
-@pytest.mark.parametrize("name", ["four_bar_grid", "heavy_top", "slider_crank"])
-@pytest.mark.parametrize("presented_as", PRESENTED)
+@pytest.mark.parametrize(("presented_as", "name"), diagonal(PRESENTED, ["heavy_top", "slider_crank", "four_bar_grid"]))
 def test_errors_are_the_same_however_a_mechanism_is_presented(name: str, presented_as: dict[str, object]) -> None:
     """The base frame is laid along a hinge and gravity, and vectors have tolerances by their length."""
     size = {"rows": 2, "columns": 2} if name == "four_bar_grid" else {}
@@ -200,10 +199,10 @@ def test_singular_positions_are_passed_by_code_at_every_tolerance(name: str, par
     assert slope > 8.0 / 9.0 - 2.0 * np.sqrt(spread[0, 0])
 
 
-@pytest.mark.parametrize("rtol", [1e-5, 1e-7, 1e-9, 1e-10])
-@pytest.mark.parametrize("of", LINKAGES, ids=[of.problem.name for of in LINKAGES])
-def test_linkages_of_other_sizes_keep_their_branch_through_singular_positions(of: Passing, rtol: float) -> None:
+@pytest.mark.parametrize(("number", "rtol"), diagonal(range(len(LINKAGES)), [1e-5, 1e-7, 1e-9, 1e-10]))
+def test_linkages_of_other_sizes_keep_their_branch_through_singular_positions(number: int, rtol: float) -> None:
     """Where parallel bars come into line they may cross, where a rod folds onto its crank it may turn with it."""
+    of = LINKAGES[number]
     out = solve(of.problem, rtol)
     check_energy(of.problem, out, rtol)
     angle = np.unwrap(np.arctan2(out.states.R[:, 0, 1, 0], out.states.R[:, 0, 0, 0]))

@@ -25,6 +25,7 @@ from mbsbench.solvers.formulations.joint_coordinates.collocation import (
 from mbsbench.solvers.formulations.joint_coordinates.hamilton import make_hamilton_code
 from mbsbench.solvers.formulations.joint_coordinates.symplectic import Marcher
 from mbsbench.solvers.formulations.joint_coordinates.tree import build_spanning_tree
+from mbsbench.tests.covering import diagonal, few
 
 from .runs import drift, orders, run
 
@@ -55,25 +56,26 @@ def test_a_single_hinge_is_solved(solver: str) -> None:
     assert np.max(np.abs(states.r[-1] - problem.reference().states(np.array([1.0])).r[0])) < 1e-5  # RATTLE: 1 dt^2
 
 
-@pytest.mark.parametrize(
-    ("name", "stages", "dt"),
-    [
-        ("heavy_top", 2, 0.01),
-        ("heavy_top", 3, 0.02),
-        ("heavy_top", 4, 0.04),
-        ("spherical_pendulum", 2, 0.1),
-        ("spherical_pendulum", 3, 0.2),
-        ("spherical_pendulum", 4, 0.32),
-        ("chain", 2, 0.01),
-        ("chain", 3, 0.04),
-        ("bricard", 2, 0.1),
-        ("bricard", 3, 0.1),
-        ("heavy_top", 0, 0.01),
-        ("spherical_pendulum", 0, 0.05),
-        ("chain", 0, 0.01),
-        ("bricard", 0, 0.1),
-    ],
-)
+ORDERS = [
+    ("heavy_top", 2, 0.01),
+    ("heavy_top", 3, 0.02),
+    ("heavy_top", 4, 0.04),
+    ("spherical_pendulum", 2, 0.1),
+    ("spherical_pendulum", 3, 0.2),
+    ("spherical_pendulum", 4, 0.32),
+    ("chain", 2, 0.01),
+    ("chain", 3, 0.04),
+    ("bricard", 2, 0.1),
+    ("bricard", 3, 0.1),
+    ("heavy_top", 0, 0.01),
+    ("spherical_pendulum", 0, 0.05),
+    ("chain", 0, 0.01),
+    ("bricard", 0, 0.1),
+]
+OFTEN = (("heavy_top", 4), ("spherical_pendulum", 2), ("chain", 0), ("bricard", 3), ("spherical_pendulum", 0))
+
+
+@pytest.mark.parametrize(("name", "stages", "dt"), few(ORDERS, lambda case: case[:2] in OFTEN))
 def test_errors_are_of_the_order(name: str, stages: int, dt: float) -> None:
     """2 s of Gauss, 2 of RATTLE (0 stages), on trees, balls and loops; steps above rounding."""
     problem = problem_of(name)
@@ -99,8 +101,7 @@ def test_orders_ten_and_twelve_are_met_on_the_proved_motion(stages: int) -> None
     assert abs(np.log(errors[0] / errors[1]) / np.log(steps[1] / steps[0]) - 2 * stages) < 0.2, errors
 
 
-@pytest.mark.parametrize("name", ["heavy_top", "chain", "bricard"])
-@pytest.mark.parametrize("solver", [GAUSS, RATTLE])
+@pytest.mark.parametrize(("name", "solver"), diagonal(["heavy_top", "chain", "bricard"], [GAUSS, RATTLE]))
 def test_the_way_back_leads_to_the_start(solver: str, name: str) -> None:
     """Symmetric steps with velocities reversed, to the rounding of their iterations."""
     problem, dt = problem_of(name), SPAN[name] / (20 if solver == GAUSS else 80)
@@ -136,14 +137,19 @@ def form(of: Callable[[np.ndarray], np.ndarray], n: int) -> np.ndarray:
     return pairs - pairs.T
 
 
+TABLEAUX = {
+    "gauss2": make_gauss_lobatto_tableau(2),
+    "gauss3": make_gauss_lobatto_tableau(3),
+    "rattle": make_rattle_tableau(),
+}
+
+
 @pytest.mark.parametrize(
-    "tableau",
-    [make_gauss_lobatto_tableau(2), make_gauss_lobatto_tableau(3), make_rattle_tableau()],
-    ids=["gauss2", "gauss3", "rattle"],
+    ("name", "of"), diagonal(["cart_pendulum", "spherical_pendulum", "bricard"], ["rattle", "gauss2", "gauss3"])
 )
-@pytest.mark.parametrize("name", ["cart_pendulum", "spherical_pendulum", "bricard"])
-def test_steps_keep_the_symplectic_form(name: str, tableau: CollocationTableau) -> None:
+def test_steps_keep_the_symplectic_form(name: str, of: str) -> None:
     """M^T J M = J of the flow map, long steps; of a ball on quaternions of unit length, of a loop on phi = 0."""
+    tableau = TABLEAUX[of]
     marcher = marcher_of(name, tableau, 0.05)
     s, start = marcher.stages, marcher.stages.start.copy()
     enter = marcher.hamilton.code.function("enter", 2)
@@ -256,10 +262,28 @@ def test_velocities_are_those_of_momenta_with_a_bar_level() -> None:
     np.testing.assert_allclose(q_dot.reshape(x.shape), rates, atol=1e-11)
 
 
-@pytest.mark.parametrize("name", ["bricard", "four_bar_grid", "chain"])
+LOOPS = ("bricard", "four_bar_grid", "chain")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LOOPS)
 @pytest.mark.parametrize("solver", [GAUSS, RATTLE])
+def test_pivots_chosen_anew_leave_the_steps_of_whole_code(
+    solver: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With all stages of a step as one function."""
+    check_pivots_chosen_anew(solver, name, monkeypatch)
+
+
+@pytest.mark.usefixtures("without_whole_steps")
+@pytest.mark.parametrize(("name", "solver"), diagonal(LOOPS, [GAUSS, RATTLE]))
 def test_pivots_chosen_anew_leave_the_steps(solver: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Coordinates and momenta stay, and other rows hold on the same surface: the map is the same."""
+    check_pivots_chosen_anew(solver, name, monkeypatch)
+
+
+def check_pivots_chosen_anew(solver: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compare a run of the pivots of the start with one that chooses others all the way."""
     problem, dt = problem_of(name, **({"links": 6} if name == "chain" else {})), SPAN[name] / 40
     monkeypatch.setattr(symplectic, "POOR_PIVOT", 1e-9)
     plain = run(problem, dt, solver)
@@ -277,14 +301,17 @@ def test_pivots_chosen_anew_leave_the_steps(solver: str, name: str, monkeypatch:
     assert np.max(np.abs(gone)) < 1e-9 * np.max(np.abs(load))
 
 
-@pytest.mark.parametrize("name", ["heavy_top", "four_bar_grid"])
-@pytest.mark.parametrize("presented_as", [{"yaw": 0.7}, {"mirror": "X"}, {"renumber": 3}])
-@pytest.mark.parametrize(("solver", "options"), [(GAUSS, {"stages": 2}), (RATTLE, {})])
+PRESENTED = ({"yaw": 0.7}, {"renumber": 3}, {"mirror": "X"})
+
+
+@pytest.mark.parametrize(
+    ("presented_as", "name", "solver"), diagonal(PRESENTED, ["heavy_top", "four_bar_grid"], [GAUSS, RATTLE])
+)
 def test_errors_are_the_same_however_a_mechanism_is_presented(
-    solver: str, options: dict[str, int], name: str, presented_as: dict[str, Any]
+    solver: str, name: str, presented_as: dict[str, Any]
 ) -> None:
     """Coordinates follow the mechanism; renumbered loops are cut elsewhere, which leaves the order of the error."""
-    errors = []
+    errors, options = [], {"stages": 2} if solver == GAUSS else {}
     for more in ({}, presented_as):
         problem = problem_of(name, **more)
         out = present_solver(make_solver(solver, options), problem).solve(problem, StepControl(dt=0.01))
@@ -308,8 +335,9 @@ def test_a_tilt_that_defeats_folding_leaves_the_motion(solver: str) -> None:
     assert np.max(np.abs(planar - spatial)) < 1e-8
 
 
-@pytest.mark.parametrize("name", ["heavy_top", "chain", "bricard", "four_bar_grid"])
-@pytest.mark.parametrize("solver", [GAUSS, RATTLE])
+@pytest.mark.parametrize(
+    ("name", "solver"), diagonal(["heavy_top", "chain", "bricard", "four_bar_grid"], [GAUSS, RATTLE])
+)
 def test_reactions_are_the_judges_and_constraints_hold(solver: str, name: str) -> None:
     """Newton and Euler leave no choice of the load of the joints in a state; phi and phi_dot are at rounding."""
     problem = problem_of(name)

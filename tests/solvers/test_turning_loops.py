@@ -16,6 +16,7 @@ from mbsbench.harness.mechanics.state import States
 from mbsbench.solvers.formulations.compiled import host, mechanism
 from mbsbench.solvers.formulations.compiled.kernel import make_kernel, set_state
 from mbsbench.solvers.formulations.compiled.row_choice import IN_USE, NEVER, WORN
+from mbsbench.tests.covering import diagonal, every
 
 from .turning_loops import bennett, skew_crank_rocker
 
@@ -52,8 +53,7 @@ def test_closed_forms_satisfy_the_joints_at_every_angle(linkage):
         assert np.max(np.abs(constraint(problem.system, one))) < 1e-13
 
 
-@pytest.mark.parametrize("name", REDUNDANT)
-@pytest.mark.parametrize("linkage", LOOPS)
+@pytest.mark.parametrize(("name", "linkage"), diagonal(REDUNDANT, list(LOOPS)))
 def test_a_whole_turn_ends_where_it_began(linkage, name):
     """After the period of the quadrature, with the energy and the rows of the start all the way."""
     problem = LOOPS[linkage].problem(linkage)
@@ -67,7 +67,7 @@ def test_a_whole_turn_ends_where_it_began(linkage, name):
     assert np.max(np.abs(constraint(problem.system, out.states))) < (3.0 * off if name in DRIFTING else 1e-4)
 
 
-@pytest.mark.parametrize("name", [name for name in REDUNDANT if takes_code(name)])
+@pytest.mark.parametrize("name", every([name for name in REDUNDANT if takes_code(name)], 3))
 def test_a_whole_turn_by_code_of_the_mechanism_ends_where_it_began(name):
     problem = LOOPS["bennett"].problem("bennett")
     out = make_solver(name, {"code": "mechanism"}).solve(problem, control(name, problem.t_end))

@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import shutil
 from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ from mbsbench.harness.execution import remeasure
 from mbsbench.harness.execution.started_runs import StartedRuns
 from mbsbench.harness.results import codes, environment, store
 from mbsbench.harness.results.comparison import METRICS
+from mbsbench.tests.covering import few
 
 from ..conftest import PLUGIN, run_in
 
@@ -85,8 +87,11 @@ def command(folder, *plugins):
     return ["remeasure", str(folder), *(w for p in plugins for w in ("--plugin", str(p))), "--jobs", "1"]
 
 
-@pytest.mark.parametrize("how", ["lossless", "every row", "brief"])
-def test_a_law_that_changes_needs_no_new_motion(tmp_path, strict, other_code, how):
+HOW = [(how, again) for how in ("lossless", "every row", "brief") for again in (False, True)]
+
+
+@pytest.mark.parametrize(("how", "again"), few(HOW, lambda case: case[1] is (case[0] == "brief")))
+def test_a_law_that_changes_needs_no_new_motion(tmp_path, strict, other_code, how, again):
     """Numbers, costs and files are those of before; the status is that of the law; a suite finds all of it done."""
     folder, plugins = tmp_path / "run", (PLUGIN, strict)
     keep = (lambda spec: ("energy_error",)) if how == "brief" else None
@@ -109,6 +114,8 @@ def test_a_law_that_changes_needs_no_new_motion(tmp_path, strict, other_code, ho
         if old.series:
             assert not (folder / old.series).exists()
             assert store.read_run_series(folder, new).is_brief == (how == "brief")
+    if not again:
+        return
     assert main(command(folder, *plugins)) == 0  # nothing is left to do
     _, watcher = run_in(folder, TEXT, 1, lossless=how == "lossless", keep=keep, resume=True, plugins=plugins)
     assert watcher.ran == [] and watcher.set_aside == []
@@ -138,11 +145,22 @@ def test_a_motion_with_other_bits_is_left_as_it_is(tmp_path, monkeypatch, other_
 SHORT = '[[runs]]\nproblem = "heavy_top"\nparameters = { t_end = 0.1 }\nsolver = "gc_weak_form"\ndt = [0.001, 0.002]\n'
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The folder of that suite, made without plugins."""
+    folder = tmp_path_factory.mktemp("made") / "run"
+    run_in(folder, SHORT, 1, plugins=())
+    return folder
+
+
 @pytest.mark.parametrize("what", ["solvers", "problems", "costs", "plugins", "commit"])
-def test_what_is_more_than_a_law_is_run_again(tmp_path, monkeypatch, other_code, capsys, what):
+def test_what_is_more_than_a_law_is_run_again(tmp_path, made, monkeypatch, other_code, capsys, what):
     """Another solver, problem or clock has another cost; without the run's plugins its code is another."""
     folder = tmp_path / "run"
-    run_in(folder, SHORT, 1, plugins=(PLUGIN,) if what == "plugins" else ())
+    if what == "plugins":
+        run_in(folder, SHORT, 1, plugins=(PLUGIN,))
+    else:
+        shutil.copytree(made, folder)
     before = {p.name: p.read_bytes() for p in (folder / "runs").iterdir()}
     other_code()
     here = codes.package_sources()
@@ -172,10 +190,9 @@ WORDS = {
 }
 
 
-def test_an_interruption_keeps_what_is_done(tmp_path, monkeypatch, other_code):
+def test_an_interruption_keeps_what_is_done(tmp_path, made, monkeypatch, other_code):
     """Runs are replaced some at a time; the others are measured the next time."""
-    folder = tmp_path / "run"
-    run_in(folder, SHORT, 1, plugins=())
+    folder = shutil.copytree(made, tmp_path / "run")
     other_code()
     monkeypatch.setattr(remeasure, "AT_ONCE", 1)
     solve, calls = command_module.run_watched, []

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,20 +21,35 @@ from mbsbench.harness.execution.runner import Request, find_last_folder, run_sui
 from mbsbench.harness.files import FileError, name_partial
 from mbsbench.harness.results import codes, environment, store
 from mbsbench.harness.suites.suite import parse_suite
+from mbsbench.tests.covering import few
 
-from ..conftest import PLUGIN, Silent
+from ..conftest import PLUGIN, Silent, run_in
+
+THREE = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"\ndt = [0.1, 0.2, 0.5]'
 
 
-def test_damaged_runs_are_run_again(run_text, tmp_path):
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder in which three runs are done."""
+    folder = tmp_path_factory.mktemp("made") / "run"
+    run_in(folder, THREE)
+    return folder
+
+
+@pytest.fixture
+def done(made, tmp_path):
+    """A copy of it, where ``run_text`` runs."""
+    return shutil.copytree(made, tmp_path / "run")
+
+
+def test_damaged_runs_are_run_again(run_text, done):
     """A truncated record or series is set aside, said, and its run run anew."""
-    text = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"\ndt = [0.1, 0.2, 0.5]'
-    folder = tmp_path / "run"
-    first, _ = run_text(text, folder=folder)
-    a, b, c = first.records
+    folder = done
+    a, b, c = store.load(folder).records
     path = folder / "runs" / f"{a.run_id}.json"
     path.write_bytes(path.read_bytes()[:100])
     os.truncate(folder / b.series, 50)
-    second, watcher = run_text(text, folder=folder, resume=True)
+    second, watcher = run_text(THREE, resume=True)
     assert len(second.records) == 3 and sorted(watcher.ran) == sorted([a.case, b.case])
     assert len(watcher.set_aside) == 3  # the record of a, the record of b and its series
     assert store.read_record(folder / "runs" / f"{c.run_id}.json").finished == c.finished
@@ -191,25 +207,22 @@ def test_a_full_disk_at_the_end_hides_nothing_and_leaves_no_rest(run_text, tmp_p
     assert not [p for p in (tmp_path / "run").iterdir() if ".part" in p.name]
 
 
-def test_what_a_killed_process_left_half_written_goes(run_text, tmp_path):
+def test_what_a_killed_process_left_half_written_goes(run_text, done):
     """Nobody else writes while the folder is locked; what only looks alike stays."""
-    text, folder = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"', tmp_path / "run"
-    run_text(text)
+    folder = done
     own = [name_partial(folder / place, 99999) for place in ("runs/ab.json", "series/ab.npz", "runs.parquet")]
     other = folder / "runs" / ".notes.part"
     for path in (*own, other):
         path.write_bytes(b"half")
-    again, watcher = run_text(text, resume=True)
-    assert not watcher.ran and len(again.records) == 1 and not again.unreadable
+    again, watcher = run_text(THREE, resume=True)
+    assert not watcher.ran and len(again.records) == 3 and not again.unreadable
     assert [p.exists() for p in (*own, other)] == [False] * 3 + [True]
 
 
-def test_a_used_folder_is_not_overwritten(run_text, tmp_path):
+def test_a_used_folder_is_not_overwritten(run_text, done):
     """Without --resume, results that are there are somebody's."""
-    text = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"'
-    run_text(text)
     with pytest.raises(FileError, match="--resume"):
-        run_text(text)
+        run_text(THREE)
 
 
 def test_table_does_not_depend_on_jobs(run_text, tmp_path):
@@ -285,19 +298,20 @@ def test_runs_of_older_code_are_set_aside_and_made_anew(tmp_path, monkeypatch):
     assert f"{before['exact'].run_id}.json: the run was made with other code and is repeated" in why
 
 
-def test_thousands_of_foreign_files_are_one_line(tmp_path, capsys):
+@pytest.mark.parametrize("many", few([300, 3000], lambda many: many < 1000))
+def test_thousands_of_foreign_files_are_one_line(tmp_path, capsys, many):
     """How many, the first and why it is no record; each is set aside, with its reason in one note."""
     (tmp_path / "s.toml").write_text(
         f'name = "s"\nplugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = "exact"\n'
     )
     line = ["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run"), "--jobs", "1"]
     assert main(line) == 0
-    for k in range(3000):
+    for k in range(many):
         (tmp_path / "run" / "runs" / f"junk{k}.json").write_text('{"x": 1}')
     capsys.readouterr()
     assert main([*line, "--resume"]) == 0
     said = capsys.readouterr().err.splitlines()
     (about,) = [words for words in said if "junk" in words]
-    assert about.startswith("set aside: 3000 files, the first is junk0.json: ") and len(said) < 10
+    assert about.startswith(f"set aside: {many} files, the first is junk0.json: ") and len(said) < 10
     aside = tmp_path / "run" / "set_aside"
-    assert len(list(aside.glob("junk*.json"))) == 3000 == len((aside / "why.txt").read_text().splitlines())
+    assert len(list(aside.glob("junk*.json"))) == many == len((aside / "why.txt").read_text().splitlines())

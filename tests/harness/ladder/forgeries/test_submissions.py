@@ -8,6 +8,7 @@ from mbsbench.harness.ladder.instances import InstanceKind, digest_submission
 from mbsbench.harness.ladder.ranking import rank_entries
 from mbsbench.harness.ladder.submission import BlindWorker, Submission, read_submission, run_submission
 from mbsbench.harness.sandbox.forked_process import ForkedProcess
+from mbsbench.tests.covering import every
 
 from .forger import AWAY, CONDUCT, COSTS, FALSE, NAME, WORK
 
@@ -64,7 +65,7 @@ def test_the_honest_motion_is_a_success(submit):
     assert record.status == "success" and row.points == 1, record
 
 
-@pytest.mark.parametrize("how", FALSE)
+@pytest.mark.parametrize("how", every(FALSE, 4))
 def test_a_false_motion_is_no_success(submit, how):
     """Laws, the reference of the hidden instance, or the contract find it; claimed, it counts less than no answer."""
     record, row = submit(how)
@@ -72,14 +73,14 @@ def test_a_false_motion_is_no_success(submit, how):
     assert row.solved == 0 and row.points == (-1 if record.status != "crashed" else 0)
 
 
-@pytest.mark.parametrize("how", CONDUCT)
+@pytest.mark.parametrize("how", every(CONDUCT, 3))
 def test_what_is_not_its_own_is_out_of_reach(fenced, submit, how):
     """Names, answers, files, clocks, other processes: the motion that it returns without them is false."""
     record, row = submit(how, repeats=2 if "kept" in how else 1)
     assert record.status not in ("success", "refused") and row.points <= 0, record
 
 
-@pytest.mark.parametrize("how", COSTS)
+@pytest.mark.parametrize("how", every(COSTS, 2))
 def test_all_work_is_in_the_cost(submit, how):
     """Wherever it is done, and whatever the submission's clocks say."""
     record, _ = submit(how, repeats=2 if "first" in how else 1)
