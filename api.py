@@ -219,6 +219,7 @@ def _resolve_problem(given: str | Problem, t_end: float | None) -> Problem:
         return registry.make_problem(given, changes)
     if not isinstance(given, Problem):
         raise ValueError(f"problem must be a name or a Problem (got {_describe_kind(given)})")
+    given.check_begin()
     check_start(given.system, given.initial, literal=given.literal_start)
     check_lengths(given.system, t_end or given.t_end)
     return dataclasses.replace(given, parameters={**given.parameters, **changes}, **changes)

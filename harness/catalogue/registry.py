@@ -321,6 +321,7 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
     entry = find_entry("problem", name, problems())
     values = _read("parameter", f"problem {name}", entry.parameters, parameters or {})
     made = entry.make(**{k: v for k, v in values.items() if k not in COMMON_PARAMETERS})
+    made.check_begin()
     check_start(made.system, made.initial, literal=made.literal_start)
     if values["perturb"] > 0.0:
         made = dataclasses.replace(made, initial=perturb(made.system, made.initial, values["perturb"], values["seed"]))

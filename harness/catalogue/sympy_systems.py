@@ -105,7 +105,7 @@ class _Equations:
         return self.given.eom_method
 
     @cached_property
-    def sm(self) -> tuple[Any, Any]:
+    def sympy_modules(self) -> tuple[Any, Any]:
         """The modules ``sympy`` and ``sympy.physics.mechanics``, imported when needed."""
         return importlib.import_module("sympy"), importlib.import_module("sympy.physics.mechanics")
 
@@ -128,7 +128,7 @@ class _Equations:
     def closing(self) -> Any:
         """The configuration constraints: a column of expressions in q that vanish where loops are closed."""
         found = self.method._hol_coneqs if self.is_lagrange else self.method._f_h
-        return self.sm[0].Matrix(list(found))
+        return self.sympy_modules[0].Matrix(list(found))
 
     @cached_property
     def parts(self) -> tuple[Any, ...]:
@@ -151,7 +151,7 @@ class _Equations:
         """The rigid bodies, with mass [kg] and inertia about C [kg m2, body], in the order of ``parts``."""
         out = []
         for b in self.parts:
-            J = self.sm[0].zeros(3, 3) if self._is_point(b) else b.central_inertia.to_matrix(b.frame)
+            J = self.sympy_modules[0].zeros(3, 3) if self._is_point(b) else b.central_inertia.to_matrix(b.frame)
             m, *entries = self._compile([b.mass, *J])(*np.zeros(len(self.q) + len(self.u))).ravel()
             out.append(RigidBody(float(m), np.array(entries, dtype=float).reshape(3, 3), str(b.name)))
         return out
@@ -182,7 +182,7 @@ class _Equations:
 
         Raise ValueError if symbols have no value, which it names, or if time occurs explicitly.
         """
-        sp, me = self.sm
+        sp, me = self.sympy_modules
         names = sp.symbols(f"x:{len(self.q) + len(self.u)}", cls=sp.Dummy)
         matrix = sp.Matrix(expressions) if not hasattr(expressions, "shape") else expressions
         rates = {} if self.is_lagrange else self.method.kindiffdict()
@@ -199,7 +199,7 @@ class _Equations:
     @cached_property
     def _numbers(self) -> dict[str, Any]:
         """Functions of the numbers (*q, *u) by name; a matrix without rows has no function."""
-        sp, me = self.sm
+        sp, me = self.sympy_modules
         t = me.dynamicsymbols._t
         x: list[Any] = []
         for b in self.parts:

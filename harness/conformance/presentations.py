@@ -48,7 +48,11 @@ def assess_symmetries(folder: Path, runs: Sequence[RunRecord], none: str) -> Ite
 
 
 def _count_symmetries(found: Sequence[Symmetry], messages: Mapping[str, str]) -> Finding:
-    """Return the finding on how many of the symmetries that the solver did not refuse hold; open if it refused all."""
+    """Return the finding on how many of the symmetries that the solver did not refuse hold.
+
+    It is good if all of them hold, else open: a broken one has a finding of its own. ``messages`` are those of the
+    runs by settings_id, which say why a run was refused.
+    """
     taken = [s for s in found if s.verdict != "refused"]
     refused = Counter((s.problem, s.message or messages.get(s.settings_ids[0], "")) for s in found if s not in taken)
     words = "; ".join(f"{n} refused on {problem}: {why}" for (problem, why), n in refused.items())
@@ -56,5 +60,5 @@ def _count_symmetries(found: Sequence[Symmetry], messages: Mapping[str, str]) ->
         return state_finding("symmetries", f"not determined: {words}", EXPECTED)
     kept = sum(s.verdict == "holds" for s in taken)
     counted = f"{kept} of {len(taken)} hold{words and f'; {words}'}"
-    good = True if kept == len(taken) else None  # a broken symmetry has a finding of its own
+    good = True if kept == len(taken) else None
     return state_finding("symmetries", counted, EXPECTED, good=good)

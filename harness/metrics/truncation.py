@@ -13,7 +13,7 @@ the pose by its own error changes the largest acceleration or load by a tenth.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -84,12 +84,16 @@ def measure_truncation(
     exact: Callable[[np.ndarray], States] | None = None,
     covered: int = 0,
 ) -> Truncation:
-    """Return the errors of a run's velocities, accelerations and reactions, relative to what its step size explains.
+    """Return the summed errors over the summed bounds, of velocities, accelerations and reactions, of the worst body.
+
+    Errors and bounds are those of the module's docstring; above 1 an error is more than the step size explains.
+    Accelerations are those of index 1, not the run's own. If one of accelerations or reactions exceeds its bound, both
+    bounds are widened by the effect of the poses' own errors. If velocities or accelerations still exceed theirs, the
+    exact motion excuses them where it is known. A ratio is NaN with fewer than three rows, for a system at rest, and
+    for reactions where none are recorded.
 
     ``speed`` [m/s] is the largest of the motion, ``length`` [m] its length scale; ``exact`` returns the exact motion at
-    given rows and is known at the first ``covered`` ones. If accelerations or reactions exceed their bounds, these are
-    widened by the effect of the poses' own errors. If velocities or accelerations still do, both are divided by twice
-    the exact motion's ratio at the same rows, where that exceeds 1/2.
+    given rows and is known at the first ``covered`` ones.
     """
     k = _steps(system, t, s)
     if len(k) < 3 or not speed > 0.0:
@@ -98,40 +102,85 @@ def measure_truncation(
     size = np.max(np.abs(s.r), initial=0.0) + np.max(system.gyration)
     rows = _compare(system, t, s, k)
     found = [solve_index_1(system, x) for x in rows.near]
-    told = None if reaction is None or not system.nj else [reaction[k + d] for d in (-1, 0, 1)]
-    looked, every = len(k), np.ones(len(k), dtype=bool)
-    none = np.zeros((len(k), system.nb))
-    velocities = _ratio(*_compare_velocities(rows, speed, size))
-    accelerations, there = _compare_accelerations(rows, found, slow, none, every)
-    reactions = _compare_reactions(rows, found, told, slow, none, every)
-    rate = float(np.max(there, initial=0.0, where=np.isfinite(there))) / speed
-    unsure = unsure_loads = 0
-    if max(np.nan_to_num([accelerations, reactions])) > 1.0 or not np.all(np.isfinite(there)):
-        own = np.max(measure_displacement(system, rows.here, rows.near[1]), axis=1, initial=FINEST * length)
-        own = np.minimum(own, COARSEST * length)
-        moved = [solve_index_1(system, disturb_poses(system, rows.near[1], own, seed)) for seed in SEEDS]
-        a, load, Omega = found[1].a, found[1].load, rows.here.Omega
-        field = _make_matter_rates(a, Omega, _repeat_identity(a))
-        apart = np.max(
-            [_matter(system, _make_matter_rates(x.a, Omega, _repeat_identity(a)) - field) for x in moved], axis=0
-        )
-        known = np.all(apart <= KNOWN * there, axis=1)  # false where it is no number, too
-        unsure = int(np.sum(~known))
-        accelerations, _ = _compare_accelerations(rows, found, slow, apart / SURE, known)
-        if told is not None:
-            apart = np.max([_weight(system, x.load - load) for x in moved], axis=0)
-            known &= np.all(apart <= KNOWN * _largest_load(system, load, slow), axis=1)
-            reactions = _compare_reactions(rows, found, told, slow, apart / SURE, known)
-            unsure_loads = int(np.sum(~known))
-    k = k[k + 1 < covered]
-    enough = len(k) >= max(3, COVERED * looked)
-    if exact is not None and enough and max(np.nan_to_num([velocities, accelerations])) > 1.0:
-        around = np.unique(np.concatenate((k - 1, k, k + 1)))
-        same = _compare(system, t[around], exact(around), np.searchsorted(around, k))
-        found, none, every = [solve_index_1(system, x) for x in same.near], none[: len(k)], every[: len(k)]
-        velocities /= np.fmax(1.0, TWICE * _ratio(*_compare_velocities(same, speed, size)))
-        accelerations /= np.fmax(1.0, TWICE * _compare_accelerations(same, found, slow, none, every)[0])
-    return Truncation(velocities, accelerations, reactions, rate, looked, unsure, unsure_loads)
+    recorded = None if reaction is None or not system.nj else [reaction[k + d] for d in (-1, 0, 1)]
+    no_widening, every = np.zeros((len(k), system.nb)), np.ones(len(k), dtype=bool)
+    accelerations, largest = _compare_accelerations(rows, found, slow, no_widening, every)
+    out = Truncation(
+        _ratio(*_compare_velocities(rows, speed, size)),
+        accelerations,
+        _compare_reactions(rows, found, recorded, slow, no_widening, every),
+        float(np.max(largest, initial=0.0, where=np.isfinite(largest))) / speed,
+        len(k),
+    )
+    if max(np.nan_to_num([out.accelerations, out.reactions])) > 1.0 or not np.all(np.isfinite(largest)):
+        out = _widen_by_pose_errors(out, rows, found, recorded, slow, largest, length)
+    known = k[k + 1 < covered]
+    enough = len(known) >= max(3, COVERED * len(k))
+    if exact is not None and enough and max(np.nan_to_num([out.velocities, out.accelerations])) > 1.0:
+        out = _excuse_by_exact_motion(out, system, t, known, exact, (speed, size, slow))
+    return out
+
+
+def _widen_by_pose_errors(
+    out: Truncation,
+    rows: _Rows,
+    found: list[Index1],
+    recorded: list[np.ndarray] | None,
+    slow: float,
+    largest: np.ndarray,
+    length: float,
+) -> Truncation:
+    """Return ``out`` with bounds on accelerations and reactions that allow for the errors of the poses themselves.
+
+    Each pose is moved twice at random by its own distance from the constraints. A bound is at least the change that
+    this makes, over ``SURE``; rows where it makes more than ``KNOWN`` of the ``largest`` acceleration [m/s2] or load
+    are left out and counted.
+    """
+    system = rows.system
+    own = np.max(measure_displacement(system, rows.here, rows.near[1]), axis=1, initial=FINEST * length)
+    own = np.minimum(own, COARSEST * length)
+    moved = [solve_index_1(system, disturb_poses(system, rows.near[1], own, seed)) for seed in SEEDS]
+    a, load, Omega = found[1].a, found[1].load, rows.here.Omega
+    field = _make_matter_rates(a, Omega, _repeat_identity(a))
+    change = np.max(
+        [_matter(system, _make_matter_rates(x.a, Omega, _repeat_identity(a)) - field) for x in moved], axis=0
+    )
+    known = np.all(change <= KNOWN * largest, axis=1)  # false where it is no number, too
+    accelerations, _ = _compare_accelerations(rows, found, slow, change / SURE, known)
+    out = replace(out, accelerations=accelerations, unsure=int(np.sum(~known)))
+    if recorded is None:
+        return out
+    change = np.max([_weight(system, x.load - load) for x in moved], axis=0)
+    known &= np.all(change <= KNOWN * _largest_load(system, load, slow), axis=1)
+    reactions = _compare_reactions(rows, found, recorded, slow, change / SURE, known)
+    return replace(out, reactions=reactions, unsure_loads=int(np.sum(~known)))
+
+
+def _excuse_by_exact_motion(
+    out: Truncation,
+    system: MultibodySystem,
+    t: np.ndarray,
+    k: np.ndarray,
+    exact: Callable[[np.ndarray], States],
+    sizes: tuple[float, float, float],
+) -> Truncation:
+    """Return ``out`` with the ratios of velocities and accelerations divided by twice those of the exact motion.
+
+    They are divided where twice the exact motion's ratio at the rows ``k`` is above 1: steps too long to judge rates.
+    ``sizes`` are the largest speed [m/s], the size of the system [m] and ``slow`` [m/s2].
+    """
+    speed, size, slow = sizes
+    around = np.unique(np.concatenate((k - 1, k, k + 1)))
+    same = _compare(system, t[around], exact(around), np.searchsorted(around, k))
+    found = [solve_index_1(system, x) for x in same.near]
+    every, no_widening = np.ones(len(k), dtype=bool), np.zeros((len(k), system.nb))
+    velocities = _ratio(*_compare_velocities(same, speed, size))
+    accelerations, _ = _compare_accelerations(same, found, slow, no_widening, every)
+    return replace(
+        out,
+        velocities=out.velocities / np.fmax(1.0, TWICE * velocities),
+        accelerations=out.accelerations / np.fmax(1.0, TWICE * accelerations),
+    )
 
 
 def _compare(system: MultibodySystem, t: np.ndarray, s: States, k: np.ndarray) -> _Rows:

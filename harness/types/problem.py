@@ -116,11 +116,6 @@ class Problem:
             kind = type(one).__name__.lower()
             check_text(f"problem {self.name}: name of an {kind}", one.name)
             check_text(f"problem {self.name}: unit of {kind} {one.name}", one.unit)
-        if self.initial.t != 0.0:
-            raise ValueError(
-                f"problem {self.name}: the start has t = {self.initial.t:g} s, and every motion begins at t = 0: "
-                "shift drives and loads in time instead"
-            )
         if 0.0 < self.t_end < math.inf:
             check_axes(self.system, self.initial, self.t_end)
 
@@ -130,6 +125,17 @@ class Problem:
         bodies = "1 body" if s.nb == 1 else f"{s.nb} bodies"
         joints = "1 joint" if s.nj == 1 else f"{s.nj} joints"
         return f"<Problem {self.name}{given}: {bodies}, {joints}, {s.nrows} rows; {self.t_end:g} s, dt = {self.dt:g} s>"
+
+    def check_begin(self) -> None:
+        """Raise ValueError unless the start has t = 0, where every motion begins.
+
+        Solvers make problems that begin later, to go on from one choice of rows to another; a user cannot.
+        """
+        if self.initial.t != 0.0:
+            raise ValueError(
+                f"problem {self.name}: the start has t = {self.initial.t:g} s, and every motion begins at t = 0: "
+                "shift drives and loads in time instead"
+            )
 
     def home(self, s: States) -> States:
         """Return the motion ``s``, given in space, in the home frame: the paper's axes."""

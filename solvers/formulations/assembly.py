@@ -127,7 +127,8 @@ def _compile_element(e: Element, *, derivative: bool) -> _Compiled:
 def _entries(batches: Sequence[Batch], sparsities: Sequence[ca.Sparsity]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the row, column and ``of_w`` flag of every nonzero derivative of the batches, part by part.
 
-    The row is an output of the assembly; the column is an unknown in y, or an acceleration in w where the flag is set.
+    The row is an output of the assembly, or -1 where the output is dropped; the column is an unknown in y, or an
+    acceleration in w where the flag is set. A column may be that of a constant, which has no derivative.
     """
     rows, columns, of_w = [], [], []
     for b, s in zip(batches, sparsities, strict=True):

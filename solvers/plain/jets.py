@@ -47,7 +47,7 @@ class Jet:
         if isinstance(other, np.ndarray):
             return NotImplemented
         b = jet(other)
-        return self * b.through(1.0 / b.x, -1.0 / b.x**2, 2.0 / b.x**3)
+        return self * b.apply_function(1.0 / b.x, -1.0 / b.x**2, 2.0 / b.x**3)
 
     def __rtruediv__(self, other: Any) -> "Jet":
         if isinstance(other, np.ndarray):
@@ -56,7 +56,7 @@ class Jet:
 
     __radd__, __rmul__ = __add__, __mul__
 
-    def through(self, f: float, df: float, ddf: float) -> "Jet":
+    def apply_function(self, f: float, df: float, ddf: float) -> "Jet":
         """Return a function of this jet by the chain rule, from the function and its first two derivatives at x."""
         mixed = df * self.slope_rates + ddf * self.rate * self.slopes
         return Jet(f, df * self.rate, df * self.slopes, mixed)
@@ -64,17 +64,17 @@ class Jet:
     def sin(self) -> "Jet":
         """Return the sine; NumPy's ``np.sin`` calls it."""
         s, c = np.sin(self.x), np.cos(self.x)
-        return self.through(s, c, -s)
+        return self.apply_function(s, c, -s)
 
     def cos(self) -> "Jet":
         """Return the cosine."""
         s, c = np.sin(self.x), np.cos(self.x)
-        return self.through(c, -s, -c)
+        return self.apply_function(c, -s, -c)
 
     def sqrt(self) -> "Jet":
         """Return the square root."""
         root = np.sqrt(self.x)
-        return self.through(root, 0.5 / root, -0.25 / root**3)
+        return self.apply_function(root, 0.5 / root, -0.25 / root**3)
 
     def arctan2(self, other: Any) -> "Jet":
         """Return the angle of (other, self), y being self: its differential is (x dy - y dx) / (x^2 + y^2)."""

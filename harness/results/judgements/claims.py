@@ -20,7 +20,7 @@ class ClaimVerdict(StrEnum):
 
     NOT_REPRODUCED = "not reproduced"  # it holds for none of the choices tried
     REPRODUCED_IF = "reproduced if"  # it holds for some of them, named by the finding's ``decision``
-    REPRODUCED = "reproduced"  # it holds for all of them
+    REPRODUCED = "reproduced"  # it holds for all of them; for at least one with the quantifier "some"
     CANNOT_BE_TOLD = "cannot be told"
 
 

@@ -98,7 +98,7 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
         numbers=numbers,
     )
     if choices.whole:
-        return _with_code(system, step, choices)
+        return _set_code_entries(system, step, choices)
     loops = WrenchLoops(system, kernel)
     loops.step = step
     made = loops.entries(choices.direction, use_f_bar=bool(choices.use_f_bar))
@@ -112,14 +112,19 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
     )
 
 
-def _with_code(system: MultibodySystem, s: Any, choices: Settings) -> Any:
-    """Return the bundle of a step with entries of straight-line code for the mechanism.
+def _set_code_entries(system: MultibodySystem, s: Any, choices: Settings) -> Any:
+    """Return the step ``s`` with ``begin``, ``factor``, ``iterate`` and ``correct`` set to code for this mechanism.
 
-    Raises ``NoMechanismCode`` where none can be made.
+    The code computes the same equations as the loops; its functions and the order of their arguments are those of
+    ``rows.simplified_step``. ``iterate`` makes one simplified Newton step and copies v and nu back; ``correct`` moves
+    the poses onto phi = 0 in ``PASSES`` passes, or does nothing without ``closes_pose``.
+    ``s.scheme["refresh"]`` becomes ``EARLY`` in place, since by code a factor costs less than an iteration. With
+    ``choices.active`` no rows are chosen anew: where kept rows become dependent, the proximal saddle takes over. Raises
+    ``NoMechanismCode`` where the mechanism has no code.
     """
     k, names, given = s.kernel, ("gauge", "b_term", "direction", "use_f_bar", "keep_nu"), choices.numbers()
     s.scheme["refresh"] = EARLY
-    if choices.active:  # where kept rows become dependent, the proximal saddle takes over
+    if choices.active:
         k = k._replace(dense=k.dense[:0])
     bounds, shares = list_choice_arrays(k)
     code, _, (kept, size) = make_mechanism_code(system, k, "iterate", **{name: given[name] for name in names})
