@@ -23,7 +23,7 @@ from .record_forger import FORGED
 
 FORGER = Path(__file__).with_name("record_forger.py")
 LIMITED = """
-total_limit = 1.5
+total_limit = 2.0
 [[runs]]
 problem = "free_fall"
 solver = ["forges_records", "exact", "sleeps", "gives_up"]
@@ -78,7 +78,7 @@ def test_records_of_runs_that_never_began_are_set_aside(true_record, tmp_path, m
 def test_records_of_runs_that_never_began_are_none_after_ctrl_c_or_a_kill(true_record, tmp_path, monkeypatch, how):
     """The command itself ends, by Ctrl-C or SIGKILL; --resume begins these runs, and counts none as done."""
     folder, suite = tmp_path / "run", tmp_path / "s.toml"
-    text = 'name = "test"\n' + LIMITED.replace("1.5", "60.0")
+    text = 'name = "test"\n' + LIMITED.replace("2.0", "60.0")
     suite.write_text(text)
     files, jobs = forge(true_record, folder, text)
     line = [sys.executable, "-m", "mbsbench.cli", "run", str(suite), "--out", str(folder), "--jobs", "1"]
@@ -103,7 +103,7 @@ def test_records_of_runs_that_never_began_are_none_after_ctrl_c_or_a_kill(true_r
     out, _ = process.communicate(timeout=60)
     assert process.returncode != 0 and "4 success" not in out
     monkeypatch.setenv(FORGED, "{}")
-    _, watcher = run_in(folder, text.replace("60.0", "1.5"), 1, plugins=PLUGINS, resume=True)
+    _, watcher = run_in(folder, text.replace("60.0", "2.0"), 1, plugins=PLUGINS, resume=True)
     own = [job.id for job in jobs if job.spec.solver == "forges_records"]
     begun = how == "killed"  # of the one that had begun nobody can tell, once its runner is killed
     assert len(watcher.set_aside) == (len(jobs) - len(own) if begun else 0), watcher.set_aside

@@ -157,15 +157,18 @@ def test_others(objects, arguments, code, key):
 
 
 @pytest.mark.parametrize("closed", ["2>&-", ">&-", "<&-", ">&- 2>&- <&-"])
-def test_closed_streams_cost_no_run(tmp_path, closed):
+@pytest.mark.parametrize(
+    ("text", "runs"), [(SHORT, 2), pytest.param(SUITE, 5, marks=pytest.mark.slow)], ids=["short", "whole"]
+)
+def test_closed_streams_cost_no_run(tmp_path, closed, text, runs):
     """As a scheduler or a daemon may start a command: nothing that we open takes their place, and all is run."""
     suite, out = tmp_path / "s.toml", tmp_path / "out"
-    suite.write_text(SHORT)
+    suite.write_text(text)
     command = f"{sys.executable} -m mbsbench run {suite} --out {out} {closed}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stdout + done.stderr
-    assert len(store.load(out).records) == 2
+    assert len(store.load(out).records) == runs
 
 
 @pytest.mark.parametrize("command", ["list problems", "show {out}", "run {suite} --dry-run", "list --json"])

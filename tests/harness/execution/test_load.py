@@ -10,7 +10,7 @@ import pytest
 from .. import cheating
 from ..conftest import PLUGIN, run_in
 
-BUSY = 2  # processes that do nothing but work
+BUSY = 2  # processes a core that do nothing but work
 LONGEST = 120.0  # [s] after which they end by themselves
 SUITE = """
 [[runs]]
@@ -30,16 +30,17 @@ def spin(until: float) -> None:
         pass
 
 
-@pytest.fixture
-def busy():
-    """Have one core for the test and what it starts, which is wanted by ``BUSY`` others: they are the machine."""
+@pytest.fixture(params=[1, pytest.param(0, marks=pytest.mark.slow)], ids=["one core", "all cores"])
+def busy(request):
+    """Have so many cores (0: all) for the test and what it starts, each wanted by ``BUSY`` others: their number."""
     until, cores = time.monotonic() + LONGEST, os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(cores)})
+    own = set(sorted(cores)[: request.param or None])
+    os.sched_setaffinity(0, own)
     context = multiprocessing.get_context("fork")
-    others = [context.Process(target=spin, args=(until,), daemon=True) for _ in range(BUSY)]
+    others = [context.Process(target=spin, args=(until,), daemon=True) for _ in range(BUSY * len(own))]
     for p in others:
         p.start()
-    yield
+    yield len(own)
     os.sched_setaffinity(0, cores)
     for p in others:
         p.terminate()
@@ -53,7 +54,7 @@ def ends(folder, jobs):
 
 def test_a_busy_machine_changes_no_status(tmp_path, busy):
     """Each run gets a third of a core or less: what needs half of its CPU time ends well, however long it waits."""
-    status = ends(tmp_path / "run", 2)
+    status = ends(tmp_path / "run", 2 * busy)
     assert status == {"cheats{}": "success", 'cheats{"where": "daemon"}': "success", "spins{}": "unfinished"}
 
 

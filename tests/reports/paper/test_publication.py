@@ -140,13 +140,16 @@ def test_latex_takes_the_floats(tmp_path):
     assert done.returncode == 0 and (tmp_path / "paper.pdf").stat().st_size > 10_000, done.stdout[-500:]
 
 
-def test_solvers_are_called_as_asked(results, capsys):
+@pytest.mark.parametrize(
+    ("problem", "solver"), [("lonely", "beta"), pytest.param("pendulum", "alpha", marks=pytest.mark.slow)]
+)
+def test_solvers_are_called_as_asked(results, capsys, problem, solver):
     """In figures and tables, not in the results; a name that is no solver's, or that two would have, is refused."""
     folder = results.folder / publication.FOLDER
-    assert main(["figures", str(results.folder), "--only", "lonely", "--name", "beta=ODE-GC & more"]) == 0
-    text = (folder / "lonely" / "lonely.tex").read_text(encoding="utf-8")
-    assert r"{ODE-GC \& more}" in text and "{beta}" not in text
-    assert "beta" in read_results(results.folder).solvers
+    assert main(["figures", str(results.folder), "--only", problem, "--name", f"{solver}=ODE-GC & more"]) == 0
+    text = (folder / problem / f"{problem}.tex").read_text(encoding="utf-8")
+    assert r"{ODE-GC \& more}" in text and f"{{{solver}}}" not in text
+    assert solver in read_results(results.folder).solvers
     capsys.readouterr()
     for given, words in (("alhpa=x", "there are "), ("alpha=beta", "two solvers are called 'beta'")):
         assert main(["figures", str(results.folder), "--name", given]) == 2
