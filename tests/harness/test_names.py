@@ -33,7 +33,6 @@ STAYS = {  # names that others call, and names of data: why each is as it is
     "solvers/formulations/joint_coordinates/marching.py stretch": "the same method of all marchers",
     "solvers/formulations/methods/gc_weak_form.py stretch": "the same method of all marchers",
     "solvers/formulations/joint_coordinates/motion.py along": "the power of a load along a tree: to be renamed",
-    "solvers/plain/jets.py through": "the chain rule of jets, read as in y.through(f, ...)",
     "harness/types/solver.py due": "part of the contract of solvers",
     "harness/sandbox/spool.py due": "part of the contract of solvers, in a file",
     "harness/execution/progress_line.py due": "part of the contract of solvers, for a line of progress",

@@ -224,7 +224,7 @@ def _one_suffices(claim: given.Claim) -> bool:
 def _verdict(claim: given.Claim, holding: int, counted: int) -> ClaimVerdict:
     """Return the verdict on ``counted`` settings, of which ``holding`` meet the claim: all, some, or none.
 
-    With the quantifier "some" one that meets it suffices; of no setting nothing can be told.
+    With the quantifier "some" one that meets it suffices; with no setting counted there is none.
     """
     if not counted:
         return ClaimVerdict.CANNOT_BE_TOLD
