@@ -225,7 +225,7 @@ CHEAP = (  # claims whose runs take half a minute or so: most problems, most ver
     "11-ode45-coincident",
     "11-ode45-step-decrease",
     "beyond-redundant",
-    "12-joint-A",
+    "9-adams",
     "4-nonholonomic",
     "6-rheonomic",
     "general-no-scaling",
