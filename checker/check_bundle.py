@@ -58,6 +58,7 @@ CRASHES = {"exception", "exit", "signal", "killed", "supervisor_lost", "workers_
 UNFINISHED = {"wall_limit", "cpu_limit", "code_limit", "total_limit", "measure_limit", "suspended"}
 STEP_ASKED = (0.6, 1.6)  # of dt_s: median step of a success; whole steps need not fit into t_end
 SCALE_TIMES = 2000  # even intervals of the exact motion whose ends set scales
+OWN_SCALES = {"length": "reach", "gap_rate": "speed"}  # series whose maxima are these scales
 REST = 1e-6  # of the size of a mechanism: a smaller motion is rest
 ACCURATE = {  # share of the length up to which the motion is followed
     "accurate_until_s": 0.1,
@@ -1087,6 +1088,8 @@ class Run:
         if known and record["control"] == "dt":
             asked, median = record["dt_s"], np.median(steps)
             fits = STEP_ASKED[0] * asked <= median <= STEP_ASKED[1] * asked
+            if record["status"] == "success" and steps.max() > STEP_ASKED[1] * asked:
+                self.report.weak.append("with a step longer than the fixed step asked for")
             if record["status"] == "success" and record["suite"] != "refereed":
                 self.require("dt_s", fits, asked, median)
             elif not fits:  # a refereed motion has the step that its user names
@@ -1121,6 +1124,9 @@ class Run:
             kept = times or found["is rest"] or not full
             kept = kept and np.isin(times, p.scale_states[:, TIME]).all()
             self.require("scales kept", kept, times, "even times of exact states")
+            own = [found[key] > 10 * self.series[of].max() for key, of in OWN_SCALES.items()]
+            if record["status"] == "success" and any(own) and not found["is rest"] and full:
+                self.report.weak.append("whose exact motion goes ten times as far or as fast")
         elif found["is rest"] and record["claimed"] == "success":
             self.report.weak.append("that stay at rest, where no exact motion says so")
         self.compare("energy_start_J", found["energy start"], ROUNDING * found["energy terms"])
@@ -1298,6 +1304,8 @@ class Run:
         limit = np.where(stated <= 100 * stated[tenth], 1e-3, 1e-9) * length
         self.judged_count = max(np.logical_and.accumulate(stated < limit).sum(), 1)
         self.compare("judged_to_s", at[self.judged_count - 1], 0, full)
+        if full and self.judged_count < 3 and self.record["claimed"] == "success":
+            self.report.weak.append("compared with an exact motion at fewer than three steps")
 
         known = full and (self.knows_shares or self.is_one_mechanism)
         for column, level in ACCURATE.items():
@@ -1701,6 +1709,8 @@ class Report:
             self.check_problem(problem, data)
             if len(problem.exact):
                 self.check_reference(problem)
+                own = [run for run in runs if str(run["problem"]) == key]
+                self.check_exact_times(problem, own, files)
         for run in runs:
             self.check_run(run, by_id[run["run_id"]], problems, files, head["codes"])
 
@@ -1776,7 +1786,7 @@ class Report:
         self.require("lossless", owed, stated, "true, or false where not all is owed")
         codes = sorted({str(record["code"]) for record in records})
         self.require_equal("codes", head["codes"], codes)
-        moving = {run["run_id"] for run in runs if run["states"] != "none"}
+        moving = {run["run_id"] for run in runs if has_states(run)}
         claimed = {record["run_id"] for record in records if claims_success(record)}
         has_evidence = not claimed or claimed & moving
         self.require("evidence", has_evidence, "no state of any success", "states")
@@ -1902,6 +1912,9 @@ class Report:
         sane = sane and t[0] >= 0 and t[-1] <= p.covered_to and (np.linalg.det(b.R) > 0).all()
         self.require("reference: errors and horizon sane", bool(sane), True, False)
 
+        # a large error between small ones would set scales that nothing judges
+        falls = np.maximum.accumulate(stated) > 100 * stated + 1e-9 * size
+        self.require("reference: errors that fall", not falls.any(), stated.max(), "by under 100")
         allowed = 1e-9 + 100 * stated.clip(0) / size
         laws = {"phi": series["phi"] / size, "phi_dot": series["phi_dot"] / max(speed, 1e-9 * size)}
         laws |= {"orthogonality": series["orthogonality"], "energy": None, "start": None}
@@ -1920,6 +1933,15 @@ class Report:
             worst = None if defect is None else float(np.abs(defect / allowed).max())
             why = "work is done, or no exact start is kept"
             self.compare(f"reference: {law} / allowed", worst, 1, True, 0.0, why)
+
+    def check_exact_times(self, p, runs, files):
+        """Check that exact states are at steps, scales and instants alone [Exact motion]."""
+        times = [files[f"runs/{run['run_id']}.npy"][:, TIME] for run in runs if has_states(run)]
+        for run in runs:
+            named = run["peaks_s"].items()
+            times.append([at for name, at in named if name in INSTANTS or "scale " in name])
+        lone = p.exact[~np.isin(p.exact[:, TIME], np.concatenate(times)), TIME]
+        self.require("reference: times", not len(lone), lone[:1], "steps and peaks of its runs")
 
     def check_record(self, run, codes):
         """Check schema, code, and that either a step or a tolerance was requested [Record]."""
@@ -2047,6 +2069,11 @@ class Report:
         count, most = self.record["series_rows"], self.record["steps"] + 1
         self.require("series_rows", count <= most, count, most)
         return rows
+
+
+def has_states(run):
+    """Return whether states of a run are there."""
+    return run["states"] != "none"
 
 
 def claims_success(record):

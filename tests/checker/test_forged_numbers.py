@@ -169,3 +169,76 @@ def test_cpu_times_without_that_of_their_process_are_counted_in_words(bundle, tm
         known = {"cpu_min_s": 1.0, "cpu_median_s": 1.0, "cpu_max_s": 1.0, "cpu_process_s": "nan", "repeats": 3}
         files = edit(bundle, lambda record, run, problem: record.update(cpu_q1_s="nan", cpu_q3_s="nan", **known))
         assert words in checker.Report(write(tmp_path / "b.zip", files)).weak
+
+
+def widen(bundle, change):
+    """The files with an exact state more, between the first two, that ``change`` made of their mean."""
+
+    def insert(matrix):
+        extra = change(matrix[:, :2].mean(axis=1))
+        return np.insert(matrix, 1, extra, axis=1)
+
+    return edit_matrix(bundle, "references/", insert)
+
+
+def rush(state):
+    """Velocities of 1 km/s."""
+    state[13:16] = 1e3
+    return state
+
+
+def doubt(state):
+    """A stated error of a twentieth of the arm."""
+    state[-1] = 0.05
+    return state
+
+
+EXACT = {"beside all steps": (rush, "reference: times"), "of a large error": (doubt, "reference: errors that fall")}
+
+
+@pytest.mark.parametrize("what", EXACT)
+def test_exact_states_that_no_step_is_compared_with_set_no_scale(bundle, tmp_path, what):
+    change, named = EXACT[what]
+    found = [line[18:56].strip() for line in check(write(tmp_path / "b.zip", widen(bundle, change)))]
+    assert named in found and "reference: times" in found
+
+
+def test_a_motion_compared_with_nothing_is_counted_in_words(bundle, tmp_path):
+    """From the second step on the stated error is a hundredth of the arm."""
+
+    def raise_errors(matrix):
+        matrix[-1, 1:] = 0.01
+        return matrix
+
+    with np.errstate(all="ignore"):
+        report = checker.Report(write(tmp_path / "b.zip", edit_matrix(bundle, "references/", raise_errors)))
+    assert "compared with an exact motion at fewer than three steps" in report.weak
+
+
+def test_an_exact_motion_that_is_far_faster_is_counted_in_words(bundle, tmp_path):
+    """One exact state, by which every limit of velocities is a thousand times as wide."""
+
+    def rush_once(matrix):
+        matrix[13:16, -1] *= 1e3
+        return matrix
+
+    with np.errstate(all="ignore"):
+        report = checker.Report(write(tmp_path / "b.zip", edit_matrix(bundle, "references/", rush_once)))
+    assert "whose exact motion goes ten times as far or as fast" in report.weak
+
+
+def test_a_step_longer_than_asked_for_is_counted_in_words(bundle, tmp_path):
+    files = edit(bundle, lambda record, run, problem: record.update(dt_s=1.2e-3))
+    with np.errstate(all="ignore"):
+        assert (
+            "with a step longer than the fixed step asked for" in checker.Report(write(tmp_path / "b.zip", files)).weak
+        )
+
+
+def test_ratios_that_nothing_determines_say_so():
+    """Neither 0 nor no number passes for a law that holds."""
+    ones = np.ones((3, 1))
+    with np.errstate(all="ignore"):
+        assert checker.find_ratio(ones[:2], ones[:2]) == checker.find_ratio(np.nan * ones, ones) == -1.0
+        assert checker.find_ratio(1e308 * ones, 1e308 * ones) == np.inf
+        assert checker.find_ratio(ones, 2.0 * ones) == 0.5
