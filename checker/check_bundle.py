@@ -52,10 +52,13 @@ SHARE_COLUMNS = {law: f"{law}_share_max" for law in LIMITS}  # of the largest sh
 SHARE_COLUMNS["orthogonality"] = "orthogonality_max"
 INACCURATE_LAWS = {"motion", "velocity", "rows"}  # broken by inaccurate motions; others by wrong
 JUDGED = ("success", "inaccurate", "wrong")  # statuses of a claimed success
-# what ends a run before its solver does
+# what solvers claim, and what ends a run before its solver does
+CLAIMS = {"", "success", "refused", "diverged", "step_underflow", "singular", "stalled"}
+CRASHES = {"exception", "exit", "signal", "killed", "supervisor_lost", "workers_lost"}
 UNFINISHED = {"wall_limit", "cpu_limit", "code_limit", "total_limit", "measure_limit", "suspended"}
 STEP_ASKED = (0.6, 1.6)  # of dt_s: median step of a success; whole steps need not fit into t_end
 SCALE_TIMES = 2000  # even intervals of the exact motion whose ends set scales
+OWN_SCALES = {"length": "reach", "gap_rate": "speed"}  # series whose maxima are these scales
 REST = 1e-6  # of the size of a mechanism: a smaller motion is rest
 ACCURATE = {  # share of the length up to which the motion is followed
     "accurate_until_s": 0.1,
@@ -138,6 +141,14 @@ def log(R, near=ZERO):
     angle = np.arctan2(dot(axial, axis)[..., None], cosine)
     turns = np.round((dot(near, axis)[..., None] - angle) / (2 * np.pi))
     return axis * (angle + 2 * np.pi * turns)
+
+
+def is_rotation(R, near=1e-9):
+    """Return whether matrices (..., 3, 3) are rotations: R^T R is 1 within ``near``, det R above 0.
+
+    A mirror image of a body is none.
+    """
+    return (np.abs(transpose(R) @ R - IDENTITY).max((-2, -1)) < near) & (np.linalg.det(R) > 0)
 
 
 def unpack_states(states):
@@ -317,6 +328,11 @@ ROWS = {  # of each kind how many, and what they are; all are 0 but those of spr
     "load": (1, list_load_rows),
 }
 FORCES = ("spring", "torsion", "load")  # beside the joints: no constraints
+LONG = ("distance", "rolling disc", "rack and pinion")  # whose L is above 0
+# kinds of moving rows that read u, and how many of n1, n2, n3 kinds read
+U_KINDS = ("driven angle", "knife edge", "rolling disc", "rack and pinion", "torsion")
+N_COUNTS = {"driven position": 1, "driven angle": 2, "rack and pinion": 2, "torsion": 2}
+N_COUNTS |= {"rolling disc": 3}
 PLACES = [(kind, k) for kind, (count, _) in ROWS.items() for k in range(count)]
 HALF_TURN_PLACES = [PLACES.index(("axes", 2)), PLACES.index(("driven angle", 0))]  # 0 there, too
 ANGLE_PLACES = [k for k, (kind, _) in enumerate(PLACES) if kind in ("axes", "driven angle")]
@@ -367,7 +383,7 @@ class Problem:
                 values = values.reshape(shape)
             known = values.shape == shape and np.isfinite(values).all()
             if key in ("user_i", "user_j", "joint_i", "joint_j"):  # -1 is the ground
-                known = known and not ((values < -1) | (values >= sizes["body"])).any()
+                known = known and np.isin(values, range(-1, sizes["body"])).all()
                 values = values.astype(int) if known else values
             words = f"{name}: {key} is not finite, of shape {shape} or beyond the bodies"
             refuse_unless(known, words)
@@ -399,6 +415,24 @@ class Problem:
         self.row_is_joint = self.is_joint[self.row_joint]  # (rows), as the next two
         self.row_is_load = (self.kinds == "load")[self.row_joint]
         self.row_is_angle = np.isin(self.row_place, ANGLE_PLACES)
+
+    def find_direction_errors(self):
+        """Return how far directions that rows read are from unit vectors at right angles [Rows].
+
+        Of u of axes and ``U_KINDS``; of w of three axes, which is normal to u; of the
+        first of n1, n2, n3 that lines, axes or ``N_COUNTS`` read.
+        """
+        lines = np.where(self.kinds == "distance", 0, self.lines)
+        count = [N_COUNTS.get(kind, 0) for kind in self.kinds] * (self.moving > 0)
+        count = np.max([lines, np.minimum(self.axes, 2), count], 0)
+        read = np.arange(3) < count[:, None]  # (nj, 3)
+        products = np.abs(self.n @ transpose(self.n) - IDENTITY)
+        off_n = products[read[:, None] & read[..., None]]
+        has_u = (self.axes > 0) | (np.isin(self.kinds, U_KINDS) & (self.moving > 0))
+        off_u, has_w = np.abs(dot(self.u, self.u) - 1), self.axes > 2
+        off_w = np.maximum(np.abs(dot(self.w, self.w) - 1), np.abs(dot(self.u, self.w)))
+        offs = {"joint_n": off_n, "joint_u": off_u[has_u], "joint_w": off_w[has_w]}
+        return {key: off.max(initial=0) for key, off in offs.items()}
 
     def set_work(self, data):
         """Set the mask (nj) of the joints and forces that do work, by numbers with effect [Energy].
@@ -459,7 +493,7 @@ class Problem:
         self.horizon, self.exact = -np.inf, self.start[:0]
         if exact is not None:
             self.horizon, self.exact = float(reference["horizon_s"]), exact
-            sound = exact.shape[1:] == self.start.shape[1:] and len(exact) and self.horizon >= 0
+            sound = exact.shape[1:] == self.start.shape[1:] and len(exact) and self.horizon > 0
             refuse_unless(sound, "a reference without states of this problem, or without a horizon")
         self.covered_to = self.horizon * (1 + ROUNDING)  # [s] the last time that is within
         even = self.exact[:, TIME] / min(self.t_end, self.horizon) * SCALE_TIMES
@@ -489,7 +523,7 @@ class Problem:
     def place_joints(self, states, velocities=None, ahead=0.0):
         """Return the joints in space, with the ground as one more body at rest.
 
-        ``velocities`` and ``ahead`` are those of ``find_rows``.
+        ``velocities`` and ``ahead`` are those of ``find_rows``; f is its parabola about the states.
         """
         n = len(states)
         with_ground = np.concatenate([states[:, :-1], np.tile(GROUND, (n, 1)), states[:, -1:]], 1)
@@ -511,9 +545,12 @@ class Problem:
         g.d = g.x_i - g.x_j
         g.u, g.w = turn(g.R[0], self.u), turn(g.R[0], self.w)
         g.n1, g.n2, g.n3 = (turn(g.R[1], self.n[:, k]) for k in range(3))
-        t = states[:, :1] + ahead + step * (velocities is None)
+        t, x = states[:, :1], ahead + step * (velocities is None)
         c0, c1, c2, c3, a, w, p = self.motion.T
-        g.f = c0 + t * (c1 + t * (c2 + t * c3)) + a * np.sin(w * t + p)
+        sine, cosine = a * np.sin(w * t + p), a * np.cos(w * t + p)
+        f_rate = c1 + t * (2 * c2 + 3 * t * c3) + w * cosine
+        f_curve = 2 * c2 + 6 * t * c3 - w**2 * sine
+        g.f = c0 + t * (c1 + t * (c2 + t * c3)) + sine + x * f_rate + x**2 / 2 * f_curve
         g.is_distance = self.kinds == "distance"
         return g
 
@@ -537,14 +574,14 @@ class Problem:
         return rows.real, rows.imag / STEP, half_turned
 
     def find_reversed_joints(self, states):
-        """Return the mask (nj) of joints whose u.n3 has another sign than at the start [Gaps].
+        """Return the mask (nj) of joints whose u.n1xn2 has another sign than at the start [Gaps].
 
-        Only two or three axis rows align u with n3.
+        Only two or three axis rows align u with n1 x n2.
         """
 
         def find_sides(some):
             g = self.place_joints(some)
-            return dot(g.u.real, g.n3.real)
+            return dot(g.u.real, np.cross(g.n1.real, g.n2.real))
 
         start = find_sides(self.start)
         pieces = [(find_sides(some) * start < 0).any(0) for some in self.split_states(states)]
@@ -681,7 +718,7 @@ class Problem:
         A = A[:, self.row_is_joint].reshape(n, -1, size)
         # central difference of phi_dot along the motion, over 1e-5 of the fastest turn: errors of
         # its square and of rounding over it are both 1e-10 or so
-        h = 1e-5 / max(1, np.abs(Omega).max(), np.abs(self.motion[:, 5]).max(initial=0))
+        h = 1e-5 / max(1, np.abs(Omega).max())
         before, after = self.find_rows(states, ahead=-h)[1], self.find_rows(states, ahead=h)[1]
         drift = (before - after)[:, self.row_is_joint, None] / (2 * h)
 
@@ -700,6 +737,36 @@ class Problem:
         b.r[...] = b.r + step[..., :3]
         b.R[...] = b.R @ exp(step[..., 3:])
         return moved
+
+    def follow(self, states, h, count):
+        """Return states a time h (n) later, by ``count`` steps of the equations of motion.
+
+        By Runge and Kutta's fourth order, of rates and of theta in R exp(theta): theta' = Omega +
+        theta x Omega / 2 + theta x (theta x Omega) / 12.
+        """
+        h = h[:, None, None] / count
+        for _ in range(count):
+            b = unpack_states(states)
+            rates = np.append(b.v, b.Omega, 2)
+            slopes, gains = [0 * rates], [0 * rates]  # of poses and of rates, a stage each
+            for share in (0, 0.5, 0.5, 1):
+                step = share * h * slopes[-1]
+                at = self.move(states, step)
+                at[:, TIME] += share * h[:, 0, 0]
+                v, Omega = np.split(rates + share * h * gains[-1], 2, 2)
+                unpack_states(at).v[...], unpack_states(at).Omega[...] = v, Omega
+                across = np.cross(step[..., 3:], Omega)
+                turn = Omega + across / 2 + np.cross(step[..., 3:], across) / 12
+                slopes.append(np.append(v, turn, 2))
+                gains.append(self.accelerate(at)[0])
+            moved, gained = (
+                np.tensordot([0, 1, 2, 2, 1], all_, 1) * h / 6 for all_ in (slopes, gains)
+            )
+            states = self.move(states, moved)
+            states[:, TIME] += h[:, 0, 0]
+            b = unpack_states(states)
+            b.v[...], b.Omega[...] = np.split(rates + gained, 2, 2)
+        return states
 
     def project(self, states):
         """Return states with the nearest poses on phi = 0, by mass and gyration [Truncation].
@@ -805,16 +872,17 @@ def find_field(rates, Omega=ZERO, turned=ZERO):
 
 
 def find_ratio(off, left, counted=True):
-    """Return sum of errors / sum of bounds over steps (k, nb), of the worst body; 0 if undecided.
+    """Return sum of errors / sum of bounds over steps (k, nb), of the worst body; -1 if undecided.
 
     It is undecided if fewer than nine in ten are ``counted``, or fewer than 3 of these are finite.
     """
     counted = counted & np.ones(len(off), bool)
     finite = counted & np.isfinite(off).all(1) & np.isfinite(left).all(1)
     if finite.sum() < 3 or counted.sum() < 0.9 * len(off):
-        return 0.0
+        return -1.0
     off, left = off[finite].sum(0), left[finite].sum(0)
-    return np.where(off > 0, off / left, 0).max()
+    ratio = np.where(off > 0, off / left, 0).max()
+    return np.inf if np.isnan(ratio) else ratio
 
 
 def bound_errors(off, left, most):
@@ -849,6 +917,7 @@ class TruncationLaw:
         fastest = np.max([turning[:-2], turning[1:-1], turning[2:]], 0)  # [rad/s]
         k = 1 + np.flatnonzero(fastest * np.maximum(h[:-1], h[1:]) < 0.5)
         numbers = 6 * problem.nb * max(problem.row_is_joint.sum(), 1) ** 2
+        self.is_small = numbers <= 2e6  # so that following the equations takes seconds, too
         most = min(max(int(2e8 / numbers), 4), 100, len(k))
         self.steps = k[np.unique(np.linspace(0, len(k) - 1, most).round().astype(int))]
 
@@ -857,7 +926,9 @@ class TruncationLaw:
 
         Ratios above 1 are found again, with wider bounds, and divided by those of the exact motion.
         """
-        if len(self.steps) < 3 or not self.speed > 0:
+        self.doubts = []  # in words
+        if len(self.steps) < 3:
+            self.doubts.append("under three steps turn by less than 0.5")
             return 0.0, 0.0
         projected, a, load = self.find_answers(self.states, self.steps)
         velocities = self.judge_velocities(self.states, self.steps)
@@ -867,9 +938,10 @@ class TruncationLaw:
         if max(accelerations, reactions) > 1 or not np.isfinite(largest).all():
             accelerations, reactions = self.judge_with_wider_bounds(projected, a, load, largest)
         if max(velocities, accelerations) > 1:
-            exact_velocities, exact_accelerations = self.judge_exact_motion()
-            velocities /= max(1, 2 * exact_velocities)
-            accelerations /= max(1, 2 * exact_accelerations)
+            excuses = [max(1, 2 * ratio) for ratio in self.judge_exact_motion()]
+            velocities, accelerations = velocities / excuses[0], accelerations / excuses[1]
+        if min(velocities, accelerations, reactions) < 0:
+            self.doubts.append("too few steps are known well enough")
         return max(velocities, accelerations, reactions), fastest
 
     def find_answers(self, states, k):
@@ -961,7 +1033,8 @@ class TruncationLaw:
     def judge_exact_motion(self):
         """Return the ratios of velocities and accelerations of the exact motion at the same steps.
 
-        Steps longer than half a period resolve not even that. 0 if under half have exact states.
+        Steps longer than half a period resolve not even that. 0 if under half have exact states, or
+        if it contradicts the equations of motion.
         """
         t, exact_t, k = self.states[:, TIME], self.p.exact[:, TIME], self.steps
         k = k[np.isin([t[k - 1], t[k], t[k + 1]], exact_t).all(0)]
@@ -970,7 +1043,34 @@ class TruncationLaw:
         exact = self.p.exact[np.isin(exact_t, t)]
         k = np.searchsorted(exact[:, TIME], t[k])  # the same steps
         _, a, _ = self.find_answers(exact, k)
-        return self.judge_velocities(exact, k), self.judge_accelerations(exact, k, a)[0]
+        ratios = self.judge_velocities(exact, k), self.judge_accelerations(exact, k, a)[0]
+        is_false = max(ratios) > 0.5 and self.contradicts_equations(exact, k)
+        return (0.0, 0.0) if is_false else ratios
+
+    def contradicts_equations(self, exact, k):
+        """Return whether equations of motion lead from exact states k to others than the next.
+
+        It is by over a tenth of the changes of rates and a thousandth of rates, which may be
+        constant; where steps are too long to tell, this is noted.
+        """
+        k = k[np.unique(np.linspace(0, len(k) - 1, 12).round().astype(int))]
+        first, last = exact[k], exact[k + 1]
+        change, off, unclear = 0, np.inf, np.inf
+        if self.is_small:
+            h = last[:, TIME] - first[:, TIME]
+            fine, coarse = (self.p.follow(first, h, count) for count in (32, 16))
+            others = first, 0 * last, last, coarse
+            change, rates, off, unclear = (self.find_rate_distances(fine, x) for x in others)
+            change += 1e-3 * rates
+        is_clear = unclear <= 0.01 * change
+        if not is_clear:
+            self.doubts.append("the exact motion breaks it, too, at steps too long to tell")
+        return is_clear and off > 0.1 * change
+
+    def find_rate_distances(self, states, others):
+        """Return the sum of the distances of the rates of states from those of others [m/s]."""
+        rates = [np.append(b.v, b.Omega, 2) for b in map(unpack_states, (states, others))]
+        return self.p.find_motion_distance(*find_field(rates[1] - rates[0])).sum()
 
 
 # A motion -------------------------------------------------------------------------------------
@@ -1045,6 +1145,8 @@ class Run:
         if known and record["control"] == "dt":
             asked, median = record["dt_s"], np.median(steps)
             fits = STEP_ASKED[0] * asked <= median <= STEP_ASKED[1] * asked
+            if record["status"] == "success" and steps.max() > STEP_ASKED[1] * asked:
+                self.report.weak.append("with a step longer than the fixed step asked for")
             if record["status"] == "success" and record["suite"] != "refereed":
                 self.require("dt_s", fits, asked, median)
             elif not fits:  # a refereed motion has the step that its user names
@@ -1079,10 +1181,15 @@ class Run:
             kept = times or found["is rest"] or not full
             kept = kept and np.isin(times, p.scale_states[:, TIME]).all()
             self.require("scales kept", kept, times, "even times of exact states")
+            own = [found[key] > 10 * self.series[of].max() for key, of in OWN_SCALES.items()]
+            if record["status"] == "success" and any(own) and not found["is rest"] and full:
+                self.report.weak.append("whose exact motion goes ten times as far or as fast")
         elif found["is rest"] and record["claimed"] == "success":
             self.report.weak.append("that stay at rest, where no exact motion says so")
         self.compare("energy_start_J", found["energy start"], ROUNDING * found["energy terms"])
         self.compare("length_scale_m", found["length"], 0.0, full)
+        if record["claimed"] == "success":
+            self.require("length above 0", length > 0, length, "a length")
         self.compare("speed_scale_m_per_s", found["gap_rate"], 0.0, full)
         # a difference of energies: 1e-9 where most of them is not exchanged
         self.compare("energy_scale_J", found["energy"], 1e-9 * found["energy terms"], full)
@@ -1254,6 +1361,8 @@ class Run:
         limit = np.where(stated <= 100 * stated[tenth], 1e-3, 1e-9) * length
         self.judged_count = max(np.logical_and.accumulate(stated < limit).sum(), 1)
         self.compare("judged_to_s", at[self.judged_count - 1], 0, full)
+        if full and self.judged_count < 3 and self.record["claimed"] == "success":
+            self.report.weak.append("compared with an exact motion at fewer than three steps")
 
         known = full and (self.knows_shares or self.is_one_mechanism)
         for column, level in ACCURATE.items():
@@ -1568,11 +1677,9 @@ class Run:
         reaction = self.rows.get("state_reaction")
         speed, length = self.scales["gap_rate"], self.scales["length"]
         truncation = TruncationLaw(self.p, self.states, reaction, speed, length)
-        if len(truncation.steps) < 3:
-            why = "under three steps turn by less than 0.5"
-            self.report.undecided.append((why, "law truncation"))
         ratio, fastest = truncation.find_ratios()
-        return max(ratio, self.find_rate_ratio(fastest)) > 1
+        self.report.undecided += [(why, "law truncation") for why in truncation.doubts]
+        return not np.max([ratio, self.find_rate_ratio(fastest)]) <= 1  # of NaN, too
 
     def find_rate_ratio(self, fastest):
         """Return the largest judged rate error over what errors of poses allow [Truncation].
@@ -1585,7 +1692,7 @@ class Run:
             return 0.0
         judged = slice(count)
         rate = self.rate_error[judged].max()
-        if not rate > 0.01 * self.record["speed_scale_m_per_s"]:
+        if rate <= 0.01 * self.record["speed_scale_m_per_s"]:
             return 0.0
         error = 2 * (self.motion_error + self.stated_error)[judged].max()
         by_step = 1 / np.median(np.diff(self.exact_t[judged]))
@@ -1603,6 +1710,8 @@ class Run:
         if record["status"] == "success":
             turned = p.find_reversed_joints(self.states).sum()
             self.require_equal("joints turned over", turned, 0)
+            mirrored = (np.linalg.det(self.bodies.R) <= 0).sum()
+            self.require_equal("mirrored bodies", mirrored, 0)
         excesses = self.list_limits()
         broken = self.find_broken(excesses)
         wrong = broken - INACCURATE_LAWS
@@ -1644,6 +1753,7 @@ class Report:
         refuse_unless(paired, "a run twice, or without a record")
         self.lossless = head["lossless"] is True
         self.complete = complete or self.lossless
+        self.require("runs", self.runs > 0, "none", "at least one")
         self.check_head(head, files, runs, records)
         self.check_suites(files, records)
         self.check_table(table, records)
@@ -1656,6 +1766,8 @@ class Report:
             self.check_problem(problem, data)
             if len(problem.exact):
                 self.check_reference(problem)
+                own = [run for run in runs if str(run["problem"]) == key]
+                self.check_exact_times(problem, own, files)
         for run in runs:
             self.check_run(run, by_id[run["run_id"]], problems, files, head["codes"])
 
@@ -1793,8 +1905,9 @@ class Report:
             error = float(record["motion_error_judged_m"])
             if record["status"] == "success" and error < np.inf:
                 errors.append(error)
-                if error <= 1e-3 * float(record["length_scale_m"]):
-                    times.append(float(record["cpu_median_s"]))
+                time = float(record["cpu_median_s"])
+                if error <= 1e-3 * float(record["length_scale_m"]) and not np.isnan(time):
+                    times.append(time)
         cells = {status: statuses.count(status) for status in JUDGED}
         cells |= {"least_cpu_s": min(times, default=np.inf), "runs": len(records)}
         return cells | {"least_motion_error_m": min(errors, default=np.inf)}
@@ -1810,13 +1923,22 @@ class Report:
         least = np.sqrt(np.trace(J, axis1=1, axis2=2) / (2 * p.mass))
         enough = (p.gyration >= least * (1 - RELATIVE)).all()
         self.require("gyration", enough, p.gyration.min(), least.min())
-        least = np.linalg.eigvalsh(J).min(1) + ROUNDING * np.abs(J).max((1, 2))
-        is_inertia = np.array_equal(J, transpose(J)) and (least >= 0).all()
-        self.require("inertia", is_inertia, "no inertia", "symmetric, not below 0")
-        self.require("joint_c", not (p.c[p.is_joint] != 0).any(), "of a joint", "of forces alone")
-        frame = np.array(data["numbers"]["frame"], float)
-        is_frame = frame.shape == (3, 3) and np.abs(frame.T @ frame - IDENTITY).max() < 1e-9
-        self.require("frame", is_frame, "no rotation", "a rotation")
+        J1, J2, J3 = np.linalg.eigvalsh(J).T
+        of_matter = (J1 >= -ROUNDING * J3).all() and (J3 <= (J1 + J2) * (1 + 1e-9)).all()
+        is_inertia = of_matter and np.abs(J - transpose(J)).max() <= ROUNDING * J3.max()
+        self.require("inertia", is_inertia, "no inertia", "that of some distribution of mass")
+        for key in ("k", "c"):
+            stray = vars(p)[key][~np.isin(p.kinds, ("spring", "torsion"))].any()
+            self.require(f"joint_{key}", not stray, "of others", "of springs and torsions alone")
+        has_rows = np.isin(np.arange(len(p.i)), p.row_joint).all()
+        self.require("joint without rows", has_rows, "joins bodies", "at least one row")
+        for key, off in p.find_direction_errors().items():
+            self.require(key, off < 1e-9, off, "of length 1, at right angles")
+        for key in ("frame", "start_R"):
+            R = np.array(data["numbers"][key], float).reshape(-1, 3, 3)
+            self.require(key, is_rotation(R).all(), "no rotation", "a rotation")
+        least = np.select([np.isin(p.kinds, LONG), p.kinds == "spring"], [STEP, 0], -np.inf)
+        self.require("joint_length", (p.length >= least).all(), p.length.min(initial=0), "above 0")
         is_unit = p.normal is None or abs(norm(p.normal) - 1) < 1e-9
         self.require("planar_normal", is_unit, "its length", 1)
         kind = data["reference"]["kind"]
@@ -1844,9 +1966,12 @@ class Report:
         size = np.abs(b.r).max() + p.rim
         speed = p.find_speed(b.v, b.Omega).max()
         sane = (stated >= 0).all() and (stated < 0.1 * size).all() and np.isfinite(p.exact).all()
-        sane = sane and t[0] >= 0 and t[-1] <= p.covered_to
+        sane = sane and t[0] >= 0 and t[-1] <= p.covered_to and (np.linalg.det(b.R) > 0).all()
         self.require("reference: errors and horizon sane", bool(sane), True, False)
 
+        # a large error between small ones would set scales that nothing judges
+        falls = np.maximum.accumulate(stated) > 100 * stated + 1e-9 * size
+        self.require("reference: errors that fall", not falls.any(), stated.max(), "by under 100")
         allowed = 1e-9 + 100 * stated.clip(0) / size
         laws = {"phi": series["phi"] / size, "phi_dot": series["phi_dot"] / max(speed, 1e-9 * size)}
         laws |= {"orthogonality": series["orthogonality"], "energy": None, "start": None}
@@ -1866,6 +1991,16 @@ class Report:
             why = "work is done, or no exact start is kept"
             self.compare(f"reference: {law} / allowed", worst, 1, True, 0.0, why)
 
+    def check_exact_times(self, p, runs, files):
+        """Check that exact states are at steps, scales and instants alone [Exact motion]."""
+        times = []
+        for run in runs:
+            times += [*files.get(f"runs/{run['run_id']}.npy", p.start[:0])[:, TIME]]
+            peaks = run["peaks_s"].items()
+            times += [at for name, at in peaks if name in INSTANTS or "scale " in name]
+        lone = p.exact[~np.isin(p.exact[:, TIME], times), TIME]
+        self.require("reference: times", not len(lone), lone[:1], "steps and peaks of its runs")
+
     def check_record(self, run, codes):
         """Check schema, code, and that either a step or a tolerance was requested [Record]."""
         record = self.record
@@ -1880,11 +2015,12 @@ class Report:
         """Check that status, claim of the solver and cause of the end are consistent [Ending]."""
         record, require = self.record, self.require
         status, claimed, ended_by = record["status"], record["claimed"], record["ended_by"]
+        require("claimed", claimed in CLAIMS, claimed, "a status of solvers")
         if not claimed:
             wanted = "unfinished" if ended_by in UNFINISHED else "crashed"
             wanted = "memory" if ended_by == "memory_limit" else wanted
             self.require_equal("status", status, wanted)
-            ended = ended_by not in ("", "solver")
+            ended = ended_by in UNFINISHED | CRASHES | {"memory_limit"}
             require("ended_by", ended, ended_by, "what ended a solver that claims nothing")
             counters = record["counters"]
             require("counters", counters == "{}", counters, "none: its solver claims nothing")
@@ -1925,6 +2061,8 @@ class Report:
             within = elsewhere or known[-1] <= process + CLOCK
             require("cpu_process_s", within, process, known[-1])
             require("code_s", not code > process + CLOCK, code, process)
+        elif known:
+            self.weak.append("whose CPU times no time of their process bounds")
         if record["claimed"] == "success" and record["status"] in JUDGED:
             repeats = record["repeats"]
             require("repeats", repeats > 0 or not known, repeats, "at least 1")
@@ -1980,7 +2118,8 @@ class Report:
         rows, at = {}, 0
         for name, (offset, shape) in sorted(arrays.items(), key=lambda item: item[1][0]):
             end = at + int(np.prod(shape))
-            in_place = offset == at and vector.ndim == 1 and end <= len(vector)
+            in_place = offset == at and vector.ndim == 1 and at <= end <= len(vector)
+            in_place = in_place and min(shape, default=0) >= 0
             refuse_unless(in_place, f"series of {self.label}: {name} is not in its place")
             rows[name] = vector[at:end].reshape(shape)
             at = end

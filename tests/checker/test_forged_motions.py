@@ -44,7 +44,7 @@ def bundle(tmp_path_factory):
 
 
 def forged(bundle, how, **changes):
-    """The files of the bundle with one run left, its record changed and the table made anew."""
+    """The files of the bundle with one run and its exact states left, its record changed and the table made anew."""
     options = "{}" if how == "nothing" else json.dumps({"how": how})
     (record,) = (
         r for r in json.loads(bundle["records.json"]) if json.loads(r["solver_options"]) == json.loads(options)
@@ -53,6 +53,12 @@ def forged(bundle, how, **changes):
     own = (record["run_id"], run["problem"] or "none")
     kept = ("runs/", "series/", "problems/", "references/")
     files = {n: raw for n, raw in bundle.items() if not n.startswith(kept) or any(key in n for key in own)}
+    for name in [n for n in files if n.startswith("references/") and run["states"] != "none"]:
+        matrix, known = np.load(io.BytesIO(files[name])), list(run["peaks_s"].values())
+        here = np.isin(matrix[0], [*np.load(io.BytesIO(files[f"runs/{own[0]}.npy"]))[0], *known])
+        stream = io.BytesIO()
+        np.save(stream, matrix[:, here])
+        files[name] = stream.getvalue()
     record |= changes
     table = make_table([records.parse_record_json(json.dumps(record))])
     for name, content in (("records", [record]), ("runs", [run]), ("table", table)):
