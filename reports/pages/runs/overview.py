@@ -32,7 +32,7 @@ STRIP = 60  # spans of time in the energy strip of a cell
 RANK = 5  # after the pages of cost, problems and solvers, whose plots, scenes and cards it shows
 CARDS = 6
 ENGINES = PUBLISHED.path / "engines"  # false successes of engines, shown for results without engines
-SENTENCES = 9
+SENTENCES = 6
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
