@@ -12,8 +12,8 @@ AXE_SHA512 := 1477dafa598d8d065f273d6af302aa203c02e83131707b7fa648cd41bd3d6b734f
 RESULTS ?= latest
 PROBLEM ?= chain
 PICTURES ?= docs/images
-SHORTEST := $(addprefix tests/, harness/mechanics/test_joints.py harness/mechanics/test_presentation.py harness/suites \
-	harness/sandbox/test_clock.py harness/sandbox/test_cheats.py harness/test_shapes.py solvers/test_strong_form.py)
+SHORTEST := $(addprefix tests/, harness/mechanics/test_joints.py harness/mechanics/test_presentation.py harness/catalogue/suites \
+	harness/base/test_clock.py harness/base/test_cheats.py harness/test_shapes.py solvers/test_strong_form.py)
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
@@ -36,7 +36,7 @@ COMPARE := $(BIN)/python -m mbsbench.tests.processors.compare_bits
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test release attacks exam test-shapes test-python test-published test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
+.PHONY: help setup test release core attacks exam test-shapes test-python test-published test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -55,11 +55,11 @@ test: $(READY) ## run all tests but the slow ones and those of engines and of pu
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 3 --dist worksteal -m "not slow and not engine and not published" --benchmark-disable
 
 test-published: $(READY) ## run the tests that hold published results and pictures against this code
-	$(BIN)/python -m pytest -q -m "published and not slow" --benchmark-disable tests/cli tests/harness/referee tests/harness/shadow tests/reports
+	$(BIN)/python -m pytest -q -m "published and not slow" --benchmark-disable tests/cli tests/harness/judge/referee tests/harness/lab/shadow tests/reports
 
 test-shapes: $(READY) ## run tests of mechanics, metrics and problems with the shapes of arrays checked
-	SHAPES=1 $(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable tests/harness/metrics tests/harness/reference \
-	tests/problems/test_data.py tests/harness/mechanics/test_joints.py tests/solvers/test_dae_forms.py --ignore=tests/harness/metrics/test_sampling.py
+	SHAPES=1 $(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable tests/harness/judge/metrics tests/harness/reference \
+	tests/problems/test_data.py tests/harness/mechanics/test_joints.py tests/solvers/test_dae_forms.py --ignore=tests/harness/judge/metrics/test_sampling.py
 
 $(CLUSTER): locks/requirements-cluster.lock $(READY)
 	$(call moving,$(PIP) -r locks/requirements-cluster.lock,installing locks/requirements-cluster.lock)
@@ -92,9 +92,12 @@ $(VENV)/engines/%/.ready: locks/requirements-engines-%.lock
 engines: $(ENGINES) ## install other people's engines, and readers of formats; engines that clash in .venv/engines
 
 test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from files (installs them)
-	$(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable tests/solvers/engines tests/harness/races tests/harness/catalogue \
-		tests/harness/foreign tests/harness/fuzz tests/cli/test_questions.py
+	$(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable tests/solvers/engines tests/harness/run/test_in_turns.py tests/harness/catalogue \
+		tests/harness/formats tests/harness/lab/fuzz tests/cli/test_questions.py
 	$(BIN)/python -m pytest -q -n 2 -m slow --benchmark-disable tests/cli/test_questions.py
+
+core: $(READY) ## whether the core is whole: delete lab, formats and engines in a copy, and run its tests, gate and bench; half an hour
+	sh tests/core.sh
 
 attacks: $(READY) ## mutate results folders, bundles, tables and models a thousand times each, and count what readers do; an hour
 	MUTATIONS=1000 $(BIN)/python -m pytest -q -s tests/attacks
@@ -165,7 +168,7 @@ slurm: ## install SLURM for its test (apt, as root)
 	@test -x /usr/sbin/slurmctld || $(call apt,slurm-wlm munge)
 
 test-slurm: $(CLUSTER) slurm ## run a suite on a SLURM of one node, started for the test (as root)
-	$(BIN)/python -m pytest -q -rs --benchmark-disable tests/harness/execution/test_slurm.py
+	$(BIN)/python -m pytest -q -rs --benchmark-disable tests/harness/run/test_slurm.py
 
 qemu: $(READY) ## install qemu-user, which emulates processors (apt, as root); where that errs, a newer one of backports into .venv/qemu
 	@command -v qemu-x86_64 >/dev/null || test -x $(QEMU)/usr/bin/qemu-x86_64 || test "$$(id -u)" != 0 || $(call apt,qemu-user) || true

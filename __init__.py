@@ -5,9 +5,10 @@ change. Names are loaded when they are first used.
 """
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .harness import machine
+from .harness.base import machine
 
 if TYPE_CHECKING:
     from .api import Results as Results
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from .harness.catalogue.options import option as option
     from .harness.catalogue.registry import problem as problem
     from .harness.catalogue.registry import solver as solver
-    from .harness.catalogue.sympy_systems import read_sympy as read_sympy
+    from .harness.formats.mechanisms.sympy_systems import read_sympy as read_sympy
     from .harness.mechanics import so3 as so3
     from .harness.mechanics.dynamics import Equations as Equations
     from .harness.mechanics.dynamics import Rates as Rates
@@ -47,15 +48,15 @@ if TYPE_CHECKING:
     from .harness.mechanics.system import TorsionSpring as TorsionSpring
     from .harness.mechanics.system import assemble as assemble
     from .harness.mechanics.time_functions import TimeFunction as TimeFunction
+    from .harness.mechanics.types import Invariant as Invariant
+    from .harness.mechanics.types import Observable as Observable
+    from .harness.mechanics.types import Problem as Problem
+    from .harness.mechanics.types import Reference as Reference
+    from .harness.mechanics.types import Status as Status
+    from .harness.mechanics.types import StepControl as StepControl
+    from .harness.mechanics.types import Trait as Trait
+    from .harness.mechanics.types import Trajectory as Trajectory
     from .harness.mechanics.user_forces import UserForce as UserForce
-    from .harness.types import Invariant as Invariant
-    from .harness.types import Observable as Observable
-    from .harness.types import Problem as Problem
-    from .harness.types import Reference as Reference
-    from .harness.types import Status as Status
-    from .harness.types import StepControl as StepControl
-    from .harness.types import Trait as Trait
-    from .harness.types import Trajectory as Trajectory
     from .solvers.formulations.compiled.public import accelerations as accelerations
     from .solvers.formulations.compiled.public import equations as equations
     from .solvers.formulations.compiled.public import project as project
@@ -68,7 +69,7 @@ _HOMES = {  # the names above for the interpreter, which loads each on first use
     "catalogue.options": ("Parameter", "option"),
     "catalogue.making": ("make_problem",),
     "catalogue.registry": ("problem", "solver"),
-    "catalogue.sympy_systems": ("read_sympy",),
+    "formats.mechanisms.sympy_systems": ("read_sympy",),
     "mechanics": ("so3",),
     "mechanics.dynamics": ("Equations", "Rates", "advance"),
     "mechanics.jacobian": ("constraint_jacobian", "independent_rows"),
@@ -78,10 +79,25 @@ _HOMES = {  # the names above for the interpreter, which loads each on first use
     "mechanics.system": ("Load", "MultibodySystem", "RigidBody", "SpringDamper", "TorsionSpring", "assemble"),
     "mechanics.user_forces": ("UserForce",),
     "mechanics.time_functions": ("TimeFunction",),
-    "types": ("Invariant", "Observable", "Problem", "Reference", "Status", "StepControl", "Trait", "Trajectory"),
+    "mechanics.types": (
+        "Invariant",
+        "Observable",
+        "Problem",
+        "Reference",
+        "Status",
+        "StepControl",
+        "Trait",
+        "Trajectory",
+    ),
     "solvers.formulations.compiled.public": ("accelerations", "equations", "project"),
 }
-_HOME = {name: module for module, names in _HOMES.items() for name in names}
+_FORMATS = Path(__file__).parent / "harness" / "formats" / "__init__.py"  # a room that a copy may lack
+_HOME = {
+    name: module
+    for module, names in _HOMES.items()
+    for name in names
+    if not module.startswith("formats.") or _FORMATS.is_file()
+}
 __all__ = sorted(_HOME)  # noqa: PLE0605  made of the names above, so that no list is kept twice
 
 

@@ -16,28 +16,28 @@ from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
-from .harness import machine
+from .harness.base import machine
+from .harness.base.confined_paths import ConfinedPath
+from .harness.base.hints import suggest_name
+from .harness.base.naming import format_name
 from .harness.catalogue import registry
-from .harness.catalogue.options import suggest_name
-from .harness.confined_paths import ConfinedPath
-from .harness.execution.job import Job
-from .harness.execution.kept_series import build_series
-from .harness.execution.measuring import Outcome, judge_handover
-from .harness.execution.progress_line import ProgressLine, ProgressSpool
-from .harness.execution.run_file import read_run, write_run
-from .harness.execution.warmup import list_runs_to_warm, warm_up
-from .harness.execution.worker import solve as solve_here
+from .harness.catalogue.codes import digest_run_code
+from .harness.catalogue.suites.spec import RunSpec, check_step, make_step_control
+from .harness.judge.metrics.measure import measure
 from .harness.mechanics.consistency import check_start
 from .harness.mechanics.moving_rows import check_lengths
-from .harness.metrics.measure import measure
+from .harness.mechanics.types import Problem, Solver, Status, Trajectory
 from .harness.results import environment, store
-from .harness.results.codes import digest_run_code
-from .harness.results.naming import format_name
 from .harness.results.records import RunRecord
 from .harness.results.series import Series, write_series
 from .harness.results.words import describe_errors
-from .harness.suites.spec import RunSpec, check_step, make_step_control
-from .harness.types import Problem, Solver, Status, Trajectory
+from .harness.run.job import Job
+from .harness.run.kept_series import build_series
+from .harness.run.measuring import Outcome, judge_handover
+from .harness.run.progress_line import ProgressLine, ProgressSpool
+from .harness.run.run_file import read_run, write_run
+from .harness.run.warmup import list_runs_to_warm, warm_up
+from .harness.run.worker import solve as solve_here
 from .notebook import show_results, show_run
 
 if TYPE_CHECKING:

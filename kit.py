@@ -9,9 +9,9 @@ import importlib.util
 import sys
 from pathlib import Path
 
-from .harness.kit.cases import CASES
-from .harness.kit.model import Model
-from .harness.kit.verdict import UNIT, EngineFailure, PassedCheck, check
+from .harness.lab.kit.cases import CASES
+from .harness.lab.kit.model import Model
+from .harness.lab.kit.verdict import UNIT, EngineFailure, PassedCheck, check
 
 __all__ = ["CASES", "EngineFailure", "Model", "PassedCheck", "check"]
 

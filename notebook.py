@@ -5,10 +5,10 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
+from .harness.base.text import escape_text
+from .harness.mechanics.types import Problem, Status
 from .harness.results.records import COLUMNS, RunRecord
 from .harness.results.words import describe_errors, describe_status, list_reasons
-from .harness.text import escape_text
-from .harness.types import Problem, Status
 
 FEW = 30  # most runs of a folder with a row each: a screen; a page of the report or ``table()`` has all
 LEFT = ' style="text-align: left"'  # Jupyter aligns cells to the right, which is for numbers

@@ -11,9 +11,9 @@ from typing import NoReturn
 if not hasattr(os, "fork"):  # before the imports below fail one by one on modules that Windows lacks
     sys.exit("error: mbsbench runs solvers in forked processes, which Windows does not have: use WSL")
 
-from ..harness import machine
-from ..harness.catalogue.options import suggest_name
-from ..harness.sandbox.isolation import end_with_parent
+from ..harness.base import machine
+from ..harness.base.hints import suggest_name
+from ..harness.base.isolation import end_with_parent
 from .commands import add_commands
 from .parser import UsageError, make_parser
 
@@ -51,7 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
             raise UsageError(f"no command is called {words[0]!r}{suggest_name(words[0], list(commands.choices))}")
         parsed = parser.parse_args(words)
         command = parsed.command
-        return int(import_module(f".{command}", __package__).run(parsed))
+        return int(import_module(f".{parsed.module}", __package__).run(parsed))
     except KeyboardInterrupt:
         if command not in OWN_MESSAGE:
             sys.stderr.write(f"{INTERRUPTED.get(command, 'interrupted')}\n")
@@ -73,8 +73,8 @@ def _explain(error: Exception) -> tuple[int, str]:
         return 2, f"{where}{error.strerror or error}"
     if isinstance(error, RecursionError):
         return 2, "a file is nested too deeply to be read"
-    from ..harness.execution.pool import PoolError  # here: it takes half a second, which --help does not need
-    from ..harness.sandbox.forked_process import NotBegunError
+    from ..harness.base.forked_process import NotBegunError
+    from ..harness.run.pool import PoolError  # here: it takes half a second, which --help does not need
 
     if isinstance(error, PoolError | NotBegunError):
         return 1, str(error)

@@ -10,19 +10,19 @@ from pathlib import Path
 
 from rich.text import Text
 
+from ..harness.base.naming import format_name
 from ..harness.catalogue import registry
 from ..harness.catalogue.mechanism import MechanismFile
-from ..harness.execution.costs import predict_times, select_quick
-from ..harness.execution.runner import Request
-from ..harness.races.cheapest import Candidate, compute_cost, rank_candidates
+from ..harness.catalogue.suites.spec import RunSpec
+from ..harness.catalogue.suites.suite import Suite
+from ..harness.catalogue.trial import make_problem
+from ..harness.judge.cheapest import Candidate, compute_cost, rank_candidates
+from ..harness.mechanics.types import Problem
 from ..harness.reference.computation import is_computable
 from ..harness.results import store
-from ..harness.results.naming import format_name
 from ..harness.results.records import RunRecord
-from ..harness.sandbox.trial import make_problem
-from ..harness.suites.spec import RunSpec
-from ..harness.suites.suite import Suite
-from ..harness.types import Problem
+from ..harness.run.costs import predict_times, select_quick
+from ..harness.run.runner import Request
 from .arguments import UsageError, count_jobs, load_problem, parse_assignments
 from .commands import CONTROL
 from .progress import announce_suite, run_watched

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..harness.cache import ROOT, is_checkout
+from ..harness.base.cache import ROOT, is_checkout
 from .parser import UsageError as UsageError
 
 RESULTS = "results folder: a path, or a name in results/local/"
@@ -66,14 +66,14 @@ def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
     """Load the named plugins, each first in a process of its own that may crash; return their full names."""
     if not paths:
         return ()
-    from ..harness.catalogue import mechanism_files, plugins, registry  # here, as below: --help needs none of them
-    from ..harness.sandbox.trial import try_in_process
+    from ..harness.catalogue import mechanism, plugins, registry  # here, as below: --help needs none of them
+    from ..harness.catalogue.trial import try_in_process
     from .terminal import make_error_console
 
     for path in paths:
         try_in_process(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
-        if mechanism_files.is_mechanism(path):
-            make_error_console().print(registry.problems()[mechanism_files.choose_name(path)].doc)
+        if mechanism.is_mechanism(path):
+            make_error_console().print(registry.problems()[mechanism.choose_name(path)].doc)
     return tuple(plugins.resolve_plugin(p) for p in paths)
 
 
@@ -82,16 +82,16 @@ def load_problem(arguments: argparse.Namespace) -> tuple[str, dict[str, Any], tu
 
     The problem may be the file of a mechanism, which is loaded as a plugin.
     """
-    from ..harness.catalogue import mechanism_files
+    from ..harness.catalogue import mechanism
 
-    given, file = arguments.problem, mechanism_files.is_mechanism(arguments.problem)
+    given, file = arguments.problem, mechanism.is_mechanism(arguments.problem)
     loaded = load_plugins([*arguments.plugin, *([given] if file else [])])
     parameters: dict[str, Any] = parse_assignments(arguments.problem_set, "--problem-set")
     if arguments.t_end is not None:
         if "t_end" in parameters:
             raise UsageError("t_end is given twice, by --t-end and --problem-set")
         parameters["t_end"] = arguments.t_end
-    return mechanism_files.choose_name(given) if file else given, parameters, loaded
+    return mechanism.choose_name(given) if file else given, parameters, loaded
 
 
 def check_not_installed(path: Path, option: str) -> None:

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from rich.text import Text
 
+from ..harness.base.hints import suggest_name
 from ..harness.catalogue import plugins, registry
-from ..harness.catalogue.options import suggest_name
-from ..harness.conformance.problem import check_problem
-from ..harness.conformance.solver import check_solver, make_suite
-from ..harness.execution.runner import Request
+from ..harness.judge.conformance.problem import check_problem
+from ..harness.judge.conformance.solver import check_solver, make_suite
 from ..harness.results.findings import Finding
+from ..harness.run.runner import Request
 from .arguments import UsageError, count_jobs, load_plugins
 from .findings import print_findings
 from .progress import run_watched

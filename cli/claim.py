@@ -6,17 +6,17 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from ..harness.catalogue.options import suggest_name
-from ..harness.confined_paths import ConfinedPath
-from ..harness.execution.runner import Request, find_last_folder, name_new_folder
-from ..harness.referee import judge as judging
-from ..harness.referee.claims.count import judge
-from ..harness.referee.claims.register import Register, read_register
-from ..harness.referee.currency import code_now
+from ..harness.base.confined_paths import ConfinedPath
+from ..harness.base.hints import suggest_name
+from ..harness.catalogue.suites.suite import Suite
+from ..harness.judge.referee import judge as judging
+from ..harness.judge.referee.claims.count import judge
+from ..harness.judge.referee.claims.register import Register, read_register
+from ..harness.judge.referee.currency import code_now
 from ..harness.results import store
 from ..harness.results.judgements.claims import JudgedClaim
 from ..harness.results.judgements.files import FOLDER, PUBLISHED, format_judgement, read_claims
-from ..harness.suites.suite import Suite
+from ..harness.run.runner import Request, find_last_folder, name_new_folder
 from ..reports.model import claim_words
 from .arguments import UsageError, count_jobs, find_results
 from .progress import run_watched

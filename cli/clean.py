@@ -2,7 +2,7 @@
 
 import argparse
 
-from ..harness.cache import list_caches
+from ..harness.base.cache import list_caches
 from ..harness.results import cleaning, store
 from .terminal import make_console, plural
 

@@ -1,11 +1,12 @@
 """Define the subcommands and their arguments, in the order of --help; a command's own file is loaded when it runs."""
 
 import argparse
+import importlib
+import pkgutil
+import sys
 from pathlib import Path
 from typing import Any
 
-from ..harness.foreign.conventions import CHOICES, Reading
-from ..harness.ladder.closing import TRIAL
 from ..harness.results.rows import METRICS
 from .arguments import (
     RESULTS,
@@ -25,35 +26,10 @@ from .arguments import (
 CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
 FILTERS = ("problem", "solver", "status", "label")
 SORTS = {"drift": "energy_drift_max_J", "error": "position_error", "phi": "phi_max", "cpu": "cpu_min_s"}
-COMPUTING = (  # commands that take --native
-    "solve",
-    "run",
-    "check",
-    "try",
-    "advise",
-    "ensemble",
-    "fuzz",
-    "referee",
-    "shadow",
-    "claim",
-    "gate",
-    "submit",
-)
 NATIVE = "compute as this processor does it fastest; else the same bits on every processor with AVX2"
 CHANGES = 40  # changes shown by diff
-SHELLS = ("bash", "zsh", "fish")
-TRUTH = "rkmk_dop853"  # its code is compiled once for all starts
 SEED = 1  # a fixed default, so that samples repeat
-MEANING = {
-    "euler": "axes of Euler angles (phi, theta, psi or roll, pitch, yaw) in the order of their columns; small: fixed; "
-    "none: leave them out",
-    "length": "unit of positions, and of velocities per second",
-    "time": "unit of t",
-    "angle": "unit of Euler angles, and of angular velocities per second",
-    "quaternion": "order of quaternions without letters",
-    "rotation": "what quaternions and matrices take to what",
-    "omega": "frame of angular velocities",
-}
+SHELLS = ("bash", "zsh", "fish")
 
 
 def add_commands(commands: Any) -> None:
@@ -67,10 +43,6 @@ def add_commands(commands: Any) -> None:
         _add_check,
         _add_try,
         _add_advise,
-        _add_ensemble,
-        _add_fuzz,
-        _add_referee,
-        _add_shadow,
         _add_export,
         _add_judge,
         _add_claim,
@@ -78,28 +50,31 @@ def add_commands(commands: Any) -> None:
         _add_verify,
         _add_diff,
         _add_merge,
-        _add_bundle,
         _add_remeasure,
         _add_clean,
-        _add_submit,
-        _add_ladder,
         _add_history,
         _add_figures,
         _add_completion,
     ):
         add(commands)
+    for room in pkgutil.iter_modules(sys.modules[__package__].__path__):
+        if room.ispkg:  # commands that a copy may lack
+            importlib.import_module(f".{room.name}.commands", __package__).add_commands(commands)
 
 
-def add_subcommand(commands: Any, name: str, summary: str, json: str = "") -> argparse.ArgumentParser:
+def add_subcommand(
+    commands: Any, name: str, summary: str, json: str = "", native: bool = False, room: str = ""
+) -> argparse.ArgumentParser:
     """Add the parser of a command and return it.
 
     ``summary`` describes the command; the list of commands shows it up to its first semicolon. ``json`` says what
-    --json prints; if empty, there is no --json.
+    --json prints; if empty, there is no --json. With ``native`` it takes --native: it computes. ``room`` is the folder
+    of the command's file, if it is a folder in this one.
     """
     description = f"{summary[0].upper()}{summary[1:]}."
     p: argparse.ArgumentParser = commands.add_parser(name, help=summary.partition(";")[0], description=description)
-    p.set_defaults(command=name)
-    if name in COMPUTING:
+    p.set_defaults(command=name, module=f"{room}.{name}" if room else name)
+    if native:
         p.add_argument("--native", action="store_true", help=NATIVE)
     if json:
         p.add_argument("--json", action="store_true", help=f"print JSON: {json}")
@@ -115,19 +90,16 @@ def _add_list(commands: Any) -> None:
 
 def _add_solve(commands: Any) -> None:
     words = "run one solver on one problem; write motion and measurements"
-    p = add_subcommand(commands, "solve", words, "one object")
+    p = add_subcommand(commands, "solve", words, "one object", native=True)
     add_problem(p)
     p.add_argument("solver", metavar="SOLVER", help="name of a solver (see mbsbench list)")
     add_set(p, "--set", f"{', '.join(CONTROL)}, or a solver option")
     p.add_argument("--out", metavar="RUN.npz", help="file to write (default: PROBLEM-SOLVER.npz, then -2, -3, ...)")
-    p.add_argument(
-        "--shadow", action="store_true", help="also find the nearest true motion, as the command shadow does"
-    )
     add_plugin(p)
 
 
 def _add_run(commands: Any) -> None:
-    p = add_subcommand(commands, "run", "run a suite and write a results folder", "one object at the end")
+    p = add_subcommand(commands, "run", "run a suite and write a results folder", "one object at the end", native=True)
     p.add_argument("suite", metavar="SUITE", help="name of a suite (see mbsbench list), or a TOML file")
     add_running(p)
     p.add_argument("--resume", action="store_true", help="continue --out, or the newest results of the suite")
@@ -168,14 +140,14 @@ def _add_report(commands: Any) -> None:
 
 def _add_check(commands: Any) -> None:
     words = "test the requirements on a solver or problem, with the number measured; exit code 1 if one is not met"
-    p = add_subcommand(commands, "check", words, "one object per requirement")
+    p = add_subcommand(commands, "check", words, "one object per requirement", native=True)
     p.add_argument("plugin", metavar="FILE.py", help="Python file, entry point, or name of a solver or problem")
     add_jobs(p)
 
 
 def _add_try(commands: Any) -> None:
     words = "run a solver on problems, ladders, loops and chains; exit code 1 where it falls short or runs are left out"
-    p = add_subcommand(commands, "try", words, "one object a finding")
+    p = add_subcommand(commands, "try", words, "one object a finding", native=True)
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
     budget = "CPU time of all runs, compilation apart [s] (default: 180)"
     p.add_argument("--budget", type=parse_positive_float, default=180.0, metavar="S", help=budget)
@@ -188,7 +160,7 @@ def _add_try(commands: Any) -> None:
 
 def _add_advise(commands: Any) -> None:
     words = "find the cheapest solver and setting that meet an error on a problem; exit code 1 if none does"
-    p = add_subcommand(commands, "advise", words, "one object a solver, the cheapest first")
+    p = add_subcommand(commands, "advise", words, "one object a solver, the cheapest first", native=True)
     add_problem(p)
     p.add_argument(
         "--error", required=True, type=parse_positive_float, metavar="X", help="largest motion error allowed [m]"
@@ -201,99 +173,6 @@ def _add_advise(commands: Any) -> None:
     p.add_argument("--from", dest="results", type=find_results, metavar="RESULTS", help=kept)
     add_plugin(p)
     add_jobs(p)
-
-
-def _add_ensemble(commands: Any) -> None:
-    words = (
-        "compare the motions of solvers from many starts with the true ones, as weather forecasts are scored; exit "
-        "code 1 where they differ or members are missing"
-    )
-    p = add_subcommand(commands, "ensemble", words, "one object a solver, quantity and time")
-    add_problem(p)
-    p.add_argument("solvers", nargs="+", metavar="SOLVER", help="name of a solver (see mbsbench list)")
-    p.add_argument(
-        "--starts", type=parse_positive_int, default=1000, metavar="N", help="number of starts (default: 1000)"
-    )
-    spread = "size of their changes: x 1 rad, x the largest arm of a joint, x the speed of a fall by it (default: 1e-3)"
-    p.add_argument("--spread", type=parse_positive_float, default=1e-3, metavar="X", help=spread)
-    p.add_argument("--at", metavar="T,T", help="times of scores [s] (default: half of the simulated time, and its end)")
-    p.add_argument("--seed", type=parse_positive_int, default=SEED, metavar="K", help=f"random seed (default: {SEED})")
-    add_set(p, "--set", f"{', '.join(CONTROL)} of the solvers that take it")
-    p.add_argument("--truth", default=TRUTH, metavar="NAME", help=f"error-controlled true solver (default: {TRUTH})")
-    add_file(p, "--html", words="also write scores, clouds and rank histograms to one HTML page")
-    add_plugin(p)
-    add_jobs(p)
-
-
-def _add_fuzz(commands: Any) -> None:
-    words = (
-        "examine solvers on random mechanisms, each in two forms (turned, renumbered, mirrored, a body split, a joint "
-        "repeated, other units), against each other and the truth; exit code 1 where a deviation is confirmed"
-    )
-    p = add_subcommand(commands, "fuzz", words, "one object")
-    p.add_argument("solvers", nargs="+", metavar="SOLVER", help="name of a solver (see mbsbench list)")
-    p.add_argument("--mechanisms", type=parse_positive_int, default=100, metavar="N", help="how many (default: 100)")
-    p.add_argument("--seed", type=parse_positive_int, default=SEED, metavar="S", help=f"random seed (default: {SEED})")
-    p.add_argument("--first", type=int, default=0, metavar="K", help="number of the first (default: 0)")
-    floor = "smallest deviation that counts, of the size of the mechanism (default: 1e-7; 1e-3 suits float32)"
-    p.add_argument("--floor", type=parse_positive_float, default=1e-7, metavar="X", help=floor)
-    shrink = "findings of a sort that are shrunk and written (default: 2)"
-    p.add_argument("--shrink", type=parse_positive_int, default=2, metavar="N", help=shrink)
-    add_set(p, "--set", "option of the solvers")
-    p.add_argument("--repeat", metavar="CASE.json", help="examine this written case again, and no others")
-    add_set(
-        p, "--form", "form in which all mechanisms are presented, as split=1 or rotation=0.3,-0.5,0.7 (default: drawn)"
-    )
-    turns = "give each mechanism to one of the solvers, in turns, not to all"
-    p.add_argument("--in-turns", action="store_true", help=turns)
-    words = "folder to write (default: results/local/fuzz-<time>); a campaign that is there is continued"
-    p.add_argument("--out", metavar="DIR", help=words)
-    add_plugin(p)
-    add_jobs(p)
-
-
-def _add_referee(commands: Any) -> None:
-    words = (
-        "judge the motion in a file (text, Parquet, NPZ, MAT, FMU) that any other code computed; exit code 0: all are "
-        "successes, 3: laws hold, but a motion is inaccurate, 1: one is wrong or cut short, 2: a file cannot be judged"
-    )
-    p = add_subcommand(commands, "referee", words, "one object a file")
-    add_problem(p)
-    p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files: docs/your-own-solver.md")
-    p.add_argument("--name", metavar="NAME", help="name of the code in tables (default: that of the file or folder)")
-    _add_reading(p)
-    for name in ("dt", "rtol"):
-        help_ = f"{name} the other code used, for tables (default: dt, the spacing of the rows)"
-        p.add_argument(f"--{name}", type=parse_positive_float, metavar="X", help=help_)
-    p.add_argument("--into", metavar="RESULTS", help="results folder to add to, for tables and report; made if missing")
-    add_plugin(p)
-
-
-def _add_reading(p: argparse.ArgumentParser) -> None:
-    """Add the options that define how the columns of a file are read."""
-    p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; without a header ours, in order")
-    for name, choices in CHOICES.items():
-        words = f"{MEANING[name]} (default: {getattr(Reading, name)})"
-        p.add_argument(f"--{name}", choices=choices, default=getattr(Reading, name), help=words)
-    tolerance = "difference allowed at the start, in SI units (default: by the digits printed)"
-    p.add_argument("--start-tolerance", type=parse_positive_float, metavar="X", help=tolerance)
-
-
-def _add_shadow(commands: Any) -> None:
-    words = (
-        "find the true motion nearest to a computed one, and the modified energy of a fixed step; exit code 1 where "
-        "none is found within a tenth of the reach"
-    )
-    p = add_subcommand(commands, "shadow", words, "one object a finding")
-    p.add_argument("motion", metavar="RUN|FILE", help="run of --results, .npz of solve, or any file that referee reads")
-    p.add_argument("--problem", metavar="PROBLEM", help="problem of a file that does not come from solve")
-    add_set(p, "--problem-set", "its parameter")
-    p.add_argument("--t-end", type=parse_positive_float, metavar="T", help="look no farther than this time [s]")
-    results = f"{RESULTS} with the run, which is repeated (default: the newest)"
-    p.add_argument("--results", default="latest", metavar="RESULTS", help=results)
-    add_file(p, "--html", words="also write findings and distances over time to one HTML page")
-    _add_reading(p)
-    add_plugin(p)
 
 
 def _add_export(commands: Any) -> None:
@@ -319,7 +198,7 @@ def _add_judge(commands: Any) -> None:
 
 def _add_claim(commands: Any) -> None:
     words = "show a claim of the paper with its verdicts, why and where it was tried, or make its runs and judge it"
-    p = add_subcommand(commands, "claim", words, "the claim")
+    p = add_subcommand(commands, "claim", words, "the claim", native=True)
     p.add_argument("claim", metavar="ID", help="its id (results/claims.toml; mbsbench judge lists them)")
     judged = f"{RESULTS}, judged (default: as published)"
     p.add_argument("results", nargs="?", metavar="RESULTS", help=judged)
@@ -331,7 +210,7 @@ def _add_claim(commands: Any) -> None:
 
 def _add_gate(commands: Any) -> None:
     words = "run a suite and compare it with thresholds; exit code 0 if the gate is open, 1 if closed"
-    p = add_subcommand(commands, "gate", words, "one object")
+    p = add_subcommand(commands, "gate", words, "one object", native=True)
     p.add_argument("--suite", metavar="SUITE", help="name or TOML file (default: ci; with --results of files, those)")
     p.add_argument("--thresholds", metavar="FILE", help="default: results/baselines/<suite>.toml")
     p.add_argument("--results", metavar="RESULTS", help=f"judge this {RESULTS}, instead of running the suite")
@@ -378,17 +257,6 @@ def _add_merge(commands: Any) -> None:
     p.add_argument("sources", type=find_results, metavar="RESULTS", nargs="+", help="results folders to merge")
 
 
-def _add_bundle(commands: Any) -> None:
-    words = "write results to one file that anybody can check without this package; exit code 1 if a record is damaged"
-    p = add_subcommand(commands, "bundle", words, "one object")
-    add_results(p)
-    add_file(p, "-o", "--out", words="file to write, as docs/bundle.md says", metavar="B.zip", required=True)
-    lossless = "every step, solved again where the results lack it, not only the states that decide on the status"
-    p.add_argument("--lossless", action="store_true", help=lossless)
-    add_plugin(p, "plugin that the results were made with")
-    add_jobs(p)
-
-
 def _add_remeasure(commands: Any) -> None:
     words = (
         "measure finished runs again by the laws of this code: solved again they must have the same bits; costs stay; "
@@ -411,29 +279,6 @@ def _add_clean(commands: Any) -> None:
     older = "only results that have not changed for so long, and files of caches not used for it (default: 30d), as 12h"
     p.add_argument("--older-than", type=parse_duration, metavar="7d", help=older)
     p.add_argument("--dry-run", action="store_true", help="say what would be removed, and remove nothing")
-
-
-def _add_submit(commands: Any) -> None:
-    words = (
-        "run a solver on hidden instances and bundle the results; exit code 1 if nothing is solved or a success false"
-    )
-    p = add_subcommand(commands, "submit", words, "one object")
-    p.add_argument("submission", metavar="FILE.py|ENGINE", help="file with one solver, or name of a solver")
-    value = "value that the ladder published after its entries were closed (default: a trial, which no ladder ranks)"
-    p.add_argument("--value", default=TRIAL, metavar="TEXT", help=value)
-    digest = "print the digest to enter before the value is published; run nothing"
-    p.add_argument("--digest", action="store_true", help=digest)
-    p.add_argument("-o", "--out", metavar="B.zip", help="bundle to write (default: <solver>.zip)")
-
-
-def _add_ladder(commands: Any) -> None:
-    summary = "rank the bundles of submissions in a folder; exit code 1 if one was removed"
-    p = add_subcommand(commands, "ladder", summary, "one object an entry, the best first")
-    words = (
-        "folder of bundles; its ladder.toml states the value and the digests entered before it (without: a trial); "
-        "its labels.toml may call bundles independent (default), ours or re-run by us"
-    )
-    p.add_argument("folder", metavar="DIR", help=words)
 
 
 def _add_history(commands: Any) -> None:

@@ -2,9 +2,9 @@
 
 import argparse
 
-from ..harness.files import to_json, write_text
-from ..harness.foreign.description import describe_problem
-from ..harness.sandbox.trial import make_problem
+from ..harness.base.files import to_json, write_text
+from ..harness.catalogue.description import describe_problem
+from ..harness.catalogue.trial import make_problem
 from .arguments import load_problem
 from .terminal import make_console
 

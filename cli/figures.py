@@ -2,8 +2,8 @@
 
 import argparse
 
+from ..harness.catalogue.suites.suite import load_suite
 from ..harness.results import store
-from ..harness.suites.suite import load_suite
 from .arguments import UsageError, parse_assignments
 from .terminal import make_console
 

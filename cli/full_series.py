@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..harness.execution.full_series import solve_every_step
-from ..harness.execution.runner import Request
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.results.series import Series
+from ..harness.run.full_series import solve_every_step
+from ..harness.run.runner import Request
 from .progress import run_watched
 from .terminal import make_error_console, plural
 

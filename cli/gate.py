@@ -15,11 +15,12 @@ from typing import Any
 
 from rich.text import Text
 
-from ..harness.execution.pool import LocalPool
-from ..harness.execution.runner import Request, name_new_folder
-from ..harness.files import write_text
-from ..harness.gate.baseline import FOLDER, parse_thresholds, read_thresholds, write_thresholds
-from ..harness.gate.check import (
+from ..harness.base.files import write_text
+from ..harness.catalogue import codes
+from ..harness.catalogue.suites.spec import RunSpec
+from ..harness.catalogue.suites.suite import Suite, load_suite
+from ..harness.judge.gate.baseline import FOLDER, parse_thresholds, read_thresholds, write_thresholds
+from ..harness.judge.gate.check import (
     STATES,
     WORST,
     GateFindings,
@@ -28,25 +29,25 @@ from ..harness.gate.check import (
     select_judged,
     tighten_bounds,
 )
-from ..harness.gate.files import (
+from ..harness.judge.gate.files import (
     JUNIT_BEGUN,
     MARKDOWN_BEGUN,
-    as_plain,
     format_annotations,
     format_junit,
     format_markdown,
+    make_json_object,
 )
-from ..harness.gate.rounding import Repeat, list_core_types, repeat_run
-from ..harness.gate.spread import SpreadSample, find_unstable, widen_by_spread
-from ..harness.gate.thresholds import Thresholds, propose_bounds
-from ..harness.results import codes, store
+from ..harness.judge.gate.rounding import Repeat, list_core_types, repeat_run
+from ..harness.judge.gate.spread import SpreadSample, find_unstable, widen_by_spread
+from ..harness.judge.gate.thresholds import Thresholds, propose_bounds
+from ..harness.results import store
 from ..harness.results.findings import Finding, Verdict
 from ..harness.results.history import GATES, make_rows, write_rows
 from ..harness.results.provenance import read_environment
 from ..harness.results.records import RunRecord
 from ..harness.results.reproduce import REFEREED
-from ..harness.suites.spec import RunSpec
-from ..harness.suites.suite import Suite, load_suite
+from ..harness.run.pool import LocalPool
+from ..harness.run.runner import Request, name_new_folder
 from .arguments import UsageError, check_not_installed, count_jobs, find_results, load_plugins
 from .findings import STYLE, print_findings
 from .keeping import make_series_choice
@@ -100,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
         return _propose_thresholds(path, new, write=arguments.write)
     result = judge(specs, records, thresholds, code, arguments.without)
     if arguments.json:
-        print_json(as_plain(result, suite.name))
+        print_json(make_json_object(result, suite.name))
     else:
         _print_findings(result, everything=arguments.all)
         if not result.is_open:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from rich.text import Text
 
-from ..harness.catalogue.options import suggest_name
-from ..harness.files import FileError
+from ..harness.base.files import FileError
+from ..harness.base.hints import suggest_name
 from ..harness.results.history import find_histories, merge_rows, read_folder, read_rows, write_rows
 from ..harness.results.rows import METRICS, Row
 from .arguments import UsageError, find_results

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from rich.text import Text
 
-from ..harness.confined_paths import ConfinedPath
-from ..harness.execution.costs import describe_command
-from ..harness.referee import judge as judging
-from ..harness.referee.carried import is_current_or_carried
-from ..harness.referee.certificates.orders import select_motion
-from ..harness.referee.claims.register import PRESENTATION, REGISTER, read_register
-from ..harness.referee.currency import code_now, describe_older, find_older_runs
-from ..harness.referee.judge import VerdictChange, find_changes, judge_results, write_judgements
+from ..harness.base.confined_paths import ConfinedPath
+from ..harness.catalogue.suites.spec import RunSpec
+from ..harness.judge.referee import judge as judging
+from ..harness.judge.referee.carried import is_current_or_carried
+from ..harness.judge.referee.certificates.orders import select_motion
+from ..harness.judge.referee.claims.register import PRESENTATION, REGISTER, read_register
+from ..harness.judge.referee.currency import code_now, describe_older, find_older_runs
+from ..harness.judge.referee.judge import VerdictChange, find_changes, judge_results, write_judgements
 from ..harness.results import store
 from ..harness.results.judgements.claims import SCHEMA, ClaimFinding, ClaimGap, ClaimVerdict, JudgedClaim
 from ..harness.results.judgements.files import (
@@ -28,7 +28,7 @@ from ..harness.results.judgements.files import (
 )
 from ..harness.results.judgements.runs import Order
 from ..harness.results.provenance import read_environment
-from ..harness.suites.spec import RunSpec
+from ..harness.run.costs import describe_command
 from ..reports.model import claim_words
 from .arguments import UsageError, check_not_installed
 from .findings import print_findings

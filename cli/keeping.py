@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 
-from ..harness.referee.claims.maps import own_duration
-from ..harness.referee.claims.register import read_register
-from ..harness.referee.judge import list_tried
-from ..harness.referee.reading import make_series_selector
-from ..harness.suites.spec import RunSpec
-from ..harness.suites.suite import Suite
+from ..harness.catalogue.suites.spec import RunSpec
+from ..harness.catalogue.suites.suite import Suite
+from ..harness.judge.referee.claims.maps import own_duration
+from ..harness.judge.referee.claims.register import read_register
+from ..harness.judge.referee.judge import list_tried
+from ..harness.judge.referee.reading import make_series_selector
 from ..reports.paper.lines import RequestedRun, find_magnified_series
 
 

@@ -9,10 +9,10 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..harness.cache import ROOT, make_cache_folder
-from ..harness.catalogue.options import suggest_name
-from ..harness.files import FileError, parse_json, read_text, to_json, write_text
-from ..harness.results.naming import format_exactly
+from ..harness.base.cache import ROOT, make_cache_folder
+from ..harness.base.files import FileError, parse_json, read_text, to_json, write_text
+from ..harness.base.hints import suggest_name
+from ..harness.base.naming import format_exactly
 from .arguments import load_plugins
 from .parser import UsageError
 
@@ -188,7 +188,7 @@ def _digest_code() -> str:
     for folder in SHAPING:
         for path in sorted((ROOT / folder).rglob("*.py")):
             digest.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes() + b"\0")
-    for path in sorted((ROOT / "harness" / "suites").glob("*.toml")):
+    for path in sorted((ROOT / "harness" / "catalogue" / "suites").glob("*.toml")):
         digest.update(f"{path.name}\0".encode())
     return digest.hexdigest()[:24]
 
@@ -196,9 +196,9 @@ def _digest_code() -> str:
 def describe_catalogue(*, plugins: bool) -> dict[str, Any]:
     """Describe problems, solvers and suites as plain data; ``plugins`` adds those of loaded plugins."""
     from ..harness.catalogue import registry
-    from ..harness.suites.includes import list_suites
-    from ..harness.suites.spec import DEFAULT_RTOL
-    from ..harness.types import Trait
+    from ..harness.catalogue.suites.includes import list_suites
+    from ..harness.catalogue.suites.spec import DEFAULT_RTOL
+    from ..harness.mechanics.types import Trait
 
     problems = [
         {
@@ -236,8 +236,8 @@ def _describe_problem(name: str) -> dict[str, Any]:
     The section is empty and the others are None if the problem cannot be made, which ``check`` reports.
     """
     from ..harness.catalogue import registry
+    from ..harness.mechanics.types import classify_reference
     from ..harness.reference.computation import Source, describe_source
-    from ..harness.types import classify_reference
 
     with contextlib.suppress(Exception):
         problem = registry.make_problem(name)

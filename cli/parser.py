@@ -3,7 +3,7 @@
 import argparse
 from typing import Any, NoReturn
 
-from ..harness.catalogue.options import suggest_name
+from ..harness.base.hints import suggest_name
 
 WORDS = "Benchmark of integrators for constrained multibody dynamics: run, measure, judge, report."
 GROUPS = {  # groups of commands, in the order of --help

@@ -11,18 +11,18 @@ from rich.console import Group
 from rich.live import Live
 from rich.text import Text
 
-from ..harness import machine
-from ..harness.execution.costs import Expectation, predict_times
-from ..harness.execution.job import Job
-from ..harness.execution.pool import LocalPool
-from ..harness.execution.remaining_time import PREPARING, RemainingTime, describe_wait, format_duration
-from ..harness.execution.runner import Executor, Request, run_suite
+from ..harness.base import machine
+from ..harness.base.isolation import describe_lacking
+from ..harness.catalogue.suites.spec import RunSpec
+from ..harness.mechanics.types import Status
 from ..harness.results.records import RunRecord
 from ..harness.results.store import LoadedResults, UnreadableFile
 from ..harness.results.words import describe_comparison, list_reasons
-from ..harness.sandbox.isolation import describe_lacking
-from ..harness.suites.spec import RunSpec
-from ..harness.types import Status
+from ..harness.run.costs import Expectation, predict_times
+from ..harness.run.job import Job
+from ..harness.run.pool import LocalPool
+from ..harness.run.remaining_time import PREPARING, RemainingTime, describe_wait, format_duration
+from ..harness.run.runner import Executor, Request, run_suite
 from .terminal import Console, choose_status_style, list_unreadable, make_error_console, plural
 
 LISTED = 50  # most runs listed that were not started

@@ -2,10 +2,10 @@
 
 import argparse
 
-from ..harness.execution.full_series import name_run
-from ..harness.execution.remeasure import find_outdated, replace_outdated
-from ..harness.execution.runner import Request
 from ..harness.results import store
+from ..harness.run.full_series import name_run
+from ..harness.run.remeasure import find_outdated, replace_outdated
+from ..harness.run.runner import Request
 from .arguments import UsageError, count_jobs, load_plugins
 from .progress import announce_suite, run_watched
 from .terminal import make_console, make_error_console, plural, print_json, print_unreadable

@@ -2,9 +2,9 @@
 
 import argparse
 
-from ..harness.confined_paths import ConfinedPath
-from ..harness.execution.costs import describe_command
+from ..harness.base.confined_paths import ConfinedPath
 from ..harness.results import store
+from ..harness.run.costs import describe_command
 from .arguments import UsageError, find_results
 from .progress import announce_suite
 from .terminal import make_console, make_error_console, plural

@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..harness.execution.costs import predict_times
-from ..harness.execution.pool import LocalPool
-from ..harness.execution.runner import Executor, Request, find_last_folder, list_waiting, name_new_folder
-from ..harness.execution.started_runs import WHY as FOREIGN
+from ..harness.catalogue.suites.suite import load_suite
 from ..harness.results import store
 from ..harness.results.records import RunRecord
-from ..harness.suites.suite import load_suite
+from ..harness.run.costs import predict_times
+from ..harness.run.pool import LocalPool
+from ..harness.run.runner import Executor, Request, find_last_folder, list_waiting, name_new_folder
+from ..harness.run.started_runs import WHY as FOREIGN
 from .arguments import UsageError, count_jobs, load_plugins
 from .keeping import make_series_choice
 from .progress import describe_time, run_watched, warn_of_own_bits
@@ -105,7 +105,7 @@ def _describe_whole(request: Request, *, is_local: bool) -> str:
 
 def _time_in_turns(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple[str, ...]) -> list[str]:
     """Measure the CPU times again, with runs taking turns, and store them; print and return the runs not timed."""
-    from ..harness.races.in_turns import time_in_turns
+    from ..harness.run.in_turns import time_in_turns
 
     make_error_console().print(f"timing in turns, {turns} times each")
     with store.hold_folder(folder):
@@ -126,7 +126,7 @@ def choose_executor(address: str | None) -> Callable[..., Executor]:
     """Return the factory of the executor of jobs: local processes, or the cluster's workers at ``address``."""
     if address is None:
         return LocalPool
-    from ..harness.execution.cluster import DaskPool
+    from ..harness.run.cluster import DaskPool
 
     return lambda size, *watching: DaskPool(address, *watching)
 

@@ -14,9 +14,10 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from ..harness.catalogue.options import suggest_name
-from ..harness.execution.full_series import name_run
-from ..harness.files import FileError
+from ..harness.base.files import FileError
+from ..harness.base.hints import suggest_name
+from ..harness.base.text import escape_text
+from ..harness.mechanics.types import Status
 from ..harness.results import records, store
 from ..harness.results.provenance import read_environment
 from ..harness.results.records import COLUMNS, RunRecord, parse_reasons
@@ -32,8 +33,7 @@ from ..harness.results.words import (
     list_reasons,
     select_judged_error,
 )
-from ..harness.text import escape_text
-from ..harness.types import Status
+from ..harness.run.full_series import name_run
 from .arguments import UsageError, load_plugins
 from .commands import FILTERS, SORTS
 from .full_series import provide_full_series

@@ -10,7 +10,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ..harness.base.text import escape_text
 from ..harness.catalogue import registry
+from ..harness.catalogue.suites.shape import LONGEST
+from ..harness.catalogue.suites.spec import RunSpec, check_step, make_spec
+from ..harness.catalogue.trial import make_problem
+from ..harness.mechanics.types import Problem, Status
 from ..harness.results.records import RunRecord
 from ..harness.results.words import (
     describe_ending,
@@ -19,11 +24,6 @@ from ..harness.results.words import (
     format_accurate_times,
     list_reasons,
 )
-from ..harness.sandbox.trial import make_problem
-from ..harness.suites.shape import LONGEST
-from ..harness.suites.spec import RunSpec, check_step, make_spec
-from ..harness.text import escape_text
-from ..harness.types import Problem, Status
 from .arguments import UsageError, check_writable, load_problem, parse_assignments, parse_positive_float
 from .commands import CONTROL
 from .terminal import make_console, make_error_console
@@ -75,8 +75,8 @@ def _solve(
 
     ``wall`` is the time limit [s]; ``is_kept`` is False if ``out`` is a temporary file, which no message names.
     """
-    from ..harness.execution import solve_file
-    from ..harness.execution.progress_line import ProgressLine
+    from ..harness.run import solve_file
+    from ..harness.run.progress_line import ProgressLine
 
     output, messages, replaced, progress = make_console(), make_error_console(), out.exists(), ProgressLine()
 
@@ -97,7 +97,8 @@ def _solve(
         messages.print(f"interrupted; nothing was written{f' to {out}' * is_kept}")
         raise
     good = Status(record.status).lawful
-    nearest = find_nearest(problem, out) if arguments.shadow else None
+    find_nearest = getattr(arguments, "shadow", None)  # what the lab adds, if this copy has it
+    nearest = _replace_nonfinite(find_nearest(problem, out)) if find_nearest else None
     if arguments.json:
         more: dict[str, Any] = {} if nearest is None else {"nearest": nearest}
         plain = {**make_json_numbers(record), **more, "out": str(out) if is_kept else None}
@@ -109,7 +110,7 @@ def _solve(
         output.print(f"standard error     {find_last_message(native)}")
     if nearest:
         output.print(f"true motion        {nearest['words']}")
-    elif record.status == Status.INACCURATE and is_kept:
+    elif record.status == Status.INACCURATE and is_kept and hasattr(arguments, "shadow"):
         output.print(f"true motion        how near one is: mbsbench shadow {out}")
     if is_kept:
         output.print(f"written to         {out}{' (the file of that name is replaced)' * replaced}")
@@ -122,21 +123,9 @@ def find_last_message(native: str) -> str:
     return next((line for line in reversed(lines) if line and not line[0].isspace()), lines[-1])
 
 
-def find_nearest(problem: Problem, path: Path) -> dict[str, Any]:
-    """Describe in words and numbers the true motion nearest to the one in a file; in words alone if none is found."""
-    from ..harness.execution.run_file import read_run
-    from ..harness.shadow.findings import summarise_shadow
-    from ..harness.shadow.shadow import find_shadow
-
-    try:
-        return _replace_nonfinite(summarise_shadow(find_shadow(problem, read_run(path)[1])))
-    except ValueError as error:
-        return {"words": str(error)}
-
-
 def make_json_numbers(r: RunRecord) -> dict[str, Any]:
     """Return the numbers of a record as a dict for JSON: null if missing, ``"inf"`` if unbounded."""
-    from ..harness.execution.run_file import SUMMARY
+    from ..harness.run.run_file import SUMMARY
 
     numbers = {"case": r.case, **{name: getattr(r, name) for name in SUMMARY}, "cpu_s": r.cpu_min_s}
     unpacked = {name: json.loads(numbers.pop(name)) for name in ("counters", "notes")}

@@ -13,7 +13,7 @@ from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
-from ..harness.files import to_json
+from ..harness.base.files import to_json
 
 if TYPE_CHECKING:
     import numpy as np

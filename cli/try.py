@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from ..harness.catalogue import registry
-from ..harness.conformance import assessment
-from ..harness.execution.remaining_time import format_duration
-from ..harness.execution.runner import Request, name_new_folder
+from ..harness.catalogue.suites.spec import RunSpec
+from ..harness.catalogue.suites.suite import Suite
+from ..harness.judge.conformance import assessment
+from ..harness.mechanics.types import EndCause
 from ..harness.results import store
 from ..harness.results.findings import state_finding
 from ..harness.results.records import RunRecord
-from ..harness.suites.spec import RunSpec
-from ..harness.suites.suite import Suite
-from ..harness.types import EndCause
+from ..harness.run.remaining_time import format_duration
+from ..harness.run.runner import Request, name_new_folder
 from .arguments import UsageError, count_jobs, load_plugins
 from .check import resolve_entries
 from .findings import print_findings

@@ -5,13 +5,13 @@ import random
 import tempfile
 from pathlib import Path
 
-from ..harness.execution.full_series import rebuild_spec
-from ..harness.execution.runner import Request
+from ..harness.catalogue.suites.suite import Suite
 from ..harness.results import store
 from ..harness.results.comparison import compare, is_repeatable
 from ..harness.results.provenance import find_differences, is_same_platform, read_environment
 from ..harness.results.reproduce import REFEREED
-from ..harness.suites.suite import Suite
+from ..harness.run.full_series import rebuild_spec
+from ..harness.run.runner import Request
 from .arguments import UsageError, count_jobs, load_plugins
 from .diff import show_comparison
 from .progress import run_watched, warn_of_own_bits

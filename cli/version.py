@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from ..harness import machine
-from ..harness.cache import ROOT, list_caches
+from ..harness.base import machine
+from ..harness.base.cache import ROOT, list_caches
 from ..harness.results import environment
 from .parser import UsageError
 

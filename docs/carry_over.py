@@ -16,13 +16,13 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from mbsbench.harness import machine
-from mbsbench.harness.files import to_json
-from mbsbench.harness.referee.carried import FILE, Generation, add_generation, digest_present_code, read_carried
+from mbsbench.harness.base import machine
+from mbsbench.harness.base.files import to_json
+from mbsbench.harness.judge.referee.carried import FILE, Generation, add_generation, digest_present_code, read_carried
+from mbsbench.harness.mechanics.types import Status
 from mbsbench.harness.results.comparison import compare, is_repeatable
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.store import load, select_newest
-from mbsbench.harness.types import Status
 
 
 def main(parent: str) -> int:

@@ -10,12 +10,12 @@ import sys
 from pathlib import Path
 from unittest.mock import MagicMock  # an observer that prints nothing
 
-from mbsbench.harness.execution.runner import Request, run_suite
-from mbsbench.harness.referee.claims.register import read_register
-from mbsbench.harness.referee.currency import JUDGING
-from mbsbench.harness.referee.judge import judge_results
-from mbsbench.harness.results import codes
-from mbsbench.harness.suites.suite import Suite, load_suite
+from mbsbench.harness.catalogue import codes
+from mbsbench.harness.catalogue.suites.suite import Suite, load_suite
+from mbsbench.harness.judge.referee.claims.register import read_register
+from mbsbench.harness.judge.referee.currency import JUDGING
+from mbsbench.harness.judge.referee.judge import judge_results
+from mbsbench.harness.run.runner import Request, run_suite
 
 DRAWN = 100
 

@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 
 from mbsbench import solve
-from mbsbench.harness.confined_paths import ConfinedPath
-from mbsbench.harness.referee.carried import list_equal
+from mbsbench.harness.base.confined_paths import ConfinedPath
+from mbsbench.harness.catalogue.suites.suite import load_suite
+from mbsbench.harness.judge.referee.carried import list_equal
+from mbsbench.harness.mechanics.types import ALLOWED, Law
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.results.store import LOCAL, write_record
-from mbsbench.harness.suites.suite import load_suite
-from mbsbench.harness.types import ALLOWED, Law
 from mbsbench.reports.mechanism.segments import choose_view, read_mechanism
 from mbsbench.reports.mechanism.stage import load_poses, place_segments
 from mbsbench.reports.mechanism.theatre.scene import read_exact_motion

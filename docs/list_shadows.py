@@ -20,21 +20,21 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm, spearmanr
 
+from mbsbench.harness.base.clock import cpu_seconds
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.clock import cpu_seconds
-from mbsbench.harness.ensemble.clouds import ConfiguredSolver, make_ensemble, run_cloud
-from mbsbench.harness.ensemble.sampling import interpolate_state
-from mbsbench.harness.ensemble.verdict import ALL_C, compare_clouds
-from mbsbench.harness.execution.run_file import read_run
-from mbsbench.harness.execution.solve_file import solve_to_file
-from mbsbench.harness.results.codes import digest_run_code
+from mbsbench.harness.catalogue.codes import digest_run_code
+from mbsbench.harness.catalogue.suites.spec import make_spec, make_step_control
+from mbsbench.harness.lab.ensemble.clouds import ConfiguredSolver, make_ensemble, run_cloud
+from mbsbench.harness.lab.ensemble.sampling import interpolate_state
+from mbsbench.harness.lab.ensemble.verdict import ALL_C, compare_clouds
+from mbsbench.harness.lab.shadow.long_motion import load_long_motion
+from mbsbench.harness.lab.shadow.modified_energy import find_modified_energy
+from mbsbench.harness.lab.shadow.shadow import find_shadow
+from mbsbench.harness.mechanics.types import Problem, StepControl, Trajectory
 from mbsbench.harness.results.environment import read_commit
 from mbsbench.harness.results.words import describe_ending, list_reasons
-from mbsbench.harness.shadow.long_motion import load_long_motion
-from mbsbench.harness.shadow.modified_energy import find_modified_energy
-from mbsbench.harness.shadow.shadow import find_shadow
-from mbsbench.harness.suites.spec import make_spec, make_step_control
-from mbsbench.harness.types import Problem, StepControl, Trajectory
+from mbsbench.harness.run.run_file import read_run
+from mbsbench.harness.run.solve_file import solve_to_file
 
 HERE = Path(__file__).resolve().parent
 PAGE, DATA = HERE / "judging.md", HERE.parent / "results" / "published" / "chaos.json"

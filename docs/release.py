@@ -22,10 +22,10 @@ import draw_pictures  # type: ignore[import-not-found]  # beside this file
 from packaging.requirements import Requirement
 from packaging.version import Version
 
-from mbsbench.harness.bundle.contents import VERSION as BUNDLE
-from mbsbench.harness.referee import judge
-from mbsbench.harness.referee.claims.register import read_register
-from mbsbench.harness.referee.currency import code_now
+from mbsbench.harness.judge.referee import judge
+from mbsbench.harness.judge.referee.claims.register import read_register
+from mbsbench.harness.judge.referee.currency import code_now
+from mbsbench.harness.lab.bundle.contents import VERSION as BUNDLE
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.judgements.claims import SCHEMA as CLAIMS
 from mbsbench.harness.results.judgements.files import PUBLISHED

@@ -18,7 +18,7 @@ from ..harness.catalogue.registry import problem
 from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import GROUND, Joint, Load, RigidBody, SpringDamper, assemble
-from ..harness.types import Observable, Problem, Trait
+from ..harness.mechanics.types import Observable, Problem, Trait
 from .exact.planar import AXIS, OZ, make_bar_frames
 
 O, A, B, C = (np.array(p) for p in ((0.0, 0.0), (-0.06934, -0.00227), (-0.03635, 0.03273), (0.014, 0.072)))  # [m]

@@ -18,7 +18,7 @@ from ..harness.catalogue.registry import problem
 from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import GROUND, Joint, RigidBody, assemble
-from ..harness.types import Observable, Problem, Trait
+from ..harness.mechanics.types import Observable, Problem, Trait
 
 MASS, LENGTH, SIDE = 1.0, 1.0, 0.1  # [kg], [m], [m]
 THIN = 1e-7  # [kg m2] axial inertia of a thin rod

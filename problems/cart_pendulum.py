@@ -13,7 +13,7 @@ from ..harness.catalogue.registry import problem
 from ..harness.mechanics.motion import linear_momentum, point_position
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import GROUND, Joint, RigidBody, assemble
-from ..harness.types import Invariant, Observable, Problem, Trait
+from ..harness.mechanics.types import Invariant, Observable, Problem, Trait
 from .exact.planar import AXIS, OZ, make_bar_frames, make_slender_bar
 
 MASS, LENGTH, AXIAL = 0.5, 0.5, 1e-3  # [kg], [m], [kg m2] mass, length and axial inertia of a bar

@@ -19,7 +19,7 @@ from ..harness.mechanics import so3
 from ..harness.mechanics.motion import energy, kinetic_energy, point_position, potential_energy
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
-from ..harness.types import Observable, Problem, Trait
+from ..harness.mechanics.types import Observable, Problem, Trait
 from .exact.certification import CertifiedMotion
 from .exact.linkage import Linkage
 from .exact.linkage_motion import certify_linkage_motion, find_planar_angles

@@ -14,7 +14,7 @@ from ..harness.catalogue.registry import problem
 from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import GROUND, Joint, SpringDamper, assemble
-from ..harness.types import Observable, Problem, Trait
+from ..harness.mechanics.types import Observable, Problem, Trait
 from .exact.planar import AXIS, OZ, make_bar_frames, make_slender_bar
 
 MASS, LENGTH, AXIAL = 1.0, 1.0, 1e-2  # [kg], [m], [kg m2]

@@ -16,7 +16,7 @@ from ..harness.mechanics.joints import Joint, MovingKind
 from ..harness.mechanics.state import States
 from ..harness.mechanics.system import GROUND, RigidBody, assemble
 from ..harness.mechanics.time_functions import TimeFunction, evaluate_functions
-from ..harness.types import Observable, Problem, Trait
+from ..harness.mechanics.types import Observable, Problem, Trait
 from .exact import planar
 from .exact.closed_form import ClosedForm
 

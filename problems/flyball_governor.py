@@ -17,7 +17,7 @@ from ..harness.catalogue.registry import problem
 from ..harness.mechanics import so3
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import GROUND, Joint, RigidBody, SpringDamper, assemble
-from ..harness.types import Observable, Problem, Trait
+from ..harness.mechanics.types import Observable, Problem, Trait
 
 LENGTH, SIDE, DENSITY = 1.0, 0.01, 3000.0  # [m], [m], [kg/m3] of shaft and rods
 BAR = DENSITY * LENGTH * SIDE**2  # [kg]

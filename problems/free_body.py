@@ -18,7 +18,7 @@ from ..harness.mechanics import so3
 from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import MultibodySystem, RigidBody, assemble
-from ..harness.types import Invariant, Observable, Problem, ReferenceKind
+from ..harness.mechanics.types import Invariant, Observable, Problem, ReferenceKind
 from .exact.balls import nearest_rotation, run_in_balls, to_balls
 from .exact.one_body import find_pinned_motion
 from .exact.pinned_body import FINAL, PinnedBody, PinnedMotion

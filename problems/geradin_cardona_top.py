@@ -15,7 +15,7 @@ from ..harness.catalogue.registry import problem
 from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import Joint, RigidBody, assemble
-from ..harness.types import Invariant, Observable, Problem
+from ..harness.mechanics.types import Invariant, Observable, Problem
 from .exact.one_body import find_one_body_motion
 
 MASS, INERTIA = 15.0, np.diag([0.234375, 0.46875, 0.234375])  # [kg], [kg m2] about C

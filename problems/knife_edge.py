@@ -21,7 +21,7 @@ from ..harness.catalogue.registry import problem
 from ..harness.mechanics.joints import Joint, MovingKind
 from ..harness.mechanics.state import States
 from ..harness.mechanics.system import RigidBody, assemble
-from ..harness.types import Invariant, Observable, Problem, Trait
+from ..harness.mechanics.types import Invariant, Observable, Problem, Trait
 from .exact import planar
 from .exact.closed_form import ClosedForm
 

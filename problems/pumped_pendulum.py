@@ -22,9 +22,9 @@ from ..harness.mechanics.joints import Joint, MovingKind
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import RigidBody, assemble
 from ..harness.mechanics.time_functions import TimeFunction, evaluate_functions
+from ..harness.mechanics.types import Observable, Problem, Trait
 from ..harness.reference.extrapolation import vectorize_rate
 from ..harness.reference.orbit import Pair
-from ..harness.types import Observable, Problem, Trait
 from .exact import planar
 from .exact.certification import CertifiedMotion, certify_orbit
 

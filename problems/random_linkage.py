@@ -24,7 +24,7 @@ from ..harness.mechanics.consistency import project
 from ..harness.mechanics.joints import Joint
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import GROUND, SpringDamper, assemble
-from ..harness.types import Observable, Problem, Trait
+from ..harness.mechanics.types import Observable, Problem, Trait
 from .random_mechanism import draw_body
 
 Loop = tuple[Float[np.ndarray, "hinges 3"], Float[np.ndarray, "hinges 3"]]  # a point and the direction of each hinge

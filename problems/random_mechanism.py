@@ -23,7 +23,7 @@ from ..harness.mechanics.consistency import project
 from ..harness.mechanics.joints import Joint, JointKind
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import GROUND, Load, RigidBody, SpringDamper, assemble
-from ..harness.types import Observable, Problem
+from ..harness.mechanics.types import Observable, Problem
 
 KINDS = tuple(k for k in JointKind if k not in (JointKind.FIXED, JointKind.NORMAL))
 APART = 0.3  # [m] distance between the points of sliding joints

@@ -20,7 +20,7 @@ from ..harness.mechanics import so3
 from ..harness.mechanics.joints import Joint, MovingKind
 from ..harness.mechanics.state import States
 from ..harness.mechanics.system import GROUND, RigidBody, assemble
-from ..harness.types import Observable, Problem, Trait
+from ..harness.mechanics.types import Observable, Problem, Trait
 from .exact.closed_form import ClosedForm
 
 MASS = 0.3048  # [kg]

@@ -19,7 +19,7 @@ from ..harness.mechanics.joints import JointKind
 from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
-from ..harness.types import Observable, Problem, Reference
+from ..harness.mechanics.types import Observable, Problem, Reference
 from .exact.link import find_link_motion
 from .exact.one_body import find_one_body_motion
 from .exact.pinned_body import PinnedMotion

@@ -18,7 +18,7 @@ from ..harness.mechanics.jacobian import constraint_jacobian
 from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
-from ..harness.types import Observable, Problem
+from ..harness.mechanics.types import Observable, Problem
 
 MASS = (0.12, 0.5, 2.0)  # [kg] crank, rod, slider
 CRANK, ROD = np.diag([1e-4, 1e-4, 1e-5]), np.diag([4e-4, 4e-3, 4e-3])  # [kg m2] about C, rod along x

@@ -17,7 +17,7 @@ from ..harness.mechanics import so3
 from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import Joint, RigidBody, assemble
-from ..harness.types import Invariant, Observable, Problem
+from ..harness.mechanics.types import Invariant, Observable, Problem
 from .exact.one_body import find_one_body_motion
 
 

@@ -13,7 +13,7 @@ from ..harness.catalogue.registry import problem
 from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State
 from ..harness.mechanics.system import RigidBody, SpringDamper, assemble
-from ..harness.types import Invariant, Observable, Problem
+from ..harness.mechanics.types import Invariant, Observable, Problem
 
 RADIUS = 0.05  # [m] radius of the solid ball
 HANGING = 1.0  # [m] length of the spring at rest under the weight

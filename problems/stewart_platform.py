@@ -17,7 +17,7 @@ from ..harness.catalogue.options import Parameter
 from ..harness.catalogue.registry import problem
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import GROUND, Joint, Load, RigidBody, SpringDamper, assemble
-from ..harness.types import Observable, Problem, Trait
+from ..harness.mechanics.types import Observable, Problem, Trait
 
 BASE, TOP, HEIGHT, DISC = 3.0, 1.0, 2.0, 0.05  # [m]
 OUTER, INNER, PART = 0.05, 0.03, 0.75  # [m] radii of the tube (the rod has the outer one); length of tube or rod / leg

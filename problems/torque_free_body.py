@@ -17,7 +17,7 @@ from ..harness.mechanics import so3
 from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import Joint, MultibodySystem, RigidBody, assemble
-from ..harness.types import Invariant, Observable, Problem, Trait
+from ..harness.mechanics.types import Invariant, Observable, Problem, Trait
 from .exact.one_body import find_one_body_motion
 
 Triple = tuple[float, float, float]

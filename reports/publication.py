@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from ..harness.confined_paths import ConfinedPath
+from ..harness.base.confined_paths import ConfinedPath
 from .model.accuracy import choose_measure
 from .model.floats import format_floats
 from .model.heat import HeatMap, make_heat_map

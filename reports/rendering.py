@@ -9,7 +9,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from ..harness.files import write_text
+from ..harness.base.files import write_text
 from .model import words
 from .model.glossary import term
 

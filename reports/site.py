@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ..harness.confined_paths import ConfinedPath
+from ..harness.base.confined_paths import ConfinedPath
 from .model.results import StoredResults, read_results
 from .model.tables import write_tables
 from .pages.base import ASSETS, WRITTEN, Site, copy_assets, write_pages

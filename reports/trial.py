@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from ..harness.confined_paths import ConfinedPath
+from ..harness.base.confined_paths import ConfinedPath
 from ..harness.results.findings import Finding
 from ..harness.results.judgements.runs import Order
 from .model.frontier import find_frontiers, select_shared_target

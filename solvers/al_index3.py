@@ -13,7 +13,7 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import (
     WITH_PLAIN,
     HolonomicMarchedSolver,

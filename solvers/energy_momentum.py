@@ -13,7 +13,7 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import MarchedSolver, Method, code_option, run_plainly
 from .formulations.methods.energy_momentum import make_mean_value_method
 from .formulations.refusals import refuse_without_gradient

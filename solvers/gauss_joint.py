@@ -19,7 +19,7 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.joint_coordinates.collocation import make_gauss_lobatto_tableau
 from .formulations.joint_coordinates.symplectic import integrate, refuse_problem
 

@@ -12,11 +12,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..harness.base.clock import cpu_seconds
+from ..harness.base.code_meter import making_code
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.clock import cpu_seconds
-from ..harness.code_meter import making_code
-from ..harness.types import Problem, Status, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from .formulations.compiled.host import refuse_unused
 from .formulations.methods.choices import GaugeChoices
 from .formulations.methods.gc_weak_form import integrate_weak_form

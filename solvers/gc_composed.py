@@ -12,7 +12,7 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.mechanics.system import MultibodySystem
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import code_option, integrate
 from .formulations.methods.choices import CHOICES
 from .formulations.methods.compositions import COMPOSITIONS, RATE

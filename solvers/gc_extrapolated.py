@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import code_option, integrate
 from .formulations.methods.choices import CHOICES
 from .formulations.methods.gc_extrapolated import make_extrapolated_method

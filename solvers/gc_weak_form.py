@@ -12,7 +12,7 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.methods.choices import GaugeChoices
 from .formulations.methods.gc_weak_form import integrate_weak_form
 from .formulations.rank import rows_to_keep

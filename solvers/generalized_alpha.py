@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import WITH_PLAIN, HolonomicMarchedSolver, Method, code_option, run_plainly
 from .formulations.methods.alpha import make_alpha_method
 from .plain import generalized_alpha

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import WITH_PLAIN, MarchedSolver, Method, code_option, refuse_unused
 from .formulations.methods.half_explicit import make_half_explicit_method
 from .plain import half_explicit

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.classical import ImplicitOptions
 from .formulations.ida import InitialValueProblem, integrate
 from .formulations.layout import Layout

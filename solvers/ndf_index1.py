@@ -30,7 +30,7 @@ from scipy_dae.integrate._dae.dae import DaeSolver
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, Status, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
 from .formulations.dae import ImplicitForm
 from .formulations.error_test import tolerances

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import HolonomicMarchedSolver, Method, code_option, run_plainly
 from .formulations.methods.radau import choose_newton_tolerance, make_radau_method
 from .plain import radau_ggl

@@ -13,7 +13,7 @@ from scipy_dae.integrate._dae import radau
 from scipy_dae.integrate._dae.radau import RadauDAE
 
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl
+from ..harness.mechanics.types import Problem, StepControl
 from .formulations.newton import Scheme, radau_newton
 from .ndf_index1 import NdfIndex1
 

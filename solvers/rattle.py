@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import WITH_PLAIN, HolonomicMarchedSolver, Method, code_option, run_plainly
 from .formulations.methods.compositions import COMPOSITIONS, RATE
 from .formulations.methods.rattle import make_rattle_method

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.joint_coordinates.collocation import make_rattle_tableau
 from .formulations.joint_coordinates.symplectic import integrate, refuse_problem
 

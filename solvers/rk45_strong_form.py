@@ -19,7 +19,7 @@ from scipy.integrate import RK45
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.recording import Clock
 from .formulations.strong_ode import StrongOptions, integrate
 

@@ -14,7 +14,7 @@ import scipy.integrate as si
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.recording import Clock
 from .formulations.strong_ode import StrongOptions, integrate
 

@@ -1,11 +1,14 @@
 """For all tests: one thread for linear algebra; with SHAPES=1, arrays have the shapes that their annotations say.
 
-The checks triple the time of tests and of what they fork, so `make test-shapes` alone asks for them.
+The checks triple the time of tests and of what they fork, so `make test-shapes` alone asks for them. In a copy of the
+core (`make core`) tests of what it lacks are left out: those that import it, and those marked ``beyond_core``.
 """
 
 import os
+import re
 from pathlib import Path
 
+import pytest
 from jaxtyping import install_import_hook
 
 import tests.shape_checks  # noqa: F401 - the hook looks it up by its name
@@ -26,6 +29,28 @@ if os.environ.get("SHAPES") == "1":
         "tests.shape_checks.check",
     )
 
-from mbsbench.harness.machine import THREADS  # noqa: E402 - below the hook, which sees what comes later
+from mbsbench.harness.base.machine import THREADS  # noqa: E402 - below the hook, which sees what comes later
 
 os.environ.update(THREADS)
+
+LACKING = [room for room in ("harness/lab", "harness/formats", "solvers/engines") if not (ROOT / room).is_dir()]
+BEYOND = re.compile(  # an import of what was deleted
+    r"^\s*from (mbsbench|tests|\.+)[\w.]*\.?(lab|formats|engines)\b|from mbsbench import .*\bkit\b|mbsbench\.kit"
+    r"|^from [\w.]*\.(bundles|test_check_bundle) import",  # helpers that do
+    re.MULTILINE,
+)
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Leave out a file of tests that imports a room which this copy lacks."""
+    if LACKING and collection_path.suffix == ".py" and BEYOND.search(collection_path.read_text(encoding="utf-8")):
+        return True
+    return None
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out tests of commands, files and engines of rooms which this copy lacks."""
+    beyond = [item for item in items if LACKING and item.get_closest_marker("beyond_core")]
+    if beyond:
+        config.hook.pytest_deselected(items=beyond)
+        items[:] = [item for item in items if item not in beyond]

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from mbsbench.harness import machine
+from mbsbench.harness.base import machine
 
 if "--native" in (*shlex.split(os.environ.get("PYTEST_ADDOPTS", "")), *sys.argv):
     machine.unpin_arithmetic()

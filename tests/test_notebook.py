@@ -14,10 +14,10 @@ import pytest
 import mbsbench
 from mbsbench import Problem, Results, Run, Status, load, make_problem, solve
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.mechanics.types import Law, Reason
 from mbsbench.harness.results.records import format_reasons
 from mbsbench.harness.results.store import UnreadableFile
 from mbsbench.harness.results.words import describe_errors, list_reasons
-from mbsbench.harness.types import Law, Reason
 from mbsbench.notebook import FEW, LEFT
 from mbsbench.reports.plots.spec import choose_styles
 
@@ -69,10 +69,10 @@ def test_problem_of_the_page_is_solved(capsys):
 
 def test_numbers_are_those_of_a_run_of_the_harness(tmp_path, run):
     """One code measures all: the record of a suite's run has the same metrics, bit for bit."""
-    from mbsbench.harness.execution.job import Job
-    from mbsbench.harness.execution.run import run_here as worker
+    from mbsbench.harness.catalogue.suites.spec import make_spec
     from mbsbench.harness.results import store
-    from mbsbench.harness.suites.spec import make_spec
+    from mbsbench.harness.run.job import Job
+    from mbsbench.harness.run.run import run_here as worker
 
     problem = make_problem("torque_free_body", {"t_end": 0.1})
     spec = make_spec(problem, "gc_weak_form", control={"dt": 0.01})
@@ -154,7 +154,7 @@ def test_a_step_longer_than_the_motion_is_a_mistake(capsys):
 
 def test_a_long_solve_says_how_far_it_is_where_somebody_watches(monkeypatch, capsys):
     """One line on standard error that only goes up and is gone at the end; a script is silent, the motion the same."""
-    from mbsbench.harness.execution import progress_line
+    from mbsbench.harness.run import progress_line
 
     silent = solve("torque_free_body", "gc_weak_form", dt=1e-4, t_end=1.0)
     assert capsys.readouterr().err == ""
@@ -218,7 +218,7 @@ def test_names_and_messages_are_text_in_a_notebook(run):
 @pytest.mark.parametrize("name", ["Problem", "make_problem", "solve"])
 def test_a_problem_is_shown_whatever_is_imported_first(name):
     """Its class lies below what shows it, which comes with the names by which a user gets at problems."""
-    words = f"from mbsbench import {name}; from mbsbench.harness.types import Problem; Problem._repr_html_"
+    words = f"from mbsbench import {name}; from mbsbench.harness.mechanics.types import Problem; Problem._repr_html_"
     subprocess.run([sys.executable, "-c", words], check=True)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench.harness.results import environment
+from mbsbench.harness.catalogue import codes
 from mbsbench.harness.results.environment import ROOT
 
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
@@ -81,6 +81,7 @@ def test_wheel_carries_modules_and_data(tmp_path):
         ROOT / "__main__.py",
         ROOT / "api.py",
         ROOT / "kit.py",
+        ROOT / "notebook.py",
         ROOT / "checker" / "check_bundle.py",
         *(p for part in PARTS for p in (ROOT / part).rglob("*.py")),
     ]
@@ -91,7 +92,11 @@ def test_wheel_carries_modules_and_data(tmp_path):
     wanted = {f"mbsbench/{f.relative_to(ROOT).as_posix()}" for f in [*modules, *_data()]}
     assert wanted - inside == set()
     assert not {n for n in inside - wanted if not n.split("/")[0].endswith(".dist-info")}
-    code = "import mbsbench.harness.results.environment as e; print(e.code_digest(), e.commit() or 'no commit')"
+    code = (
+        "from mbsbench.harness.catalogue.codes import digest_code\n"
+        "from mbsbench.harness.results.environment import read_commit\n"
+        "print(digest_code(), read_commit() or 'no commit')"
+    )
     installed = subprocess.run(
         (sys.executable, "-c", code),
         cwd=tmp_path,
@@ -100,7 +105,7 @@ def test_wheel_carries_modules_and_data(tmp_path):
         capture_output=True,
         text=True,
     )
-    assert installed.stdout.strip() == f"{environment.digest_code()} no commit"
+    assert installed.stdout.strip() == f"{codes.digest_code()} no commit"
 
 
 def test_locks_carry_hashes_and_agree():

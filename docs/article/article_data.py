@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from matplotlib.figure import Figure
 
-from mbsbench.harness.ensemble.verdict import LEVEL
+from mbsbench.harness.lab.ensemble.verdict import LEVEL
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdict, Condition, JudgedClaim
 from mbsbench.harness.results.judgements.files import (

@@ -25,7 +25,7 @@ from article_marks import EQUATION, as_html, as_latex  # type: ignore[import-not
 from jinja2 import nodes
 from jinja2.ext import Extension
 
-from mbsbench.harness.confined_paths import ConfinedPath
+from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.reports.model.words import number
 from mbsbench.reports.plots.paper import save
 

@@ -1,1 +1,1 @@
-"""Catalogue problems and solvers with their options, from this tree and from plugins."""
+"""Catalogue problems and solvers with their options, plug-ins, suites of runs, and digests of the code."""

@@ -15,7 +15,7 @@ import scipy.integrate as si
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from ..code_meter import solver_seconds
+from ..base.code_meter import solver_seconds
 from ..mechanics.consistency import InconsistentStart
 from ..mechanics.counting import CallCount, collect_counts
 from ..mechanics.dynamics import Rates
@@ -23,7 +23,7 @@ from ..mechanics.jacobian import independent_rows
 from ..mechanics.state import State, States
 from ..mechanics.step_time import REMEDY, begin_step
 from ..mechanics.system import MultibodySystem
-from ..types import Problem, Status, StepControl, Trajectory
+from ..mechanics.types import Problem, Status, StepControl, Trajectory
 from .options import option
 from .registry import keyword_options, solver
 

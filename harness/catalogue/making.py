@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ..types import Problem
+from ..mechanics.types import Problem
 from . import registry
 
 

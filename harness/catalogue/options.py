@@ -6,10 +6,10 @@ Parameter(...)]``. Both are listed by ``mbsbench list`` and parsed from text her
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Any
+
+from ..base.hints import format_value
 
 SWITCHES = {"true": True, "on": True, "1": True, "yes": True, "false": False, "off": False, "0": False, "no": False}
 
@@ -29,20 +29,6 @@ class Parameter:
 def option(default: Any, doc: str, unit: str = "", **limits: Any) -> Any:
     """Return a dataclass field for an option of a solver, with its ``Parameter``; ``limits`` are fields of that."""
     return dataclasses.field(default=default, metadata={"parameter": Parameter(doc, unit, **limits)})
-
-
-def suggest_name(name: str, known: Mapping[str, Any] | list[str]) -> str:
-    """Return a hint for a misspelt name, `` - did you mean 'x'?``, or the known names if none is similar."""
-    match = get_close_matches(name, list(known), n=1)
-    return f" - did you mean {match[0]!r}?" if match else f" - known: {', '.join(known) or 'none'}"
-
-
-def format_value(value: Any) -> str:
-    """Return ``value`` as text for a message, at most 40 characters, even for an integer that Python does not print."""
-    try:
-        return (str(value) if isinstance(value, int | float) else repr(value))[:40]
-    except ValueError:
-        return "a number of thousands of digits"
 
 
 def read_value(name: str, given: Any, default: Any, parameter: Parameter) -> Any:

@@ -13,8 +13,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from . import mechanism_files
-from .options import suggest_name
+from ..base.hints import suggest_name
+from . import mechanism
 
 GROUPS = ("mbsbench.problems", "mbsbench.solvers")  # groups of entry points
 
@@ -26,13 +26,13 @@ def resolve_plugin(plugin: str, beside: Path = Path()) -> str:
 
 def is_file(plugin: str) -> bool:
     """Return whether ``plugin`` is a path: names of entry points have no slash and no ending of a file."""
-    return "/" in plugin or plugin.endswith(".py") or mechanism_files.is_mechanism(plugin)
+    return "/" in plugin or plugin.endswith(".py") or mechanism.is_mechanism(plugin)
 
 
 def list_sources(plugin: str) -> tuple[Path, ...]:
     """Return the files of a plugin on whose content a result depends; empty if none can be found."""
-    if mechanism_files.is_mechanism(plugin):
-        return mechanism_files.list_files(Path(plugin))
+    if mechanism.is_mechanism(plugin):
+        return mechanism.list_files(Path(plugin))
     if is_file(plugin):
         return (Path(plugin),)
     spec = importlib.util.find_spec(_entry_point(plugin).module)
@@ -41,8 +41,8 @@ def list_sources(plugin: str) -> tuple[Path, ...]:
 
 def load_plugin(plugin: str) -> Any:
     """Return the module, the mechanism, or the object of an entry point; any error of the import is raised."""
-    if mechanism_files.is_mechanism(plugin):
-        return mechanism_files.read_mechanism(Path(plugin))
+    if mechanism.is_mechanism(plugin):
+        return mechanism.read_mechanism(Path(plugin))
     return _module(Path(plugin)) if is_file(plugin) else _entry_point(plugin).load()
 
 

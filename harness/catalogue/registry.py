@@ -17,20 +17,21 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import numpy as np
 
-from ..clock import cpu_seconds_of_tree
-from ..code_meter import code_seconds
+from ..base.clock import cpu_seconds_of_tree
+from ..base.code_meter import code_seconds
+from ..base.hints import suggest_name
+from ..base.text import check_text
 from ..mechanics import so3
 from ..mechanics.consistency import check_start, perturb
 from ..mechanics.moving_rows import check_lengths
 from ..mechanics.presentation import SPACE_AXES, Presentation
 from ..mechanics.state import States, rotate_states
 from ..mechanics.system import GROUND, MultibodySystem
+from ..mechanics.types import Problem, Solver, Trait
 from ..mechanics.user_forces import present_laws
-from ..text import check_text
-from ..types import Problem, Solver, Trait
-from . import mechanism_files, plugins
+from . import mechanism, plugins
 from .mechanism import MechanismFile
-from .options import Parameter, read_value, suggest_name
+from .options import Parameter, read_value
 from .turns import keep_turns
 
 T = TypeVar("T")
@@ -51,7 +52,7 @@ COMMON_PARAMETERS: dict[str, tuple[Any, Parameter]] = {
     "unit_mass": (1.0, Parameter("factor of all masses: another unit", "", at_least=1e-6, at_most=1e6)),
     "unit_time": (1.0, Parameter("factor of all times, dt included: another unit", "", at_least=1e-6, at_most=1e6)),
     "retrace": (False, Parameter("integrate back to the start with reversed velocities")),
-}  # their words on pages and the checks of symmetries: types/presentations.py
+}  # their words on pages and the checks of symmetries: mechanics/types/presentations.py
 
 
 @dataclass(frozen=True)
@@ -262,14 +263,14 @@ def load_plugin(plugin: Path | str) -> None:
 
 def _describe_owner(name: str) -> str:
     """Return by what a name is taken, as the end of a message: a mechanism's file, or an entry of the catalogue."""
-    others = [w for w in _mechanisms if w in _plugin_files and mechanism_files.choose_name(w) == name]
+    others = [w for w in _mechanisms if w in _plugin_files and mechanism.choose_name(w) == name]
     return f" by {others[0]}" if others else " by one of the catalogue"
 
 
 def _has_changed(where: str) -> bool:
     """Return whether a mechanism's file has changed since it was read, or cannot be read any more."""
     try:
-        return where in _mechanisms and mechanism_files.digest_mechanism(Path(where)) != _mechanisms[where]
+        return where in _mechanisms and mechanism.digest_mechanism(Path(where)) != _mechanisms[where]
     except (OSError, ValueError):
         return True  # reading the file will report the error
 
@@ -315,9 +316,9 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
     Its start is checked and, if asked, perturbed; it is rotated and given its presentation. Raise ValueError if
     anything is invalid.
     """
-    if mechanism_files.is_mechanism(name):
+    if mechanism.is_mechanism(name):
         load_plugin(name)
-        name = mechanism_files.choose_name(name)
+        name = mechanism.choose_name(name)
     entry = find_entry("problem", name, problems())
     values = _read("parameter", f"problem {name}", entry.parameters, parameters or {})
     made = entry.make(**{k: v for k, v in values.items() if k not in COMMON_PARAMETERS})

@@ -19,7 +19,7 @@ from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..mechanics.time_functions import shift_time
 from ..mechanics.torsion import count_determined_rows, rewind_springs
-from ..types import Problem, Status, StepControl, Trajectory
+from ..mechanics.types import Problem, Status, StepControl, Trajectory
 
 AHEAD = 2.0  # greatest length of a piece relative to the last one, as all beyond the next turn is discarded
 PIECES = 10_000  # most pieces of a motion, each a solve with its own start: a spring may turn for ever

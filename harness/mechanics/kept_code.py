@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from ..cache import make_cache_folder, read_cached_file
-from ..code_meter import making_code
-from ..machine import find_numba_target
+from ..base.cache import make_cache_folder, read_cached_file
+from ..base.code_meter import making_code
+from ..base.machine import find_numba_target
 
 LARGEST = 2**26  # [bytes] largest file that is read: it is held in memory before its seal is checked
 LIBRARIES = ("numpy", "math", "cmath", "numba", "builtins", "operator")  # identified by their names and versions
@@ -50,7 +50,7 @@ class CallbackCache:
     """Numba's interface of a cache, for one callback in one file.
 
     The file is a pickle, since numba's types and machine code have no plain form. It can run code, as its contents do
-    anyway, so only a file of this user is read, in a folder that no other may write to (``harness.cache``).
+    anyway, so only a file of this user is read, in a folder that no other may write to (``harness.base.cache``).
     """
 
     def __init__(self, path: Path) -> None:

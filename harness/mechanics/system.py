@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from ..text import check_text
+from ..base.text import check_text
 from .added_inertia import compute_added_inertia, find_principal_inertias
 from .checks import check_body, check_ends, check_vectors, freeze_array
 from .forces import Load, SpringDamper, TorsionSpring

@@ -27,7 +27,7 @@ from ..mechanics.kept_code import UndigestibleValue, digest_callback
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..mechanics.torsion import count_determined_rows, evaluate_torsion, rewind_springs
-from ..types import Problem, Reference
+from ..mechanics.types import Problem, Reference
 from . import orbit
 from .collocation import Collocation, estimate_jacobian
 from .director_rows import ROWS

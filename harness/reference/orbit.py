@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
-from ..cache import make_cache_folder, read_cached_file
-from ..machine import name_arithmetic
+from ..base.cache import make_cache_folder, read_cached_file
+from ..base.machine import name_arithmetic
 from .collocation import Collocation
 from .extrapolation import Rate, gbs_adaptive
 

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..confined_paths import ConfinedPath
-from ..files import FileError
+from ..base.confined_paths import ConfinedPath
+from ..base.files import FileError
 from . import store
 
 # names that a command gives to folders: what it ran, and when; other names are the user's

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from ..types import Status
+from ..mechanics.types import Status
 from .records import COLUMNS, RunRecord
 from .store import select_newest
 

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from .. import machine
+from ..base import machine
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCK = ROOT / "locks" / "requirements.lock"
@@ -37,24 +37,17 @@ PLATFORM = (  # keys on which numbers may depend; on the processor only if nothi
 
 
 @cache
-def digest_code(plugins: tuple[str, ...] = ()) -> str:
-    """Return the digest of all code that shapes the numbers of runs, of this package and of ``plugins``."""
-    from .codes import package_sources  # here: the command line starts with this module
-
-    return package_sources().digest_all(plugins)
-
-
-@cache
 def read_commit() -> str:
     """Return the commit of the checkout, with ``+dirty`` if it has changes; empty outside a checkout."""
     head = _git("rev-parse", "HEAD")
     return head + ("+dirty" if head and _git("status", "--porcelain") else "")
 
 
-def describe_environment(folder: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[str, Any]:
+def describe_environment(folder: str, suite: str, jobs: int, plugins: Iterable[str], code: str) -> dict[str, Any]:
     """Return the content of ``environment.json``, the stamp of a results folder: code, packages, machine, threads.
 
-    ``folder`` is the folder's name, ``jobs`` the number of runs in parallel.
+    ``folder`` is the folder's name, ``jobs`` the number of runs in parallel, ``code`` the digest of all code that
+    shapes the numbers of its runs.
     """
     import psutil
 
@@ -66,7 +59,7 @@ def describe_environment(folder: str, suite: str, jobs: int, plugins: Iterable[s
         "started": read_utc_time(),
         "commit": read_commit().removesuffix("+dirty"),
         "dirty": read_commit().endswith("+dirty"),
-        "code": digest_code(tuple(plugins)),
+        "code": code,
         "lock_sha256": hashlib.sha256(_read_content(LOCK)).hexdigest(),
         "python": platform.python_version(),
         "implementation": platform.python_implementation(),
@@ -174,7 +167,3 @@ def _blas() -> list[dict[str, Any]]:
     with threadpool_limits(limits=1):  # as in processes of runs, whatever is set in this one
         places = [(library, Path(library["filepath"]).resolve()) for library in threadpool_info()]
     return [b for b, p in places if not p.is_relative_to(packages) or p.relative_to(packages).parts[0].startswith(ours)]
-
-
-if __name__ == "__main__":  # print the environment as in processes of runs, for one that loaded NumPy otherwise
-    sys.stdout.write(json.dumps(describe_environment("", "", 1, ())))

@@ -10,8 +10,8 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from ..files import parse_json, read_text, to_json, write_text
-from ..shapes import convert_shape
+from ..base.files import parse_json, read_text, to_json, write_text
+from ..base.shapes import convert_shape
 from . import store
 from .provenance import describe_processor, read_environment
 from .records import RunRecord

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..confined_paths import ConfinedPath, UnsafeFile
-from ..files import FileError
+from ..base.confined_paths import ConfinedPath, UnsafeFile
+from ..base.files import FileError
 from . import store
 from .comparison import compare
 from .provenance import describe_differences, find_differences, read_environment

@@ -2,7 +2,7 @@
 
 import math
 
-from ..types import Law, Status
+from ..mechanics.types import Law, Status
 from .records import RunRecord, parse_reasons
 
 RIGHT = 0.01  # relative errors of motion, velocities and reactions below which nobody is misled

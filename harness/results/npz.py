@@ -14,7 +14,7 @@ from typing import IO
 
 import numpy as np
 
-from ..confined_paths import ConfinedPath, confine_path
+from ..base.confined_paths import ConfinedPath, confine_path
 
 PLAIN = "biufU"  # dtype kinds of numbers and of text
 MEMBERS = 1000  # most arrays in a file

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..confined_paths import ConfinedPath
-from ..files import FileError, parse_json, read_text
+from ..base.confined_paths import ConfinedPath
+from ..base.files import FileError, parse_json, read_text
 from . import environment
 
 WORDS = {  # compared keys of a stamp, in words

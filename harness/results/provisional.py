@@ -6,8 +6,8 @@ They stand until the suite is resumed, which moves them aside and repeats the ru
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..confined_paths import ConfinedPath
-from ..types import EndCause, Status
+from ..base.confined_paths import ConfinedPath
+from ..mechanics.types import EndCause, Status
 from .records import RunRecord
 from .store import UnreadableFile, make_end_key
 

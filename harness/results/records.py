@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
-from .. import files
-from ..files import FileError
-from ..shapes import Shape, convert_shape
-from ..text import find_unaccepted
-from ..types import PREDICTABLE, Reason
+from ..base import files
+from ..base.files import FileError
+from ..base.shapes import Shape, convert_shape
+from ..base.text import find_unaccepted
+from ..mechanics.types import PREDICTABLE, Reason
 
 T = TypeVar("T")
 
@@ -59,13 +59,15 @@ class RunRecord:
     memory_limit_MB: float = column("limit on the memory of the run's process, with all that it starts")
 
     # how it ended
-    status: str = column("harness.types.Status: success, inaccurate, wrong, refused, ...", "")
+    status: str = column("harness.mechanics.types.Status: success, inaccurate, wrong, refused, ...", "")
     claimed: str = column("the status the solver itself gave; empty if it never returned", "")
-    ended_by: str = column("harness.types.EndedBy: solver, exception, cpu_limit, signal, ...", "")
+    ended_by: str = column("harness.mechanics.types.EndedBy: solver, exception, cpu_limit, signal, ...", "")
     ended_limit_s: float = column("the limit on time that ended it, with its grace period")
     message: str = column("the solver's message, or that of the exception it raised", "")
     missing_package: str = column("package that is not installed and without which the solver refused; else empty", "")
-    wrong_because: str = column("JSON list of harness.types.Reason: why a claimed success is wrong or inaccurate", "[]")
+    wrong_because: str = column(
+        "JSON list of harness.mechanics.types.Reason: why a claimed success is wrong or inaccurate", "[]"
+    )
     notes: str = column("JSON list: notes of the solver, e.g. which redundant rows it dropped", "[]")
     events: int = column("number of events in the series file, e.g. singular passages", 0)
     t_reached_s: float = column("time of the last accepted step")

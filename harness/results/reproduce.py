@@ -6,8 +6,8 @@ import shlex
 from collections.abc import Sequence
 from typing import Any
 
-from ..types import StepControl
-from .naming import format_exactly
+from ..base.naming import format_exactly
+from ..mechanics.types import StepControl
 from .records import RunRecord
 
 REFEREED = "refereed"  # suite of runs whose motion came from a file

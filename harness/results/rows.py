@@ -2,7 +2,7 @@
 
 from msgspec.structs import fields
 
-from ..shapes import Shape
+from ..base.shapes import Shape
 
 NAN = float("nan")
 

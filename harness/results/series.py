@@ -14,9 +14,9 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from ..confined_paths import ConfinedPath, confine_path
-from ..files import FileError, parse_json, to_json
-from ..shapes import Shape, convert_shape
+from ..base.confined_paths import ConfinedPath, confine_path
+from ..base.files import FileError, parse_json, to_json
+from ..base.shapes import Shape, convert_shape
 from .envelopes import Envelope
 from .npz import read_npz, write_npz
 from .packing import PACKED, pack, unpack

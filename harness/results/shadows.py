@@ -7,8 +7,8 @@ from typing import Any
 
 import msgspec
 
-from ..confined_paths import ConfinedPath
-from ..files import FileError
+from ..base.confined_paths import ConfinedPath
+from ..base.files import FileError
 from .judgements.files import PUBLISHED
 from .records import RunRecord
 

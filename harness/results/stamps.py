@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..confined_paths import ConfinedPath
-from ..files import FileError, parse_json, read_text
+from ..base.confined_paths import ConfinedPath
+from ..base.files import FileError, parse_json, read_text
 from .records import RunRecord, format_record
 
 NAME = "environment.json"  # the stamp's file

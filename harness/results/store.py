@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from .. import files
-from ..confined_paths import PARTIAL, ConfinedPath, UnsafeFile, confine_path
-from ..files import FileError
-from ..shapes import Shape, convert_shape
-from ..text import escape_text
-from ..types import Status
+from ..base import files
+from ..base.confined_paths import PARTIAL, ConfinedPath, UnsafeFile, confine_path
+from ..base.files import FileError
+from ..base.shapes import Shape, convert_shape
+from ..base.text import escape_text
+from ..mechanics.types import Status
 from .records import COLUMNS, SCHEMA, RunRecord, format_record, parse_record_json
 from .series import Series, read_series
 from .stamps import find_changed
@@ -32,7 +32,7 @@ LARGEST = 2**22  # [bytes] of a record's file: a hundred times the largest one
 NATIVE = 2**20  # [bytes] of a standard error, which runs trim
 LOCAL = Path("results") / "local"
 PARTS = ("runs", "series", "stderr")
-BEGUN = ".begun"  # runs that a runner started (``execution.started_runs``)
+BEGUN = ".begun"  # runs that a runner started (``run.started_runs``)
 LOCK = ".lock"  # locked by the one command that makes runs
 OTHERS = (  # further files and folders of a results folder
     LOCK,

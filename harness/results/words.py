@@ -4,8 +4,8 @@ import json
 import math
 import signal
 
-from ..text import escape_text
-from ..types import ACCURATE, PASSAGE, RIGHT_REACTION, EndCause, Law, Reason, Status
+from ..base.text import escape_text
+from ..mechanics.types import ACCURATE, PASSAGE, RIGHT_REACTION, EndCause, Law, Reason, Status
 from .records import RunRecord, parse_reasons
 
 ROUNDED = 1e-9  # fraction of energy over length: smaller joint loads are rounding, and errors are relative to this

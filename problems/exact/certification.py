@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics.state import States
+from ...harness.mechanics.types import ReferenceKind
 from ...harness.reference.extrapolation import vectorize_rate
 from ...harness.reference.orbit import SAFETY, Orbit, Pair, Piece, advance_routes, join_chunks, load_or_compute
-from ...harness.types import ReferenceKind
 from .linkage import Linkage, make_rates_by_angles, make_rates_by_nodes
 
 WORST = 1e-3  # [m] largest certified error

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics.state import State, States
-from ...harness.types import ReferenceKind
+from ...harness.mechanics.types import ReferenceKind
 
 ROUNDING = float(np.finfo(float).eps)
 SAME = 1e-12  # difference of equal starts: a thousand roundings of rotated frames

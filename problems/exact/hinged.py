@@ -19,7 +19,7 @@ from jaxtyping import Float
 from ...harness.mechanics.so3 import hat
 from ...harness.mechanics.state import State, States
 from ...harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
-from ...harness.types import ReferenceKind
+from ...harness.mechanics.types import ReferenceKind
 from .balls import BallTooWide
 from .one_body import find_one_body_motion
 from .pinned_body import ROUNDING

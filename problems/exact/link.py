@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics.state import State, States
-from ...harness.types import ReferenceKind
+from ...harness.mechanics.types import ReferenceKind
 from .balls import apply_matrix, cross, dot, frame_about, run_in_balls, scale_vector, to_balls, transpose
 from .one_body import find_pinned_motion
 from .pinned_body import PinnedBody, PinnedMotion

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.optimize import brentq
 
-from ...harness.types import Problem
+from ...harness.mechanics.types import Problem
 
 SAMPLING = 1e-3  # [s] sampling; a row that folds and unfolds within it is missed
 

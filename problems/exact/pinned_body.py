@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ...harness.mechanics.state import States
 from ...harness.mechanics.system import GROUND, MultibodySystem
-from ...harness.types import ReferenceKind
+from ...harness.mechanics.types import ReferenceKind
 from .theta import PROVABLE
 
 ROUNDING = float(np.finfo(float).eps)

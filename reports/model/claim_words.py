@@ -15,7 +15,7 @@ from .words import join_words, number, plural, unit
 
 __all__ = ["condition", "decision", "setting", "spell_out", "value"]  # re-exported for the pages
 WHERE = ("at the paper's settings", "beyond them")
-FACTOR = 1.5  # factor by which borderline bands are widened and narrowed (harness.referee.claims.predicates)
+FACTOR = 1.5  # factor by which borderline bands are widened and narrowed (harness.judge.referee.claims.predicates)
 LEFT_OUT = {
     judged.Ending.MACHINE: "a limit on time or memory ended them, which another machine might not meet",
     judged.Ending.UNCOMPARED: "their runs cannot be compared "

@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass
 
+from ...harness.mechanics.types import ACCURATE, ALLOWED, Law, Reason
 from ...harness.results.records import find_judged_reference_error, parse_reasons
 from ...harness.results.words import describe_breach, find_broken_law
-from ...harness.types import ACCURATE, ALLOWED, Law, Reason
 from .results import StoredRun
 from .words import number
 

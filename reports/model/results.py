@@ -10,10 +10,11 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ...harness.confined_paths import ConfinedPath
-from ...harness.files import FileError
+from ...harness.base.confined_paths import ConfinedPath
+from ...harness.base.files import FileError
+from ...harness.base.naming import format_exactly, format_name
+from ...harness.mechanics.types import Status
 from ...harness.results import store
-from ...harness.results.naming import format_exactly, format_name
 from ...harness.results.provenance import read_environment
 from ...harness.results.provisional import select_latest
 from ...harness.results.records import RunRecord
@@ -21,7 +22,6 @@ from ...harness.results.series import Series, read_series
 from ...harness.results.series import check_series as check_series_file
 from ...harness.results.shadows import NearestMotion, choose_nearest, read_nearest
 from ...harness.results.words import describe_comparison, describe_passage, list_reasons
-from ...harness.types import Status
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...harness.confined_paths import ConfinedPath
+from ...harness.base.confined_paths import ConfinedPath
 from ...harness.results.records import find_cpu_range
 from ...harness.results.shadows import SYMPLECTIC
 from ...harness.results.words import select_judged_error

@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ...harness.mechanics.types import ACCURATE
 from ...harness.results.words import format_accurate_times, is_lower_bound
-from ...harness.types import ACCURATE
 from .results import StoredRun, Variant, group_by_solver
 
 WHOLE = 0.999  # fraction of the known motion from which it counts as followed to its end

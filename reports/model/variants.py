@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from ...harness.types.presentations import PRESENTATIONS
+from ...harness.mechanics.types.presentations import PRESENTATIONS
 from .results import StoredResults, StoredRun, Variant, group_by
 from .words import plural
 

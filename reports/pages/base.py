@@ -33,8 +33,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, TypeVar
 
-from ...harness.confined_paths import ConfinedPath
-from ...harness.files import FileError
+from ...harness.base.confined_paths import ConfinedPath
+from ...harness.base.files import FileError
 from ...harness.results.judgements import files
 from ...harness.results.judgements.files import PUBLISHED, File, read_judgement
 from ..model.accuracy import energy_kind

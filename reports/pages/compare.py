@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from pathlib import Path
 
-from ...harness.confined_paths import ConfinedPath
+from ...harness.base.confined_paths import ConfinedPath
 from ...harness.results.comparison import METRICS, Change, Likeness, compare, is_repeatable
 from ...harness.results.judgements.claims import ClaimVerdict, JudgedClaim
 from ...harness.results.judgements.files import CLAIMS

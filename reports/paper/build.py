@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ...harness.confined_paths import ConfinedPath
+from ...harness.base.confined_paths import ConfinedPath
 from ..mechanism.segments import draw_picture
 from ..model.results import StoredResults, read_results
 from ..plots.fonts import DEFAULT_FONT, Font

@@ -9,8 +9,8 @@ from typing import Any
 
 import msgspec
 
-from ...harness.confined_paths import ConfinedPath, UnsafeFile
-from ...harness.files import LARGEST, FileError, to_json
+from ...harness.base.confined_paths import ConfinedPath, UnsafeFile
+from ...harness.base.files import LARGEST, FileError, to_json
 from ...harness.results.judgements import files
 from ...harness.results.judgements.claims import JudgedClaim
 from ..model import claim_words

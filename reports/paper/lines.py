@@ -9,9 +9,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ...harness.mechanics.types import StepControl
 from ...harness.results.records import RunRecord
 from ...harness.results.series import Series
-from ...harness.types import StepControl
 from ..model.curves import Curve, find_extrema, find_maxima, log_limits
 from ..model.results import StoredRun, format_name, group_by
 from ..model.words import number

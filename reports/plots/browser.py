@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ...harness.files import to_json
+from ...harness.base.files import to_json
 from .spec import Axis, LineStyle, Plot, Trace
 
 STEPS = 4095  # steps of a linear axis: errors are at most 1/8190 of a curve's range, a twentieth of a pixel

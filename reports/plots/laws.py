@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...harness.mechanics.types import ALLOWED, Law, Status
 from ...harness.results.records import RunRecord
-from ...harness.types import ALLOWED, Law, Status
 from ..model.accuracy import find_judged_end
 from ..model.curves import SPANS_UPPER, Curve, find_range, log_limits
 from ..model.motion import MotionCurves, read_curves

@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from ...harness.confined_paths import ConfinedPath
+from ...harness.base.confined_paths import ConfinedPath
 from .fonts import DEFAULT_FONT, SIZE, SMALL, Font
 from .spec import DASHES, ENGINES, Axis, LineStyle, Plot, Trace, Triangle
 from .ticks import raise_digits, set_log_axis

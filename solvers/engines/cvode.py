@@ -17,7 +17,7 @@ import numpy as np
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
-from ...harness.types import Problem, Status, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from ..formulations.classical import SymbolicOptions
 from ..formulations.ida import FAILURES
 from ..formulations.recording import Clock, StepFailure, march

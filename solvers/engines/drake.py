@@ -14,7 +14,7 @@ from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind, MovingKind
 from ...harness.mechanics.system import GROUND
-from ...harness.types import Problem, StepControl
+from ...harness.mechanics.types import Problem, StepControl
 from .export.engine import SupportedElements
 from .export.protocol import Adapter
 from .export.tree import DRIVES, build_spanning_tree

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
-from ...harness.types import Problem, StepControl
+from ...harness.mechanics.types import Problem, StepControl
 from .drake import TAKEN, refuse_loops
 from .export.engine import SupportedElements
 from .export.protocol import Adapter

@@ -35,7 +35,7 @@ from ...harness.mechanics.naming import name_body, name_joint
 from ...harness.mechanics.state import State, States
 from ...harness.mechanics.system import GROUND, MultibodySystem
 from ...harness.mechanics.time_functions import evaluate_functions, find_varying
-from ...harness.types import Problem, Status, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from ..formulations.packages import find_remedy
 from ..formulations.recording import Clock, ClockedSolver
 from .export.engine import SupportedElements, describe_engine, import_package, refuse_unsupported

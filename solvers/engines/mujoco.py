@@ -28,12 +28,12 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ...harness.catalogue import registry
-from ...harness.catalogue.mechanism import CompiledMechanism
+from ...harness.catalogue.mechanism import MechanismFile
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind, MovingKind
 from ...harness.mechanics.system import GROUND
-from ...harness.types import Problem, States, Status, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, States, Status, StepControl, Trajectory
 from ..formulations.packages import find_remedy
 from ..formulations.recording import Clock, ClockedSolver
 from .export.engine import VARYING, SupportedElements, import_package, refuse_unsupported
@@ -258,7 +258,7 @@ def _find_file_model(problem: Problem) -> Any:
     """Return MuJoCo's compiled model of the MJCF file from which the problem was read, or None if there is none."""
     entry = registry.problems().get(problem.name)
     made_by_file = getattr(getattr(entry, "make", None), "__self__", None)
-    return made_by_file.model if isinstance(made_by_file, CompiledMechanism) else None
+    return getattr(made_by_file, "model", None) if isinstance(made_by_file, MechanismFile) else None
 
 
 def _refuse_file_settings(problem: Problem) -> str | None:

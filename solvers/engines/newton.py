@@ -16,7 +16,7 @@ from typing import ClassVar
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
-from ...harness.types import Problem, StepControl
+from ...harness.mechanics.types import Problem, StepControl
 from .export.engine import LOADS, SPRINGS, TORSIONS, VARYING, SupportedElements
 from .export.protocol import Adapter
 from .export.stepping import BodyAdapter

@@ -21,7 +21,7 @@ from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
 from ...harness.mechanics.system import GROUND
-from ...harness.types import Problem, States, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, States, StepControl, Trajectory
 from ..formulations.packages import find_remedy
 from ..formulations.recording import Clock, ClockedSolver
 from .export.engine import (

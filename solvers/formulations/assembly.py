@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...harness.code_meter import making_code
+from ...harness.base.code_meter import making_code
 from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import set_to_zero
 from .layout import Layout

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.catalogue.options import option
-from ...harness.types import Problem, StepControl
+from ...harness.mechanics.types import Problem, StepControl
 from .charts import CHARTS
 from .dae import ImplicitForm
 from .differences import DifferencedForm

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...harness.code_meter import making_code
+from ...harness.base.code_meter import making_code
 from .assembly import Assembly
 from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import Step, add_products, set_to_zero, take, take_negative

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.types import Problem, Status, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from .dae import ImplicitForm
 from .error_test import tolerances
 from .generated import Program

@@ -17,8 +17,8 @@ from jaxtyping import Float
 from scipy_dae.integrate._dae import bdf
 from scipy_dae.integrate._dae.dae import DaeSolver
 
-from ...harness.code_meter import making_code
-from ...harness.types import StepControl
+from ...harness.base.code_meter import making_code
+from ...harness.mechanics.types import StepControl
 from .dae import ImplicitForm
 from .generated import Code, Loop, compile_functions
 from .generated.steps import take

@@ -2,7 +2,7 @@
 
 import importlib.util
 
-from ...harness.types import NotInstalled
+from ...harness.mechanics.types import NotInstalled
 
 ENGINES = "pip install 'mbsbench[engines]'"
 

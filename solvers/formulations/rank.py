@@ -1,4 +1,4 @@
-"""Choice of the constraint rows to keep, without a dense matrix: pivots of a banded Cholesky factorisation of A A^T.
+"""Choose the constraint rows to keep, at the start by the pivots of a banded Cholesky factorisation of A A^T.
 
 Rows are scaled to length one and taken joint by joint, so that those left out all belong to joints that close a loop:
 rows of a tree never become dependent, however it moves. In a planar loop the kept rows then stay independent as long
@@ -39,9 +39,10 @@ def rows_to_keep(system: MultibodySystem, state: State) -> Int[np.ndarray, " ran
 
 
 def find_better_rows(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-    """Return as many constraint rows as ``kept``, the most independent at ``state``, or ``kept`` itself.
+    """Return the numbers of as many constraint rows as ``kept``, chosen anew at ``state``, or ``kept`` itself.
 
-    The result is ``kept`` unless the least singular value of the other rows is more than ``BETTER`` times as large.
+    The choice is that of a QR factorisation with pivots, on rows scaled to length one. The result is ``kept`` unless
+    the least singular value of the rows chosen is more than ``BETTER`` times that of ``kept``.
     """
     A = scale_jacobian(system, state).toarray()
     best = np.sort(sl.qr(A.T, mode="r", pivoting=True)[1][: len(kept)])

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.code_meter import Stopwatch, collect_garbage
+from ...harness.base.code_meter import Stopwatch, collect_garbage
 from ...harness.mechanics.jacobian import constraint_jacobian
 from ...harness.mechanics.motion import constraint
 from ...harness.mechanics.state import States
-from ...harness.types import Problem, Status, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from .layout import Layout
 
 LOOK_EVERY = 100  # steps between two checks of phi; a check costs about ten steps of one body

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...harness.mechanics.consistency import InconsistentStart, project
-from ...harness.types import Problem, Status
+from ...harness.mechanics.types import Problem, Status
 from .layout import Layout
 from .recording import StepFailure
 from .row_wear import RowWear

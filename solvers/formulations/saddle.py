@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.code_meter import making_code
+from ...harness.base.code_meter import making_code
 from ...harness.mechanics.fixed_order import inverse
-from ...harness.types import Status
+from ...harness.mechanics.types import Status
 from .charts import Chart
 from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import Step, add_products, call_lapack, make_integer, set_to_zero, take, take_negative

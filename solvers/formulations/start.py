@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.types import Problem
+from ...harness.mechanics.types import Problem
 from .charts import CHARTS
 from .layout import Layout
 from .rank import rows_to_keep

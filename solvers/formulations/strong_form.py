@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.code_meter import making_code
+from ...harness.base.code_meter import making_code
 from ...harness.mechanics.system import GROUND
 from .assembly import Assembly, Batch
 from .generated import Code, Loop, Program, compile_functions

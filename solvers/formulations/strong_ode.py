@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import OdeSolver
 
 from ...harness.catalogue.options import option
-from ...harness.types import Problem, Status, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from .classical import SymbolicOptions
 from .error_test import tolerances
 from .recording import Clock, StepFailure, march

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...harness.code_meter import making_code
-from ...harness.types import NotInstalled
+from ...harness.base.code_meter import making_code
+from ...harness.mechanics.types import NotInstalled
 from .generated import Code, Program
 from .packages import find_remedy
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from ...harness.code_meter import making_code
+from ...harness.base.code_meter import making_code
 from ...harness.mechanics.forces import DECLARED
 from .charts import Chart
 from .rows.expressions import express_push, express_rows

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ...harness.code_meter import making_code
+from ...harness.base.code_meter import making_code
 from ...harness.mechanics.system import MultibodySystem
 from ...harness.mechanics.user_forces import ForceLaw
 from .rows.symbols import Symbol

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from ...harness.mechanics import so3
 from ...harness.mechanics.system import GROUND
-from ...harness.types import Problem, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, StepControl, Trajectory
 from .march import Node, begin, march
 from .mechanics import Mechanism, solve
 

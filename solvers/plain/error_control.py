@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.types import Problem, Status, StepControl
+from ...harness.mechanics.types import Problem, Status, StepControl
 from .march import Node
 
 FIRST_STEP = 1e-4  # [s]

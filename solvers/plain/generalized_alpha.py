@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.types import Problem, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, StepControl, Trajectory
 from .march import Node, begin, march
 from .mechanics import Mechanism, move, solve
 

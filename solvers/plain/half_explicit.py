@@ -11,7 +11,7 @@ The end is projected: poses onto phi = 0, then velocities onto A v + phi_t = 0, 
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.types import Problem, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, StepControl, Trajectory
 from .march import Node, begin, march
 from .mechanics import Mechanism, move, solve
 

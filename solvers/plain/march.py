@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.code_meter import Stopwatch
+from ...harness.base.code_meter import Stopwatch
 from ...harness.mechanics.state import States
-from ...harness.types import Problem, Status, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, Status, StepControl, Trajectory
 
 ROUNDED = 1e-9  # share of a step: a shorter remainder of the time is rounding
 

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics import so3
-from ...harness.types import Problem, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, StepControl, Trajectory
 from .march import Grid, march
 from .mechanics import Mechanism, Rows
 

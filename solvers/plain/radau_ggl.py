@@ -30,7 +30,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics import so3
-from ...harness.types import Problem, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, StepControl, Trajectory
 from .error_control import ErrorControl, scale
 from .march import Node, begin, march
 from .mechanics import Mechanism, move, solve

@@ -14,7 +14,7 @@ discrete free body of Moser and Veselov (1991) instead, which makes the step tha
 import numpy as np
 
 from ...harness.mechanics import so3
-from ...harness.types import Problem, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, StepControl, Trajectory
 from .march import Node, begin, march
 from .mechanics import Mechanism, solve
 

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from scipy.integrate import DOP853, RK45
 
 from ...harness.mechanics import so3
-from ...harness.types import Problem, StepControl, Trajectory
+from ...harness.mechanics.types import Problem, StepControl, Trajectory
 from .error_control import ErrorControl, scale
 from .march import Node, begin, march
 from .mechanics import Mechanism, move, solve

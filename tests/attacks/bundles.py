@@ -5,7 +5,7 @@ import json
 import zipfile
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.bundle.table import make_table
+from mbsbench.harness.lab.bundle.table import make_table
 from mbsbench.harness.results import records
 
 from ..harness.conftest import PLUGIN

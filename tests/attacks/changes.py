@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mbsbench.harness.types import EndCause, Status
+from mbsbench.harness.mechanics.types import EndCause, Status
 
 Change = Callable[[Any], Any]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench.harness import cache
+from mbsbench.harness.base import cache
 from mbsbench.harness.mechanics.kept_code import CallbackCache
 from mbsbench.harness.reference import orbit
 

@@ -6,8 +6,8 @@ import shutil
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.execution.pool import LocalPool, PoolError
 from mbsbench.harness.results import stamps, store
+from mbsbench.harness.run.pool import LocalPool, PoolError
 from mbsbench.tests.covering import few
 
 from ..harness.conftest import run_in

@@ -11,19 +11,19 @@ from functools import partial
 
 import pytest
 
-from mbsbench.cli import ladder
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.bundle.archive import write_archive
-from mbsbench.harness.ladder import bundling
-from mbsbench.harness.ladder.closing import FILE, TRIAL
-from mbsbench.harness.ladder.instances import digest_submission, draw_instances
-from mbsbench.harness.ladder.submission import BlindWorker, Submission, run_submission
+from mbsbench.cli.lab import ladder
+from mbsbench.harness.lab.bundle.archive import write_archive
+from mbsbench.harness.lab.ladder import bundling
+from mbsbench.harness.lab.ladder.closing import FILE, TRIAL
+from mbsbench.harness.lab.ladder.instances import digest_submission, draw_instances
+from mbsbench.harness.lab.ladder.submission import BlindWorker, Submission, run_submission
 from mbsbench.harness.results import records
 from mbsbench.tests.covering import every
 
-from ..harness.ladder.forgeries.bundles import members_of
-from ..harness.ladder.forgeries.forger import NAME
-from ..harness.ladder.forgeries.test_submissions import SHORT, TEXT
+from ..harness.lab.ladder.forgeries.bundles import members_of
+from ..harness.lab.ladder.forgeries.forger import NAME
+from ..harness.lab.ladder.forgeries.test_submissions import SHORT, TEXT
 
 VALUE = "round 4711 of the beacon"
 

@@ -19,12 +19,12 @@ import casadi
 import numba
 import pytest
 
-from mbsbench.harness.cache import ROOT
-from mbsbench.harness.ladder import calls, fence
-from mbsbench.harness.ladder.blind import confine_process
+from mbsbench.harness.base import forked_process
+from mbsbench.harness.base.cache import ROOT
+from mbsbench.harness.base.forked_process import ForkedProcess
+from mbsbench.harness.lab.ladder import calls, fence
+from mbsbench.harness.lab.ladder.blind import confine_process
 from mbsbench.harness.reference import orbit
-from mbsbench.harness.sandbox import forked_process
-from mbsbench.harness.sandbox.forked_process import ForkedProcess
 
 MPTCP = 262
 SYSTEM = ctypes.CDLL(None, use_errno=True)
@@ -258,7 +258,7 @@ def test_without_the_fence_it_is_within_reach(tmp_path, targets, monkeypatch, wh
 
 def unclosed(fork):
     """``fork`` without the walls that every process of a run has."""
-    from mbsbench.harness.sandbox import isolation
+    from mbsbench.harness.base import isolation
 
     def begin(*given, **named):
         before, isolation.isolate_process = isolation.isolate_process, lambda: None

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbsbench.harness.ladder.bundling import read_entry
+from mbsbench.harness.lab.ladder.bundling import read_entry
 
 from .bundles import make_bundles, write
 from .cases import checker

@@ -5,10 +5,10 @@ import sys
 import numpy as np
 import pytest
 
-from mbsbench.harness.catalogue import mechanism_files
+from mbsbench.harness.formats.mechanisms import mechanism_files
 from mbsbench.harness.results.environment import ROOT
 
-from ..harness.catalogue.test_sdformat import FRAMES, LOOP
+from ..harness.formats.mechanisms.test_sdformat import FRAMES, LOOP
 from .fuzzing import COUNT, Tally, mutate
 
 ROBOT = """<robot name="r"><link name="base"/>

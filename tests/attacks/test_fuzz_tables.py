@@ -6,7 +6,7 @@ from scipy.io import savemat
 
 from mbsbench.cli.__main__ import main
 
-from ..harness.foreign.test_referee import HEADER, exact
+from ..harness.formats.motions.test_referee import HEADER, exact
 from .fuzzing import COUNT, Tally, mutate
 
 KINDS = ("csv", "npz", "mat", "parquet")

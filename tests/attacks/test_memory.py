@@ -12,10 +12,10 @@ import time
 
 import pytest
 
+from mbsbench.harness.base import isolation
+from mbsbench.harness.base.forked_process import ForkedProcess, ProcessEnd
+from mbsbench.harness.base.memory import measure_own_memory
 from mbsbench.harness.results.words import describe_ending
-from mbsbench.harness.sandbox import isolation
-from mbsbench.harness.sandbox.forked_process import ForkedProcess, ProcessEnd
-from mbsbench.harness.sandbox.memory import measure_own_memory
 
 from ..harness.conftest import run_in
 

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.execution.runner import Request, _jobs
-from mbsbench.harness.execution.started_runs import StartedRuns
+from mbsbench.harness.catalogue.suites.suite import parse_suite
 from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.records import format_record
-from mbsbench.harness.suites.suite import parse_suite
+from mbsbench.harness.run.runner import Request, _jobs
+from mbsbench.harness.run.started_runs import StartedRuns
 
 from ..harness.conftest import PLUGIN, run_in
 from .record_forger import FORGED

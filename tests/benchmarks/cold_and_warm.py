@@ -12,12 +12,12 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from mbsbench.harness.base.code_meter import CODE_LIMIT, listen_to_numba
+from mbsbench.harness.base.forked_process import ForkedProcess
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.code_meter import CODE_LIMIT, listen_to_numba
-from mbsbench.harness.execution import worker
-from mbsbench.harness.sandbox.forked_process import ForkedProcess
-from mbsbench.harness.suites.spec import RunSpec
-from mbsbench.harness.suites.suite import load_suite
+from mbsbench.harness.catalogue.suites.spec import RunSpec
+from mbsbench.harness.catalogue.suites.suite import load_suite
+from mbsbench.harness.run import worker
 from mbsbench.solvers.formulations.generated import code
 
 PROBLEMS, REPEATS = 2, 5

@@ -1,4 +1,4 @@
-"""``python -m mbsbench.tests.benchmarks.fit_costs RESULTS`` prints harness/execution/costs.toml from runs of a suite.
+"""``python -m mbsbench.tests.benchmarks.fit_costs RESULTS`` prints harness/run/costs.toml from runs of a suite.
 
 RESULTS are of suite ``bench_engines``, made on a quiet machine with warm caches. For each solver and each of three
 sizes (one body, the chain, the grid) the table has the medians of its runs. Times of compilation are measured here with
@@ -20,25 +20,18 @@ import numpy as np
 from scipy.optimize import nnls
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.contract import SHORT
-from mbsbench.harness.execution.costs import (
-    SIZES,
-    TOLERANCE,
-    count_bodies_and_rows,
-    measure_loop,
-    nearest_size,
-    read_costs,
-)
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.run.contract import SHORT
+from mbsbench.harness.run.costs import SIZES, TOLERANCE, count_bodies_and_rows, measure_loop, nearest_size, read_costs
 
 STEPS = 50  # of a run that counts: less is timed too coarsely
 COMPILE = """
 import sys, resource
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.warmup import list_runs_to_warm, warm_up
-from mbsbench.harness.metrics import passes
-from mbsbench.harness.suites.spec import make_spec
+from mbsbench.harness.run.warmup import list_runs_to_warm, warm_up
+from mbsbench.harness.judge.metrics import passes
+from mbsbench.harness.catalogue.suites.spec import make_spec
 tuple(registry.problems().values())
 def used(): return sum(resource.getrusage(who).ru_utime for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 specs = list_runs_to_warm([make_spec(registry.make_problem("chain"), sys.argv[1])]) if sys.argv[1:] else []

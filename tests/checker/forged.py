@@ -7,7 +7,7 @@ import numpy as np
 
 from mbsbench import Problem, StepControl, Trajectory, option, solver
 from mbsbench.harness.catalogue.registry import make_solver
-from mbsbench.tests.harness.ladder.forgeries.motions import MOTIONS, swing
+from mbsbench.tests.harness.lab.ladder.forgeries.motions import MOTIONS, swing
 
 
 @solver("forged")

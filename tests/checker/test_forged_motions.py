@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.bundle.table import make_table
 from mbsbench.harness.catalogue.registry import load_plugin, make_problem
-from mbsbench.harness.execution.job import Job
-from mbsbench.harness.execution.run import run_here
-from mbsbench.harness.metrics.rows import interpolate_rows
+from mbsbench.harness.catalogue.suites.spec import make_spec
+from mbsbench.harness.judge.metrics.rows import interpolate_rows
+from mbsbench.harness.lab.bundle.table import make_table
+from mbsbench.harness.mechanics.types import StepControl
 from mbsbench.harness.results import records, store
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.suites.spec import make_spec
-from mbsbench.harness.types import StepControl
+from mbsbench.harness.run.job import Job
+from mbsbench.harness.run.run import run_here
 
-from ..harness.ladder.forgeries.bundles import NEW_DIGESTS, OF_A_RUN, OF_NUMBERS, OLD_DIGESTS
-from ..harness.ladder.forgeries.forger import CONDUCT, COSTS
-from ..harness.ladder.forgeries.motions import MOTIONS, swing
+from ..harness.lab.ladder.forgeries.bundles import NEW_DIGESTS, OF_A_RUN, OF_NUMBERS, OLD_DIGESTS
+from ..harness.lab.ladder.forgeries.forger import CONDUCT, COSTS
+from ..harness.lab.ladder.forgeries.motions import MOTIONS, swing
 from .test_check_bundle import check, checker, read, write
 
 PARAMETERS = {"mass": 1.0, "half_length": 0.5, "omega_x": 5.0, "omega_z": 3.0, "t_end": 0.5}

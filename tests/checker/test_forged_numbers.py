@@ -7,10 +7,10 @@ import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.execution.job import Job
-from mbsbench.harness.execution.run import run_here
+from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.results import store
-from mbsbench.harness.suites.spec import make_spec
+from mbsbench.harness.run.job import Job
+from mbsbench.harness.run.run import run_here
 
 from .test_check_bundle import check, checker, read, write
 from .test_refusals import PARAMETERS, edit, edit_matrix, make_bundle

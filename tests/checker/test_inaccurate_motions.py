@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.bundle.table import make_table
 from mbsbench.harness.catalogue.registry import load_plugin, make_problem
-from mbsbench.harness.execution.job import Job
-from mbsbench.harness.execution.run import run_here
+from mbsbench.harness.catalogue.suites.spec import make_spec
+from mbsbench.harness.lab.bundle.table import make_table
 from mbsbench.harness.results import records, store
-from mbsbench.harness.suites.spec import make_spec
+from mbsbench.harness.run.job import Job
+from mbsbench.harness.run.run import run_here
 
 from .test_check_bundle import checker, read, write
 

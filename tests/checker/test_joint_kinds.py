@@ -5,12 +5,12 @@ from functools import partial
 import numpy as np
 import pytest
 
-from mbsbench.harness.bundle.contents import FORCES, _add_forces
+from mbsbench.harness.judge.metrics.reactions import compute_loads_on_bodies
+from mbsbench.harness.lab.bundle.contents import FORCES, _add_forces
 from mbsbench.harness.mechanics import motion
 from mbsbench.harness.mechanics.index1 import solve_index_1
 from mbsbench.harness.mechanics.joints import KINDS as SORTS
 from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.metrics.reactions import compute_loads_on_bodies
 
 from ..solvers.arbitrary_joints import KINDS, MOVING, one_joint
 from ..solvers.arbitrary_joints import moving_rows as moving_joints

@@ -7,12 +7,12 @@ import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.execution.job import Job
-from mbsbench.harness.execution.run import run_here
+from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.results import store
-from mbsbench.harness.suites.spec import make_spec
+from mbsbench.harness.run.job import Job
+from mbsbench.harness.run.run import run_here
 
-from ..harness.metrics.test_right_motions import PRINTED
+from ..harness.judge.metrics.test_right_motions import PRINTED
 from .test_check_bundle import checker, read, write
 
 MOTIONS = {  # problem, parameters, solver, options, step

@@ -10,10 +10,10 @@ import pytest
 from mbsbench import make_problem
 from mbsbench.cli import advise as command
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.races.cheapest import Candidate
+from mbsbench.harness.judge.cheapest import Candidate
+from mbsbench.harness.mechanics.types import Problem
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.store import LoadedResults
-from mbsbench.harness.types import Problem
 
 SWING = make_problem("spherical_pendulum", {"t_end": 1.0})
 
@@ -98,6 +98,7 @@ def stop(*_, **__):
     raise Stopped
 
 
+@pytest.mark.beyond_core
 def test_solvers_that_are_there_at_once_make_the_first_table(capsys, monkeypatch):
     """Those that need no compiling are asked first; their table is on standard error, the last one alone on output."""
     asked = []

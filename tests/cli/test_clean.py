@@ -6,7 +6,7 @@ import time
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness import cache
+from mbsbench.harness.base import cache
 from mbsbench.harness.results import store
 
 DAY = 86400.0

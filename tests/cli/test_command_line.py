@@ -289,7 +289,7 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
 
 def test_an_old_verdict_does_not_outlive_a_gate_that_came_to_none(tmp_path, capsys, monkeypatch):
     """Runs that cannot be run, a gate interrupted: files for CI say that it is not finished."""
-    from mbsbench.harness.execution.pool import PoolError
+    from mbsbench.harness.run.pool import PoolError
 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bounds.toml").write_text(BOUND)

@@ -13,13 +13,13 @@ from mbsbench.cli import list as catalogue
 from mbsbench.cli.__main__ import main
 from mbsbench.cli.commands import add_commands
 from mbsbench.cli.parser import make_parser
-from mbsbench.harness import machine
+from mbsbench.harness.base import machine
+from mbsbench.harness.base.files import to_json
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.remaining_time import COMPILING, PREPARING, REFERENCES, describe_wait
-from mbsbench.harness.execution.run import MEASURING
-from mbsbench.harness.files import to_json
 from mbsbench.harness.reference import orbit
 from mbsbench.harness.reference.computation import Source, describe_source
+from mbsbench.harness.run.remaining_time import COMPILING, PREPARING, REFERENCES, describe_wait
+from mbsbench.harness.run.run import MEASURING
 from mbsbench.solvers.formulations.generated import code
 
 _, DECLARED = make_parser()
@@ -41,7 +41,7 @@ def test_help_lists_the_commands(capsys, arguments):
 
 def test_every_file_of_a_command_is_listed():
     """A file that runs a command has a ``run``; nothing is declared without a file."""
-    files = Path(import_module("mbsbench.cli").__file__).parent.glob("*.py")
+    files = Path(import_module("mbsbench.cli").__file__).parent.rglob("*.py")
     assert {p.stem for p in files if "\ndef run(" in p.read_text(encoding="utf-8")} == {*COMMANDS}
 
 

@@ -33,8 +33,14 @@ def test_every_question_is_answered_or_says_what_is_missing():
         assert all(other["value"] in q["answer"] for other in q.get("also", []))
 
 
+BEYOND_CORE = r"mbsbench(\.kit| (referee|shadow|ensemble|fuzz|bundle|submit|ladder)) "  # of rooms that can be deleted
+
+
 def marks_of(question):
-    return [getattr(pytest.mark, mark) for mark, key in (("slow", "slow"), ("engine", "needs")) if question.get(key)]
+    given = {key for key, value in question.items() if value}
+    given |= {"beyond"} if re.search(BEYOND_CORE, question["command"]) else set()
+    marks = (("slow", "slow"), ("engine", "needs"), ("beyond_core", "beyond"))
+    return [getattr(pytest.mark, mark) for mark, key in marks if key in given]
 
 
 NUMBERS = [{**q, **number} for q in QUESTIONS if "command" in q for number in (q, *q.get("also", []))]

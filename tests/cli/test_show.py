@@ -17,7 +17,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.cli.arguments import UsageError
 from mbsbench.cli.show import find_run
 from mbsbench.cli.terminal import BARS, Column, draw_sparkline, draw_timeline, fit_table
-from mbsbench.harness.referee.claims.register import read_register
+from mbsbench.harness.judge.referee.claims.register import read_register
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements import files
 

@@ -9,8 +9,8 @@ import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
+from mbsbench.harness.mechanics.types import LEAST_RTOL, Status, StepControl
 from mbsbench.harness.results import store
-from mbsbench.harness.types import LEAST_RTOL, Status, StepControl
 
 from ..harness.conftest import PLUGIN
 
@@ -83,7 +83,16 @@ def test_a_plugin_that_starts_threads_when_imported(tmp_path, command):
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and "start a plugin's own in solve" in done.stderr
 
 
-@pytest.mark.parametrize("name", ["cvode", "ida_index1", "ndf_index1", "rk45_strong_form", "rkmk_dop853"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("cvode", marks=pytest.mark.beyond_core),
+        "ida_index1",
+        "ndf_index1",
+        "rk45_strong_form",
+        "rkmk_dop853",
+    ],
+)
 def test_at_the_least_tolerance_a_run_ends_as_a_status(name):
     """Of a kind each: reached, too small a step, or out of time; no exception, no crash."""
     problem = registry.make_problem("spherical_pendulum", {"omega_z": 0.1, "t_end": 0.05})

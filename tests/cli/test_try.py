@@ -16,18 +16,18 @@ from mbsbench.cli.__main__ import main
 from mbsbench.cli.progress import run_watched
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.conformance import assessment, presentations
-from mbsbench.harness.execution.job import Job
-from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.run import run_here
+from mbsbench.harness.catalogue.suites.spec import make_spec
+from mbsbench.harness.judge.conformance import assessment, presentations
 from mbsbench.harness.mechanics.jacobian import independent_rows
+from mbsbench.harness.mechanics.types import Trait
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.findings import Finding, Verdict
 from mbsbench.harness.results.judgements.runs import Order, Symmetry, UnjudgedSymmetry
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.suites.spec import make_spec
-from mbsbench.harness.types import Trait
+from mbsbench.harness.run.job import Job
+from mbsbench.harness.run.pool import LocalPool
+from mbsbench.harness.run.run import run_here
 from mbsbench.reports.trial import write_page
 
 from ..harness.conftest import PLUGIN

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.metrics.identity import compute_fingerprint
+from mbsbench.harness.catalogue.suites.spec import RunSpec
+from mbsbench.harness.catalogue.suites.suite import load_suite
+from mbsbench.harness.judge.metrics.identity import compute_fingerprint
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.suites.spec import RunSpec
-from mbsbench.harness.suites.suite import load_suite
 
 from .building import DECLARED
 from .falsified import falsify

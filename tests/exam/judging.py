@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from mbsbench import Problem, States, Status
-from mbsbench.harness.metrics.reactions import compute_loads_on_bodies
+from mbsbench.harness.judge.metrics.reactions import compute_loads_on_bodies
 from mbsbench.harness.results.records import RunRecord, parse_reasons
 from mbsbench.harness.results.series import Series
 

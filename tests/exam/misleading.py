@@ -10,11 +10,11 @@ import math
 import sys
 from pathlib import Path
 
-from mbsbench.harness.files import FileError
+from mbsbench.harness.base.files import FileError
+from mbsbench.harness.mechanics.types import ACCURATE, Law, Status
 from mbsbench.harness.results import store
 from mbsbench.harness.results.misleading import agrees_with_reference
 from mbsbench.harness.results.records import RunRecord, parse_reasons
-from mbsbench.harness.types import ACCURATE, Law, Status
 
 from .judging import laws_of
 

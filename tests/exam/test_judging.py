@@ -9,9 +9,9 @@ import pytest
 from mbsbench import StepControl
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.registry import make_solver
+from mbsbench.harness.catalogue.suites.suite import load_suite
+from mbsbench.harness.mechanics.types import Law, Reason, Status
 from mbsbench.harness.results.records import RunRecord, format_reasons
-from mbsbench.harness.suites.suite import load_suite
-from mbsbench.harness.types import Law, Reason, Status
 from mbsbench.tests.exam import falsified, misleading
 from mbsbench.tests.exam.__main__ import PLUGINS, SUITE, print_counts
 from mbsbench.tests.exam.building import DECLARED

@@ -14,8 +14,8 @@ import numba
 import numba.core.event
 
 from mbsbench import Problem, StepControl, Trajectory, option, solver
-from mbsbench.harness import code_meter
-from mbsbench.harness.execution import worker
+from mbsbench.harness.base import code_meter
+from mbsbench.harness.run import worker
 from mbsbench.tests.harness.misbehaving import Exact
 
 WORK = 0.3  # [s] of CPU that the motion is said to need

@@ -9,10 +9,10 @@ import psutil
 import pytest
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.runner import Request, SuiteObserver, run_suite
+from mbsbench.harness.catalogue.suites.suite import parse_suite
 from mbsbench.harness.results.store import LoadedResults
-from mbsbench.harness.suites.suite import parse_suite
+from mbsbench.harness.run.pool import LocalPool
+from mbsbench.harness.run.runner import Request, SuiteObserver, run_suite
 
 PLUGIN = Path(__file__).parent / "misbehaving.py"
 HOSTILE = Path(__file__).parent / "hostile.py"

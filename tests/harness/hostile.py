@@ -12,13 +12,13 @@ import numpy as np
 from mbsbench import Parameter, Problem, States, Status, StepControl, Trajectory, option, problem, solver
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.results.records import RunRecord, format_record
-from mbsbench.tests.harness.misbehaving import (
+from mbsbench.tests.harness.misbehaving import (  # the honest motion that is lied about
     Exact,
     FreeFall,
     first_half,
     follow_exactly,
     solver_of,
-)  # the honest motion that is lied about
+)
 
 
 def folder_of(control: StepControl):
@@ -81,10 +81,10 @@ def deletes_results(self, p, control):
 @solver_of(how=option("record", "what it does", choices=("record", "verdict", "less_time", "more_time")))
 def forges(self, p, control):
     """Patches the verdict or the clock, or writes a perfect record of its own and leaves before it is measured."""
-    from mbsbench.harness.execution import measuring, worker
-    from mbsbench.harness.execution.contract import Cost
     from mbsbench.harness.results import store
     from mbsbench.harness.results.records import RunRecord
+    from mbsbench.harness.run import measuring, worker
+    from mbsbench.harness.run.contract import Cost
 
     own = control.spool.path.stem
     if self.how == "record":

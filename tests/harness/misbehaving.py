@@ -17,7 +17,7 @@ from mbsbench.harness.catalogue.registry import problem, solver
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import RigidBody, assemble
-from mbsbench.harness.types import Invariant, Observable, Problem, Status, StepControl, Trajectory
+from mbsbench.harness.mechanics.types import Invariant, Observable, Problem, Status, StepControl, Trajectory
 
 GRAVITY = 10.0  # [m/s2]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench.harness import cache
-from mbsbench.harness.cache import ROOT
+from mbsbench.harness.base import cache
+from mbsbench.harness.base.cache import ROOT
 
 
 @pytest.fixture

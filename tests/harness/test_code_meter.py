@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench.harness import code_meter
-from mbsbench.harness.code_meter import (
+from mbsbench.harness.base import code_meter
+from mbsbench.harness.base.code_meter import (
     CodePage,
     CodeReading,
     Stopwatch,
@@ -23,7 +23,7 @@ from mbsbench.harness.code_meter import (
     making_code,
     prepare_child_page,
 )
-from mbsbench.harness.sandbox.forked_process import ForkedProcess
+from mbsbench.harness.base.forked_process import ForkedProcess
 
 WORK = 0.2  # [s] of CPU
 FINE = 0.02  # [s]: a tenth of it, on a machine that does other work
@@ -164,10 +164,11 @@ def test_code_takes_no_more_than_the_process(how):
     assert ended.code == 0 and 0.0 <= ended.code_s <= ended.cpu
 
 
+@pytest.mark.beyond_core
 def test_processes_that_make_code_have_an_allowance_for_it():
     """Wherever a solver or a user's force may run; else an empty cache ends what a full one does not."""
     without = set()
-    for path in Path(code_meter.__file__).parent.rglob("*.py"):
+    for path in Path(code_meter.__file__).parents[1].rglob("*.py"):
         for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "ForkedProcess":
                 limit = next(ast.unparse(k.value) for k in call.keywords if k.arg == "limit")

@@ -9,11 +9,11 @@ import pytest
 
 from mbsbench.cli.commands import add_commands
 from mbsbench.cli.parser import make_parser
-from mbsbench.harness.code_meter import CODE_LIMIT
-from mbsbench.harness.execution.contract import EXPLAINED
-from mbsbench.harness.execution.handover import HIDDEN
-from mbsbench.harness.ladder.ranking import TARGET
+from mbsbench.harness.base.code_meter import CODE_LIMIT
+from mbsbench.harness.lab.ladder.ranking import TARGET
 from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.run.contract import EXPLAINED
+from mbsbench.harness.run.handover import HIDDEN
 
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
@@ -87,7 +87,7 @@ def test_the_page_on_the_layout_shows_the_layers_that_are_enforced():
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
         "contracts"
     ]
-    (layers,) = [c["layers"] for c in contracts if c["type"] == "layers"]
+    layers = next(c["layers"] for c in contracts if c["type"] == "layers")
     page = (ROOT / "docs" / "decisions" / "layout.md").read_text(encoding="utf-8")
     shown = "\n".join(f"    {layer}" for layer in layers)
     assert shown in page, f"docs/decisions/layout.md must show the layers of pyproject.toml:\n{shown}"

@@ -18,21 +18,21 @@ from hypothesis import strategies as st
 
 from mbsbench import Problem, State, Status
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.base.files import FileError
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.job import Job
-from mbsbench.harness.execution.run import run_here
-from mbsbench.harness.execution.supervisor import Supervisor
-from mbsbench.harness.files import FileError
-from mbsbench.harness.gate.baseline import read_thresholds, write_thresholds
+from mbsbench.harness.catalogue.suites.spec import make_spec
+from mbsbench.harness.catalogue.suites.suite import load_suite, parse_suite
+from mbsbench.harness.judge.gate.baseline import read_thresholds, write_thresholds
+from mbsbench.harness.judge.metrics import measure
 from mbsbench.harness.mechanics.consistency import InconsistentStart, check_start, project
 from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, assemble
-from mbsbench.harness.metrics import measure
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord, format_record, parse_record_json
 from mbsbench.harness.results.series import read_series
 from mbsbench.harness.results.words import describe_ending, list_reasons
-from mbsbench.harness.suites.spec import make_spec
-from mbsbench.harness.suites.suite import load_suite, parse_suite
+from mbsbench.harness.run.job import Job
+from mbsbench.harness.run.run import run_here
+from mbsbench.harness.run.supervisor import Supervisor
 
 DRAWN = int(os.environ.get("FUZZ", "0"))
 CALM = {"deadline": None, "derandomize": not DRAWN, "suppress_health_check": list(HealthCheck)}

@@ -10,7 +10,7 @@ import pytest
 from llvmlite import binding
 
 from mbsbench.cli.progress import warn_of_own_bits
-from mbsbench.harness import machine
+from mbsbench.harness.base import machine
 from mbsbench.harness.results import provenance
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.tests.covering import every
@@ -30,7 +30,8 @@ SHAPING = (
 DESCRIBE = """
 import json, mbsbench
 from mbsbench.harness.results import environment
-made = environment.describe_environment("", "", 1, ())
+from mbsbench.harness.run import origin
+made = origin.describe_environment("", "", 1, ())
 kernels = [b["architecture"] for b in made["blas"] if b["architecture"]]
 print(json.dumps([made["pinned"], made["simd"], made["llvm"], kernels]))
 """
@@ -59,7 +60,7 @@ LATE = """
 import numba
 numba.njit(lambda x: 2.0 * x)(1.0)
 import json, os, mbsbench
-from mbsbench.harness import machine
+from mbsbench.harness.base import machine
 from mbsbench.harness.mechanics.kept_code import digest_callback
 numba.njit(lambda x: 3.0 * x)(1.0)  # reads numba's variables again
 own = numba.core.registry.cpu_target.target_context.codegen().magic_tuple()[1]

@@ -13,9 +13,9 @@ RUN = """
 import json
 import sys
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution import contract
-from mbsbench.harness.results import environment
-from mbsbench.harness.types import NotInstalled, StepControl
+from mbsbench.harness.run import contract
+from mbsbench.harness.run import origin
+from mbsbench.harness.mechanics.types import NotInstalled, StepControl
 
 problem, found = registry.make_problem("heavy_top", {"t_end": 0.004}), {}
 for name, entry in registry.solvers().items():
@@ -26,7 +26,7 @@ for name, entry in registry.solvers().items():
     runs = not reason and name in (sys.argv[1:] or [name])
     status = "refused" if reason else str(solver.solve(problem, control).status) if runs else "not run"
     found[name] = {"status": status, "reason": reason, "package": package}
-print(json.dumps([found, len(environment.describe_environment("f", "s", 1, ())["blas"])]))
+print(json.dumps([found, len(origin.describe_environment("f", "s", 1, ())["blas"])]))
 """
 SUITE = """
 name = "two"
@@ -61,6 +61,7 @@ def call(tmp_path):
 SOME = ("scipy_strong_form", "ndf_index1", "radau_index1")  # of other libraries; then compiled here
 
 
+@pytest.mark.beyond_core
 @pytest.mark.parametrize(
     "names", [SOME, pytest.param((), marks=pytest.mark.slow)], ids=["of other libraries", "every solver"]
 )

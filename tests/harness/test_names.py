@@ -20,7 +20,7 @@ PRIVATE = """
     turned unless until unwound way what where whole why wide width within without worn
     """
 STAYS = {  # names that others call, and names of data: why each is as it is
-    "harness/types/problem.py home": "the home frame of a problem: a method that plug-ins call",
+    "harness/mechanics/types/problem.py home": "the home frame of a problem: a method that plug-ins call",
     "harness/mechanics/state.py one": "a method of States, which plug-ins call",
     "harness/mechanics/joints/frames.py across": "a direction of a joint's frame, as declarations read it",
     "harness/mechanics/forces/load.py push": "the equation of a declared force",
@@ -33,13 +33,13 @@ STAYS = {  # names that others call, and names of data: why each is as it is
     "solvers/formulations/joint_coordinates/marching.py stretch": "the same method of all marchers",
     "solvers/formulations/methods/gc_weak_form.py stretch": "the same method of all marchers",
     "solvers/formulations/joint_coordinates/motion.py along": "the power of a load along a tree: to be renamed",
-    "harness/types/solver.py due": "part of the contract of solvers",
-    "harness/sandbox/spool.py due": "part of the contract of solvers, in a file",
-    "harness/execution/progress_line.py due": "part of the contract of solvers, for a line of progress",
-    "harness/execution/presenting.py due": "part of the contract of solvers, for a presented problem",
-    "harness/referee/claims/evidence.py away": "a measure's name in claims.toml",
-    "harness/referee/claims/evidence.py apart": "a measure's name in claims.toml",
-    "harness/referee/claims/evidence.py reached": "a measure's name in claims.toml",
+    "harness/mechanics/types/solver.py due": "part of the contract of solvers",
+    "harness/run/spool.py due": "part of the contract of solvers, in a file",
+    "harness/run/progress_line.py due": "part of the contract of solvers, for a line of progress",
+    "harness/run/presenting.py due": "part of the contract of solvers, for a presented problem",
+    "harness/judge/referee/claims/evidence.py away": "a measure's name in claims.toml",
+    "harness/judge/referee/claims/evidence.py apart": "a measure's name in claims.toml",
+    "harness/judge/referee/claims/evidence.py reached": "a measure's name in claims.toml",
     "reports/model/tables.py of": "read by templates of pages",
     "reports/model/accuracy.py of": "read by templates of pages",
 }

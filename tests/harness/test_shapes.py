@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from msgspec import Meta, field
 
-from mbsbench.harness.files import FileError, parse_json, to_json, write_text
-from mbsbench.harness.shapes import Finite, Positive, Shape, Text, convert_shape
+from mbsbench.harness.base.files import FileError, parse_json, to_json, write_text
+from mbsbench.harness.base.shapes import Finite, Positive, Shape, Text, convert_shape
 
 
 class Colour(StrEnum):

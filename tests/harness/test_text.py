@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.base.files import FileError
+from mbsbench.harness.base.text import check_text, escape_text, find_unaccepted
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.files import FileError
+from mbsbench.harness.catalogue.suites.suite import parse_suite
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.results import store
-from mbsbench.harness.suites.suite import parse_suite
-from mbsbench.harness.text import check_text, escape_text, find_unaccepted
 
 ACCEPTED = (
     "Sect.\u00a05.1",

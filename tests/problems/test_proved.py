@@ -8,7 +8,7 @@ from mpmath import mp, mpf
 
 from mbsbench import make_problem
 from mbsbench.harness.mechanics.state import State
-from mbsbench.harness.types import ReferenceKind, classify_reference
+from mbsbench.harness.mechanics.types import ReferenceKind, classify_reference
 from mbsbench.problems.exact.balls import nearest_rotation, run_in_balls, to_balls
 from mbsbench.problems.exact.one_body import find_pinned_motion
 from mbsbench.problems.exact.pinned_body import PinnedBody, PinnedMotion

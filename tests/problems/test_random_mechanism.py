@@ -5,8 +5,8 @@ import pytest
 
 from mbsbench import State, States, Status, StepControl, independent_rows, so3
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.judge.metrics.measure import _laws
 from mbsbench.harness.mechanics.motion import energy, kinetic_energy
-from mbsbench.harness.metrics.measure import _laws
 from mbsbench.harness.reference.computation import compute_reference
 from mbsbench.solvers.formulations.rank import rows_to_keep
 

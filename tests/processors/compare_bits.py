@@ -34,7 +34,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from mbsbench.harness import machine
+from mbsbench.harness.base import machine
 
 from .runs import FAMILIES, TELLING, Planned, Solved, digest, put_in_order, read_suite, solve, solve_shortened
 

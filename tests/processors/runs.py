@@ -47,7 +47,7 @@ class Planned(NamedTuple):
 
 def read_suite(name: str) -> Sequence[Any]:
     """Return the runs of a suite, by its name or as the file of that name beside this one."""
-    from mbsbench.harness.suites.suite import load_suite
+    from mbsbench.harness.catalogue.suites.suite import load_suite
 
     beside = HERE.with_name(f"{name}.toml")
     return load_suite(str(beside) if beside.exists() else name).specs

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbsbench.harness.files import write_text
+from mbsbench.harness.base.files import write_text
+from mbsbench.harness.mechanics.types import Law, Reason
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord, format_reasons
 from mbsbench.harness.results.series import Series, write_series
-from mbsbench.harness.types import Law, Reason
 from mbsbench.reports import site
 
 from .browser import AXE, CHROMIUM, Browser

@@ -9,6 +9,8 @@ import pytest
 
 from mbsbench.harness.results.environment import ROOT
 
+pytestmark = pytest.mark.beyond_core
+
 
 @pytest.fixture(scope="module")
 def article():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from mbsbench.harness.types import Law
+from mbsbench.harness.mechanics.types import Law
 from mbsbench.reports.model import curves
 from mbsbench.reports.model.motion import read_curves
 from mbsbench.reports.model.results import StoredRun, read_results
@@ -146,6 +146,7 @@ def test_in_print_no_two_solvers_have_one_marker():
     assert len(set(markers)) == len(names)
 
 
+@pytest.mark.beyond_core
 def test_engines_have_a_marker_of_their_own():
     """Whether it is installed or not: what is not ours is seen at a glance, in pictures for papers too."""
     looks = spec.choose_styles([*CATALOGUE, "mine", "mujoco", "exudyn"])

@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mbsbench.harness.files import write_text
+from mbsbench.harness.base.files import write_text
+from mbsbench.harness.catalogue.suites.suite import load_suite
+from mbsbench.harness.mechanics.types import Law
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements.files import PUBLISHED
 from mbsbench.harness.results.reproduce import write_command
-from mbsbench.harness.suites.suite import load_suite
-from mbsbench.harness.types import Law
 from mbsbench.reports import site
 from mbsbench.reports.mechanism.stage import FRAMES
 from mbsbench.reports.model.margin import find_margin
@@ -317,6 +317,7 @@ def card_of(law: str, reason: dict, setting: str, reached: float) -> set[str]:
     return {claim, f", {claim}", f"{law} reaches {value}, {times} times the {limit} allowed{first}"}
 
 
+@pytest.mark.beyond_core
 @pytest.mark.browser
 def test_every_text_with_a_digit_is_recomputed(built, tab):
     """The whole page is walked, whatever is added to it; only code samples and the footer's provenance are left out."""
@@ -328,6 +329,7 @@ def test_every_text_with_a_digit_is_recomputed(built, tab):
     assert [t for t in found if t not in allowed and not AXIS.fullmatch(t)] == []
 
 
+@pytest.mark.beyond_core
 def test_sentences_and_cards_have_the_numbers_of_the_table(built):
     """Counts of the first line, the law of the false success with its ratio, who follows the motion to its end."""
     page, table = built
@@ -390,6 +392,7 @@ def whole(tmp_path_factory):
     return site.build_report(folder)
 
 
+@pytest.mark.beyond_core
 @pytest.mark.browser
 @pytest.mark.parametrize(("width", "most"), [(1440, 4 * 900), (412, math.inf)])
 def test_the_first_page_is_four_screens_and_fits_a_phone(whole, browser, width, most):

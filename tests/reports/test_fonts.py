@@ -11,7 +11,7 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.text import Text
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.confined_paths import ConfinedPath
+from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.reports import publication
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.plots import fonts, paper

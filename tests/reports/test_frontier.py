@@ -56,6 +56,7 @@ def test_who_misses_and_who_refuses_is_said(tmp_path):
     assert [r.record.message for r in found[1e-6].refused] == ["no springs"]
 
 
+@pytest.mark.beyond_core
 def test_variants_on_which_an_engine_leads_come_first(tmp_path):
     """Losses are shown before wins; the spread is that of the repeats of the run that reaches the error."""
     ladder(tmp_path, "rattle", 4.0, 1e-3, problem="arm", cpu_min_s=1.0, cpu_max_s=1.5)

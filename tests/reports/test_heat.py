@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.harness.files import write_text
-from mbsbench.harness.metrics.scales import Scales
+from mbsbench.harness.base.files import write_text
+from mbsbench.harness.judge.metrics.scales import Scales
+from mbsbench.harness.mechanics.types import ALLOWED, Law, Reason
 from mbsbench.harness.results.records import format_reasons
 from mbsbench.harness.results.series import Series
-from mbsbench.harness.types import ALLOWED, Law, Reason
 from mbsbench.reports import site
 from mbsbench.reports.model.heat import describe_extremes, make_cells, make_heat_map, sort_cells
 from mbsbench.reports.model.margin import LEVELS, find_margin

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.confined_paths import ConfinedPath, UnsafeFile, confine_path
+from mbsbench.harness.base.confined_paths import ConfinedPath, UnsafeFile, confine_path
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.tests.covering import diagonal
@@ -249,7 +249,7 @@ WAYS = {  # calls that open, look for or change files by their path; a Place has
     "stat",
     "is_symlink",
 }
-WATCHED = ("harness/results", "harness/execution", "harness/sandbox", "cli", "harness/referee", "reports")
+WATCHED = ("harness/results", "harness/run", "harness/base", "cli", "harness/judge/referee", "reports")
 ELSEWHERE = {
     "cli/__main__.py": ("open", "the null device"),
     "cli/list.py": (
@@ -257,13 +257,13 @@ ELSEWHERE = {
         "our own code, and the catalogue kept in our cache",
     ),
     "reports/model/catalogue.py": ("is_file read_text", "our own code"),
-    "cli/bundle.py": ("stat", "the file that it has written"),
-    "cli/ladder.py": (
+    "cli/lab/bundle.py": ("stat", "the file that it has written"),
+    "cli/lab/ladder.py": (
         "exists glob read_text",
         "a folder of bundles, each read as hostile data, and the labels beside them",
     ),
     "cli/solve.py": ("exists lexists", "the file to write, and whether its name is free"),
-    "cli/shadow.py": ("is_file", "a file that the user named"),
+    "cli/lab/shadow.py": ("is_file", "a file that the user named"),
     "cli/check.py": ("glob is_file", "a plugin, and the names beside it"),
     "cli/export.py": ("write_text", "a file that the user named"),
     "cli/gate.py": ("exists read_text write_text", "files that the user named"),
@@ -271,30 +271,40 @@ ELSEWHERE = {
     "cli/report.py": ("mkdir", "the folder of a comparison, that the user named"),
     "cli/arguments.py": ("is_dir open unlink", "the folder of a file that the user named"),
     "cli/show.py": ("glob iterdir", "lists the names of folders beside the one that the user named, and of their runs"),
-    "harness/execution/cluster.py": ("is_file", "a scheduler file that the user named"),
-    "harness/execution/costs.py": ("mkdir read_text write_text", "our own table, and what is kept in our cache"),
-    "harness/execution/remaining_time.py": ("glob is_symlink stat", "lists results/local"),
-    "harness/execution/runner.py": ("exists glob is_symlink", "lists results/local, and looks for a name that is free"),
-    "harness/execution/solve_file.py": ("unlink", "the file that the user named, half-written"),
-    "harness/referee/carried.py": ("read_text", "that of harness/files.py, of a place"),
-    "harness/referee/claims/register.py": ("read_text", "the register, or the file that the user named"),
+    "harness/run/cluster.py": ("is_file", "a scheduler file that the user named"),
+    "harness/run/costs.py": ("mkdir read_text write_text", "our own table, and what is kept in our cache"),
+    "harness/run/remaining_time.py": ("glob is_symlink stat", "lists results/local"),
+    "harness/run/runner.py": ("exists glob is_symlink", "lists results/local, and looks for a name that is free"),
+    "harness/run/solve_file.py": ("unlink", "the file that the user named, half-written"),
+    "harness/judge/referee/carried.py": ("read_text", "that of harness/base/files.py, of a place"),
+    "harness/judge/referee/claims/register.py": ("read_text", "the register, or the file that the user named"),
     "harness/results/cleaning.py": (
         "glob is_dir is_file is_symlink iterdir scandir stat unlink",
         "lists results/local, and our cache",
     ),
-    "harness/results/codes.py": (
+    "harness/catalogue/codes.py": (
         "glob is_file mkdir read_bytes read_text stat write_text",
         "our own code and plugins, and what is kept of them in our cache",
     ),
     "harness/results/environment.py": ("exists is_file read_bytes", "our own code"),
     "harness/results/history.py": ("glob is_symlink mkdir read_text write_text", "lists results/local; files of rows"),
-    "harness/results/judgements/files.py": ("read_text", "that of harness/files.py, of a place"),
+    "harness/results/judgements/files.py": ("read_text", "that of harness/base/files.py, of a place"),
     "harness/results/npz.py": ("open", "a member of an archive that is open already"),
-    "harness/results/provenance.py": ("read_text", "that of harness/files.py, of a place"),
-    "harness/results/stamps.py": ("read_text", "that of harness/files.py, of a place"),
+    "harness/results/provenance.py": ("read_text", "that of harness/base/files.py, of a place"),
+    "harness/results/stamps.py": ("read_text", "that of harness/base/files.py, of a place"),
     "harness/results/store.py": ("exists is_symlink mkdir symlink_to", "the folder itself, and latest beside it"),
-    "harness/sandbox/isolation.py": ("open read_text", "/dev/null, /proc/self/status"),
-    "harness/sandbox/memory.py": ("read_text", "/proc/PID/statm and smaps_rollup"),
+    "harness/base/cache.py": ("exists is_file mkdir open rglob stat", "our own caches and checkout"),
+    "harness/base/clock.py": ("listdir read_text", "/proc/PID"),
+    "harness/base/confined_paths.py": ("listdir mkdir open rename rmtree stat unlink", "this is the one module"),
+    "harness/base/files.py": ("open unlink write_text", "files that the caller has chosen, and their temporary copies"),
+    "harness/base/machine.py": ("mkdir read_text stat write_text", "names of SIMD features, kept in our cache"),
+    "harness/base/seals.py": (
+        "is_dir is_symlink read_bytes read_text rglob unlink write_text",
+        "kept code of ours, in our cache",
+    ),
+    "harness/run/in_turns.py": ("read_text", "a temporary file of its own"),
+    "harness/base/isolation.py": ("open read_text", "/dev/null, /proc/self/status"),
+    "harness/base/memory.py": ("read_text", "/proc/PID/statm and smaps_rollup"),
     "reports/model/glossary.py": ("read_text", "our own glossary"),
     "reports/model/tables.py": ("read_text", "our own columns"),
     "reports/paper/catalogue.py": ("read_text", "our own figures"),

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from mbsbench.api import Run as ApiRun
 from mbsbench.cli.__main__ import main
 from mbsbench.cli.solve import summarize
-from mbsbench.harness.confined_paths import ConfinedPath
+from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimGap, ClaimVerdict, MissingReason
 from mbsbench.reports import site

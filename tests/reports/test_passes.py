@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.files import write_text
+from mbsbench.harness.base.files import write_text
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.reports import site

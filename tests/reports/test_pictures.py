@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from mbsbench import solve
-from mbsbench.harness.referee.carried import is_current_or_carried
+from mbsbench.harness.judge.referee.carried import is_current_or_carried
+from mbsbench.harness.mechanics.types import ALLOWED, Law
 from mbsbench.harness.results.records import parse_reasons
-from mbsbench.harness.types import ALLOWED, Law
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import number
 from mbsbench.tests.stale import REMEDY

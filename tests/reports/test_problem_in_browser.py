@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mbsbench.harness.files import write_text
+from mbsbench.harness.base.files import write_text
 from mbsbench.reports import site
 from mbsbench.reports.model.curves import find_maxima
 

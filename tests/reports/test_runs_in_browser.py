@@ -1,6 +1,6 @@
 """The table of all runs in a browser: it sorts, filters and is paged; cards on a phone."""
 
-from mbsbench.harness.files import write_text
+from mbsbench.harness.base.files import write_text
 from mbsbench.reports import site
 
 from .browser import LOW, OPEN, OVERFLOW, SMALL

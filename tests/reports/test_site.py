@@ -11,9 +11,9 @@ from urllib.parse import unquote
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.confined_paths import ConfinedPath
+from mbsbench.harness.base.confined_paths import ConfinedPath
+from mbsbench.harness.mechanics.types import Status
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.types import Status
 from mbsbench.reports import site
 from mbsbench.reports.model.glossary import GLOSSARY, format_markdown, term
 from mbsbench.reports.model.results import read_results

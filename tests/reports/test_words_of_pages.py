@@ -5,8 +5,8 @@ import re
 
 import pytest
 
+from mbsbench.harness.mechanics.types import Law, Reason
 from mbsbench.harness.results.records import format_reasons
-from mbsbench.harness.types import Law, Reason
 from mbsbench.reports import site
 from mbsbench.reports.model.frontier import find_frontiers, tabulate_costs
 from mbsbench.reports.model.margin import SHARE, describe_break

@@ -8,7 +8,7 @@ import numpy as np
 from mbsbench import Joint, assemble
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.mechanics.system import GROUND
-from mbsbench.harness.types import Problem
+from mbsbench.harness.mechanics.types import Problem
 from mbsbench.problems.exact.planar import AXIS, OZ, make_planar_states, make_slender_bar
 
 AXIAL, GRAVITY = 1e-4, 9.81

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.motion import constraint_rate, point_position
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.types import Problem, StepControl, Trajectory
+from mbsbench.harness.mechanics.types import Problem, StepControl, Trajectory
+from mbsbench.harness.run.presenting import present_solver
 from mbsbench.problems.exact.passages import find_singular_passages
 
 from .runs import drift, run

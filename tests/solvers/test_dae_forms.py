@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.types import Problem
+from mbsbench.harness.mechanics.types import Problem
 from mbsbench.solvers.formulations.charts import CHARTS
 from mbsbench.solvers.formulations.dae import ImplicitForm
 from mbsbench.solvers.formulations.differences import INCREMENT, DifferencedForm

@@ -12,9 +12,9 @@ import scipy.linalg
 
 from mbsbench import Problem, Status, StepControl, Trajectory
 from mbsbench.harness.catalogue.registry import make_problem, make_solver, solvers
+from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.fixed_order import principal_axes
-from mbsbench.harness.suites.suite import load_suite
 from mbsbench.solvers.formulations import linear, saddle
 from mbsbench.solvers.formulations.compiled.kernel import make_kernel, set_state
 from mbsbench.solvers.formulations.joint_coordinates import symplectic

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, kinetic_energy
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import MultibodySystem
-from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.run.presenting import present_solver
 from mbsbench.solvers.formulations.generated import Program
 from mbsbench.solvers.formulations.generated import code as generated_code
 from mbsbench.solvers.formulations.joint_coordinates import code, marching, symplectic

@@ -9,12 +9,12 @@ import pytest
 import mbsbench
 from mbsbench import Status, StepControl, constraint_jacobian, make_problem
 from mbsbench.harness.catalogue.registry import make_solver
-from mbsbench.harness.execution.presenting import present_problem
-from mbsbench.harness.fuzz.cases import read_case
-from mbsbench.harness.fuzz.oracle import Behaviour
-from mbsbench.harness.fuzz.presenting import Form
+from mbsbench.harness.lab.fuzz.cases import read_case
+from mbsbench.harness.lab.fuzz.oracle import Behaviour
+from mbsbench.harness.lab.fuzz.presenting import Form
 from mbsbench.harness.mechanics.jacobian import scale_jacobian
 from mbsbench.harness.mechanics.presentation import Presentation
+from mbsbench.harness.run.presenting import present_problem
 from mbsbench.solvers.formulations import row_wear, rows_in_use
 from mbsbench.solvers.formulations.rank import rows_to_keep
 from mbsbench.solvers.formulations.row_wear import Sines

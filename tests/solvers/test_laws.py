@@ -219,7 +219,7 @@ def test_a_limit_on_steps_leaves_a_partial_trajectory(solver):
     assert out.reaction is None or out.reaction.shape == (STOPS + 1, p.system.nrows)
 
 
-@pytest.mark.parametrize("solver", [*SYMBOLIC, "cvode"])
+@pytest.mark.parametrize("solver", [*SYMBOLIC, pytest.param("cvode", marks=pytest.mark.beyond_core)])
 def test_a_limit_on_cpu_time_is_kept(solver):
     """A run of hours stops at 50 ms with what it has."""
     p = make_problem("heavy_top", {"t_end": 1e4})

@@ -124,7 +124,7 @@ WHIPS = [("heavy_top", {"t_end": 1.0}), ("chain", {"t_end": 0.8}), GRID]
 LOOSE_AND_TIGHT = [  # solver, options, problem, tolerances, the least factor between the errors, the first allowed
     *((solver, {}, PENDULUM, (1e-4, 1e-8), 50.0, np.inf) for solver in SYMBOLIC),  # an order of 0.4, even at index 3
     *(
-        ("cvode", {"method": method}, p, (1e-6, 1e-8), 10.0, 1e-3)
+        pytest.param(("cvode", {"method": method}, p, (1e-6, 1e-8), 10.0, 1e-3), marks=pytest.mark.beyond_core)
         for method in ("Adams", "BDF")
         for p in (("heavy_top", {"t_end": 0.2}), ("chain", {"t_end": 0.1}))
     ),

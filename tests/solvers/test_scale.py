@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mbsbench import Problem, Trajectory, constraint_jacobian, independent_rows, make_problem
-from mbsbench.harness.metrics import scales
-from mbsbench.harness.metrics.measure import measure
+from mbsbench.harness.judge.metrics import scales
+from mbsbench.harness.judge.metrics.measure import measure
 from mbsbench.solvers.formulations.compiled.kernel import allocate_kernel
 from mbsbench.solvers.formulations.compiled.saddle_pattern import analyse_saddle
 from mbsbench.solvers.formulations.rank import DEPENDENT, INDEPENDENT, rows_to_keep, squared_distances

@@ -10,7 +10,7 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import motion, so3
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import RigidBody, assemble
-from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations import ida, sundials
 from mbsbench.solvers.formulations.generated import Program
 from mbsbench.solvers.formulations.recording import Clock, StepFailure

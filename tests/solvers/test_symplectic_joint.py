@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.consistency import perturb
 from mbsbench.harness.mechanics.index1 import solve_index_1
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
-from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.run.presenting import present_solver
 from mbsbench.solvers.formulations.compiled.marching import make_control
 from mbsbench.solvers.formulations.joint_coordinates import marching, symplectic
 from mbsbench.solvers.formulations.joint_coordinates.code import make_code

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import energy
-from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.run.presenting import present_solver
 from mbsbench.tests.comparing import assert_close
 
 OTHERWISE = {"yaw": 0.4, "perturb": 0.2, "renumber": 2, "mirror": "X", "unit_length": 100.0}

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from ...shapes import Shape
+from ...base.shapes import Shape
 
 Value = bool | int | float | str | None  # value of a dimension of a map; None if a setting does not have the dimension
 Band = tuple[float | None, float | None]  # least and largest number allowed; None: no limit at that end
@@ -223,7 +223,7 @@ class JudgedClaim(Shape, frozen=True):
 
 
 class CodeDigests(Shape, frozen=True):
-    """The digests of the code and runs that verdicts were computed from (``harness.results.codes``)."""
+    """The digests of the code and runs that verdicts were computed from (``harness.catalogue.codes``)."""
 
     solvers: dict[str, str]
     problems: dict[str, str]

@@ -10,9 +10,9 @@ from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from ...confined_paths import ConfinedPath
-from ...files import FileError, parse_json, read_text, to_json
-from ...shapes import convert_shape
+from ...base.confined_paths import ConfinedPath
+from ...base.files import FileError, parse_json, read_text, to_json
+from ...base.shapes import convert_shape
 from .claims import SCHEMA, CodeDigests, JudgedClaim, PublishedClaims
 from .runs import Drift, FalseSuccess, Order, Symmetry, Work
 

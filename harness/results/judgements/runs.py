@@ -4,8 +4,8 @@ import math
 from enum import StrEnum
 from typing import Any, Literal
 
-from ...shapes import Shape
-from ...types import Reason
+from ...base.shapes import Shape
+from ...mechanics.types import Reason
 from ..findings import Finding, MeasuredQuantity, RequiredLimits, Verdict
 
 NAN = math.nan

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from ....harness.results.series import Series
 from ...model.results import StoredResults, StoredRun, Variant, group_by, group_by_solver
 from ...plots.spec import LineStyle
-from ..theatre import poses as packing
+from . import poses as packing
 from .poses import (
     Box,
     Poses,

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 from markupsafe import Markup
 
+from ....harness.mechanics.types import Status
 from ....harness.results.records import parse_reasons
 from ....harness.results.series import Series
 from ....harness.results.words import find_broken_law
-from ....harness.types import Status
 from ...model.results import StoredResults, StoredRun, group_by, group_by_solver
 from ...model.scores import SolverScore, score
 from ...model.words import claim_success, number, plural

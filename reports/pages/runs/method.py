@@ -1,7 +1,7 @@
 """Explain how a run is judged, the terms, the meaning of each number, and where all runs are."""
 
+from ....harness.mechanics.types import ACCURATE, ALLOWED, Reason
 from ....harness.results.words import find_broken_law
-from ....harness.types import ACCURATE, ALLOWED, Reason
 from ...model.glossary import GLOSSARY
 from ...model.results import StoredResults
 from ...model.tables import COLUMNS

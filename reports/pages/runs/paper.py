@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from ....harness.confined_paths import ConfinedPath
-from ....harness.files import LARGEST
+from ....harness.base.confined_paths import ConfinedPath
+from ....harness.base.files import LARGEST
 from ...model.results import StoredResults
 from ...paper import captions
 from ..base import Page, Site

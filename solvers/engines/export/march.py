@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from ....harness.code_meter import solver_seconds
-from ....harness.types import Problem, States, Status, StepControl, Trajectory
+from ....harness.base.code_meter import solver_seconds
+from ....harness.mechanics.types import Problem, States, Status, StepControl, Trajectory
 from ...formulations.recording import Clock, StepFailure
 
 STRETCH = 20_000  # steps times bodies between two readings of the clock: 0.1 to 2 s of a compiled engine

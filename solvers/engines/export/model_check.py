@@ -31,7 +31,7 @@ from ....harness.mechanics.motion import applied_loads, evaluate_spring_line, ki
 from ....harness.mechanics.state import State, States
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.mechanics.torsion import evaluate_torsion
-from ....harness.types import Problem
+from ....harness.mechanics.types import Problem
 
 SAME = 1e-10  # rounding of intermediate sums is 1e-13 with 55 bodies
 SINGLE = float(np.finfo(np.float32).eps)

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ....harness.code_meter import add_code_below
-from ....harness.types import Status
+from ....harness.base.code_meter import add_code_below
+from ....harness.mechanics.types import Status
 from ...formulations.recording import StepFailure
 
 INSIDE = Path(__file__).parent.parent / "inside"

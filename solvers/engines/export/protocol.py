@@ -23,8 +23,8 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from ....harness.code_meter import making_code
-from ....harness.types import Problem, States, Status, StepControl, Trajectory
+from ....harness.base.code_meter import making_code
+from ....harness.mechanics.types import Problem, States, Status, StepControl, Trajectory
 from ...formulations.packages import ENGINES, find_remedy
 from ...formulations.recording import Clock, ClockedSolver, StepFailure
 from ..inside.serve import step

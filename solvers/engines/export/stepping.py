@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.mechanics.dynamics import accelerations
-from ....harness.types import Problem, States, StepControl
+from ....harness.mechanics.types import Problem, States, StepControl
 from .model_check import SINGLE, list_check_states
 from .protocol import Adapter, Model
 from .tree import make_matrices

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.code_meter import making_code
+from ....harness.base.code_meter import making_code
 from ..generated import Code, Program
 
 MAKERS = (Path(__file__), Path(__file__).parent / "numba_code.py")  # the layout of words, and the code around them

@@ -6,9 +6,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ....harness.base.code_meter import Stopwatch, collect_garbage, making_code
 from ....harness.catalogue.options import option
-from ....harness.code_meter import Stopwatch, collect_garbage, making_code
-from ....harness.types import Problem, States, Status, StepControl, Trajectory
+from ....harness.mechanics.types import Problem, States, Status, StepControl, Trajectory
 from ..refusals import refuse_without_phi
 from . import marching, mechanism
 from .entries import BoundFunction, digest_callees

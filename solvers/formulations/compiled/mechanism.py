@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.code_meter import making_code
+from ....harness.base.code_meter import making_code
 from ....harness.mechanics import joints
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code, Program

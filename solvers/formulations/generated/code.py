@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 import llvmlite
 import llvmlite.binding as llvm
 
-from ....harness.cache import make_cache_folder
-from ....harness.code_meter import making_code
-from ....harness.confined_paths import ConfinedPath
-from ....harness.machine import find_llvm_target
+from ....harness.base.cache import make_cache_folder
+from ....harness.base.code_meter import making_code
+from ....harness.base.confined_paths import ConfinedPath
+from ....harness.base.machine import find_llvm_target
 
 if TYPE_CHECKING:
     from .functions import GeneratedFunction, Loop

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import cython_lapack
 
-from ....harness.code_meter import making_code
+from ....harness.base.code_meter import making_code
 from .code import Code, compile_functions
 from .functions import Loop
 

@@ -2,7 +2,7 @@
 
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import MultibodySystem
-from ....harness.types import Problem
+from ....harness.mechanics.types import Problem
 from ..recursion.evaluation import MOST_ROWS, TreeEvaluation, TreeMechanism, too_many_rows
 from ..recursion.phases import TreePhase
 from .code import CodeTooLarge, JointCode, make_code

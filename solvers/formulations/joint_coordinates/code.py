@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ....harness.code_meter import making_code
+from ....harness.base.code_meter import making_code
 from ....harness.mechanics import fixed_order
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import Code

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ....harness.mechanics.jacobian import constraint_jacobian
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
-from ....harness.types import Problem
+from ....harness.mechanics.types import Problem
 from .code import MOST_OPERATIONS, refuse_size
 from .elimination import Matrix, NoInertia, find_order
 from .tree import Tree, build_spanning_tree, remove_rounding

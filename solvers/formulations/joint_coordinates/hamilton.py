@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ....harness.code_meter import making_code
+from ....harness.base.code_meter import making_code
 from ....harness.mechanics.fixed_order import product
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code, Program

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.code_meter import Stopwatch, collect_garbage, making_code
+from ....harness.base.code_meter import Stopwatch, collect_garbage, making_code
 from ....harness.mechanics.state import State
-from ....harness.types import Problem, Status, StepControl, Trajectory
+from ....harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from ..compiled import host as kernel
 from ..compiled.algebra import copy
 from ..compiled.entries import BoundFunction, compile_inline, run

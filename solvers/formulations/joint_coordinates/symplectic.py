@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.code_meter import Stopwatch
-from ....harness.types import Problem, Status, StepControl, Trajectory
+from ....harness.base.code_meter import Stopwatch
+from ....harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from ..compiled.algebra import clear, copy, take_larger
 from ..compiled.entries import BoundFunction, compile_inline, run
 from ..compiled.host import ENDS, ROUNDINGS, Method, _march

@@ -18,7 +18,7 @@ The matrix of the iteration is M alone: it does not converge with springs for wh
 
 from functools import partial
 
-from ....harness.types import Problem
+from ....harness.mechanics.types import Problem
 from ..compiled.algebra import clear, copy, find_largest, take_larger
 from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import compile_inline, run

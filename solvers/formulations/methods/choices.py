@@ -12,7 +12,7 @@ from ....harness.catalogue.options import option
 from ....harness.mechanics.motion import applied_loads, kinetic_energy
 from ....harness.mechanics.state import States
 from ....harness.mechanics.system import GROUND, MultibodySystem
-from ....harness.types import Problem, StepControl
+from ....harness.mechanics.types import Problem, StepControl
 from ..compiled import mechanism
 from ..compiled.host import code_option, refuse_unused
 from ..compiled.kernel import allocate_kernel

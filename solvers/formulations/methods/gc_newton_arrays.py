@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
-from ....harness.types import Problem, StepControl, Trajectory
+from ....harness.mechanics.types import Problem, StepControl, Trajectory
 from ..compiled.block_lu import factor, solve
 from ..compiled.bundles import make_bundle, make_record
 from ..compiled.entries import BoundFunction

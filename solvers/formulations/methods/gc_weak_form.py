@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ....harness.code_meter import collect_garbage, making_code
+from ....harness.base.code_meter import collect_garbage, making_code
 from ....harness.mechanics.system import MultibodySystem
-from ....harness.types import Problem, StepControl, Trajectory
+from ....harness.mechanics.types import Problem, StepControl, Trajectory
 from ...plain import ode_gc
 from ..compiled.algebra import orthogonalise_rotations
 from ..compiled.bundles import make_bundle

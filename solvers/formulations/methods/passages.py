@@ -7,7 +7,7 @@ import numpy as np
 
 from ....harness.mechanics.jacobian import compute_singular_values
 from ....harness.mechanics.system import MultibodySystem
-from ....harness.types import Trajectory
+from ....harness.mechanics.types import Trajectory
 
 DENSE_ROWS = 1000  # singular values need dense algebra: beyond this size passages are not searched for
 DECADES = (

@@ -22,7 +22,7 @@ import numpy as np
 
 from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.system import MultibodySystem
-from ....harness.types import Problem
+from ....harness.mechanics.types import Problem
 from ..compiled.algebra import clear, copy, find_largest, take_larger, theta_dot
 from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import compile_inline, run

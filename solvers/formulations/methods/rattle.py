@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from ....harness.types import Problem
+from ....harness.mechanics.types import Problem
 from ..compiled.algebra import copy, find_largest
 from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import compile_inline, run

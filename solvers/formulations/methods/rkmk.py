@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
-from ....harness.types import Problem, StepControl, Trajectory
+from ....harness.mechanics.types import Problem, StepControl, Trajectory
 from ...plain import rkmk
 from ..compiled.algebra import clear, copy, orthogonalise_rotations, theta_dot, turn_rotation
 from ..compiled.bundles import make_step

@@ -12,7 +12,7 @@ from ....harness.mechanics.jacobian import constraint_jacobian
 from ....harness.mechanics.motion import applied_loads
 from ....harness.mechanics.state import State, States
 from ....harness.mechanics.system import MultibodySystem
-from ....harness.types import Problem
+from ....harness.mechanics.types import Problem
 from ..compiled.host import ENDS
 from ..compiled.marching import STUCK
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.code_meter import making_code
+from ....harness.base.code_meter import making_code
 from ....harness.mechanics import declaring, fixed_order, forces, joints
 from ..generated import Code
 from ..generated.code import print_functions

@@ -4,7 +4,7 @@ import dataclasses
 
 from mbsbench.harness.catalogue.registry import COMMON_PARAMETERS
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.types.presentations import PRESENTATIONS
+from mbsbench.harness.mechanics.types.presentations import PRESENTATIONS
 
 
 def test_every_parameter_but_those_of_the_motion_is_listed():

@@ -7,8 +7,8 @@ import pytest
 from scipy import sparse
 
 from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.judge.metrics.reactions import compute_exact_loads
 from mbsbench.harness.mechanics import index1
-from mbsbench.harness.metrics.reactions import compute_exact_loads
 from mbsbench.harness.reference.computation import find_reference
 
 # of the grid whose rows all turn: regular at 0.3 s, nearly dependent at 0.763 and 0.844 s (least singular value 1e-7)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mbsbench.harness.foreign import columns
+from mbsbench.harness.formats.motions import columns
 from mbsbench.harness.mechanics.forces import Load, TorsionSpring
 from mbsbench.harness.mechanics.joints import Joint
 from mbsbench.harness.mechanics.naming import name_body, name_joint, name_part

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.execution.presenting import present_solver
+from mbsbench.harness.judge.metrics.reactions import compute_exact_loads, compute_forces_on_bodies
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.metrics.reactions import compute_exact_loads, compute_forces_on_bodies
-from mbsbench.harness.types import StepControl
+from mbsbench.harness.mechanics.types import StepControl
+from mbsbench.harness.run.presenting import present_solver
 from mbsbench.tests.comparing import assert_close
 
 from ...solvers.runs import sprung_linkage

@@ -179,6 +179,7 @@ def test_a_hinge_of_mjcf_keeps_its_turns(tmp_path, springref, qpos, expected):
         assert run.record.status == "success" and np.isclose(run.trajectory.states.Omega[-1, 0, 2], last, atol=1e-7)
 
 
+@pytest.mark.beyond_core
 def test_a_joint_of_sdformat_keeps_the_turns_of_its_spring(tmp_path):
     """A reference of 4 rad pulls forwards by 4 k, not backwards by 2.28 k."""
     path = tmp_path / "wound.sdf"

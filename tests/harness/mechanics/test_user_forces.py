@@ -13,10 +13,10 @@ from numba.core.ccallback import CFunc
 
 from mbsbench import MultibodySystem, Problem, RigidBody, State, States, Status, StepControl, UserForce, assemble
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.catalogue.description import describe_problem
 from mbsbench.harness.catalogue.registry import make_solver
-from mbsbench.harness.foreign.description import describe_problem
+from mbsbench.harness.judge.metrics.identity import compute_fingerprint
 from mbsbench.harness.mechanics import kept_code, motion, work
-from mbsbench.harness.metrics.identity import compute_fingerprint
 
 from ...solvers.arbitrary_systems import arbitrary, consistent, law, with_user_forces
 

@@ -22,8 +22,8 @@ from mbsbench.harness.mechanics.system import (
     assemble,
 )
 from mbsbench.harness.mechanics.time_functions import TimeFunction
+from mbsbench.harness.mechanics.types import Problem
 from mbsbench.harness.mechanics.zero_inertia import check_axes
-from mbsbench.harness.types import Problem
 from mbsbench.tests.comparing import assert_close, assert_each
 
 MASS, ARM, G = 2.0, 0.5, 9.81

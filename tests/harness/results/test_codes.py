@@ -10,7 +10,7 @@ import pytest
 
 import mbsbench
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.results.codes import MEASURING, Sources
+from mbsbench.harness.catalogue.codes import MEASURING, Sources
 from mbsbench.harness.results.environment import ROOT
 
 COMPILED = ("solvers/formulations/compiled/evaluation.py",)
@@ -85,14 +85,14 @@ def test_entries_of_the_catalogue_import_modules():
 
 def test_comments_docstrings_and_layout_change_nothing(whole, edited):
     """Of a solver, of a kernel and of what measures, all three at once."""
-    for place in ("solvers/rattle.py", COMPILED[0], "harness/metrics/measure.py"):
+    for place in ("solvers/rattle.py", COMPILED[0], "harness/judge/metrics/measure.py"):
         after = edited(place, reworded)
     assert not changed(whole.solvers, after.solvers) and not changed(whole.problems, after.problems)
     assert after.measuring == whole.measuring
 
 
 def test_another_shape_in_an_annotation_changes_nothing(whole, edited):
-    after = edited("harness/metrics/passes.py", 'Float[np.ndarray, "nt nb"]', 'Float[np.ndarray, "nt nb 3"]')
+    after = edited("harness/judge/metrics/passes.py", 'Float[np.ndarray, "nt nb"]', 'Float[np.ndarray, "nt nb 3"]')
     assert after.measuring == whole.measuring
 
 
@@ -122,7 +122,7 @@ def test_an_edit_of_a_problem_or_of_measuring_asks_for_theirs(whole, edited):
     assert not changed(whole.solvers, after.solvers)
     asked = changed(whole.problems, after.problems)
     assert "heavy_top" in asked and "chain" not in asked
-    after = edited("harness/metrics/scales.py", operator)
+    after = edited("harness/judge/metrics/scales.py", operator)
     assert after.measuring != whole.measuring and not changed(whole.solvers, after.solvers)
     assert after.digest_run_code("chain", "rattle") != whole.digest_run_code("chain", "rattle")
 
@@ -130,10 +130,10 @@ def test_an_edit_of_a_problem_or_of_measuring_asks_for_theirs(whole, edited):
 @pytest.mark.parametrize(
     ("place", "before", "after"),
     [
-        ("harness/execution/contract.py", "max(times)", "0.5 * max(times)"),
-        ("harness/clock.py", "used.ru_utime + used.ru_stime", "used.ru_utime"),
-        ("harness/sandbox/forked_process.py", "usage.ru_utime + usage.ru_stime", "usage.ru_utime"),
-        ("harness/sandbox/isolation.py", "set_subreaper(own)", "set_subreaper(parent)"),
+        ("harness/run/contract.py", "max(times)", "0.5 * max(times)"),
+        ("harness/base/clock.py", "used.ru_utime + used.ru_stime", "used.ru_utime"),
+        ("harness/base/forked_process.py", "usage.ru_utime + usage.ru_stime", "usage.ru_utime"),
+        ("harness/base/isolation.py", "set_subreaper(own)", "set_subreaper(parent)"),
     ],
 )
 def test_another_count_of_cpu_time_is_another_measurement(whole, edited, place, before, after):
@@ -143,32 +143,22 @@ def test_another_count_of_cpu_time_is_another_measurement(whole, edited, place, 
 
 def test_what_only_arranges_asks_for_nothing(whole, edited):
     """How records are stored, processes are run and commands are worded."""
-    for place in ("harness/results/store.py", "harness/execution/pool.py", "cli/judge.py"):
+    for place in ("harness/results/store.py", "harness/run/pool.py", "cli/judge.py"):
         after = edited(place, lambda text: text + "\nADDED = 1\n")
     assert (after.solvers, after.problems, after.measuring) == (whole.solvers, whole.problems, whole.measuring)
 
 
 def test_the_digest_covers_all_that_a_run_runs(whole):
     """A module that a worker loads and the digest leaves out could change numbers unseen; these only arrange."""
-    code = "import sys, mbsbench.harness.execution.supervisor as s; print(*[m.__file__ for n, m in sys.modules.items() if n.startswith('mbsbench.')])"  # noqa: E501
+    code = "import sys, mbsbench.harness.run.supervisor as s; s.load_readers(); print(*[m.__file__ for n, m in sys.modules.items() if n.startswith('mbsbench.')])"  # noqa: E501
     done = subprocess.run((sys.executable, "-c", code), cwd=ROOT, capture_output=True, text=True, check=True)
     files = [Path(f).resolve().relative_to(ROOT).as_posix() for f in done.stdout.split()]
     loaded = {f for f in files if not f.endswith("__init__.py")}
     left_out = {p for p in loaded - whole.list_imported(*MEASURING)[0].keys() if not whole._is_excluded(p)}
-    readers = (
-        "closing",
-        "mujoco_bodies",
-        "mujoco_flags",
-        "rates",
-        "sdformat_words",
-        "urdf",
-        "usd_words",
-        "xml_elements",
-    )  # of files of models
     assert left_out == {
-        *(f"harness/execution/{name}.py" for name in ("protocol", "supervisor", "warmup")),
-        *(f"harness/catalogue/{name}.py" for name in readers),
-        "harness/types/presentations.py",  # names of options
+        *(f"harness/run/{name}.py" for name in ("protocol", "supervisor", "warmup")),
+        *(f for f in loaded if f.startswith("harness/formats/mechanisms/")),  # files of others
+        "harness/mechanics/types/presentations.py",  # names of options
     }
 
 

@@ -9,19 +9,19 @@ import zipfile
 import numpy as np
 import pytest
 
-from mbsbench.harness.confined_paths import UnsafeFile
-from mbsbench.harness.execution import run_file
-from mbsbench.harness.execution.handover import Handover, SolverReport, read, write
-from mbsbench.harness.execution.remaining_time import read_durations
-from mbsbench.harness.files import FileError
+from mbsbench.harness.base.confined_paths import UnsafeFile
+from mbsbench.harness.base.files import FileError
 from mbsbench.harness.mechanics.system import RigidBody, assemble
+from mbsbench.harness.mechanics.types import EndCause
 from mbsbench.harness.results import npz, store
 from mbsbench.harness.results.merging import merge
 from mbsbench.harness.results.npz import read_npz
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series, read_series, write_series
 from mbsbench.harness.results.words import list_reasons
-from mbsbench.harness.types import EndCause
+from mbsbench.harness.run import run_file
+from mbsbench.harness.run.handover import Handover, SolverReport, read, write
+from mbsbench.harness.run.remaining_time import read_durations
 
 RECORD = RunRecord(run_id="abc", case="p s dt=0.1", problem="p", solver="s", status="diverged", message="stopped")
 OUT = ["../../outside/x.npz", "/etc/passwd", "series/../../outside/x.npz", "series/", "series/.hidden", "runs/abc.json"]
@@ -122,8 +122,8 @@ def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
     monkeypatch.setattr(npz, "_parse_array", lambda content: pytest.fail("unpacked"))
     for module, call, error in (
         ("results.series", lambda: read_series(bomb), FileError),
-        ("execution.run_file", lambda: run_file.read_run(bomb), ValueError),
-        ("execution.handover", lambda: read(bomb, assemble([RigidBody(1.0, np.eye(3))])), FileError),
+        ("run.run_file", lambda: run_file.read_run(bomb), ValueError),
+        ("run.handover", lambda: read(bomb, assemble([RigidBody(1.0, np.eye(3))])), FileError),
     ):
         monkeypatch.setattr(f"mbsbench.harness.{module}.LARGEST", 2**14)
         with pytest.raises(error, match="bytes"):

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mbsbench.harness.confined_paths import ConfinedPath
+from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.results.envelopes import SPANS, compute_envelope, find_spans
 from mbsbench.harness.results.packing import GRID, TURNS
 from mbsbench.harness.results.series import EnvelopedSeries, Series, read_series, write_series

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import fields
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.files import FileError, to_json, write_text
+from mbsbench.harness.base.files import FileError, to_json, write_text
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.history import find_histories, merge_rows, read_folder, read_rows, write_rows

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from mbsbench.harness.files import FileError
+from mbsbench.harness.base.files import FileError
 from mbsbench.harness.results import environment, stamps, store
 from mbsbench.harness.results.merging import find_codes, merge
 

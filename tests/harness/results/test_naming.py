@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mbsbench.harness.results.naming import format_exactly, format_name
-from mbsbench.harness.suites.spec import RunSpec
-from mbsbench.harness.types import StepControl
+from mbsbench.harness.base.naming import format_exactly, format_name
+from mbsbench.harness.catalogue.suites.spec import RunSpec
+from mbsbench.harness.mechanics.types import StepControl
 
 
 @pytest.mark.parametrize("value", [1.0 / 3.0, 0.1, 1e-9, 1e300 / 7.0])

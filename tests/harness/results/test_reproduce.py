@@ -11,12 +11,12 @@ from mbsbench.cli.arguments import parse_assignments
 from mbsbench.cli.commands import CONTROL, add_commands
 from mbsbench.cli.parser import make_parser
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.job import Job, make_job_record
+from mbsbench.harness.catalogue.suites.spec import make_spec
+from mbsbench.harness.catalogue.suites.suite import load_suite, parse_suite
+from mbsbench.harness.mechanics.types import Status
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.reproduce import write_command
-from mbsbench.harness.suites.spec import make_spec
-from mbsbench.harness.suites.suite import load_suite, parse_suite
-from mbsbench.harness.types import Status
+from mbsbench.harness.run.job import Job, make_job_record
 
 from ..conftest import PLUGIN
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mbsbench.harness.files import FileError
+from mbsbench.harness.base.files import FileError
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.shadows import FILE, SYMPLECTIC, NearestMotion, choose_nearest, keep_nearest, read_nearest
 

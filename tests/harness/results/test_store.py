@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.files import FileError
+from mbsbench.harness.base.files import FileError
+from mbsbench.harness.mechanics.types import Status
 from mbsbench.harness.results import environment, records, store
 from mbsbench.harness.results.records import COLUMNS, RunRecord, format_record, parse_record_json
 from mbsbench.harness.results.series import Series, read_series, write_series
-from mbsbench.harness.types import Status
 
 RECORD = RunRecord(
     run_id="abc", case="p s dt=0.1", status="diverged", phi_max=float("inf"), steps=3, message='a "b"\n\0 é'

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from mbsbench.cli.solve import summarize
-from mbsbench.harness.gate.check import _status
+from mbsbench.harness.judge.gate.check import _status
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.words import describe_comparison, describe_status
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench.harness.confined_paths import ConfinedPath
+from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.reports.model.results import StoredResults, read_results
 from mbsbench.reports.pages.base import FOLDER, Site
 from mbsbench.reports.pages.judged import claims, cost

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from mbsbench.harness.mechanics.types import Law, Reason
 from mbsbench.harness.results.judgements.claims import (
     ClaimFinding,
     ClaimGap,
@@ -34,7 +35,6 @@ from mbsbench.harness.results.judgements.files import (
     format_judgement,
 )
 from mbsbench.harness.results.judgements.runs import Drift, FalseSuccess, Order, Symmetry, Work, WorkPoint, WorkProfile
-from mbsbench.harness.types import Law, Reason
 
 from ..conftest import HOSTILE
 

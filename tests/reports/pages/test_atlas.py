@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from mbsbench.harness.mechanics.types import Law, Reason
 from mbsbench.harness.results.records import format_reasons
-from mbsbench.harness.types import Law, Reason
 from mbsbench.reports.model.results import StoredRun, read_results
 from mbsbench.reports.pages.runs.atlas import (
     CAUSES,

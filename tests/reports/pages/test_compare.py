@@ -7,7 +7,7 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from mbsbench.harness.confined_paths import ConfinedPath
+from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdict
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.compare import (

@@ -10,11 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mbsbench.harness.catalogue import registry
+from mbsbench.harness.catalogue.suites.spec import RunSpec
+from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
-from mbsbench.harness.suites.spec import RunSpec
-from mbsbench.harness.suites.suite import load_suite
 from mbsbench.reports.paper.catalogue import FIGURES, PRINTED
 from mbsbench.reports.paper.lines import select_runs
 

@@ -7,8 +7,8 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.confined_paths import ConfinedPath
-from mbsbench.harness.referee.judge import write_judgements
+from mbsbench.harness.base.confined_paths import ConfinedPath
+from mbsbench.harness.judge.referee.judge import write_judgements
 from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdict, CodeDigests
 from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED, read_claims
 from mbsbench.reports import site

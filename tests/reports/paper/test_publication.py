@@ -14,8 +14,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.confined_paths import ConfinedPath
-from mbsbench.harness.files import write_text
+from mbsbench.harness.base.confined_paths import ConfinedPath
+from mbsbench.harness.base.files import write_text
 from mbsbench.reports import publication
 from mbsbench.reports.model import tables
 from mbsbench.reports.model.floats import latex_caption

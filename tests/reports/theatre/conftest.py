@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbsbench.harness.confined_paths import ConfinedPath
+from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.results.series import Series
 from mbsbench.reports.model.results import StoredResults, read_results
 from mbsbench.reports.pages.base import FOLDER, Site

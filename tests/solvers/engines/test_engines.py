@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.fuzz.cases import read_case
-from mbsbench.harness.fuzz.drawing import draw_mechanism
+from mbsbench.harness.lab.fuzz.cases import read_case
+from mbsbench.harness.lab.fuzz.drawing import draw_mechanism
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy
 from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.mechanics.types import Status, StepControl
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.engines import mujoco, pinocchio
 from mbsbench.solvers.engines.export import exudyn_rows
 from mbsbench.solvers.engines.export.engine import import_package

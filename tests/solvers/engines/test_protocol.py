@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from mbsbench import make_problem
+from mbsbench.harness.base.clock import cpu_seconds, list_descendants
 from mbsbench.harness.catalogue.options import option
-from mbsbench.harness.clock import cpu_seconds, list_descendants
-from mbsbench.harness.types import Status, StepControl
+from mbsbench.harness.mechanics.types import Status, StepControl
 from mbsbench.solvers.engines.export import process, protocol
 
 PENDULUM = '''

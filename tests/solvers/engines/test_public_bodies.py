@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mbsbench import make_problem
-from mbsbench.harness.catalogue import mechanism_files, registry
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.formats.mechanisms import mechanism_files
 from mbsbench.tests.comparing import assert_close
 
 from .test_mechanism_files import written

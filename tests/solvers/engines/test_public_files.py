@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbsbench import accelerations
-from mbsbench.harness.catalogue import mechanism_files, mujoco_flags
+from mbsbench.harness.formats.mechanisms import mechanism_files, mujoco_flags
 from mbsbench.tests.comparing import assert_close
 
 from .test_mechanism_files import written

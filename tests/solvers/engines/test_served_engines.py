@@ -14,7 +14,7 @@ from mbsbench.harness.catalogue.registry import engines, make_problem, make_solv
 from mbsbench.harness.mechanics.forces import TorsionSpring
 from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.mechanics.system import GROUND
-from mbsbench.harness.types import Status, StepControl
+from mbsbench.harness.mechanics.types import Status, StepControl
 from mbsbench.solvers.engines.drake import INTEGRATORS
 from mbsbench.solvers.engines.export import process, protocol
 from mbsbench.solvers.engines.export.model_check import measure_differences

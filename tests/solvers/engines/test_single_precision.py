@@ -10,7 +10,7 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint
-from mbsbench.harness.types import Status, StepControl
+from mbsbench.harness.mechanics.types import Status, StepControl
 from mbsbench.solvers.engines.export import process, protocol
 from mbsbench.solvers.engines.export.model_check import measure_differences
 from mbsbench.solvers.engines.newton import Newton

@@ -8,7 +8,7 @@ import pytest
 import scipy.linalg as sl
 
 from mbsbench import Joint, RigidBody, State, assemble
-from mbsbench.harness.fuzz.drawing import draw_mechanism
+from mbsbench.harness.lab.fuzz.drawing import draw_mechanism
 from mbsbench.harness.mechanics.motion import (
     applied_loads,
     constraint,

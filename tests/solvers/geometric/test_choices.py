@@ -10,7 +10,7 @@ from mbsbench.api import solve
 from mbsbench.harness.catalogue.registry import make_problem, make_solver, read_declaration, solvers
 from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.mechanics.system import Joint, RigidBody, SpringDamper, assemble
-from mbsbench.harness.types import Problem, StepControl
+from mbsbench.harness.mechanics.types import Problem, StepControl
 from mbsbench.solvers.formulations.compiled import host
 from mbsbench.solvers.formulations.compiled.kernel import Kernel
 from mbsbench.tests.comparing import assert_each

@@ -8,7 +8,7 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
-from mbsbench.harness.types import Problem, Status, StepControl
+from mbsbench.harness.mechanics.types import Problem, Status, StepControl
 
 from ..runs import drift, error, pendulum, run
 

@@ -6,7 +6,7 @@ import numba
 import pytest
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.types import StepControl
+from mbsbench.harness.mechanics.types import StepControl
 
 SOLVERS = (
     "gc_weak_form",

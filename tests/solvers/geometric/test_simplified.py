@@ -7,7 +7,7 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint
-from mbsbench.harness.types import Problem, Status, StepControl
+from mbsbench.harness.mechanics.types import Problem, Status, StepControl
 from mbsbench.solvers.formulations.compiled import mechanism
 from mbsbench.solvers.formulations.methods.choices import find_unsupported
 from mbsbench.tests.comparing import assert_each

@@ -7,7 +7,7 @@ from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, SpringDamper, assemble
-from mbsbench.harness.types import Problem, Trajectory
+from mbsbench.harness.mechanics.types import Problem, Trajectory
 from mbsbench.solvers.formulations.compiled.soft_rows import remove_springs
 from mbsbench.solvers.formulations.methods import radau
 from mbsbench.solvers.formulations.methods.springs import make_soft_rows

@@ -6,7 +6,7 @@ import pytest
 from mbsbench import Joint, JointKind, Problem, RigidBody, State, StepControl, assemble
 from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.mechanics.system import MultibodySystem
-from mbsbench.harness.types import Status, Trajectory
+from mbsbench.harness.mechanics.types import Status, Trajectory
 from mbsbench.solvers.formulations.compiled.host import integrate
 from mbsbench.solvers.formulations.methods.rkmk import make_pair_method
 from mbsbench.solvers.formulations.methods.tableaux import DOPRI853

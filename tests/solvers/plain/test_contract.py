@@ -12,8 +12,8 @@ from mbsbench import Problem, StepControl, so3
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.joints import DECLARED
 from mbsbench.harness.mechanics.joints import KINDS as ALL_KINDS
+from mbsbench.harness.mechanics.types import Status
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.types import Status
 from mbsbench.solvers.plain.mechanics import Mechanism
 from mbsbench.tests.comparing import assert_each
 from mbsbench.tests.covering import diagonal, every, few

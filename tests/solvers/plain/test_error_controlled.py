@@ -12,7 +12,7 @@ import pytest
 
 from mbsbench import StepControl
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.types import Status
+from mbsbench.harness.mechanics.types import Status
 from mbsbench.solvers.formulations.compiled import marching
 from mbsbench.solvers.plain import radau_ggl, rkmk
 from mbsbench.solvers.plain.error_control import ErrorControl

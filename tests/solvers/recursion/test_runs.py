@@ -8,7 +8,7 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
-from mbsbench.harness.types import Problem, Status, StepControl
+from mbsbench.harness.mechanics.types import Problem, Status, StepControl
 from mbsbench.solvers.formulations.compiled import algebra
 from mbsbench.solvers.formulations.compiled.entries import InlineFunction
 from mbsbench.solvers.formulations.generated import code as generated_code

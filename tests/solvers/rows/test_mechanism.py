@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import MultibodySystem
-from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.run.presenting import present_solver
 from mbsbench.solvers.formulations.compiled import host, mechanism
 from mbsbench.solvers.formulations.compiled.kernel import Kernel, allocate_kernel, make_kernel, set_state
 from mbsbench.solvers.formulations.generated import code as objects

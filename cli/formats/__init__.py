@@ -1,0 +1,1 @@
+"""Define the command that judges motions of other programs."""

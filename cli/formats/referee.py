@@ -1,0 +1,119 @@
+"""Judge the motion in a file that any other code computed, as all runs are judged (``referee``)."""
+
+import argparse
+import json
+import math
+import re
+from pathlib import Path
+
+from rich.text import Text
+
+from ...harness.base.files import FileError
+from ...harness.base.text import escape_text
+from ...harness.catalogue import registry
+from ...harness.catalogue.trial import make_problem
+from ...harness.formats.motions.conventions import CHOICES, Reading
+from ...harness.formats.motions.judge import FileSettings, judge_file, list_tables, open_results
+from ...harness.mechanics.types import Status, StepControl
+from ...harness.results import store
+from ...harness.results.records import RunRecord
+from ...harness.results.words import list_reasons, select_judged_error
+from ..arguments import UsageError, load_problem
+from ..solve import make_json_numbers, summarize
+from ..terminal import Column, choose_status_style, make_console, number, print_json, print_table
+
+INACCURATE = 3  # exit code
+COLUMNS = (
+    Column("case", fold=True),
+    Column("status", right=False),
+    Column("position error [m]"),
+    Column("energy drift [J]", rank=1),
+    Column("accurate until [s]", rank=2),
+)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Judge each file and print the result; return the code of the worst.
+
+    The codes are 2 for a file that cannot be judged, 1 for a broken law, 3 for an inaccurate motion, 0 for a success.
+    """
+    name, parameters, _ = load_problem(arguments)
+    problem = make_problem(name, parameters)
+    given = [Path(f) for f in arguments.files]
+    paths = [p for f in given for p in list_tables(f)]
+    folder = None if arguments.into is None else open_results(_find_folder(arguments.into))
+    asked = parse_settings(arguments, given[0])
+    judged: list[RunRecord | FileError] = []
+    for path in paths:
+        try:
+            record = judge_file(problem, path, asked, folder, several=len(paths) > 1)
+        except FileError as error:
+            if len(paths) == 1:
+                raise
+            judged.append(error)
+            if arguments.json:
+                print_json({"file": str(path), "error": str(error)})
+            continue
+        judged.append(record)
+        if arguments.json:
+            print_json({**make_json_numbers(record), "file": str(path)})
+    if folder is not None:
+        store.write_table(folder, store.load(folder, check_series=False).records)
+    if not arguments.json:
+        _print_files(paths, judged, folder)
+    codes = {_exit_code(one) for one in judged}
+    return next((code for code in (2, 1, INACCURATE) if code in codes), 0)
+
+
+def _exit_code(one: RunRecord | FileError) -> int:
+    """Return the exit code for one file: 0 success, 3 inaccurate, 1 any other status, 2 not judged."""
+    if isinstance(one, FileError):
+        return 2
+    codes = {Status.SUCCESS: 0, Status.INACCURATE: INACCURATE}
+    return codes.get(Status(one.status), 1)
+
+
+def parse_settings(arguments: argparse.Namespace, first: Path) -> FileSettings:
+    """Return how files are read, and under which solver name; by default that of the first file.
+
+    The name gets the suffix ``_file`` where it is a catalogued solver's.
+    """
+    reading = Reading(**{name: getattr(arguments, name) for name in CHOICES})
+    columns = tuple(c.strip() for c in (arguments.columns or "").split(",") if c.strip())
+    if len({"=" in c for c in columns}) > 1:
+        raise UsageError("--columns takes OURS=THEIRS for each, or for a file without a header ours alone, in order")
+    settings = {k: v for k in ("dt", "rtol") if (v := getattr(arguments, k, None)) is not None}
+    if len(settings) > 1:
+        raise UsageError("give one of --dt and --rtol")
+    stem = re.sub(r"[^\w.+-]+", "_", first.stem)
+    name = getattr(arguments, "name", None) or (f"{stem}_file" if stem in registry.solvers() else stem)
+    return FileSettings(
+        name, reading, columns, StepControl(**settings) if settings else None, arguments.start_tolerance
+    )
+
+
+def _find_folder(name: str) -> Path:
+    """Return the results folder of that name in results/local/, else the path itself."""
+    local = store.LOCAL / name
+    return local if store.is_results(local) else Path(name)
+
+
+def _print_files(paths: list[Path], judged: list[RunRecord | FileError], folder: Path | None) -> None:
+    """Print the record of the one file in full, or a row for each of several, with the reasons below."""
+    below = [] if folder is None else [f"written to         {folder}"]
+    if len(judged) == 1 and isinstance(judged[0], RunRecord):
+        for line in summarize(judged[0]) + below:
+            make_console().print(line)
+        return
+    rows = []
+    for path, r in zip(paths, judged, strict=True):
+        if isinstance(r, FileError):
+            below.insert(0, f"not judged: {r}")
+            rows.append((str(path), Text("not judged", "bold red"), "-", "-", "-"))
+            continue
+        below += [f"{r.case}: {'; '.join(list_reasons(r))}"] if r.status != Status.SUCCESS else []
+        below += [f"{r.case}: {escape_text(n)}" for n in json.loads(r.notes)]
+        until = number(r.accurate_until_s) if not math.isnan(r.accurate_until_s) else "-"
+        numbers = (number(select_judged_error(r, "position_error", "m")), number(r.energy_drift_max_J), until)
+        rows.append((r.case, Text(r.status, choose_status_style(r.status)), *numbers))
+    print_table(COLUMNS, rows, *below)

@@ -1,0 +1,322 @@
+"""Digest the code that a run's numbers come from: of its solver, of its problem and of measuring, without running it.
+
+The digest of a solver or problem covers its file and every module of the package that this imports, directly or
+indirectly; so does the digest of measuring, the code that calls solvers and measures their motions. It is computed from
+the syntax tree without docstrings and shapes of arrays, so that comments and formatting do not count either. Outside
+packages count by their locked version. Code that only looks up, checks, stores or shows is excluded (``ARRANGES``): no
+number of a run passes through it. Code that counts CPU time (``COSTS``) is part of measuring: a cost is a number of
+each run and can only be obtained by running again.
+"""
+
+import ast
+import contextlib
+import hashlib
+import itertools
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+
+from ..base.cache import ROOT, make_cache_folder
+from ..base.files import write_text
+from .plugins import list_sources
+
+VERSION = 2  # version of a file's digest; raise it when the output of ``_flatten`` changes
+LARGE = 2**20  # [bytes] of the cache between processes; a larger one is started anew
+# modules and folders through which no number of a run passes
+ARRANGES = (
+    "harness/base/cache",
+    "harness/base/confined_paths",
+    "harness/base/files",
+    "harness/base/hints",
+    "harness/base/machine",
+    "harness/base/naming",
+    "harness/base/shapes",
+    "harness/catalogue/codes",
+    "harness/catalogue/functions",
+    "harness/catalogue/mechanism",
+    "harness/catalogue/options",
+    "harness/catalogue/plugins",
+    "harness/catalogue/suites",
+    "harness/catalogue/trial",
+    "harness/results",
+    "harness/run/handover",
+    "harness/run/job",
+)
+SHARED = "harness/catalogue/registry"  # rotates, mirrors and perturbs problems: part of no solver or problem
+COSTS = (  # modules that count CPU time
+    "harness/base/clock",
+    "harness/run/run",
+    "harness/run/worker",
+    "harness/base/forked_process",
+    "harness/base/isolation",
+)
+MEASURING = (  # modules that pass a problem to a solver and measure its motion, without those that they import
+    "harness/run/contract",
+    "harness/run/measuring",
+    "harness/run/presenting",
+    *COSTS,
+    SHARED,
+)
+LISTED = ("harness/mechanics/joints/kinds", "solvers/engines/inside")  # folders whose files are listed, not imported
+MARKED = {"solver": ("solvers", "solvers/engines"), "problem": ("problems",)}  # folders by decorator of their entries
+LOCKED_AS = {"sksundae": "scikit-sundae", "scipy_dae": "scipy-dae", "yaml": "pyyaml"}  # package by module, if different
+# name and version in a line of the lock file
+LOCKED = re.compile(r"^([A-Za-z0-9_.-]+)==(\S+)", re.MULTILINE)
+# fields in which versions of Python differ for equal code
+WITHOUT = frozenset(("ctx", "kind", "type_comment", "type_params", "type_ignores"))
+SHAPED = ("Bool", "Complex", "Float", "Inexact", "Int", "Num", "Shaped")  # types of arrays in annotations
+
+
+@dataclass(frozen=True)
+class Source:
+    """A module: the digest of its syntax tree, its imports, and the problems and solvers that it defines."""
+
+    digest: str
+    imports: tuple[str, ...]  # paths in the package; some are names inside a module
+    outside: tuple[str, ...]  # packages from outside that it imports
+    marks: tuple[str, ...]  # problems and solvers that it defines: ``solver:rattle``
+
+
+class Sources:
+    """The modules of the package in the folder ``root``, each digested when first needed.
+
+    ``keep`` is a file in which the digests of modules are cached for the next process.
+    """
+
+    def __init__(self, root: Path = ROOT, keep: Path | None = None) -> None:
+        self.root, self._keep = root, keep
+        self._known: dict[str, Source] = _read_cached(keep) if keep else {}
+        self._of: dict[str, Source] = {}
+        self._fresh = False
+
+    def digest_run_code(self, problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
+        """Return the digest of all code that shapes the numbers of a run of this solver on this problem.
+
+        A solver or problem of a plugin is covered by the digest of the files of ``plugins``.
+        """
+        return digest_run(self.solvers.get(solver, ""), self.problems.get(problem, ""), self.measuring, plugins)
+
+    def digest_all(self, plugins: Iterable[str] = ()) -> str:
+        """Return the digest of all solvers and problems, of measuring, and of the files of ``plugins``."""
+        return _digest_with([*itertools.chain(*self.solvers.items(), *self.problems.items()), self.measuring], plugins)
+
+    @cached_property
+    def solvers(self) -> dict[str, str]:
+        """The digest of each solver of the catalogue, by name."""
+        return self._digest_marked("solver")
+
+    @cached_property
+    def problems(self) -> dict[str, str]:
+        """The digest of each problem of the catalogue, by name."""
+        return self._digest_marked("problem")
+
+    @cached_property
+    def measuring(self) -> str:
+        """The digest of the code that passes a problem to a solver, checks the result, and measures it and its cost."""
+        return self.digest_modules(*MEASURING)
+
+    def digest_modules(self, *modules: str) -> str:
+        """Return the digest of modules, ``solvers/rattle``, with all they import and versions of outside packages."""
+        seen, outside = self.list_imported(*modules)
+        locked, names = self._locked_versions, (LOCKED_AS.get(m, m) for m in outside)
+        versions = sorted(f"{n}=={locked[n]}" for n in names if n in locked)
+        return _digest([*versions, *itertools.chain(*sorted(seen.items()))])
+
+    def list_imported(self, *modules: str) -> tuple[dict[str, str], set[str]]:
+        """Return the files of modules and of all they import, with digests, and the names of outside packages.
+
+        Modules of ``ARRANGES`` and ``SHARED`` are left out unless they are asked for.
+        """
+        asked = [place for m in modules if (place := self._file(m))]
+        seen, outside, waiting = dict[str, str](), set[str](), list(asked)
+        while waiting:
+            place = waiting.pop()
+            if place in seen or (place not in asked and (self._is_excluded(place) or place == f"{SHARED}.py")):
+                continue
+            source = self._source(place)
+            seen[place] = source.digest
+            outside.update(source.outside)
+            waiting += [f for m in source.imports if (f := self._file(m))]
+            if place.removesuffix("/__init__.py") in LISTED:
+                waiting += [str(p.relative_to(self.root)) for p in sorted((self.root / place).parent.glob("*.py"))]
+        self._store()
+        return seen, outside
+
+    def _digest_marked(self, kind: str) -> dict[str, str]:
+        """Return, by name, the digest of each problem or solver (``kind``) that the catalogue's files define."""
+        out = {}
+        for folder in MARKED[kind]:
+            for path in sorted((self.root / folder).glob("*.py")):
+                place = f"{folder}/{path.stem}"
+                for mark in self._source(f"{place}.py").marks:
+                    if mark.startswith(f"{kind}:"):
+                        out[mark.partition(":")[2]] = self.digest_modules(place)
+        return dict(sorted(out.items()))
+
+    @cached_property
+    def _locked_versions(self) -> dict[str, str]:
+        """The version of each outside package in the lock file; empty without one."""
+        lock = self.root / "locks" / "requirements.lock"
+        return dict(LOCKED.findall(lock.read_text(encoding="utf-8"))) if lock.is_file() else {}
+
+    @staticmethod
+    def _is_excluded(place: str) -> bool:
+        """Return whether the module in the file ``place`` is excluded, because no number of a run passes through it."""
+        return any(place == f"{a}.py" or place.startswith(f"{a}/") for a in ARRANGES)
+
+    @cache  # noqa: B019 - one object a process
+    def _file(self, module: str) -> str | None:
+        """Return the file of a module, relative to the root; None if the package has no such module."""
+        for place in (f"{module}.py", f"{module}/__init__.py"):
+            if (self.root / place).is_file():
+                return place
+        return None
+
+    def _source(self, place: str) -> Source:
+        """Return digest and imports of the module in the file ``place``, parsed unless the same content is cached."""
+        if place not in self._of:
+            content = (self.root / place).read_bytes()
+            key = f"{VERSION} {place} {hashlib.sha256(content).hexdigest()}"
+            if key not in self._known:
+                self._known[key], self._fresh = _parse_source(content, place), True
+            self._of[place] = self._known[key]
+        return self._of[place]
+
+    def _store(self) -> None:
+        """Write the parsed modules to the cache for the next process; if it cannot be written, only time is lost."""
+        if self._fresh and self._keep:
+            rows = {k: [s.digest, s.imports, s.outside, s.marks] for k, s in self._known.items()}
+            with contextlib.suppress(OSError):
+                self._keep.parent.mkdir(parents=True, exist_ok=True)
+                write_text(self._keep, json.dumps(rows))
+        self._fresh = False
+
+
+@cache
+def package_sources() -> Sources:
+    """Return the sources of this package, one object in each process."""
+    return Sources(ROOT, make_cache_folder("sources", ROOT / "results" / "local") / "parsed.json")
+
+
+def digest_run_code(problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
+    """Return the digest of the code of a run made here, as in the column ``code``."""
+    return package_sources().digest_run_code(problem, solver, plugins)
+
+
+@cache
+def digest_code(plugins: tuple[str, ...] = ()) -> str:
+    """Return the digest of all code that shapes the numbers of runs, of this package and of ``plugins``."""
+    return package_sources().digest_all(plugins)
+
+
+def digest_run(solver: str, problem: str, measuring: str, plugins: Iterable[str] = ()) -> str:
+    """Return the digest of the code of a run from those of its solver, its problem, measuring, and from plugins."""
+    return _digest_with([solver, problem, measuring], plugins)
+
+
+def _digest_with(parts: list[str], plugins: Iterable[str]) -> str:
+    """Return the digest of ``parts`` and of the files of plugins, which are appended to ``parts``."""
+    for path in itertools.chain.from_iterable(map(list_sources, plugins)):
+        parts += [path.name, hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""]
+    return _digest(parts)
+
+
+def _read_cached(keep: Path) -> dict[str, Source]:
+    """Return the modules that an earlier process parsed, by version, file and content; empty if unusable."""
+    try:
+        if not 0 < os.stat(keep).st_size < LARGE:
+            return {}
+        rows = json.loads(keep.read_text(encoding="utf-8"))
+        return {k: Source(str(d), *(tuple(map(str, x)) for x in (i, o, m))) for k, (d, i, o, m) in rows.items()}
+    except (OSError, ValueError, TypeError, AttributeError):
+        return {}
+
+
+def _parse_source(content: bytes, place: str) -> Source:
+    """Return digest, imports and catalogue entries of a module with this content, in the file ``place``."""
+    tree = ast.parse(content)
+    inside, outside = dict[str, None](), dict[str, None]()
+    for module in _find_imports(tree, place.removesuffix(".py").split("/")):
+        first, _, rest = module.partition("/")
+        (inside if first == "" else outside)[rest if first == "" else first] = None
+    marks = tuple(f"{kind}:{name}" for kind, name in _find_marks(tree))
+    return Source(_digest(_flatten(tree)), tuple(inside), tuple(outside), marks)
+
+
+def _find_imports(tree: ast.AST, place: list[str]) -> Iterator[str]:
+    """Yield the modules that a module imports, and names imported from them, as paths.
+
+    Outside packages are yielded by their first name. A path in this package begins with a slash,
+    ``/harness/base/files``, and the packages that contain it are yielded too, since importing it runs them. ``place``
+    is the path of the module, in parts.
+    """
+    for node in _walk_run(tree):
+        if isinstance(node, ast.Import):
+            named = [a.name.split(".") for a in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = (node.module or "").split(".") if node.module else []
+            base = ["mbsbench", *place[: len(place) - node.level], *base] if node.level else base
+            named = [base, *([*base, a.name] for a in node.names)]
+        else:
+            continue
+        for parts in named:
+            if parts[0] == "mbsbench":
+                yield from ("/" + "/".join(parts[1:k]) for k in range(2, len(parts) + 1))
+            else:
+                yield parts[0]
+
+
+def _walk_run(tree: ast.AST) -> Iterator[ast.AST]:
+    """Yield the nodes of a syntax tree except those under ``if TYPE_CHECKING``, which never run."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            waiting += node.orelse
+            continue
+        yield node
+        waiting += ast.iter_child_nodes(node)
+
+
+def _find_marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
+    """Yield kind and name of each problem and solver that a module defines: both words in ``@solver("rattle")``."""
+    for node in tree.body:
+        for call in getattr(node, "decorator_list", ()):
+            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in MARKED and call.args:
+                name = call.args[0]
+                if isinstance(name, ast.Constant) and isinstance(name.value, str):
+                    yield call.func.id, name.value
+
+
+def _flatten(node: object) -> Iterator[str]:
+    """Yield a syntax tree as texts that are equal in all versions of Python, without docstrings and array shapes."""
+    if isinstance(node, ast.AST):
+        yield type(node).__name__
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id in SHAPED:
+            return
+        for name, value in ast.iter_fields(node):
+            if value is None or value == [] or name in WITHOUT:
+                continue
+            yield f".{name}"
+            yield from _flatten(value)
+        yield ")"
+    elif isinstance(node, list):
+        for one in node:
+            if not (
+                isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant) and isinstance(one.value.value, str)
+            ):
+                yield from _flatten(one)
+    else:
+        yield f"{type(node).__name__} {node!r}"
+
+
+def _digest(parts: Iterable[str]) -> str:
+    """Return the first 16 hexadecimal digits of the sha256 of texts, each ended by a zero byte."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part.encode() + b"\0")
+    return digest.hexdigest()[:16]

@@ -1,1 +1,0 @@
-"""Execute runs: processes, workers, a pool or a cluster, and the measuring of what the solvers return."""

@@ -1,0 +1,1 @@
+"""Read mechanisms of other programs: MJCF, URDF, SDFormat, USD, SymPy."""

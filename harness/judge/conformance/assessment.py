@@ -1,0 +1,310 @@
+"""Plan the runs of ``try`` for a solver, and derive the findings on their results."""
+
+import json
+import math
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ...base.code_meter import code_seconds_of_tree
+from ...catalogue import registry
+from ...catalogue.suites.spec import RunSpec, make_spec
+from ...catalogue.trial import make_problem
+from ...mechanics.types import RIGHT_REACTION, Status, Trait
+from ...results.findings import Finding, state_finding
+from ...results.judgements.runs import Order
+from ...results.records import RunRecord
+from ...results.words import compute_reaction_share, format_accurate_times, list_reasons
+from ...results.work import count_index_1_evaluations
+from ..referee.certificates.drift import PERIODS, analyse_drift
+from ..referee.certificates.orders import certify
+from .presentations import LOOP, TREE, assess_symmetries, plan_symmetries
+
+QUANTITIES = ("position", "orientation", "energy", "reaction")
+ENDED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
+ABREAST = 6  # problems between two checks of the budget
+STEPS = 100  # number of default steps run on each problem
+LADDERS: Mapping[str, Mapping[str, Any]] = {  # spatial, loaded and spinning, so that every term matters
+    "spherical_pendulum": {"omega_x": 5.0, "omega_z": 3.0, "t_end": 1.0},
+    "heavy_top": {"t_end": 0.2},
+}
+VALUES = {
+    ("spherical_pendulum", "dt"): 0.04 * 0.5 ** np.arange(6),
+    ("heavy_top", "dt"): 0.004 * 0.5 ** np.arange(5),
+    ("spherical_pendulum", "rtol"): 10.0 ** -np.arange(3.0, 10.0),
+    ("heavy_top", "rtol"): 10.0 ** -np.arange(3.0, 10.0),
+}
+# solvers compared with, whose kernels are compiled in a minute
+FIELD = ("rkmk_dopri5", "ida_index1", "scipy_strong_form")
+LINKS = (6, 12, 24, 48)
+SWING = {"omega_z": 0.1}
+PERIOD = 0.97  # [s] period of that swing
+LONGEST = 300.0 * PERIOD
+LONG = {"dt": 0.01, "rtol": 1e-6}
+CLOCK = 5e-3  # [s] shorter runs say nothing about cost
+LINEAR = 1.5  # exponent of the cost per step in bodies; above, a chain of a hundred takes too long
+
+
+Run = TypeVar("Run", RunRecord, RunSpec)
+
+
+def plan_runs(solver: str, wall: float) -> list[RunSpec]:
+    """Return all runs but the long one: ladders and symmetries first, then the problems.
+
+    ``wall`` [s] limits the CPU time of each.
+    """
+    out = []
+    for who in (solver, *FIELD):
+        for name, parameters in LADDERS.items():
+            kind = registry.solvers()[who].control
+            values = VALUES[name, kind] if who == solver else VALUES[name, kind][1::2]
+            out += [_make_spec(who, name, parameters, {kind: float(f"{x:.6g}")}, "ladder", wall) for x in values]
+    out += plan_symmetries(solver, "four_bar_grid", LOOP, wall)
+    for links in LINKS:
+        out.append(_make_spec(solver, "chain", {"links": links, "t_end": 0.02}, {}, "growth", wall))
+    for name in registry.problems():
+        own = make_problem(name)
+        out.append(_make_spec(solver, name, {"t_end": min(own.t_end, STEPS * own.dt)}, {}, "problems", wall))
+    return list({s.settings_id: s for s in out}.values())
+
+
+def plan_stages(solver: str, specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
+    """Return the stages in order: own ladders, symmetries and growth, ladders of other solvers, groups of problems."""
+    own = [s for s in specs if s.solver == solver and s.label != "problems"]
+    problems = [s for s in specs if s.label == "problems"]
+    first = [s for s in own if s.label == "ladder"]
+    field = [s for s in specs if s.solver != solver]
+    rest = [problems[k : k + ABREAST] for k in range(0, len(problems), ABREAST)]
+    return [stage for stage in (first, [s for s in own if s.label != "ladder"], field, *rest) if stage]
+
+
+def run_stages(
+    solver: str, budget: float, run_stage: Callable[[Sequence[RunSpec], float, bool], Sequence[RunRecord] | None]
+) -> list[RunSpec]:
+    """Run stages until ``budget`` [s] of CPU time is spent; return all runs that were planned.
+
+    ``run_stage`` takes all runs so far, the CPU time left [s], and whether some are done; it returns None if cut short.
+    """
+    begun = _cpu_seconds()
+    specs = plan_runs(solver, wall=min(20.0, budget / 6.0))
+    stages, done, long, on_tree = plan_stages(solver, specs), list[RunSpec](), False, False
+    while stages and (not done or _cpu_seconds() - begun < budget):
+        resume = bool(done)
+        done += stages.pop(0)
+        records = run_stage(done, budget - (_cpu_seconds() - begun), resume)
+        if records is None:
+            break
+        presented = [r for r in records if r.label == "symmetries" and r.solver == solver]
+        # refused for redundant rows
+        if not on_tree and presented and all(r.status == Status.REFUSED for r in presented):
+            on_tree = True
+            stages.insert(0, plan_symmetries(solver, "random_mechanism", TREE, wall=min(20.0, budget / 6.0)))
+            specs += stages[0]
+        if not long and any(s.label == "symmetries" for s in done):
+            long, rest = True, budget - (_cpu_seconds() - begun)
+            if (more := plan_long_run(solver, records, min(budget / 6.0, rest / 3.0))) is not None:
+                specs.append(more)
+                stages.insert(0, [more])
+    return specs
+
+
+def _cpu_seconds() -> float:
+    """Return the CPU time of this process and its finished children, without compilation [s]."""
+    return sum(os.times()[:4]) - code_seconds_of_tree()
+
+
+def plan_long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSpec | None:
+    """Return a run of the pendulum for ``seconds`` of CPU time; None if it has too few periods or unknown speed."""
+    control = registry.solvers()[solver].control
+    done = [r for r in _select(solver, records, "ladder") if r.problem == "spherical_pendulum" and r.steps]
+    if not done:
+        return None
+    if control == "dt":
+        rate = LONG["dt"] / max(r.cpu_median_s / r.steps for r in done)
+    else:
+        near = min(done, key=lambda r: abs(math.log(r.rtol / LONG["rtol"])))
+        rate = near.t_reached_s / max(near.cpu_median_s, 1e-6)
+    t_end = min(LONGEST, 0.7 * seconds * rate)
+    if t_end < 1.2 * PERIODS * PERIOD:
+        return None
+    parameters = {**SWING, "t_end": float(f"{t_end:.3g}")}
+    return _make_spec(solver, "spherical_pendulum", parameters, {control: LONG[control]}, "long", 2.0 * seconds)
+
+
+def certify_ladders(solver: str, folder: Path, records: Sequence[RunRecord]) -> Sequence[Order]:
+    """Return the measurable certificates of the solver's ladders."""
+    return [o for o in certify(folder, _select(solver, records, "ladder")) if o.is_measured]
+
+
+def assess_solver(
+    solver: str, folder: Path, records: Sequence[RunRecord], found: Sequence[Order], left: Sequence[RunSpec] = ()
+) -> Iterator[Finding]:
+    """Yield all findings in the order of the page; ``found`` are orders of its ladders, ``left`` runs left out."""
+    ladder, rest = _select(solver, records, "ladder"), _select(solver, left, "ladder")
+    yield from _assess_problems(_select(solver, records, "problems"))
+    yield from _assess_orders(found, ladder, rest)
+    yield _assess_energy(solver, records, folder, left)
+    yield from _assess_laws(_select(solver, records, "problems"), ladder, rest)
+    yield from _assess_work(solver, records, left)
+    yield from _assess_symmetries(solver, records, folder, left)
+    yield _assess_growth(_select(solver, records, "growth"), _select(solver, left, "growth"))
+
+
+def _make_spec(
+    solver: str,
+    problem: str,
+    parameters: Mapping[str, Any],
+    control: Mapping[str, Any],
+    label: str,
+    wall: float,
+    options: Mapping[str, Any] | None = None,
+) -> RunSpec:
+    """Return the run of a solver on a problem with ``parameters``, at most ``wall`` [s] of CPU time.
+
+    ``control`` is its step or tolerance, ``label`` the group of runs that it belongs to, such as ``ladder``.
+    """
+    return make_spec(make_problem(problem, parameters), solver, options, control, label=label, cpu_limit=wall)
+
+
+def _select(solver: str, runs: Sequence[Run], label: str) -> list[Run]:
+    """Return the runs of ``solver`` that have the ``label``."""
+    return [r for r in runs if r.solver == solver and r.label == label]
+
+
+def _describe_cut(left: int, run: int) -> str:
+    """Return the words for an undetermined finding, of whose runs the budget left out ``left`` and allowed ``run``."""
+    if not run:
+        return "not determined: no run of it within the budget"
+    return f"not determined: {left} of {left + run} runs of it are left out by the budget"
+
+
+def _assess_problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
+    """Yield how the solver ended on each problem of the catalogue; refusals and slow runs are not judged."""
+    for r in sorted(runs, key=lambda r: r.problem):
+        # neither a refusal nor slowness is wrong
+        open_ = r.status in (Status.REFUSED, Status.STALLED, Status.UNFINISHED)
+        if Trait.STIFF in registry.problems()[r.problem].tests:  # stiff: a step may be too long for any method
+            open_ |= r.status in (Status.DIVERGED, Status.STEP_UNDERFLOW)
+        good = None if open_ else r.status == Status.SUCCESS
+        said = "" if r.status == Status.SUCCESS else f": {'; '.join(list_reasons(r))}"
+        until = (
+            f", accurate to {format_accurate_times(r)[0].split(' (')[0]}"
+            if format_accurate_times(r) and r.steps
+            else ""
+        )
+        yield state_finding(f"{r.problem}, {r.t_end_s:g} s", f"{r.status}{said}{until}", "success, or a reason", good)
+
+
+def _assess_orders(
+    found: Sequence[Order], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()
+) -> Iterator[Finding]:
+    """Yield the measured orders of each ladder or, without any, why: runs that failed, or were left out."""
+    for name in LADDERS:
+        yield from (o.as_finding() for o in found if o.problem == name and o.quantity in QUANTITIES)
+        if not any(o.problem == name for o in found):
+            rungs = [r for r in ladder if r.problem == name]
+            yield _explain_no_order(f"order, {name}", rungs, sum(s.problem == name for s in left))
+
+
+def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Finding:
+    """Explain a missing order: too slow only if every unfinished rung was slow, else by the rungs that failed."""
+    ends = Counter(str(r.status or "unknown") for r in ladder if r.status not in ENDED)
+    if not ladder or (left and not ends):
+        return state_finding(what, _describe_cut(left, len(ladder)), "a ladder")
+    if ends and set(ends) <= {Status.STALLED, Status.UNFINISHED}:
+        return state_finding(what, "not determined: the runs were too slow for the budget", "a ladder")
+    words = ", ".join(f"{n} {status}" for status, n in sorted(ends.items()))
+    said = f"no ladder of steps or tolerances finished{': ' if words else ''}{words}"
+    return state_finding(what, said, "a ladder", good=False)
+
+
+def _assess_energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec]) -> Finding:
+    """Return how the energy [J] oscillates and drifts over many periods of a pendulum; this is not judged."""
+    runs = _select(solver, records, "long")
+    if not runs:
+        words = _describe_cut(1, 0) if left else f"not determined: {PERIODS} periods would take longer than the budget"
+        return state_finding("energy over many periods", words)
+    (d,) = analyse_drift(folder, runs)[:1]
+    if not d.periods:
+        return state_finding(
+            "energy over many periods", f"{d.verdict}: {'; '.join(list_reasons(runs[0])) or 'no periods'}", good=None
+        )
+    words = f"{d.verdict} over {d.periods} periods: oscillation {d.oscillation_J:.2g} J"
+    trend = f", trend {d.trend_W:.2g} [{d.trend_low_W:.2g}, {d.trend_high_W:.2g}] W"
+    return state_finding("energy over many periods", words + trend)
+
+
+def _assess_laws(
+    runs: Sequence[RunRecord], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()
+) -> Iterator[Finding]:
+    """Yield the largest violation of the joints on all problems, and the error of reactions on the ladders."""
+    moved = [r for r in runs if r.steps and r.gap_share_max >= 0.0]
+    if moved:
+        worst = max(moved, key=lambda r: r.gap_share_max)
+        words = f"{worst.gap_share_max:.2g} and {worst.gap_rate_share_max:.2g} of the limits ({worst.problem})"
+        yield state_finding("largest |phi|, |phi_dot|", words, "|phi| within its limit", worst.gap_share_max <= 1.0)
+    done = [r for r in ladder if r.claimed == Status.SUCCESS]
+    known = [r for r in done if math.isfinite(r.reaction_size_N)]
+    if not known:
+        none = "none returned: not judged" if done else "not determined: no run of the ladders succeeded"
+        yield state_finding("reactions", none if ladder else _describe_cut(len(left), 0))
+        return
+    share = min(map(compute_reaction_share, known))
+    good = True if share <= RIGHT_REACTION else None if left else False  # a finer setting may have been left out
+    yield state_finding("reactions at the finest setting", f"off by {100.0 * share:.2g} %", "5 %", good)
+
+
+def _assess_work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Finding]:
+    """Yield the least error on each ladder with its CPU time, and that of the fastest rival as accurate."""
+    for name in LADDERS:
+        sound = [r for r in records if r.label == "ladder" and r.problem == name and r.status == Status.SUCCESS]
+        mine = [r for r in sound if r.solver == solver]
+        if not mine:
+            continue
+        best = min(mine, key=lambda r: r.motion_error_max_m)
+        rivals = [r for r in sound if r.solver != solver and r.motion_error_max_m <= best.motion_error_max_m]
+        words = f"{best.motion_error_max_m:.2g} m in {_describe_time(best)}"
+        if rivals:
+            r = min(rivals, key=lambda r: r.cpu_median_s)
+            words += f"; {r.solver} {r.motion_error_max_m:.2g} m in {_describe_time(r)}"
+            if 0.0 < count_index_1_evaluations(best) < math.inf and math.isfinite(count_index_1_evaluations(r)):
+                words += (
+                    f", {count_index_1_evaluations(r) / count_index_1_evaluations(best):.2g} of the index-1 evaluations"
+                )
+        else:
+            cut = {s.solver for s in left if s.label == "ladder" and s.problem == name}  # they might have come nearer
+            whole = [who for who in FIELD if who != solver and who not in cut]
+            words += f"; none of {', '.join(whole)} comes as near" if whole else ""
+        yield state_finding(f"work, {name}", words)
+
+
+def _describe_time(r: RunRecord) -> str:
+    """Return the CPU time of a run, such as ``0.12 s``; shorter than ``CLOCK`` it is not stated."""
+    return f"{r.cpu_median_s:.2g} s" if r.cpu_median_s > CLOCK else f"less than {1e3 * CLOCK:g} ms"
+
+
+def _assess_symmetries(
+    solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec] = ()
+) -> Iterator[Finding]:
+    """Yield the symmetries that the solver breaks, and how many it keeps."""
+    runs, rest = _select(solver, records, "symmetries"), len(_select(solver, left, "symmetries"))
+    yield from assess_symmetries(folder, runs, _describe_cut(rest, len(runs)))
+
+
+def _assess_growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Finding:
+    """Return how the CPU time of a step grows with the number of bodies of a chain: the exponent n^p."""
+    done = sorted(
+        (json.loads(r.problem_parameters).get("links", 15), r.cpu_median_s / r.steps) for r in runs if r.steps
+    )
+    if len(done) < 3:
+        few = "not determined: too few chains finished, or all faster than the clock resolves"
+        return state_finding("cost of a step in bodies", _describe_cut(len(left), len(runs)) if left else few)
+    x, y = np.log(np.maximum(np.array(done[-3:], dtype=float), 1e-9)).T
+    power = float(np.polyfit(x, y, 1)[0])
+    each = ", ".join(f"{1e3 * seconds:.2g} ms at {n}" for n, seconds in done)
+    linear = True if power <= LINEAR else None  # a property of the solver, not a fault
+    return state_finding("cost of a step in bodies", f"{each}: n^{power:.1f}", f"n^{LINEAR:g} or less", linear)

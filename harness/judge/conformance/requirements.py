@@ -1,0 +1,30 @@
+"""Define requirements on solvers and problems, and assign findings to them."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ...results.findings import Finding, leave_open
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A requirement with its reason and remedy; ``needs_reference`` marks those on a problem's reference only."""
+
+    name: str
+    why: str
+    remedy: str
+    measure: Callable[[Any], Finding]  # of the evidence: a ``Subject`` or a solver's ``Evidence``
+    needs_reference: bool = False
+
+
+def assign_findings(subject: str, requirements: Sequence[Requirement], found: Iterable[Finding]) -> list[Finding]:
+    """Return findings with the texts of their requirements; a failure by an earlier cause is left open."""
+    out, causes = list[Finding](), set[str]()
+    for r, f in zip(requirements, found, strict=True):
+        repeated = bool(f.cause) and not f.holds and f.cause in causes
+        causes |= {f.cause} if not f.holds else set()
+        f = leave_open("not tested: see above") if repeated else f
+        required = replace(f.required, why=r.why, remedy=f.required.remedy or r.remedy)
+        out.append(replace(f, subject=subject, measured=replace(f.measured, quantity=r.name), required=required))
+    return out

@@ -1,0 +1,295 @@
+"""Measure requirements on the records and series of a solver's runs, one function per requirement."""
+
+import itertools
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...catalogue import registry
+from ...catalogue.functions import describe_redundant_rows
+from ...mechanics.types import RIGHT_REACTION, Problem, Status
+from ...reference.computation import find_reference
+from ...results.findings import Finding, judge_value, leave_open, make_failure
+from ...results.records import RunRecord
+from ...results.series import Series
+from ...results.words import compute_reaction_share, list_reasons
+from ..metrics.reactions import choose_instants, compute_exact_loads, compute_moments_on_bodies
+
+WITHIN = 0.2  # tolerance on the declared order
+LEAST_ORDER = 0.8  # least order if none is declared: a first-order scheme may show a little less
+SLOW = "too slow to be judged, not wrong: the run has {:g} s of CPU; look where the time goes, or for tiny steps"
+CRASHED = "correct what raised the error, at the file and line given, and check again"
+ROUNDED = 1e-11  # error below which no order is observable
+ITERATED = 1e-8  # below, corrections that end at their tolerance may leave errors independent of the step
+REACTION_SEEN = 1e-7  # relative: below, errors of the reference's differences dominate
+REACTION_ORDER = 1.5  # between 1, of reactions one step late, and 2, the least of correct second-order schemes
+LOOSE_TORQUE = 0.01  # a hundred times the error of the integral over steps
+LOOSE_STEP = 1e-6  # relative: a step is a difference of rounded times
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The records of a solver's runs by role, and their series."""
+
+    control: str  # dt or rtol: what its accuracy is set by
+    order: float  # order declared by the solver with default options; NaN if none
+    records: Mapping[str, RunRecord]
+    series: Mapping[str, Series | None]
+
+    def select_runs(self, roles: str) -> list[RunRecord]:
+        """Return the runs whose role begins with ``roles``."""
+        return [r for role, r in self.records.items() if role.startswith(roles)]
+
+    @property
+    def runs_with_steps(self) -> list[RunRecord]:
+        """All runs for which the solver returned steps."""
+        return [r for r in self.records.values() if r.claimed and r.steps]
+
+
+def check_endings(e: Evidence) -> Finding:
+    """Count easy runs that neither succeed nor are refused."""
+    easy = [r for r in e.select_runs("easy") if r.status != Status.UNFINISHED]
+    bad = [r for r in easy if r.status not in (Status.SUCCESS, Status.REFUSED)]
+    open_ = [r for r in e.select_runs("easy") if r.status == Status.UNFINISHED]
+    cause = _describe_crash(bad[0]) if bad else ""
+    words, remedy = _describe_first(bad or open_), CRASHED if cause else ""
+    if bad and bad[0].status != Status.REFUSED and "ingular" in f"{cause} {words}":
+        remedy = "; ".join(filter(None, (describe_redundant_rows(_make_problem(bad[0])), remedy)))
+    return judge_value(
+        len(bad), f"of {len(easy)} runs failed", most=0, words=words, tested=bool(easy), remedy=remedy, cause=cause
+    )
+
+
+def check_accepts(e: Evidence) -> Finding:
+    """Count easy runs that the solver neither refused nor crashed on; at least one is required."""
+    easy = e.select_runs("easy")
+    refused, crashed = ([r for r in easy if r.status == s] for s in (Status.REFUSED, Status.CRASHED))
+    if crashed and len(refused) + len(crashed) == len(easy):
+        return make_failure(_describe_first(crashed), cause=_describe_crash(crashed[0]), remedy=CRASHED)
+    taken = len(easy) - len(refused) - len(crashed)
+    return judge_value(taken, f"of {len(easy)} runs taken", least=1, words=_describe_first(refused))
+
+
+def check_drives(e: Evidence) -> Finding:
+    """Check that the motion under a drive is a success; left open if the solver refuses drives."""
+    r = e.records["driven"]
+    if r.status in (Status.REFUSED, Status.UNFINISHED):
+        return leave_open(_describe_first([r]))
+    if cause := _describe_crash(r):
+        return make_failure(_describe_first([r]), remedy=CRASHED, cause=cause)
+    good = r.status == Status.SUCCESS
+    if not good and any(x.status not in (Status.SUCCESS, Status.REFUSED) for x in e.select_runs("easy")):
+        return leave_open("it fails without drives, too: see above")
+    error = r.motion_error_max_m
+    return judge_value(error, "m off the exact motion", words=r.case if good else _describe_first([r]), good=good)
+
+
+def check_refusals(e: Evidence) -> Finding:
+    """Count refusals with fewer than two words."""
+    if all(r.status == Status.CRASHED for r in e.records.values()):
+        return leave_open("all its runs crashed")
+    refused = [r for r in e.records.values() if r.status == Status.REFUSED]
+    if not refused:
+        return leave_open("no run was refused")
+    silent = [r for r in refused if len(r.message.split()) < 2]
+    return judge_value(len(silent), "refusals without", most=0, words=_describe_first(silent))
+
+
+def check_order(e: Evidence) -> Finding:
+    """Measure the order in dt at the finest halving, the best if errors reach a floor; or the decrease with rtol."""
+    finer = e.select_runs("finer")
+    if missing := _find_missing(*finer[1:]):
+        return missing
+    finer = [r for r in finer if r.claimed == Status.SUCCESS]  # the first run may be too coarse
+    errors = [max(r.position_error_max_m / r.length_scale_m, r.orientation_error_max_rad) for r in finer]
+    at = ", ".join(f"{r.dt_s if e.control == 'dt' else r.rtol:g}" for r in finer)
+    words = f"errors {', '.join(f'{x:.3g}' for x in errors)} (of the length, or rad) at {e.control} {at}"
+    if not np.all(np.isfinite(errors)):
+        return make_failure(words)
+    seen = [x for x in errors if x >= ROUNDED]
+    if len(seen) < 2:
+        return leave_open(f"rounding alone: {words}")
+    if e.control == "rtol":
+        least = math.sqrt(finer[0].rtol / finer[-1].rtol)  # errors follow rtol^(p/(p + 1)) at order p >= 1
+        return judge_value(errors[0] / max(errors[-1], ROUNDED), "times smaller", least=least, words=words)
+    orders = [math.log2(a / b) for a, b in itertools.pairwise(seen)]
+    order = orders[-1] if seen[-1] > ITERATED else max(orders)
+    if math.isnan(e.order):
+        return judge_value(order, "order, none declared", least=LEAST_ORDER, words=words)
+    higher = "higher than declared: " if order > e.order + WITHIN else ""
+    return judge_value(order, f"order, {e.order:g} declared", least=e.order - WITHIN, words=higher + words)
+
+
+def check_reaction_order(e: Evidence) -> Finding:
+    """Measure the order of reactions in dt at the finest halving, or the decrease of their errors with rtol."""
+    finer = e.select_runs("finer")
+    if missing := _find_missing(*finer[1:]):
+        return missing
+    finer = [r for r in finer if r.claimed == Status.SUCCESS and math.isfinite(r.reaction_size_N)]
+    shares = [r.reaction_error_max_N / r.reaction_size_N for r in finer]
+    seen = [(x, r) for x, r in zip(shares, finer, strict=True) if x >= REACTION_SEEN]
+    at = ", ".join(f"{r.dt_s if e.control == 'dt' else r.rtol:g}" for r in finer)
+    words = f"off by {', '.join(f'{x:.3g}' for x in shares)} of the largest at {e.control} {at}"
+    if len(seen) < 2:
+        return leave_open(f"rounding alone: {words}" if finer else "no reactions")
+    (a, coarse), (b, fine) = (seen[-2], seen[-1]) if e.control == "dt" else (seen[0], seen[-1])
+    if e.control == "rtol":
+        return judge_value(a / b, "times smaller", least=math.sqrt(coarse.rtol / fine.rtol), words=words)
+    first = math.isnan(e.order) or e.order < REACTION_ORDER + WITHIN
+    order = math.log(a / b) / math.log(coarse.dt_s / fine.dt_s)
+    return judge_value(order, "order", least=LEAST_ORDER if first else REACTION_ORDER, words=words)
+
+
+def check_gyroscopic_torque(e: Evidence) -> Finding:
+    """Measure c of J Omega_dot = -c Omega x J Omega [N m], by least squares on its integral over the steps."""
+    r, series = e.records["spinning"], e.series["spinning"]
+    if series is None or _find_missing(r):
+        return _find_missing(r) or make_failure("no series")
+    inertia = _make_problem(r).system.inertia[0]
+    Omega = np.stack([series[f"obs_Omega_{a}"] for a in "xyz"], axis=1)
+    momentum = Omega @ inertia
+    torque = np.cross(Omega, momentum)
+    impulse = np.cumsum(0.5 * (torque[1:] + torque[:-1]) * np.diff(series["t"])[:, None], axis=0)
+    share = -float(np.sum((momentum[1:] - momentum[0]) * impulse) / np.sum(impulse**2))
+    return judge_value(share, "of Omega x J Omega", 1.0 - LOOSE_TORQUE, 1.0 + LOOSE_TORQUE, r.case)
+
+
+def check_reaction_shape(e: Evidence) -> Finding:
+    """Count the columns of reactions, in the first run where they differ from the rows or are sometimes NaN."""
+    out = leave_open("no reactions")
+    for role, series in e.series.items():
+        if series is not None and "frame_reaction" in series and out.holds:
+            r, rows = e.records[role], np.asarray(series["frame_reaction"])[1:]
+            nrows, known = _make_problem(r).system.nrows, np.isfinite(rows.reshape(len(rows), -1))
+            gaps = int(np.sum(np.any(known, axis=0) & ~np.all(known, axis=0)))
+            words = f"{r.case}: {gaps} of them are NaN at some steps" if gaps else r.case
+            out = judge_value(series["frame_reaction"][0].size, "columns", nrows, nrows, words, good=not gaps)
+    return out
+
+
+def check_reactions(e: Evidence) -> Finding:
+    """Measure the error of the joint forces on a body relative to the largest exact one, at the finest setting."""
+    r = e.select_runs("finer")[-1]
+    if missing := _find_missing(r):
+        return missing
+    share = compute_reaction_share(r)
+    known = not math.isnan(share)
+    words = f"off by {r.reaction_error_max_N:.3g} N of {r.reaction_size_N:.3g} N, {r.moment_error_max_Nm:.3g} N m of "
+    words = f"{words}{r.moment_size_Nm:.3g} N m: {r.case}" if known else "no reactions"
+    return judge_value(share, "of the largest", -math.inf, RIGHT_REACTION, words, tested=known)
+
+
+def check_moments(e: Evidence) -> Finding:
+    """Measure the error of the joints' moment on a body about C relative to the largest exact one."""
+    r, series = e.records["easy hinge"], e.series["easy hinge"]
+    if missing := _find_missing(r):
+        return missing
+    if series is None or "frame_reaction" not in series:
+        return leave_open("no reactions")
+    problem = _make_problem(r)
+    reference = find_reference(problem)
+    assert reference is not None
+    rows = choose_instants(series["frame_t"], reference.horizon)
+    rows = rows[np.all(np.isfinite(series["frame_reaction"][rows]), axis=1)]  # there are none at the start
+    if len(rows) == 0:
+        return leave_open("no reactions of all rows")
+    exact = compute_exact_loads(problem.system, reference.states(series["frame_t"][rows]))[..., 3:]
+    rows, exact = (a[np.isfinite(exact).all(axis=(1, 2))] for a in (rows, exact))
+    if len(rows) == 0:
+        return leave_open("reactions of the exact motion are ill-conditioned")
+    t = series["frame_t"][rows]
+    size = float(np.max(np.linalg.norm(exact, axis=-1)))
+    off = compute_moments_on_bodies(problem.system, series["frame_reaction"][rows], reference.states(t)) - exact
+    worst = float(np.max(np.linalg.norm(off, axis=-1)))
+    words = f"off by {worst:.3g} N m of {size:.3g} N m: {r.case}"
+    return judge_value(worst / size, "of the largest", -math.inf, RIGHT_REACTION, words)
+
+
+def check_recording(e: Evidence) -> Finding:
+    """Measure the ratio of recorded steps to counted steps."""
+    shares = {r.case: r.steps / n for r in e.runs_with_steps if (n := json.loads(r.counters).get("steps", 0)) > 0}
+    if not shares:
+        return leave_open("it has no counter named steps")
+    case = max(shares, key=lambda k: abs(shares[k] - 1.0))
+    return judge_value(shares[case], "of those counted", 1.0, 1.0, case)
+
+
+def check_step_limit(e: Evidence) -> Finding:
+    """Measure the ratio of the largest time between records to dt or max_step."""
+    limit, column = ("dt", "dt_s") if e.control == "dt" else ("max_step", "max_step_s")
+    gaps = {r.case: gap for r in e.runs_with_steps if math.isfinite(gap := r.step_max_s / getattr(r, column))}
+    if not gaps:
+        return leave_open("no run has steps")
+    case = max(gaps, key=lambda k: gaps[k])
+    return judge_value(gaps[case], f"of {limit}", most=1.0 + LOOSE_STEP, words=case)
+
+
+def check_repeatability(e: Evidence) -> Finding:
+    """Measure the largest difference between two runs with the same settings."""
+    (one, a), (two, b) = ((e.records[role], e.series[role]) for role in ("finer 1", "again"))
+    cut = [r for r in (one, two) if r.status in (Status.STALLED, Status.UNFINISHED) or r.claimed == Status.STALLED]
+    if cut:
+        return leave_open(f"a limit cut {_describe_first(cut)}")
+    if a is None or b is None:
+        if one.status == two.status:
+            return leave_open(_describe_first([two]))
+        return make_failure(_describe_first([two]), cause=_describe_crash(two), remedy=CRASHED)
+    if len(a["t"]) != len(b["t"]):
+        return judge_value(abs(len(a["t"]) - len(b["t"])), "steps more", most=0)
+    apart = max(float(np.max(np.abs(a[k] - b[k]))) for k in ("t", "end_r", "end_R", "end_v", "end_Omega"))
+    return judge_value(apart, "apart", most=0, words="largest difference in t, r, R, v or Omega")
+
+
+def make_stop_check(
+    role: str, *, least: float = 0, most: float = math.inf, itself: bool = True
+) -> Callable[[Evidence], Finding]:
+    """Return a check that the run of this ``role`` took from ``least`` to ``most`` steps before it was stopped.
+
+    With ``itself`` the solver must also have stopped itself: by returning ``stalled``.
+    """
+
+    def measure(e: Evidence) -> Finding:
+        r = e.records[role]
+        good = r.claimed == Status.STALLED or not itself
+        if cause := _describe_crash(r):
+            return make_failure(_describe_first([r]), remedy=CRASHED, cause=cause)
+        return judge_value(
+            r.steps, "steps", least, most, _describe_first([r]), good=good, tested=r.status != Status.REFUSED
+        )
+
+    return measure
+
+
+def _find_missing(*runs: RunRecord) -> Finding | None:
+    """Return the finding for runs that did not all reach the end: a failure, or left open if all were refused.
+
+    Return None if all reached it.
+    """
+    if all(r.status == Status.REFUSED for r in runs):
+        return leave_open(_describe_first(runs))
+    bad = [r for r in runs if r.claimed != Status.SUCCESS]
+    slow = [r for r in bad if r.status in (Status.STALLED, Status.UNFINISHED)]
+    if not bad:
+        return None
+    if cause := _describe_crash(bad[0]):
+        return make_failure(_describe_first(bad), remedy=CRASHED, cause=cause)
+    return make_failure(_describe_first(bad), remedy=SLOW.format(slow[0].cpu_limit_s) if slow else "")
+
+
+def _describe_crash(r: RunRecord) -> str:
+    """Return the cause of a run's crash; empty if it did not crash."""
+    return f"{r.ended_by}: {'; '.join(list_reasons(r))}" if r.status == Status.CRASHED else ""
+
+
+def _make_problem(r: RunRecord) -> Problem:
+    """Create the problem of a record's run."""
+    return registry.make_problem(r.problem, json.loads(r.problem_parameters))
+
+
+def _describe_first(records: Sequence[RunRecord]) -> str:
+    """Return case, status and reasons of the first record, and how many others there are; empty for none."""
+    found = [f"{r.case}: {r.status}: {'; '.join(list_reasons(r))}" for r in records]
+    return found[0] + (f" (and {len(found) - 1} more)" if found[1:] else "") if found else ""

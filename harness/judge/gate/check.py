@@ -1,0 +1,281 @@
+"""Compare records with thresholds, as the gate does; a missing, unjudged or empty run is a failure.
+
+States, worst first: FAIL > XPASS (expected to fail, and did not) > XFAIL (expected to fail, and did) > SKIP (a package
+that the caller named is not installed) > PASS. FAIL and XPASS close the gate: a threshold that no longer holds must be
+corrected in the commit that changes the result. A run without its package fails, unless that package was named.
+"""
+
+import datetime
+import math
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from msgspec.structs import replace
+
+from ...catalogue.suites.spec import RunSpec
+from ...mechanics.types import EndCause, Status
+from ...results.findings import Finding, MeasuredQuantity, RequiredLimits, Verdict
+from ...results.records import RunRecord
+from ...results.store import select_newest
+from ...results.words import describe_comparison, list_reasons
+from .thresholds import ERRORS, ExpectedStatus, Threshold, Thresholds, propose_bounds, round_to_four_digits
+
+CodeOf = Callable[[str, str], str]  # digest of the code for a run of a problem and a solver
+STATUS, NONE = "status", "no threshold"  # names of findings that are not on a metric
+WORTH = 0.95  # a bound is lowered if the new one is below this fraction of it: less is not worth a commit
+UNBOUNDED = "no threshold for this run: propose one with gate --update"
+TWICE = "two runs of the suite have this name, and one of them would not be judged"
+NO_BOUNDS = "no threshold for this run, and none can be proposed: it was {}; fix it, or add a [[status]] entry"
+UNKNOWN = "the suite has no such run"
+MISSING = "no result: the run is missing"
+OTHER_CODE = "result of other code, so the run is missing (--any-code accepts it)"
+ABSENT = "not measured here: {}"
+UNNAMED = "{}; without it, the other runs are judged with --without {}"
+SMALLER = "smaller than its lower bound: better than it was, or the run does less; if meant, --update --loosen takes it"
+REACHED_END = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
+ROUNDED = 1e-11  # in the unit of any metric: smaller changes are rounding, which differs between machines
+
+
+STATES = {
+    Verdict.FAILED: "FAIL",
+    Verdict.XPASS: "XPASS",
+    Verdict.XFAIL: "XFAIL",
+    Verdict.OPEN: "SKIP",
+    Verdict.MET: "PASS",
+}  # worst first
+WORST = list(STATES)
+
+
+def has_moved(f: Finding) -> bool:
+    """Return whether a value changed by more than 1 % and more than rounding; False if it was not measured."""
+    return abs(f.measured.value - f.before) > max(0.01 * abs(f.before), ROUNDED)
+
+
+@dataclass(frozen=True)
+class GateFindings:
+    """All findings of the gate, on metrics and statuses of cases: the worst first, causes before consequences."""
+
+    findings: tuple[Finding, ...]
+    absent: Mapping[str, str] = field(default_factory=dict)  # missing package, by the case that it leaves unmeasured
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst verdict; FAILED if nothing was judged."""
+        return next((f.verdict for f in self.findings if f.is_tested), Verdict.FAILED)
+
+    @property
+    def is_open(self) -> bool:
+        """True if something was judged and nothing failed; failures that are expected do not count."""
+        return self.verdict in (Verdict.XFAIL, Verdict.MET)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The number of findings in each state, the worst first."""
+        return {state: sum(f.verdict is v for f in self.findings) for v, state in STATES.items()}
+
+    @property
+    def cases(self) -> int:
+        """The number of cases, including those that were not measured."""
+        return len({f.subject for f in self.findings})
+
+    @property
+    def headline(self) -> str:
+        """The state ``open`` or ``CLOSED``; if some cases were not measured, with their number and packages."""
+        word, n = "open" if self.is_open else "CLOSED", len(self.absent)
+        if not n:
+            return word
+        share = f" for {self.cases - n} of {self.cases}" if self.is_open else ""
+        return f"{word}{share}; {n} not measured here: {', '.join(sorted(set(self.absent.values())))}"
+
+    @property
+    def summary(self) -> str:
+        """The counts of what was judged, in words, such as ``2 FAIL, 30 PASS``."""
+        counted = {state: n for state, n in self.counts.items() if n and state != STATES[Verdict.OPEN]}
+        return ", ".join(f"{n} {state}" for state, n in counted.items()) or "nothing was judged"
+
+    @property
+    def consequences(self) -> list[Finding]:
+        """The failed bounds of runs whose status failed too: numbers of a run that was cut short."""
+        broken = _list_broken(self.findings)
+        return [f for f in self.findings if f.verdict is Verdict.FAILED and _is_consequence(f, broken)]
+
+    @property
+    def notable(self) -> list[Finding]:
+        """The findings that did not pass, and those whose value has moved; skipped ones are left out."""
+        return [f for f in self.findings if f.verdict not in (Verdict.MET, Verdict.OPEN) or has_moved(f)]
+
+
+def select_judged(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[RunRecord, ...]:
+    """Return the newest record of each run: of those made by the present code, or of all if ``code`` is None."""
+    return select_newest(tuple(r for r in records if code is None or code(r.problem, r.solver) == r.code))
+
+
+def describe_contradiction(record: RunRecord) -> str:
+    """Describe what in a record cannot be true: a lawful motion without the solver's claim, or an end in the future.
+
+    Empty if nothing is contradictory.
+    """
+    claimed, by = record.claimed or "nothing", record.ended_by
+    if Status(record.status).lawful and (claimed, by) != (Status.SUCCESS, EndCause.SOLVER):
+        return f"{record.status}, though its solver claimed {claimed} and {by} ended it"
+    latest = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=1)
+    late = record.finished > latest.strftime("%Y-%m-%dT%H:%M:%SZ")
+    return f"finished at {record.finished}, which is to come" if late else ""
+
+
+def judge(
+    specs: Sequence[RunSpec | RunRecord],
+    records: Sequence[RunRecord],
+    thresholds: Thresholds,
+    code: CodeOf | None = None,
+    without: Collection[str] = (),
+) -> GateFindings:
+    """Judge the status and all thresholds of every run, and return the findings.
+
+    A run without a threshold and a threshold without a run fail. With ``code``, a result of other code counts as
+    missing; of several results of a run the newest is judged. A run that was refused because a package is not installed
+    is skipped if the package is in ``without``, and fails otherwise.
+    """
+    by_settings = {r.settings_id: r for r in select_judged(records, code)}
+    other = {r.settings_id for r in records} - {*by_settings}
+    found: list[Finding] = []
+    by_case = {c.case: by_settings.get(c.settings_id) for c in specs}
+    missing = {c.case: OTHER_CODE if c.settings_id in other else MISSING for c in specs}
+    found += [_finding(Verdict.FAILED, c, STATUS, TWICE) for c, n in Counter(c.case for c in specs).items() if n > 1]
+    bounded: dict[str, set[str]] = {}
+    for b in thresholds.bounds:
+        bounded.setdefault(b.case, set()).add(b.metric)
+    statuses = {e.case: e for e in thresholds.statuses}
+    absent: dict[str, str] = {}
+    for case, record in by_case.items():
+        if record is not None and record.status == Status.REFUSED and (package := record.missing_package):
+            absent[case] = package
+            words = record.message if package in without else UNNAMED.format(record.message, package)
+            verdict = Verdict.OPEN if package in without else Verdict.FAILED
+            found.append(_finding(verdict, case, STATUS, ABSENT.format(words)))
+            continue
+        found.append(_status(case, record, statuses.get(case), missing[case]))
+        wanted = statuses[case].status if case in statuses else Status.SUCCESS
+        if case not in bounded and wanted is Status.SUCCESS:
+            ended = record.status if record else Status.SUCCESS
+            words = UNBOUNDED if ended == Status.SUCCESS else NO_BOUNDS.format(ended)
+            found.append(_finding(Verdict.FAILED, case, NONE, words))
+        elif case in bounded and record is not None:
+            needed = {b.metric for b in propose_bounds([record])} - bounded[case]
+            found += [_finding(Verdict.FAILED, case, metric, UNBOUNDED) for metric in sorted(needed)]
+    judged = [b for b in thresholds.bounds if b.case not in absent]
+    found += [_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in judged]
+    found += [_finding(Verdict.FAILED, case, STATUS, UNKNOWN) for case in statuses if case not in by_case]
+    broken = _list_broken(found)
+    cut = {case for case, r in by_case.items() if r and case in broken and Status(r.status) not in REACHED_END}
+    found = [f for f in found if not (f.subject in cut and f.verdict is Verdict.MET)]  # zeros of a run without a step
+
+    def order(f: Finding) -> tuple[int, bool, bool, str, str]:
+        """Return the sort key of a finding: the worst first, causes before consequences."""
+        metric = f.measured.quantity
+        return WORST.index(f.verdict), _is_consequence(f, broken), metric != STATUS, f.subject, metric
+
+    ordered = sorted(found, key=order)
+    return GateFindings(tuple(ordered), {case: package for case, package in absent.items() if package in without})
+
+
+def _list_broken(findings: Iterable[Finding]) -> set[str]:
+    """Return the cases whose status does not hold, as a set."""
+    return {f.subject for f in findings if f.measured.quantity == STATUS and not f.holds}
+
+
+def _is_consequence(f: Finding, broken: Collection[str]) -> bool:
+    """Return whether a finding is on a metric of a run whose status failed; ``broken`` are the cases of such runs."""
+    return f.subject in broken and f.measured.quantity not in (STATUS, NONE)
+
+
+def tighten_bounds(
+    old: Thresholds, records: Sequence[RunRecord], proposed: Sequence[Threshold], *, loosen: bool
+) -> Thresholds:
+    """Return ``old`` with the bounds that ``proposed`` adds or tightens.
+
+    With ``loosen`` also with those that it widens. With ``loosen``, bounds of cases without a record are dropped. A
+    threshold with a tolerance, or around several runs, changes only with ``loosen``.
+    """
+    cases = {r.case for r in records}
+    bounds = {(b.case, b.metric): b for b in old.bounds if b.case in cases or not loosen}
+    for new in proposed:
+        was = bounds.get((new.case, new.metric))
+        if was is None:
+            bounds[new.case, new.metric] = new
+        elif {new.tolerance, was.tolerance} != {None}:  # another value is neither better nor worse: only on request
+            if loosen:
+                bounds[new.case, new.metric] = replace(new, reason=was.reason, expect=was.expect)
+        elif was.samples > 1:  # bounds around many runs, which a single run moves only on request
+            if loosen:
+                bounds[new.case, new.metric] = replace(new, expect=was.expect)
+        elif (changed := _narrow(was, new, loosen=loosen)) is not None:
+            bounds[new.case, new.metric] = changed
+    return replace(old, bounds=tuple(bounds[k] for k in sorted(bounds)))
+
+
+def _narrow(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
+    """Return the threshold ``was`` moved to the value of ``new``; None if it stays as it is.
+
+    An upper end keeps its ratio to the value if that is wider than the new one, and rises only with ``loosen``; none is
+    added. A lower end is added if ``was`` has none; it falls only with ``loosen``, if the value is below it.
+    """
+    fallen = new.value < was.lower
+    lower = was.lower if was.lower > -math.inf else new.lower
+    if fallen and loosen:
+        lower = min(new.value, new.lower) if new.lower > -math.inf else new.value
+    if was.upper == math.inf:
+        return replace(was, value=new.value, lower=lower) if lower < was.lower else None
+    wide = new.value * was.upper / was.value if was.value > 0.0 else 0.0
+    upper = (
+        round_to_four_digits(wide) if wide > 1.001 * new.upper else new.upper
+    )  # a width with a reason of its own stays
+    if not loosen:
+        upper = min(upper, was.upper)
+    if upper < lower or not (loosen or upper < WORTH * was.upper or lower > was.lower):
+        return None
+    return replace(was, value=new.value, upper=upper, lower=lower)
+
+
+def _finding(verdict: Verdict, case: str, metric: str, why: str = "", bound: str = "") -> Finding:
+    """Return a finding without a number: ``bound`` is what was required, in words, and ``why`` the reason."""
+    return Finding(MeasuredQuantity(metric), RequiredLimits(words=bound, why=why), verdict, case)
+
+
+def _status(case: str, record: RunRecord | None, expected: ExpectedStatus | None, missing: str) -> Finding:
+    """Return the finding on the status of a case; ``missing`` is the reason stated if it has no record."""
+    wanted = expected.status if expected else Status.SUCCESS
+    if record is None:
+        return _finding(Verdict.FAILED, case, STATUS, missing)
+    if record.status == wanted:
+        verdict = Verdict.MET if wanted is Status.SUCCESS else Verdict.XFAIL
+        return _finding(
+            verdict, case, STATUS, expected.reason if expected else describe_comparison(record), str(wanted)
+        )
+    words = f"{record.status}, expected {wanted}: {'; '.join(list_reasons(record))}"
+    verdict = Verdict.XPASS if record.status == Status.SUCCESS else Verdict.FAILED
+    return _finding(verdict, case, STATUS, words, str(wanted))
+
+
+def _bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
+    """Return the finding on one bound; ``missing`` is the reason stated if its case has no record."""
+    value = math.nan if record is None else float(getattr(record, b.metric))
+    words, verdict = b.reason, Verdict.from_outcome(b.holds(value))
+    if math.isnan(value):
+        words, verdict = missing if record is None else f"not measured: the run was {record.status}", Verdict.FAILED
+    elif value < b.lower and b.metric in ERRORS:
+        words = f"{SMALLER}; {b.reason}"
+    if b.expect == "fail" and not math.isnan(value):
+        verdict = Verdict.XPASS if b.holds(value) else Verdict.XFAIL
+    required = RequiredLimits(words=_range(b), why=words)
+    return Finding(MeasuredQuantity(b.metric, value, b.unit), required, verdict, b.case, before=b.value)
+
+
+def _range(b: Threshold) -> str:
+    """Return a bound in words, such as ``>= 1 and <= 2`` or ``= 100 exactly``."""
+    if b.tolerance is not None:
+        return f"= {b.value:.12g}" + (f" within {b.tolerance:g} of it" if b.tolerance else " exactly")
+    low = f">= {b.lower:.3g}" if math.isfinite(b.lower) else ""
+    high = f"<= {b.upper:.3g}" if math.isfinite(b.upper) else ""
+    return " and ".join(filter(None, (low, high)))

@@ -1,0 +1,122 @@
+"""Format the result of the gate: JUnit XML and annotations for CI, Markdown for a merge request."""
+
+import math
+import re
+from typing import Any
+from xml.etree import ElementTree
+
+from ...results.findings import Finding, MeasuredQuantity, RequiredLimits, Verdict
+from .check import STATES, GateFindings, has_moved
+
+LEFT_OUT = {Verdict.XFAIL: "expected to fail: ", Verdict.OPEN: ""}  # verdicts that JUnit calls skipped, with a prefix
+NOT_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")  # characters that XML 1.0 cannot hold
+
+
+JUNIT_BEGUN = (  # written for a gate that has no verdict yet
+    '<?xml version="1.0" encoding="UTF-8"?>\n<testsuites tests="1" failures="1" errors="0" skipped="0">'
+    '<testsuite name="gate" tests="1" failures="1" errors="0" skipped="0"><testcase classname="gate" name="verdict">'
+    '<failure type="FAIL" message="not finished">the gate was ended before its verdict</failure></testcase>'
+    "</testsuite></testsuites>\n"
+)
+MARKDOWN_BEGUN = "## Gate: not finished\n\nIt was ended before its verdict, or is still at work.\n"
+
+
+def format_junit(result: GateFindings, suite: str) -> str:
+    """Return the result as JUnit XML with a test case for each finding.
+
+    FAIL and XPASS become failures, XFAIL and SKIP are skipped; a gate that judged nothing has one failure.
+    """
+    nothing = Finding(MeasuredQuantity("gate"), RequiredLimits(why="nothing judged"), Verdict.FAILED, suite)
+    findings = result.findings if any(f.is_tested for f in result.findings) else (*result.findings, nothing)
+    closed, skipped = sum(not f.holds for f in findings), sum(f.verdict in LEFT_OUT for f in findings)
+    counts = {"tests": str(len(findings)), "failures": str(closed), "errors": "0", "skipped": str(skipped)}
+    root = ElementTree.Element("testsuites", counts)
+    group = ElementTree.SubElement(root, "testsuite", {"name": _xml(f"gate {suite}"), **counts})
+    for f in findings:
+        named = {"classname": _xml(f.subject), "name": _xml(f.measured.quantity)}
+        case = ElementTree.SubElement(group, "testcase", named)
+        if f.verdict in LEFT_OUT:
+            ElementTree.SubElement(case, "skipped", {"message": _xml(f"{LEFT_OUT[f.verdict]}{f.required.why}")})
+        elif not f.holds:
+            kind = {"type": STATES[f.verdict], "message": _xml(_describe(f))}
+            ElementTree.SubElement(case, "failure", kind).text = _xml(f.required.why)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def format_markdown(result: GateFindings, suite: str) -> str:
+    """Return Markdown for a merge request: a headline, and a table of findings that did not pass or have moved."""
+    out = [f"## Gate `{suite}`: {result.headline}", "", f"{result.summary}.", ""]
+    if result.notable:
+        out += ["| state | case | metric | measured | was | bound | unit | why |", "|---|---|---|---|---|---|---|---|"]
+        for row in map(_flatten, result.notable):
+            numbers = {k: "" if math.isnan(row[k]) else f"{row[k]:.4g}" for k in ("measured", "value")}
+            texts = {**row, **numbers, "why": "moved" if row["state"] == "PASS" else row["why"]}
+            shown = ("state", "case", "metric", "measured", "value", "bound", "unit", "why")
+            out.append("| " + " | ".join(_markdown(texts[k]) for k in shown) + " |")
+        out.append("")
+    return "\n".join(out)
+
+
+def format_annotations(result: GateFindings, suite: str) -> list[str]:
+    """Return an error command of GitHub Actions for each case that closes the gate, with its first cause."""
+    closing: dict[str, list[Finding]] = {}
+    for f in result.findings:
+        if not f.holds:
+            closing.setdefault(f.subject, []).append(f)
+    out = []
+    for case, (first, *more) in closing.items():
+        words = _describe(first) + (f" (and {len(more)} more of this run)" if more else "")
+        out.append(f"::error title={_escape(f'gate {suite}: {case}', ':,')}::{_escape(words)}")
+    return out
+
+
+def _escape(text: str, more: str = "") -> str:
+    """Escape the characters that end a workflow command, and those in ``more``, which end a property of it."""
+    return re.sub(f"[%\r\n{more}]", lambda found: f"%{ord(found[0]):02X}", text)
+
+
+def make_json_object(result: GateFindings, suite: str) -> dict[str, Any]:
+    """Return the result as a dict for ``--json``."""
+    head = {
+        "suite": suite,
+        "open": result.is_open,
+        "state": STATES[result.verdict],
+        "counts": result.counts,
+        "cases": result.cases,
+        "not_measured": dict(result.absent),
+    }
+    return {**head, "findings": [_flatten(f) for f in result.findings]}
+
+
+def _flatten(f: Finding) -> dict[str, Any]:
+    """Return a finding as plain values by name, for ``--json`` and the table of Markdown."""
+    return {
+        "state": STATES[f.verdict],
+        "case": f.subject,
+        "metric": f.measured.quantity,
+        "measured": f.measured.value,
+        "value": f.before,
+        "bound": f.required.words,
+        "unit": f.measured.unit,
+        "why": f.required.why,
+        "moved": has_moved(f),
+    }
+
+
+def _describe(f: Finding) -> str:
+    """Return state, metric, value, bound and earlier value of a finding; without a value, the reason."""
+    if math.isnan(f.measured.value):
+        return f"{STATES[f.verdict]}: {f.required.why}"
+    number = f"{f.measured.value:.6g} {f.measured.unit}, bound {f.required.words}, was {f.before:.6g}"
+    return f"{STATES[f.verdict]}: {f.measured.quantity} is {number}"
+
+
+def _markdown(text: str) -> str:
+    """Return a text on one line, with the characters escaped that have a meaning in Markdown."""
+    return re.sub(r"([\\|<>`*_\[\]])", r"\\\1", " ".join(text.split()))
+
+
+def _xml(text: str) -> str:
+    """Return a text with ``?`` in place of characters that XML cannot hold."""
+    return NOT_XML.sub("?", text)

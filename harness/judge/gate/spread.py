@@ -1,0 +1,112 @@
+"""Widen bounds by how far rounding alone moves a run, as measured by repeats.
+
+One sample says little about a number that rounding moves: under error control it may change which steps are accepted;
+at a fixed step it should change next to nothing, which has to be measured. The new bounds enclose all samples by the
+width that they would have around one.
+"""
+
+import math
+import statistics
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from msgspec import structs
+
+from ...mechanics.types import Status
+from ...results.records import RunRecord
+from .thresholds import FINGERPRINT, FIXED_STEP, Spread, Threshold, Thresholds, propose_bounds, round_to_four_digits
+
+
+@dataclass(frozen=True)
+class SpreadSample:
+    """A record of a case, and the kind of rounding that changed its run; empty for the unchanged run."""
+
+    kind: str
+    record: RunRecord
+
+
+def find_unstable(samples: Mapping[str, Sequence[SpreadSample]]) -> dict[str, str]:
+    """Return the cases whose samples differ in status, with the kinds of rounding that lead to each, in words."""
+    out = {}
+    for case, found in samples.items():
+        kinds: dict[str, Counter[str]] = {}
+        for s in found:
+            kinds.setdefault(s.record.status, Counter())[s.kind or "unchanged"] += 1
+        if len(kinds) > 1:
+            out[case] = "; ".join(f"{status} ({_list_kinds(n)})" for status, n in kinds.items())
+    return out
+
+
+def _list_kinds(kinds: Mapping[str, int]) -> str:
+    """Return counted kinds of rounding in words, such as ``start, 2 x frame``."""
+    return ", ".join(kind if n == 1 else f"{n} x {kind}" for kind, n in kinds.items())
+
+
+def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[SpreadSample]]) -> Thresholds:
+    """Return ``old`` with bounds around all samples of a case, where its own or those of one sample exclude another.
+
+    A bound stays if the value of its threshold is outside the new bounds, which rounding then does not explain, and if
+    rounding decides the status of its case.
+    """
+    unstable = find_unstable(samples)
+    lawful = {c: found for c, found in samples.items() if c not in unstable and Status(found[0].record.status).lawful}
+    bounds = []
+    for was in old.bounds:
+        found = [(s.kind, b) for s in lawful.get(was.case, ()) for b in _propose_bound(was, s)]
+        around = _widen_around(was, found, lawful[was.case][0].record.control) if found else None
+        bounds.append(around if around and around.holds(was.value) else was)
+    return structs.replace(old, bounds=tuple(bounds), spread=_summarise(lawful) or old.spread)
+
+
+def _propose_bound(was: Threshold, s: SpreadSample) -> list[Threshold]:
+    """Return the bound that one sample alone proposes for the metric of ``was``, as a list of at most one."""
+    found = propose_bounds([replace(s.record, case=was.case)])
+    return [b for b in found if b.metric == was.metric]
+
+
+def _widen_around(was: Threshold, found: Sequence[tuple[str, Threshold]], control: str) -> Threshold | None:
+    """Return ``was`` widened to all bounds in ``found``; None if bounds around each sample hold for all samples.
+
+    ``found`` are the bounds around each sample, with its kind of rounding; ``control`` is ``dt`` or ``rtol``.
+    """
+    values = [b.value for _, b in found]
+    bounds = (was,) if was.samples > 1 else (was, *(b for _, b in found))
+    if was.tolerance is not None or all(b.holds(value) for b in bounds for value in values):
+        return None
+    low, high = min(values), max(values)
+    words = "fixed step" if control == "dt" else "error control"
+    kinds = ", ".join(sorted({kind for kind, _ in found if kind}))
+    reason = f"{words}: {len(found)} runs that differ by rounding ({kinds}) gave {low:.3g} to {high:.3g}"
+    lower = min(b.lower for _, b in found) if was.lower > -math.inf else was.lower
+    upper = max(b.upper for _, b in found) if was.upper < math.inf else was.upper
+    return structs.replace(
+        was,
+        value=round_to_four_digits(statistics.median(values)),
+        upper=upper,
+        lower=lower,
+        samples=len(found),
+        reason=reason,
+    )
+
+
+def _summarise(lawful: Mapping[str, Sequence[SpreadSample]]) -> Spread | None:
+    """Return the number and kinds of repeats, and the largest ratio by which rounding changed a number at a fixed step.
+
+    The ratio is of the largest to the least value, of numbers with bounds by ``FIXED_STEP``. None without repeats.
+    """
+    kinds = sorted({s.kind for found in lawful.values() for s in found if s.kind})
+    if not kinds:
+        return None
+    most, case = 1.0, ""
+    for name, found in lawful.items():
+        values: dict[str, list[float]] = {}
+        for s in found:
+            for b in propose_bounds([s.record]):
+                if b.reason == FIXED_STEP.reason:
+                    values.setdefault(b.metric, []).append(float(getattr(s.record, b.metric)))
+        for metric, all_of_it in values.items():
+            if metric != FINGERPRINT and (ratio := max(all_of_it) / min(all_of_it)) > most:
+                most, case = ratio, f"{name} {metric}"
+    samples = min(len(found) for found in lawful.values())
+    return Spread(samples, tuple(kinds), float(f"{most:.6g}"), case)

@@ -1,0 +1,377 @@
+"""Measure a trajectory: one code for every solver, from (t, r, R, v, Omega) alone.
+
+``measure`` gives the series; the columns of a record are read off them in ``harness.judge.metrics.summary``.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...mechanics import so3
+from ...mechanics.index1 import is_dense
+from ...mechanics.motion import constraint, constraint_energy_norm, constraint_rate, energy, measure_gaps
+from ...mechanics.projection import find_arms
+from ...mechanics.state import States
+from ...mechanics.system import MultibodySystem
+from ...mechanics.torsion import follow_turns
+from ...mechanics.types import GROWN, JUDGED, PREDICTABLE, Law, Problem, Reference, Trajectory
+from ...mechanics.work import compute_work
+from ...reference.computation import explain_end, find_reference
+from .mechanisms import extract_part, extract_state, extract_states, split_mechanisms
+from .passages import list_passages
+from .reactions import choose_instants, compute_exact_loads, compute_loads_on_bodies
+from .rows import interpolate_rows, is_motion, measure_kinematic_defect
+from .scales import (
+    KINETIC,
+    STATES,
+    RunSizes,
+    Scales,
+    find_scales,
+    load_compiled,
+    measure_displacement,
+    measure_reach,
+    measure_speeds,
+    split_into_blocks,
+)
+from .truncation import Truncation, measure_truncation, measure_unexplained_velocity
+
+JOINTS = (Law.CONSTRAINT, Law.CONSTRAINT_RATE)  # laws that are not judged for a literal start, which opens the joints
+KNOWN = 1e-6  # minimum horizon of a problem's own reference, as a fraction of t_end
+FEW = 150  # most instants at which reactions of a large system are compared
+RESOLVED = 0.5  # kinematic defect above which the steps may be too long to show an error
+PATH = 0.01  # share of the length scale that is added to a path, so that a body at rest has no defect
+# times at which the motion between steps is compared: over 25 periods the largest error is found to 1.2 % (half: 5 %)
+BETWEEN = 501
+
+
+@dataclass(frozen=True)
+class JudgedBodies:
+    """A set of bodies with the residuals of their laws, and the scales that residuals are compared with."""
+
+    bodies: Int[np.ndarray, " n"]  # numbers of the bodies
+    size: Scales
+    laws: Mapping[Law, Float[np.ndarray, " nt"]]  # residuals that are zero at each time in the exact motion
+
+
+@dataclass(frozen=True)
+class MeasuredSeries:
+    """The series measured at all accepted steps, (nt,) each.
+
+    Comparisons with the reference are NaN beyond its horizon, and None without a reference.
+    """
+
+    t: Float[np.ndarray, " nt"]
+    size: Scales
+    mechanisms: tuple["JudgedBodies", ...]  # each with its own scales; a single one is the whole system
+    energy: Float[np.ndarray, " nt"]  # T + V [J]
+    energy_error: Float[np.ndarray, " nt"]  # T + V less its initial value and the work, as far as that is certain
+    phi_norm: Float[np.ndarray, " nt"]  # |phi| of all rows, each in its own unit
+    phi_dot_norm: Float[np.ndarray, " nt"]  # |phi_dot|
+    eq81_norm: Float[np.ndarray, " nt"]  # [sqrt(J)] the norm of phi_dot, Eq. (81)
+    orthogonality: Float[np.ndarray, " nt"]  # |R^T R - 1|, worst body
+    steps_of_unknown_work: int = 0  # steps over which energy is not judged
+    out_of_plane: Float[np.ndarray, " nt"] | None = None  # [m] worst body, of planar problems
+    position_error: Float[np.ndarray, " nt"] | None = None  # [m] this and the next four: worst body
+    orientation_error: Float[np.ndarray, " nt"] | None = None  # [rad]
+    motion_error: Float[np.ndarray, " nt"] | None = (
+        None  # position and orientation in one: ``scales.measure_displacement``
+    )
+    velocity_error: Float[np.ndarray, " nt"] | None = None  # [m/s]
+    angular_velocity_error: Float[np.ndarray, " nt"] | None = None  # [rad/s]
+    reference_own_error: Float[np.ndarray, " nt"] | None = None  # [m] as the reference states it
+    rate_error: Float[np.ndarray, " nt"] | None = None  # error of velocities, rms over a body's matter [m/s]
+    kinematic_defect: float = float("nan")  # share of the path, worst body (module ``rows``)
+    kinematic_exact: float = 0.0  # the same of the exact motion at these times, where the run's exceeds ``RESOLVED``
+    truncation: Truncation = field(default_factory=Truncation)  # filled where there is a reference
+    motion_between: float = float("nan")  # [m] largest motion error between steps, while the motion is predictable
+    motion_between_s: float = float("nan")  # when
+    reaction_error: float = float("nan")  # [N], largest at the instants compared
+    reaction_error_s: float = float("nan")  # when
+    reaction_size: float = float("nan")  # [N] the exact force at that instant
+    reaction_size_s: float = float("nan")
+    moment_error: float = float("nan")  # [N m] error of the joints' moment on a body about its C, at the same instants
+    moment_error_s: float = float("nan")
+    moment_size: float = float("nan")  # [N m] the exact moment, or that of its force at the farthest joint
+    moment_size_s: float = float("nan")
+    reference_route: str = ""
+    reference_horizon: float = float("nan")
+    observables: dict[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
+    reference_observables: dict[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
+    invariants: dict[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # remarks on singular poses passed, and on a reference that ends early
+
+
+def measure(problem: Problem, trajectory: Trajectory) -> MeasuredSeries:
+    """Measure a trajectory of a problem: residuals of laws, errors against the reference, observables at each step.
+
+    Raise ValueError if the problem's own reference ends too early or states too large an error.
+    """
+    t, s = np.asarray(trajectory.t, dtype=float), trajectory.states
+    reference = find_reference(problem)
+    if reference is not None:
+        _check_horizon(problem, reference)
+    with np.errstate(all="ignore"):  # a motion may have blown up: its infinities are the result
+        whole, E, drift, eq81, phi, phi_dot, unknown = _judge_laws(
+            problem, reference, t, s, np.arange(problem.system.nb)
+        )
+        found = split_mechanisms(problem.system)
+        each = (whole,) if len(found) == 1 else tuple(_judge_laws(problem, reference, t, s, b)[0] for b in found)
+        at_home = problem.home(s)
+        defect = find_largest(measure_kinematic_defect(problem.system, t, s, PATH * whole.size.length))
+        return MeasuredSeries(
+            t,
+            whole.size,
+            each,
+            E,
+            drift,
+            phi,
+            phi_dot,
+            eq81,
+            whole.laws[Law.ORTHOGONALITY],
+            unknown,
+            kinematic_defect=defect,
+            kinematic_exact=_exact_defect(problem, reference, t, whole.size.length) if defect > RESOLVED else 0.0,
+            out_of_plane=_out_of_plane(problem, at_home),
+            observables={o.name: np.asarray(o.of(at_home), dtype=float) for o in problem.observables},
+            invariants={i.name: np.asarray(i.of(at_home), dtype=float) for i in problem.invariants},
+            notes=(*list_passages(problem.system, t, s), *explain_end(reference)),
+            **_compare_with_reference(problem, reference, trajectory, _shares(whole, each), whole.size),
+        )
+
+
+def _exact_defect(problem: Problem, reference: Reference | None, t: np.ndarray, length: float) -> float:
+    """Return the kinematic defect of the exact motion sampled at the times of a run: the part that long steps explain.
+
+    ``length`` [m] is the length scale. Zero if the reference is missing or covers less than half of the steps.
+    """
+    if reference is None or (n := count_covered(reference, t)) < max(2, 0.5 * len(t)):
+        return 0.0
+    exact = reference.states(np.minimum(t[:n], reference.horizon))
+    return find_largest(measure_kinematic_defect(problem.system, t[:n], exact, PATH * length))
+
+
+def find_largest(a: Float[np.ndarray, " n"]) -> float:
+    """Return max |a|; NaN if empty, infinity if a value is NaN, since a motion that became NaN has no small error."""
+    if len(a) == 0:
+        return math.nan
+    return math.inf if np.any(np.isnan(a)) else float(np.max(np.abs(a)))
+
+
+def _judge_laws(
+    problem: Problem, reference: Reference | None, t: np.ndarray, s: States, bodies: np.ndarray
+) -> tuple[JudgedBodies, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
+    """Evaluate the laws of ``bodies``; return their residuals and scales, and six series and counts of these bodies.
+
+    These are T + V [J]; its change less the work, as far as that is certain [J]; the norm of Eq. (81); |phi|;
+    |phi_dot|; and the number of steps whose work is unknown.
+    """
+    system, start = extract_part(problem.system, bodies), extract_state(problem.initial, bodies)
+    s = follow_turns(system, t, extract_states(s, bodies))
+    some = (s.at(k) for k in split_into_blocks(len(t), len(bodies)))
+    parts = [(*_laws(system, b), measure_reach(system, start, b)) for b in some]
+    E, phi, phi_dot, gap, gap_rate, eq81, defect, rows = (np.concatenate(p) for p in zip(*parts, strict=True))
+    done, unsure, unknown = compute_work(system, t, s, E)
+    drift = E - E[0] - done
+    drift = np.sign(drift) * np.maximum(np.abs(drift) - unsure, 0.0)  # the part that is certain
+    rows[:, KINETIC] -= np.maximum(drift, 0.0)  # energy gained by error was not there to be exchanged
+    laws = {Law.ENERGY: drift, Law.CONSTRAINT: gap, Law.CONSTRAINT_RATE: gap_rate, Law.ORTHOGONALITY: defect}
+    binding = {k: a for k, a in laws.items() if not (problem.literal_start and k in JOINTS)}
+    size = find_scales(problem, reference, RunSizes(rows, binding, count_covered(reference, t)), bodies)
+    return JudgedBodies(bodies, size, laws), E, drift, eq81, phi, phi_dot, int(np.sum(unknown))
+
+
+def _shares(whole: JudgedBodies, each: tuple[JudgedBodies, ...]) -> np.ndarray:
+    """Return, by body (nb,), the length scale of the whole system over that of the body's own mechanism.
+
+    Errors of a body times its share are comparable between mechanisms of different size.
+    """
+    out = np.ones(len(whole.bodies))
+    if len(each) > 1:
+        for one in each:
+            out[one.bodies] = whole.size.length / one.size.length
+    return out
+
+
+def count_covered(reference: Reference | None, t: Float[np.ndarray, " nt"]) -> int:
+    """Return how many of the times lie within the reference's horizon, up to rounding; 0 without a reference."""
+    return 0 if reference is None else int(np.sum(t <= reference.horizon * (1.0 + 1e-12)))
+
+
+def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
+    """Return seven arrays (nt,): T + V [J], five norms of the constraint rows, and the largest |R^T R - 1| of a body.
+
+    The norms are |phi| and |phi_dot| in the rows' own units, both again in metres (phi as ``motion.measure_gaps`` has
+    it), and that of Eq. (81). In metres, an axis row counts by how far it displaces a body's matter: a hinge that opens
+    by 1e-3 rad is negligible on a scale of 1e-5 m, where |phi| is compared with 1e-7 m, and a failure at 1e5 m.
+    """
+    metres = np.ones(system.nrows)
+    metres[system.turning_rows] = np.max(system.gyration)
+    if (fast := load_compiled(len(s) * system.nb)) is not None and fast.covers_rows(system):
+        return fast.evaluate_laws(system, s, metres)
+    phi, phi_dot = constraint(system, s), constraint_rate(system, s)
+    return (
+        energy(system, s),
+        *(np.linalg.norm(a, axis=1) for a in (phi, phi_dot, measure_gaps(system, s) * metres, phi_dot * metres)),
+        constraint_energy_norm(system, s),
+        np.max(so3.orthogonality_defect(s.R), axis=1, initial=0.0),
+    )
+
+
+def _out_of_plane(problem: Problem, at_home: States) -> np.ndarray | None:
+    """Return the largest distance [m] of any C from its plane at the start, (nt,); None if the motion is not planar."""
+    if problem.planar_normal is None:
+        return None
+    normal = problem.planar_normal / np.linalg.norm(problem.planar_normal)
+    away = at_home.r @ normal
+    return np.max(np.abs(away - away[0]), axis=1)
+
+
+def _compare_with_reference(
+    problem: Problem, reference: Reference | None, trajectory: Trajectory, shares: np.ndarray, size: Scales
+) -> dict:
+    """Return the fields of ``MeasuredSeries`` that compare a run with its reference, by name; empty without one.
+
+    ``shares`` are the factors of ``_shares``, ``size`` the scales of the whole system.
+    """
+    if reference is None:
+        return {}
+    t = np.asarray(trajectory.t, dtype=float)
+    s = follow_turns(problem.system, t, trajectory.states)
+    n = count_covered(reference, t)
+    names = (
+        "position_error",
+        "orientation_error",
+        "motion_error",
+        "velocity_error",
+        "angular_velocity_error",
+        "rate_error",
+        "reference_own_error",
+    )
+    series = {k: np.full(len(t), np.nan) for k in names}
+    theirs = {o.name: np.full(len(t), np.nan) for o in problem.observables}
+    for rows in split_into_blocks(n, problem.system.nb):
+        exact = reference.states(np.minimum(t[rows], reference.horizon))
+        series["position_error"][rows] = np.max(np.linalg.norm(s.r[rows] - exact.r, axis=2), axis=1)
+        series["orientation_error"][rows] = np.max(so3.angle_between(s.R[rows], exact.R), axis=1)
+        series["motion_error"][rows] = np.max(shares * measure_displacement(problem.system, s.at(rows), exact), axis=1)
+        series["velocity_error"][rows] = np.max(np.linalg.norm(s.v[rows] - exact.v, axis=2), axis=1)
+        series["angular_velocity_error"][rows] = np.max(np.linalg.norm(s.Omega[rows] - exact.Omega, axis=2), axis=1)
+        apart = States(exact.r, exact.R, s.v[rows] - exact.v, s.Omega[rows] - exact.Omega)
+        series["rate_error"][rows] = np.max(shares * measure_speeds(problem.system, apart), axis=1)
+        series["reference_own_error"][rows] = evaluate_stated_error(reference, t[rows])
+        for name, values in problem.observe(exact).items():
+            theirs[name][rows] = values
+    about = {"reference_route": reference.route, "reference_horizon": float(reference.horizon)}
+    off = _compare_between_rows(problem, reference, t, s, size.length)
+    pull = _reaction_error(problem, reference, t, s, trajectory.reaction)
+    within = count_predictable(t[:n], series["reference_own_error"][:n] / size.length) if n else 0
+    away = series["motion_error"][:within] + series["reference_own_error"][:within]
+
+    def exact_at(rows: np.ndarray) -> States:
+        """Return the exact motion at these rows; springs keep the angles of the run, which count whole turns."""
+        there = reference.states(np.minimum(t[rows], reference.horizon))
+        return there if s.angles is None else there.with_angles(s.angles[rows])
+
+    steps = measure_truncation(problem.system, t, s, trajectory.reaction, size.speed, size.length, exact_at, n)
+    turn = np.fmax(steps.rate, float(np.max(np.linalg.norm(s.Omega[:within], axis=2), initial=0.0)))
+    more = measure_unexplained_velocity(t[:within], away, series["rate_error"][:within], size.speed, float(turn))
+    pull["truncation"] = replace(steps, velocities=float(np.fmax(steps.velocities, more)))
+    return {**series, **off, **pull, **about, "reference_observables": theirs}
+
+
+def _check_horizon(problem: Problem, reference: Reference) -> None:
+    """Raise ValueError if a problem's own reference ends too early to judge by.
+
+    A computed reference may end early, where its two routes diverge.
+    """
+    least = KNOWN * problem.t_end if problem.reference_from is not None else 0.0
+    if not reference.horizon >= least:
+        raise ValueError(f"the horizon of the reference must be at least {least:g} s (got {reference.horizon:g})")
+
+
+def evaluate_stated_error(reference: Reference, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+    """Return the reference's bound on its own error (nt,) [m]; raise ValueError unless it is finite at each time."""
+    own = np.asarray(reference.error(t), dtype=float)
+    if own.shape != t.shape or not np.all((own >= 0.0) & (own < math.inf)):
+        raise ValueError("the error that a reference states must be a finite number >= 0 [m] at each time")
+    return own
+
+
+def _compare_between_rows(
+    problem: Problem, reference: Reference, t: np.ndarray, s: States, length: float
+) -> dict[str, float]:
+    """Return the largest motion error between recorded steps [m] and its time [s], by the names of their fields.
+
+    The recorded motion is interpolated at evenly spaced times while the exact one is predictable; ``length`` [m] is the
+    length scale. Empty for a motion that is not finite. Raise ValueError if the exact motion is predictable nowhere.
+    """
+    end = min(problem.t_end, reference.horizon, float(t[-1]))
+    if len(t) < 2 or not end > 0.0 or not is_motion(s):
+        return {}
+    at = np.linspace(0.0, end, BETWEEN)
+    at = at[: count_predictable(at, evaluate_stated_error(reference, at) / length)]
+    if len(at) == 0:
+        raise ValueError(
+            f"the reference's stated error is too large to judge any run (motion amplitude {length:.3g} m)"
+        )
+    some = (
+        (interpolate_rows(t, s, at[k]), reference.states(at[k])) for k in split_into_blocks(len(at), problem.system.nb)
+    )
+    away = np.concatenate([np.max(measure_displacement(problem.system, *both), axis=1) for both in some])
+    worst = int(np.argmax(away))  # the first NaN, if there is one
+    return {"motion_between": find_largest(away), "motion_between_s": float(at[worst])}
+
+
+def count_predictable(t: Float[np.ndarray, " nt"], own: Float[np.ndarray, " nt"]) -> int:
+    """Return how many times from the start the reference is accurate enough for errors to be judged.
+
+    ``own`` is the reference's stated error over the length scale: it must stay below ``PREDICTABLE``, or below
+    ``JUDGED`` without growing by more than ``GROWN`` since a tenth of the time.
+    """
+    tenth = np.maximum(np.searchsorted(t, 0.1 * t, side="right") - 1, min(1, len(t) - 1))
+    steady = (own <= JUDGED) & (own <= GROWN * own[tenth])
+    return int(np.sum(np.cumprod((own <= PREDICTABLE) | steady)))
+
+
+def _reaction_error(
+    problem: Problem, reference: Reference, t: np.ndarray, s: States, reaction: np.ndarray | None
+) -> dict:
+    """Return the largest errors of joint force and moment on a body, the largest exact ones, and their times, by field.
+
+    Empty if the solver or the reference has no reactions. Where moments about C are small, as for a mass at the end of
+    a rod, the size of a moment is that of the force at the arm of the body's farthest joint.
+    """
+    system = problem.system
+    if reaction is None or system.nj == 0:
+        return {}
+    rows = choose_instants(t, reference.horizon)
+    rows = rows[:: 1 + len(rows) * system.nb // STATES]
+    rows = rows if is_dense(system) else rows[:: 1 + len(rows) // FEW]
+    found = compute_loads_on_bodies(system, np.asarray(reaction, dtype=float)[rows], s.at(rows))
+    known = ~np.any(np.isnan(found), axis=(1, 2))
+    if not np.any(known):
+        return {}
+    at = t[rows[known]]
+    there = reference.states(at)
+    if s.angles is not None:
+        there = there.with_angles(s.angles[rows[known]])
+    exact = compute_exact_loads(system, there)
+    sure = ~np.any(np.isnan(exact), axis=(1, 2))
+    if not np.any(sure):
+        return {}
+    out: dict[str, float] = {}
+    off = (found[known] - exact)[sure]
+    forces, moments = (np.linalg.norm(exact[sure][..., part], axis=2) for part in (slice(3), slice(3, 6)))
+    for name, of_bodies in (
+        ("reaction_error", np.linalg.norm(off[..., :3], axis=2)),
+        ("reaction_size", forces),
+        ("moment_error", np.linalg.norm(off[..., 3:], axis=2)),
+        ("moment_size", np.maximum(moments, find_arms(system) * forces)),
+    ):
+        worst = np.max(of_bodies, axis=1)
+        k = int(np.argmax(worst))
+        out |= {name: float(worst[k]), f"{name}_s": float(at[sure][k])}
+    return out

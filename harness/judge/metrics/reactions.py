@@ -1,0 +1,83 @@
+"""Compute joint forces and moments from recorded reactions, and those of the exact motion from its states."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...mechanics.index1 import is_dense, solve_index_1
+from ...mechanics.motion import list_jacobian_parts
+from ...mechanics.projection import disturb_poses, find_arms, project_poses
+from ...mechanics.state import States
+from ...mechanics.system import MultibodySystem
+
+SAMPLES = 250  # instants at which reactions are compared, at most
+FINEST, SURE = 1e-9, 1e-3  # relative change of a pose, and the relative change of exact loads that it may cause
+
+
+def find_largest_joint_force(
+    system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"]
+) -> Float[np.ndarray, " nt"]:
+    """Return the largest force [N] in any joint at each time: the norm of its rows' reactions except torques.
+
+    NaN where reactions are NaN.
+    """
+    square = np.zeros((len(reaction), system.nj))
+    joint = np.repeat(np.arange(system.nj), system.joint_rows)
+    for row in np.setdiff1d(np.arange(system.nrows), system.turning_rows):
+        square[:, joint[row]] += reaction[:, row] ** 2
+    return np.sqrt(np.max(square, axis=-1, initial=0.0))
+
+
+def compute_forces_on_bodies(
+    system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"], s: States
+) -> Float[np.ndarray, "nt nb 3"]:
+    """Sum the forces of all joints on each body [N], space frame, from the reactions of the constraint rows.
+
+    The sum is unique even where redundant joints share it arbitrarily.
+    """
+    return compute_loads_on_bodies(system, reaction, s)[:, :, :3]
+
+
+def compute_moments_on_bodies(
+    system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"], s: States
+) -> Float[np.ndarray, "nt nb 3"]:
+    """Sum the moments of all joints on each body about its C [N m], body frame, those of axis rows included."""
+    return compute_loads_on_bodies(system, reaction, s)[:, :, 3:]
+
+
+def compute_loads_on_bodies(
+    system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"], s: States
+) -> Float[np.ndarray, "nt nb 6"]:
+    """Return A^T reaction by body: the joints' force [N, space] and moment about C [N m, body]."""
+    out = np.zeros((len(reaction), system.nb, 6))
+    for body, rows, *parts in list_jacobian_parts(system, s):
+        part = np.concatenate(parts, axis=-1)
+        for k, b in enumerate(body):
+            out[:, b] += reaction[:, rows[k], None] * part[:, k]
+    return out
+
+
+def compute_exact_loads(system: MultibodySystem, exact: States) -> Float[np.ndarray, "nt nb 6"]:
+    """Return the sum of joint loads on each body in the exact motion: force [N, space], moment about C [N m, body].
+
+    The loads are those of index 1 at the exact states, projected onto the constraints. They are NaN where that is
+    ill-conditioned: where a change of the pose by ``FINEST`` of the longest joint arm changes them by more than a
+    thousandth of the largest. Systems with sparse rows are not checked, which would take longer than all else.
+    """
+    near = project_poses(system, exact)
+    load = solve_index_1(system, near).load
+    if not is_dense(system):
+        return load
+    arms = find_arms(system)
+    moved = disturb_poses(system, near, np.full(len(near), FINEST * float(np.max(arms))), seed=0)
+    weight = np.repeat(np.stack([np.ones(system.nb), 1.0 / arms], axis=1), 3, axis=1)  # moments as forces at the arm
+    size = np.max(np.abs(weight * load), axis=(1, 2), initial=0.0)
+    apart = np.max(np.abs(weight * (solve_index_1(system, moved).load - load)), axis=(1, 2))
+    load[~(apart <= SURE * np.nanmax(size, initial=0.0))] = np.nan
+    return load
+
+
+def choose_instants(t: Float[np.ndarray, " nt"], horizon: float) -> Int[np.ndarray, " n"]:
+    """Pick at most ``SAMPLES`` steps for reactions, evenly after the start and up to ``horizon`` [s]."""
+    inside = np.flatnonzero((t > 0.0) & (t <= horizon))
+    pick = np.linspace(0, len(inside) - 1, min(SAMPLES, len(inside))).round().astype(np.int64)
+    return inside[pick]

@@ -1,0 +1,381 @@
+"""Compare a run's velocities, accelerations and joint loads with its own poses and with the equations of motion.
+
+At sampled rows, velocities are compared with difference quotients of the poses, accelerations of index 1 with
+difference quotients of the velocities, and recorded joint loads with those of index 1. The bound on an error is the
+change of the rate from the quotient before the row to the one after it: about the error of a method of first order. A
+ratio above 1, of the sum of errors to the sum of bounds, is more than the step size explains. Rates are those of a
+body's matter in space, since a steady spin has constant components in the body frame.
+
+Index 1 is evaluated at the recorded velocities, and at the recorded poses projected onto their constraints. False
+gravity, scaled velocities and false reactions show, however small, once steps are fine enough. Where steps are too
+long, the exact motion at the same rows has as large a ratio, which excuses the run. Rows are not judged where moving
+the pose by its own error changes the largest acceleration or load by a tenth.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...mechanics import so3
+from ...mechanics.index1 import Index1, solve_index_1
+from ...mechanics.projection import disturb_poses, find_arms, project_poses
+from ...mechanics.state import States
+from ...mechanics.system import MultibodySystem
+from ...mechanics.types import ACCURATE
+from .reactions import compute_loads_on_bodies
+from .scales import measure_displacement
+
+SAMPLES = 100  # most rows examined
+LEAST, PRODUCTS = 4, 2e8  # fewest rows examined; bound on nrows^2 6 nb times the rows, for large systems
+RESOLVED = 0.5  # [rad] largest rotation over a step: difference quotients of longer steps mean nothing
+TOLD = ACCURATE["accurate_until_1pct_s"]  # share of a speed, acceleration or load below which an error does not count
+ROUNDINGS = 64.0  # rounding error of a difference of poses, in units of the last place
+SURE = 0.1  # a bound is at least the change of an acceleration or load by its pose's own error, divided by this
+FINEST, COARSEST = 1e-9, 1e-3  # range of a pose's own error, as shares of the length scale; a larger one is a fault
+KNOWN = 0.1  # share of the largest acceleration or load: one that the pose's error changes by more is not judged
+DECIDED = 0.9  # share of the rows that must be known for a ratio to be computed
+MOST = 2.0  # largest error of a row that counts, in units of the largest acceleration or load
+SEEDS = (0, 1)  # random seeds of the two changes of a pose
+TWICE = 2.0  # multiple of the exact motion's ratio that a run may have
+COVERED = 0.5  # share of the rows where the exact motion must be known to excuse a run
+
+
+@dataclass(frozen=True)
+class Truncation:
+    """The errors of rates relative to what the step size explains, worst body; NaN where nothing is known."""
+
+    velocities: float = float("nan")  # against poses, or ``measure_unexplained_velocity`` if that is larger
+    accelerations: float = float("nan")  # of index 1, against difference quotients of velocities
+    reactions: float = float("nan")  # as joint loads on bodies, against those of index 1
+    rate: float = float("nan")  # [1/s] the largest acceleration of a body over the largest speed
+    rows: int = 0  # rows examined
+    unsure: int = 0  # rows where accelerations of index 1 are uncertain; counted only where a ratio exceeds 1
+    unsure_loads: int = 0  # rows where accelerations or loads are uncertain
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """The errors relative to what the step size explains, by name: velocities, accelerations, reactions."""
+        return {"velocities": self.velocities, "accelerations": self.accelerations, "reactions": self.reactions}
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The n rows examined, with difference quotients of poses and velocities to both sides, (n, nb, 6) each."""
+
+    system: MultibodySystem
+    near: list[States]  # states before, at and after the rows, projected onto the constraints
+    here: States  # states at the rows, as recorded
+    v: np.ndarray  # (v, Omega) as recorded
+    sides: tuple[np.ndarray, np.ndarray]  # constant (v, Omega) over the steps before and after
+    quotients: tuple[np.ndarray, np.ndarray]  # difference quotients of (v, Omega)
+    h: tuple[np.ndarray, np.ndarray]  # [s] the steps before and after
+    before_and_after: tuple[States, States]  # states before and after, as recorded
+
+
+def measure_truncation(
+    system: MultibodySystem,
+    t: Float[np.ndarray, " nt"],
+    s: States,
+    reaction: Float[np.ndarray, "nt nrows"] | None,
+    speed: float,
+    length: float,
+    exact: Callable[[np.ndarray], States] | None = None,
+    covered: int = 0,
+) -> Truncation:
+    """Return the summed errors over the summed bounds, of velocities, accelerations and reactions, of the worst body.
+
+    Errors and bounds are those of the module's docstring; above 1 an error is more than the step size explains.
+    Accelerations are those of index 1, not the run's own. If one of accelerations or reactions exceeds its bound, both
+    bounds are widened by the effect of the poses' own errors. If velocities or accelerations still exceed theirs, the
+    exact motion excuses them where it is known. A ratio is NaN with fewer than three rows, for a system at rest, and
+    for reactions where none are recorded.
+
+    ``speed`` [m/s] is the largest of the motion, ``length`` [m] its length scale; ``exact`` returns the exact motion at
+    given rows and is known at the first ``covered`` ones.
+    """
+    k = _steps(system, t, s)
+    if len(k) < 3 or not speed > 0.0:
+        return Truncation()
+    slow = speed / float(t[-1] - t[0])  # [m/s2] acceleration that reaches the speed over the whole run
+    size = np.max(np.abs(s.r), initial=0.0) + np.max(system.gyration)
+    rows = _compare(system, t, s, k)
+    found = [solve_index_1(system, x) for x in rows.near]
+    recorded = None if reaction is None or not system.nj else [reaction[k + d] for d in (-1, 0, 1)]
+    no_widening, every = np.zeros((len(k), system.nb)), np.ones(len(k), dtype=bool)
+    accelerations, largest = _compare_accelerations(rows, found, slow, no_widening, every)
+    out = Truncation(
+        _ratio(*_compare_velocities(rows, speed, size)),
+        accelerations,
+        _compare_reactions(rows, found, recorded, slow, no_widening, every),
+        float(np.max(largest, initial=0.0, where=np.isfinite(largest))) / speed,
+        len(k),
+    )
+    if max(np.nan_to_num([out.accelerations, out.reactions])) > 1.0 or not np.all(np.isfinite(largest)):
+        out = _widen_by_pose_errors(out, rows, found, recorded, slow, largest, length)
+    known = k[k + 1 < covered]
+    enough = len(known) >= max(3, COVERED * len(k))
+    if exact is not None and enough and max(np.nan_to_num([out.velocities, out.accelerations])) > 1.0:
+        out = _excuse_by_exact_motion(out, system, t, known, exact, (speed, size, slow))
+    return out
+
+
+def _widen_by_pose_errors(
+    out: Truncation,
+    rows: _Rows,
+    found: list[Index1],
+    recorded: list[np.ndarray] | None,
+    slow: float,
+    largest: np.ndarray,
+    length: float,
+) -> Truncation:
+    """Return ``out`` with bounds on accelerations and reactions that allow for the errors of the poses themselves.
+
+    Each pose is moved twice at random by its own distance from the constraints. A bound is at least the change that
+    this makes, over ``SURE``; rows where it makes more than ``KNOWN`` of the ``largest`` acceleration [m/s2] or load
+    are left out and counted.
+    """
+    system = rows.system
+    own = np.max(measure_displacement(system, rows.here, rows.near[1]), axis=1, initial=FINEST * length)
+    own = np.minimum(own, COARSEST * length)
+    moved = [solve_index_1(system, disturb_poses(system, rows.near[1], own, seed)) for seed in SEEDS]
+    a, load, Omega = found[1].a, found[1].load, rows.here.Omega
+    field = _make_matter_rates(a, Omega, _repeat_identity(a))
+    change = np.max(
+        [_matter(system, _make_matter_rates(x.a, Omega, _repeat_identity(a)) - field) for x in moved], axis=0
+    )
+    known = np.all(change <= KNOWN * largest, axis=1)  # false where it is no number, too
+    accelerations, _ = _compare_accelerations(rows, found, slow, change / SURE, known)
+    out = replace(out, accelerations=accelerations, unsure=int(np.sum(~known)))
+    if recorded is None:
+        return out
+    change = np.max([_weight(system, x.load - load) for x in moved], axis=0)
+    known &= np.all(change <= KNOWN * _largest_load(system, load, slow), axis=1)
+    reactions = _compare_reactions(rows, found, recorded, slow, change / SURE, known)
+    return replace(out, reactions=reactions, unsure_loads=int(np.sum(~known)))
+
+
+def _excuse_by_exact_motion(
+    out: Truncation,
+    system: MultibodySystem,
+    t: np.ndarray,
+    k: np.ndarray,
+    exact: Callable[[np.ndarray], States],
+    sizes: tuple[float, float, float],
+) -> Truncation:
+    """Return ``out`` with the ratios of velocities and accelerations divided by twice those of the exact motion.
+
+    They are divided where twice the exact motion's ratio at the rows ``k`` is above 1: steps too long to judge rates.
+    ``sizes`` are the largest speed [m/s], the size of the system [m] and ``slow`` [m/s2].
+    """
+    speed, size, slow = sizes
+    around = np.unique(np.concatenate((k - 1, k, k + 1)))
+    same = _compare(system, t[around], exact(around), np.searchsorted(around, k))
+    found = [solve_index_1(system, x) for x in same.near]
+    every, no_widening = np.ones(len(k), dtype=bool), np.zeros((len(k), system.nb))
+    velocities = _ratio(*_compare_velocities(same, speed, size))
+    accelerations, _ = _compare_accelerations(same, found, slow, no_widening, every)
+    return replace(
+        out,
+        velocities=out.velocities / np.fmax(1.0, TWICE * velocities),
+        accelerations=out.accelerations / np.fmax(1.0, TWICE * accelerations),
+    )
+
+
+def _compare(system: MultibodySystem, t: np.ndarray, s: States, k: np.ndarray) -> _Rows:
+    """Return the rows ``k`` with the difference quotients of poses and velocities to both sides."""
+    before, here, after = rows = [s.at(k + d) for d in (-1, 0, 1)]
+    h1, h2 = ((t[k + d] - t[k + d - 1])[:, None, None] for d in (0, 1))
+    quotients = tuple((_velocities(y) - _velocities(x)) / h for x, y, h in ((before, here, h1), (here, after, h2)))
+    return _Rows(
+        system,
+        [project_poses(system, x) for x in rows],
+        here,
+        _velocities(here),
+        (_rates(before, here, h1), _rates(here, after, h2)),
+        (quotients[0], quotients[1]),
+        (h1, h2),
+        (before, after),
+    )
+
+
+def _halve_rotations(rows: _Rows) -> list[np.ndarray]:
+    """Return each body's rotations (n, nb, 3, 3) from the row to the middles of the steps before and after."""
+    return [so3.exp(sign * 0.5 * h * x[..., 3:]) for sign, h, x in zip((-1.0, 1.0), rows.h, rows.sides, strict=True)]
+
+
+def _mean(rows: _Rows, pair: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Return the slope at the middle row of the parabola through three rows, from the two difference quotients."""
+    h1, h2 = rows.h
+    return np.asarray((h2 * pair[0] + h1 * pair[1]) / (h1 + h2))
+
+
+def _rounding(rows: _Rows) -> np.ndarray:
+    """Return the rounding error [1/s] of a difference quotient, as a fraction of the poses' size (n, 1)."""
+    return np.asarray((np.finfo(float).eps * ROUNDINGS / np.minimum(*rows.h))[..., 0])
+
+
+def _compare_velocities(rows: _Rows, speed: float, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the errors of velocities against difference quotients of poses, and their bounds, both (n, nb) in m/s.
+
+    ``speed`` [m/s] is the largest of the motion; ``size`` [m] is that of the poses, for rounding.
+    """
+    first, last = (
+        _make_matter_rates(x, np.zeros_like(x[..., 3:]), turn)
+        for x, turn in zip(rows.sides, _halve_rotations(rows), strict=True)
+    )
+    off = _size(rows.system, _mean(rows, rows.sides) - rows.v)
+    return off, _matter(rows.system, last - first) + TOLD * speed + size * _rounding(rows)
+
+
+def _compare_accelerations(
+    rows: _Rows, found: list[Index1], slow: float, wider: np.ndarray, known: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Return the ratio of the errors of accelerations to their bounds, and the largest acceleration (n, 1) [m/s2].
+
+    ``found`` is index 1 at the rows before, here and after. ``wider`` [m/s2] is added to the bounds, only rows that are
+    ``known`` count, and ``slow`` [m/s2] is the least acceleration that errors are compared with.
+    """
+    system, a, halves = rows.system, found[1].a, _halve_rotations(rows)
+    field = _make_matter_rates(a, rows.here.Omega, _repeat_identity(a))
+    # a body at rest has no acceleration to compare with
+    there = np.maximum(np.max(_matter(system, field), axis=1, keepdims=True), slow)
+    first, last = (
+        _make_matter_rates(q, x[..., 3:], turn) for q, x, turn in zip(rows.quotients, rows.sides, halves, strict=True)
+    )
+    ends = (
+        _make_matter_rates(x.a, at.Omega, half @ half) - field
+        for x, at, half in zip((found[0], found[2]), rows.before_and_after, halves, strict=True)
+    )
+    left = np.maximum(_matter(system, last - first), sum(_matter(system, x) for x in ends))
+    off = _size(system, _mean(rows, rows.quotients) - a)
+    off, left = _bound(off, left, MOST * there)
+    left = left + TOLD * there + float(np.max(_size(system, rows.v), initial=0.0)) * _rounding(rows) + wider
+    return _ratio(off, left, known), there
+
+
+def _compare_reactions(
+    rows: _Rows, found: list[Index1], told: list[np.ndarray] | None, slow: float, wider: np.ndarray, known: np.ndarray
+) -> float:
+    """Return the ratio of the errors of joint loads to their bounds over ``known`` rows; NaN without reactions.
+
+    ``told`` are the recorded reactions, ``found`` is index 1, both at the rows before, here and after. ``wider`` [N] is
+    added to the bounds; ``slow`` [m/s2] times its mass is the least load that a body's errors are compared with.
+    """
+    if told is None:
+        return float("nan")
+    system = rows.system
+    at = (rows.before_and_after[0], rows.here, rows.before_and_after[1])
+    loads = [compute_loads_on_bodies(system, x, s) for x, s in zip(told, at, strict=True)]
+    exact = [x.load for x in found]
+    pull = _largest_load(system, exact[1], slow)
+    steps = np.maximum(*(_weight(system, x[1] - x[0]) + _weight(system, x[2] - x[1]) for x in (loads, exact)))
+    off, left = _bound(_weight(system, loads[1] - exact[1]), steps, MOST * pull)
+    return _ratio(off, left + TOLD * pull + wider, known)
+
+
+def _bound(off: np.ndarray, left: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return errors and bounds, both scaled down where an error exceeds ``most``, so that no row decides the sum.
+
+    An infinite error becomes ``most`` with a bound of zero.
+    """
+    share = np.minimum(1.0, np.divide(most, off, out=np.ones_like(off), where=off > 0.0))
+    with np.errstate(invalid="ignore"):
+        scaled, open_ = np.minimum(off * share, most), np.minimum(left * share, most)
+    endless = np.isinf(off)  # leaves nothing open
+    return np.where(endless, np.broadcast_to(most, off.shape), scaled), np.where(endless, 0.0, open_)
+
+
+def _largest_load(system: MultibodySystem, load: np.ndarray, slow: float) -> np.ndarray:
+    """Return the largest joint load on any body [N] at each row, or mass times ``slow`` [m/s2] if that is larger."""
+    return np.maximum(np.max(_weight(system, load), axis=1, keepdims=True), system.mass * slow)
+
+
+def _repeat_identity(a: np.ndarray) -> np.ndarray:
+    """Return identity rotations (n, nb, 3, 3) for accelerations ``a`` (n, nb, 6)."""
+    return np.broadcast_to(np.eye(3), (*a.shape[:2], 3, 3))
+
+
+def measure_unexplained_velocity(
+    t: Float[np.ndarray, " nt"],
+    away: Float[np.ndarray, " nt"],
+    rate: Float[np.ndarray, " nt"],
+    speed: float,
+    turn: float,
+) -> float:
+    """Return the largest velocity error relative to the largest that the pose errors could cause.
+
+    ``rate`` [m/s] and ``away`` [m] are the errors of velocities and poses against a reference. A pose error may change
+    sign within a step, or within a radian of the fastest rotation or vibration, ``turn`` [rad/s]: twice the error times
+    the sum of both rates is the most it explains. NaN if velocities are accurate to ``TOLD`` of ``speed`` [m/s].
+    """
+    most = float(np.max(rate, initial=0.0))
+    if len(t) < 2 or not most > TOLD * speed:
+        return float("nan")
+    return most / (2.0 * float(np.max(away)) * (1.0 / float(np.median(np.diff(t))) + turn) or np.finfo(float).tiny)
+
+
+def _steps(system: MultibodySystem, t: np.ndarray, s: States) -> Int[np.ndarray, " n"]:
+    """Return the rows to examine: evenly picked inner rows whose steps on both sides resolve the rotation."""
+    turn = np.max(np.linalg.norm(s.Omega, axis=2), axis=1, initial=0.0)
+    h = np.diff(t)
+    fastest = np.maximum(np.maximum(turn[:-2], turn[1:-1]), turn[2:])
+    inner = 1 + np.flatnonzero(fastest * np.maximum(h[:-1], h[1:]) < RESOLVED)
+    most = int(np.clip(PRODUCTS / (6 * system.nb * max(system.nrows, 1) ** 2), LEAST, SAMPLES))
+    return inner[np.unique(np.linspace(0, len(inner) - 1, min(most, len(inner))).round().astype(np.int64))]
+
+
+def _rates(a: States, b: States, h: np.ndarray) -> np.ndarray:
+    """Return the constant (v, Omega) that takes poses ``a`` to ``b`` over ``h`` [s], (n, nb, 6): space, body frame."""
+    return np.concatenate(((b.r - a.r) / h, so3.log(np.swapaxes(a.R, -1, -2) @ b.R) / h), axis=-1)
+
+
+def _velocities(s: States) -> np.ndarray:
+    """Return the recorded (v, Omega) of each body in one array (nt, nb, 6)."""
+    return np.concatenate((s.v, s.Omega), axis=-1)
+
+
+def _make_matter_rates(rate: np.ndarray, spin: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Return the rates of a body's matter in space, from ``rate`` of its C [space] and of its rotation [body].
+
+    Column 0 of the result (n, nb, 3, 4) is the rate of C. The other columns map a point of the body, in its frame, to
+    its rate relative to C, rotated by ``turn``. ``spin`` is the angular velocity for accelerations, and zero for
+    velocities.
+    """
+    W = so3.hat(spin)
+    return np.concatenate((rate[..., :3, None], turn @ (so3.hat(rate[..., 3:]) + W @ W)), axis=-1)
+
+
+def _matter(system: MultibodySystem, rate: np.ndarray) -> np.ndarray:
+    """Return the root mean square over each body's matter (n, nb) of rates as ``_make_matter_rates`` returns them."""
+    trace = np.trace(system.inertia, axis1=1, axis2=2)[:, None, None]
+    second = (0.5 * trace * np.eye(3) - system.inertia) / system.mass[:, None, None]
+    G = rate[..., 1:]
+    return np.sqrt(np.maximum(np.sum(rate[..., 0] ** 2, axis=-1) + np.einsum("tbij,bjk,tbik->tb", G, second, G), 0.0))
+
+
+def _ratio(off: np.ndarray, open_: np.ndarray, known: np.ndarray | None = None) -> float:
+    """Return the ratio of the sum of errors ``off`` over the rows to that of bounds ``open_``, of the worst body.
+
+    Rows that are not finite, or not ``known``, do not count. NaN if fewer than three count or under 90 % are known.
+    """
+    counted = np.all(np.isfinite(off) & np.isfinite(open_), axis=1)
+    if known is not None:
+        counted &= known
+    if np.sum(counted) < 3 or (known is not None and np.sum(known) < DECIDED * len(off)):
+        return float("nan")
+    total, least = np.sum(off[counted], axis=0), np.sum(open_[counted], axis=0)
+    return float(np.max(np.divide(total, least, out=np.zeros_like(total), where=total > 0.0)))
+
+
+def _size(system: MultibodySystem, a: np.ndarray) -> np.ndarray:
+    """Return the root mean square over each body's matter (n, nb) of rates (v, Omega), as of velocities at one pose."""
+    turning = np.einsum("tbi,bij,tbj->tb", a[..., 3:], system.inertia, a[..., 3:]) / system.mass
+    return np.sqrt(np.sum(a[..., :3] ** 2, axis=-1) + turning)
+
+
+def _weight(system: MultibodySystem, load: np.ndarray) -> np.ndarray:
+    """Return the norm of the load on each body [N]; a moment is divided by the longest joint arm or gyration."""
+    moment = np.sum(load[..., 3:] ** 2, axis=-1) / find_arms(system) ** 2
+    return np.sqrt(np.sum(load[..., :3] ** 2, axis=-1) + moment)

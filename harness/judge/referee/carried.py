@@ -1,0 +1,137 @@
+"""Carry published results over to later code that gives the same numbers, bit for bit, as runs by both have shown.
+
+A digest changes with every name in the code. Published results stay valid for code whose runs have the same bits:
+``docs/carry_over.py`` makes suite ``ci`` and a hundred runs of suite ``referee`` by an earlier commit and by the
+present code, judges both, and records in ``results/published/carried.json`` the digests of both for solvers whose runs
+are all equal, and the digests of judging if all verdicts and counts are equal.
+"""
+
+from collections.abc import Collection
+from functools import cache
+from pathlib import Path
+
+import msgspec
+
+from ...base.confined_paths import ConfinedPath
+from ...base.files import parse_json, read_text
+from ...base.shapes import Shape, convert_shape
+from ...catalogue import codes
+from ...results.judgements.claims import CodeDigests
+from ...results.judgements.files import PUBLISHED
+from .currency import JUDGING
+
+FILE = PUBLISHED / "carried.json"
+
+
+class Generation(Shape, frozen=True):
+    """The digests of one state of the code."""
+
+    solvers: dict[str, str]  # digest of the code of each solver, by its name
+    problems: dict[str, str]  # digest of the code of each problem, by its name
+    measuring: str  # digest of the code that runs solvers and measures motions
+    judging: str = ""  # digest of the code that judges claims; empty if not compared
+    commit: str = ""
+    shown: str = ""  # the runs with equal bits in this and the following generation
+
+    def has_equal_run_digests(self, other: "Generation") -> bool:
+        """Return whether both states of the code have equal digests of all that runs depend on; judging may differ."""
+        return all(getattr(self, k) == getattr(other, k) for k in ("solvers", "problems", "measuring"))
+
+    def includes(self, code: CodeDigests) -> bool:
+        """Return whether ``code``, the digests that published verdicts record, are those of this state of the code.
+
+        The digest of judging may differ; solvers and problems that the verdicts do not use are not compared.
+        """
+        parts = ((code.solvers, self.solvers), (code.problems, self.problems))
+        return code.measuring == self.measuring and all(own.items() <= known.items() for own, known in parts)
+
+    def digest_run_code(self, problem: str, solver: str) -> str:
+        """Return what the column ``code`` of a run by this code holds; empty for an unknown problem or solver."""
+        known = self.solvers.get(solver), self.problems.get(problem)
+        return codes.digest_run(known[0] or "", known[1] or "", self.measuring) if all(known) else ""
+
+
+class CarriedCode(Shape, frozen=True):
+    """The states of the code whose runs have equal bits: the newest, and the earlier ones with the oldest first."""
+
+    now: Generation
+    before: tuple[Generation, ...] = ()
+
+
+def digest_present_code() -> Generation:
+    """Return the digests of the installed code as a generation, without its commit."""
+    here = codes.package_sources()
+    return Generation(here.solvers, here.problems, here.measuring, here.digest_modules(*JUDGING))
+
+
+def read_carried(path: ConfinedPath | Path = FILE) -> CarriedCode | None:
+    """Read ``carried.json``; return None if it does not exist, and raise FileError if it is invalid."""
+    place = path if isinstance(path, ConfinedPath) else ConfinedPath(path.parent) / path.name
+    if not place.is_there():
+        return None
+    return convert_shape(parse_json(read_text(place, "what was carried over"), place.name), CarriedCode, place.name)
+
+
+@cache
+def list_equal() -> tuple[Generation, ...]:
+    """List the states of the code whose runs have the same bits as runs of the present code, newest first.
+
+    The present state comes first; it is the only one if ``carried.json`` is missing or was written for other code.
+    """
+    here, carried = digest_present_code(), read_carried()
+    if carried is None or not carried.now.has_equal_run_digests(here):
+        return (here,)
+    return (here, *reversed(carried.before))
+
+
+def is_current_or_carried(problem: str, solver: str, code: str) -> bool:
+    """Return whether a run has the digest of the present code, or of an earlier state of it that was carried over.
+
+    ``code`` is the column of the run's record, ``problem`` and ``solver`` are its names. An empty digest is of no code.
+    """
+    return code != "" and any(code == g.digest_run_code(problem, solver) for g in list_equal())
+
+
+def bring_forward(code: CodeDigests) -> CodeDigests:
+    """Return the digests of published verdicts, those of earlier code with equal bits replaced by the present ones.
+
+    They are returned unchanged if no known state of the code made these verdicts. The digest of judging is replaced
+    only if all verdicts were shown to be equal, too.
+    """
+    here = digest_present_code()
+    known = [g for g in list_equal() if g.includes(code)]
+    if not known:
+        return code
+    now = (
+        {k: of.get(k, "") for k in own} for own, of in ((code.solvers, here.solvers), (code.problems, here.problems))
+    )
+    carried = read_carried()
+    judges_alike = carried is not None and carried.now.judging == here.judging
+    judging = here.judging if judges_alike and any(g.judging == code.judging for g in known) else code.judging
+    return msgspec.structs.replace(
+        code, solvers=next(now), problems=next(now), measuring=here.measuring, judging=judging
+    )
+
+
+def add_generation(
+    before: Generation,
+    after: Generation,
+    known: CarriedCode | None,
+    solvers: Collection[str],
+    problems: Collection[str],
+) -> CarriedCode:
+    """Return the content of ``carried.json`` after runs by ``before`` and ``after`` were found equal bit for bit.
+
+    ``known`` is its present content; ``solvers`` and ``problems`` are the names whose runs were all equal, the only
+    ones that earlier states keep.
+    """
+    older = known.before if known is not None and known.now.has_equal_run_digests(before) else ()
+    if known is not None and known.now.judging != before.judging:  # their verdicts were not compared
+        older = tuple(msgspec.structs.replace(g, judging="") for g in older)
+    return CarriedCode(after, tuple(_restrict(g, solvers, problems) for g in (*older, before)))
+
+
+def _restrict(g: Generation, solvers: Collection[str], problems: Collection[str]) -> Generation:
+    """Return the generation with the digests of these solvers and problems only."""
+    own = {k: v for k, v in g.solvers.items() if k in solvers}
+    return msgspec.structs.replace(g, solvers=own, problems={k: v for k, v in g.problems.items() if k in problems})

@@ -1,0 +1,208 @@
+"""Pass or fail an engine by two runs, at a step and at half of it, against the exact motion.
+
+The allowed deviation from a law at time t is the sum of three parts::
+
+    rounding   u (3 + n) growth(t): u = 2^-24 or 2^-53 of all numbers given (three standard deviations), and of the
+               state once in each of n steps, carried along the exact motion (module ``conditioning``)
+    step       2 max |x_dt - x_dt/2| / (2^p - 1): Richardson's estimate for order p, doubled for the next term
+    reference  its stated error, and the rounding of this evaluation in float64
+
+An error that does not fall with the step as the order promises exceeds this sum. Beyond that, the motion at the half
+step must be one that the referee calls a success.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...judge.metrics.measure import measure
+from ...judge.metrics.summary import make_columns
+from ...judge.metrics.verdict import find_inaccuracy, list_broken_laws
+from ...mechanics.state import States
+from ...mechanics.types import Law, Problem, Reason, Status, Trajectory
+from ...reference.computation import find_reference
+from .cases import make_case
+from .conditioning import evaluate_laws, measure_growth
+from .model import Model
+
+UNIT = {"float32": 2.0**-24, "float64": 2.0**-53}  # half a unit of the last digit
+DEVIATIONS = 3.0  # standard deviations of the draws of ``conditioning``
+NEXT_TERM = 2.0  # factor on Richardson's estimate, for the next term of the error
+EVALUATION = 32.0  # roundings in the evaluation of laws from poses and velocities
+STEP = 2e-3  # [s]
+# (r, q, v, omega) at the start and after each step, as ``check`` describes them
+Motion = Iterable[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
+WORDS = {
+    Law.MOTION: ("error", "m"),
+    Law.VELOCITY: ("error of velocities", "m/s"),
+    Law.CONSTRAINT: ("closure", "m"),
+    Law.CONSTRAINT_RATE: ("closure of velocities", "m/s"),
+    Law.ENERGY: ("energy", "J"),
+    Law.FINITE: ("finite", ""),
+    Law.START: ("start", ""),
+}
+
+
+class EngineFailure(AssertionError):
+    """Signal that the motion of an engine is not that of the case; the message has a line for each violated law."""
+
+
+@dataclass(frozen=True)
+class PassedCheck:
+    """Report a passed check: for each law the largest value divided by its allowance."""
+
+    case: str
+    shares: dict[str, float]
+    rounding: float  # [m] error at the end that rounding alone may leave
+
+
+def check(
+    case: str, motion: Callable[[Model], Motion], *, order: float = 1.0, precision: str = "float64", dt: float = STEP
+) -> PassedCheck:
+    """Step an engine's model of ``case`` at ``dt`` [s] and ``dt / 2``; raise EngineFailure where its motion is wrong.
+
+    ``motion(model)`` yields (r, q, v, omega) of all bodies at the start and after each step of ``model.dt``: centres of
+    mass (nb, 3), quaternions (w, x, y, z) or matrices to space, velocities of the centres, angular velocities, all in
+    the space frame. ``order`` is the order that the engine claims, ``precision`` that of its numbers. Return the
+    largest deviation from each law as a share of its allowance. Raise ValueError for an unknown case, order or
+    precision.
+    """
+    if precision not in UNIT:
+        raise ValueError(f"precision must be float32 or float64 (got {precision!r})")
+    if not (order >= 1.0 and math.isfinite(order)):
+        raise ValueError(f"order must be a number >= 1 (got {order!r})")
+    problem = make_case(case)
+    steps = max(2, round(problem.t_end / dt))
+    coarse, fine = (_run(case, problem, motion, k * steps, UNIT[precision]) for k in (1, 2))
+    found, shares = _compare(case, problem, coarse, fine, order, UNIT[precision])
+    lines = [_describe(case, r) for r in (*found, *_judge(problem, fine, {r.law for r in found}))]
+    if lines:
+        raise EngineFailure("\n".join(lines))
+    _, growth = _measure_growth_once(case)
+    ulps = DEVIATIONS + len(fine) - 1
+    return PassedCheck(case, shares, UNIT[precision] * ulps * float(growth[Law.MOTION, ""][-1]))
+
+
+def _run(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: int, unit: float) -> States:
+    """Run the engine for ``steps`` steps and return its motion.
+
+    Raise EngineFailure where it ends early, has wrong shapes, is not finite, or starts elsewhere than the case;
+    ``unit`` is the rounding of the engine's numbers.
+    """
+    t = np.linspace(0.0, problem.t_end, steps + 1)
+    rows = [
+        tuple(np.array(part, dtype=float) for part in row)
+        for row in itertools.islice(motion(Model(case, problem, problem.t_end / steps)), steps + 1)
+    ]
+    nb = problem.system.nb
+    if len(rows) < steps + 1:
+        raise EngineFailure(f"{case}: steps: expected the start and {steps} steps, got {len(rows)} rows")
+    shapes = [a.shape for a in rows[0]]
+    if (
+        len(shapes) != 4
+        or shapes[0] != (nb, 3)
+        or shapes[1] not in ((nb, 4), (nb, 3, 3))
+        or shapes[2:] != [(nb, 3)] * 2
+    ):
+        expected = f"({nb}, 3), ({nb}, 4) or ({nb}, 3, 3), ({nb}, 3), ({nb}, 3)"
+        raise EngineFailure(f"{case}: shapes of r, q, v, omega: expected {expected}, got {shapes}")
+    r, q, v, omega = (np.stack(part) for part in zip(*rows, strict=True))
+    finite = np.isfinite(np.concatenate([a.reshape(len(t), -1) for a in (r, q, v, omega)], axis=1)).all(axis=1)
+    if not np.all(finite):
+        raise EngineFailure(_describe(case, Reason(Law.FINITE, time_s=float(t[np.argmin(finite)]))))
+    R = (
+        q
+        if q.ndim == 4
+        else Rotation.from_quat(q.reshape(-1, 4), scalar_first=True).as_matrix().reshape(len(t), nb, 3, 3)
+    )
+    found = States(r, R, v, np.einsum("tbji,tbj->tbi", R, omega), t)
+    start = problem.initial
+    for name in ("r", "R", "v", "Omega"):
+        exact, given = getattr(start, name), getattr(found, name)[0]
+        off, allowed = float(np.max(np.abs(given - exact))), 16.0 * unit * (1.0 + float(np.max(np.abs(exact)))) + 1e-12
+        if off > allowed:
+            raise EngineFailure(f"{case}: start: {name} is off by {off:.3g}, allowed {allowed:.2g}")
+    return found
+
+
+def _compare(
+    case: str, problem: Problem, coarse: States, fine: States, order: float, unit: float
+) -> tuple[list[Reason], dict[str, float]]:
+    """Return the laws broken at the half step, and for each law the largest value divided by its allowance.
+
+    ``coarse`` and ``fine`` are the motions at the step and at half of it, ``unit`` is the rounding of the engine's
+    numbers.
+    """
+    t, steps = coarse.times, len(fine) - 1
+    at_coarse = fine.at(slice(None, None, 2))
+    exact, own = _evaluate_reference(case, steps // 2)
+    laws = {name: evaluate_laws(problem, s, exact) for name, s in (("coarse", coarse), ("fine", at_coarse))}
+    apart = evaluate_laws(problem, coarse, at_coarse)
+    grown, growth = _measure_growth_once(case)
+    found, shares = [], {}
+    for key, series in laws["fine"].items():
+        law, name = key
+        vector = law in (Law.MOTION, Law.VELOCITY)
+        halved = apart[key] if vector else laws["coarse"][key] - series
+        # the maximum over all times: transients last some steps, not a time
+        step = float(np.max(np.abs(halved))) * NEXT_TERM / (2.0**order - 1.0)
+        roundings = unit * (DEVIATIONS + np.linspace(0.0, steps, len(t))) + EVALUATION * UNIT["float64"]
+        rounding = roundings * np.interp(t, grown, growth[key])
+        allowed = step + rounding + own * growth[key][-1] / growth[Law.MOTION, ""][0]
+        share = np.abs(series) / allowed
+        worst = int(np.argmax(share))
+        words = name or WORDS[law][0]
+        shares[words] = float(share[worst])
+        if not shares[words] <= 1.0:
+            unit_ = WORDS[law][1] if law in WORDS else next(i.unit for i in problem.invariants if i.name == name)
+            first = int(np.argmax(share > 1.0))
+            found.append(Reason(law, float(abs(series[worst])), float(allowed[worst]), unit_, float(t[first]), name))
+    return found, shares
+
+
+@cache
+def _measure_growth_once(case: str) -> tuple[np.ndarray, dict]:
+    """Return times [s] and the growth of each law's quantity for a case, as ``measure_growth``, computed once."""
+    return measure_growth(make_case(case))
+
+
+@cache
+def _evaluate_reference(case: str, steps: int) -> tuple[States, float]:
+    """Return the exact motion at equal steps and its largest stated error [m].
+
+    Raise ValueError if the case has no reference up to its end.
+    """
+    problem = make_case(case)
+    reference = find_reference(problem)
+    if reference is None or reference.horizon < problem.t_end * (1.0 - 1e-9):
+        raise ValueError(f"case {case} has no reference up to {problem.t_end:g} s")
+    t = np.linspace(0.0, problem.t_end, steps + 1)
+    return reference.states(t).with_times(t), float(np.max(reference.error(t)))
+
+
+def _judge(problem: Problem, s: States, known: set[Law]) -> Iterator[Reason]:
+    """Yield reasons why the referee would not call the motion a success, except for laws known to be broken."""
+    start = problem.initial
+    exact_start = {k: np.concatenate((getattr(start, k)[None], getattr(s, k)[1:])) for k in ("r", "R", "v", "Omega")}
+    trajectory = Trajectory(s.times, States(**exact_start), Status.SUCCESS, "", {})
+    m = measure(problem, trajectory)
+    numbers = make_columns(problem, trajectory, m)
+    for r in list_broken_laws(problem, trajectory, m, numbers) or find_inaccuracy(m, numbers):
+        # it compares differences over a step, which are below rounding
+        if r.law not in known and r.law is not Law.TRUNCATION:
+            yield r
+
+
+def _describe(case: str, r: Reason) -> str:
+    """Return a line such as ``top: energy: off by 172 J, allowed 1.7 J, first at t = 0.4 s``."""
+    words = r.name or WORDS.get(r.law, (str(r.law), ""))[0]
+    when = "" if math.isnan(r.time_s) else f", first at t = {r.time_s:.4g} s"
+    if math.isnan(r.value):
+        return f"{case}: {words}: expected finite numbers, got others{when}"
+    unit = f" {r.unit}" if r.unit else ""
+    return f"{case}: {words}: off by {r.value:.3g}{unit}, allowed {r.limit:.2g}{unit}{when}"

@@ -1,0 +1,1 @@
+"""Execute runs: processes, workers, a pool or a cluster, and what they hand over to be measured."""

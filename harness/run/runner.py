@@ -1,0 +1,284 @@
+"""Run a suite into a results folder: finished runs are kept, damaged files are set aside, the rest is run."""
+
+import contextlib
+import datetime
+import json
+import os
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import Protocol
+
+from ..base.confined_paths import ConfinedPath
+from ..base.files import FileError
+from ..catalogue import codes
+from ..catalogue.suites.includes import OWN_COPY
+from ..catalogue.suites.spec import RunSpec
+from ..catalogue.suites.suite import Suite
+from ..mechanics.types import EndCause
+from ..results import environment, stamps, store
+from ..results.provisional import is_provisional, list_record_files
+from ..results.records import RunRecord
+from ..results.store import LoadedResults, UnreadableFile
+from . import origin
+from .job import Job
+from .pool import LocalPool, PoolError, TimeLimit
+from .started_runs import StartedRuns, is_same, list_foreign
+
+
+class Executor(Protocol):
+    """An executor of runs: ``pool.LocalPool`` on this machine, ``cluster.DaskPool`` on others."""
+
+    def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
+        """Run all ``jobs``; return when each has a record in its folder, or raise PoolError when that is impossible.
+
+        At the ``limit`` running runs are ended as unfinished, and those that have not begun are left without a record.
+        """
+
+
+class SuiteObserver(Protocol):
+    """An observer of a suite's progress."""
+
+    def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[UnreadableFile, ...]) -> None:
+        """Begin a suite of ``total`` runs; those ``waiting`` will be run, the others have results already.
+
+        ``unreadable`` are files that were set aside: damaged, foreign or outdated ones.
+        """
+
+    def on_start(self, job: Job) -> None:
+        """Note that a run begins."""
+
+    def on_end(self, job: Job, record: RunRecord) -> None:
+        """Note that a run has its record."""
+
+    def on_warmup(self, times: dict[str, float], references: dict[str, float]) -> None:
+        """Note how long [s] solvers took to compile, and references to compute, since the last call."""
+
+    def on_tick(self) -> None:
+        """Note that time passes."""
+
+    def on_stop(self, left: Sequence[Job], limit: float) -> None:
+        """Note that the suite has reached its limit [s]; the runs ``left`` had not begun and have no record."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """Define how a suite is to be run."""
+
+    suite: Suite
+    folder: Path
+    jobs: int
+    resume: bool = False
+    only: str | None = None  # run only this suite, which the suite includes
+    limit: int | None = None  # run only the first runs
+    shard: tuple[int, int] = (1, 1)  # (k, n): run the k-th of every n runs
+    lossless: bool = False  # whether series keep the states of every step
+    is_newest: bool = False  # whether ``latest`` will point to it, which it does not for a folder chosen by the user
+    keep: Callable[[RunSpec], tuple[str, ...] | None] | None = None  # names of series whose rows a brief file keeps
+
+
+def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Executor] = LocalPool) -> LoadedResults:
+    """Run what is not done yet; return the records of this suite's runs, with damaged files listed separately.
+
+    ``pool`` makes the executor, ``watcher`` is called as runs start and end. Raise FileError where the folder has
+    results that are not to be continued, and PoolError where runs have no result, or where results changed while the
+    suite ran.
+    """
+    folder, total = request.folder, request.suite.total_limit
+    limit = TimeLimit(total) if total else None
+    if not request.resume and (ConfinedPath(folder) / "runs").names():
+        raise FileError(f"{folder} already holds results; add --resume to continue it, or give another --out")
+    store.create_folder(folder)
+    with store.lock_folder(folder):
+        store.remove_partial(folder)
+        before, begun = store.load(folder), StartedRuns(folder)
+        store.set_aside(folder, before.unreadable)
+        if (listed := begun.read()) is not None:
+            before = _set_foreign_aside(folder, before, lambda r: r.run_id in listed)
+        (ConfinedPath(folder) / ".spool").remove_folder()  # of runs that a killed runner left half-way
+        where, stamped = _stamp(request)
+        jobs = _jobs(request, folder.resolve(), where)
+        own, whole = {job.id for job in jobs}, {spec.settings_id for spec in request.suite.specs}
+        again, killed = _set_aside_provisional(folder, own, before.records)
+        again += _set_outdated_aside(folder, jobs, before.records)
+        done = {r.run_id for r in before.records} - {u.path.stem for u in again}
+        waiting = [replace(job, alone=job.id in killed) for job in jobs if job.id not in done]
+        watcher.begin(folder, len(jobs), waiting, (*before.unreadable, *again))
+        promised: dict[str, RunRecord | None] = {r.run_id: r for r in before.records if r.run_id in done}
+        begun.begin(promised)
+
+        def note_start(job: Job) -> None:
+            """Record on disk that a run begins, then report it to the watcher."""
+            begun.add(job.id)
+            watcher.on_start(job)
+
+        def note_end(job: Job, sha256: str) -> None:
+            """Note and report the record of a run that ended, if it has the digest that the supervisor reported."""
+            promised[job.id] = None
+            with contextlib.suppress(FileError):  # removed already: counted at the end
+                record = store.read_record(store.locate_record(folder, job.id))
+                # otherwise something else has replaced the record that the supervisor stored
+                if store.read_digest(record) == sha256:
+                    promised[job.id] = record
+                    watcher.on_end(job, record)
+
+        def collect_results() -> LoadedResults:
+            """Set foreign records aside, write the table of the suite, and return the results of its runs."""
+            now = store.load(folder, check_series=False)  # a resumed folder may hold runs of another suite or code
+            now = _set_foreign_aside(folder, now, lambda r: is_same(r, promised.get(r.run_id)))
+            begun.end()
+            loaded = LoadedResults(
+                tuple(r for r in now.records if r.run_id in own), (*before.unreadable, *now.unreadable)
+            )
+            store.write_table(folder, tuple(r for r in now.records if r.settings_id in whole))
+            if request.is_newest:
+                store.point_latest(folder)
+            return loaded
+
+        try:
+            pool(request.jobs, note_start, note_end, watcher.on_tick, watcher.on_warmup).run(waiting, limit)
+        except BaseException:  # on Ctrl-C, too, the runs that have ended are collected
+            with contextlib.suppress(OSError):  # on a full disk; the reason has been reported already
+                collect_results()
+            raise
+        loaded = collect_results()
+        there = {r.run_id: r for r in loaded.records}
+        ours = {i: r for i, r in promised.items() if i in own}
+        lost = [i for i, r in ours.items() if r is None or not stamps.is_intact(folder, r, there.get(i))]
+        if lost:
+            raise PoolError(
+                f"{len(lost)} of {len(jobs)} results in {folder} are gone, or not as they were written; "
+                "see what else writes there, then run again with --resume"
+            )
+        if changed := [name for name, text in stamped.items() if not _has_content(ConfinedPath(folder) / name, text)]:
+            raise PoolError(
+                f"{', '.join(changed)} in {folder} {'is' if len(changed) == 1 else 'are'} gone, or not as written; "
+                "see what else writes there, then run again with --resume"
+            )
+        left = [job for job in waiting if job.id not in there]
+        over = any(r.ended_by == EndCause.TOTAL_LIMIT for r in loaded.records)
+        if limit and (left or over):
+            watcher.on_stop(left, limit.seconds)
+        elif left:
+            raise PoolError(f"{len(left)} of {len(jobs)} runs have no result in {folder}; run again with --resume")
+    return loaded
+
+
+def _set_foreign_aside(folder: Path, loaded: LoadedResults, is_ours: Callable[[RunRecord], bool]) -> LoadedResults:
+    """Set aside the records that are not ours, with their files; return the results without them."""
+    foreign = list_foreign(folder, [r for r in loaded.records if not is_ours(r)])
+    store.set_aside(folder, chain.from_iterable(foreign))
+    gone = {files[0].path.stem for files in foreign if files}
+    kept = tuple(r for r in loaded.records if r.run_id not in gone)
+    return LoadedResults(kept, (*loaded.unreadable, *(files[0] for files in foreign if files)))
+
+
+def list_waiting(request: Request) -> list[RunSpec]:
+    """List the runs that ``run_suite`` would run, those without a record of this code; nothing is changed."""
+    there = store.is_results(request.folder) and request.resume
+    records = store.load(request.folder, check_series=False).records if there else ()
+    done = {r.run_id for r in records if not is_provisional(r)}
+    return [job.spec for job in _jobs(request, request.folder, "") if job.id not in done]
+
+
+def _jobs(request: Request, folder: Path, where: str) -> list[Job]:
+    """Return a job for each requested run, with the digest of the code that its numbers come from.
+
+    ``where`` names the environment in records.
+    """
+    suite, (k, n) = request.suite, request.shard
+    specs = [s for s in suite.specs if request.only is None or s.settings_id in suite.parts[request.only]]
+    specs = specs[k - 1 :: n][: request.limit]
+    code = {k: codes.digest_run_code(*k, suite.plugins) for k in {(s.problem, s.solver) for s in specs}}
+    commit = environment.read_commit()
+    of_suite = suite.plugins, where, suite.total_limit, request.lossless
+    return [
+        Job(s, folder, suite.name, code[s.problem, s.solver], commit, *of_suite, request.keep and request.keep(s))
+        for s in specs
+    ]
+
+
+def _set_outdated_aside(folder: Path, jobs: Sequence[Job], records: Sequence[RunRecord]) -> tuple[UnreadableFile, ...]:
+    """Set aside the results of these jobs that other code or other limits produced, since they are run again.
+
+    Return the record file of each, with the reason.
+    """
+    own = {job.spec.settings_id: job for job in jobs}
+    old = [r for r in records if r.settings_id in own and r.run_id != own[r.settings_id].id]
+    items = []
+    for r in old:
+        what = "limits" if r.code == own[r.settings_id].code else "code"
+        items.append(list_record_files(folder, r, f"the run was made with other {what} and is repeated"))
+    store.set_aside(folder, chain.from_iterable(items))
+    return tuple(i[0] for i in items)
+
+
+def _set_aside_provisional(
+    folder: Path, specs: set[str], records: Sequence[RunRecord]
+) -> tuple[tuple[UnreadableFile, ...], set[str]]:
+    """Set aside records, of the run_ids ``specs``, that only say how an earlier attempt at a run ended.
+
+    Return their files, and the run_ids to run alone: those that were killed. A run that is killed again although it ran
+    alone keeps its record as the result, since it may be the cause.
+    """
+    found = [r for r in records if r.run_id in specs and is_provisional(r) and not _was_killed_twice(folder, r)]
+    files = [list_record_files(folder, r) for r in found]
+    store.set_aside(folder, chain.from_iterable(files))
+    return tuple(f[0] for f in files), {r.run_id for r in found if r.ended_by == EndCause.KILLED}
+
+
+def _was_killed_twice(folder: Path, record: RunRecord) -> bool:
+    """Return whether a run was killed from outside, and also in the earlier attempt that was set aside."""
+    if record.ended_by != EndCause.KILLED:
+        return False
+    with contextlib.suppress(FileError):
+        return (
+            store.read_record(ConfinedPath(folder) / "set_aside" / f"{record.run_id}.json").ended_by == EndCause.KILLED
+        )
+    return False
+
+
+def name_new_folder(suite: str, local: Path = store.LOCAL) -> Path:
+    """Return the path of a new results folder in ``local``, named after the suite and the time; it is not created."""
+    time = datetime.datetime.now(datetime.UTC).strftime("%Y%m%d-%H%M%S")
+    folder = local / f"{suite}-{time}"
+    return folder if not folder.exists() else folder.with_name(f"{folder.name}-{os.getpid()}")
+
+
+def find_last_folder(suite: str, local: Path = store.LOCAL) -> Path | None:
+    """Return the newest results folder of a suite in ``local``; None if there is none."""
+    # as name_new_folder names it, which excludes a suite "NAME-2"
+    own = re.compile(rf"{re.escape(suite)}-\d{{8}}-\d{{6}}(-\d+)?")
+    found = (p for p in local.glob("*") if own.fullmatch(p.name) and store.is_results(p) and not p.is_symlink())
+    return max(found, default=None)
+
+
+def _has_content(place: ConfinedPath, text: str) -> bool:
+    """Return whether a file has exactly this content."""
+    with contextlib.suppress(OSError):
+        return place.read(len(text.encode())) == text.encode()
+    return False
+
+
+def _stamp(request: Request) -> tuple[str, dict[str, str]]:
+    """Write ``environment.json``, ``suite.toml`` and the suites that it includes; keep an earlier stamp beside.
+
+    Return how records name this environment, and the texts that were written, by file name.
+    """
+    folder, suite = request.folder, request.suite
+    stamp = origin.describe_environment(folder.name, suite.name, request.jobs, suite.plugins)
+    stamp["suite_runs"] = len(suite.specs)  # of the whole suite, whatever part of it is requested now
+    suites = {f"{name}.toml": text for name, text in ((OWN_COPY, suite.text), *suite.included)}
+    stamp = stamps.seal_stamp(stamp, suites)  # included suites are written beside it, so that the copy can be run
+    here, own = ConfinedPath(folder), ConfinedPath(folder) / stamps.NAME
+    if own.is_there():
+        (here / f"environment.{stamp['started'].replace(':', '')}.json").write(own.read(store.LARGEST))
+    where = environment.digest_environment(stamp)
+    text = json.dumps(stamp, indent=1)
+    written = {own.name: text, f"environment.{where}.json": text, **suites}
+    # the stamp is written last, because it has the digests of the others
+    for name, content in reversed(written.items()):
+        (here / name).write(content)
+    return where, written

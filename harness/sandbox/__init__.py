@@ -1,1 +1,0 @@
-"""Run code that may hang, crash or lie in a process with limits."""

@@ -1,0 +1,1 @@
+"""Draw what commands of the lab have just computed."""
