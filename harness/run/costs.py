@@ -94,14 +94,30 @@ def measure_loop() -> float:
     return median(times)
 
 
+@dataclass(frozen=True)
+class Slowness:
+    """Hold the factors by which work takes longer here than on the idle machine of the table.
+
+    A faster core solves and compiles faster, but starts processes, stores and measures no faster: that is the work of
+    the system and of memory. A slower one is slower in both.
+    """
+
+    solving: float
+    other: float
+
+
+TABLE_MACHINE = Slowness(1.0, 1.0)
+
+
 @functools.cache
-def measure_slowness(jobs: int) -> float:
-    """Return the factor by which runs take longer here, ``jobs`` in parallel, than on the idle machine of the table.
+def measure_slowness(jobs: int) -> Slowness:
+    """Return by how much longer runs take here, ``jobs`` in parallel, than on the idle machine of the table.
 
     It covers a slower core and other processes that want the cores, and is measured once for each number of jobs.
     """
-    cores = os.cpu_count() or 1
-    return measure_loop() / read_costs().loop_s * max(1.0, (count_rivals() + jobs) / cores)
+    core = measure_loop() / read_costs().loop_s
+    rivals = max(1.0, (count_rivals() + jobs) / (os.cpu_count() or 1))
+    return Slowness(core * rivals, max(1.0, core) * rivals)
 
 
 def count_rivals() -> float:
@@ -181,10 +197,11 @@ def _facts_of(problem: Problem) -> CostFactors:
     return CostFactors(problem.t_end, problem.dt, count_bodies_and_rows(problem.system), computed)
 
 
-def predict_run_cost(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
-    """Return the wall time [s] of a run on the machine of the table: process, set-up, repeated solves and measuring.
+def predict_run_cost(spec: RunSpec, facts: CostFactors, costs: Costs, slow: Slowness = TABLE_MACHINE) -> float:
+    """Return the wall time [s] of a run: process, set-up, repeated solves and measuring.
 
-    A short solve is repeated until ``spec.min_time``.
+    It is that on the machine of the table, or on one that takes longer by the factors ``slow``. A short solve is
+    repeated until ``spec.min_time``.
     """
     measuring = (
         costs.measure_s + _count_steps(spec, facts, costs) * interpolate_by_size(costs.measure_us, facts.size) * 1e-6
@@ -192,7 +209,8 @@ def predict_run_cost(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
     set_up = interpolate_by_size(_cost_of(spec, costs).setup_s, facts.size)
     solve = predict_solve_cost(spec, facts, costs)
     loop = spec.min_time if solve < SHORT else 0.0
-    return costs.process_s + max(set_up + spec.repeats * solve, loop) + measuring
+    solving = max(slow.other * set_up + slow.solving * spec.repeats * solve, loop)
+    return slow.other * (costs.process_s + measuring) + solving
 
 
 def predict_solve_cost(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
@@ -282,12 +300,12 @@ def predict_times(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: P
     earlier = read_durations(local or store.LOCAL, suite)
     known: dict[str, CostFactors] = {}
     own = {
-        s.settings_id: earlier.get(s.settings_id) or slow * predict_run_cost(s, _facts(s, known), costs) for s in specs
+        s.settings_id: earlier.get(s.settings_id) or predict_run_cost(s, _facts(s, known), costs, slow) for s in specs
     }
-    runs = {settings: seconds + slow * costs.store_s for settings, seconds in own.items()}
+    runs = {settings: seconds + slow.other * costs.store_s for settings, seconds in own.items()}
     if not specs:
         return Expectation(runs, 0.0, 0.0, jobs)
-    return Expectation(runs, slow * costs.load_s, slow * _predict_shared_cost(specs, costs, known), jobs)
+    return Expectation(runs, slow.other * costs.load_s, slow.solving * _predict_shared_cost(specs, costs, known), jobs)
 
 
 def describe_command(name: str, count: int, jobs: int = 1) -> str:
@@ -296,7 +314,7 @@ def describe_command(name: str, count: int, jobs: int = 1) -> str:
     ``name`` is one of the commands of ``costs.toml``; ``jobs`` runs, trials or steps are done in parallel.
     """
     start, each = read_costs().commands[name]
-    return f"about {format_duration(max(1.0, measure_slowness(jobs) * (start + each * count / jobs)))}"
+    return f"about {format_duration(max(1.0, measure_slowness(jobs).other * (start + each * count / jobs)))}"
 
 
 def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectation:
@@ -306,8 +324,9 @@ def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectat
     their own, and are not measured.
     """
     costs, slow, known = read_costs(), measure_slowness(jobs), dict[str, CostFactors]()
-    runs = {s.settings_id: slow * n * predict_solve_cost(s, _facts(s, known), costs) / jobs for s, n in counted}
-    return Expectation(runs, slow * costs.load_s, slow * _predict_shared_cost([s for s, _ in counted], costs, known), 1)
+    runs = {s.settings_id: slow.solving * n * predict_solve_cost(s, _facts(s, known), costs) / jobs for s, n in counted}
+    once = slow.solving * _predict_shared_cost([s for s, _ in counted], costs, known)
+    return Expectation(runs, slow.other * costs.load_s, once, 1)
 
 
 def _predict_shared_cost(specs: Sequence[RunSpec], costs: Costs, known: dict[str, CostFactors]) -> float:

@@ -41,7 +41,7 @@ rtol = [1e-4, 1e-6]
 def cold(tmp_path, monkeypatch):
     """No cache holds anything, and this machine is as fast as that of the table."""
     monkeypatch.setattr(costs, "make_cache_folder", lambda *_: tmp_path / "caches")
-    monkeypatch.setattr(costs, "measure_slowness", lambda jobs: 1.0)
+    monkeypatch.setattr(costs, "measure_slowness", lambda jobs: costs.TABLE_MACHINE)
     return tmp_path
 
 
@@ -143,7 +143,7 @@ def test_a_slower_machine_takes_longer(cold, monkeypatch):
     """In proportion, cold and warm."""
     specs = parse_suite(TEXT, "t", "t").specs
     before = predict_times(specs, 2, "", cold / "none")
-    monkeypatch.setattr(costs, "measure_slowness", lambda jobs: 3.0)
+    monkeypatch.setattr(costs, "measure_slowness", lambda jobs: costs.Slowness(3.0, 3.0))
     after = predict_times(specs, 2, "", cold / "none")
     assert after.seconds == pytest.approx(3.0 * before.seconds) and after.once == pytest.approx(3.0 * before.once)
 
@@ -154,7 +154,20 @@ def test_a_core_that_others_want_is_slower(monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     for others, jobs, factor in ((0.0, 2, 1.0), (5.0, 1, 3.0), (0.0, 4, 2.0), (4.0, 4, 4.0), (1.0, 1, 1.0)):
         monkeypatch.setattr(costs, "count_rivals", lambda others=others: others)
-        assert costs.measure_slowness.__wrapped__(jobs) == pytest.approx(2.0 * factor)
+        slow = costs.measure_slowness.__wrapped__(jobs)
+        assert slow.solving == slow.other == pytest.approx(2.0 * factor)
+
+
+def test_a_faster_core_starts_no_process_faster(monkeypatch):
+    """It solves in half the time; starting, storing and measuring, the work of the system, take as long."""
+    monkeypatch.setattr(costs, "measure_loop", lambda: 0.5 * read_costs().loop_s)
+    monkeypatch.setattr(costs, "count_rivals", lambda: 0.0)
+    fast = costs.measure_slowness.__wrapped__(1)
+    assert (fast.solving, fast.other) == (0.5, 1.0)
+    facts, spec = costs._facts_of(registry.make_problem("chain")), spec_of("chain", "rattle", dt=1e-3)
+    solve = costs.predict_solve_cost(spec, facts, read_costs())
+    slower, faster = (predict_run_cost(spec, facts, read_costs(), slow) for slow in (costs.TABLE_MACHINE, fast))
+    assert slower - faster == pytest.approx(0.5 * spec.repeats * solve) and solve > 0.0
 
 
 def test_rivals_are_the_other_processes_that_run_now(monkeypatch):
