@@ -33,7 +33,10 @@ from mbsbench.harness.base.machine import THREADS  # noqa: E402 - below the hook
 
 os.environ.update(THREADS)
 
-LACKING = [room for room in ("harness/lab", "harness/formats", "solvers/engines") if not (ROOT / room).is_dir()]
+# a copy without all three is one of the core; a tree that has lost one of them fails
+CORE_ALONE = not any(
+    (ROOT / room / "__init__.py").exists() for room in ("harness/lab", "harness/formats", "solvers/engines")
+)
 BEYOND = re.compile(  # an import of what was deleted
     r"^\s*from (mbsbench|tests|\.+)[\w.]*\.?(lab|formats|engines)\b|from mbsbench import .*\bkit\b|mbsbench\.kit"
     r"|^from [\w.]*\.(bundles|test_check_bundle) import",  # helpers that do
@@ -42,15 +45,15 @@ BEYOND = re.compile(  # an import of what was deleted
 
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
-    """Leave out a file of tests that imports a room which this copy lacks."""
-    if LACKING and collection_path.suffix == ".py" and BEYOND.search(collection_path.read_text(encoding="utf-8")):
+    """Leave out a file of tests that imports a room which a copy of the core lacks."""
+    if CORE_ALONE and collection_path.suffix == ".py" and BEYOND.search(collection_path.read_text(encoding="utf-8")):
         return True
     return None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out tests of commands, files and engines of rooms which this copy lacks."""
-    beyond = [item for item in items if LACKING and item.get_closest_marker("beyond_core")]
+    """Leave out tests of commands, files and engines of rooms which a copy of the core lacks."""
+    beyond = [item for item in items if CORE_ALONE and item.get_closest_marker("beyond_core")]
     if beyond:
         config.hook.pytest_deselected(items=beyond)
         items[:] = [item for item in items if item not in beyond]
