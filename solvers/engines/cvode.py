@@ -20,7 +20,9 @@ from ...harness.catalogue.registry import solver
 from ...harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from ..formulations.classical import SymbolicOptions
 from ..formulations.ida import FAILURES
+from ..formulations.layout import Layout
 from ..formulations.recording import Clock, StepFailure, march
+from ..formulations.rows_in_use import RowsInUse
 from ..formulations.start import choose_layout, pack_start
 from ..formulations.strong_form import StrongForm
 from ..formulations.sundials import ONE_STEP_LIMIT, refuse_if_missing
@@ -57,7 +59,7 @@ class Cvode(SymbolicOptions):
 
         layout, notes = choose_layout(problem, self.coordinates)
         n, still = layout.n_p + layout.n_u, np.zeros(layout.k)
-        form, work = StrongForm(layout, self.alpha, self.beta), {"evaluations": 0}
+        form, y, work = StrongForm(layout, self.alpha, self.beta), np.zeros(n), {"evaluations": 0}
 
         def rates(t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             work["evaluations"] += 1
@@ -68,9 +70,12 @@ class Cvode(SymbolicOptions):
         def rhs(t: float, y: np.ndarray, y_dot: np.ndarray) -> None:
             y_dot[:] = rates(t, y)[0]
 
-        y = pack_start(layout, problem)[:n]
+        def begin(layout: Layout, problem: Problem) -> None:
+            nonlocal form, y
+            form, y = StrongForm(layout, self.alpha, self.beta), pack_start(layout, problem)[:n]
+            cvode.init_step(problem.initial.t, y)
+
         with contextlib.redirect_stdout(io.StringIO()) as said:  # SUNDIALS prints its messages
-            reaction = rates(0.0, y)[1]
             cvode = CVODE(
                 rhs,
                 method=self.method,
@@ -80,18 +85,19 @@ class Cvode(SymbolicOptions):
                 max_step=control.max_step or 0.0,
                 max_num_steps=ONE_STEP_LIMIT,
             )
-            cvode.init_step(0.0, y)
+            rows = RowsInUse(layout, begin, problem, every=ROWS_EVERY)
+            reaction = rates(problem.initial.t, y)[1]
 
             def advance() -> tuple[float, np.ndarray, np.ndarray]:
-                nonlocal form
                 step = cvode.step(problem.t_end, method="onestep", tstop=problem.t_end)
                 if step.status < 0:
                     status, words = FAILURES.get(step.status, (Status.CRASHED, step.message))
                     native = " ".join(said.getvalue().split())
                     raise StepFailure(status, f"CVODE: {words}" + (f" ({native})" if native else ""))
                 reaction = rates(step.t, step.y)[1]
-                form = form.change_rows_if_worn(step.y, step.t, ROWS_EVERY)
+                rows.update_rows(step.t, step.y)
                 return step.t, step.y, reaction
 
+            in_use = lambda: (rows.layout, rows.notes)  # noqa: E731  read anew at each call
             notes = (*notes, describe_engine("scikit-sundae"))
-            return march(problem, control, layout, clock, advance, y, reaction, lambda steps: work, notes)
+            return march(problem, control, layout, clock, advance, y, reaction, lambda steps: work, notes, in_use)

@@ -1,4 +1,4 @@
-"""The constraint rows on which an implicit integrator runs: it restarts on others where they become dependent."""
+"""The constraint rows on which an integrator runs: it restarts on others where they become dependent."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -9,7 +9,6 @@ that of plain index 1 without stabilisation. Here f_bar = c . f and C_bar = -c^T
 diagonal as in Eq. (35), in the coordinate-free velocities V.
 """
 
-from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -24,7 +23,6 @@ from .assembly import Assembly, Batch
 from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import add_products, set_to_zero
 from .layout import Layout
-from .row_wear import RowWear
 from .rows.expressions import list_force_parameters
 from .saddle import InverseMass, Saddle
 from .sparse_pattern import FixedPattern
@@ -79,8 +77,7 @@ class StrongForm:
         c_bar: float = 0.0,
         k_bar: float = 0.0,
     ) -> None:
-        self._layout, self._options = layout, (alpha, beta, direction, c_bar, k_bar)
-        self._wear = RowWear(layout)
+        self._layout = layout
         self._bare = Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64))  # z has no lam here
         self._direction, self._given = direction, (c_bar, k_bar)
         self.pattern, place = find_jacobian_pattern(layout)
@@ -113,14 +110,6 @@ class StrongForm:
         )
         outer = self._lam, self._lam_dot, self._F
         self._after = Program([(code.address("lam_ddot"), [count, *shared, *outer, at.f_bar, self._lam_ddot])], code)
-
-    def change_rows_if_worn(self, pu: Float[np.ndarray, " n"], t: float, every: int) -> "StrongForm":
-        """Return this form, or one on other constraint rows where the kept ones are nearly dependent.
-
-        Both have the same accelerations. Call it after accepted steps; one of ``every`` calls checks.
-        """
-        kept = self._wear.find_better_rows(pu, t, every)
-        return self if kept is None else StrongForm(replace(self._layout, kept=kept), *self._options)
 
     def terms(self, pu: Float[np.ndarray, " n"], t: float = 0.0) -> RowTerms:
         """Evaluate all terms of Eq. (65) at (p, u) and time ``t`` [s], and return a copy of them."""

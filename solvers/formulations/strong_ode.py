@@ -5,13 +5,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy.integrate import OdeSolver
 
 from ...harness.catalogue.options import option
 from ...harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from .classical import SymbolicOptions
 from .error_test import tolerances
+from .layout import Layout
 from .recording import Clock, StepFailure, march
+from .rows_in_use import RowsInUse
 from .start import choose_layout, pack_start
 from .strong_form import StrongForm
 from .symbolic import DIRECTIONS
@@ -52,45 +55,94 @@ def integrate(
 ) -> Trajectory:
     """Integrate Eq. (65) as an ODE by SciPy's ``method``, accepted step by accepted step.
 
-    ``lambda_in_test`` includes lam and lam_dot in the error test. If the method's steps do not end with an evaluation,
-    the reactions cost one more per step. ``clock`` has run since the set-up began.
+    ``lambda_in_test`` includes lam and lam_dot in the error test. Where the constraint rows in use become nearly
+    dependent, the method starts anew on others, at the state projected onto the constraints: what the dropped rows have
+    drifted would grow from change to change. ``clock`` has run since the set-up began.
     """
-    pair = STAGES.get(method.__name__)
     layout, notes = choose_layout(problem, options.coordinates)
-    k, n = layout.k, layout.n_p + layout.n_u
-    form = StrongForm(layout, options.alpha, options.beta, options.direction, options.c_bar, options.k_bar)
-    latest = np.zeros(k)  # reaction at the last evaluation
+    pieces = list[_Segment]()
 
-    def rhs(t: float, y: np.ndarray) -> np.ndarray:
-        clock.check()
-        rates = form.rates(y[:n], y[n : n + k], y[n + k :], t)
-        latest[:] = rates.reaction
-        return np.concatenate((rates.p_dot, rates.u_dot, y[n + k :], rates.lam_ddot))
+    def begin(layout: Layout, problem: Problem) -> None:
+        outer = pieces[-1].outer if pieces else np.zeros((2, layout.system.nrows))
+        pieces.append(_Segment(layout, problem, control, method, options, outer, lambda_in_test, clock))
 
-    y = np.concatenate((pack_start(layout, problem)[:n], np.zeros(2 * k)))
-    rhs(0.0, y)
-    reaction = form.all_rows(latest)
-    assert control.rtol is not None  # the catalogue requires it
-    atol = tolerances(control.rtol, len(y), () if lambda_in_test else (slice(n, None),))
-    limits: dict[str, Any] = {"rtol": control.rtol, "atol": atol, "max_step": control.max_step or np.inf}
-    ode = method(rhs, 0.0, y, problem.t_end, **limits)
+    rows = RowsInUse(layout, begin, problem, every=ROWS_EVERY)
 
     def advance() -> tuple[float, np.ndarray, np.ndarray]:
-        nonlocal form
-        message = ode.step()
-        if ode.status == "failed":
+        t, pu, reaction = pieces[-1].step()
+        rows.update_rows(t, pu)
+        return t, pu, reaction
+
+    def count(_: int) -> dict[str, int]:
+        counts = [piece.count_work() for piece in pieces]
+        return {name: sum(each.get(name, 0) for each in counts) for name in counts[0]}
+
+    in_use = lambda: (rows.layout, rows.notes)  # noqa: E731  read anew at each call
+    start = pieces[0]
+    return march(problem, control, layout, clock, advance, start.pu, start.reaction, count, notes, in_use)
+
+
+class _Segment:
+    """An integration of Eq. (65) by a method of SciPy on one choice of constraint rows.
+
+    ``outer`` are lam and lam_dot of all rows at the start, zero on those that were not in use before.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        problem: Problem,
+        control: StepControl,
+        method: Callable[..., OdeSolver],
+        options: StrongOptions,
+        outer: Float[np.ndarray, "2 nrows"],
+        lambda_in_test: bool,
+        clock: Clock,
+    ) -> None:
+        assert control.rtol is not None  # the catalogue requires it
+        self._layout, self._clock = layout, clock
+        self._n = n = layout.n_p + layout.n_u
+        self._form = StrongForm(layout, options.alpha, options.beta, options.direction, options.c_bar, options.k_bar)
+        self._stages, self._steps = STAGES.get(method.__name__), 0
+        self._latest = np.zeros(layout.k)  # reaction at the last evaluation
+        t, y = problem.initial.t, np.concatenate((pack_start(layout, problem)[:n], *outer[:, layout.kept]))
+        self._rhs(t, y)
+        self.pu, self.reaction = y[:n], layout.all_rows(self._latest)
+        atol = tolerances(control.rtol, len(y), () if lambda_in_test else (slice(n, None),))
+        limits: dict[str, Any] = {"rtol": control.rtol, "atol": atol, "max_step": control.max_step or np.inf}
+        self._ode = method(self._rhs, t, y, problem.t_end, **limits)
+
+    def step(self) -> tuple[float, Float[np.ndarray, " n_pu"], Float[np.ndarray, " nrows"]]:
+        """Advance by one accepted step; return the time [s], (p, u) and the reaction.
+
+        If the method's steps do not end with an evaluation, the reaction costs one more.
+        """
+        message = self._ode.step()
+        if self._ode.status == "failed":
             raise StepFailure(Status.STEP_UNDERFLOW, str(message).rstrip(".").lower())
-        if pair is None:
-            rhs(ode.t, ode.y)
-        reaction = form.all_rows(latest)
-        form = form.change_rows_if_worn(ode.y[:n], ode.t, ROWS_EVERY)
-        return ode.t, ode.y[:n], reaction
+        self._steps += 1
+        if self._stages is None:
+            self._rhs(self._ode.t, self._ode.y)
+        return self._ode.t, self._ode.y[: self._n], self._layout.all_rows(self._latest)
 
-    def count(steps: int) -> dict[str, int]:
-        if pair is not None:
-            attempts = (ode.nfev - EVALUATIONS_AT_START) // pair
-            return {"rejected": max(0, attempts - steps), "evaluations": ode.nfev}
+    @property
+    def outer(self) -> Float[np.ndarray, "2 nrows"]:
+        """The present lam and lam_dot of all rows, zero on those that are not in use."""
+        return np.array([self._layout.all_rows(each) for each in np.split(self._ode.y[self._n :], 2)])
+
+    def count_work(self) -> dict[str, int]:
+        """Return the numbers of evaluations and, by method, of rejected steps or of Jacobians and factorisations."""
+        ode = self._ode
+        if self._stages is not None:
+            attempts = (ode.nfev - EVALUATIONS_AT_START) // self._stages
+            return {"rejected": max(0, attempts - self._steps), "evaluations": ode.nfev}
         of_jacobians = {"jacobians": ode.njev, "factorisations": ode.nlu} if ode.njev else {}  # LSODA does not say
-        return {"evaluations": ode.nfev + steps, **of_jacobians}
+        return {"evaluations": ode.nfev + self._steps, **of_jacobians}
 
-    return march(problem, control, layout, clock, advance, y[:n], reaction, count, notes)
+    def _rhs(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Return the derivatives of (p, u, lam, lam_dot), and keep the reaction."""
+        self._clock.check()
+        n, k = self._n, self._layout.k
+        rates = self._form.rates(y[:n], y[n : n + k], y[n + k :], t)
+        self._latest[:] = rates.reaction
+        return np.concatenate((rates.p_dot, rates.u_dot, y[n + k :], rates.lam_ddot))
