@@ -1,9 +1,9 @@
 """``python -m mbsbench.tests.exam [FOLDER]``: the exam of verdicts (``make exam``).
 
 Runs or continues the sweep, computes or reads the true motions, judges every verdict, falsifies every motion, and asks
-the same of the records of other results folders (``--results``). Exit code 1 where a verdict is false. ``--judge``
-judges what is there of the sweep, ``--only WORD`` mechanisms with that word. ``--half 1`` runs and judges the first
-eight mechanisms, ``--half 2`` runs what is left and judges the others. What an interruption left is continued.
+the same of the records of other results folders (``--results``). Exit code 1 where a verdict is false or a run crashed.
+``--judge`` judges what is there of the sweep, ``--only WORD`` mechanisms with that word. ``--half 1`` runs and
+judges the first eight mechanisms, ``--half 2`` runs what is left and judges the others. Interrupted, it goes on.
 """
 
 import argparse
@@ -114,7 +114,7 @@ def report_missing(names: list[str], records: dict[str, list[RunRecord]], specs:
 
 
 def report(by_name: dict[str, list[Finding]], told: dict[str, dict[str, str]]) -> int:
-    """Print the tables; the number of false verdicts."""
+    """Print the tables; return the number of false verdicts and of crashes, which no mechanism excuses."""
     found = [f for those in by_name.values() for f in those]
     print(f"{len(found)} runs of {len(told)} mechanisms by status")
     for status, n in Counter(f.status for f in found).most_common():
@@ -124,9 +124,12 @@ def report(by_name: dict[str, list[Finding]], told: dict[str, dict[str, str]]) -
         those = [f for f in found if f.fault == kind]
         faults += len(those)
         print(f"{PLURAL[kind]}: {len(those)}" + "".join(f"\n  {f}" for f in those))
+    crashed = [f"{f.case}: {f.because}" for f in found if f.status == "crashed"]
+    faults += len(crashed)
+    print(f"crashes: {len(crashed)}" + "".join(f"\n  {case}" for case in crashed))
     refused = [f"{f.case}: {f.because}" for f in found if f.status == "refused"]
     print(f"refusals: {len(refused)}" + "".join(f"\n  {case}" for case in refused))
-    early = [f for f in found if f.because and f.status not in ("refused", "success", "inaccurate", "wrong")]
+    early = [f for f in found if f.because and f.status not in ("crashed", "refused", "success", "inaccurate", "wrong")]
     by_words = [f for f in early if any(words in f.because for words in LIMITS)]
     print(f"ended before t_end by a limit of the method that the message names: {len(by_words)}")
     others = [f"{f.case}: {f.status}, {f.because}" for f in early if f not in by_words]

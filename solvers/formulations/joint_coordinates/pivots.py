@@ -11,7 +11,7 @@ import numpy as np
 
 from ..compiled.algebra import clear
 from ..compiled.entries import compile_inline
-from .elimination import Matrix, Order, compute_pivot_sizes, find_order
+from .elimination import Matrix, NoInertia, Order, compute_pivot_sizes, find_order
 
 AGAIN = 0.03  # least share of its size at the start, for a pivot of an order found later
 ROUNDING = 1e-9  # entries of rows below it are rounding: the largest are 1 where a joint holds anything
@@ -54,23 +54,26 @@ def order_rows(K: Matrix, nu: int, held: int, size: Sequence[float] | None = Non
     Each of the ``held`` rows of opened balls, which follow ``nu`` velocities and as many freed ones, is eliminated
     after the freed velocity that only it constrains: before that, its pivot depends on the parent's rotation alone and
     vanishes in some orientations. Pivots are compared with ``size``, as in ``find_order``. Entries of K that are
-    rounding are removed in place.
+    rounding are removed in place. Raises ``NoInertia`` where H is singular and no loop row makes up for it.
     """
     n, first = nu + held, nu + 2 * held
     _drop_rounding(K, n)
     behind: dict[int, Collection[int]] = {k: (k - held,) for k in range(n, first)}
-    last = find_order(K, n, {**behind, **dict.fromkeys(range(first, len(K)), range(first))}, first, size)
     if first == len(K):
-        return last
+        return find_order(K, n, behind, first, size)
     mixed = find_order(K, n, behind, size=size)
+    try:
+        last = find_order(K, n, {**behind, **dict.fromkeys(range(first, len(K)), range(first))}, first, size)
+    except NoInertia:
+        return mixed  # a loop row pulls along what has no inertia at this pose
     return last if last.products < mixed.products else mixed
 
 
 def find_safe_order(pattern: Pattern, here: np.ndarray, start: np.ndarray) -> Order:
     """Return an order of elimination for K's entries ``here``, with pivots compared with those at the ``start``.
 
-    Raises ``LostRank`` where a row's pivot is not safe relative to its size at the start, or where the number of
-    independent rows differs.
+    Raises ``LostRank`` where a row's pivot is not safe relative to its size at the start, where the number of
+    independent rows differs, or where H is singular.
     """
     n = pattern.nu + pattern.held
     at_start = pattern.build_matrix(start)
@@ -82,7 +85,10 @@ def find_safe_order(pattern: Pattern, here: np.ndarray, start: np.ndarray) -> Or
         now = pattern.build_matrix(here)
         if compared is not None:
             compared = [*compute_pivot_sizes(now, n)[:n], *of_rows[n:]]
-        order = order_rows(now, pattern.nu, pattern.held, compared)
+        try:
+            order = order_rows(now, pattern.nu, pattern.held, compared)
+        except NoInertia:
+            continue
         safe = all(
             abs(pivot) >= AGAIN * of_rows[k] for k, pivot in zip(order.rows, order.pivots, strict=True) if k >= n
         )
