@@ -50,6 +50,20 @@ def test_a_success_that_is_far_off_is_false_as_far_as_it_was_compared(bennett):
     assert told(bennett, Status.SUCCESS, lambda t: 1e-3 * t).fault == ""
 
 
+def test_energy_beside_the_true_one_decides_where_energy_is_kept_alone(bennett):
+    """A driven motion that is late by a hundredth of its size has the energy of another instant; a free one has not."""
+    problem, sizes = bennett
+    assert sizes.keeps_energy
+    t = np.linspace(0.0, problem.t_end, 301)
+    s = falsified.exact(sizes, t)
+    arrays = {"state_t": t, "state_r": s.r, "state_R": s.R, "state_v": 1.2 * s.v, "state_Omega": 1.2 * s.Omega}
+    faster = RunRecord(case="a run", status=Status.SUCCESS, judged_to_s=3.0)
+    assert judge_run(sizes, problem, faster, SimpleNamespace(arrays=arrays)).fault == "false success"
+    registry.make_problem("exam_driven_four_bar")  # declares it
+    driven = Sizes(integrate(DECLARED["exam_driven_four_bar"]), DECLARED["exam_driven_four_bar"])
+    assert not driven.keeps_energy
+
+
 def test_loads_of_a_drive_are_read_at_their_time(bennett):
     """Hinges and a drive of a loop with no freedom: forces and moments of an accurate solver are those of the truth."""
     problem = registry.make_problem("exam_driven_four_bar")
