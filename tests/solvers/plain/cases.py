@@ -7,7 +7,7 @@ plain methods are kept on disk until a file of ``MAKERS`` changes.
 import dataclasses
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from mbsbench import Joint, MultibodySystem, Problem, StepControl, Trajectory, assemble
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics.joints import JointKind
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.mechanics.types import Status
 from mbsbench.harness.results.environment import ROOT
@@ -71,11 +72,12 @@ def two_bodies() -> MultibodySystem:
 
 def make_problems() -> dict[str, Problem]:
     """Make the mechanisms by name, of one to three bodies."""
-    joint = problem_of("revolute", *one_joint("revolute", ground=False), STEPS, DT)
+    springs, timed = (one_joint(JointKind.REVOLUTE, ground=False, timed=timed) for timed in (False, True))
     repeated = {"bodies": 2, "loops": 1, "repeated": 1, "mechanism_seed": 5}
     return {
         "linkage": _of_system("linkage", two_bodies()),
-        "springs": joint,
+        "springs": problem_of("revolute", *springs, STEPS, DT),
+        "timed loads": problem_of("timed loads", *timed, STEPS, DT),
         "user forces": _of_system("user forces", with_user_forces(), 3),
         "driven": _of_system("driven position", moving_rows("driven position"), 4),
         "top": _of_catalogue("heavy_top", {}),
@@ -103,7 +105,7 @@ FIXED: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("generalized_alpha", {"form": "index3", "rho_inf": 0.7}, ("springs", "planar loop")),
     ("al_index3", {}, ("springs", "repeated joint")),
     ("half_explicit", {}, ("springs", "driven", "top", "repeated joint", "user forces")),
-    ("energy_momentum", {}, ("springs", "linkage", "planar loop", "user forces")),
+    ("energy_momentum", {}, ("springs", "linkage", "planar loop", "timed loads")),
 ]
 # a step's own rows are those of the mean pose: how they share a load that is redundant at the nodes alone, is a rule
 BY_ANY_RULE = ("energy_momentum", "random_linkage")
@@ -114,11 +116,12 @@ CONTROLLED = {
 }
 
 
-def make_cases() -> list[Case]:
-    """Make all cases, with the plain runs."""
+def make_cases(solvers: Collection[str]) -> list[Case]:
+    """Make all cases of some solvers, with the plain runs."""
     problems = make_problems()
-    found = [_fix(solver, options, problems[name]) for solver, options, names in FIXED for name in names]
-    for solver, names in CONTROLLED.items():
+    fixed = [one for one in FIXED if one[0] in solvers]
+    found = [_fix(solver, options, problems[name]) for solver, options, names in fixed for name in names]
+    for solver, names in ((solver, names) for solver, names in CONTROLLED.items() if solver in solvers):
         found += [_replay(solver, problems[name]) for name in names]
         found.append(_control(solver))
     return found

@@ -12,11 +12,12 @@ import gc
 import hashlib
 import json
 import os
+import re
 import signal
 import sys
 import time
 import tomllib
-from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType
 from typing import Any, NamedTuple
@@ -33,14 +34,29 @@ from .cases import Case, make_cases
 from .mutating import Mutant, list_mutants
 
 SOLVERS = ROOT / "solvers" / "formulations"
-# those with a plain form, and what they are made of; the most telling first
-FILES = [
-    *("methods/energy_momentum.py", "methods/free_body.py", "methods/alpha.py", "methods/rattle.py"),
-    *("methods/iteration.py", "methods/products.py", "methods/half_explicit.py", "methods/rkmk.py"),
-    *("methods/springs.py", "methods/radau.py", "methods/gc_step.py", "methods/gc_weak_form.py"),
-    *("methods/gc_newton.py", "methods/gc_newton_arrays.py"),
-    *("compiled/evaluation.py", "compiled/factor.py", "compiled/block_lu.py", "compiled/algebra.py"),
-]
+RUNGE_KUTTA, RATTLE = ("rkmk_dopri5", "rkmk_dop853"), ("rattle", "lie_variational")
+ALPHA, GC = ("generalized_alpha", "al_index3"), ("gc_weak_form", "gc_augmented_lagrangian")
+ALL = (*RATTLE, *ALPHA, *RUNGE_KUTTA, "half_explicit", "energy_momentum", "radau_ggl", *GC)
+FILES = {  # what is mutated, and the solvers whose cases may see it: those that have a plain form
+    "methods/energy_momentum.py": ("energy_momentum",),
+    "methods/alpha.py": ALPHA,
+    "methods/rattle.py": RATTLE,
+    "methods/free_body.py": RATTLE,
+    "methods/half_explicit.py": ("half_explicit",),
+    "methods/rkmk.py": RUNGE_KUTTA,
+    "methods/iteration.py": (*RATTLE, *ALPHA, "energy_momentum"),
+    "methods/products.py": (*RATTLE, *ALPHA, "half_explicit", "energy_momentum", "radau_ggl"),
+    "methods/springs.py": ("radau_ggl",),
+    "methods/radau.py": ("radau_ggl",),
+    "methods/gc_step.py": GC[:1],
+    "methods/gc_weak_form.py": GC[:1],
+    "methods/gc_newton.py": GC,
+    "methods/gc_newton_arrays.py": GC,
+    "compiled/evaluation.py": ALL,
+    "compiled/factor.py": ALL,
+    "compiled/block_lu.py": GC,
+    "compiled/algebra.py": ALL,
+}
 LISTED = Path(__file__).with_name("survivors.toml")
 KILLED, HUNG, SURVIVED, UNMET = "killed", "hung", "survived", "not met"
 LEAST, TIMES = 2.0, 20.0  # [s] of processor time after which a case hangs, and of the time without a mutant
@@ -185,48 +201,51 @@ def read_reasons() -> list[dict[str, str]]:
     return tomllib.loads(LISTED.read_text(encoding="utf-8"))["survivor"] if LISTED.exists() else []
 
 
-def find_reason(verdict: Verdict, reasons: list[dict[str, str]]) -> dict[str, str] | None:
-    """Return the entry that explains a survivor: of its file and function, with words of the change."""
-    m = verdict.mutant
-    return next(
-        (
-            one
-            for one in reasons
-            if one["file"] == m.file
-            and m.function in one["function"].split()
-            and any(words in m.change for words in one.get("change", "").split("|"))
-        ),
-        None,
-    )
+def find_reason(m: Mutant, reasons: list[dict[str, str]]) -> dict[str, str] | None:
+    """Return the entry that explains a survivor: of its file and function, with a pattern that its change has."""
+    for one in reasons:
+        named = one["file"] == m.file and m.function in one["function"].split()
+        if named and re.search(one.get("change", ""), m.change):
+            return one
+    return None
 
 
-def draw(mutants: list[Mutant], every: int) -> list[Mutant]:
-    """Return one of ``every`` mutants, drawn by a digest of its words: the same ones until a line is changed."""
-    return [m for m in mutants if int(hashlib.sha256(str(m).encode()).hexdigest(), 16) % every == 0]
+def draw(mutants: list[Mutant], every: int, having: Sequence[str]) -> list[Mutant]:
+    """Return one of ``every`` mutants with these words, drawn by a digest: the same ones until a line is changed."""
+    some = [m for m in mutants if any(words in str(m) for words in having)]
+    return [m for m in some if int(hashlib.sha256(str(m).encode()).hexdigest(), 16) % every == 0]
 
 
-def judge_files(files: list[str], every: int = 1, say: Any = print) -> list[Verdict]:
+def judge_files(files: list[str], every: int, having: Sequence[str], say: Any) -> list[Verdict]:
     """Judge the mutants of files, in a process that has compiled nothing."""
-    mutants = {file: draw(list_mutants(SOLVERS / file, file), every) for file in files}
-    cases = make_cases()
+    mutants = {file: draw(list_mutants(SOLVERS / file, file), every, having) for file in files}
+    cases = make_cases({solver for file in files for solver in FILES[file]})
     for case in cases:  # as machine code, which is loaded, or compiled and kept
         case.compare(case.solve())
+    if not isinstance(algebra.copy, InlineFunction):
+        # numba's functions are in the modules now: what it has compiled is kept, for this process anew
+        sys.stdout.flush()
+        os.execv(sys.executable, sys.orig_argv)
+    return [one for folder in ("methods/", "compiled/") for one in judge_folder(folder, mutants, cases, say)]
+
+
+def judge_folder(folder: str, mutants: dict[str, list[Mutant]], cases: list[Case], say: Any) -> list[Verdict]:
+    """Judge the mutants of a folder's files: of the methods, or of what they call, where all is interpreted."""
+    some = [m for file, own in mutants.items() if file.startswith(folder) for m in own]
+    if not some:
+        return []
+    loops = [(f, f.function) for f in (algebra.copy, algebra.clear, algebra.find_largest)]
+    if folder == "methods/":
+        replace_loops()
+    baselines = run_all(cases, folder != "methods/")
+    gc.collect()
+    gc.freeze()  # each run collects garbage: not that of the cases
     found = []
-    for folder, whole in (("methods/", False), ("compiled/", True)):
-        some = [m for file in files if file.startswith(folder) for m in mutants[file]]
-        if not some:
-            continue
-        loops = [(f, f.function) for f in (algebra.copy, algebra.clear, algebra.find_largest)]
-        if not whole:
-            replace_loops()
-        baselines = run_all(cases, whole)
-        gc.collect()
-        gc.freeze()  # each run collects garbage: not that of the cases
-        for mutant in some:
-            found.append(judge(mutant, baselines))
-            say(found[-1])
-        for f, plain in loops:
-            f.function = plain
+    for mutant in some:
+        found.append(judge(mutant, [b for b in baselines if b.case.name.split()[0].strip(",") in FILES[mutant.file]]))
+        say(found[-1])
+    for f, function in loops:
+        f.function = function
     return found
 
 
@@ -235,46 +254,41 @@ def main() -> int:
     parser = argparse.ArgumentParser("python -m mbsbench.tests.solvers.plain.mutants", description=__doc__)
     parser.add_argument("--only", nargs="*", default=[], metavar="WORD", help="files with one of these words")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="one of N mutants")
+    parser.add_argument("--having", nargs="*", default=[""], metavar="WORDS", help="mutants with one of these in print")
     parser.add_argument("--list", action="store_true", help="print the mutants, run nothing")
     parser.add_argument("--all", action="store_true", help="print the killed ones, too")
     given = parser.parse_args()
     files = [file for file in FILES if not given.only or any(word in file for word in given.only)]
     if given.list:
         for file in files:
-            print(*draw(list_mutants(SOLVERS / file, file), given.every), sep="\n")
+            print(*draw(list_mutants(SOLVERS / file, file), given.every, given.having), sep="\n")
         return 0
-    reasons, used, open_ones = read_reasons(), [], 0
+    reasons, used, unexplained = read_reasons(), list[dict[str, str] | None](), 0
 
     def say(verdict: Verdict) -> None:
-        nonlocal open_ones
+        nonlocal unexplained
         if verdict.outcome in (SURVIVED, UNMET):
-            reason = find_reason(verdict, reasons)
+            reason = find_reason(verdict.mutant, reasons)
             used.append(reason)
-            open_ones += reason is None
+            unexplained += reason is None
             if reason is None or given.all:
                 print(f"{verdict.mutant}\n    {verdict.outcome}: {verdict.words}", flush=True)
         elif given.all:
             print(f"{verdict.mutant}\n    {verdict.outcome}: {verdict.words}", flush=True)
 
-    began = time.perf_counter(), time.process_time(), os.times()
-    verdicts = judge_files(files, given.every, say)
-    print(f"\n{'file':34}{'mutants':>8}{KILLED:>8}{HUNG:>8}{SURVIVED:>10}{UNMET:>10}{'explained':>10}")
+    verdicts = judge_files(files, given.every, given.having, say)
+    columns = (KILLED, HUNG, SURVIVED, UNMET)
+    print(f"{'file':34}{'mutants':>9}" + "".join(f"{name:>9}" for name in columns))
     for file in files:
-        own = [v for v in verdicts if v.mutant.file == file]
-        n = Counter(v.outcome for v in own)
-        explained = sum(find_reason(v, reasons) is not None for v in own if v.outcome in (SURVIVED, UNMET))
-        print(f"{file:34}{len(own):8}{n[KILLED]:8}{n[HUNG]:8}{n[SURVIVED]:10}{n[UNMET]:10}{explained:10}")
-    spent = os.times()
-    cpu = sum(spent[:4]) - sum(began[2][:4])
-    print(f"{len(verdicts)} mutants, {open_ones} without a reason; {cpu:.0f} s of processor time")
-    idle = (
-        [r for r in reasons if not any(r is one for one in used)]
-        if len(files) == len(FILES) and given.every == 1
-        else []
-    )
+        outcomes = [v.outcome for v in verdicts if v.mutant.file == file]
+        print(f"{file:34}{len(outcomes):9}" + "".join(f"{outcomes.count(name):9}" for name in columns))
+    print(f"{len(verdicts)} mutants, {unexplained} without a reason; {sum(os.times()[:4]):.0f} s of processor time")
+    idle = [
+        one for one in reasons if given.every == 1 and given.having == [""] and one["file"] in files and one not in used
+    ]
     for one in idle:
         print(f"no survivor for this entry: {one}")
-    return int(open_ones > 0 or bool(idle))
+    return int(unexplained > 0 or bool(idle))
 
 
 if __name__ == "__main__":
