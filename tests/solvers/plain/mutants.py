@@ -202,10 +202,10 @@ def read_reasons() -> list[dict[str, str]]:
 
 
 def find_reason(m: Mutant, reasons: list[dict[str, str]]) -> dict[str, str] | None:
-    """Return the entry that explains a survivor: of its file and function, with a pattern that its change has."""
+    """Return the entry that explains a survivor: of its file and function, with patterns of its change and its line."""
     for one in reasons:
         named = one["file"] == m.file and m.function in one["function"].split()
-        if named and re.search(one.get("change", ""), m.change):
+        if named and re.search(one.get("change", ""), m.change) and re.search(one.get("line", ""), m.text):
             return one
     return None
 

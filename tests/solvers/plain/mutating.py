@@ -28,6 +28,7 @@ class Mutant(NamedTuple):
     line: int
     lines: range  # of the statement, by which it is known whether a case meets the change
     change: str
+    text: str  # of the line
     tree: ast.stmt  # the function or the statement after the change
 
     def __str__(self) -> str:
@@ -36,8 +37,8 @@ class Mutant(NamedTuple):
 
 def list_mutants(path: Path, name: str) -> list[Mutant]:
     """Return all mutants of a source, in the order of its lines; ``name`` is what they call it."""
-    found = []
-    for prefix, statement in _iterate_statements(ast.parse(path.read_text(encoding="utf-8"))):
+    found, source = [], path.read_text(encoding="utf-8")
+    for prefix, statement in _iterate_statements(ast.parse(source)):
         function = f"{prefix}{statement.name}" if isinstance(statement, ast.FunctionDef) else ""
         nodes = list(_iterate_nodes(statement, statement))
         for at, (node, inner) in enumerate(nodes):
@@ -46,7 +47,8 @@ def list_mutants(path: Path, name: str) -> list[Mutant]:
                 turned = list(_iterate_nodes(tree, tree))[at][0]
                 words = _apply(tree, turned, change)
                 lines = range(inner.lineno, (inner.end_lineno or inner.lineno) + 1)
-                found.append(Mutant(name, function, node.lineno, lines, words, ast.fix_missing_locations(tree)))
+                text = source.splitlines()[node.lineno - 1].strip()
+                found.append(Mutant(name, function, node.lineno, lines, words, text, ast.fix_missing_locations(tree)))
     return sorted(found, key=lambda m: m.line)
 
 
