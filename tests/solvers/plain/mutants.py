@@ -119,6 +119,9 @@ def plant(mutant: Mutant) -> None:
     code = compile(ast.Module([mutant.tree], []), module.__file__ or "", "exec")
     if not mutant.function:
         exec(code, vars(module))
+        source = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8")).body
+        after = [one for one in source if isinstance(one, ast.Assign) and one.lineno > mutant.line]
+        exec(compile(ast.Module(after, []), "", "exec"), vars(module))  # tables that are made of it
         return
     target: Any = module
     for name in mutant.function.split("."):
