@@ -103,7 +103,7 @@ attacks: $(READY) ## mutate results folders, bundles, tables and models a thousa
 	MUTATIONS=1000 $(BIN)/python -m pytest -q -s tests/attacks
 	$(BIN)/python -m tests.attacks.cases
 
-mutants: $(READY) ## turn every sign and factor of the compiled steps, one at a time: the contract with the plain ones must see each; ten minutes
+mutants: $(READY) ## turn every sign and factor of four compiled steps, one at a time: the contract with the plain ones must see each; a minute
 	$(BIN)/python -m mbsbench.tests.solvers.plain.mutants
 
 exam: $(READY) ## run or continue the exam of verdicts: sixteen mechanisms by all solvers, judged by true motions of their own; an hour
