@@ -208,7 +208,7 @@ def read_reasons() -> list[dict[str, str]]:
 
 
 def find_reason(m: Mutant, reasons: list[dict[str, str]]) -> dict[str, str] | None:
-    """Return the entry that explains a survivor: of its file and function, with patterns of its change and its line."""
+    """Return the entry for a survivor: of its file and function, with patterns of its change and its line."""
     for one in reasons:
         named = one["file"] == m.file and m.function in one["function"].split()
         if named and re.search(one.get("change", ""), m.change) and re.search(one.get("line", ""), m.text):
@@ -273,13 +273,11 @@ def main() -> int:
 
     def say(verdict: Verdict) -> None:
         nonlocal unexplained
-        if verdict.outcome in (SURVIVED, UNMET):
-            reason = find_reason(verdict.mutant, reasons)
-            used.append(reason)
-            unexplained += reason is None
-            if reason is None or given.all:
-                print(f"{verdict.mutant}\n    {verdict.outcome}: {verdict.words}", flush=True)
-        elif given.all:
+        lives = verdict.outcome in (SURVIVED, UNMET)
+        if lives:
+            used.append(find_reason(verdict.mutant, reasons))
+            unexplained += used[-1] is None
+        if given.all or (lives and used[-1] is None):
             print(f"{verdict.mutant}\n    {verdict.outcome}: {verdict.words}", flush=True)
 
     verdicts = judge_files(files, given.every, given.having, say)
