@@ -36,7 +36,7 @@ COMPARE := $(BIN)/python -m mbsbench.tests.processors.compare_bits
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test release core attacks exam test-shapes test-python test-published test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
+.PHONY: help setup test release core attacks mutants exam test-shapes test-python test-published test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -102,6 +102,9 @@ core: $(READY) ## whether the core is whole: delete lab, formats and engines in 
 attacks: $(READY) ## mutate results folders, bundles, tables and models a thousand times each, and count what readers do; an hour
 	MUTATIONS=1000 $(BIN)/python -m pytest -q -s tests/attacks
 	$(BIN)/python -m tests.attacks.cases
+
+mutants: $(READY) ## turn every sign and factor of four compiled steps, one at a time: the contract with the plain ones must see each; a minute
+	$(BIN)/python -m mbsbench.tests.solvers.plain.mutants
 
 exam: $(READY) ## run or continue the exam of verdicts: sixteen mechanisms by all solvers, judged by true motions of their own; an hour
 	$(BIN)/python -m mbsbench.tests.exam results/local/exam $(if $(EXAMINED),--results $(EXAMINED))

@@ -17,6 +17,8 @@ LOADS = (
     Load(0, (1.0, 2.0, -1.0), (0.3, 0.1, -0.2), (0.1, -0.2, 0.3)),
     Load(0, (0.5, -0.4, 0.3), (-0.2, 0.3, 0.5), (0.2, 0.1, 0.0), follows=True),
 )
+SWAY = TimeFunction((0.3, 0.4, -0.2, 0.1), 0.2, 5.0, 0.7)
+TIMED = tuple(dataclasses.replace(load, factor=SWAY) for load in LOADS)
 
 
 def _poses(random: np.random.Generator, nb: int) -> tuple[np.ndarray, np.ndarray]:
@@ -25,16 +27,19 @@ def _poses(random: np.random.Generator, nb: int) -> tuple[np.ndarray, np.ndarray
     return np.concatenate((r, np.zeros((1, 3)))), np.concatenate((R, np.eye(3)[None]))
 
 
-def one_joint(kind: JointKind, *, ground: bool, seed: int = 3, times: int = 1) -> tuple[MultibodySystem, State]:
+def one_joint(
+    kind: JointKind, *, ground: bool, seed: int = 3, times: int = 1, timed: bool = False
+) -> tuple[MultibodySystem, State]:
     """Two bodies, or one and the ground, with a spring-damper and two loads; a consistent state.
 
-    The joint is declared as many ``times``: all rows of a copy depend on those of the first.
+    The joint is declared as many ``times``: all rows of a copy depend on those of the first. Loads that are ``timed``
+    are functions of time.
     """
     random, nb = np.random.default_rng(seed), 1 if ground else 2
     r, R = poses = _poses(random, nb)
     joint = draw_closed_joint(kind, 0, GROUND if ground else 1, poses, random)
     bodies = [draw_body(random) for _ in range(nb)]
-    system = assemble(bodies, [joint] * times, (0.3, -9.81, 0.2), [SPRING], LOADS)
+    system = assemble(bodies, [joint] * times, (0.3, -9.81, 0.2), [SPRING], TIMED if timed else LOADS)
     v = random.standard_normal((2, nb, 3))
     return system, project(system, State(r[:-1], R[:-1], v[0], v[1]))
 
@@ -45,9 +50,6 @@ def all_joints() -> MultibodySystem:
     poses = _poses(random, nb)
     joints = [draw_closed_joint(kind, k, k - 1, poses, random) for k, kind in enumerate(KINDS)]
     return assemble([draw_body(random) for _ in range(nb)], joints, (1.1, -2.3, -9.5), [SPRING], LOADS)
-
-
-SWAY = TimeFunction((0.3, 0.4, -0.2, 0.1), 0.2, 5.0, 0.7)
 
 
 def moving_row(kind: str, i: int, j: int, random: np.random.Generator) -> Joint:
@@ -90,7 +92,6 @@ def moving_rows(kind: str | None, *, ground: bool = False, seed: int = 5) -> Mul
             )
         joints.append(row)
     nb = len(kinds) if kind is None or ground else 2
-    loads = tuple(dataclasses.replace(load, factor=SWAY) for load in LOADS)
     bodies = [draw_body(random) for _ in range(nb)]
     twist = TorsionSpring(0, (0.3, 1.0, 0.2), nb - 1 if nb > 1 else GROUND, (1, 2, 3), (1, 0, 0.5), 3.0, 0.4, 0.5)
-    return assemble(bodies, joints, (0.3, -9.81, 0.2), [SPRING], loads, [twist])
+    return assemble(bodies, joints, (0.3, -9.81, 0.2), [SPRING], TIMED, [twist])

@@ -31,6 +31,11 @@ STEPS = {  # the plain steps of each solver
     "rkmk_dop853": lambda p: rkmk.Step(p, rkmk.PAIRS["8(5,3)"], SHARP),
     "radau_ggl": lambda p: radau_ggl.Step(p, 1e-13, SHARP),
 }
+CLOSE = {
+    "rkmk_dopri5": 1e-5,
+    "rkmk_dop853": 1e-5,
+    "radau_ggl": 1e-2,
+}  # of the ends of steps
 LEFT = {"rkmk_dopri5": 0.0, "rkmk_dop853": 0.0, "radau_ggl": 1e-13}  # [m] of h v: h^2 dv' ends the iteration
 
 
@@ -58,8 +63,19 @@ def compare(problem, solver, codes=("kernel",)):
         found = made.solve(problem, control)
         where = f"{solver}, {code}, {problem.name}"
         assert found.status is Status.SUCCESS, f"{where}: {found.message}"
-        plain = march(problem, control, STEPS[solver](problem), Replay(found.t))
-        compare_runs(problem, where, found, plain, LEFT[solver] / problem.dt)
+        compare_runs(problem, where, found, step_plainly(solver, problem, control, found.t), LEFT[solver] / problem.dt)
+
+
+def step_plainly(solver, problem, control, t):
+    """The plain steps between given times."""
+    return march(problem, control, STEPS[solver](problem), Replay(t))
+
+
+def compare_steps(where, found, plain, within):
+    """Compare the ends of steps that both methods have chosen by their errors."""
+    where = f"{where}: ends of steps are {found.t}, by the plain method {plain.t}"
+    assert len(plain.t) == len(found.t), where
+    assert_close(plain.t, found.t, rtol=within, atol=0.0, what=where)
 
 
 ON_JOINTS = [(kind, solver) for kind in (*KINDS, *MOVING) for solver in STEPS]
@@ -155,10 +171,7 @@ def test_runs_choose_the_same_steps(solver):
     else:
         evaluations = plain.counters["evaluations"]
         assert evaluations == found.counters["evaluations"] == found.counters["factorisations"]
-    where = f"{solver}, {problem.name}: ends of steps are {found.t}, by the plain method {plain.t}"
-    close = 1e-2 if solver == "radau_ggl" else 1e-5
-    assert len(plain.t) == len(found.t), where
-    assert_close(plain.t, found.t, rtol=close, atol=0.0, what=where)
+    compare_steps(f"{solver}, {problem.name}", found, plain, CLOSE[solver])
 
 
 def test_what_is_left_is_the_rest_of_a_geometric_series():

@@ -1,0 +1,183 @@
+"""Cases of the contract that cost little: a few long steps of each method, with each kind of force and each option.
+
+Steps are of a hundredth of a second, where terms of the second order in them are far above what tests leave. Runs of
+plain methods are kept on disk until a file of ``MAKERS`` changes.
+"""
+
+import dataclasses
+import hashlib
+import os
+from collections.abc import Callable, Collection
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbsbench import Joint, MultibodySystem, Problem, StepControl, Trajectory, assemble
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics.joints import JointKind
+from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.mechanics.types import Status
+from mbsbench.harness.results.environment import ROOT
+from mbsbench.problems.random_mechanism import draw_body
+
+from ..arbitrary_joints import moving_rows, one_joint
+from ..arbitrary_systems import consistent, with_user_forces
+from .test_contract import AS_PRINTED, EQUAL_LOADS, NESTED, SHARP, compare_runs, problem_of
+from .test_error_controlled import CLOSE, LEFT, compare_steps, step_plainly
+from .test_error_controlled import SHARP as RTOL
+
+DT, STEPS = 1e-2, 3
+KEPT = ROOT / "results" / "local" / "plain_runs"
+MAKERS = ("solvers/plain/*.py", "harness/mechanics/**/*.py", "problems/*.py", "tests/solvers/arbitrary*.py")
+
+
+class Case(NamedTuple):
+    """A run, and the plain one that it is compared with; ``left`` and ``loads`` as ``compare_runs`` has them."""
+
+    name: str
+    solve: Callable[[], Trajectory]
+    problem: Problem
+    plain: Trajectory
+    left: float
+    loads: float
+    ends: float = 0.0  # share of time by which ends of steps may differ, where the method chooses them
+
+    def compare(self, found: Trajectory) -> None:
+        """Raise AssertionError where a run differs from the plain one: method, mechanism, quantity, both numbers."""
+        assert found.status is Status.SUCCESS, f"{self.name}: {found.message}"
+        if self.ends:
+            compare_steps(self.name, found, self.plain, self.ends)
+        else:
+            compare_runs(self.problem, self.name, found, self.plain, self.left, self.loads)
+
+
+def _of_system(name: str, system: Any, seed: int = 2) -> Problem:
+    return problem_of(name, system, consistent(system, seed), STEPS, DT)
+
+
+def _of_catalogue(name: str, given: dict[str, Any]) -> Problem:
+    return dataclasses.replace(make_problem(name, given), t_end=STEPS * DT, dt=DT)
+
+
+def two_bodies() -> MultibodySystem:
+    """Ground - spherical - body 0 - revolute - body 1, under gravity alone."""
+    random, gravity = np.random.default_rng(7), (1.1, -2.3, -9.5)
+    joints = [
+        Joint(0, (0.3, 0.1, 0.0), s_j=(0.1, -0.2, 0.3)),
+        Joint(1, (0.2, 0.0, -0.3), 0, (-0.4, 0.1, 0.2), axis_i=(1.0, 2.0, 3.0), axis_j=(0.5, -1.0, 0.2)),
+    ]
+    return assemble([draw_body(random), draw_body(random)], joints, gravity)
+
+
+def make_problems() -> dict[str, Problem]:
+    """Make the mechanisms by name, of one to three bodies."""
+    springs, timed = (one_joint(JointKind.REVOLUTE, ground=False, timed=timed) for timed in (False, True))
+    repeated = {"bodies": 2, "loops": 1, "repeated": 1, "mechanism_seed": 5}
+    return {
+        "linkage": _of_system("linkage", two_bodies()),
+        "springs": problem_of("revolute", *springs, STEPS, DT),
+        "timed loads": problem_of("timed loads", *timed, STEPS, DT),
+        "user forces": _of_system("user forces", with_user_forces(), 3),
+        "driven": _of_system("driven position", moving_rows("driven position"), 4),
+        "top": _of_catalogue("heavy_top", {}),
+        "repeated joint": _of_catalogue("random_mechanism", repeated),
+        "planar loop": _of_catalogue("random_linkage", {"linkage": "planar"}),
+    }
+
+
+GC, AL = "gc_weak_form", "gc_augmented_lagrangian"
+FIXED: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
+    (GC, SHARP, ("linkage", "springs", "user forces", "driven", "top")),
+    (GC, {**SHARP, "gauge": "zero"}, ("linkage", "springs")),
+    (GC, {**SHARP, "gauge": "accumulate"}, ("linkage",)),
+    (GC, {**SHARP, "b_term": False, "f_bar": False}, ("linkage", "springs")),
+    (GC, {**SHARP, "gauge": "accumulate", "mu0": "velocity", "newton": "kept"}, ("linkage",)),
+    (GC, {**SHARP, **AS_PRINTED, "direction": "mass", "final_iterate": "after_correction"}, ("springs",)),
+    (GC, {**SHARP, **AS_PRINTED, "final_iterate": "corrected"}, ("springs",)),
+    (GC, {**SHARP, "c_bar": 2.0, "k_bar": 5.0}, ("linkage", "springs")),
+    (GC, {**SHARP, "estimate": "start"}, ("springs",)),
+    (AL, {**NESTED, "penalty_growth": 10.0}, ("planar loop",)),
+    (AL, {**NESTED, "k_bar": 5.0, "lambda_bar": True}, ("springs",)),
+    ("rattle", {}, ("springs", "linkage", "top", "repeated joint", "user forces")),
+    ("lie_variational", {}, ("springs", "linkage", "planar loop")),
+    ("generalized_alpha", {}, ("springs", "user forces", "repeated joint")),
+    ("generalized_alpha", {"form": "index3", "rho_inf": 0.7}, ("springs", "planar loop")),
+    ("al_index3", {}, ("springs", "repeated joint")),
+    ("half_explicit", {}, ("springs", "driven", "top", "repeated joint", "user forces")),
+    ("energy_momentum", {}, ("springs", "linkage", "planar loop", "timed loads")),
+]
+# a step's own rows are those of the mean pose: how they share a load that is redundant at the nodes alone, is a rule
+BY_ANY_RULE = ("energy_momentum", "random_linkage")
+CONTROLLED = {
+    "rkmk_dopri5": ("springs", "driven", "user forces"),
+    "rkmk_dop853": ("springs", "repeated joint"),
+    "radau_ggl": ("springs", "repeated joint", "user forces"),
+}
+
+
+def make_cases(solvers: Collection[str]) -> list[Case]:
+    """Make all cases of some solvers, with the plain runs."""
+    problems = make_problems()
+    fixed = [one for one in FIXED if one[0] in solvers]
+    found = [_fix(solver, options, problems[name]) for solver, options, names in fixed for name in names]
+    for solver, names in ((solver, names) for solver, names in CONTROLLED.items() if solver in solvers):
+        found += [_replay(solver, problems[name]) for name in names]
+        found.append(_control(solver))
+    return found
+
+
+def _keep(name: str, solve: Callable[[], Trajectory]) -> Trajectory:
+    """Return the plain run of a case, kept on disk or made now."""
+    path = KEPT / f"{hashlib.sha256(f'{name} {_digest_makers()}'.encode()).hexdigest()[:32]}.npz"
+    if path.exists():
+        with np.load(path) as kept:
+            t, *states, reaction = (kept[key] for key in ("t", "r", "R", "v", "Omega", "reaction"))
+        return Trajectory(t, States(*states), Status.SUCCESS, "", {}, reaction=reaction)
+    plain = solve()
+    assert plain.status is Status.SUCCESS, f"{name}: {plain.message}"
+    KEPT.mkdir(parents=True, exist_ok=True)
+    s, part = plain.states, path.with_suffix(f".{os.getpid()}.npz")
+    np.savez(part, t=plain.t, r=s.r, R=s.R, v=s.v, Omega=s.Omega, reaction=plain.reaction)
+    part.rename(path)
+    return plain
+
+
+@cache
+def _digest_makers() -> str:
+    """Return a digest of all files on which plain runs depend."""
+    paths = sorted(path for pattern in MAKERS for path in ROOT.glob(pattern))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
+
+
+def _fix(solver: str, options: dict[str, Any], problem: Problem) -> Case:
+    """Fixed steps."""
+    control = StepControl(dt=DT)
+    name = f"{solver} {options}, {problem.name}"
+    plain = _keep(name, lambda: make_solver(solver, {**options, "code": "plain"}).solve(problem, control))
+    made, index3 = make_solver(solver, options), options.get("form") == "index3"
+    return Case(
+        name,
+        lambda: made.solve(problem, control),
+        problem,
+        plain,
+        1e-12 / DT if index3 else 0.0,
+        np.inf if (solver, problem.name) == BY_ANY_RULE else EQUAL_LOADS + (1e-6 if index3 else 0.0),
+    )
+
+
+def _replay(solver: str, problem: Problem) -> Case:
+    """Steps of the plain method over times that the compiled one has chosen."""
+    control, made = StepControl(rtol=RTOL, max_step=2e-3), make_solver(solver)
+    problem = dataclasses.replace(problem, t_end=5e-3)
+    t, name = made.solve(problem, control).t, f"{solver}, {problem.name}"
+    plain = _keep(f"{name} {t.tolist()}", lambda: step_plainly(solver, problem, control, t))
+    return Case(name, lambda: made.solve(problem, control), problem, plain, LEFT[solver] / 1e-3, EQUAL_LOADS)
+
+
+def _control(solver: str) -> Case:
+    """Steps that the plain method chooses by itself, by errors far above rounding."""
+    problem, control = make_problem("heavy_top", {"t_end": 0.04}), StepControl(rtol=1e-5)
+    made, name = make_solver(solver), f"{solver}, {problem.name}"
+    plain = _keep(f"{name} by itself", lambda: make_solver(solver, {"code": "plain"}).solve(problem, control))
+    return Case(name, lambda: made.solve(problem, control), problem, plain, 0.0, np.inf, CLOSE[solver])
