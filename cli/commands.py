@@ -33,7 +33,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 def add_commands(commands: Any) -> None:
-    """Add the parser of every subcommand."""
+    """Add the parser of every subcommand; each function ``_add_<command>`` below adds the one of its name."""
     for add in (
         _add_list,
         _add_solve,

@@ -24,7 +24,7 @@ STYLE = {Likeness.CHANGED: "bold red", Likeness.ROUNDING: "yellow", Likeness.SAM
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the changes; return 0 if both hold the same runs with the same numbers, bit for bit, else 1."""
+    """Print the changes; return 0 if both folders hold the same runs with the same numbers, bit for bit, else 1."""
     folders = [arguments.before, arguments.after]
     loaded = [store.load(f) for f in folders]
     if not any(part.records for part in loaded):

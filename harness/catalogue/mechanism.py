@@ -68,7 +68,7 @@ def is_mechanism(name: str) -> bool:
 
 
 def choose_name(path: str | Path) -> str:
-    """Return the name of a file's problem: that of the file, with characters that need no quotes."""
+    """Return the problem name of a file: its stem, with characters that a shell would quote replaced by ``_``."""
     return re.sub(r"[^\w+-]+", "_", Path(path).stem)
 
 

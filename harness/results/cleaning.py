@@ -43,7 +43,7 @@ def find_old(local: Path, keep: int, older_than: float) -> list[OldFolder]:
 
 
 def remove(folder: Path) -> bool:
-    """Remove a results folder and return True; return False, and touch nothing, if a command is using it."""
+    """Remove a results folder and return True; return False, and change nothing, if a command is using it."""
     with contextlib.ExitStack() as held:
         try:
             held.enter_context(store.lock_folder(folder))

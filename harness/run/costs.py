@@ -111,9 +111,9 @@ TABLE_MACHINE = Slowness(1.0, 1.0)
 
 @functools.cache
 def measure_slowness(jobs: int) -> Slowness:
-    """Return by how much longer runs take here, ``jobs`` in parallel, than on the idle machine of the table.
+    """Return how much longer runs take here, ``jobs`` in parallel, than on the idle machine of the table.
 
-    It covers a slower core and other processes that want the cores, and is measured once for each number of jobs.
+    It covers a slower core and other processes that compete for the cores, and is measured once per number of jobs.
     """
     core = measure_loop() / read_costs().loop_s
     rivals = max(1.0, (count_rivals() + jobs) / (os.cpu_count() or 1))

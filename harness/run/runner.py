@@ -167,7 +167,7 @@ def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Exec
 
 
 def _set_foreign_aside(folder: Path, loaded: LoadedResults, is_ours: Callable[[RunRecord], bool]) -> LoadedResults:
-    """Set aside the records that are not ours, with their files; return the results without them."""
+    """Set aside the records that no run of this suite wrote, with their files; return the results without them."""
     foreign = list_foreign(folder, [r for r in loaded.records if not is_ours(r)])
     store.set_aside(folder, chain.from_iterable(foreign))
     gone = {files[0].path.stem for files in foreign if files}

@@ -53,7 +53,7 @@ def is_met_by_choice(f: judged.ClaimFinding) -> bool:
 
 
 def describe_choice(d: judged.Decision) -> str:
-    """Format ``reproduced if the tolerance may be chosen, all at tolerance 0.1``."""
+    """Describe a claim that holds if one value may be chosen: ``reproduced if the tolerance may be chosen, ...``."""
     return f"reproduced if the {spell_out(next(iter(d.by)))} may be chosen, all at {condition(d)}"
 
 

@@ -105,7 +105,7 @@ class HeatMap:
 
     @property
     def title(self) -> str:
-        """The number of solvers within all limits, among those that ran every problem to the end, else among all."""
+        """The number of solvers within all limits, of those that ran every problem to its end, or else of all."""
         complete = [row for row in self.rows if row.counted == len(self.problems)] or self.rows
         whole = sum(row.succeeded == len(self.problems) for row in complete)
         apart = " (each set of parameters counted)" * (len({v.problem for v in self.problems}) < len(self.problems))

@@ -173,7 +173,7 @@ def make_plot(panel: Panel, lines: Sequence[PaperLine]) -> Plot:
 def make_curve(line: PaperLine, name: str, panel: Panel) -> Curve | None:
     """Return a line's series ``name`` in the panel's window, reduced with its peaks kept; None if not recorded.
 
-    On a logarithmic axis it holds magnitudes.
+    For a logarithmic axis the values are magnitudes.
     """
     if line.series is None or name not in line.series:
         return None

@@ -122,10 +122,10 @@ def plot_pairs(
     folded: bool = False,
     front: bool = False,
 ) -> dict[str, Plot]:
-    """Return plots by ``<error>-<work>`` of the runs of one variant; pairs that no run has are left out.
+    """Return plots of error against work for one variant, one for each of ``pairs`` that some run has.
 
-    ``folded`` merges short ladders with options into a trace per solver, and hides settings that are neither default
-    nor best; ``front`` adds the Pareto front.
+    They are keyed ``<error>-<work>``. ``folded`` merges short ladders with options into a trace per solver, and hides
+    settings that are neither default nor best; ``front`` adds the Pareto front.
     """
     out = {}
     for error, work in pairs:

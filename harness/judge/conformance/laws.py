@@ -303,7 +303,7 @@ def check_invariants(s: Subject) -> Finding:
 
 
 def _compare_worst(found: Mapping[str, tuple[float, str]], most: float) -> Finding:
-    """Return the finding on the largest of some relative errors, by name; NaN is the largest."""
+    """Return the finding on the largest of several relative errors, named by its key; NaN counts as the largest."""
     if not found:
         return leave_open("there are none")
     name = max(found, key=lambda k: (math.isnan(found[k][0]), found[k][0]))

@@ -193,10 +193,10 @@ def _is_consequence(f: Finding, broken: Collection[str]) -> bool:
 def tighten_bounds(
     old: Thresholds, records: Sequence[RunRecord], proposed: Sequence[Threshold], *, loosen: bool
 ) -> Thresholds:
-    """Return ``old`` with the bounds that ``proposed`` adds or tightens.
+    """Return ``old`` with the bounds that ``proposed`` adds or tightens and, with ``loosen``, those that it widens.
 
-    With ``loosen`` also with those that it widens. With ``loosen``, bounds of cases without a record are dropped. A
-    threshold with a tolerance, or around several runs, changes only with ``loosen``.
+    With ``loosen``, bounds of cases without a record are dropped. A threshold with a tolerance, or around several runs,
+    changes only with ``loosen``.
     """
     cases = {r.case for r in records}
     bounds = {(b.case, b.metric): b for b in old.bounds if b.case in cases or not loosen}

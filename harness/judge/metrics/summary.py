@@ -209,7 +209,10 @@ def _measure_return(problem: Problem, trajectory: Trajectory) -> dict[str, float
 
 
 def _drift(values: np.ndarray, unit: str) -> dict[str, Any]:
-    """Return how far an invariant leaves its first value, at most (``max``) and last (``end``), with value and unit."""
+    """Return the largest (``max``) and last (``end``) deviation of an invariant from its first value, with that value.
+
+    The dict also holds the ``unit``.
+    """
     away = values - values[0]
     return {
         "max": encode_nonfinite(find_largest(away)),

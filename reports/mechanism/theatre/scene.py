@@ -91,7 +91,7 @@ def _make_players(results: StoredResults, runs: Sequence[StoredRun], alike: Sequ
 
 
 def make_player(run: StoredRun, series: Series, poses: Poses) -> Player:
-    """Return a run as a player, with poses added between long steps where the exact motion is stored."""
+    """Return a run as a player; where the exact motion is stored, poses are interpolated within long steps."""
     exact = read_exact_motion(series)
     if len(poses) < 2 or exact is None or len(exact) < 2 or exact.r.shape[1:] != poses.r.shape[1:]:
         return Player(run, series, poses)

@@ -218,7 +218,7 @@ def _format_first(c: JudgedClaim) -> str:
 
 
 def _show_claim(c: JudgedClaim, by_settings: Mapping[str, StoredRun], anchor: str) -> ClaimView:
-    """Return a claim for the page with some of its runs that are not on the map; absent runs are counted."""
+    """Return a claim as the page shows it, with the judged runs outside its map: some by name, the others counted."""
     line = None
     if c.tests:
         first = c.tests[0]

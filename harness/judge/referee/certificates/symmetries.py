@@ -231,7 +231,7 @@ def _least_growth(base: RunRecord, found: Iterable[tuple[RunRecord, Yardstick]])
 
 
 def _prepare_row(base: RunRecord, check: str, *runs: RunRecord) -> Callable[..., Symmetry]:
-    """Return a function that makes the row of ``check`` for these runs from the verdict and numbers still missing."""
+    """Return a function that makes the row of ``check`` for these runs, given the verdict and the measured numbers."""
     options, variant = json.loads(base.solver_options), base.case.split(" ")[0]
     ids = tuple(r.settings_id for r in runs)
     return functools.partial(Symmetry, base.solver, options, check, base.problem, variant, ids)

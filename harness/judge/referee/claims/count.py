@@ -156,7 +156,7 @@ def _find_gaps(claim: given.Claim, tried: RunsOfClaim, records: Mapping[str, Run
 
 
 def _find_unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequence[Point]) -> list[MissingReason]:
-    """Return why the map decides nothing: no setting is settled, or a test's number exists for no setting.
+    """Return why the map decides nothing: no setting is decided, or a test has a number for no setting.
 
     A number that does not exist refutes nothing.
     """

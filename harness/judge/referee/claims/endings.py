@@ -1,9 +1,9 @@
 """Classify how a run ended, and what can be concluded from one that was cut short.
 
-A run that reached its end or failed by itself is final: its ending is settled. A run that a clock, its memory or its
-budget of steps ended might have continued, and so might one whose joint had come apart: the harness ended them, not
-their solver. A run that stopped before one step of its allowed size has no motion to judge. These settle only what was
-settled when they ended.
+A run that reached its end or failed by itself is final. A run that a clock, its memory or its budget of steps ended
+might have continued, and so might one whose joint had come apart: the harness ended them, not their solver. A run that
+stopped before one step of its allowed size has no motion to judge. Such runs decide only those tests whose outcome was
+certain when they ended.
 """
 
 import json

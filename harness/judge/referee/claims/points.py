@@ -29,7 +29,7 @@ ACTS = 0.01  # relative change of the mean step below which a reduction had no e
 
 @dataclass(frozen=True)
 class Point:
-    """A setting of the map: its runs (several if a claim looks across a dimension), the numbers, the finding."""
+    """A setting of the map: its runs (several if a claim looks across a dimension), its numbers and its outcome."""
 
     places: tuple[PlacedRun, ...]
     numbers: tuple[float, ...]  # one per test
@@ -220,7 +220,7 @@ def _sort_places(places: Iterable[PlacedRun]) -> list[PlacedRun]:
 
 
 def _compares(test: Test) -> bool:
-    """Return whether a missing number of the test leaves it open: there was nothing to compare, or no stop."""
+    """Return whether a test without a number stays undecided: it compares runs, or measures when a run stopped."""
     return bool(test.compare) or test.combine in RATIOS or MEASURES[test.metric].of_stopped
 
 
@@ -268,7 +268,7 @@ def _is_same(p: PlacedRun, q: PlacedRun, numbers: RunNumbers) -> bool:
 
 
 def _leave_reduced(test: Test, ordered: Sequence[PlacedRun], numbers: RunNumbers) -> list[PlacedRun]:
-    """Return the runs whose mean step differs from that of the run kept before: a claim on smaller steps needs such.
+    """Return the runs without those whose mean step equals that of the run before, for a claim on smaller steps.
 
     For the ratio of last to first, only these two runs are considered.
     """
