@@ -15,7 +15,7 @@ from ..harness.base import machine
 from ..harness.base.hints import suggest_name
 from ..harness.base.isolation import end_with_parent
 from .commands import add_commands
-from .parser import UsageError, make_parser
+from .parser import UsageError, list_commands, make_parser
 
 INTERRUPTED = {
     "run": "interrupted; finished runs are kept (--resume continues)",
@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
             sys.stdout.write(describe_version(words[1:]))
             return 0
         if words[0] not in commands.choices:
-            raise UsageError(f"no command is called {words[0]!r}{suggest_name(words[0], list(commands.choices))}")
+            raise UsageError(f"no command is called {words[0]!r}{suggest_name(words[0], list_commands(commands))}")
         parsed = parser.parse_args(words)
         command = parsed.command
         return int(import_module(f".{parsed.module}", __package__).run(parsed))

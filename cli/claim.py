@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     alone = replace(register, claims=(known[arguments.claim],))
     for name in ("out", "jobs"):
         if getattr(arguments, name) and not arguments.make:
-            raise UsageError(f"--{name} goes with --run")
+            raise UsageError(f"--{name} needs --run")
     if arguments.make and arguments.results:
         raise UsageError("--run makes results: give --out DIR, not RESULTS")
     published = {c.id: c for c in read_claims(PUBLISHED) or ()}.get(arguments.claim)

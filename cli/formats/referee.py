@@ -81,10 +81,10 @@ def parse_settings(arguments: argparse.Namespace, first: Path) -> FileSettings:
     reading = Reading(**{name: getattr(arguments, name) for name in CHOICES})
     columns = tuple(c.strip() for c in (arguments.columns or "").split(",") if c.strip())
     if len({"=" in c for c in columns}) > 1:
-        raise UsageError("--columns takes OURS=THEIRS for each, or for a file without a header ours alone, in order")
+        raise UsageError("--columns takes OURS=THEIRS, ..., or the names of all columns of a file without a header")
     settings = {k: v for k in ("dt", "rtol") if (v := getattr(arguments, k, None)) is not None}
     if len(settings) > 1:
-        raise UsageError("give one of --dt and --rtol")
+        raise UsageError("give at most one of --dt and --rtol")
     stem = re.sub(r"[^\w.+-]+", "_", first.stem)
     name = getattr(arguments, "name", None) or (f"{stem}_file" if stem in registry.solvers() else stem)
     return FileSettings(

@@ -117,7 +117,7 @@ def archive_commit(commit: str) -> bytes:
             return subprocess.run(call, cwd=ROOT, capture_output=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):  # no git, or no such commit
         pass
-    raise ValueError(f"commit {commit[:64]!r} of its code is not here: run its suite again")
+    raise ValueError(f"commit {commit[:64]!r} of its code is not in this repository: run its suite again")
 
 
 def read_utc_time(*, fine: bool = False) -> str:

@@ -271,7 +271,7 @@ def parse_record_json(text: str) -> RunRecord:
     record = _convert(plain, RunRecord, "record")
     long = [c.name for c in COLUMNS if c.type is int and not -(2**63) <= getattr(record, c.name) < 2**63]
     if long:
-        raise FileError(f"column {long[0]} holds a number that no table can")
+        raise FileError(f"column {long[0]} holds an integer of more than 64 bits")
     for c in COLUMNS:
         if c.type is str and c.name != "message" and (found := find_unaccepted(getattr(record, c.name))):
             raise FileError(f"column {c.name} holds {found}")

@@ -92,7 +92,7 @@ class DaskPool:
         finally:
             client.close()
         found = "; ".join(self._foreign[:5])
-        foreign = f"files that are not of the run that wrote them were not taken: {found}" if found else ""
+        foreign = f"files that do not belong to the run that wrote them were discarded: {found}" if found else ""
         try:
             self._unbegun.check()
         except PoolError as error:

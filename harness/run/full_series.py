@@ -78,14 +78,14 @@ def _check_origin(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> 
     if own != record.code:
         where = f"; check out {record.commit[:12]}" if record.commit else ""
         raise FileError(
-            f"{name_run(record)} keeps not every step, and cannot be solved again: it is of code {record.code}, "
-            f"here is {own}{where}, or run its suite again"
+            f"{name_run(record)} does not store every step and cannot be solved again: it is of code {record.code}, "
+            f"this is {own}{where}, or run its suite again"
         )
     there, here = _read_stamp(folder, record), origin.describe_environment("", "", 1, plugins)
     if not is_same_platform(there, here):
         found = [d for d in find_differences(there, here) if d.what not in ("suite", "plugins")]
         raise FileError(
-            f"{name_run(record)} keeps not every step, and cannot be solved again to the bit here: "
+            f"{name_run(record)} does not store every step and cannot be solved again bit for bit here: "
             f"{describe_differences(found)}"
         )
 
@@ -125,5 +125,5 @@ def _read_checked(folder: Path, record: RunRecord, place: Path, again: RunRecord
     if found is None or kept is None:
         raise FileError(f"{name_run(record)} left no steps when solved again")
     if found.steps_sha256 != kept.steps_sha256:
-        raise FileError(f"{name_run(record)} was solved again, and its steps have other bits than those of the results")
+        raise FileError(f"{name_run(record)} was solved again, and its steps are not bit for bit those of the results")
     return found

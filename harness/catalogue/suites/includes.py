@@ -96,7 +96,7 @@ def _collect_includes(
         target = path.resolve()
         if target in dict(chain):
             circle = " includes ".join([*(n for _, n in chain), path.stem])
-            raise FileError(f"{s.where}: include goes round in a circle: {circle}")
+            raise FileError(f"{s.where}: suites include each other in a circle: {circle}")
         if target not in found:
             _collect_includes(read_source(path), target, chain, found)
     found[place] = s

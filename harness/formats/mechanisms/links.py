@@ -81,7 +81,7 @@ class LinkMechanism(MechanismFile):
     connections: Sequence[Connection]
     gravity: Float[np.ndarray, " 3"]  # [m/s2, space]
     dt: float  # [s] default step
-    omitted: Mapping[str, int]  # counts of what is not taken over, by its name
+    omitted: Mapping[str, int]  # number of omitted parts, by their kind
 
     @property
     def doc(self) -> str:
