@@ -49,7 +49,10 @@ def main(arguments: list[str] | None = None) -> int:
             return 0
         if words[0] not in commands.choices:
             raise UsageError(f"no command is called {words[0]!r}{suggest_name(words[0], list_commands(commands))}")
-        parsed = parser.parse_args(words)
+        try:
+            parsed = parser.parse_args(words)
+        except SystemExit:  # argparse has printed the help of a command
+            return 0
         command = parsed.command
         return int(import_module(f".{parsed.module}", __package__).run(parsed))
     except KeyboardInterrupt:

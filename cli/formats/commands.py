@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from ...harness.formats.motions.conventions import CHOICES, Reading
+from ...harness.formats.motions.conventions import CHOICES, UNSAID, Reading
 from ..arguments import add_plugin, add_problem, parse_positive_float
 from ..commands import add_subcommand
 
@@ -43,9 +43,10 @@ def _add_referee(commands: Any) -> None:
 
 def add_reading(p: argparse.ArgumentParser) -> None:
     """Add the options that define how the columns of a file are read."""
-    p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; without a header ours, in order")
+    p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; for a file without a header, OURS in order")
     for name, choices in CHOICES.items():
-        words = f"{MEANING[name]} (default: {getattr(Reading, name)})"
-        p.add_argument(f"--{name}", choices=choices, default=getattr(Reading, name), help=words)
+        usual = getattr(Reading, name)
+        words = f"{MEANING[name]} (default: {'not stated' if usual == UNSAID else usual})"
+        p.add_argument(f"--{name}", choices=choices, default=usual, help=words)
     tolerance = "difference allowed at the start, in SI units (default: by the digits printed)"
     p.add_argument("--start-tolerance", type=parse_positive_float, metavar="X", help=tolerance)
