@@ -43,7 +43,9 @@ def _add_referee(commands: Any) -> None:
 
 def add_reading(p: argparse.ArgumentParser) -> None:
     """Add the options that define how the columns of a file are read."""
-    p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; for a file without a header, OURS in order")
+    p.add_argument(
+        "--columns", metavar="OURS=THEIRS,...", help="names of columns; for a file without a header, OURS in order"
+    )
     for name, choices in CHOICES.items():
         usual = getattr(Reading, name)
         words = f"{MEANING[name]} (default: {'not stated' if usual == UNSAID else usual})"
