@@ -145,7 +145,7 @@ def _pass_on(child: int, number: int) -> None:
 
 
 def _open_streams() -> None:
-    """Open those of stdin, stdout and stderr that the caller closed, so that no other file takes their descriptors."""
+    """Open the null device for a closed stdin, stdout or stderr, so that no file takes its descriptor."""
     for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(descriptor)

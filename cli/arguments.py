@@ -100,7 +100,7 @@ def check_not_installed(path: Path, option: str) -> None:
         raise UsageError(f"{path.name} is part of the installed package; give another place with {option}")
 
 
-def add_running(p: argparse.ArgumentParser) -> None:
+def add_run_options(p: argparse.ArgumentParser) -> None:
     """Add the options that commands share which run a suite: --jobs, --out and --plugin."""
     add_jobs(p)
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/<suite>-<time>)")

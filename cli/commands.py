@@ -15,7 +15,7 @@ from .arguments import (
     add_plugin,
     add_problem,
     add_results,
-    add_running,
+    add_run_options,
     add_set,
     find_results,
     parse_duration,
@@ -101,7 +101,7 @@ def _add_solve(commands: Any) -> None:
 def _add_run(commands: Any) -> None:
     p = add_subcommand(commands, "run", "run a suite and write a results folder", "one object at the end", native=True)
     p.add_argument("suite", metavar="SUITE", help="name of a suite (see mbsbench list), or a TOML file")
-    add_running(p)
+    add_run_options(p)
     p.add_argument("--resume", action="store_true", help="continue --out, or the newest results of the suite")
     p.add_argument(
         "--dry-run", action="store_true", help="print the runs and how long they will take here; run nothing"
@@ -225,7 +225,7 @@ def _add_gate(commands: Any) -> None:
     p.add_argument("--all", action="store_true", help="show every threshold, not only those that failed or moved")
     add_file(p, "--junit", words="write the result as JUnit XML")
     add_file(p, "--markdown", words="write failed and moved thresholds as Markdown")
-    add_running(p)
+    add_run_options(p)
 
 
 def _add_verify(commands: Any) -> None:

@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def show_comparison(found: Comparison, inputs: list[Difference], limit: int = CHANGES, *, json: bool = False) -> None:
-    """Print the table of changes, the largest ``limit`` of them, and the inputs that differ; or all of them as JSON."""
+    """Print the changes, at most ``limit``, the largest first, and the inputs that differ; or all of them as JSON."""
     if json:
         changes = [{**dataclasses.asdict(c), "likeness": str(c.likeness)} for c in found.changes]
         plain = {"same": found.is_identical, "alike": found.alike, **dataclasses.asdict(found)}

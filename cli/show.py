@@ -294,7 +294,7 @@ def _read_column(r: RunRecord, name: str) -> float:
 
 
 def _print_runs(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
-    """Print a row for each run with a sparkline of its energy error, and the reasons of those that did not succeed."""
+    """Print a row per run with a sparkline of its energy error, then the reasons of runs that are no success."""
     columns = [
         Column("run", rank=1, right=False),
         Column("case", fold=True),

@@ -16,7 +16,7 @@ from ..arguments import (
     parse_positive_int,
 )
 from ..commands import CONTROL, SEED, add_subcommand
-from ..formats.commands import add_reading
+from ..formats.commands import add_reading_options
 
 if TYPE_CHECKING:  # it loads NumPy, which a list of commands does not need
     from ...harness.mechanics.types import Problem
@@ -105,7 +105,7 @@ def _add_shadow(commands: Any) -> None:
     results = f"{RESULTS} with the run, which is repeated (default: the newest)"
     p.add_argument("--results", default="latest", metavar="RESULTS", help=results)
     add_file(p, "--html", words="also write findings and distances over time to one HTML page")
-    add_reading(p)
+    add_reading_options(p)
     add_plugin(p)
 
 

@@ -87,7 +87,7 @@ def _unpack_codes(packed: np.ndarray) -> Int[np.ndarray, "2 spans"]:
 
 
 def _sum_steps(start: np.ndarray, dt: np.ndarray) -> np.ndarray:
-    """Return the times [s] of accepted steps: the start, then sums of the steps ``dt`` without the first of them."""
+    """Return the times [s] of accepted steps: the start, to which the steps ``dt`` after the first are added."""
     return np.cumsum(np.concatenate((start, dt[1:])))
 
 

@@ -236,9 +236,9 @@ def is_literal(record: RunRecord) -> bool:
 
 
 def find_judged_reference_error(record: RunRecord) -> float:
-    """Return the reference's stated error [m] over the time in which errors are judged, or an upper bound of it.
+    """Return the reference's stated error [m] over the time in which errors are judged.
 
-    Older records have only the stated error over all time, hence the bound.
+    For older records, which have only the error over all time, that is an upper bound.
     """
     known, length = record.reference_own_error_judged_m, record.length_scale_m
     if not math.isnan(known):

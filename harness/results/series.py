@@ -100,7 +100,7 @@ class Series:
         return self.envelopes[name].points if name in self.envelopes else (self.arrays["t"], self._rows(name))
 
     def tail(self, name: str, rows: int) -> np.ndarray:
-        """Return the last ``rows`` values of a series, or fewer if fewer are kept, as beside an envelope."""
+        """Return the last ``rows`` values of a series; fewer if fewer are stored, as in a file with envelopes."""
         kept = self.arrays.get(LAST + name, np.zeros(0)) if name in self.envelopes else self._rows(name)
         return kept[-rows:]
 

@@ -208,7 +208,7 @@ def parse_record(name: str, text: bytes) -> RunRecord:
     return record
 
 
-def note_added(folder: Path, run_id: str) -> None:
+def list_as_started(folder: Path, run_id: str) -> None:
     """Enter a record written by another command into the list of started runs that a killed runner left, if any.
 
     Otherwise ``--resume`` would set the record aside as foreign.

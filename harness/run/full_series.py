@@ -73,7 +73,7 @@ def name_run(record: RunRecord) -> str:
 
 
 def _check_origin(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> None:
-    """Raise FileError unless the run was made by the present code, with these plugins, on such a platform."""
+    """Raise FileError unless code, plugins and platform are those of the run, so that it repeats bit for bit."""
     own = codes.digest_run_code(record.problem, record.solver, plugins)
     if own != record.code:
         where = f"; check out {record.commit[:12]}" if record.commit else ""
@@ -118,7 +118,7 @@ def _was_cut_short(record: RunRecord) -> bool:
 def _read_checked(folder: Path, record: RunRecord, place: Path, again: RunRecord | None) -> Series:
     """Return the series of ``again``, the record in ``place`` of the repeated run; None stands for no record.
 
-    Raise FileError if it has no series, or other bits than the series of ``record`` in ``folder``.
+    Raise FileError if it has no series, or if its steps differ in any bit from those of ``record`` in ``folder``.
     """
     kept = store.read_run_series(folder, record, poses=False)
     found = store.read_run_series(place, again) if again is not None else None

@@ -66,7 +66,7 @@ class RemainingTime:
             [self.estimate_remaining(*run) for run in running], [self.estimate_run(spec) for spec in waiting], size
         )
 
-    def share_done(self, running: Sequence[tuple[RunSpec, float]], waiting: Iterable[RunSpec]) -> float:
+    def compute_done_share(self, running: Sequence[tuple[RunSpec, float]], waiting: Iterable[RunSpec]) -> float:
         """Return the fraction of the work that is done, by seconds of runs, not by their number.
 
         ``running`` pairs each run in progress with the time [s] since its start.

@@ -307,6 +307,6 @@ def _replace(folder: Path, record: RunRecord, there: Path, new: RunRecord, run_i
         commit=environment.read_commit(),
     )
     store.set_aside(folder, list_record_files(folder, record, WHY))
-    store.note_added(folder, run_id)
+    store.list_as_started(folder, run_id)
     store.write_record(folder, found)
     return found

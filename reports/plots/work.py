@@ -100,7 +100,7 @@ def _mean_step(run: StoredRun) -> float:
     return r.t_reached_s / r.steps if r.steps > 0 else math.nan
 
 
-def work_chapter(variant: Variant, url: Callable[[StoredRun], str]) -> Chapter | None:
+def make_work_chapter(variant: Variant, url: Callable[[StoredRun], str]) -> Chapter | None:
     """Return the plots of work against error of a problem as a chapter; None if no run has both."""
     plots = make_work_plots(variant, url, front=True)
     return Chapter("Work against error", NOTE, tuple(plots)) if plots else None

@@ -268,8 +268,8 @@ def _measure_angle(joint: Joint, s: State, start: State) -> tuple[float, float, 
 def _slide(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
     """Return the displacement [m] of i along the axis, its rate, and the wrenches of a force of 1 N along it on i.
 
-    The displacement is that of the joint's points, so that ``start`` is not used; it is there for the signature of
-    ``_measure_angle``, whose wrenches are alike.
+    The displacement is that of the joint's points; ``start`` is unused and keeps the signature of ``_measure_angle``,
+    which returns wrenches in the same form.
     """
     (r_i, R_i), (r_j, R_j) = _pose(s, joint.i), _pose(s, joint.j)
     direction = np.asarray(joint.axis_j)

@@ -237,7 +237,7 @@ def _steps(t: np.ndarray) -> dict[str, float]:
 
 
 def _summarize_counters(counters: Mapping[str, int]) -> dict[str, Any]:
-    """Return a solver's counters as JSON, and the columns of those that have a common name; NaN if not counted."""
+    """Return a solver's counters as JSON, and as columns those that all solvers share; NaN for one not counted."""
     out: dict[str, Any] = {"counters": json.dumps({k: int(v) for k, v in counters.items()})}
     for name, known in COUNTER_NAMES.items():
         found = [counters[k] for k in known if k in counters]

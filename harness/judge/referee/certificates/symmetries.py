@@ -150,10 +150,9 @@ def _parse(text: str) -> Mapping[str, Any]:
 
 
 def _make_key(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
-    """Return all settings that shape a run except one column, as a key that groups runs which differ in it alone.
+    """Return all settings that shape a run except one column, as a key by which runs that differ in it are grouped.
 
-    ``left_out`` is a column of the record; ``rtol`` of a fixed-step run stands for the tolerance of a step's
-    equations.
+    ``left_out`` is that column of the record; ``rtol`` of a fixed-step run is the tolerance of a step's equations.
     """
     shape = {k: str(getattr(r, k)) for k in SHAPING if k != left_out}
     if left_out == "rtol" and r.control == "dt":

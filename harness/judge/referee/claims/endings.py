@@ -54,9 +54,9 @@ def stops_in_start_up(record: RunRecord) -> bool:
 
 
 def ended_by_open_joint(record: RunRecord) -> bool:
-    """Return whether the guard of solvers with error control ended the run: joints open by their arms' length.
+    """Return whether the guard of solvers with error control ended the run, because a joint opened by its arm's length.
 
-    It calls such a run diverged, or singular if the rows were nearly dependent. Solvers of fixed steps have no such
+    The guard calls such a run diverged, or singular if the rows were nearly dependent. Solvers with fixed steps have no
     guard: values that are no longer finite are their own result.
     """
     stopped = record.status in (Status.DIVERGED, Status.SINGULAR) and not reached_end(record)
@@ -124,7 +124,7 @@ def is_settled(test: Test, record: RunRecord, how: Ending, value: float) -> bool
 def ends_early(test: Test, record: RunRecord, value: float) -> bool:
     """Return whether an early stop leaves the test open, because the missing rest might change its number ``value``.
 
-    Measures ``of_end`` are about the end itself, and stay settled.
+    Measures ``of_end`` concern the end itself and are decided by it.
     """
     if MEASURES[test.metric].of_end or reaches_time(test, record):
         return False

@@ -30,7 +30,7 @@ FEW = 0.1  # fraction of the settings: if fewer reached that time, they settle n
 
 
 class RunsOfClaim(NamedTuple):
-    """The runs of a claim, those it is compared with, and those of its control."""
+    """The runs of a claim, the runs that it is compared with, and the runs of its control."""
 
     own: tuple[PlacedRun, ...]
     others: tuple[PlacedRun, ...]
@@ -223,9 +223,9 @@ def _one_suffices(claim: given.Claim) -> bool:
 
 
 def _verdict(claim: given.Claim, holding: int, counted: int) -> ClaimVerdict:
-    """Return the verdict on ``counted`` settings, of which ``holding`` meet the claim: all, some, or none.
+    """Return the verdict if ``holding`` of ``counted`` settings meet the claim: all, some or none of them.
 
-    With the quantifier "some" one that meets it suffices; with no setting counted there is none.
+    With the quantifier "some" one setting that meets it suffices; with no setting counted the verdict is unknown.
     """
     if not counted:
         return ClaimVerdict.CANNOT_BE_TOLD

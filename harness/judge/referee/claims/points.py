@@ -157,9 +157,10 @@ def _point(
 def _nearest(
     claim: Claim, ordered: Sequence[PlacedRun], partners: Mapping[str, Sequence[PlacedRun]], numbers: RunNumbers
 ) -> Point:
-    """Return the point of a group in which one run that meets all tests suffices.
+    """Return the point of a group of runs in which one run that meets all tests suffices.
 
-    Its numbers are those of a value along ``across`` that meets all tests, else of the one that comes nearest.
+    Its numbers are those at a value along ``across`` that meets all tests or, without any, at the one that comes
+    nearest.
     """
     each = [_point(claim, [p], partners, numbers) for p in ordered]
 
