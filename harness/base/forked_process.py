@@ -38,7 +38,7 @@ class NotBegunError(RuntimeError):
 
 @dataclass(frozen=True)
 class ProcessEnd:
-    """How a process ended: its exit code or the limit that ended it, the lines that it sent, and what it used."""
+    """The end of a process: its exit code or the limit that ended it, the lines that it sent, and what it used."""
 
     code: int  # the exit code, or minus the signal that ended it
     killed: bool  # killed by us, at its limit or before

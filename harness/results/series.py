@@ -38,7 +38,7 @@ NAMED = 8  # most series named in the line of ``repr``
 
 
 class EnvelopedSeries(FileError):
-    """A request for every step of a series that is kept as an envelope."""
+    """Signal that every step of a series was requested, of which the file holds only an envelope."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -194,7 +194,7 @@ class LocalPool:
         supervisor.send(StartOrder(job))
 
     def _receive(self, news: News, supervisor: int) -> None:
-        """Process one message of the supervisor with process id ``supervisor``; call ``on_warmup`` or ``on_end``.
+        """Apply one message of the supervisor with process id ``supervisor``; call ``on_warmup`` or ``on_end``.
 
         The end of the warm-up lets runs begin and starts the limit. Raise PoolError if a run reports an error that
         concerns all runs, such as a folder that cannot be written.
