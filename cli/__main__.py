@@ -15,7 +15,7 @@ from ..harness.base import machine
 from ..harness.base.hints import suggest_name
 from ..harness.base.isolation import end_with_parent
 from .commands import add_commands
-from .parser import UsageError, make_parser
+from .parser import UsageError, list_commands, make_parser
 
 INTERRUPTED = {
     "run": "interrupted; finished runs are kept (--resume continues)",
@@ -48,8 +48,11 @@ def main(arguments: list[str] | None = None) -> int:
             sys.stdout.write(describe_version(words[1:]))
             return 0
         if words[0] not in commands.choices:
-            raise UsageError(f"no command is called {words[0]!r}{suggest_name(words[0], list(commands.choices))}")
-        parsed = parser.parse_args(words)
+            raise UsageError(f"no command is called {words[0]!r}{suggest_name(words[0], list_commands(commands))}")
+        try:
+            parsed = parser.parse_args(words)
+        except SystemExit:  # argparse has printed the help of a command
+            return 0
         command = parsed.command
         return int(import_module(f".{parsed.module}", __package__).run(parsed))
     except KeyboardInterrupt:
@@ -142,7 +145,7 @@ def _pass_on(child: int, number: int) -> None:
 
 
 def _open_streams() -> None:
-    """Open those of stdin, stdout and stderr that the caller closed, so that no other file takes their descriptors."""
+    """Open the null device for a closed stdin, stdout or stderr, so that no file takes its descriptor."""
     for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(descriptor)

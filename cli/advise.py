@@ -88,8 +88,8 @@ def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float
     """Run settings of the candidates in rounds, each choosing its next one; the runs are added to the candidates.
 
     The first round is of the solvers that need no compilation, if some do. The search ends when no candidate has a next
-    setting, after ``ROUNDS``, or when the CPU time of all runs divided by ``size`` exceeds ``budget`` [s]. Raise
-    UsageError without a reference.
+    setting, after ``ROUNDS``, or when the CPU time of all runs, divided by the number ``size`` of runs in parallel,
+    exceeds ``budget`` [s]. Raise UsageError without a reference.
     """
     problem = candidates[0].problem
     is_known = not problem.literal_start and is_computable(problem.system)
@@ -193,7 +193,7 @@ def _print_report(candidates: list[Candidate], error: float, *, as_json: bool) -
 
 
 def _describe_reach(candidates: list[Candidate], error: float) -> list[str]:
-    """Return a line with the error [m] as a percentage of the farthest motion of a body; it warns if that is large."""
+    """Return a line with the error [m] as a percentage of the farthest motion of a body; it warns if that is much."""
     reach = max((r.length_scale_m for c in candidates for r in c.runs if r.length_scale_m > 0.0), default=0.0)
     if not reach:
         return []

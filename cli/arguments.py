@@ -31,7 +31,7 @@ def add_plugin(p: argparse.ArgumentParser, words: str = "file that adds problems
 
 
 def add_file(p: argparse.ArgumentParser, *names: str, words: str, metavar: str = "FILE", **how: Any) -> None:
-    """Add an option that names a file to write."""
+    """Add an option that names a file to write; ``words`` are its help, ``how`` further arguments of argparse."""
     p.add_argument(*names, type=check_writable, metavar=metavar, help=words, **how)
 
 
@@ -44,7 +44,7 @@ def add_problem(p: argparse.ArgumentParser) -> None:
 
 
 def add_set(p: argparse.ArgumentParser, option: str, words: str) -> None:
-    """Add an option that takes K=V."""
+    """Add the option ``option``, which takes an assignment K=V and may be repeated; ``words`` are its help."""
     p.add_argument(option, action="append", default=[], metavar="K=V", help=f"{words}; may be repeated")
 
 
@@ -100,8 +100,8 @@ def check_not_installed(path: Path, option: str) -> None:
         raise UsageError(f"{path.name} is part of the installed package; give another place with {option}")
 
 
-def add_running(p: argparse.ArgumentParser) -> None:
-    """Add the options of commands that run a suite."""
+def add_run_options(p: argparse.ArgumentParser) -> None:
+    """Add the options that commands share which run a suite: --jobs, --out and --plugin."""
     add_jobs(p)
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/<suite>-<time>)")
     add_plugin(p)
@@ -129,7 +129,7 @@ def parse_positive_int(text: str) -> int:
 
 
 def parse_positive_float(text: str, name: str = "") -> float:
-    """Parse a finite number > 0 from the command line; ``name`` is for values that no option names."""
+    """Parse a finite number > 0; ``name`` begins the error message of a value that is not one option's alone."""
     try:
         value = float(text)
     except ValueError:

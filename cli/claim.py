@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     alone = replace(register, claims=(known[arguments.claim],))
     for name in ("out", "jobs"):
         if getattr(arguments, name) and not arguments.make:
-            raise UsageError(f"--{name} goes with --run")
+            raise UsageError(f"--{name} needs --run")
     if arguments.make and arguments.results:
         raise UsageError("--run makes results: give --out DIR, not RESULTS")
     published = {c.id: c for c in read_claims(PUBLISHED) or ()}.get(arguments.claim)
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.make and published:
         make_console().print(f"published: {published.verdicts}" if changed else "as published")
     elif not (arguments.make or arguments.results):
-        _print_warning(judging.describe_outdated(PUBLISHED, code_now(register, judging.list_whole())))
+        _print_warning(judging.describe_outdated(PUBLISHED, code_now(register, judging.list_published_runs())))
     return int(changed)
 
 
@@ -79,7 +79,7 @@ def _read_claim(arguments: argparse.Namespace, published: JudgedClaim | None) ->
 
 
 def _run_claim(arguments: argparse.Namespace, register: Register) -> JudgedClaim:
-    """Run those of the claim's runs that its results folder lacks, and return the verdict on all."""
+    """Run those runs of the claim's map that the results folder lacks, and return the verdict on the whole map."""
     specs, name = judging.select_needed(register), f"claim-{arguments.claim}"
     folder = Path(arguments.out) if arguments.out else find_last_folder(name) or name_new_folder(name)
     request = Request(Suite(name, "the runs of one claim", specs, ""), folder, count_jobs(arguments.jobs), resume=True)
@@ -93,23 +93,24 @@ def _run_claim(arguments: argparse.Namespace, register: Register) -> JudgedClaim
 def _describe_claim(c: JudgedClaim, runs: int) -> Iterator[str]:
     """Yield the lines that explain a judged claim; ``runs`` is the number of runs that its map selects."""
     yield f"{c.id}: {c.claim}"
-    figures = f", Fig. {claim_words.figures(c)}" if c.figure else ""
+    figures = f", Fig. {claim_words.join_figures(c)}" if c.figure else ""
     yield f"the paper{f', Sect. {c.section}' if c.section[:1].isdigit() else ''}{figures}: “{c.quote}”"
     for where, f in claim_words.list_sides(c):
-        yield f"{where}: {'; '.join(filter(None, (claim_words.verdict(f), claim_words.format_share(f))))}"
-    if words := claim_words.control(c):
+        yield f"{where}: {'; '.join(filter(None, (claim_words.format_verdict(f), claim_words.format_share(f))))}"
+    if words := claim_words.describe_control(c):
         yield f"control: {words}"
     if words := claim_words.format_by_solver(c):
         yield f"by solver: {words}"
     for k, t in enumerate(c.tests):
-        number = f"{claim_words.format_measured(t)}; band: {claim_words.band(t)} ({claim_words.metric(t)})"
+        number = f"{claim_words.format_measured(t)}; band: {claim_words.format_band(t)} ({claim_words.name_metric(t)})"
         yield f"{'and' if k else 'measured'}: {number}"
     if c.missing:
         yield f"missing: {claim_words.describe_missing(c)}"
     if words := claim_words.explain_verdicts(c):
         yield f"why: {words}"
     for name, values in c.settings.items():
-        yield f"tried with {claim_words.spell_out(name)}: {', '.join(claim_words.value(name, v) for v in values)}"
+        shown = ", ".join(claim_words.format_value(name, v) for v in values)
+        yield f"tried with {claim_words.spell_out(name)}: {shown}"
     judged = sum(1 + m.more for m in c.map if m.holds is not None)
     yield f"its runs: {runs}, of which {judged} are in settings that are judged" + (
         f"; to make and judge them: mbsbench claim {c.id} --run" if runs else ""

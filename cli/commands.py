@@ -15,7 +15,7 @@ from .arguments import (
     add_plugin,
     add_problem,
     add_results,
-    add_running,
+    add_run_options,
     add_set,
     find_results,
     parse_duration,
@@ -33,7 +33,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 def add_commands(commands: Any) -> None:
-    """Add the parser of every subcommand."""
+    """Add the parser of every subcommand; each function ``_add_<command>`` below adds the one of its name."""
     for add in (
         _add_list,
         _add_solve,
@@ -101,7 +101,7 @@ def _add_solve(commands: Any) -> None:
 def _add_run(commands: Any) -> None:
     p = add_subcommand(commands, "run", "run a suite and write a results folder", "one object at the end", native=True)
     p.add_argument("suite", metavar="SUITE", help="name of a suite (see mbsbench list), or a TOML file")
-    add_running(p)
+    add_run_options(p)
     p.add_argument("--resume", action="store_true", help="continue --out, or the newest results of the suite")
     p.add_argument(
         "--dry-run", action="store_true", help="print the runs and how long they will take here; run nothing"
@@ -149,7 +149,7 @@ def _add_try(commands: Any) -> None:
     words = "run a solver on problems, ladders, loops and chains; exit code 1 where it falls short or runs are left out"
     p = add_subcommand(commands, "try", words, "one object a finding", native=True)
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
-    budget = "CPU time of all runs, compilation apart [s] (default: 180)"
+    budget = "CPU time of all runs without compilation [s] (default: 180)"
     p.add_argument("--budget", type=parse_positive_float, default=180.0, metavar="S", help=budget)
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
     add_file(p, "--html", words="also write all lines and charts to one HTML page")
@@ -167,7 +167,7 @@ def _add_advise(commands: Any) -> None:
     )
     budget = "CPU time for all runs, checked after each round of runs, about [s] (default: 120)"
     p.add_argument("--budget", type=parse_positive_float, default=120.0, metavar="S", help=budget)
-    p.add_argument("--solver", action="append", default=[], metavar="NAME", help="only this one; may be repeated")
+    p.add_argument("--solver", action="append", default=[], metavar="NAME", help="only this solver; may be repeated")
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="option of the one --solver")
     kept = f"read the runs of this {RESULTS}; run nothing"
     p.add_argument("--from", dest="results", type=find_results, metavar="RESULTS", help=kept)
@@ -225,7 +225,7 @@ def _add_gate(commands: Any) -> None:
     p.add_argument("--all", action="store_true", help="show every threshold, not only those that failed or moved")
     add_file(p, "--junit", words="write the result as JUnit XML")
     add_file(p, "--markdown", words="write failed and moved thresholds as Markdown")
-    add_running(p)
+    add_run_options(p)
 
 
 def _add_verify(commands: Any) -> None:
@@ -260,7 +260,7 @@ def _add_merge(commands: Any) -> None:
 def _add_remeasure(commands: Any) -> None:
     words = (
         "measure finished runs again by the laws of this code: solved again they must have the same bits; costs stay; "
-        "exit code 1 if a run is left as it was"
+        "exit code 1 if a run could not be measured again"
     )
     p = add_subcommand(commands, "remeasure", words, "one object")
     add_results(p)
@@ -270,13 +270,13 @@ def _add_remeasure(commands: Any) -> None:
 
 def _add_clean(commands: Any) -> None:
     words = (
-        "remove old results in results/local/ and what caches hold unused; never results that a command is writing, "
+        "remove old results in results/local/ and unused files of caches; never results that a command is writing, "
         "that latest points to, or that have a name of your own"
     )
     p = add_subcommand(commands, "clean", words)
-    keep = "of each suite the newest N stay (default: 1)"
+    keep = "number of newest results of each suite to keep (default: 1)"
     p.add_argument("--keep", type=parse_positive_int, default=1, metavar="N", help=keep)
-    older = "only results that have not changed for so long, and files of caches not used for it (default: 30d), as 12h"
+    older = "only results unchanged, and files of caches unused (default: 30d), for this time, for example 12h"
     p.add_argument("--older-than", type=parse_duration, metavar="7d", help=older)
     p.add_argument("--dry-run", action="store_true", help="say what would be removed, and remove nothing")
 
@@ -296,7 +296,7 @@ def _add_figures(commands: Any) -> None:
     p.add_argument("--paper", action="store_true", help="write figures 1 to 12 of the paper instead, with notes")
     only = "only this problem, or with --paper this figure, e.g. fig05; may be repeated"
     p.add_argument("--only", action="append", default=[], metavar="NAME", help=only)
-    called = "what a solver is called there, e.g. gc_weak_form=ODE-GC; may be repeated"
+    called = "name of a solver in figures and tables, e.g. gc_weak_form=ODE-GC; may be repeated"
     p.add_argument("--name", action="append", default=[], metavar="SOLVER=TEXT", help=called)
     words = "installed font family of text and mathematics, or latex: that of LaTeX documents (default: DejaVu Sans)"
     p.add_argument("--font", default="", metavar="FAMILY", help=words)

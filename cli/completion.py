@@ -21,7 +21,7 @@ ENTRIES = ("problem", "solver", "truth")  # options whose NAME is a problem or s
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the script; its first lines say where to save it."""
+    """Print the completion script for a shell; its first lines, comments, say where to save it."""
     import shtab
 
     parser, commands = make_parser()

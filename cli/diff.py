@@ -24,7 +24,7 @@ STYLE = {Likeness.CHANGED: "bold red", Likeness.ROUNDING: "yellow", Likeness.SAM
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the changes; return 0 if both hold the same runs with the same numbers, bit for bit, else 1."""
+    """Print the changes; return 0 if both folders hold the same runs with the same numbers, bit for bit, else 1."""
     folders = [arguments.before, arguments.after]
     loaded = [store.load(f) for f in folders]
     if not any(part.records for part in loaded):
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def show_comparison(found: Comparison, inputs: list[Difference], limit: int = CHANGES, *, json: bool = False) -> None:
-    """Print the table of changes, the largest ``limit`` of them, and the inputs that differ; or all of them as JSON."""
+    """Print the changes, at most ``limit``, the largest first, and the inputs that differ; or all of them as JSON."""
     if json:
         changes = [{**dataclasses.asdict(c), "likeness": str(c.likeness)} for c in found.changes]
         plain = {"same": found.is_identical, "alike": found.alike, **dataclasses.asdict(found)}

@@ -25,7 +25,7 @@ COLUMNS = (
 
 
 def print_findings(findings: Iterable[Finding], *below: str, json: bool = False) -> None:
-    """Print one row per finding, without empty columns, or one JSON object per finding."""
+    """Print one row per finding, without empty columns, and the lines ``below``; or one JSON object per finding."""
     found = list(findings)
     if json:
         for f in found:

@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     suite = _make_file_suite(arguments) or load_suite(arguments.suite or "ci", load_plugins(arguments.plugin))
     path = Path(arguments.thresholds) if arguments.thresholds else FOLDER / f"{suite.name}.toml"
     if arguments.spread is not None and (arguments.spread < 1 or arguments.loosen or suite.name == REFEREED):
-        raise UsageError("--spread takes a number of repeats from 1, of runs of a suite, without --loosen")
+        raise UsageError("--spread takes a number of repeats > 0, needs runs of a suite, and excludes --loosen")
     if arguments.update:
         check_not_installed(path, "--thresholds FILE")
     is_new = arguments.update and not path.exists()
@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
             _propose_thresholds(path, widen_by_spread(thresholds, samples), write=arguments.write)
             unstable = find_unstable(samples)
             for case, words in unstable.items():
-                make_error_console().print(f"error: {case}: rounding decides the status: {words}; its bounds were left")
+                make_error_console().print(f"error: {case}: rounding decides the status: {words}; its bounds stay")
             return 2 if unstable else 0
         new = tighten_bounds(thresholds, judged, propose_bounds(judged), loosen=arguments.loosen)
         return _propose_thresholds(path, new, write=arguments.write)

@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     print_unreadable(loaded.unreadable)
     if arguments.publish:
         check_not_installed(published.path, "--published DIR")
-        _require_runs(folder, judging.list_whole(), "that verdicts are published from")
+        _require_runs(folder, judging.list_published_runs(), "that verdicts are published from")
     elif not arguments.partial:
         _require_runs(
             folder, judging.select_needed(register), "that the claims are tried on", ", or judge these: --partial"
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     announce_suite(f"{plural(size, 'run')} to be judged: {describe_command('judge', size)}", make_error_console())
     with store.hold_folder(folder):
         judged = judge_results(folder, register, lambda part: make_error_console().print(f"judging: {part}"))
-        code = code_now(register, judging.list_whole())
+        code = code_now(register, judging.list_published_runs())
         write_judgements(ConfinedPath(folder) / FOLDER, judged, code)
     lacking = {c.id for c in judged["claims"] if any(m.gap is ClaimGap.RUNS for m in c.missing)}
     here = {r.settings_id for r in loaded.records}
@@ -129,12 +129,12 @@ def show_claims(claims: Sequence[JudgedClaim], changed: list[VerdictChange], com
     rows = []
     for c in claims:
         first = c.tests[0] if c.tests else None
-        numbers = (claim_words.format_measured(first), claim_words.band(first)) if first else ("", "")
+        numbers = (claim_words.format_measured(first), claim_words.format_band(first)) if first else ("", "")
         count = f"{sum(f.settings for f in c.findings)} of {sum(f.rows for f in c.findings)}"
         rows.append(
             (
                 c.id,
-                claim_words.figures(c),
+                claim_words.join_figures(c),
                 format_verdict(c.paper),
                 format_verdict(c.beyond),
                 count,
@@ -162,7 +162,7 @@ def show_orders(orders: Sequence[Order]) -> None:
 
 def format_verdict(f: ClaimFinding | None) -> Text:
     """Format a verdict and how many settings hold, in its colour; a dash if there is none."""
-    words = "; ".join(filter(None, (claim_words.verdict(f), claim_words.format_share(f)))) if f else "–"
+    words = "; ".join(filter(None, (claim_words.format_verdict(f), claim_words.format_share(f)))) if f else "–"
     return Text(words, STYLE[f.verdict] if f else "dim")
 
 

@@ -206,7 +206,7 @@ def describe_catalogue(*, plugins: bool) -> dict[str, Any]:
             "doc": p.doc,
             "tests": list(p.tests),
             **_describe_problem(p.name),
-            "parameters": _plain_options(p.parameters),
+            "parameters": _describe_options(p.parameters),
         }
         for p in registry.problems().values()
         if plugins or registry.is_own_problem(p.name)
@@ -215,7 +215,7 @@ def describe_catalogue(*, plugins: bool) -> dict[str, Any]:
         {
             **{k: getattr(s, k) for k in ("name", "paper_label", "doc", "control")},
             "order": _read_order(s.name),
-            "options": _plain_options(s.parameters),
+            "options": _describe_options(s.parameters),
         }
         for s in registry.solvers().values()
         if plugins or registry.is_own_solver(s.name)
@@ -225,7 +225,7 @@ def describe_catalogue(*, plugins: bool) -> dict[str, Any]:
         "solvers": solvers,
         "suites": list_suites(),
         "traits": list(Trait),
-        "every_problem": _plain_options(registry.COMMON_PARAMETERS),
+        "every_problem": _describe_options(registry.COMMON_PARAMETERS),
         "rtol": DEFAULT_RTOL,
     }
 
@@ -256,8 +256,8 @@ def _read_order(name: str) -> float | None:
     return order if order == order else None
 
 
-def _plain_options(parameters: "Mapping[str, tuple[Any, Parameter]]") -> list[dict[str, Any]]:
-    """Return options as plain data: name, default, and of the rest (unit, meaning, choices) those that are stated."""
+def _describe_options(parameters: "Mapping[str, tuple[Any, Parameter]]") -> list[dict[str, Any]]:
+    """Return options as plain data: name and default, and unit, meaning and choices as far as they are declared."""
     return [
         {"name": k, "default": default, **{n: v for n, v in dataclasses.asdict(p).items() if v not in (None, ())}}
         for k, (default, p) in parameters.items()

@@ -8,10 +8,10 @@ from ..harness.base.hints import suggest_name
 WORDS = "Benchmark of integrators for constrained multibody dynamics: run, measure, judge, report."
 GROUPS = {  # groups of commands, in the order of --help
     "run": "solve run advise ensemble",
-    "look": "list show report figures history",
-    "put yours in": "check try fuzz referee shadow export submit ladder",
+    "inspect": "list show report figures history",
+    "add your own": "check try fuzz referee shadow export submit ladder",
     "judge": "judge claim gate remeasure",
-    "keep results": "verify diff merge bundle clean",
+    "manage results": "verify diff merge bundle clean",
     "set up": "completion",
 }
 MORE = "mbsbench COMMAND --help explains a command; docs/glossary.md explains the terms."
@@ -73,6 +73,12 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise UsageError in place of printing the usage and ending the process."""
         raise UsageError(f"{message} (see {self.prog} --help)")
+
+
+def list_commands(commands: Any) -> list[str]:
+    """Return the names of all commands added to ``commands``, in the order of --help."""
+    grouped = " ".join(GROUPS.values()).split()
+    return [n for n in grouped if n in commands.choices] + [n for n in commands.choices if n not in grouped]
 
 
 def make_parser() -> tuple[Parser, Any]:

@@ -158,7 +158,7 @@ class ProgressDisplay:
 
     def format_status(self, now: float) -> list[Text]:
         """Return the status lines at ``now`` (of time.monotonic): a bar, the worst drift, the running runs."""
-        full = round(self.estimate.share_done(self._list_running(), self._list_waiting()) * BAR)
+        full = round(self.estimate.compute_done_share(self._list_running(), self._list_waiting()) * BAR)
         lines = [Text.assemble(("━" * full, "green"), ("─" * (BAR - full), "dim"), f" {self.describe_count()}")]
         if self.worst[1]:
             lines.append(Text(f"worst drift: {self.describe_drift()}"))
@@ -177,7 +177,7 @@ class ProgressDisplay:
         words = f"{self.before + self.done} of {plural(self.total, 'run')}"
         if not (running or waiting):
             return words
-        share, left = (f(running, waiting) for f in (self.estimate.share_done, self._estimate_left))
+        share, left = (f(running, waiting) for f in (self.estimate.compute_done_share, self._estimate_left))
         return f"{words}, {100.0 * share:.0f} % of the work, about {format_duration(left)} left"
 
     def _estimate_left(self, running: Sequence[tuple[RunSpec, float]], waiting: Sequence[RunSpec]) -> float:

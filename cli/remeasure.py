@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = make_console()
     out.print(f"{plural(len(done.records), 'run')} measured again, {same} were of this code", highlight=False)
     for record, why in done.left[:NAMED]:
-        out.print(f"left as it was: {name_run(record)}: {why}", highlight=False, soft_wrap=True)
+        out.print(f"not measured again: {name_run(record)}: {why}", highlight=False, soft_wrap=True)
     if len(done.left) > NAMED:
         out.print(f"and {len(done.left) - NAMED} more")
     print_unreadable(loaded.unreadable, out)

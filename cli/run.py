@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.cluster is None:
         warn_of_own_bits()
     if arguments.only is not None and not arguments.json:
-        make_error_console().print(_describe_whole(request, is_local=arguments.cluster is None))
+        make_error_console().print(_describe_suite(request, is_local=arguments.cluster is None))
     pool, is_local = choose_executor(arguments.cluster), arguments.cluster is None
     loaded, watcher = run_watched(request, quiet=arguments.json, pool=pool, is_local=is_local)
     watcher.finish(request.folder, loaded)
@@ -96,7 +96,7 @@ def _print_plan(request: Request, *, as_json: bool) -> int:
     return 0
 
 
-def _describe_whole(request: Request, *, is_local: bool) -> str:
+def _describe_suite(request: Request, *, is_local: bool) -> str:
     """Describe the number of runs of the suite and their time on this machine, before a part of it is run."""
     waiting = list_waiting(replace(request, only=None))
     time_needed = describe_time(predict_times(waiting, request.jobs, request.suite.name)) if is_local else ""

@@ -263,7 +263,11 @@ def find_run(found: Sequence[RunRecord], given: str, folder: Path) -> RunRecord:
 
 
 def _suggest_runs(found: Sequence[RunRecord], given: str, folder: Path) -> str:
-    """Describe which other folder has a run_id, or else some that ``folder`` has; for a case, the nearest one."""
+    """Return a hint for the end of a message that ``folder`` has no run ``given``.
+
+    For a run_id it names another results folder that has the run, else some runs of ``folder``; for a case, the most
+    similar one.
+    """
     if not RUN_ID.fullmatch(given):
         return suggest_name(given, [r.case for r in found][:500])[:200]
     beside = (p for p in folder.resolve().parent.iterdir() if p.resolve() != folder.resolve())
@@ -290,7 +294,7 @@ def _read_column(r: RunRecord, name: str) -> float:
 
 
 def _print_runs(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
-    """Print a row for each run with a sparkline of its energy error, and the reasons of those that did not succeed."""
+    """Print a row per run with a sparkline of its energy error, then the reasons of runs that are no success."""
     columns = [
         Column("run", rank=1, right=False),
         Column("case", fold=True),

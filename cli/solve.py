@@ -111,7 +111,7 @@ def _solve(
     if nearest:
         output.print(f"true motion        {nearest['words']}")
     elif record.status == Status.INACCURATE and is_kept and hasattr(arguments, "shadow"):
-        output.print(f"true motion        how near one is: mbsbench shadow {out}")
+        output.print(f"true motion        mbsbench shadow {out} finds its distance")
     if is_kept:
         output.print(f"written to         {out}{' (the file of that name is replaced)' * replaced}")
     return 0 if good else 1

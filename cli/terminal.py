@@ -69,7 +69,7 @@ def print_unreadable(items: "Iterable[UnreadableFile]", out: Console | None = No
 
 
 def list_unreadable(what: str, items: Sequence[tuple[str, str]]) -> list[str]:
-    """Return one line per name with its reason, headed by ``what``; beyond ``FEW`` the count and the first alone."""
+    """Return a line per name with its reason, below a line ``what``; beyond ``FEW`` only their number and the first."""
     if len(items) <= FEW:
         return [f"{what}: {name}: {why}" for name, why in items]
     return [f"{what}: {len(items)} files, the first is {items[0][0]}: {items[0][1]}"]
@@ -152,7 +152,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def draw_sparkline(values: Sequence[float], width: int, *, log: bool = True) -> str:
-    """Draw ``values`` in ``width`` block characters, each for the largest magnitude in its stretch of the values.
+    """Draw ``values`` as ``width`` block characters, each for the largest magnitude in an equal part of the values.
 
     With ``log`` one step of a bar's height is a power of ten or more, and zero is at the bottom. A blank stands for
     missing values.

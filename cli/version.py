@@ -29,9 +29,9 @@ def describe_version(options: Sequence[str]) -> str:
     bits = "as on every processor with AVX2" if machine.list_variables() else "of this processor"
     if os.environ.get(machine.NATIVE) == "1":
         bits = f"of this processor ({machine.NATIVE}=1)"
-    engines = _versions(ENGINES) or f"none; {ADD_ENGINES}"
+    engines = _list_versions(ENGINES) or f"none; {ADD_ENGINES}"
     rows = {
-        "python": f"{platform.python_version()}; {_versions(PACKAGES)}",
+        "python": f"{platform.python_version()}; {_list_versions(PACKAGES)}",
         "machine": f"{machine.read_cpu_model()}, {os.cpu_count()} cores; {platform.system()} {platform.machine()}, "
         f"{' '.join(platform.libc_ver()).strip() or platform.release()}",
         "bits": bits,
@@ -44,8 +44,8 @@ def describe_version(options: Sequence[str]) -> str:
     return "\n".join([f"mbsbench {version('mbsbench')}{words}", *(f"{k:<{width}}  {v}" for k, v in rows.items()), ""])
 
 
-def _versions(names: Sequence[str]) -> str:
-    """List those of the named packages that are installed, with their versions: ``numpy 2.1.0, scipy 1.14.1``."""
+def _list_versions(names: Sequence[str]) -> str:
+    """Return the installed ones of the packages ``names`` with their versions: ``numpy 2.1.0, scipy 1.14.1``."""
     found = []
     for name in names:
         try:

@@ -85,7 +85,7 @@ def count_places() -> dict[str, tuple[int, int, int]]:
 
 def describe() -> Iterator[str]:
     """Yield the counts as a table, then every place with its line and reason, by kind."""
-    yield "| kind | places | of these to be merged | apart on purpose |"
+    yield "| kind | places | of these to be merged | separate on purpose |"
     yield "|---|---|---|---|"
     for kind, counts in count_places().items():
         yield f"| {kind} | {' | '.join(map(str, counts))} |"

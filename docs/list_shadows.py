@@ -227,7 +227,7 @@ def format_page() -> str:
     lesson = (
         f"The chain over {LATE:g} s at the settings that `solve` takes by default. Of {len(rows)} codes measured "
         f"{len(shadows)} have a true motion nearby over the whole time. Their errors at {LATE:g} s, {min(late):.2g} to "
-        f"{max(late):.2g} m, hardly tell them apart; the rms distances of their shadows do: {rms[0]:.1g} to "
+        f"{max(late):.2g} m, hardly distinguish them; the rms distances of their shadows do: {rms[0]:.1g} to "
         f"{rms[-1]:.2g} mm. "
     )
     near = sorted((r for r in rows if r["shadow"] in shadows), key=make_rank_key)

@@ -14,7 +14,7 @@ from typing import Any
 
 from mbsbench.harness.results.judgements.claims import ClaimFinding
 from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read_judgement
-from mbsbench.reports.model.claim_words import control, format_share, verdict
+from mbsbench.reports.model.claim_words import describe_control, format_share, format_verdict
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "docs" / "decisions" / "verdicts.toml"
@@ -22,7 +22,7 @@ DATA = ROOT / "docs" / "decisions" / "verdicts.toml"
 
 def cell(finding: ClaimFinding | None) -> str:
     """Format a verdict: ``reproduced if gain 0; for 39 of 76 tried``; a dash without one."""
-    return "; ".join(filter(None, (verdict(finding), format_share(finding)))) if finding else "–"
+    return "; ".join(filter(None, (format_verdict(finding), format_share(finding)))) if finding else "–"
 
 
 def table() -> str:
@@ -34,7 +34,7 @@ def table() -> str:
     rows = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for name in dict.fromkeys([*claims, *before]):
         c = claims.get(name)
-        now = (cell(c.paper), cell(c.beyond), control(c)) if c else ("dropped", "", "")
+        now = (cell(c.paper), cell(c.beyond), describe_control(c)) if c else ("dropped", "", "")
         again = f"`mbsbench claim {name} --run`" if c and c.map else ""
         rows.append(f"| {' | '.join((f'`{name}`', before.get(name, 'new'), *now, reasons.get(name, ''), again))} |")
     return "\n".join(rows) + "\n"

@@ -76,7 +76,7 @@ def check_tree(root: Path) -> Iterator[str]:
 
 def check_published(root: Path) -> Iterator[str]:
     """Yield the published verdicts and pictures that are of other code than this."""
-    if words := judge.describe_outdated(PUBLISHED, code_now(read_register(), judge.list_whole())):
+    if words := judge.describe_outdated(PUBLISHED, code_now(read_register(), judge.list_published_runs())):
         yield f"{words}; {REMEDY}"
     for name in ("costs", "chain"):
         text = (root / "docs" / "images" / f"{name}.svg").read_text(encoding="utf-8")

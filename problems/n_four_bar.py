@@ -79,7 +79,7 @@ def _bodies(windows: int, angle: Float[np.ndarray, "nt 1"], rate: Float[np.ndarr
 def _motion(windows: int, rod: Linkage, start: State) -> CertifiedMotion | None:
     """Return the certified motion from ``start``, as one rod.
 
-    None unless the uprights are parallel, as the start may be on another branch, and planar.
+    None if the uprights are not parallel, since the start may be on another branch, or not planar.
     """
     planar = find_planar_angles(start, np.eye(3))
     if planar is None or any(np.ptp(a[: windows + 1]) > PARALLEL for a in planar):

@@ -80,7 +80,8 @@ def _ball(numbers: Float[np.ndarray, "1 7"], y: Float[np.ndarray, "nt 3"]) -> St
 def _motion(numbers: Float[np.ndarray, "1 7"], own: State, theta: float, start: State) -> CertifiedMotion | None:
     """Return the certified motion from ``own``, the problem's start; None from another start.
 
-    There the ball may turn and leave the plane. ``theta`` [rad] is its angle, ``numbers`` are those of L(t).
+    From another start the ball may turn and leave the plane. ``theta`` [rad] is the angle at ``own``, ``numbers`` are
+    those of L(t).
     """
     if max(float(np.max(np.abs(getattr(own, n) - getattr(start, n)))) for n in ("r", "R", "v", "Omega")) > SAME:
         return None

@@ -19,10 +19,10 @@ from .model.heat import HeatMap, make_heat_map
 from .model.margin import LEVELS
 from .model.results import StoredResults, StoredRun, Variant, group_by_solver, make_slug, read_results
 from .model.tables import write_tables
-from .plots.convergence import convergence_plots
+from .plots.convergence import make_convergence_plots
 from .plots.fonts import DEFAULT_FONT, Font
 from .plots.laws import draw_runs, plot_laws
-from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, draw_plots, note_size, save, scale, sheet, strip_math
+from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, draw_plots, find_note_size, save, scale, sheet, strip_math
 from .plots.spec import LineStyle, Plot, Trace, choose_print_styles
 from .plots.work import make_work_plots
 from .rendering import render
@@ -101,7 +101,7 @@ def write_publication(
         )
 
     if picture := make_heat_map(results):
-        keep((OVERVIEW, HEAT, DOUBLE, partial(heat_figure, picture)), out)
+        keep((OVERVIEW, HEAT, DOUBLE, partial(draw_heat_map, picture)), out)
     for variant in variants:
         files += write_tables([variant], out / variant.slug)
         for printed in list_figures(results, variant, own):
@@ -156,7 +156,7 @@ def list_figures(
             filter(None, (f"{variant.title}: work against error.", WORK, _explain_cross(work), clock, *counted))
         )
         yield f"{variant.slug}-work", caption, DOUBLE, partial(draw_plots, work, own, height=2.3)
-    if ladders := convergence_plots(variant):
+    if ladders := make_convergence_plots(variant):
         slopes = TRIANGLES if any(p.triangles for p in ladders) else ""
         head = f"{variant.title}: error against step."
         caption = " ".join(filter(None, (head, CONVERGENCE, _explain_cross(ladders), slopes)))
@@ -211,7 +211,7 @@ def split_runs(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
     return out
 
 
-def heat_figure(heat: HeatMap) -> Figure:
+def draw_heat_map(heat: HeatMap) -> Figure:
     """Draw the heat map, a row per solver and a column per problem; numbers are errors as fractions of their limits."""
     out = sheet(DOUBLE, scale() * (ROW * len(heat.rows) + HEAD))
     ax = out.add_subplot()
@@ -223,13 +223,13 @@ def heat_figure(heat: HeatMap) -> Figure:
                 loud = box.level == len(LEVELS)
                 words = strip_math(f"{SIGNS[box.mark.kind]}{box.text}")
                 ink = PAPER if loud else INK
-                ax.text(x + 0.5, y + 0.53, words, ha="center", va="center", fontsize=note_size(), color=ink)
+                ax.text(x + 0.5, y + 0.53, words, ha="center", va="center", fontsize=find_note_size(), color=ink)
     ax.set(xlim=(0, len(heat.problems)), ylim=(len(heat.rows), 0))
     columns, rows = (np.arange(len(of)) + 0.5 for of in (heat.problems, heat.rows))
     heads = ([strip_math(w) for w in (p.problem.replace("_", " "), p.parameters) if w] for p in heat.problems)
     ax.set_xticks(columns, ["\n".join(w.replace(" ", "\n", (len(w) - 1) // 14) for w in words) for words in heads])
     names = ["\n".join(strip_math(k) for k in (row.solver, row.paper_label) if k) for row in heat.rows]
-    ax.set_yticks(rows, names, fontsize=note_size())
+    ax.set_yticks(rows, names, fontsize=find_note_size())
     ax.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
     ax.spines[:].set_visible(False)
     ax.grid(visible=False)

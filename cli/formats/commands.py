@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from ...harness.formats.motions.conventions import CHOICES, Reading
+from ...harness.formats.motions.conventions import CHOICES, UNSAID, Reading
 from ..arguments import add_plugin, add_problem, parse_positive_float
 from ..commands import add_subcommand
 
@@ -33,7 +33,7 @@ def _add_referee(commands: Any) -> None:
     add_problem(p)
     p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files: docs/your-own-solver.md")
     p.add_argument("--name", metavar="NAME", help="name of the code in tables (default: that of the file or folder)")
-    add_reading(p)
+    add_reading_options(p)
     for name in ("dt", "rtol"):
         help_ = f"{name} the other code used, for tables (default: dt, the spacing of the rows)"
         p.add_argument(f"--{name}", type=parse_positive_float, metavar="X", help=help_)
@@ -41,11 +41,14 @@ def _add_referee(commands: Any) -> None:
     add_plugin(p)
 
 
-def add_reading(p: argparse.ArgumentParser) -> None:
+def add_reading_options(p: argparse.ArgumentParser) -> None:
     """Add the options that define how the columns of a file are read."""
-    p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; without a header ours, in order")
+    p.add_argument(
+        "--columns", metavar="OURS=THEIRS,...", help="names of columns; for a file without a header, OURS in order"
+    )
     for name, choices in CHOICES.items():
-        words = f"{MEANING[name]} (default: {getattr(Reading, name)})"
-        p.add_argument(f"--{name}", choices=choices, default=getattr(Reading, name), help=words)
+        usual = getattr(Reading, name)
+        words = f"{MEANING[name]} (default: {'not stated' if usual == UNSAID else usual})"
+        p.add_argument(f"--{name}", choices=choices, default=usual, help=words)
     tolerance = "difference allowed at the start, in SI units (default: by the digits printed)"
     p.add_argument("--start-tolerance", type=parse_positive_float, metavar="X", help=tolerance)

@@ -74,17 +74,18 @@ def _exit_code(one: RunRecord | FileError) -> int:
 
 
 def parse_settings(arguments: argparse.Namespace, first: Path) -> FileSettings:
-    """Return how files are read, and under which solver name; by default that of the first file.
+    """Return how files are read and recorded, from the options of the command; ``first`` is the first file.
 
-    The name gets the suffix ``_file`` where it is a catalogued solver's.
+    The name of the code is by default that of the first file, with the suffix ``_file`` if a solver of the catalogue
+    has that name.
     """
     reading = Reading(**{name: getattr(arguments, name) for name in CHOICES})
     columns = tuple(c.strip() for c in (arguments.columns or "").split(",") if c.strip())
     if len({"=" in c for c in columns}) > 1:
-        raise UsageError("--columns takes OURS=THEIRS for each, or for a file without a header ours alone, in order")
+        raise UsageError("--columns takes OURS=THEIRS, ..., or the names of all columns of a file without a header")
     settings = {k: v for k in ("dt", "rtol") if (v := getattr(arguments, k, None)) is not None}
     if len(settings) > 1:
-        raise UsageError("give one of --dt and --rtol")
+        raise UsageError("give at most one of --dt and --rtol")
     stem = re.sub(r"[^\w.+-]+", "_", first.stem)
     name = getattr(arguments, "name", None) or (f"{stem}_file" if stem in registry.solvers() else stem)
     return FileSettings(
@@ -93,7 +94,7 @@ def parse_settings(arguments: argparse.Namespace, first: Path) -> FileSettings:
 
 
 def _find_folder(name: str) -> Path:
-    """Return the results folder of that name in results/local/, else the path itself."""
+    """Return the results folder called ``name`` in results/local/ or, if there is none, the path ``name``."""
     local = store.LOCAL / name
     return local if store.is_results(local) else Path(name)
 

@@ -16,7 +16,7 @@ from ..arguments import (
     parse_positive_int,
 )
 from ..commands import CONTROL, SEED, add_subcommand
-from ..formats.commands import add_reading
+from ..formats.commands import add_reading_options
 
 if TYPE_CHECKING:  # it loads NumPy, which a list of commands does not need
     from ...harness.mechanics.types import Problem
@@ -26,7 +26,10 @@ TRUTH = "rkmk_dop853"  # its code is compiled once for all starts
 
 
 def add_commands(commands: Any) -> None:
-    """Add the parser of every command of the lab, and ``--shadow`` to ``solve``."""
+    """Add the parser of every command of the lab, and ``--shadow`` to ``solve``.
+
+    Each function ``_add_<command>`` below adds the parser of the command of its name.
+    """
     for add in (_add_ensemble, _add_fuzz, _add_shadow, _add_bundle, _add_submit, _add_ladder):
         add(commands)
     words = "also find the nearest true motion, as the command shadow does"
@@ -34,7 +37,7 @@ def add_commands(commands: Any) -> None:
 
 
 def _find_nearest(problem: "Problem", path: Path) -> dict[str, Any]:
-    """Describe the true motion nearest to the one in a file."""
+    """Describe the true motion nearest to the computed motion in the NPZ file ``path``, in words and numbers."""
     from .shadow import find_nearest  # here: it takes a second to load
 
     return find_nearest(problem, path)
@@ -102,7 +105,7 @@ def _add_shadow(commands: Any) -> None:
     results = f"{RESULTS} with the run, which is repeated (default: the newest)"
     p.add_argument("--results", default="latest", metavar="RESULTS", help=results)
     add_file(p, "--html", words="also write findings and distances over time to one HTML page")
-    add_reading(p)
+    add_reading_options(p)
     add_plugin(p)
 
 

@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     for name in arguments.solvers:
         registry.find_entry("solver", name, registry.solvers())
     if arguments.repeat:
-        return _repeat(arguments)
+        return _repeat_case(arguments)
     options = parse_assignments(arguments.set, "--set")
     names = list(dict.fromkeys(arguments.solvers))
     for name in names:
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if confirmed else 0
 
 
-def _repeat(arguments: argparse.Namespace) -> int:
+def _repeat_case(arguments: argparse.Namespace) -> int:
     """Examine the solver on a stored case again and print the outcome; return 1 if the deviation persists, else 0."""
     case = read_case(Path(arguments.repeat))
     if len(arguments.solvers) != 1:

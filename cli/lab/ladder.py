@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     write_page(folder / "index.html", rows, closing.value if closing else None)
     if arguments.json:
         for r in rows:
-            print_json(_describe(r, trial=closing is None))
+            print_json(_describe_entry(r, trial=closing is None))
         return 1 if any(r.forged for r in rows) else 0
     if closing is None:
         make_console().print(f"trial: {folder / FILE} states no value and no digests entered before it; any seed goes")
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if any(r.forged for r in rows) else 0
 
 
-def _describe(r: RankedEntry, *, trial: bool) -> dict[str, object]:
+def _describe_entry(r: RankedEntry, *, trial: bool) -> dict[str, object]:
     """Return an entry of the ranking as plain data for --json; ``trial``: the ladder is not closed yet."""
     return {
         "file": r.file,

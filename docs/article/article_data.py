@@ -26,7 +26,7 @@ from mbsbench.harness.results.judgements.files import (
 )
 from mbsbench.harness.results.judgements.runs import Drift, WorkPoint
 from mbsbench.reports.model.catalogue import is_engine
-from mbsbench.reports.model.claim_words import FACTOR, condition, format_measured, quantify
+from mbsbench.reports.model.claim_words import FACTOR, format_measured, format_separation, quantify
 from mbsbench.reports.model.frontier import find_least_cost
 from mbsbench.reports.model.words import number, plural
 from mbsbench.reports.plots.paper import DOUBLE, INK, SINGLE, sheet
@@ -150,7 +150,7 @@ def found(name: str, side: str = "paper") -> str:
     share = {0: f"none of the {f.settings}", f.settings: every}.get(f.holds, f"{f.holds} of the {f.settings}")
     met = f", at {f.met[0]} of {plural(f.met[1], claim(name).because.across)}" if f.met and f.holds else ""
     d = f.decision
-    only = f", always and only with {in_words(condition(d))}" if d and d.by and not d.unless else ""
+    only = f", always and only with {in_words(format_separation(d))}" if d and d.by and not d.unless else ""
     return f"holds in {share} {where} settings{met}{only}"
 
 

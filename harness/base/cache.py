@@ -87,7 +87,7 @@ def read_cached_file(path: Path, largest: int) -> bytes:
     try:
         about = os.fstat(descriptor)
         if not stat.S_ISREG(about.st_mode) or about.st_uid != os.getuid() or about.st_size > largest:
-            raise OSError(f"{path} is not as a file of this cache is")
+            raise OSError(f"{path} is not a regular file of this user of at most {largest} bytes")
     except OSError:
         os.close(descriptor)
         raise

@@ -48,7 +48,7 @@ class ConfinedPath:
         """Return the path ``name`` below this one; raise ValueError if it could lead out of it."""
         parts = tuple(name.split("/"))
         if any(part in ("", ".", "..") or "\0" in part for part in parts):
-            raise ValueError(f"{name!r} is no place below {self}")
+            raise ValueError(f"{name!r} must be a path below {self}, without empty parts, . and ..")
         return ConfinedPath(self.root, (*self.parts, *parts))
 
     def __str__(self) -> str:

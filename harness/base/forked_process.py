@@ -38,7 +38,7 @@ class NotBegunError(RuntimeError):
 
 @dataclass(frozen=True)
 class ProcessEnd:
-    """The ending of a process, what it sent, and what it used."""
+    """The end of a process: its exit code or the limit that ended it, the lines that it sent, and what it used."""
 
     code: int  # the exit code, or minus the signal that ended it
     killed: bool  # killed by us, at its limit or before
@@ -196,9 +196,10 @@ class ForkedProcess:
             self.kill()
 
     def _check_memory(self) -> None:
-        """Measure the memory of the tree, and record in ``_tree`` if two measurements in turn exceed the limit.
+        """Measure the memory of the process tree, and record in ``_tree`` if two consecutive values exceed the limit.
 
-        Pages are measured one by one only if the quick sum, which counts shared pages repeatedly, exceeds it.
+        The exact measurement, page by page, is made only if a quick upper bound, which counts shared pages repeatedly,
+        exceeds the limit.
         """
         if math.isfinite(self.memory):
             tree = (*list_descendants(self.root), *((self.pid,) if self.above == "itself" else ()))

@@ -292,7 +292,7 @@ def limit_process(memory: float, cpu: float, code: float = 0.0) -> None:
 
 
 def _limit(what: int, most: int) -> None:
-    """Set both limits of this process on ``what`` (RLIMIT_...), soft and hard, to ``most``, or to a lower hard one."""
+    """Set soft and hard limit of this process on ``what`` (RLIMIT_...) to ``most``, or to a lower hard limit."""
     hard = resource.getrlimit(what)[1]
     lower = most if hard == resource.RLIM_INFINITY else min(most, hard)
     resource.setrlimit(what, (lower, lower))

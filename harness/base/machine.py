@@ -41,7 +41,7 @@ THREADS = dict.fromkeys(
 
 
 class Target(NamedTuple):
-    """A common processor that all those of one architecture are treated as."""
+    """A reference processor: all processors of its architecture are restricted to its features, for equal bits."""
 
     kernels: str  # OpenBLAS's name of a core type
     compiled: str  # LLVM's name of a processor, which implies its features
@@ -98,7 +98,10 @@ def pin_arithmetic() -> None:
 
 
 def unpin_arithmetic() -> None:
-    """Turn the pin off and restore the environment that it replaced, also for children; call before NumPy loads."""
+    """Turn pinned arithmetic off and restore the environment that it replaced, also for children.
+
+    Call it before NumPy loads.
+    """
     os.environ[NATIVE] = "1"
     for name, value in _before.items():
         if value is None:
@@ -146,7 +149,7 @@ def _host() -> tuple[str, str]:
 
 
 def find_deviations() -> list[str]:
-    """List, a sentence each, the libraries of this process that do not follow the pin; NumPy is loaded for it."""
+    """List, a sentence each, the libraries of this process that do not follow the pinned arithmetic; loads NumPy."""
     target = _target()
     if target is None:
         return [f"this processor ({platform.machine()}, {platform.system()}) is none that the pin knows"]
@@ -165,13 +168,13 @@ def find_deviations() -> list[str]:
 
 @cache
 def name_arithmetic() -> str:
-    """Return a digest that names the bits that this process computes, for its caches; empty for those of the pin."""
+    """Return a digest of how this process deviates from pinned arithmetic, as a key of caches; empty if it does not."""
     found = find_deviations()
     return _digest("; ".join(found)) if found else ""
 
 
 def explain_deviations() -> str:
-    """Return one line that says why the bits are not those of the pin; empty if they are, or if run natively."""
+    """Return one line on why results deviate from pinned arithmetic; empty if they do not or the user turned it off."""
     found = [] if os.environ.get(NATIVE) == "1" else find_deviations()
     words = "these runs have the bits of this processor, not those that runs have everywhere"
     return f"{words} ({'; '.join(found)})" if found else ""
@@ -224,7 +227,7 @@ def read_cpu_model() -> str:
 
 @cache
 def _target() -> Target | None:
-    """Return the common processor that this one is treated as; None if it is unknown or lacks a needed feature."""
+    """Return the reference processor of this architecture; None if there is none or this one lacks a needed feature."""
     target = TARGETS.get(platform.machine())
     return target if target and target.needs <= read_processor_flags() else None
 
@@ -237,11 +240,11 @@ def read_processor_flags() -> frozenset[str]:
 
 
 def _list_unwanted(target: Target) -> tuple[str, ...]:
-    """Return NumPy's names of the features of this processor that ``target`` lacks, which are to be disabled.
+    """Return the SIMD features, by NumPy's names, that this processor has and ``target`` lacks: they are disabled.
 
-    NumPy warns about names that its build does not know. It is therefore asked, in a process of its own as it reads the
-    environment once, and the answer is cached for that build: all names, since another processor of a cluster may read
-    them. Empty if NumPy cannot be asked.
+    NumPy warns about names that its build does not know, so its build is asked for the names it knows. This happens in
+    a separate process, since NumPy reads the environment once, and the answer is cached for that build. The cache holds
+    all names, as another processor of a cluster may read it. Empty if NumPy cannot be asked.
     """
     flags = read_processor_flags()
     names = _read_names(kept := _locate_names_file())

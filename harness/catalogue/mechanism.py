@@ -15,6 +15,8 @@ from ..mechanics.types import Problem
 from .options import Parameter
 
 READERS = "formats.mechanisms.mechanism_files"  # in this package; found by name, since the room can be deleted
+# extensions that a copy without readers names as such, instead of suggesting a problem of a similar name
+UNREADABLE = (".xml", ".mjcf", ".urdf", ".sdf", ".world", ".usd", ".usda", ".usdc", ".usdz")
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class MechanismFile(ABC):
         """Return the source of the problem as text: file, digest, reader, and counts of what is omitted."""
         said = ", ".join(f"{what} ({n})" for what, n in omitted.items())
         read = f"{self.path.name} (sha256 {self.sha256}), read by {reader}"
-        return f"{read}; not taken over: {said}" if said else read
+        return f"{read}; omitted: {said}" if said else read
 
 
 @cache
@@ -61,14 +63,19 @@ def load_readers() -> Any:
 
 
 def is_mechanism(name: str) -> bool:
-    """Return whether ``name`` has the extension of a mechanism's file."""
+    """Return whether ``name`` has the extension of a mechanism's file.
+
+    Raise ValueError for such a file in a copy of the package without readers.
+    """
     suffix = Path(name).suffix.lower()
     readers = load_readers() if suffix not in ("", ".py") else None
+    if readers is None and suffix in UNREADABLE:
+        raise ValueError(f"{name}: this copy of mbsbench has no readers of mechanisms' files (harness/formats)")
     return readers is not None and suffix in readers.SUFFIXES
 
 
 def choose_name(path: str | Path) -> str:
-    """Return the name of a file's problem: that of the file, with characters that need no quotes."""
+    """Return the problem name of a file: its stem, with characters that a shell would quote replaced by ``_``."""
     return re.sub(r"[^\w+-]+", "_", Path(path).stem)
 
 

@@ -140,7 +140,7 @@ class _Catalogue(Mapping[str, T]):
     """A mapping of names to entries. Our own are imported only when needed, since all together take a second."""
 
     def __init__(self, folders: Sequence[str], entry: Callable[[str, Any], T], of_plugins: Mapping[str, T]) -> None:
-        """Take entries from ``folders``, as ``entry`` makes them of a name and its marked object, and from plugins."""
+        """Take entries from ``folders`` and plugins; ``entry`` makes an entry from a name and its marked object."""
         self._folders, self._entry, self._of_plugins = folders, entry, of_plugins
 
     def __getitem__(self, name: str) -> T:
@@ -262,7 +262,7 @@ def load_plugin(plugin: Path | str) -> None:
 
 
 def _describe_owner(name: str) -> str:
-    """Return by what a name is taken, as the end of a message: a mechanism's file, or an entry of the catalogue."""
+    """Return the end of a message on a name that is taken: the mechanism's file or the catalogue that has it."""
     others = [w for w in _mechanisms if w in _plugin_files and mechanism.choose_name(w) == name]
     return f" by {others[0]}" if others else " by one of the catalogue"
 
@@ -276,7 +276,7 @@ def _has_changed(where: str) -> bool:
 
 
 def _describe_kind(named: Any) -> str:
-    """Return what has to be renamed, for a message: the file of a mechanism, or the entry of a plugin."""
+    """Return what has to be renamed, for a message: the file of a mechanism, or the entry in a plugin."""
     return "this file" if isinstance(named, MechanismFile) else "the entry"
 
 
@@ -302,7 +302,7 @@ def _locate_entries(*folders: str) -> Mapping[str, str]:
 
 @cache
 def _own_entry(entry: Callable[[str, Any], T], folder: str, name: str) -> T:
-    """Import a file of ``problems/`` or ``solvers/`` and return what ``entry`` makes of its one marked object."""
+    """Import a file of ``problems/`` or ``solvers/`` and return the entry that ``entry`` makes of its marked object."""
     loaded = importlib.import_module(f"...{folder.replace('/', '.')}.{name}", __package__)
     marked = _entries_of(loaded)
     if [n for n, _ in marked] != [name]:
@@ -377,7 +377,7 @@ def _turn_system(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
 
 
 def _yaw(system: MultibodySystem, angle: float) -> np.ndarray:
-    """Return the rotation by ``angle`` [rad] about the vertical, which is opposite to gravity, or Z without gravity."""
+    """Return the rotation by ``angle`` [rad] about the direction against gravity, or about Z without gravity."""
     g = float(np.linalg.norm(system.gravity))
     return so3.exp(angle * (-system.gravity / g if g > 0.0 else np.array([0.0, 0.0, 1.0])))
 

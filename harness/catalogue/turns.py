@@ -52,7 +52,10 @@ def keep_turns(solve: Solve) -> Solve:
 
 
 def _count_right(system: MultibodySystem, found: Trajectory) -> int:
-    """Count the rows, from the start, for which the laws of torsional springs hold; all of a wrong-sized motion."""
+    """Count the rows, from the start, for which the laws of torsional springs hold.
+
+    All rows count if the motion has a wrong number of bodies, which the caller reports.
+    """
     if found.states.nb != system.nb:
         return len(found.t)
     return count_determined_rows(system, np.asarray(found.t, dtype=float), found.states)
@@ -65,10 +68,11 @@ def _continue_motion(
     found: Trajectory,
     right: int,
 ) -> Trajectory:
-    """Return the whole motion in pieces, of which the first ``right`` rows of ``found`` are the first.
+    """Return the whole motion, joined from pieces; the first piece is the first ``right`` rows of ``found``.
 
-    Each further piece is solved from the end of the one before, with springs whose laws hold about their angles there.
-    If that is not possible the motion ends as stalled, or as the solver ended its last piece.
+    Each further piece is solved from the end of the previous one, with the laws of torsional springs rewritten about
+    their angles there. If no further piece can be solved, the motion ends as stalled, or with the status of the last
+    piece.
     """
     parts, t = [_cut_piece(found, right, 0.0)], float(found.t[right - 1])
     costs, system, last, span = [found], problem.system, found.states[right - 1], float(found.t[right - 1])

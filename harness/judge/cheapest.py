@@ -110,9 +110,9 @@ class Candidate:
         return None if met and missed and value >= min(missed) else value
 
     def _observe_order(self) -> float:
-        """Return the order of the error in dt or rtol, as measured on the last two successful runs.
+        """Return the order of the error in dt or rtol, measured on the last two successful runs.
 
-        If they show none, it is the declared order (2 if none is declared) for dt, and 1 for rtol.
+        If they show no order, it is the declared one for dt (2 if none is declared), and 1 for rtol.
         """
         good = [r for r in self.runs if r.status == Status.SUCCESS and r.motion_error_judged_m > 0.0][-2:]
         if len(good) == 2:

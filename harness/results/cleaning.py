@@ -34,16 +34,16 @@ def find_old(local: Path, keep: int, older_than: float) -> list[OldFolder]:
     the user, links, and the target of ``latest`` are never returned.
     """
     latest, newest = (local / "latest").resolve(), dict[str, list[Path]]()
-    for path in sorted(local.glob("*"), key=_time_of, reverse=True):
+    for path in sorted(local.glob("*"), key=_make_age_key, reverse=True):
         if (named := NAMED.fullmatch(path.name)) and not path.is_symlink() and _holds_results(path):
             newest.setdefault(named[1], []).append(path)
     out = [path for own in newest.values() for path in own[keep:]]
-    old = [path for path in out if path.resolve() != latest and time.time() - _last_change(path) >= older_than]
+    old = [path for path in out if path.resolve() != latest and time.time() - _find_last_change(path) >= older_than]
     return [OldFolder(path, measure_size(path)) for path in sorted(old)]
 
 
 def remove(folder: Path) -> bool:
-    """Remove a results folder and return True; return False, and touch nothing, if a command is using it."""
+    """Remove a results folder and return True; return False, and change nothing, if a command is using it."""
     with contextlib.ExitStack() as held:
         try:
             held.enter_context(store.lock_folder(folder))
@@ -54,7 +54,7 @@ def remove(folder: Path) -> bool:
     return True
 
 
-def is_written(folder: Path) -> bool:
+def is_in_use(folder: Path) -> bool:
     """Return whether a command is writing into a results folder, or holds it."""
     try:
         if (ConfinedPath(folder) / store.LOCK).is_own_file():
@@ -95,7 +95,7 @@ def remove_unused(folders: Sequence[Path], older_than: float, *, dry_run: bool =
     return files, size
 
 
-def _time_of(path: Path) -> tuple[str, str]:
+def _make_age_key(path: Path) -> tuple[str, str]:
     """Return the sort key of a results folder by age: the time in its name, "" in a user's name, then the name."""
     named = NAMED.fullmatch(path.name)
     return (named[2] if named else "", path.name)
@@ -106,6 +106,6 @@ def _holds_results(path: Path) -> bool:
     return any((path / name).is_dir() and not (path / name).is_symlink() for name in ("runs", "cells"))
 
 
-def _last_change(path: Path) -> float:
+def _find_last_change(path: Path) -> float:
     """Return when the folder, or a file directly in it, was last changed [s since 1970]."""
     return max(p.lstat().st_mtime for p in (path, *path.iterdir()))

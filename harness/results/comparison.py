@@ -49,7 +49,7 @@ ERROR_CONTROL = 0.6  # relative, a factor of 2.5: another libm may change which 
 
 
 class Likeness(StrEnum):
-    """The likeness of two numbers, from equal to changed."""
+    """The degree to which two numbers agree: equal bit for bit, different by rounding, or changed."""
 
     SAME = "same"  # bit for bit
     ROUNDING = "rounding"  # within the difference allowed between two machines

@@ -39,8 +39,8 @@ PLATFORM = (  # keys on which numbers may depend; on the processor only if nothi
 @cache
 def read_commit() -> str:
     """Return the commit of the checkout, with ``+dirty`` if it has changes; empty outside a checkout."""
-    head = _git("rev-parse", "HEAD")
-    return head + ("+dirty" if head and _git("status", "--porcelain") else "")
+    head = _run_git("rev-parse", "HEAD")
+    return head + ("+dirty" if head and _run_git("status", "--porcelain") else "")
 
 
 def describe_environment(folder: str, suite: str, jobs: int, plugins: Iterable[str], code: str) -> dict[str, Any]:
@@ -64,13 +64,13 @@ def describe_environment(folder: str, suite: str, jobs: int, plugins: Iterable[s
         "python": platform.python_version(),
         "implementation": platform.python_implementation(),
         "executable": sys.executable,
-        "packages": {name: v for name in names if (v := _version(name))},
+        "packages": {name: v for name in names if (v := _find_version(name))},
         "system": f"{platform.system()} {platform.release()}",
         "machine": platform.machine(),
         "cpu": machine.read_cpu_model(),
         "cores": os.cpu_count(),
         "memory_MB": int(psutil.virtual_memory().total // 2**20),
-        "blas": [{k: b.get(k) for k in BLAS} for b in _blas()],
+        "blas": [{k: b.get(k) for k in BLAS} for b in _list_blas()],
         **machine.describe_machine(),
         "threads": dict(machine.THREADS),
         "jobs": jobs,
@@ -106,7 +106,7 @@ def list_changed_files(before: str, after: str) -> list[str]:
     """List the files that shape results and differ between two commits; empty if a commit is unknown here."""
     if not all(map(COMMIT.fullmatch, (before, after))):  # a stamp is untrusted: its text must not be an option of git
         return []
-    return _git("diff", "--name-only", before, after, "--", str(LOCK.relative_to(ROOT)), *SHAPING).splitlines()
+    return _run_git("diff", "--name-only", before, after, "--", str(LOCK.relative_to(ROOT)), *SHAPING).splitlines()
 
 
 def archive_commit(commit: str) -> bytes:
@@ -117,7 +117,7 @@ def archive_commit(commit: str) -> bytes:
             return subprocess.run(call, cwd=ROOT, capture_output=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):  # no git, or no such commit
         pass
-    raise ValueError(f"commit {commit[:64]!r} of its code is not here: run its suite again")
+    raise ValueError(f"commit {commit[:64]!r} of its code is not in this repository: run its suite again")
 
 
 def read_utc_time(*, fine: bool = False) -> str:
@@ -130,7 +130,7 @@ def _read_content(path: Path) -> bytes:
     return path.read_bytes() if path.is_file() else b""
 
 
-def _git(*arguments: str) -> str:
+def _run_git(*arguments: str) -> str:
     """Return the output of a git command about this checkout; empty outside a checkout or if it fails."""
     if not (ROOT / ".git").exists():  # if installed, a repository around the environment is another project's
         return ""
@@ -147,7 +147,7 @@ def _read_lock() -> list[str]:
     return [line.split("==")[0] for line in lines if "==" in line and not line.startswith((" ", "#"))]
 
 
-def _version(name: str) -> str:
+def _find_version(name: str) -> str:
     """Return the version of an installed package; empty if it is not installed."""
     try:
         return importlib.metadata.version(name)
@@ -155,7 +155,7 @@ def _version(name: str) -> str:
         return ""
 
 
-def _blas() -> list[dict[str, Any]]:
+def _list_blas() -> list[dict[str, Any]]:
     """Return the linear algebra libraries of NumPy, SciPy and, if installed, SUNDIALS, but of no other package."""
     import numpy
     import scipy.linalg  # noqa: F401  its BLAS is listed once loaded

@@ -54,7 +54,7 @@ def merge(out: Path, sources: Sequence[Path]) -> MergeOutcome:
                     continue
                 for file in filter(None, (record.series, record.stderr)):
                     _copy(source, file, out)
-                store.note_added(out, record.run_id)
+                store.list_as_started(out, record.run_id)
                 store.write_record(out, record)
                 kept[record.run_id], origin[record.run_id] = record, source
                 added += 1

@@ -64,7 +64,7 @@ def read_npz(
             members = archive.infolist()
             size = sum(m.file_size for m in members)
             if size > largest or len(members) > MEMBERS:
-                raise ValueError(f"{len(members)} arrays of {size} bytes, more than {MEMBERS} or {largest}")
+                raise ValueError(f"it holds {len(members)} arrays of {size} bytes, more than {MEMBERS} or {largest}")
             named = {m.filename.removesuffix(".npy"): m for m in members}
             return {name: _parse_array(archive.read(m)) for name, m in named.items() if wanted(name)}
     except OSError as error:
@@ -86,7 +86,7 @@ def _decompress(content: bytes, largest: int) -> bytes:
     one = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=largest)
     found = one.decompress(content, max_length=largest)
     if not one.eof:
-        raise ValueError(f"cut short, or more than {largest} bytes")
+        raise ValueError(f"it is cut short, or holds more than {largest} bytes")
     return found
 
 
@@ -97,7 +97,7 @@ def _read_header(content: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
     version = np.lib.format.read_magic(file)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in readers:
-        raise ValueError(f"an array of NPY version {version}")
+        raise ValueError(f"an array has NPY version {version}, expected {' or '.join(map(str, readers))}")
     return *readers[version](file), file.tell()
 
 
@@ -110,5 +110,5 @@ def _parse_array(content: bytes) -> np.ndarray:
     shape, fortran, dtype, end = _read_header(content[: end or LONGEST_HEADER])
     data = content[end:]
     if dtype.kind not in PLAIN or math.prod(shape) * dtype.itemsize != len(data) or min(shape, default=0) < 0:
-        raise ValueError(f"an array of {dtype} of shape {shape} in {len(data)} bytes")
+        raise ValueError(f"an array of {dtype} of shape {shape} cannot be stored in {len(data)} bytes")
     return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")

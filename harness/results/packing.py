@@ -62,12 +62,12 @@ def unpack(members: Mapping[str, np.ndarray]) -> tuple[Arrays, dict[str, Envelop
             grid = out["t"] if kind == "frame" else np.linspace(ends[0], ends[-1], FINE)
             rows = _unpack_rows(packed, (packed.size // 4,))
             if rows.min() < 0 or rows.max() >= len(grid):
-                raise ValueError(f"{kind}_t has rows beyond {len(grid)} times")
+                raise ValueError(f"{kind}_t refers to rows outside its {len(grid)} times")
             out[f"{kind}_t"] = grid[rows]
     names = [k for k in members if k.startswith(ENVELOPE)]
     about = members.get("env", np.zeros(2))
     if about.shape != (2 + len(names),) or about.dtype != float:
-        raise ValueError(f"{len(names)} envelopes are described by numbers of shape {about.shape}")
+        raise ValueError(f"env must hold {2 + len(names)} float64 (got {about.dtype} of shape {about.shape})")
     begin, end, *bases = map(float, about)
     coded = {name: _unpack_codes(members[name]) for name in names}
     return out, {
@@ -80,14 +80,14 @@ def _unpack_codes(packed: np.ndarray) -> Int[np.ndarray, "2 spans"]:
     """Return the codes of an envelope's lower and upper bounds from their packed differences."""
     values = _join_bytes(packed)
     if len(values) % 2:
-        raise ValueError(f"an envelope of {len(values)} numbers")
+        raise ValueError(f"an envelope must hold an even number of values (got {len(values)})")
     low, apart = values.reshape(2, -1)
     low = np.cumsum(low, dtype=np.int32)
     return np.stack((low, low + apart))
 
 
 def _sum_steps(start: np.ndarray, dt: np.ndarray) -> np.ndarray:
-    """Return the times [s] of accepted steps: the start, then sums of the steps ``dt`` without the first of them."""
+    """Return the times [s] of accepted steps: the start, to which the steps ``dt`` after the first are added."""
     return np.cumsum(np.concatenate((start, dt[1:])))
 
 
@@ -136,7 +136,7 @@ def _unpack_rows(packed: np.ndarray, shape: tuple[int, ...]) -> Int[np.ndarray, 
     """Return numbers of this shape from second differences that ``_pack_rows`` packed; raise ValueError if wrong."""
     values = _join_bytes(packed)
     if min(shape) < 1 or len(values) != np.prod(shape):
-        raise ValueError(f"{len(values)} numbers of poses where the shape is {shape}")
+        raise ValueError(f"poses of shape {shape} cannot be unpacked from {len(values)} numbers")
     once = np.cumsum(values.reshape(-1, shape[0]), axis=1, dtype=np.int32)
     return np.cumsum(once, axis=1, dtype=np.int32).T.reshape(shape)
 
@@ -152,5 +152,5 @@ def _split_bytes(a: Int[np.ndarray, " n"]) -> np.ndarray:
 def _join_bytes(planes: np.ndarray) -> Int[np.ndarray, " n"]:
     """Return the integers in byte planes, undoing ``_split_bytes``; raise ValueError for another shape or type."""
     if planes.dtype != np.uint8 or planes.ndim != 2 or len(planes) != 4:
-        raise ValueError(f"packed numbers of {planes.dtype} of shape {planes.shape}")
+        raise ValueError(f"packed numbers must be uint8 of shape (4, n) (got {planes.dtype} of shape {planes.shape})")
     return np.ascontiguousarray(planes.T).view("<i4").ravel().astype(np.int32)

@@ -236,9 +236,9 @@ def is_literal(record: RunRecord) -> bool:
 
 
 def find_judged_reference_error(record: RunRecord) -> float:
-    """Return the reference's stated error [m] over the time in which errors are judged, or an upper bound of it.
+    """Return the reference's stated error [m] over the time in which errors are judged.
 
-    Older records have only the stated error over all time, hence the bound.
+    For older records, which have only the error over all time, that is an upper bound.
     """
     known, length = record.reference_own_error_judged_m, record.length_scale_m
     if not math.isnan(known):
@@ -271,7 +271,7 @@ def parse_record_json(text: str) -> RunRecord:
     record = _convert(plain, RunRecord, "record")
     long = [c.name for c in COLUMNS if c.type is int and not -(2**63) <= getattr(record, c.name) < 2**63]
     if long:
-        raise FileError(f"column {long[0]} holds a number that no table can")
+        raise FileError(f"column {long[0]} holds an integer of more than 64 bits")
     for c in COLUMNS:
         if c.type is str and c.name != "message" and (found := find_unaccepted(getattr(record, c.name))):
             raise FileError(f"column {c.name} holds {found}")

@@ -38,7 +38,7 @@ NAMED = 8  # most series named in the line of ``repr``
 
 
 class EnvelopedSeries(FileError):
-    """A request for every step of a series that is kept as an envelope."""
+    """Signal that every step of a series was requested, of which the file holds only an envelope."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -71,7 +71,7 @@ class Series:
         """Return the series at its rows; raise EnvelopedSeries if it is an envelope, FileError if it is missing."""
         if name in self.envelopes:
             raise EnvelopedSeries(
-                f"{name} is kept as an envelope: ask for its points, or run again with --lossless for all its steps"
+                f"{name} is stored as an envelope: read it with .points, or run again with --lossless for all its steps"
             )
         return self._rows(name)
 
@@ -100,7 +100,7 @@ class Series:
         return self.envelopes[name].points if name in self.envelopes else (self.arrays["t"], self._rows(name))
 
     def tail(self, name: str, rows: int) -> np.ndarray:
-        """Return the last ``rows`` values of a series, or fewer if fewer are kept, as beside an envelope."""
+        """Return the last ``rows`` values of a series; fewer if fewer are stored, as in a file with envelopes."""
         kept = self.arrays.get(LAST + name, np.zeros(0)) if name in self.envelopes else self._rows(name)
         return kept[-rows:]
 
@@ -210,10 +210,10 @@ def _check_content(arrays: Mapping[str, np.ndarray], names: Collection[str]) -> 
             raise ValueError(f"{name} holds {a.dtype}, not numbers")
         is_time = name == "t" or (name.endswith("_t") and name.removesuffix("_t") in POSES)
         if is_time and not (np.all(np.isfinite(a)) and np.all(np.diff(a) >= 0.0)):
-            raise ValueError(f"{name} does not go forward")
+            raise ValueError(f"{name} must be finite and must not decrease")
     for group in TOGETHER:
         if missing := [name for name in group if name not in names] if not group.isdisjoint(names) else []:
-            raise ValueError(f"{', '.join(sorted(missing))}: missing, beside {min(group & set(names))}")
+            raise ValueError(f"{', '.join(sorted(missing))}: missing, although {min(group & set(names))} is there")
 
 
 def _check_lengths(arrays: Mapping[str, np.ndarray]) -> None:

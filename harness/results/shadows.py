@@ -61,7 +61,7 @@ def choose_nearest(record: RunRecord, known: dict[str, NearestMotion]) -> Neares
 
 
 def keep_nearest(folder: Path, record: RunRecord, nearest: NearestMotion) -> None:
-    """Store the nearest motion of a run in the folder's file, beside those of other runs."""
+    """Store the nearest true motion of a run in the file of the results folder that has those of all its runs."""
     place = ConfinedPath(folder) / FILE
     rows = _read(place, dict[str, NearestMotion]) | {record.run_id: nearest}
     place.write(json.dumps({k: asdict(v) for k, v in sorted(rows.items())}, indent=1) + "\n")

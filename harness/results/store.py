@@ -131,9 +131,9 @@ def create_folder(folder: Path) -> Path:
 
 
 def lock_folder(folder: Path) -> BinaryIO:
-    """Lock the folder for one runner; return the open file, on closing which, or at the process's end, the lock ends.
+    """Lock the folder for one runner and return the open lock file.
 
-    Raise FileError if another runner holds the lock.
+    The lock is released when the file is closed or the process ends. Raise FileError if another runner holds the lock.
     """
     try:
         file = (ConfinedPath(folder) / LOCK).open_file(os.O_RDWR | os.O_CREAT)
@@ -149,9 +149,9 @@ def lock_folder(folder: Path) -> BinaryIO:
 
 @contextlib.contextmanager
 def hold_folder(folder: Path, *, alone: bool = False) -> Iterator[None]:
-    """Hold the folder while a command reads it or adds to it, shared with others, or ``alone`` to remove it.
+    """Lock the folder, shared while a command reads it or adds to it, or exclusively (``alone``) to remove it.
 
-    Raise OSError if it cannot be held alone. If it cannot be shared, the block is executed all the same.
+    Raise OSError if an exclusive lock is impossible. Without a shared lock the block is executed all the same.
     """
     with contextlib.ExitStack() as held:
         with contextlib.nullcontext() if alone else contextlib.suppress(OSError):
@@ -208,10 +208,10 @@ def parse_record(name: str, text: bytes) -> RunRecord:
     return record
 
 
-def note_added(folder: Path, run_id: str) -> None:
-    """Add a record that a command other than a runner wrote to the list that a killed runner left, if there is one.
+def list_as_started(folder: Path, run_id: str) -> None:
+    """Enter a record written by another command into the list of started runs that a killed runner left, if any.
 
-    Otherwise ``--resume`` would set it aside as foreign.
+    Otherwise ``--resume`` would set the record aside as foreign.
     """
     listed = ConfinedPath(folder) / BEGUN
     if listed.is_there():

@@ -63,7 +63,7 @@ class DaskPool:
         """
         if not jobs:
             return
-        client = _client(self.address)
+        client = _connect_client(self.address)
         limit = limit and limit.start()  # workers compile while they run
         ticket = secrets.token_hex(8)  # identifies this call to the workers, which may serve others after it
         try:
@@ -92,7 +92,7 @@ class DaskPool:
         finally:
             client.close()
         found = "; ".join(self._foreign[:5])
-        foreign = f"files that are not of the run that wrote them were not taken: {found}" if found else ""
+        foreign = f"files that do not belong to the run that wrote them were discarded: {found}" if found else ""
         try:
             self._unbegun.check()
         except PoolError as error:
@@ -206,7 +206,7 @@ def run_job(text: str, ticket: str = "") -> WorkerResult:
         own, stamp = _describe_worker()
         local = replace(job, folder=Path(place), environment=own)
         create_folder(local.folder)
-        supervisor = _supervisor()
+        supervisor = _provide_supervisor()
         _serving.setdefault(ticket, []).append(supervisor)
         try:
             told = supervisor.run(local)
@@ -227,7 +227,7 @@ def run_job(text: str, ticket: str = "") -> WorkerResult:
 
 
 def _has_reported_digest(place: ConfinedPath, told: RunEnded) -> bool:
-    """Return whether the record at ``place`` is the one whose digest the supervisor reported."""
+    """Return whether the record at ``place`` has the digest that the supervisor's report ``told`` of its run gives."""
     with contextlib.suppress(FileError):
         return read_digest(read_record(place)) == told.sha256
     return False
@@ -300,7 +300,7 @@ class _Supervisor(Supervised):
 _of_thread = threading.local()
 
 
-def _supervisor() -> _Supervisor:
+def _provide_supervisor() -> _Supervisor:
     """Return the supervisor of this thread, a new one where it has none that is alive."""
     found = getattr(_of_thread, "supervisor", None)
     if found is None or found.process.poll() is not None:
@@ -308,7 +308,7 @@ def _supervisor() -> _Supervisor:
     return found
 
 
-def _client(address: str) -> Any:
+def _connect_client(address: str) -> Any:
     """Return a client of the Dask cluster at ``address``; raise PoolError if there is no cluster with workers."""
     try:
         import distributed

@@ -111,16 +111,16 @@ TABLE_MACHINE = Slowness(1.0, 1.0)
 
 @functools.cache
 def measure_slowness(jobs: int) -> Slowness:
-    """Return by how much longer runs take here, ``jobs`` in parallel, than on the idle machine of the table.
+    """Return how much longer runs take here, ``jobs`` in parallel, than on the idle machine of the table.
 
-    It covers a slower core and other processes that want the cores, and is measured once for each number of jobs.
+    It covers a slower core and other processes that compete for the cores, and is measured once per number of jobs.
     """
     core = measure_loop() / read_costs().loop_s
-    rivals = max(1.0, (count_rivals() + jobs) / (os.cpu_count() or 1))
+    rivals = max(1.0, (count_running_processes() + jobs) / (os.cpu_count() or 1))
     return Slowness(core * rivals, max(1.0, core) * rivals)
 
 
-def count_rivals() -> float:
+def count_running_processes() -> float:
     """Return the number of other processes that are running now, the median of five counts 20 ms apart.
 
     The load of the last minute is no substitute: after a first pass, or a build, it was caused by this program.
@@ -138,7 +138,7 @@ def count_bodies_and_rows(system: MultibodySystem) -> float:
     return float(system.nb + system.nrows)
 
 
-def nearest_size(size: float) -> int:
+def find_nearest_size(size: float) -> int:
     """Return the index in ``SIZES`` of the nearest size, by ratio."""
     return min(range(len(SIZES)), key=lambda k: abs(math.log(size / SIZES[k])))
 
@@ -171,7 +171,7 @@ class CostFactors:
     has_computed_reference: bool
 
 
-def _facts(spec: RunSpec, known: dict[str, CostFactors]) -> CostFactors:
+def _find_factors(spec: RunSpec, known: dict[str, CostFactors]) -> CostFactors:
     """Return the cost factors of a spec's problem from ``known``, keyed by variant; compute and add missing ones.
 
     A problem of a plugin is not created: it is assumed to be one body with a computed reference.
@@ -179,20 +179,20 @@ def _facts(spec: RunSpec, known: dict[str, CostFactors]) -> CostFactors:
     name = format_name(spec.problem, spec.parameters)
     if name not in known:
         known[name] = (
-            _facts_of(registry.make_problem(spec.problem, spec.parameters))
-            if _is_own(spec)
+            _find_factors_of_problem(registry.make_problem(spec.problem, spec.parameters))
+            if _has_own_problem(spec)
             else CostFactors(float(spec.parameters.get("t_end", UNKNOWN_T)), UNKNOWN_STEP, SIZES[0], True)
         )
     return known[name]
 
 
-def _is_own(spec: RunSpec) -> bool:
+def _has_own_problem(spec: RunSpec) -> bool:
     """Return whether the problem is one of ``problems/``."""
     return registry.is_own_problem(spec.problem)
 
 
-def _facts_of(problem: Problem) -> CostFactors:
-    """Return the properties of a problem that determine the costs of its runs."""
+def _find_factors_of_problem(problem: Problem) -> CostFactors:
+    """Return the properties of a problem that determine the costs of its runs: times, size and kind of reference."""
     computed = describe_source(problem) in (Source.CERTIFIED, Source.COMPUTED)
     return CostFactors(problem.t_end, problem.dt, count_bodies_and_rows(problem.system), computed)
 
@@ -206,7 +206,7 @@ def predict_run_cost(spec: RunSpec, facts: CostFactors, costs: Costs, slow: Slow
     measuring = (
         costs.measure_s + _count_steps(spec, facts, costs) * interpolate_by_size(costs.measure_us, facts.size) * 1e-6
     )
-    set_up = interpolate_by_size(_cost_of(spec, costs).setup_s, facts.size)
+    set_up = interpolate_by_size(_find_solver_cost(spec, costs).setup_s, facts.size)
     solve = predict_solve_cost(spec, facts, costs)
     loop = spec.min_time if solve < SHORT else 0.0
     solving = max(slow.other * set_up + slow.solving * spec.repeats * solve, loop)
@@ -215,13 +215,13 @@ def predict_run_cost(spec: RunSpec, facts: CostFactors, costs: Costs, slow: Slow
 
 def predict_solve_cost(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
     """Return the CPU time [s] of one solve on the machine of the table, at most the run's limit."""
-    step = interpolate_by_size(_cost_of(spec, costs).step_us, facts.size) * 1e-6
+    step = interpolate_by_size(_find_solver_cost(spec, costs).step_us, facts.size) * 1e-6
     return min(_count_steps(spec, facts, costs) * step, spec.cpu_limit)
 
 
 def _count_steps(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
     """Estimate the number of accepted steps of a run, at most the limit on steps."""
-    solver, control = _cost_of(spec, costs), spec.control
+    solver, control = _find_solver_cost(spec, costs), spec.control
     if control.dt is not None:
         return min(facts.t_end / control.dt, float(control.max_steps))
     steps = solver.steps * facts.t_end / facts.dt * ((control.rtol or TOLERANCE) / TOLERANCE) ** -solver.power
@@ -247,7 +247,7 @@ def _find_median_cost(names: tuple[str, ...]) -> SolverCost:
     )
 
 
-def _cost_of(spec: RunSpec, costs: Costs) -> SolverCost:
+def _find_solver_cost(spec: RunSpec, costs: Costs) -> SolverCost:
     """Return the solver's costs; for one missing in the table, medians over solvers with the same step control."""
     adaptive = spec.control.dt is None
     alike = tuple(name for name, s in costs.solvers.items() if (s.steps > 0.0) is adaptive)
@@ -286,7 +286,7 @@ def select_quick(specs: Sequence[RunSpec]) -> set[str]:
     Their code is cached, or compiled within ``QUICK``. Solvers that the table lacks are left out.
     """
     prepared, costs, known = WarmCaches(), read_costs(), dict[str, CostFactors]()
-    own = [s for s in specs if s.solver in costs.solvers and predict_run_cost(s, _facts(s, known), costs) < SOON]
+    own = [s for s in specs if s.solver in costs.solvers and predict_run_cost(s, _find_factors(s, known), costs) < SOON]
     return {s.solver for s in own if costs.solvers[s.solver].compile_s < QUICK or prepared.contains(s.solver)}
 
 
@@ -300,7 +300,8 @@ def predict_times(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: P
     earlier = read_durations(local or store.LOCAL, suite)
     known: dict[str, CostFactors] = {}
     own = {
-        s.settings_id: earlier.get(s.settings_id) or predict_run_cost(s, _facts(s, known), costs, slow) for s in specs
+        s.settings_id: earlier.get(s.settings_id) or predict_run_cost(s, _find_factors(s, known), costs, slow)
+        for s in specs
     }
     runs = {settings: seconds + slow.other * costs.store_s for settings, seconds in own.items()}
     if not specs:
@@ -324,7 +325,10 @@ def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectat
     their own, and are not measured.
     """
     costs, slow, known = read_costs(), measure_slowness(jobs), dict[str, CostFactors]()
-    runs = {s.settings_id: slow.solving * n * predict_solve_cost(s, _facts(s, known), costs) / jobs for s, n in counted}
+    runs = {
+        s.settings_id: slow.solving * n * predict_solve_cost(s, _find_factors(s, known), costs) / jobs
+        for s, n in counted
+    }
     once = slow.solving * _predict_shared_cost([s for s, _ in counted], costs, known)
     return Expectation(runs, slow.other * costs.load_s, once, 1)
 
@@ -332,7 +336,7 @@ def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectat
 def _predict_shared_cost(specs: Sequence[RunSpec], costs: Costs, known: dict[str, CostFactors]) -> float:
     """Return the wall time [s] to compile and compute, in parallel, all code and references that no cache holds."""
     warm = WarmCaches()
-    motions = [s for s in list_motions(specs) if _facts(s, known).has_computed_reference]
+    motions = [s for s in list_motions(specs) if _find_factors(s, known).has_computed_reference]
     named = (name_reference(format_name(s.problem, s.parameters)) for s in motions)
     references = sum(costs.reference_s for name in named if not warm.contains(name))
     cold = dict.fromkeys(s.solver for s in list_runs_to_warm(specs) if not warm.contains(s.solver))

@@ -73,19 +73,19 @@ def name_run(record: RunRecord) -> str:
 
 
 def _check_origin(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> None:
-    """Raise FileError unless the run was made by the present code, with these plugins, on such a platform."""
+    """Raise FileError unless code, plugins and platform are those of the run, so that it repeats bit for bit."""
     own = codes.digest_run_code(record.problem, record.solver, plugins)
     if own != record.code:
         where = f"; check out {record.commit[:12]}" if record.commit else ""
         raise FileError(
-            f"{name_run(record)} keeps not every step, and cannot be solved again: it is of code {record.code}, "
-            f"here is {own}{where}, or run its suite again"
+            f"{name_run(record)} does not store every step and cannot be solved again: it is of code {record.code}, "
+            f"this is {own}{where}, or run its suite again"
         )
     there, here = _read_stamp(folder, record), origin.describe_environment("", "", 1, plugins)
     if not is_same_platform(there, here):
         found = [d for d in find_differences(there, here) if d.what not in ("suite", "plugins")]
         raise FileError(
-            f"{name_run(record)} keeps not every step, and cannot be solved again to the bit here: "
+            f"{name_run(record)} does not store every step and cannot be solved again bit for bit here: "
             f"{describe_differences(found)}"
         )
 
@@ -118,12 +118,12 @@ def _was_cut_short(record: RunRecord) -> bool:
 def _read_checked(folder: Path, record: RunRecord, place: Path, again: RunRecord | None) -> Series:
     """Return the series of ``again``, the record in ``place`` of the repeated run; None stands for no record.
 
-    Raise FileError if it has no series, or other bits than the series of ``record`` in ``folder``.
+    Raise FileError if it has no series, or if its steps differ in any bit from those of ``record`` in ``folder``.
     """
     kept = store.read_run_series(folder, record, poses=False)
     found = store.read_run_series(place, again) if again is not None else None
     if found is None or kept is None:
         raise FileError(f"{name_run(record)} left no steps when solved again")
     if found.steps_sha256 != kept.steps_sha256:
-        raise FileError(f"{name_run(record)} was solved again, and its steps have other bits than those of the results")
+        raise FileError(f"{name_run(record)} was solved again, and its steps are not bit for bit those of the results")
     return found

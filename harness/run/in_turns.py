@@ -39,7 +39,7 @@ def time_in_turns(
     """
     finished = (r for r in records if r.status in (Status.SUCCESS, Status.INACCURATE))
     timed, failures = list[RunRecord](), list[str]()
-    for (problem, _), group in groupby(sorted(finished, key=_variant), key=_variant):
+    for (problem, _), group in groupby(sorted(finished, key=_name_variant), key=_name_variant):
         runs = list(group)
         times, failure = _time_in_process(runs, turns, plugins, budget)
         failures += [f"{problem}: {failure}"] if failure else []
@@ -70,7 +70,7 @@ def take_turns(runs: Sequence[RunRecord], turns: int, budget: float = BUDGET) ->
     return times
 
 
-def _variant(r: RunRecord) -> tuple[str, str]:
+def _name_variant(r: RunRecord) -> tuple[str, str]:
     """Return the problem with its parameters, by which runs are grouped."""
     return r.problem, r.problem_parameters
 

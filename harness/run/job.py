@@ -136,9 +136,9 @@ def make_cut_short_record(job: Job, by: EndCause, **columns: Any) -> RunRecord:
 
 
 def record_unfinished(job: Job, ended: ProcessEnd, wall: float, by: EndCause, limit: float) -> RunRecord:
-    """Return the record of a run whose process left none, after ``wall`` [s] of wall time; ``ended`` says how it ended.
+    """Return the record of a run whose process sent none: from its end ``ended`` and ``wall`` [s] of wall time.
 
-    If it was killed, ``by`` and ``limit`` [s] are the cause and the limit, unless ``ended`` names another limit.
+    The cause and the limit [s] of a killed run are ``by`` and ``limit``, unless ``ended`` names another limit.
     """
     said = {}
     if ended.over == "memory" and by is EndCause.WALL_LIMIT:

@@ -194,10 +194,10 @@ class LocalPool:
         supervisor.send(StartOrder(job))
 
     def _receive(self, news: News, supervisor: int) -> None:
-        """Apply one message of the supervisor with process id ``supervisor``, and call ``on_warmup`` or ``on_end``.
+        """Apply one message of the supervisor with process id ``supervisor``; call ``on_warmup`` or ``on_end``.
 
-        The end of the warm-up lets runs begin and starts the limit. Raise PoolError where a run reports an error that
-        concerns all, such as a folder that cannot be written.
+        The end of the warm-up lets runs begin and starts the limit. Raise PoolError if a run reports an error that
+        concerns all runs, such as a folder that cannot be written.
         """
         if isinstance(news, CodeTime):
             add_code_below(news.seconds - self._code_seconds)

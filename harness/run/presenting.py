@@ -36,8 +36,9 @@ class PresentedSolver:
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Solve the presented problem; return the motion in the problem's own terms.
 
-        With ``retrace``, solve back from the end, too, and keep as ``returned`` the state where that arrives, with
-        velocities reversed again; the costs of both add up. A way back that fails leaves only a note.
+        With ``retrace`` the motion is then integrated back from its end; the state where that arrives, with velocities
+        reversed again, is kept as ``returned``, and the costs of both integrations add up. If the integration back
+        fails, the motion only gets a note.
         """
         began = solver_seconds()
         there = self._solve_presented(problem, control)

@@ -16,7 +16,7 @@ EVERY = 0.2  # [s] between two lines: a tenth looks no smoother, and in a notebo
 
 
 class ProgressLine:
-    """A line that is overwritten by the next one and erased at the end; nothing is written if nobody watches."""
+    """A line that the next one overwrites and that is erased at the end; nothing is written outside a terminal."""
 
     def __init__(self) -> None:
         self.watched, self._width = is_watched(), 0

@@ -52,7 +52,7 @@ class RemainingTime:
     def estimate_remaining(self, spec: RunSpec, since: float) -> float:
         """Return the time [s] that a run will still take, ``since`` [s] after its start.
 
-        A run that is late is assumed to take half as long again.
+        A run that exceeds its expected time is assumed to need another half of the time that it has taken.
         """
         left = self.estimate_run(spec) - since
         return left if left > 0.0 else since / 2.0
@@ -66,7 +66,7 @@ class RemainingTime:
             [self.estimate_remaining(*run) for run in running], [self.estimate_run(spec) for spec in waiting], size
         )
 
-    def share_done(self, running: Sequence[tuple[RunSpec, float]], waiting: Iterable[RunSpec]) -> float:
+    def compute_done_share(self, running: Sequence[tuple[RunSpec, float]], waiting: Iterable[RunSpec]) -> float:
         """Return the fraction of the work that is done, by seconds of runs, not by their number.
 
         ``running`` pairs each run in progress with the time [s] since its start.

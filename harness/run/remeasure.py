@@ -197,19 +197,19 @@ def _check_origin(
     made_with = sorted(Path(str(p)).name for p in named) if isinstance(named, list) else []
     if made_with != sorted(Path(p).name for p in plugins):
         asked = " ".join(f"--plugin {name}" for name in made_with)
-        raise ValueError(f"it was made {f'with {asked}' if asked else 'without plugins'}: give the same")
+        raise ValueError(f"it was made {f'with {asked}' if asked else 'without plugins'}: give the same plugins")
     then, now = sources_of(record.commit), codes.package_sources()
     changed = [
         what
         for what, old, new in (
             ("its solver", then.solvers.get(record.solver), now.solvers.get(record.solver)),
             ("its problem", then.problems.get(record.problem), now.problems.get(record.problem)),
-            ("what counts its cost", then.digest_modules(*COSTS), now.digest_modules(*COSTS)),
+            ("the clocks of its cost", then.digest_modules(*COSTS), now.digest_modules(*COSTS)),
         )
         if old != new
     ]
     if changed:
-        raise ValueError(f"{' and '.join(changed)} is other code now, and its cost would be another: run it again")
+        raise ValueError(f"the code of {' and '.join(changed)} has changed, so that its cost may differ: run it again")
 
 
 def _find_spec(record: RunRecord, asked: Mapping[str, RunSpec]) -> RunSpec:
@@ -220,7 +220,7 @@ def _find_spec(record: RunRecord, asked: Mapping[str, RunSpec]) -> RunSpec:
     if not asked:
         return rebuild_spec(record)
     if record.settings_id not in asked:
-        raise ValueError("it is not of the suite that the folder keeps a copy of: run its own suite again")
+        raise ValueError("the suite stored in the folder does not contain it: run its own suite again")
     return asked[record.settings_id]
 
 
@@ -277,7 +277,7 @@ def _find_difference(record: RunRecord, steps: str, new: RunRecord | None, there
     if (again is None) != (not record.series) or record.claimed != new.claimed:
         return f"it is {new.status} when solved again"
     if again is not None and again.steps_sha256 != steps:
-        return "its steps have other bits when solved again: it is another motion, run its suite again"
+        return "its steps are not the same bit for bit when solved again: it is another motion, run its suite again"
     return "" if again is not None or record.status == new.status else f"it is {new.status} when solved again"
 
 
@@ -307,6 +307,6 @@ def _replace(folder: Path, record: RunRecord, there: Path, new: RunRecord, run_i
         commit=environment.read_commit(),
     )
     store.set_aside(folder, list_record_files(folder, record, WHY))
-    store.note_added(folder, run_id)
+    store.list_as_started(folder, run_id)
     store.write_record(folder, found)
     return found

@@ -154,7 +154,8 @@ def measure_kept_steps(job: Job, bare: RunRecord, send: Send, store: Store, prob
 class RunProcess(ForkedProcess):
     """The process of a run, which sends its record before it ends, or the reason why it has none.
 
-    ``work(send)`` is what the process does. One that ``salvages`` measures only the steps that an earlier process kept.
+    ``work(send)`` is what the process does. With ``salvages`` it only measures the steps that an earlier process of the
+    run has kept.
     """
 
     def __init__(

@@ -71,7 +71,7 @@ def write_run(path: Path, outcome: Outcome) -> RunRecord:
         "phi_norm": m.phi_norm,
         "phi_dot_norm": m.phi_dot_norm,
         "dt": np.diff(m.t),
-        **_scalars(record),
+        **_list_scalars(record),
         "events": np.asarray(json.dumps(list(trajectory.events))),
         **{f"obs_{name}": values for name, values in m.observables.items()},
         **{f"diag_{name}": np.asarray(values, dtype=float) for name, values in trajectory.diagnostics.items()},
@@ -97,14 +97,14 @@ def write_without_motion(path: Path, record: RunRecord) -> RunRecord:
         "phi_norm": nothing,
         "phi_dot_norm": nothing,
         "dt": np.zeros(0),
-        **_scalars(record),
+        **_list_scalars(record),
         "events": np.asarray("[]"),
     }
     write_npz(path, arrays)
     return dataclasses.replace(record, series=str(path), series_rows=1)
 
 
-def _scalars(record: RunRecord) -> dict[str, np.ndarray]:
+def _list_scalars(record: RunRecord) -> dict[str, np.ndarray]:
     """Return the columns ``SUMMARY`` of the record as arrays of one value, and the whole record as JSON."""
     named = {name: np.asarray(getattr(record, name)) for name in SUMMARY}
     cpu = {"reasons": np.asarray(record.wrong_because), "cpu_s": np.asarray(record.cpu_min_s)}

@@ -98,8 +98,8 @@ def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Exec
         if (listed := begun.read()) is not None:
             before = _set_foreign_aside(folder, before, lambda r: r.run_id in listed)
         (ConfinedPath(folder) / ".spool").remove_folder()  # of runs that a killed runner left half-way
-        where, stamped = _stamp(request)
-        jobs = _jobs(request, folder.resolve(), where)
+        where, stamped = _write_stamp(request)
+        jobs = _make_jobs(request, folder.resolve(), where)
         own, whole = {job.id for job in jobs}, {spec.settings_id for spec in request.suite.specs}
         again, killed = _set_aside_provisional(folder, own, before.records)
         again += _set_outdated_aside(folder, jobs, before.records)
@@ -167,7 +167,7 @@ def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Exec
 
 
 def _set_foreign_aside(folder: Path, loaded: LoadedResults, is_ours: Callable[[RunRecord], bool]) -> LoadedResults:
-    """Set aside the records that are not ours, with their files; return the results without them."""
+    """Set aside the records that no run of this suite wrote, with their files; return the results without them."""
     foreign = list_foreign(folder, [r for r in loaded.records if not is_ours(r)])
     store.set_aside(folder, chain.from_iterable(foreign))
     gone = {files[0].path.stem for files in foreign if files}
@@ -180,10 +180,10 @@ def list_waiting(request: Request) -> list[RunSpec]:
     there = store.is_results(request.folder) and request.resume
     records = store.load(request.folder, check_series=False).records if there else ()
     done = {r.run_id for r in records if not is_provisional(r)}
-    return [job.spec for job in _jobs(request, request.folder, "") if job.id not in done]
+    return [job.spec for job in _make_jobs(request, request.folder, "") if job.id not in done]
 
 
-def _jobs(request: Request, folder: Path, where: str) -> list[Job]:
+def _make_jobs(request: Request, folder: Path, where: str) -> list[Job]:
     """Return a job for each requested run, with the digest of the code that its numbers come from.
 
     ``where`` names the environment in records.
@@ -262,7 +262,7 @@ def _has_content(place: ConfinedPath, text: str) -> bool:
     return False
 
 
-def _stamp(request: Request) -> tuple[str, dict[str, str]]:
+def _write_stamp(request: Request) -> tuple[str, dict[str, str]]:
     """Write ``environment.json``, ``suite.toml`` and the suites that it includes; keep an earlier stamp beside.
 
     Return how records name this environment, and the texts that were written, by file name.

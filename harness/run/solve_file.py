@@ -72,7 +72,7 @@ def solve_to_file(
             """
             try:
                 return read_outcome(
-                    process, process.wait_for_end(lambda: patience.begin_task(_stage(process.read_lines())))
+                    process, process.wait_for_end(lambda: patience.begin_task(_name_stage(process.read_lines())))
                 )
             finally:
                 name_partial(out, process.pid).unlink(missing_ok=True)
@@ -90,7 +90,7 @@ def solve_to_file(
         return record, native[-2000:].strip()
 
 
-def _stage(heard: str) -> str:
+def _name_stage(heard: str) -> str:
     """Return the stage of a run by the lines ``heard`` from its process: compiling, running or measuring."""
     return next((stage for stage in (MEASURING, RUNNING) if f"\n{stage}" in f"\n{heard}"), COMPILING)
 

@@ -167,7 +167,10 @@ def _is_closed(descriptor: int) -> bool:
 
 
 def preload() -> None:
-    """Import what runs need, so that forks inherit it; freeze it, so that the garbage collector copies no pages."""
+    """Import what runs need, so that forks inherit the modules, and exempt them from garbage collection.
+
+    Otherwise the collector would write to their pages in each fork, which copies them.
+    """
     import gc
 
     listen_to_numba()

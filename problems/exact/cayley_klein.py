@@ -62,7 +62,7 @@ class CayleyKlein:
 def rotate_uniformly(q0: Quaternion, left: Matrix, right: Matrix, mu_p: arb, mu_s: arb) -> CayleyKlein:
     """Return the attitude that starts as ``q0`` and rotates uniformly: p at ``mu_p``, s at ``mu_s`` [rad/s].
 
-    ``left`` and ``right`` are the constant rotations, in space and in the body, on both sides of it.
+    It is multiplied by the constant rotations ``left`` (in space) and ``right`` (in the body).
     """
     one, still = make_constant_series(acb(1)), ThetaPhase.from_radians(arb(0), arb(0))
     p, s = find_cayley_klein(q0)

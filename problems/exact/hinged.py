@@ -170,7 +170,7 @@ class HingedMotion:
         return States((self.point + arm)[:, None], R[:, None], v[:, None], Omega[:, None])
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Return an estimate [m] of the position error of C and of points within the radius of gyration of it."""
+        """Return an estimate [m] of the position error of C and of points within the radius of gyration from C."""
         t = np.asarray(t, dtype=float)
         times, grown = self._error_growth
         before = grown[np.minimum(np.searchsorted(times, t), len(times) - 1)]

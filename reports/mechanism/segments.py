@@ -66,7 +66,7 @@ def read_mechanism(series: Series | None) -> DrawnMechanism | None:
     return DrawnMechanism(poses.t, poses.r, R, *_segments(series, nb), i, series["joint_s_i"], ground, gravity)
 
 
-def joint_points(series: Series, bodies: int, scale: float) -> list[Float[np.ndarray, "n 3"]]:
+def find_joint_points(series: Series, bodies: int, scale: float) -> list[Float[np.ndarray, "n 3"]]:
     """Return the distinct joint points of each body [m, body frame]; ``scale`` [m] is the size of the mechanism."""
     if "joint_i" not in series:
         return [np.zeros((0, 3))] * bodies
@@ -83,7 +83,7 @@ def _segments(series: Series, nb: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     s_i, s_j = series["joint_s_i"], series["joint_s_j"][series["joint_j"] >= 0]
     found = []
     scale = float(np.abs(np.concatenate((s_i, s_j))).max(initial=0.0)) or LONE
-    for body, points in enumerate(joint_points(series, nb, scale)):
+    for body, points in enumerate(find_joint_points(series, nb, scale)):
         ends = points[np.linalg.norm(points, axis=1) > SAME * scale]
         if len(ends) == 2:
             found += [(body, *ends)]

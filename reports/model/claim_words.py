@@ -2,18 +2,24 @@
 
 from ...harness.results.judgements import claims as judged
 from .condition_words import (
-    condition,
-    decision,
     describe_choice,
     describe_condition,
+    describe_decision,
+    format_separation,
+    format_setting,
+    format_value,
     is_met_by_choice,
-    setting,
     spell_out,
-    value,
 )
 from .words import join_words, number, plural, unit
 
-__all__ = ["condition", "decision", "setting", "spell_out", "value"]  # re-exported for the pages
+__all__ = [
+    "describe_decision",
+    "format_separation",
+    "format_setting",
+    "format_value",
+    "spell_out",
+]  # re-exported for the pages
 WHERE = ("at the paper's settings", "beyond them")
 FACTOR = 1.5  # factor by which borderline bands are widened and narrowed (harness.judge.referee.claims.predicates)
 LEFT_OUT = {
@@ -39,14 +45,14 @@ def format_measured(test: judged.JudgedTest) -> str:
     return f"{test.measured:.0f}" if count else f"{number(test.measured)} {unit(test.unit)}".strip()
 
 
-def band(test: judged.JudgedTest) -> str:
+def format_band(test: judged.JudgedTest) -> str:
     """Format the band that a test requires of its number: ``at least 0.05 m``."""
     low, high = (None if v is None else f"{v:g}" for v in test.band)
     words = f"at most {high}" if low is None else f"at least {low}" if high is None else f"{low} to {high}"
     return f"{words} {unit(test.unit)}".strip()
 
 
-def metric(test: judged.JudgedTest) -> str:
+def name_metric(test: judged.JudgedTest) -> str:
     """Name the quantity that a test measures, with its arguments and the runs it is compared with.
 
     A column of the records keeps its own name.
@@ -71,7 +77,7 @@ def explain_verdicts(c: judged.JudgedClaim) -> str:
     if b.across and c.findings:
         out.append(f"each setting is compared across {b.across}")
     if b.met_at:
-        each = ", ".join(f"{setting(b.across, m.value)} in {m.holds}" for m in b.met_at)
+        each = ", ".join(f"{format_setting(b.across, m.value)} in {m.holds}" for m in b.met_at)
         out.append(f"one {b.across} that meets it suffices: {each}")
     said = [s[0].upper() + s[1:] for s in (*out, *c.caveats)]
     return f"{'. '.join(said)}." if said else ""
@@ -82,7 +88,7 @@ def list_sides(c: judged.JudgedClaim) -> tuple[tuple[str, judged.ClaimFinding], 
     return tuple((where, f) for where, f in zip(WHERE, (c.paper, c.beyond), strict=True) if f)
 
 
-def verdict(f: judged.ClaimFinding) -> str:
+def format_verdict(f: judged.ClaimFinding) -> str:
     """Format a verdict with its condition or reason: ``reproduced if gain 5``, ``cannot be told, because ...``."""
     if f.verdict is judged.ClaimVerdict.CANNOT_BE_TOLD and f.missing:
         return f"{f.verdict}, because {_describe_gap(f.missing[0])}"
@@ -98,10 +104,10 @@ def verdict(f: judged.ClaimFinding) -> str:
 
 def format_condition(f: judged.ClaimFinding) -> str:
     """Return the part of the verdict after its first words, ``direction translation``; empty if there is none."""
-    return verdict(f).removeprefix(str(f.verdict)).lstrip(" ,:")
+    return format_verdict(f).removeprefix(str(f.verdict)).lstrip(" ,:")
 
 
-def control(c: judged.JudgedClaim) -> str:
+def describe_control(c: judged.JudgedClaim) -> str:
     """Describe whether the control, other solvers in the same settings, meets the claim too; empty without one.
 
     ``rk45_strong_form, in the same chart, ... does so too (...), in 4 settings where the claim holds: ...``
@@ -120,7 +126,7 @@ def control(c: judged.JudgedClaim) -> str:
     if not c.control.both:
         return f"{found}, but in no setting where the claim holds{_describe_unknown_control(c)}"
     where = f"in {plural(c.control.both, 'setting')} where the claim holds"
-    return f"{found}, {where}: there the claim tells nothing of its own solvers{_describe_unknown_control(c)}"
+    return f"{found}, {where}: there the claim does not distinguish its solvers{_describe_unknown_control(c)}"
 
 
 def _describe_unknown_control(c: judged.JudgedClaim) -> str:
@@ -135,7 +141,8 @@ def format_by_solver(c: judged.JudgedClaim) -> str:
     """Format the verdict of each solver: ``by ida_index1 reproduced, for all 4 tried; ...``; empty for one solver."""
     sides = c.by_solver.items(), c.by_solver_beyond.items()
     found = [
-        "; ".join(f"by {n} {', '.join(filter(None, (verdict(f), format_share(f))))}" for n, f in side) for side in sides
+        "; ".join(f"by {n} {', '.join(filter(None, (format_verdict(f), format_share(f))))}" for n, f in side)
+        for side in sides
     ]
     return "; beyond them ".join(filter(None, found)) if found[0] else f"beyond them {found[1]}" * bool(found[1])
 
@@ -187,11 +194,17 @@ def _describe_finding(c: judged.JudgedClaim, where: str, f: judged.ClaimFinding)
     if f.stopped:
         out.append(f"in {f.stopped} of these {f.holds} because a run stopped before its end")
     if f.decision:
-        all_at = f"every setting meets it at {condition(f.decision)}, and each at others" if is_met_by_choice(f) else ""
-        words = all_at or decision(f.decision)
+        all_at = (
+            f"every setting meets it at {format_separation(f.decision)}, and each at others"
+            if is_met_by_choice(f)
+            else ""
+        )
+        words = all_at or describe_decision(f.decision)
         out.append(f"{words} (settings of equal series counted each)" if f.rows > f.settings else words)
     for m in f.borderline:
-        said = f"with a band {FACTOR} times {m.by} ({metric(c.tests[m.test])}) it holds for {m.holds} of {m.settings}"
+        said = (
+            f"with a band {FACTOR} times {m.by} ({name_metric(c.tests[m.test])}) it holds for {m.holds} of {m.settings}"
+        )
         out.append(f"borderline: {said}")
     return out + [
         f"{plural(x.settings, 'setting is', 'settings are')} left out {where}: {LEFT_OUT[x.why]}" for x in f.left_out
@@ -231,7 +244,7 @@ def _describe_row(c: judged.JudgedClaim, m: judged.MapRow) -> str:
     return f"{where}, {holds}: {number_of_it}{control}, {m.status}{more}: {m.command or m.case}"
 
 
-def figures(c: judged.JudgedClaim) -> str:
+def join_figures(c: judged.JudgedClaim) -> str:
     """Join the claim's figure numbers: ``6 and 7``."""
     return join_words([str(n) for n in c.figure])
 

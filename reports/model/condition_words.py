@@ -13,7 +13,7 @@ FLAGS = {
 }
 
 
-def value(name: str, given: judged.Value) -> str:
+def format_value(name: str, given: judged.Value) -> str:
     """Format the value ``given`` of the dimension ``name`` of a map: ``5``, ``a consistent start``."""
     if isinstance(given, bool):
         return FLAGS.get(name, (spell_out(name), f"no {spell_out(name)}"))[not given]
@@ -22,10 +22,10 @@ def value(name: str, given: judged.Value) -> str:
     return given if isinstance(given, str) else f"{given:g}"
 
 
-def setting(name: str, given: judged.Value) -> str:
+def format_setting(name: str, given: judged.Value) -> str:
     """Format a value with the name of its dimension where the value alone is not clear: ``gain 5``."""
     alone = given is None or isinstance(given, bool) or name in ("problem", "solver", "frame")
-    return value(name, given) if alone else f"{spell_out(name)} {value(name, given)}"
+    return format_value(name, given) if alone else f"{spell_out(name)} {format_value(name, given)}"
 
 
 def spell_out(name: str) -> str:
@@ -39,7 +39,7 @@ def describe_condition(d: judged.Decision) -> str:
     Without such a condition on one or two dimensions, combinations of values that suffice are listed.
     """
     if d.by:
-        return f"reproduced {'unless' if d.unless else 'if'} {condition(d)}"
+        return f"reproduced {'unless' if d.unless else 'if'} {format_separation(d)}"
     if not d.any_of:
         return "reproduced if choices are made as in the rows that hold"
     terms = [" and ".join(_list_values(n, vs) for n, vs in at.items()) for at in _join_terms(d.any_of)]
@@ -53,8 +53,8 @@ def is_met_by_choice(f: judged.ClaimFinding) -> bool:
 
 
 def describe_choice(d: judged.Decision) -> str:
-    """Format ``reproduced if the tolerance may be chosen, all at tolerance 0.1``."""
-    return f"reproduced if the {spell_out(next(iter(d.by)))} may be chosen, all at {condition(d)}"
+    """Describe a claim that holds if one value may be chosen: ``reproduced if the tolerance may be chosen, ...``."""
+    return f"reproduced if the {spell_out(next(iter(d.by)))} may be chosen, all at {format_separation(d)}"
 
 
 def _join_terms(conditions: Sequence[judged.Condition]) -> list[dict[str, list[judged.Value]]]:
@@ -76,10 +76,10 @@ def _list_values(name: str, values: Sequence[judged.Value]) -> str:
     numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
     ordered = sorted(values) if numbers else list(values)  # type: ignore[type-var]
     first, *rest = ordered
-    return " or ".join([setting(name, first), *(value(name, v) for v in rest)])
+    return " or ".join([format_setting(name, first), *(format_value(name, v) for v in rest)])
 
 
-def decision(d: judged.Decision) -> str:
+def describe_decision(d: judged.Decision) -> str:
     """Describe the condition that separates the settings where a claim holds from the others.
 
     Without such a condition: the largest sets of settings where it always or never holds, and the dimension that
@@ -87,9 +87,9 @@ def decision(d: judged.Decision) -> str:
     """
     if d.by:
         return (
-            f"it holds with {condition(d)} never, and always without"
+            f"it holds with {format_separation(d)} never, and always without"
             if d.unless
-            else (f"it holds with {condition(d)} always, and never without")
+            else (f"it holds with {format_separation(d)} always, and never without")
         )
     yes, no = ([x for x in d.conditions if bool(x.holds) is side] for side in (True, False))
     parts = [f"{word} with {_list_conditions(some)}" for word, some in (("always", yes), ("never", no)) if some]
@@ -104,18 +104,20 @@ def _list_counts(d: judged.Decision) -> str:
     ``gain 0 1 of 3, gain 5 3 of 3``; many values are counted as always, sometimes and never.
     """
     if len(d.told) <= MOST_LISTED:
-        return ", ".join(f"{setting(d.telling, f.value)} {f.holds} of {f.settings}" for f in d.told)
+        return ", ".join(f"{format_setting(d.telling, f.value)} {f.holds} of {f.settings}" for f in d.told)
     always, never = sum(f.holds == f.settings for f in d.told), sum(not f.holds for f in d.told)
     return f"of its {len(d.told)} values {always} always, {len(d.told) - always - never} sometimes, {never} never"
 
 
-def condition(d: judged.Decision) -> str:
+def format_separation(d: judged.Decision) -> str:
     """Format the values of a separating condition: ``tolerance 1e-05 or 1e-06 and gauge zero``."""
-    return " and ".join(" or ".join(setting(name, v) for v in values) for name, values in d.by.items())
+    return " and ".join(" or ".join(format_setting(name, v) for v in values) for name, values in d.by.items())
 
 
 def _list_conditions(conditions: Sequence[judged.Condition]) -> str:
     """Format sets of settings with how many hold: ``gain 0 and chart quaternion (3 of 3)``; the rest is counted."""
-    out = [f"{' and '.join(setting(n, v) for n, v in c.at.items())} ({c.holds} of {c.settings})" for c in conditions]
+    out = [
+        f"{' and '.join(format_setting(n, v) for n, v in c.at.items())} ({c.holds} of {c.settings})" for c in conditions
+    ]
     more = [f"and {len(out) - MOST_LISTED} more"] if len(out) > MOST_LISTED else []
     return "; ".join([*out[:MOST_LISTED], *more])

@@ -73,7 +73,7 @@ def drop_repeated(curve: Curve) -> Curve:
     return Curve(curve.t[keep], curve.y[keep], *edges)
 
 
-def log_limits(curves: Iterable[Curve | None], scale: float) -> tuple[float, float]:
+def find_log_limits(curves: Iterable[Curve | None], scale: float) -> tuple[float, float]:
     """Return the limits of a logarithmic axis for the curves, between rounding and a cap relative to ``scale``.
 
     Without values above rounding they span three decades.

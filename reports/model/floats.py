@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .tables import latex_text
+from .tables import escape_latex
 
 MATHS = {  # characters that pdfLaTeX sets in math mode only; a letter with an accent comes before the letter
     "φ̇": r"$\dot\phi$",
@@ -24,9 +24,9 @@ HEAD = r"""% Floats of %s: needs \usepackage{graphicx,booktabs,array}. Copy what
 """
 
 
-def latex_caption(text: str) -> str:
+def format_latex_caption(text: str) -> str:
     """Return a caption with its symbols in math mode; other characters are kept."""
-    out = latex_text(text)
+    out = escape_latex(text)
     for symbol, latex in MATHS.items():
         out = out.replace(symbol, latex)
     return out
@@ -37,12 +37,12 @@ def format_floats(title: str, figures: Sequence[Mapping[str, Any]], tables: Mapp
 
     ``figures`` are entries of captions.json; ``tables`` maps paths without suffix to captions.
     """
-    out = [HEAD.replace("%s", latex_text(title), 1).replace("%%", "%")]
+    out = [HEAD.replace("%s", escape_latex(title), 1).replace("%%", "%")]
     for place, caption in tables.items():
         name = place.rpartition("/")[2]
         out.append(rf"""\begin{{table}}[tb]
   \centering
-  \caption{{{latex_caption(caption)}}}\label{{tab:{name}}}
+  \caption{{{format_latex_caption(caption)}}}\label{{tab:{name}}}
   \input{{\publication/{place}.tex}}
 \end{{table}}
 """)
@@ -52,7 +52,7 @@ def format_floats(title: str, figures: Sequence[Mapping[str, Any]], tables: Mapp
         out.append(rf"""\begin{{figure{star}}}[tb]
   \centering
   \includegraphics[width={f["width_mm"]}mm]{{\publication/{file}}}
-  \caption{{{latex_caption(f["caption"])}}}\label{{fig:{f["name"]}}}
+  \caption{{{format_latex_caption(f["caption"])}}}\label{{fig:{f["name"]}}}
 \end{{figure{star}}}
 """)
     return "\n".join(out)

@@ -134,7 +134,8 @@ def select_shared_target(found: Sequence[Frontier]) -> list[Frontier]:
 def _rank_solvers(variant: Variant, measure: ErrorMeasure, target: float) -> Frontier:
     """Rank the solvers of a variant by their least CPU time for an error of ``target``.
 
-    A solver that reached no such error is refused if all its runs are; with an unfinished run it is in no list.
+    A solver whose runs were all refused counts as refused; one that did not reach the error misses it, or is left out
+    if a run of it is unfinished.
     """
     best, missed, refused = list[RankedSolver](), list[str](), list[StoredRun]()
     for solver, own in group_by_solver(variant.runs).items():

@@ -8,7 +8,7 @@ from functools import cached_property
 from .margin import Margin, find_margin
 from .results import StoredResults, StoredRun, Variant, group_by_solver
 from .scores import find_finest
-from .variants import find_plain_label, plain_runs, select_variants
+from .variants import find_plain_label, select_plain_runs, select_variants
 from .words import Mark, join_words, mark_status, number, plural
 
 FEW = 0.5  # least fraction of the solvers that ran a column's variant, so that counts compare
@@ -36,7 +36,7 @@ class HeatCell:
 
     @property
     def level(self) -> int | None:
-        """The class of colour, see ``LEVELS``; None for a run that ended early, whatever its error was."""
+        """The class of colour, see ``LEVELS``; None for a run that ended early, whatever its error."""
         return None if self.margin is None or self.mark.kind in ("failed", "open", "refused") else self.margin.level
 
     @property
@@ -105,7 +105,7 @@ class HeatMap:
 
     @property
     def title(self) -> str:
-        """The number of solvers within all limits, among those that ran every problem to the end, else among all."""
+        """The number of solvers within all limits, of those that ran every problem to its end, or else of all."""
         complete = [row for row in self.rows if row.counted == len(self.problems)] or self.rows
         whole = sum(row.succeeded == len(self.problems) for row in complete)
         apart = " (each set of parameters counted)" * (len({v.problem for v in self.problems}) < len(self.problems))
@@ -143,7 +143,7 @@ def describe_extremes(boxes: Sequence[HeatCell]) -> str:
 
 def make_cells(variant: Variant, label: str) -> list[HeatCell]:
     """Return the cell of each solver's finest settings under ``label``, else at default options, else at any."""
-    own = plain_runs(variant, label)
+    own = select_plain_runs(variant, label)
     return [HeatCell(min(runs, key=lambda c: c.finest_first)) for runs in group_by_solver(own).values()]
 
 

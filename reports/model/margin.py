@@ -66,8 +66,8 @@ def find_margin(run: StoredRun) -> Margin | None:
 def _recompute_reasons(run: StoredRun) -> list[Reason]:
     """Return the errors with their limits, recomputed from the record's columns.
 
-    Unless the run stopped, errors above their limits are left out: the run was judged by wider limits (a mechanism
-    beside others).
+    Unless the run stopped, errors above their limits are left out: the run was judged by wider limits, those of each of
+    several mechanisms.
     """
     r, own = run.record, find_judged_reference_error(run.record)
     rows = (

@@ -62,7 +62,7 @@ def score(runs: Iterable[StoredRun]) -> SolverScore:
     return SolverScore(**ended, bounded=energy[False], drifting=energy[True])
 
 
-def standings(results: StoredResults) -> list[dict[str, Any]]:
+def rank_solvers(results: StoredResults) -> list[dict[str, Any]]:
     """Return each solver's outcomes: its finest settings in the plain comparison with failures, and all its runs.
 
     The solver whose finest settings succeed on most problems is first; ties are sorted by name.

@@ -145,10 +145,10 @@ def format_as_latex(title: str, runs: Sequence[StoredRun]) -> str:
     kinds = "".join(WRAPPED.get(c.key, "r") for c in columns)
     out = [" & ".join(c.latex for c in columns) + r" \\", r"\midrule"]
     for solver, own in group_by_solver(runs).items():
-        out.append(rf"\multicolumn{{{len(columns)}}}{{@{{}}l}}{{{latex_text(solver)}}} \\*")
+        out.append(rf"\multicolumn{{{len(columns)}}}{{@{{}}l}}{{{escape_latex(solver)}}} \\*")
         for run in own:
             cells = ((c.of(run), c.text(run)) for c in columns)
-            words = (latex_text(v) if isinstance(v, str) else latex_number(v, s) for v, s in cells)
+            words = (escape_latex(v) if isinstance(v, str) else format_latex_number(v, s) for v, s in cells)
             out.append(" & ".join(words) + r" \\")
     until = "" if measure is None or measure.until is None else f", errors up to {measure.until:.4g} s"
     start = [
@@ -161,12 +161,12 @@ def format_as_latex(title: str, runs: Sequence[StoredRun]) -> str:
     return "\n".join([*start, *out, r"\bottomrule", r"\end{tabular}}", ""])
 
 
-def latex_text(text: str) -> str:
+def escape_latex(text: str) -> str:
     """Escape text for LaTeX."""
     return "".join(LATEX.get(c, c) for c in _join_lines(text))
 
 
-def latex_number(value: float, shown: str) -> str:
+def format_latex_number(value: float, shown: str) -> str:
     """Return a number in LaTeX: ``shown``, as ``words`` formats it, in math mode; words for NaN and infinities."""
     if math.isnan(value):
         return "--"

@@ -48,7 +48,7 @@ def select_variants(results: StoredResults, label: str) -> tuple[Variant, ...]:
     )
 
 
-def variant_groups(results: StoredResults, label: str) -> dict[str, list[Variant]]:
+def group_variants(results: StoredResults, label: str) -> dict[str, list[Variant]]:
     """Group the variants outside the plain comparison by how they differ; other times and sizes come first."""
     here = {p.title for p in select_variants(results, label)}
     others = [p for p in results.variants if p.title not in here]
@@ -71,7 +71,7 @@ def format_problem_counts(results: StoredResults) -> str:
     return f"{plural(count, 'mechanism')}, {len(known)} of known exact motion"
 
 
-def plain_runs(variant: Variant, label: str) -> tuple[StoredRun, ...]:
+def select_plain_runs(variant: Variant, label: str) -> tuple[StoredRun, ...]:
     """Return the main runs of a variant: those of ``label``, else those with default options, else all."""
     own = tuple(c for c in variant.runs if c.record.label == label)
     return own or tuple(c for c in variant.runs if not c.options) or variant.runs

@@ -122,7 +122,7 @@ def list_changed_claims(before: Sequence[JudgedClaim], after: Sequence[JudgedCla
 
 
 def list_changed_physics(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[RankedChange]:
-    """Return one change per run whose motion differs in numbers by more than two machines may, the largest first.
+    """Return one change per run whose motion differs by more than between two machines, the largest first.
 
     Changes are weighed by the problem's scale.
     """
@@ -197,7 +197,7 @@ def gather_by_run(found: list[RankedChange]) -> list[RankedChange]:
 
 
 def find_unmeasured(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> tuple[set[str], set[str]]:
-    """Return the columns that only the second of two results has, and those that only the first has.
+    """Return the columns that only the second of two results has, and the columns that only the first has.
 
     They show that other quantities were measured, not that motions changed.
     """
@@ -286,7 +286,7 @@ def write_page(a: StoredResults, b: StoredResults, site: Site) -> Page:
         names=[r.environment.get("results_folder") or r.folder.name for r in (a, b)],
         both=(a, b),
         beside=(site.folder / "index.html").is_own_file(),
-        pages=_addresses(a, linked, site.folder) | _addresses(b, linked, site.folder),
+        pages=_find_addresses(a, linked, site.folder) | _find_addresses(b, linked, site.folder),
     )
 
 
@@ -311,7 +311,7 @@ def plot_overlays(a: StoredResults, b: StoredResults, parts: Mapping[Rank, Seque
     taken: set[str] = set()
     plots = []
     for settings in wanted:
-        drawn = (_trace(a, runs[0][settings], "A", dash=1), _trace(b, runs[1][settings], "B", dash=0))
+        drawn = (_make_trace(a, runs[0][settings], "A", dash=1), _make_trace(b, runs[1][settings], "B", dash=0))
         traces = tuple(t for t in drawn if t is not None)
         if traces:
             title = runs[1][settings].record.case
@@ -322,7 +322,7 @@ def plot_overlays(a: StoredResults, b: StoredResults, parts: Mapping[Rank, Seque
     return plots
 
 
-def _trace(results: StoredResults, run: StoredRun, name: str, dash: int) -> Trace | None:
+def _make_trace(results: StoredResults, run: StoredRun, name: str, dash: int) -> Trace | None:
     """Return the energy error of a run as a trace that begins with ``name``; None if none was stored."""
     series = results.series(run)
     if series is None or "energy_error" not in series:
@@ -338,7 +338,7 @@ def _trace(results: StoredResults, run: StoredRun, name: str, dash: int) -> Trac
     )
 
 
-def _addresses(results: StoredResults, wanted: set[str], folder: ConfinedPath) -> dict[str, str]:
+def _find_addresses(results: StoredResults, wanted: set[str], folder: ConfinedPath) -> dict[str, str]:
     """Return the addresses, by settings_id, of runs' pages that exist in their own report."""
     paths = {c.record.settings_id: ConfinedPath(results.folder) / "report" / address_run(c) for c in results.runs}
     return {

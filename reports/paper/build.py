@@ -20,8 +20,8 @@ from ..plots.paper import (
     SUFFIXES,
     Legend,
     draw_panel,
+    find_note_size,
     format_label,
-    note_size,
     save,
     set_limits,
     sheet,
@@ -146,6 +146,6 @@ def _shade_allowed(ax: Axes, plot: Plot, lines: Sequence[PaperLine]) -> None:
     low, high = (record.energy_start_J + s * record.energy_allowed_J for s in (-1.0, 1.0))
     if low < plot.y.low and high > plot.y.high:
         words = f"allowed: within {record.energy_allowed_J:g} J of the start, beyond this axis"
-        ax.text(0.02, 0.98, words, transform=ax.transAxes, va="top", color=MUTED, fontsize=note_size())
+        ax.text(0.02, 0.98, words, transform=ax.transAxes, va="top", color=MUTED, fontsize=find_note_size())
     else:
         ax.axhspan(max(low, plot.y.low), min(high, plot.y.high), color=MUTED, alpha=0.13, linewidth=0)

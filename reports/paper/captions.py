@@ -131,22 +131,22 @@ def caption(figure: PaperFigure, lines: Sequence[PaperLine], folder: Path, writt
         section=figure.section,
         title=figure.title,
         panels=tuple(p.title for p in figure.panels() if p.title),
-        note=tuple(_note(figure, lines)),
-        runs=tuple(map(_run, lines)),
-        claims=tuple(_claim(c) for c in claims if figure.label == PRINTED and figure.number in c.figure),
+        note=tuple(_write_notes(figure, lines)),
+        runs=tuple(map(_caption_run, lines)),
+        claims=tuple(_caption_claim(c) for c in claims if figure.label == PRINTED and figure.number in c.figure),
         claims_published=judged is None,
         files=tuple(written),
     )
 
 
-def _claim(c: JudgedClaim) -> CaptionClaim:
+def _caption_claim(c: JudgedClaim) -> CaptionClaim:
     """Return a judged claim in the words of the caption."""
-    tests = tuple((claim_words.format_measured(t), claim_words.band(t)) for t in c.tests)
+    tests = tuple((claim_words.format_measured(t), claim_words.format_band(t)) for t in c.tests)
     found = [(f.verdict, claim_words.format_condition_and_share(f)) if f else ("", "") for f in (c.paper, c.beyond)]
     return CaptionClaim(c.id, c.quote, c.claim, claim_words.describe_missing(c), tests, *found)
 
 
-def _note(figure: PaperFigure, lines: Sequence[PaperLine]) -> list[str]:
+def _write_notes(figure: PaperFigure, lines: Sequence[PaperLine]) -> list[str]:
     """Return sentences on missing and failed runs, on what the paper does not print, and on how lines are reduced."""
     out = []
     for k in lines:
@@ -165,7 +165,7 @@ def _note(figure: PaperFigure, lines: Sequence[PaperLine]) -> list[str]:
     return out
 
 
-def _run(line: PaperLine) -> CaptionRun:
+def _caption_run(line: PaperLine) -> CaptionRun:
     """Return a requested run for the caption: how it ended, and its numbers."""
     asked, run = line.asked, line.run
     what = line.role, asked.solver, asked.case, asked.settings_id

@@ -12,10 +12,10 @@ import numpy as np
 from ...harness.mechanics.types import StepControl
 from ...harness.results.records import RunRecord
 from ...harness.results.series import Series
-from ..model.curves import Curve, find_extrema, find_maxima, log_limits
+from ..model.curves import Curve, find_extrema, find_log_limits, find_maxima
 from ..model.results import StoredRun, format_name, group_by
 from ..model.words import number
-from ..plots.laws import value_limits
+from ..plots.laws import find_value_limits
 from ..plots.lines import describe_end, find_shared_options, make_lines
 from ..plots.spec import Axis, Plot, Trace, choose_end_mark
 from .catalogue import FIGURES, Panel, PaperFigure, RunSelection
@@ -173,7 +173,7 @@ def make_plot(panel: Panel, lines: Sequence[PaperLine]) -> Plot:
 def make_curve(line: PaperLine, name: str, panel: Panel) -> Curve | None:
     """Return a line's series ``name`` in the panel's window, reduced with its peaks kept; None if not recorded.
 
-    On a logarithmic axis it holds magnitudes.
+    For a logarithmic axis the values are magnitudes.
     """
     if line.series is None or name not in line.series:
         return None
@@ -231,13 +231,13 @@ def find_limits(
     if panel.of == ("dt",):
         return _step_limits(panel, drawn)
     if panel.axis.log:
-        return log_limits(drawn, size)
+        return find_log_limits(drawn, size)
     if is_rounding(records, units, drawn):
         return -1e-3 * size, 1e-3 * size
     reach = size if units == {"m"} else np.inf
     if panel.of == ("energy",):
         reach = _largest(records, "energy_scale_J", np.inf)
-    return value_limits(drawn, exact, CUT * reach)
+    return find_value_limits(drawn, exact, CUT * reach)
 
 
 def is_rounding(records: Sequence[RunRecord], units: set[str], drawn: Sequence[Curve]) -> bool:

@@ -10,7 +10,7 @@ SHOWN = ("error", "energy")
 STEP = Axis("step, or mean step under error control", "s", log=True)
 
 
-def convergence_plots(variant: Variant) -> list[Plot]:
+def make_convergence_plots(variant: Variant) -> list[Plot]:
     """Return a plot against step for each error of ``SHOWN`` in which some method has enough steps for an order."""
     measure, points, out = choose_measure(variant.runs), list_points(variant), list[Plot]()
     for error in SHOWN:

@@ -9,7 +9,7 @@ import numpy as np
 from ...harness.mechanics.types import ALLOWED, Law, Status
 from ...harness.results.records import RunRecord
 from ..model.accuracy import find_judged_end
-from ..model.curves import SPANS_UPPER, Curve, find_range, log_limits
+from ..model.curves import SPANS_UPPER, Curve, find_log_limits, find_range
 from ..model.motion import MotionCurves, read_curves
 from ..model.results import StoredResults, StoredRun
 from ..model.words import number, time, unit
@@ -63,7 +63,7 @@ class Drawing:
         return out
 
     def find_longest(self, name: str) -> Curve | None:
-        """Return the curve of that name that ends last among those of all runs; None if no run has it."""
+        """Return the curve ``name`` of the run in which it ends last; None if no run has it."""
         found = (m.curves[name] for m in self.motions.values() if name in m.curves)
         return max(found, key=lambda c: float(c.t[-1]), default=None)
 
@@ -110,7 +110,7 @@ class Drawing:
         """
         drawn = self.match_lines(curve, self.lines)
         if drawn:
-            low, high = log_limits([c for _, c in drawn], scale)
+            low, high = find_log_limits([c for _, c in drawn], scale)
             high = max(high, *(3.0 * v for t in extra for v in t.reach), high)
             own = make_traces(drawn, (0.0, high), low)
             if not any(t.y.any() for t in own):
@@ -214,7 +214,7 @@ def plot_observables(d: Drawing) -> Chapter | None:
     plots: list[Plot] = []
     for name, in_unit in d.find_curves("obs_").items():
         exact, drawn = d.find_longest(f"ref_{name}"), d.match_lines(f"obs_{name}", d.lines)
-        low, high = value_limits([c for _, c in drawn], exact)
+        low, high = find_value_limits([c for _, c in drawn], exact)
         known = [] if exact is None else [Trace("reference", exact.t, exact.y, reach=find_range(exact, (low, high)))]
         caption = f"Smallest and largest of each span; {'the thin line is the' if known else 'there is no'} reference."
         own = make_traces(drawn, (2 * low - high, 2 * high - low))
@@ -263,7 +263,7 @@ def _chapter(title: str, note: str, plots: Sequence[Plot]) -> Chapter | None:
     return Chapter(title, note, tuple(plots)) if plots else None
 
 
-def value_limits(shown: Sequence[Curve], exact: Curve | None, reach: float = np.inf) -> tuple[float, float]:
+def find_value_limits(shown: Sequence[Curve], exact: Curve | None, reach: float = np.inf) -> tuple[float, float]:
     """Return limits of a linear axis around all values of the curves ``shown`` and the reference ``exact``.
 
     If a curve diverged, limits are around the reference, or without one within ``reach`` of the first curve's start.

@@ -104,7 +104,7 @@ def make_traces(
 
 
 def distinguish_lines(found: Sequence[Trace], floor: float | None = None) -> list[Trace]:
-    """Return the traces, with a dash and a note in the name for a main line that coincides with an earlier one."""
+    """Return the traces; a main line that coincides with an earlier one gets a dash and a note in its name."""
     out: list[Trace] = []
     for t in found:
         below = [o for o in out if o.main and o.group == t.group and coincide(o, t, floor)] if t.main else []

@@ -140,7 +140,7 @@ def draw_panel(ax: Axes, plot: Plot, looks: Mapping[str, LineStyle]) -> None:
                 xytext=(0, 3),
                 textcoords="offset points",
                 color=MUTED,
-                fontsize=note_size(),
+                fontsize=find_note_size(),
             )
         heights = {max(float(v), low) for t in points for v in t.y}
         if plot.y.log and len(heights) == 1:  # a single value gives no range
@@ -156,7 +156,7 @@ def draw_panel(ax: Axes, plot: Plot, looks: Mapping[str, LineStyle]) -> None:
 
 
 def _draw_triangle(ax: Axes, triangle: Triangle) -> None:
-    """Draw a slope triangle with 1 below its level leg and its order beside the upright one."""
+    """Draw a slope triangle, with 1 below its horizontal leg and the order beside its vertical leg."""
     (x0, x1), (y0, y1) = triangle.x, triangle.y
     ax.fill(
         [x0, x1, x1],
@@ -181,7 +181,7 @@ def _draw_triangle(ax: Axes, triangle: Triangle) -> None:
             ha=where[0],
             va=where[1],
             color=INK,
-            fontsize=note_size(),
+            fontsize=find_note_size(),
             zorder=2,
         )
 
@@ -288,13 +288,13 @@ def scale() -> float:
     return mpl.rcParams["font.size"] / SIZE
 
 
-def note_size() -> float:
+def find_note_size() -> float:
     """Return the size of notes inside panels [pt]."""
     return mpl.rcParams["font.size"] * SMALL
 
 
 def sheet(width: float, height: float) -> Figure:
-    """Return an empty figure of that size [in] with automatic layout."""
+    """Return an empty figure of ``width`` and ``height`` [in] with automatic layout."""
     return Figure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
 
 

@@ -127,7 +127,7 @@ class _Frame:
         return corners[free][int(np.argmin(away))]
 
     def _triangle(self, order: int, width: float, corner: np.ndarray) -> Triangle:
-        """Return the triangle of that slope and width (fraction of the plot) at a corner, in the plot's own units."""
+        """Return the triangle of slope ``order`` and ``width`` (fraction of the plot) at a corner, in plot units."""
         x0, y0 = np.exp(self.low + corner * self.size)
         x1 = float(np.exp(self.low[0] + (corner[0] + width) * self.size[0]))
         return Triangle(order, (float(x0), x1), (float(y0), float(y0 * (x1 / x0) ** order)))

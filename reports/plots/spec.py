@@ -140,7 +140,7 @@ def list_catalogue_styles() -> dict[str, LineStyle]:
 
 
 def choose_styles(solvers: Iterable[str]) -> dict[str, LineStyle]:
-    """Return a line style for every solver, whatever others are shown; those of plug-ins share a colour."""
+    """Return a line style for every solver, independent of the other solvers; all plug-ins share a colour."""
     return {name: list_catalogue_styles().get(name) or _make_other_style(name) for name in sorted(set(solvers))}
 
 

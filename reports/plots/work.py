@@ -100,7 +100,7 @@ def _mean_step(run: StoredRun) -> float:
     return r.t_reached_s / r.steps if r.steps > 0 else math.nan
 
 
-def work_chapter(variant: Variant, url: Callable[[StoredRun], str]) -> Chapter | None:
+def make_work_chapter(variant: Variant, url: Callable[[StoredRun], str]) -> Chapter | None:
     """Return the plots of work against error of a problem as a chapter; None if no run has both."""
     plots = make_work_plots(variant, url, front=True)
     return Chapter("Work against error", NOTE, tuple(plots)) if plots else None
@@ -122,10 +122,10 @@ def plot_pairs(
     folded: bool = False,
     front: bool = False,
 ) -> dict[str, Plot]:
-    """Return plots by ``<error>-<work>`` of the runs of one variant; pairs that no run has are left out.
+    """Return plots of error against work for one variant, one for each of ``pairs`` that some run has.
 
-    ``folded`` merges short ladders with options into a trace per solver, and hides settings that are neither default
-    nor best; ``front`` adds the Pareto front.
+    They are keyed ``<error>-<work>``. ``folded`` merges short ladders with options into a trace per solver, and hides
+    settings that are neither default nor best; ``front`` adds the Pareto front.
     """
     out = {}
     for error, work in pairs:

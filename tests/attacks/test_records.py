@@ -15,7 +15,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue.suites.suite import parse_suite
 from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.records import format_record
-from mbsbench.harness.run.runner import Request, _jobs
+from mbsbench.harness.run.runner import Request, _make_jobs
 from mbsbench.harness.run.started_runs import StartedRuns
 
 from ..harness.conftest import PLUGIN, run_in
@@ -41,7 +41,7 @@ def true_record(tmp_path_factory):
 def forge(true, folder, text):
     """The files of successes of all runs of the suite, made of a ``true`` one: by path."""
     suite = parse_suite(text, "test", "test", plugins=tuple(map(str, PLUGINS)))
-    jobs = _jobs(Request(suite, folder, 1), folder, "")
+    jobs = _make_jobs(Request(suite, folder, 1), folder, "")
     out = {}
     for job in jobs:
         record = dataclasses.replace(

@@ -23,7 +23,14 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.run.contract import SHORT
-from mbsbench.harness.run.costs import SIZES, TOLERANCE, count_bodies_and_rows, measure_loop, nearest_size, read_costs
+from mbsbench.harness.run.costs import (
+    SIZES,
+    TOLERANCE,
+    count_bodies_and_rows,
+    find_nearest_size,
+    measure_loop,
+    read_costs,
+)
 
 STEPS = 50  # of a run that counts: less is timed too coarsely
 COMPILE = """
@@ -83,7 +90,7 @@ def fit(records: Iterable[RunRecord], compiled: dict[str, float]) -> str:
 def describe(r: RunRecord) -> tuple[int, float]:
     """Return which of ``SIZES`` the problem of a run is nearest to, and its own step [s]."""
     problem = registry.make_problem(r.problem, json.loads(r.problem_parameters))
-    return nearest_size(count_bodies_and_rows(problem.system)), problem.dt
+    return find_nearest_size(count_bodies_and_rows(problem.system)), problem.dt
 
 
 def by_size(rows: Sequence[tuple[RunRecord, int, float]], cost: Callable[[RunRecord], float]) -> str:

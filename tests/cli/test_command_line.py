@@ -144,14 +144,14 @@ BAD = [
         for least in (1e-16, 1e-300)
     ),  # SciPy takes its least instead and says so to nobody; others take steps of none
     (("claim", "6-gc-plana"), "did you mean '6-gc-planar'"),
-    (("claim", "6-gc-planar", "--jobs", "2"), "--jobs goes with --run"),
+    (("claim", "6-gc-planar", "--jobs", "2"), "--jobs needs --run"),
     (("claim", "6-gc-planar", "somewhere", "--run"), "give --out DIR"),
     (("claim", "6-gc-planar", "nowhere"), "is not a results folder"),
     (("list", "heavy_tap"), "did you mean 'heavy_top'"),
     (("export", "heavy_tops"), "heavy_top"),
     (("advise", "spherical_pendulum", "--error", "small"), "--error"),
     (("advise", "chain", "--error", "1e-3", "--problem-set", "links=90"), "no reference"),
-    (("dance",), "no command is called 'dance' - known: list, solve"),
+    (("dance",), "no command is called 'dance' - known: solve, run, advise"),
     (("sovle", "heavy_top"), "did you mean 'solve'"),
     (("--version", "heavy_top"), "--version takes --verbose alone"),
     (("list", "problms"), "did you mean 'problems'"),

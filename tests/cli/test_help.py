@@ -67,6 +67,14 @@ def test_help_and_list_load_nothing_heavy(arguments):
     assert done.stderr.strip() == "[]"
 
 
+@pytest.mark.parametrize("command", ["gate", "solve"])
+def test_help_of_a_command_is_a_success(command):
+    """Also of the gate, whose child process must report its exit code before it ends."""
+    call = [sys.executable, "-m", "mbsbench", command, "--help"]
+    done = subprocess.run(call, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("usage: ")
+
+
 def test_the_kept_catalogue_is_the_one_of_the_code(tmp_path, monkeypatch):
     """Nothing is lost on the way to the file; another code is another file."""
     monkeypatch.setattr(catalogue, "make_cache_folder", lambda *_: tmp_path)

@@ -34,7 +34,7 @@ from mbsbench.reports.plots.laws import (
 from mbsbench.reports.plots.lines import MOST, choose_lines, make_traces
 from mbsbench.reports.plots.paper import Legend, draw_plots
 from mbsbench.reports.plots.spec import Axis, Plot, Trace
-from mbsbench.reports.plots.work import work_chapter
+from mbsbench.reports.plots.work import make_work_chapter
 
 from .conftest import HOSTILE, put, record, series
 from .outline import opened
@@ -255,7 +255,7 @@ def test_every_quantity_of_a_series_has_its_plot(built):
 def test_work_has_points_of_every_finite_run(built):
     """Bars apart: a star for who stopped, a cross for who is wrong; each with its own link."""
     variant = next(p for p in read_results(built[0]).variants if p.problem == "pendulum")
-    chapter = work_chapter(variant, url)
+    chapter = make_work_chapter(variant, url)
     assert chapter is not None
     points = {
         u: (e, x)

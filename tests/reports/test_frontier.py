@@ -11,9 +11,9 @@ from msgspec.structs import replace
 from mbsbench.reports import site
 from mbsbench.reports.model.frontier import describe_cheapest, find_frontiers, select_shared_target, sort_engines_first
 from mbsbench.reports.model.results import StoredRun, Variant, read_results
-from mbsbench.reports.model.scores import find_finest, name_unpredictable, score, standings
+from mbsbench.reports.model.scores import find_finest, name_unpredictable, rank_solvers, score
 from mbsbench.reports.model.tracking import list_tracking_times
-from mbsbench.reports.model.variants import OTHER_PARAMETERS, find_plain_label, select_variants, variant_groups
+from mbsbench.reports.model.variants import OTHER_PARAMETERS, find_plain_label, group_variants, select_variants
 from mbsbench.reports.pages.judged.cost import state_cheapest
 from mbsbench.reports.pages.runs.solvers import describe_solver
 
@@ -227,7 +227,7 @@ def test_finest_settings_speak_for_a_solver_and_the_rest_are_counted(tmp_path):
     """A coarse step that fails is no breakdown of the fine one, and not hidden either."""
     put(tmp_path, record("aa01", dt_s=0.01, status="diverged", message="too coarse"))
     put(tmp_path, record("aa02", dt_s=0.005))
-    (v,) = standings(read_results(tmp_path))
+    (v,) = rank_solvers(read_results(tmp_path))
     assert (v["finest"].succeeded, v["finest"].runs) == (1, 1) and not v["breaks_on"]
     assert (v["everything"].succeeded, v["everything"].stopped) == (1, 1)
 
@@ -241,7 +241,7 @@ def test_each_solver_has_its_own_ending(tmp_path):
     put(tmp_path, record("cc02", "gamma", dt_s=0.001, label="work", judged_to_s=0.5))
     put(tmp_path, record("dd01", "delta", "refused", message="rank"))
     results = read_results(tmp_path)
-    found = {v["solver"]: v for v in standings(results)}
+    found = {v["solver"]: v for v in rank_solvers(results)}
     assert {s: [why for _, why in v["breaks_on"]] for s, v in found.items() if v["breaks_on"]} == {
         "gamma": ["it left reaches 2 m, more than 1 m; succeeds at dt = 0.001 s"],
         "delta": ["rank"],
@@ -273,9 +273,9 @@ def test_problems_stand_before_their_variants(tmp_path):
     label = find_plain_label(results)
     assert label == "recommended"
     assert {p.title for p in select_variants(results, label)} == {"pendulum", "other"}
-    apart = {words: len(own) for words, own in variant_groups(results, label).items()}
+    apart = {words: len(own) for words, own in group_variants(results, label).items()}
     assert apart == {OTHER_PARAMETERS: 1, "turned about the vertical": 3}
-    (v,) = [v for v in standings(results) if v["solver"] == "alpha"]
+    (v,) = [v for v in rank_solvers(results) if v["solver"] == "alpha"]
     assert v["finest"].runs == 1 and not v["breaks_on"] and v["everything"].wrong == 3
     assert find_plain_label(read_results(only(tmp_path, "symmetries"))) == "symmetries"
 

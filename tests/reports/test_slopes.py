@@ -17,7 +17,7 @@ from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.judged.orders import plot_ladders
 from mbsbench.reports.plots import paper
 from mbsbench.reports.plots.browser import shorten_plots
-from mbsbench.reports.plots.convergence import convergence_plots
+from mbsbench.reports.plots.convergence import make_convergence_plots
 from mbsbench.reports.plots.slopes import add_triangles, find_order
 from mbsbench.reports.plots.spec import Axis, LineStyle, Plot, Trace, choose_styles
 from mbsbench.reports.trial import QUANTITIES, _plot_orders
@@ -141,7 +141,7 @@ def test_figures_have_error_against_step_with_a_triangle_for_each_order(tmp_path
 def test_two_runs_are_no_convergence(tmp_path):
     put_ladder(tmp_path, "alpha", 2, runs=2)
     (variant,) = read_results(tmp_path).variants
-    assert convergence_plots(variant) == []
+    assert make_convergence_plots(variant) == []
 
 
 def test_a_step_under_error_control_is_the_mean_of_those_taken(tmp_path):
@@ -159,7 +159,7 @@ def test_a_step_under_error_control_is_the_mean_of_those_taken(tmp_path):
             ),
         )
     (variant,) = read_results(tmp_path).variants
-    plot = convergence_plots(variant)[0]
+    plot = make_convergence_plots(variant)[0]
     assert plot.traces[0].x == pytest.approx(2.0 / np.array([10, 20, 40]))
     assert [t.order for t in plot.triangles] == [5]
 

@@ -10,7 +10,7 @@ from mbsbench.harness.results.shadows import NearestMotion
 from mbsbench.reports import site
 from mbsbench.reports.model.accuracy import choose_measure
 from mbsbench.reports.model.results import StoredRun, read_results
-from mbsbench.reports.model.tables import COLUMNS, format_as_csv, format_as_latex, latex_number, latex_text
+from mbsbench.reports.model.tables import COLUMNS, escape_latex, format_as_csv, format_as_latex, format_latex_number
 from mbsbench.reports.model.words import format_count, format_signed, number, seconds, unit
 from mbsbench.reports.plots.work import list_points
 
@@ -31,15 +31,15 @@ def test_csv_has_every_run_in_full(built):
 
 
 def test_latex_text_is_safe():
-    assert latex_text("a_b & 5 %\nc") == r"a\_b \& 5 \% c"
-    assert "$x" not in latex_text(HOSTILE).replace(r"\$", "")
+    assert escape_latex("a_b & 5 %\nc") == r"a\_b \& 5 \% c"
+    assert "$x" not in escape_latex(HOSTILE).replace(r"\$", "")
 
 
 def test_latex_numbers_have_the_digits_of_the_page():
     for value in (0.0, 1.234e-7, -0.01234, 5.6789e7, 3.0e12):
-        shown = latex_number(value, number(value)).strip("$").replace(r"\times 10^{", "e").replace("}", "")
+        shown = format_latex_number(value, number(value)).strip("$").replace(r"\times 10^{", "e").replace("}", "")
         assert float(shown) == float(f"{value:.2e}")
-    assert latex_number(math.nan, "") == "--"
+    assert format_latex_number(math.nan, "") == "--"
 
 
 def test_numbers_are_written_for_readers():

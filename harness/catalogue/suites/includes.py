@@ -32,7 +32,7 @@ def list_suites() -> list[str]:
 def find_suite_file(name: str, beside: Path | None = None) -> Path:
     """Return the file of a suite given by name or path; raise FileError, with a similar name, if a name is unknown.
 
-    ``beside`` is the folder of the suite that includes it. A path is returned whether it exists or not.
+    ``beside`` is the folder of the suite that includes it. A path is returned whether or not the file exists.
     """
     if name.endswith(".toml") or "/" in name:
         return (beside or Path()) / name
@@ -96,7 +96,7 @@ def _collect_includes(
         target = path.resolve()
         if target in dict(chain):
             circle = " includes ".join([*(n for _, n in chain), path.stem])
-            raise FileError(f"{s.where}: include goes round in a circle: {circle}")
+            raise FileError(f"{s.where}: suites include each other in a circle: {circle}")
         if target not in found:
             _collect_includes(read_source(path), target, chain, found)
     found[place] = s

@@ -113,7 +113,7 @@ def check_step(dt: float | None, t_end: float) -> None:
 
 
 def _positive(name: str, given: Any) -> Any:
-    """Return a given text or number as a number > 0, a whole one for ``max_steps``; raise ValueError otherwise."""
+    """Return ``given``, text or number, as a number > 0, a whole one for ``max_steps``; raise ValueError otherwise."""
     whole = name == "max_steps"
     wanted = "a whole number > 0 that fits 64 bits" if whole else "a finite number > 0"
     try:

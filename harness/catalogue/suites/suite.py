@@ -84,9 +84,10 @@ def _build_suite(own: SuiteSource, plugins: tuple[str, ...]) -> Suite:
 def _collect_specs(
     own: SuiteSource, sources: list[SuiteSource], files: tuple[str, ...]
 ) -> tuple[dict[str, RunSpec], dict[str, frozenset[str]], tuple[str, ...]]:
-    """Return the runs of all files by settings_id, the settings_ids of each included suite, and ``not_combined``.
+    """Return the runs of all files by settings_id, the settings_ids of each included suite, and what was not combined.
 
-    The last is that of ``Suite``. ``files`` are the plugins to load first. Raise FileError if anything is invalid.
+    The last are the texts of ``Suite.not_combined``. ``files`` are the plugins to load first. Raise FileError if
+    anything is invalid.
     """
     try:
         for file in files:

@@ -81,7 +81,7 @@ class LinkMechanism(MechanismFile):
     connections: Sequence[Connection]
     gravity: Float[np.ndarray, " 3"]  # [m/s2, space]
     dt: float  # [s] default step
-    omitted: Mapping[str, int]  # counts of what is not taken over, by its name
+    omitted: Mapping[str, int]  # number of omitted parts, by their kind
 
     @property
     def doc(self) -> str:
@@ -118,7 +118,7 @@ class LinkMechanism(MechanismFile):
         if gap := find_gap(system, start):
             raise ValueError(f"{self.path.name}: {gap}")
         if any(rates := np.array(given.get("rates", ()))):
-            start = project(system, self._moving(system, start, rates))
+            start = project(system, self._set_rates(system, start, rates))
         else:
             start = hold_velocities(system, start, f"{self.path.name}: velocities of centres of mass")
         return Problem(self.name, system, start, T_END, self.dt, "", self.doc)
@@ -134,7 +134,7 @@ class LinkMechanism(MechanismFile):
             return c, parent, child, c.parent, c.child, -c.axis
         return c, child, parent, c.child, c.parent, c.axis
 
-    def _moving(self, system: MultibodySystem, start: State, rates: np.ndarray) -> State:
+    def _set_rates(self, system: MultibodySystem, start: State, rates: np.ndarray) -> State:
         """Return the start with the nonzero ``rates`` of its joints, and all other velocities as near to 0 as possible.
 
         ``rates`` has one number for each revolute [rad/s] and prismatic [m/s] joint. Raise ValueError if loops do not
@@ -157,7 +157,7 @@ class LinkMechanism(MechanismFile):
 
 
 def _drop_tiny_moments(J: np.ndarray) -> np.ndarray:
-    """Return the inertia with principal moments of at most ``NO_INERTIA``, which stand for none, set to zero."""
+    """Return the inertia with principal moments of at most ``NO_INERTIA``, by which files mean none, set to zero."""
     moments, axes = np.linalg.eigh(J)
     return J if np.all(moments > NO_INERTIA) else (axes * np.where(moments > NO_INERTIA, moments, 0.0)) @ axes.T
 

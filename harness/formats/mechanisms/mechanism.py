@@ -59,7 +59,7 @@ class CompiledMechanism(MechanismFile):
 
     mj: Any
     model: Any
-    omitted: Mapping[str, int]  # counts of what is not taken over, by its name
+    omitted: Mapping[str, int]  # number of omitted parts, by their kind
     locked: int = 0  # joints that are fixed since their limits are equal
     roots: tuple[int, ...] = field(init=False)  # for each of our bodies the first of MuJoCo's
 
@@ -102,7 +102,7 @@ class CompiledMechanism(MechanismFile):
             at = self._place_model(m.qpos0)
             moved = np.ravel(m.key(key).mpos) - at.mocap_pos.ravel(), np.ravel(m.key(key).mquat) - at.mocap_quat.ravel()
             if m.neq and np.max(np.abs(np.concatenate(moved)), initial=0.0) > NEAR:
-                raise ValueError(f"keyframe {key!r} places mocap bodies elsewhere, which is not taken over; give qpos")
+                raise ValueError(f"keyframe {key!r} places mocap bodies elsewhere, which is not supported; give qpos")
         start |= {
             name: given[name]
             for name, (default, _) in self.parameters().items()
@@ -259,7 +259,7 @@ class CompiledMechanism(MechanismFile):
                 return [make_joint(JointKind.ON_PLANE, p, None, axes[2]) for p in corners]
         kinds = ", ".join({"F": "free", "B": "ball", "S": "slide", "H": "hinge"}[c] for c in letters)
         raise ValueError(
-            f"body {m.body(root).name!r}: its joints ({kinds}) make no kind of joint here; give each "
+            f"body {m.body(root).name!r}: its joints ({kinds}) are together no supported joint; give each "
             "a body of its own, with mass and inertia, one within the other"
         )
 
@@ -272,8 +272,8 @@ class CompiledMechanism(MechanismFile):
             if kind not in (eq.mjEQ_CONNECT, eq.mjEQ_WELD):
                 what = kind.name.removeprefix("mjEQ_").lower()
                 raise ValueError(
-                    f"{name_part('equality', int(k), m.equality(k).name)}: couplings of type {what} are not taken "
-                    "over (connect and weld are); remove it, or make one of its joints part of its parent"
+                    f"{name_part('equality', int(k), m.equality(k).name)}: couplings of type {what} are not "
+                    "supported (connect and weld are); remove it, or make one of its joints part of its parent"
                 )
             if m.eq_objtype[k] == int(self.mj.mjtObj.mjOBJ_SITE):
                 bodies, points = [m.site_bodyid[e] for e in ends], [m.site_pos[e] for e in ends]

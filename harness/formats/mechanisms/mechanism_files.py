@@ -100,7 +100,7 @@ def _compile_file(path: Path) -> CompiledMechanism:
     try:
         spec = mj.MjSpec.from_string(robot.text) if robot else mj.MjSpec.from_file(str(path))
         if robot and spec.compiler.inertiafromgeom == mj.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
-            raise ValueError("inertiafromgeom is not taken over of a URDF: its inertias are those of its links")
+            raise ValueError("inertiafromgeom is not supported in a URDF: its inertias are those of its links")
         if robot:
             spec.compiler.fusestatic = robot.fuses  # which loses inertias of links without mass
         _remove_visuals(mj, spec)
@@ -139,7 +139,7 @@ def _remove_visuals(mj: Any, spec: Any) -> None:
     Raise ValueError for flexible bodies, plugins, and moving bodies whose inertia is that of a mesh.
     """
     if spec.flexes or spec.plugins:
-        raise ValueError("flexible bodies and plugins of MuJoCo are not taken over")
+        raise ValueError("flexible bodies and plugins of MuJoCo are not supported")
     from_geoms = spec.compiler.inertiafromgeom
     for geom in list(spec.geoms):
         if not geom.meshname and not geom.hfieldname:

@@ -58,13 +58,13 @@ def apply_flags(mj: Any, m: Any) -> None:
     """Set the numbers of model ``m`` that its flags disable to zero; raise ValueError for a set flag unknown here."""
     for name in _flags(mj.mjtDisableBit, "mjDSBL_", m.opt.disableflags):
         if name not in (*OFF, *READ, *WITHOUT_EFFECT):
-            raise ValueError(f"flag {name.lower()} is disabled, which is not taken over")
+            raise ValueError(f"flag {name.lower()} is disabled, which is not supported")
         for array in OFF.get(name, ()):
             if hasattr(m, array):
                 getattr(m, array)[:] = 0
     for name in _flags(mj.mjtEnableBit, "mjENBL_", m.opt.enableflags):
         if name not in ENABLED:
-            raise ValueError(f"flag {name.lower()} is enabled, which is not taken over")
+            raise ValueError(f"flag {name.lower()} is enabled, which is not supported")
 
 
 def _flags(bits: Any, prefix: str, given: int) -> list[str]:

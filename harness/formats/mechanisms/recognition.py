@@ -63,8 +63,8 @@ def find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample]) -> tuple
     if rank != free:
         joints = ", ".join(f"{j.sort} {j.name}" for j in chosen) or "none"
         raise ValueError(
-            f"its bodies have {free - rank} restrictions more than the joints found ({joints}); of "
-            "velocities alone, or of joints of no kind here"
+            f"its bodies have {free - rank} constraints more than the joints found ({joints}): constraints on "
+            "velocities alone, or joints of kinds that are not supported"
         )
     return chosen, known
 
@@ -117,8 +117,8 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
             break
     if not explained:
         raise ValueError(
-            "its forces are not gravity and linear springs and dampers of joints alone "
-            f"({np.max(missing) / np.max(np.abs(b)):.2g} of the largest is left)"
+            "its forces are not gravity and linear springs and dampers of joints alone, which are supported "
+            f"(unexplained: {np.max(missing) / np.max(np.abs(b)):.2g} of the largest)"
         )
     parts = x[3:].reshape(-1, 3)
     torsions = [_torsion(j, samples[0].state, *p) for j, p in zip(turning, parts, strict=False) if np.any(p)]
@@ -268,8 +268,8 @@ def _measure_angle(joint: Joint, s: State, start: State) -> tuple[float, float, 
 def _slide(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
     """Return the displacement [m] of i along the axis, its rate, and the wrenches of a force of 1 N along it on i.
 
-    The displacement is that of the joint's points, so that ``start`` is not used; it is there for the signature of
-    ``_measure_angle``, whose wrenches are alike.
+    The displacement is that of the joint's points; ``start`` is unused and keeps the signature of ``_measure_angle``,
+    which returns wrenches in the same form.
     """
     (r_i, R_i), (r_j, R_j) = _pose(s, joint.i), _pose(s, joint.j)
     direction = np.asarray(joint.axis_j)
@@ -312,14 +312,14 @@ def _spring(joint: Joint, push: float, k: float, c: float) -> SpringDamper:
 def _make_point_spring(joint: Joint, samples: Sequence[Sample], push: float, k: float, c: float) -> SpringDamper:
     """Return the spring of two point masses on one line with force push - k displacement - c rate on i.
 
-    It joins the masses themselves, which have no other points. Raise ValueError if it has a length at rest and the
-    masses pass each other.
+    It joins the masses themselves, which have no other points. Raise ValueError if it has a rest length above 0
+    and the masses pass each other.
     """
     coordinates, rest = [_slide(joint, one.state, one.state)[0] for one in samples], _find_rest(joint, push, k)
     side = np.sign(coordinates[0])
     if rest and np.any(np.sign(coordinates) != side):
         raise ValueError(
-            f"the spring of joint {joint.name!r} has a length at rest, and its point masses pass each other"
+            f"the spring of joint {joint.name!r} has a rest length above 0, and its point masses pass each other"
         )
     return SpringDamper(joint.i, joint.s_i, joint.j, joint.s_j, k, side * rest, c)
 
@@ -327,7 +327,5 @@ def _make_point_spring(joint: Joint, samples: Sequence[Sample], push: float, k: 
 def _find_rest(joint: Joint, push: float, k: float) -> float:
     """Return the coordinate [m or rad] where the load push - k x vanishes; raise ValueError for a constant load."""
     if push and not k:
-        raise ValueError(
-            f"a constant load acts along or about the axis of joint {joint.name!r}: gravity, springs and dampers only"
-        )
+        raise ValueError(f"a constant load at joint {joint.name!r} is not supported; gravity, springs and dampers are")
     return push / k if k else 0.0

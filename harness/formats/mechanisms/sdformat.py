@@ -85,7 +85,7 @@ class _Model:
         self.named: dict[str, ET.Element] = {}
         for e in (e for tag in ("link", "joint", "frame") for e in model.findall(tag)):
             if not (name := e.get("name", "")) or name in self.named:
-                raise ElementRefusal(e, "links, joints and frames of a model need names, each its own")
+                raise ElementRefusal(e, "links, joints and frames of a model need unique names")
             self.named[name] = e
         self.static = is_true(model, "static")
         document.omitted["wind"] += any(is_true(e, "enable_wind") for e in (model, *model.findall("link")))
@@ -106,7 +106,7 @@ class _Model:
         if not is_true(e, "gravity", "true"):
             raise ElementRefusal(e, "gravity cannot be switched off for a link")
         if is_true(e, "kinematic"):
-            raise ElementRefusal(e, "kinematic links are not taken over")
+            raise ElementRefusal(e, "kinematic links are not supported")
         inertial = e.find("inertial")
         given = ET.Element("inertial") if inertial is None else inertial
         if given.get("auto", "").lower() in ("true", "1"):
@@ -171,7 +171,7 @@ class _Model:
         if low != 0.0 or kind is JointKind.UNIVERSAL:
             raise ElementRefusal(
                 given,
-                f"limits that lock the joint are taken over of one axis, at 0 (got {low:g}); "
+                f"limits that lock the joint are supported for one axis, at 0 only (got {low:g}); "
                 "place the child there, and use a fixed joint",
             )
         return True
@@ -265,7 +265,7 @@ def _pose(e: ET.Element) -> Frame:
     if pose is None:
         return HOME
     if pose.get("frame"):
-        raise ElementRefusal(pose, "attribute 'frame' is not taken over; version 1.7 has relative_to")
+        raise ElementRefusal(pose, "attribute 'frame' is not supported; version 1.7 has relative_to")
     quaternion = pose.get("rotation_format", "euler_rpy") == "quat_xyzw"
     count = 7 if quaternion else 6
     x = _numbers(e, "pose", " ".join(["0"] * count), count)

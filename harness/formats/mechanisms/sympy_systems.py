@@ -193,7 +193,7 @@ class _Equations:
         if lacking := {s for s in lacking if s != time and s not in plain}:
             raise ValueError(f"values lacks {', '.join(sorted(map(str, lacking)))}")
         if out.has(time):
-            raise ValueError("a motion or force is prescribed as a function of time: that is not taken over")
+            raise ValueError("a motion or force is prescribed as a function of time: that is not supported")
         return sp.lambdify(names, out, "numpy", cse=True)
 
     @cached_property

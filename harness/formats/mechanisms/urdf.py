@@ -85,7 +85,7 @@ class UrdfDocument:
         for e in self._root.findall("joint/axis"):
             if e.get("rpy", "").split() and set(e.get("rpy", "")) - set("0. +-\t\n"):
                 raise ElementRefusal(
-                    e, f"attribute 'rpy' is not taken over (got {e.get('rpy')!r}); turn the joint's origin"
+                    e, f"attribute 'rpy' is not supported (got {e.get('rpy')!r}); turn the joint's origin"
                 )
         for e in self._root.findall("mujoco/compiler"):
             for name in CHANGES_MASSES:
@@ -102,7 +102,7 @@ class UrdfDocument:
                 raise ElementRefusal(
                     mimic,
                     f"joint {joint.get('name')!r} is coupled to {mimic.get('joint')!r}, which is not "
-                    "taken over; remove the mimic to leave both free, or make one of them fixed",
+                    "supported; remove the mimic to leave both free, or make one of them fixed",
                 )
             if self._is_locked(joint):
                 joint.set("type", "fixed")
@@ -129,7 +129,7 @@ class UrdfDocument:
             named = Counter(e.get("name") for e in self._root.findall(kind))
             for e in self._root.findall(kind):
                 if not e.get("name") or named[e.get("name")] > 1:
-                    raise ElementRefusal(e, f"expected a name of its own (got {e.get('name')!r})")
+                    raise ElementRefusal(e, f"expected a unique name (got {e.get('name')!r})")
         for e in self._root.iter():
             for tag in ("inertial", "origin", "mass", "inertia", "parent", "child", "axis", "limit", "dynamics"):
                 if len(same := e.findall(tag)) > 1 and e.tag in ("link", "joint", "inertial"):
@@ -189,7 +189,7 @@ class UrdfDocument:
             if any(_number(inertia, k) for k in SIX):
                 raise ElementRefusal(
                     link,
-                    f"{name!r} has inertia and no mass, which is not taken over beside joint "
+                    f"{name!r} has inertia and no mass, which is not supported beside joint "
                     f"{free[0].get('name')!r}; give it some",
                 )
         return bool(free)
@@ -243,7 +243,7 @@ class UrdfDocument:
         if low == high != 0.0:
             raise ElementRefusal(
                 limit,
-                f"limits that lock joint {joint.get('name')!r} are taken over at 0 (got {low:g}); "
+                f"limits that lock joint {joint.get('name')!r} are supported at 0 only (got {low:g}); "
                 "place the child there, and use a fixed joint",
             )
         return low == high

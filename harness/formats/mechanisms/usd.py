@@ -117,7 +117,7 @@ class Document:
             return False
         body = self.physics.RigidBodyAPI(prim)
         if body.GetKinematicEnabledAttr().Get():
-            raise PrimRefusal(prim, "kinematic bodies are not taken over")
+            raise PrimRefusal(prim, "kinematic bodies are not supported")
         return bool(body.GetRigidBodyEnabledAttr().Get())
 
     def _link(self, prim: Any) -> Link:
@@ -155,7 +155,7 @@ class Document:
         schemas = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
         for odd in filter(COUPLES.search, (kind, *schemas)):
             if odd not in KNOWN and not odd.startswith(("PhysxJointAPI", "PhysicsJointState")):
-                raise PrimRefusal(prim, f"{odd} is not taken over; joints are {', '.join(KNOWN)}")
+                raise PrimRefusal(prim, f"{odd} is not supported; joints are {', '.join(KNOWN)}")
         if kind not in KNOWN:
             return
         joint = self.physics.Joint(prim)
@@ -181,7 +181,7 @@ class Document:
             if free == WAYS:
                 return
             if free not in FREE:
-                raise PrimRefusal(prim, f"a joint that leaves {', '.join(free)} free is not taken over")
+                raise PrimRefusal(prim, f"a joint that leaves {', '.join(free)} free is not supported")
             (sort, letter), drive = FREE[free], free[0] if len(free) == 1 else ""
         elif sort in DRIVES:
             drive = DRIVES[sort]
@@ -227,7 +227,7 @@ class Document:
         Raise PrimRefusal if they are equal and not 0.
         """
         if low == high != 0.0:
-            raise PrimRefusal(prim, f"limits that lock a joint are taken over at 0 (got {low:g}); place the body there")
+            raise PrimRefusal(prim, f"limits that lock a joint must be 0 (got {low:g}); place the body there")
         return low >= high
 
     def _drive(self, prim: Any, name: str) -> tuple[float, float, float]:

@@ -64,7 +64,7 @@ def check(prim: Any, omitted: Counter[str]) -> str:
             if name not in READ and not OF_AXES.match(name):
                 value = _value(prim, name)
                 if _has_effect(value) and not isinstance(value, str):
-                    return f"property {name} is not taken over"
+                    return f"property {name} is not supported"
                 omitted[f"properties {name}"] += 1  # zero, or text
             continue
         if str(prim.GetTypeName()) == "PhysicsScene":  # settings of how engines compute
@@ -73,7 +73,7 @@ def check(prim: Any, omitted: Counter[str]) -> str:
         if not _has_effect(value):
             continue
         if LOCKS.match(name):
-            return f"{name} locks axes of a body, which is not taken over; use a joint"
+            return f"{name} locks axes of a body, which is not supported; use a joint"
         if not SETTINGS.match(name):
             omitted[NAMED.get(name.rsplit(":", maxsplit=1)[-1], f"attributes {name}")] += 1
     return ""

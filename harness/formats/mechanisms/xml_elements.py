@@ -64,11 +64,11 @@ class Vocabulary:
             elif own in self.named or part.tag in self.named:
                 omitted[self.named.get(own, self.named.get(part.tag, ""))] += 1
             elif CHANGES_MOTIONS.search(part.tag):
-                raise ElementRefusal(part, "an extension that changes which motions are possible is not taken over")
+                raise ElementRefusal(part, "an extension that changes which motions are possible is not supported")
             elif ":" in part.tag:
                 omitted[f"elements {part.tag}"] += 1
             elif part.tag not in self.ignored:
-                raise ElementRefusal(part, f"not taken over within {kind}")
+                raise ElementRefusal(part, f"not supported within {kind}")
 
     def _check_attributes(self, e: ET.Element, kind: str, omitted: Counter[str]) -> None:
         """Add the omitted attributes of ``e`` to ``omitted``; raise ElementRefusal for an unknown one."""
@@ -80,7 +80,7 @@ class Vocabulary:
                 omitted[self.named[f"{e.tag} {name}"]] += 1
             elif name not in known and f"{e.tag} {name}" not in self.ignored:
                 expected = f"expected {', '.join(sorted(known))}" if known else "expected none"
-                raise ElementRefusal(e, f"attribute {name!r} is not taken over; {expected}")
+                raise ElementRefusal(e, f"attribute {name!r} is not supported; {expected}")
 
 
 def parse_xml(path: Path) -> ET.Element:

@@ -36,7 +36,7 @@ def check_motion(
     if motion.t[0] > 0.0 and not lacks_only_start(motion.t):
         raise FileError(
             f"{path}: its first row is at t = {motion.t[0]:.9g} s and must be the start, t = 0; "
-            f"mbsbench export {problem.name} has it"
+            f"mbsbench export {problem.name} prints it"
         )
     for name in QUANTITIES:
         if motion.origin[name] is Origin.FILE:
@@ -94,7 +94,7 @@ def _check_start(
         f"{path}: its start is not that of the problem: {words} of {name_body(problem.system, body)} differ by "
         f"{float(np.max(gap[body])):.3g}{' ' * bool(unit)}{unit} from the start of {problem.name}, expected at most "
         f"{float(np.max(allowed[body])):.2g}; check the columns and {_describe_options(how, name)}; "
-        f"mbsbench export {problem.name} has the start"
+        f"mbsbench export {problem.name} prints the start"
         + (
             f"; --start-tolerance {_round_up(gap[body])} takes it as it is"
             if np.max(gap) < SMALL * _size(exact)

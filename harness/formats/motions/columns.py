@@ -119,7 +119,7 @@ def find_quantities(table: Table, body_names: tuple[str, ...], renamed: Mapping[
         numbered |= name == "q" and spelling > 0
         used[name] = keys
     if "r" not in quantities:
-        wanted = "r_x, r_y, r_z" if nb == 1 else f"r1_x, r1_y, r1_z to r{nb}_z"
+        wanted = "r_x, r_y, r_z" if nb == 1 else f"r0_x, r0_y, r0_z to r{nb - 1}_z"  # as messages count bodies
         raise FileError(
             f"{table.path}: no positions of {'the body' if nb == 1 else f'all {nb} bodies'}: expected {wanted}, or "
             f"--columns r_x=THEIRS,...; its columns: {', '.join(itertools.islice(table.columns, 20))}"

@@ -102,7 +102,7 @@ def judge_file(
     place = f"series/{job.id}.npz"
     digest = write_series(ConfinedPath(folder) / place, series)
     record = dataclasses.replace(record, series=place, series_sha256=digest, series_rows=len(series["t"]))
-    store.note_added(folder, record.run_id)
+    store.list_as_started(folder, record.run_id)
     store.write_record(folder, record)
     return record
 

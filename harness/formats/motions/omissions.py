@@ -1,4 +1,4 @@
-"""Refuse to judge a motion wrong where parts of a mechanism's file that were not taken over could be the reason."""
+"""Refuse to judge a motion wrong where omitted parts of its mechanism's file could be the reason."""
 
 import re
 from pathlib import Path
@@ -30,5 +30,5 @@ def check_left_out(problem: Problem, path: Path, record: RunRecord) -> None:
     laws = {reason.law for reason in parse_reasons(record.wrong_because)}
     if acting and record.status in (Status.WRONG, Status.INACCURATE) and laws <= BY_FORCES:
         reason = next(iter(list_reasons(record)), record.status)
-        words = f"but of the file of {problem.name} are not taken over: {acting}, which may be why; {REMEDY}"
+        words = f"but parts of the file of {problem.name} are omitted: {acting}, which may be why; {REMEDY}"
         raise FileError(f"{path}: not judged: {reason}; {words}")

@@ -143,7 +143,10 @@ def certify_ladders(solver: str, folder: Path, records: Sequence[RunRecord]) -> 
 def assess_solver(
     solver: str, folder: Path, records: Sequence[RunRecord], found: Sequence[Order], left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
-    """Yield all findings in the order of the page; ``found`` are orders of its ladders, ``left`` runs left out."""
+    """Yield all findings in the order of the page.
+
+    ``found`` are the orders of the solver's ladders, ``left`` the planned runs that the budget excluded.
+    """
     ladder, rest = _select(solver, records, "ladder"), _select(solver, left, "ladder")
     yield from _assess_problems(_select(solver, records, "problems"))
     yield from _assess_orders(found, ladder, rest)
@@ -176,7 +179,7 @@ def _select(solver: str, runs: Sequence[Run], label: str) -> list[Run]:
 
 
 def _describe_cut(left: int, run: int) -> str:
-    """Return the words for an undetermined finding, of whose runs the budget left out ``left`` and allowed ``run``."""
+    """Describe why a finding is undetermined: the budget excluded ``left`` of its runs and allowed ``run``."""
     if not run:
         return "not determined: no run of it within the budget"
     return f"not determined: {left} of {left + run} runs of it are left out by the budget"
@@ -211,7 +214,11 @@ def _assess_orders(
 
 
 def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Finding:
-    """Explain a missing order: too slow only if every unfinished rung was slow, else by the rungs that failed."""
+    """Return the finding on a missing order of the quantity ``what``, with the reason.
+
+    The reason is that runs were too slow, if that holds for all unfinished runs of the ladder, else the runs that
+    failed; ``left`` is the number of runs that the budget excluded.
+    """
     ends = Counter(str(r.status or "unknown") for r in ladder if r.status not in ENDED)
     if not ladder or (left and not ends):
         return state_finding(what, _describe_cut(left, len(ladder)), "a ladder")
@@ -223,7 +230,10 @@ def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Find
 
 
 def _assess_energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec]) -> Finding:
-    """Return how the energy [J] oscillates and drifts over many periods of a pendulum; this is not judged."""
+    """Return how the energy error [J] oscillates and drifts over many periods of a pendulum: a finding without a limit.
+
+    ``left`` are the planned runs that the budget excluded.
+    """
     runs = _select(solver, records, "long")
     if not runs:
         words = _describe_cut(1, 0) if left else f"not determined: {PERIODS} periods would take longer than the budget"

@@ -95,7 +95,7 @@ class Subject:
     def rate(self) -> float:
         """The rate at which poses change [rad/s].
 
-        Bodies that turn little, such as a point mass on a link, cross the motion's length at their speed.
+        For bodies that turn little, such as a point mass on a link, it is speed over the length of the motion.
         """
         crossing = float(np.max(np.linalg.norm(self.best_states.v, axis=-1))) / self.size.length
         return 1.0 / max(self.t[-1], 1e-9) + max(float(np.max(np.abs(self.best_states.Omega))), crossing)
@@ -303,7 +303,7 @@ def check_invariants(s: Subject) -> Finding:
 
 
 def _compare_worst(found: Mapping[str, tuple[float, str]], most: float) -> Finding:
-    """Return the finding on the largest of some relative errors, by name; NaN is the largest."""
+    """Return the finding on the largest of several relative errors, named by its key; NaN counts as the largest."""
     if not found:
         return leave_open("there are none")
     name = max(found, key=lambda k: (math.isnan(found[k][0]), found[k][0]))
@@ -312,9 +312,9 @@ def _compare_worst(found: Mapping[str, tuple[float, str]], most: float) -> Findi
 
 
 def _sample_around(s: Subject) -> tuple[list[States], float]:
-    """Return the reference at seven times a step apart around each of some sample times, and the step [s].
+    """Return the reference at seven equidistant times around each of some sample times, and their distance [s].
 
-    The seven are those of ``DIFFERENCE``; the fourth is the sample time itself.
+    The seven times are the nodes of the difference formula ``DIFFERENCE``; the fourth is the sample time.
     """
     assert s.reference is not None
     step = min(1e-2 / s.rate, s.t[-1] / 100.0)

@@ -48,10 +48,10 @@ def assess_symmetries(folder: Path, runs: Sequence[RunRecord], none: str) -> Ite
 
 
 def _count_symmetries(found: Sequence[Symmetry], messages: Mapping[str, str]) -> Finding:
-    """Return the finding on how many of the symmetries that the solver did not refuse hold.
+    """Return the finding on how many symmetries hold, of those on which the solver did not refuse a run.
 
-    It is good if all of them hold, else open: a broken one has a finding of its own. ``messages`` are those of the
-    runs by settings_id, which say why a run was refused.
+    It is met if all hold, else open, since a broken symmetry has its own finding. ``messages`` are those of the runs by
+    settings_id, which say why a run was refused.
     """
     taken = [s for s in found if s.verdict != "refused"]
     refused = Counter((s.problem, s.message or messages.get(s.settings_ids[0], "")) for s in found if s not in taken)

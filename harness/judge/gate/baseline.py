@@ -115,19 +115,23 @@ def _read_cell(case: str, metric: str, cell: str, rule: BoundWidth) -> Threshold
 
 def write_thresholds(thresholds: Thresholds) -> str:
     """Return thresholds as the text of their file."""
-    out = [HEAD, f"suite = {_toml(thresholds.suite)}", f"columns = {_toml(' '.join(['width', *HEADINGS]))}"]
+    out = [
+        HEAD,
+        f"suite = {_format_toml(thresholds.suite)}",
+        f"columns = {_format_toml(' '.join(['width', *HEADINGS]))}",
+    ]
     if thresholds.spread:
-        out += ["", "[spread]", *(f"{key} = {_toml(value)}" for key, value in asdict(thresholds.spread).items())]
+        out += ["", "[spread]", *(f"{key} = {_format_toml(value)}" for key, value in asdict(thresholds.spread).items())]
     for e in thresholds.statuses:
-        out += ["", "[[status]]", *(f"{key} = {_toml(value)}" for key, value in asdict(e).items())]
-    bounds = sorted(thresholds.bounds, key=lambda b: (*_names(b.case), b.metric))
-    for name, group in groupby(bounds, lambda b: _names(b.case)[0]):
+        out += ["", "[[status]]", *(f"{key} = {_format_toml(value)}" for key, value in asdict(e).items())]
+    bounds = sorted(thresholds.bounds, key=lambda b: (*_split_case(b.case), b.metric))
+    for name, group in groupby(bounds, lambda b: _split_case(b.case)[0]):
         runs = {case: {b.metric: b for b in of_run} for case, of_run in groupby(group, lambda b: b.case)}
-        out += _write_problem(f"problem.{_toml(name)}", runs)
+        out += _write_problem(f"problem.{_format_toml(name)}", runs)
     return "\n".join(out) + "\n"
 
 
-def _names(case: str) -> tuple[str, str]:
+def _split_case(case: str) -> tuple[str, str]:
     """Split a case at its first space into the names of its problem and its run."""
     name, _, run = case.partition(" ")
     return name, run
@@ -144,20 +148,22 @@ def _write_problem(table: str, runs: dict[str, dict[str, Threshold]]) -> list[st
     for case, bounds in runs.items():
         if common is not None and bounds[rules.FINGERPRINT] == rules.require_same_problem(case, common):
             del bounds[rules.FINGERPRINT]
-        run = _toml(_names(case)[1])
-        fitting = [(w, {m: cell for m, b in bounds.items() if (cell := _cell(b, rule))}) for w, rule in WIDTHS.items()]
+        run = _format_toml(_split_case(case)[1])
+        fitting = [
+            (w, {m: cell for m, b in bounds.items() if (cell := _format_cell(b, rule))}) for w, rule in WIDTHS.items()
+        ]
         width, cells = max(fitting, key=lambda x: len(x[1]))
         own = [b for metric, b in bounds.items() if metric not in cells]
         if cells or not own:
             texts = "  ".join(cells.get(m, "-").ljust(len(heading)) for m, heading in HEADINGS.items())
             rows.append(f'{run:<46} = "{width:<5}  {texts.rstrip()}"')
         if own:
-            special += ["", f"[{table}.bounds.{run}]", *map(_fields, own)]
+            special += ["", f"[{table}.bounds.{run}]", *map(_format_bound, own)]
     shared = [f"{rules.FINGERPRINT} = {common!r}"] if common is not None else []
     return ["", f"[{table}]", *shared, f"[{table}.runs]", *rows, *special]
 
 
-def _cell(b: Threshold, width: BoundWidth) -> str:
+def _format_cell(b: Threshold, width: BoundWidth) -> str:
     """Return the shortest cell that stands for ``b`` in a line with this ``width``; empty if there is none."""
     value, lower, upper = (f"{x:.7g}" for x in (b.value, b.lower, b.upper))
     for cell in (value, f"{value}<{upper}", f"{lower}<{value}<{upper}") if b.metric in HEADINGS else ():
@@ -167,12 +173,12 @@ def _cell(b: Threshold, width: BoundWidth) -> str:
     return ""
 
 
-def _fields(b: Threshold) -> str:
+def _format_bound(b: Threshold) -> str:
     """Return a bound that fits no cell as a line of TOML, without fields that have their default."""
     told = {f.name: v for f in fields(QuantityBound) if (v := getattr(b, f.name)) != f.default and v == v}
-    return f"{b.metric} = {{ {', '.join(f'{k} = {_toml(v)}' for k, v in told.items())} }}"
+    return f"{b.metric} = {{ {', '.join(f'{k} = {_format_toml(v)}' for k, v in told.items())} }}"
 
 
-def _toml(value: Any) -> str:
+def _format_toml(value: Any) -> str:
     """Format a number or a text for TOML: as in JSON, but without surrogate pairs and with DEL escaped."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

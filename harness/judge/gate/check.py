@@ -112,9 +112,9 @@ def select_judged(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[Ru
 
 
 def describe_contradiction(record: RunRecord) -> str:
-    """Describe what in a record cannot be true: a lawful motion without the solver's claim, or an end in the future.
+    """Describe the contradiction in a record: a lawful status without the solver's claim, or an end in the future.
 
-    Empty if nothing is contradictory.
+    Empty if there is none.
     """
     claimed, by = record.claimed or "nothing", record.ended_by
     if Status(record.status).lawful and (claimed, by) != (Status.SUCCESS, EndCause.SOLVER):
@@ -142,7 +142,9 @@ def judge(
     found: list[Finding] = []
     by_case = {c.case: by_settings.get(c.settings_id) for c in specs}
     missing = {c.case: OTHER_CODE if c.settings_id in other else MISSING for c in specs}
-    found += [_finding(Verdict.FAILED, c, STATUS, TWICE) for c, n in Counter(c.case for c in specs).items() if n > 1]
+    found += [
+        _make_finding(Verdict.FAILED, c, STATUS, TWICE) for c, n in Counter(c.case for c in specs).items() if n > 1
+    ]
     bounded: dict[str, set[str]] = {}
     for b in thresholds.bounds:
         bounded.setdefault(b.case, set()).add(b.metric)
@@ -153,20 +155,20 @@ def judge(
             absent[case] = package
             words = record.message if package in without else UNNAMED.format(record.message, package)
             verdict = Verdict.OPEN if package in without else Verdict.FAILED
-            found.append(_finding(verdict, case, STATUS, ABSENT.format(words)))
+            found.append(_make_finding(verdict, case, STATUS, ABSENT.format(words)))
             continue
-        found.append(_status(case, record, statuses.get(case), missing[case]))
+        found.append(_judge_status(case, record, statuses.get(case), missing[case]))
         wanted = statuses[case].status if case in statuses else Status.SUCCESS
         if case not in bounded and wanted is Status.SUCCESS:
             ended = record.status if record else Status.SUCCESS
             words = UNBOUNDED if ended == Status.SUCCESS else NO_BOUNDS.format(ended)
-            found.append(_finding(Verdict.FAILED, case, NONE, words))
+            found.append(_make_finding(Verdict.FAILED, case, NONE, words))
         elif case in bounded and record is not None:
             needed = {b.metric for b in propose_bounds([record])} - bounded[case]
-            found += [_finding(Verdict.FAILED, case, metric, UNBOUNDED) for metric in sorted(needed)]
+            found += [_make_finding(Verdict.FAILED, case, metric, UNBOUNDED) for metric in sorted(needed)]
     judged = [b for b in thresholds.bounds if b.case not in absent]
-    found += [_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in judged]
-    found += [_finding(Verdict.FAILED, case, STATUS, UNKNOWN) for case in statuses if case not in by_case]
+    found += [_judge_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in judged]
+    found += [_make_finding(Verdict.FAILED, case, STATUS, UNKNOWN) for case in statuses if case not in by_case]
     broken = _list_broken(found)
     cut = {case for case, r in by_case.items() if r and case in broken and Status(r.status) not in REACHED_END}
     found = [f for f in found if not (f.subject in cut and f.verdict is Verdict.MET)]  # zeros of a run without a step
@@ -193,10 +195,10 @@ def _is_consequence(f: Finding, broken: Collection[str]) -> bool:
 def tighten_bounds(
     old: Thresholds, records: Sequence[RunRecord], proposed: Sequence[Threshold], *, loosen: bool
 ) -> Thresholds:
-    """Return ``old`` with the bounds that ``proposed`` adds or tightens.
+    """Return ``old`` with the bounds that ``proposed`` adds or tightens and, with ``loosen``, those that it widens.
 
-    With ``loosen`` also with those that it widens. With ``loosen``, bounds of cases without a record are dropped. A
-    threshold with a tolerance, or around several runs, changes only with ``loosen``.
+    With ``loosen``, bounds of cases without a record are dropped. A threshold with a tolerance, or around several runs,
+    changes only with ``loosen``.
     """
     cases = {r.case for r in records}
     bounds = {(b.case, b.metric): b for b in old.bounds if b.case in cases or not loosen}
@@ -216,10 +218,11 @@ def tighten_bounds(
 
 
 def _narrow(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
-    """Return the threshold ``was`` moved to the value of ``new``; None if it stays as it is.
+    """Return the threshold ``was`` moved to the value of ``new``; None if it does not change.
 
-    An upper end keeps its ratio to the value if that is wider than the new one, and rises only with ``loosen``; none is
-    added. A lower end is added if ``was`` has none; it falls only with ``loosen``, if the value is below it.
+    The upper end keeps its ratio to the value if that is wider than the ratio of ``new``, and rises only with
+    ``loosen``; an upper end is never added. A lower end is added if ``was`` has none; it falls only with ``loosen``, if
+    the value is below it.
     """
     fallen = new.value < was.lower
     lower = was.lower if was.lower > -math.inf else new.lower
@@ -238,27 +241,27 @@ def _narrow(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None
     return replace(was, value=new.value, upper=upper, lower=lower)
 
 
-def _finding(verdict: Verdict, case: str, metric: str, why: str = "", bound: str = "") -> Finding:
+def _make_finding(verdict: Verdict, case: str, metric: str, why: str = "", bound: str = "") -> Finding:
     """Return a finding without a number: ``bound`` is what was required, in words, and ``why`` the reason."""
     return Finding(MeasuredQuantity(metric), RequiredLimits(words=bound, why=why), verdict, case)
 
 
-def _status(case: str, record: RunRecord | None, expected: ExpectedStatus | None, missing: str) -> Finding:
+def _judge_status(case: str, record: RunRecord | None, expected: ExpectedStatus | None, missing: str) -> Finding:
     """Return the finding on the status of a case; ``missing`` is the reason stated if it has no record."""
     wanted = expected.status if expected else Status.SUCCESS
     if record is None:
-        return _finding(Verdict.FAILED, case, STATUS, missing)
+        return _make_finding(Verdict.FAILED, case, STATUS, missing)
     if record.status == wanted:
         verdict = Verdict.MET if wanted is Status.SUCCESS else Verdict.XFAIL
-        return _finding(
+        return _make_finding(
             verdict, case, STATUS, expected.reason if expected else describe_comparison(record), str(wanted)
         )
     words = f"{record.status}, expected {wanted}: {'; '.join(list_reasons(record))}"
     verdict = Verdict.XPASS if record.status == Status.SUCCESS else Verdict.FAILED
-    return _finding(verdict, case, STATUS, words, str(wanted))
+    return _make_finding(verdict, case, STATUS, words, str(wanted))
 
 
-def _bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
+def _judge_bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
     """Return the finding on one bound; ``missing`` is the reason stated if its case has no record."""
     value = math.nan if record is None else float(getattr(record, b.metric))
     words, verdict = b.reason, Verdict.from_outcome(b.holds(value))
@@ -268,11 +271,11 @@ def _bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
         words = f"{SMALLER}; {b.reason}"
     if b.expect == "fail" and not math.isnan(value):
         verdict = Verdict.XPASS if b.holds(value) else Verdict.XFAIL
-    required = RequiredLimits(words=_range(b), why=words)
+    required = RequiredLimits(words=_describe_range(b), why=words)
     return Finding(MeasuredQuantity(b.metric, value, b.unit), required, verdict, b.case, before=b.value)
 
 
-def _range(b: Threshold) -> str:
+def _describe_range(b: Threshold) -> str:
     """Return a bound in words, such as ``>= 1 and <= 2`` or ``= 100 exactly``."""
     if b.tolerance is not None:
         return f"= {b.value:.12g}" + (f" within {b.tolerance:g} of it" if b.tolerance else " exactly")

@@ -31,15 +31,15 @@ def format_junit(result: GateFindings, suite: str) -> str:
     closed, skipped = sum(not f.holds for f in findings), sum(f.verdict in LEFT_OUT for f in findings)
     counts = {"tests": str(len(findings)), "failures": str(closed), "errors": "0", "skipped": str(skipped)}
     root = ElementTree.Element("testsuites", counts)
-    group = ElementTree.SubElement(root, "testsuite", {"name": _xml(f"gate {suite}"), **counts})
+    group = ElementTree.SubElement(root, "testsuite", {"name": _escape_xml(f"gate {suite}"), **counts})
     for f in findings:
-        named = {"classname": _xml(f.subject), "name": _xml(f.measured.quantity)}
+        named = {"classname": _escape_xml(f.subject), "name": _escape_xml(f.measured.quantity)}
         case = ElementTree.SubElement(group, "testcase", named)
         if f.verdict in LEFT_OUT:
-            ElementTree.SubElement(case, "skipped", {"message": _xml(f"{LEFT_OUT[f.verdict]}{f.required.why}")})
+            ElementTree.SubElement(case, "skipped", {"message": _escape_xml(f"{LEFT_OUT[f.verdict]}{f.required.why}")})
         elif not f.holds:
-            kind = {"type": STATES[f.verdict], "message": _xml(_describe(f))}
-            ElementTree.SubElement(case, "failure", kind).text = _xml(f.required.why)
+            kind = {"type": STATES[f.verdict], "message": _escape_xml(_describe(f))}
+            ElementTree.SubElement(case, "failure", kind).text = _escape_xml(f.required.why)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
@@ -53,7 +53,7 @@ def format_markdown(result: GateFindings, suite: str) -> str:
             numbers = {k: "" if math.isnan(row[k]) else f"{row[k]:.4g}" for k in ("measured", "value")}
             texts = {**row, **numbers, "why": "moved" if row["state"] == "PASS" else row["why"]}
             shown = ("state", "case", "metric", "measured", "value", "bound", "unit", "why")
-            out.append("| " + " | ".join(_markdown(texts[k]) for k in shown) + " |")
+            out.append("| " + " | ".join(_escape_markdown(texts[k]) for k in shown) + " |")
         out.append("")
     return "\n".join(out)
 
@@ -72,7 +72,7 @@ def format_annotations(result: GateFindings, suite: str) -> list[str]:
 
 
 def _escape(text: str, more: str = "") -> str:
-    """Escape the characters that end a workflow command, and those in ``more``, which end a property of it."""
+    """Escape the characters that end a workflow command, and the characters ``more`` that end one of its properties."""
     return re.sub(f"[%\r\n{more}]", lambda found: f"%{ord(found[0]):02X}", text)
 
 
@@ -112,11 +112,11 @@ def _describe(f: Finding) -> str:
     return f"{STATES[f.verdict]}: {f.measured.quantity} is {number}"
 
 
-def _markdown(text: str) -> str:
+def _escape_markdown(text: str) -> str:
     """Return a text on one line, with the characters escaped that have a meaning in Markdown."""
     return re.sub(r"([\\|<>`*_\[\]])", r"\\\1", " ".join(text.split()))
 
 
-def _xml(text: str) -> str:
+def _escape_xml(text: str) -> str:
     """Return a text with ``?`` in place of characters that XML cannot hold."""
     return NOT_XML.sub("?", text)

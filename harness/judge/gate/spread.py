@@ -44,10 +44,11 @@ def _list_kinds(kinds: Mapping[str, int]) -> str:
 
 
 def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[SpreadSample]]) -> Thresholds:
-    """Return ``old`` with bounds around all samples of a case, where its own or those of one sample exclude another.
+    """Return ``old`` with bounds widened to enclose all samples of a case, where rounding alone would break them.
 
-    A bound stays if the value of its threshold is outside the new bounds, which rounding then does not explain, and if
-    rounding decides the status of its case.
+    A bound is widened if it, or the bound around one sample, excludes another sample. It stays if the value of its
+    threshold lies outside the new bounds, which rounding then does not explain, and if rounding decides the status of
+    its case.
     """
     unstable = find_unstable(samples)
     lawful = {c: found for c, found in samples.items() if c not in unstable and Status(found[0].record.status).lawful}
@@ -66,7 +67,7 @@ def _propose_bound(was: Threshold, s: SpreadSample) -> list[Threshold]:
 
 
 def _widen_around(was: Threshold, found: Sequence[tuple[str, Threshold]], control: str) -> Threshold | None:
-    """Return ``was`` widened to all bounds in ``found``; None if bounds around each sample hold for all samples.
+    """Return ``was`` widened to all bounds in ``found``; None if ``was`` and each of these hold for all samples.
 
     ``found`` are the bounds around each sample, with its kind of rounding; ``control`` is ``dt`` or ``rtol``.
     """

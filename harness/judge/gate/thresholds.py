@@ -73,7 +73,7 @@ class QuantityBound(Shape, frozen=True, kw_only=True):
         """Raise ValueError unless there is either a bound or a tolerance, and something can pass."""
         bounded = self.upper < math.inf or self.lower > -math.inf
         if self.tolerance is not None and (bounded or math.isnan(self.value)):
-            raise ValueError("tolerance is relative to value (0: exactly that), without upper and lower")
+            raise ValueError("tolerance is relative to value (0: equal); give value, without upper and lower")
         if self.tolerance is None and not bounded:
             raise ValueError("give upper or lower; without a bound nothing is checked")
         if self.lower > self.upper:

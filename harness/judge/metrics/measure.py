@@ -196,7 +196,7 @@ def _shares(whole: JudgedBodies, each: tuple[JudgedBodies, ...]) -> np.ndarray:
 
 
 def count_covered(reference: Reference | None, t: Float[np.ndarray, " nt"]) -> int:
-    """Return how many of the times lie within the reference's horizon, up to rounding; 0 without a reference."""
+    """Return how many of the times ``t`` lie within the reference's horizon, up to rounding; 0 without a reference."""
     return 0 if reference is None else int(np.sum(t <= reference.horizon * (1.0 + 1e-12)))
 
 

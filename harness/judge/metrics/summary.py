@@ -209,7 +209,10 @@ def _measure_return(problem: Problem, trajectory: Trajectory) -> dict[str, float
 
 
 def _drift(values: np.ndarray, unit: str) -> dict[str, Any]:
-    """Return how far an invariant leaves its first value, at most (``max``) and last (``end``), with value and unit."""
+    """Return the largest (``max``) and last (``end``) deviation of an invariant from its first value, with that value.
+
+    The dict also holds the ``unit``.
+    """
     away = values - values[0]
     return {
         "max": encode_nonfinite(find_largest(away)),
@@ -234,7 +237,7 @@ def _steps(t: np.ndarray) -> dict[str, float]:
 
 
 def _summarize_counters(counters: Mapping[str, int]) -> dict[str, Any]:
-    """Return a solver's counters as JSON, and the columns of those that have a common name; NaN if not counted."""
+    """Return a solver's counters as JSON, and as columns those that all solvers share; NaN for one not counted."""
     out: dict[str, Any] = {"counters": json.dumps({k: int(v) for k, v in counters.items()})}
     for name, known in COUNTER_NAMES.items():
         found = [counters[k] for k in known if k in counters]

@@ -167,7 +167,8 @@ def _excuse_by_exact_motion(
     """Return ``out`` with the ratios of velocities and accelerations divided by twice those of the exact motion.
 
     They are divided where twice the exact motion's ratio at the rows ``k`` is above 1: steps too long to judge rates.
-    ``sizes`` are the largest speed [m/s], the size of the system [m] and ``slow`` [m/s2].
+    ``sizes`` are the largest speed [m/s], the size of the system [m], and the least acceleration [m/s2] that errors are
+    compared with.
     """
     speed, size, slow = sizes
     around = np.unique(np.concatenate((k - 1, k, k + 1)))

@@ -51,7 +51,7 @@ def find_older_runs(records: Iterable[RunRecord], plugins: Sequence[str] = ()) -
 
 
 def describe_older(old: Sequence[RunRecord], folder: str) -> str:
-    """Describe in one line how many runs in ``folder`` are out of date, whose they are, and how to repeat them.
+    """Describe in one line how many runs in ``folder`` are out of date, by which solvers, and how to repeat them.
 
     ``old`` are these runs.
     """

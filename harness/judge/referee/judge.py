@@ -74,7 +74,7 @@ def select_needed(register: Register) -> tuple[RunSpec, ...]:
     return tuple({p.spec.settings_id: p.spec for m in maps for p in select(places, m.over)}.values())
 
 
-def list_whole() -> tuple[RunSpec, ...]:
+def list_published_runs() -> tuple[RunSpec, ...]:
     """Return the runs that verdicts are published from: those of the suite ``referee``."""
     return load_suite(WHOLE).specs
 
@@ -103,7 +103,7 @@ def describe_outdated(folder: ConfinedPath, now: CodeDigests) -> str:
 
     The line gives the commands that renew them. ``now`` are the digests of the present code.
     """
-    return describe_changes(bring_forward(files.code_of_claims(folder)), now, WHOLE)
+    return describe_changes(bring_forward(files.read_claims_code(folder)), now, WHOLE)
 
 
 def find_changes(before: Sequence[JudgedClaim], after: Sequence[JudgedClaim]) -> list[VerdictChange]:

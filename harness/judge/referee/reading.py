@@ -1,4 +1,4 @@
-"""Select the series of a run that judgements read at every step; of others a results folder keeps envelopes."""
+"""Select the series of a run that judgements read at every step; results folders keep envelopes of all others."""
 
 from collections.abc import Callable, Iterable
 

@@ -25,7 +25,7 @@ class ClaimVerdict(StrEnum):
 
 
 class Ending(StrEnum):
-    """The ending of a run, or the reason why a setting settles nothing."""
+    """The way a run ended, or the reason why a setting cannot decide a claim."""
 
     FINAL = "final"
     MACHINE = "limit of the machine"
@@ -110,14 +110,14 @@ class Decision(Shape, frozen=True):
 
 
 class ExcludedSettings(Shape, frozen=True):
-    """The number of settings that settle nothing for one reason."""
+    """The number of settings that are excluded from the count for one reason."""
 
     why: Ending
     settings: int
 
 
 class MovedVerdict(Shape, frozen=True):
-    """A different verdict on a claim that follows from a wider or narrower band of one test."""
+    """A verdict on a claim that differs from the given one because the band of one test is wider or narrower."""
 
     test: int  # index of the test, from 0
     by: Literal["wider", "narrower"]
@@ -144,7 +144,7 @@ class ClaimFinding(Shape, frozen=True):
 
 
 class Control(Shape, frozen=True):
-    """The outcome of other solvers on the same claim, with the same chart, tolerance and motion."""
+    """The outcome of other solvers that are tested on the same claim, with the same chart, tolerance and motion."""
 
     solvers: tuple[str, ...]
     finding: ClaimFinding  # on the control's runs at the settings of the first verdict
@@ -153,7 +153,7 @@ class Control(Shape, frozen=True):
 
 
 class VerdictEvidence(Shape, frozen=True):
-    """The evidence for verdicts beside their counts."""
+    """The evidence for a verdict in addition to the counts of settings."""
 
     across: str = ""  # the dimension along which runs are considered together
     met_at: tuple[SettingsCount, ...] = ()  # values along ``across`` that meet the claim, if one suffices

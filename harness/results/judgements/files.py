@@ -55,7 +55,7 @@ def read_claims(folder: ConfinedPath) -> tuple[JudgedClaim, ...] | None:
         raise FileError(f"{error}; --publish writes it anew") from None
 
 
-def code_of_claims(folder: ConfinedPath) -> CodeDigests:
+def read_claims_code(folder: ConfinedPath) -> CodeDigests:
     """Return the digests of the code that judged the claims in ``folder``; raise as ``read_judgement`` does."""
     return _read(folder, CLAIMS.name, PublishedClaims).code  # type: ignore[no-any-return]
 
@@ -105,7 +105,7 @@ def shorten_claims(claims: Sequence[JudgedClaim]) -> tuple[JudgedClaim, ...]:
 
 
 def _shorten(c: JudgedClaim) -> JudgedClaim:
-    """Return one claim as it is published; only the counts of the dimension that separates best are kept."""
+    """Return a claim in its published form: of its counts by dimension, only those of the best separating one stay."""
     replace = msgspec.structs.replace
     telling = {f.decision.telling for f in c.findings if f.decision}
     factors = {k: v for k, v in c.factors.items() if k in telling}

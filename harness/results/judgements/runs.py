@@ -24,7 +24,7 @@ FitKind = Literal["power", "lost", "flat", "none", "exact"]
 SymmetryVerdict = Literal["holds", "broken", "undecided", "failed", "refused", "not applicable"]
 
 
-class Asked(Shape, frozen=True):
+class JudgedSettings(Shape, frozen=True):
     """The problem, variant, solver and settings that a judgement is about."""
 
     problem: str
@@ -41,7 +41,7 @@ class Note(StrEnum):
     UNRESOLVED = "unresolved errors"
 
 
-class Order(Asked, frozen=True):
+class Order(JudgedSettings, frozen=True):
     """The observed order of one quantity of one solver on one variant."""
 
     quantity: str
@@ -92,7 +92,7 @@ class Order(Asked, frozen=True):
         return Finding(measured, required, Verdict.from_outcome(good), f"{self.variant} {self.case}")
 
 
-class Drift(Asked, frozen=True):
+class Drift(JudgedSettings, frozen=True):
     """The parts of a long run's energy error, with 95 % intervals: oscillation, linear trend and random walk."""
 
     settings_id: str
@@ -162,7 +162,7 @@ class Symmetry(Shape, frozen=True):
         )
 
 
-class WorkPoint(Asked, frozen=True):
+class WorkPoint(JudgedSettings, frozen=True):
     """The cost and error of one run, for work-precision diagrams."""
 
     settings_id: str

@@ -28,7 +28,7 @@ from .shapes import (
     EVENTS,
     SPANS,
     BodyShape,
-    ground_points,
+    find_ground_points,
     list_ends,
     list_marks,
     make_shapes,
@@ -91,7 +91,7 @@ def _make_players(results: StoredResults, runs: Sequence[StoredRun], alike: Sequ
 
 
 def make_player(run: StoredRun, series: Series, poses: Poses) -> Player:
-    """Return a run as a player, with poses added between long steps where the exact motion is stored."""
+    """Return a run as a player; where the exact motion is stored, poses are interpolated within long steps."""
     exact = read_exact_motion(series)
     if len(poses) < 2 or exact is None or len(exact) < 2 or exact.r.shape[1:] != poses.r.shape[1:]:
         return Player(run, series, poses)
@@ -126,7 +126,7 @@ def make_scene(
     shapes, kinds = make_shapes(lead.series, lead.poses, scale), select_known([p.series for p in shown])
     lengths = [float(np.linalg.norm(np.subtract(s.b, s.a))) for s in shapes if s.kind == "rod"]
     body = min(scale, float(np.median(lengths))) if lengths else scale
-    ground = ground_points(lead.series)
+    ground = find_ground_points(lead.series)
     gravity = np.asarray(lead.series["gravity"], dtype=float) if "gravity" in lead.series else np.zeros(3)
     sound = [p for p in shown if p.run.is_success] or [lead]
     stage = _bound_scene(sound, shapes, ground)

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from ....harness.results.series import Series
 from ...model.results import StoredRun
-from ..segments import SAME, joint_points
+from ..segments import SAME, find_joint_points
 from .poses import Poses, measure_rates
 
 SPINS = 2.0  # least ratio of spin about the axis to rotation across it for a top
@@ -44,7 +44,7 @@ class BodyShape:
     tint: float = 1.0  # below 1: darker than the body, to show how it turns
 
 
-def ground_points(series: Series) -> Float[np.ndarray, "n 3"]:
+def find_ground_points(series: Series) -> Float[np.ndarray, "n 3"]:
     """Return the distinct joint points on the ground [m, space frame]."""
     if "joint_i" not in series:
         return np.zeros((0, 3))
@@ -56,7 +56,7 @@ def make_shapes(series: Series, poses: Poses, scale: float) -> list[BodyShape]:
     """Return the shapes of all bodies; ``scale`` [m] is the size of the mechanism."""
     bodies = poses.r.shape[1]
     out: list[BodyShape] = []
-    for body, points in enumerate(joint_points(series, bodies, scale)):
+    for body, points in enumerate(find_joint_points(series, bodies, scale)):
         far = [p for p in points if np.linalg.norm(p) > SAME * scale]
         if len(points) >= 2:
             out += _bars(body, points)
@@ -172,7 +172,7 @@ def strip(
 
 
 def select_known(series: Sequence[Series]) -> list[Mapping[str, Any]]:
-    """Return those of ``STRIPS`` for which some run has a finite value; without a reference there is no error."""
+    """Return the entries of ``STRIPS`` for which some run has a finite value; errors need a reference."""
     return [
         s for s in STRIPS if any(s["name"] in own and np.isfinite(own.points(s["name"])[1]).any() for own in series)
     ]

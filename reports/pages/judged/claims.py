@@ -11,7 +11,7 @@ from markupsafe import Markup
 from ....harness.results.judgements.claims import ClaimGap, ClaimVerdict, JudgedClaim, MapRow, Value
 from ....harness.results.judgements.files import CLAIMS, PUBLISHED
 from ...model import claim_words
-from ...model.claim_words import setting
+from ...model.claim_words import format_setting
 from ...model.results import StoredResults, StoredRun, group_by, make_natural_key, make_slug
 from ...model.words import Mark, mark_status, number, unit
 from ..base import JUDGE, Page, Site, address_run, read_judged_or_published, read_or_explain
@@ -36,13 +36,13 @@ SUMMARY = "What abstract and conclusions say"
 def make_grids(rows: Sequence[MapRow], by_settings: Mapping[str, StoredRun]) -> list[dict[str, Any]]:
     """Return one grid of boxes per facet, all with the same tolerances and gains so that they can be compared.
 
-    A facet has one value of every dimension of the map but these two. A row of boxes has one gain; a tolerance has
-    several boxes where runs share a place (other frames, other cases). ``by_settings`` holds these results' runs by
-    settings_id.
+    A facet has one value of every dimension of the map except tolerance and gain. A row of boxes has one gain; a
+    tolerance has several boxes if runs differ in nothing else that the grid shows (other frames, other cases).
+    ``by_settings`` holds the runs of these results by settings_id.
     """
     tolerances, gains = (_sort_values([m.at.get(key) for m in rows], falling=key == "tolerance") for key in AXES)
     facets = tuple(dict.fromkeys(k for m in rows for k in m.at if k not in AXES))
-    found = group_by(rows, lambda m: tuple(setting(f, m.at[f]) if f in m.at else "" for f in facets))
+    found = group_by(rows, lambda m: tuple(format_setting(f, m.at[f]) if f in m.at else "" for f in facets))
     varies = [k for k in range(len(facets)) if len({key[k] for key in found}) > 1]
     out = []
     for key, own in found.items():
@@ -138,7 +138,7 @@ class ClaimView:
     def verdict(self) -> str:
         """The verdict in words, at the paper's settings if there are any."""
         findings = self.of.findings
-        return claim_words.verdict(findings[0]) if findings else str(self.of.verdict)
+        return claim_words.format_verdict(findings[0]) if findings else str(self.of.verdict)
 
     @property
     def presentation(self) -> bool:
@@ -218,7 +218,7 @@ def _format_first(c: JudgedClaim) -> str:
 
 
 def _show_claim(c: JudgedClaim, by_settings: Mapping[str, StoredRun], anchor: str) -> ClaimView:
-    """Return a claim for the page with some of its runs that are not on the map; absent runs are counted."""
+    """Return a claim as the page shows it, with the judged runs outside its map: some by name, the others counted."""
     line = None
     if c.tests:
         first = c.tests[0]

@@ -69,7 +69,7 @@ def list_contests(results: StoredResults) -> list[Contest]:
         measure = choose_measure(runs)
         if measure is not None and variant.labels().get(SHIPPED):
             contest = Contest(variant, measure)
-            pairs = [_pair(contest, who, own) for who, own in group_by(runs, name_contestant).items()]
+            pairs = [_make_pair(contest, who, own) for who, own in group_by(runs, name_contestant).items()]
             pairs.sort(key=lambda p: (contest.rank(p.shipped), contest.rank(p.best), p.who))
             out.append(replace(contest, pairs=tuple(pairs)))
     return out
@@ -85,17 +85,20 @@ def describe_budget(found: Sequence[Contest]) -> str:
     tuned = [c.record for contest in found for c in contest.variant.labels().get(TUNED, ())]
     if not tuned:
         return "nothing has been tuned yet"
-    tried, limit = _span([p.tried for c in found for p in c.pairs]), _span([r.cpu_limit_s for r in tuned])
+    tried, limit = (
+        _format_range([p.tried for c in found for p in c.pairs]),
+        _format_range([r.cpu_limit_s for r in tuned]),
+    )
     steps, tolerances = ([getattr(r, name) for r in tuned if getattr(r, name) > 0.0] for name in ("dt_s", "rtol"))
     spans = [
-        f"{what} {_span(values)}{unit}"
+        f"{what} {_format_range(values)}{unit}"
         for what, values, unit in (("steps of", steps, " s"), ("tolerances of", tolerances, ""))
         if values
     ]
     return f"{tried} settings of each, {' or '.join(spans)}, {limit} s of CPU a run"
 
 
-def _span(values: Sequence[float]) -> str:
+def _format_range(values: Sequence[float]) -> str:
     """Format the least and the largest of numbers: ``0.001 to 0.1``, or one number if they are equal."""
     least, most = min(values), max(values)
     return f"{least:g}" if least == most else f"{least:g} to {most:g}"
@@ -106,7 +109,7 @@ def name_contestant(run: StoredRun) -> str:
     return " ".join([run.record.solver, *([str(run.options["solver"])] if "solver" in run.options else [])])
 
 
-def _pair(contest: Contest, who: str, runs: Sequence[StoredRun]) -> ContestPair:
+def _make_pair(contest: Contest, who: str, runs: Sequence[StoredRun]) -> ContestPair:
     """Return a contestant's run as shipped, and the best of all its ``runs``, as a pair."""
     shipped = next((c for c in runs if c.record.label == SHIPPED), None)
     within = [c for c in runs if contest.error(c) <= TARGET]

@@ -41,7 +41,7 @@ def sort_by_case(found: Sequence[Order]) -> list[Order]:
     return sorted(found, key=lambda o: (make_natural_key(o.variant), o.solver, make_natural_key(o.case)))
 
 
-def verdict_mark(verdict: str) -> Mark:
+def mark_verdict(verdict: str) -> Mark:
     """Return the mark of a verdict on an order or a drift."""
     symbol, kind = VERDICTS[verdict]
     return Mark(symbol, verdict, kind)

@@ -20,12 +20,12 @@ from ...model.motion import MotionCurves, read_curves
 from ...model.results import StoredResults, StoredRun, Variant, group_by
 from ...model.scores import name_unpredictable
 from ...model.tracking import list_tracking_times
-from ...model.variants import find_plain_label, format_problem_counts, group_by_label, select_variants, variant_groups
+from ...model.variants import find_plain_label, format_problem_counts, group_by_label, group_variants, select_variants
 from ...model.words import mark_status, unit
 from ...plots.laws import Drawing, plot_errors, plot_invariants, plot_laws, plot_observables
 from ...plots.lines import EVER, choose_lines
 from ...plots.spec import choose_focus
-from ...plots.work import work_chapter
+from ...plots.work import make_work_chapter
 from ..base import Page, Site, read_judged
 from ..svg import draw_sketch
 
@@ -98,7 +98,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
         about=describe_mechanism,
         title=format_problem_counts(results),
         unpredictable=name_unpredictable(results),
-        apart=variant_groups(results, label),
+        apart=group_variants(results, label),
     )
 
 
@@ -111,7 +111,7 @@ def _write_variant(results: StoredResults, site: Site, variant: Variant, label: 
     boxes = sorted(make_cells(variant, label), key=lambda b: b.order)
     drawing = Drawing(variant.runs, lines, motions, spans, choose_focus(b.run.record.solver for b in boxes), label)
     made = (
-        work_chapter(variant, site.url),
+        make_work_chapter(variant, site.url),
         *(make(drawing) for make in (plot_laws, plot_errors, plot_observables, plot_invariants)),
     )
     chapters = [c for c in made if c is not None]

@@ -11,7 +11,7 @@ from ...model.catalogue import describe_method
 from ...model.frontier import Frontier, select_broad, select_shared_target
 from ...model.heat import make_heat_map
 from ...model.results import StoredResults, StoredRun, format_exactly, group_by, group_by_solver, make_natural_key
-from ...model.scores import SolverScore, score, standings
+from ...model.scores import SolverScore, rank_solvers, score
 from ...model.tracking import TrackingTime, list_tracking_times
 from ...model.variants import find_plain_label, group_by_label, select_variants
 from ...model.words import format_decade, number, plural, time
@@ -82,7 +82,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
     return site.write(
         Page("Solvers", "solvers.html", nav=True, order=15),
         "solvers.html",
-        standings=standings(results),
+        standings=rank_solvers(results),
         label=label,
         loud=loud,
         about=describe_method,
@@ -119,14 +119,14 @@ def describe_solver(
         declared = f", declared {best.declared:g}" if math.isfinite(best.declared) else ""
         on = f"{best.verdict} on {sum(o.verdict == best.verdict for o in own)} of {plural(len(own), 'problem')}"
         value = f"{best.order:.2f} ({best.low:.2f} to {best.high:.2f}){declared}, on {best.variant}; {on}"
-        facts.append(("order", value, f"{best.order:.2f}", order_words.verdict_mark(best.verdict).kind))
+        facts.append(("order", value, f"{best.order:.2f}", order_words.mark_verdict(best.verdict).kind))
     if long := [d for d in drifts if d.solver == solver and d.periods and d.case.split()[1:2] == [solver]]:
         d = max(long, key=lambda d: (d.periods, d.variant))
         words = {"trend": "drifts", "failed": "stops"}.get(d.verdict, d.verdict)
         over = f"{words} over {plural(d.periods, 'period')} of {d.problem}"
         moved = f", by {number(abs(d.trend_W * d.span_s), 2)} J" if d.verdict == "trend" else ""
         setting = "".join(f" at {k}" for k in [" ".join(d.case.split()[2:])] if k)
-        facts.append(("energy", f"{over}{moved}{setting}", over, order_words.verdict_mark(d.verdict).kind))
+        facts.append(("energy", f"{over}{moved}{setting}", over, order_words.mark_verdict(d.verdict).kind))
     if motions := [f for f in followed if f.run.record.solver == solver and f.known > 0.0]:
         whole, least = sum(f.whole for f in motions), min(motions, key=lambda f: f.until / f.known)
         value = f"{whole} of {plural(len(motions), 'motion')} to the end of the reference"

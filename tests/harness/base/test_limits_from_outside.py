@@ -15,7 +15,7 @@ from mbsbench.harness.base.forked_process import ForkedProcess, NotBegunError
 from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.run.pool import MOST_UNBEGUN, LocalPool, PoolError
 from mbsbench.harness.run.protocol import RunEnded
-from mbsbench.harness.run.runner import Request, _jobs
+from mbsbench.harness.run.runner import Request, _make_jobs
 
 SUITE = """[[runs]]
 problem = "spherical_pendulum"
@@ -79,7 +79,7 @@ def test_a_run_that_cannot_begin_is_no_result(tmp_path: Path, capsys) -> None:
     """A folder stands where its standard error goes: the others have results, the command fails, --resume makes it."""
     suite, out = tmp_path / "two.toml", tmp_path / "two"
     suite.write_text(SUITE)
-    first, second = (job.id for job in _jobs(Request(load_suite(str(suite)), out, 2), out, ""))
+    first, second = (job.id for job in _make_jobs(Request(load_suite(str(suite)), out, 2), out, ""))
     blocked = out / "stderr" / f"{first}.txt"
     blocked.mkdir(parents=True)
     assert main(["run", str(suite), "--out", str(out)]) == 1

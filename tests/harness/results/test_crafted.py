@@ -188,10 +188,10 @@ WHOLE = {name: np.zeros(5) for name in ("energy", "energy_error", "phi_norm", "p
         ({"energy": np.full(5, np.nan), "phi_norm": np.array([0.0, np.inf, -np.inf, 5e-324, 1e308])}, ""),
         ({"t": np.array(list("01234"))}, "t holds <U1, not numbers"),
         ({"energy_error": np.array(list("01234"))}, "energy_error holds <U1, not numbers"),
-        ({"t": np.array([0.0, 1.0, np.nan, 2.0, 3.0])}, "t does not go forward"),
-        ({"t": np.array([0.0, 1.0, 2.0, 3.0, np.inf])}, "t does not go forward"),
-        ({"t": np.arange(5.0)[::-1]}, "t does not go forward"),
-        ({"frame_t": np.zeros(2), "frame_r": np.zeros((2, 1, 3))}, "frame_q: missing, beside frame_r"),
+        ({"t": np.array([0.0, 1.0, np.nan, 2.0, 3.0])}, "t must be finite and must not decrease"),
+        ({"t": np.array([0.0, 1.0, 2.0, 3.0, np.inf])}, "t must be finite and must not decrease"),
+        ({"t": np.arange(5.0)[::-1]}, "t must be finite and must not decrease"),
+        ({"frame_t": np.zeros(2), "frame_r": np.zeros((2, 1, 3))}, "frame_q: missing, although frame_r is there"),
     ],
 )
 def test_series_that_no_run_writes_are_set_aside(tmp_path, changed, words):

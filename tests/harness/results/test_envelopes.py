@@ -119,7 +119,7 @@ def test_rows_of_an_envelope_are_refused():
     """No rough value passes for one of a step: who asks for rows is told."""
     series = brief()
     for ask in (lambda: series["phi_norm"], lambda: series.get("phi_norm")):
-        with pytest.raises(EnvelopedSeries, match="phi_norm is kept as an envelope"):
+        with pytest.raises(EnvelopedSeries, match="phi_norm is stored as an envelope"):
             ask()
     assert series.get("nothing") is None and "phi_norm" in series
     assert len(series.points("phi_norm")[0]) == 2 * SPANS and len(series.points("energy")[0]) == 1000

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from mbsbench.cli.solve import summarize
-from mbsbench.harness.judge.gate.check import _status
+from mbsbench.harness.judge.gate.check import _judge_status
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.words import describe_comparison, describe_status
 
@@ -49,4 +49,4 @@ def test_a_status_says_until_when_its_motion_was_compared(changed, words):
     assert describe_status(record) == words
     assert any(line.startswith("status") and words in line for line in summarize(record))
     if record.status == "success":
-        assert _status("case", record, None, "").required.why == describe_comparison(record)
+        assert _judge_status("case", record, None, "").required.why == describe_comparison(record)

@@ -149,7 +149,7 @@ def test_steps_are_refused_where_they_would_not_be_those_of_the_run(brief, tmp_p
     record = next(iter(records.values()))
     if what == "code":
         monkeypatch.setattr(codes, "digest_run_code", lambda *of: "of another commit")
-        expected = "is of code .*, here is of another commit"
+        expected = "is of code .*, this is of another commit"
     elif what == "platform":
         own = full_series.origin.describe_environment("", "", 1, ())
         monkeypatch.setattr(full_series.origin, "describe_environment", lambda *of: {**own, "libc": "glibc 1.0"})
@@ -161,7 +161,7 @@ def test_steps_are_refused_where_they_would_not_be_those_of_the_run(brief, tmp_p
             "read_run_series",
             lambda where, r, **how: dataclasses.replace(series, steps_sha256="0" * 64 if where == folder else "1" * 64),
         )
-        expected = "its steps have other bits"
+        expected = "its steps are not bit for bit"
     with pytest.raises(FileError, match=expected) as refused:
         solve(folder, [record], tmp_path / "again", lossless=False)
     assert record.run_id[:8] in str(refused.value) and "\n" not in str(refused.value)

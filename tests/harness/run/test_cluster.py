@@ -98,7 +98,7 @@ def test_a_disk_that_is_full_here_is_no_fault_of_the_cluster(tmp_path):
     pool = DaskPool("nowhere")
     pool._collect = lambda: cluster_module._store(job, {"runs/x.json": b""})  # type: ignore[method-assign]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cluster_module, "_client", lambda address: MagicMock(nthreads=lambda: {"w": 1}))
+        patch.setattr(cluster_module, "_connect_client", lambda address: MagicMock(nthreads=lambda: {"w": 1}))
         with pytest.raises(PoolError, match="cannot write"):
             pool.run([job])
 

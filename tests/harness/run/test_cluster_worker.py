@@ -46,7 +46,7 @@ def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
         assert last.ended_by == "total_limit" and last.ended_limit_s == 7.0 and last.status == "unfinished"
         assert cluster.run_job(jobs[0], "ticket") == cluster.WorkerResult()
     finally:
-        cluster._supervisor().close()
+        cluster._provide_supervisor().close()
 
 
 class FakeCluster:
@@ -57,7 +57,7 @@ class FakeCluster:
         module.wait = lambda *_, **__: None  # type: ignore[attr-defined]
         module.KilledWorker = LookupError  # type: ignore[attr-defined]
         monkeypatch.setitem(sys.modules, "distributed", module)
-        monkeypatch.setattr(cluster, "_client", lambda address: self)
+        monkeypatch.setattr(cluster, "_connect_client", lambda address: self)
 
     def nthreads(self):
         return {"worker": 1}
@@ -131,5 +131,5 @@ def test_one_run_costs_a_clusters_suite_no_other(tmp_path, monkeypatch, how):
         assert len(begun) == 2 and len(store.load(request.folder).records) == count
         done = run_suite(replace(request, resume=True), Silent(), lambda size, *w: cluster.DaskPool("", *w))
     finally:
-        cluster._supervisor().close()
+        cluster._provide_supervisor().close()
     assert {r.status for r in done.records} == {"success", "step_underflow"} and len(begun) == 4 - count

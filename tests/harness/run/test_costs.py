@@ -52,8 +52,10 @@ def spec_of(problem: str, solver: str, **control):
 @pytest.mark.beyond_core
 def test_cost_follows_steps_and_size(cold):
     """Twice the steps cost twice as much beyond the start of the processes; the grid costs more than the chain."""
-    facts = {n: costs._facts_of(registry.make_problem(n)) for n in ("heavy_top", "chain", "four_bar_grid")}
-    assert [costs.nearest_size(f.size) for f in facts.values()] == [0, 1, 2]
+    facts = {
+        n: costs._find_factors_of_problem(registry.make_problem(n)) for n in ("heavy_top", "chain", "four_bar_grid")
+    }
+    assert [costs.find_nearest_size(f.size) for f in facts.values()] == [0, 1, 2]
     for solver in ("rattle", "mujoco"):
         one, two, four = (
             predict_run_cost(spec_of("chain", solver, dt=dt), facts["chain"], read_costs()) for dt in (4e-4, 2e-4, 1e-4)
@@ -65,7 +67,7 @@ def test_cost_follows_steps_and_size(cold):
 
 @pytest.mark.parametrize("solver", ["rkmk_dop853", "ida_index1", "dop853_joint"])
 def test_a_finer_tolerance_costs_more(cold, solver):
-    facts = costs._facts_of(registry.make_problem("chain"))
+    facts = costs._find_factors_of_problem(registry.make_problem("chain"))
     times = [predict_run_cost(spec_of("chain", solver, rtol=rtol), facts, read_costs()) for rtol in (1e-4, 1e-8, 1e-12)]
     assert times == sorted(times)
 
@@ -85,7 +87,7 @@ def test_sizes_are_interpolated_and_go_on_in_proportion():
 @pytest.mark.beyond_core
 def test_every_solver_has_a_cost(cold):
     """Those that the table does not know, a plugin's too, have that of the middle; none costs nothing."""
-    facts = costs._facts_of(registry.make_problem("heavy_top"))
+    facts = costs._find_factors_of_problem(registry.make_problem("heavy_top"))
     for name, entry in registry.solvers().items():
         control = {"dt": 0.01} if entry.control == "dt" else {"rtol": 1e-6}
         assert predict_run_cost(spec_of("heavy_top", name, **control), facts, read_costs()) > 0.05
@@ -94,7 +96,7 @@ def test_every_solver_has_a_cost(cold):
 
 def test_a_loop_is_part_of_the_cost_of_a_run(cold):
     """A short solve takes the time of its loop; one that takes longer, and one in no loop, what they took."""
-    facts, table = costs._facts_of(registry.make_problem("heavy_top")), read_costs()
+    facts, table = costs._find_factors_of_problem(registry.make_problem("heavy_top")), read_costs()
     for dt, looped in ((0.05, True), (1e-5, False)):
         spec = spec_of("heavy_top", "rattle", dt=dt)
         once, in_loop = (predict_run_cost(replace(spec, min_time=seconds), facts, table) for seconds in (0.0, 0.2))
@@ -153,7 +155,7 @@ def test_a_core_that_others_want_is_slower(monkeypatch):
     monkeypatch.setattr(costs, "measure_loop", lambda: 2.0 * read_costs().loop_s)
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     for others, jobs, factor in ((0.0, 2, 1.0), (5.0, 1, 3.0), (0.0, 4, 2.0), (4.0, 4, 4.0), (1.0, 1, 1.0)):
-        monkeypatch.setattr(costs, "count_rivals", lambda others=others: others)
+        monkeypatch.setattr(costs, "count_running_processes", lambda others=others: others)
         slow = costs.measure_slowness.__wrapped__(jobs)
         assert slow.solving == slow.other == pytest.approx(2.0 * factor)
 
@@ -161,10 +163,10 @@ def test_a_core_that_others_want_is_slower(monkeypatch):
 def test_a_faster_core_starts_no_process_faster(monkeypatch):
     """It solves in half the time; starting, storing and measuring, the work of the system, take as long."""
     monkeypatch.setattr(costs, "measure_loop", lambda: 0.5 * read_costs().loop_s)
-    monkeypatch.setattr(costs, "count_rivals", lambda: 0.0)
+    monkeypatch.setattr(costs, "count_running_processes", lambda: 0.0)
     fast = costs.measure_slowness.__wrapped__(1)
     assert (fast.solving, fast.other) == (0.5, 1.0)
-    facts, spec = costs._facts_of(registry.make_problem("chain")), spec_of("chain", "rattle", dt=1e-3)
+    facts, spec = costs._find_factors_of_problem(registry.make_problem("chain")), spec_of("chain", "rattle", dt=1e-3)
     solve = costs.predict_solve_cost(spec, facts, read_costs())
     slower, faster = (predict_run_cost(spec, facts, read_costs(), slow) for slow in (costs.TABLE_MACHINE, fast))
     assert slower - faster == pytest.approx(0.5 * spec.repeats * solve) and solve > 0.0
@@ -181,7 +183,7 @@ def test_rivals_are_the_other_processes_that_run_now(monkeypatch):
         return [SimpleNamespace(pid=os.getpid(), info={"status": "running"}), asleep, *running]
 
     monkeypatch.setattr("psutil.process_iter", process_iter)
-    assert costs.count_rivals() == 2
+    assert costs.count_running_processes() == 2
 
 
 def test_a_problem_of_a_plugin_is_not_made(cold):
@@ -220,7 +222,7 @@ def test_members_of_a_cloud_need_no_process_each(cold):
     """A thousand solves cost a thousand times one, at so many at a time, and one start."""
     spec = spec_of("heavy_top", "rattle", dt=0.001)
     one, many = (costs.expect_solves([(spec, n)], 2) for n in (1, 1000))
-    each = predict_run_cost(spec, costs._facts_of(registry.make_problem("heavy_top")), read_costs())
+    each = predict_run_cost(spec, costs._find_factors_of_problem(registry.make_problem("heavy_top")), read_costs())
     assert many.runs[spec.settings_id] == pytest.approx(1000.0 * one.runs[spec.settings_id]) and many.once == one.once
     assert 0.0 < one.runs[spec.settings_id] < each
 

@@ -54,8 +54,10 @@ def test_progress_counts_work():
     e = RemainingTime({short.settings_id: 0.1, long.settings_id: 40.0})
     for _ in range(57):
         e.note_time(short, 0.1)
-    assert e.share_done([], [long]) == pytest.approx(5.7 / 45.7)
-    assert e.share_done([(long, 20.0)], []) == pytest.approx(25.7 / 45.7) and e.share_done([], []) == 1.0
+    assert e.compute_done_share([], [long]) == pytest.approx(5.7 / 45.7)
+    assert (
+        e.compute_done_share([(long, 20.0)], []) == pytest.approx(25.7 / 45.7) and e.compute_done_share([], []) == 1.0
+    )
 
 
 def test_times_of_earlier_runs_are_found(tmp_path):

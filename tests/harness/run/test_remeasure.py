@@ -137,7 +137,7 @@ def test_a_motion_with_other_bits_is_left_as_it_is(tmp_path, monkeypatch, other_
     monkeypatch.setattr(remeasure, "limit_steps", another)
     assert main(command(folder, PLUGIN)) == 1
     said = capsys.readouterr().out
-    assert "5 runs measured again, 0 were of this code" in said and "its steps have other bits" in said
+    assert "5 runs measured again, 0 were of this code" in said and "its steps are not the same bit for bit" in said
     after = read(folder)
     (left,) = [case for case, r in after.items() if r.code == before[case].code]
     assert "dt=0.02" in left and repr(vars(after[left])) == repr(vars(before[left]))
@@ -183,11 +183,11 @@ def test_what_is_more_than_a_law_is_run_again(tmp_path, made, monkeypatch, other
 
 
 WORDS = {
-    "solvers": "its solver is other code now",
-    "problems": "its problem is other code now",
-    "costs": "what counts its cost is other code now",
+    "solvers": "the code of its solver has changed",
+    "problems": "the code of its problem has changed",
+    "costs": "the code of the clocks of its cost has changed",
     "plugins": "it was made with --plugin misbehaving.py",
-    "commit": "of its code is not here",
+    "commit": "of its code is not in this repository",
 }
 
 

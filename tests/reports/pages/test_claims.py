@@ -7,11 +7,11 @@ from msgspec.structs import replace
 
 from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimGap, ClaimVerdict, Decision, MissingReason
 from mbsbench.reports.model.claim_words import (
-    band,
-    decision,
     describe_count,
+    describe_decision,
     describe_missing,
     explain_verdicts,
+    format_band,
     format_measured,
     list_rows,
 )
@@ -77,9 +77,9 @@ def test_verdicts_have_a_symbol_and_a_word_each():
 
 
 def test_a_band_may_be_open_at_one_end():
-    assert band(synthetic.TEST) == "0 to 0.05 m"
-    assert band(replace(synthetic.TEST, band=(None, 0.05))) == "at most 0.05 m"
-    assert band(replace(synthetic.TEST, band=(1.0, None), unit="")) == "at least 1"
+    assert format_band(synthetic.TEST) == "0 to 0.05 m"
+    assert format_band(replace(synthetic.TEST, band=(None, 0.05))) == "at most 0.05 m"
+    assert format_band(replace(synthetic.TEST, band=(1.0, None), unit="")) == "at least 1"
     assert describe_bar(0.02, -math.inf, 0.05, "m") == "measured 0.0200 m; band at most 0.0500 m"
 
 
@@ -93,9 +93,9 @@ def test_a_number_that_does_not_exist_is_said_so():
 
 def test_conditions_are_worded_with_counts():
     """One dimension that separates, two that do, and a mixed map."""
-    words = decision(Decision({"chart": ("euler313",)}))
+    words = describe_decision(Decision({"chart": ("euler313",)}))
     assert words == "it holds with chart euler313 always, and never without"
-    words = decision(Decision({"gain": (0.0, 5.0), "lambda_in_error_test": (True,)}, unless=True))
+    words = describe_decision(Decision({"gain": (0.0, 5.0), "lambda_in_error_test": (True,)}, unless=True))
     assert words == "it holds with gain 0 or gain 5 and multipliers in the error test never, and always without"
     mixed = explain_verdicts(rows()[3])
     assert "always with gain 0 (6 of 6)" in mixed.lower() and "gain matters most: gain 0 6 of 6" in mixed

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.reports.model.results import group_by, read_results
 from mbsbench.reports.pages.judged.cost import find_work, list_fields, make_cost_plots, sort_profiles
-from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, find_fit_ends, list_points, verdict_mark
+from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, find_fit_ends, list_points, mark_verdict
 from mbsbench.reports.pages.judged.symmetries import tally
 from mbsbench.reports.plots.work import make_step_line, plot_profile
 
@@ -35,9 +35,9 @@ def test_drawn_fit_has_the_order_and_goes_through_the_points():
 
 def test_an_order_above_the_declared_one_has_a_mark_of_its_own_and_is_no_failure():
     """Neither certified nor failed: counted apart."""
-    above = verdict_mark("above declared")
+    above = mark_verdict("above declared")
     assert (above.word, above.kind) == ("above declared", "refused")
-    assert above.symbol not in {verdict_mark(word).symbol for word in ("certified", "below declared", "undecided")}
+    assert above.symbol not in {mark_verdict(word).symbol for word in ("certified", "below declared", "undecided")}
 
 
 def test_a_check_that_decides_nothing_is_no_success():

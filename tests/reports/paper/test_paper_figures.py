@@ -12,7 +12,7 @@ from mbsbench.harness.judge.referee.judge import write_judgements
 from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdict, CodeDigests
 from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED, read_claims
 from mbsbench.reports import site
-from mbsbench.reports.model.claim_words import band
+from mbsbench.reports.model.claim_words import format_band
 from mbsbench.reports.model.results import StoredRun, read_results
 from mbsbench.reports.paper import build, captions, lines
 from mbsbench.reports.paper.catalogue import FIGURES
@@ -193,7 +193,7 @@ def test_claims_of_a_figure_are_in_its_caption(tmp_path):
     write_judgements(ConfinedPath(tmp_path) / FOLDER, {"claims": own}, CodeDigests({}, {}, "", "", ""))
     (claim,) = one(tmp_path, "fig09").claims
     assert (claim.paper, claim.beyond) == (("not reproduced", "for none of 2 tried"), ("", ""))
-    assert claim.tests[0][1] == band(judged.tests[0])
+    assert claim.tests[0][1] == format_band(judged.tests[0])
     (tmp_path / FOLDER / "claims.json").write_text("[{", encoding="utf-8")
     assert one(tmp_path, "fig09").claims_published
 

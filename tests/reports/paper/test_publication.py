@@ -18,7 +18,7 @@ from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.base.files import write_text
 from mbsbench.reports import publication
 from mbsbench.reports.model import tables
-from mbsbench.reports.model.floats import latex_caption
+from mbsbench.reports.model.floats import format_latex_caption
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.plots.paper import DOUBLE, SINGLE, apply_style, save
 
@@ -123,7 +123,7 @@ def test_floats_have_captions_and_labels(results, capsys, only):
     assert all((folder / file).is_file() for file in files)
     labels = re.findall(r"\\label\{([^}]+)\}", text)
     assert len(labels) == len(set(labels)) == len(files) == text.count(r"\caption{") == text.count(r"\end{")
-    ours = "".join(latex_caption(publication.WORK + publication.HEAT + " φ̇ φ Δt 10⁻⁵ |E − E₀|"))
+    ours = "".join(format_latex_caption(publication.WORK + publication.HEAT + " φ̇ φ Δt 10⁻⁵ |E − E₀|"))
     assert ours.isascii() and r"$\dot\phi$ $\phi$ $\Delta$t 10$^{-}$$^5$" in ours
 
 

@@ -226,7 +226,7 @@ def test_what_is_not_taken_over_is_counted(tmp_path):
 @pytest.mark.parametrize(
     ("part", "words"),
     [
-        ('<equality><joint joint1="j"/></equality>', "equality 0: couplings of type joint are not taken over"),
+        ('<equality><joint joint1="j"/></equality>', "equality 0: couplings of type joint are not supported"),
         ('<worldbody><body name="odd"><joint/><joint type="ball"/><geom size=".1"/></body></worldbody>', "hinge, ball"),
         ("<worldbody><boddy/></worldbody>", "boddy"),
         (

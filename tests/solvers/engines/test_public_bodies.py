@@ -123,7 +123,7 @@ def test_a_urdf_of_one_link_says_how_to_free_it(tmp_path):
         ('<parent link="base"/>', '<parent link="bass"/>', "its parent, 'bass', is no link of the file"),
         ('type="continuous"', 'type="hinge"', "type must be one of revolute, prismatic, continuous, fixed, floating"),
         ('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axis xyz="1 0 0"/>', "<axis>: expected one in its joint (got 2)"),
-        ('<link name="base">', '<link name="arm"/><link name="base">', "expected a name of its own (got 'arm')"),
+        ('<link name="base">', '<link name="arm"/><link name="base">', "expected a unique name (got 'arm')"),
         (
             "</robot>",
             FIXED.format("base", "").partition("<link")[0] + "</robot>",

@@ -108,10 +108,10 @@ def test_words_of_other_tools_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("before", "after", "words"),
     [
-        ('lower="0" upper="0"', 'lower=".3" upper=".3"', "taken over at 0 (got 0.3)"),
+        ('lower="0" upper="0"', 'lower=".3" upper=".3"', "supported at 0 only (got 0.3)"),
         ('lower="0" upper="0"', 'lower="1" upper="0"', "lower must be at most upper (got 1, 0)"),
-        ('<axis xyz="0 1 0"/></joint>', '<axis xyz="0 1 0"/><spring k="1"/></joint>', "<spring>: not taken over"),
-        ('<origin xyz="0.5', '<origin quat="1 0 0 0" xyz="0.5', "<origin>: attribute 'quat' is not taken over"),
+        ('<axis xyz="0 1 0"/></joint>', '<axis xyz="0 1 0"/><spring k="1"/></joint>', "<spring>: not supported"),
+        ('<origin xyz="0.5', '<origin quat="1 0 0 0" xyz="0.5', "<origin>: attribute 'quat' is not supported"),
         ('<limit lower="0" upper="0" effort="0" velocity="0"/>', '<mimic joint="shoulder"/>', "coupled to 'shoulder'"),
         ('<link name="base"/>', '<xacro:arm/><link name="base"/>', "a macro of xacro; expand the file first"),
         (f'<link name="upper">{INERTIAL}', '<link name="upper">', "<link name='upper'>: joint 'shoulder'"),

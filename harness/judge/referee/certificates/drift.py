@@ -54,7 +54,7 @@ def analyse_drift(folder: Path, records: Iterable[RunRecord]) -> tuple[Drift, ..
         series = store.read_run_series(folder, r)
         found = None if series is None else split_energy_error(series)
         if found is not None or r.label == "long":
-            out.append(_judge(r, found))
+            out.append(_judge_run(r, found))
     return tuple(out)
 
 
@@ -105,17 +105,17 @@ def _integrate(t: np.ndarray, e: np.ndarray, at: np.ndarray) -> np.ndarray:
     return whole[k] + 0.5 * (at - t[k]) * (e[k] + np.interp(at, t, e))
 
 
-def _judge(r: RunRecord, found: Anatomy | None) -> Drift:
+def _judge_run(r: RunRecord, found: Anatomy | None) -> Drift:
     """Return the drift of a run; ``found`` are the parts of its energy error, None if the run is too short."""
     head = (r.problem, r.case.split(" ")[0], r.solver, r.case, r.settings_id, r.status)
     if found is None or r.claimed != "success":
         return Drift(*head, "failed" if r.claimed != "success" else "too short", r.t_reached_s)
     t = found.trend
     energy = (found.oscillation, t.slope, t.low, t.high, t.walk, t.walk_low, t.walk_high)
-    return Drift(*head, _verdict(r, found), found.span, found.periods, *energy)
+    return Drift(*head, _choose_verdict(r, found), found.span, found.periods, *energy)
 
 
-def _verdict(r: RunRecord, a: Anatomy) -> Literal["bounded", "trend", "wanders", "undecided"]:
+def _choose_verdict(r: RunRecord, a: Anatomy) -> Literal["bounded", "trend", "wanders", "undecided"]:
     """Return what the energy error does over the whole span: stays bounded, has a trend, wanders, or is undecided."""
     t = a.trend
     if max(abs(t.low), abs(t.high)) * a.span <= max(MATTERS * a.oscillation, ROUNDING * r.energy_scale_J):

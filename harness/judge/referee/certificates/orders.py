@@ -116,13 +116,13 @@ QUANTITIES = (
 def certify(folder: Path, records: Iterable[RunRecord]) -> tuple[Order, ...]:
     """Return the observed order of each error quantity for each ladder of runs, sorted by problem and solver.
 
-    ``folder`` is not read; all judgements are called alike.
+    ``folder`` is not read; the signature is that of all judgements.
     """
     return tuple(o for run in _find_ladders(records) for o in _certify_ladder(run))
 
 
 def select_motion(orders: Iterable[Order]) -> list[Order]:
-    """Return one order per ladder of fixed steps: the worse of position and orientation, position if they are alike."""
+    """Return one order per ladder of fixed steps: the worse of position and orientation, position if both are equal."""
     ladders: dict[tuple[str, str], list[Order]] = {}
     for o in orders:
         if o.against == "dt" and o.quantity in ("position", "orientation"):
@@ -199,7 +199,9 @@ def _certify_quantity(run: Sequence[RunRecord], q: ErrorQuantity) -> Order | Non
         exponent=rate.order,
         exponent_low=rate.low,
         exponent_high=rate.high,
-        verdict=("refused" if refused else "not measured") if few else _verdict(fit, first.declared_order, fixed),
+        verdict=("refused" if refused else "not measured")
+        if few
+        else _choose_verdict(fit, first.declared_order, fixed),
         fit=fit.kind,
         slopes=fit.finer_slopes if any(fit.used) else fit.slopes,
         unfinished=len(failed),
@@ -255,7 +257,7 @@ def _has_cut_steps(r: RunRecord) -> bool:
     return r.control == "dt" and r.steps != math.ceil(r.t_reached_s / r.dt_s - 1e-6)
 
 
-def _verdict(fit: Fit, declared: float, fixed: bool) -> OrderVerdict:
+def _choose_verdict(fit: Fit, declared: float, fixed: bool) -> OrderVerdict:
     """Return the verdict on a fitted order against the declared one (NaN if none); ``fixed`` means fixed steps."""
     if fit.kind == "exact":
         return "exact"

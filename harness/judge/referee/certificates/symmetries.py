@@ -150,10 +150,9 @@ def _parse(text: str) -> Mapping[str, Any]:
 
 
 def _make_key(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
-    """Return all settings that shape a run except one column, as a key that groups runs which differ in it alone.
+    """Return all settings that shape a run except one column, as a key by which runs that differ in it are grouped.
 
-    ``left_out`` is a column of the record; ``rtol`` of a fixed-step run stands for the tolerance of a step's
-    equations.
+    ``left_out`` is that column of the record; ``rtol`` of a fixed-step run is the tolerance of a step's equations.
     """
     shape = {k: str(getattr(r, k)) for k in SHAPING if k != left_out}
     if left_out == "rtol" and r.control == "dt":
@@ -231,7 +230,7 @@ def _least_growth(base: RunRecord, found: Iterable[tuple[RunRecord, Yardstick]])
 
 
 def _prepare_row(base: RunRecord, check: str, *runs: RunRecord) -> Callable[..., Symmetry]:
-    """Return a function that makes the row of ``check`` for these runs from the verdict and numbers still missing."""
+    """Return a function that makes the row of ``check`` for these runs, given the verdict and the measured numbers."""
     options, variant = json.loads(base.solver_options), base.case.split(" ")[0]
     ids = tuple(r.settings_id for r in runs)
     return functools.partial(Symmetry, base.solver, options, check, base.problem, variant, ids)

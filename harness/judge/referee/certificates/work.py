@@ -69,7 +69,7 @@ class Field:
 def collect_work(folder: Path, records: Iterable[RunRecord]) -> Work:
     """Return all runs as points of work and error, and work profiles of the variants that can be compared.
 
-    ``folder`` is not read; all judgements are called alike.
+    ``folder`` is not read; the signature is that of all judgements.
     """
     fields = _collect_fields(records)
     solvers = sorted({name for f in fields for name in f.tried})
@@ -122,7 +122,7 @@ def _is_sound(r: RunRecord) -> bool:
 
 
 def _make_points(f: Field) -> list[WorkPoint]:
-    """Return each run of a variant as a point; ``best`` marks those that no sound run of their solver beats."""
+    """Return each run of a variant as a point; ``best`` marks runs that no sound run of the same solver beats."""
     sound = [r for r in f.runs if _is_sound(r)]
     return [
         WorkPoint(

@@ -22,7 +22,7 @@ MOST_TOGETHER = 3  # most dimensions in a sufficient condition
 
 
 def factors(points: Points) -> dict[str, tuple[SettingsCount, ...]]:
-    """Count, for each dimension that varies, the settings with each value, and those of them where the claim holds."""
+    """Count the settings with each value of each dimension that varies, and the settings where the claim holds."""
     return {n: tuple(_by(points, n, values)) for n, values in find_varied([at for at, _ in points]).items()}
 
 
@@ -46,9 +46,9 @@ def separation(points: Points) -> Decision | None:
 
 
 def _find_free(points: Points) -> dict[str, list[Any]]:
-    """Return the dimensions that vary, each with its values, except those that the problem determines.
+    """Return the dimensions that vary, each with its values, without those that the problem determines.
 
-    Such a dimension would be named in place of the problem.
+    A condition on the latter would name the dimension in place of the problem.
     """
     names = find_varied([at for at, _ in points])
     if "problem" not in names:
@@ -60,10 +60,11 @@ def _find_free(points: Points) -> dict[str, list[Any]]:
 def _find_named(
     points: Points, inside: Sequence[Mapping[str, Any]], at: Mapping[str, Any], form: Callable[[Any], Any] = lambda v: v
 ) -> dict[str, Any]:
-    """Return the problem and the solver that all settings ``inside`` a condition share and that it does not name.
+    """Return the problem and the solver that a condition must name in addition to its values ``at``.
 
-    A step limit belongs to one problem and an option to one solver: a condition that names the value alone would seem
-    to hold for all of them. ``at`` are the values that the condition names, ``form`` wraps a value for the result.
+    They are those that all settings ``inside`` the condition share. A step limit belongs to one problem and an option
+    to one solver: a condition on its value alone would seem to hold for all of them. ``form`` wraps a value for the
+    result.
     """
     if at.keys() <= set(WHOSE):
         return {}
@@ -158,7 +159,7 @@ def _name(points: Points, c: Condition) -> Condition:
 
 
 def _find_widest(points: Points, names: Sequence[str], size: int, left: Sequence[int]) -> Condition | None:
-    """Return the values of ``size`` dimensions with which the claim always holds that cover most of ``left``.
+    """Return the values of ``size`` dimensions with which the claim always holds and that cover most of ``left``.
 
     ``left`` are the indices of settings that are not covered yet. Return None if no values cover any of them.
     """

@@ -156,7 +156,7 @@ def _find_gaps(claim: given.Claim, tried: RunsOfClaim, records: Mapping[str, Run
 
 
 def _find_unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequence[Point]) -> list[MissingReason]:
-    """Return why the map decides nothing: no setting is settled, or a test's number exists for no setting.
+    """Return why the map decides nothing: no setting is decided, or a test has a number for no setting.
 
     A number that does not exist refutes nothing.
     """
@@ -231,10 +231,10 @@ def _borderline(
 def _collect_evidence(
     register: Register, own: Sequence[PlacedRun], found: Sequence[Point], across: str
 ) -> VerdictEvidence:
-    """Return the evidence of a verdict besides counts.
+    """Return the evidence for a verdict in addition to its counts.
 
-    It holds the values along ``across`` that meet the claim, what the judged solvers stand for, and the solvers without
-    a judged setting. ``own`` are the runs of the map, ``found`` its settings.
+    It holds the values along ``across`` that meet the claim, the solvers that the judged ones represent, and the
+    solvers without a judged setting. ``own`` are the runs of the map, ``found`` its settings.
     """
     holding = [p for p in found if p.holds]
     met = Counter(v for p in holding for v in p.met_at)
@@ -249,7 +249,7 @@ def _collect_evidence(
 def _settings(
     counted: Sequence[Point], own: Sequence[PlacedRun], others: Sequence[PlacedRun]
 ) -> dict[str, tuple[Value, ...]]:
-    """Return the values of each dimension that some run chose, over the judged settings, or over all if none is judged.
+    """Return the values of each dimension that some run sets, over the judged settings or, without any, over all.
 
     The dimensions ``EITHER_WAY`` are listed even if they have one value.
     """

@@ -1,9 +1,9 @@
 """Classify how a run ended, and what can be concluded from one that was cut short.
 
-A run that reached its end or failed by itself is final: its ending is settled. A run that a clock, its memory or its
-budget of steps ended might have continued, and so might one whose joint had come apart: the harness ended them, not
-their solver. A run that stopped before one step of its allowed size has no motion to judge. These settle only what was
-settled when they ended.
+A run that reached its end or failed by itself is final. A run that a clock, its memory or its budget of steps ended
+might have continued, and so might one whose joint had come apart: the harness ended them, not their solver. A run that
+stopped before one step of its allowed size has no motion to judge. Such runs decide only those tests whose outcome was
+certain when they ended.
 """
 
 import json
@@ -54,9 +54,9 @@ def stops_in_start_up(record: RunRecord) -> bool:
 
 
 def ended_by_open_joint(record: RunRecord) -> bool:
-    """Return whether the guard of solvers with error control ended the run: joints open by their arms' length.
+    """Return whether the guard of solvers with error control ended the run, because a joint opened by its arm's length.
 
-    It calls such a run diverged, or singular if the rows were nearly dependent. Solvers of fixed steps have no such
+    The guard calls such a run diverged, or singular if the rows were nearly dependent. Solvers with fixed steps have no
     guard: values that are no longer finite are their own result.
     """
     stopped = record.status in (Status.DIVERGED, Status.SINGULAR) and not reached_end(record)
@@ -124,7 +124,7 @@ def is_settled(test: Test, record: RunRecord, how: Ending, value: float) -> bool
 def ends_early(test: Test, record: RunRecord, value: float) -> bool:
     """Return whether an early stop leaves the test open, because the missing rest might change its number ``value``.
 
-    Measures ``of_end`` are about the end itself, and stay settled.
+    Measures ``of_end`` concern the end itself and are decided by it.
     """
     if MEASURES[test.metric].of_end or reaches_time(test, record):
         return False

@@ -30,7 +30,7 @@ FEW = 0.1  # fraction of the settings: if fewer reached that time, they settle n
 
 
 class RunsOfClaim(NamedTuple):
-    """The runs of a claim, those it is compared with, and those of its control."""
+    """The runs of a claim, the runs that it is compared with, and the runs of its control."""
 
     own: tuple[PlacedRun, ...]
     others: tuple[PlacedRun, ...]
@@ -45,9 +45,10 @@ class RunsOfClaim(NamedTuple):
 def ask_control(
     claim: given.Claim, rows: Sequence[Sequence[Point]], tried: RunsOfClaim, numbers: RunNumbers
 ) -> tuple[Control | None, dict[int, Point]]:
-    """Return the finding on the control's runs for the first verdict's settings, and the control of each setting.
+    """Return the finding on the control for the first verdict's settings, and the control's point for each setting.
 
-    The second result maps the id() of a point to the control's point. The finding is None if no setting has a control.
+    The second result maps the id() of a setting's point to the control's point. The finding is None if no setting has a
+    control.
     """
     asked: dict[tuple[object, ...], list[Point]] = {}  # by the values along ``across`` of a setting
     beside = {}
@@ -85,7 +86,7 @@ def _ask_over(claim: given.Claim, along: tuple[object, ...], tried: RunsOfClaim,
 
 
 def _stands_still(claim: given.Claim, q: Point, numbers: RunNumbers) -> bool:
-    """Return whether a spread is asked of a control whose runs have equal series: nothing acted on it."""
+    """Return whether the claim tests a spread and the control's runs have equal series, so that nothing varied them."""
     series = {numbers.records[p.spec.settings_id].series_sha256 for p in q.places}
     return len(series) == 1 and all(series) and any(t.combine in SPREADS for t in claim.tests)
 
@@ -203,7 +204,7 @@ def find(
 def _set_back(counted: Sequence[Sequence[Point]]) -> tuple[list[Sequence[Point]], int]:
     """Return the groups of settings with some set to "not met", and the number of these.
 
-    They are settings that only one failed run meets, while the claim holds for other settings.
+    The changed settings meet the claim by one failed run alone, while other settings meet it without such a run.
     """
     lone = [bool(row[0].holds and row[0].failed and row[0].met_at) for row in counted]
     if not any(row[0].holds and not alone for row, alone in zip(counted, lone, strict=True)):
@@ -222,9 +223,9 @@ def _one_suffices(claim: given.Claim) -> bool:
 
 
 def _verdict(claim: given.Claim, holding: int, counted: int) -> ClaimVerdict:
-    """Return the verdict on ``counted`` settings, of which ``holding`` meet the claim: all, some, or none.
+    """Return the verdict if ``holding`` of ``counted`` settings meet the claim: all, some or none of them.
 
-    With the quantifier "some" one that meets it suffices; with no setting counted there is none.
+    With the quantifier "some" one setting that meets it suffices; with no setting counted the verdict is unknown.
     """
     if not counted:
         return ClaimVerdict.CANNOT_BE_TOLD

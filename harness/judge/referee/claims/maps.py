@@ -133,7 +133,7 @@ def _options(spec: RunSpec) -> tuple[dict[str, Any], set[str]]:
 
 
 def _frame(parameters: Mapping[str, Any]) -> str:
-    """Return how problem and axes lie, in words: the value of the dimension ``frame``."""
+    """Return the value of the dimension ``frame``: how the problem and its axes are oriented, in words."""
     if parameters.get("perturb"):
         return f"start perturbed by {parameters['perturb']:g}"
     if parameters.get("yaw"):

@@ -25,8 +25,8 @@ COMPARED = ("position_error", "orientation_error")  # errors against a reference
 class Measure:
     """A function of (record, series, arguments), with the arguments that it takes and what its number depends on.
 
-    The fields decide which runs settle the number: for most measures, an early end leaves open what the rest of the run
-    might have changed.
+    The fields determine which runs decide the number: for most measures, an early end leaves open what the rest of the
+    run might have changed.
     """
 
     of: Callable[..., float]  # returns the number

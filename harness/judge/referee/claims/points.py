@@ -29,7 +29,7 @@ ACTS = 0.01  # relative change of the mean step below which a reduction had no e
 
 @dataclass(frozen=True)
 class Point:
-    """A setting of the map: its runs (several if a claim looks across a dimension), the numbers, the finding."""
+    """A setting of the map: its runs (several if a claim looks across a dimension), its numbers and its outcome."""
 
     places: tuple[PlacedRun, ...]
     numbers: tuple[float, ...]  # one per test
@@ -157,9 +157,10 @@ def _point(
 def _nearest(
     claim: Claim, ordered: Sequence[PlacedRun], partners: Mapping[str, Sequence[PlacedRun]], numbers: RunNumbers
 ) -> Point:
-    """Return the point of a group in which one run that meets all tests suffices.
+    """Return the point of a group of runs in which one run that meets all tests suffices.
 
-    Its numbers are those of a value along ``across`` that meets all tests, else of the one that comes nearest.
+    Its numbers are those at a value along ``across`` that meets all tests or, without any, at the one that comes
+    nearest.
     """
     each = [_point(claim, [p], partners, numbers) for p in ordered]
 
@@ -220,7 +221,7 @@ def _sort_places(places: Iterable[PlacedRun]) -> list[PlacedRun]:
 
 
 def _compares(test: Test) -> bool:
-    """Return whether a missing number of the test leaves it open: there was nothing to compare, or no stop."""
+    """Return whether a test without a number stays undecided: it compares runs, or measures when a run stopped."""
     return bool(test.compare) or test.combine in RATIOS or MEASURES[test.metric].of_stopped
 
 
@@ -268,7 +269,7 @@ def _is_same(p: PlacedRun, q: PlacedRun, numbers: RunNumbers) -> bool:
 
 
 def _leave_reduced(test: Test, ordered: Sequence[PlacedRun], numbers: RunNumbers) -> list[PlacedRun]:
-    """Return the runs whose mean step differs from that of the run kept before: a claim on smaller steps needs such.
+    """Return the runs without those whose mean step equals that of the run before, for a claim on smaller steps.
 
     For the ratio of last to first, only these two runs are considered.
     """

@@ -204,9 +204,10 @@ def _map(name: str, row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Ma
 
 
 def _selections(given: Any, maps: Mapping[str, Map], at: str) -> list[Any]:
-    """Return the selections that an entry of a map's ``over`` stands for.
+    """Return the selections that an entry of a map's ``over`` represents.
 
-    It is one selection, or ``map`` names another map, whose selections are taken with the other keys changed.
+    The entry is a selection itself, or its key ``map`` names another map, whose selections are taken with the other
+    keys of the entry changed.
     """
     own = _one_a_key(given)
     if not isinstance(own, dict) or "map" not in own:

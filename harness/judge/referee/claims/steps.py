@@ -55,7 +55,7 @@ def drop_at_lowest(record: RunRecord, s: Series, series: str, low: str, within: 
 
 @measure("series low", "to")
 def peak_after_lowest(record: RunRecord, s: Series, series: str, low: str, to: float = NAN) -> float:
-    """Return how far in time the maximum of |series| up to ``to`` lies from the first minimum of series ``low`` [s]."""
+    """Return the time [s] between the maximum of |series| up to ``to`` [s] and the first minimum of series ``low``."""
     a, turn = cut_interval(record, s, series, to=to), _first_minimum(s, low)
     return NAN if a is None or turn is None else float(abs(s["t"][int(np.argmax(np.abs(a)))] - s["t"][turn]))
 

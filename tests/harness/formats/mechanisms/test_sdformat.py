@@ -1,4 +1,4 @@
-"""SDFormat becomes the system that Drake makes of it, loops included; what is not taken over is named with its line."""
+"""SDFormat becomes the system that Drake makes of it, loops included; what is not supported is named with its line."""
 
 import importlib.util
 from dataclasses import replace
@@ -181,7 +181,7 @@ def test_rates_that_a_loop_does_not_allow_are_refused(tmp_path):
         ('type="prismatic"', 'type="screw"', "<joint name='B'>: type must be one of revolute"),
         ("<axis2><xyz>0 1 0", "<axis2><xyz>1 1 0", "<joint name='C'>: the axes of a universal joint must be normal"),
         ("<parent>tip</parent>", "<parent>top</parent>", "<joint name='B'>: no link, joint or frame 'top'"),
-        ('<link name="glued">', '<include/><link name="glued">', "<include>: not taken over within model"),
+        ('<link name="glued">', '<include/><link name="glued">', "<include>: not supported within model"),
         ("<mass>2</mass>", "<mass>heavy</mass>", "<mass>: mass must be 1 finite number (got 'heavy')"),
         ("<xyz>1 0 0</xyz></axis>", "<xyz>1 0 inf</xyz></axis>", "<xyz>: xyz must be 3 finite numbers (got '1 0 inf')"),
         (
@@ -189,7 +189,7 @@ def test_rates_that_a_loop_does_not_allow_are_refused(tmp_path):
             '<link name="ball"/><link name="glued">',
             "<link name='ball'>: links, joints and frames",
         ),
-        ("<xyz>1 0 0</xyz></axis>", '<xyz>1 0 0</xyz><mimic joint="A"/></axis>', "<mimic>: not taken over within axis"),
+        ("<xyz>1 0 0</xyz></axis>", '<xyz>1 0 0</xyz><mimic joint="A"/></axis>', "<mimic>: not supported within axis"),
         (
             "<xyz>1 0 0</xyz></axis>",
             '<xyz>1 0 0</xyz></axis><x:mimic joint="A"/>',
@@ -204,21 +204,21 @@ def test_rates_that_a_loop_does_not_allow_are_refused(tmp_path):
         ('<frame name="hip">', '<frame name="hip" attached_to="ball">', "its pose is relative to itself"),
         ('<sdf version="1.9">', '<sdf version="9.9">', "<sdf>: version must be 1.3 to 1.12 (got '9.9')"),
         ("<gravity>1 2 -9</gravity>", "<physics><gravity>1 2 -9</gravity></physics>", "in version 1.9 gravity"),
-        ("<ixx>.02</ixx>", "<ixx>.02</ixx><ixi>1</ixi>", "<ixi>: not taken over within inertia"),
-        ("<lower>-2</lower>", "<lower>-2</lower><soft>1</soft>", "<soft>: not taken over within limit"),
+        ("<ixx>.02</ixx>", "<ixx>.02</ixx><ixi>1</ixi>", "<ixi>: not supported within inertia"),
+        ("<lower>-2</lower>", "<lower>-2</lower><soft>1</soft>", "<soft>: not supported within limit"),
         ("<lower>-2</lower>", "<lower>3</lower>", "<limit>: lower must be at most upper (got 3, 2)"),
         (
             "<lower>-2</lower>",
             "<lower>2</lower>",
-            "<limit>: limits that lock the joint are taken over of one axis, at 0",
+            "<limit>: limits that lock the joint are supported for one axis, at 0 only",
         ),
         (
             '<link name="glued">',
             '<link name="glued" frozen="1">',
-            "attribute 'frozen' is not taken over; expected name",
+            "attribute 'frozen' is not supported; expected name",
         ),
         ("<pose>.1 0 -.2 0 .3 0", '<pose frame="tip">.1 0 -.2 0 .3 0', "version 1.7 has relative_to"),
-        ("<gravity>1", "<wrap/><gravity>1", "<wrap>: not taken over within world"),
+        ("<gravity>1", "<wrap/><gravity>1", "<wrap>: not supported within world"),
     ],
 )
 def test_a_refused_element_is_named_with_its_line(tmp_path, before, after, words):

@@ -281,7 +281,7 @@ def test_restrictions_of_velocities_alone_are_refused(me, sp):
         velocity_constraints=[C.vel(N).dot(A.y)],
     )
     kane.kanes_equations([me.RigidBody("sleigh", C, A, 1.0, (me.inertia(A, 1, 1, 1), C))], [])
-    with pytest.raises(ValueError, match=r"1 restrictions more than the joints found .*velocities alone"):
+    with pytest.raises(ValueError, match=r"1 constraints more than the joints found .*velocities alone"):
         read_sympy(kane, {}, dict.fromkeys(q, 0.1))
 
 

@@ -1,4 +1,4 @@
-"""A motion is not wrong because of what of a mechanism's file is not taken over."""
+"""A motion is not wrong because parts of a mechanism's file are omitted."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_a_motion_under_actuators_is_not_judged(tmp_path, more):
     np.savetxt(motions["open"], rows, fmt="%.12g", delimiter=",", header=f"t,x,y,z,{names}", comments="")
     assert judge_file(problem, motions["open"], given, None).status == "wrong"
     if more:
-        with pytest.raises(FileError, match=r"not judged: .* not taken over: actuators \(1\), which may be why"):
+        with pytest.raises(FileError, match=r"not judged: .* omitted: actuators \(1\), which may be why"):
             judge_file(problem, motions["driven"], given, None)
     else:
         assert judge_file(problem, motions["driven"], given, None).status == "wrong"

@@ -2,7 +2,7 @@
 
 import math
 
-from mbsbench.reports.model.claim_words import control, format_by_solver
+from mbsbench.reports.model.claim_words import describe_control, format_by_solver
 
 from .claiming import RUNS, claim, options
 from .synthetic import record, runs_of
@@ -34,14 +34,14 @@ def test_a_control_that_does_the_same_is_said():
     """Both err in Euler angles: the claim holds there, and tells nothing of its solver."""
     c = asked(lambda solver, chart, tolerance: 2.0 if chart == "euler313" else 0.1)
     assert (c.control.finding.holds, c.control.finding.settings, c.control.both) == (3, 6, 6)
-    assert c.control.solvers == ("rk45_strong_form",) and "does so too (3 of 6 tried)" in control(c)
+    assert c.control.solvers == ("rk45_strong_form",) and "does so too (3 of 6 tried)" in describe_control(c)
     beside = {(m.at["chart"], m.control, m.control_holds) for m in c.map}
     assert beside == {("euler313", 2.0, True), ("quaternion", 0.1, False)}
 
 
 def test_a_control_that_does_otherwise_is_said():
     c = asked(lambda solver, chart, tolerance: 0.1 if solver == "rk45_strong_form" else 2.0)
-    assert c.verdict == "reproduced" and c.control.both == 0 and "does not (none of 6 tried)" in control(c)
+    assert c.verdict == "reproduced" and c.control.both == 0 and "does not (none of 6 tried)" in describe_control(c)
 
 
 def test_a_control_stands_beside_equal_chart_and_tolerance():
@@ -53,7 +53,7 @@ def test_a_control_stands_beside_equal_chart_and_tolerance():
 
 
 def test_without_a_control_there_is_none():
-    assert claim().control is None and control(claim()) == ""
+    assert claim().control is None and describe_control(claim()) == ""
 
 
 def test_codes_are_columns():
@@ -90,6 +90,8 @@ def test_a_control_that_the_dimension_does_not_act_on_tells_nothing_of_a_spread(
             )
             for x in SPECS
         ]
-        return control(claim(text.replace("at_least = 1.0", "at_least = 0.5") + "\n" + MAPS, found, specs=SPECS))
+        return describe_control(
+            claim(text.replace("at_least = 1.0", "at_least = 0.5") + "\n" + MAPS, found, specs=SPECS)
+        )
 
     assert "settles nothing" in words("rk45_strong_form") and "does so too" in words()

@@ -25,7 +25,7 @@ NOW = CodeDigests({"alpha": "1", "beta": "2"}, {"chain": "3"}, "4", "5", "6")
 @pytest.mark.published
 def test_published_verdicts_are_of_this_code():
     """The remedy is in the words: make the runs concerned anew, or judge again, and publish."""
-    outdated = judging.describe_outdated(files.PUBLISHED, code_now(read_register(), judging.list_whole()))
+    outdated = judging.describe_outdated(files.PUBLISHED, code_now(read_register(), judging.list_published_runs()))
     assert not outdated, f"{outdated}\n{REMEDY}"
 
 

@@ -7,7 +7,13 @@ import pytest
 
 from mbsbench.harness.judge.referee.claims.endings import classify_ending, ended_by_open_joint
 from mbsbench.harness.results.judgements.claims import ClaimGap, Ending, ExcludedSettings
-from mbsbench.reports.model.claim_words import control, explain_verdicts, format_by_solver, metric, verdict
+from mbsbench.reports.model.claim_words import (
+    describe_control,
+    explain_verdicts,
+    format_by_solver,
+    format_verdict,
+    name_metric,
+)
 
 from .claiming import RUNS, TEST, claim, options
 from .synthetic import bare, record, runs_of, series
@@ -128,16 +134,18 @@ def test_a_control_that_settles_nothing_where_the_claim_holds_is_said():
         found.append(record(x, phi_max=size, **(STOPPED if loose else {})))
     c = claim(text + MAPS, found, specs=BOTH)
     assert (c.control.alone, c.control.both) == (2, 0)
-    assert "beside 2 settings where the claim holds nothing is known of it (their runs ended before" in control(c)
+    assert (
+        "beside 2 settings where the claim holds nothing is known of it (their runs ended before" in describe_control(c)
+    )
 
 
 def test_a_claim_that_there_are_such_says_where():
     """Of some, all is reproduced; where some settings are such and others not, they are named by value."""
     some = TEST.replace('map = "m"', 'map = "m"\nquantifier = "some"')
     c = claim(some, [record(x, phi_max=0.5 if options(x)["chart"] == "euler313" else 2.0) for x in RUNS])
-    assert c.verdict == "reproduced" and verdict(c.beyond) == "reproduced: there are such if chart euler313"
+    assert c.verdict == "reproduced" and format_verdict(c.beyond) == "reproduced: there are such if chart euler313"
     assert "It holds with chart euler313 always, and never without" in explain_verdicts(c)
-    assert verdict(claim(some).beyond) == "reproduced" and claim(some).beyond.decision is None
+    assert format_verdict(claim(some).beyond) == "reproduced" and claim(some).beyond.decision is None
 
 
 NEAREST = """map = "both"
@@ -166,7 +174,9 @@ def test_total_and_solvers_treat_a_failed_run_alike():
     sound = {("ndf_index1", "euler313", 1e-3), ("ndf_index1", "euler313", 1e-4)}
     c = met_by("ida_index1", sound | {("ida_index1", "quaternion", 1e-3)})
     assert c.verdict == "reproduced if" and (c.beyond.holds, c.beyond.settings, c.beyond.lone) == (1, 4, 1)
-    assert "ida_index1" not in verdict(c.beyond) and "1 setting that one failed run alone meets" in explain_verdicts(c)
+    assert "ida_index1" not in format_verdict(
+        c.beyond
+    ) and "1 setting that one failed run alone meets" in explain_verdicts(c)
     assert c.by_solver["ndf_index1"].holds == 1 and "hangs" not in format_by_solver(c)
     rest = {(s, k, 1e-3) for s in ("ida_index1", "ndf_index1") for k in ("euler313", "quaternion")}
     most = met_by("ida_index1", rest | {("ida_index1", "euler313", 1e-4), ("ida_index1", "euler313", 1e-6)})
@@ -221,7 +231,9 @@ def test_the_number_shown_is_one_that_the_verdict_rests_on():
 def test_a_comparison_names_its_rival():
     text = 'map = "m"\nagainst = "gc"\ntests = [{ metric = "column", name = "phi_max", compare = "over smallest", at_most = 1, unit = "" }]\n'  # noqa: E501
     c = claim(text)
-    assert "spherical_pendulum gc_weak_form" in c.tests[0].rival and f"here {c.tests[0].rival}" in metric(c.tests[0])
+    assert "spherical_pendulum gc_weak_form" in c.tests[0].rival and f"here {c.tests[0].rival}" in name_metric(
+        c.tests[0]
+    )
     assert claim().tests[0].rival == ""
     two = text.replace('"gc"', '"ida"'), [record(x, phi_max=x.control.rtol) for x in BOTH]
     for compare, loosest in (("over smallest", False), ("over largest", True)):

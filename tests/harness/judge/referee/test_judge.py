@@ -39,7 +39,7 @@ def made(tmp_path, monkeypatch):
     """A run folder of made-up records and a register of one claim, judged on the suite of the tests alone."""
     monkeypatch.setattr(judging, "list_tried", lambda: RUNS)
     monkeypatch.setattr(judging, "OTHERS", ())
-    monkeypatch.setattr(judging, "list_whole", lambda: RUNS)
+    monkeypatch.setattr(judging, "list_published_runs", lambda: RUNS)
     register = tmp_path / "claims.toml"
     register.write_text(MAP + HEAD + TEST)
 

@@ -10,12 +10,12 @@ from mbsbench.harness.judge.referee.claims.predicates import Band
 from mbsbench.harness.results.judgements.claims import ClaimGap, CodeDigests, Ending, ExcludedSettings
 from mbsbench.harness.results.judgements.files import CLAIMS, add_code, format_judgement, read_judgement, shorten_claims
 from mbsbench.reports.model.claim_words import (
-    condition,
     explain_verdicts,
     format_distinct,
+    format_separation,
     format_share,
+    format_verdict,
     list_rows,
-    verdict,
 )
 
 from .claiming import RUNS, TEST, claim, options
@@ -47,14 +47,16 @@ def test_printed_settings_have_a_verdict_of_their_own():
 def test_a_condition_separates_or_values_that_suffice_are_named():
     """Values of one dimension, of two, their complement; else some with which the claim always holds."""
     c = claim(records=sizes(lambda x: 0.1 if x.control.rtol <= 1e-4 else 9.0))
-    assert c.verdict == "reproduced if" and condition(c.beyond.decision) == "tolerance at most 0.0001"
+    assert c.verdict == "reproduced if" and format_separation(c.beyond.decision) == "tolerance at most 0.0001"
     c = claim(records=sizes(lambda x: 9.0 if options(x) == {"chart": "euler313", "lam": True} else 0.1))
     assert c.verdict == "reproduced if" and c.beyond.decision.unless
     assert "It holds with multipliers in the error test and chart euler313 never" in explain_verdicts(c)
     c = claim(records=sizes(lambda x: 0.1 if (options(x)["chart"] == "euler313") == (x.control.rtol > 5e-4) else 9.0))
     assert c.verdict == "reproduced if" and "for 6 of 12 tried" in explain_verdicts(c) and not c.beyond.decision.by
     enough = "chart quaternion and tolerance 1e-06 or 0.0001", "chart euler313 and tolerance 0.001"
-    assert all(words in verdict(c.beyond) for words in enough) and verdict(c.beyond).startswith("reproduced if chart")
+    assert all(words in format_verdict(c.beyond) for words in enough) and format_verdict(c.beyond).startswith(
+        "reproduced if chart"
+    )
     assert c.beyond.decision.rest == 0 and sum(x.settings for x in c.beyond.decision.any_of) == 6
 
 
