@@ -192,15 +192,11 @@ def test_the_claim_and_the_column_are_known(copy):
     out = run(
         copy,
         """
-import sys
-from pathlib import Path
-import mbsbench
 from mbsbench.harness.judge.referee.claims.register import read_register
 from mbsbench.harness.results.records import COLUMNS
 (claim,) = [c for c in read_register().claims if c.id == "11-gc-whole-run"]
 print(claim.map.name)
-sys.path.insert(0, str(Path(mbsbench.__file__).parent))
-from tests.attacks.changes import RECORDS
+from mbsbench.tests.attacks.changes import RECORDS
 print({c.name for c in COLUMNS} == set(RECORDS))
 from mbsbench.reports.model import tables
 (shown,) = [c for c in tables.COLUMNS if c.key == "path_longest"]

@@ -27,7 +27,7 @@ from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.results.npz import read_npz
 from mbsbench.problems.exact.pinned_body import PinnedBody
 from mbsbench.tests.comparing import assert_each
-from tests.problems.test_proved import motion_of, series
+from mbsbench.tests.problems.test_proved import motion_of, series
 
 BITS = (80, 113)
 ROUNDING = {80: 2.0**-64, 113: 2.0**-113}
