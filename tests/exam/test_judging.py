@@ -17,6 +17,7 @@ from mbsbench.tests.exam.__main__ import PLUGINS, SUITE, print_counts
 from mbsbench.tests.exam.building import DECLARED
 from mbsbench.tests.exam.judging import Finding, Sizes, errors, judge_run
 from mbsbench.tests.exam.motion import integrate
+from mbsbench.tests.factories import make_record
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,8 @@ def test_the_sweep_has_every_solver_at_two_settings():
     assert len(specs) == 2 * len(problems) * len(own)
 
 
-def record(**columns):
+def make_right(**columns):
+    """The record of a run of which nothing is wrong."""
     known = {
         "length_scale_m": 1.0,
         "speed_scale_m_per_s": 1.0,
@@ -89,25 +91,25 @@ def record(**columns):
         "case": "a run",
         "status": Status.SUCCESS,
     }
-    return RunRecord(**(known | columns))
+    return make_record(**(known | columns))
 
 
 def test_records_that_contradict_themselves():
     """Wrong by rates and right by comparison; a success that is far off: each way only then."""
     rates, energy = (format_reasons([Reason(law)]) for law in (Law.TRUNCATION, Law.ENERGY))
-    wrong = record(status=Status.WRONG, wrong_because=rates)
+    wrong = make_right(status=Status.WRONG, wrong_because=rates)
     assert misleading.is_accused(wrong)
     for other in (
-        record(),
-        record(status=Status.WRONG, wrong_because=energy),
+        make_right(),
+        make_right(status=Status.WRONG, wrong_because=energy),
         dataclasses.replace(wrong, judged_to_s=0.5),
         dataclasses.replace(wrong, reaction_error_max_N=0.02),
         dataclasses.replace(wrong, motion_error_judged_m=0.02),
     ):
         assert not misleading.is_accused(other)
-    assert misleading.is_believed(record(motion_error_judged_m=0.11))
-    assert misleading.is_believed(record(rate_error_judged_m_per_s=1.1))
-    assert not misleading.is_believed(record(motion_error_judged_m=0.09)) and not misleading.is_believed(wrong)
+    assert misleading.is_believed(make_right(motion_error_judged_m=0.11))
+    assert misleading.is_believed(make_right(rate_error_judged_m_per_s=1.1))
+    assert not misleading.is_believed(make_right(motion_error_judged_m=0.09)) and not misleading.is_believed(wrong)
 
 
 def test_counts_are_a_table_with_a_row_for_each_mechanism(capsys):

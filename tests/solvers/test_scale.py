@@ -13,9 +13,9 @@ from mbsbench.solvers.formulations.compiled.kernel import allocate_kernel
 from mbsbench.solvers.formulations.compiled.saddle_pattern import analyse_saddle
 from mbsbench.solvers.formulations.rank import DEPENDENT, INDEPENDENT, rows_to_keep, squared_distances
 from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.factories import solve_run
 
 from .arbitrary_systems import consistent, linkage
-from .runs import run
 
 SOLVERS = ("gc_augmented_lagrangian", "rkmk_dopri5", "rattle")
 STEP = 1e-3  # [s]
@@ -28,7 +28,7 @@ def row_of_cells(windows: int) -> Problem:
 
 
 def steps(name: str, p: Problem) -> Trajectory:
-    return run(p, 1e-6 if name == "rkmk_dopri5" else STEP, name)
+    return solve_run(p, 1e-6 if name == "rkmk_dopri5" else STEP, name)
 
 
 def test_factors_grow_in_proportion() -> None:

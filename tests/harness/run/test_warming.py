@@ -8,8 +8,7 @@ from mbsbench.cli.progress import ProgressDisplay
 from mbsbench.harness.catalogue.suites.suite import parse_suite
 from mbsbench.harness.run.pool import LocalPool
 from mbsbench.harness.run.runner import Request, run_suite
-
-from ..conftest import Silent
+from mbsbench.tests.factories import Silent
 
 TEXT = """
 [[runs]]

@@ -8,8 +8,9 @@ from mbsbench.reports.mechanism.theatre.scene import collect_players, make_scene
 from mbsbench.reports.mechanism.theatre.shapes import STRIPS, list_marks, make_shapes, make_strips, strip
 from mbsbench.reports.model.results import StoredRun
 from mbsbench.reports.pages.runs.theatre import find_size_limit
+from mbsbench.tests.factories import make_measured_record
 
-from ..conftest import HOSTILE, record
+from ..conftest import HOSTILE
 from .conftest import held, two_bars
 
 
@@ -31,8 +32,8 @@ def test_the_step_cut_to_end_at_t_end_is_no_small_step():
     """Of a run that stopped it is the point, and stays."""
     series = two_bars(50)
     series.arrays["dt"][-1] = 1e-9
-    whole = make_strips(series, StoredRun(record("x")), 2.0)
-    stopped = make_strips(series, StoredRun(record("x", "a", "diverged")), 2.0)
+    whole = make_strips(series, StoredRun(make_measured_record("x")), 2.0)
+    stopped = make_strips(series, StoredRun(make_measured_record("x", "a", "diverged")), 2.0)
     row = sum(2 if s["both"] else 1 for s in STRIPS[:-1])
     assert np.nanmin(whole[row]) > 1e-3 and np.nanmin(stopped[row]) == 1e-9
 
@@ -40,7 +41,7 @@ def test_the_step_cut_to_end_at_t_end_is_no_small_step():
 def test_moments_are_the_stop_the_events_and_the_whip():
     events = [{"kind": "singular passage", "t": 0.5, "value": 0.125}, {"kind": "x"}, {"kind": "y", "t": float("nan")}]
     series = two_bars(events=events)
-    found = list_marks(series, StoredRun(record("x", "a", "diverged", message="lost")), 3)
+    found = list_marks(series, StoredRun(make_measured_record("x", "a", "diverged", message="lost")), 3)
     assert [(m["kind"], m["t"]) for m in found] == [("event", 0.5), ("whip", series["t"][100]), ("stop", 2.0)]
     assert found[0]["words"] == "singular passage, value 0.125" and "lost" in found[2]["words"]
     assert {m["player"] for m in found} == {3}

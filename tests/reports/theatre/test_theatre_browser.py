@@ -5,9 +5,10 @@ import pytest
 
 from mbsbench.reports.mechanism.theatre.poses import Poses, choose_poses, interpolate_poses
 from mbsbench.reports.model.results import read_results
+from mbsbench.tests.factories import make_measured_record
 
 from ..browser import LOW, SMALL
-from ..conftest import put, record
+from ..conftest import put
 from .conftest import staged_pages, two_bars
 
 pytestmark = pytest.mark.browser
@@ -73,7 +74,7 @@ def test_a_processor_draws_lines_in_few_strokes(open_):
 def test_a_visitor_adds_a_run_that_is_not_on_stage(browser, tmp_path):
     """Ten are; the eleventh has a file of its own, and the address keeps it."""
     for k in range(12):
-        put(tmp_path, record(f"a{k:02}", dt_s=0.01 / (k + 1)), two_bars(40, size=1e-3 * (k + 1)))
+        put(tmp_path, make_measured_record(f"a{k:02}", dt_s=0.01 / (k + 1)), two_bars(40, size=1e-3 * (k + 1)))
     results = read_results(tmp_path)
     page = staged_pages(results) / f"theatre-{results.variants[0].slug}.html"
     tab = browser.open(f"{page}#t=0.4")

@@ -18,8 +18,9 @@ from mbsbench.harness.mechanics.types import Status, StepControl
 from mbsbench.solvers.engines.drake import INTEGRATORS
 from mbsbench.solvers.engines.export import process, protocol
 from mbsbench.solvers.engines.export.model_check import measure_differences
+from mbsbench.tests.factories import solve_run
 
-from ..runs import error, orders, run
+from ..runs import error, orders
 from .systems import PROBLEMS
 from .test_engines import PACKAGES, without_springs
 from .test_single_precision import WHEELS
@@ -192,7 +193,9 @@ ORDERS = [
 def test_the_order_is_the_declared_one(name, options, problem, dt, order):
     p = make_problem(*problem)
     assert make_solver(name, options).order == order
-    assert orders([error(p, run(p, dt / 2**k, name, **options)) for k in range(3)])[-1] == pytest.approx(order, abs=0.2)
+    assert orders([error(p, solve_run(p, dt / 2**k, name, **options)) for k in range(3)])[-1] == pytest.approx(
+        order, abs=0.2
+    )
 
 
 TOLERANCES = [

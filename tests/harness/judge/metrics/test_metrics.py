@@ -19,7 +19,7 @@ from mbsbench.tests.comparing import assert_close
 from .judged import claimed, judge
 
 
-def solved(solver: str, options: dict | None = None, t_end: float = 2.0, dt: float = 0.01):
+def judge_fall(solver: str, options: dict | None = None, t_end: float = 2.0, dt: float = 0.01):
     """Problem, trajectory and judgement of a solver of the plugin."""
     problem = registry.make_problem("free_fall", {"t_end": t_end})
     trajectory = registry.make_solver(solver, options).solve(problem, StepControl(dt=dt))
@@ -28,7 +28,7 @@ def solved(solver: str, options: dict | None = None, t_end: float = 2.0, dt: flo
 
 def test_exact_motion_has_no_drift_and_no_error():
     """In free fall T + V is constant; rounding of 20 m against 10 m/s2 is below 1e-12."""
-    c = solved("exact")[2].c
+    c = judge_fall("exact")[2].c
     assert c["energy_drift_max_J"] < 1e-12 * 100.0
     assert c["position_error_max_m"] == 0.0
     assert c["orientation_error_max_rad"] < 1e-14
@@ -39,7 +39,7 @@ def test_exact_motion_has_no_drift_and_no_error():
 def test_known_error_is_measured():
     """A body lifted by a t^2 gains m g a t^2: energy error, its trend and the position error are known."""
     lift, weight = 0.02, 2.0 * 10.0
-    m, c, *_ = solved("exact", {"lift": lift})[2]
+    m, c, *_ = judge_fall("exact", {"lift": lift})[2]
     assert c["energy_drift_max_J"] == pytest.approx(weight * lift, rel=1e-9)
     assert c["energy_drift_end_J"] == pytest.approx(weight * lift, rel=1e-9)
     # the least-squares slope of s^2 on [0, 1] is 1, here over 2 s; its means over the outer quarters 1/48 and 37/48
@@ -93,23 +93,23 @@ def test_trend_weights_time_not_steps():
 @pytest.mark.parametrize(("solver", "laws"), [("exact", []), ("stops_early", [Law.END]), ("not_numbers", [Law.FINITE])])
 def test_claims_are_doubted_with_reason(solver, laws):
     """Only a success that nothing contradicts is one."""
-    assert solved(solver)[2].laws == laws
+    assert judge_fall(solver)[2].laws == laws
 
 
 def test_a_motion_away_from_the_reference_is_inaccurate():
     """The lift grows as t^2: the error passes each part of the reach at a known time, within a step."""
-    _, c, (reason,), *_ = solved("exact", {"lift": 4.0})[2]
+    _, c, (reason,), *_ = judge_fall("exact", {"lift": 4.0})[2]
     assert reason.law is Law.MOTION and reason.value == pytest.approx(1.0) and reason.unit == "m"
     assert reason.time_s == pytest.approx(c["accurate_until_s"], abs=1e-12)
     for name, level in ACCURATE.items():
         assert c[name] == pytest.approx(math.sqrt(level * c["length_scale_m"]), abs=0.01)
-    _, c, reasons, *_ = solved("exact")[2]
+    _, c, reasons, *_ = judge_fall("exact")[2]
     assert reasons == [] and c["accurate_until_s"] == c["compared_to_s"] == 1.0  # the horizon, of 2 s
 
 
 def test_another_start_is_wrong():
     """A solver may not choose an easier start."""
-    problem, trajectory, _ = solved("exact")
+    problem, trajectory, _ = judge_fall("exact")
     other = dataclasses.replace(problem, initial=dataclasses.replace(problem.initial, v=problem.initial.v * 1.01))
     assert judge(other, trajectory).laws == [Law.START]
 
@@ -176,7 +176,7 @@ def test_chaos_is_not_held_against_a_solver(monkeypatch):
     def lost(self, t):
         return np.where(t > 0.25, 1e-6, 1e-15)
 
-    problem, trajectory, _ = solved("exact", {"lift": 4.0})
+    problem, trajectory, _ = judge_fall("exact", {"lift": 4.0})
     monkeypatch.setattr(type(problem.reference()), "error", lost)
     c = judge(problem, trajectory).c
     assert c["judged_to_s"] == pytest.approx(0.25)

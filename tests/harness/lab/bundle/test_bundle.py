@@ -14,15 +14,13 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.base.files import FileError
 from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.lab.bundle.archive import MANIFEST, NAME, write_archive
 from mbsbench.harness.lab.bundle.crate import METADATA
 from mbsbench.harness.results import selection, store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.selection import DECIDING, ERRORS
 from mbsbench.harness.results.series import read_series, write_series
-from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here
+from mbsbench.tests.factories import specify_run, store_run
 
 RUNS = (
     ("heavy_top", {"t_end": 0.2}, "rattle", {"dt": 0.002}),
@@ -38,8 +36,7 @@ BODIES = ("r", "R", "v", "Omega")
 def results(tmp_path_factory):
     folder = store.create_folder(tmp_path_factory.mktemp("results") / "run")
     for problem, parameters, solver, control in RUNS:
-        spec = make_spec(make_problem(problem, parameters), solver, None, control)
-        run_here(Job(spec, folder, "some", "code", "commit", lossless=True))
+        store_run(folder, specify_run(problem, solver, parameters, **control))
     return folder
 
 
