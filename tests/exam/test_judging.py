@@ -12,6 +12,7 @@ from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.mechanics.types import Law, Reason, Status
 from mbsbench.harness.results.records import RunRecord, format_reasons
+from mbsbench.tests.comparing import assert_each
 from mbsbench.tests.exam import falsified, misleading
 from mbsbench.tests.exam.__main__ import PLUGINS, SUITE, print_counts
 from mbsbench.tests.exam.building import DECLARED
@@ -57,7 +58,7 @@ def test_loads_of_a_drive_are_read_at_their_time(bennett):
     d = dataclasses.replace(DECLARED["exam_driven_four_bar"], t_end=0.5)
     run = make_solver("rkmk_dop853").solve(dataclasses.replace(problem, t_end=0.5), StepControl(rtol=1e-9))
     found = errors(Sizes(integrate(d), d), problem, run.t, run.states, run.reaction)
-    assert all(share < 1e-6 for share in found.values())
+    assert_each(list(found.values()), "<", 1e-6, f"shares of {list(found)}")
 
 
 def test_falsified_motions_of_a_loop_with_redundant_rows_are_caught(bennett, monkeypatch):

@@ -23,6 +23,7 @@ from mbsbench.solvers.formulations.joint_coordinates.collocation import (
     make_gauss_lobatto_tableau,
 )
 from mbsbench.solvers.formulations.rows.mechanism import SymbolicMechanism
+from mbsbench.tests.comparing import assert_same
 
 SPECS = load_suite("ci").specs
 MOVING = "spherical_pendulum[omega_z=3,t_end=5]"  # spatial and loaded: every term of the equations counts
@@ -248,6 +249,7 @@ def test_principal_axes_of_a_stack_are_those_of_each_body() -> None:
     moments, axes = principal_axes(stack)
     for k, A in enumerate(stack):
         alone = principal_axes(A)
-        assert np.array_equal(moments[k], alone[0]) and np.array_equal(axes[k], alone[1])
-    assert np.array_equal(axes[::3], np.broadcast_to(np.eye(3), (7, 3, 3)))
-    assert np.array_equal(moments[::3], np.diagonal(stack[::3], axis1=1, axis2=2))
+        assert_same(moments[k], alone[0])
+        assert_same(axes[k], alone[1])
+    assert_same(axes[::3], np.broadcast_to(np.eye(3), (7, 3, 3)))
+    assert_same(moments[::3], np.diagonal(stack[::3], axis1=1, axis2=2))

@@ -9,7 +9,7 @@ from mbsbench import Status, StepControl, constraint_jacobian
 from mbsbench.harness.catalogue.registry import engines, make_problem, make_solver, solvers
 from mbsbench.harness.mechanics import so3, work
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.comparing import assert_each, assert_same
 from mbsbench.tests.factories import choose_control, solve_run
 
 from .runs import ACCEPTED, CONTESTANTS, SYMBOLIC, drift, error, momentum, pendulum, sprung_linkage
@@ -240,7 +240,7 @@ def test_a_run_is_repeatable_to_the_last_bit(solver):
     p = make_problem("chain" if solver == "gc_weak_form" else "heavy_top", {"t_end": 0.1})
     a, b = (solve_run(p, 1e-3 if solver == "gc_weak_form" else 1e-6, solver) for _ in range(2))
     for one, other in ((a.t, b.t), (a.states.r, b.states.r), (a.states.R, b.states.R), (a.reaction, b.reaction)):
-        assert np.array_equal(one, other)
+        assert_same(one, other)
     assert a.counters == b.counters
 
 

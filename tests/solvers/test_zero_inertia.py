@@ -52,7 +52,7 @@ def test_axial_inertia_in_a_plane_changes_nothing(solver: str, size: float) -> N
     """A grid of slender rods (redundant rows) as with 1e-4 kg m2 put in by hand: motion, energy, loads of joints."""
     given = {"rows": 1, "columns": 2, "t_end": 0.2}
     none, some = (make_problem("four_bar_grid", {**given, "axial_inertia": J}) for J in (0.0, 1e-4))
-    assert np.any(none.system.added_inertia)
+    assert np.max(np.abs(none.system.added_inertia)) > 0.0
     a, b = (solve_accepted(p, solver, size) for p in (none, some))
     assert len(a.t) == len(b.t)
     assert_close(a.states.r, b.states.r, rtol=0.0, atol=1e-10)

@@ -4,7 +4,6 @@ import os
 import signal
 import time
 
-import numpy as np
 import psutil
 import pytest
 
@@ -13,6 +12,7 @@ from mbsbench.harness.base.isolation import describe_lacking, fork
 from mbsbench.harness.mechanics.types import EndCause, Status
 from mbsbench.harness.results import store
 from mbsbench.harness.results.words import describe_ending, list_reasons
+from mbsbench.tests.comparing import assert_same
 from mbsbench.tests.factories import run_suite_text
 
 LIMIT = 1.0  # [s]
@@ -154,9 +154,8 @@ def test_our_solvers_hand_their_steps_over(tmp_path, monkeypatch):
         done = registry.make_solver(name).solve(problem, StepControl(**step, spool=spool))
         left = read_spool(spool.path, problem, Status.CRASHED, "x")
         assert left is not None and len(left.t) > 0.5 * len(done.t)
-        assert np.array_equal(left.t, done.t[: len(left.t)]) and np.array_equal(
-            left.states.v, done.states.v[: len(left.t)]
-        )
+        assert_same(left.t, done.t[: len(left.t)])
+        assert_same(left.states.v, done.states.v[: len(left.t)])
 
 
 def test_fork_needs_a_single_thread():

@@ -25,6 +25,7 @@ from mbsbench.harness.run.costs import (
 )
 from mbsbench.harness.run.remaining_time import format_duration
 from mbsbench.harness.run.runner import Request, list_waiting
+from mbsbench.tests.comparing import assert_each
 from mbsbench.tests.factories import PLUGIN, run_suite_text, specify_run
 
 TEXT = """[[runs]]
@@ -184,7 +185,7 @@ def test_rivals_are_the_other_processes_that_run_now(monkeypatch):
 def test_a_problem_of_a_plugin_is_not_made(cold):
     """It might hang or crash; its runs have a cost all the same."""
     specs = parse_suite('[[runs]]\nproblem = "free_fall"\nsolver = "exact"\n', "t", "t", plugins=(str(PLUGIN),)).specs
-    assert all(x > 0.0 for x in predict_times(specs, 1, "", cold).runs.values())
+    assert_each(list(predict_times(specs, 1, "", cold).runs.values()), ">", 0.0, "predicted seconds")
 
 
 def test_the_runs_that_wait_are_listed(cold):

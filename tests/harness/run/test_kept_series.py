@@ -9,6 +9,7 @@ from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.results import store
+from mbsbench.tests.comparing import assert_same
 from mbsbench.tests.factories import specify_run, store_run
 
 RUNS = {  # a slow order, a fast one, mechanisms beside each other, redundant rows
@@ -81,8 +82,8 @@ def test_the_scales_are_those_of_the_kept_exact_motion(tmp_path, name):
 def test_a_lossless_series_keeps_every_step(tmp_path):
     _, record, series = run_stored(tmp_path, *RUNS["top"], lossless=True)
     assert len(series["state_t"]) == record.steps + 1 == len(series["t"])
-    assert np.array_equal(series["state_t"], series["t"])
-    assert np.array_equal(series["end_R"], series["state_R"][-1])
+    assert_same(series["state_t"], series["t"])
+    assert_same(series["end_R"], series["state_R"][-1])
 
 
 def test_a_series_names_when_maxima_occurred(tmp_path):

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 
-import numpy as np
 import pytest
 from msgspec.structs import replace
 
@@ -13,6 +12,7 @@ from mbsbench.reports.pages.judged.cost import find_work, list_fields, make_cost
 from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, find_fit_ends, list_points, verdict_mark
 from mbsbench.reports.pages.judged.symmetries import tally
 from mbsbench.reports.plots.work import make_step_line, plot_profile
+from mbsbench.tests.comparing import assert_each, assert_same
 from mbsbench.tests.factories import make_measured_record, make_swing
 
 from ..conftest import every_kind, put
@@ -59,7 +59,7 @@ def test_box_of_the_scorecard_shows_its_worst_outcome():
 def test_profile_rises_by_one_target_at_its_work():
     p = WorkProfile("alpha", "evaluations", 4, (10.0, 100.0, 1000.0))
     x, y = make_step_line(p)
-    assert np.array_equal(x, [10, 10, 100, 100, 1000, 1000])
+    assert_same(x, [10, 10, 100, 100, 1000, 1000])
     assert y == pytest.approx([0.0, 0.25, 0.25, 0.5, 0.5, 0.75])
     assert find_work(p, 0.5) == 100.0
     assert math.isnan(find_work(p, 1.0))
@@ -86,7 +86,7 @@ def test_zeros_stay_zeros(tmp_path):
     (found,) = list_fields(read_results(tmp_path), ())
     plots = make_cost_plots(found)
     zeros = next(t for t in plots["phi-evaluations"].traces if t.solver)
-    assert np.all(zeros.y == 0.0)  # what is drawn for them is the axis' matter
+    assert_each(zeros.y, "==", 0.0)  # what is drawn for them is the axis' matter
     assert "error-factorisations" not in plots  # nobody counted them
 
 

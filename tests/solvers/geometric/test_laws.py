@@ -9,6 +9,7 @@ from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
 from mbsbench.harness.mechanics.types import Problem, Status, StepControl
+from mbsbench.tests.comparing import assert_same
 from mbsbench.tests.factories import solve_run
 
 from ..runs import drift, error, pendulum
@@ -66,7 +67,7 @@ def test_augmented_lagrangian_equals_the_weak_form(name, dt, loop):
     problem = make_problem(name, {"t_end": 0.4})
     plain = solve_run(problem, dt)
     augmented = solve_run(problem, dt, "gc_augmented_lagrangian", **loop)
-    assert np.array_equal(plain.t, augmented.t)
+    assert_same(plain.t, augmented.t)
     assert np.max(np.abs(plain.states.r - augmented.states.r)) < 1e-6
 
 
@@ -84,7 +85,7 @@ def test_a_step_that_is_too_long_is_cut_and_regrown():
     problem = pendulum(10.0)
     out = solve_run(problem, 0.5, max_newton=6)
     assert out.counters["step_cuts"] > 0
-    assert np.all(np.isin(np.arange(0.0, 10.01, 0.5), out.t))
+    assert set(np.arange(0.0, 10.01, 0.5)) <= set(out.t)
     assert out.diagnostics["cut_level"][1:].max() > 0
 
 

@@ -8,6 +8,7 @@ from mbsbench.harness.judge.referee.claims.measures import series_read
 from mbsbench.harness.judge.referee.claims.register import read_register
 from mbsbench.harness.judge.referee.reading import make_series_selector
 from mbsbench.harness.results.envelopes import compute_envelope
+from mbsbench.tests.comparing import assert_same
 from mbsbench.tests.factories import make_record, make_series, parse_specs
 
 TESTS = {(t.metric, repr(t.arguments)): t for c in read_register().claims for t in c.tests}
@@ -36,7 +37,7 @@ def test_a_measure_of_the_register_reads_what_it_says(test):
         else evaluate(test.metric, RECORD, s, test.arguments)
         for s in (whole, brief)
     ]
-    assert np.array_equal(*numbers, equal_nan=True)
+    assert_same(*numbers, equal_nan=True)
 
 
 def test_a_run_keeps_what_its_claims_and_its_drift_read():

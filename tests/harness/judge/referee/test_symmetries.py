@@ -15,6 +15,7 @@ from mbsbench.harness.results.store import create_folder
 from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.run import run_here as run
 from mbsbench.reports.pages.judged.symmetries import describe_symmetry
+from mbsbench.tests.comparing import assert_close
 from mbsbench.tests.factories import change_series, make_record, specify_run
 
 START = {"t_end": 0.5, "omega_z": 3.0}
@@ -227,4 +228,4 @@ def test_rounding_and_growth_make_the_bound_where_a_tolerance_moves_nothing():
     yard = Yardstick(level=0.0, halved=0.0, growth=100.0, steps=1000, size=1.0)
     assert yard.bound == pytest.approx(10.0 * 2.2e-16 * 1000 * 100.0)
     assert yard.return_factor == 101.0
-    assert np.isclose(Yardstick(1e-6, 1e-3, 1.0, 100, 1.0).bound, 1e-5 + 3e-3)
+    assert_close(Yardstick(1e-6, 1e-3, 1.0, 100, 1.0).bound, 1e-5 + 3e-3)
