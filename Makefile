@@ -13,7 +13,7 @@ RESULTS ?= latest
 PROBLEM ?= chain
 PICTURES ?= docs/images
 SHORTEST := $(addprefix tests/, harness/mechanics/test_joints.py harness/mechanics/test_presentation.py harness/catalogue/suites \
-	harness/base/test_clock.py harness/base/test_cheats.py harness/test_shapes.py solvers/test_strong_form.py)
+	harness/base/test_clock.py harness/base/test_cheats.py harness/base/test_shapes.py solvers/test_strong_form.py)
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 

@@ -28,3 +28,14 @@ def assert_close(found, wanted, rtol=1e-5, atol=1e-8, equal_nan=False, what=""):
     __tracebackhide__ = True
     one, two = np.broadcast_arrays(found, wanted)
     np.testing.assert_allclose(one, two, rtol=rtol, atol=atol, equal_nan=equal_nan, err_msg=str(what))
+
+
+def assert_same(found, wanted, equal_nan=False, what=""):
+    """Assert one shape, and equal elements; NaN is equal to NaN only if ``equal_nan``. Name the worst place."""
+    __tracebackhide__ = True
+    one, two = np.asarray(found), np.asarray(wanted)
+    assert one.shape == two.shape, f"{what or 'values'}: shape {one.shape} is not {two.shape}"
+    if equal_nan:
+        np.testing.assert_array_equal(one, two, err_msg=str(what))
+    else:
+        assert_each(one, "==", two, what)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from jaxtyping import install_import_hook
 
-import tests.shape_checks  # noqa: F401 - the hook looks it up by its name
+import mbsbench.tests.shape_checks  # noqa: F401 - the hook looks it up by its name
 
 ROOT = Path(__file__).resolve().parents[1]
 SHAPED = ("cli", "harness", "problems", "solvers", "reports")
@@ -26,7 +26,7 @@ if os.environ.get("SHAPES") == "1":
             for path in (ROOT / folder).rglob("*.py")
             if path.stem not in (*COMPILED, *LOOKS) and path.parent.name not in (*COMPILED, *EXTENDED)
         ],
-        "tests.shape_checks.check",
+        "mbsbench.tests.shape_checks.check",
     )
 
 from mbsbench.harness.base.machine import THREADS  # noqa: E402 - below the hook, which sees what comes later

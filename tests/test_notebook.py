@@ -20,6 +20,7 @@ from mbsbench.harness.results.store import UnreadableFile
 from mbsbench.harness.results.words import describe_errors, list_reasons
 from mbsbench.notebook import FEW, LEFT
 from mbsbench.reports.plots.spec import choose_styles
+from mbsbench.tests.comparing import assert_same
 
 DOCS = Path(mbsbench.__file__).with_name("docs")
 SHORT = {"dt": 0.01, "t_end": 0.1}
@@ -100,8 +101,8 @@ def test_saved_run_is_read_back(tmp_path, run):
     run.save(tmp_path / "free.npz")
     again = load(tmp_path / "free.npz")
     assert str(vars(again.record)) == str(vars(run.record))  # NaN is not NaN
-    assert np.array_equal(again.trajectory.states.R, run.trajectory.states.R)
-    assert np.array_equal(again.series["energy_error"], run.series["energy_error"])
+    assert_same(again.trajectory.states.R, run.trajectory.states.R)
+    assert_same(again.series["energy_error"], run.series["energy_error"])
     assert again.problem.name == "torque_free_body"
 
 
@@ -113,7 +114,7 @@ def test_file_of_the_command_is_read(tmp_path, run):
     with np.load(tmp_path / "free.npz") as theirs, np.load(tmp_path / "saved.npz") as ours:
         assert set(theirs.files) == set(ours.files)
     again = load(tmp_path / "free.npz")
-    assert np.array_equal(again.trajectory.states.R, run.trajectory.states.R)
+    assert_same(again.trajectory.states.R, run.trajectory.states.R)
     assert again.record.case == run.record.case and again.status is run.status
 
 
@@ -169,7 +170,7 @@ def test_a_long_solve_says_how_far_it_is_where_somebody_watches(monkeypatch, cap
     times = [float(re.fullmatch(r"torque_free_body: (\S+) of 1 s simulated *", line)[1]) for line in lines]
     assert len(times) > 1 and times == sorted(times) and times[-1] <= 1.0
     assert first == end == "" and last == " " * len(lines[-1])
-    assert np.array_equal(silent.trajectory.states.R, watched.trajectory.states.R)
+    assert_same(silent.trajectory.states.R, watched.trajectory.states.R)
 
 
 def find_cells(html: str) -> dict[str, str]:

@@ -7,8 +7,7 @@ import zipfile
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.lab.bundle.table import make_table
 from mbsbench.harness.results import records
-
-from ..harness.conftest import PLUGIN
+from mbsbench.tests.factories import PLUGIN
 
 SUITE = f"""name = "attacked"
 plugins = ["{PLUGIN}"]

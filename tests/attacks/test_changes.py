@@ -9,8 +9,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.results import stamps, store
 from mbsbench.harness.run.pool import LocalPool, PoolError
 from mbsbench.tests.covering import few
-
-from ..harness.conftest import run_in
+from mbsbench.tests.factories import run_suite_text
 
 SUITE = """
 [[runs]]
@@ -76,14 +75,14 @@ def test_a_change_during_a_suite_ends_it_with_an_error(tmp_path, pattern, harm, 
     folders, pool = later(harm, pattern)
     folders.append(tmp_path / "run")
     with pytest.raises((PoolError, OSError), match=said):
-        run_in(tmp_path / "run", SUITE, pool=pool, plugins=())
+        run_suite_text(tmp_path / "run", SUITE, pool=pool, plugins=())
 
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     """A suite that nobody has changed."""
     folder = tmp_path_factory.mktemp("done") / "run"
-    run_in(folder, SUITE, plugins=())
+    run_suite_text(folder, SUITE, plugins=())
     return folder
 
 
@@ -125,7 +124,7 @@ def test_readers_say_that_the_stamp_does_not_fit(copied, capsys, name, change):
 def test_run_again_the_folder_is_whole(copied):
     """What was changed is set aside and made anew, what was not is kept."""
     edit_stamp(copied, cpu="another")
-    _, watcher = run_in(copied, SUITE, plugins=(), resume=True)
+    _, watcher = run_suite_text(copied, SUITE, plugins=(), resume=True)
     assert watcher.ran == [] and "environment.json" in watcher.set_aside
     assert not store.load(copied).unreadable and (copied / "set_aside" / "environment.json").exists()
 

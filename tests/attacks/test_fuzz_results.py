@@ -10,8 +10,8 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.results import store
 from mbsbench.harness.results.npz import read_npz, write_npz
+from mbsbench.tests.factories import PLUGIN
 
-from ..harness.conftest import PLUGIN
 from .fuzzing import COUNT, Tally, mutate, mutate_json
 
 SUITE = f"""name = "fuzzed"

@@ -16,8 +16,7 @@ from mbsbench.harness.base import isolation
 from mbsbench.harness.base.forked_process import ForkedProcess, ProcessEnd
 from mbsbench.harness.base.memory import measure_own_memory
 from mbsbench.harness.results.words import describe_ending
-
-from ..harness.conftest import run_in
+from mbsbench.tests.factories import run_suite_text
 
 LIMIT = 120.0  # [MB]
 MB = 2**20
@@ -173,7 +172,7 @@ def test_a_run_that_shares_too_much_has_the_status_of_memory(tmp_path):
     """That run alone: the one beside it is judged."""
     plugin = tmp_path / "shares.py"
     plugin.write_text(PLUGIN)
-    loaded, _ = run_in(tmp_path / "run", SUITE, plugins=(plugin,))
+    loaded, _ = run_suite_text(tmp_path / "run", SUITE, plugins=(plugin,))
     found = {r.solver: r for r in loaded.records}
     assert (found["shares"].status, found["shares"].ended_by) == ("memory", "memory_limit")
     words = describe_ending(found["shares"])

@@ -17,8 +17,8 @@ from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.records import format_record
 from mbsbench.harness.run.runner import Request, _make_jobs
 from mbsbench.harness.run.started_runs import StartedRuns
+from mbsbench.tests.factories import PLUGIN, run_suite_text
 
-from ..harness.conftest import PLUGIN, run_in
 from .record_forger import FORGED
 
 FORGER = Path(__file__).with_name("record_forger.py")
@@ -35,7 +35,7 @@ PLUGINS = (PLUGIN, FORGER)
 def true_record(tmp_path_factory):
     """The record of a run that did succeed."""
     text = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"'
-    return run_in(tmp_path_factory.mktemp("forged") / "true", text, 1, plugins=PLUGINS)[0].records[0]
+    return run_suite_text(tmp_path_factory.mktemp("forged") / "true", text, 1, plugins=PLUGINS)[0].records[0]
 
 
 def forge(true, folder, text):
@@ -65,12 +65,12 @@ def test_records_of_runs_that_never_began_are_set_aside(true_record, tmp_path, m
     folder = tmp_path / "run"
     files, jobs = forge(true_record, folder, LIMITED)
     monkeypatch.setenv(FORGED, json.dumps(files))
-    loaded, watcher = run_in(folder, LIMITED, 1, plugins=PLUGINS)
+    loaded, watcher = run_suite_text(folder, LIMITED, 1, plugins=PLUGINS)
     assert [r.status for r in loaded.records] == ["unfinished"] and len(watcher.left) == len(jobs) - 1
     assert len(list((folder / "set_aside").glob("*.json"))) == len(jobs) - 1
     assert "something else wrote its record" in (folder / "set_aside" / "why.txt").read_text()
     monkeypatch.setenv(FORGED, "{}")
-    again, watcher = run_in(folder, LIMITED, 1, plugins=PLUGINS, resume=True)
+    again, watcher = run_suite_text(folder, LIMITED, 1, plugins=PLUGINS, resume=True)
     assert len(watcher.ran) == 1 and [r.status for r in again.records] == ["unfinished"]
 
 
@@ -103,7 +103,7 @@ def test_records_of_runs_that_never_began_are_none_after_ctrl_c_or_a_kill(true_r
     out, _ = process.communicate(timeout=60)
     assert process.returncode != 0 and "4 success" not in out
     monkeypatch.setenv(FORGED, "{}")
-    _, watcher = run_in(folder, text.replace("60.0", "2.0"), 1, plugins=PLUGINS, resume=True)
+    _, watcher = run_suite_text(folder, text.replace("60.0", "2.0"), 1, plugins=PLUGINS, resume=True)
     own = [job.id for job in jobs if job.spec.solver == "forges_records"]
     begun = how == "killed"  # of the one that had begun nobody can tell, once its runner is killed
     assert len(watcher.set_aside) == (len(jobs) - len(own) if begun else 0), watcher.set_aside
@@ -119,15 +119,15 @@ def test_a_record_that_the_supervisor_did_not_store_is_no_result(tmp_path, monke
 
     monkeypatch.setattr(store, "read_record", other)
     with pytest.raises(RuntimeError, match="not as they were written"):
-        run_in(tmp_path / "run", '[[runs]]\nproblem = "free_fall"\nsolver = "exact"', 1)
+        run_suite_text(tmp_path / "run", '[[runs]]\nproblem = "free_fall"\nsolver = "exact"', 1)
 
 
 def test_results_without_a_list_of_begun_runs_are_read_as_they_are(tmp_path):
     """Published ones and those of older versions have none; an orderly end leaves none."""
     text = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "sleeps"]'
-    run_in(tmp_path / "run", text, 1)
+    run_suite_text(tmp_path / "run", text, 1)
     assert StartedRuns(tmp_path / "run").read() is None
-    _, watcher = run_in(tmp_path / "run", text, 1, resume=True)
+    _, watcher = run_suite_text(tmp_path / "run", text, 1, resume=True)
     assert watcher.ran == [] and watcher.set_aside == []
 
 
@@ -138,10 +138,10 @@ def test_a_record_that_another_solver_changes_is_no_result(true_record, tmp_path
     files, _ = forge(true_record, folder, text)
     monkeypatch.setenv(FORGED, json.dumps({path: files[path] for path in list(files)[:1]}))
     with pytest.raises(RuntimeError, match=r"1 of 2 results .* not as they were written"):
-        run_in(folder, text, 1, plugins=PLUGINS)
+        run_suite_text(folder, text, 1, plugins=PLUGINS)
     assert [r.solver for r in store.load(folder).records] == ["forges_records"]
     monkeypatch.setenv(FORGED, "{}")
-    again, watcher = run_in(folder, text, 1, plugins=PLUGINS, resume=True)
+    again, watcher = run_suite_text(folder, text, 1, plugins=PLUGINS, resume=True)
     assert len(watcher.ran) == 2 and "success" in {r.status for r in again.records}
 
 
@@ -149,11 +149,11 @@ def test_a_record_of_an_earlier_command_that_changes_is_no_result(true_record, t
     """It was there when the command began; what stands there at its end is another."""
     text = LIMITED.replace('["forges_records", "exact", "sleeps", "gives_up"]', '["exact", "forges_records"]')
     folder = tmp_path / "run"
-    run_in(folder, text.replace(', "forges_records"', ""), 1, plugins=PLUGINS)
+    run_suite_text(folder, text.replace(', "forges_records"', ""), 1, plugins=PLUGINS)
     files, _ = forge(true_record, folder, text)
     monkeypatch.setenv(FORGED, json.dumps({path: files[path] for path in list(files)[:1]}))
     with pytest.raises(RuntimeError, match="not as they were written"):
-        run_in(folder, text, 1, plugins=PLUGINS, resume=True)
+        run_suite_text(folder, text, 1, plugins=PLUGINS, resume=True)
 
 
 def test_records_of_other_runs_are_said_at_the_end(true_record, tmp_path, monkeypatch, capsys):

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from mbsbench.cli.__main__ import main
-from tests.attacks.bundles import write
-from tests.harness.lab.ladder.forgeries.bundles import change_states
+from mbsbench.tests.attacks.bundles import write
+from mbsbench.tests.harness.lab.ladder.forgeries.bundles import change_states
 
 PROGRAM = Path(__file__).resolve().parents[2] / "checker" / "check_bundle.py"
 SPEC = importlib.util.spec_from_file_location("check_bundle", PROGRAM)

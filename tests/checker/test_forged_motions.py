@@ -12,14 +12,12 @@ import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue.registry import load_plugin, make_problem
-from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.judge.metrics.rows import interpolate_rows
 from mbsbench.harness.lab.bundle.table import make_table
 from mbsbench.harness.mechanics.types import StepControl
 from mbsbench.harness.results import records, store
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here
+from mbsbench.tests.factories import specify_run, store_run
 
 from ..harness.lab.ladder.forgeries.bundles import NEW_DIGESTS, OF_A_RUN, OF_NUMBERS, OLD_DIGESTS
 from ..harness.lab.ladder.forgeries.forger import CONDUCT, COSTS
@@ -35,10 +33,8 @@ def bundle(tmp_path_factory):
     place = tmp_path_factory.mktemp("forged")
     folder = store.create_folder(place / "results")
     load_plugin(Path(__file__).parent / "forged.py")
-    problem = make_problem("spherical_pendulum", PARAMETERS)
     for how in ("nothing", *MOTIONS):
-        spec = make_spec(problem, "forged", {"how": how}, {"dt": 2e-3})
-        run_here(Job(spec, folder, "some", "code", "commit", lossless=True))
+        store_run(folder, specify_run("spherical_pendulum", "forged", PARAMETERS, {"how": how}, dt=2e-3))
     assert main(["bundle", str(folder), "-o", str(place / "b.zip"), "--lossless"]) == 0
     return read(place / "b.zip")
 

@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.results import store
-from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here
+from mbsbench.tests.factories import specify_run, store_run
 
 from .test_check_bundle import check, checker, read, write
 from .test_refusals import PARAMETERS, edit, edit_matrix, make_bundle
@@ -29,8 +26,7 @@ def hinged(tmp_path_factory):
     """A slider and a crank on hinges, a line and a drive."""
     place = tmp_path_factory.mktemp("hinged")
     folder = store.create_folder(place / "results")
-    spec = make_spec(make_problem("driven_slider_crank", {"t_end": 0.05}), "rk45_strong_form", {}, {"rtol": 1e-8})
-    run_here(Job(spec, folder, "some", "code", "commit", lossless=True))
+    store_run(folder, specify_run("driven_slider_crank", "rk45_strong_form", {"t_end": 0.05}, rtol=1e-8))
     assert main(["bundle", str(folder), "-o", str(place / "b.zip"), "--lossless"]) == 0
     return read(place / "b.zip")
 

@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.catalogue.registry import load_plugin, make_problem
-from mbsbench.harness.catalogue.suites.spec import make_spec
+from mbsbench.harness.catalogue.registry import load_plugin
 from mbsbench.harness.lab.bundle.table import make_table
 from mbsbench.harness.results import records, store
-from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here
+from mbsbench.tests.factories import specify_run, store_run
 
 from .test_check_bundle import checker, read, write
 
@@ -42,8 +40,7 @@ def motion(request, tmp_path_factory):
     load_plugin(Path(__file__).parent / "forged.py")
     problem, parameters, solver, step = MOTIONS[request.param]
     folder = store.create_folder(place / "results")
-    spec = make_spec(make_problem(problem, parameters), solver, {}, step)
-    run_here(Job(spec, folder, "some", "code", "commit", lossless=True))
+    store_run(folder, specify_run(problem, solver, parameters, **step))
     assert main(["bundle", str(folder), "-o", str(place / "b.zip"), "--lossless"]) == 0
     return request.param, read(place / "b.zip")
 

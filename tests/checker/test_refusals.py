@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.catalogue.registry import load_plugin, make_problem
-from mbsbench.harness.catalogue.suites.spec import make_spec
+from mbsbench.harness.catalogue.registry import load_plugin
 from mbsbench.harness.results import store
-from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here
+from mbsbench.tests.factories import specify_run, store_run
 
 from .test_check_bundle import check, checker, read, write
 from .test_forged_motions import PARAMETERS, of_vector
@@ -24,8 +22,7 @@ def make_bundle(place, parameters):
     """The files of a lossless bundle of one honest pendulum."""
     load_plugin(Path(__file__).parent / "forged.py")
     folder = store.create_folder(place / "results")
-    spec = make_spec(make_problem("spherical_pendulum", parameters), "forged", {}, {"dt": 2e-3})
-    run_here(Job(spec, folder, "some", "code", "commit", lossless=True))
+    store_run(folder, specify_run("spherical_pendulum", "forged", parameters, dt=2e-3))
     assert main(["bundle", str(folder), "-o", str(place / "b.zip"), "--lossless"]) == 0
     return read(place / "b.zip")
 

@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.results import store
-from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here
+from mbsbench.tests.factories import specify_run, store_run
 
 from ..harness.judge.metrics.test_right_motions import PRINTED
 from .test_check_bundle import checker, read, write
@@ -45,8 +42,7 @@ MOTIONS = {  # problem, parameters, solver, options, step
 def test_the_checker_agrees(what, tmp_path):
     problem, parameters, solver, options, step = MOTIONS[what]
     folder = store.create_folder(tmp_path / "results")
-    spec = make_spec(make_problem(problem, parameters), solver, options, step)
-    record = run_here(Job(spec, folder, "some", "code", "commit", lossless=True))
+    record = store_run(folder, specify_run(problem, solver, parameters, options, **step))
     assert record.status == "success"
     assert main(["bundle", str(folder), "-o", str(tmp_path / "b.zip"), "--lossless"]) == 0
     files = read(tmp_path / "b.zip")

@@ -14,6 +14,7 @@ from mbsbench.harness.judge.cheapest import Candidate
 from mbsbench.harness.mechanics.types import Problem
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.store import LoadedResults
+from mbsbench.tests.comparing import assert_each
 
 SWING = make_problem("spherical_pendulum", {"t_end": 1.0})
 
@@ -204,7 +205,8 @@ def test_it_advises_on_a_pendulum(capsys, tmp_path, monkeypatch):
     assert main([*arguments, "--error", "1e-5", "--json"]) == 0
     found = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert {f["solver"] for f in found} == {"rk45_strong_form", "ida_index1"}
-    assert all(f["motion_error_m"] <= 1e-5 for f in found if f["meets"]) and found[0]["meets"]
+    assert_each([f["motion_error_m"] for f in found if f["meets"]], "<=", 1e-5, "errors [m]")
+    assert found[0]["meets"]
     (tmp_path / "two.toml").write_text(
         'name = "two"\n[[runs]]\nproblem = "spherical_pendulum"\nparameters = { t_end = 0.3 }\n'
         'solver = ["rk45_strong_form", "ida_index1"]\nrtol = [1e-5, 1e-7]\n'

@@ -10,8 +10,7 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.cli.solve import find_last_message
 from mbsbench.harness.results.environment import ROOT
-
-from ..harness.conftest import PLUGIN
+from mbsbench.tests.factories import PLUGIN
 
 WITH = ("--plugin", str(PLUGIN))
 SOLVE = ("solve", "free_fall", "exact", "--out", "run.npz")  # in this process the plugin is loaded already

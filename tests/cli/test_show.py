@@ -20,8 +20,8 @@ from mbsbench.cli.terminal import BARS, Column, draw_sparkline, draw_timeline, f
 from mbsbench.harness.judge.referee.claims.register import read_register
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements import files
+from mbsbench.tests.factories import PLUGIN, run_suite_text
 
-from ..harness.conftest import PLUGIN, run_in
 from .terminal import ESCAPE, in_terminal, seen
 
 TEXT = """
@@ -41,7 +41,7 @@ cpu_limit = 1
 def folder(tmp_path_factory):
     """Results with every kind of end."""
     where = tmp_path_factory.mktemp("show") / "run"
-    run_in(where, TEXT)
+    run_suite_text(where, TEXT)
     return where
 
 

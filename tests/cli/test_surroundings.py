@@ -11,8 +11,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.mechanics.types import LEAST_RTOL, Status, StepControl
 from mbsbench.harness.results import store
-
-from ..harness.conftest import PLUGIN
+from mbsbench.tests.factories import PLUGIN
 
 SUITE = f"""
 plugins = ["{PLUGIN}"]
@@ -43,7 +42,7 @@ class Threaded(Exact):
 """
 
 
-def run(tmp_path, name, *options, **environ):
+def run_suite_by(tmp_path, name, *options, **environ):
     """The suite run by an interpreter with ``options`` and ``environ``: its records, and what it printed."""
     suite = tmp_path / "s.toml"
     suite.write_text(SUITE)
@@ -57,7 +56,7 @@ def run(tmp_path, name, *options, **environ):
 def test_an_optimised_interpreter_gives_the_same_results(tmp_path):
     """-OO drops assertions and docstrings: neither decides anything."""
     plain, fast = (
-        {r.case: (r.status, r.energy_drift_max_J) for r in run(tmp_path, name, *how)}
+        {r.case: (r.status, r.energy_drift_max_J) for r in run_suite_by(tmp_path, name, *how)}
         for name, how in (("plain", ()), ("fast", ("-OO",)))
     )
     assert str(plain) == str(fast) and len(plain) == 5
@@ -66,7 +65,7 @@ def test_an_optimised_interpreter_gives_the_same_results(tmp_path):
 def test_the_c_locale_of_a_batch_system_changes_nothing(tmp_path):
     """Its encoding has no sparklines: what is printed is UTF-8 all the same."""
     c = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": "ascii"}
-    run(tmp_path, "c", **c)
+    run_suite_by(tmp_path, "c", **c)
     line = (sys.executable, "-m", "mbsbench.cli", "show", str(tmp_path / "c"))
     done = subprocess.run(line, cwd=tmp_path, env=os.environ | c, capture_output=True, check=False)
     assert done.returncode == 0 and "heavy_top" in done.stdout.decode("utf-8"), done.stderr

@@ -29,8 +29,7 @@ from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.pool import LocalPool
 from mbsbench.harness.run.run import run_here
 from mbsbench.reports.trial import write_page
-
-from ..harness.conftest import PLUGIN
+from mbsbench.tests.factories import PLUGIN
 
 PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
 SOLVER = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)[0]

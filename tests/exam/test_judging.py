@@ -12,11 +12,13 @@ from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.mechanics.types import Law, Reason, Status
 from mbsbench.harness.results.records import RunRecord, format_reasons
+from mbsbench.tests.comparing import assert_each
 from mbsbench.tests.exam import falsified, misleading
 from mbsbench.tests.exam.__main__ import PLUGINS, SUITE, print_counts
 from mbsbench.tests.exam.building import DECLARED
 from mbsbench.tests.exam.judging import Finding, Sizes, errors, judge_run
 from mbsbench.tests.exam.motion import integrate
+from mbsbench.tests.factories import make_record
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +72,7 @@ def test_loads_of_a_drive_are_read_at_their_time(bennett):
     d = dataclasses.replace(DECLARED["exam_driven_four_bar"], t_end=0.5)
     run = make_solver("rkmk_dop853").solve(dataclasses.replace(problem, t_end=0.5), StepControl(rtol=1e-9))
     found = errors(Sizes(integrate(d), d), problem, run.t, run.states, run.reaction)
-    assert all(share < 1e-6 for share in found.values())
+    assert_each(list(found.values()), "<", 1e-6, f"shares of {list(found)}")
 
 
 def test_falsified_motions_of_a_loop_with_redundant_rows_are_caught(bennett, monkeypatch):
@@ -89,7 +91,8 @@ def test_the_sweep_has_every_solver_at_two_settings():
     assert len(specs) == 2 * len(problems) * len(own)
 
 
-def record(**columns):
+def make_right(**columns):
+    """The record of a run of which nothing is wrong."""
     known = {
         "length_scale_m": 1.0,
         "speed_scale_m_per_s": 1.0,
@@ -103,25 +106,25 @@ def record(**columns):
         "case": "a run",
         "status": Status.SUCCESS,
     }
-    return RunRecord(**(known | columns))
+    return make_record(**(known | columns))
 
 
 def test_records_that_contradict_themselves():
     """Wrong by rates and right by comparison; a success that is far off: each way only then."""
     rates, energy = (format_reasons([Reason(law)]) for law in (Law.TRUNCATION, Law.ENERGY))
-    wrong = record(status=Status.WRONG, wrong_because=rates)
+    wrong = make_right(status=Status.WRONG, wrong_because=rates)
     assert misleading.is_accused(wrong)
     for other in (
-        record(),
-        record(status=Status.WRONG, wrong_because=energy),
+        make_right(),
+        make_right(status=Status.WRONG, wrong_because=energy),
         dataclasses.replace(wrong, judged_to_s=0.5),
         dataclasses.replace(wrong, reaction_error_max_N=0.02),
         dataclasses.replace(wrong, motion_error_judged_m=0.02),
     ):
         assert not misleading.is_accused(other)
-    assert misleading.is_believed(record(motion_error_judged_m=0.11))
-    assert misleading.is_believed(record(rate_error_judged_m_per_s=1.1))
-    assert not misleading.is_believed(record(motion_error_judged_m=0.09)) and not misleading.is_believed(wrong)
+    assert misleading.is_believed(make_right(motion_error_judged_m=0.11))
+    assert misleading.is_believed(make_right(rate_error_judged_m_per_s=1.1))
+    assert not misleading.is_believed(make_right(motion_error_judged_m=0.09)) and not misleading.is_believed(wrong)
 
 
 def test_counts_are_a_table_with_a_row_for_each_mechanism(capsys):

@@ -9,12 +9,9 @@ import psutil
 import pytest
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.catalogue.suites.suite import parse_suite
 from mbsbench.harness.results.store import LoadedResults
-from mbsbench.harness.run.pool import LocalPool
-from mbsbench.harness.run.runner import Request, SuiteObserver, run_suite
+from mbsbench.tests.factories import PLUGIN, Silent, run_suite_text
 
-PLUGIN = Path(__file__).parent / "misbehaving.py"
 HOSTILE = Path(__file__).parent / "hostile.py"
 TIMED = [  # columns that differ between two runs of the same code
     "cpu_min_s",
@@ -55,39 +52,12 @@ def begun_here():
     return lambda: [p for p in psutil.Process().children() if p not in before and p.status() != psutil.STATUS_ZOMBIE]
 
 
-class Silent(SuiteObserver):
-    """A watcher that remembers which runs were run."""
-
-    def __init__(self) -> None:
-        self.ran: list[str] = []
-        self.set_aside: list[str] = []
-        self.left: list[str] = []
-        self.total = 0
-
-    def begin(self, folder, total, waiting, unreadable):
-        self.set_aside, self.total = [u.path.name for u in unreadable], total
-
-    def on_end(self, job, record):
-        self.ran.append(job.spec.case)
-
-    def on_stop(self, left, limit):
-        self.left = [job.spec.case for job in left]
-
-
-def run_in(
-    folder: Path, text: str, jobs: int = 2, *, plugins=(PLUGIN,), pool=LocalPool, **request
-) -> tuple[LoadedResults, Silent]:
-    """Run the text of a suite in a folder: what is there then, and what the watcher saw."""
-    suite, watcher = parse_suite(text, "test", "test", plugins=tuple(map(str, plugins))), Silent()
-    return run_suite(Request(suite, folder, jobs, **request), watcher, pool), watcher
-
-
 @pytest.fixture
 def run_text(tmp_path: Path) -> Callable[..., tuple[LoadedResults, Silent]]:
     """Run the text of a suite in a folder of its own."""
 
     def run(text: str, *, folder: Path = tmp_path / "run", **more):
-        return run_in(folder, text, **more)
+        return run_suite_text(folder, text, **more)
 
     return run
 

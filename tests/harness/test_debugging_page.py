@@ -7,8 +7,7 @@ import sys
 import pytest
 
 from mbsbench.harness.results.environment import ROOT
-
-from .conftest import run_in
+from mbsbench.tests.factories import run_suite_text
 
 PAGE = (ROOT / "docs" / "debugging.md").read_text(encoding="utf-8")
 AGAIN, PLAIN, READ = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
@@ -25,7 +24,7 @@ parameters = { t_end = 0.1 }
 def test_results_are_read_by_numpy_alone_and_solved_again_here(tmp_path, keep, monkeypatch, capsys):
     """The numbers are those of the record; the same run in this process has the same bits."""
     folder = tmp_path / "results" / "local" / "latest"
-    loaded, _ = run_in(folder, SUITE, keep=keep)
+    loaded, _ = run_suite_text(folder, SUITE, keep=keep)
     (record,) = loaded.records
     assert record.series.endswith(".npz" if keep is None else ".npz.xz")
     code = f"{READ}\nimport sys; assert 'mbsbench' not in sys.modules"

@@ -119,7 +119,7 @@ def copy(tmp_path_factory):
     return folder
 
 
-def run(copy, code):
+def run_code(copy, code):
     """Run code with the copied package, in a process of its own; return what it prints."""
     env = {**os.environ, "PYTHONPATH": str(copy.parent)}
     done = subprocess.run((sys.executable, "-c", code), cwd=copy.parent, env=env, capture_output=True, text=True)  # noqa: PLW1510
@@ -146,7 +146,7 @@ def test_each_is_a_screen():
 def test_the_solver_the_joint_and_the_force_move(copy):
     """Laws: free fall, the axis stays, a drag only takes energy; the solver has a digest of its code."""
     force = re.findall(FENCED, SECTIONS["A force"], re.DOTALL)[0]
-    out = run(
+    out = run_code(
         copy,
         f"""
 {force}
@@ -172,7 +172,7 @@ print(abs(run.record.path_longest_m - path) < 1e-12)
 def test_the_format_is_read_and_refused_in_a_line(copy):
     (copy.parent / "two.bobs").write_text("1 1 30\n2 0.5 60\n")
     (copy.parent / "bad.bobs").write_text("1 1 30\n2 x 60\n")
-    out = run(
+    out = run_code(
         copy,
         """
 from mbsbench import constraint, make_problem, States
@@ -189,18 +189,14 @@ except ValueError as error:
 
 def test_the_claim_and_the_column_are_known(copy):
     """The claim is read with its map; the column has its row in the table of changes."""
-    out = run(
+    out = run_code(
         copy,
         """
-import sys
-from pathlib import Path
-import mbsbench
 from mbsbench.harness.judge.referee.claims.register import read_register
 from mbsbench.harness.results.records import COLUMNS
 (claim,) = [c for c in read_register().claims if c.id == "11-gc-whole-run"]
 print(claim.map.name)
-sys.path.insert(0, str(Path(mbsbench.__file__).parent))
-from tests.attacks.changes import RECORDS
+from mbsbench.tests.attacks.changes import RECORDS
 print({c.name for c in COLUMNS} == set(RECORDS))
 from mbsbench.reports.model import tables
 (shown,) = [c for c in tables.COLUMNS if c.key == "path_longest"]
@@ -212,7 +208,7 @@ print(shown.heading)
 
 def test_the_page_is_written(copy, tmp_path):
     """From a record that was stored, with its link."""
-    out = run(
+    out = run_code(
         copy,
         f"""
 from pathlib import Path

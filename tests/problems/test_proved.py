@@ -36,7 +36,7 @@ def motion_of(body: PinnedBody, start: State) -> PinnedMotion:
     return find_pinned_motion(body, nearest_rotation(start.R[0]), to_balls(start.Omega[0]))
 
 
-def series(body: PinnedBody, start: State, t_end: float) -> np.ndarray:
+def sum_series(body: PinnedBody, start: State, t_end: float) -> np.ndarray:
     """R at ``t_end`` (mpf): rows of R turn as rho_dot = rho x Omega, J Omega_dot = J Omega x Omega + c x R^T m g."""
     exact = np.vectorize(mpf, otypes=[object])
     R = exact(start.R[0])
@@ -65,7 +65,7 @@ def test_the_true_pose_is_within_the_proved_radius(name: str, options: dict, t_e
     body, t = PinnedBody.from_system(p.system), np.array([t_end])
     motion = motion_of(body, p.initial)
     with mp.workdps(DIGITS):
-        R = series(body, p.initial, t_end)
+        R = sum_series(body, p.initial, t_end)
 
         def distance(given: np.ndarray) -> float:
             parts = given.astype(float)  # two parts hold 64 bits

@@ -8,15 +8,24 @@ import math
 from pathlib import Path
 
 import mbsbench
-from tests.processors import compare_bits
-from tests.processors.compare_bits import (
+from mbsbench.tests.processors import compare_bits
+from mbsbench.tests.processors.compare_bits import (
     Processor,
     compare_motions,
     find_differences,
     judge_architectures,
     judge_processor,
 )
-from tests.processors.runs import FAMILIES, Planned, Solved, digest, measured_of, motion_of, put_in_order, read_suite
+from mbsbench.tests.processors.runs import (
+    FAMILIES,
+    Planned,
+    Solved,
+    digest,
+    measured_of,
+    motion_of,
+    put_in_order,
+    read_suite,
+)
 
 
 def solved(case: str, solver: str, cpu: float, motion: str = "a") -> Solved:

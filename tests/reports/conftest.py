@@ -14,6 +14,7 @@ from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord, format_reasons
 from mbsbench.harness.results.series import Series, write_series
 from mbsbench.reports import site
+from mbsbench.tests.factories import make_measured_record, make_swing
 
 from .browser import AXE, CHROMIUM, Browser
 
@@ -22,49 +23,6 @@ HOSTILE = '<script>alert("1")</script> & $x_{ \\frac -->'
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "browser: needs Chromium; skipped without one, a failure where CI is set")
-
-
-def series(n: int = 300, t_end: float = 2.0, size: float = 1e-3, bodies: int = 1) -> Series:
-    """A swing with an error of ``size``, and all that a series file may hold."""
-    t = np.linspace(0.0, t_end, n)
-    wave = np.abs(np.sin(5.0 * t)) * size
-    exact = np.cos(3.0 * t)
-    arrays = {
-        "t": t,
-        "dt": np.append(np.nan, np.diff(t)),
-        "energy": 1.0 + wave,
-        "energy_error": wave,
-        "phi_norm": wave,
-        "phi_dot_norm": wave,
-        "eq81_norm": wave,
-        "orthogonality": 1e-15 * np.ones(n),
-        "position_error": wave,
-        "orientation_error": wave,
-        "reference_own_error": 1e-12 * np.ones(n),
-        "obs_theta": exact + wave,
-        "ref_theta": exact,
-        "inv_L": wave,
-        "end_r": np.zeros((bodies, 3)),
-    }
-    units = {"obs_theta": "rad", "ref_theta": "rad", "inv_L": "kg m2/s"}
-    names = tuple(f"bar {k}" for k in range(bodies))
-    return Series(arrays, (), names, ("O",), units, {"obs_theta": r"\theta"})
-
-
-def record(run: str, solver: str = "alpha", status: str = "success", **changes) -> RunRecord:
-    """A run of a pendulum with numbers of its own."""
-    base = RunRecord(
-        run_id=run, settings_id=run, case=f"pendulum {solver} {run}", suite="hand made", label="recommended",
-        problem="pendulum", section="Sect. 9", solver=solver, paper_label="ODE", control="dt", dt_s=0.01, t_end_s=2.0,
-        status=status, claimed="success", t_reached_s=2.0, energy_start_J=1.0, energy_scale_J=1.0,
-        energy_drift_max_J=1e-3, energy_drift_end_J=1e-4, energy_trend_W=1e-5, energy_mean_first_quarter_J=5e-4,
-        energy_mean_last_quarter_J=5e-4, length_scale_m=1.0, phi_max=1e-3, phi_dot_max=1e-3, eq81_max_sqrtJ=1e-3,
-        orthogonality_max=1e-15, reference="by hand", reference_horizon_s=10.0, reference_own_error_m=1e-12,
-        position_error_max_m=1e-3, orientation_error_max_rad=1e-3, steps=299, step_min_s=0.005, step_median_s=0.006,
-        step_max_s=0.007, evaluations=900.0, repeats=1, cpu_min_s=0.1, cpu_median_s=0.1, cpu_max_s=0.1, setup_s=0.5,
-        observable_errors=json.dumps({"theta": {"max": 1e-3, "end": 1e-4, "unit": "rad"}}), commit="abc",
-    )  # fmt: skip
-    return dataclasses.replace(base, **changes)
 
 
 def because(name: str) -> str:
@@ -91,30 +49,39 @@ def every_kind(folder: Path) -> list[RunRecord]:
     nothing = dict.fromkeys(
         ("t_reached_s", "energy_drift_max_J", "phi_max", "position_error_max_m", "cpu_median_s"), nan
     )
-    broken = series()
+    broken = make_swing()
     broken.arrays["energy_error"].setflags(write=True)
     broken.arrays["energy_error"][100:] = np.nan
     return [
-        put(folder, record("aa01"), series()),
-        put(folder, record("aa02", dt_s=0.005, position_error_max_m=2.5e-4), series(600, size=2.5e-4)),
+        put(folder, make_measured_record("aa01"), make_swing()),
         put(
-            folder,
-            record("bb01", "beta", "wrong", wrong_because=because(f"|phi| is large {HOSTILE}")),
-            series(size=0.3),
+            folder, make_measured_record("aa02", dt_s=0.005, position_error_max_m=2.5e-4), make_swing(600, size=2.5e-4)
         ),
-        put(folder, record("cc01", "gamma", "refused", claimed="refused", message="rank 325 of 400", **nothing)),
         put(
             folder,
-            record("dd01", "delta", "step_underflow", message=f"stuck {HOSTILE}", t_reached_s=0.7),
-            series(90, 0.7),
+            make_measured_record("bb01", "beta", "wrong", wrong_because=because(f"|phi| is large {HOSTILE}")),
+            make_swing(size=0.3),
+        ),
+        put(
+            folder,
+            make_measured_record("cc01", "gamma", "refused", claimed="refused", message="rank 325 of 400", **nothing),
+        ),
+        put(
+            folder,
+            make_measured_record("dd01", "delta", "step_underflow", message=f"stuck {HOSTILE}", t_reached_s=0.7),
+            make_swing(90, 0.7),
             stderr=f"[IDA ERROR] {HOSTILE}",
         ),
-        put(folder, record("ee01", "epsilon", "crashed", signal=11, message="signal 11", **nothing)),
-        put(folder, record("ff01", "alpha", "diverged", label="as printed", energy_drift_max_J=float("inf")), broken),
-        put(folder, record("gg01", HOSTILE, problem=HOSTILE, label=HOSTILE, case=HOSTILE), series()),
+        put(folder, make_measured_record("ee01", "epsilon", "crashed", signal=11, message="signal 11", **nothing)),
         put(
             folder,
-            record(
+            make_measured_record("ff01", "alpha", "diverged", label="as printed", energy_drift_max_J=float("inf")),
+            broken,
+        ),
+        put(folder, make_measured_record("gg01", HOSTILE, problem=HOSTILE, label=HOSTILE, case=HOSTILE), make_swing()),
+        put(
+            folder,
+            make_measured_record(
                 "hh01",
                 "beta",
                 problem="lonely",
@@ -123,7 +90,7 @@ def every_kind(folder: Path) -> list[RunRecord]:
                 t_reached_s=0.0,
                 steps=0,
             ),
-            series(1),
+            make_swing(1),
         ),
     ]
 
@@ -199,13 +166,15 @@ def matrices(tmp_path_factory):
         own = {"problem": name, "section": f"Sect. {k}", "position_error_max_m": size, "cpu_median_s": cpu}
         put(
             folder,
-            record(f"a{k}", "alpha", status, message="lost", **own | {"cpu_median_s": cpu or 0.2}),
-            series(size=size),
+            make_measured_record(f"a{k}", "alpha", status, message="lost", **own | {"cpu_median_s": cpu or 0.2}),
+            make_swing(size=size),
         )
-        put(folder, record(f"b{k}", "beta", **own | {"position_error_max_m": 1.0 / (k + 1)}), series())
+        put(
+            folder, make_measured_record(f"b{k}", "beta", **own | {"position_error_max_m": 1.0 / (k + 1)}), make_swing()
+        )
     put(
         folder,
-        record(
+        make_measured_record(
             "a3",
             "alpha",
             "wrong",
@@ -214,13 +183,15 @@ def matrices(tmp_path_factory):
             position_error_max_m=1e-5,
             wrong_because=because("far off"),
         ),
-        series(),
+        make_swing(),
     )
     for k, name in ((0, "far"), (1, "near"), (3, "off")):
         put(
             folder,
-            record(f"c{k}", problem=name, section=f"Sect. {k}", label="map", dt_s=0.1, position_error_max_m=4.0 - k),
-            series(),
+            make_measured_record(
+                f"c{k}", problem=name, section=f"Sect. {k}", label="map", dt_s=0.1, position_error_max_m=4.0 - k
+            ),
+            make_swing(),
         )
     write_text(folder / "environment.json", "{}")
     return site.build_report(folder)

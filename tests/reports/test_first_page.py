@@ -22,9 +22,10 @@ from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import format_count as count
 from mbsbench.reports.model.words import number, seconds, time
 from mbsbench.reports.pages.runs.overview import ENGINES
+from mbsbench.tests.factories import make_measured_record
 
 from .browser import OVERFLOW
-from .conftest import because, put, record
+from .conftest import because, put
 from .outline import Outline
 from .test_heat import broken, moving
 
@@ -44,7 +45,7 @@ def built(tmp_path_factory):
             for k, dt in enumerate(STEPS):
                 put(
                     folder,
-                    record(
+                    make_measured_record(
                         f"{name}{solver}{k}",
                         solver,
                         problem=name,
@@ -58,7 +59,7 @@ def built(tmp_path_factory):
                 )
     put(
         folder,
-        record(
+        make_measured_record(
             "hardwrong",
             "delta",
             problem="hard",
@@ -72,7 +73,7 @@ def built(tmp_path_factory):
     )
     put(
         folder,
-        record(
+        make_measured_record(
             "easydelta",
             "delta",
             "refused",
@@ -386,7 +387,11 @@ def whole(tmp_path_factory):
                     "cpu_median_s": 1e-3 * (k + 1) * 2**n,
                 }
                 bad = broken(Law.ENERGY, 0.45, 0.1, "J") if (j, n, k % 2) == (0, 0, 0) else {}
-                put(folder, record(f"{k}x{j}x{n}", solver, **motion, **bad), moving(0) if (j, n) == (0, 0) else None)
+                put(
+                    folder,
+                    make_measured_record(f"{k}x{j}x{n}", solver, **motion, **bad),
+                    moving(0) if (j, n) == (0, 0) else None,
+                )
     write_text(folder / "environment.json", "{}")
     store.write_table(folder, store.load(folder).records)
     return site.build_report(folder)
@@ -404,5 +409,5 @@ def test_the_first_page_is_four_screens_and_fits_a_phone(whole, browser, width, 
 
 def test_a_wrong_run_without_size_has_its_card_too(tmp_path):
     """Another start, another symmetry: what has no number is told in words."""
-    put(tmp_path, record("aa01", "alpha", "wrong", wrong_because=because("far off")), moving(0))
+    put(tmp_path, make_measured_record("aa01", "alpha", "wrong", wrong_because=because("far off")), moving(0))
     assert "far off" in site.build_report(tmp_path).read_text(encoding="utf-8")

@@ -16,8 +16,9 @@ from mbsbench.reports.model.tracking import list_tracking_times
 from mbsbench.reports.model.variants import OTHER_PARAMETERS, find_plain_label, group_variants, select_variants
 from mbsbench.reports.pages.judged.cost import state_cheapest
 from mbsbench.reports.pages.runs.solvers import describe_solver
+from mbsbench.tests.factories import make_measured_record
 
-from .conftest import because, put, record
+from .conftest import because, put
 from .pages.synthetic import DRIFT, ORDER
 
 HALVINGS = range(9)
@@ -29,7 +30,7 @@ def ladder(folder, solver, order, cost, **changes):
         dt = 0.1 / 2**k
         error = (10.0 * dt) ** order
         numbers = {"dt_s": dt, "position_error_max_m": error, "cpu_median_s": cost / dt}
-        put(folder, record(f"{changes.get('problem', '')}{solver}{k}", solver, **{**numbers, **changes}))
+        put(folder, make_measured_record(f"{changes.get('problem', '')}{solver}{k}", solver, **{**numbers, **changes}))
 
 
 def test_work_is_interpolated_on_the_power_law(tmp_path):
@@ -49,7 +50,10 @@ def test_who_misses_and_who_refuses_is_said(tmp_path):
     ladder(tmp_path, "beta", 4.0, 2e-3)
     ladder(tmp_path, "gamma", 1.0, 1e-3)
     ladder(tmp_path, "delta", 4.0, 1e-6, status="wrong")
-    put(tmp_path, record("eps", "epsilon", "refused", message="no springs", position_error_max_m=float("nan")))
+    put(
+        tmp_path,
+        make_measured_record("eps", "epsilon", "refused", message="no springs", position_error_max_m=float("nan")),
+    )
     found = {f.target: f for f in find_frontiers(read_results(tmp_path))}
     assert [p.run.record.solver for p in found[1e-6].places] == ["alpha", "beta"]
     assert found[1e-6].missed == ("delta", "gamma")
@@ -82,7 +86,7 @@ def test_a_run_that_is_better_and_cheaper_counts_for_looser_errors(tmp_path):
     """An error is met by any run below it: the cost never falls where the error asked for gets smaller."""
     ladder(tmp_path, "alpha", 4.0, 1e-3)
     for name, dt, error, cpu in (("b0", 0.1, 5e-3, 9.0), ("b1", 0.05, 1e-7, 2.0)):
-        put(tmp_path, record(name, "beta", dt_s=dt, position_error_max_m=error, cpu_median_s=cpu))
+        put(tmp_path, make_measured_record(name, "beta", dt_s=dt, position_error_max_m=error, cpu_median_s=cpu))
     found = {f.target: {p.run.record.solver: p for p in f.places} for f in find_frontiers(read_results(tmp_path))}
     costs = [found[10.0**-k]["beta"].cpu_s for k in range(3, 8)]
     assert costs == [2.0] * 5 and found[1e-2]["beta"].bound and not found[1e-4]["beta"].bound
@@ -154,11 +158,11 @@ def test_bars_end_where_the_error_passes_or_the_reference_ends():
 
     stopped = {**asked, "t_reached_s": 1.0, "compared_to_s": 1.0, **until(1.0, 1.0, 0.5)}
     runs = [
-        StoredRun(record("a1", "alpha", **asked, **until(2.0, 1.0, 0.5))),
-        StoredRun(record("a2", "alpha", dt_s=0.1, **asked, **until(0.5, 0.2, 0.1))),  # coarser
-        StoredRun(record("b1", "beta", **asked, **until(3.0, 3.0, 2.0))),
-        StoredRun(record("c1", "gamma")),
-        StoredRun(record("d1", "delta", "diverged", **stopped)),
+        StoredRun(make_measured_record("a1", "alpha", **asked, **until(2.0, 1.0, 0.5))),
+        StoredRun(make_measured_record("a2", "alpha", dt_s=0.1, **asked, **until(0.5, 0.2, 0.1))),  # coarser
+        StoredRun(make_measured_record("b1", "beta", **asked, **until(3.0, 3.0, 2.0))),
+        StoredRun(make_measured_record("c1", "gamma")),
+        StoredRun(make_measured_record("d1", "delta", "diverged", **stopped)),
     ]
     beta, alpha, delta = list_tracking_times(Variant("p", "p", tuple(runs)))
     assert [f.run.record.run_id for f in (beta, alpha, delta)] == ["b1", "a1", "d1"]
@@ -219,14 +223,14 @@ def test_the_badge_is_a_file_of_its_own(tmp_path, name):
 
 
 def test_nothing_is_said_of_what_is_not_known(tmp_path):
-    put(tmp_path, record("aa01", accurate_until_s=math.nan))
+    put(tmp_path, make_measured_record("aa01", accurate_until_s=math.nan))
     assert describe_solver("alpha", (), (), (), ())["facts"] == []
 
 
 def test_finest_settings_speak_for_a_solver_and_the_rest_are_counted(tmp_path):
     """A coarse step that fails is no breakdown of the fine one, and not hidden either."""
-    put(tmp_path, record("aa01", dt_s=0.01, status="diverged", message="too coarse"))
-    put(tmp_path, record("aa02", dt_s=0.005))
+    put(tmp_path, make_measured_record("aa01", dt_s=0.01, status="diverged", message="too coarse"))
+    put(tmp_path, make_measured_record("aa02", dt_s=0.005))
     (v,) = rank_solvers(read_results(tmp_path))
     assert (v["finest"].succeeded, v["finest"].runs) == (1, 1) and not v["breaks_on"]
     assert (v["everything"].succeeded, v["everything"].stopped) == (1, 1)
@@ -235,11 +239,11 @@ def test_finest_settings_speak_for_a_solver_and_the_rest_are_counted(tmp_path):
 def test_each_solver_has_its_own_ending(tmp_path):
     """One succeeds, one drifts, one is wrong, one refuses: each is said where it belongs, and only there."""
     drift = {"energy_mean_first_quarter_J": 1e-4, "energy_mean_last_quarter_J": 9e-4}
-    put(tmp_path, record("aa01", "alpha"))
-    put(tmp_path, record("bb01", "beta", **drift))
-    put(tmp_path, record("cc01", "gamma", "wrong", wrong_because=because("it left"), judged_to_s=0.5))
-    put(tmp_path, record("cc02", "gamma", dt_s=0.001, label="work", judged_to_s=0.5))
-    put(tmp_path, record("dd01", "delta", "refused", message="rank"))
+    put(tmp_path, make_measured_record("aa01", "alpha"))
+    put(tmp_path, make_measured_record("bb01", "beta", **drift))
+    put(tmp_path, make_measured_record("cc01", "gamma", "wrong", wrong_because=because("it left"), judged_to_s=0.5))
+    put(tmp_path, make_measured_record("cc02", "gamma", dt_s=0.001, label="work", judged_to_s=0.5))
+    put(tmp_path, make_measured_record("dd01", "delta", "refused", message="rank"))
     results = read_results(tmp_path)
     found = {v["solver"]: v for v in rank_solvers(results)}
     assert {s: [why for _, why in v["breaks_on"]] for s, v in found.items() if v["breaks_on"]} == {
@@ -252,9 +256,9 @@ def test_each_solver_has_its_own_ending(tmp_path):
 def test_broadest_label_is_that_of_most_pairs(tmp_path):
     """A map of many runs of one solver is no overview."""
     for k in range(9):
-        put(tmp_path, record(f"m{k}", label="map", dt_s=0.001 * (k + 1)))
-    put(tmp_path, record("aa01", "alpha", label="sound"))
-    put(tmp_path, record("bb01", "beta", label="sound"))
+        put(tmp_path, make_measured_record(f"m{k}", label="map", dt_s=0.001 * (k + 1)))
+    put(tmp_path, make_measured_record("aa01", "alpha", label="sound"))
+    put(tmp_path, make_measured_record("bb01", "beta", label="sound"))
     results = read_results(tmp_path)
     assert find_plain_label(results) == "sound"
     head = find_finest(results.variants[0], "alpha", "sound")
@@ -263,12 +267,14 @@ def test_broadest_label_is_that_of_most_pairs(tmp_path):
 
 def test_problems_stand_before_their_variants(tmp_path):
     """Frames, units and shorter times are many and say nothing of who holds: they are counted apart."""
-    put(tmp_path, record("aa01", "alpha"))
+    put(tmp_path, make_measured_record("aa01", "alpha"))
     for k in range(3):
         told = json.dumps({"t_end": 1.0, "yaw": 0.1 * (k + 1)})
-        put(tmp_path, record(f"y{k}", label="symmetries", problem_parameters=told, status="wrong"))
-        put(tmp_path, record(f"b{k}", f"beta{k}", label="symmetries", problem_parameters='{"t_end": 1.0}'))
-    put(tmp_path, record("cc01", problem="other", label="symmetries"))
+        put(tmp_path, make_measured_record(f"y{k}", label="symmetries", problem_parameters=told, status="wrong"))
+        put(
+            tmp_path, make_measured_record(f"b{k}", f"beta{k}", label="symmetries", problem_parameters='{"t_end": 1.0}')
+        )
+    put(tmp_path, make_measured_record("cc01", problem="other", label="symmetries"))
     results = read_results(tmp_path)
     label = find_plain_label(results)
     assert label == "recommended"

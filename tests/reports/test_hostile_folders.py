@@ -16,8 +16,9 @@ from mbsbench.harness.base.confined_paths import ConfinedPath, UnsafeFile, confi
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.tests.covering import diagonal
+from mbsbench.tests.factories import make_measured_record, make_swing
 
-from .conftest import every_kind, put, record, series
+from .conftest import every_kind, put
 
 SUITE = """name = "t"
 [defaults]
@@ -195,7 +196,7 @@ def test_the_present_folder_and_the_one_above_are_places(tmp_path, monkeypatch):
 
 def test_the_way_to_a_results_folder_may_be_a_link(tmp_path):
     """``results/local/latest`` is one, and a home may be elsewhere: these are the user's."""
-    put(tmp_path / "A", record("aa01"), series())
+    put(tmp_path / "A", make_measured_record("aa01"), make_swing())
     (tmp_path / "latest").symlink_to("A")
     assert store.load(tmp_path / "latest").records
 

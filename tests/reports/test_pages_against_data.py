@@ -19,8 +19,9 @@ from mbsbench.reports import site
 from mbsbench.reports.model.words import number
 from mbsbench.reports.pages.compare import write_compare
 from mbsbench.reports.pages.judged.claims import describe_origins
+from mbsbench.tests.factories import make_measured_record, make_swing
 
-from .conftest import put, record, series
+from .conftest import put
 from .outline import Outline
 from .pages.synthetic import CLAIM
 
@@ -39,13 +40,17 @@ def built(tmp_path_factory):
         "judged_to_s": 0.5,
         "phi_limit_m": 0.01,
     }
-    put(folder, record("aa01", **errors), series())
-    put(folder, record("aa02", dt_s=0.005, **{**errors, "position_error_judged_m": 0.0039}), series(600))
+    put(folder, make_measured_record("aa01", **errors), make_swing())
+    put(
+        folder,
+        make_measured_record("aa02", dt_s=0.005, **{**errors, "position_error_judged_m": 0.0039}),
+        make_swing(600),
+    )
     for k, n in enumerate(SIZES):
         for t_end, factor in ((0.2, 1.0), (20.0, 1.0 if k else 40.0)):  # the long motion of the smallest is dear
             put(
                 folder,
-                record(
+                make_measured_record(
                     f"cc{n}{t_end:g}",
                     problem="chain",
                     t_end_s=t_end,
@@ -53,9 +58,13 @@ def built(tmp_path_factory):
                     problem_parameters=json.dumps({"links": n, "t_end": t_end}),
                     cpu_median_s=1e-3 * factor * n**1.25,
                 ),
-                series(60, bodies=n),
+                make_swing(60, bodies=n),
             )
-    put(folder, record("gg01", problem="grid", energy_drift_max_J=1e-9, phi_max=5e-3, gap_share_max=0.7), series())
+    put(
+        folder,
+        make_measured_record("gg01", problem="grid", energy_drift_max_J=1e-9, phi_max=5e-3, gap_share_max=0.7),
+        make_swing(),
+    )
     store.write_table(folder, store.load(folder).records)
     page = site.build_report(folder).parent
     return folder, pd.read_parquet(folder / "runs.parquet"), lambda name: (page / name).read_text(encoding="utf-8")
@@ -104,8 +113,12 @@ def test_two_results_without_a_difference_blame_no_solver(tmp_path):
     """Bit for bit identical, but one has a run more; then one that differs, and one that a limit ended."""
     a, b = tmp_path / "a", tmp_path / "b"
     for folder in (a, b):
-        put(folder, record("aa01"), series())
-        put(folder, record("bb01", "beta", "stalled", t_reached_s=1.0 if folder == a else 1.2), series())
+        put(folder, make_measured_record("aa01"), make_swing())
+        put(
+            folder,
+            make_measured_record("bb01", "beta", "stalled", t_reached_s=1.0 if folder == a else 1.2),
+            make_swing(),
+        )
         (folder / "environment.json").write_text(json.dumps({"run": "one", "commit": "c"}))
 
     def causes() -> str:
@@ -113,11 +126,11 @@ def test_two_results_without_a_difference_blame_no_solver(tmp_path):
         return text[text.index("Possible causes") : text.index("Only in one of them")]
 
     assert "a limit on time or memory ended it" in causes() and "not deterministic" not in causes()
-    put(b, record("bb01", "beta", "stalled", t_reached_s=1.0), series())
+    put(b, make_measured_record("bb01", "beta", "stalled", t_reached_s=1.0), make_swing())
     assert "and no result does." in causes()
-    put(b, record("zz01"), series())
+    put(b, make_measured_record("zz01"), make_swing())
     assert "there are runs in one of them only" in causes() and "not deterministic" not in causes()
-    put(b, record("aa01", energy_drift_max_J=0.3), series())
+    put(b, make_measured_record("aa01", energy_drift_max_J=0.3), make_swing())
     assert "1 run: a solver is not deterministic (pendulum alpha aa01)" in causes()
 
 

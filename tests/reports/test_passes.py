@@ -13,8 +13,9 @@ from mbsbench.harness.base.files import write_text
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.reports import site
+from mbsbench.tests.factories import make_measured_record
 
-from .conftest import put, record
+from .conftest import put
 
 FIRST = """
 [[runs]]
@@ -97,11 +98,11 @@ def test_the_first_page_has_the_numbers_of_each_solver_on_each_problem(matrices)
 def test_an_open_page_says_when_the_report_has_been_written_anew(browser, tmp_path):
     """From a disk, without a network: the page of the first pass offers to load that of the second."""
     write_text(tmp_path / "environment.json", json.dumps({"suite": "bench", "suite_runs": 2}))
-    put(tmp_path, record("aa01"))
+    put(tmp_path, make_measured_record("aa01"))
     tab = browser.open(site.build_report(tmp_path))
     notice = "document.querySelector('[data-written]')"
     assert "1 run of the 2 of the suite bench is here, 1 to come:" in tab.evaluate(f"{notice}.textContent")
-    put(tmp_path, record("aa02", dt_s=0.005))
+    put(tmp_path, make_measured_record("aa02", dt_s=0.005))
     site.build_report(tmp_path)
     tab.until(f"{notice}.textContent.includes('written anew, with 2 runs')")
     tab.evaluate(f"{notice}.querySelector('button').click()")

@@ -12,9 +12,10 @@ from mbsbench.harness.mechanics.types import ALLOWED, Law
 from mbsbench.harness.results.records import parse_reasons
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import number
+from mbsbench.tests.factories import make_measured_record
 from mbsbench.tests.stale import REMEDY
 
-from .conftest import put, record
+from .conftest import put
 
 pytestmark = pytest.mark.published
 ROOT = Path(__file__).parents[2]
@@ -54,7 +55,7 @@ def test_the_picture_of_costs_names_engines_with_their_cpu_time(pictures, tmp_pa
         for k in range(3):
             put(
                 tmp_path,
-                record(
+                make_measured_record(
                     f"{solver}{k}",
                     solver,
                     dt_s=0.1 / 2**k,

@@ -6,9 +6,10 @@ import pytest
 from mbsbench.harness.base.files import write_text
 from mbsbench.reports import site
 from mbsbench.reports.model.curves import find_maxima
+from mbsbench.tests.factories import make_measured_record, make_swing
 
 from .browser import OPEN
-from .conftest import put, record, series
+from .conftest import put
 
 DRAWN = "document.querySelector('[data-plot={0}] .axis')"
 
@@ -71,8 +72,8 @@ def test_time_axes_zoom_together_and_back_by_the_keyboard(report, browser):
 
 def test_axes_leave_out_what_is_hidden(browser, tmp_path):
     """A coarse run that swings ten times as far is not drawn at first: it takes none of the axis until it is."""
-    put(tmp_path, record("aa01", dt_s=0.005), series(size=1e-3))
-    put(tmp_path, record("aa02", dt_s=0.05), series(size=9.0))
+    put(tmp_path, make_measured_record("aa01", dt_s=0.005), make_swing(size=1e-3))
+    put(tmp_path, make_measured_record("aa02", dt_s=0.05), make_swing(size=9.0))
     write_text(tmp_path / "environment.json", "{}")
     tab = drawn(browser, site.build_report(tmp_path).parent / "problem-pendulum.html", "obs-theta")
     top = "MBS.plotted.view('obs-theta').range.y[1]"
@@ -110,7 +111,7 @@ def test_numbers_drawn_are_those_of_the_series(report, browser):
     found = tab.evaluate(
         "MBS.plotted.plots.find((p) => p.name === 'energy').traces.find((t) => t.urls && t.urls[0].includes('aa01'))"
     )
-    made = series()
+    made = make_swing()
     expected = find_maxima(made["t"], made["energy_error"], 2.0)
     assert len(found["x"]) == len(expected)
     np.testing.assert_allclose(found["x"], expected.t, atol=2.0 / 8190 + 1e-5)

@@ -2,9 +2,10 @@
 
 from mbsbench.harness.base.files import write_text
 from mbsbench.reports import site
+from mbsbench.tests.factories import make_measured_record
 
 from .browser import LOW, OPEN, OVERFLOW, SMALL
-from .conftest import put, record
+from .conftest import put
 
 SET = (
     "((name, value) => {{ const e = document.forms[0].elements[name]; e.value = value; "
@@ -15,7 +16,10 @@ SET = (
 def test_thousands_of_runs_are_paged_and_the_address_keeps_the_choice(browser, tmp_path):
     """100 rows a page, few nodes; a filter, an order and a page are in the address and come back with it."""
     for k in range(230):
-        put(tmp_path, record(f"r{k:03}", dt_s=1e-4 * (k + 1), status="success" if k % 2 else "wrong", label="map"))
+        put(
+            tmp_path,
+            make_measured_record(f"r{k:03}", dt_s=1e-4 * (k + 1), status="success" if k % 2 else "wrong", label="map"),
+        )
     write_text(tmp_path / "environment.json", "{}")
     tab = browser.open(site.build_report(tmp_path).parent / "runs.html")
     rows = "document.querySelectorAll('[data-runs] tbody tr').length"

@@ -11,8 +11,9 @@ from mbsbench.harness.results.environment import ROOT
 from mbsbench.reports import site
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.judged.engines import SHIPPED, TUNED, list_contests
+from mbsbench.tests.factories import make_measured_record
 
-from .conftest import put, record
+from .conftest import put
 
 sys.path.append(str(ROOT / "docs"))
 import list_engines
@@ -31,9 +32,11 @@ def test_the_best_is_the_cheapest_within_the_target(tmp_path):
     ):
         put(
             tmp_path,
-            record(f"run{k}", solver, label=label, dt_s=0.1 / 2**k, position_error_max_m=error, cpu_median_s=cpu),
+            make_measured_record(
+                f"run{k}", solver, label=label, dt_s=0.1 / 2**k, position_error_max_m=error, cpu_median_s=cpu
+            ),
         )
-    put(tmp_path, record("no", "gamma", "refused", label=SHIPPED, position_error_max_m=math.nan))
+    put(tmp_path, make_measured_record("no", "gamma", "refused", label=SHIPPED, position_error_max_m=math.nan))
     (contest,) = list_contests(read_results(tmp_path))
     best = {pair.who: pair.best.record.cpu_median_s for pair in contest.pairs}
     assert (best["alpha"], best["beta"]) == (2.0, 9.0)
@@ -47,7 +50,7 @@ def test_the_best_is_the_cheapest_within_the_target(tmp_path):
 
 def test_a_page_of_runs_as_shipped_alone_is_written(tmp_path):
     """A suite that is still running has made those first."""
-    put(tmp_path, record("run", "alpha", label=SHIPPED, dt_s=0.1, position_error_max_m=0.1))
+    put(tmp_path, make_measured_record("run", "alpha", label=SHIPPED, dt_s=0.1, position_error_max_m=0.1))
     assert "nothing has been tuned yet" in (site.build_report(tmp_path).parent / "engines.html").read_text()
 
 
@@ -73,7 +76,7 @@ def test_the_frontier_is_published_with_losses_first(tmp_path, monkeypatch):
             dt = 0.1**k
             put(
                 tmp_path / "results",
-                record(
+                make_measured_record(
                     f"{problem}{solver}{k}",
                     solver,
                     problem=problem,
@@ -139,7 +142,10 @@ def test_nothing_is_published_of_a_changed_checkout(tmp_path, monkeypatch):
     """Nor of runs made at two commits."""
     monkeypatch.setattr(list_engines, "PUBLISHED", tmp_path / "contests.json")
     for commit, label in (("a", SHIPPED), ("b", TUNED)):
-        put(tmp_path / "results", record(commit, "alpha", label=label, position_error_max_m=0.1, commit=commit))
+        put(
+            tmp_path / "results",
+            make_measured_record(commit, "alpha", label=label, position_error_max_m=0.1, commit=commit),
+        )
     with pytest.raises(SystemExit, match="is not of one commit without changes"):
         list_engines.publish(tmp_path / "results")
     assert not list_engines.PUBLISHED.exists()

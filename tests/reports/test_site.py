@@ -20,9 +20,9 @@ from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages import base
 from mbsbench.reports.pages.base import Page, Site
 from mbsbench.solvers.gc_weak_form import GcWeakForm
+from mbsbench.tests.factories import make_measured_record, make_swing, run_suite_text
 
-from ..harness.conftest import run_in
-from .conftest import HOSTILE, every_kind, put, record, series
+from .conftest import HOSTILE, every_kind, put
 from .outline import Outline
 from .pages.synthetic import judge
 
@@ -146,7 +146,8 @@ def test_screen_readers_get_descriptions(report):
         assert all(a.get("scope") in ("row", "col") for t, a in tags if t == "th"), name
         levels = [int(t[1]) for t, _ in tags if re.fullmatch(r"h[1-6]", t)]
         assert levels[0] == 1 and levels.count(1) == 1, name
-        assert all(b - a <= 1 for a, b in pairwise(levels)), name
+        for a, b in pairwise(levels):
+            assert b - a <= 1, (name, levels)
         names = [a["id"] for _, a in tags if "id" in a]
         assert len(names) == len(set(names)), name
         assert all("tabindex" in a for _, a in tags if a.get("class") == "scroll"), name
@@ -197,10 +198,10 @@ def test_poor_runs_have_a_site_too(tmp_path, kind):
     """No run, no environment, no series: the pages say so and do not fail."""
     (tmp_path / "runs").mkdir()
     if kind == "one":
-        put(tmp_path, record("aa01"), series(40))
+        put(tmp_path, make_measured_record("aa01"), make_swing(40))
     if kind == "only failures":
-        put(tmp_path, record("cc01", "gamma", "refused", message="no", t_reached_s=float("nan")))
-        put(tmp_path, record("ee01", "beta", "crashed", message="", t_reached_s=float("nan")))
+        put(tmp_path, make_measured_record("cc01", "gamma", "refused", message="no", t_reached_s=float("nan")))
+        put(tmp_path, make_measured_record("ee01", "beta", "crashed", message="", t_reached_s=float("nan")))
     html = site.build_report(tmp_path).read_text(encoding="utf-8")
     words = {"nothing": "no finished run", "one": "1 solver on 1 mechanism", "only failures": "crashed, without a"}
     assert words[kind] in html
@@ -209,9 +210,9 @@ def test_poor_runs_have_a_site_too(tmp_path, kind):
 
 def test_damaged_files_are_named(tmp_path):
     """Unreadable files are not silently left out."""
-    put(tmp_path, record("aa01"), series(40))
+    put(tmp_path, make_measured_record("aa01"), make_swing(40))
     (tmp_path / "runs" / "zz99.json").write_text("{")
-    put(tmp_path, record("bb01"), series(40))
+    put(tmp_path, make_measured_record("bb01"), make_swing(40))
     (tmp_path / "series" / "bb01.npz").write_bytes(b"cut off")
     html = site.build_report(tmp_path).read_text(encoding="utf-8")
     assert "Left out: zz99.json" in html and "Left out: bb01.json" in html
@@ -220,8 +221,8 @@ def test_damaged_files_are_named(tmp_path):
 
 def test_a_new_report_keeps_no_page_of_an_earlier_one(tmp_path):
     """Pages of runs that are gone would be taken for this run's."""
-    put(tmp_path, record("aa01"), series(40))
-    put(tmp_path, record("aa02", dt_s=0.005), series(40))
+    put(tmp_path, make_measured_record("aa01"), make_swing(40))
+    put(tmp_path, make_measured_record("aa02", dt_s=0.005), make_swing(40))
     site.build_report(tmp_path)
     (tmp_path / "runs" / "aa02.json").unlink()
     (tmp_path / "report" / "figures").mkdir(exist_ok=True)
@@ -232,7 +233,7 @@ def test_a_new_report_keeps_no_page_of_an_earlier_one(tmp_path):
 
 
 def test_two_pages_cannot_have_one_name(tmp_path):
-    put(tmp_path, record("aa01"))
+    put(tmp_path, make_measured_record("aa01"))
     here = Site(read_results(tmp_path), ConfinedPath(tmp_path))
     here.write(Page("One", "x.html"), "method.html")
     with pytest.raises(ValueError, match="two pages want to be"):
@@ -264,7 +265,7 @@ dt = [0.02, 0.01]
 def test_real_run_has_a_report(tmp_path, capsys):
     """Run, then ``report``: every run has its page, with plots, tables and its command."""
     folder = tmp_path / "run"
-    loaded, _ = run_in(folder, TINY, 1, plugins=())
+    loaded, _ = run_suite_text(folder, TINY, 1, plugins=())
     assert main(["report", str(folder)]) == 0
     assert "index.html" in capsys.readouterr().out
     assert main(["report", str(folder), "--out", "x"]) == 2

@@ -21,8 +21,10 @@ from mbsbench.reports.plots.convergence import make_convergence_plots
 from mbsbench.reports.plots.slopes import add_triangles, find_order
 from mbsbench.reports.plots.spec import Axis, LineStyle, Plot, Trace, choose_styles
 from mbsbench.reports.trial import QUANTITIES, _plot_orders
+from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.factories import make_measured_record
 
-from .conftest import put, record
+from .conftest import put
 from .pages import synthetic
 
 STEPS = 0.1 / 2.0 ** np.arange(6)
@@ -113,14 +115,20 @@ def test_triangles_are_legible_in_grey():
     (shape,), digits = [p for p in ax.patches if isinstance(p, Polygon)], ax.texts
     for ground in (paper.PAPER, shape.get_facecolor()):
         assert (luminance(ground) + 0.05) / (luminance(shape.get_edgecolor()) + 0.05) >= 3.0
-        assert all((luminance(ground) + 0.05) / (luminance(t.get_color()) + 0.05) >= 7.0 for t in digits)
+        contrasts = [(luminance(ground) + 0.05) / (luminance(t.get_color()) + 0.05) for t in digits]
+        assert_each(contrasts, ">=", 7.0, "contrasts of digits")
     assert sorted(t.get_text() for t in digits) == ["1", "2"] and shape.get_gid() == "order 2"
 
 
 def put_ladder(folder, solver: str, order: int, runs: int = 4) -> None:
     for k in range(runs):
         h = 0.1 / 2**k
-        put(folder, record(f"{solver[:2]}{k:02}", solver, dt_s=h, position_error_max_m=h**order, energy_drift_max_J=h))
+        put(
+            folder,
+            make_measured_record(
+                f"{solver[:2]}{k:02}", solver, dt_s=h, position_error_max_m=h**order, energy_drift_max_J=h
+            ),
+        )
 
 
 def test_figures_have_error_against_step_with_a_triangle_for_each_order(tmp_path):
@@ -149,7 +157,7 @@ def test_a_step_under_error_control_is_the_mean_of_those_taken(tmp_path):
     for k in range(3):
         put(
             tmp_path,
-            record(
+            make_measured_record(
                 f"aa{k:02}",
                 control="rtol",
                 dt_s=nan,

@@ -13,8 +13,9 @@ from mbsbench.reports.model.results import StoredRun, read_results
 from mbsbench.reports.model.tables import COLUMNS, escape_latex, format_as_csv, format_as_latex, format_latex_number
 from mbsbench.reports.model.words import format_count, format_signed, number, seconds, unit
 from mbsbench.reports.plots.work import list_points
+from mbsbench.tests.factories import make_measured_record, make_swing
 
-from .conftest import HOSTILE, put, record, series
+from .conftest import HOSTILE, put
 
 
 def test_csv_has_every_run_in_full(built):
@@ -60,16 +61,18 @@ def test_numbers_are_written_for_readers():
 def test_the_nearest_true_motion_is_beside_the_verdict_inaccurate():
     """Chaos makes the error large; a run that succeeds says nothing of it but in its columns."""
     near = NearestMotion(20.0, 4.3e-3, 6.9e-4, 8e-5)
-    run = StoredRun(record("aa01", status="inaccurate"), nearest=near)
+    run = StoredRun(make_measured_record("aa01", status="inaccurate"), nearest=near)
     assert run.reasons[-1] == "yet a true motion within 4.3 mm (rms 0.69 mm) over 20 s"
     shown = {c.key: c.text(run) for c in COLUMNS}
     assert (shown["true_motion"], shown["true_motion_until"], shown["symplectic"]) == ("0.00430", "20", "not shown")
-    assert not StoredRun(record("aa02"), nearest=near).reasons and ",0.0043,20.0,not shown," in format_as_csv([run])
+    assert not StoredRun(
+        make_measured_record("aa02"), nearest=near
+    ).reasons and ",0.0043,20.0,not shown," in format_as_csv([run])
 
 
 def test_a_cpu_time_too_short_for_the_clock_is_no_zero():
     """It took some time: a reader is told that the clock says none, in LaTeX as text."""
-    run = StoredRun(record("aa01", cpu_median_s=0.0))
+    run = StoredRun(make_measured_record("aa01", cpu_median_s=0.0))
     column = next(c for c in COLUMNS if c.key == "cpu_median")
     assert column.text(run) == seconds(0.0) == "below the clock"
     assert "& below the clock" in format_as_latex("p", [run])
@@ -78,8 +81,8 @@ def test_a_cpu_time_too_short_for_the_clock_is_no_zero():
 def test_pages_tables_and_plots_have_one_error_over_one_interval(tmp_path):
     """A chain is judged to 0.5 s and compared to 2 s: 0.4 m of the chaotic rest beside 0.001 m would contradict."""
     chaos = {"judged_to_s": 0.5, "position_error_judged_m": 1e-3, "position_error_max_m": 0.4}
-    put(tmp_path, record("aa01", **chaos))
-    put(tmp_path, record("aa02", dt_s=0.005, **chaos))
+    put(tmp_path, make_measured_record("aa01", **chaos))
+    put(tmp_path, make_measured_record("aa02", dt_s=0.005, **chaos))
     (variant,) = read_results(tmp_path).variants
     measure = choose_measure(variant.runs)
     assert measure is not None and measure.until == 0.5
@@ -92,13 +95,13 @@ def test_pages_tables_and_plots_have_one_error_over_one_interval(tmp_path):
 
 def test_of_runs_with_the_same_settings_the_latest_is_shown(tmp_path):
     """Results that were resumed after a change of the code hold both: one solver would count twice."""
-    put(tmp_path, record("old", settings_id="s", finished="2026-01-01T00:00:00Z", energy_drift_max_J=1.0))
-    put(tmp_path, record("new", settings_id="s", finished="2026-01-02T00:00:00Z"))
-    put(tmp_path, record("other", "beta"))
+    put(tmp_path, make_measured_record("old", settings_id="s", finished="2026-01-01T00:00:00Z", energy_drift_max_J=1.0))
+    put(tmp_path, make_measured_record("new", settings_id="s", finished="2026-01-02T00:00:00Z"))
+    put(tmp_path, make_measured_record("other", "beta"))
     found = read_results(tmp_path)
     assert {c.record.run_id for c in found.runs} == {"new", "other"}
     assert found.made_again == 1
-    put(tmp_path, record("older", settings_id="s", finished="2025-01-01T00:00:00Z"))
+    put(tmp_path, make_measured_record("older", settings_id="s", finished="2025-01-01T00:00:00Z"))
     assert read_results(tmp_path).made_again == 2
 
 
@@ -112,22 +115,25 @@ def test_of_runs_with_the_same_settings_the_latest_is_shown(tmp_path):
 )
 def test_a_later_run_that_was_killed_or_crashed_hides_no_success(ending, tmp_path):
     """Its end says nothing about the settings; a later run that came to its own end does replace it."""
-    put(tmp_path, record("good", settings_id="s", finished="2026-01-01T00:00:00Z"))
-    put(tmp_path, record("cut", settings_id="s", finished="2026-01-03T00:00:00Z", **ending))
+    put(tmp_path, make_measured_record("good", settings_id="s", finished="2026-01-01T00:00:00Z"))
+    put(tmp_path, make_measured_record("cut", settings_id="s", finished="2026-01-03T00:00:00Z", **ending))
     found = read_results(tmp_path)
     assert [c.record.run_id for c in found.runs] == ["good"]
     assert (found.made_again, found.cut_short) == (0, 1)
-    put(tmp_path, record("lost", settings_id="s", finished="2026-01-02T00:00:00Z", status="diverged"))
+    put(tmp_path, make_measured_record("lost", settings_id="s", finished="2026-01-02T00:00:00Z", status="diverged"))
     assert [c.record.run_id for c in read_results(tmp_path).runs] == ["lost"]
-    put(tmp_path, record("first", "beta", settings_id="b", finished="2026-01-01T00:00:00Z", status="diverged"))
-    put(tmp_path, record("then", "beta", settings_id="b", finished="2026-01-02T00:00:00Z", **ending))
+    put(
+        tmp_path,
+        make_measured_record("first", "beta", settings_id="b", finished="2026-01-01T00:00:00Z", status="diverged"),
+    )
+    put(tmp_path, make_measured_record("then", "beta", settings_id="b", finished="2026-01-02T00:00:00Z", **ending))
     assert "then" in {c.record.run_id for c in read_results(tmp_path).runs}  # of no success the latest
 
 
 def test_a_later_run_with_a_damaged_series_hides_no_earlier_one(tmp_path):
     """It is listed as unreadable; the earlier one stands in for it."""
-    put(tmp_path, record("good", settings_id="s", finished="2026-01-01T00:00:00Z"), series())
-    put(tmp_path, record("damaged", settings_id="s", finished="2026-01-02T00:00:00Z"), series())
+    put(tmp_path, make_measured_record("good", settings_id="s", finished="2026-01-01T00:00:00Z"), make_swing())
+    put(tmp_path, make_measured_record("damaged", settings_id="s", finished="2026-01-02T00:00:00Z"), make_swing())
     (tmp_path / "series" / "damaged.npz").write_bytes(b"no archive")
     found = read_results(tmp_path)
     assert [c.record.run_id for c in found.runs] == ["good"] and found.made_again == 0
@@ -137,7 +143,12 @@ def test_a_later_run_with_a_damaged_series_hides_no_earlier_one(tmp_path):
 def test_the_stated_error_of_the_reference_is_told_where_errors_are_judged(tmp_path):
     """It grows with time: at the horizon it is larger than the errors of runs, which are judged before."""
     own = {"reference": "exact", "reference_horizon_s": 5.0, "t_end_s": 20.0, "judged_to_s": 1.5}
-    put(tmp_path, record("aa", t_reached_s=20.0, reference_own_error_m=1e-3, reference_own_error_judged_m=2e-9, **own))
-    put(tmp_path, record("bb", "beta", "diverged", t_reached_s=0.1, reference_own_error_m=1e-11, **own))
+    put(
+        tmp_path,
+        make_measured_record(
+            "aa", t_reached_s=20.0, reference_own_error_m=1e-3, reference_own_error_judged_m=2e-9, **own
+        ),
+    )
+    put(tmp_path, make_measured_record("bb", "beta", "diverged", t_reached_s=0.1, reference_own_error_m=1e-11, **own))
     page = (site.build_report(tmp_path).parent / "problem-pendulum.html").read_text(encoding="utf-8")
     assert "0.00100 m up to 5 s, 2.00×10⁻⁹ m up to 1.5 s, where errors are judged</p>" in page

@@ -16,8 +16,9 @@ from mbsbench.reports.pages.judged.cost import measure_growths, plot_growth
 from mbsbench.reports.pages.judged.orders import plot_ladders
 from mbsbench.reports.plots.laws import plot_errors, plot_invariants, plot_laws, plot_observables
 from mbsbench.reports.plots.work import list_points, plot_pairs, plot_profile
+from mbsbench.tests.factories import make_measured_record, make_swing
 
-from .conftest import put, record, series
+from .conftest import put
 from .pages.synthetic import ORDER
 from .test_charts import drawing_of
 
@@ -34,7 +35,7 @@ SERIES = {  # of a plot: the series that it draws, with its unit
 
 def growing(size: float) -> Series:
     """Each error is a power of time of its own, so that no two have the same largest value."""
-    motion = series()
+    motion = make_swing()
     t = motion["t"]
     for k, (name, _) in enumerate(SERIES.values()):
         motion.arrays[name] = size * (k + 1) * (t / 2.0) ** (k + 1)
@@ -46,9 +47,9 @@ def growing(size: float) -> Series:
 def drawn(tmp_path):
     """Three solvers, judged to half of the time; a coarser run and another label that no title is about."""
     for name, size in SIZES.items():
-        put(tmp_path, record(name, name, judged_to_s=1.0), growing(size))
-    put(tmp_path, record("coarse", judged_to_s=1.0, dt_s=0.1), growing(7.0))
-    put(tmp_path, record("printed", "delta", judged_to_s=1.0, label="as printed"), growing(9.0))
+        put(tmp_path, make_measured_record(name, name, judged_to_s=1.0), growing(size))
+    put(tmp_path, make_measured_record("coarse", judged_to_s=1.0, dt_s=0.1), growing(7.0))
+    put(tmp_path, make_measured_record("printed", "delta", judged_to_s=1.0, label="as printed"), growing(9.0))
     return dataclasses.replace(drawing_of(tmp_path), label="recommended")
 
 
@@ -77,7 +78,10 @@ def test_growth_names_the_smallest_and_the_largest_exponent(tmp_path):
     sizes = np.array([2, 4, 8])
     for solver, cost in rates.items():
         for n, cpu in zip(sizes, cost, strict=True):
-            put(tmp_path, record(f"{solver}{n}", solver, problem_parameters=f'{{"links": {n}}}', cpu_median_s=cpu))
+            put(
+                tmp_path,
+                make_measured_record(f"{solver}{n}", solver, problem_parameters=f'{{"links": {n}}}', cpu_median_s=cpu),
+            )
     results = read_results(tmp_path)
     found = measure_growths(results.runs, {c.record.run_id: int(c.record.run_id[-1]) for c in results.runs})
     slopes = [np.polyfit(np.log(sizes), np.log(rates[name]), 1)[0] for name in ("alpha", "beta")]
@@ -108,7 +112,7 @@ def test_a_profile_names_who_reaches_most_targets():
 def test_cpu_times_that_are_equal_have_no_winner(tmp_path, factor, words):
     """Within a tenth, as on the page of cost."""
     for solver, cpu in (("alpha", 0.1), ("beta", 0.1 * factor), ("gamma", 0.4)):
-        put(tmp_path, record(solver, solver, position_error_max_m=1e-4, cpu_median_s=cpu))
+        put(tmp_path, make_measured_record(solver, solver, position_error_max_m=1e-4, cpu_median_s=cpu))
     (variant,) = read_results(tmp_path).variants
     plots = plot_pairs("work", list_points(variant), choose_measure(variant.runs))
     assert plots["error-cpu"].finding == f"pendulum: {words}"
@@ -132,7 +136,9 @@ def test_work_says_what_the_tightest_common_error_costs(tmp_path):
         ):
             put(
                 tmp_path,
-                record(f"{solver}{k}", solver, dt_s=0.1 * 2.0**-k, position_error_max_m=error, cpu_median_s=cpu),
+                make_measured_record(
+                    f"{solver}{k}", solver, dt_s=0.1 * 2.0**-k, position_error_max_m=error, cpu_median_s=cpu
+                ),
             )
     (variant,) = read_results(tmp_path).variants
     finding = plot_pairs("work", list_points(variant), choose_measure(variant.runs))["error-cpu"].finding

@@ -13,8 +13,9 @@ from mbsbench.reports.model.margin import SHARE, describe_break
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.judged.cost import state_cheapest
 from mbsbench.reports.pages.runs.overview import list_false_successes
+from mbsbench.tests.factories import make_measured_record, make_swing
 
-from .conftest import put, record, series
+from .conftest import put
 from .outline import Outline
 from .test_frontier import HALVINGS, ladder
 from .test_heat import broken, moving
@@ -26,13 +27,20 @@ LONG = '{"coordinates": "euler313", "lambda_in_error_test": true, "accelerations
 def built(tmp_path_factory):
     """Alpha follows the motion, beta leaves it; gamma is wrong at its coarse step alone, with many options."""
     folder = tmp_path_factory.mktemp("words")
-    put(folder, record("aa01", "alpha", accurate_until_s=2.0), moving(0))
-    put(folder, record("bb01", "beta", accurate_until_s=1.25, dt_s=0.004), moving(1))
+    put(folder, make_measured_record("aa01", "alpha", accurate_until_s=2.0), moving(0))
+    put(folder, make_measured_record("bb01", "beta", accurate_until_s=1.25, dt_s=0.004), moving(1))
     put(
-        folder, record("cc01", "gamma", dt_s=0.04, solver_options=LONG, **broken(Law.ENERGY, 0.45, 0.1, "J")), moving(2)
+        folder,
+        make_measured_record("cc01", "gamma", dt_s=0.04, solver_options=LONG, **broken(Law.ENERGY, 0.45, 0.1, "J")),
+        moving(2),
     )
-    put(folder, record("cc02", "gamma", dt_s=0.001, accurate_until_s=2.0), moving(0))
-    put(folder, record("dd01", "delta", "refused", claimed="refused", message="no", position_error_max_m=math.nan))
+    put(folder, make_measured_record("cc02", "gamma", dt_s=0.001, accurate_until_s=2.0), moving(0))
+    put(
+        folder,
+        make_measured_record(
+            "dd01", "delta", "refused", claimed="refused", message="no", position_error_max_m=math.nan
+        ),
+    )
     return site.build_report(folder).parent
 
 
@@ -73,7 +81,7 @@ def test_a_card_names_setting_problem_and_time_in_full(built, tmp_path):
     assert "…" not in card and "..." not in card
     broken_law = "the energy error reaches 0.450 J, 4.5 times the 0.100 J allowed"
     assert f"claims success over 2 s; {broken_law}" in card
-    put(tmp_path, record("ff01", "ida_index3", **broken(Law.ENERGY, 0.45, 0.1, "J")), series())
+    put(tmp_path, make_measured_record("ff01", "ida_index3", **broken(Law.ENERGY, 0.45, 0.1, "J")), make_swing())
     cards, count = list_false_successes(read_results(tmp_path), "recommended")
     assert count == 1 and any("SUNDIALS" in c["code"] for c in cards)
     page = site.build_report(tmp_path).read_text(encoding="utf-8")
@@ -109,7 +117,7 @@ def test_the_stage_calls_nobody_the_worst_or_the_cheapest(built):
 def test_reasons_that_have_no_words_of_their_own_are_still_told(tmp_path):
     """A law by its name alone, without a time."""
     why = format_reasons([Reason(Law.SYMMETRY, 2.0, 1.0, "m", name="mirrored motion")])
-    put(tmp_path, record("aa01", "alpha", "wrong", wrong_because=why), series())
+    put(tmp_path, make_measured_record("aa01", "alpha", "wrong", wrong_because=why), make_swing())
     cards, _ = list_false_successes(read_results(tmp_path), "recommended")
     (card,) = [c for c in cards if not c["published"]]
     assert card["broken"] == "mirrored motion reaches 2.00 m, 2.0 times the 1.00 m allowed"

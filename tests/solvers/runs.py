@@ -1,16 +1,16 @@
 """Runs that must succeed, how far they are from the exact motion, and the orders of their errors."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
-from typing import Any
 
 import numpy as np
 
-from mbsbench import Problem, Status, StepControl, Trajectory
-from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench import Problem, Trajectory
+from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.reference.computation import find_reference
+from mbsbench.tests.factories import solve_run
 
 from .arbitrary_systems import consistent, linkage
 
@@ -24,25 +24,6 @@ CONTESTANTS = {  # with fixed steps
     "variational": ("lie_variational", {}),
 }
 ACCEPTED = 1e6  # a tolerance that accepts every step: max_step alone sets it
-
-
-def control_of(solver: str, step: float, **limits: float) -> StepControl:
-    """``step`` is dt [s] or rtol, whichever the solver takes."""
-    return StepControl(**{make_solver(solver).control: step}, **limits)
-
-
-def run(
-    problem: Problem,
-    step: float,
-    solver: str = "gc_weak_form",
-    limits: Mapping[str, float] | None = None,
-    **options: Any,
-) -> Trajectory:
-    """A run that must succeed."""
-    out = make_solver(solver, options).solve(problem, control_of(solver, step, **(limits or {})))
-    assert out.status is Status.SUCCESS, out.message
-    assert out.t[-1] == problem.t_end
-    return out
 
 
 def error(problem: Problem, out: Trajectory, of: str = "r") -> float:
@@ -84,4 +65,4 @@ def sprung_linkage(t_end: float, seed: int = 2, *, damped: bool = True) -> Probl
 @cache
 def end_of_strong_form(t_end: float, seed: int = 2) -> np.ndarray:
     """Where Eq. (65), another route, takes the linkage with springs (nb, 3)."""
-    return run(sprung_linkage(t_end, seed), 1e-12, "rk45_strong_form").states.r[-1]
+    return solve_run(sprung_linkage(t_end, seed), 1e-12, "rk45_strong_form").states.r[-1]

@@ -11,8 +11,9 @@ from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.mechanics.types import Problem, StepControl, Trajectory
 from mbsbench.harness.run.presenting import present_solver
 from mbsbench.problems.exact.passages import find_singular_passages
+from mbsbench.tests.factories import solve_run
 
-from .runs import drift, run
+from .runs import drift
 
 NEAR = 2e-3  # [s] of an exact passage: two steps
 
@@ -20,7 +21,7 @@ NEAR = 2e-3  # [s] of an exact passage: two steps
 def test_the_chains_energy_error_breathes_and_does_not_grow():
     """20 s: the peak of the pull at 0.48 s costs energy for an instant, and a reversible step gives it back."""
     p = make_problem("chain", {"t_end": 20.0})
-    out = run(p, 1e-3)
+    out = solve_run(p, 1e-3)
     E = drift(p, out)
     assert np.max(np.abs(E)) < 1.2 and max(abs(E[-1]), abs(E[1000])) < 0.03
     quarters = [float(np.mean(q)) for q in np.array_split(E[1:], 4)]
@@ -34,7 +35,7 @@ def test_the_order_of_the_bodies_does_not_matter():
     p = make_problem("chain", {"t_end": 0.5})
     shuffled = dataclasses.replace(p, presentation=Presentation(renumber=3))
     out = present_solver(make_solver("gc_weak_form"), shuffled).solve(shuffled, StepControl(dt=1e-3))
-    assert np.max(np.abs(out.states.r - run(p, 1e-3).states.r)) < 1e-7
+    assert np.max(np.abs(out.states.r - solve_run(p, 1e-3).states.r)) < 1e-7
 
 
 def node_error(problem: Problem, t: Trajectory) -> float:
@@ -48,7 +49,7 @@ def node_error(problem: Problem, t: Trajectory) -> float:
 def test_the_top_row_of_the_grid_keeps_energy_and_reference():
     """dt = 5e-3, 10 s: drift under 0.03 J, all 30 nodes within 2 mm."""
     p = make_problem("four_bar_grid")
-    out = run(p, 5e-3, "gc_augmented_lagrangian")
+    out = solve_run(p, 5e-3, "gc_augmented_lagrangian")
     assert np.max(np.abs(drift(p, out))) < 0.03
     assert node_error(p, out) < 2e-3
 
@@ -63,7 +64,7 @@ def test_all_singular_passages_are_crossed(t_end, passages, max_turn):
     under 0.5 J and nodes within 2 cm.
     """
     p = make_problem("four_bar_grid", {"release": "all_rows", "t_end": t_end})
-    out = run(p, 1e-3, "gc_augmented_lagrangian", max_turn=max_turn)
+    out = solve_run(p, 1e-3, "gc_augmented_lagrangian", max_turn=max_turn)
     exact = np.array([time for time, _ in find_singular_passages(p, p.t_end)])
     found = np.array([e["t"] for e in out.events])
     assert len(exact) == len(found) == passages

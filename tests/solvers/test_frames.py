@@ -23,6 +23,7 @@ from mbsbench.solvers.formulations.joint_coordinates.collocation import (
     make_gauss_lobatto_tableau,
 )
 from mbsbench.solvers.formulations.rows.mechanism import SymbolicMechanism
+from mbsbench.tests.comparing import assert_same
 
 SPECS = load_suite("ci").specs
 MOVING = "spherical_pendulum[omega_z=3,t_end=5]"  # spatial and loaded: every term of the equations counts
@@ -41,11 +42,11 @@ MOST_SWEEPS = 30  # half of the limit, in any step
 GATE = ["spherical_pendulum[omega_z=3,t_end=5]", "spherical_pendulum[omega_z=0.1,t_end=5]", "heavy_top", "torque_free"]
 
 
-def runs_of(solver: str, begins: str = MOVING) -> list[Any]:
+def find_specs(solver: str, begins: str = MOVING) -> list[Any]:
     return [c for c in SPECS if c.solver == solver and c.case.startswith(begins) and not c.options]
 
 
-def solve(spec: Any, yaw: float, t_end: float, seed: int | None = None) -> Trajectory:
+def solve_turned(spec: Any, yaw: float, t_end: float, seed: int | None = None) -> Trajectory:
     """The run from a start turned by ``yaw`` and, with a seed, changed by rounding."""
     problem = make_problem(spec.problem, {**spec.parameters, "yaw": float(yaw), "t_end": t_end})
     if seed is not None:
@@ -67,10 +68,12 @@ def change_by_rounding(problem: Problem, seed: int) -> Problem:
 @pytest.mark.parametrize("solver", sorted({c.solver for c in SPECS} & set(solvers())))
 def test_no_frame_and_no_rounding_changes_a_status(solver: str, how_many: Any) -> None:
     """Every method of the gate, at the gate's setting, over the fall and the first rise of the pendulum."""
-    (spec,) = runs_of(solver)
+    (spec,) = find_specs(solver)
     t_end = spec.parameters["t_end"] if solver == "gauss_joint" else 1.0  # of long steps, which take most sweeps
     turned, changed = how_many
-    out = [solve(spec, YAWS[k], t_end) for k in turned] + [solve(spec, 0.0, t_end, seed) for seed in range(changed)]
+    out = [solve_turned(spec, YAWS[k], t_end) for k in turned] + [
+        solve_turned(spec, 0.0, t_end, seed) for seed in range(changed)
+    ]
     assert {o.status for o in out} == {Status.SUCCESS}, [o.message for o in out]
 
 
@@ -83,7 +86,7 @@ SHORTER = {"radau_ggl": 0.3, "rkmk_dop853": 0.3}  # [s] of the few frames: error
 @pytest.mark.parametrize("solver", REDUNDANT)
 def test_no_frame_takes_a_plane_grid_out_of_its_plane(solver: str, tilts: list[Any], seeds: int) -> None:
     """75 of the grid's 400 rows are redundant, and its bars are slender: rounding across the plane grows in them."""
-    (spec,) = runs_of(solver, "four_bar_grid[t_end=1]")[:1]
+    (spec,) = find_specs(solver, "four_bar_grid[t_end=1]")[:1]
     t_end = 1.0 if tilts is TILTS else SHORTER.get(solver, 1.0)
     changes = ({}, *({"rotation": tilt} for tilt in tilts), *({"perturb": 1e-15, "seed": k} for k in range(seeds)))
     first, *others = [
@@ -125,10 +128,10 @@ def test_multipliers_that_nothing_needs_do_not_grow_from_rounding(solver: str, i
 @pytest.mark.parametrize("solver", ["gauss_joint", "rattle_joint"])
 def test_sweeps_end_far_from_their_limit(solver: str, begins: str, every: int) -> None:
     """40 frames at the gate's setting, or a few; the longest steps are those of Gauss on the pendulum, h = 0.1 s."""
-    (spec,) = runs_of(solver, begins)
+    (spec,) = find_specs(solver, begins)
     frames = (0.01 * np.arange(40) if solver == "gauss_joint" else YAWS[:5])[::every]
-    out = [solve(spec, yaw, spec.parameters["t_end"]) for yaw in frames]
-    out += [solve(spec, 0.0, spec.parameters["t_end"], seed) for seed in range(0, 5, every)]
+    out = [solve_turned(spec, yaw, spec.parameters["t_end"]) for yaw in frames]
+    out += [solve_turned(spec, 0.0, spec.parameters["t_end"], seed) for seed in range(0, 5, every)]
     assert {o.status for o in out} == {Status.SUCCESS}, [o.message for o in out]
     assert max(o.counters["most_sweeps"] for o in out) <= MOST_SWEEPS < symplectic.MOST_SWEEPS
 
@@ -246,6 +249,7 @@ def test_principal_axes_of_a_stack_are_those_of_each_body() -> None:
     moments, axes = principal_axes(stack)
     for k, A in enumerate(stack):
         alone = principal_axes(A)
-        assert np.array_equal(moments[k], alone[0]) and np.array_equal(axes[k], alone[1])
-    assert np.array_equal(axes[::3], np.broadcast_to(np.eye(3), (7, 3, 3)))
-    assert np.array_equal(moments[::3], np.diagonal(stack[::3], axis1=1, axis2=2))
+        assert_same(moments[k], alone[0])
+        assert_same(axes[k], alone[1])
+    assert_same(axes[::3], np.broadcast_to(np.eye(3), (7, 3, 3)))
+    assert_same(moments[::3], np.diagonal(stack[::3], axis1=1, axis2=2))

@@ -14,10 +14,11 @@ from mbsbench.harness.mechanics.dynamics import Rates, accelerations
 from mbsbench.harness.mechanics.system import GROUND, RigidBody, assemble
 from mbsbench.problems import n_four_bar
 from mbsbench.tests.covering import few
+from mbsbench.tests.factories import choose_control, solve_run
 
 from .arbitrary_joints import all_joints, moving_rows, one_joint
 from .arbitrary_systems import consistent, linkage, with_user_forces
-from .runs import control_of, drift, error, run
+from .runs import drift, error
 
 FIXED = (
     "gc_weak_form",
@@ -83,7 +84,7 @@ def off(out: Trajectory, end: State) -> float:
 
 def refused(name: str, kind: str, p: Problem, step: float) -> bool:
     """Whether it is, with the reason; no other pair is."""
-    said = make_solver(name).refuses(p, control_of(name, step)) or ""
+    said = make_solver(name).refuses(p, choose_control(name, step)) or ""
     expected = "by their phi" if name in NEED_PHI and kind in WITHOUT_PHI else ""
     if name == "energy_momentum" and kind not in set(JointKind):
         expected = "use gc_weak_form"
@@ -112,7 +113,7 @@ def test_fixed_steps_converge_with_their_order(kind, name):
     p, end = swing(kind)
     coarse = 4e-3 if make_solver(name).order < 3.0 else 2e-3
     if not refused(name, kind, p, coarse):
-        errors = [off(run(p, dt, name), end) for dt in (coarse, 0.5 * coarse)]
+        errors = [off(solve_run(p, dt, name), end) for dt in (coarse, 0.5 * coarse)]
         assert np.log2(errors[0] / errors[1]) == pytest.approx(make_solver(name).order, abs=0.25)
 
 
@@ -135,7 +136,7 @@ def test_error_control_holds_its_tolerance(kind, name):
     p, end = swing(kind)
     size = max(1.0, *(float(np.max(np.abs(getattr(p.initial, name)))) for name in ("r", "v", "Omega")))
     if not refused(name, kind, p, 1e-8):
-        assert off(run(p, 1e-8, name), end) < 1e-5 * size
+        assert off(solve_run(p, 1e-8, name), end) < 1e-5 * size
 
 
 @pytest.mark.parametrize("kind", [ALL, MovingKind.DRIVEN_ANGLE, "springs", LAW])
@@ -145,14 +146,14 @@ def test_what_the_simplified_step_has_no_rows_for_is_refused(name, kind):
     if kind == "springs":
         system = linkage(springs=True)
         p = Problem("springs", system, consistent(system, 5), 0.1, 1e-3, "", "made up")
-    assert "use gc_weak_form" in (make_solver(name).refuses(p, control_of(name, 1e-6)) or "")
+    assert "use gc_weak_form" in (make_solver(name).refuses(p, choose_control(name, 1e-6)) or "")
 
 
 @pytest.mark.parametrize("kind", [ALL, LAW])
 def test_energy_less_the_work_of_loads_and_dampers_is_kept(kind):
     """E - E(0) - W along DOP853: the work is a quadrature of fourth order over its long steps."""
     p, _ = swing(kind)
-    out = run(p, 1e-12, "rkmk_dop853")
+    out = solve_run(p, 1e-12, "rkmk_dop853")
     gained, states = drift(p, out), out.states.with_times(out.t)
     W = work.compute_work(p.system, out.t, states, motion.energy(p.system, states))[0]
     assert np.max(np.abs(gained)) > 1e-3
@@ -163,7 +164,9 @@ def test_energy_less_the_work_of_loads_and_dampers_is_kept(kind):
 def test_reactions_of_the_routes_agree():
     """Of every row, point, line and axis: DOP853 on the kernel and IDA on CasADi."""
     p, _ = swing(ALL)
-    ours, theirs = (run(p, rtol, name).reaction[-1] for name, rtol in (("rkmk_dop853", 1e-12), ("ida_index2", 1e-10)))
+    ours, theirs = (
+        solve_run(p, rtol, name).reaction[-1] for name, rtol in (("rkmk_dop853", 1e-12), ("ida_index2", 1e-10))
+    )
     assert np.max(np.abs(ours - theirs)) < 1e-4 * np.max(np.abs(ours))
 
 
@@ -174,7 +177,7 @@ CLOSING = {"rkmk_dop853": 1e-9, "half_explicit": 4e-3, "radau_index1": 1e-8, "sc
 def test_a_disc_that_rolls_one_turn_closes_its_circle(name, step):
     """To 1e-6 m after 5.85 s, by four families; nothing drives it, so T + V is constant."""
     p = make_problem("rolling_disc")
-    out = run(p, step, name)
+    out = solve_run(p, step, name)
     assert np.max(np.abs(out.states.r[-1] - out.states.r[0])) < 1e-6
     assert np.ptp(drift(p, out)) < 1e-7
 
@@ -197,7 +200,7 @@ def shaken(acceleration: float) -> Problem:
 @pytest.mark.parametrize("name", ["rkmk_dop853", "ida_index1"])
 def test_an_accelerated_support_tilts_gravity(name):
     """Einstein: seen from the support, a pendulum of m, J swings in g - a; its energy there is constant."""
-    out = run(shaken(4.0), 1e-10, name)
+    out = solve_run(shaken(4.0), 1e-10, name)
     relative, v = (a[:, 1] - a[:, 0] for a in (out.states.r, out.states.v))
     spin = out.states.Omega[:, 1, 2]
     seen = 0.5 * np.sum(v * v, axis=1) + 0.5 * 0.011 * spin**2 + relative @ np.array([4.0, 9.81, 0.0])
@@ -209,7 +212,7 @@ def test_an_accelerated_support_tilts_gravity(name):
 def test_the_work_of_a_drive_is_the_energy_that_it_gives(name):
     """E - E(0) - W vanishes although E multiplies: the reaction comes from the motion, not from the solver."""
     p = make_problem("driven_slider_crank", {"t_end": 0.1})
-    out = run(p, 1e-9, name, {"max_step": 2e-3})
+    out = solve_run(p, 1e-9, name, {"max_step": 2e-3})
     E = motion.energy(p.system, out.states)
     W, *_ = work.compute_work(p.system, out.t, out.states, E)
     assert np.ptp(E) > 0.5 and np.max(np.abs(E - E[0] - W)) < 1e-6 * np.ptp(E)
@@ -234,4 +237,4 @@ def test_half_explicit_stages_are_solved_where_bodies_are_light_and_rows_are_los
     """
     monkeypatch.setattr(n_four_bar, "SOUGHT", given["t_end"])
     p = make_problem(name, given)
-    assert error(p, run(p, dt, "half_explicit")) < allowed
+    assert error(p, solve_run(p, dt, "half_explicit")) < allowed

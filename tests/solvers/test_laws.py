@@ -9,9 +9,10 @@ from mbsbench import Status, StepControl, constraint_jacobian
 from mbsbench.harness.catalogue.registry import engines, make_problem, make_solver, solvers
 from mbsbench.harness.mechanics import so3, work
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.comparing import assert_each, assert_same
+from mbsbench.tests.factories import choose_control, solve_run
 
-from .runs import ACCEPTED, CONTESTANTS, SYMBOLIC, control_of, drift, error, momentum, pendulum, run, sprung_linkage
+from .runs import ACCEPTED, CONTESTANTS, SYMBOLIC, drift, error, momentum, pendulum, sprung_linkage
 
 OWN = [name for name in solvers() if name not in engines()]
 SHARP = {"tolerance": 1e-14}
@@ -34,10 +35,10 @@ def test_there_and_back_ends_at_the_start(solver, options, problem, near):
     """Velocities reversed, the same steps lead back, as far as their equations are solved and rounding stays small."""
     name, parameters, dt = problem
     p = make_problem(name, parameters)
-    there = run(p, dt, solver, **options).states[-1]
+    there = solve_run(p, dt, solver, **options).states[-1]
     back = dataclasses.replace(there, v=-there.v, Omega=-there.Omega, t=0.0)
     home = dataclasses.replace(p, initial=back, reference_from=None)
-    end = run(home, dt, solver, **options).states[-1]
+    end = solve_run(home, dt, solver, **options).states[-1]
     assert np.max(np.abs(end.r - p.initial.r)) < near
     if parameters.get("omega_z"):  # of the chain, rounding grows most in velocities
         assert max(np.max(np.abs(end.R - p.initial.R)), np.max(np.abs(end.v + p.initial.v))) < near
@@ -54,7 +55,7 @@ def test_there_and_back_ends_at_the_start(solver, options, problem, near):
 def test_energy_stays_bounded_over_hundreds_of_periods(solver, options, t_end, dt, share):
     """Mean energy errors of the first and the last quarter agree: no drift."""
     p = make_problem("spherical_pendulum", {"t_end": t_end})
-    E = drift(p, run(p, dt, solver, **options))
+    E = drift(p, solve_run(p, dt, solver, **options))
     first, last = np.mean(E[: len(E) // 4]), np.mean(E[-(len(E) // 4) :])
     assert abs(last - first) < share * abs(first)
 
@@ -63,14 +64,14 @@ def test_energy_stays_bounded_over_hundreds_of_periods(solver, options, t_end, d
 def test_numerical_damping_takes_energy_away(which, options):
     """Pendulum over some sixty periods: the mean of the last quarter lies below that of the first."""
     p, (solver, standard) = make_problem("spherical_pendulum", {"t_end": 100.0}), CONTESTANTS[which]
-    E = drift(p, run(p, 0.02, solver, **standard, **options))
+    E = drift(p, solve_run(p, 0.02, solver, **standard, **options))
     assert np.mean(E[-(len(E) // 4) :]) < np.mean(E[: len(E) // 4]) < 0.0
 
 
 @pytest.mark.parametrize("form", [{}, {"form": "index3"}], ids=str)
 def test_more_damping_is_asked_for_by_a_smaller_radius(form):
     p = make_problem("spherical_pendulum", {"t_end": 50.0})
-    drifts = [drift(p, run(p, 0.02, "generalized_alpha", **form, rho_inf=rho)) for rho in (0.8, 0.4)]
+    drifts = [drift(p, solve_run(p, 0.02, "generalized_alpha", **form, rho_inf=rho)) for rho in (0.8, 0.4)]
     lost = [np.mean(E[:500]) - np.mean(E[-500:]) for E in drifts]
     assert 0.0 < 5.0 * lost[0] < lost[1], lost
 
@@ -87,7 +88,7 @@ def test_more_damping_is_asked_for_by_a_smaller_radius(form):
 def test_energy_momentum_keeps_energy_and_the_momentum_about_the_vertical(name, parameters, dt):
     """To rounding in steps of any length; gravity and the fixed point exert no torque on the top about it."""
     p = make_problem(name, parameters)
-    out = run(p, dt, "energy_momentum")
+    out = solve_run(p, dt, "energy_momentum")
     assert np.max(np.abs(drift(p, out))) < 1e-9
     if name == "heavy_top":
         L = momentum(p, out) @ p.system.gravity
@@ -97,15 +98,15 @@ def test_energy_momentum_keeps_energy_and_the_momentum_about_the_vertical(name, 
 def test_springs_give_back_what_they_took():
     """The discrete gradient: energy of springs included, kept to rounding; a damper only takes away."""
     p, damped = sprung_linkage(0.4, 5, damped=False), sprung_linkage(0.4, 5)
-    assert np.max(np.abs(drift(p, run(p, 4e-3, "energy_momentum")))) < 1e-9
-    assert_each(np.diff(drift(damped, run(damped, 4e-3, "energy_momentum"))), "<", 0.0)
+    assert np.max(np.abs(drift(p, solve_run(p, 4e-3, "energy_momentum")))) < 1e-9
+    assert_each(np.diff(drift(damped, solve_run(damped, 4e-3, "energy_momentum"))), "<", 0.0)
 
 
 @pytest.mark.parametrize(("solver", "dt", "sharp"), [("gc_weak_form", 300.0, 1e-11), ("rattle", 50.0, 1e-12)])
 def test_a_symmetric_free_body_is_exact_in_any_step(solver, dt, sharp):
     """It turns about a fixed axis at constant rate, which is the exact motion (Sect. 5.1)."""
     p = make_problem("torque_free_body", {"t_end": dt})
-    out = run(p, dt, solver)
+    out = solve_run(p, dt, solver)
     exact = p.reference().states(out.t)
     assert len(out.t) == 2
     assert np.max(np.abs(out.states.R - exact.R)) < sharp and np.max(np.abs(out.states.Omega - exact.Omega)) < sharp
@@ -125,7 +126,7 @@ def test_a_free_body_keeps_momentum_and_energy_but_not_time(solver, options, dt)
     (Omega0 + Omega1) . J (Omega1 - Omega0) = 0. The discrete equations of the variational step are integrable, too.
     """
     p = make_problem("torque_free_body", {"t_end": 20.0, "inertia_factors": (1.0, 1.5, 2.0), "omega": (0.3, 1.0, 0.2)})
-    out = run(p, dt, solver, **options)
+    out = solve_run(p, dt, solver, **options)
     L = momentum(p, out)
     assert np.max(np.abs(L - L[0])) < 1e-9
     assert np.max(np.abs(drift(p, out))) < 1e-9
@@ -148,7 +149,7 @@ def test_a_turned_frame_changes_nothing(solver, options, name, step, change):
     runs = []
     for frame in ({}, {"yaw": 0.7}, {"rotation": (0.3, -0.5, 0.7)}):
         p = make_problem(name, {"t_end": 0.4, **frame})
-        out = run(p, step, solver, **options)
+        out = solve_run(p, step, solver, **options)
         runs.append((len(out.t), error(p, out), p.home(out.states).r[-1]))
     for steps, size, end in runs[1:]:
         assert abs(steps - runs[0][0]) <= 2 or np.isinf(change)
@@ -161,7 +162,7 @@ def test_reactions_are_those_of_the_exact_motion(solver):
     """The pendulum's pull on its body, m (v_dot - g), is (A^T reaction)_r; index 3 starts with noise in lambda."""
     p = pendulum(1.0, 3.0)
     limits = {"max_step": 5e-3} if solver in SYMBOLIC else {}
-    out = run(p, 0.005 if solver in ("gc_weak_form", "gc_composed") else 1e-8, solver, limits)
+    out = solve_run(p, 0.005 if solver in ("gc_weak_form", "gc_composed") else 1e-8, solver, limits)
     late, d = np.flatnonzero((out.t > 0.1) & (out.t < 0.95)), 1e-4
     ahead, behind = (p.reference().states(out.t[late] + way).v[:, 0] for way in (d, -d))
     force = p.system.mass[0] * ((ahead - behind) / (2.0 * d) - p.system.gravity)
@@ -174,8 +175,8 @@ def test_reactions_are_those_of_the_exact_motion(solver):
 def test_reactions_agree_with_those_of_index_1(which):
     """Of the end of the chain's run, against DOP853's; alternating parts of index 3 are of the order of dt."""
     p, (solver, options) = make_problem("chain", {"t_end": 0.4}), CONTESTANTS[which]
-    exact = run(p, 1e-10, "rkmk_dop853").reaction[-1]
-    reactions = [run(p, dt, solver, **options).reaction for dt in (2e-3, 1e-3)]
+    exact = solve_run(p, 1e-10, "rkmk_dop853").reaction[-1]
+    reactions = [solve_run(p, dt, solver, **options).reaction for dt in (2e-3, 1e-3)]
     errors = [np.max(np.abs(r[-1] - exact)) / np.max(np.abs(exact)) for r in reactions]
     assert errors[1] < max(0.6 * errors[0], 1e-9) and errors[1] < 5e-3, errors
 
@@ -184,11 +185,11 @@ def test_reactions_agree_with_those_of_index_1(which):
 def test_reactions_are_of_the_order_of_the_motion(solver):
     """Index 1 gives them at the end of each step; those of Radau are of order 3 in the last, which is cut."""
     p = make_problem("chain", {"t_end": 0.4})
-    exact = run(p, 1e-10, "rkmk_dop853").reaction[-1]
+    exact = solve_run(p, 1e-10, "rkmk_dop853").reaction[-1]
     if solver == "radau_ggl":
-        runs = [run(p, ACCEPTED, solver, {"max_step": h}) for h in (0.01, 0.0025)]
+        runs = [solve_run(p, ACCEPTED, solver, {"max_step": h}) for h in (0.01, 0.0025)]
     else:
-        runs = [run(p, dt, solver) for dt in (8e-3, 4e-3)]
+        runs = [solve_run(p, dt, solver) for dt in (8e-3, 4e-3)]
     errors = [np.max(np.abs(out.reaction[-1] - exact)) for out in runs]
     slope = np.log(errors[0] / errors[1]) / np.log(np.diff(runs[0].t)[-1] / np.diff(runs[1].t)[-1])
     assert slope > 2.5 if solver == "radau_ggl" else abs(slope - make_solver(solver).order) < 0.3, errors
@@ -198,7 +199,7 @@ def test_reactions_are_of_the_order_of_the_motion(solver):
 def test_springs_and_dampers_lose_what_the_dampers_take(solver):
     """E(t) - E(0) = integral of the damping power, by the trapezoid rule on the recorded steps (1 ms: 1e-5 J)."""
     p = sprung_linkage(0.5, 3)
-    out = run(p, 1e-8, solver, {"max_step": 1e-3})
+    out = solve_run(p, 1e-8, solver, {"max_step": 1e-3})
     power = work.compute_power(p.system, out.states)
     lost = np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(out.t))
     gained = drift(p, out)[-1]
@@ -212,7 +213,7 @@ STOPS = 7
 def test_a_limit_on_steps_leaves_a_partial_trajectory(solver):
     """Stalled, with exactly the steps allowed, the time or the limit in the message, a reaction for each row."""
     made, p = make_solver(solver), make_problem("heavy_top")
-    control = control_of(solver, 1e-3 if made.control == "dt" else 1e-8, max_steps=STOPS)
+    control = choose_control(solver, 1e-3 if made.control == "dt" else 1e-8, max_steps=STOPS)
     out = made.solve(p, control)
     assert out.status is Status.STALLED and len(out.t) == STOPS + 1 and out.counters["steps"] == STOPS
     assert f"{out.t[-1]:.6g}" in out.message or f"max_steps = {STOPS}" in out.message
@@ -237,9 +238,9 @@ def test_a_step_that_is_too_long_says_so(solver, options):
 def test_a_run_is_repeatable_to_the_last_bit(solver):
     """No thread, cache or random number takes part, and nothing of what ran before."""
     p = make_problem("chain" if solver == "gc_weak_form" else "heavy_top", {"t_end": 0.1})
-    a, b = (run(p, 1e-3 if solver == "gc_weak_form" else 1e-6, solver) for _ in range(2))
+    a, b = (solve_run(p, 1e-3 if solver == "gc_weak_form" else 1e-6, solver) for _ in range(2))
     for one, other in ((a.t, b.t), (a.states.r, b.states.r), (a.states.R, b.states.R), (a.reaction, b.reaction)):
-        assert np.array_equal(one, other)
+        assert_same(one, other)
     assert a.counters == b.counters
 
 
@@ -247,7 +248,7 @@ def test_a_run_is_repeatable_to_the_last_bit(solver):
 def test_a_thrown_brick_needs_no_joint(name):
     """Every solver follows it for ten steps: no row, no multiplier, nothing to factorise."""
     p = make_problem("free_body", {"t_end": 0.1})
-    out = run(p, 1e-2 if make_solver(name).control == "dt" else 1e-8, name)
+    out = solve_run(p, 1e-2 if make_solver(name).control == "dt" else 1e-8, name)
     assert np.max(np.abs(out.states.r[-1] - p.reference().states(out.t[-1:]).r[0])) < 1e-6
     assert out.reaction is None or out.reaction.shape == (len(out.t), 0)
 
@@ -276,7 +277,7 @@ def test_rotations_stay_orthogonal(name):
     """A tumbling body: left alone, R leaves SO(3) by 2e-16 a step, the more the more steps; kept, by rounding alone."""
     p = make_problem("torque_free_body", {"inertia_factors": (1.0, 1.5, 2.0), "t_end": STEPS * 1e-3})
     fixed = make_solver(name).control == "dt"
-    out = run(p, 1e-3 if fixed else 1e-6, name, None if fixed else {"max_step": 1e-3})
+    out = solve_run(p, 1e-3 if fixed else 1e-6, name, None if fixed else {"max_step": 1e-3})
     assert len(out.t) >= STEPS
     assert np.max(so3.orthogonality_defect(out.states.R)) < 8.0 * np.finfo(float).eps
 
@@ -284,7 +285,7 @@ def test_rotations_stay_orthogonal(name):
 def test_redundant_rows_of_a_turned_loop_stay_closed():
     """Bricard's loop has a redundant row, which nothing closes when R is no rotation: 2e-16 a step open it."""
     p = make_problem("bricard", {"rotation": (0.3, -0.5, 0.7), "t_end": 4.0})
-    run(p, 2e-3, "rattle", **SHARP)
+    solve_run(p, 2e-3, "rattle", **SHARP)
 
 
 @pytest.mark.parametrize("which", ["alpha", "al", "em", "variational"])
@@ -293,7 +294,7 @@ def test_far_from_the_origin_the_motion_is_the_same(which):
     moved, notes, (solver, options) = [], [], CONTESTANTS[which]
     for offset in (0.0, 1e6):
         given = {"bodies": 2, "mechanism_seed": 51, "offset": offset, "t_end": 0.2}
-        out = run(make_problem("random_mechanism", given), 5e-3, solver, **options)
+        out = solve_run(make_problem("random_mechanism", given), 5e-3, solver, **options)
         moved.append(out.states.r - out.states.r[0])
         notes.append(out.notes)
     assert np.max(np.abs(moved[1] - moved[0])) < 1e-7
@@ -306,9 +307,9 @@ def test_far_from_the_origin_the_motion_is_the_same(which):
 def test_over_the_whip_the_same_number_of_paced_steps_errs_less(solver):
     """Chain to 0.8 s: a tenth of the error of as many equal steps."""
     p, composition = make_problem("chain", {"t_end": 0.8}), {"composition": "suzuki4"}
-    paced = run(p, 0.01, solver, **composition, rate=5.0)
+    paced = solve_run(p, 0.01, solver, **composition, rate=5.0)
     assert np.ptp(np.log(np.diff(paced.t)[:-1])) > np.log(3.0)
-    equal = run(p, p.t_end / (len(paced.t) - 1), solver, **composition)
+    equal = solve_run(p, p.t_end / (len(paced.t) - 1), solver, **composition)
     assert error(p, paced) < 0.1 * error(p, equal)
 
 
@@ -316,7 +317,9 @@ def test_redundant_rows_share_reactions_in_the_augmented_lagrangian():
     """A joint declared twice: both carry half of it, where dropped pivots leave the second one idle."""
     p = make_problem("spherical_pendulum", {"t_end": 0.5})
     p = dataclasses.replace(p, system=Presentation(duplicate=1).system(p.system), reference_from=None)
-    shared, dropped = (run(p, 0.01, CONTESTANTS[which][0]).reaction[-1].reshape(2, -1) for which in ("al", "alpha"))
+    shared, dropped = (
+        solve_run(p, 0.01, CONTESTANTS[which][0]).reaction[-1].reshape(2, -1) for which in ("al", "alpha")
+    )
     np.testing.assert_allclose(shared[0], shared[1], rtol=1e-5, atol=1e-5 * np.max(np.abs(shared)))
     assert np.all(dropped == 0.0, axis=1).sum() == 1
     np.testing.assert_allclose(shared.sum(axis=0), dropped.sum(axis=0), rtol=1e-2, atol=1e-3)

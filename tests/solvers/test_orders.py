@@ -5,8 +5,9 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
+from mbsbench.tests.factories import solve_run
 
-from .runs import ACCEPTED, CONTESTANTS, SYMBOLIC, drift, end_of_strong_form, error, orders, run, sprung_linkage
+from .runs import ACCEPTED, CONTESTANTS, SYMBOLIC, drift, end_of_strong_form, error, orders, sprung_linkage
 
 PENDULUM = "spherical_pendulum", {"t_end": 4.0, "omega_z": 0.1}
 SHORT = "spherical_pendulum", {"t_end": 1.0, "omega_z": 0.1}
@@ -74,7 +75,10 @@ def test_the_order_is_the_declared_one(row):
     solver, options, problem, step, n, order, within = row
     p, adaptive = make_problem(*problem), make_solver(solver).control == "rtol"
     steps = [step / 2**k for k in range(n)]
-    runs = [run(p, ACCEPTED, solver, {"max_step": h}) if adaptive else run(p, h, solver, **options) for h in steps]
+    runs = [
+        solve_run(p, ACCEPTED, solver, {"max_step": h}) if adaptive else solve_run(p, h, solver, **options)
+        for h in steps
+    ]
     slopes = orders([error(p, out) for out in runs])
     assert abs(slopes[-1] - order) < within, slopes
     if solver not in HELD:
@@ -104,7 +108,11 @@ def test_springs_dampers_and_skew_axes_keep_the_order(solver, options, step, ord
     """To the motion of Eq. (65), which another route integrates; with C_bar, K_bar of Eq. (32) or without."""
     p, exact, errors = sprung_linkage(0.3), end_of_strong_form(0.3), []
     for h in (step, step / 2, step / 4):
-        out = run(p, ACCEPTED, solver, {"max_step": h}) if solver == "radau_ggl" else run(p, h, solver, **options)
+        out = (
+            solve_run(p, ACCEPTED, solver, {"max_step": h})
+            if solver == "radau_ggl"
+            else solve_run(p, h, solver, **options)
+        )
         errors.append(np.max(np.abs(out.states.r[-1] - exact)))
     assert abs(orders(errors)[-1] - (order or make_solver(solver).order)) < 0.2, errors
 
@@ -115,7 +123,7 @@ def test_extrapolation_has_twice_the_order_of_its_columns(columns):
     p = make_problem("spherical_pendulum", {"t_end": 2.0, "omega_z": 3.0})
     steps, errors = {2: 0.01, 3: 0.025}[columns] / np.array([1.0, 1.4]), []
     for h in steps:
-        out = run(p, 0.1, "gc_extrapolated", {"max_step": float(h)}, columns=columns)
+        out = solve_run(p, 0.1, "gc_extrapolated", {"max_step": float(h)}, columns=columns)
         errors.append(float(np.linalg.norm(out.states.r[-1] - p.reference().states(out.t[-1:]).r[0])))
     assert abs(np.diff(np.log(errors)) / np.diff(np.log(steps)) - 2 * columns) < 0.2, errors
 
@@ -136,7 +144,7 @@ LOOSE_AND_TIGHT = [  # solver, options, problem, tolerances, the least factor be
 def test_errors_follow_the_tolerance(row):
     solver, options, problem, tolerances, factor, allowed = row
     p = make_problem(*problem)
-    loose, tight = (error(p, run(p, rtol, solver, **options)) for rtol in tolerances)
+    loose, tight = (error(p, solve_run(p, rtol, solver, **options)) for rtol in tolerances)
     assert tight < loose / factor and loose < allowed
 
 
@@ -186,7 +194,7 @@ def test_a_tight_tolerance_reaches_the_exact_motion(row):
     """Every form and chart has the same exact solution; methods that project hold phi and A v in every step."""
     solver, options, problem, rtol, allowed, (phi, rate, most) = row
     p = make_problem(*problem)
-    out = run(p, rtol, solver, **options)
+    out = solve_run(p, rtol, solver, **options)
     assert allowed == np.inf or error(p, out) < allowed
     assert np.max(np.abs(constraint(p.system, out.states))) < phi
     assert np.max(np.abs(constraint_rate(p.system, out.states))) < rate

@@ -12,10 +12,10 @@ from mbsbench.harness.judge.metrics.measure import measure
 from mbsbench.solvers.formulations.compiled.kernel import allocate_kernel
 from mbsbench.solvers.formulations.compiled.saddle_pattern import analyse_saddle
 from mbsbench.solvers.formulations.rank import DEPENDENT, INDEPENDENT, rows_to_keep, squared_distances
-from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.comparing import assert_each, assert_same
+from mbsbench.tests.factories import solve_run
 
 from .arbitrary_systems import consistent, linkage
-from .runs import run
 
 SOLVERS = ("gc_augmented_lagrangian", "rkmk_dopri5", "rattle")
 STEP = 1e-3  # [s]
@@ -28,7 +28,7 @@ def row_of_cells(windows: int) -> Problem:
 
 
 def steps(name: str, p: Problem) -> Trajectory:
-    return run(p, 1e-6 if name == "rkmk_dopri5" else STEP, name)
+    return solve_run(p, 1e-6 if name == "rkmk_dopri5" else STEP, name)
 
 
 def test_factors_grow_in_proportion() -> None:
@@ -61,7 +61,7 @@ def test_blocks_cover_all_rows() -> None:
     for nt, nb in ((0, 3), (7, 10**7), (10**6, 55)):
         parts = list(scales.split_into_blocks(nt, nb))
         assert [k for part in parts for k in range(part.start, part.stop)] == list(range(nt))
-        assert all((part.stop - part.start) * nb <= max(scales.STATES, nb) for part in parts)
+        assert_each([(part.stop - part.start) * nb for part in parts], "<=", max(scales.STATES, nb), "bodies of a part")
 
 
 @pytest.mark.parametrize(("rows", "columns"), [(1, 1), (2, 3), (5, 5)])
@@ -75,7 +75,7 @@ def test_kept_rows_are_as_many_as_the_rank_and_as_well_conditioned(rows, columns
     assert len(kept) == len(by_qr) == 6 * p.system.nb - rows
     A = constraint_jacobian(p.system, p.initial).toarray()
     full = linkage(springs=False)
-    assert np.array_equal(rows_to_keep(full, consistent(full, 3)), np.arange(full.nrows))
+    assert_same(rows_to_keep(full, consistent(full, 3)), np.arange(full.nrows))
     smallest = [np.linalg.svd(A[choice], compute_uv=False)[-1] for choice in (kept, by_qr)]
     assert smallest[0] > 0.25 * smallest[1]
 
@@ -84,5 +84,6 @@ def test_no_pivot_is_in_doubt_on_a_grid_of_820_bodies():
     """6100 rows of rank 4900, found sparsely: one freedom a row of cells."""
     p = make_problem("four_bar_grid", {"rows": 20, "columns": 20})
     distance = squared_distances(p.system, p.initial)
-    assert not np.any((distance > DEPENDENT) & (distance < INDEPENDENT))
+    between = distance[distance > DEPENDENT]
+    assert_each(between, ">=", INDEPENDENT, "distance of a row from those before it")
     assert len(rows_to_keep(p.system, p.initial)) == 6 * p.system.nb - 20

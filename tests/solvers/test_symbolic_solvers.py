@@ -10,19 +10,16 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import motion, so3
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import RigidBody, assemble
-from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.mechanics.types import Problem, Status, StepControl
 from mbsbench.solvers.formulations import ida, sundials
 from mbsbench.solvers.formulations.generated import Program
 from mbsbench.solvers.formulations.recording import Clock, StepFailure
 from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.factories import solve_run
 
-from .runs import SYMBOLIC, drift, error, pendulum, run
+from .runs import SYMBOLIC, drift, error, pendulum
 
 every_solver = pytest.mark.parametrize("solver", SYMBOLIC)
-
-
-def solve(solver: str, problem: Problem, rtol: float, options: dict[str, Any] | None = None) -> Trajectory:
-    return run(problem, rtol, solver, **(options or {}))
 
 
 def test_the_mass_matrix_form_costs_jacobians_where_the_mass_depends_on_the_state():
@@ -32,7 +29,7 @@ def test_the_mass_matrix_form_costs_jacobians_where_the_mass_depends_on_the_stat
     """
     p, made = pendulum(4.0), {}
     for form in ("unknown", "mass_matrix"):
-        made[form] = solve("ndf_index1", p, 1e-9, {"accelerations": form, "coordinates": "euler313"})
+        made[form] = solve_run(p, 1e-9, "ndf_index1", accelerations=form, coordinates="euler313")
     assert abs(error(p, made["mass_matrix"]) - error(p, made["unknown"])) < 1e-6
     assert made["mass_matrix"].counters["linear_solves"] > made["unknown"].counters["linear_solves"]
 
@@ -42,7 +39,7 @@ def test_baumgarte_keeps_what_plain_index_1_loses():
     p = pendulum(20.0)
     phi = {}
     for stabilised in (0.0, 5.0):
-        t = solve("ida_index1", p, 1e-6, {"alpha": stabilised, "beta": stabilised})
+        t = solve_run(p, 1e-6, "ida_index1", alpha=stabilised, beta=stabilised)
         phi[stabilised] = np.linalg.norm(motion.constraint(p.system, t.states), axis=1)[-1]
     assert phi[5.0] < 1e-5 < phi[0.0]
 
@@ -54,7 +51,7 @@ def test_either_jacobian_gives_the_same_motion(solver):
     The evaluations spent on differences are counted, and are part of the evaluations.
     """
     p = pendulum(2.0)
-    exact, differenced = (solve(solver, p, 1e-7, {"jacobian": j}) for j in ("exact", "finite_difference"))
+    exact, differenced = (solve_run(p, 1e-7, solver, jacobian=j) for j in ("exact", "finite_difference"))
     errors = error(p, exact), error(p, differenced)
     assert max(errors) < 3.0 * min(errors)  # IDA's steps are chosen by what Newton's test leaves, too
     assert differenced.counters["steps"] == pytest.approx(exact.counters["steps"], rel=0.1)
@@ -71,7 +68,7 @@ def test_the_stabilised_index_2_keeps_both_levels_and_more_energy_than_index_3(r
     """
     p, kept = pendulum(4.0), {}
     for solver in ("ida_index2", "ida_index3"):
-        t = solve(solver, p, rtol, {"coordinates": coordinates})
+        t = solve_run(p, rtol, solver, coordinates=coordinates)
         norms = [np.max(np.abs(f(p.system, t.states))) for f in (motion.constraint, motion.constraint_rate)]
         kept[solver] = (*norms, np.max(np.abs(drift(p, t))))
     (phi, phi_dot, lost), (_, phi_dot_3, lost_3) = kept["ida_index2"], kept["ida_index3"]
@@ -83,7 +80,7 @@ def test_phi_decays_at_the_rate_of_velocity_level_baumgarte():
     """A u + alpha phi = 0 is phi_dot = -alpha phi: from an open joint with that velocity, phi0 exp(-alpha t)."""
     alpha, p = 4.0, pendulum(1.0)
     apart = State(p.initial.r + 0.02, p.initial.R, p.initial.v - alpha * 0.02, p.initial.Omega)
-    t = solve("ida_index2", replace(p, initial=apart), 1e-8, {"form": "velocity", "alpha": alpha})
+    t = solve_run(replace(p, initial=apart), 1e-8, "ida_index2", form="velocity", alpha=alpha)
     expected = np.broadcast_to(0.02 * np.exp(-alpha * t.t)[:, None], (len(t.t), 3))
     np.testing.assert_allclose(motion.constraint(p.system, t.states), expected, atol=1e-6)
 
@@ -101,7 +98,7 @@ def spinning_beside(idle: int) -> Problem:
 def test_bodies_at_rest_dilute_the_root_mean_square_not_the_maximum():
     """Of 26 bodies one turns: its error in the mean is sqrt(26) times smaller, in the maximum it is what it was."""
     steps = {
-        (norm, idle): solve("ndf_index1", spinning_beside(idle), 1e-7, {"norm": norm}).counters["steps"]
+        (norm, idle): solve_run(spinning_beside(idle), 1e-7, "ndf_index1", norm=norm).counters["steps"]
         for norm in ("rms", "max")
         for idle in (0, 25)
     }
@@ -196,7 +193,7 @@ def test_dense_banded_and_sparse_matrices_give_one_motion(form, monkeypatch):
     for dense_below, band_work in ((1000, 2e7), (0, 2e7), (0, 0.0)):
         monkeypatch.setattr(ida, "DENSE_BELOW", dense_below)
         monkeypatch.setattr(ida, "BAND_WORK", band_work)
-        runs.append(solve("ida_index1", problem, 1e-6, {"form": form}))
+        runs.append(solve_run(problem, 1e-6, "ida_index1", form=form))
     for other in runs[1:]:
         assert len(other.t) == len(runs[0].t)
         assert np.max(np.abs(other.states.r - runs[0].states.r)) < 1e-9
@@ -238,7 +235,7 @@ def test_a_run_that_steps_over_aligned_bars_stays_on_a_motion_of_the_mechanism()
     p = make_problem("four_bar_grid", ALIGNED)
     gaps = []
     for rtol, kept in ((1e-6, 1e-2), (1e-8, 1e-3)):
-        t = run(p, rtol, "rk45_strong_form")
+        t = solve_run(p, rtol, "rk45_strong_form")
         gaps.append(np.max(np.abs(motion.constraint(p.system, t.states))))
         assert np.max(np.abs(drift(p, t))) < kept * np.max(motion.kinetic_energy(p.system, t.states))
     assert gaps[1] < 0.1 * gaps[0] < 1e-4

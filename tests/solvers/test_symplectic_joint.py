@@ -26,8 +26,9 @@ from mbsbench.solvers.formulations.joint_coordinates.hamilton import make_hamilt
 from mbsbench.solvers.formulations.joint_coordinates.symplectic import Marcher
 from mbsbench.solvers.formulations.joint_coordinates.tree import build_spanning_tree
 from mbsbench.tests.covering import diagonal, few
+from mbsbench.tests.factories import solve_run
 
-from .runs import drift, orders, run
+from .runs import drift, orders
 
 GAUSS, RATTLE = "gauss_joint", "rattle_joint"
 SPAN = {"heavy_top": 0.48, "spherical_pendulum": 1.6, "chain": 0.08, "bricard": 1.6, "four_bar_grid": 0.4}  # [s]
@@ -52,7 +53,7 @@ def test_tableaux_are_symplectic(stages: int) -> None:
 def test_a_single_hinge_is_solved(solver: str) -> None:
     """One coordinate, of which CasADi's slices of no entries are rows, not columns; the reference is exact."""
     problem = make_problem("simple_pendulum", {"t_end": 1.0})
-    states = run(problem, 1e-3, solver).states
+    states = solve_run(problem, 1e-3, solver).states
     assert np.max(np.abs(states.r[-1] - problem.reference().states(np.array([1.0])).r[0])) < 1e-5  # RATTLE: 1 dt^2
 
 
@@ -79,10 +80,11 @@ OFTEN = (("heavy_top", 4), ("spherical_pendulum", 2), ("chain", 0), ("bricard", 
 def test_errors_are_of_the_order(name: str, stages: int, dt: float) -> None:
     """2 s of Gauss, 2 of RATTLE (0 stages), on trees, balls and loops; steps above rounding."""
     problem = problem_of(name)
-    exact = run(problem, 1e-13, "dop853_joint").states.r[-1]
+    exact = solve_run(problem, 1e-13, "dop853_joint").states.r[-1]
     solver, options = (GAUSS, {"stages": stages}) if stages else (RATTLE, {})
     errors = [
-        float(np.max(np.abs(run(problem, h, solver, **options).states.r[-1] - exact))) for h in dt / 2.0 ** np.arange(4)
+        float(np.max(np.abs(solve_run(problem, h, solver, **options).states.r[-1] - exact)))
+        for h in dt / 2.0 ** np.arange(4)
     ]
     above = [e for e in errors if e > 2e-13]
     assert len(above) >= 3
@@ -96,7 +98,7 @@ def test_orders_ten_and_twelve_are_met_on_the_proved_motion(stages: int) -> None
     reference, steps = problem.reference(), np.array([12, 16])
     assert reference is not None
     for n in steps:
-        last = run(problem, problem.t_end / n, GAUSS, stages=stages)
+        last = solve_run(problem, problem.t_end / n, GAUSS, stages=stages)
         errors.append(float(np.max(np.abs(last.states.r[-1] - reference.states(last.t[-1:]).r[0]))))
     assert abs(np.log(errors[0] / errors[1]) / np.log(steps[1] / steps[0]) - 2 * stages) < 0.2, errors
 
@@ -105,9 +107,9 @@ def test_orders_ten_and_twelve_are_met_on_the_proved_motion(stages: int) -> None
 def test_the_way_back_leads_to_the_start(solver: str, name: str) -> None:
     """Symmetric steps with velocities reversed, to the rounding of their iterations."""
     problem, dt = problem_of(name), SPAN[name] / (20 if solver == GAUSS else 80)
-    end = run(problem, dt, solver).states
+    end = solve_run(problem, dt, solver).states
     turned = dataclasses.replace(end[len(end.r) - 1], v=-end.v[-1], Omega=-end.Omega[-1], t=0.0)
-    back = run(dataclasses.replace(problem, initial=turned), dt, solver).states
+    back = solve_run(dataclasses.replace(problem, initial=turned), dt, solver).states
     assert np.max(np.abs(back.r[-1] - problem.initial.r)) < 1e-11
     assert np.max(np.abs(back.v[-1] + problem.initial.v)) < 1e-9 * max(1.0, float(np.max(np.abs(end.v))))
 
@@ -197,7 +199,7 @@ def test_steps_keep_the_symplectic_form(name: str, of: str) -> None:
 def test_energy_oscillates_and_does_not_drift(solver: str, name: str, dt: float, t_end: float) -> None:
     """Its means over the first and the last tenth agree to a part of its oscillation: thousands of periods."""
     problem = make_problem(name, {"t_end": t_end})
-    E = drift(problem, run(problem, dt, solver, **({"stages": 3} if solver == GAUSS else {})))
+    E = drift(problem, solve_run(problem, dt, solver, **({"stages": 3} if solver == GAUSS else {})))
     tenth = len(E) // 10
     assert abs(np.mean(E[:tenth]) - np.mean(E[-tenth:])) < 0.02 * np.max(np.abs(E))
 
@@ -213,8 +215,8 @@ def chain_out_of_plane(t_end: float) -> Problem:
 def test_slender_bars_out_of_plane_leave_rattle_its_order() -> None:
     """Steps at which I - h/2 d2H/dqdp of the bars themselves is singular; without spins they have no solution."""
     problem = chain_out_of_plane(0.44)
-    exact = run(problem, 1e-13, "dop853_joint").states
-    last = [run(problem, dt, RATTLE).states for dt in 2e-3 / 2.0 ** np.arange(4)]
+    exact = solve_run(problem, 1e-13, "dop853_joint").states
+    last = [solve_run(problem, dt, RATTLE).states for dt in 2e-3 / 2.0 ** np.arange(4)]
     for of in ("r", "v", "R", "Omega"):
         errors = [float(np.max(np.abs(getattr(s, of)[-1] - getattr(exact, of)[-1]))) for s in last]
         assert abs(orders(errors)[-1] - 2.0) < 0.2, (of, errors)
@@ -223,9 +225,9 @@ def test_slender_bars_out_of_plane_leave_rattle_its_order() -> None:
 def test_slender_bars_out_of_plane_go_back() -> None:
     """200 steps and back, with spins about axes, to the rounding of their iterations."""
     problem, dt = chain_out_of_plane(0.4), 2e-3
-    end = run(problem, dt, RATTLE).states
+    end = solve_run(problem, dt, RATTLE).states
     turned = dataclasses.replace(end[len(end.r) - 1], v=-end.v[-1], Omega=-end.Omega[-1], t=0.0)
-    back = run(dataclasses.replace(problem, initial=turned), dt, RATTLE).states
+    back = solve_run(dataclasses.replace(problem, initial=turned), dt, RATTLE).states
     assert np.max(np.abs(back.r[-1] - problem.initial.r)) < 1e-11
     assert np.max(np.abs(back.R[-1] - problem.initial.R)) < 1e-11
     assert np.max(np.abs(back.Omega[-1] + problem.initial.Omega)) < 1e-9
@@ -234,7 +236,7 @@ def test_slender_bars_out_of_plane_go_back() -> None:
 def test_energy_of_slender_bars_out_of_plane_is_bounded() -> None:
     """Over 20 s of chaos; spins are constant, for no moment acts about the axis of a bar of revolution."""
     problem = chain_out_of_plane(20.0)
-    out = run(problem, 1e-3, RATTLE)
+    out = solve_run(problem, 1e-3, RATTLE)
     E = drift(problem, out)
     tenth = len(E) // 10
     assert np.max(np.abs(E)) < 2.0 * np.max(np.abs(E[: 2 * tenth]))
@@ -286,10 +288,10 @@ def check_pivots_chosen_anew(solver: str, name: str, monkeypatch: pytest.MonkeyP
     """Compare a run of the pivots of the start with one that chooses others all the way."""
     problem, dt = problem_of(name, **({"links": 6} if name == "chain" else {})), SPAN[name] / 40
     monkeypatch.setattr(symplectic, "POOR_PIVOT", 1e-9)
-    plain = run(problem, dt, solver)
+    plain = solve_run(problem, dt, solver)
     monkeypatch.setattr(symplectic, "POOR_PIVOT", 0.99)
     monkeypatch.setattr(marching, "FAIR", 2.0)  # no earlier order goes on
-    changed = run(problem, dt, solver)
+    changed = solve_run(problem, dt, solver)
     assert not any("anew" in note for note in plain.notes)
     assert any("anew" in note for note in changed.notes)
     for of in ("r", "v"):
@@ -331,7 +333,7 @@ def test_a_tilt_that_defeats_folding_leaves_the_motion(solver: str) -> None:
     tilted = dataclasses.replace(problem, system=dataclasses.replace(problem.system, joint_u=u))
     sizes = [make_code(p.system, build_spanning_tree(p.system, p.initial)).operations for p in (problem, tilted)]
     assert sizes[1] > 1.2 * sizes[0]
-    planar, spatial = (run(p, 0.01, solver).states.r[-1] for p in (problem, tilted))
+    planar, spatial = (solve_run(p, 0.01, solver).states.r[-1] for p in (problem, tilted))
     assert np.max(np.abs(planar - spatial)) < 1e-8
 
 
@@ -341,7 +343,7 @@ def test_a_tilt_that_defeats_folding_leaves_the_motion(solver: str) -> None:
 def test_reactions_are_the_judges_and_constraints_hold(solver: str, name: str) -> None:
     """Newton and Euler leave no choice of the load of the joints in a state; phi and phi_dot are at rounding."""
     problem = problem_of(name)
-    out: Trajectory = run(problem, SPAN[name] / (16 if solver == GAUSS else 64), solver)
+    out: Trajectory = solve_run(problem, SPAN[name] / (16 if solver == GAUSS else 64), solver)
     system = problem.system
     assert np.max(np.abs(constraint(system, out.states))) < 1e-12
     assert np.max(np.abs(constraint_rate(system, out.states))) < 1e-11
@@ -358,7 +360,7 @@ def test_what_is_not_sound_is_said(solver: str, monkeypatch: pytest.MonkeyPatch)
     control = StepControl(dt=0.05)
     assert "phi" in (make_solver(solver).refuses(make_problem("knife_edge"), control) or "")
     damped = make_problem("damped_linkage", {"t_end": 0.1})
-    assert any("energy" in note for note in run(damped, 0.01, solver).notes)
+    assert any("energy" in note for note in solve_run(damped, 0.01, solver).notes)
     singular = make_solver(solver).solve(make_problem("n_four_bar", {"windows": 2}), StepControl(dt=2e-4))
     assert singular.status is Status.STEP_UNDERFLOW
     assert "rank" in singular.message

@@ -12,6 +12,7 @@ from mbsbench.harness.lab.fuzz.campaign import CampaignSettings
 from mbsbench.harness.lab.fuzz.cases import format_page, read_case, write_cases
 from mbsbench.harness.lab.fuzz.log import SUMMARY, Trial, append_trial, count_trials, read_trials
 from mbsbench.harness.lab.fuzz.oracle import Behaviour, OracleOutcome
+from mbsbench.tests.comparing import assert_close
 
 PUBLISHED = Path(__file__).parents[3] / "results" / "published" / "fuzz"
 
@@ -83,4 +84,5 @@ def test_answers_of_a_sound_code_end_where_the_exact_motion_does():
     oracle = read_case(PUBLISHED / "mujoco-74.json").oracle
     ends, _ = oracle.collect_answers(make_solver("rkmk_dop853"))
     assert list(ends) == ["exact", "as drawn", "unit_time=0.001"]
-    assert all(np.allclose(at, ends["exact"], atol=1e-5) for at in ends.values())
+    for name, at in ends.items():
+        assert_close(at, ends["exact"], atol=1e-5, what=name)

@@ -15,8 +15,9 @@ from mbsbench.harness.catalogue.suites.suite import parse_suite
 from mbsbench.harness.results import store
 from mbsbench.harness.run import run, supervisor
 from mbsbench.harness.run.job import Job
+from mbsbench.tests.factories import PLUGIN
 
-from ..conftest import HOSTILE, PLUGIN
+from ..conftest import HOSTILE
 from ..hostile import ATTACKS
 
 SUITE = '[[runs]]\nproblem = "free_fall"\nsolver = "attacks"\ncpu_limit = 3.0\noptions = {{ what = "{}" }}'

@@ -6,10 +6,10 @@ import pytest
 
 from mbsbench.harness.mechanics.types import Status
 from mbsbench.harness.run.handover import COST, SolverReport, _add_hidden_cost
+from mbsbench.tests.factories import PLUGIN, run_suite_text
 
 from .. import cheating
 from ..cheating import MUCH, WORK
-from ..conftest import PLUGIN, run_in
 
 FINE = 0.05  # [s]
 TICKS = 0.9  # of the work: other processes are accounted in ticks of 10 ms
@@ -32,7 +32,7 @@ AT_IMPORT += 'class Prepared(Exact):\n    """Has worked already."""\n'
 def records(tmp_path_factory):
     """Of all ways, by where the work is done."""
     folder = tmp_path_factory.mktemp("cheats") / "run"
-    found = run_in(folder, SUITE, plugins=(PLUGIN, cheating.__file__))[0].records
+    found = run_suite_text(folder, SUITE, plugins=(PLUGIN, cheating.__file__))[0].records
     assert {r.status for r in found} == {"success"}
     return {json.loads(r.solver_options).get("where", "call"): r for r in found}
 
@@ -78,7 +78,7 @@ def test_the_parents_meter_counts_code_not_the_words_of_the_solver(records):
 def test_more_code_than_cpu_time_is_a_breach(tmp_path):
     """No number in a record exceeds what the system has counted: budgets are kept by their difference."""
     text = SUITE[: SUITE.index("repeats")] + 'options = { where = "absurd_report" }'
-    (r,) = run_in(tmp_path / "run", text, 1, plugins=(PLUGIN, cheating.__file__))[0].records
+    (r,) = run_suite_text(tmp_path / "run", text, 1, plugins=(PLUGIN, cheating.__file__))[0].records
     assert (r.status, r.ended_by) == ("crashed", "exception") and "code_s = 1e+05 does not fit" in r.message
     assert 0.0 <= r.code_s < FINE
 
@@ -102,7 +102,7 @@ def test_work_at_import_is_set_up(tmp_path):
     plugin = tmp_path / "prepared.py"
     plugin.write_text(AT_IMPORT)
     text = '[[runs]]\nproblem = "free_fall"\nsolver = "prepared"'
-    (r,) = run_in(tmp_path / "run", text, 1, plugins=(PLUGIN, plugin))[0].records
+    (r,) = run_suite_text(tmp_path / "run", text, 1, plugins=(PLUGIN, plugin))[0].records
     assert r.status == "success", r.message
     assert r.cpu_import_s > TICKS * WORK and r.setup_s > TICKS * WORK
 

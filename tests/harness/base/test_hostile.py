@@ -12,8 +12,9 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.results import store
 from mbsbench.harness.results.words import list_reasons
 from mbsbench.harness.run import solve_file
+from mbsbench.tests.factories import PLUGIN, run_suite_text
 
-from ..conftest import HOSTILE, PLUGIN, run_in
+from ..conftest import HOSTILE
 from ..misbehaving import free_fall
 
 SUITE = """
@@ -60,7 +61,7 @@ options = { force = [1e9, 1e300] }
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory):
     """All of them in one run; none ends it."""
-    loaded, watcher = run_in(tmp_path_factory.mktemp("hostile") / "run", SUITE, plugins=(PLUGIN, HOSTILE))
+    loaded, watcher = run_suite_text(tmp_path_factory.mktemp("hostile") / "run", SUITE, plugins=(PLUGIN, HOSTILE))
     assert len(loaded.records) == watcher.total and not loaded.unreadable
     return loaded.records
 
@@ -90,7 +91,7 @@ def test_a_file_in_place_of_the_folder_of_errors_ends_the_suite_in_a_line(tmp_pa
     """The run that put it there fails; no later one can be started, and none is blamed."""
     text = '[[runs]]\nproblem = "free_fall"\nsolver = "obstructs"\noptions = { what = ["errors", "record"] }'
     with pytest.raises(Exception, match=r"stderr: it is a file"):
-        run_in(tmp_path / "run", text, 1, plugins=(PLUGIN, HOSTILE))
+        run_suite_text(tmp_path / "run", text, 1, plugins=(PLUGIN, HOSTILE))
     (record,) = store.load(tmp_path / "run").records
     assert record.status == "crashed" and "stderr" in record.message
 

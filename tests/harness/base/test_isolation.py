@@ -4,7 +4,6 @@ import os
 import signal
 import time
 
-import numpy as np
 import psutil
 import pytest
 
@@ -13,8 +12,8 @@ from mbsbench.harness.base.isolation import describe_lacking, fork
 from mbsbench.harness.mechanics.types import EndCause, Status
 from mbsbench.harness.results import store
 from mbsbench.harness.results.words import describe_ending, list_reasons
-
-from ..conftest import run_in
+from mbsbench.tests.comparing import assert_same
+from mbsbench.tests.factories import run_suite_text
 
 LIMIT = 1.0  # [s]
 
@@ -66,14 +65,14 @@ EXPECTED = {
 def outcome(tmp_path_factory):
     """All kinds in one run, shared by the tests below."""
     folder = tmp_path_factory.mktemp("bad") / "run"
-    return folder, run_in(folder, SUITE)[0]
+    return folder, run_suite_text(folder, SUITE)[0]
 
 
 @pytest.mark.slow
 def test_a_run_that_waits_without_end_is_ended(tmp_path):
     """It uses no CPU time, so the limit on that never ends it: the net of wall time does."""
     text = '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\noptions = { seconds = 600.0 }\ncpu_limit = 0.1\n'
-    (record,) = run_in(tmp_path / "run", text)[0].records
+    (record,) = run_suite_text(tmp_path / "run", text)[0].records
     assert record.status == Status.UNFINISHED and record.ended_by == EndCause.WALL_LIMIT, record
 
 
@@ -155,9 +154,8 @@ def test_our_solvers_hand_their_steps_over(tmp_path, monkeypatch):
         done = registry.make_solver(name).solve(problem, StepControl(**step, spool=spool))
         left = read_spool(spool.path, problem, Status.CRASHED, "x")
         assert left is not None and len(left.t) > 0.5 * len(done.t)
-        assert np.array_equal(left.t, done.t[: len(left.t)]) and np.array_equal(
-            left.states.v, done.states.v[: len(left.t)]
-        )
+        assert_same(left.t, done.t[: len(left.t)])
+        assert_same(left.states.v, done.states.v[: len(left.t)])
 
 
 def test_fork_needs_a_single_thread():

@@ -8,8 +8,7 @@ import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import trial
-
-from ..conftest import PLUGIN
+from mbsbench.tests.factories import PLUGIN
 
 PROBLEM = """
 import os, sys, time

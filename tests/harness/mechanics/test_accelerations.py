@@ -12,6 +12,7 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver, probl
 from mbsbench.harness.mechanics import consistency, dynamics, index1, motion
 from mbsbench.harness.mechanics.consistency import perturb, project
 from mbsbench.harness.mechanics.counting import CallCount, collect_counts
+from mbsbench.tests.comparing import assert_same
 
 from ...solvers.arbitrary_systems import consistent, with_user_forces
 
@@ -27,7 +28,8 @@ def test_states_that_are_all_not_finite_have_no_accelerations(most, monkeypatch)
     problem = make_problem("slider_crank")
     state = problem.initial
     lost = States(*(np.full_like(x, np.nan)[None] for x in (state.r, state.R, state.v, state.Omega)))
-    assert all(np.all(np.isnan(x)) for x in index1.solve_index_1(problem.system, lost))
+    for x in index1.solve_index_1(problem.system, lost):
+        np.testing.assert_array_equal(x, np.nan)
 
 
 @pytest.mark.parametrize(
@@ -213,7 +215,8 @@ def test_equations_are_free_to_change_and_take_no_differences(monkeypatch: pytes
     for value in vars(first).values():
         value += 1.0
     again = equations(system, s)
-    assert all(np.array_equal(getattr(again, name), value) for name, value in kept.items())
+    for name, value in kept.items():
+        assert_same(getattr(again, name), value, what=name)
 
 
 def test_a_call_is_one_evaluation_with_its_factorisation_if_any() -> None:
@@ -236,11 +239,12 @@ def test_threads_and_forked_processes_have_arrays_of_their_own() -> None:
     alone = [_many(part) for part in parts]
     with ThreadPoolExecutor(4) as pool:
         for found, known in zip(pool.map(_many, parts), alone, strict=True):
-            assert np.array_equal(found, known)
+            assert_same(found, known)
     read, write = multiprocessing.Pipe(duplex=False)
     context = multiprocessing.get_context("fork")
     child = context.Process(target=lambda: write.send(_many(parts[1])))
     child.start()
     _many(parts[0])
-    assert read.poll(60) and np.array_equal(read.recv(), alone[1])
+    assert read.poll(60)
+    assert_same(read.recv(), alone[1])
     child.join()

@@ -10,6 +10,7 @@ from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.judge.metrics.reactions import compute_exact_loads
 from mbsbench.harness.mechanics import index1
 from mbsbench.harness.reference.computation import find_reference
+from mbsbench.tests.comparing import assert_same
 
 # of the grid whose rows all turn: regular at 0.3 s, nearly dependent at 0.763 and 0.844 s (least singular value 1e-7)
 INSTANTS = np.array([0.3, 0.763, 0.844, 0.95])
@@ -55,8 +56,9 @@ def test_sparse_rows_of_an_instant_do_not_depend_on_the_others(grid, monkeypatch
     monkeypatch.setattr(index1, "TOGETHER", 1)
     for one, other in zip(together, index1._sparse_rows(system, s, weight.tocsr()), strict=True):
         for a, b in zip(one[:2], other[:2], strict=True):
-            assert all(np.array_equal(getattr(a, k), getattr(b, k)) for k in ("data", "indices", "indptr"))
-        assert np.array_equal(one[2], other[2])
+            for k in ("data", "indices", "indptr"):
+                assert_same(getattr(a, k), getattr(b, k), what=k)
+        assert_same(one[2], other[2])
 
 
 def test_the_bordered_matrix_is_that_of_scipy():
@@ -64,4 +66,5 @@ def test_the_bordered_matrix_is_that_of_scipy():
     S = sparse.random_array((7, 12), density=0.3, rng=np.random.default_rng(2)).tocsr()
     borders = [[sparse.eye_array(12), S.T], [S, -1e-14 * sparse.eye_array(7)]]
     expected, found = sparse.block_array(borders, format="csc"), index1._border_rows(S, S.T.tocsr(), 1e-14)
-    assert all(np.array_equal(getattr(found, k), getattr(expected, k)) for k in ("data", "indices", "indptr"))
+    for k in ("data", "indices", "indptr"):
+        assert_same(getattr(found, k), getattr(expected, k), what=k)

@@ -17,6 +17,7 @@ from mbsbench.harness.catalogue.description import describe_problem
 from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.judge.metrics.identity import compute_fingerprint
 from mbsbench.harness.mechanics import kept_code, motion, work
+from mbsbench.tests.comparing import assert_same
 
 from ...solvers.arbitrary_systems import arbitrary, consistent, law, with_user_forces
 
@@ -162,7 +163,9 @@ def compiled(tmp_path, monkeypatch):
 def test_a_law_is_compiled_once(compiled):
     """The same numbers in other objects: the machine code of the first, and its values."""
     first, again = force_of(pulling(3.0)), force_of(pulling(3.0))
-    assert len(compiled) == 1 and np.array_equal(first, again) and first[0] == -5.0
+    assert len(compiled) == 1
+    assert_same(first, again)
+    assert first[0] == -5.0
 
 
 @pytest.mark.parametrize("change", ["stiffness", "table", "global"])

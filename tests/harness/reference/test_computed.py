@@ -20,7 +20,7 @@ from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
 from mbsbench.harness.reference.principal import LIGHT
 from mbsbench.problems.exact.one_body import find_one_body_motion
-from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.comparing import assert_each, assert_same
 
 from .mechanisms import problem, slider_crank, sprung
 
@@ -239,7 +239,7 @@ def test_a_second_call_reads(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     again = compute_reference(brief())
     t = np.linspace(0.0, 0.05, 7)
     assert first is not None and again is not None
-    assert np.array_equal(first.states(t).r, again.states(t).r)
+    assert_same(first.states(t).r, again.states(t).r)
     monkeypatch.setattr(module, "_find_agreement", lambda *_: None)
     assert compute_reference(brief(t_end=0.06)) is None
     monkeypatch.setattr(module, "_find_agreement", None)
@@ -254,7 +254,8 @@ def test_a_damaged_file_is_computed_anew(damage: bytes | None, monkeypatch: pyte
     (file,) = tmp_path.rglob("*.npz")
     file.write_bytes(file.read_bytes()[:2000] if damage is None else damage)
     again = compute_reference(brief())
-    assert first is not None and again is not None and np.array_equal(first.orbit.y, again.orbit.y)
+    assert first is not None and again is not None
+    assert_same(first.orbit.y, again.orbit.y)
 
 
 def _compute(folder, queue) -> None:
@@ -273,7 +274,8 @@ def test_two_processes_at_once_get_the_same(tmp_path) -> None:
     a, b = queue.get(timeout=120), queue.get(timeout=120)
     for process in both:
         process.join()
-    assert a is not None and np.array_equal(a, b)
+    assert a is not None
+    assert_same(a, b)
     assert [f.suffix for f in tmp_path.rglob("*") if f.is_file()] == [".npz"]
 
 
@@ -289,7 +291,8 @@ def test_the_wide_tolerance_goes_on_where_the_narrow_one_ends(monkeypatch: pytes
     assert agree(found, exact, t)
     assert_each(np.diff(found.error(t)), ">=", 0.0)
     again = compute_reference(p)  # from disk
-    assert again is not None and again.horizon == p.t_end and np.array_equal(again.states(t).r, found.states(t).r)
+    assert again is not None and again.horizon == p.t_end
+    assert_same(again.states(t).r, found.states(t).r)
 
 
 @pytest.mark.slow
@@ -308,7 +311,8 @@ def test_where_the_narrow_tolerance_ends_the_wide_one_goes_on(monkeypatch: pytes
     below, above = found.states(np.array([first])), found.states(np.array([first + 1e-9]))
     assert np.max(np.abs(below.r - above.r)) < 2.0 * found.error(np.array([first + 1e-9]))[0] + 1e-6
     again = compute_reference(p)
-    assert again is not None and again.horizon == second and np.array_equal(again.states(t).r, found.states(t).r)
+    assert again is not None and again.horizon == second
+    assert_same(again.states(t).r, found.states(t).r)
 
 
 @pytest.mark.parametrize(

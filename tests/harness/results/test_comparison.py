@@ -10,8 +10,7 @@ from mbsbench.harness.results import store
 from mbsbench.harness.results.comparison import Likeness, compare, is_repeatable
 from mbsbench.harness.results.provenance import describe_differences, find_differences, is_same_platform
 from mbsbench.harness.results.records import RunRecord
-
-from ..conftest import PLUGIN
+from mbsbench.tests.factories import PLUGIN
 
 BASE = RunRecord(
     run_id="a",

@@ -17,13 +17,15 @@ from mbsbench.harness.results import npz, store
 from mbsbench.harness.results.merging import merge
 from mbsbench.harness.results.npz import read_npz
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.results.series import Series, read_series, write_series
+from mbsbench.harness.results.series import read_series, write_series
 from mbsbench.harness.results.words import list_reasons
 from mbsbench.harness.run import run_file
 from mbsbench.harness.run.handover import Handover, SolverReport, read, write
 from mbsbench.harness.run.remaining_time import read_durations
+from mbsbench.tests.factories import change_series, make_series
 
 RECORD = RunRecord(run_id="abc", case="p s dt=0.1", problem="p", solver="s", status="diverged", message="stopped")
+TIMES = np.linspace(0.0, 1.0, 5)
 OUT = ["../../outside/x.npz", "/etc/passwd", "series/../../outside/x.npz", "series/", "series/.hidden", "runs/abc.json"]
 
 
@@ -31,13 +33,9 @@ def folder_with(folder, **columns):
     """Results with one record, whose digest is right whatever it says."""
     store.create_folder(folder)
     (folder.parent / "outside").mkdir(exist_ok=True)
-    digest = write_series(folder.parent / "outside" / "x.npz", series())
+    digest = write_series(folder.parent / "outside" / "x.npz", make_series(TIMES))
     store.write_record(folder, dataclasses.replace(RECORD, series_sha256=digest, **columns))
     return folder
-
-
-def series(**more):
-    return Series({"t": np.linspace(0.0, 1.0, 5), **more}, (), (), (), {}, {})
 
 
 @pytest.mark.parametrize("column", ["series", "stderr"])
@@ -133,7 +131,7 @@ def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["energy", "obs_x", "frame_r", "dt"])
 def test_series_of_other_lengths_are_refused(tmp_path, name):
     """A page would index past the end."""
-    write_series(tmp_path / "x.npz", series(frame_t=np.zeros(2), **{name: np.zeros(3)}))
+    write_series(tmp_path / "x.npz", make_series(TIMES, frame_t=np.zeros(2), **{name: np.zeros(3)}))
     with pytest.raises(FileError, match=name):
         read_series(tmp_path / "x.npz")
 
@@ -173,7 +171,7 @@ def test_what_a_solver_hands_over_is_of_its_problem(tmp_path, arrays):
 
 def test_a_series_that_is_missing_is_named():
     """A file without it, whose digest is right, ends no page with a traceback."""
-    for ask in (lambda: series()["energy_error"], lambda: series().points("energy_error")):
+    for ask in (lambda: make_series(TIMES)["energy_error"], lambda: make_series(TIMES).points("energy_error")):
         with pytest.raises(FileError, match="a series file lacks energy_error"):
             ask()
 
@@ -197,7 +195,7 @@ WHOLE = {name: np.zeros(5) for name in ("energy", "energy_error", "phi_norm", "p
 def test_series_that_no_run_writes_are_set_aside(tmp_path, changed, words):
     """With a right digest: a page would end on them. Motions that diverge have any numbers."""
     arrays = {k: a for k, a in ({**WHOLE, **changed}).items() if a is not None}
-    write_series(tmp_path / "x.npz", series(**arrays))
+    write_series(tmp_path / "x.npz", change_series(make_series(TIMES), **arrays))
     if not words:
         read_series(tmp_path / "x.npz")
         return

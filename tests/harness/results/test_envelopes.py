@@ -9,6 +9,7 @@ from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.results.envelopes import SPANS, compute_envelope, find_spans
 from mbsbench.harness.results.packing import GRID, TURNS
 from mbsbench.harness.results.series import EnvelopedSeries, Series, read_series, write_series
+from mbsbench.tests.comparing import assert_each, assert_same
 
 COARSE = 2.0**-10  # of a value, the error of its code
 KINDS = ("all sizes", "a swing", "rounding", "zeros of both signs", "with holes", "nearly constant", "constant", "none")
@@ -41,7 +42,8 @@ def test_an_envelope_contains_every_finite_value(kind, n):
     e = compute_envelope(t, a)
     good = np.isfinite(a)
     span = find_spans(t[good], e.begin, e.end, SPANS)
-    assert np.all(e.low[span] <= a[good]) and np.all(a[good] <= e.high[span])
+    assert_each(e.low[span], "<=", a[good])
+    assert_each(a[good], "<=", e.high[span])
     for k in np.unique(span):
         own = a[good][span == k]
         tiny = np.finfo(np.float32).tiny
@@ -49,7 +51,8 @@ def test_an_envelope_contains_every_finite_value(kind, n):
             assert e.low[k] >= own.min() - COARSE * abs(own.min() - e.base) - tiny
             assert e.high[k] <= own.max() + COARSE * abs(own.max() - e.base) + tiny
     empty = np.setdiff1d(np.arange(SPANS), span)
-    assert np.all(np.isnan(e.low[empty])) and np.all(np.isnan(e.high[empty]))
+    np.testing.assert_array_equal(e.low[empty], np.nan)
+    np.testing.assert_array_equal(e.high[empty], np.nan)
 
 
 @pytest.mark.parametrize("spans", [240, 180, 80, 60])
@@ -58,7 +61,7 @@ def test_points_lie_in_the_spans_of_curves(spans):
     e = compute_envelope(np.array([0.0, 7.3]), np.zeros(2))
     t, _ = e.points
     drawn = np.minimum((t[::2] / t[-1] * spans).astype(int), spans - 1)
-    assert np.array_equal(drawn, np.arange(SPANS) * spans // SPANS)
+    assert_same(drawn, np.arange(SPANS) * spans // SPANS)
 
 
 def brief(n=1000, nb=2):
@@ -88,11 +91,12 @@ def test_a_brief_file_gives_back_what_is_judged_to_the_bit_and_what_is_drawn_to_
         assert again[name].tobytes() == series[name].tobytes()
     assert np.abs(again["frame_r"] - series["frame_r"]).max() < 0.51 * GRID * series.length
     cosine = np.abs(np.sum(again["frame_q"].astype(float) * series["frame_q"], axis=2))
-    assert np.all(cosine > 1.0 - (2.0 / TURNS) ** 2)
+    assert_each(cosine, ">", 1.0 - (2.0 / TURNS) ** 2)
     assert again.envelopes.keys() == series.envelopes.keys()
     for name, e in series.envelopes.items():
         found = again.envelopes[name]
-        assert np.array_equal(found.codes, e.codes) and (found.end, found.base) == (e.end, e.base)
+        assert_same(found.codes, e.codes)
+        assert (found.end, found.base) == (e.end, e.base)
     assert (again.steps_sha256, again.length, again.peaks) == (series.steps_sha256, 2.0, series.peaks)
     without = read_series(tmp_path / "s.npz.xz", poses=False)
     assert "frame_r" not in without and "frame_q" not in without and "phi_norm" in without
@@ -112,7 +116,7 @@ def test_a_motion_that_flew_away_keeps_its_positions(tmp_path):
     series = brief()
     far = series["frame_r"] * np.float32(1e30)
     write_series(tmp_path / "s.npz.xz", dataclasses.replace(series, arrays={**series.arrays, "frame_r": far}))
-    assert np.array_equal(read_series(tmp_path / "s.npz.xz")["frame_r"], far)
+    assert_same(read_series(tmp_path / "s.npz.xz")["frame_r"], far)
 
 
 def test_rows_of_an_envelope_are_refused():

@@ -8,21 +8,22 @@ import pytest
 from mbsbench.harness.base.files import FileError
 from mbsbench.harness.results import environment, stamps, store
 from mbsbench.harness.results.merging import find_codes, merge
+from mbsbench.tests.factories import run_suite_text
 
-from ..conftest import TIMED, run_in
+from ..conftest import TIMED
 
 TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "raises"]\ndt = [0.1, 0.5]'
 
 
-def run(folder, shard=(1, 1), **more):
-    return run_in(folder, TEXT, shard=shard, **more)[0]
+def run_shard(folder, shard=(1, 1), **more):
+    return run_suite_text(folder, TEXT, shard=shard, **more)[0]
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """The folder of one machine's run."""
     folder = tmp_path_factory.mktemp("merging") / "whole"
-    run(folder)
+    run_shard(folder)
     return folder
 
 
@@ -33,10 +34,10 @@ def numbers(folder):
 def test_each_run_names_its_own_environment(tmp_path, monkeypatch):
     """Begun here and resumed on another processor, or merged from both: a folder has as many as its runs."""
     here = environment.describe_environment
-    run(tmp_path / "1", (1, 2))
+    run_shard(tmp_path / "1", (1, 2))
     monkeypatch.setattr(environment, "describe_environment", lambda *given: {**here(*given), "cpu": "another"})
-    run(tmp_path / "1", resume=True)
-    run(tmp_path / "2", (2, 2))
+    run_shard(tmp_path / "1", resume=True)
+    run_shard(tmp_path / "2", (2, 2))
     merge(tmp_path / "merged", [tmp_path / "2", tmp_path / "1"])
     for folder in (tmp_path / "1", tmp_path / "merged"):
         names = [r.environment for r in store.load(folder).records]
@@ -47,7 +48,7 @@ def test_each_run_names_its_own_environment(tmp_path, monkeypatch):
 def test_merged_shards_are_the_whole_run(tmp_path, whole):
     """Same rows, same numbers, same files; the sources stay; merging again adds nothing."""
     shards = [tmp_path / str(k) for k in (1, 2)]
-    sizes = [len(run(folder, (k, 2)).records) for k, folder in enumerate(shards, 1)]
+    sizes = [len(run_shard(folder, (k, 2)).records) for k, folder in enumerate(shards, 1)]
     assert sizes == [3, 3]
     before = {p: p.read_bytes() for s in shards for p in s.rglob("*.json")}
     done = merge(tmp_path / "merged", shards)

@@ -17,8 +17,7 @@ from mbsbench.harness.mechanics.types import Status
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.reproduce import write_command
 from mbsbench.harness.run.job import Job, make_job_record
-
-from ..conftest import PLUGIN
+from mbsbench.tests.factories import PLUGIN
 
 ODD = """
 [[runs]]

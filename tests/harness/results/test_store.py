@@ -14,23 +14,26 @@ from mbsbench.harness.base.files import FileError
 from mbsbench.harness.mechanics.types import Status
 from mbsbench.harness.results import environment, records, store
 from mbsbench.harness.results.records import COLUMNS, RunRecord, format_record, parse_record_json
-from mbsbench.harness.results.series import Series, read_series, write_series
+from mbsbench.harness.results.series import read_series, write_series
+from mbsbench.tests.comparing import assert_same
+from mbsbench.tests.factories import make_series
 
 RECORD = RunRecord(
     run_id="abc", case="p s dt=0.1", status="diverged", phi_max=float("inf"), steps=3, message='a "b"\n\0 é'
 )
-
-
-def series(n: int = 5) -> Series:
-    t = np.linspace(0.0, 1.0, n)
-    return Series(
-        {"t": t, "obs_theta": t**2}, ({"t": 0.5, "what": "passage"},), ("bar",), ("O",), {"obs_theta": "rad"}, {}
-    )
+SERIES = make_series(
+    np.linspace(0.0, 1.0, 5),
+    obs_theta=np.linspace(0.0, 1.0, 5) ** 2,
+    events=[{"t": 0.5, "what": "passage"}],
+    bodies=["bar"],
+    joints=["O"],
+    units={"obs_theta": "rad"},
+)
 
 
 def stored(folder, record=RECORD) -> RunRecord:
     store.create_folder(folder)
-    digest = write_series(folder / "series" / f"{record.run_id}.npz", series())
+    digest = write_series(folder / "series" / f"{record.run_id}.npz", SERIES)
     record = dataclasses.replace(record, series=f"series/{record.run_id}.npz", series_sha256=digest)
     store.write_record(folder, record)
     return record
@@ -47,7 +50,8 @@ def test_record_and_series_come_back(tmp_path):
     assert len(loaded.records) == 1 and not loaded.unreadable
     assert same(loaded.records[0], record)
     back = store.read_run_series(tmp_path, record)
-    assert np.array_equal(back["t"], series()["t"]) and back.events == ({"t": 0.5, "what": "passage"},)
+    assert_same(back["t"], SERIES["t"])
+    assert back.events == ({"t": 0.5, "what": "passage"},)
     assert list(back.select("obs_")) == ["theta"]
 
 

@@ -9,8 +9,6 @@ from mbsbench.cli.full_series import find_brief
 from mbsbench.cli.progress import run_watched
 from mbsbench.harness.base.files import FileError
 from mbsbench.harness.catalogue import codes
-from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.catalogue.suites.suite import Suite
 from mbsbench.harness.lab.bundle.contents import list_contents
 from mbsbench.harness.results import store
@@ -18,6 +16,8 @@ from mbsbench.harness.results.envelopes import FEW, find_spans
 from mbsbench.harness.run import full_series
 from mbsbench.harness.run.full_series import solve_every_step
 from mbsbench.harness.run.runner import Request
+from mbsbench.tests.comparing import assert_each, assert_same
+from mbsbench.tests.factories import specify_run
 
 RUNS = (
     ("heavy_top", {"t_end": 1.0}, "gc_weak_form", {"dt": 0.001}),
@@ -29,8 +29,8 @@ RUNS = (
 KEPT = ("energy_error", "obs_C_*")
 
 
-def make(folder, keep):
-    specs = tuple(make_spec(make_problem(p, q), s, None, c) for p, q, s, c in RUNS)
+def run_all(folder, keep):
+    specs = tuple(specify_run(p, s, q, **c) for p, q, s, c in RUNS)
     request = Request(Suite("some", "a few runs", specs, ""), folder, 1, keep=keep and (lambda spec: keep))
     run_watched(request, quiet=True)
     return {r.settings_id: r for r in store.load(folder).records}
@@ -39,13 +39,13 @@ def make(folder, keep):
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
     folder = tmp_path_factory.mktemp("full") / "run"
-    return folder, make(folder, None)
+    return folder, run_all(folder, None)
 
 
 @pytest.fixture(scope="module")
 def brief(tmp_path_factory):
     folder = tmp_path_factory.mktemp("brief") / "run"
-    return folder, make(folder, KEPT)
+    return folder, run_all(folder, KEPT)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def pairs(full, brief):
     return found
 
 
-def solve(folder, records, place, **how):
+def solve_again(folder, records, place, **how):
     return solve_every_step(folder, records, place, 1, lambda request: run_watched(request, quiet=True), **how)
 
 
@@ -74,8 +74,10 @@ def test_each_envelope_contains_each_step(pairs):
             values = whole[name] if name in whole else whole[f"obs_{name[5:]}"] - whole[f"ref_{name[5:]}"]
             good = np.isfinite(values)
             span = find_spans(whole["t"][good], e.begin, e.end, len(e.low))
-            assert np.all(e.low[span] <= values[good]) and np.all(values[good] <= e.high[span]), name
-            assert np.array_equal(series.tail(name, 9), values[-9:], equal_nan=True) or record.status != "stalled"
+            assert_each(e.low[span], "<=", values[good], what=name)
+            assert_each(values[good], "<=", e.high[span], what=name)
+            if record.status == "stalled":
+                assert_same(series.tail(name, 9), values[-9:], equal_nan=True, what=name)
         same = {k for k in series.arrays if k in whole.arrays and series[k].shape == whole["t"].shape}
         assert {"energy_error", "t", "dt"} <= same
         assert all(series[k].tobytes() == whole[k].tobytes() for k in same)
@@ -109,7 +111,7 @@ def test_steps_on_demand_are_those_of_the_run_bit_for_bit(full, brief, tmp_path)
     folder, records = brief
     assert {r.run_id for r in find_brief(folder, list(records.values()))} == {r.run_id for r in records.values()}
     assert find_brief(full[0], list(full[1].values())) == []
-    found = solve(folder, list(records.values()), tmp_path / "again", lossless=False)
+    found = solve_again(folder, list(records.values()), tmp_path / "again", lossless=False)
     for settings, record in records.items():
         whole, series = store.read_run_series(full[0], full[1][settings]), found[record.run_id]
         rows = [k for k, a in whole.arrays.items() if a.shape == whole["t"].shape]
@@ -124,7 +126,7 @@ def test_a_lossless_bundle_holds_every_step_of_brief_results(brief, tmp_path):
 
     folder, records = brief
     own = list(records.values())[:1]
-    found = solve(folder, own, tmp_path / "again")
+    found = solve_again(folder, own, tmp_path / "again")
     files = dict(list_contents(folder, own, lossless=True, again=found))
     (run,) = json.loads(files["runs.json"])
     assert run["states"] == "every step"
@@ -134,11 +136,11 @@ def test_a_run_that_a_clock_ended_is_followed_to_its_last_step(brief, tmp_path):
     """Where it stopped depends on the machine, what it did until then does not."""
     folder, records = brief
     record = next(r for r in records.values() if r.status == "stalled")
-    spec = make_spec(make_problem(*RUNS[3][:2]), "rattle", None, {"dt": 0.001})
+    spec = specify_run(RUNS[3][0], "rattle", RUNS[3][1], dt=0.001)
     ended = dataclasses.replace(
         record, settings_id=spec.settings_id, max_steps=10_000_000, ended_by="cpu_limit", status="unfinished"
     )
-    found = solve(folder, [ended], tmp_path / "again")
+    found = solve_again(folder, [ended], tmp_path / "again")
     assert len(found[record.run_id]["state_t"]) == 451
 
 
@@ -163,6 +165,6 @@ def test_steps_are_refused_where_they_would_not_be_those_of_the_run(brief, tmp_p
         )
         expected = "its steps are not bit for bit"
     with pytest.raises(FileError, match=expected) as refused:
-        solve(folder, [record], tmp_path / "again", lossless=False)
+        solve_again(folder, [record], tmp_path / "again", lossless=False)
     assert record.run_id[:8] in str(refused.value) and "\n" not in str(refused.value)
     assert (tmp_path / "again").exists() == (what == "bits")

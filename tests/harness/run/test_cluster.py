@@ -16,8 +16,9 @@ from mbsbench.harness.results.words import describe_ending
 from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.pool import LocalPool, PoolError
 from mbsbench.harness.run.runner import Request, run_suite
+from mbsbench.tests.factories import PLUGIN, Silent
 
-from ..conftest import PLUGIN, TIMED, Silent
+from ..conftest import TIMED
 
 distributed = pytest.importorskip("distributed", reason="needs the extra 'cluster'")
 from mbsbench.harness.run import cluster as cluster_module  # noqa: E402

@@ -17,8 +17,7 @@ from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.pool import PoolError
 from mbsbench.harness.run.protocol import RunEnded
 from mbsbench.harness.run.runner import Request, run_suite
-
-from ..conftest import PLUGIN, Silent
+from mbsbench.tests.factories import PLUGIN, Silent
 
 TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "raises", "spins"]\ncpu_limit = 100\n'
 

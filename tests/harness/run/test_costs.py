@@ -10,7 +10,6 @@ import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.catalogue.suites.suite import parse_suite
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.store import create_folder, write_record
@@ -26,8 +25,8 @@ from mbsbench.harness.run.costs import (
 )
 from mbsbench.harness.run.remaining_time import format_duration
 from mbsbench.harness.run.runner import Request, list_waiting
-
-from ..conftest import PLUGIN, run_in
+from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.factories import PLUGIN, run_suite_text, specify_run
 
 TEXT = """[[runs]]
 problem = "spherical_pendulum"
@@ -45,10 +44,6 @@ def cold(tmp_path, monkeypatch):
     return tmp_path
 
 
-def spec_of(problem: str, solver: str, **control):
-    return make_spec(registry.make_problem(problem), solver, None, control)
-
-
 @pytest.mark.beyond_core
 def test_cost_follows_steps_and_size(cold):
     """Twice the steps cost twice as much beyond the start of the processes; the grid costs more than the chain."""
@@ -58,7 +53,8 @@ def test_cost_follows_steps_and_size(cold):
     assert [costs.find_nearest_size(f.size) for f in facts.values()] == [0, 1, 2]
     for solver in ("rattle", "mujoco"):
         one, two, four = (
-            predict_run_cost(spec_of("chain", solver, dt=dt), facts["chain"], read_costs()) for dt in (4e-4, 2e-4, 1e-4)
+            predict_run_cost(specify_run("chain", solver, dt=dt), facts["chain"], read_costs())
+            for dt in (4e-4, 2e-4, 1e-4)
         )
         assert four - two == pytest.approx(2.0 * (two - one))
     step = [interpolate_by_size(read_costs().solvers["rattle"].step_us, f.size) for f in facts.values()]
@@ -68,7 +64,9 @@ def test_cost_follows_steps_and_size(cold):
 @pytest.mark.parametrize("solver", ["rkmk_dop853", "ida_index1", "dop853_joint"])
 def test_a_finer_tolerance_costs_more(cold, solver):
     facts = costs._find_factors_of_problem(registry.make_problem("chain"))
-    times = [predict_run_cost(spec_of("chain", solver, rtol=rtol), facts, read_costs()) for rtol in (1e-4, 1e-8, 1e-12)]
+    times = [
+        predict_run_cost(specify_run("chain", solver, rtol=rtol), facts, read_costs()) for rtol in (1e-4, 1e-8, 1e-12)
+    ]
     assert times == sorted(times)
 
 
@@ -90,7 +88,7 @@ def test_every_solver_has_a_cost(cold):
     facts = costs._find_factors_of_problem(registry.make_problem("heavy_top"))
     for name, entry in registry.solvers().items():
         control = {"dt": 0.01} if entry.control == "dt" else {"rtol": 1e-6}
-        assert predict_run_cost(spec_of("heavy_top", name, **control), facts, read_costs()) > 0.05
+        assert predict_run_cost(specify_run("heavy_top", name, **control), facts, read_costs()) > 0.05
     assert {n for n in registry.solvers() if registry.is_own_solver(n)} >= {*read_costs().solvers}
 
 
@@ -98,7 +96,7 @@ def test_a_loop_is_part_of_the_cost_of_a_run(cold):
     """A short solve takes the time of its loop; one that takes longer, and one in no loop, what they took."""
     facts, table = costs._find_factors_of_problem(registry.make_problem("heavy_top")), read_costs()
     for dt, looped in ((0.05, True), (1e-5, False)):
-        spec = spec_of("heavy_top", "rattle", dt=dt)
+        spec = specify_run("heavy_top", "rattle", dt=dt)
         once, in_loop = (predict_run_cost(replace(spec, min_time=seconds), facts, table) for seconds in (0.0, 0.2))
         set_up = interpolate_by_size(table.solvers["rattle"].setup_s, facts.size)
         solve = costs.predict_solve_cost(spec, facts, table)
@@ -119,7 +117,7 @@ def test_what_a_run_took_here_counts_more_than_the_table(cold):
 
 def test_what_is_cold_counts_once(cold):
     """Kernels, laws and a computed reference; remembered, they count no more; for other code again."""
-    specs = [spec_of("chain", "gc_weak_form", dt=0.01)]
+    specs = [specify_run("chain", "gc_weak_form", dt=0.01)]
     first = predict_times(specs, 1, "", cold)
     assert first.is_cold and 10.0 < first.once < 40.0 and "this once" in first.words
     WarmCaches().add(["laws", "gc_weak_form", "reference of chain"])
@@ -137,7 +135,7 @@ def test_a_pool_remembers_what_it_prepared(cold):
     """After a run of the suite its estimate is a warm one."""
     suite = parse_suite(TEXT, "t", "t")
     assert predict_times(suite.specs, 1, "", cold / "none").is_cold
-    run_in(cold / "out", TEXT, plugins=())
+    run_suite_text(cold / "out", TEXT, plugins=())
     assert not predict_times(suite.specs, 1, "", cold / "none").is_cold
 
 
@@ -166,7 +164,10 @@ def test_a_faster_core_starts_no_process_faster(monkeypatch):
     monkeypatch.setattr(costs, "count_running_processes", lambda: 0.0)
     fast = costs.measure_slowness.__wrapped__(1)
     assert (fast.solving, fast.other) == (0.5, 1.0)
-    facts, spec = costs._find_factors_of_problem(registry.make_problem("chain")), spec_of("chain", "rattle", dt=1e-3)
+    facts, spec = (
+        costs._find_factors_of_problem(registry.make_problem("chain")),
+        specify_run("chain", "rattle", dt=1e-3),
+    )
     solve = costs.predict_solve_cost(spec, facts, read_costs())
     slower, faster = (predict_run_cost(spec, facts, read_costs(), slow) for slow in (costs.TABLE_MACHINE, fast))
     assert slower - faster == pytest.approx(0.5 * spec.repeats * solve) and solve > 0.0
@@ -189,13 +190,13 @@ def test_rivals_are_the_other_processes_that_run_now(monkeypatch):
 def test_a_problem_of_a_plugin_is_not_made(cold):
     """It might hang or crash; its runs have a cost all the same."""
     specs = parse_suite('[[runs]]\nproblem = "free_fall"\nsolver = "exact"\n', "t", "t", plugins=(str(PLUGIN),)).specs
-    assert all(x > 0.0 for x in predict_times(specs, 1, "", cold).runs.values())
+    assert_each(list(predict_times(specs, 1, "", cold).runs.values()), ">", 0.0, "predicted seconds")
 
 
 def test_the_runs_that_wait_are_listed(cold):
     """Of a folder that is resumed those without a record of this code; the folder stays as it is."""
     folder = cold / "out"
-    run_in(folder, TEXT, plugins=(), limit=1)
+    run_suite_text(folder, TEXT, plugins=(), limit=1)
     before = sorted(p.name for p in folder.rglob("*"))
     request = Request(parse_suite(TEXT, "test", "test"), folder, 1, resume=True)
     assert [s.control.rtol for s in list_waiting(request)] == [1e-6]
@@ -220,7 +221,7 @@ def test_a_dry_run_says_what_would_be_run(cold, capsys, monkeypatch):
 
 def test_members_of_a_cloud_need_no_process_each(cold):
     """A thousand solves cost a thousand times one, at so many at a time, and one start."""
-    spec = spec_of("heavy_top", "rattle", dt=0.001)
+    spec = specify_run("heavy_top", "rattle", dt=0.001)
     one, many = (costs.expect_solves([(spec, n)], 2) for n in (1, 1000))
     each = predict_run_cost(spec, costs._find_factors_of_problem(registry.make_problem("heavy_top")), read_costs())
     assert many.runs[spec.settings_id] == pytest.approx(1000.0 * one.runs[spec.settings_id]) and many.once == one.once
@@ -230,8 +231,8 @@ def test_members_of_a_cloud_need_no_process_each(cold):
 @pytest.mark.beyond_core
 def test_those_at_once_are_known_not_to_take_long(cold):
     """Neither one that is to be compiled, nor one whose cost nobody knows, nor a long run; compiled, it is."""
-    fixed = [spec_of("chain", name, dt=dt) for name, dt in (("mujoco", 0.01), ("rattle", 0.01), ("exudyn", 1e-5))]
-    specs = [*fixed, spec_of("chain", "dart", dt=0.01), spec_of("chain", "ida_index1", rtol=1e-4)]
+    fixed = [specify_run("chain", name, dt=dt) for name, dt in (("mujoco", 0.01), ("rattle", 0.01), ("exudyn", 1e-5))]
+    specs = [*fixed, specify_run("chain", "dart", dt=0.01), specify_run("chain", "ida_index1", rtol=1e-4)]
     assert costs.select_quick(specs) == {"mujoco", "ida_index1"}
     WarmCaches().add(["rattle"])
     assert costs.select_quick(specs) == {"mujoco", "ida_index1", "rattle"}

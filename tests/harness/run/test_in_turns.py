@@ -7,8 +7,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord, format_record
 from mbsbench.harness.run import in_turns
-
-from ..conftest import PLUGIN
+from mbsbench.tests.factories import PLUGIN
 
 SUITE = f"""
 name = "pair"

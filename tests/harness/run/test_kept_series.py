@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.judge.metrics.scales import measure_displacement, measure_speeds
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.results import store
-from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here
+from mbsbench.tests.comparing import assert_same
+from mbsbench.tests.factories import specify_run, store_run
 
 RUNS = {  # a slow order, a fast one, mechanisms beside each other, redundant rows
     "top": ("heavy_top", {"t_end": 0.5}, "gc_weak_form", {"dt": 0.002}),
@@ -22,12 +21,10 @@ RUNS = {  # a slow order, a fast one, mechanisms beside each other, redundant ro
 }
 
 
-def run(folder, problem, parameters, solver, control, *, lossless=False):
-    made = make_problem(problem, parameters)
-    job = Job(make_spec(made, solver, None, control), store.create_folder(folder), lossless=lossless)
-    record = run_here(job)
+def run_stored(folder, problem, parameters, solver, control, *, lossless=False):
+    record = store_run(folder, specify_run(problem, solver, parameters, **control), lossless=lossless)
     assert record.status == "success", record.message or record.wrong_because
-    return made, record, store.read_run_series(folder, record)
+    return make_problem(problem, parameters), record, store.read_run_series(folder, record)
 
 
 def states(series, kind):
@@ -37,7 +34,7 @@ def states(series, kind):
 @pytest.mark.parametrize("name", RUNS)
 def test_every_reported_maximum_is_that_of_the_kept_states(tmp_path, name):
     """A maximum over all steps is taken at a step that is kept; no kept step exceeds it."""
-    problem, record, series = run(tmp_path, *RUNS[name])
+    problem, record, series = run_stored(tmp_path, *RUNS[name])
     s, exact, system = states(series, "state"), states(series, "sample"), problem.system
     E = energy(system, s)
     scale = np.max(np.abs(E)) + record.energy_scale_J
@@ -70,7 +67,7 @@ def test_every_reported_maximum_is_that_of_the_kept_states(tmp_path, name):
 @pytest.mark.parametrize("name", ["top", "chain"])
 def test_the_scales_are_those_of_the_kept_exact_motion(tmp_path, name):
     """It is kept where it reaches farthest, is fastest and exchanges most energy, as 2,001 of its instants tell."""
-    problem, record, series = run(tmp_path, *RUNS[name])
+    problem, record, series = run_stored(tmp_path, *RUNS[name])
     exact, start = states(series, "sample"), States.one(problem.initial)
     T = 0.5 * measure_speeds(problem.system, exact) ** 2 @ problem.system.mass
     V = energy(problem.system, exact) - T
@@ -83,14 +80,14 @@ def test_the_scales_are_those_of_the_kept_exact_motion(tmp_path, name):
 
 
 def test_a_lossless_series_keeps_every_step(tmp_path):
-    _, record, series = run(tmp_path, *RUNS["top"], lossless=True)
+    _, record, series = run_stored(tmp_path, *RUNS["top"], lossless=True)
     assert len(series["state_t"]) == record.steps + 1 == len(series["t"])
-    assert np.array_equal(series["state_t"], series["t"])
-    assert np.array_equal(series["end_R"], series["state_R"][-1])
+    assert_same(series["state_t"], series["t"])
+    assert_same(series["end_R"], series["state_R"][-1])
 
 
 def test_a_series_names_when_maxima_occurred(tmp_path):
-    _, record, series = run(tmp_path, *RUNS["pendulum"])
+    _, record, series = run_stored(tmp_path, *RUNS["pendulum"])
     at = series.peaks["energy_drift_max_J"]
     assert abs(series["energy_error"][series["t"] == at]) == record.energy_drift_max_J
     assert series.peaks["judged_to_s"] == record.judged_to_s
@@ -100,6 +97,6 @@ def test_a_series_names_when_maxima_occurred(tmp_path):
 
 def test_states_of_a_large_system_are_few(tmp_path):
     """A series of a grid of 65 bodies keeps few even states: its file must not grow by more than a third."""
-    _, record, series = run(tmp_path, *RUNS["grid"])
+    _, record, series = run_stored(tmp_path, *RUNS["grid"])
     states = sum(a.nbytes for k, a in series.arrays.items() if k.startswith(("state_", "sample_")))
     assert states < 40 * 288 * series["end_r"].shape[0] and record.steps > 40

@@ -20,8 +20,9 @@ from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.provisional import is_provisional
 from mbsbench.harness.run import origin
 from mbsbench.harness.run.runner import Request, run_suite
+from mbsbench.tests.factories import PLUGIN, Silent
 
-from ..conftest import PLUGIN, TIMED, Silent
+from ..conftest import TIMED
 
 SEED = 20
 

@@ -13,8 +13,7 @@ import pytest
 
 from mbsbench.harness.base import files
 from mbsbench.harness.results import series
-
-from ..conftest import PLUGIN
+from mbsbench.tests.factories import PLUGIN
 
 
 def started(tmp_path, *more):

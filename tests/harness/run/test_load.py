@@ -7,8 +7,9 @@ import time
 
 import pytest
 
+from mbsbench.tests.factories import PLUGIN, run_suite_text
+
 from .. import cheating
-from ..conftest import PLUGIN, run_in
 
 BUSY = 2  # processes a core that do nothing but work
 LONGEST = 120.0  # [s] after which they end by themselves
@@ -48,7 +49,7 @@ def busy(request):
 
 
 def ends(folder, jobs):
-    found = run_in(folder, SUITE, jobs, plugins=(PLUGIN, cheating.__file__))[0].records
+    found = run_suite_text(folder, SUITE, jobs, plugins=(PLUGIN, cheating.__file__))[0].records
     return {r.solver + r.solver_options: r.status for r in found}
 
 

@@ -10,8 +10,7 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.run import worker
 from mbsbench.harness.run.contract import Cost, average_loop_times, make_cost_columns
-
-from ..conftest import run_in
+from mbsbench.tests.factories import run_suite_text
 
 OURS = registry.make_solver("rattle", {})  # whose solves the clock replaces
 SET_UP = 0.003  # [s] of each call, beside integration
@@ -184,7 +183,7 @@ solver = "rk45_strong_form"
 rtol = 1e-4
 """
     once, loop = (
-        run_in(tmp_path / name, text + more, plugins=())[0].records[0]
+        run_suite_text(tmp_path / name, text + more, plugins=())[0].records[0]
         for name, more in (("a", ""), ("b", "min_time = 0.05\n"))
     )
     assert once.repeats == 1 < loop.repeats and loop.status == "success"

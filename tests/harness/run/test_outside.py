@@ -13,8 +13,9 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.base.forked_process import ASLEEP, ForkedProcess
 from mbsbench.harness.results import environment, store
 from mbsbench.harness.run.pool import PoolError
+from mbsbench.tests.factories import PLUGIN, Silent, run_suite_text
 
-from ..conftest import HOSTILE, PLUGIN, Silent, run_in
+from ..conftest import HOSTILE
 
 SLEEPS = '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\ncpu_limit = {wall}\noptions = {{ seconds = {seconds} }}\n'
 
@@ -71,7 +72,7 @@ def test_a_run_killed_from_outside_is_repeated_once_and_alone(tmp_path):
     assert {r.status for r in store.load(tmp_path / "run").records} == {"success"}
     text = '[[runs]]\nproblem = "free_fall"\nsolver = "kills_itself"'
     plugins = (PLUGIN, HOSTILE)
-    ran = [run_in(tmp_path / "own", text, 1, plugins=plugins, resume=k > 0)[1].ran for k in range(3)]
+    ran = [run_suite_text(tmp_path / "own", text, 1, plugins=plugins, resume=k > 0)[1].ran for k in range(3)]
     assert [len(r) for r in ran] == [1, 1, 0]
 
 
@@ -79,8 +80,8 @@ def test_results_that_vanish_are_counted(tmp_path):
     """Somebody deletes what is done: no exit code 0, and --resume runs it again."""
     text = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "deletes_results"]\n'
     with pytest.raises(PoolError, match=r"1 of 2 results .* are gone"):
-        run_in(tmp_path / "run", text, 1, plugins=(PLUGIN, HOSTILE))
-    again, watcher = run_in(tmp_path / "run", text, 1, plugins=(PLUGIN, HOSTILE), resume=True)
+        run_suite_text(tmp_path / "run", text, 1, plugins=(PLUGIN, HOSTILE))
+    again, watcher = run_suite_text(tmp_path / "run", text, 1, plugins=(PLUGIN, HOSTILE), resume=True)
     assert len(watcher.ran) == 1 and {r.status for r in again.records} == {"success"}
 
 
@@ -95,7 +96,7 @@ def test_a_record_that_changes_behind_the_runner_is_noticed(tmp_path, monkeypatc
 
     monkeypatch.setattr(Silent, "on_end", changing)
     with pytest.raises(PoolError, match="not as they were written"):
-        run_in(tmp_path / "run", '[[runs]]\nproblem = "free_fall"\nsolver = "exact"', 1)
+        run_suite_text(tmp_path / "run", '[[runs]]\nproblem = "free_fall"\nsolver = "exact"', 1)
 
 
 def test_a_parent_that_ignores_its_children_changes_nothing(tmp_path):

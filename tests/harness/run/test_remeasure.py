@@ -16,8 +16,7 @@ from mbsbench.harness.results.comparison import METRICS
 from mbsbench.harness.run import remeasure
 from mbsbench.harness.run.started_runs import StartedRuns
 from mbsbench.tests.covering import few
-
-from ..conftest import PLUGIN, run_in
+from mbsbench.tests.factories import PLUGIN, run_suite_text
 
 command_module = importlib.import_module("mbsbench.cli.remeasure")
 
@@ -96,7 +95,7 @@ def test_a_law_that_changes_needs_no_new_motion(tmp_path, strict, other_code, ho
     """Numbers, costs and files are those of before; the status is that of the law; a suite finds all of it done."""
     folder, plugins = tmp_path / "run", (PLUGIN, strict)
     keep = (lambda spec: ("energy_error",)) if how == "brief" else None
-    run_in(folder, TEXT, 1, lossless=how == "lossless", keep=keep, plugins=plugins)
+    run_suite_text(folder, TEXT, 1, lossless=how == "lossless", keep=keep, plugins=plugins)
     before = read(folder)
     assert {r.status for r in before.values()} >= {"success", "crashed", "refused", "step_underflow"}
     other_code()
@@ -118,14 +117,14 @@ def test_a_law_that_changes_needs_no_new_motion(tmp_path, strict, other_code, ho
     if not again:
         return
     assert main(command(folder, *plugins)) == 0  # nothing is left to do
-    _, watcher = run_in(folder, TEXT, 1, lossless=how == "lossless", keep=keep, resume=True, plugins=plugins)
+    _, watcher = run_suite_text(folder, TEXT, 1, lossless=how == "lossless", keep=keep, resume=True, plugins=plugins)
     assert watcher.ran == [] and watcher.set_aside == []
 
 
 def test_a_motion_with_other_bits_is_left_as_it_is(tmp_path, monkeypatch, other_code, capsys):
     """It is named; the others are measured again."""
     folder = tmp_path / "run"
-    run_in(folder, TEXT, 1)
+    run_suite_text(folder, TEXT, 1)
     before = read(folder)
     other_code()
     honest = remeasure.limit_steps
@@ -150,7 +149,7 @@ SHORT = '[[runs]]\nproblem = "heavy_top"\nparameters = { t_end = 0.1 }\nsolver =
 def made(tmp_path_factory):
     """The folder of that suite, made without plugins."""
     folder = tmp_path_factory.mktemp("made") / "run"
-    run_in(folder, SHORT, 1, plugins=())
+    run_suite_text(folder, SHORT, 1, plugins=())
     return folder
 
 
@@ -159,7 +158,7 @@ def test_what_is_more_than_a_law_is_run_again(tmp_path, made, monkeypatch, other
     """Another solver, problem or clock has another cost; without the run's plugins its code is another."""
     folder = tmp_path / "run"
     if what == "plugins":
-        run_in(folder, SHORT, 1, plugins=(PLUGIN,))
+        run_suite_text(folder, SHORT, 1, plugins=(PLUGIN,))
     else:
         shutil.copytree(made, folder)
     before = {p.name: p.read_bytes() for p in (folder / "runs").iterdir()}

@@ -23,8 +23,7 @@ from mbsbench.harness.run.protocol import RunEnded, StartOrder, Supervised, Supe
 from mbsbench.harness.run.run import run_here
 from mbsbench.harness.run.runner import Request, find_last_folder, run_suite
 from mbsbench.tests.covering import few
-
-from ..conftest import PLUGIN, Silent, run_in
+from mbsbench.tests.factories import PLUGIN, Silent, run_suite_text
 
 THREE = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"\ndt = [0.1, 0.2, 0.5]'
 
@@ -33,7 +32,7 @@ THREE = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"\ndt = [0.1, 0.2, 0.5]
 def made(tmp_path_factory):
     """A folder in which three runs are done."""
     folder = tmp_path_factory.mktemp("made") / "run"
-    run_in(folder, THREE)
+    run_suite_text(folder, THREE)
     return folder
 
 

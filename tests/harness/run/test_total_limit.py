@@ -14,8 +14,7 @@ from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.words import describe_ending
 from mbsbench.harness.run.pool import LocalPool
 from mbsbench.harness.run.runner import Request, run_suite
-
-from ..conftest import PLUGIN, Silent, run_in
+from mbsbench.tests.factories import PLUGIN, Silent, run_suite_text
 
 GRACE = 15.0  # [s] over the limit until everything is stored: 10 of them to measure what was kept
 TEXT = """
@@ -85,10 +84,10 @@ def test_what_the_limit_ended_is_run_again_on_resume(tmp_path):
     """A sound run that had no time is no failure: its record goes aside, and with time enough it succeeds."""
     text = 'total_limit = 600\n[defaults]\nproblem = "free_fall"\n'
     text += '[[runs]]\nsolver = "sleeps"\noptions = { seconds = 1.5 }\n[[runs]]\nsolver = "raises"\n'
-    done, first = run_in(tmp_path / "run", text, 1, pool=OverAtOnce)
+    done, first = run_suite_text(tmp_path / "run", text, 1, pool=OverAtOnce)
     (ended,) = done.records
     assert ended.status == "unfinished" and len(first.left) == 1
-    loaded, second = run_in(tmp_path / "run", text, 1, resume=True)
+    loaded, second = run_suite_text(tmp_path / "run", text, 1, resume=True)
     assert {r.solver: r.status for r in loaded.records} == {"sleeps": "success", "raises": "crashed"}
     assert second.set_aside == [f"{ended.run_id}.json"] and len(second.ran) == 2
     assert store.read_record(tmp_path / "run" / "set_aside" / f"{ended.run_id}.json").status == "unfinished"

@@ -8,8 +8,8 @@ from mbsbench.cli.progress import ProgressDisplay
 from mbsbench.harness.catalogue.suites.suite import parse_suite
 from mbsbench.harness.run.pool import LocalPool
 from mbsbench.harness.run.runner import Request, run_suite
-
-from ..conftest import Silent
+from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.factories import Silent
 
 TEXT = """
 [[runs]]
@@ -28,7 +28,7 @@ class Listening(Silent):
         self.news: list[str] = []
 
     def on_warmup(self, times, references):
-        assert all(seconds > 0.0 for seconds in (*times.values(), *references.values()))
+        assert_each([*times.values(), *references.values()], ">", 0.0, "seconds")
         self.news += [*times, *references]
 
     def on_start(self, job):

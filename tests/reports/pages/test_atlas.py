@@ -21,17 +21,18 @@ from mbsbench.reports.pages.runs.atlas import (
 )
 from mbsbench.reports.pages.svg import choose_ticks
 from mbsbench.reports.plots.spec import choose_styles
+from mbsbench.tests.factories import make_measured_record, make_swing
 
-from ..conftest import put, record, series
+from ..conftest import put
 
 
 def stopped(status: str = "diverged", **changes) -> StoredRun:
-    return StoredRun(record("aa01", status=status, t_reached_s=1.0, message="it stopped", **changes))
+    return StoredRun(make_measured_record("aa01", status=status, t_reached_s=1.0, message="it stopped", **changes))
 
 
 def made(**arrays):
     """The series of a swing, with some arrays put in their place."""
-    base = series(200, 1.0)
+    base = make_swing(200, 1.0)
     return dataclasses.replace(base, arrays={**base.arrays, **arrays})
 
 
@@ -77,11 +78,14 @@ def test_evidence_says_numbers_with_units():
 
 def test_survival_counts_every_run_once():
     """Of ten runs: two stop, one is refused, three are wrong: 7 of 9 reach the end, 4 right."""
-    runs = [StoredRun(record(f"w{k}", status="wrong")) for k in range(3)] + [
-        StoredRun(record(f"s{k}")) for k in range(4)
+    runs = [StoredRun(make_measured_record(f"w{k}", status="wrong")) for k in range(3)] + [
+        StoredRun(make_measured_record(f"s{k}")) for k in range(4)
     ]
-    runs += [StoredRun(record("d1", status="diverged", t_reached_s=0.5)), StoredRun(record("r1", status="refused"))]
-    runs += [StoredRun(record("d2", status="crashed", t_reached_s=math.nan))]
+    runs += [
+        StoredRun(make_measured_record("d1", status="diverged", t_reached_s=0.5)),
+        StoredRun(make_measured_record("r1", status="refused")),
+    ]
+    runs += [StoredRun(make_measured_record("d2", status="crashed", t_reached_s=math.nan))]
     ((found, least),) = tabulate_survival(runs).values()
     assert (found.began, found.refused, found.stopped, found.wrong, found.succeeded) == (9, 1, 2, 3, 4)
     assert least == 0.0
@@ -91,9 +95,10 @@ def test_survival_counts_every_run_once():
 def test_wrong_ones_are_grouped_by_the_law_they_break():
     reasons = Reason(Law.ENERGY, 3.0, 1.0, "J"), Reason(Law.ENERGY, 9.0, 1.0, "J"), Reason(Law.CONSTRAINT, 1.0, 0.1)
     runs = [
-        StoredRun(record(f"w{k}", status="wrong", wrong_because=format_reasons([why]))) for k, why in enumerate(reasons)
+        StoredRun(make_measured_record(f"w{k}", status="wrong", wrong_because=format_reasons([why])))
+        for k, why in enumerate(reasons)
     ]
-    found = group_broken([*runs, StoredRun(record("aa01"))])
+    found = group_broken([*runs, StoredRun(make_measured_record("aa01"))])
     assert [(law, sum(map(len, own))) for law, own in found.items()] == [("the energy error", 2), ("|phi|", 1)]
 
 
@@ -114,9 +119,13 @@ def test_ticks_are_few_round_and_inside(low, high):
 def test_stops_of_one_solver_on_one_problem_stand_together(tmp_path):
     """Five runs, two causes: each is in one family, the plainest settings at its head."""
     for k, options in enumerate(('{"a": 1}', "{}", '{"a": 2}')):
-        put(tmp_path, record(f"s{k}", status="stalled", solver_options=options, t_reached_s=1.0), series(40, 1.0))
-    put(tmp_path, record("c1", status="crashed", t_reached_s=1.0), series(40, 1.0))
-    put(tmp_path, record("o1", "beta", status="stalled", t_reached_s=1.0), series(40, 1.0))
+        put(
+            tmp_path,
+            make_measured_record(f"s{k}", status="stalled", solver_options=options, t_reached_s=1.0),
+            make_swing(40, 1.0),
+        )
+    put(tmp_path, make_measured_record("c1", status="crashed", t_reached_s=1.0), make_swing(40, 1.0))
+    put(tmp_path, make_measured_record("o1", "beta", status="stalled", t_reached_s=1.0), make_swing(40, 1.0))
     results = read_results(tmp_path)
     found = group_stops(
         results, [c for c in results.runs if c.has_stopped and not c.is_unfinished], choose_styles(results.solvers)

@@ -22,15 +22,26 @@ from mbsbench.reports.pages.compare import (
     list_changes,
     write_compare,
 )
+from mbsbench.tests.factories import make_measured_record, make_swing
 
-from ..conftest import HOSTILE, because, every_kind, put, record, series
+from ..conftest import HOSTILE, because, every_kind, put
 from ..outline import Outline, opened
 from .synthetic import CLAIM
 
 
 def test_what_became_wrong_comes_before_what_got_better():
-    before = [record("aa01"), record("aa02", status="diverged"), record("aa03"), record("aa04", status="wrong")]
-    after = [record("aa01", status="wrong"), record("aa02"), record("aa03", status="stalled"), record("aa04")]
+    before = [
+        make_measured_record("aa01"),
+        make_measured_record("aa02", status="diverged"),
+        make_measured_record("aa03"),
+        make_measured_record("aa04", status="wrong"),
+    ]
+    after = [
+        make_measured_record("aa01", status="wrong"),
+        make_measured_record("aa02"),
+        make_measured_record("aa03", status="stalled"),
+        make_measured_record("aa04"),
+    ]
     found = list_changed_statuses(before, after)
     assert [(r.settings_id, r.worse) for r in found] == [
         ("aa01", True),
@@ -43,8 +54,14 @@ def test_what_became_wrong_comes_before_what_got_better():
 
 def test_a_large_part_of_the_scale_outranks_many_decades_of_nothing():
     """1e-15 to 1e-11 J of 1 J is five decades of nothing; 0.01 to 0.05 J is four hundredths of all there is."""
-    before = [record("aa01", energy_drift_max_J=1e-15), record("aa02", energy_drift_max_J=0.01)]
-    after = [record("aa01", energy_drift_max_J=1e-6), record("aa02", energy_drift_max_J=0.05)]
+    before = [
+        make_measured_record("aa01", energy_drift_max_J=1e-15),
+        make_measured_record("aa02", energy_drift_max_J=0.01),
+    ]
+    after = [
+        make_measured_record("aa01", energy_drift_max_J=1e-6),
+        make_measured_record("aa02", energy_drift_max_J=0.05),
+    ]
     found = list_changed_physics(before, after)
     assert [r.settings_id for r in found] == ["aa02", "aa01"]
     assert found[0].worse and "4.00 % of the problem's scale" in found[0].size
@@ -52,31 +69,36 @@ def test_a_large_part_of_the_scale_outranks_many_decades_of_nothing():
 
 def test_rounding_is_no_change():
     """Fixed steps: 1e-9 relative is what another machine gives."""
-    assert list_changed_physics([record("aa01")], [record("aa01", energy_drift_max_J=1e-3 * (1.0 + 1e-9))]) == []
+    assert (
+        list_changed_physics(
+            [make_measured_record("aa01")], [make_measured_record("aa01", energy_drift_max_J=1e-3 * (1.0 + 1e-9))]
+        )
+        == []
+    )
 
 
 def test_crossing_the_benchmarks_limit_is_said():
-    a, b = (record("aa01", energy_allowed_J=1.0, energy_drift_max_J=v) for v in (0.9, 1.1))
+    a, b = (make_measured_record("aa01", energy_allowed_J=1.0, energy_drift_max_J=v) for v in (0.9, 1.1))
     assert "crosses the benchmark's limit of 1.00 J" in list_changed_physics([a], [b])[0].size
 
 
 def test_one_row_a_run_with_its_other_changes_beneath():
-    a = record("aa01")
-    b = record("aa01", energy_drift_max_J=0.5, phi_max=0.01, position_error_max_m=0.2)
+    a = make_measured_record("aa01")
+    b = make_measured_record("aa01", energy_drift_max_J=0.5, phi_max=0.01, position_error_max_m=0.2)
     (row,) = list_changed_physics([a], [b])
     assert row.what == "largest energy error" and len(row.others) == 2
 
 
 def test_a_column_that_one_run_never_measured_is_not_a_change():
     """Older records lack newer columns: that is the harness, not the motion."""
-    before = [record(f"a{k}", out_of_plane_max_m=math.nan) for k in range(3)]
-    after = [record(f"a{k}", out_of_plane_max_m=0.1) for k in range(3)]
+    before = [make_measured_record(f"a{k}", out_of_plane_max_m=math.nan) for k in range(3)]
+    after = [make_measured_record(f"a{k}", out_of_plane_max_m=0.1) for k in range(3)]
     assert find_unmeasured(before, after) == ({"out_of_plane_max_m"}, set())
     assert list_changed_physics(before, after) == []
 
 
 def test_work_is_a_ratio_and_timings_need_more_than_spread():
-    a = record("aa01", control="rtol", evaluations=900.0, cpu_min_s=0.9, cpu_median_s=1.0, cpu_max_s=1.6)
+    a = make_measured_record("aa01", control="rtol", evaluations=900.0, cpu_min_s=0.9, cpu_median_s=1.0, cpu_max_s=1.6)
     b = dataclasses.replace(a, evaluations=9000.0, cpu_min_s=1.5, cpu_median_s=1.8, cpu_max_s=2.0)
     (row,) = list_changed_work([a], [b])
     assert row.size == "10.0 times" and row.worse
@@ -109,10 +131,10 @@ def two_runs(tmp_path_factory):
     a, b = tmp_path_factory.mktemp("a"), tmp_path_factory.mktemp("b")
     every_kind(a)
     every_kind(b)
-    put(b, record("aa01", status="wrong", wrong_because=because(HOSTILE)), series(size=0.4))
-    put(b, record("aa02", dt_s=0.005, energy_drift_max_J=0.3), series(600, size=0.3))
+    put(b, make_measured_record("aa01", status="wrong", wrong_because=because(HOSTILE)), make_swing(size=0.4))
+    put(b, make_measured_record("aa02", dt_s=0.005, energy_drift_max_J=0.3), make_swing(600, size=0.3))
     (b / "runs" / "ee01.json").unlink()
-    put(b, record("zz01", case=f"new {HOSTILE}"), series())
+    put(b, make_measured_record("zz01", case=f"new {HOSTILE}"), make_swing())
     for folder, commit in ((a, "1" * 40), (b, "2" * 40)):
         (folder / "environment.json").write_text(
             json.dumps({"run": f"run of {HOSTILE}", "commit": commit, "cpu": commit})

@@ -5,9 +5,10 @@ from msgspec.structs import replace
 
 from mbsbench.harness.results.judgements.files import ORDERS, format_judgement
 from mbsbench.reports.model.results import read_results
+from mbsbench.tests.factories import make_measured_record, make_swing
 
 from ..browser import LOW, OPEN, PALE, SMALL
-from ..conftest import every_kind, put, record, series
+from ..conftest import every_kind, put
 from .conftest import PAGES, render
 from .synthetic import orders
 
@@ -42,7 +43,7 @@ def test_axe_finds_no_violation(axe, folder, name):
 
 def test_all_published_claims_fit_a_phone_and_are_searched(browser, tmp_path):
     """Folded they are less than ten screens; words find a claim, a link opens it."""
-    put(tmp_path, record("aa01"), series(40))
+    put(tmp_path, make_measured_record("aa01"), make_swing(40))
     render(read_results(tmp_path), [PAGES["claims.html"]])
     tab = browser.open(tmp_path / "report" / "claims.html", width=390, height=844)
     assert tab.evaluate("document.documentElement.scrollHeight") < 10 * 844

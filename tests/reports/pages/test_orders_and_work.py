@@ -3,7 +3,6 @@
 import dataclasses
 import math
 
-import numpy as np
 import pytest
 from msgspec.structs import replace
 
@@ -13,8 +12,10 @@ from mbsbench.reports.pages.judged.cost import find_work, list_fields, make_cost
 from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, find_fit_ends, list_points, mark_verdict
 from mbsbench.reports.pages.judged.symmetries import tally
 from mbsbench.reports.plots.work import make_step_line, plot_profile
+from mbsbench.tests.comparing import assert_each, assert_same
+from mbsbench.tests.factories import make_measured_record, make_swing
 
-from ..conftest import every_kind, put, record, series
+from ..conftest import every_kind, put
 from . import synthetic
 
 
@@ -58,7 +59,7 @@ def test_box_of_the_scorecard_shows_its_worst_outcome():
 def test_profile_rises_by_one_target_at_its_work():
     p = WorkProfile("alpha", "evaluations", 4, (10.0, 100.0, 1000.0))
     x, y = make_step_line(p)
-    assert np.array_equal(x, [10, 10, 100, 100, 1000, 1000])
+    assert_same(x, [10, 10, 100, 100, 1000, 1000])
     assert y == pytest.approx([0.0, 0.25, 0.25, 0.5, 0.5, 0.75])
     assert find_work(p, 0.5) == 100.0
     assert math.isnan(find_work(p, 1.0))
@@ -81,21 +82,21 @@ def test_work_of_records_stands_in_until_it_is_judged(tmp_path):
 
 
 def test_zeros_stay_zeros(tmp_path):
-    put(tmp_path, record("aa01", phi_max=0.0), series())
+    put(tmp_path, make_measured_record("aa01", phi_max=0.0), make_swing())
     (found,) = list_fields(read_results(tmp_path), ())
     plots = make_cost_plots(found)
     zeros = next(t for t in plots["phi-evaluations"].traces if t.solver)
-    assert np.all(zeros.y == 0.0)  # what is drawn for them is the axis' matter
+    assert_each(zeros.y, "==", 0.0)  # what is drawn for them is the axis' matter
     assert "error-factorisations" not in plots  # nobody counted them
 
 
 def test_the_first_picture_of_work_has_all_solvers_and_others_say_who_is_absent(tmp_path):
     """A hole has its reason in words: not run, or how the runs ended."""
-    put(tmp_path, record("aa01", problem="a_few"), series())
+    put(tmp_path, make_measured_record("aa01", problem="a_few"), make_swing())
     unknown = dict.fromkeys(("position_error_max_m", "energy_drift_max_J", "phi_max"), math.nan)
-    put(tmp_path, record("aa02", "beta", "refused", problem="a_few", message="rank", **unknown))
+    put(tmp_path, make_measured_record("aa02", "beta", "refused", problem="a_few", message="rank", **unknown))
     for solver in ("alpha", "beta", "gamma"):
-        put(tmp_path, record(f"b{solver}", solver, problem="whole"), series())
+        put(tmp_path, make_measured_record(f"b{solver}", solver, problem="whole"), make_swing())
     first, second = list_fields(read_results(tmp_path), ())
     assert (first["variant"], first["absent"]) == ("whole", [])
     assert (second["variant"], second["absent"]) == ("a_few", ["beta (refused)", "gamma (not run)"])

@@ -6,8 +6,9 @@ import pytest
 
 from mbsbench.harness.results.judgements.files import add_code, format_judgement
 from mbsbench.reports.model.results import read_results
+from mbsbench.tests.factories import make_measured_record, make_swing
 
-from ..conftest import put, record, series
+from ..conftest import put
 from ..outline import Outline
 from . import synthetic
 from .conftest import PAGES, render
@@ -19,7 +20,7 @@ FILES = [file.name for file, _ in synthetic.FILES]
 @pytest.mark.parametrize("state", ["missing", "broken", "foreign"])
 def test_without_a_judgement_the_page_names_the_command(tmp_path, name, state):
     """A reader who finds nothing is told how to get it."""
-    put(tmp_path, record("aa01"), series(40))
+    put(tmp_path, make_measured_record("aa01"), make_swing(40))
     if state != "missing":
         (tmp_path / "judgement").mkdir()
         for file in FILES:
@@ -32,7 +33,7 @@ def test_without_a_judgement_the_page_names_the_command(tmp_path, name, state):
 @pytest.mark.parametrize("judged", ["not yet", "of nothing"])
 def test_no_page_is_empty_after_a_bench(tmp_path, judged):
     """Judgements that these results do not allow are shown as published, marked; no link leads to an empty page."""
-    put(tmp_path, record("aa01"), series(40))
+    put(tmp_path, make_measured_record("aa01"), make_swing(40))
     if judged == "of nothing":
         (tmp_path / "judgement").mkdir()
         for file in FILES:
@@ -46,7 +47,7 @@ def test_no_page_is_empty_after_a_bench(tmp_path, judged):
 
 def check_files_of_another_shape(folder, files):
     """Write judgements with rows that nobody writes now, and find each named on the pages."""
-    put(folder, record("aa01"), series(40))
+    put(folder, make_measured_record("aa01"), make_swing(40))
     (folder / "judgement").mkdir()
     rows = [{"id": "a", "run": "aa01", "words": "as said"}]
     for file in files:

@@ -1,6 +1,5 @@
 """A results folder with every run that the paper's figures ask for: real problems, made-up motions and numbers."""
 
-import dataclasses
 import json
 from functools import cache
 from pathlib import Path
@@ -17,6 +16,7 @@ from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
 from mbsbench.reports.paper.catalogue import FIGURES, PRINTED
 from mbsbench.reports.paper.lines import select_runs
+from mbsbench.tests.factories import make_record, make_series
 
 from ..conftest import put
 
@@ -35,7 +35,7 @@ def asked(*figures: str) -> list[RunSpec]:
     return list({s.settings_id: s for p in wanted for s in select_runs(p, suite())}.values())
 
 
-def series_for(problem, t_end: float, size: float) -> Series:
+def make_still_series(problem, t_end: float, size: float) -> Series:
     """The start, swinging by ``size`` in every observable; poses, joints and units are the problem's."""
     t = np.linspace(0.0, t_end, ROWS)
     wave = size * np.sin(7.0 * t / t_end)
@@ -45,8 +45,6 @@ def series_for(problem, t_end: float, size: float) -> Series:
     q = Rotation.from_matrix(still.R.reshape(-1, 3, 3)).as_quat().reshape(ROWS, -1, 4)
     system = problem.system
     arrays = {
-        "t": t,
-        "dt": np.append(np.nan, np.diff(t)),
         "energy": 1.0 + wave,
         "energy_error": wave,
         "phi_norm": np.abs(wave),
@@ -58,51 +56,53 @@ def series_for(problem, t_end: float, size: float) -> Series:
         **{f"ref_{k}": a for k, a in seen.items()},
         **{n: getattr(system, n) for n in ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "gravity")},
     }
-    units = {f"{p}_{o.name}": o.unit for o in problem.observables for p in ("obs", "ref")}
-    names = tuple(system.body_names), tuple(system.joint_names)
-    return Series(arrays, (), *names, units, {f"obs_{o.name}": o.symbol for o in problem.observables})
+    return make_series(
+        t,
+        **arrays,
+        bodies=system.body_names,
+        joints=system.joint_names,
+        units={f"{p}_{o.name}": o.unit for o in problem.observables for p in ("obs", "ref")},
+        symbols={f"obs_{o.name}": o.symbol for o in problem.observables},
+    )
 
 
-def record_for(spec: RunSpec, n: int = 1, **changes) -> RunRecord:
+def make_numbered_record(spec: RunSpec, n: int = 1, **changes) -> RunRecord:
     """A success with the settings of ``spec`` and numbers that no other ``n`` has."""
     problem = registry.make_problem(spec.problem, dict(spec.parameters))
     nan, c = float("nan"), spec.control
-    base = RunRecord(
-        paper_label=registry.read_declaration(registry.make_solver(spec.solver, spec.options))[0],
-        run_id=f"{n:016x}",
-        settings_id=spec.settings_id,
-        case=spec.case,
-        suite="made up",
-        label=spec.label,
-        problem=spec.problem,
-        section=problem.section,
-        problem_parameters=json.dumps(dict(spec.parameters)),
-        solver=spec.solver,
-        solver_options=json.dumps(dict(spec.options)),
-        control="rtol" if c.dt is None else "dt",
-        dt_s=nan if c.dt is None else c.dt,
-        rtol=nan if c.rtol is None else c.rtol,
-        max_step_s=nan if c.max_step is None else c.max_step,
-        t_end_s=problem.t_end,
-        status="success",
-        claimed="success",
-        t_reached_s=problem.t_end,
-        energy_start_J=1.0,
-        energy_scale_J=10.0,
-        length_scale_m=1.0,
-        energy_drift_max_J=1.234e-3 * n,
-        energy_drift_end_J=-5.67e-4 * n,
-        phi_max=1e-4 * n,
-        phi_dot_max=1e-3 * n,
-        position_error_max_m=2.345e-3 * n,
-        orientation_error_max_rad=3.456e-3 * n,
-        steps=ROWS - 1,
-        step_min_s=1e-5 * n,
-        step_max_s=1e-2 * n,
-        finished="2026-01-01",
-        energy_allowed_J=nan if problem.energy_allowed is None else problem.energy_allowed,
-    )
-    return dataclasses.replace(base, **changes)
+    settings = {
+        "paper_label": registry.read_declaration(registry.make_solver(spec.solver, spec.options))[0],
+        "run_id": f"{n:016x}",
+        "suite": "made up",
+        "label": spec.label,
+        "section": problem.section,
+        "problem_parameters": json.dumps(dict(spec.parameters)),
+        "solver_options": json.dumps(dict(spec.options)),
+        "control": "rtol" if c.dt is None else "dt",
+        "dt_s": nan if c.dt is None else c.dt,
+        "rtol": nan if c.rtol is None else c.rtol,
+        "max_step_s": nan if c.max_step is None else c.max_step,
+        "t_end_s": problem.t_end,
+        "energy_allowed_J": nan if problem.energy_allowed is None else problem.energy_allowed,
+    }
+    outcome = {
+        "claimed": "success",
+        "energy_start_J": 1.0,
+        "energy_scale_J": 10.0,
+        "length_scale_m": 1.0,
+        "energy_drift_max_J": 1.234e-3 * n,
+        "energy_drift_end_J": -5.67e-4 * n,
+        "phi_max": 1e-4 * n,
+        "phi_dot_max": 1e-3 * n,
+        "position_error_max_m": 2.345e-3 * n,
+        "orientation_error_max_rad": 3.456e-3 * n,
+        "steps": ROWS - 1,
+        "step_min_s": 1e-5 * n,
+        "step_max_s": 1e-2 * n,
+        "finished": "2026-01-01",
+        "series": "",
+    }
+    return make_record(spec, **(settings | outcome | changes))
 
 
 def fill(folder: Path, *figures: str, without=(), **changes) -> dict[str, RunRecord]:
@@ -115,9 +115,9 @@ def fill(folder: Path, *figures: str, without=(), **changes) -> dict[str, RunRec
         printed = spec.label == PRINTED
         if printed and spec.solver in without:
             continue
-        made = record_for(spec, n, **(changes.get(spec.solver, {}) if printed else {}))
+        made = make_numbered_record(spec, n, **(changes.get(spec.solver, {}) if printed else {}))
         problem = registry.make_problem(spec.problem, dict(spec.parameters))
-        out[made.run_id] = put(folder, made, series_for(problem, made.t_reached_s, 1e-3 * n))
+        out[made.run_id] = put(folder, made, make_still_series(problem, made.t_reached_s, 1e-3 * n))
     return out
 
 

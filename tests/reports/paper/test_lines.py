@@ -12,13 +12,14 @@ from mbsbench.reports.model.curves import Curve
 from mbsbench.reports.paper.catalogue import Panel
 from mbsbench.reports.paper.lines import clip_points, find_limits, is_rounding
 from mbsbench.reports.plots.spec import Axis
+from mbsbench.tests.comparing import assert_close
 
-from .conftest import asked, record_for, series_for
+from .conftest import asked, make_numbered_record, make_still_series
 
 
 def test_axes_show_everything_unless_one_line_hides_the_others():
     """All of two lines; of one that blew up, thirty times the energy there is; rounding gives no scale."""
-    records = [record_for(asked("fig11")[0])]
+    records = [make_numbered_record(asked("fig11")[0])]
     energy, length = Panel("", ("energy",), Axis("E"), (0.0, 1.0)), Panel("", ("obs_C_z",), Axis("Z"), (0.0, 1.0))
     t = np.linspace(0.0, 1.0, 5)
     calm, wild = Curve(t, 1.0 + t), Curve(t, 1.0 + 1e9 * t)
@@ -57,7 +58,7 @@ def test_a_window_keeps_its_peaks():
 )
 def test_bodies_are_as_long_as_their_joints_say(name, lengths):
     problem = registry.make_problem(name, {})
-    m = read_mechanism(series_for(problem, 1.0, 0.0))
+    m = read_mechanism(make_still_series(problem, 1.0, 0.0))
     ends = m.segments(0)
     assert {round(float(x), 9) for x in np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)} == lengths
     assert set(m.body) == set(range(problem.system.nb))
@@ -65,7 +66,7 @@ def test_bodies_are_as_long_as_their_joints_say(name, lengths):
 
 def test_joints_of_both_bodies_meet_in_the_drawing():
     """At the start phi = 0: the point of each joint in its first body lies on a segment's end of its second body."""
-    m = read_mechanism(series_for(registry.make_problem("chain", {}), 1.0, 0.0))
+    m = read_mechanism(make_still_series(registry.make_problem("chain", {}), 1.0, 0.0))
     ends = m.segments(0).reshape(-1, 3)
     for at in m.joints(0):
         assert np.min(np.linalg.norm(ends - at, axis=1)) < 1e-6  # poses are kept in single precision
@@ -77,7 +78,7 @@ def test_no_poses_no_mechanism():
 
 def turning(t_end: float = 2.0, n: int = 81):
     """A pendulum that turns once about OZ in two seconds, as a series file."""
-    still = series_for(registry.make_problem("spherical_pendulum", {}), t_end, 1e-3)
+    still = make_still_series(registry.make_problem("spherical_pendulum", {}), t_end, 1e-3)
     t = np.linspace(0.0, t_end, n)
     Q = Rotation.from_rotvec(np.outer(np.pi * t, [0.0, 0.0, 1.0]))
     R = Q * Rotation.from_quat(np.tile(still["frame_q"][0, 0], (n, 1)))
@@ -93,14 +94,14 @@ def test_the_body_is_where_its_pose_says():
     """At 0.5 s it has turned by a quarter: upright, seen from the front."""
     mechanism = read_mechanism(turning())
     view = choose_view(mechanism)
-    assert np.allclose(view, [[1, 0, 0], [0, 1, 0]], atol=1e-6)
+    assert_close(view, [[1, 0, 0], [0, 1, 0]], atol=1e-6)
     ends = project_points(mechanism.segments(int(np.argmin(np.abs(mechanism.t - 0.5)))), view)[0]
-    assert np.allclose(ends[1] - ends[0], [0.0, 1.0], atol=1e-6)
+    assert_close(ends[1] - ends[0], [0.0, 1.0], atol=1e-6)
 
 
 def test_spatial_motion_is_seen_at_an_angle():
     """Right and up stay square and of unit length, whatever the view."""
-    m = read_mechanism(series_for(registry.make_problem("torque_free_body", {}), 1.0, 0.0))
+    m = read_mechanism(make_still_series(registry.make_problem("torque_free_body", {}), 1.0, 0.0))
     view = choose_view(m)
-    assert np.allclose(view @ view.T, np.eye(2), atol=1e-12)
+    assert_close(view @ view.T, np.eye(2), atol=1e-12)
     assert np.abs(view).max() < 0.999

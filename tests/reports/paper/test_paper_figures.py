@@ -19,7 +19,7 @@ from mbsbench.reports.paper.catalogue import FIGURES
 from mbsbench.reports.plots import spec
 from mbsbench.reports.plots.paper import SUFFIXES, apply_style
 
-from .conftest import asked, fill, record_for, suite
+from .conftest import asked, fill, make_numbered_record, suite
 
 BY_NAME = {s.name: s for s in FIGURES}
 
@@ -172,7 +172,7 @@ def test_one_figure_made_again_keeps_the_captions_of_the_others(tmp_path):
 def test_a_run_made_again_takes_the_place_of_the_old_one():
     """Two states of the code in one folder: the later counts; other settings never do."""
     figure = BY_NAME["fig08"]
-    old = record_for(asked("fig08")[0])
+    old = make_numbered_record(asked("fig08")[0])
     new = dataclasses.replace(old, run_id="f" * 16, finished="2026-02-02")
     assert lines.match_runs(figure.picks, suite(), [StoredRun(new), StoredRun(old)])[0].run.record is new
     other = dataclasses.replace(old, settings_id="another")

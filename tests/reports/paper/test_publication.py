@@ -21,8 +21,9 @@ from mbsbench.reports.model import tables
 from mbsbench.reports.model.floats import format_latex_caption
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.plots.paper import DOUBLE, SINGLE, apply_style, save
+from mbsbench.tests.factories import make_measured_record, make_swing
 
-from ..conftest import every_kind, put, record, series
+from ..conftest import every_kind, put
 
 TOP, BIN = Path(publication.__file__).parents[1], Path(sys.executable).parent
 NUMBER = re.compile(r"\$(-?[\d.]+)(?:\\,(\d+))*(?:\\times 10\^\{(-?\d+)\})?\$")
@@ -32,7 +33,11 @@ NUMBER = re.compile(r"\$(-?[\d.]+)(?:\\,(\d+))*(?:\\times 10\^\{(-?\d+)\})?\$")
 def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hand-made")
     every_kind(folder)
-    put(folder, record("ab12", "alpha", dt_s=0.0025, energy_drift_max_J=1.23456e-7), series(600, size=1e-7))
+    put(
+        folder,
+        make_measured_record("ab12", "alpha", dt_s=0.0025, energy_drift_max_J=1.23456e-7),
+        make_swing(600, size=1e-7),
+    )
     return read_results(folder)
 
 
@@ -131,7 +136,7 @@ def test_floats_have_captions_and_labels(results, capsys, only):
 def test_latex_takes_the_floats(tmp_path):
     """With the packages that its first line names."""
     for k, solver in enumerate(("alpha", "be_ta")):
-        put(tmp_path / "run", record(f"{k:04x}", solver, problem="cha_in"), series(40))
+        put(tmp_path / "run", make_measured_record(f"{k:04x}", solver, problem="cha_in"), make_swing(40))
     assert main(["figures", str(tmp_path / "run")]) == 0
     lines = r"""\documentclass{article}\usepackage{graphicx,booktabs,array}\newcommand{\publication}{run/publication}
         \begin{document}\input{\publication/floats}\end{document}"""
@@ -169,7 +174,9 @@ def test_captions_name_what_a_cross_is_and_whose_clock(results, tmp_path):
     assert all(publication.CROSS in made[f"pendulum-recommended-{name}"] for name in ("energy", "laws"))
     assert publication.CROSS in made["pendulum-work"] and "on one machine." in made["pendulum-work"]
     for k in range(3):
-        put(tmp_path, record(f"aa0{k}", dt_s=0.1 / 2**k, position_error_max_m=0.01 / 4**k), series(40))
+        put(
+            tmp_path, make_measured_record(f"aa0{k}", dt_s=0.1 / 2**k, position_error_max_m=0.01 / 4**k), make_swing(40)
+        )
     write_text(tmp_path / "environment.json", '{"cpu": "a processor"}')
     found = read_results(tmp_path)
     made = {name: caption for name, caption, _, _ in publication.list_figures(found, found.variants[0])}
@@ -206,7 +213,7 @@ def test_make_pictures_writes_those_of_the_pages(tmp_path):
     pictures.mkdir()
     (ready := tmp_path / "ready").touch()  # newer than the locks: nothing is installed
     for k, solver in enumerate(("alpha", "beta")):
-        put(results, record(f"{k:04x}", solver, problem="chain"), series(40))
+        put(results, make_measured_record(f"{k:04x}", solver, problem="chain"), make_swing(40))
     given = {"RESULTS": results, "PICTURES": pictures, "VENV": tmp_path, "BIN": BIN, "READY": ready}
     make = ["make", "-C", str(copy), "pictures", *(f"{k}={v}" for k, v in given.items())]
     subprocess.run(make, check=True, capture_output=True, env={**os.environ, "PYTHONPATH": str(tmp_path)})
@@ -220,7 +227,11 @@ def test_make_pictures_writes_those_of_the_pages(tmp_path):
 def test_a_legend_is_smaller_than_its_plot(tmp_path):
     """Of fourteen lines with long names, the solvers are named: the plot is what is looked at."""
     for k in range(12):
-        put(tmp_path, record(f"{k:04x}", f"solver{k % 4}", dt_s=1e-3 * (k + 1), paper_label="a long label"), series(40))
+        put(
+            tmp_path,
+            make_measured_record(f"{k:04x}", f"solver{k % 4}", dt_s=1e-3 * (k + 1), paper_label="a long label"),
+            make_swing(40),
+        )
     found = read_results(tmp_path)
     made = {name: draw for name, _, _, draw in publication.list_figures(found, found.variants[0])}
     with apply_style():
@@ -236,9 +247,9 @@ def test_a_legend_is_smaller_than_its_plot(tmp_path):
 
 def test_many_runs_are_parted_by_solver(tmp_path):
     """No figure has more lines than one can tell apart, where one solver does not have more."""
-    runs = [record(f"{k:04x}", f"solver{k // 4}") for k in range(32)]
+    runs = [make_measured_record(f"{k:04x}", f"solver{k // 4}") for k in range(32)]
     for c in runs:
-        put(tmp_path, c, series(20))
+        put(tmp_path, c, make_swing(20))
     results = read_results(tmp_path)
     found = publication.split_runs(results.runs)
     made = {name: caption for name, caption, _, _ in publication.list_figures(results, results.variants[0])}

@@ -7,8 +7,9 @@ from scipy.spatial.transform import Rotation
 from mbsbench.reports.mechanism.theatre.poses import Poses, fill_gaps, interpolate_poses
 from mbsbench.reports.mechanism.theatre.scene import collect_players, make_scene
 from mbsbench.reports.model.results import read_results
+from mbsbench.tests.factories import make_measured_record
 
-from ..conftest import put, record
+from ..conftest import put
 from .conftest import about_z, held
 
 RATE, T_END = 3.0, 20.0
@@ -59,7 +60,7 @@ def test_the_page_holds_the_motion_of_a_long_step(tmp_path):
     for k in ("frame_t", "frame_r", "frame_q"):
         motion.arrays[k] = motion[k][[0, 266, 399]]
     motion.arrays.update(exact)
-    put(tmp_path, record("aa01", t_end_s=T_END), motion)
+    put(tmp_path, make_measured_record("aa01", t_end_s=T_END), motion)
     (variant,) = (results := read_results(tmp_path)).variants
     cast, _, _ = collect_players(results, variant)
     (player,) = make_scene(variant, cast, {"alpha": type("Look", (), {"colour": "#123456"})})[0]["players"]

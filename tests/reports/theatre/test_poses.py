@@ -20,6 +20,7 @@ from mbsbench.reports.mechanism.theatre.poses import (
     thin_poses,
 )
 from mbsbench.reports.plots.browser import format_bundle
+from mbsbench.tests.comparing import assert_close, assert_each, assert_same
 
 from ..outline import opened
 from .conftest import about_z
@@ -38,7 +39,8 @@ def test_first_and_last_pose_stay():
     for n in (2, 3, 10, 299, 300, 1000):
         rows = thin_poses(poses, n, 1.0)
         assert rows[0] == 0 and rows[-1] == len(poses) - 1
-        assert len(rows) <= max(n, 2) and np.all(np.diff(rows) > 0)
+        assert len(rows) <= max(n, 2)
+        assert_each(np.diff(rows), ">", 0)
 
 
 def test_fast_motion_gets_more_poses():
@@ -92,14 +94,14 @@ def test_between_takes_the_shorter_way():
     """q and -q are one orientation."""
     q = about_z(np.array([0.0, 1.0]))[:, None] * np.array([1.0, -1.0])[:, None, None]
     half = interpolate_poses(Poses(np.array([0.0, 2.0]), np.zeros((2, 1, 3)), q), np.array([1.0]))
-    assert np.allclose(np.abs(np.sum(half.q[0, 0] * about_z(np.array(0.5)))), 1.0)
+    assert_close(np.abs(np.sum(half.q[0, 0] * about_z(np.array(0.5)))), 1.0)
 
 
 def test_rates_of_even_turning():
     """Body and space axis agree; sign and size do."""
     for rate in (7.0, -0.3):
-        assert np.allclose(measure_rates(spinning(rate), 0), [0.0, 0.0, rate], atol=1e-9)
-    assert np.allclose(measure_turns(spinning(3.0).q)[:, 0], 3.0 * np.diff(spinning(3.0).t), atol=1e-7)
+        assert_close(measure_rates(spinning(rate), 0), [0.0, 0.0, rate], atol=1e-9)
+    assert_close(measure_turns(spinning(3.0).q)[:, 0], 3.0 * np.diff(spinning(3.0).t), atol=1e-7)
 
 
 def test_poses_end_before_the_first_that_is_no_number():
@@ -115,8 +117,8 @@ def test_positions_are_off_by_half_a_step_at_most(seed):
     r = random.normal(0.0, 10.0 ** random.integers(-3, 4), (50, 4, 3))
     box = bound_points(r)
     back = 0.5 * (box.low + box.high) + packing.quantise_positions(r, box) * box.quantum
-    assert np.all(np.abs(back - r) <= 0.5 * box.quantum * (1.0 + 1e-9))
-    assert np.allclose(box.quantum, (box.high - box.low) / (2 * LEVELS))
+    assert_each(np.abs(back - r), "<=", 0.5 * box.quantum * (1.0 + 1e-9))
+    assert_close(box.quantum, (box.high - box.low) / (2 * LEVELS))
 
 
 def test_what_leaves_the_box_stays_at_its_wall():
@@ -128,7 +130,7 @@ def test_what_leaves_the_box_stays_at_its_wall():
 
 def test_box_of_points_that_are_no_numbers():
     """A motion of NaN alone still has a stage."""
-    assert np.all(bound_points(np.full((3, 3), np.nan)).quantum > 0.0)
+    assert_each(bound_points(np.full((3, 3), np.nan)).quantum, ">", 0.0)
 
 
 def test_quaternions_keep_the_orientation_and_never_jump():
@@ -138,7 +140,7 @@ def test_quaternions_keep_the_orientation_and_never_jump():
     q = np.stack((0 * angle, 0 * angle, np.sin(angle / 2), np.cos(angle / 2)), axis=-1)
     flipped = q * random.choice([-1.0, 1.0], (200, 1))
     back = packing.quantise_quaternions(flipped[:, None])[:, 0] / LEVELS
-    assert np.all(np.abs(np.abs(np.sum(back * q, axis=1)) - 1.0) < 4.0 / LEVELS)
+    assert_each(np.abs(np.abs(np.sum(back * q, axis=1)) - 1.0), "<", 4.0 / LEVELS)
     assert np.max(np.abs(np.diff(back, axis=0))) < 0.16  # half the largest turn
 
 
@@ -147,13 +149,14 @@ def test_poses_and_strips_come_back():
     poses = np.random.default_rng(1).integers(-LEVELS, LEVELS + 1, (37, 5)).astype(np.int16)
     strips = np.array([1.5, np.nan, -1e-30, 3e8])
     found = opened(format_bundle("x", {"poses": packing.flatten_columns(poses), "strips": strips}))
-    assert np.array_equal(found["poses"].astype(int).reshape(5, 37).T - LEVELS, poses)
-    assert np.array_equal(found["strips"], strips.astype("<f4"), equal_nan=True)
+    assert_same(found["poses"].astype(int).reshape(5, 37).T - LEVELS, poses)
+    assert_same(found["strips"], strips.astype("<f4"), equal_nan=True)
 
 
 def test_rounding_of_strips_is_below_a_pixel():
     """DIGITS bits of mantissa: half a unit of the last one."""
     a = np.array([0.0, np.nan, -1.0, *np.random.default_rng(2).normal(0.0, 1.0, 500) * 10.0 ** np.arange(-250, 250)])
     back = packing.round_mantissa(a)
-    assert np.array_equal(np.isnan(back), np.isnan(a)) and back[0] == 0.0
-    assert np.all(np.abs(back[2:] - a[2:]) <= 2.0**-packing.DIGITS * np.abs(a[2:]))
+    assert_same(np.isnan(back), np.isnan(a))
+    assert back[0] == 0.0
+    assert_each(np.abs(back[2:] - a[2:]), "<=", 2.0**-packing.DIGITS * np.abs(a[2:]))

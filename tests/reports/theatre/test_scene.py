@@ -8,8 +8,10 @@ from mbsbench.reports.mechanism.theatre.scene import collect_players, make_scene
 from mbsbench.reports.mechanism.theatre.shapes import STRIPS, list_marks, make_shapes, make_strips, strip
 from mbsbench.reports.model.results import StoredRun
 from mbsbench.reports.pages.runs.theatre import find_size_limit
+from mbsbench.tests.comparing import assert_close, assert_each
+from mbsbench.tests.factories import make_measured_record
 
-from ..conftest import HOSTILE, record
+from ..conftest import HOSTILE
 from .conftest import held, two_bars
 
 
@@ -24,15 +26,15 @@ def test_strips_keep_every_extreme(n):
     low, high = strip(t, a, 2.0, 50)
     assert np.nanmin(low) == np.nanmin(a) and np.nanmax(high) == np.nanmax(a)
     assert np.nanargmax(high) == min(int(t[np.nanargmax(a)] / 2.0 * 50), 49)
-    assert np.all(low[np.isfinite(low)] <= high[np.isfinite(high)])
+    assert_each(low[np.isfinite(low)], "<=", high[np.isfinite(high)])
 
 
 def test_the_step_cut_to_end_at_t_end_is_no_small_step():
     """Of a run that stopped it is the point, and stays."""
     series = two_bars(50)
     series.arrays["dt"][-1] = 1e-9
-    whole = make_strips(series, StoredRun(record("x")), 2.0)
-    stopped = make_strips(series, StoredRun(record("x", "a", "diverged")), 2.0)
+    whole = make_strips(series, StoredRun(make_measured_record("x")), 2.0)
+    stopped = make_strips(series, StoredRun(make_measured_record("x", "a", "diverged")), 2.0)
     row = sum(2 if s["both"] else 1 for s in STRIPS[:-1])
     assert np.nanmin(whole[row]) > 1e-3 and np.nanmin(stopped[row]) == 1e-9
 
@@ -40,7 +42,7 @@ def test_the_step_cut_to_end_at_t_end_is_no_small_step():
 def test_moments_are_the_stop_the_events_and_the_whip():
     events = [{"kind": "singular passage", "t": 0.5, "value": 0.125}, {"kind": "x"}, {"kind": "y", "t": float("nan")}]
     series = two_bars(events=events)
-    found = list_marks(series, StoredRun(record("x", "a", "diverged", message="lost")), 3)
+    found = list_marks(series, StoredRun(make_measured_record("x", "a", "diverged", message="lost")), 3)
     assert [(m["kind"], m["t"]) for m in found] == [("event", 0.5), ("whip", series["t"][100]), ("stop", 2.0)]
     assert found[0]["words"] == "singular passage, value 0.125" and "lost" in found[2]["words"]
     assert {m["player"] for m in found} == {3}
@@ -72,9 +74,10 @@ def test_a_scene_holds_the_plane_the_farthest_end_and_the_sound_motions(staged):
     variant = next(p for p in results.variants if p.problem == "pendulum")
     cast, _, left_out = collect_players(results, variant)
     play, _ = make_scene(variant, cast, {c.record.solver: _Look for c in variant.runs})
-    assert np.allclose(np.abs(play["normal"]), [0.0, 0.0, 1.0], atol=1e-6)
+    assert_close(np.abs(play["normal"]), [0.0, 0.0, 1.0], atol=1e-6)
     assert play["trail"] == {"body": 1, "at": [0.5, 0.0, 0.0]}
-    assert np.all(np.abs(play["low"]) < 3.0) and np.all(np.abs(play["high"]) < 3.0)
+    assert_each(np.abs(play["low"]), "<", 3.0)
+    assert_each(np.abs(play["high"]), "<", 3.0)
     assert [c.record.solver for c in left_out] == ["epsilon"]
     assert {p["status"] for p in play["players"]} == {"success", "diverged", "wrong"}
     assert [p["rank"] for p in play["players"]] == [0, 0, 0, 0]

@@ -5,9 +5,11 @@ import pytest
 
 from mbsbench.reports.mechanism.theatre.poses import Poses, choose_poses, interpolate_poses
 from mbsbench.reports.model.results import read_results
+from mbsbench.tests.comparing import assert_close, assert_each, assert_same
+from mbsbench.tests.factories import make_measured_record
 
 from ..browser import LOW, SMALL
-from ..conftest import put, record
+from ..conftest import put
 from .conftest import staged_pages, two_bars
 
 pytestmark = pytest.mark.browser
@@ -73,7 +75,7 @@ def test_a_processor_draws_lines_in_few_strokes(open_):
 def test_a_visitor_adds_a_run_that_is_not_on_stage(browser, tmp_path):
     """Ten are; the eleventh has a file of its own, and the address keeps it."""
     for k in range(12):
-        put(tmp_path, record(f"a{k:02}", dt_s=0.01 / (k + 1)), two_bars(40, size=1e-3 * (k + 1)))
+        put(tmp_path, make_measured_record(f"a{k:02}", dt_s=0.01 / (k + 1)), two_bars(40, size=1e-3 * (k + 1)))
     results = read_results(tmp_path)
     page = staged_pages(results) / f"theatre-{results.variants[0].slug}.html"
     tab = browser.open(f"{page}#t=0.4")
@@ -126,7 +128,7 @@ def test_labels_never_hide_a_bar(open_, at):
     for x, y, w, h in boxes:
         covered[y : y + h, x : x + w] = True
     assert bool(boxes) == ("overlay" not in at) == bool(np.any(before != after))
-    assert np.array_equal(before[~covered], after[~covered])
+    assert_same(before[~covered], after[~covered])
     assert len(np.unique(after[covered], axis=0)) <= 1
 
 
@@ -191,7 +193,7 @@ def test_the_cursor_runs_over_no_title(open_):
     with_it = tab.screenshot(selector=".strips").astype(int)[:, column]
     tab.evaluate(f"{find}.style.visibility = 'hidden'")
     apart = np.abs(with_it - tab.screenshot(selector=".strips")[:, column]).max(axis=(1, 2)) > 30
-    assert not apart[:18].any()  # above the first strip
+    assert_each(apart[:18], "==", False)  # above the first strip
     assert np.sum(np.diff(apart.astype(int)) == 1) >= strips and apart.mean() > 0.4
 
 
@@ -237,7 +239,7 @@ def test_the_page_has_the_poses_of_the_series(open_, staged):
     body = np.array(found).reshape(len(times), 2, 4, 3)
     wanted = interpolate_poses(poses.select_rows(choose_poses(poses, 2000, 1.0)), times)
     quantum = np.array(tab.evaluate('MBS["theatre-pendulum"].quantum'))
-    assert np.all(np.abs(body[:, :, 3] - wanted.r) <= 0.51 * quantum + 1e-6)  # the page holds float32
+    assert_each(np.abs(body[:, :, 3] - wanted.r), "<=", 0.51 * quantum + 1e-6)  # the page holds float32
     x, y, z, w = np.moveaxis(wanted.q, -1, 0)
     first = np.stack((1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)), axis=-1)
-    assert np.allclose(body[:, :, 0], first, atol=2e-4)
+    assert_close(body[:, :, 0], first, atol=2e-4)

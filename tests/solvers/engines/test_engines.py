@@ -20,8 +20,9 @@ from mbsbench.solvers.engines import mujoco, pinocchio
 from mbsbench.solvers.engines.export import exudyn_rows
 from mbsbench.solvers.engines.export.engine import import_package
 from mbsbench.solvers.engines.export.model_check import measure_differences
+from mbsbench.tests.factories import solve_run
 
-from ..runs import error, orders, run
+from ..runs import error, orders
 from .systems import PROBLEMS
 
 PACKAGES = {"mujoco": "mujoco", "exudyn": "exudyn", "pinocchio": "pin"}  # by solver, as pip calls them
@@ -156,7 +157,7 @@ ORDERS = [  # engine, options, problem, coarsest step, halvings, order, within
 )
 def test_the_order_is_the_declared_one(name, options, problem, dt, halvings, order, within):
     p = make_problem(*problem)
-    errors = [error(p, run(p, dt / 2**k, name, **options)) for k in range(halvings + 1)]
+    errors = [error(p, solve_run(p, dt / 2**k, name, **options)) for k in range(halvings + 1)]
     assert orders(errors)[-1] == pytest.approx(order, abs=within)
 
 

@@ -13,10 +13,11 @@ from mbsbench.harness.mechanics.system import Joint, RigidBody, SpringDamper, as
 from mbsbench.harness.mechanics.types import Problem, StepControl
 from mbsbench.solvers.formulations.compiled import host
 from mbsbench.solvers.formulations.compiled.kernel import Kernel
-from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.comparing import assert_each, assert_same
+from mbsbench.tests.factories import solve_run
 
 from ..arbitrary_systems import consistent
-from ..runs import error, orders, pendulum, run, sprung_linkage
+from ..runs import error, orders, pendulum, sprung_linkage
 
 PRINTED = {"gauge": "accumulate", "sigma0": "carried", "newton": "exact"}
 NESTED = {"loop": "nested", "penalty": 1e3}
@@ -80,10 +81,10 @@ def test_given_c_bar_and_k_bar_pull_phi_back(direction):
     The motion keeps order two whatever c_R is: corrective terms vanish on the constraint manifold.
     """
     problem = pendulum(2.0)
-    free = run(problem, 0.005)
+    free = solve_run(problem, 0.005)
     errors = []
     for dt in (0.01, 0.005, 0.0025):
-        out = run(problem, dt, c_bar=200.0, k_bar=1e4, direction=direction)
+        out = solve_run(problem, dt, c_bar=200.0, k_bar=1e4, direction=direction)
         errors.append(error(problem, out))
         if dt == 0.005:
             held = np.max(np.abs(constraint(problem.system, out.states)))
@@ -102,7 +103,7 @@ def test_eq_32_converges_for_every_c_r(direction):
     strong = make_solver("rk45_strong_form").solve(problem, StepControl(rtol=1e-12))
     errors = []
     for dt in (4e-3, 2e-3, 1e-3):
-        out = run(problem, dt, direction=direction, c_bar=5.0, k_bar=50.0)
+        out = solve_run(problem, dt, direction=direction, c_bar=5.0, k_bar=50.0)
         errors.append(np.max(np.abs(out.states.r[-1] - strong.states.r[-1])))
     assert_each(np.abs(orders(errors) - 2.0), "<", 0.2)
 
@@ -111,33 +112,35 @@ def test_eq_32_converges_for_every_c_r(direction):
 def test_a_gauge_without_effect_is_noted(solver):
     """With springs mu is carried on (Eq. 32): the same motion in every gauge, and the run says so."""
     problem = sprung_linkage(0.3)
-    one, other = (run(problem, 0.01, solver, gauge=g) for g in ("symmetric", "zero"))
-    assert np.array_equal(one.states.r, other.states.r)
+    one, other = (solve_run(problem, 0.01, solver, gauge=g) for g in ("symmetric", "zero"))
+    assert_same(one.states.r, other.states.r)
     assert "gauge = symmetric has no effect" in one.notes[-1]
     assert "gauge = zero has no effect" in other.notes[-1]
-    assert not any("gauge" in note for note in run(make_problem("heavy_top", {"t_end": 0.01}), 1e-3, solver).notes)
+    assert not any(
+        "gauge" in note for note in solve_run(make_problem("heavy_top", {"t_end": 0.01}), 1e-3, solver).notes
+    )
 
 
 def test_lambda_bar_leaves_the_motion_alone():
     """The augmentation takes phi_dot to zero with or without it: the multipliers change, the motion hardly."""
     without, out = (
-        run(sprung_linkage(0.3), 1e-3, "gc_augmented_lagrangian", **NESTED, lambda_bar=on) for on in (False, True)
+        solve_run(sprung_linkage(0.3), 1e-3, "gc_augmented_lagrangian", **NESTED, lambda_bar=on) for on in (False, True)
     )
     assert 0.0 < np.max(np.abs(out.states.r - without.states.r)) < 1e-7
 
 
 def test_the_plain_composition_is_the_weak_form_itself():
     p = make_problem("chain", {"t_end": 0.3})
-    mine, theirs = run(p, 1e-3, "gc_composed", composition="plain"), run(p, 1e-3, tolerance=1e-12)
+    mine, theirs = solve_run(p, 1e-3, "gc_composed", composition="plain"), solve_run(p, 1e-3, tolerance=1e-12)
     np.testing.assert_allclose(mine.states.r, theirs.states.r, atol=1e-10)
 
 
 def test_a_raised_penalty_converges_where_a_low_one_does_not():
     """xi = 1 leaves steps that run out of augmentations; raised tenfold where phi_dot falls too slowly, none."""
     problem = make_problem("chain", {"t_end": 0.1})
-    low = run(problem, 1e-3, "gc_augmented_lagrangian", loop="nested", penalty=1.0)
-    raised = run(problem, 1e-3, "gc_augmented_lagrangian", loop="nested", penalty=1.0, penalty_growth=10.0)
-    plain = run(problem, 1e-3)
+    low = solve_run(problem, 1e-3, "gc_augmented_lagrangian", loop="nested", penalty=1.0)
+    raised = solve_run(problem, 1e-3, "gc_augmented_lagrangian", loop="nested", penalty=1.0, penalty_growth=10.0)
+    plain = solve_run(problem, 1e-3)
     assert low.counters["loose_steps"] > 10
     assert raised.counters["loose_steps"] == 0
     assert np.nanmax(raised.diagnostics["penalty"]) > 1.0
@@ -152,7 +155,7 @@ def test_the_nested_loop_asks_for_eq_81_after_the_augmentation():
     problem = make_problem("four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.2})
     for sigma0 in ("zero", "carried"):
         options = PRINTED | NESTED | {"penalty": 10.0, "sigma0": sigma0, "tolerance": 1e-5, "correct_pose": "never"}
-        out = run(problem, 1e-2, "gc_augmented_lagrangian", **options)
+        out = solve_run(problem, 1e-2, "gc_augmented_lagrangian", **options)
         assert out.counters["step_cuts"] == 0 and out.counters["augmentations"] > 2 * out.counters["steps"]
         assert np.nanmax(out.diagnostics["constraint_norm"]) < 1e-5
 
@@ -161,7 +164,9 @@ def test_the_nested_loop_asks_for_eq_81_after_the_augmentation():
 def test_the_first_estimate_costs_corrections_and_changes_no_motion(newton):
     """From the start of the step instead of an extrapolation, Newton's method ends in the same step."""
     problem = pendulum(1.0)
-    one, other = (run(problem, 1e-2, newton=newton, estimate=e, tolerance=1e-11) for e in ("extrapolated", "start"))
+    one, other = (
+        solve_run(problem, 1e-2, newton=newton, estimate=e, tolerance=1e-11) for e in ("extrapolated", "start")
+    )
     assert other.counters["newton_iterations"] > one.counters["newton_iterations"]
     np.testing.assert_allclose(other.states.r, one.states.r, atol=1e-9)
 
@@ -193,7 +198,7 @@ def test_as_printed_runs_on_the_grid_without_correcting_poses():
     worst = {}
     for when in ("never", "redundant"):
         options = PRINTED | NESTED | {"tolerance": 1e-3, "correct_pose": when}
-        out = run(problem, 1e-2, "gc_augmented_lagrangian", **options)
+        out = solve_run(problem, 1e-2, "gc_augmented_lagrangian", **options)
         worst[when] = np.max(np.abs(constraint(problem.system, out.states)))
         assert any("corrected" in note for note in out.notes) == (when == "redundant")
     assert worst["never"] > 10.0 * worst["redundant"]

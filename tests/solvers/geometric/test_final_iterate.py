@@ -9,8 +9,9 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint_rate
 from mbsbench.solvers.formulations.methods.choices import FINAL_ITERATES
 from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.factories import solve_run
 
-from ..runs import error, orders, pendulum, run
+from ..runs import error, orders, pendulum
 
 PRINTED = {"gauge": "accumulate", "sigma0": "carried", "newton": "exact", "direction": "translation"}
 LOOSE = PRINTED | {"tolerance": 1e-3}
@@ -22,7 +23,7 @@ def test_the_order_is_two_whatever_iterate_ends_a_step(final, newton):
     """The discrete equations are the same; at 1e-10 what is left of them is far below the error of a step."""
     problem = pendulum(1.0)
     options = PRINTED | {"newton": newton, "final_iterate": final, "tolerance": 1e-10}
-    errors = [error(problem, run(problem, dt, **options)) for dt in (0.01, 0.005, 0.0025)]
+    errors = [error(problem, solve_run(problem, dt, **options)) for dt in (0.01, 0.005, 0.0025)]
     assert_each(np.abs(orders(errors) - 2.0), "<", 0.2)
 
 
@@ -38,7 +39,9 @@ def test_the_order_is_two_whatever_iterate_ends_a_step(final, newton):
 def test_all_final_iterates_agree_at_a_tight_tolerance(solver, options):
     """They differ by what the tolerance 1e-10 leaves, summed over 50 steps."""
     problem = pendulum(0.5)
-    ends = [run(problem, 0.01, solver, tolerance=1e-10, final_iterate=f, **options).states.r for f in FINAL_ITERATES]
+    ends = [
+        solve_run(problem, 0.01, solver, tolerance=1e-10, final_iterate=f, **options).states.r for f in FINAL_ITERATES
+    ]
     assert max(np.max(np.abs(e - ends[0])) for e in ends[1:]) < 1e-9
 
 
@@ -47,7 +50,7 @@ def test_a_passing_iterate_that_is_corrected_leaves_the_square_of_its_residual()
 
     Each step has one correction more at least, also those whose first estimate passes.
     """
-    passing, corrected = (run(pendulum(2.0), 0.01, **LOOSE, final_iterate=f) for f in ("passing", "corrected"))
+    passing, corrected = (solve_run(pendulum(2.0), 0.01, **LOOSE, final_iterate=f) for f in ("passing", "corrected"))
     largest = [np.nanmax(out.diagnostics["residual_norm"][1:]) for out in (passing, corrected)]
     assert 1e-5 < largest[0] < 1e-3 and largest[1] < 1e-5
     assert_each(corrected.diagnostics["newton_iterations"][1:], ">=", 1)
@@ -94,6 +97,6 @@ def test_a_low_penalty_leaves_no_phi_dot_that_velocities_can_take_away():
     """
     problem = make_problem("four_bar_grid", {"t_end": 0.2})
     options = {"newton": "exact", "tolerance": 1e-10, "correct_pose": "never"}
-    low, high = (run(problem, 0.01, "gc_augmented_lagrangian", penalty=xi, **options) for xi in (1e3, 1e7))
+    low, high = (solve_run(problem, 0.01, "gc_augmented_lagrangian", penalty=xi, **options) for xi in (1e3, 1e7))
     assert np.max(np.abs(constraint_rate(problem.system, low.states))) < 1e-8
     assert np.max(np.abs(low.states.r - high.states.r)) < 1e-9

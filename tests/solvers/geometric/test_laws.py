@@ -9,14 +9,16 @@ from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
 from mbsbench.harness.mechanics.types import Problem, Status, StepControl
+from mbsbench.tests.comparing import assert_same
+from mbsbench.tests.factories import solve_run
 
-from ..runs import drift, error, pendulum, run
+from ..runs import drift, error, pendulum
 
 
 def test_the_b_term_counts_in_the_symmetric_gauge():
     """There it is the difference D_dot1 - D_dot0 times nu: dropping it costs a third more error, but not the order."""
     p = pendulum(3.0)
-    assert error(p, run(p, 0.01, b_term=False)) > 1.1 * error(p, run(p, 0.01))
+    assert error(p, solve_run(p, 0.01, b_term=False)) > 1.1 * error(p, solve_run(p, 0.01))
 
 
 def test_accumulating_gauge_is_the_minimal_lie_trapezoid():
@@ -28,7 +30,7 @@ def test_accumulating_gauge_is_the_minimal_lie_trapezoid():
     v = R @ np.cross(Omega, s)
     start = State((R @ s)[None], R[None], v[None], Omega[None])
     problem = Problem("pin", system, start, t_end=1.0, dt=0.01, section="", source="")
-    out = run(problem, 0.01, gauge="accumulate", direction="translation", mu0="velocity", tolerance=1e-13)
+    out = solve_run(problem, 0.01, gauge="accumulate", direction="translation", mu0="velocity", tolerance=1e-13)
     J_O = J + m * (s @ s * np.eye(3) - np.outer(s, s))
 
     def step(R0, Omega0, dt):
@@ -52,7 +54,7 @@ def test_pendulum_has_no_secular_energy_drift_over_200_s():
     """Mean energy errors of the first and last quarter agree within 3e-4 J; the zero gauge drifts fifty times that."""
     p, away = pendulum(200.0), {}
     for gauge in ("symmetric", "zero"):
-        E = drift(p, run(p, 0.01, gauge=gauge))
+        E = drift(p, solve_run(p, 0.01, gauge=gauge))
         away[gauge] = abs(np.mean(E[-(len(E) // 4) :]) - np.mean(E[: len(E) // 4]))
     assert away["symmetric"] < 3e-4
     assert away["zero"] > 5e-3
@@ -63,16 +65,16 @@ def test_pendulum_has_no_secular_energy_drift_over_200_s():
 def test_augmented_lagrangian_equals_the_weak_form(name, dt, loop):
     """On independent constraints both loops solve the same equations; the chain amplifies the tolerance."""
     problem = make_problem(name, {"t_end": 0.4})
-    plain = run(problem, dt)
-    augmented = run(problem, dt, "gc_augmented_lagrangian", **loop)
-    assert np.array_equal(plain.t, augmented.t)
+    plain = solve_run(problem, dt)
+    augmented = solve_run(problem, dt, "gc_augmented_lagrangian", **loop)
+    assert_same(plain.t, augmented.t)
     assert np.max(np.abs(plain.states.r - augmented.states.r)) < 1e-6
 
 
 def test_kept_and_exact_newton_agree():
     """How the Newton matrix is renewed changes the path to the solution, not the solution."""
     problem = make_problem("chain", {"t_end": 0.3})
-    kept, exact = run(problem, 1e-3, newton="kept"), run(problem, 1e-3, newton="exact")
+    kept, exact = solve_run(problem, 1e-3, newton="kept"), solve_run(problem, 1e-3, newton="exact")
     assert np.max(np.abs(kept.states.r - exact.states.r)) < 1e-6
     assert exact.counters["newton_iterations"] < kept.counters["newton_iterations"]
     assert exact.counters["factorisations"] > kept.counters["factorisations"]
@@ -81,9 +83,9 @@ def test_kept_and_exact_newton_agree():
 def test_a_step_that_is_too_long_is_cut_and_regrown():
     """dt = 0.5 s on the pendulum does not converge as it stands: the grid is met all the same, by cuts."""
     problem = pendulum(10.0)
-    out = run(problem, 0.5, max_newton=6)
+    out = solve_run(problem, 0.5, max_newton=6)
     assert out.counters["step_cuts"] > 0
-    assert np.all(np.isin(np.arange(0.0, 10.01, 0.5), out.t))
+    assert set(np.arange(0.0, 10.01, 0.5)) <= set(out.t)
     assert out.diagnostics["cut_level"][1:].max() > 0
 
 
@@ -110,7 +112,7 @@ def test_a_tolerance_below_rounding_is_raised_to_it():
 def test_max_turn_cuts_fast_rotations():
     """No body turns further than asked in one step."""
     problem = pendulum(2.0)
-    out = run(problem, 0.01, max_turn=0.02)
+    out = solve_run(problem, 0.01, max_turn=0.02)
     turned = so3.angle_between(out.states.R[1:, 0], out.states.R[:-1, 0])
     assert np.max(turned) < 0.025  # the rate grows a little within the step
     assert len(out.t) > 201

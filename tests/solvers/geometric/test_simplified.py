@@ -10,18 +10,19 @@ from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.mechanics.types import Problem, Status, StepControl
 from mbsbench.solvers.formulations.compiled import mechanism
 from mbsbench.solvers.formulations.methods.choices import find_unsupported
-from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.comparing import assert_each, assert_same
+from mbsbench.tests.factories import solve_run
 
 from ..arbitrary_systems import consistent, linkage
-from ..runs import drift, error, orders, pendulum, run, sprung_linkage
+from ..runs import drift, error, orders, pendulum, sprung_linkage
 
 SHARP = {"tolerance": 1e-12}
 
 
 def gap(problem: Problem, dt: float, solver: str = "gc_weak_form", **options) -> float:
     """Largest difference of positions, orientations and velocities between the two methods."""
-    one, two = (run(problem, dt, solver, newton=n, **SHARP, **options) for n in ("simplified", "kept"))
-    assert np.array_equal(one.t, two.t)
+    one, two = (solve_run(problem, dt, solver, newton=n, **SHARP, **options) for n in ("simplified", "kept"))
+    assert_same(one.t, two.t)
     assert one.counters["newton_iterations"] != two.counters["newton_iterations"]  # it is another method
     assert np.max(np.abs(one.reaction[1:] - two.reaction[1:])) < 1e-5
     return max(np.max(np.abs(getattr(one.states, k) - getattr(two.states, k))) for k in ("r", "R", "v", "Omega"))
@@ -60,7 +61,9 @@ def test_redundant_rows_get_no_multiplier_and_the_motion_is_that_of_the_proximal
     """Reactions differ, A^T nu does not."""
     problem = make_problem("four_bar_grid", {"rows": 2, "columns": 3, "t_end": 0.3})
     options = {"correct_pose": "never", **SHARP}
-    one, two = (run(problem, 0.01, "gc_augmented_lagrangian", newton=n, **options) for n in ("simplified", "kept"))
+    one, two = (
+        solve_run(problem, 0.01, "gc_augmented_lagrangian", newton=n, **options) for n in ("simplified", "kept")
+    )
     assert np.max(np.abs(one.states.r - two.states.r)) < 1e-10
     assert np.max(np.abs(one.states.v - two.states.v)) < 1e-9
 
@@ -70,7 +73,7 @@ def test_poses_of_redundant_systems_are_corrected():
     problem = make_problem("four_bar_grid", {"rows": 2, "columns": 3, "t_end": 0.3})
     solver, worst = "gc_augmented_lagrangian", {}
     for when in ("redundant", "never"):
-        out = run(problem, 0.01, solver, newton="simplified", correct_pose=when)
+        out = solve_run(problem, 0.01, solver, newton="simplified", correct_pose=when)
         worst[when] = np.max(np.abs(constraint(problem.system, out.states)))
     assert worst["redundant"] < 0.1 * worst["never"]
 
@@ -78,16 +81,17 @@ def test_poses_of_redundant_systems_are_corrected():
 def test_steps_it_does_not_converge_at_are_taken_by_the_full_method():
     """The contraction is O(dt omega): at 0.15 s it fails, the run goes on, and the motion is the same."""
     problem = pendulum(10.0)
-    out = [run(problem, 0.15, newton=n, **SHARP) for n in ("simplified", "kept")]
-    assert np.array_equal(out[0].t, out[1].t) and out[0].counters["residuals"] > out[0].counters["newton_iterations"]
+    out = [solve_run(problem, 0.15, newton=n, **SHARP) for n in ("simplified", "kept")]
+    assert_same(out[0].t, out[1].t)
+    assert out[0].counters["residuals"] > out[0].counters["newton_iterations"]
     assert np.max(np.abs(out[0].states.r - out[1].states.r)) < 1e-9
 
 
 def test_springs_carried_sigma_and_the_nested_loop_are_not_its_own():
     """There the march is that of ``newton = kept``, to the last bit."""
     problem = sprung_linkage(0.05)
-    one, two = (run(problem, 1e-3, newton=n) for n in ("simplified", "kept"))
-    assert np.array_equal(one.states.r, two.states.r)
+    one, two = (solve_run(problem, 1e-3, newton=n) for n in ("simplified", "kept"))
+    assert_same(one.states.r, two.states.r)
     free = make_problem("chain")
     for options, own in (
         ({}, True),
@@ -111,8 +115,9 @@ SAME = 1e-9  # [m], [m/s] of steps solved to 1e-12 sqrt(J)
 
 def gap_of_codes(problem: Problem, dt: float, solver: str = "gc_weak_form", **options) -> float:
     """Largest difference of the motion, and of what is told, between loops over joints and code for the mechanism."""
-    one, two = (run(problem, dt, solver, code=code, **SHARP, **options) for code in CODES)
-    assert "code of the mechanism" in two.notes and np.array_equal(one.t, two.t)
+    one, two = (solve_run(problem, dt, solver, code=code, **SHARP, **options) for code in CODES)
+    assert "code of the mechanism" in two.notes
+    assert_same(one.t, two.t)
     assert two.counters["newton_iterations"] < 1.2 * one.counters["newton_iterations"]
     for out in (one, two):  # no step is handed to the full method, whose motion is right where these equations are not
         assert out.counters["residuals"] == out.counters["newton_iterations"]
@@ -160,7 +165,7 @@ def check_codes_on_a_linkage(**options):
 def test_code_for_the_mechanism_hands_over_where_the_simplified_method_fails():
     """To the full method, as the kernel does, and takes the march back."""
     problem = pendulum(10.0)
-    out = [run(problem, 0.15, code=code, **SHARP) for code in CODES]
+    out = [solve_run(problem, 0.15, code=code, **SHARP) for code in CODES]
     assert out[1].counters["residuals"] > out[1].counters["newton_iterations"]
     assert np.max(np.abs(out[0].states.r - out[1].states.r)) < SAME
 
@@ -168,14 +173,14 @@ def test_code_for_the_mechanism_hands_over_where_the_simplified_method_fails():
 def test_code_for_the_mechanism_keeps_order_reversal_and_energy():
     """Order 2 against exact motion; back where it came from; energy of the pendulum bounded."""
     problem = pendulum(2.0)
-    ladder = [run(problem, 0.02 / 2**k, code="mechanism") for k in range(3)]
+    ladder = [solve_run(problem, 0.02 / 2**k, code="mechanism") for k in range(3)]
     assert_each(np.abs(orders([error(problem, out) for out in ladder]) - 2.0), "<", 0.1)
-    E = np.abs(drift(problem, run(pendulum(20.0), 0.01, code="mechanism")))
+    E = np.abs(drift(problem, solve_run(pendulum(20.0), 0.01, code="mechanism")))
     assert np.max(E[len(E) // 2 :]) < 1.1 * np.max(E[: len(E) // 2])
-    there = run(problem, 0.01, code="mechanism", **SHARP)
+    there = solve_run(problem, 0.01, code="mechanism", **SHARP)
     last = there.states[-1]
     turned = dataclasses.replace(problem, initial=dataclasses.replace(last, v=-last.v, Omega=-last.Omega, t=0.0))
-    back = run(turned, 0.01, code="mechanism", **SHARP)
+    back = solve_run(turned, 0.01, code="mechanism", **SHARP)
     assert np.max(np.abs(back.states.r[-1] - problem.initial.r)) < SAME
     assert np.max(np.abs(there.states.r - problem.initial.r)) > 0.5
 

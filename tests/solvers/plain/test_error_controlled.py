@@ -19,10 +19,11 @@ from mbsbench.solvers.plain.error_control import ErrorControl
 from mbsbench.solvers.plain.march import march
 from mbsbench.tests.comparing import assert_close
 from mbsbench.tests.covering import diagonal, few
+from mbsbench.tests.factories import solve_run
 
 from ..arbitrary_joints import KINDS, MOVING, moving_rows, one_joint
 from ..arbitrary_systems import consistent, linkage, with_user_forces
-from ..runs import ACCEPTED, error, orders, run
+from ..runs import ACCEPTED, error, orders
 from .test_contract import compare_runs, problem_of
 
 SHARP = 1e-10  # rtol, at which radau_ggl ends its iteration at 1e-13
@@ -166,7 +167,8 @@ def test_runs_choose_the_same_steps(solver):
     assert plain.status is Status.SUCCESS, plain.message
     assert plain.counters["rejected"] == found.counters["rejected"]
     if solver == "radau_ggl":
-        assert all(out.counters["newton_iterations"] > 2 * out.counters["steps"] for out in (plain, found))
+        for out in (plain, found):
+            assert out.counters["newton_iterations"] > 2 * out.counters["steps"]
         assert found.counters["factorisations"] == 1 + found.counters["steps"] + found.counters["rejected"]
     else:
         evaluations = plain.counters["evaluations"]
@@ -190,6 +192,6 @@ def test_what_is_left_is_the_rest_of_a_geometric_series():
 def test_the_order_of_plain_steps(solver, step, order):
     """Three halvings, to the exact motion."""
     problem = make_problem("heavy_top", {"t_end": 0.32})
-    runs = [run(problem, ACCEPTED, solver, {"max_step": step / 2**k}, code="plain") for k in range(4)]
+    runs = [solve_run(problem, ACCEPTED, solver, {"max_step": step / 2**k}, code="plain") for k in range(4)]
     found = orders([error(problem, out) for out in runs])
     assert abs(found[-1] - order) < 0.2, found

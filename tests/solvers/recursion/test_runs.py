@@ -20,9 +20,10 @@ from mbsbench.solvers.formulations.recursion.evaluation import TreeMechanism
 from mbsbench.solvers.formulations.recursion.limbs import select_rows
 from mbsbench.solvers.formulations.recursion.phases import TreePhase
 from mbsbench.tests.covering import few
+from mbsbench.tests.factories import solve_run
 
 from ..arbitrary_systems import consistent, with_user_forces
-from ..runs import drift, orders, run
+from ..runs import drift, orders
 
 JOINT = ("dop853_joint", "gauss_joint", "rattle_joint")
 LONG = 60  # links: code would have more than 30,000 operations
@@ -42,7 +43,7 @@ def by_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_long_chain_moves_as_with_redundant_coordinates() -> None:
     """Another route altogether: poses, all joints as rows, a sparse factor."""
     problem = long_chain(0.05)
-    exact, out = (run(problem, 1e-11, solver) for solver in ("rkmk_dop853", "dop853_joint"))
+    exact, out = (solve_run(problem, 1e-11, solver) for solver in ("rkmk_dop853", "dop853_joint"))
     assert any("recursion" in note for note in out.notes)
     assert np.max(np.abs(out.states.r[-1] - exact.states.r[-1])) < 1e-9
     assert np.max(np.abs(constraint(problem.system, out.states))) < 1e-11
@@ -52,17 +53,17 @@ def test_a_long_chain_moves_as_with_redundant_coordinates() -> None:
 def test_errors_on_a_long_chain_are_of_the_orders() -> None:
     """Four of two stages of Gauss, two of RATTLE; of DOP853 a hundredth for a thousandth of the tolerance, or less."""
     problem = long_chain(0.08)
-    exact = run(problem, 1e-13, "dop853_joint").states.r[-1]
+    exact = solve_run(problem, 1e-13, "dop853_joint").states.r[-1]
 
     def error(step: float, solver: str, **options: Any) -> float:
-        return float(np.max(np.abs(run(problem, step, solver, **options).states.r[-1] - exact)))
+        return float(np.max(np.abs(solve_run(problem, step, solver, **options).states.r[-1] - exact)))
 
     gauss = [error(h, "gauss_joint", stages=2) for h in (4e-3, 2e-3, 1e-3)]
     assert abs(orders(gauss)[-1] - 4.0) < 0.2, gauss
     rattle = [error(h, "rattle_joint") for h in (2e-3, 1e-3, 5e-4)]
     assert abs(orders(rattle)[-1] - 2.0) < 0.2, rattle
     problem = long_chain(0.3)
-    exact = run(problem, 1e-13, "dop853_joint").states.r[-1]
+    exact = solve_run(problem, 1e-13, "dop853_joint").states.r[-1]
     pair = [error(rtol, "dop853_joint") for rtol in (1e-3, 1e-5, 1e-7)]
     assert pair[1] < pair[0], pair
     assert pair[2] < pair[0] / 100.0, pair
@@ -72,7 +73,7 @@ def test_energy_of_a_long_chain_is_kept() -> None:
     """By Gauss to its order, by DOP853 to its tolerance; both are 1 J off with any load or inertia amiss."""
     problem = long_chain(0.4)
     for solver, step, bound in (("gauss_joint", 2e-3, 1e-7), ("dop853_joint", 1e-10, 1e-9)):
-        out = run(problem, step, solver)
+        out = solve_run(problem, step, solver)
         assert np.max(np.abs(drift(problem, out))) < bound, solver
 
 
@@ -80,9 +81,9 @@ def test_energy_of_a_long_chain_is_kept() -> None:
 def test_the_way_back_of_a_long_chain_leads_to_the_start(solver: str) -> None:
     """Steps are symmetric, to the rounding at which their iterations end."""
     problem, dt = long_chain(0.05), 1e-3
-    end = run(problem, dt, solver).states
+    end = solve_run(problem, dt, solver).states
     turned = dataclasses.replace(end[len(end.r) - 1], v=-end.v[-1], Omega=-end.Omega[-1], t=0.0)
-    back = run(dataclasses.replace(problem, initial=turned), dt, solver).states
+    back = solve_run(dataclasses.replace(problem, initial=turned), dt, solver).states
     assert np.max(np.abs(back.r[-1] - problem.initial.r)) < 1e-10
 
 
@@ -94,7 +95,7 @@ def test_steps_of_rattle_end_where_the_limitation_says(links: int, dt: float) ->
     assert "shorter" in out.message and "gauss_joint" in out.message
     fastest = float(np.max(np.linalg.norm(out.states.Omega[-1], axis=1)))
     assert 0.08 < dt * links * fastest < 0.16
-    run(long_chain(float(out.t[-1]), links), 0.4 * dt, "rattle_joint")
+    solve_run(long_chain(float(out.t[-1]), links), 0.4 * dt, "rattle_joint")
 
 
 @pytest.mark.parametrize(
@@ -110,7 +111,7 @@ def test_user_forces_are_those_of_the_kernel(solver: str, step: float, bound: fl
     system = with_user_forces()
     start = dataclasses.replace(consistent(system, 2), t=0.0)
     problem = dataclasses.replace(make_problem("heavy_top", {"t_end": 0.5}), system=system, initial=start)
-    exact, out = run(problem, 1e-12, "rkmk_dop853"), run(problem, step, solver)
+    exact, out = solve_run(problem, 1e-12, "rkmk_dop853"), solve_run(problem, step, solver)
     assert np.max(np.abs(out.states.r[-1] - exact.states.r[-1])) < bound
 
 
@@ -124,7 +125,7 @@ def test_runs_are_those_of_code(name: str, monkeypatch: pytest.MonkeyPatch) -> N
     problem, found = make_problem(name, {**parameters, "t_end": 0.5}), []
     for refuse in (choice.refuse_code, lambda problem: "not now"):
         monkeypatch.setattr(choice, "refuse_code", refuse)
-        found.append([run(problem, 1e-8 if solver == "dop853_joint" else 0.01, solver) for solver in JOINT])
+        found.append([solve_run(problem, 1e-8 if solver == "dop853_joint" else 0.01, solver) for solver in JOINT])
     for made, swept in zip(*found, strict=True):
         assert abs(len(made.t) - len(swept.t)) <= 0.2 * len(made.t)
         assert np.max(np.abs(made.states.r[-1] - swept.states.r[-1])) < 1e-8
@@ -135,11 +136,11 @@ def test_runs_are_those_of_code(name: str, monkeypatch: pytest.MonkeyPatch) -> N
 def test_rows_chosen_anew_leave_the_motion(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pivots of the start count as lost: others are chosen at numbers, the motion is the same."""
     problem, step = make_problem("bricard", {"t_end": 1.2}), 1e-9 if solver == "dop853_joint" else 0.01
-    plain = run(problem, step, solver)
+    plain = solve_run(problem, step, solver)
     monkeypatch.setattr(marching, "LEAST_PIVOT", 0.5)
     monkeypatch.setattr(marching, "FAIR", 2.0)  # no earlier order goes on
     monkeypatch.setattr(symplectic, "POOR_PIVOT", 0.9)
-    changed = run(problem, step, solver)
+    changed = solve_run(problem, step, solver)
     assert any("anew" in note for note in changed.notes)
     assert np.max(np.abs(plain.states.r[-1] - changed.states.r[-1])) < 1e-7
 
@@ -148,10 +149,10 @@ def test_rows_chosen_anew_leave_the_motion(solver: str, monkeypatch: pytest.Monk
 def test_mechanisms_are_data(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is compiled for one long chain is all that another takes."""
     step = 1e-6 if solver == "dop853_joint" else 1e-3
-    run(long_chain(5e-3, 240), step, solver)
+    solve_run(long_chain(5e-3, 240), step, solver)
     made = list[str]()
     monkeypatch.setattr(generated_code, "_compile", lambda ir, machine: made.append(str(ir)) or b"")
-    run(long_chain(5e-3, 249), step, solver)
+    solve_run(long_chain(5e-3, 249), step, solver)
     assert not made
 
 

@@ -13,24 +13,19 @@ from mbsbench.harness.catalogue.suites.includes import find_suite_file, list_sui
 from mbsbench.harness.catalogue.suites.suite import _add_defaults, _expand, count_runs, load_suite, parse_suite
 from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.runner import Request, run_suite
-
-from ...conftest import PLUGIN, Silent
+from mbsbench.tests.factories import PLUGIN, Silent, parse_specs
 
 GROUP = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"\n'
-
-
-def specs(text: str):
-    return parse_suite(text, "test", "test.toml").specs
 
 
 def test_a_sweep_is_even_in_the_logarithm_and_has_both_ends():
     """To three digits, so that the values can be named."""
     swept = GROUP + "dt = { from = 0.1, to = 1e-3, per_decade = 2 }"
-    assert [s.control.dt for s in specs(swept)] == [0.1, 0.0316, 0.01, 0.00316, 0.001]
+    assert [s.control.dt for s in parse_specs(swept)] == [0.1, 0.0316, 0.01, 0.00316, 0.001]
 
 
 def test_lists_are_products():
-    made = specs(
+    made = parse_specs(
         '[[runs]]\nproblem = "free_fall"\nparameters = {mass = [1, 2.0]}\n'
         'solver = ["exact", "raises"]\ndt = [0.1, 0.2, 1]'
     )
@@ -53,37 +48,37 @@ def test_keys_that_a_solver_does_not_take_are_named():
 def test_tables_follow_one_another_and_defaults_name_problem_and_solver():
     """A list of tables is a sum, not a product; what a group leaves out is the default."""
     text = '[defaults]\nproblem = "free_fall"\nsolver = "exact"\n[[runs]]\nparameters = [{mass = [1, 2]}, {mass = 3}]\n'
-    assert [s.parameters.get("mass", 2.0) for s in specs(text)] == [1.0, 2.0, 3.0]
-    assert {s.solver for s in specs(text + 'solver = "raises"')} == {"raises"}
+    assert [s.parameters.get("mass", 2.0) for s in parse_specs(text)] == [1.0, 2.0, 3.0]
+    assert {s.solver for s in parse_specs(text + 'solver = "raises"')} == {"raises"}
 
 
 def test_keys_that_share_a_value_vary_together():
     """Three gains alpha = beta, not nine pairs."""
     text = '[[runs]]\nproblem = "heavy_top"\nsolver = "ida_index1"\noptions = { "alpha, beta" = [0.0, 1.0, 2.0] }'
-    assert [dict(s.options) for s in specs(text)] == [{"alpha": a, "beta": a} for a in (0.0, 1.0, 2.0)]
+    assert [dict(s.options) for s in parse_specs(text)] == [{"alpha": a, "beta": a} for a in (0.0, 1.0, 2.0)]
     with pytest.raises(FileError, match="did you mean 'alpha'"):
-        specs(text.replace("alpha", "alhpa"))
+        parse_specs(text.replace("alpha", "alhpa"))
 
 
 def test_defaults_are_the_same_run():
     """Said or left out, text or number: what is run is the same, so its address is."""
-    (plain,) = specs(GROUP)
-    (said,) = specs(GROUP + 'parameters = {mass = "2"}\noptions = {lift = 0}\ndt = "5e-1"')
+    (plain,) = parse_specs(GROUP)
+    (said,) = parse_specs(GROUP + 'parameters = {mass = "2"}\noptions = {lift = 0}\ndt = "5e-1"')
     assert plain.settings_id == said.settings_id and plain.address("code") == said.address("code")
     assert plain.address("code") != plain.address("other code")
-    (limited,) = specs(GROUP + "cpu_limit = 7")
+    (limited,) = parse_specs(GROUP + "cpu_limit = 7")
     assert limited.settings_id == plain.settings_id and limited.address("code") != plain.address("code")
 
 
 def test_a_tuple_parameter_takes_a_flat_list():
     """(1, 2, 3) is one value of omega; a list of such lists is a product."""
     text = '[[runs]]\nproblem = "torque_free_body"\nsolver = "exact"\nparameters = { omega = %s }'
-    assert len(specs(text % "[1, 2, 4]")) == 1
-    assert len(specs(text % "[[1, 2, 4], [0, 0, 1]]")) == 2
+    assert len(parse_specs(text % "[1, 2, 4]")) == 1
+    assert len(parse_specs(text % "[[1, 2, 4], [0, 0, 1]]")) == 2
 
 
 def test_runs_survive_their_trip_to_the_worker(tmp_path):
-    for spec in specs(
+    for spec in parse_specs(
         '[[runs]]\nproblem = "torque_free_body"\nsolver = "exact"\nparameters = { omega = [1, 2, 4], yaw = 0.7 }'
     ):
         job = Job(spec, tmp_path, "s", "code", "commit", ("p",), lossless=True)
@@ -241,7 +236,7 @@ BAD = {
 @pytest.mark.parametrize("text", BAD, ids=range(len(BAD)))
 def test_wrong_suites_are_reported_in_one_line(text):
     with pytest.raises(FileError) as error:
-        specs(text)
+        parse_specs(text)
     assert BAD[text] in str(error.value) and "\n" not in str(error.value) and "test.toml" in str(error.value)
 
 

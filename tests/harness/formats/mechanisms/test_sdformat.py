@@ -11,7 +11,7 @@ from mbsbench import State, accelerations, make_problem
 from mbsbench.harness.catalogue.registry import load_plugin
 from mbsbench.harness.formats.mechanisms import mechanism_files
 from mbsbench.harness.formats.mechanisms.links import LinkMechanism
-from mbsbench.tests.comparing import assert_close
+from mbsbench.tests.comparing import assert_close, assert_same
 
 INERTIAL = """<inertial>{pose}<mass>{m}</mass><inertia><ixx>.02</ixx><ixy>.001</ixy><ixz>-.002</ixz><iyy>.03</iyy>
 <iyz>.003</iyz><izz>.025</izz></inertia></inertial>"""
@@ -261,7 +261,7 @@ def test_the_version_says_whose_directions_axes_are(tmp_path, version):
     """
     problem = mechanism_files.read_mechanism(written(tmp_path, BAR.replace("VERSION", version))).problem()
     rate = np.linalg.norm(accelerations(problem.system, problem.initial).Omega_dot)
-    assert np.isclose(rate, 9.8 * 0.4 / (0.25 + 0.16) if version < "1.5" else 0.0, atol=1e-12)
+    assert_close(rate, 9.8 * 0.4 / (0.25 + 0.16) if version < "1.5" else 0.0, atol=1e-12)
 
 
 def test_gravity_within_physics_is_that_of_old_versions(tmp_path):
@@ -271,7 +271,7 @@ def test_gravity_within_physics_is_that_of_old_versions(tmp_path):
     )
     model = BAR[BAR.index("<model") : BAR.index("</sdf>")]
     m = mechanism_files.read_mechanism(written(tmp_path, world.format(model)))
-    assert np.array_equal(m.problem().system.gravity, [0.0, 0.0, -1.62])
+    assert_same(m.problem().system.gravity, [0.0, 0.0, -1.62])
     with pytest.raises(ValueError, match="the world has another gravity"):
         mechanism_files.read_mechanism(written(tmp_path, world.format("<gravity>0 0 -9.8</gravity>" + model)))
 

@@ -279,13 +279,13 @@ def test_a_file_of_positions_is_judged_by_positions_alone(tmp_path):
     with_orientations, r = judge(both), judge(alone)
     assert with_orientations.status == r.status == "inaccurate"
     assert with_orientations.energy_drift_max_J < 1e-3 and with_orientations.phi_max < 1e-8
-    assert np.all(np.isnan([r.energy_drift_max_J, r.phi_max, r.phi_dot_max, r.orientation_error_max_rad]))
+    np.testing.assert_array_equal([r.energy_drift_max_J, r.phi_max, r.phi_dot_max, r.orientation_error_max_rad], np.nan)
     assert "not judged without: orientations and angular velocities, the energy error, |phi|" in r.notes
     assert r.position_error_max_m == pytest.approx(with_orientations.position_error_max_m, rel=1e-6)
     folder = open_results(tmp_path / "all")
     series = store.read_run_series(folder, judge_file(TOP, alone, FileSettings("other"), folder))
     for name in ("energy", "phi_norm", "orientation_error", "frame_q", "end_R"):  # no page draws the reference's
-        assert np.all(np.isnan(series[name])), name
+        np.testing.assert_array_equal(series[name], np.nan, err_msg=name)
 
 
 def test_laws_are_judged_to_what_digits_and_spacing_leave(tmp_path):

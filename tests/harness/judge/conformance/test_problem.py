@@ -11,8 +11,7 @@ from mbsbench.harness.judge.conformance import problem as requirements
 from mbsbench.harness.judge.conformance.laws import find_redundant_joints
 from mbsbench.harness.reference import computation
 from mbsbench.harness.results.environment import ROOT
-
-from ...conftest import PLUGIN
+from mbsbench.tests.factories import PLUGIN
 
 WHOLE = (ROOT / "docs" / "examples" / "gyroscope.py").read_text(encoding="utf-8")
 EXAMPLE = WHOLE.replace("t_end=2.0", "t_end=0.2")  # a tenth of the time, in which the independent motion is found soon

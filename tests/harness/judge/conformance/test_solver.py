@@ -15,8 +15,7 @@ from mbsbench.harness.mechanics.types import StepControl
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.run.warmup import list_runs_to_warm
-
-from ...conftest import PLUGIN
+from mbsbench.tests.factories import PLUGIN
 
 PAGES = ("solver-contract.md", "your-own-solver.md")
 CLASS, FUNCTION = (

@@ -107,7 +107,7 @@ def test_the_file_says_what_was_measured(tmp_path):
     assert read_thresholds(path) == new and "[spread]\nsamples = 3" in path.read_text(encoding="utf-8")
 
 
-def run(parameters: dict, rtol: float | None = None) -> RunSpec:
+def specify_pendulum(parameters: dict, rtol: float | None = None) -> RunSpec:
     control = StepControl(dt=0.01) if rtol is None else StepControl(rtol=rtol)
     return RunSpec("spherical_pendulum", "rattle", control, parameters)
 
@@ -115,10 +115,10 @@ def run(parameters: dict, rtol: float | None = None) -> RunSpec:
 def test_kinds_of_rounding_come_in_turn():
     """Every run has another name, or other kernels; a second round with these meets another start."""
     kinds = [START, FRAME, TOLERANCE, "BLAS Haswell", "BLAS Sandybridge"]
-    found = repeat_run(run(PENDULUM, 1e-8), 10, CORES)
+    found = repeat_run(specify_pendulum(PENDULUM, 1e-8), 10, CORES)
     assert [r.kind for r in found] == 2 * kinds
     assert len({(r.spec.settings_id, r.core) for r in found}) == 10
-    assert [r.kind for r in repeat_run(run(PENDULUM), 4, CORES)] == [START, FRAME, *kinds[3:]]
+    assert [r.kind for r in repeat_run(specify_pendulum(PENDULUM), 4, CORES)] == [START, FRAME, *kinds[3:]]
     assert found[0].environ == {}
 
 
@@ -126,7 +126,7 @@ def test_kinds_of_rounding_come_in_turn():
 @pytest.mark.parametrize("native", ["0", "1"])
 def test_repeats_with_other_kernels_differ_in_them_alone(native):
     """Code that is compiled for another processor would be a second kind of rounding; natively both are the host's."""
-    (repeat,) = (r for r in repeat_run(run(PENDULUM), 4, CORES) if r.core == "Sandybridge")
+    (repeat,) = (r for r in repeat_run(specify_pendulum(PENDULUM), 4, CORES) if r.core == "Sandybridge")
     targets = "m.find_llvm_target(), m.find_numba_target(), m.list_features()"
     program = f"from mbsbench.harness.base import machine as m; print({targets})"
     shown = "import numpy; print(m.list_kernels())"
@@ -150,7 +150,7 @@ def test_repeats_with_other_kernels_differ_in_them_alone(native):
 def test_each_kind_moves_a_problem_by_roundings_and_no_more(parameters):
     """Of the start, gravity and joints; what was zero is not when the frame is turned."""
     plain = make_problem("spherical_pendulum", parameters)
-    for r in repeat_run(run(parameters, 1e-8), 8, ()):
+    for r in repeat_run(specify_pendulum(parameters, 1e-8), 8, ()):
         moved = make_problem("spherical_pendulum", r.spec.parameters)
         changes = [np.max(np.abs(getattr(moved.initial, n) - getattr(plain.initial, n))) for n in ("r", "R", "Omega")]
         changes.append(np.max(np.abs(moved.system.gravity - plain.system.gravity)))
@@ -163,7 +163,7 @@ def test_each_kind_moves_a_problem_by_roundings_and_no_more(parameters):
 
 def test_a_start_that_breaks_the_constraints_on_purpose_is_not_moved():
     """It would be projected, and be another problem."""
-    kinds = [r.kind for r in repeat_run(run({**PENDULUM, "literal_start": True}), 4, CORES)]
+    kinds = [r.kind for r in repeat_run(specify_pendulum({**PENDULUM, "literal_start": True}), 4, CORES)]
     assert kinds == [FRAME, "BLAS Haswell", "BLAS Sandybridge", FRAME]
 
 

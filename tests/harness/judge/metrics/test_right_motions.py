@@ -15,6 +15,7 @@ from mbsbench.harness.mechanics.motion import applied_loads, constraint
 from mbsbench.harness.mechanics.projection import disturb_poses, project_poses
 from mbsbench.harness.mechanics.types import Law, StepControl
 from mbsbench.harness.reference.computation import find_reference
+from mbsbench.tests.comparing import assert_same
 
 from .judged import judge
 
@@ -75,7 +76,7 @@ def test_projected_poses_satisfy_their_constraints(name):
     problem = make_problem(name, {"t_end": 0.1})
     run = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-9))
     s = project_poses(problem.system, run.states.at(slice(0, None, 5)).with_times(run.t[::5]))
-    assert np.array_equal(project_poses(problem.system, s).r, s.r)
+    assert_same(project_poses(problem.system, s).r, s.r)
     random = np.random.default_rng(3)
     off = States(s.r + 1e-4 * random.standard_normal(s.r.shape), s.R, s.v, s.Omega, s.times)
     near = project_poses(problem.system, off)

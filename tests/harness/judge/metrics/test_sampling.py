@@ -34,7 +34,7 @@ def is_quick(case: tuple[str, int]) -> bool:
     return what not in LONG and rows < 5000 and case != ("drive", 200)
 
 
-def record(name, parameters, t_end, times):
+def replay_exact(name, parameters, t_end, times):
     """Return the problem, and its exact motion as a solver would hand it over, without reactions."""
     problem = make_problem(name, parameters | {"t_end": t_end})
     reference = find_reference(problem)
@@ -46,7 +46,7 @@ def record(name, parameters, t_end, times):
 @pytest.mark.parametrize(("what", "rows"), few(ROWS, is_quick))
 def test_an_exact_motion_is_right_in_any_number_of_rows(what, rows):
     name, parameters, t_end = MOTIONS[what]
-    found = judge(*record(name, parameters, t_end, np.linspace(0.0, 1.0, rows + 1)))
+    found = judge(*replay_exact(name, parameters, t_end, np.linspace(0.0, 1.0, rows + 1)))
     assert not found.doubts and {r.law for r in found.inaccuracy} <= {"rows"}  # too few of them is told
 
 
@@ -54,7 +54,7 @@ def test_an_exact_motion_is_right_in_any_number_of_rows(what, rows):
 @pytest.mark.parametrize("what", few(MOTIONS, lambda what: what not in LONG))
 def test_an_exact_motion_that_is_cut_short_is_right(what, share):
     name, parameters, t_end = MOTIONS[what]
-    found = judge(*record(name, parameters, share * t_end, np.linspace(0.0, 1.0, 201)))
+    found = judge(*replay_exact(name, parameters, share * t_end, np.linspace(0.0, 1.0, 201)))
     assert not found.doubts and not found.inaccuracy
 
 
@@ -64,7 +64,7 @@ def test_an_exact_motion_is_right_at_uneven_rows(what):
     name, parameters, t_end = MOTIONS[what]
     random = np.random.default_rng(5)
     h = 10.0 ** random.uniform(-3.0, 0.0, 400)
-    found = judge(*record(name, parameters, t_end, np.concatenate(([0.0], np.cumsum(h) / np.sum(h)))))
+    found = judge(*replay_exact(name, parameters, t_end, np.concatenate(([0.0], np.cumsum(h) / np.sum(h)))))
     assert not found.doubts and {r.law for r in found.inaccuracy} <= {"rows"}  # too few of them is told
 
 
@@ -91,7 +91,7 @@ def test_falsified_motions_are_found_in_any_number_of_rows(what, rows, how):
     """By another law than that of the start, which is exact."""
     name, parameters, t_end = MOTIONS[what]
     h = 10.0 ** np.random.default_rng(5).uniform(-3.0, 0.0, 400) if rows == "uneven" else np.ones(rows)
-    problem, run = record(name, parameters, t_end, np.concatenate(([0.0], np.cumsum(h) / np.sum(h))))
+    problem, run = replay_exact(name, parameters, t_end, np.concatenate(([0.0], np.cumsum(h) / np.sum(h))))
     s = run.states
     changed = [np.concatenate((a[:1], b[1:])) for a, b in zip((s.r, s.R, s.v, s.Omega), FALSE[how](s), strict=True)]
     if all(np.array_equal(a, b) for a, b in zip(changed, (s.r, s.R, s.v, s.Omega), strict=True)):

@@ -3,9 +3,9 @@
 from mbsbench.harness.judge.referee.claims.count import judge
 from mbsbench.harness.judge.referee.claims.register import parse_register
 from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdict, JudgedClaim, VerdictEvidence
+from mbsbench.tests.factories import make_record, parse_specs
 
-from .synthetic import HEAD, record, runs_of
-
+HEAD = 'id = "c"\nsection = "5.2"\nfigure = [5]\nquote = "words"\nclaim = "ours"\n'
 SUITE = """
 [[runs]]
 problem = "spherical_pendulum"
@@ -37,7 +37,7 @@ over = [{ problem = "spherical_pendulum", solver = "gc_weak_form", step = 0.01, 
 [[claims]]
 """  # noqa: E501
 TEST = 'map = "m"\ntests = [{ metric = "column", name = "phi_max", at_most = 1.0, unit = "m" }]\n'
-RUNS = runs_of(SUITE)
+RUNS = parse_specs(SUITE)
 
 
 def judged(name, verdict, kind="result"):
@@ -54,5 +54,5 @@ def options(spec):
 
 def claim(text=TEST, records=None, of=lambda r: None, specs=RUNS):
     """The verdict on one claim; by default every run has |phi| = 0.5 m."""
-    found = [record(c, phi_max=0.5) for c in specs] if records is None else records
+    found = [make_record(c, phi_max=0.5) for c in specs] if records is None else records
     return judge(parse_register(MAP + HEAD + text), specs, found, of)[0]

@@ -7,9 +7,9 @@ import pytest
 from mbsbench.harness.judge.referee.claims.count import judge
 from mbsbench.harness.judge.referee.claims.register import parse_register
 from mbsbench.harness.results.judgements.claims import Ending, ExcludedSettings
+from mbsbench.tests.factories import make_record, parse_specs
 
-from .claiming import MAP, RUNS, SUITE, claim, options
-from .synthetic import HEAD, record, runs_of
+from .claiming import HEAD, MAP, RUNS, SUITE, claim, options
 
 STOPPED = {"t_reached_s": 3.0, "steps": 9, "status": "diverged"}
 PHI = 'metric = "column", name = "phi_max"'
@@ -52,10 +52,11 @@ over = [{ problem = "spherical_pendulum", solver = "ida_index1", form = "se", "t
 over = [{ problem = "spherical_pendulum", solver = "ndf_index1", "tolerance, gain" = "any" }]
 """
     text = 'map = "se"\nagainst = "fi"\npair_by = ["chart"{}]\ntests = [{{ {}, compare = "over largest", at_least = 2, unit = "" }}]\n'  # noqa: E501
-    specs = runs_of(suite)
+    specs = parse_specs(suite)
     size = {0.0: 1.0, 5.0: 10.0, 20.0: 1.0}
     found = [
-        record(x, phi_max=size[x.options.get("alpha", 5.0)] * (2.0 if x.solver == "ida_index1" else 1.0)) for x in specs
+        make_record(x, phi_max=size[x.options.get("alpha", 5.0)] * (2.0 if x.solver == "ida_index1" else 1.0))
+        for x in specs
     ]
     loose = of_maps(maps, text.format("", PHI), specs, found)
     assert loose.verdict == "reproduced if"
@@ -81,7 +82,7 @@ def test_equal_steps_show_nothing_about_reducing_them(combine, steps, holds):
     """The same error at each tolerance: it did not help where steps shrank; where they are the same it did not act."""
     text = f'map = "m"\nacross = "tolerance"\ntests = [{{ {PHI}, combine = "{combine}", at_least = 1, unit = "" }}]\n'
     many = dict(zip((1e-3, 1e-4, 1e-6), steps, strict=True))
-    c = claim(text, [record(x, phi_max=0.5, steps=many.get(x.control.rtol, 1)) for x in RUNS])
+    c = claim(text, [make_record(x, phi_max=0.5, steps=many.get(x.control.rtol, 1)) for x in RUNS])
     assert {row.holds for row in c.map} == {holds}
 
 
@@ -89,7 +90,7 @@ def test_a_step_that_did_not_act_does_not_hide_one_that_did():
     """From 1e-3 to 1e-4 nothing changes; to 1e-6 steps and the error fall: each reduction that acted helps."""
     text = f'map = "m"\nacross = "tolerance"\ntests = [{{ {PHI}, combine = "worst step", at_most = 0.9, unit = "" }}]\n'
     found = [
-        record(x, phi_max=0.1 if x.control.rtol == 1e-6 else 0.5, steps=2000 if x.control.rtol == 1e-6 else 1000)
+        make_record(x, phi_max=0.1 if x.control.rtol == 1e-6 else 0.5, steps=2000 if x.control.rtol == 1e-6 else 1000)
         for x in RUNS
     ]
     c = claim(text, found)
@@ -105,7 +106,7 @@ over = [{ problem = "spherical_pendulum", solver = "ida_index1", max_step = 0.01
 over = [{ map = "all", tolerance = 1e-3 }]
 """  # noqa: E501
     text = f'map = "all"\nagainst = "loose"\npair_by = ["chart", "lambda_in_error_test"]\ntests = [{{ {PHI}, compare = "over largest", at_most = 1.01, unit = "" }}]\n'  # noqa: E501
-    c = of_maps(maps, text, RUNS, [record(x, phi_max=0.5 if x.control.rtol == 1e-3 else 0.6) for x in RUNS])
+    c = of_maps(maps, text, RUNS, [make_record(x, phi_max=0.5 if x.control.rtol == 1e-3 else 0.6) for x in RUNS])
     assert c.verdict == "not reproduced" and (c.beyond.settings, open_for(c)) == (8, 4)
 
 
@@ -123,13 +124,13 @@ tests = [{ metric = "loss", compare = "over smallest", at_least = 1, unit = "" }
 )
 def test_at_equal_work_a_cheaper_and_better_run_counts_against(error, work, holds):
     """ODE-GC errs by 2 m at 10 operations, by 0.1 m at 100; at 1 it stopped. IDA at 5: no worse than 2 m beats them."""
-    specs = runs_of(SUITE.replace("dt = 0.01", "dt = [0.01, 0.001, 0.1]"))
+    specs = parse_specs(SUITE.replace("dt = 0.01", "dt = [0.01, 0.001, 0.1]"))
     rivals = {0.01: (2.0, 10.0), 0.001: (0.1, 100.0), 0.1: (0.0, 6.0)}
     found = []
     for x in specs:
         own, evaluations = rivals.get(x.control.dt, (error, work))
         ends = STOPPED if x.control.dt == 0.1 else {}
-        found.append(record(x, position_error_judged_m=own, evaluations=evaluations, **ends))
+        found.append(make_record(x, position_error_judged_m=own, evaluations=evaluations, **ends))
     assert {row.holds for row in of_maps(RIVALS, EQUAL_WORK, specs, found).map} == {holds}
 
 
@@ -155,7 +156,9 @@ def test_two_failures_beside_each_other_compare_nothing(metric, own, other, hold
     sizes, found = {"ida_index1": own, "gc_weak_form": other}, []
     for x in RUNS:
         size = sizes[x.solver]
-        found.append(record(x, position_error_judged_m=size, phi_max=size, **(STOPPED if math.isinf(size) else {})))
+        found.append(
+            make_record(x, position_error_judged_m=size, phi_max=size, **(STOPPED if math.isinf(size) else {}))
+        )
     c = claim(text, found)
     assert {row.holds for row in c.map} == {holds}
     if metric == "loss":
@@ -171,10 +174,10 @@ solver = "rk45_strong_form"
 rtol = [1e-3, 1e-6]
 max_step = 0.01
 """
-    specs = (*RUNS, *runs_of(suite))
+    specs = (*RUNS, *parse_specs(suite))
     maps = '[maps.others]\nover = [{ map = "gc" }, { problem = "spherical_pendulum", solver = "rk45_strong_form", max_step = 0.01, tolerance = "any" }]\n'  # noqa: E501
     size = {"gc_weak_form": 0.3, "ida_index1": 0.5}
-    found = [record(x, phi_max=size.get(x.solver, 0.9 if x.control.rtol == 1e-3 else 0.1)) for x in specs]
+    found = [make_record(x, phi_max=size.get(x.solver, 0.9 if x.control.rtol == 1e-3 else 0.1)) for x in specs]
     text = 'map = "m"\nagainst = "others"\ntests = [{{ {}, compare = "{}", at_least = 1, unit = "" }}]\n'
     best, largest = (
         claim(text.format(PHI, c) + maps, found, specs=specs) for c in ("over best settings", "over largest")

@@ -3,11 +3,11 @@
 import math
 
 from mbsbench.reports.model.claim_words import describe_control, format_by_solver
+from mbsbench.tests.factories import make_record, parse_specs
 
 from .claiming import RUNS, claim, options
-from .synthetic import record, runs_of
 
-MORE = runs_of("""
+MORE = parse_specs("""
 [[runs]]
 problem = "spherical_pendulum"
 solver = "rk45_strong_form"
@@ -26,7 +26,7 @@ TEST = 'map = "m"\ncontrol = "rk"\ntests = [{ metric = "column", name = "phi_max
 
 def asked(size, text=TEST):
     """The claim with a control; ``size`` gives |phi| for solver, chart and tolerance."""
-    found = [record(x, phi_max=size(x.solver, options(x)["chart"], x.control.rtol)) for x in SPECS]
+    found = [make_record(x, phi_max=size(x.solver, options(x)["chart"], x.control.rtol)) for x in SPECS]
     return claim(text + "\n" + MAPS, found, specs=SPECS)
 
 
@@ -60,7 +60,7 @@ def test_codes_are_columns():
     """Of two solvers in one map each has its finding; of one there is none."""
     both = TEST.replace('map = "m"\ncontrol = "rk"', 'map = "both"')
     maps = MAPS + '[maps.both]\nover = [{ map = "m" }, { map = "rk" }]\n'
-    found = [record(x, phi_max=0.1 if x.solver == "rk45_strong_form" else 2.0) for x in SPECS]
+    found = [make_record(x, phi_max=0.1 if x.solver == "rk45_strong_form" else 2.0) for x in SPECS]
     c = claim(both + "\n" + maps, found, specs=SPECS)
     assert {k: (f.verdict, f.settings) for k, f in c.by_solver.items()} == {
         "ida_index1": ("reproduced", 12),
@@ -73,7 +73,7 @@ def test_ranges_of_a_dimension_are_readings_of_one_claim():
     """From 1e-3 to 1e-4 the error stays, from 1e-4 to 1e-6 it falls: reproduced if the first range is meant."""
     text = TEST.replace('control = "rk"', 'across = "tolerance"\nranges = [[1e-3, 1e-4], [1e-4, 1e-6]]')
     text = text.replace("at_least = 1.0", 'combine = "smallest", at_least = 0.5')
-    c = claim(text, [record(x, phi_max=1e-6 if x.control.rtol == 1e-6 else 1.0) for x in RUNS])
+    c = claim(text, [make_record(x, phi_max=1e-6 if x.control.rtol == 1e-6 else 1.0) for x in RUNS])
     assert c.verdict == "reproduced if" and c.beyond.decision.by == {"tolerance range": ("0.001 to 0.0001",)}
 
 
@@ -83,7 +83,7 @@ def test_a_control_that_the_dimension_does_not_act_on_tells_nothing_of_a_spread(
 
     def words(*equal):
         found = [
-            record(
+            make_record(
                 x,
                 phi_max=0.1 if x.solver in equal else 1e3 * x.control.rtol if x.control.rtol else 0.5,
                 series_sha256=x.solver if x.solver in equal else x.case,

@@ -14,10 +14,10 @@ from mbsbench.harness.judge.referee.currency import code_now, describe_changes, 
 from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.judgements.claims import CodeDigests
 from mbsbench.harness.results.judgements.files import CLAIMS, read_judgement
+from mbsbench.tests.factories import make_record
 from mbsbench.tests.stale import REMEDY
 
-from .claiming import MAP, RUNS, TEST
-from .synthetic import HEAD, record
+from .claiming import HEAD, MAP, RUNS, TEST
 
 NOW = CodeDigests({"alpha": "1", "beta": "2"}, {"chain": "3"}, "4", "5", "6")
 
@@ -48,7 +48,7 @@ def test_what_changed_is_said_in_a_line_with_the_command(changed, words):
 
 def test_runs_of_other_code_are_named_by_their_solvers():
     """One of thirteen is old; those of a plugin's solver are not ours to know."""
-    good = [record(x, code=digest_run_code(x.problem, x.solver), suite="paper") for x in RUNS]
+    good = [make_record(x, code=digest_run_code(x.problem, x.solver), suite="paper") for x in RUNS]
     assert find_older_runs(good) == ()
     old = dataclasses.replace(good[-1], code="before")
     assert find_older_runs([*good[:-1], old]) == (old,)

@@ -9,7 +9,7 @@ from mbsbench.harness.judge.metrics.periods import find_periods
 from mbsbench.harness.judge.metrics.thinning import choose_rows
 from mbsbench.harness.judge.referee.certificates.drift import MATTERS, split_energy_error, split_error
 from mbsbench.harness.judge.referee.certificates.trend import FEWEST, fit_trend
-from mbsbench.harness.results.series import Series
+from mbsbench.tests.factories import make_series
 
 PERIOD, PERIODS, STEPS = 2.0, 300, 40
 
@@ -133,21 +133,19 @@ def test_nothing_at_all_has_no_drift():
         fit_trend(np.zeros(FEWEST - 1), 1.0)
 
 
-def series(t, e, **observables):
-    return Series({"t": t, "energy_error": e, **observables}, (), (), (), {}, {})
-
-
 def test_the_period_is_that_of_the_most_regular_observable():
     """A drifting or a chaotic one counts no periods; noise makes no extra crossings."""
     t, e, o = swinging()
     random = np.random.default_rng(0)
     noisy = o + 0.02 * random.standard_normal(len(t))
     a = split_energy_error(
-        series(t, e, obs_chaos=np.cumsum(random.standard_normal(len(t))), obs_swing=noisy, obs_still=0.0 * t)
+        make_series(
+            t, energy_error=e, obs_chaos=np.cumsum(random.standard_normal(len(t))), obs_swing=noisy, obs_still=0.0 * t
+        )
     )
     assert a is not None
     assert PERIODS - 25 <= a.periods <= PERIODS
     assert a.span / a.periods == pytest.approx(PERIOD, rel=1e-3)
-    assert split_energy_error(series(t, e, obs_still=0.0 * t)) is None
-    assert split_energy_error(series(t[:800], e[:800], obs_swing=o[:800])) is None
-    assert split_energy_error(series(t, np.where(t > 100.0, np.nan, e), obs_swing=o)) is None
+    assert split_energy_error(make_series(t, energy_error=e, obs_still=0.0 * t)) is None
+    assert split_energy_error(make_series(t[:800], energy_error=e[:800], obs_swing=o[:800])) is None
+    assert split_energy_error(make_series(t, energy_error=np.where(t > 100.0, np.nan, e), obs_swing=o)) is None

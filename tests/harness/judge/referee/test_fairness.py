@@ -14,13 +14,13 @@ from mbsbench.reports.model.claim_words import (
     format_verdict,
     name_metric,
 )
+from mbsbench.tests.factories import make_record, make_series, parse_specs
 
 from .claiming import RUNS, TEST, claim, options
-from .synthetic import bare, record, runs_of, series
 
 APART = {"status": "diverged", "t_reached_s": 8.0, "steps": 900, "max_step_s": 0.01, "phi_end": 0.52}  # arm: 0.5 m
 STOPPED = {"status": "step_underflow", "t_reached_s": 8.0, "steps": 900, "max_step_s": 0.01}
-BOTH = runs_of("""
+BOTH = parse_specs("""
 [[runs]]
 problem = "spherical_pendulum"
 solver = ["ida_index1", "ndf_index1"]
@@ -50,7 +50,7 @@ over = [{ problem = "spherical_pendulum", solver = "rk45_strong_form", max_step 
 
 def first_of(columns):
     """The first run with these columns, the others of |phi| = 0.5 m."""
-    return [record(x, **({"phi_max": 0.5} | (columns if k == 0 else {}))) for k, x in enumerate(RUNS)]
+    return [make_record(x, **({"phi_max": 0.5} | (columns if k == 0 else {}))) for k, x in enumerate(RUNS)]
 
 
 @pytest.mark.parametrize("band", ["at_least = 9", "at_most = 9"])
@@ -85,14 +85,14 @@ def test_what_a_run_that_we_ended_had_settled_counts():
 def test_the_guard_is_told_by_the_joint():
     """By status and size of the gap, not by its message: a method that ends by itself with an open joint failed."""
     ends = {"problem": "spherical_pendulum", "problem_parameters": "{}"}
-    assert classify_ending(bare(**ends | APART)) is Ending.APART
-    assert not ended_by_open_joint(bare(**ends | APART | {"phi_end": 0.4}))
-    assert not ended_by_open_joint(bare(**ends | APART | {"status": "step_underflow"}))
+    assert classify_ending(make_record(**ends | APART)) is Ending.APART
+    assert not ended_by_open_joint(make_record(**ends | APART | {"phi_end": 0.4}))
+    assert not ended_by_open_joint(make_record(**ends | APART | {"status": "step_underflow"}))
     assert not ended_by_open_joint(
-        bare(**ends | APART | {"control": "dt"})
+        make_record(**ends | APART | {"control": "dt"})
     )  # fixed steps have no guard: it is their doing
-    assert not ended_by_open_joint(bare(**ends | APART | {"phi_end": math.nan}))
-    assert not ended_by_open_joint(bare(**ends | APART | {"t_reached_s": 10.0}))
+    assert not ended_by_open_joint(make_record(**ends | APART | {"phi_end": math.nan}))
+    assert not ended_by_open_joint(make_record(**ends | APART | {"t_reached_s": 10.0}))
 
 
 def test_tried_with_lists_what_is_judged():
@@ -101,7 +101,7 @@ def test_tried_with_lists_what_is_judged():
     found = []
     for x in BOTH:
         gone = x.solver == "ndf_index1" or x.control.rtol == 1e-6
-        found.append(record(x, phi_max=0.5, **(STOPPED if gone else {})))
+        found.append(make_record(x, phi_max=0.5, **(STOPPED if gone else {})))
     c = claim(text + MAPS, found, specs=BOTH)
     assert c.settings["solver"] == ("ida_index1",) and c.settings["tolerance"] == (1e-4, 1e-3)
     assert c.because.unjudged == ("ndf_index1",) and len(c.because.stand_ins) == 1
@@ -116,11 +116,11 @@ def test_a_control_is_asked_over_the_values_of_the_setting(combine):
     text = f'map = "ida"\ncontrol = "rk"\nacross = "tolerance"\ntests = [{{ metric = "column", name = "phi_max", combine = "{combine}", at_least = 1.0, unit = "m" }}]\n'  # noqa: E501
     size = {1e-1: 9.0, 1e-3: 0.1, 1e-4: 0.1, 1e-6: 0.1}
     own = {1e-3: 9.0, 1e-4: 5.0, 1e-6: 1.0}
-    found = [record(x, phi_max=(size if x.solver == "rk45_strong_form" else own)[x.control.rtol]) for x in BOTH]
+    found = [make_record(x, phi_max=(size if x.solver == "rk45_strong_form" else own)[x.control.rtol]) for x in BOTH]
     c = claim(text + MAPS, found, specs=BOTH)
     assert c.verdict.startswith("reproduced") and c.control.both == 0 and c.control.finding.holds == 0
     few = [x for x in BOTH if x.solver != "rk45_strong_form" or x.control.rtol != 1e-6]
-    none = claim(text + MAPS, [record(x, phi_max=own.get(x.control.rtol, 9.0)) for x in few], specs=few)
+    none = claim(text + MAPS, [make_record(x, phi_max=own.get(x.control.rtol, 9.0)) for x in few], specs=few)
     assert none.control is None  # it has not got all of them: nothing is compared
 
 
@@ -131,7 +131,7 @@ def test_a_control_that_settles_nothing_where_the_claim_holds_is_said():
     for x in BOTH:
         loose = x.solver == "rk45_strong_form" and x.control.rtol == 1e-3
         size = 2.0 if x.solver != "rk45_strong_form" and x.control.rtol == 1e-3 else 0.1
-        found.append(record(x, phi_max=size, **(STOPPED if loose else {})))
+        found.append(make_record(x, phi_max=size, **(STOPPED if loose else {})))
     c = claim(text + MAPS, found, specs=BOTH)
     assert (c.control.alone, c.control.both) == (2, 0)
     assert (
@@ -142,7 +142,7 @@ def test_a_control_that_settles_nothing_where_the_claim_holds_is_said():
 def test_a_claim_that_there_are_such_says_where():
     """Of some, all is reproduced; where some settings are such and others not, they are named by value."""
     some = TEST.replace('map = "m"', 'map = "m"\nquantifier = "some"')
-    c = claim(some, [record(x, phi_max=0.5 if options(x)["chart"] == "euler313" else 2.0) for x in RUNS])
+    c = claim(some, [make_record(x, phi_max=0.5 if options(x)["chart"] == "euler313" else 2.0) for x in RUNS])
     assert c.verdict == "reproduced" and format_verdict(c.beyond) == "reproduced: there are such if chart euler313"
     assert "It holds with chart euler313 always, and never without" in explain_verdicts(c)
     assert format_verdict(claim(some).beyond) == "reproduced" and claim(some).beyond.decision is None
@@ -160,12 +160,12 @@ def met_by(solver_failed, meets):
     def energy(r):
         spec = next(x for x in BOTH if x.settings_id == r.settings_id)
         high = (spec.solver, options(spec)["chart"], spec.control.rtol) in meets
-        return series(np.linspace(0.0, r.t_reached_s, 3), energy=[1.0, 100.0 if high else 1.0, 1.0])
+        return make_series(np.linspace(0.0, r.t_reached_s, 3), energy=[1.0, 100.0 if high else 1.0, 1.0])
 
     found = []
     for x in BOTH:
         met = (x.solver, options(x)["chart"], x.control.rtol) in meets
-        found.append(record(x, **(STOPPED if met and x.solver == solver_failed else {})))
+        found.append(make_record(x, **(STOPPED if met and x.solver == solver_failed else {})))
     return claim(NEAREST + MAPS, found, energy, BOTH)
 
 
@@ -190,10 +190,10 @@ def test_one_stop_of_many_runs_is_no_verdict_and_one_in_the_start_up_none():
     text = 'map = "m"\ntests = [{ metric = "stop time", at_least = 2, at_most = 9, unit = "s" }]\n'
     c = claim(text, first_of(STOPPED))
     assert c.map[0].holds is True and c.verdict == "cannot be told" and c.beyond.missing[0].gap is ClaimGap.HANGS
-    early = [record(x, **(STOPPED | {"t_reached_s": 0.05 if k else 8.0})) for k, x in enumerate(RUNS)]
+    early = [make_record(x, **(STOPPED | {"t_reached_s": 0.05 if k else 8.0})) for k, x in enumerate(RUNS)]
     c = claim(text, early)
     assert c.beyond.left_out == (ExcludedSettings(Ending.START_UP, 11),) and c.map[1].holds is None
-    assert claim(text, [record(x, **STOPPED | {"t_reached_s": 0.11}) for x in RUNS]).verdict == "not reproduced"
+    assert claim(text, [make_record(x, **STOPPED | {"t_reached_s": 0.11}) for x in RUNS]).verdict == "not reproduced"
 
 
 def test_a_run_that_ended_and_broke_a_law_is_a_result():
@@ -209,7 +209,7 @@ def test_conditions_at_the_papers_settings_name_its_values_alone():
     def row(x):
         same = options(x)["lam"] is True and x.control.rtol in (1e-3, 1e-4)
         digest = options(x)["chart"] if same else x.settings_id
-        return record(x, phi_max=0.5 if options(x)["lam"] else 2.0, series_sha256=digest)
+        return make_record(x, phi_max=0.5 if options(x)["lam"] else 2.0, series_sha256=digest)
 
     c = claim(TEST.replace('"m"', '"p"'), [row(x) for x in RUNS])
     assert (c.paper.settings, c.paper.rows, c.paper.like) == (2, 2, 1) and c.paper.decision.by
@@ -221,7 +221,11 @@ def test_the_number_shown_is_one_that_the_verdict_rests_on():
     sizes = dict(zip((1e-3, 1e-4, 1e-6), (0.1, 0.7, 0.3), strict=True))
 
     def shown(text, factor=1.0):
-        return claim(text, [record(x, phi_max=factor * sizes.get(x.control.rtol, 0.1)) for x in RUNS]).tests[0].measured
+        return (
+            claim(text, [make_record(x, phi_max=factor * sizes.get(x.control.rtol, 0.1)) for x in RUNS])
+            .tests[0]
+            .measured
+        )
 
     assert shown(TEST) == 0.7 and shown(TEST, 20.0) == 2.0
     assert shown(TEST.replace('"m"', '"p"')) == 0.1  # the paper's is that at 1e-3
@@ -235,7 +239,7 @@ def test_a_comparison_names_its_rival():
         c.tests[0]
     )
     assert claim().tests[0].rival == ""
-    two = text.replace('"gc"', '"ida"'), [record(x, phi_max=x.control.rtol) for x in BOTH]
+    two = text.replace('"gc"', '"ida"'), [make_record(x, phi_max=x.control.rtol) for x in BOTH]
     for compare, loosest in (("over smallest", False), ("over largest", True)):
         rival = (
             claim(two[0].replace("over smallest", compare).replace('"m"', '"rk"', 1) + MAPS, two[1], specs=BOTH)
@@ -249,9 +253,11 @@ def test_a_comparison_names_its_rival():
 def test_runs_that_are_the_same_compare_nothing_where_the_choice_must_act(key, holds):
     """A penalty that is never raised leaves the run as it was: that it costs nothing tells nothing."""
     text = f'map = "m"\nagainst = "gc"\n{key}tests = [{{ metric = "column", name = "phi_max", compare = "over smallest", at_most = 1, unit = "" }}]\n'  # noqa: E501
-    c = claim(text, [record(x, phi_max=0.5, series_sha256="one") for x in RUNS])
+    c = claim(text, [make_record(x, phi_max=0.5, series_sha256="one") for x in RUNS])
     assert {m.holds for m in c.map} == {holds}
-    assert {m.holds for m in claim(text, [record(x, phi_max=0.5, series_sha256=x.case) for x in RUNS]).map} == {True}
+    assert {m.holds for m in claim(text, [make_record(x, phi_max=0.5, series_sha256=x.case) for x in RUNS]).map} == {
+        True
+    }
 
 
 def test_a_rise_is_a_gain_in_its_interval():
@@ -260,7 +266,7 @@ def test_a_rise_is_a_gain_in_its_interval():
 
     def energy(r):
         t = np.linspace(0.0, r.t_reached_s, 1 + 10 * int(r.t_reached_s))
-        return series(t, e=4.0 + 0.5 * t)
+        return make_series(t, e=4.0 + 0.5 * t)
 
     for least, ended, cut in ((0.9, True, None), (0.4, True, True), (1.1, False, None)):
         found = claim(text.format(least), first_of(STOPPED | {"t_reached_s": 3.0}), energy)
@@ -275,7 +281,7 @@ tests = [
     { metric = "column", name = "phi_max", partial = true, at_least = 1.0, unit = "m" },
 ]
 """
-    found = [record(x, phi_max=2.0 if k < 2 else 0.5, **(STOPPED if k < 2 else {})) for k, x in enumerate(RUNS)]
+    found = [make_record(x, phi_max=2.0 if k < 2 else 0.5, **(STOPPED if k < 2 else {})) for k, x in enumerate(RUNS)]
     c = claim(text, found)
     assert (c.verdict, c.beyond.settings) == ("reproduced", 2) and c.beyond.left_out == (
         ExcludedSettings(Ending.ENDED, 10),

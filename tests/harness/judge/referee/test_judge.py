@@ -25,13 +25,12 @@ from mbsbench.harness.results.records import format_reasons
 from mbsbench.harness.results.series import EnvelopedSeries
 from mbsbench.harness.run.pool import LocalPool
 from mbsbench.harness.run.runner import Request, run_suite
+from mbsbench.tests.factories import Silent, make_record, make_series, parse_specs
 
 from ....reports.pages.synthetic import ORDER
-from ...conftest import Silent
-from .claiming import MAP, SUITE, TEST, claim, judged
-from .synthetic import HEAD, record, runs_of, series
+from .claiming import HEAD, MAP, SUITE, TEST, claim, judged
 
-RUNS = runs_of(SUITE)
+RUNS = parse_specs(SUITE)
 
 
 @pytest.fixture
@@ -46,7 +45,7 @@ def made(tmp_path, monkeypatch):
     def write(phi_max, specs=RUNS):
         folder = store.create_folder(tmp_path / "run")
         for x in specs:
-            store.write_record(folder, record(x, phi_max=phi_max, series=""))
+            store.write_record(folder, make_record(x, phi_max=phi_max, series=""))
         return folder
 
     monkeypatch.setattr(command, "PUBLISHED", ConfinedPath(tmp_path / "published"))
@@ -99,7 +98,7 @@ def test_a_run_that_a_resumed_folder_holds_twice_counts_once(made, tmp_path):
 
     def resumed(code: str, specs=RUNS, **columns):
         for x in specs:
-            own = record(x, run_id=code + x.settings_id[1:16], finished=code, series="", **columns)
+            own = make_record(x, run_id=code + x.settings_id[1:16], finished=code, series="", **columns)
             store.write_record(folder, own)
         return judging.judge_results(folder, read_register(register))
 
@@ -298,7 +297,7 @@ def test_ladders_that_do_not_show_the_declared_order_are_printed(capsys, monkeyp
 def test_a_series_kept_as_an_envelope_is_refused_with_the_run_that_lacks_it():
     """A claim that is new asks for every step of runs that kept bounds alone: the message says of which."""
     bounds = Envelope(0.0, 10.0, np.zeros((2, 4), dtype=int))
-    kept = dataclasses.replace(series([0.0, 10.0]), envelopes={"phi_norm": bounds})
+    kept = dataclasses.replace(make_series([0.0, 10.0]), envelopes={"phi_norm": bounds})
     test = 'map = "m"\ntests = [{ metric = "largest", series = "phi_norm", at_most = 1.0, unit = "m" }]\n'
     with pytest.raises(EnvelopedSeries, match=r"spherical_pendulum.* test 'largest' .*phi_norm is kept as an envelope"):
         claim(test, of=lambda r: kept)

@@ -1,8 +1,7 @@
 """Runs stand where their settings put them, and no claim gathers runs it was not written for."""
 
 from mbsbench.harness.judge.referee.claims.maps import find_varied, is_printed, list_values, read_dimensions, select
-
-from .synthetic import runs_of
+from mbsbench.tests.factories import parse_specs
 
 PENDULUM = """
 [[runs]]
@@ -38,7 +37,7 @@ parameters = { t_end = 300.0 }
 solver = "gc_weak_form"
 dt = 300.0
 """
-PLACES = tuple(read_dimensions(c) for c in runs_of(PENDULUM))
+PLACES = tuple(read_dimensions(c) for c in parse_specs(PENDULUM))
 BASE = {"problem": "spherical_pendulum", "solver": "ida_index1", "max_step": 0.01, "tolerance": "any"}
 
 
@@ -68,7 +67,7 @@ solver = "ndf_index1"
 options = { accelerations = ["unknown", "eliminated"] }
 rtol = 1e-4
 """
-    fi, se = (read_dimensions(c) for c in runs_of(text))
+    fi, se = (read_dimensions(c) for c in parse_specs(text))
     assert (fi.dimensions["form"], se.dimensions["form"]) == ("fi", "se") and "accelerations" not in fi.dimensions
     asked = {"problem": "heavy_top", "solver": "ndf_index1", "tolerance": 1e-4}
     assert select((fi, se), [asked]) == (fi,) and select((fi, se), [asked | {"form": "se"}]) == (se,)
@@ -96,7 +95,7 @@ def test_of_runs_that_differ_in_limits_alone_the_one_with_a_budget_counts():
     """A stuck run without a limit on its steps is ended by a clock; whichever comes first."""
     text = '[[runs]]\nproblem = "heavy_top"\nsolver = "gc_weak_form"\ndt = 0.001\n'
     for suite in (text + text + "max_steps = 20000\n", text + "max_steps = 20000\n" + text):
-        places = [read_dimensions(c) for c in runs_of(suite)]
+        places = [read_dimensions(c) for c in parse_specs(suite)]
         found = select(places, [{"problem": "heavy_top", "solver": "gc_weak_form", "step": 0.001, "tolerance": "any"}])
         assert [p.spec.control.max_steps for p in found] == [20_000]
 

@@ -5,21 +5,21 @@ import pytest
 
 from mbsbench.harness.results.judgements.claims import ClaimGap, Ending, ExcludedSettings
 from mbsbench.reports.model.claim_words import explain_verdicts
+from mbsbench.tests.factories import make_record, make_series
 
 from .claiming import RUNS, claim
-from .synthetic import record, series
 
 CUT = {"status": "stalled", "t_reached_s": 3.0, "steps": 9, "max_steps": 9, "max_step_s": 0.5}  # of 10 s
 
 
 def one_of(columns, others=None):
     """The first run with these columns, the others with |phi| = 0.5 m."""
-    return [record(x, **(columns if k == 0 else others or {"phi_max": 0.5})) for k, x in enumerate(RUNS)]
+    return [make_record(x, **(columns if k == 0 else others or {"phi_max": 0.5})) for k, x in enumerate(RUNS)]
 
 
 def pace(last):
     """Nine steps to 3 s, the last of ``last`` s: the others take what is left."""
-    return lambda r: series(np.append(np.linspace(0.0, 3.0 - last, 9), 3.0)) if r.t_reached_s == 3.0 else None
+    return lambda r: make_series(np.append(np.linspace(0.0, 3.0 - last, 9), 3.0)) if r.t_reached_s == 3.0 else None
 
 
 def test_runs_ended_by_a_clock_are_left_out_and_named():
@@ -51,7 +51,7 @@ def first_holds(test, x=0.5, leaves=9.0):
 
     def of(r):
         t = np.append(np.linspace(0.0, 2.99, 200), 3.0) if r.t_reached_s == 3.0 else np.linspace(0.0, 10.0, 200)
-        return series(t, phi_norm=np.full(len(t), x), y=(t > leaves).astype(float))
+        return make_series(t, phi_norm=np.full(len(t), x), y=(t > leaves).astype(float))
 
     return claim(f'map = "m"\ntests = [{{ {test} }}]\n', one_of(CUT), of).map[0].holds
 
@@ -113,11 +113,11 @@ def test_a_comparison_with_a_run_cut_short_is_left_out():
     """ODE-GC, to be compared with, ran into a clock: no setting is settled; over a time it got through all are."""
     head = 'map = "m"\nagainst = "gc"\n'
     cut = {"status": "stalled", "t_reached_s": 3.0, "steps": 5, "max_steps": 9}
-    found = [record(x, **(cut if x.solver == "gc_weak_form" else {})) for x in RUNS]
+    found = [make_record(x, **(cut if x.solver == "gc_weak_form" else {})) for x in RUNS]
 
     def of(r):
         t = np.linspace(0.0, r.t_reached_s, 11)
-        return series(t, phi_norm=np.ones(11))
+        return make_series(t, phi_norm=np.ones(11))
 
     for to, verdict in ((4.0, "cannot be told"), (2.0, "reproduced")):
         test = f'metric = "largest", series = "phi_norm", to = {to}, compare = "over largest", at_least = 1, unit = ""'
@@ -125,7 +125,7 @@ def test_a_comparison_with_a_run_cut_short_is_left_out():
 
 
 def test_no_setting_that_settles_it_is_untestable():
-    c = claim(records=[record(x, phi_max=0.5, **CUT | {"steps": 8}) for x in RUNS])
+    c = claim(records=[make_record(x, phi_max=0.5, **CUT | {"steps": 8}) for x in RUNS])
     assert c.verdict == "cannot be told" and [m.gap for m in c.missing] == [ClaimGap.SETTLED]
     assert c.beyond.left_out == (ExcludedSettings(Ending.MACHINE, 12),)
 
@@ -134,11 +134,13 @@ def test_the_count_of_those_that_hold_because_a_run_stopped():
     """Losses of 2 m are above 1 m; two runs have no loss but an end before the end."""
     text = 'map = "m"\ntests = [{ metric = "loss", at_least = 1, unit = "m" }]\n'
     ends = [{"t_reached_s": 3.0, "steps": 9, "status": "diverged"}] * 2 + [{}] * len(RUNS)
-    found = [record(x, position_error_judged_m=2.0, **e) for x, e in zip(RUNS, ends, strict=False)]
+    found = [make_record(x, position_error_judged_m=2.0, **e) for x, e in zip(RUNS, ends, strict=False)]
     assert "holds for all 12 tried. In 2 of these 12 because a run stopped before its end" in explain_verdicts(
         claim(text, found)
     )
-    assert "because a run" not in explain_verdicts(claim(text, [record(x, position_error_judged_m=2.0) for x in RUNS]))
+    assert "because a run" not in explain_verdicts(
+        claim(text, [make_record(x, position_error_judged_m=2.0) for x in RUNS])
+    )
 
 
 FAILED = {"status": "step_underflow", "t_reached_s": 3.0, "steps": 9}  # of 10 s, by itself
@@ -160,9 +162,9 @@ def test_an_early_end_is_open_for_partial_tests_too(asked, phi, holds):
     def first(test):
         def of(r):
             t = np.linspace(0.0, r.t_reached_s, 11)
-            return series(t, phi_norm=np.full(11, phi))
+            return make_series(t, phi_norm=np.full(11, phi))
 
-        found = [record(x, **(FAILED if k == 0 else {}), phi_max=phi) for k, x in enumerate(RUNS)]
+        found = [make_record(x, **(FAILED if k == 0 else {}), phi_max=phi) for k, x in enumerate(RUNS)]
         return claim(f'map = "m"\ntests = [{{ {test}, partial = true, {asked}, unit = "m" }}]\n', found, of).map[0]
 
     for test in ('metric = "largest", series = "phi_norm"', 'metric = "column", name = "phi_max"'):
@@ -171,7 +173,7 @@ def test_an_early_end_is_open_for_partial_tests_too(asked, phi, holds):
 
 def test_one_early_end_counts_for_nobody():
     """A run that stopped neither loses energy nor keeps it, neither leaves the plane nor stays in it."""
-    found = [record(x, **FAILED, energy_mean_last_quarter_J=5.0, out_of_plane_max_m=1e-3) for x in RUNS]
+    found = [make_record(x, **FAILED, energy_mean_last_quarter_J=5.0, out_of_plane_max_m=1e-3) for x in RUNS]
     for test in ('metric = "late energy"', 'metric = "column", name = "out_of_plane_max_m", partial = true'):
         for band in ("at_least = 0.1", "at_most = 0.1"):
             c = claim(f'map = "m"\ntests = [{{ {test}, {band}, unit = "" }}]\n', found)
@@ -186,7 +188,9 @@ def test_a_comparison_with_a_run_that_stopped_grows_alone():
     )
 
     def first(own, beside):
-        found = [record(x, phi_max=0.1, **beside) if x.solver == "gc_weak_form" else record(x, **own) for x in RUNS]
+        found = [
+            make_record(x, phi_max=0.1, **beside) if x.solver == "gc_weak_form" else make_record(x, **own) for x in RUNS
+        ]
         return claim(text, found).map[0].holds
 
     assert first({"phi_max": 0.3} | FAILED, {}) is True and first({"phi_max": 0.1} | FAILED, {}) is None

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.base.confined_paths import ConfinedPath
-from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.judge.referee.certificates.fitting import fit_ladder, fit_scattered
 from mbsbench.harness.judge.referee.certificates.orders import QUANTITIES, certify, select_motion
 from mbsbench.harness.results.judgements.files import ORDERS, format_judgement, read_judgement
@@ -17,8 +15,7 @@ from mbsbench.harness.results.store import create_folder
 from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.run import run_here as run
 from mbsbench.reports.pages.judged.orders import describe_order
-
-from .synthetic import bare
+from mbsbench.tests.factories import make_record, specify_run
 
 DT = 0.1 * 0.5 ** np.arange(10)
 NOWHERE = Path()
@@ -92,8 +89,8 @@ def test_finest_slopes_into_a_floor_that_is_seen_are_explained(tail):
 def made_up(column, errors, **columns):
     """A ladder of the spatial pendulum that declares order two, with these errors of one column."""
     return [
-        bare(
-            4.0,
+        make_record(
+            t_end_s=4.0,
             problem="spherical_pendulum",
             solver="made_up",
             case=f"pendulum made_up dt={dt}",
@@ -234,7 +231,7 @@ def ran(tmp_path_factory):
     def of(problem, solver, steps, parameters=None, options=None, control="dt"):
         out = []
         for step in steps:
-            spec = make_spec(make_problem(problem, parameters or {}), solver, options, {control: step})
+            spec = specify_run(problem, solver, parameters, options, **{control: step})
             if spec.settings_id not in known:
                 known[spec.settings_id] = run(Job(spec, folder))
             out.append(known[spec.settings_id])

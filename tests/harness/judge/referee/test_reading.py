@@ -8,18 +8,18 @@ from mbsbench.harness.judge.referee.claims.measures import series_read
 from mbsbench.harness.judge.referee.claims.register import read_register
 from mbsbench.harness.judge.referee.reading import make_series_selector
 from mbsbench.harness.results.envelopes import compute_envelope
-
-from .synthetic import bare, runs_of, series
+from mbsbench.tests.comparing import assert_same
+from mbsbench.tests.factories import make_record, make_series, parse_specs
 
 TESTS = {(t.metric, repr(t.arguments)): t for c in read_register().claims for t in c.tests}
 KNOWN = {name for t in TESTS.values() for name in series_read(t.metric, t.arguments)}
-RECORD = bare(10.0, steps=400)
+RECORD = make_record(steps=400)
 
 
 def made():
     t = np.linspace(0.0, 10.0, 401)
     random = np.random.default_rng(2)
-    return series(t, **{name: random.normal(size=401) for name in (*KNOWN, "energy", "unread") if name != "dt"})
+    return make_series(t, **{name: random.normal(size=401) for name in (*KNOWN, "energy", "unread") if name != "dt"})
 
 
 @pytest.mark.parametrize("test", [pytest.param(t, id=f"{k} {t.metric}") for k, t in enumerate(TESTS.values())])
@@ -37,13 +37,13 @@ def test_a_measure_of_the_register_reads_what_it_says(test):
         else evaluate(test.metric, RECORD, s, test.arguments)
         for s in (whole, brief)
     ]
-    assert np.array_equal(*numbers, equal_nan=True)
+    assert_same(*numbers, equal_nan=True)
 
 
 def test_a_run_keeps_what_its_claims_and_its_drift_read():
     """A printed run of the paper, a long run, and a ladder that nothing is judged by."""
     text = '[[runs]]\nproblem = "{}"\nparameters = {{ t_end = {} }}\nsolver = "rattle"\ndt = 0.01\nlabel = "{}"'
-    long, short = runs_of(text.format("heavy_top", 100.0, "")) + runs_of(text.format("heavy_top", 1.0, ""))
+    long, short = parse_specs(text.format("heavy_top", 100.0, "")) + parse_specs(text.format("heavy_top", 1.0, ""))
     read = make_series_selector(read_register(), [])
     assert read(long) == {"energy_error", "period_marks"} and read(short) == set()
     from mbsbench.harness.judge.referee.judge import list_tried

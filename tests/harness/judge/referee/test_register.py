@@ -13,8 +13,7 @@ from mbsbench.harness.judge.referee.claims.register import REGISTER as PATH
 from mbsbench.harness.judge.referee.claims.register import parse_register, read_register
 from mbsbench.harness.judge.referee.judge import list_tried
 
-from .claiming import MAP, TEST
-from .synthetic import HEAD
+from .claiming import HEAD, MAP, TEST
 
 REGISTER = read_register()
 NEAREST = (

@@ -6,8 +6,6 @@ import json
 import numpy as np
 import pytest
 
-from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.judge.referee.certificates import symmetries
 from mbsbench.harness.judge.referee.certificates.symmetries import Yardstick, _compare, _prepare_row, check_symmetries
 from mbsbench.harness.judge.referee.false_successes import find_false_successes
@@ -17,8 +15,8 @@ from mbsbench.harness.results.store import create_folder
 from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.run import run_here as run
 from mbsbench.reports.pages.judged.symmetries import describe_symmetry
-
-from .synthetic import altered, bare
+from mbsbench.tests.comparing import assert_close
+from mbsbench.tests.factories import change_series, make_record, specify_run
 
 START = {"t_end": 0.5, "omega_z": 3.0}
 PENDULUM = "spherical_pendulum"
@@ -43,7 +41,7 @@ def told(folder):
         asked += [({}, tight, steps)] * fixed + [(way, options, steps) for way in ways]
         out = []
         for way, chosen, step in asked:
-            spec = make_spec(make_problem(problem, {**start, **way}), solver, chosen, step)
+            spec = specify_run(problem, solver, {**start, **way}, chosen, **step)
             if spec.settings_id not in known:
                 known[spec.settings_id] = run(Job(spec, folder))
             out.append(known[spec.settings_id])
@@ -163,7 +161,7 @@ def test_what_has_no_end_pose_is_no_success_of_a_check(folder, told, monkeypatch
     def series_of(where, r):
         if r.run_id != records[whose].run_id:
             return read(where, r)
-        return altered(read(where, r), **{pose: np.full_like(read(where, r)[pose], NAN)}) if pose else None
+        return change_series(read(where, r), **{pose: np.full_like(read(where, r)[pose], NAN)}) if pose else None
 
     monkeypatch.setattr(symmetries.store, "read_run_series", series_of)
     entry = card(folder, records)["mirror image"]
@@ -174,7 +172,7 @@ def test_what_has_no_end_pose_is_no_success_of_a_check(folder, told, monkeypatch
 def test_a_bound_above_the_size_decides_nothing_and_a_broken_row_says_by_how_much():
     """Any two ends of a mechanism are closer than that; 4 m of 2 m allowed is twice as much."""
     wide, narrow = Yardstick(0.2, 0.0, 1.0, 100, 1.0), Yardstick(0.02, 0.0, 1.0, 100, 1.0)
-    base = bare(solver_options="{}", case="p s")
+    base = make_record(solver_options="{}", case="p s")
 
     def made(deviation, yard):
         return _compare(_prepare_row(base, "yaw"), deviation, yard)
@@ -230,4 +228,4 @@ def test_rounding_and_growth_make_the_bound_where_a_tolerance_moves_nothing():
     yard = Yardstick(level=0.0, halved=0.0, growth=100.0, steps=1000, size=1.0)
     assert yard.bound == pytest.approx(10.0 * 2.2e-16 * 1000 * 100.0)
     assert yard.return_factor == 101.0
-    assert np.isclose(Yardstick(1e-6, 1e-3, 1.0, 100, 1.0).bound, 1e-5 + 3e-3)
+    assert_close(Yardstick(1e-6, 1e-3, 1.0, 100, 1.0).bound, 1e-5 + 3e-3)

@@ -17,16 +17,16 @@ from mbsbench.reports.model.claim_words import (
     format_verdict,
     list_rows,
 )
+from mbsbench.tests.factories import make_record, make_series
 
 from .claiming import RUNS, TEST, claim, options
-from .synthetic import record, series
 
 PRINTED = TEST.replace('"m"', '"p"')
 
 
 def sizes(of):
     """Records with the |phi| that ``of`` gives for chart, tolerance and lambda in the test."""
-    return [record(x, phi_max=of(x)) for x in RUNS if x.solver == "ida_index1"]
+    return [make_record(x, phi_max=of(x)) for x in RUNS if x.solver == "ida_index1"]
 
 
 def is_printed(x):
@@ -79,7 +79,7 @@ def test_a_verdict_that_hangs_on_its_band_is_borderline(size, flips):
 def test_counts_and_ends_have_no_wider_band():
     """One step is no step and a half, the end of the time is not two thirds of it."""
     steps = 'map = "m"\ntests = [{ metric = "column", name = "steps", at_most = 1, unit = "" }]\n'
-    assert claim(steps, [record(x, steps=1) for x in RUNS]).beyond.borderline == ()
+    assert claim(steps, [make_record(x, steps=1) for x in RUNS]).beyond.borderline == ()
     reached = 'map = "m"\ntests = [{ metric = "reached", at_least = 1, unit = "" }]\n'
     assert claim(reached).beyond.borderline == ()
 
@@ -109,11 +109,11 @@ def test_a_band_moves_from_its_natural_limit(limit, natural, wider):
 def test_a_limit_next_to_a_natural_one_is_not_borderline():
     """Constant steps have the ratio 1; a run of 10 s that stops at 9.9 s does not stop before 9 s, nor before 9.3 s."""
     ratio = 'map = "m"\ntests = [{ metric = "step ratio", at_most = 1.000001, unit = "" }]\n'
-    c = claim(ratio, of=lambda r: series(np.linspace(0.0, 10.0, 101)))
+    c = claim(ratio, of=lambda r: make_series(np.linspace(0.0, 10.0, 101)))
     assert c.verdict == "reproduced" and c.beyond.borderline == ()
     early = 'map = "m"\ntests = [{ metric = "stops at", at_most = 9, unit = "s" }]\n'
     for stops, marked in ((9.9, False), (9.2, True)):
-        c = claim(early, [record(x, status="singular", t_reached_s=stops, steps=9) for x in RUNS])
+        c = claim(early, [make_record(x, status="singular", t_reached_s=stops, steps=9) for x in RUNS])
         assert c.verdict == "not reproduced" and bool(c.beyond.borderline) is marked
 
 
@@ -125,14 +125,16 @@ def test_a_verdict_that_hangs_on_one_failed_run_is_none():
     """Eleven of twelve hold. Where a run fails is decided by rounding: one that failed decides nothing, two do."""
 
     def with_failed(*numbers):
-        return claim(PARTIAL, [record(x, **(FAILED if k in numbers else {"phi_max": 0.5})) for k, x in enumerate(RUNS)])
+        return claim(
+            PARTIAL, [make_record(x, **(FAILED if k in numbers else {"phi_max": 0.5})) for k, x in enumerate(RUNS)]
+        )
 
     c = with_failed(3)
     assert c.verdict == "cannot be told" and (c.beyond.holds, c.beyond.settings) == (11, 12)
     (doubt,) = c.beyond.missing
     assert doubt.gap is ClaimGap.HANGS and doubt.name == c.map[3].case and doubt.name in explain_verdicts(c)
     assert with_failed(3, 4).verdict == "reproduced if"
-    ended = [record(x, phi_max=9.0 if k == 3 else 0.5) for k, x in enumerate(RUNS)]
+    ended = [make_record(x, phi_max=9.0 if k == 3 else 0.5) for k, x in enumerate(RUNS)]
     assert claim(PARTIAL, ended).verdict in ("reproduced if",)
 
 
@@ -144,7 +146,7 @@ def test_of_many_values_one_that_meets_it_must_not_be_a_failed_run():
         def big(x):
             return x.control.rtol == 1e-4 and options(x) == {"chart": "euler313", "lam": True}
 
-        return claim(text, [record(x, **(columns if big(x) else {"phi_max": 0.5})) for x in RUNS])
+        return claim(text, [make_record(x, **(columns if big(x) else {"phi_max": 0.5})) for x in RUNS])
 
     c = met(phi_max=9.0)
     assert c.verdict == "reproduced if" and c.beyond.met == (1, 3)
@@ -160,7 +162,7 @@ def test_few_that_got_to_the_moment_settle_nothing():
     ended = {"status": "diverged", "t_reached_s": 3.0, "steps": 9}
 
     def reached(n):
-        return claim(records=[record(x, phi_max=0.5, **({} if k < n else ended)) for k, x in enumerate(RUNS)])
+        return claim(records=[make_record(x, phi_max=0.5, **({} if k < n else ended)) for k, x in enumerate(RUNS)])
 
     c = reached(1)
     assert c.verdict == "cannot be told" and "1 of 12 settings got to the moment" in explain_verdicts(c)
@@ -179,11 +181,11 @@ def test_a_run_that_ended_before_the_moment_asked_about_is_open():
 
     def of(r):
         t = np.linspace(0.0, r.t_reached_s, 31)
-        return series(t, x=0.1 * t)
+        return make_series(t, x=0.1 * t)
 
     def first(tests):
         text = f'map = "m"\ntests = [{tests}]\n'
-        return claim(text, [record(x, **(ended if k == 0 else {})) for k, x in enumerate(RUNS)], of)
+        return claim(text, [make_record(x, **(ended if k == 0 else {})) for k, x in enumerate(RUNS)], of)
 
     for at, holds in ((4.0, None), (2.0, True)):
         for test in (f'metric = "value", series = "x", at = {at}', f'metric = "largest", series = "x", to = {at}'):
@@ -202,7 +204,7 @@ def test_rows_with_equal_series_count_once():
 
     def made(x, holds):
         motion = f"{options(x)['chart']} {x.control.rtol}"
-        return record(x, phi_max=0.1 if holds(x) else 9.0, series_sha256=motion)
+        return make_record(x, phi_max=0.1 if holds(x) else 9.0, series_sha256=motion)
 
     c = claim(records=[made(x, lambda x: True) for x in RUNS])
     assert (c.beyond.holds, c.beyond.settings, c.beyond.rows) == (6, 6, 12) and format_distinct(
@@ -221,14 +223,16 @@ def test_equal_series_of_which_the_others_differ_are_two():
         'map = "m"\nagainst = "m"\npair_by = ["chart", "tolerance"]\ntests = [{ metric = "column", '
         'name = "phi_max", compare = "over largest", at_most = 2, unit = "" }]\n'
     )
-    found = [record(x, phi_max=1.0, series_sha256="same" if options(x)["lam"] else str(k)) for k, x in enumerate(RUNS)]
+    found = [
+        make_record(x, phi_max=1.0, series_sha256="same" if options(x)["lam"] else str(k)) for k, x in enumerate(RUNS)
+    ]
     assert claim(text, found).beyond.settings == 12
 
 
 def test_every_row_is_published_with_its_number_and_command(tmp_path):
     """Number, holds or not, printed or not; the command of a run stands once in the file, and is back in each row."""
     own = [c for c in RUNS if c.solver == "ida_index1"]
-    c = claim(PRINTED, [record(x, phi_max=1.9 if x is own[0] else 0.1) for x in RUNS])
+    c = claim(PRINTED, [make_record(x, phi_max=1.9 if x is own[0] else 0.1) for x in RUNS])
     (kept,) = shorten_claims([c])
     assert [(m.holds, m.measured, m.printed) for m in kept.map] == [(m.holds, m.measured, m.printed) for m in c.map]
     assert len(kept.map) == 12 and not kept.settings_ids and kept.map[0].command.startswith("mbsbench solve")

@@ -10,24 +10,27 @@ import pytest
 from mbsbench.harness.judge.referee.certificates.work import TARGETS, collect_work
 from mbsbench.harness.judge.referee.false_successes import find_false_successes
 from mbsbench.harness.mechanics.types import Law, Reason
-from mbsbench.harness.results.records import RunRecord, format_reasons
+from mbsbench.harness.results.records import format_reasons
+from mbsbench.tests.factories import make_record
 
 NOWHERE = Path()
 
 
-def record(solver, step, error, evaluations, **more):
-    values = {
+def make_work(solver, step, error, evaluations, **more):
+    """The record of a run of a swing of 2 m, with an error and evaluations that are known."""
+    settings = {
         "run_id": f"{solver}{step}",
         "settings_id": f"{solver}-{step}-{more.get('solver_options', '')}",
         "case": f"swing {solver} dt={step}",
         "problem": "swing",
         "solver": solver,
-        "status": "success",
-        "claimed": "success",
         "control": "dt",
         "dt_s": step,
         "t_end_s": 1.0,
-        "t_reached_s": 1.0,
+    }
+    outcome = {
+        "status": "success",
+        "claimed": "success",
         "reference": "by hand",
         "reference_own_error_m": 1e-12,
         "length_scale_m": 2.0,
@@ -40,15 +43,15 @@ def record(solver, step, error, evaluations, **more):
         "steps": evaluations,
         "cpu_median_s": 1e-6 * evaluations,
     }
-    return RunRecord(**{**values, **more})
+    return make_record(**(settings | outcome | more))
 
 
 def profile(found, solver, name="evaluations", of="profile"):
     return next(p for p in getattr(found, of) if (p.solver, p.work) == (solver, name))
 
 
-GOOD = [record("a", 0.1, 2e-2, 10), record("a", 0.01, 2e-4, 100), record("a", 0.001, 2e-6, 1000)]
-OTHER = [record("b", 0.1, 0.5, 20), record("b", 0.01, 2e-2, 50)]
+GOOD = [make_work("a", 0.1, 2e-2, 10), make_work("a", 0.01, 2e-4, 100), make_work("a", 0.001, 2e-6, 1000)]
+OTHER = [make_work("b", 0.1, 0.5, 20), make_work("b", 0.01, 2e-2, 50)]
 
 
 def test_a_profile_counts_targets_by_the_least_work_that_reaches_them():
@@ -74,7 +77,7 @@ def test_targets_below_the_references_own_error_are_left_out_for_everybody():
 
 def test_tuned_runs_count_for_the_best_and_not_for_the_defaults():
     """Options other than the defaults are told apart."""
-    tuned = record("a", 0.02, 2e-4, 60, solver_options=json.dumps({"tolerance": 1e-6}))
+    tuned = make_work("a", 0.02, 2e-4, 60, solver_options=json.dumps({"tolerance": 1e-6}))
     found = collect_work(NOWHERE, [*GOOD, tuned, *OTHER])
     assert profile(found, "a").target_work[3] == 60.0
     assert profile(found, "a", of="profile_default").target_work[3] == 100.0
@@ -86,9 +89,9 @@ def test_tuned_runs_count_for_the_best_and_not_for_the_defaults():
 
 def test_contradicted_stopped_and_perturbed_runs_reach_nothing():
     """A success that is none, a run that stopped early, a motion that is another one."""
-    wrongly = record("c", 0.1, 1e-8, 1, status="wrong")
-    stopped = record("c", 0.2, 1e-8, 1, t_reached_s=0.5)
-    other = record("c", 0.3, 1e-8, 1, problem_parameters=json.dumps({"perturb": 1e-3}))
+    wrongly = make_work("c", 0.1, 1e-8, 1, status="wrong")
+    stopped = make_work("c", 0.2, 1e-8, 1, t_reached_s=0.5)
+    other = make_work("c", 0.3, 1e-8, 1, problem_parameters=json.dumps({"perturb": 1e-3}))
     found = collect_work(NOWHERE, [*GOOD, *OTHER, wrongly, stopped, other])
     assert profile(found, "c").target_work == ()
     assert not any(p.best for p in found.points if p.solver == "c")
@@ -97,7 +100,7 @@ def test_contradicted_stopped_and_perturbed_runs_reach_nothing():
 
 def test_a_refusal_never_reaches_and_a_variant_not_all_were_tried_on_is_left_out():
     """Nobody loses targets by not having been asked; who was asked and refused does."""
-    refused = record("c", 0.1, math.nan, 0, status="refused", claimed="refused", reference="")
+    refused = make_work("c", 0.1, math.nan, 0, status="refused", claimed="refused", reference="")
     more = {"problem_parameters": '{"t_end": 2.0}', "case": "swing[t_end=2] a dt=1"}
     elsewhere = [dataclasses.replace(r, **more, settings_id=r.settings_id + "2") for r in (*GOOD, *OTHER)]
     found = collect_work(NOWHERE, [*GOOD, *OTHER, refused, *elsewhere])
@@ -141,11 +144,11 @@ RATES = Reason(Law.TRUNCATION, 95.0, 1.0, name="the error of accelerations")
 
 def test_wrong_successes_have_the_verdicts_reasons_and_the_planes():
     """Only where success is claimed, and planarity only where the motion is predictable to its end."""
-    contradicted = record(
+    contradicted = make_work(
         "a", 0.1, 1.0, 10, status="wrong", wrong_because=format_reasons([Reason(Law.ENERGY, 5.0, 1.0, "J")])
     )
     gave_up = dataclasses.replace(contradicted, claimed="diverged", settings_id="x")
-    away = record("b", 0.1, 1e-3, 10, out_of_plane_max_m=0.5)
+    away = make_work("b", 0.1, 1e-3, 10, out_of_plane_max_m=0.5)
     chaotic = dataclasses.replace(away, judged_to_s=0.3, settings_id="y")
     planar = dataclasses.replace(away, out_of_plane_max_m=math.nan, settings_id="z")
     found = find_false_successes([contradicted, gave_up, away, chaotic, planar], [])
@@ -168,7 +171,7 @@ def test_wrong_successes_have_the_verdicts_reasons_and_the_planes():
 )
 def test_rates_of_a_motion_that_is_right_mislead_nobody(changed, misleads):
     """Wrong by its own rates alone, and right by comparison: no false success."""
-    right = record(
+    right = make_work(
         "a", 0.1, 1.0, 10, status="wrong", wrong_because=format_reasons([RATES]), motion_error_judged_m=1e-4,
         length_scale_m=1.0, rate_error_judged_m_per_s=1e-3, speed_scale_m_per_s=2.0, reaction_error_max_N=0.05,
         reaction_size_N=10.0, judged_to_s=1.0, t_end_s=1.0,

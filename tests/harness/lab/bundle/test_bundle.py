@@ -14,15 +14,14 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.base.files import FileError
 from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.lab.bundle.archive import MANIFEST, NAME, write_archive
 from mbsbench.harness.lab.bundle.crate import METADATA
 from mbsbench.harness.results import selection, store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.selection import DECIDING, ERRORS
 from mbsbench.harness.results.series import read_series, write_series
-from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here
+from mbsbench.tests.comparing import assert_same
+from mbsbench.tests.factories import specify_run, store_run
 
 RUNS = (
     ("heavy_top", {"t_end": 0.2}, "rattle", {"dt": 0.002}),
@@ -38,8 +37,7 @@ BODIES = ("r", "R", "v", "Omega")
 def results(tmp_path_factory):
     folder = store.create_folder(tmp_path_factory.mktemp("results") / "run")
     for problem, parameters, solver, control in RUNS:
-        spec = make_spec(make_problem(problem, parameters), solver, None, control)
-        run_here(Job(spec, folder, "some", "code", "commit", lossless=True))
+        store_run(folder, specify_run(problem, solver, parameters, **control))
     return folder
 
 
@@ -133,23 +131,24 @@ def test_a_bundle_holds_the_records_and_states_of_its_results(results, made):
         kept = np.isin(series["state_t"], states["t"])
         assert run["states"] == ("every step" if lossless else "some steps") and (kept.all() == lossless)
         for name in BODIES:
-            assert np.array_equal(states[name], series[f"state_{name}"][kept])
+            assert_same(states[name], series[f"state_{name}"][kept])
         rows = np.isin(series["t"], states["t"])
-        assert np.array_equal(states["stated"], series["energy_error"][rows], equal_nan=True)
+        assert_same(states["stated"], series["energy_error"][rows], equal_nan=True)
         assert bool(run["arrays"]) == lossless
         if lossless:
             more = unpacked(files[f"series/{run['run_id']}.npy"], run["arrays"])
-            assert np.array_equal(more["phi_norm"], series["phi_norm"]) and "t" in more
+            assert_same(more["phi_norm"], series["phi_norm"])
+            assert "t" in more
         problem = json.loads(files[f"problems/{run['problem']}.json"])
         exact = states_of(files[f"references/{run['problem']}.npy"])
         times, at, there = np.intersect1d(exact["t"], series["sample_t"], return_indices=True)
-        assert np.array_equal(exact["R"][at], series["sample_R"][there]) and len(times)
-        assert not lossless or np.array_equal(times, series["sample_t"])
+        assert_same(exact["R"][at], series["sample_R"][there])
+        assert len(times)
+        if lossless:
+            assert_same(times, series["sample_t"])
         system = make_problem(problem["problem"], problem["parameters"]).system
         for name in ("mass", "inertia", "joint_s_i", "joint_n", "joint_motion"):
-            assert np.array_equal(
-                np.array(problem["numbers"][name]).reshape(getattr(system, name).shape), getattr(system, name)
-            )
+            assert_same(np.array(problem["numbers"][name]).reshape(getattr(system, name).shape), getattr(system, name))
     assert len([n for n in files if n.startswith("problems/")]) == 3  # two runs share one
 
 

@@ -20,7 +20,7 @@ from mbsbench.harness.mechanics.dynamics import RANK, Rates, accelerations, equa
 from mbsbench.harness.mechanics.motion import energy, kinetic_energy
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.mechanics.state import rotate_states
-from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.comparing import assert_each, assert_same
 
 KNOWN = 1000.0  # largest condition of the equations
 TURN = (0.3, -0.5, 0.7)
@@ -137,4 +137,4 @@ def test_turning_is_that_of_the_catalogue():
     """``rotation`` of a problem and of a form are one thing."""
     problem = mechanisms()[0].problem()
     turned = rotate_problem(problem, so3.exp(np.array(TURN)))
-    assert np.array_equal(Form(rotation=TURN).present_problem(problem).initial.r, turned.initial.r)
+    assert_same(Form(rotation=TURN).present_problem(problem).initial.r, turned.initial.r)

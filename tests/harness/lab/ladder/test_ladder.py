@@ -21,8 +21,8 @@ from mbsbench.harness.lab.ladder.bundling import Entry, read_entry
 from mbsbench.harness.lab.ladder.instances import KINDS, WITHIN, digest_submission, draw_instances
 from mbsbench.harness.lab.ladder.ranking import OURS, average_geometrically, rank_entries
 from mbsbench.harness.lab.ladder.submission import RefusedSubmission, read_submission, run_submission
-from mbsbench.harness.results.records import RunRecord
 from mbsbench.reports.lab.ladder import write_page
+from mbsbench.tests.factories import make_record
 
 from .forgeries.test_submissions import SHORT, TEXT
 
@@ -37,24 +37,15 @@ def test_instances_follow_from_submission_and_seed_alone():
         for x, y, kind in zip(first, other, KINDS, strict=True):
             assert all(x.parameters[name] != y.parameters[name] for name in (*kind.changed, "rotation", "unit_mass"))
     for x, kind in zip(first, KINDS, strict=True):
-        assert all(abs(x.parameters[name] / value - 1.0) <= WITHIN for name, value in kind.changed.items())
+        for name, value in kind.changed.items():
+            assert abs(x.parameters[name] / value - 1.0) <= WITHIN, name
         assert registry.make_problem(x.problem, x.parameters).presentation.renumber
 
 
-def record(problem="p", status="success", error=1e-6, cpu=1.0, dt=0.1):
-    return RunRecord(
-        run_id="a",
-        case="c",
-        problem=problem,
-        solver="s",
-        control="dt",
-        dt_s=dt,
-        rtol=float("nan"),
-        status=status,
-        motion_error_max_m=error,
-        length_scale_m=1.0,
-        cpu_median_s=cpu,
-    )
+def make_solved(problem="p", status="success", error=1e-6, cpu=1.0, dt=0.1):
+    """The record of a run of an entry, with its error and CPU time."""
+    settings = {"run_id": "a", "case": "c", "problem": problem, "solver": "s", "control": "dt", "dt_s": dt}
+    return make_record(**settings, status=status, motion_error_max_m=error, length_scale_m=1.0, cpu_median_s=cpu)
 
 
 def entry(name, *records):
@@ -65,10 +56,10 @@ def test_a_false_success_ranks_below_no_answer():
     """And a forgery has no rank."""
     rows = rank_entries(
         [
-            (entry("false", record(), record("q", "wrong")), OURS),
-            (entry("silent", record(), record("q", "refused")), OURS),
-            (entry("all", record(), record("q")), OURS),
-            (dataclasses.replace(entry("forged", record(), record("q")), forged=("changed",)), OURS),
+            (entry("false", make_solved(), make_solved("q", "wrong")), OURS),
+            (entry("silent", make_solved(), make_solved("q", "refused")), OURS),
+            (entry("all", make_solved(), make_solved("q")), OURS),
+            (dataclasses.replace(entry("forged", make_solved(), make_solved("q")), forged=("changed",)), OURS),
         ]
     )
     assert [(r.solver, r.rank, r.points) for r in rows] == [
@@ -83,7 +74,7 @@ def test_cost_decides_between_equal_points_and_the_frontier_needs_a_sure_differe
     """Of two that solve all, the cheaper is first; one within its interval still leads."""
 
     def of(name, cpu, error):
-        return entry(name, *(record(f"p{k}", cpu=cpu * (1.0 + 0.01 * k), error=error) for k in range(5)))
+        return entry(name, *(make_solved(f"p{k}", cpu=cpu * (1.0 + 0.01 * k), error=error) for k in range(5)))
 
     rows = rank_entries([(of("dear", 2.0, 1e-6), OURS), (of("cheap", 1.0, 1e-6), OURS), (of("exact", 3.0, 1e-9), OURS)])
     assert [(r.solver, r.leads) for r in rows] == [("cheap", True), ("dear", False), ("exact", True)]
@@ -149,7 +140,9 @@ def test_all_is_solved_before_any_reference_is_computed(tmp_path, monkeypatch):
 
 def test_solved_is_a_thousandth_of_the_length():
     """As trust.md says."""
-    rows = rank_entries([(entry("near", record(error=0.9e-3)), OURS), (entry("far", record(error=1.1e-3)), OURS)])
+    rows = rank_entries(
+        [(entry("near", make_solved(error=0.9e-3)), OURS), (entry("far", make_solved(error=1.1e-3)), OURS)]
+    )
     assert [(r.solver, r.points) for r in rows] == [("near", 1), ("far", 0)]
 
 

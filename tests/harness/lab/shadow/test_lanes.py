@@ -6,6 +6,7 @@ import numpy as np
 from mbsbench.harness.lab.shadow.lanes import pack_lanes, unpack_lanes, vectorise_functions
 from mbsbench.solvers.formulations.generated import Code, Loop
 from mbsbench.solvers.formulations.generated.code import print_functions
+from mbsbench.tests.comparing import assert_same
 
 
 def test_code_of_lanes_gives_the_numbers_of_code_for_one():
@@ -22,5 +23,5 @@ def test_code_of_lanes_gives_the_numbers_of_code_for_one():
         code = Code(text)
         count = np.array([len(out)])
         code.function("f", 3)(count.ctypes.data, rows.ctypes.data, out.ctypes.data)
-    assert np.array_equal(unpack_lanes(many[None], 21)[0], one)
-    assert np.array_equal(unpack_lanes(lanes, 21), given)
+    assert_same(unpack_lanes(many[None], 21)[0], one)
+    assert_same(unpack_lanes(lanes, 21), given)

@@ -6,23 +6,18 @@ import pytest
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.lab.shadow.findings import describe_energy
 from mbsbench.harness.lab.shadow.modified_energy import compute_modified_energy, find_modified_energy
-from mbsbench.harness.mechanics.types import Problem, StepControl, Trajectory
 from mbsbench.harness.results.findings import Verdict
 from mbsbench.harness.results.shadows import NearestMotion
 from mbsbench.tests.comparing import assert_close
+from mbsbench.tests.factories import solve_run
 
 from .test_shadow import OMEGA, oscillator
-
-
-def run(problem: Problem, solver: str, **step: float) -> Trajectory:
-    """The motion, not measured."""
-    return registry.make_solver(solver).solve(problem, StepControl(**step))
 
 
 def test_leapfrog_keeps_the_modified_energy_of_the_oscillator():
     """H = theta / sin theta (p^2 + omega^2 (1 - h^2 omega^2 / 4) q^2) / 2, cos theta = 1 - h^2 omega^2 / 2."""
     problem, h = oscillator(), 0.02
-    found = find_modified_energy(problem, run(problem, "rattle", dt=h))
+    found = find_modified_energy(problem, solve_run(problem, h, "rattle"))
     start, m = problem.initial, problem.system.mass[0]
     theta = np.arccos(1.0 - 0.5 * (h * OMEGA) ** 2)
     size = np.sum(start.v**2) + OMEGA**2 * (1.0 - 0.25 * (h * OMEGA) ** 2) * np.sum(start.r**2)
@@ -46,7 +41,7 @@ def test_verdict_tells_symplectic_methods(solver, verdict):
     A swing does not refute it: steps may be too coarse. Varying steps are no such method.
     """
     problem = registry.make_problem("simple_pendulum", {"t_end": 4.0})
-    trajectory = run(problem, solver, **({"rtol": 1e-8} if verdict is None else {"dt": 2e-3}))
+    trajectory = solve_run(problem, 1e-8 if verdict is None else 2e-3, solver)
     if verdict is None:
         with pytest.raises(ValueError, match="fixed step"):
             find_modified_energy(problem, trajectory)
@@ -62,7 +57,7 @@ def test_verdict_tells_symplectic_methods(solver, verdict):
 def test_tops_that_nutate_have_it(solver, shown):
     """Their free motion is two rotations; ``half_explicit`` keeps the energy to 4e-9, and is not symplectic."""
     problem = registry.make_problem("heavy_top", {"t_end": 1.0})
-    found = find_modified_energy(problem, run(problem, solver, dt=1e-3))
+    found = find_modified_energy(problem, solve_run(problem, 1e-3, solver))
     assert NearestMotion(modified_energy=found.energy_range / found.scale).symplectic == shown
     assert np.max(np.abs(found.values - found.energy)) < 1e-4 * found.scale  # both differ by dt^2
 
@@ -70,7 +65,7 @@ def test_tops_that_nutate_have_it(solver, shown):
 def test_coarse_steps_hide_it_on_the_chain():
     """At the whip (0.48 s) the swing is that of the differences: it falls by their order, at last below the bound."""
     problem = registry.make_problem("chain", {"t_end": 0.6})
-    runs = [run(problem, "rattle", dt=h) for h in (1e-3, 5e-4, 2.5e-4)]
+    runs = [solve_run(problem, h, "rattle") for h in (1e-3, 5e-4, 2.5e-4)]
     assert (
         3.7
         < np.log2(
@@ -86,6 +81,6 @@ def test_coarse_steps_hide_it_on_the_chain():
 def test_bodies_of_three_inertias_that_nutate_are_refused():
     """Their free motion between two rows is of no closed form, nor RATTLE's exact."""
     problem = registry.make_problem("free_body", {"t_end": 0.1})
-    trajectory = run(problem, "rattle", dt=1e-3)
+    trajectory = solve_run(problem, 1e-3, "rattle")
     with pytest.raises(ValueError, match="two equal principal inertias"):
         find_modified_energy(problem, trajectory)

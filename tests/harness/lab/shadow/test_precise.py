@@ -27,7 +27,7 @@ from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.results.npz import read_npz
 from mbsbench.problems.exact.pinned_body import PinnedBody
 from mbsbench.tests.comparing import assert_each
-from tests.problems.test_proved import motion_of, series
+from mbsbench.tests.problems.test_proved import motion_of, sum_series
 
 BITS = (80, 113)
 ROUNDING = {80: 2.0**-64, 113: 2.0**-113}
@@ -68,7 +68,7 @@ def test_a_body_on_a_pin_is_where_theta_functions_have_it(name, bits):
     t = np.array([0.5])
     with mp.workdps(50):
         R = exact(poses[3:12])
-        assert max(abs(R - series(body, start, 0.5).ravel())) < allowed(bits)
+        assert max(abs(R - sum_series(body, start, 0.5).ravel())) < allowed(bits)
         motion = motion_of(body, start).motion
         attitude = motion.attitude(t)[0][0].ravel()
         proved = [mpf(float(x)) + mpf(float(x - np.longdouble(float(x)))) for x in attitude]

@@ -13,8 +13,8 @@ from mbsbench.harness.base.files import FileError
 from mbsbench.harness.formats.mechanisms import mechanism_files
 from mbsbench.harness.formats.motions import tables
 from mbsbench.harness.formats.motions.tables import read_table
+from mbsbench.harness.results.environment import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 ROOMS = (
     "harness/catalogue",
     "harness/formats",

@@ -69,7 +69,7 @@ mbsbench.solve("heavy_top", "rattle", t_end=0.01, dt=1e-3)
 """
 
 
-def run(program: str, *first: str, **preset: str) -> subprocess.CompletedProcess[str]:
+def run_unshaped(program: str, *first: str, **preset: str) -> subprocess.CompletedProcess[str]:
     """Run a program in a process with nothing but ``preset`` of the variables that shape arithmetic."""
     bare = {k: v for k, v in os.environ.items() if k not in SHAPING}
     words = (sys.executable, *first, "-c", program)
@@ -86,7 +86,7 @@ def run(program: str, *first: str, **preset: str) -> subprocess.CompletedProcess
 )
 def test_what_is_preset_loses(preset):
     """A kernel that somebody's shell presets would decide the last digits of every motion."""
-    pinned, simd, llvm, kernels = json.loads(run(DESCRIBE, **preset).stdout)
+    pinned, simd, llvm, kernels = json.loads(run_unshaped(DESCRIBE, **preset).stdout)
     target = machine.TARGETS[platform.machine()]
     assert pinned and set(simd) <= target.loops and llvm == target.compiled
     assert set(kernels) == {target.kernels}
@@ -94,7 +94,9 @@ def test_what_is_preset_loses(preset):
 
 def test_native_leaves_what_is_there():
     """Who wants the last per cent, or to see what another kernel does, gets what the environment says."""
-    pinned, _, llvm, kernels = json.loads(run(DESCRIBE, MBSBENCH_NATIVE="1", OPENBLAS_CORETYPE="Sandybridge").stdout)
+    pinned, _, llvm, kernels = json.loads(
+        run_unshaped(DESCRIBE, MBSBENCH_NATIVE="1", OPENBLAS_CORETYPE="Sandybridge").stdout
+    )
     assert not pinned and "Sandybridge" in kernels
     assert llvm == f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
 
@@ -104,7 +106,7 @@ def test_the_option_of_a_command_reaches_its_runs(given, tmp_path):
     """It is looked for before NumPy is loaded; the record of the results says what was in force."""
     (tmp_path / "tiny.toml").write_text(TINY)
     words = ("run", str(tmp_path / "tiny.toml"), "--jobs", "1", "--out", str(tmp_path / "out"), *given)
-    run(f"from mbsbench.cli.__main__ import main; assert main({list(words)}) == 0")
+    run_unshaped(f"from mbsbench.cli.__main__ import main; assert main({list(words)}) == 0")
     made = json.loads((tmp_path / "out" / "environment.json").read_text())
     assert made["pinned"] is (not given)
     assert (made["llvm"] == machine.TARGETS[platform.machine()].compiled) is (not given)
@@ -113,7 +115,7 @@ def test_the_option_of_a_command_reaches_its_runs(given, tmp_path):
 def test_the_option_is_not_for_a_cluster():
     """Its workers were started elsewhere, with an environment of their own."""
     call = "assert main(['run', 'ci', '--native', '--cluster', 'tcp://nowhere:1']) == 2"
-    (line,) = run(f"from mbsbench.cli.__main__ import main; {call}").stderr.splitlines()
+    (line,) = run_unshaped(f"from mbsbench.cli.__main__ import main; {call}").stderr.splitlines()
     assert line.startswith("error: --native is for this machine") and "MBSBENCH_NATIVE=1" in line
 
 
@@ -121,57 +123,57 @@ def test_the_option_is_not_for_a_cluster():
 def test_tests_are_native_by_the_environment_of_pytest(preset):
     """Options that the variable gives are none of the command's."""
     program = "import os, mbsbench.tests.pinned; print(os.environ.get('MBSBENCH_NATIVE', ''))"
-    assert run(program, PYTEST_ADDOPTS=preset).stdout.strip() == ("1" if preset else "")
+    assert run_unshaped(program, PYTEST_ADDOPTS=preset).stdout.strip() == ("1" if preset else "")
 
 
 @pytest.fixture(scope="module")
 def bits():
     """Of four motions, in the pinned arithmetic."""
-    return run(SOLVE).stdout
+    return run_unshaped(SOLVE).stdout
 
 
 @pytest.mark.parametrize("kernels", every(["Sandybridge", "Zen"], 2))
 def test_motions_have_the_same_bits_whatever_is_preset(bits, kernels):
     """Four roads to a solution: our own arithmetic, LAPACK, SciPy, SUNDIALS."""
     assert len(bits.split()) == 4
-    assert run(SOLVE, OPENBLAS_CORETYPE=kernels, NPY_DISABLE_CPU_FEATURES="X86_V3").stdout == bits
+    assert run_unshaped(SOLVE, OPENBLAS_CORETYPE=kernels, NPY_DISABLE_CPU_FEATURES="X86_V3").stdout == bits
 
 
 def test_native_motions_can_have_other_bits(bits):
     """Where BLAS is in the loop; our own arithmetic is the same."""
-    native = run(SOLVE, MBSBENCH_NATIVE="1", OPENBLAS_CORETYPE="Sandybridge").stdout.split()
+    native = run_unshaped(SOLVE, MBSBENCH_NATIVE="1", OPENBLAS_CORETYPE="Sandybridge").stdout.split()
     assert native[0] == bits.split()[0] and native != bits.split()
 
 
 def test_a_notebook_that_loaded_numpy_first_is_told_so_in_one_line():
     """Too late for the pin: the line says what is in force and what to do, once; in the right order there is none."""
     solves = "for _ in range(2): mbsbench.solve('heavy_top', 'rattle', t_end=0.01, dt=1e-3)\n"
-    late = run(f"import numpy.linalg, mbsbench\n{solves}", OPENBLAS_CORETYPE="Sandybridge").stderr
+    late = run_unshaped(f"import numpy.linalg, mbsbench\n{solves}", OPENBLAS_CORETYPE="Sandybridge").stderr
     assert late.count("UserWarning") == 1 and "import mbsbench before numpy" in late and "Sandybridge" in late
-    assert "UserWarning" not in run(f"import mbsbench, numpy\n{solves}").stderr
+    assert "UserWarning" not in run_unshaped(f"import mbsbench, numpy\n{solves}").stderr
 
 
 def test_numba_that_was_loaded_first_is_not_taken_for_pinned():
     """It compiles on for this processor: said, recorded, in its own index, and in the key of code that we keep."""
     target, host = machine.TARGETS[platform.machine()].compiled, binding.get_host_cpu_name()
-    done = run(LATE, **{k: v for k, v in machine.list_variables().items() if not k.startswith("NUMBA")})
+    done = run_unshaped(LATE, **{k: v for k, v in machine.list_variables().items() if not k.startswith("NUMBA")})
     late, llvm, own, key = json.loads(done.stdout)
     assert late == [f"numba compiles for {host}"] and llvm.startswith(f"{target}; numba: {host} ") and own == host
     assert done.stderr.count("UserWarning") == 1 and "import mbsbench before numpy and numba" in done.stderr
-    early = run(LATE.replace("import numba\n", "import mbsbench, numba\n"))
+    early = run_unshaped(LATE.replace("import numba\n", "import mbsbench, numba\n"))
     assert json.loads(early.stdout)[:3] == [[], target, target] and json.loads(early.stdout)[3] != key
-    assert early.stderr == "" and run(LATE, **machine.list_variables()).stderr == ""
+    assert early.stderr == "" and run_unshaped(LATE, **machine.list_variables()).stderr == ""
 
 
 @pytest.mark.parametrize("damage", [lambda text: "", lambda text: text[:5], lambda text: text.split("\n")[0]])
 def test_a_damaged_list_of_names_is_asked_for_again(damage, tmp_path):
     """Another process may be writing it, or a disk was full: nothing of NumPy would be pinned, without a word."""
     program = "import os, mbsbench; print(os.environ['NPY_DISABLE_CPU_FEATURES'])"
-    fresh = run(program, MBSBENCH_CACHE=str(tmp_path)).stdout
+    fresh = run_unshaped(program, MBSBENCH_CACHE=str(tmp_path)).stdout
     (kept,) = (tmp_path / "machine").iterdir()
     text = kept.read_text()
     kept.write_text(damage(text))
-    assert run(program, MBSBENCH_CACHE=str(tmp_path)).stdout == fresh
+    assert run_unshaped(program, MBSBENCH_CACHE=str(tmp_path)).stdout == fresh
     assert kept.read_text() == text and list(kept.parent.iterdir()) == [kept]
 
 
@@ -185,7 +187,7 @@ def test_commands_announce_runs_with_bits_of_their_own(tmp_path):
         ["gate", "--suite", "tiny.toml", "--thresholds", "new.toml", "--update", "--jobs", "1"],
     )
     program = f"import os; from mbsbench.cli.__main__ import main; os.chdir({str(tmp_path)!r})"
-    done = run(f"{program}; assert [main(c) for c in {calls!r}] == [0, 0, 0]", MBSBENCH_CORE="Sandybridge")
+    done = run_unshaped(f"{program}; assert [main(c) for c in {calls!r}] == [0, 0, 0]", MBSBENCH_CORE="Sandybridge")
     lines = [x for x in done.stderr.splitlines() if "(OpenBLAS uses kernels of Sandybridge)" in x]
     assert len(lines) == len(calls)
 
@@ -225,7 +227,7 @@ def test_kernels_are_a_cause_of_different_digits():
 
 def test_numpy_is_not_asked_to_do_without_what_it_does_not_know():
     """It would warn of it, which is an error where warnings are."""
-    run("import mbsbench, numpy", "-W", "error")
+    run_unshaped("import mbsbench, numpy", "-W", "error")
 
 
 def test_names_do_not_depend_on_the_processor(monkeypatch):
@@ -239,7 +241,7 @@ def test_names_do_not_depend_on_the_processor(monkeypatch):
     wanted = (
         "import numpy; s = numpy.show_config('dicts')['SIMD Extensions']; print(*s['found'], *s.get('not found', ()))"
     )
-    names = set(run(wanted).stdout.split()) - machine.TARGETS[platform.machine()].loops
+    names = set(run_unshaped(wanted).stdout.split()) - machine.TARGETS[platform.machine()].loops
     pinned = machine.list_variables.__wrapped__()  # not what this process keeps of its own processor
     assert names and set(pinned["NPY_DISABLE_CPU_FEATURES"].split()) == names
 
@@ -247,5 +249,5 @@ def test_names_do_not_depend_on_the_processor(monkeypatch):
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another C library")
 def test_another_choice_of_the_c_library_is_named():
     """It reads its own variable before anything of ours runs: that cannot be pinned, and sines are then other ones."""
-    pinned, *_ = json.loads(run(DESCRIBE, GLIBC_TUNABLES="glibc.cpu.hwcaps=-AVX2,-FMA").stdout)
+    pinned, *_ = json.loads(run_unshaped(DESCRIBE, GLIBC_TUNABLES="glibc.cpu.hwcaps=-AVX2,-FMA").stdout)
     assert not pinned
