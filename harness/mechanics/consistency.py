@@ -1,5 +1,8 @@
 """Check that a start satisfies the constraints, and project one onto them."""
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import numpy as np
 
 from . import so3
@@ -10,6 +13,9 @@ from .state import State, States
 from .system import MultibodySystem
 
 START_TOLERANCE = 1e-9  # [m], [m/s]: rounding of data given in float64 at the scale of a metre, times 1e6
+CLOSED = 1e-14  # largest component of phi of a projected state
+
+X = TypeVar("X")
 
 
 class InconsistentStart(ValueError):
@@ -63,25 +69,43 @@ def _describe_gap(system: MultibodySystem, s: States, joint: int, row: int) -> s
     return f": its axes, as lines, differ by {np.degrees(np.arcsin(min(float(np.linalg.norm(phi[own])), 1.0))):.4g} deg"
 
 
+def close_gaps(
+    x: X, measure: Callable[[X], np.ndarray], correct: Callable[[X, np.ndarray], X], small: float, most: int
+) -> X:
+    """Return ``x`` corrected by Newton's method until its gaps are below ``small``, or ``most`` times.
+
+    ``measure`` returns the gaps of x, and ``correct`` x moved by the least change that closes them to first order.
+    """
+    for _ in range(most):
+        gaps = measure(x)
+        if np.max(np.abs(gaps), initial=0.0) < small:
+            break
+        x = correct(x, gaps)
+    return x
+
+
 def project(system: MultibodySystem, state: State, iterations: int = 20) -> State:
     """Return the state near ``state`` that satisfies the constraints, by least change in the mass metric.
 
     Poses are projected first, by Gauss-Newton on phi, then velocities; raise InconsistentStart if that does not
     succeed.
     """
-    r, R = state.r.copy(), state.R.copy()
-    for _ in range(iterations):
-        here = State(r, R, state.v, state.Omega, state.t)
-        phi = constraint(system, States.one(here))[0]
-        if np.max(np.abs(phi), initial=0.0) < 1e-14:
-            break
-        change = _least_change(system, here, -phi)
-        r, R = r + change[:, :3], R @ so3.exp(change[:, 3:])
-    here = State(r, R, state.v, state.Omega, state.t)
+    here = close_gaps(
+        State(state.r.copy(), state.R.copy(), state.v, state.Omega, state.t),
+        lambda s: constraint(system, States.one(s))[0],
+        lambda s, phi: _move_poses(s, _least_change(system, s, -phi)),
+        CLOSED,
+        iterations,
+    )
     change = _least_change(system, here, -constraint_rate(system, States.one(here))[0])
-    out = State(r, R, state.v + change[:, :3], state.Omega + change[:, 3:], state.t)
+    out = State(here.r, here.R, state.v + change[:, :3], state.Omega + change[:, 3:], state.t)
     check_start(system, out, what="the projected state", any_root=True)
     return out
+
+
+def _move_poses(s: State, change: np.ndarray) -> State:
+    """Return the state with its poses moved by ``change`` (nb, 6), in space and in the bodies."""
+    return State(s.r + change[:, :3], s.R @ so3.exp(change[:, 3:]), s.v, s.Omega, s.t)
 
 
 def perturb(system: MultibodySystem, state: State, size: float, seed: int) -> State:

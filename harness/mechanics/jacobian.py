@@ -1,5 +1,7 @@
 """Assemble the constraint Jacobian A of ``phi_dot = A v + phi_t`` as a sparse matrix, and find independent rows."""
 
+from typing import Literal
+
 import numpy as np
 import scipy.linalg as sl
 import scipy.sparse as sp
@@ -44,9 +46,16 @@ def independent_rows(system: MultibodySystem, state: State, rtol: float = 1e-9) 
     """
     if system.nrows == 0:
         return np.zeros(0, dtype=np.int64)
-    _, pivots, order = sl.qr(scale_jacobian(system, state).toarray().T, mode="economic", pivoting=True)
-    size = np.abs(np.diag(pivots))
+    _, size, order = factor_with_pivots(scale_jacobian(system, state).toarray().T)
     return np.sort(order[: int(np.sum(size > rtol * size[0]))])
+
+
+def factor_with_pivots(
+    A: Float[np.ndarray, "m n"], mode: Literal["economic", "full"] = "economic"
+) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, " p"], Int[np.ndarray, " n"]]:
+    """Return Q of a QR factorisation of ``A`` with column pivots, their absolute values, and the order of columns."""
+    Q, pivots, order = sl.qr(A, mode=mode, pivoting=True)
+    return Q, np.abs(np.diag(pivots)), order
 
 
 def compute_singular_values(system: MultibodySystem, state: State) -> Float[np.ndarray, " k"]:

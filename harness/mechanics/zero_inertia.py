@@ -133,14 +133,12 @@ class _AllowedVelocities:
 
 def _null_space(B: Float[np.ndarray, "nrows n"]) -> Float[np.ndarray, "n d"]:
     """Return an orthonormal basis (columns) of the x with B x = 0."""
-    import scipy.linalg as sl
-
     from .dynamics import RANK
+    from .jacobian import factor_with_pivots
 
     if not len(B):
         return np.eye(B.shape[1])
-    Q, pivots, _ = sl.qr(B.T, pivoting=True)
-    size = np.abs(np.diag(pivots))
+    Q, size, _ = factor_with_pivots(B.T, "full")
     out: np.ndarray = Q[:, int(np.sum(size > RANK * size[0])) :]
     return out
 

@@ -40,7 +40,7 @@ from .export.engine import VARYING, SupportedElements, import_package, refuse_un
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, refuse_model
 from .export.plain import flatten_tree, list_hinge_springs
-from .export.tree import DRIVES, Kind, Tree, build_spanning_tree
+from .export.tree import DRIVES, EngineTree, Kind, build_spanning_tree
 
 INTEGRATORS = {  # order in dt without constraints
     "RK4": 4.0,
@@ -200,7 +200,7 @@ class Model:
         return held, f"integrator {used}", *self._other_step, made_by
 
 
-def _make_spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: float) -> Any:
+def _make_spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: EngineTree, dt: float) -> Any:
     """Return the problem as an uncompiled ``MjSpec`` with steps of ``dt`` [s] and the settings of the options."""
     from .inside import mjcf  # it imports MuJoCo
 

@@ -36,7 +36,7 @@ from .export.engine import (
 )
 from .export.march import march
 from .export.model_check import EngineModel, refuse_model
-from .export.tree import DRIVES, Kind, Tree, build_spanning_tree
+from .export.tree import DRIVES, EngineTree, Kind, build_spanning_tree
 
 INTEGRATORS = {"RKMK4": 4.0, "Euler": 1.0}
 STRETCH = 1_000  # steps times bodies between two readings of the clock
@@ -200,7 +200,7 @@ class Model:
         return out
 
 
-def _build_model(pin: ModuleType, problem: Problem, tree: Tree) -> tuple[Any, dict[int, int], dict[int, Any]]:
+def _build_model(pin: ModuleType, problem: Problem, tree: EngineTree) -> tuple[Any, dict[int, int], dict[int, Any]]:
     """Return Pinocchio's model, with coordinates in the tree's order, and joint and placement of each body.
 
     Both are by body: the number of the joint that carries it, and its placement (SE3) in that joint's frame.

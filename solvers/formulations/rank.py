@@ -11,13 +11,12 @@ an orthogonalisation decides, joint by joint in the same order.
 """
 
 import numpy as np
-import scipy.linalg as sl
 import scipy.sparse as sp
 from jaxtyping import Float, Int
 from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ...harness.mechanics.jacobian import scale_jacobian
+from ...harness.mechanics.jacobian import factor_with_pivots, scale_jacobian
 from ...harness.mechanics.state import State
 from ...harness.mechanics.system import GROUND, MultibodySystem
 
@@ -45,7 +44,7 @@ def find_better_rows(system: MultibodySystem, state: State, kept: Int[np.ndarray
     the least singular value of the rows chosen is more than ``BETTER`` times that of ``kept``.
     """
     A = scale_jacobian(system, state).toarray()
-    best = np.sort(sl.qr(A.T, mode="r", pivoting=True)[1][: len(kept)])
+    best = np.sort(factor_with_pivots(A.T)[2][: len(kept)])
     least = [np.linalg.svd(A[rows], compute_uv=False)[-1] for rows in (kept, best)]
     return best if least[1] > BETTER * least[0] else kept
 
@@ -104,8 +103,8 @@ def _choose_by_orthogonalisation(system: MultibodySystem, state: State) -> Int[n
         left = rows[at]
         for _ in range(2):
             left = left - (left @ basis.T) @ basis
-        Q, pivots, order = sl.qr(left.T, mode="economic", pivoting=True)
-        distant = np.abs(np.diag(pivots)) > DISTANT
+        Q, size, order = factor_with_pivots(left.T)
+        distant = size > DISTANT
         basis = np.concatenate((basis, Q.T[distant]))
         kept.append(at[order[: np.sum(distant)]])
     return np.sort(np.concatenate(kept))

@@ -30,7 +30,7 @@ STAYS = {  # names that others call, and names of data: why each is as it is
     "solvers/formulations/rows/loops.py push": "a compiled entry, after the equation of a force",
     "solvers/formulations/rows/means.py push": "a compiled entry, after the equation of a force",
     "solvers/formulations/compiled/host.py stretch": "the same method of all marchers: to be renamed together",
-    "solvers/formulations/joint_coordinates/marching.py stretch": "the same method of all marchers",
+    "solvers/formulations/joint_coordinates/relay.py stretch": "the same method of all marchers",
     "solvers/formulations/methods/gc_weak_form.py stretch": "the same method of all marchers",
     "solvers/formulations/joint_coordinates/motion.py along": "the power of a load along a tree: to be renamed",
     "harness/mechanics/types/solver.py due": "part of the contract of solvers",

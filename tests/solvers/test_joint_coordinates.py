@@ -15,7 +15,7 @@ from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Traje
 from mbsbench.harness.run.presenting import present_solver
 from mbsbench.solvers.formulations.generated import Program
 from mbsbench.solvers.formulations.generated import code as generated_code
-from mbsbench.solvers.formulations.joint_coordinates import code, marching, symplectic
+from mbsbench.solvers.formulations.joint_coordinates import code, marching, relay, symplectic
 from mbsbench.solvers.formulations.joint_coordinates.code import make_code
 from mbsbench.solvers.formulations.joint_coordinates.counting import least_operations, refuse_code
 from mbsbench.solvers.formulations.joint_coordinates.evaluation import Evaluation
@@ -261,7 +261,7 @@ def test_a_run_that_the_kernel_goes_on_with_is_one_run(name: str, monkeypatch: p
     whole = solve_run(problem, 1e-10, "dop853_joint")
     spool = Spooled()
     monkeypatch.setattr(marching, "LEAST_PIVOT", 0.9)
-    monkeypatch.setattr(marching.Relay, "_choose_pivots", lambda relay: False)
+    monkeypatch.setattr(relay.Relay, "_choose_pivots", lambda _: False)
     out = make_solver("dop853_joint").solve(problem, StepControl(rtol=1e-10, spool=spool))
     assert out.status is Status.SUCCESS, out.message
     assert any("kernel" in note for note in out.notes)
@@ -281,7 +281,7 @@ def test_code_of_other_pivots_goes_on_with_the_same_motion(monkeypatch: pytest.M
     problem = make_problem("bricard", {"t_end": 1.6})
     whole = solve_run(problem, 1e-10, "dop853_joint")
     monkeypatch.setattr(marching, "LEAST_PIVOT", 0.3)
-    monkeypatch.setattr(marching, "FAIR", 0.5)
+    monkeypatch.setattr(relay, "FAIR", 0.5)
     out = solve_run(problem, 1e-10, "dop853_joint")
     assert any("anew" in note for note in out.notes)
     assert not any("kernel" in note for note in out.notes)
@@ -318,7 +318,7 @@ def test_lists_eliminate_as_code_does(name: str) -> None:
 def test_pivots_chosen_anew_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lists are read by code that is the same for all mechanisms: compiled for one, it is there for another."""
     monkeypatch.setattr(marching, "LEAST_PIVOT", 0.3)
-    monkeypatch.setattr(marching, "FAIR", 2.0)  # no earlier order goes on
+    monkeypatch.setattr(relay, "FAIR", 2.0)  # no earlier order goes on
     monkeypatch.setattr(symplectic, "POOR_PIVOT", 0.9)
 
     def run_all(name: str, parameters: dict[str, float]) -> None:
@@ -329,20 +329,20 @@ def test_pivots_chosen_anew_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> 
             assert any("anew" in note for note in out.notes)
 
     run_all("bricard", {"t_end": 1.3})
-    compiled, anew, make, choose = list[str](), list[int](), generated_code._compile, marching.Relay._choose_pivots
+    compiled, anew, make, choose = list[str](), list[int](), generated_code._compile, relay.Relay._choose_pivots
 
     def watch(ir: str, machine: object) -> bytes:
         compiled.append(ir)
         return make(ir, machine)
 
-    def count(relay: marching.Relay) -> bool:
+    def count(march: relay.Relay) -> bool:
         before = len(compiled)
-        found = choose(relay)
+        found = choose(march)
         anew.append(len(compiled) - before)
         return found
 
     monkeypatch.setattr(generated_code, "_compile", watch)
-    monkeypatch.setattr(marching.Relay, "_choose_pivots", count)
+    monkeypatch.setattr(relay.Relay, "_choose_pivots", count)
     run_all("four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.4})
     assert anew
     assert not any(anew)
@@ -361,7 +361,7 @@ def test_pivots_of_the_chain_last(solver: str) -> None:
 def test_a_run_that_the_kernel_cannot_end_says_both(monkeypatch: pytest.MonkeyPatch) -> None:
     """The message has why the code stopped, and what the kernel met."""
     monkeypatch.setattr(marching, "LEAST_PIVOT", 0.9)
-    monkeypatch.setattr(marching.Relay, "_choose_pivots", lambda relay: False)
+    monkeypatch.setattr(relay.Relay, "_choose_pivots", lambda _: False)
     problem = make_problem("bricard", {"t_end": 1.0})
     out = make_solver("dop853_joint").solve(problem, StepControl(rtol=1e-10, max_steps=30))
     assert out.status is Status.STALLED

@@ -15,7 +15,7 @@ from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from mbsbench.harness.run.presenting import present_solver
 from mbsbench.solvers.formulations.compiled.marching import make_control
-from mbsbench.solvers.formulations.joint_coordinates import marching, symplectic
+from mbsbench.solvers.formulations.joint_coordinates import relay, symplectic
 from mbsbench.solvers.formulations.joint_coordinates.code import make_code
 from mbsbench.solvers.formulations.joint_coordinates.collocation import (
     CollocationTableau,
@@ -23,7 +23,7 @@ from mbsbench.solvers.formulations.joint_coordinates.collocation import (
     make_rattle_tableau,
 )
 from mbsbench.solvers.formulations.joint_coordinates.hamilton import make_hamilton_code
-from mbsbench.solvers.formulations.joint_coordinates.symplectic import Marcher
+from mbsbench.solvers.formulations.joint_coordinates.symplectic import SymplecticMarcher
 from mbsbench.solvers.formulations.joint_coordinates.tree import build_spanning_tree
 from mbsbench.tests.covering import diagonal, few
 from mbsbench.tests.factories import solve_run
@@ -114,13 +114,13 @@ def test_the_way_back_leads_to_the_start(solver: str, name: str) -> None:
     assert np.max(np.abs(back.v[-1] + problem.initial.v)) < 1e-9 * max(1.0, float(np.max(np.abs(end.v))))
 
 
-def marcher_of(name: str, tableau: CollocationTableau, dt: float) -> Marcher:
+def marcher_of(name: str, tableau: CollocationTableau, dt: float) -> SymplecticMarcher:
     """Ready for steps ``dt``."""
     state = make_control(t_end=1e6, dt=dt)
-    return Marcher(make_problem(name, {"t_end": 1e6}), state, tableau, radial=not tableau.collocates)
+    return SymplecticMarcher(make_problem(name, {"t_end": 1e6}), state, tableau, radial=not tableau.collocates)
 
 
-def flow(marcher: Marcher, z: np.ndarray, steps: int) -> np.ndarray:
+def flow(marcher: SymplecticMarcher, z: np.ndarray, steps: int) -> np.ndarray:
     """(q, p) after steps from ``z``."""
     s = marcher.stages
     s.start[:], s.rest[:], s.past[:], s.guard[:] = z, 0.0, 0.0, (1.0, 0.0)
@@ -290,7 +290,7 @@ def check_pivots_chosen_anew(solver: str, name: str, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(symplectic, "POOR_PIVOT", 1e-9)
     plain = solve_run(problem, dt, solver)
     monkeypatch.setattr(symplectic, "POOR_PIVOT", 0.99)
-    monkeypatch.setattr(marching, "FAIR", 2.0)  # no earlier order goes on
+    monkeypatch.setattr(relay, "FAIR", 2.0)  # no earlier order goes on
     changed = solve_run(problem, dt, solver)
     assert not any("anew" in note for note in plain.notes)
     assert any("anew" in note for note in changed.notes)
@@ -364,7 +364,7 @@ def test_what_is_not_sound_is_said(solver: str, monkeypatch: pytest.MonkeyPatch)
     singular = make_solver(solver).solve(make_problem("n_four_bar", {"windows": 2}), StepControl(dt=2e-4))
     assert singular.status is Status.STEP_UNDERFLOW
     assert "rank" in singular.message
-    monkeypatch.setattr(symplectic.Relay, "_choose_pivots", lambda relay: False)
+    monkeypatch.setattr(relay.Relay, "_choose_pivots", lambda _: False)
     out = make_solver(solver).solve(make_problem("bricard", {"t_end": 400.0}), StepControl(dt=0.02))
     assert out.status is Status.STEP_UNDERFLOW
     assert "rank" in out.message

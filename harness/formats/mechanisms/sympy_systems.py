@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...mechanics.consistency import project
+from ...mechanics.consistency import close_gaps, project
 from ...mechanics.dynamics import accelerations
 from ...mechanics.state import State
 from ...mechanics.system import RigidBody, assemble
@@ -296,12 +296,8 @@ class _Equations:
 
     def _close_loops(self, q: np.ndarray) -> np.ndarray:
         """Return q after Newton's iteration to close the loops, which ends after 50 steps even if they are open."""
-        for _ in range(50):
-            gap = self._at("closing", q).ravel()
-            if np.max(np.abs(gap), initial=0.0) < 0.1 * CLOSED:
-                break
-            q = q - np.linalg.lstsq(self._at("opening", q), gap, rcond=None)[0]
-        return q
+        move = lambda q, gap: q - np.linalg.lstsq(self._at("opening", q), gap, rcond=None)[0]  # noqa: E731
+        return close_gaps(q, lambda q: self._at("closing", q).ravel(), move, 0.1 * CLOSED, 50)
 
 
 def _vee(W: Float[np.ndarray, "nb 3 3"]) -> Float[np.ndarray, "nb 3"]:

@@ -1,5 +1,7 @@
 """Integrate the true flow over many short segments at once, by DOP853 with as many equal steps in each as it needs."""
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -12,6 +14,8 @@ ROUGH = 1e-9  # the same for intermediate iterations
 COARSER = 10  # steps of the flow for one of its tangents, whose error is then about 1e-5 instead of 1e-12
 MOST_STEPS = 512  # steps in a segment
 TOGETHER = 2**15  # numbers of tangents processed together, of which a step has twelve
+
+Arrays = list[np.ndarray]
 
 
 def integrate_flow(
@@ -66,18 +70,15 @@ def transport_changes(
 
 def _march(E: FlowEquations, t: np.ndarray, h: np.ndarray, y: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return y after n steps of h [s] of DOP853, and the largest error of a step, relative to 1 + |y|."""
-    c, a, b, e = DOPRI853.c, DOPRI853.a, DOPRI853.b, DOPRI853.error
-    K = np.empty((len(b) + 1, *y.shape))
+    K = np.empty((len(DOPRI853.b) + 1, *y.shape))
     K[0] = E.evaluate_rate(t, y)
     worst = np.zeros(len(y))
     with np.errstate(all="ignore"):
         for step in range(n):
             at = t + step * h
-            for i in range(1, len(b)):
-                K[i] = E.evaluate_rate(at + c[i] * h, y + h[:, None] * np.tensordot(a[i, :i], K[:i], 1))
-            y = y + h[:, None] * np.tensordot(b, K[:-1], 1)
+            (y,) = _take_stages(lambda t, y: [E.evaluate_rate(t, y)], at, h, [y], [K], 1)
             K[-1] = E.evaluate_rate(at + h, y)
-            first, second = (np.mean((np.tensordot(x, K, 1) / (1.0 + np.abs(y))) ** 2, axis=1) for x in e)
+            first, second = (np.mean((np.tensordot(x, K, 1) / (1.0 + np.abs(y))) ** 2, axis=1) for x in DOPRI853.error)
             norm = np.abs(h) * first / np.sqrt(first + 0.01 * second)
             worst = np.maximum(worst, np.where(first > 0.0, norm, first))
             K[0] = K[-1]
@@ -88,14 +89,24 @@ def _transport_steps(
     E: FlowEquations, t: np.ndarray, h: np.ndarray, y: np.ndarray, Y: np.ndarray, n: int
 ) -> np.ndarray:
     """Return the changes ``Y`` after n steps of h [s] along the motion from y, by the variational equations."""
-    c, a, b = DOPRI853.c, DOPRI853.a, DOPRI853.b
-    K, D = np.empty((len(b), *y.shape)), np.empty((len(b), *Y.shape))
+    rate = lambda t, y, Y: [E.evaluate_rate(t, y), E.evaluate_tangent(t, y, Y)]  # noqa: E731
+    slopes = [np.empty((len(DOPRI853.b), *part.shape)) for part in (y, Y)]
     for step in range(n):
-        at = t + step * h
-        for i in range(len(b)):
-            y_i = y + h[:, None] * np.tensordot(a[i, :i], K[:i], 1)
-            Y_i = Y + h[:, None, None, None] * np.tensordot(a[i, :i], D[:i], 1)
-            K[i], D[i] = E.evaluate_rate(at + c[i] * h, y_i), E.evaluate_tangent(at + c[i] * h, y_i, Y_i)
-        y = y + h[:, None] * np.tensordot(b, K, 1)
-        Y = Y + h[:, None, None, None] * np.tensordot(b, D, 1)
+        y, Y = _take_stages(rate, t + step * h, h, [y, Y], slopes)
     return Y
+
+
+def _take_stages(
+    rate: Callable[..., Arrays], t: np.ndarray, h: np.ndarray, parts: Arrays, slopes: Arrays, first: int = 0
+) -> Arrays:
+    """Evaluate the stages of a step of DOP853 from the ``first`` on into ``slopes``; return the parts at its end."""
+    steps = [h.reshape(-1, *[1] * (x.ndim - 1)) for x in parts]
+
+    def combine(w: np.ndarray) -> Arrays:
+        sums = (np.tensordot(w, K[: len(w)], 1) for K in slopes)
+        return [x + step * total for x, step, total in zip(parts, steps, sums, strict=True)]
+
+    for i in range(first, len(DOPRI853.b)):
+        for K, slope in zip(slopes, rate(t + DOPRI853.c[i] * h, *combine(DOPRI853.a[i, :i])), strict=True):
+            K[i] = slope
+    return combine(DOPRI853.b)

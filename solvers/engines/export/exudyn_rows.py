@@ -10,10 +10,10 @@ opened. The motion continues from the check before.
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg as sl
 from jaxtyping import Bool, Float
 
 from ....harness.mechanics.ends import append_ground
+from ....harness.mechanics.jacobian import factor_with_pivots
 from ....harness.mechanics.joints import JointKind
 from ....harness.mechanics.joints.frames import choose_normals
 from ....harness.mechanics.motion import constraint, list_jacobian_parts
@@ -124,8 +124,7 @@ def _choose_independent(rows: Float[np.ndarray, "nrows n"], number: int = -1) ->
     """Return flags of the ``number`` most independent rows by a pivoted QR, of all independent ones if negative."""
     out = np.zeros(len(rows), dtype=bool)
     if len(rows):
-        _, pivots, order = sl.qr(rows.T, mode="economic", pivoting=True)
-        size = np.abs(np.diag(pivots))
+        _, size, order = factor_with_pivots(rows.T)
         out[order[: int(np.sum(size > PIVOT * size[0])) if number < 0 else number]] = True
     return out
 

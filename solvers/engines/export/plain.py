@@ -8,10 +8,10 @@ import numpy as np
 from ....harness.mechanics.state import State, States
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.mechanics.torsion import evaluate_torsion
-from .tree import PARALLEL, Kind, Tree
+from .tree import PARALLEL, EngineTree, Kind
 
 
-def flatten_tree(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
+def flatten_tree(tree: EngineTree, system: MultibodySystem, start: State) -> dict[str, Any]:
     """Return the model of a system as names and numbers: gravity, limbs, cuts, links, springs, loads and the start.
 
     Limbs have ``torsion`` and ``drive`` of their hinge, or None. Points and axes are in body frames, gravity and the
@@ -74,7 +74,7 @@ def flatten_tree(tree: Tree, system: MultibodySystem, start: State) -> dict[str,
 MOTION = ("r", "R", "v", "Omega")
 
 
-def list_hinge_springs(system: MultibodySystem, start: State, tree: Tree) -> dict[int, dict[str, float]]:
+def list_hinge_springs(system: MultibodySystem, start: State, tree: EngineTree) -> dict[int, dict[str, float]]:
     """Return stiffness, rest angle and damping of each torsional spring, by the child body of its hinge.
 
     Raises ValueError for a spring not about the axis of a hinge of the tree, and for a second one on the same hinge.

@@ -87,7 +87,7 @@ KINDS = {
 
 
 @dataclass(frozen=True)
-class Limb:
+class EngineLimb:
     """A body and its connection to its parent."""
 
     body: int
@@ -133,7 +133,7 @@ class Coincidence(Points):
 
 
 @dataclass(frozen=True)
-class Link(Points):
+class PointLink(Points):
     """Two points ``length`` apart; if that is 0, the first lies on the line of j along ``axis`` through the second."""
 
     axis: Float[np.ndarray, " 3"]
@@ -151,15 +151,15 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Tree:
+class EngineTree:
     """A spanning tree: limbs in the order of their coordinates, points of cut joints, the start, drives and links."""
 
-    limbs: tuple[Limb, ...]
+    limbs: tuple[EngineLimb, ...]
     cuts: tuple[Coincidence, ...]
     start: Float[np.ndarray, " nq"]
     start_velocity: Float[np.ndarray, " nu"]
     drives: tuple[Drive, ...] = ()
-    links: tuple[Link, ...] = ()
+    links: tuple[PointLink, ...] = ()
 
     def states(self, q: Float[np.ndarray, "nt nq"], u: Float[np.ndarray, "nt nu"]) -> States:
         """Return poses and velocities of all bodies at coordinates ``q`` and velocities ``u``."""
@@ -235,14 +235,14 @@ class Tree:
         return self.states(np.tile(self.start, (n, 1)), np.eye(n))
 
 
-def build_spanning_tree(system: MultibodySystem, start: State) -> Tree:
+def build_spanning_tree(system: MultibodySystem, start: State) -> EngineTree:
     """Return the spanning tree of a system, its cut joints, drives and links, by the rule of the module's docstring.
 
     Raises ValueError for a joint that closes a loop and cannot be cut, and for a drive without a hinge or slide.
     """
     followed = {*JointKind, *MovingKind}.difference(DRIVES, LINKS)
     reached, children = walk_joints(system, followed, uncut=followed.difference(CUTTABLE))
-    limbs: list[Limb] = []
+    limbs: list[EngineLimb] = []
     sizes = [0, 0]
 
     def visit(body: int) -> None:
@@ -268,18 +268,20 @@ def build_spanning_tree(system: MultibodySystem, start: State) -> Tree:
         q[limb.q_at : limb.q_at + limb.kind.nq], u[limb.u_at : limb.u_at + limb.kind.nu] = _find_start_coordinates(
             limb, start
         )
-    bare = Tree(tuple(limbs), (), q, u)
+    bare = EngineTree(tuple(limbs), (), q, u)
     drives = tuple(_make_drive(system, bare, k) for k in range(system.nj) if system.joint_kind(k) in DRIVES)
     links = tuple(_make_link(system, k) for k in range(system.nj) if system.joint_kind(k) in LINKS)
-    return Tree(bare.limbs, _find_coincidences(system, start, cut, bare), q, u, drives, links)
+    return EngineTree(bare.limbs, _find_coincidences(system, start, cut, bare), q, u, drives, links)
 
 
-def _make_limb(system: MultibodySystem, start: State, body: int, parent: int, k: int, q_at: int, u_at: int) -> Limb:
+def _make_limb(
+    system: MultibodySystem, start: State, body: int, parent: int, k: int, q_at: int, u_at: int
+) -> EngineLimb:
     """Return the connection of ``body`` to its parent by joint ``k`` (-1: it floats)."""
     R_parent = np.eye(3) if parent == GROUND else start.R[parent]
     R_0, zero = R_parent.T @ start.R[body], np.zeros(3)
     if k < 0:
-        return Limb(body, GROUND, Kind.FREE, zero, zero, zero, zero, R_0, q_at, u_at)
+        return EngineLimb(body, GROUND, Kind.FREE, zero, zero, zero, zero, R_0, q_at, u_at)
     child_is_i, sort = system.joint_i[k] == body, system.joint_kind(k)
     s_parent, s_child = system.joint_s_j[k], system.joint_s_i[k]
     in_i, in_j = system.joint_u[k], system.joint_n[k, 0]  # the axes of a universal joint
@@ -295,10 +297,10 @@ def _make_limb(system: MultibodySystem, start: State, body: int, parent: int, k:
         s_parent = s_parent + axis_parent * (axis_parent @ gap)
     zero_last, zero_first = kind in (Kind.SLIDE, Kind.BALL, Kind.FIXED), not (kind.slides or kind is Kind.UNIVERSAL)
     axis, axis_parent = axis * (not zero_last), axis_parent * (not zero_first)
-    return Limb(body, parent, kind, s_parent, s_child, axis, axis_parent, R_0, q_at, u_at)
+    return EngineLimb(body, parent, kind, s_parent, s_child, axis, axis_parent, R_0, q_at, u_at)
 
 
-def _make_drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
+def _make_drive(system: MultibodySystem, tree: EngineTree, k: int) -> Drive:
     """Return the drive of joint ``k``, on the hinge or slide between the same bodies; ValueError if there is none."""
     i, j, name = int(system.joint_i[k]), int(system.joint_j[k]), system.joint_names[k]
     turns = system.joint_kind(k) == MovingKind.DRIVEN_ANGLE
@@ -316,10 +318,10 @@ def _make_drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
     raise ValueError(f"{name_joint(system, k)}: the drive is not along the axis of a {kind.value[0]} of the tree")
 
 
-def _make_link(system: MultibodySystem, k: int) -> Link:
+def _make_link(system: MultibodySystem, k: int) -> PointLink:
     """Return joint ``k``, a distance or a point on a line, as a link."""
     axis, length = np.cross(*system.joint_n[k, :2]), float(system.joint_length[k])
-    return Link(*_find_ends(system, k), axis, length)
+    return PointLink(*_find_ends(system, k), axis, length)
 
 
 def _find_ends(system: MultibodySystem, k: int) -> tuple[int, np.ndarray, int, np.ndarray]:
@@ -327,7 +329,7 @@ def _find_ends(system: MultibodySystem, k: int) -> tuple[int, np.ndarray, int, n
     return int(system.joint_i[k]), system.joint_s_i[k], int(system.joint_j[k]), system.joint_s_j[k]
 
 
-def _find_start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray]:
+def _find_start_coordinates(limb: EngineLimb, start: State) -> tuple[np.ndarray, np.ndarray]:
     """Return coordinates and velocities of a limb at the start."""
     b, p = limb.body, limb.parent
     if limb.kind is Kind.FREE:
@@ -342,7 +344,9 @@ def _find_start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.nd
     return np.zeros(len(u)), np.array(u)
 
 
-def _find_coincidences(system: MultibodySystem, start: State, cut: list[int], tree: Tree) -> tuple[Coincidence, ...]:
+def _find_coincidences(
+    system: MultibodySystem, start: State, cut: list[int], tree: EngineTree
+) -> tuple[Coincidence, ...]:
     """Return the pairs of points that have to coincide at the cut joints; none for a joint declared twice.
 
     A revolute joint has a second pair on its axis where that adds rank.

@@ -304,7 +304,7 @@ class Loops:
             if way is not None:
                 k.way[group.rows] = np.tile(way, (len(group.body), 1))
 
-    def _step(self, group: "Group", code: Code, name: str, *arrays: np.ndarray) -> Step:
+    def _step(self, group: "ElementGroup", code: Code, name: str, *arrays: np.ndarray) -> Step:
         """Return the call of function ``name`` of ``code`` over a group's members, as a step; nothing is run."""
         self._keeps.append(code)
         return code.address(name), [group.members, self._k.t, group.numbers, *arrays]
@@ -412,14 +412,14 @@ class Loops:
         self._keeps.append(users)
         return users.steps
 
-    def _blocks(self, slopes: np.ndarray, group: "Group") -> Iterator[np.ndarray]:
+    def _blocks(self, slopes: np.ndarray, group: "ElementGroup") -> Iterator[np.ndarray]:
         """Yield, by loaded and moving end, the array ``slopes`` and the first indices in it of a group's blocks."""
         for a in group.ends:
             for b in group.ends:
                 place = [self._place[int(one[a]), int(one[b])] for one in group.body]
                 yield from (slopes, 36 * np.array(place, dtype=np.int64))
 
-    def _group_parts(self) -> Iterator["Group"]:
+    def _group_parts(self) -> Iterator["ElementGroup"]:
         """Yield the parts of joints in groups of one kind, each computed by one loop."""
         k, parts, at = self._k, self._parts, 0
         while at < len(parts):
@@ -430,10 +430,10 @@ class Loops:
             numbers = list_joint_parameters(self._system, np.array([part.joint for part in parts[at:end]]))
             key = str(joints.KINDS[kind]), tuple(range(lo, hi)), bool(ground)
             ends, rows = [0] if ground else [0, 1], slice(int(k.row[at]), int(k.row[end]))
-            yield Group(key, k.body[at:end], ends, numbers, np.array([end - at]), rows)
+            yield ElementGroup(key, k.body[at:end], ends, numbers, np.array([end - at]), rows)
             at = end
 
-    def _iterate_force_groups(self) -> Iterator[tuple[str, "Group"]]:
+    def _iterate_force_groups(self) -> Iterator[tuple[str, "ElementGroup"]]:
         """Yield kind and group of all springs, torsional springs and loads, those attached to the ground separately."""
         for kind in ("spring", "torsion", "load"):
             i = np.asarray(getattr(self._system, f"{kind}_i"), dtype=np.int64)
@@ -444,10 +444,10 @@ class Loops:
                     body = np.stack((i[own], j[own]), axis=1)
                     numbers = list_force_parameters(self._system, kind)[own]
                     ends = [0] if ground else [0, 1]
-                    yield kind, Group((kind, (), ground), body, ends, numbers, np.array([len(own)]), slice(0))
+                    yield kind, ElementGroup((kind, (), ground), body, ends, numbers, np.array([len(own)]), slice(0))
 
 
-class Group(NamedTuple):
+class ElementGroup(NamedTuple):
     """The joints or forces of one kind: code key, bodies, moving ends, numbers, count (1,) and rows."""
 
     key: tuple[str, tuple[int, ...], bool]
@@ -458,7 +458,7 @@ class Group(NamedTuple):
     rows: slice
 
 
-def list_places(group: Group, *arrays: tuple[np.ndarray, int]) -> Iterator[np.ndarray]:
+def list_places(group: ElementGroup, *arrays: tuple[np.ndarray, int]) -> Iterator[np.ndarray]:
     """Yield, end by end, each array and the first index in it of each of a group's bodies.
 
     ``arrays`` are pairs of an array over bodies and its numbers per body.

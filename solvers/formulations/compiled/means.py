@@ -13,7 +13,7 @@ from ..generated import Program
 from ..rows.kept_code import load_or_make_code, load_row_code
 from ..rows.means import BODY
 from .bundles import make_bundle
-from .kernel import Group, Kernel, Loops, Step, list_places
+from .kernel import ElementGroup, Kernel, Loops, Step, list_places
 
 
 def make_means(system: MultibodySystem, k: Kernel) -> Any:
@@ -57,7 +57,7 @@ class MeanLoops(Loops):
             self._keeps.append(code)
         return steps
 
-    def _list_both_ends(self, group: Group) -> list[np.ndarray]:
+    def _list_both_ends(self, group: ElementGroup) -> list[np.ndarray]:
         """Return arrays and indices of a group's bodies at both ends of the step, in the order of the code."""
         k, (_, r0, R0) = self._k, self.start
         arrays = {"r0": r0, "R0": R0, "r": k.r, "R": k.R, "v": k.v, "J_inv": k.J_inv}

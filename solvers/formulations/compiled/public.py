@@ -22,7 +22,7 @@ SHIFT = 1e-6  # share of S's diagonal: redundant rows' loads are then right to 1
 PASSES = 30  # passes of refinement at most
 SETTLED = 1e-13  # relative change of the reaction that ends refinement
 KEPT = 32  # kernels a thread
-ITERATIONS, CLOSED = 20, 1e-14  # Gauss-Newton iterations, [m] limit of phi: as in ``mechanics.consistency``
+ITERATIONS = 20  # Gauss-Newton iterations, as in ``mechanics.consistency``
 
 
 class _Entry(NamedTuple):
@@ -113,12 +113,14 @@ def project(system: MultibodySystem, state: State, iterations: int = ITERATIONS)
     set_state(k, state)
     v = k.v.copy()
     k.rows.run()
-    for _ in range(iterations):
-        if np.max(np.abs(k.phi), initial=0.0) < CLOSED:
-            break
+
+    def correct(k: Kernel, phi: np.ndarray) -> Kernel:
         k.factorise.run()
         k.project.run()
         k.v[:] = v
+        return k
+
+    consistency.close_gaps(k, lambda k: k.phi, correct, consistency.CLOSED, iterations)
     k.factorise.run()
     k.project_rates.run()
     if not all(np.isfinite(a).all() for a in (k.r, k.R, k.v)):

@@ -7,7 +7,7 @@ from ..recursion.evaluation import MOST_ROWS, TreeEvaluation, TreeMechanism, too
 from ..recursion.phases import TreePhase
 from .code import CodeTooLarge, JointCode, make_code
 from .counting import refuse_code
-from .elimination import Order
+from .elimination import EliminationOrder
 from .evaluation import Evaluation
 from .hamilton import HamiltonCode, make_hamilton_code
 from .tree import Tree, build_spanning_tree
@@ -45,7 +45,7 @@ def choose_phase(
 
 
 def make_evaluation(
-    made: JointCode | TreeMechanism, nq: int, chosen: Order | None = None
+    made: JointCode | TreeMechanism, nq: int, chosen: EliminationOrder | None = None
 ) -> Evaluation | TreeEvaluation:
     """Return the object with the arrays and programs that evaluate a mechanism; nothing is evaluated yet.
 

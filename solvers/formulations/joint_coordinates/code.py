@@ -28,7 +28,7 @@ from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
 from ..rows.kept_code import digest_makers
-from .elimination import Factor, Matrix, NoInertia, Order
+from .elimination import EliminationOrder, Factor, Matrix, NoInertia
 from .pivots import Pattern, order_rows
 from .tree import Tree
 
@@ -58,7 +58,7 @@ class JointCode(NamedTuple):
 
     code: Code
     pattern: Pattern
-    order: Order
+    order: EliminationOrder
     rows: int  # rows of its loops
     operations: int  # operations of accelerations
     entries: int  # entries of L
@@ -120,7 +120,7 @@ def _load(code: Code, whole: bool) -> JointCode:
     rows, pivots = np.zeros((2, about["ordered"]))
     code.function("pattern", 4)(*(a.ctypes.data for a in (pairs, constants, rows, pivots)))
     pattern = Pattern(pairs.astype(np.int64), constants, about["nu"], about["held"], about["rows"])
-    order = Order(rows.astype(int).tolist(), pivots.tolist(), 0)
+    order = EliminationOrder(rows.astype(int).tolist(), pivots.tolist(), 0)
     return JointCode(code, pattern, order, about["rows"], about["operations"], about["entries"], whole)
 
 
@@ -163,7 +163,7 @@ def _print(system: MultibodySystem, tree: Tree, key: str, whole: bool) -> str:
     return print_functions({**functions, **tell(operations, parts)})
 
 
-class Equations(NamedTuple):
+class JointEquations(NamedTuple):
     """K at a motion (t, y), the number of its first loop row, the loop rows, and the order of elimination."""
 
     t: "ca.SX"
@@ -172,7 +172,7 @@ class Equations(NamedTuple):
     K: "Matrix"
     first: int
     rows: "list[LoopRow]"
-    order: "Order"
+    order: "EliminationOrder"
 
     @property
     def held(self) -> int:
@@ -180,10 +180,10 @@ class Equations(NamedTuple):
         return 3 * len(self.motion.opened)
 
 
-_FOUND: dict[str, Equations] = {}  # the last equations found
+_FOUND: dict[str, JointEquations] = {}  # the last equations found
 
 
-def find_equations(system: MultibodySystem, tree: Tree, key: str) -> Equations:
+def find_equations(system: MultibodySystem, tree: Tree, key: str) -> JointEquations:
     """Return the equations of ``choose_equations`` for this ``key``; the last ones found are kept for the next call."""
     import casadi as ca
 
@@ -193,14 +193,14 @@ def find_equations(system: MultibodySystem, tree: Tree, key: str) -> Equations:
     return _FOUND[key]
 
 
-def choose_equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX") -> Equations:
+def choose_equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX") -> JointEquations:
     """Return the equations of a tree with all or none of its balls opened, whichever has the shorter elimination."""
     balls = [limb.body for limb in tree.limbs if limb.ball and limb.parent != GROUND]
     found = [_equations(system, tree, t, y, way) for way in ([], balls)[: 1 + bool(balls)]]
     return min(found, key=lambda equations: equations.order.products)
 
 
-def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int]) -> Equations:
+def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int]) -> JointEquations:
     """Return K of a tree with the balls of the bodies ``opened``, as expressions, and its order of elimination."""
     from . import loops
     from .motion import TreeMotion
@@ -213,10 +213,10 @@ def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", open
         for u, entry in row.J.items():
             K[k][u] = K[u][k] = entry
     order = order_rows(_evaluate_matrix(K, t, y, tree.start), tree.nu, len(held))
-    return Equations(t, y, motion, K, n + len(held), rows, order)
+    return JointEquations(t, y, motion, K, n + len(held), rows, order)
 
 
-def list_entries(found: Equations) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+def list_entries(found: JointEquations) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
     """Return the places (row, column) of K's entries that depend on the motion, and of constant ones.
 
     Each symmetric pair of entries is listed once.
@@ -229,7 +229,7 @@ def list_entries(found: Equations) -> tuple[list[tuple[int, int]], list[tuple[in
 class MechanismFunctions:
     """The functions of a mechanism as expressions, from which its accelerations and its projection are composed."""
 
-    def __init__(self, system: MultibodySystem, tree: Tree, found: Equations) -> None:
+    def __init__(self, system: MultibodySystem, tree: Tree, found: JointEquations) -> None:
         """Write the functions; constant entries of K and L stay constants."""
         import casadi as ca
 

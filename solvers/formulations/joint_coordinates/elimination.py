@@ -20,7 +20,7 @@ class NoInertia(ValueError):
     """Raised where H is singular."""
 
 
-class Order(NamedTuple):
+class EliminationOrder(NamedTuple):
     """Rows in order of elimination, their pivots, and the number of products of L's entries that it takes."""
 
     rows: list[int]
@@ -34,7 +34,7 @@ def find_order(
     predecessors: Mapping[int, Collection[int]] | None = None,
     sure: int = 0,
     size: Sequence[float] | None = None,
-) -> Order:
+) -> EliminationOrder:
     """Return an order of elimination of the numeric matrix K, with its pivots and its number of products.
 
     The first ``nu`` rows are those of H; ``predecessors`` lists the rows that each row must come after. The first
@@ -66,7 +66,7 @@ def find_order(
         _eliminate(K, k)
     if any(k < nu for k in left):
         raise NoInertia
-    return Order(order, pivots, products)
+    return EliminationOrder(order, pivots, products)
 
 
 def compute_pivot_sizes(K: Matrix, nu: int) -> list[float]:

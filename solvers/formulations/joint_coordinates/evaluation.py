@@ -8,7 +8,7 @@ from ..compiled.algebra import take_larger
 from ..compiled.entries import BoundFunction
 from ..generated import Program
 from .code import JointCode
-from .elimination import Order
+from .elimination import EliminationOrder
 from .pivots import factor_by_lists, find_safe_order, make_lists, solve_by_lists, solve_rows_by_lists
 
 Calls = list[tuple[int, list[np.ndarray]]]
@@ -33,7 +33,7 @@ def find_gap(s: Any) -> None:
 class Evaluation:
     """The arrays and programs that evaluate a mechanism by its code, in the order ``chosen`` or in the code's own."""
 
-    def __init__(self, made: JointCode, nq: int, chosen: Order | None = None) -> None:
+    def __init__(self, made: JointCode, nq: int, chosen: EliminationOrder | None = None) -> None:
         """Allocate the arrays of one motion; keep this object alive as long as its programs."""
         self.made, self.nq, self.order = made, nq, chosen or made.order
         self.K = self._entries()
@@ -119,7 +119,7 @@ class Evaluation:
             return self._make_list_steps(solve_rows_by_lists, b=b, lam=lam)
         return self.make_call("solve_rows", self._L, b, lam)
 
-    def find_order(self, t: float, y: np.ndarray, start: np.ndarray) -> Order:
+    def find_order(self, t: float, y: np.ndarray, start: np.ndarray) -> EliminationOrder:
         """Return an order of elimination whose pivots are safe at ``y``; raise ``LostRank`` if there is none.
 
         They are compared with the pivots at ``start``, which is y at t = 0.

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     import casadi as ca
 
     from ..generated import GeneratedFunction
-    from .code import Equations
+    from .code import JointEquations
     from .motion import TreeMotion
 
 
@@ -109,7 +109,7 @@ def _print(system: MultibodySystem, tree: Tree, equations: str, radial: bool) ->
 
 
 def _functions(
-    system: MultibodySystem, tree: Tree, found: "Equations", radial: bool
+    system: MultibodySystem, tree: Tree, found: "JointEquations", radial: bool
 ) -> "tuple[dict[str, GeneratedFunction], int, int]":
     """Return the functions listed in the module as expressions, the number of rows, and that of free spins."""
     import casadi as ca

@@ -16,48 +16,29 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.base.code_meter import Stopwatch, collect_garbage, making_code
 from ....harness.mechanics.state import State
-from ....harness.mechanics.types import Problem, Status, StepControl, Trajectory
+from ....harness.mechanics.types import Problem, StepControl, Trajectory
 from ..compiled import host as kernel
 from ..compiled.algebra import copy
 from ..compiled.entries import BoundFunction, compile_inline, run
-from ..compiled.host import ENDS, FIRST_STEP, NO_DIAGNOSTICS, Method, _march
-from ..compiled.marching import FULL, SAFETY, STUCK, March, Record, allocate_record, make_control, march
+from ..compiled.host import FIRST_STEP, Method
+from ..compiled.marching import SAFETY, STUCK, make_control
 from ..generated import Program
 from ..methods.rkmk import make_pair_method
 from ..methods.tableaux import DOPRI853
-from ..recording import no_trajectory
-from ..recursion.evaluation import TreeMechanism
 from .choice import choose_code, make_evaluation
-from .code import JointCode
-from .elimination import Order
+from .elimination import EliminationOrder
 from .evaluation import Evaluation
-from .pivots import LostRank
-from .tree import Tree, build_spanning_tree
+from .relay import OPEN, JointMarcher, integrate_by_relay
 
 # ratios to the value at the start: where a step is projected, and in its stages
 LEAST_PIVOT, LEAST_IN_STAGES = 3e-6, 1e-8
 LOW = 3e-3  # the same: at it a singular position may be near
-FAIR = 0.03  # the same: above it an earlier order continues
-OPEN = 1e-6  # gap of rows that were left out, as a share of the mechanism's size
 # fewer take a step that is hard by itself for a poor order; more approach the position in tiny steps
 MOST_CUTS = 10
 NEAR = 10.0  # error given to a step that comes too near, which cuts it to two thirds
 ONE = 1.0 + 1e-15  # error after which the next step is ``SAFETY`` of h
 TRIALS = np.array([0.8, 1.25, 0.65, 1.5, 0.5, 0.9, 0.4, 0.3, 0.2, 0.1, 0.05])
-ROOM, MOST_AT_ONCE = 1_000_000, 1000  # bytes and steps that are recorded before Python takes them over
-
-
-class Bodies(NamedTuple):
-    """The record of an accepted step; its names are those of a kernel."""
-
-    r: Any  # (nb, 3)
-    R: Any  # (nb, 3, 3)
-    v: Any  # (nb, 6)
-    v_dot: Any  # (nb, 6)
-    lam: Any  # (nrows,) reactions
-    order: Any  # (nrows,)
 
 
 class Stages(NamedTuple):
@@ -216,30 +197,22 @@ def _add_errors(s: Any) -> None:
                     total[k] += w * slope[k]
 
 
-class Marcher:
-    """A march in a mechanism's joint coordinates; ValueError where neither code nor recursion is possible."""
-
-    tree: Tree
-    code: JointCode | TreeMechanism
-    _room: tuple[Record, BoundFunction] | None = None
+class PairMarcher(JointMarcher):
+    """A march by steps of DOP853, error-controlled; ValueError where neither code nor recursion is possible."""
 
     def __init__(
-        self, problem: Problem, state: np.ndarray, before: "Marcher | None" = None, chosen: Order | None = None
+        self,
+        problem: Problem,
+        state: np.ndarray,
+        before: "PairMarcher | None" = None,
+        chosen: EliminationOrder | None = None,
     ) -> None:
         """Begin at the problem's start, or at the state of the marcher ``before``, in the order ``chosen``."""
-        system, tree = problem.system, before.tree if before else build_spanning_tree(problem.system, problem.initial)
-        self.tree, self.code = tree, before.code if before else choose_code(problem, tree)
+        super().__init__(problem, state, before)
+        tree, bodies = self.tree, self.kernel
+        self.code = before.code if before else choose_code(problem, tree)
         self.evaluation = make_evaluation(self.code, tree.nq, chosen)
-        nb, n, tableau = system.nb, len(tree.start), DOPRI853
-        self.state = state
-        self.kernel = bodies = Bodies(
-            np.zeros((nb, 3)),
-            np.zeros((nb, 3, 3)),
-            np.zeros((nb, 6)),
-            np.zeros((nb, 6)),
-            np.zeros(system.nrows),
-            np.arange(system.nrows),
-        )
+        n, tableau = len(tree.start), DOPRI853
         given, y, y_dot, after, lam, guard, start = (np.zeros(k) for k in (3, n, n, n, self.code.rows, 2, n))
         t, slopes, sums, error, least = given[:1], np.zeros((len(tableau.b), n)), np.zeros((2, n)), *np.zeros((2, 1))
         own = self.evaluation
@@ -251,7 +224,6 @@ class Marcher:
             own.finish(t, y, after, y_dot, lam, guard),
             own.record(t, after, y_dot, lam, *bodies[:5]),
         ]
-        reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
         self.stages = Stages(
             state,
             given,
@@ -268,7 +240,7 @@ class Marcher:
             error,
             least,
             guard,
-            np.array([LEAST_IN_STAGES, LEAST_PIVOT, OPEN * (reach or 1.0), LOW]),
+            np.array([LEAST_IN_STAGES, LEAST_PIVOT, OPEN * (self.reach or 1.0), LOW]),
             np.array([0.0, 0.0, 0.0, 1.0]),
             *(program.entry for program in self._programs),
         )
@@ -282,115 +254,22 @@ class Marcher:
         self.reaction = bodies.lam.copy()[None]
         self.stretch(0)
 
-    def stretch(self, n: int) -> Record:
-        """March up to ``n`` steps, or as many as the record holds; return the record of those accepted.
-
-        ``state["outcome"]`` says why the march ended.
-        """
-        if self._room is None:
-            bytes_of_a_step = 8 * (1 + 18 * len(self.kernel.r) + len(self.kernel.lam))
-            self._room = self._make_record(min(1 + ROOM // bytes_of_a_step, MOST_AT_ONCE))
-        record, march_on = self._room if n >= len(self._room[0].t) else self._make_record(n)
-        march_on()
-        taken = Record(*(a[: self.state["recorded"]] for a in record))
-        return Record(*(a.copy() for a in taken)) if self.state["outcome"] == FULL else taken
-
-    def _make_record(self, n: int) -> tuple[Record, BoundFunction]:
-        """Return a record for ``n`` steps, and the compiled march that fills it."""
-        record = allocate_record(n, len(self.kernel.r), len(self.kernel.lam))
-        for a in record:
-            a.fill(0.0)  # the system provides pages as they are touched
-        bundle = March(self.state, self.kernel, record, NO_DIAGNOSTICS, *(e.entry for e in self._entries))  # type: ignore[arg-type]
-        return record, BoundFunction(march, bundle)
-
     @property
     def present_state(self) -> np.ndarray:
         """Coordinates and velocities y at the end of the last step."""
-        return self.stages.start
+        return self.stages.start  # type: ignore[no-any-return]
 
-    def explain(self, outcome: int) -> str:
-        """Return the message for an ``outcome`` of the march."""
-        if outcome != STUCK:
-            return ENDS[outcome][1]
-        pivot, gap = self.stages.guard
-        return (
-            f"the constraints are near a change of rank (least pivot {pivot:.2g} of its start, rows left out open by "
-            f"{gap:.2g})"
-        )
-
-
-class Relay:
-    """A march in joint coordinates; where it is stuck, another order of elimination continues, or the kernel."""
-
-    def __init__(self, problem: Problem, code: Marcher) -> None:
-        self.state, self.kernel, self.reaction = code.state, code.kernel, code.reaction
-        self.changes, self._notes = list[float](), list[str]()
-        self._problem, self._runner, self._orders = problem, code, list[Order | None]([None])
-        self._fallback: kernel.Marcher | None = None
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes on the times at which pivots were chosen anew, and on a change to the kernel."""
-        times = ", ".join(f"{t:g}" for t in self.changes[:3]) + (", ..." if len(self.changes) > 3 else "")
-        return (*([f"pivots chosen anew at t = {times} s"] if self.changes else []), *self._notes)
-
-    def stretch(self, n: int) -> Record:
-        """March up to ``n`` steps and return their record, reactions in the system's order.
-
-        Where the march is stuck, change to another order of elimination, or to the kernel.
-        """
-        if self._fallback:
-            record: Record = self._fallback.stretch(n)
-            return record._replace(lam=record.lam[:, self._fallback.kernel.order])
-        record = self._runner.stretch(n)
-        if self.state["outcome"] == STUCK:
-            record = Record(*(a.copy() for a in record))  # its memory may be reused
-            with making_code:
-                if not self._choose_pivots():
-                    self.state["outcome"] = STUCK  # the marchers tried have changed it
-                    self._continue_without_pivots()
-            collect_garbage()
-        return record
-
-    def _choose_pivots(self) -> bool:
-        """Change to an order of elimination whose pivots are safe at the present state; return whether there is one.
-
-        An earlier order is preferred. At the time of the last change there is none.
-        """
-        t = float(self.state["t"])
-        if self.changes and not t > self.changes[-1]:
-            return False
-        for order in self._orders:
-            other = self._make_marcher(order)
-            if other.stages.guard[0] > FAIR:
-                break
-        else:
-            before = self._runner
-            try:
-                order = before.evaluation.find_order(t, before.present_state, before.tree.start)
-            except LostRank:
-                return False
-            other = self._make_marcher(order)
-            self._orders.append(order)
-        self._runner = other
-        self.changes.append(t)
-        return True
-
-    def _make_marcher(self, order: Order | None) -> Marcher:
+    def restart(self, order: EliminationOrder | None) -> "PairMarcher":
         """Return a marcher at the present state with this order of elimination; None stands for that of the start."""
-        return Marcher(self._problem, self.state, self._runner, order)
+        return PairMarcher(self.problem, self.state, self, order)
 
-    def _continue_without_pivots(self) -> None:
-        """Continue from the present state to the end by the kernel of ``rkmk_dop853``, and note it."""
-        t, k = float(self.state["t"]), self._runner.kernel
-        self._notes.append(f"{self._runner.explain(STUCK)} at t = {t:g} s; from there on by the kernel of rkmk_dop853")
+    def continue_without_pivots(self) -> tuple[kernel.Marcher, str]:
+        """Return the march from the present state to the end by the kernel of ``rkmk_dop853``, and a note on it."""
+        t, k = float(self.state["t"]), self.kernel
+        note = f"{self.explain(STUCK)} at t = {t:g} s; from there on by the kernel of rkmk_dop853"
         here = State(k.r.copy(), k.R.copy(), k.v[:, :3].copy(), k.v[:, 3:].copy(), t)
-        rest = dataclasses.replace(self._problem, initial=here)
-        self._fallback = kernel.Marcher(rest, make_pair_method(DOPRI853), self.state)
-
-    def explain(self, outcome: int) -> str:
-        """Return the message for an ``outcome`` of the march, after the notes on changes."""
-        return "; ".join([*self.notes, (self._fallback or self._runner).explain(outcome)])
+        rest = dataclasses.replace(self.problem, initial=here)
+        return kernel.Marcher(rest, make_pair_method(DOPRI853), self.state), note
 
 
 METHOD = Method(
@@ -404,7 +283,6 @@ METHOD = Method(
 
 def integrate(problem: Problem, control: StepControl) -> Trajectory:
     """Integrate in joint coordinates to the end, a limit or a failure, and return the trajectory with its status."""
-    watch = Stopwatch()
     state = make_control(
         t_end=problem.t_end,
         adaptive=True,
@@ -414,15 +292,4 @@ def integrate(problem: Problem, control: StepControl) -> Trajectory:
         max_step=control.max_step or np.inf,
         next_step=min(FIRST_STEP, problem.t_end),
     )
-    try:
-        marcher = Marcher(problem, state)
-    except ValueError as error:
-        return no_trajectory(problem, Status.REFUSED, str(error))
-    relay = Relay(problem, marcher)
-    out = _march(problem, control, METHOD, relay, watch)
-    notes = [marcher.code.words]
-    if marcher.code.rows:
-        notes.append(
-            f"{marcher.code.rows_in_use} of {marcher.code.rows} rows of the loops hold, the others depend on them"
-        )
-    return dataclasses.replace(out, notes=(*notes, *relay.notes))
+    return integrate_by_relay(problem, control, METHOD, lambda: PairMarcher(problem, state))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..compiled.algebra import clear
 from ..compiled.entries import compile_inline
-from .elimination import Matrix, NoInertia, Order, compute_pivot_sizes, find_order
+from .elimination import EliminationOrder, Matrix, NoInertia, compute_pivot_sizes, find_order
 
 AGAIN = 0.03  # least share of its size at the start, for a pivot of an order found later
 ROUNDING = 1e-9  # entries of rows below it are rounding: the largest are 1 where a joint holds anything
@@ -48,7 +48,7 @@ class Pattern(NamedTuple):
         return out
 
 
-def order_rows(K: Matrix, nu: int, held: int, size: Sequence[float] | None = None) -> Order:
+def order_rows(K: Matrix, nu: int, held: int, size: Sequence[float] | None = None) -> EliminationOrder:
     """Return the order of elimination of the numeric matrix K, with loop rows last if that takes fewer products.
 
     Each of the ``held`` rows of opened balls, which follow ``nu`` velocities and as many freed ones, is eliminated
@@ -69,7 +69,7 @@ def order_rows(K: Matrix, nu: int, held: int, size: Sequence[float] | None = Non
     return last if last.products < mixed.products else mixed
 
 
-def find_safe_order(pattern: Pattern, here: np.ndarray, start: np.ndarray) -> Order:
+def find_safe_order(pattern: Pattern, here: np.ndarray, start: np.ndarray) -> EliminationOrder:
     """Return an order of elimination for K's entries ``here``, with pivots compared with those at the ``start``.
 
     Raises ``LostRank`` where a row's pivot is not safe relative to its size at the start, where the number of
@@ -129,7 +129,7 @@ class EliminationLists(NamedTuple):
     ahead: int  # columns of the order before the first such row
 
 
-def make_lists(pattern: Pattern, order: Order, K: np.ndarray) -> EliminationLists:
+def make_lists(pattern: Pattern, order: EliminationOrder, K: np.ndarray) -> EliminationLists:
     """Return the lists of indices by which an order of elimination is executed on the entries ``K``.
 
     The arrays for right sides and results are placeholders.

@@ -12,31 +12,26 @@ Sweeps converge linearly, at a rate of about h times the fastest rate of the mot
 rounding could decide whether ``MOST_SWEEPS`` are enough, Anderson's method accelerates them (module ``acceleration``).
 """
 
-import dataclasses
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.base.code_meter import Stopwatch
-from ....harness.mechanics.types import Problem, Status, StepControl, Trajectory
+from ....harness.mechanics.types import Problem, StepControl, Trajectory
 from ..compiled.algebra import clear, copy, take_larger
 from ..compiled.entries import BoundFunction, compile_inline, run
-from ..compiled.host import ENDS, ROUNDINGS, Method, _march
+from ..compiled.host import ENDS, ROUNDINGS, Method
 from ..compiled.marching import FULL, STUCK, make_control
 from ..generated import Program
-from ..recording import no_trajectory
 from ..recursion.evaluation import TreeEvaluation
 from ..recursion.phases import TreeClosing, TreePhase
 from ..refusals import refuse_without_phi
-from . import marching
 from .acceleration import MEMORY, accelerate
 from .choice import choose_phase, make_evaluation, refuse_loop_rows
 from .collocation import DEPTH, CollocationTableau
-from .elimination import Order
+from .elimination import EliminationOrder
 from .evaluation import Calls, Evaluation
 from .hamilton import HamiltonCode
-from .marching import OPEN, Bodies
-from .tree import build_spanning_tree
+from .relay import OPEN, JointMarcher, integrate_by_relay
 
 MOST_SWEEPS = 60  # twice what the longest steps with any accuracy take
 LOOK = 5  # sweeps between two checks of their rate
@@ -50,7 +45,7 @@ POOR_PIVOT, LEAST_PIVOT = 1e-3, 1e-6  # shares of their first values: others are
 FASTEST = 1e-2  # assumed convergence of a sweep, at best
 
 
-class Stages(NamedTuple):
+class CollocationStages(NamedTuple):
     """The bundle of one step: the tableau and its arrays."""
 
     control: Any
@@ -355,7 +350,7 @@ def make_closing(evaluation: Evaluation | TreeEvaluation, own: HamiltonCode | Tr
     return Closing(evaluation, own)
 
 
-class Marcher(marching.Marcher):
+class SymplecticMarcher(JointMarcher):
     """A symplectic march of a mechanism; ValueError where neither code nor recursion is possible."""
 
     hamilton: HamiltonCode | TreePhase
@@ -365,28 +360,19 @@ class Marcher(marching.Marcher):
         problem: Problem,
         state: np.ndarray,
         tableau: CollocationTableau,
-        before: "Marcher | None" = None,
-        chosen: Order | None = None,
+        before: "SymplecticMarcher | None" = None,
+        chosen: EliminationOrder | None = None,
         *,
         radial: bool,
     ) -> None:
         """Begin at the problem's start, or at the state of the marcher ``before``, in the order ``chosen``."""
-        system, tree = problem.system, before.tree if before else build_spanning_tree(problem.system, problem.initial)
-        self.tree = tree
+        super().__init__(problem, state, before)
+        tree, bodies, reach = self.tree, self.kernel, self.reach
         self.code, own = (before.code, before.hamilton) if before else choose_phase(problem, tree, radial=radial)
         self.evaluation = make_evaluation(self.code, tree.nq, chosen)
         self.hamilton, self.tableau, self.radial = own, tableau, radial
-        nb, ny, nq, r = system.nb, len(tree.start), tree.nq, own.rows
+        ny, nq, r = len(tree.start), tree.nq, own.rows
         stages, m = len(tableau.b), len(tableau.nodes)
-        self.state = state
-        self.kernel = bodies = Bodies(
-            np.zeros((nb, 3)),
-            np.zeros((nb, 3, 3)),
-            np.zeros((nb, 6)),
-            np.zeros((nb, 6)),
-            np.zeros(system.nrows),
-            np.arange(system.nrows),
-        )
         t, y, after, y_dot, lam, guard = (np.zeros(k) for k in (1, ny, ny, ny, self.code.rows, 2))
         z, z_dot, push = np.zeros((2, nq)), np.zeros((2, nq)), np.zeros(nq)
         rows, gaps, solved = np.zeros((3, r))
@@ -410,8 +396,7 @@ class Marcher(marching.Marcher):
             "record": self.evaluation.record(t, after, y_dot, lam, *bodies[:5]),
         }
         self._programs = list(programs.values())
-        reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
-        self.stages = Stages(  # type: ignore[assignment]
+        self.stages = CollocationStages(
             state,
             t,
             *tableau[2:],
@@ -483,6 +468,16 @@ class Marcher(marching.Marcher):
         s = self.stages
         return not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1])
 
+    def restart(self, order: EliminationOrder | None) -> "SymplecticMarcher":
+        """Return a marcher at the same canonical coordinates, with this order of elimination."""
+        return SymplecticMarcher(self.problem, self.state, self.tableau, self, order, radial=self.radial)
+
+    def continue_without_pivots(self) -> None:
+        """Continue with the present pivots if they exceed ``LEAST_PIVOT`` and no row is open; else end the march."""
+        s = self.stages
+        if s.limits[0] > LEAST_PIVOT and s.guard[0] > LEAST_PIVOT and s.guard[1] < s.limits[1]:
+            s.limits[0], self.state["outcome"] = LEAST_PIVOT, FULL
+
     def explain(self, outcome: int) -> str:
         """Return the message for an ``outcome`` of the march, with advice."""
         if self.has_poor_pivots:
@@ -490,31 +485,19 @@ class Marcher(marching.Marcher):
         helps = SHORTER if outcome == STUCK and isinstance(self.hamilton, TreePhase) else ""
         return f"{ENDS[outcome][1]}{helps}"
 
-
-class Relay(marching.Relay):
-    """A symplectic march that changes to other pivots where they are poor, and ends where there are none."""
-
-    _runner: Marcher
+    @property
+    def notes(self) -> list[str]:
+        """Notes on the evaluation of the mechanism, on its loops, and on what acts on it."""
+        system, notes = self.problem.system, [self.hamilton.words, *super().notes[1:]]
+        if not system.is_conservative:
+            act = "user forces" if len(system.user_i) else "dampers, loads or drives"
+            notes.append(f"{act} act: the order holds, a claim on energy does not")
+        return notes
 
     @property
-    def most_sweeps(self) -> int:
+    def counters(self) -> dict[str, int]:
         """Largest number of sweeps that a step has taken."""
-        return int(self._runner.stages.most[0])  # type: ignore[attr-defined]
-
-    def _choose_pivots(self) -> bool:
-        """Change to an order with safe pivots if the present ones are poor; return whether it did."""
-        return self._runner.has_poor_pivots and super()._choose_pivots()
-
-    def _make_marcher(self, order: Order | None) -> Marcher:
-        """Return a marcher at the same canonical coordinates, with this order of elimination."""
-        before = self._runner
-        return Marcher(self._problem, self.state, before.tableau, before, order, radial=before.radial)
-
-    def _continue_without_pivots(self) -> None:
-        """Continue with the present pivots if they exceed ``LEAST_PIVOT`` and no row is open; else end the march."""
-        s = self._runner.stages
-        if s.limits[0] > LEAST_PIVOT and s.guard[0] > LEAST_PIVOT and s.guard[1] < s.limits[1]:
-            s.limits[0], self.state["outcome"] = LEAST_PIVOT, FULL
+        return {"most_sweeps": int(self.stages.most[0])}
 
 
 METHOD = Method(lambda kernel, state: None, step, finish, counters=("evaluations", "iterations"))
@@ -533,21 +516,7 @@ def integrate(
     ``radial`` includes the energy and the rows that keep quaternions at length one, for methods that do not keep
     quadratic invariants.
     """
-    watch = Stopwatch()
     state = make_control(t_end=problem.t_end, dt=control.dt or 0.0)
-    try:
-        marcher = Marcher(problem, state, tableau, radial=radial)
-    except ValueError as error:
-        return no_trajectory(problem, Status.REFUSED, str(error))
-    relay = Relay(problem, marcher)
-    out = _march(problem, control, METHOD, relay, watch)
-    notes = [marcher.hamilton.words]
-    if marcher.code.rows:
-        notes.append(
-            f"{marcher.code.rows_in_use} of {marcher.code.rows} rows of the loops hold, the others depend on them"
-        )
-    if not problem.system.is_conservative:
-        act = "user forces" if len(problem.system.user_i) else "dampers, loads or drives"
-        notes.append(f"{act} act: the order holds, a claim on energy does not")
-    counters = {**out.counters, "most_sweeps": relay.most_sweeps}
-    return dataclasses.replace(out, notes=(*notes, *relay.notes), counters=counters)
+    return integrate_by_relay(
+        problem, control, METHOD, lambda: SymplecticMarcher(problem, state, tableau, radial=radial)
+    )

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from ..compiled.algebra import clear, copy, multiply, take_larger
 from ..compiled.entries import compile_inline, run
 from .closing_rows import add_response, couple_rows, factor_closing, rate_rows, solve_closing, store_multipliers
-from .limbs import Closing, Limbs
+from .limbs import ClosingRows, Limbs
 from .sweeps import move_to, turn_about_centre
 from .twists import cross
 
@@ -19,7 +19,7 @@ class CoupledTree(NamedTuple):
     """A tree and its present state, the argument of ``couple_tree``."""
 
     limbs: Limbs
-    closing: Closing
+    closing: ClosingRows
     t: Any  # (1,)
     q: Any  # (nq,)
     u: Any  # (nu,)
@@ -29,7 +29,7 @@ class AcceleratedTree(NamedTuple):
     """A tree, its present state, and the results of ``accelerate_tree``."""
 
     limbs: Limbs
-    closing: Closing
+    closing: ClosingRows
     t: Any
     q: Any
     u: Any
@@ -43,7 +43,7 @@ class ProjectedTree(NamedTuple):
     """A tree, its present state, and the results of ``project_tree``."""
 
     limbs: Limbs
-    closing: Closing
+    closing: ClosingRows
     t: Any
     q: Any
     u: Any

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.entries import BoundFunction
 from ..generated import Program
-from ..joint_coordinates.elimination import DEPENDENT, Order
+from ..joint_coordinates.elimination import DEPENDENT, EliminationOrder
 from ..joint_coordinates.pivots import AGAIN, ROUNDING, LostRank
 from ..joint_coordinates.stages import list_tolerance_blocks
 from ..joint_coordinates.tree import Tree
@@ -67,7 +67,7 @@ class TreeMechanism:
         """Note for the trajectory, which says that a recursion evaluates the mechanism."""
         return f"recursion over {self.system.nb} {'body' if self.system.nb == 1 else 'bodies'}"
 
-    def make_evaluation(self, chosen: Order | None = None) -> "TreeEvaluation":
+    def make_evaluation(self, chosen: EliminationOrder | None = None) -> "TreeEvaluation":
         """Return the arrays and programs that evaluate the mechanism; nothing is computed yet.
 
         Rows are eliminated in the order ``chosen``, by default that of the start.
@@ -90,7 +90,7 @@ class TreeMechanism:
         return Coupling(np.tril(closing.S) + np.tril(closing.S, -1).T, free[place])
 
 
-def choose_rows(at: Coupling, size: np.ndarray | None = None) -> Order:
+def choose_rows(at: Coupling, size: np.ndarray | None = None) -> EliminationOrder:
     """Return an order of independent closing rows with their pivots; the next row has the largest relative pivot.
 
     Pivots are relative to ``size``, by default the diagonal of S at the position of ``at``; with the diagonal of
@@ -110,13 +110,13 @@ def choose_rows(at: Coupling, size: np.ndarray | None = None) -> Order:
         pivots.append(float(S[k, k]))
         left[k] = False
         S -= np.outer(S[:, k], S[k]) / S[k, k]
-    return Order(rows, pivots, 0)
+    return EliminationOrder(rows, pivots, 0)
 
 
 class TreeEvaluation:
     """Programs of accelerations, projections and records, with rows in the order ``chosen`` or that of the start."""
 
-    def __init__(self, made: TreeMechanism, chosen: Order | None = None) -> None:
+    def __init__(self, made: TreeMechanism, chosen: EliminationOrder | None = None) -> None:
         self.made, self.nq, self.order = made, made.tree.nq, chosen or made.order
         self.closing = select_rows(made.mechanism.closing, self.order.rows, self.order.pivots)
         self._limbs, self._loads = made.mechanism.limbs, int(made.mechanism.forces)
@@ -175,7 +175,7 @@ class TreeEvaluation:
         low, high, angle = (np.ascontiguousarray(x) for x in blocks)
         return BoundFunction(measure_error, ErrorParts(low, high, angle, given, start, y, sums, error))
 
-    def find_order(self, t: float, y: np.ndarray, start: np.ndarray) -> Order:
+    def find_order(self, t: float, y: np.ndarray, start: np.ndarray) -> EliminationOrder:
         """Return an order of rows whose pivots are safe at ``t`` [s] and ``y``; raise ``LostRank`` if there is none."""
         here, size = self.made.couple_at(t, y), np.diag(self.made.at_start.S)
         of = np.where(size > 0.0, size, float(np.max(size, initial=0.0)))

@@ -17,7 +17,7 @@ from ..compiled.algebra import clear, copy, multiply, multiply_transposed
 from ..compiled.entries import compile_inline, compile_separately, run
 from .accelerations import normalise, rate_coordinates, rate_quaternion
 from .closing_rows import add_response, add_row, factor_closing, rate_rows, solve_closing, store_multipliers
-from .limbs import Closing, Limbs
+from .limbs import ClosingRows, Limbs
 from .sweeps import gather_efforts, move_to, set_rate, transmit_load, turn_about_centre
 from .twists import cross
 
@@ -26,7 +26,7 @@ class Phase(NamedTuple):
     """A tree in canonical coordinates, and arrays of its functions."""
 
     limbs: Limbs
-    closing: Closing
+    closing: ClosingRows
     loads: int  # program of forces, gyroscopic torques left out
     soft: Any  # (n,) alpha of balls' lengths, 0: none
     spin: Any  # (n,) rate of a free spin over its momentum, 0: none

@@ -68,7 +68,7 @@ class Limbs(NamedTuple):
     responding: Any  # ``sweeps.find_response``
 
 
-class Closing(NamedTuple):
+class ClosingRows(NamedTuple):
     """Rows of the joints that close loops, in their kernel's order, and a dense factor of those in use."""
 
     limb: Any  # (nb,) limb of each body
@@ -96,7 +96,7 @@ class ClosedTree(NamedTuple):
     """A tree with its closing rows, the programs of its forces, and the kernels whose arrays it shares."""
 
     limbs: Limbs
-    closing: Closing
+    closing: ClosingRows
     forces: Any  # program of forces less the gyroscopic torque
     applied: Any  # program of applied forces alone
     whole: Kernel  # rows of all joints
@@ -113,7 +113,7 @@ def make_mechanism(system: MultibodySystem, tree: Tree) -> ClosedTree:
     limbs = _make_limbs(system, tree, whole)
     place = {limb.body: n for n, limb in enumerate(tree.limbs)}
     nr, none = len(cut.phi), np.zeros(0)
-    closing = Closing(
+    closing = ClosingRows(
         np.array([place[b] for b in range(system.nb)], dtype=np.int64),
         cut.body,
         cut.row,
@@ -137,7 +137,7 @@ def make_mechanism(system: MultibodySystem, tree: Tree) -> ClosedTree:
     return ClosedTree(limbs, closing, whole.forces, whole.applied_forces, whole, cut)
 
 
-def select_rows(closing: Closing, rows: Sequence[int], pivots: Any) -> Closing:
+def select_rows(closing: ClosingRows, rows: Sequence[int], pivots: Any) -> ClosingRows:
     """Return a copy of ``closing`` with these ``rows`` in use, in this order, and new arrays for their factor.
 
     Rows are numbered in the cut joints' order; ``pivots`` are those at the position where the order was found. All

@@ -11,7 +11,7 @@ from ..compiled.entries import run
 from ..joint_coordinates.tree import Tree
 from .accelerations import add_centripetal, set_loads
 from .closing_rows import add_row
-from .limbs import ClosedTree, Closing, Limbs
+from .limbs import ClosedTree, ClosingRows, Limbs
 from .sweeps import find_motion, gather_efforts, move_to, set_rate
 from .twists import cross
 
@@ -22,7 +22,7 @@ class RecordedTree(NamedTuple):
     """A tree, the rows of its joints, and the inputs and results of ``record_tree``."""
 
     limbs: Limbs
-    closing: Closing
+    closing: ClosingRows
     loads: int  # program of forces
     whole: int  # program of all rows
     X: Any  # (2, nr, 3) torques of all rows

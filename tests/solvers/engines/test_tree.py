@@ -22,7 +22,7 @@ from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.mechanics.torsion import evaluate_torsion
 from mbsbench.solvers.engines.export.model_check import EngineModel, measure_differences, refuse_model
-from mbsbench.solvers.engines.export.tree import Kind, Tree, build_spanning_tree
+from mbsbench.solvers.engines.export.tree import EngineTree, Kind, build_spanning_tree
 
 from .systems import PROBLEMS
 
@@ -32,11 +32,11 @@ def problem(request):
     return PROBLEMS[request.param]()
 
 
-def tree_of(problem) -> Tree:
+def tree_of(problem) -> EngineTree:
     return build_spanning_tree(problem.system, problem.initial)
 
 
-def wandering(tree: Tree, seed: int):
+def wandering(tree: EngineTree, seed: int):
     """Any coordinates and velocities of the tree."""
     random = np.random.default_rng(seed)
     q, u = (
@@ -46,7 +46,7 @@ def wandering(tree: Tree, seed: int):
     return q, u
 
 
-def moved(tree: Tree, q: np.ndarray, u: np.ndarray, h: float) -> np.ndarray:
+def moved(tree: EngineTree, q: np.ndarray, u: np.ndarray, h: float) -> np.ndarray:
     """q after a short time h at velocities u, to first order in h."""
     out = q.copy()
     for limb in tree.limbs:

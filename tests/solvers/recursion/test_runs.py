@@ -12,7 +12,7 @@ from mbsbench.harness.mechanics.types import Problem, Status, StepControl
 from mbsbench.solvers.formulations.compiled import algebra
 from mbsbench.solvers.formulations.compiled.entries import InlineFunction
 from mbsbench.solvers.formulations.generated import code as generated_code
-from mbsbench.solvers.formulations.joint_coordinates import choice, marching, symplectic
+from mbsbench.solvers.formulations.joint_coordinates import choice, marching, relay, symplectic
 from mbsbench.solvers.formulations.joint_coordinates.tree import build_spanning_tree
 from mbsbench.solvers.formulations.recursion import accelerations, closing_rows, evaluation, hamilton, sweeps, twists
 from mbsbench.solvers.formulations.recursion.accelerations import CoupledTree
@@ -138,7 +138,7 @@ def test_rows_chosen_anew_leave_the_motion(solver: str, monkeypatch: pytest.Monk
     problem, step = make_problem("bricard", {"t_end": 1.2}), 1e-9 if solver == "dop853_joint" else 0.01
     plain = solve_run(problem, step, solver)
     monkeypatch.setattr(marching, "LEAST_PIVOT", 0.5)
-    monkeypatch.setattr(marching, "FAIR", 2.0)  # no earlier order goes on
+    monkeypatch.setattr(relay, "FAIR", 2.0)  # no earlier order goes on
     monkeypatch.setattr(symplectic, "POOR_PIVOT", 0.9)
     changed = solve_run(problem, step, solver)
     assert any("anew" in note for note in changed.notes)
