@@ -30,7 +30,7 @@ from .harness.mechanics.types import Problem, Solver, Status, Trajectory
 from .harness.results import environment, store
 from .harness.results.records import RunRecord
 from .harness.results.series import Series, write_series
-from .harness.results.words import describe_errors
+from .harness.results.words import describe_errors, describe_status
 from .harness.run.job import Job
 from .harness.run.kept_series import build_series
 from .harness.run.measuring import Outcome, judge_handover
@@ -111,7 +111,7 @@ class Run:
         drift = "" if math.isnan(r.energy_drift_max_J) else f"energy drift {r.energy_drift_max_J:.2e} J"
         error = f"error {said}" if (said := describe_errors(r)) else ""
         words = [f"{r.steps} steps to {r.t_reached_s:g} s", *(n for n in (drift, error) if n)]
-        return f"<Run {r.case}: {', '.join([r.status, *(words if r.steps else [r.message])])}>"
+        return f"<Run {r.case}: {', '.join([describe_status(r), *(words if r.steps else [r.message])])}>"
 
     def _repr_html_(self) -> str:
         return show_run(self.record)

@@ -63,7 +63,13 @@ def show_results(folder: str, records: Sequence[RunRecord], unreadable: Mapping[
     words = ", ".join(f"{n} {status}" for status, n in counted.most_common())
     title = f"{folder}: {_count(len(records), 'run')}{f' ({words})' if words else ''}"
     rows = [
-        (r.case, r.status, _number(r.energy_drift_max_J, "J"), describe_errors(r), _number(r.cpu_median_s, "s"))
+        (
+            r.case,
+            describe_status(r),
+            _number(r.energy_drift_max_J, "J"),
+            describe_errors(r),
+            _number(r.cpu_median_s, "s"),
+        )
         for r in records[:FEW]
     ]
     table = _show_table(("run", "status", "energy drift", "error", "CPU time"), rows, title)

@@ -21,6 +21,7 @@ from ..harness.mechanics.types import Problem
 from ..harness.reference.computation import is_computable
 from ..harness.results import store
 from ..harness.results.records import RunRecord
+from ..harness.results.words import qualify_status
 from ..harness.run.costs import predict_times, select_quick
 from ..harness.run.runner import Request
 from .arguments import UsageError, count_jobs, load_problem, parse_assignments
@@ -175,6 +176,7 @@ def _print_report(candidates: list[Candidate], error: float, *, as_json: bool) -
                     "case": r.case,
                     "meets": bool(c.best),
                     "status": r.status,
+                    "qualifiers": qualify_status(r),
                     "dt_s": r.dt_s,
                     "rtol": r.rtol,
                     "motion_error_m": r.motion_error_judged_m,

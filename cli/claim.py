@@ -1,4 +1,4 @@
-"""Show one claim of the paper with its verdicts and settings, or make and judge its runs (``claim``)."""
+"""List the paper's claims, show one with its verdicts and settings, or make and judge its runs (``claim``)."""
 
 import argparse
 from collections.abc import Iterator
@@ -20,12 +20,19 @@ from ..harness.run.runner import Request, find_last_folder, name_new_folder
 from ..reports.model import claim_words
 from .arguments import UsageError, count_jobs, find_results
 from .progress import run_watched
-from .terminal import make_console, make_error_console
+from .terminal import make_console, make_error_console, plural, print_json
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the claim, with --run after its runs; return 1 if their verdicts differ from the published ones, else 0."""
+    """Print the claim, with --run after its runs; return 1 if their verdicts differ from the published ones, else 0.
+
+    Without an id, list the claims.
+    """
     register = read_register()
+    if arguments.claim is None:
+        return _list_claims(arguments, register)
+    if arguments.all:
+        raise UsageError("--all lists every claim: leave out ID")
     known = {c.id: c for c in register.claims}
     if arguments.claim not in known:
         raise UsageError(f"unknown claim {arguments.claim!r}{suggest_name(arguments.claim, list(known))}")
@@ -54,6 +61,45 @@ def run(arguments: argparse.Namespace) -> int:
     elif not (arguments.make or arguments.results):
         _print_warning(judging.describe_outdated(PUBLISHED, code_now(register, judging.list_published_runs())))
     return int(changed)
+
+
+def _list_claims(arguments: argparse.Namespace, register: Register) -> int:
+    """Print the published claims, those that carry the paper or all, each with its verdict; return 0."""
+    for name in ("make", "rows", "out", "jobs"):
+        if getattr(arguments, name):
+            raise UsageError(f"--{name.replace('make', 'run')} needs the ID of a claim; mbsbench claim lists them")
+    published = read_claims(PUBLISHED)
+    if published is None:
+        raise UsageError("no verdicts are published; mbsbench judge RESULTS --publish does so")
+    claims = claim_words.order_claims(published)
+    if arguments.json:
+        print_json({"claims": [_summarise(c) for c in claims]})
+        return 0
+    out = make_console()
+    shown = [c for c in claims if c.summary or arguments.all]
+    for c in shown:
+        out.print(f"{c.id}: {c.claim}", markup=False, highlight=False)
+        out.print(f"    {claim_words.describe_verdict(c)}", markup=False, highlight=False)
+    if others := len(claims) - len(shown):
+        words = f"{plural(others, 'more claim')}: mbsbench claim --all lists them"
+        out.print(f"{words}; mbsbench claim ID shows one with its settings", markup=False, highlight=False)
+    _print_warning(judging.describe_outdated(PUBLISHED, code_now(register, judging.list_published_runs())))
+    return 0
+
+
+def _summarise(c: JudgedClaim) -> dict[str, object]:
+    """Return a claim of the list as plain data; ``summary`` is true for one of the abstract or the conclusions."""
+    sides = {"paper": c.paper, "beyond": c.beyond}
+    return {
+        "id": c.id,
+        "summary": c.summary,
+        "kind": c.kind,
+        "section": c.section,
+        "figure": list(c.figure),
+        "claim": c.claim,
+        **{side: str(f.verdict) if f else None for side, f in sides.items()},
+        "words": claim_words.describe_verdict(c),
+    }
 
 
 def _print_warning(words: str) -> None:

@@ -197,13 +197,17 @@ def _add_judge(commands: Any) -> None:
 
 
 def _add_claim(commands: Any) -> None:
-    words = "show a claim of the paper with its verdicts, why and where it was tried, or make its runs and judge it"
-    p = add_subcommand(commands, "claim", words, "the claim", native=True)
-    p.add_argument("claim", metavar="ID", help="its id (results/claims.toml; mbsbench judge lists them)")
+    words = (
+        "list the paper's claims with their verdicts, or show one: why and where it was tried; or make its runs and "
+        "judge it"
+    )
+    p = add_subcommand(commands, "claim", words, "the claim, or without ID all of them", native=True)
+    p.add_argument("claim", nargs="?", metavar="ID", help="its id (default: list those of abstract and conclusions)")
     judged = f"{RESULTS}, judged (default: as published)"
     p.add_argument("results", nargs="?", metavar="RESULTS", help=judged)
     p.add_argument("--run", dest="make", action="store_true", help="make the runs of its map alone, and judge these")
     p.add_argument("--rows", action="store_true", help="also list every setting: number, holds or not, and its command")
+    p.add_argument("--all", action="store_true", help="without ID: list every claim")
     p.add_argument("--out", metavar="DIR", help="with --run: results folder (default: results/local/claim-ID-<time>)")
     add_jobs(p)
 

@@ -9,8 +9,8 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..harness.base.cache import ROOT, make_cache_folder
-from ..harness.base.files import FileError, parse_json, read_text, to_json, write_text
+from ..harness.base.cache import ROOT, make_cache_folder, read_sealed_file, write_sealed_file
+from ..harness.base.files import FileError, parse_json, to_json
 from ..harness.base.hints import suggest_name
 from ..harness.base.naming import format_exactly
 from .arguments import load_plugins
@@ -35,6 +35,7 @@ STEP = {
     "rtol": "rtol (default {rtol:g}), max_step [s] (default: none)",
 }
 LIMITS = "max_steps (default 10000000); cpu_limit [s] (default: none)"
+LARGEST = 2**26  # [bytes] of the cached catalogue, which takes less than a hundredth
 SHAPING = ("problems", "solvers", "harness")  # folders whose code defines the catalogue
 Entry = Mapping[str, Any]
 
@@ -170,15 +171,14 @@ def _print_options(out: "Console", options: Sequence[Entry]) -> None:
 def load_catalogue() -> dict[str, Any]:
     """Return ``describe_catalogue`` without plugins, cached in a file until code changes: imports take seconds."""
     path = make_cache_folder("catalogue", ROOT / "results" / "local") / f"{_digest_code()}.json"
-    with contextlib.suppress(FileError):
-        found: dict[str, Any] = parse_json(read_text(path, "the catalogue"), str(path))
+    with contextlib.suppress(OSError, ValueError, FileError):  # missing or damaged: made anew
+        found: dict[str, Any] = parse_json(read_sealed_file(path, LARGEST).decode(), str(path))
         return found
     found = describe_catalogue(plugins=False)
-    with contextlib.suppress(OSError):  # if it cannot be stored, it is made again next time
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(OSError):
         for old in path.parent.glob("*.json"):
             old.unlink(missing_ok=True)
-        write_text(path, to_json(found))
+    write_sealed_file(path, to_json(found).encode())
     return found
 
 

@@ -17,7 +17,7 @@ from ..harness.catalogue.suites.spec import RunSpec
 from ..harness.mechanics.types import Status
 from ..harness.results.records import RunRecord
 from ..harness.results.store import LoadedResults, UnreadableFile
-from ..harness.results.words import describe_comparison, list_reasons
+from ..harness.results.words import list_reasons, qualify_status
 from ..harness.run.costs import Expectation, predict_times
 from ..harness.run.job import Job
 from ..harness.run.pool import LocalPool
@@ -102,11 +102,12 @@ class ProgressDisplay:
         if record.status != Status.REFUSED and relative > self.worst[0]:
             self.worst = (relative, job.spec.case)
         words = f"{record.status:<14} {record.wall_s:6.1f} s  {job.spec.case}"
+        said = [qualify_status(record)]
         if record.status not in (Status.SUCCESS, Status.REFUSED):
             because = list_reasons(record)
-            words += f"  ({because[0]}{f', and {len(because) - 1} more' if because[1:] else ''})"
-        elif record.status == Status.SUCCESS and (compared := describe_comparison(record)):
-            words += f"  ({compared})"
+            said.insert(0, f"{because[0]}{f', and {len(because) - 1} more' if because[1:] else ''}")
+        if beside := "; ".join(filter(None, said)):
+            words += f"  ({beside})"
         if record.missing_package and not self.announces:  # the command itself names missing packages
             return
         count = f"[{self.before + self.done}/{self.total}]"

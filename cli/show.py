@@ -31,6 +31,7 @@ from ..harness.results.words import (
     describe_status,
     find_error_end,
     list_reasons,
+    qualify_status,
     select_judged_error,
 )
 from ..harness.run.full_series import name_run
@@ -310,6 +311,8 @@ def _print_runs(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
         status = Text(r.status, choose_status_style(r.status))
         rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, spark, *rest))
     failed = [r for r in chosen if r.status != Status.SUCCESS]
-    below = [f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(list_reasons(r))}" for r in failed]
+    below = [f"{r.run_id[:PREFIX]} {describe_status(r)}: {r.case}: {'; '.join(list_reasons(r))}" for r in failed]
+    qualified = [r for r in chosen if r.status == Status.SUCCESS and qualify_status(r)]
+    below += [f"{r.run_id[:PREFIX]} {describe_status(r)}: {r.case}" for r in qualified]
     success = f"{plural(len(chosen), 'run')}, {len(chosen) - len(failed)} success"
     print_table(columns, rows, *below, f"{success}; `mbsbench show RESULTS RUN` shows one")

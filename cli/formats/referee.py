@@ -17,7 +17,7 @@ from ...harness.formats.motions.judge import FileSettings, judge_file, list_tabl
 from ...harness.mechanics.types import Status, StepControl
 from ...harness.results import store
 from ...harness.results.records import RunRecord
-from ...harness.results.words import list_reasons, select_judged_error
+from ...harness.results.words import describe_status, list_reasons, qualify_status, select_judged_error
 from ..arguments import UsageError, load_problem
 from ..solve import make_json_numbers, summarize
 from ..terminal import Column, choose_status_style, make_console, number, print_json, print_table
@@ -116,5 +116,6 @@ def _print_files(paths: list[Path], judged: list[RunRecord | FileError], folder:
         below += [f"{r.case}: {escape_text(n)}" for n in json.loads(r.notes)]
         until = number(r.accurate_until_s) if not math.isnan(r.accurate_until_s) else "-"
         numbers = (number(select_judged_error(r, "position_error", "m")), number(r.energy_drift_max_J), until)
+        below += [f"{r.case}: {describe_status(r)}"] if qualify_status(r) else []
         rows.append((r.case, Text(r.status, choose_status_style(r.status)), *numbers))
     print_table(COLUMNS, rows, *below)

@@ -7,6 +7,7 @@ from ...harness.lab.ladder.closing import TRIAL
 from ...harness.lab.ladder.instances import KINDS, STEPS
 from ...harness.lab.ladder.ranking import rank_entries
 from ...harness.lab.ladder.submission import CPU_LIMIT, REPEATS, read_submission, run_submission
+from ...harness.results.words import qualify_status
 from ...harness.run.runner import name_new_folder
 from ..arguments import check_writable
 from ..progress import announce_suite
@@ -44,7 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     for r in run_submission(submission, arguments.value, folder):
         if not arguments.json:
             setting = r.dt_s if r.control == "dt" else r.rtol
-            make_console().print(f"{r.status:12} {r.cpu_median_s:8.3g} s  {r.problem} {setting:g}")
+            beside = f"  ({words})" if (words := qualify_status(r)) else ""
+            make_console().print(f"{r.status:12} {r.cpu_median_s:8.3g} s  {r.problem} {setting:g}{beside}")
     write_bundle(folder, out)
     (row,) = rank_entries([(read_entry(out), "")])
     if arguments.json:

@@ -2,9 +2,11 @@
 
 Nothing is written beside installed modules: that folder may be shared or read-only. Machine code and pickles are loaded
 from caches, so that each must be a folder of this user that no other may write to, and not a link; else it is not used.
+A damaged disk is no attacker, but as silent: what is stored is sealed by its digest, and what differs is made anew.
 """
 
 import contextlib
+import hashlib
 import os
 import stat
 import sys
@@ -15,6 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 CHOSEN = "MBSBENCH_CACHE"  # environment variable: a folder for all caches
 LOCAL = "results/local"
+SEAL = hashlib.sha256().digest_size  # [bytes] of the digest in front of a sealed file
 IN_CHECKOUT = {  # caches, and the folders that hold them in a checkout
     "catalogue": LOCAL,
     "generated": "solvers/formulations/generated/__pycache__",
@@ -93,6 +96,27 @@ def read_cached_file(path: Path, largest: int) -> bytes:
         raise
     with os.fdopen(descriptor, "rb") as file:
         return file.read(about.st_size)
+
+
+def write_sealed_file(path: Path, content: bytes) -> None:
+    """Write ``content`` behind its SHA-256 digest to ``path``, atomically; ignore OSError, as it can be made anew."""
+    with contextlib.suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as part:
+            part.write(hashlib.sha256(content).digest() + content)
+        os.replace(part.name, path)
+
+
+def read_sealed_file(path: Path, largest: int) -> bytes:
+    """Return the content that ``write_sealed_file`` wrote, as ``read_cached_file`` reads it.
+
+    Raise OSError if the content differs from its digest: one flipped bit may be a wrong number or a crash.
+    """
+    kept = read_cached_file(path, largest)
+    digest, content = kept[:SEAL], kept[SEAL:]
+    if hashlib.sha256(content).digest() != digest:
+        raise OSError(f"{path} is damaged: its content differs from its digest")
+    return content
 
 
 def _read_chosen_folder() -> str:

@@ -9,19 +9,16 @@ each run and can only be obtained by running again.
 """
 
 import ast
-import contextlib
 import hashlib
 import itertools
 import json
-import os
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 
-from ..base.cache import ROOT, make_cache_folder
-from ..base.files import write_text
+from ..base.cache import ROOT, make_cache_folder, read_sealed_file, write_sealed_file
 from .plugins import list_sources
 
 VERSION = 2  # version of a file's digest; raise it when the output of ``_flatten`` changes
@@ -190,9 +187,7 @@ class Sources:
         """Write the parsed modules to the cache for the next process; if it cannot be written, only time is lost."""
         if self._fresh and self._keep:
             rows = {k: [s.digest, s.imports, s.outside, s.marks] for k, s in self._known.items()}
-            with contextlib.suppress(OSError):
-                self._keep.parent.mkdir(parents=True, exist_ok=True)
-                write_text(self._keep, json.dumps(rows))
+            write_sealed_file(self._keep, json.dumps(rows).encode())
         self._fresh = False
 
 
@@ -228,9 +223,7 @@ def _digest_with(parts: list[str], plugins: Iterable[str]) -> str:
 def _read_cached(keep: Path) -> dict[str, Source]:
     """Return the modules that an earlier process parsed, by version, file and content; empty if unusable."""
     try:
-        if not 0 < os.stat(keep).st_size < LARGE:
-            return {}
-        rows = json.loads(keep.read_text(encoding="utf-8"))
+        rows = json.loads(read_sealed_file(keep, LARGE))
         return {k: Source(str(d), *(tuple(map(str, x)) for x in (i, o, m))) for k, (d, i, o, m) in rows.items()}
     except (OSError, ValueError, TypeError, AttributeError):
         return {}

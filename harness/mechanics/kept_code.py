@@ -6,10 +6,8 @@ functions outside it. All of them enter the digest, and a law that refers to any
 
 import contextlib
 import hashlib
-import os
 import pickle
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
@@ -17,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.cache import make_cache_folder, read_cached_file
+from ..base.cache import make_cache_folder, read_sealed_file, write_sealed_file
 from ..base.code_meter import making_code
 from ..base.machine import find_numba_target
 
@@ -50,19 +48,20 @@ class CallbackCache:
     """Numba's interface of a cache, for one callback in one file.
 
     The file is a pickle, since numba's types and machine code have no plain form. It can run code, as its contents do
-    anyway, so only a file of this user is read, in a folder that no other may write to (``harness.base.cache``).
+    anyway, so only a file of this user is read, in a folder that no other may write to (``harness.base.cache``), and
+    only as it was written: a flipped bit of machine code is another force, or a crash.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
-        """Load the callback; None where the file is missing or incomplete."""
+        """Load the callback; None where the file is missing or damaged."""
         from numba.core.compiler import CompileResult
 
         target_context.refresh()
         try:
-            return CompileResult._rebuild(target_context, *pickle.loads(read_cached_file(self.path, LARGEST)))
+            return CompileResult._rebuild(target_context, *pickle.loads(read_sealed_file(self.path, LARGEST)))
         except Exception:  # a file of another version is ignored, and the law is compiled anew
             return None
 
@@ -72,11 +71,7 @@ class CallbackCache:
 
         if compiled.lifted or compiled.library.has_dynamic_globals:
             return
-        with contextlib.suppress(OSError):
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=self.path.parent, delete=False) as file:
-                file.write(dumps(compiled._reduce()))
-            os.replace(file.name, self.path)
+        write_sealed_file(self.path, dumps(compiled._reduce()))
 
 
 def digest_callback(function: Callable[..., Any], *more: object) -> str:

@@ -6,8 +6,6 @@ exponentially, and the orbit ends where the bound exceeds its limit, or where a 
 """
 
 import io
-import os
-import tempfile
 import zipfile
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
@@ -19,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
-from ..base.cache import make_cache_folder, read_cached_file
+from ..base.cache import make_cache_folder, read_sealed_file, write_sealed_file
 from ..base.machine import name_arithmetic
 from .collocation import Collocation
 from .extrapolation import Rate, gbs_adaptive
@@ -204,7 +202,7 @@ def load_or_compute(key: str | None, compute: Callable[[], Orbit | None]) -> Orb
 def _read(file: Path) -> Orbit | None:
     """Return a stored orbit, empty if it is known that there is none; None if the file is absent or damaged."""
     try:
-        with np.load(io.BytesIO(read_cached_file(file, LARGEST))) as stored:
+        with np.load(io.BytesIO(read_sealed_file(file, LARGEST))) as stored:
             stiff = bool(stored.get("stiff", False))  # older files of certified motions have none
             ends, parts = str(stored.get("ends", "")), ("t", "y", "F", "bound_t", "bound")
             beyond = Orbit(**{n: stored[f"beyond_{n}"] for n in parts}) if "beyond_t" in stored else None
@@ -215,12 +213,8 @@ def _read(file: Path) -> Orbit | None:
 
 def _write(file: Path, orbit: Orbit) -> None:
     """Write an orbit to ``file`` atomically, as several processes may compute the same motion; ignore OSError."""
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as part:
-            own = {name: value for name, value in vars(orbit).items() if name != "beyond"}
-            further = ("t", "y", "F", "bound_t", "bound") if orbit.beyond is not None else ()
-            np.savez(part, **own, **{f"beyond_{name}": getattr(orbit.beyond, name) for name in further})
-        os.replace(part.name, file)
-    except OSError:
-        return
+    own = {name: value for name, value in vars(orbit).items() if name != "beyond"}
+    further = ("t", "y", "F", "bound_t", "bound") if orbit.beyond is not None else ()
+    content = io.BytesIO()
+    np.savez(content, **own, **{f"beyond_{name}": getattr(orbit.beyond, name) for name in further})
+    write_sealed_file(file, content.getvalue())

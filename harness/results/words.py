@@ -87,12 +87,25 @@ def describe_comparison(record: RunRecord) -> str:
         return ""
     if math.isnan(end := find_error_end(record)):
         return "compared with no exact motion"
-    return "" if end >= WHOLE * record.t_reached_s else f"compared to {end:.4g} of {record.t_reached_s:.4g} s"
+    return describe_span(end, record.t_reached_s)
+
+
+def describe_span(end: float, whole: float) -> str:
+    """Return ``compared to 58.8 of 2000 s`` if a motion of ``whole`` [s] was compared to ``end`` [s]; "" if whole."""
+    return "" if end >= WHOLE * whole else f"compared to {end:.4g} of {whole:.4g} s"
 
 
 def describe_status(record: RunRecord) -> str:
-    """Format the status, how far the motion was compared, a singular pose that it passed, and wrong reactions."""
-    words = (record.status, describe_comparison(record), describe_passage(record), describe_reactions(record))
+    """Return the status of a run with all that is said beside it, see ``qualify_status``."""
+    return ", ".join(filter(None, (record.status, qualify_status(record))))
+
+
+def qualify_status(record: RunRecord) -> str:
+    """Return what is said wherever a run's status is shown; empty if there is nothing.
+
+    How far the motion was compared, a singular pose that it passed, and wrong reactions.
+    """
+    words = (describe_comparison(record), describe_passage(record), describe_reactions(record))
     return ", ".join(filter(None, words))
 
 

@@ -1,5 +1,7 @@
 """Put the grounds of a judged claim into words, once for the command, the pages and the captions."""
 
+from collections.abc import Iterable
+
 from ...harness.results.judgements import claims as judged
 from .condition_words import (
     describe_choice,
@@ -11,6 +13,7 @@ from .condition_words import (
     is_met_by_choice,
     spell_out,
 )
+from .results import make_natural_key
 from .words import join_words, number, plural, unit
 
 __all__ = [
@@ -86,6 +89,18 @@ def explain_verdicts(c: judged.JudgedClaim) -> str:
 def list_sides(c: judged.JudgedClaim) -> tuple[tuple[str, judged.ClaimFinding], ...]:
     """Return the findings that exist, each with words on its settings: at the paper's settings, or beyond them."""
     return tuple((where, f) for where, f in zip(WHERE, (c.paper, c.beyond), strict=True) if f)
+
+
+def order_claims(claims: Iterable[judged.JudgedClaim]) -> list[judged.JudgedClaim]:
+    """Return the claims as they are listed: those of abstract and conclusions first, then by section and figure."""
+    return sorted(claims, key=lambda c: (not c.summary, make_natural_key(c.section), c.figure))
+
+
+def describe_verdict(c: judged.JudgedClaim) -> str:
+    """Return both verdicts of a claim, and for how many of the settings tried it holds, as one sentence."""
+    sides = (f"{where} {', '.join(filter(None, (format_verdict(f), format_share(f))))}" for where, f in list_sides(c))
+    words = "; ".join(sides) or f"{c.verdict}: {describe_missing(c)}"
+    return f"{words[0].upper()}{words[1:]}."
 
 
 def format_verdict(f: judged.ClaimFinding) -> str:

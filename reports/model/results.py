@@ -21,7 +21,7 @@ from ...harness.results.records import RunRecord
 from ...harness.results.series import Series, read_series
 from ...harness.results.series import check_series as check_series_file
 from ...harness.results.shadows import NearestMotion, choose_nearest, read_nearest
-from ...harness.results.words import describe_comparison, describe_passage, list_reasons
+from ...harness.results.words import list_reasons, qualify_status
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
@@ -78,9 +78,9 @@ class StoredRun:
         return self.record.status or "unknown"
 
     @property
-    def compared(self) -> str:
-        """Words on how far the motion was compared, if not to its end, and on singular poses that it passed."""
-        return ", ".join(filter(None, (describe_comparison(self.record), describe_passage(self.record))))
+    def qualifiers(self) -> str:
+        """Words beside the status: how far the motion was compared, singular poses it passed, wrong reactions."""
+        return qualify_status(self.record)
 
     @property
     def is_success(self) -> bool:

@@ -1,15 +1,23 @@
 """Caches hold machine code and pickles: each is a folder of this user alone, in a checkout as well as installed."""
 
+import hashlib
 import os
 import pickle
 import stat
+import struct
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numba
+import numpy as np
 import pytest
 
+from mbsbench.cli import list as catalogue
 from mbsbench.harness.base import cache
+from mbsbench.harness.catalogue import codes
+from mbsbench.harness.mechanics import kept_code
 from mbsbench.harness.mechanics.kept_code import CallbackCache
 from mbsbench.harness.reference import orbit
 
@@ -134,6 +142,11 @@ class Planted:
         return Path.touch, (self.mark,)
 
 
+def seal(content):
+    """The bytes of a file with this content: an attacker knows how to make the digest in front."""
+    return hashlib.sha256(content).digest() + content
+
+
 class Context:
     """Of numba: what a callback is loaded into."""
 
@@ -145,7 +158,7 @@ class Context:
 def test_a_planted_pickle_is_not_read(tmp_path, kind):
     """Not one of another user, nor what a link leads to; a pipe is not waited for. The control: its own is read."""
     mark, path = tmp_path / "mark", tmp_path / "0.pickle"
-    content = pickle.dumps(Planted(mark))
+    content = seal(pickle.dumps(Planted(mark)))
     if kind == "a pipe":
         os.mkfifo(path)
     elif kind in ("a link", "a device"):
@@ -173,7 +186,7 @@ def test_a_shared_cache_does_not_run_planted_code(tmp_path):
 
     assert run().returncode == 0
     (kept,) = (tmp_path / "kept" / "user_forces").glob("*.pickle")
-    kept.write_bytes(pickle.dumps(Planted(mark)))
+    kept.write_bytes(seal(pickle.dumps(Planted(mark))))
     kept.parent.chmod(0o777)
     done = run()
     assert done.returncode == 0 and not mark.exists()
@@ -188,3 +201,72 @@ def test_a_chosen_folder_may_be_as_tmp_is(wanted):
     folder.parent.mkdir(parents=True, exist_ok=True)
     folder.parent.chmod(0o1777)
     assert ask() == folder and mode_of(folder) == 0o700
+
+
+def flip(path, found, change):
+    """Flip the bits ``change`` of the byte ``found`` of a file."""
+    content = bytearray(path.read_bytes())
+    content[found] ^= change
+    path.write_bytes(content)
+
+
+def test_no_byte_of_a_sealed_file_may_be_another(tmp_path):
+    """Neither of the digest nor of what follows it; nor may one be missing, or the whole."""
+    path = tmp_path / "kept"
+    cache.write_sealed_file(path, b"a wrong number")
+    assert cache.read_sealed_file(path, 100) == b"a wrong number" and list(tmp_path.iterdir()) == [path]
+    whole = path.read_bytes()
+    for k in range(len(whole)):
+        flip(path, k, 0x01)
+        with pytest.raises(OSError, match="damaged"):
+            cache.read_sealed_file(path, 100)
+        path.write_bytes(whole[:k])
+        with pytest.raises(OSError, match="damaged"):
+            cache.read_sealed_file(path, 100)
+        path.write_bytes(whole)
+
+
+def test_a_flipped_bit_of_a_compiled_force_is_no_other_force(tmp_path, monkeypatch):
+    """The sign of a constant: the stored code would push where the law pulls, without a word."""
+    monkeypatch.setattr(kept_code, "make_cache_folder", lambda *_: tmp_path)
+
+    def law(x):
+        return -4.0 * x
+
+    def pull():
+        return kept_code.compile_callback(law, numba.float64, numba.float64).ctypes(1.0)
+
+    assert pull() == -4.0
+    (path,) = tmp_path.iterdir()
+    flip(path, path.read_bytes().index(struct.pack("<d", -4.0)) + 7, 0x80)
+    assert pull() == -4.0
+    assert pull() == -4.0 and struct.pack("<d", -4.0) in path.read_bytes()  # made anew and stored
+
+
+@pytest.mark.parametrize("name", ["stiff", "ends", "beyond_t"])
+def test_a_flipped_bit_of_a_stored_reference_loses_nothing_of_it(tmp_path, name):
+    """An archive checks its arrays, not its list of names: without one of these, another motion would be read."""
+    one, path = np.ones(1), tmp_path / "0.npz"
+    part = orbit.Orbit(one, np.ones((1, 1)), np.ones((1, 7, 1)), one, one)
+    orbit._write(path, replace(part, stiff=True, ends="chaos", beyond=part))
+    found = orbit._read(path)
+    assert found.stiff and found.ends == "chaos" and found.beyond is not None
+    flip(path, path.read_bytes().rindex(f"{name}.npy".encode()), 0x01)
+    assert orbit._read(path) is None
+
+
+def test_a_flipped_bit_of_the_stored_catalogue_is_no_other_default(tmp_path, monkeypatch):
+    """``list`` prints what the code says."""
+    monkeypatch.setattr(catalogue, "make_cache_folder", lambda *_: tmp_path)
+    made = catalogue.load_catalogue()
+    (path,) = tmp_path.iterdir()
+    flip(path, path.read_bytes().index(b'"default":0.0') + len(b'"default":0.'), 0x01)
+    assert catalogue.load_catalogue() == made
+
+
+def test_a_flipped_bit_of_the_parsed_sources_is_no_other_code(tmp_path):
+    """Results would be told from those of the same code."""
+    path = tmp_path / "parsed.json"
+    made = codes.Sources(keep=path).digest_modules("harness/base/naming")
+    flip(path, path.read_bytes().index(b'": ["') + 5, 0x01)
+    assert codes.Sources(keep=path).digest_modules("harness/base/naming") == made

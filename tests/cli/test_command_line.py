@@ -144,6 +144,9 @@ BAD = [
     ),  # SciPy takes its least instead and says so to nobody; others take steps of none
     (("claim", "6-gc-plana"), "did you mean '6-gc-planar'"),
     (("claim", "6-gc-planar", "--jobs", "2"), "--jobs needs --run"),
+    (("claim", "6-gc-planar", "--all"), "leave out ID"),
+    (("claim", "--run"), "--run needs the ID of a claim"),
+    (("claim", "--rows"), "--rows needs the ID of a claim"),
     (("claim", "6-gc-planar", "somewhere", "--run"), "give --out DIR"),
     (("claim", "6-gc-planar", "nowhere"), "is not a results folder"),
     (("list", "heavy_tap"), "did you mean 'heavy_top'"),

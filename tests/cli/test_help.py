@@ -14,6 +14,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.cli.commands import add_commands
 from mbsbench.cli.parser import make_parser
 from mbsbench.harness.base import machine
+from mbsbench.harness.base.cache import read_sealed_file
 from mbsbench.harness.base.files import to_json
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.reference import orbit
@@ -102,7 +103,7 @@ def test_the_kept_catalogue_is_our_own(tmp_path, monkeypatch):
     for kind in ("problems", "solvers"):
         names = [e["name"] for e in catalogue.load_catalogue()[kind]]
         assert names == [n for n in getattr(registry, kind)() if getattr(registry, f"is_own_{kind[:-1]}")(n)]
-    assert catalogue.load_catalogue() == json.loads(next((tmp_path / "kept").iterdir()).read_text())
+    assert catalogue.load_catalogue() == json.loads(read_sealed_file(next((tmp_path / "kept").iterdir()), 2**26))
 
 
 @pytest.mark.parametrize("columns", ["80", ""])

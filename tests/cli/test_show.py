@@ -20,6 +20,7 @@ from mbsbench.cli.terminal import BARS, Column, draw_sparkline, draw_timeline, f
 from mbsbench.harness.judge.referee.claims.register import read_register
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements import files
+from mbsbench.reports.model import claim_words
 from mbsbench.tests.factories import PLUGIN, run_suite_text
 
 from .terminal import ESCAPE, in_terminal, seen
@@ -233,6 +234,38 @@ def test_a_claim_is_shown_as_published(capsys):
         assert words in said
     assert main(["claim", "6-gc-planar", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["id"] == "6-gc-planar"
+
+
+def test_claims_are_listed_those_that_carry_the_paper_first(capsys):
+    """What abstract and conclusions say, each with its verdict in a sentence; the others are counted, then named."""
+    published = files.read_claims(files.PUBLISHED)
+    main_ones = [c for c in published if c.summary]
+    assert main(["claim"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    said = " ".join(" ".join(lines).split())
+    assert [name for line in lines if (name := line.partition(": ")[0]) in {c.id for c in published}] == [
+        c.id for c in claim_words.order_claims(published) if c.summary
+    ]
+    for c in main_ones:
+        assert c.claim in said and claim_words.describe_verdict(c) in said
+        assert all(str(f.verdict) in claim_words.describe_verdict(c) for f in c.findings)
+    others = len(published) - len(main_ones)
+    assert f"{others} more claims: mbsbench claim --all lists them" in said and len(main_ones) < 20
+    assert main(["claim", "--all"]) == 0
+    listed = {line.partition(": ")[0] for line in capsys.readouterr().out.splitlines()}
+    assert listed >= {c.id for c in published}
+
+
+def test_claims_are_listed_as_json(capsys):
+    """All of them, in the same order, with both verdicts."""
+    published = {c.id: c for c in files.read_claims(files.PUBLISHED)}
+    assert main(["claim", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["claims"]
+    assert [c["id"] for c in found] == [c.id for c in claim_words.order_claims(published.values())]
+    for c in found:
+        own = published[c["id"]]
+        assert (c["paper"], c["beyond"]) == tuple(f and str(f.verdict) for f in (own.paper, own.beyond))
+        assert c["summary"] == own.summary and c["words"] == claim_words.describe_verdict(own)
 
 
 @pytest.mark.slow

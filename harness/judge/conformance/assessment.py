@@ -18,7 +18,7 @@ from ...mechanics.types import RIGHT_REACTION, Status, Trait
 from ...results.findings import Finding, state_finding
 from ...results.judgements.runs import Order
 from ...results.records import RunRecord
-from ...results.words import compute_reaction_share, format_accurate_times, list_reasons
+from ...results.words import compute_reaction_share, describe_status, format_accurate_times, list_reasons
 from ...results.work import count_index_1_evaluations
 from ..referee.certificates.drift import PERIODS, analyse_drift
 from ..referee.certificates.orders import certify
@@ -199,7 +199,9 @@ def _assess_problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
             if format_accurate_times(r) and r.steps
             else ""
         )
-        yield state_finding(f"{r.problem}, {r.t_end_s:g} s", f"{r.status}{said}{until}", "success, or a reason", good)
+        yield state_finding(
+            f"{r.problem}, {r.t_end_s:g} s", f"{describe_status(r)}{said}{until}", "success, or a reason", good
+        )
 
 
 def _assess_orders(

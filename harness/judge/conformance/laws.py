@@ -22,6 +22,7 @@ from ...mechanics.system import MultibodySystem
 from ...mechanics.types import Invariant, Observable, Problem, Reference
 from ...reference.computation import compute_reference, is_computable
 from ...results.findings import Finding, judge_value, leave_open, make_failure
+from ...results.words import describe_span
 from ..metrics.scales import Scales, find_scales
 
 FIELDS = ("r", "R", "v", "Omega")  # fields of a state
@@ -72,6 +73,10 @@ class Subject:
         """The sample times [s] within the horizon of the best reference."""
         assert self.best_reference is not None
         return np.linspace(0.0, min(self.problem.t_end, self.best_reference.horizon), SAMPLES)
+
+    def describe_span(self, end: float) -> str:
+        """Return ``compared to 58.8 of 2000 s`` if ``end`` [s] is before the problem's own end, else ""."""
+        return describe_span(end, self.problem.t_end)
 
     @cached_property
     def best_states(self) -> States:
@@ -243,7 +248,7 @@ def check_stated_error(s: Subject) -> Finding:
             f"error(t) must be {len(s.t)} finite numbers >= 0 for as many times (got {own.tolist()[:3]} ...)"
         )
     good = bool(s.reference.route.strip()) and s.reference.horizon > 0.0
-    words = f"route {s.reference.route!r}, horizon {s.reference.horizon:g} s"
+    words = f"route {s.reference.route!r}, horizon {s.reference.horizon:g} of {s.problem.t_end:g} s"
     return judge_value(float(own.max()), "m", most=1e-3 * s.size.length, words=words, good=good)
 
 
@@ -266,7 +271,7 @@ def check_computed_reference(s: Subject) -> Finding:
     turned = radius * np.linalg.norm(here.R - there.R, axis=(-2, -1)) / np.sqrt(2.0)
     gap = np.max(np.maximum(np.linalg.norm(here.r - there.r, axis=-1), turned), axis=-1)
     beyond = np.maximum(gap - s.stated_error[: len(t)] - s.computed_reference.error(t), 0.0)
-    words = f"r and R are {np.max(gap):.3g} m apart up to {t[-1]:.3g} s"
+    words = ", ".join(filter(None, (f"r and R are {np.max(gap):.3g} m apart", s.describe_span(t[-1]))))
     return _compare_worst({"": (float(np.max(beyond)) / s.size.length, words)}, SMALL)
 
 
@@ -298,7 +303,8 @@ def check_invariants(s: Subject) -> Finding:
         scale = s.size.of_unit(kept.unit)
         scale = scale if math.isfinite(scale) else max(float(np.max(np.abs(values))), 1e-3)
         spread = float(np.ptp(values))
-        found[kept.name] = spread / scale, f"changes by {spread:.3g} {kept.unit}, of {scale:.3g}"
+        words = (f"changes by {spread:.3g} {kept.unit}, of {scale:.3g}", s.describe_span(s.t[-1]))
+        found[kept.name] = spread / scale, ", ".join(filter(None, words))
     return _compare_worst(found, 10.0 * s.allowed_share)
 
 

@@ -14,7 +14,7 @@ from ...catalogue.suites.suite import Suite
 from ...results import store
 from ...results.findings import Finding
 from ...results.records import RunRecord
-from . import trials
+from . import ladders, trials
 from .requirements import Requirement, assign_findings
 
 BASE = "spherical_pendulum"
@@ -114,7 +114,7 @@ REQUIREMENTS = (
         "a scheme that does not converge solves another equation; reports compare runs with the declared order",
         "nearly 0: a missing term or wrong sign leaves an error that stays; lower: look for a stage or projection of "
         "lower order, or declare the order observed",
-        trials.check_order,
+        ladders.check_order,
     ),
     Requirement(
         "gyroscopic torque is Omega x J Omega",
@@ -138,7 +138,7 @@ REQUIREMENTS = (
         "errors of reactions fall with the steps, or with rtol",
         "a reaction of the step's beginning, or of another stage, is of first order: joint forces are late by a step",
         "return the reaction that belongs to the state at the end of the step",
-        trials.check_reaction_order,
+        ladders.check_reaction_order,
     ),
     Requirement(
         "moments of its reactions are those of the exact motion",

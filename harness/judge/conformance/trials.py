@@ -1,6 +1,5 @@
 """Measure requirements on the records and series of a solver's runs, one function per requirement."""
 
-import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -15,17 +14,11 @@ from ...reference.computation import find_reference
 from ...results.findings import Finding, judge_value, leave_open, make_failure
 from ...results.records import RunRecord
 from ...results.series import Series
-from ...results.words import compute_reaction_share, list_reasons
+from ...results.words import compute_reaction_share, describe_status, list_reasons, qualify_status
 from ..metrics.reactions import choose_instants, compute_exact_loads, compute_moments_on_bodies
 
-WITHIN = 0.2  # tolerance on the declared order
-LEAST_ORDER = 0.8  # least order if none is declared: a first-order scheme may show a little less
 SLOW = "too slow to be judged, not wrong: the run has {:g} s of CPU; look where the time goes, or for tiny steps"
 CRASHED = "correct what raised the error, at the file and line given, and check again"
-ROUNDED = 1e-11  # error below which no order is observable
-ITERATED = 1e-8  # below, corrections that end at their tolerance may leave errors independent of the step
-REACTION_SEEN = 1e-7  # relative: below, errors of the reference's differences dominate
-REACTION_ORDER = 1.5  # between 1, of reactions one step late, and 2, the least of correct second-order schemes
 LOOSE_TORQUE = 0.01  # a hundred times the error of the integral over steps
 LOOSE_STEP = 1e-6  # relative: a step is a difference of rounded times
 
@@ -55,7 +48,7 @@ def check_endings(e: Evidence) -> Finding:
     bad = [r for r in easy if r.status not in (Status.SUCCESS, Status.REFUSED)]
     open_ = [r for r in e.select_runs("easy") if r.status == Status.UNFINISHED]
     cause = _describe_crash(bad[0]) if bad else ""
-    words, remedy = _describe_first(bad or open_), CRASHED if cause else ""
+    words, remedy = _describe_first(bad or open_) or _describe_qualified(easy), CRASHED if cause else ""
     if bad and bad[0].status != Status.REFUSED and "ingular" in f"{cause} {words}":
         remedy = "; ".join(filter(None, (describe_redundant_rows(_make_problem(bad[0])), remedy)))
     return judge_value(
@@ -84,7 +77,8 @@ def check_drives(e: Evidence) -> Finding:
     if not good and any(x.status not in (Status.SUCCESS, Status.REFUSED) for x in e.select_runs("easy")):
         return leave_open("it fails without drives, too: see above")
     error = r.motion_error_max_m
-    return judge_value(error, "m off the exact motion", words=r.case if good else _describe_first([r]), good=good)
+    words = _describe_qualified([r]) or r.case if good else _describe_first([r])
+    return judge_value(error, "m off the exact motion", words=words, good=good)
 
 
 def check_refusals(e: Evidence) -> Finding:
@@ -98,56 +92,11 @@ def check_refusals(e: Evidence) -> Finding:
     return judge_value(len(silent), "refusals without", most=0, words=_describe_first(silent))
 
 
-def check_order(e: Evidence) -> Finding:
-    """Measure the order in dt at the finest halving, the best if errors reach a floor; or the decrease with rtol."""
-    finer = e.select_runs("finer")
-    if missing := _find_missing(*finer[1:]):
-        return missing
-    finer = [r for r in finer if r.claimed == Status.SUCCESS]  # the first run may be too coarse
-    errors = [max(r.position_error_max_m / r.length_scale_m, r.orientation_error_max_rad) for r in finer]
-    at = ", ".join(f"{r.dt_s if e.control == 'dt' else r.rtol:g}" for r in finer)
-    words = f"errors {', '.join(f'{x:.3g}' for x in errors)} (of the length, or rad) at {e.control} {at}"
-    if not np.all(np.isfinite(errors)):
-        return make_failure(words)
-    seen = [x for x in errors if x >= ROUNDED]
-    if len(seen) < 2:
-        return leave_open(f"rounding alone: {words}")
-    if e.control == "rtol":
-        least = math.sqrt(finer[0].rtol / finer[-1].rtol)  # errors follow rtol^(p/(p + 1)) at order p >= 1
-        return judge_value(errors[0] / max(errors[-1], ROUNDED), "times smaller", least=least, words=words)
-    orders = [math.log2(a / b) for a, b in itertools.pairwise(seen)]
-    order = orders[-1] if seen[-1] > ITERATED else max(orders)
-    if math.isnan(e.order):
-        return judge_value(order, "order, none declared", least=LEAST_ORDER, words=words)
-    higher = "higher than declared: " if order > e.order + WITHIN else ""
-    return judge_value(order, f"order, {e.order:g} declared", least=e.order - WITHIN, words=higher + words)
-
-
-def check_reaction_order(e: Evidence) -> Finding:
-    """Measure the order of reactions in dt at the finest halving, or the decrease of their errors with rtol."""
-    finer = e.select_runs("finer")
-    if missing := _find_missing(*finer[1:]):
-        return missing
-    finer = [r for r in finer if r.claimed == Status.SUCCESS and math.isfinite(r.reaction_size_N)]
-    shares = [r.reaction_error_max_N / r.reaction_size_N for r in finer]
-    seen = [(x, r) for x, r in zip(shares, finer, strict=True) if x >= REACTION_SEEN]
-    at = ", ".join(f"{r.dt_s if e.control == 'dt' else r.rtol:g}" for r in finer)
-    words = f"off by {', '.join(f'{x:.3g}' for x in shares)} of the largest at {e.control} {at}"
-    if len(seen) < 2:
-        return leave_open(f"rounding alone: {words}" if finer else "no reactions")
-    (a, coarse), (b, fine) = (seen[-2], seen[-1]) if e.control == "dt" else (seen[0], seen[-1])
-    if e.control == "rtol":
-        return judge_value(a / b, "times smaller", least=math.sqrt(coarse.rtol / fine.rtol), words=words)
-    first = math.isnan(e.order) or e.order < REACTION_ORDER + WITHIN
-    order = math.log(a / b) / math.log(coarse.dt_s / fine.dt_s)
-    return judge_value(order, "order", least=LEAST_ORDER if first else REACTION_ORDER, words=words)
-
-
 def check_gyroscopic_torque(e: Evidence) -> Finding:
     """Measure c of J Omega_dot = -c Omega x J Omega [N m], by least squares on its integral over the steps."""
     r, series = e.records["spinning"], e.series["spinning"]
-    if series is None or _find_missing(r):
-        return _find_missing(r) or make_failure("no series")
+    if series is None or find_missing(r):
+        return find_missing(r) or make_failure("no series")
     inertia = _make_problem(r).system.inertia[0]
     Omega = np.stack([series[f"obs_Omega_{a}"] for a in "xyz"], axis=1)
     momentum = Omega @ inertia
@@ -173,7 +122,7 @@ def check_reaction_shape(e: Evidence) -> Finding:
 def check_reactions(e: Evidence) -> Finding:
     """Measure the error of the joint forces on a body relative to the largest exact one, at the finest setting."""
     r = e.select_runs("finer")[-1]
-    if missing := _find_missing(r):
+    if missing := find_missing(r):
         return missing
     share = compute_reaction_share(r)
     known = not math.isnan(share)
@@ -185,7 +134,7 @@ def check_reactions(e: Evidence) -> Finding:
 def check_moments(e: Evidence) -> Finding:
     """Measure the error of the joints' moment on a body about C relative to the largest exact one."""
     r, series = e.records["easy hinge"], e.series["easy hinge"]
-    if missing := _find_missing(r):
+    if missing := find_missing(r):
         return missing
     if series is None or "frame_reaction" not in series:
         return leave_open("no reactions")
@@ -263,7 +212,7 @@ def make_stop_check(
     return measure
 
 
-def _find_missing(*runs: RunRecord) -> Finding | None:
+def find_missing(*runs: RunRecord) -> Finding | None:
     """Return the finding for runs that did not all reach the end: a failure, or left open if all were refused.
 
     Return None if all reached it.
@@ -291,5 +240,10 @@ def _make_problem(r: RunRecord) -> Problem:
 
 def _describe_first(records: Sequence[RunRecord]) -> str:
     """Return case, status and reasons of the first record, and how many others there are; empty for none."""
-    found = [f"{r.case}: {r.status}: {'; '.join(list_reasons(r))}" for r in records]
+    found = [f"{r.case}: {describe_status(r)}: {'; '.join(list_reasons(r))}" for r in records]
     return found[0] + (f" (and {len(found) - 1} more)" if found[1:] else "") if found else ""
+
+
+def _describe_qualified(records: Sequence[RunRecord]) -> str:
+    """Return the runs whose status says more than its word, such as how far they were compared; empty for none."""
+    return "; ".join(f"{r.case}: {describe_status(r)}" for r in records if qualify_status(r))

@@ -18,7 +18,7 @@ from ...mechanics.types import EndCause, Status
 from ...results.findings import Finding, MeasuredQuantity, RequiredLimits, Verdict
 from ...results.records import RunRecord
 from ...results.store import select_newest
-from ...results.words import describe_comparison, list_reasons
+from ...results.words import describe_status, list_reasons, qualify_status
 from .thresholds import ERRORS, ExpectedStatus, Threshold, Thresholds, propose_bounds, round_to_four_digits
 
 CodeOf = Callable[[str, str], str]  # digest of the code for a run of a problem and a solver
@@ -253,10 +253,9 @@ def _judge_status(case: str, record: RunRecord | None, expected: ExpectedStatus 
         return _make_finding(Verdict.FAILED, case, STATUS, missing)
     if record.status == wanted:
         verdict = Verdict.MET if wanted is Status.SUCCESS else Verdict.XFAIL
-        return _make_finding(
-            verdict, case, STATUS, expected.reason if expected else describe_comparison(record), str(wanted)
-        )
-    words = f"{record.status}, expected {wanted}: {'; '.join(list_reasons(record))}"
+        why = "; ".join(filter(None, (expected.reason if expected else "", qualify_status(record))))
+        return _make_finding(verdict, case, STATUS, why, str(wanted))
+    words = f"{describe_status(record)}, expected {wanted}: {'; '.join(list_reasons(record))}"
     verdict = Verdict.XPASS if record.status == Status.SUCCESS else Verdict.FAILED
     return _make_finding(verdict, case, STATUS, words, str(wanted))
 

@@ -156,9 +156,7 @@ def select_claims(
     taken: set[str] = set()
     kept = {c.id: c for c in published}
     instead = {c.id: kept[c.id] for c in claims if lacks_runs(c) and c.id in kept}
-    ordered = sorted(
-        (instead.get(c.id, c) for c in claims), key=lambda c: (not c.summary, make_natural_key(c.section), c.figure)
-    )
+    ordered = claim_words.order_claims(instead.get(c.id, c) for c in claims)
     shown = (_show_claim(c, by_settings, make_slug(c.id, taken)) for c in ordered)
     return tuple(replace(s, published=True, grids=[], runs=()) if s.of.id in instead else s for s in shown)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mbsbench import Joint, Load, Problem, RigidBody, State, TimeFunction, TorsionSpring, UserForce, assemble, so3
+from mbsbench.harness.base.cache import ROOT
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.reference import director_rows, moving_rows, orbit
@@ -177,6 +178,9 @@ def test_a_flipped_sign_in_one_route_is_found_out(table, kind, name, of, monkeyp
 def test_every_kind_of_the_library_has_both_routes() -> None:
     assert set(MOVING) == set(moving_rows.PUSHES) == set(director_rows.ROWS)
     assert all(describe_source(wheel(by_law=b)) is Source.COMPUTED for b in (False, True))
+    page = " ".join((ROOT / "docs" / "joints-and-forces.md").read_text(encoding="utf-8").split())
+    acting = "user forces, drives, rows of velocities, torsional springs or timed loads"
+    assert f"{acting} is computed as any other" in page and "need a reference of their own" not in page
 
 
 def test_a_users_law_enters_the_key() -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import mbsbench
+from mbsbench.harness.base.cache import write_sealed_file
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.codes import MEASURING, Sources
 from mbsbench.harness.results.environment import ROOT
@@ -171,6 +172,6 @@ def test_another_version_of_a_package_asks_for_those_that_use_it(whole, edited):
 def test_what_was_parsed_is_kept_and_a_damaged_file_costs_only_time(tmp_path, whole):
     keep = tmp_path / "parsed.json"
     for text in ("{", '{"1 a": [1]}', "[]"):
-        keep.write_text(text)
+        write_sealed_file(keep, text.encode())
         assert Sources(ROOT, keep).digest_modules("solvers/rattle") == whole.solvers["rattle"]
     assert Sources(ROOT, keep).digest_modules("solvers/rattle") == whole.solvers["rattle"]  # from what is kept

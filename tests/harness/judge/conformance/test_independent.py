@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from mbsbench import JointKind, make_problem, solve
+from mbsbench.harness.judge.conformance.ladders import check_order
 from mbsbench.harness.judge.conformance.laws import Subject, check_computed_reference, check_invariants
 from mbsbench.harness.judge.conformance.solver import EASY
-from mbsbench.harness.judge.conformance.trials import Evidence, check_moments, check_order
+from mbsbench.harness.judge.conformance.trials import Evidence, check_moments
 from mbsbench.harness.results.records import RunRecord
 
 HINGE = make_problem(*EASY["easy hinge"])
