@@ -9,12 +9,9 @@ and those of the error estimate.
 from dataclasses import dataclass
 from typing import ClassVar
 
-from scipy_dae.integrate._dae import radau
-from scipy_dae.integrate._dae.radau import RadauDAE
-
 from ..harness.catalogue.registry import solver
 from ..harness.mechanics.types import Problem, StepControl
-from .formulations.newton import Scheme, radau_newton
+from .formulations.newton import RADAU_SCHEME, Scheme
 from .ndf_index1 import NdfIndex1
 
 
@@ -25,7 +22,7 @@ class RadauIndex1(NdfIndex1):
 
     paper_label: ClassVar[str] = ""
     rows_every: ClassVar[int] = 4
-    scheme: ClassVar[Scheme] = Scheme(RadauDAE, radau, "solve_collocation_system", radau_newton, {})
+    scheme: ClassVar[Scheme] = RADAU_SCHEME
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None: a norm other than the root mean square, or as ``ndf_index1``."""

@@ -14,8 +14,10 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float
-from scipy_dae.integrate._dae import bdf
+from scipy_dae.integrate._dae import bdf, radau
+from scipy_dae.integrate._dae.bdf import BDFDAE
 from scipy_dae.integrate._dae.dae import DaeSolver
+from scipy_dae.integrate._dae.radau import RadauDAE
 
 from ...harness.base.code_meter import making_code
 from ...harness.mechanics.types import StepControl
@@ -89,7 +91,7 @@ class Scheme(NamedTuple):
             return own
 
         def solve_lu(own: Factors, right: np.ndarray) -> np.ndarray:
-            method._nlusove += 1
+            _count(method, evaluations=0, solutions=1)
             own.x[:] = right[own.order]
             own.solve()
             return own.x[own.place]
@@ -130,6 +132,12 @@ def ndf_newton(
     update = [count, inverse_scale, own.x, own.place, scaled, form.y, every, d, every]
     iterate = solve_between(before, [own], [(code.address("update"), update)], (code, form))
 
+    def correct() -> float:
+        clock.check()
+        iterate()
+        _count(method, evaluations=1, solutions=1)
+        return norm(scaled)
+
     def solve(
         fun: Callable,
         t: float,
@@ -141,20 +149,11 @@ def ndf_newton(
         scale: np.ndarray,
         tol: float,
     ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray]:
-        form.y[:], form.t[0], c[0], psi[:], before = y, t, c_new, psi_new, 0.0
+        form.y[:], form.t[0], c[0], psi[:] = y, t, c_new, psi_new
         np.divide(1.0, scale, out=inverse_scale)
         d.fill(0.0)
-        converged = False
-        for k in range(bdf.NEWTON_MAXITER):
-            clock.check()
-            iterate()
-            method.nfev, method._nlusove = method.nfev + 1, method._nlusove + 1
-            size = norm(scaled)
-            converged, go_on = _judge(size, before, k, bdf.NEWTON_MAXITER, tol)[:2]
-            if not go_on:
-                break
-            before = size
-        return converged, k + 1, form.y.copy(), form.y_dot.copy(), d.copy()
+        converged, iterations, _ = _repeat(correct, bdf.NEWTON_MAXITER, tol)
+        return converged, iterations, form.y.copy(), form.y_dot.copy(), d.copy()
 
     return solve
 
@@ -181,6 +180,12 @@ def radau_newton(
     after = [(code.address("update"), [*update, scaled, Yp, at, Y, at.copy()])]
     iterate = solve_between(before, factors, after, (code, form))
 
+    def correct() -> float:
+        clock.check()
+        iterate()
+        _count(method, evaluations=3, solutions=2)
+        return norm(scaled.ravel())
+
     def solve(
         fun: Callable,
         t: float,
@@ -198,38 +203,40 @@ def radau_newton(
         A: np.ndarray,
         most: int,
     ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray, float | None]:
-        Yp[:], tau[:], hA[:], before = Yp0, t + h * C, h * A.T, 0.0
+        Yp[:], tau[:], hA[:] = Yp0, t + h * C, h * A.T
         np.add(y, h * A.dot(Yp), out=Y)
         np.divide(1.0, scale, out=inverse_scale)
-        converged, rate = False, None
-        for k in range(most):
-            clock.check()
-            iterate()
-            method.nfev, method._nlusove = method.nfev + 3, method._nlusove + 2
-            size = norm(scaled.ravel())
-            converged, go_on, rate = _judge(size, before, k, most, tol)
-            if not go_on:
-                break
-            before = size
+        converged, iterations, rate = _repeat(correct, most, tol)
         Yp0[:] = Yp  # as in scipy_dae, a second attempt begins there
-        return converged, k + 1, Y.copy(), Yp0, Y - y, rate
+        return converged, iterations, Y.copy(), Yp0, Y - y, rate
 
     return solve
 
 
-def _judge(size: float, before: float, k: int, most: int, tol: float) -> tuple[bool, bool, float | None]:
-    """Return whether Newton's iteration ``k`` of ``most`` has converged, whether to continue, and its rate.
+def _repeat(correct: Callable[[], float], most: int, tol: float) -> tuple[bool, int, float | None]:
+    """Repeat Newton's iteration until it has converged; return whether it has, the number of iterations and their rate.
 
-    ``size`` and ``before`` are the norms of this correction and of the last one. The rate is their quotient, None at k
-    = 0.
+    ``correct`` applies a correction and returns its norm; the rate is the quotient of the last two, None after one. The
+    iteration ends early where ``most`` cannot be enough.
     """
-    rate = size / before if k else None
-    if not math.isfinite(size):
-        return False, False, rate
-    if rate is not None and (rate >= 1.0 or rate ** (most - k) / (1.0 - rate) * size > tol):
-        return False, False, rate
-    converged = size == 0.0 or (rate is not None and rate / (1.0 - rate) * size < tol)
-    return converged, not converged, rate
+    before, rate = 0.0, None
+    for k in range(most):
+        size = correct()
+        rate = size / before if k else None
+        if not math.isfinite(size):
+            break
+        if rate is not None and (rate >= 1.0 or rate ** (most - k) / (1.0 - rate) * size > tol):
+            break
+        if size == 0.0 or (rate is not None and rate / (1.0 - rate) * size < tol):
+            return True, k + 1, rate
+        before = size
+    return False, k + 1, rate
+
+
+def _count(method: DaeSolver, *, evaluations: int, solutions: int) -> None:
+    """Add to the counts of scipy_dae's method."""
+    method.nfev += evaluations
+    method._nlusove += solutions
 
 
 @cache
@@ -255,3 +262,7 @@ def _radau_loops() -> Code:
         whole=[T, hA], rows=[inverse_scale], gathered=[x, parts], stored=[dY * inverse_scale], added=[dYp, dY]
     )
     return compile_functions({"transform": transform, "update": update})
+
+
+NDF_SCHEME = Scheme(BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
+RADAU_SCHEME = Scheme(RadauDAE, radau, "solve_collocation_system", radau_newton, {})
