@@ -32,7 +32,7 @@ from .formulations.classical import BaumgarteOptions
 from .formulations.dae import ImplicitForm
 from .formulations.error_test import tolerances
 from .formulations.layout import Layout
-from .formulations.newton import NDF, DaeSolver, Scheme, maximum, root_mean_square
+from .formulations.newton import NDF_SCHEME, DaeSolver, Scheme, maximum, root_mean_square
 from .formulations.recording import Clock, StepFailure, march
 from .formulations.rows_in_use import RowsInUse
 from .formulations.start import choose_layout
@@ -57,7 +57,7 @@ class NdfIndex1(BaumgarteOptions):
 
     paper_label: ClassVar[str] = "DAE-SE"
     rows_every: ClassVar[int] = 12  # steps between two checks of the rows in use
-    scheme: ClassVar[Scheme] = NDF
+    scheme: ClassVar[Scheme] = NDF_SCHEME
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """Integrate index 1 with Baumgarte's terms by the ``scheme`` of scipy_dae, and return the trajectory."""

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
 from ..harness.mechanics.types import Problem, StepControl
-from .formulations.newton import RADAU, Scheme
+from .formulations.newton import RADAU_SCHEME, Scheme
 from .ndf_index1 import NdfIndex1
 
 
@@ -22,7 +22,7 @@ class RadauIndex1(NdfIndex1):
 
     paper_label: ClassVar[str] = ""
     rows_every: ClassVar[int] = 4
-    scheme: ClassVar[Scheme] = RADAU
+    scheme: ClassVar[Scheme] = RADAU_SCHEME
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None: a norm other than the root mean square, or as ``ndf_index1``."""

@@ -264,5 +264,5 @@ def _radau_loops() -> Code:
     return compile_functions({"transform": transform, "update": update})
 
 
-NDF = Scheme(BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
-RADAU = Scheme(RadauDAE, radau, "solve_collocation_system", radau_newton, {})
+NDF_SCHEME = Scheme(BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
+RADAU_SCHEME = Scheme(RadauDAE, radau, "solve_collocation_system", radau_newton, {})

@@ -52,8 +52,8 @@ def problem_of(name, system, start, steps, dt=1e-3):
     return Problem(name, system, start, t_end=steps * dt, dt=dt, section="", source="made up")
 
 
-def compare(problem, solver, options, codes=("kernel",), steps=20, loads=None):
-    """Compare poses and velocities after each step, and loads of reactions, with those of the plain method."""
+def compare(problem, solver, options, codes=("kernel",), steps=20, left=0.0, loads=None):
+    """Compare poses, velocities (to ``left`` [m/s] a step more) and loads of reactions with those of the plain method."""
     control = StepControl(dt=problem.t_end / steps)
     plain = make_solver(solver, {**options, "code": "plain"}).solve(problem, control)
     assert plain.status is Status.SUCCESS, plain.message
@@ -65,8 +65,8 @@ def compare(problem, solver, options, codes=("kernel",), steps=20, loads=None):
         assert found.status is Status.SUCCESS, f"{solver}, {code}, {problem.name}: {found.message}"
         where = f"{solver} {options}, {code}, {problem.name}"
         index3 = options.get("form") == "index3"
-        left = 1e-12 / problem.dt if index3 else 0.0  # [m/s] phi to 1e-12 leaves of velocities
-        compare_runs(problem, where, found, plain, left, loads or EQUAL_LOADS + (1e-6 if index3 else 0.0))
+        phi = 1e-12 / problem.dt if index3 else 0.0  # [m/s] phi to 1e-12 leaves of velocities
+        compare_runs(problem, where, found, plain, left + phi, loads or EQUAL_LOADS + (1e-6 if index3 else 0.0))
 
 
 def compare_runs(problem, where, found, plain, left=0.0, loads=EQUAL_LOADS):

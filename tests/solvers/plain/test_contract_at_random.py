@@ -76,4 +76,6 @@ def test_random_mechanisms_with_redundant_rows_and_without(drawn, method, seed):
         assert drawn.redundant and solver == "gc_weak_form" and "needs independent constraints" in reason
         pytest.skip(reason)
     shared_by_rule = drawn.closed and solver == "energy_momentum"
-    compare(problem, solver, options, steps=5 if ode_gc else 20, loads=np.inf if shared_by_rule else None)
+    # nearly dependent rows of mean poses enlarge what the stop test leaves: of velocities 2e-11 m/s a step is seen
+    left, loads = (1e-10, np.inf) if shared_by_rule else (0.0, None)
+    compare(problem, solver, options, steps=5 if ode_gc else 20, left=left, loads=loads)
