@@ -53,7 +53,7 @@ def problem_of(name, system, start, steps, dt=1e-3):
 
 
 def compare(problem, solver, options, codes=("kernel",), steps=20, left=0.0, loads=None):
-    """Compare poses, velocities (to ``left`` [m/s] a step more) and loads of reactions with those of the plain method."""
+    """Compare poses, velocities (to ``left`` [m/s] a step more) and loads with those of the plain method."""
     control = StepControl(dt=problem.t_end / steps)
     plain = make_solver(solver, {**options, "code": "plain"}).solve(problem, control)
     assert plain.status is Status.SUCCESS, plain.message
