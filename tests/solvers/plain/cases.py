@@ -12,14 +12,20 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 
-from mbsbench import Joint, MultibodySystem, Problem, StepControl, Trajectory, assemble
+from mbsbench import Joint, MultibodySystem, Problem, StepControl, Trajectory, assemble, so3
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.joints import JointKind
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.mechanics.types import Status
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.problems.random_mechanism import draw_body
+from mbsbench.solvers.formulations.methods.gc_newton_arrays import move_reactions_to_nodes
+from mbsbench.solvers.formulations.methods.gc_weak_form import FallbackMarcher
+from mbsbench.solvers.plain import ode_gc
+from mbsbench.solvers.plain.march import march
+from mbsbench.solvers.plain.mechanics import Mechanism
 
 from ..arbitrary_joints import moving_rows, one_joint
 from ..arbitrary_systems import consistent, with_user_forces
@@ -42,6 +48,7 @@ class Case(NamedTuple):
     left: float
     loads: float
     ends: float = 0.0  # share of time by which ends of steps may differ, where the method chooses them
+    determined: bool = False  # whether log10 det S is compared with its definition
 
     def compare(self, found: Trajectory) -> None:
         """Raise AssertionError where a run differs from the plain one: method, mechanism, quantity, both numbers."""
@@ -50,6 +57,11 @@ class Case(NamedTuple):
             compare_steps(self.name, found, self.plain, self.ends)
         else:
             compare_runs(self.problem, self.name, found, self.plain, self.left, self.loads)
+        if "newton_iterations" in found.diagnostics:
+            counted = np.nansum(found.diagnostics["newton_iterations"]), found.counters["newton_iterations"]
+            assert counted[0] <= counted[1], f"{self.name}: iterations of steps are {counted[0]}, in all {counted[1]}"
+        if self.determined:
+            compare_determinants(self.problem.system, self.name, found)
 
 
 def _of_system(name: str, system: Any, seed: int = 2) -> Problem:
@@ -109,10 +121,20 @@ FIXED: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
 ]
 # a step's own rows are those of the mean pose: how they share a load that is redundant at the nodes alone, is a rule
 BY_ANY_RULE = ("energy_momentum", "random_linkage")
+PROXIMAL = {**SHARP, "correct_pose": "never"}  # where it converges, its motion is that of the weak form
+BY_TURNS: list[tuple[str, dict[str, Any]]] = [  # of the simplified method and of the full one, on the linkage
+    (GC, SHARP),
+    (GC, {**SHARP, "gauge": "accumulate"}),
+    (AL, PROXIMAL),
+]
+CODES: tuple[dict[str, Any], ...] = ({}, {"code": "mechanism"})
+LONG = 0.15  # [s] a step that the simplified method does not solve
+CORRECTED = {**SHARP, "correct_pose": "always"}
+DETERMINED = 0.01  # of log10 det S: it is that of a pose of the last step, or of one before it
 CONTROLLED = {
     "rkmk_dopri5": ("springs", "driven", "user forces"),
     "rkmk_dop853": ("springs", "repeated joint"),
-    "radau_ggl": ("springs", "repeated joint", "user forces"),
+    "radau_ggl": ("springs", "driven", "repeated joint", "user forces"),
 }
 
 
@@ -121,6 +143,13 @@ def make_cases(solvers: Collection[str]) -> list[Case]:
     problems = make_problems()
     fixed = [one for one in FIXED if one[0] in solvers]
     found = [_fix(solver, options, problems[name]) for solver, options, names in fixed for name in names]
+    found += [_alternate(solver, options, problems["linkage"]) for solver, options in BY_TURNS if solver in solvers]
+    if AL in solvers:
+        found += [
+            _augment({**options, **code}, problems["linkage"]) for options in (PROXIMAL, CORRECTED) for code in CODES
+        ]
+    if GC in solvers:
+        found.append(_leave(problems["top"]))
     for solver, names in ((solver, names) for solver, names in CONTROLLED.items() if solver in solvers):
         found += [_replay(solver, problems[name]) for name in names]
         found.append(_control(solver))
@@ -158,7 +187,7 @@ def _fix(solver: str, options: dict[str, Any], problem: Problem) -> Case:
     made, index3 = make_solver(solver, options), options.get("form") == "index3"
     return Case(
         name,
-        lambda: made.solve(problem, control),
+        lambda: _solve_alone(made, problem, control),
         problem,
         plain,
         1e-12 / DT if index3 else 0.0,
@@ -181,3 +210,86 @@ def _control(solver: str) -> Case:
     made, name = make_solver(solver), f"{solver}, {problem.name}"
     plain = _keep(f"{name} by itself", lambda: make_solver(solver, {"code": "plain"}).solve(problem, control))
     return Case(name, lambda: made.solve(problem, control), problem, plain, 0.0, np.inf, CLOSE[solver])
+
+
+def _solve_alone(made: Any, problem: Problem, control: StepControl) -> Trajectory:
+    """Solve where simplified steps of ODE-GC have to converge: the full method would hide what is wrong in them."""
+
+    def refuse(self: Any) -> None:
+        raise AssertionError(f"the simplified method is left at t = {float(self.state['t']):g} s")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(FallbackMarcher, "_hand_over", refuse)
+        return made.solve(problem, control)
+
+
+def _alternate(solver: str, options: dict[str, Any], problem: Problem) -> Case:
+    """Two steps of the simplified method, two of the full one, and so on: what each has to tell the other."""
+    problem, control = dataclasses.replace(problem, t_end=6 * DT), StepControl(dt=DT)
+    made, stretch = make_solver(solver, options), FallbackMarcher.stretch
+
+    def take_two(self: FallbackMarcher, n: int) -> Any:
+        if not self._stuck and self.state["steps"] == 2:
+            self._stuck = True
+            self._hand_over()
+        return stretch(self, min(n, 2))
+
+    def solve() -> Trajectory:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(FallbackMarcher, "stretch", take_two)
+            return made.solve(problem, control)
+
+    name = f"{solver} {options}, {problem.name}, by turns"
+    plain = _keep(name, lambda: _step_weak_form(problem, control, options))
+    return Case(name, solve, problem, plain, 0.0, EQUAL_LOADS, determined=solver == AL)
+
+
+def _leave(problem: Problem) -> Case:
+    """Steps that are too long for the simplified method, so that the full one has to take them."""
+    problem, control, name = dataclasses.replace(problem, t_end=2 * LONG, dt=LONG), StepControl(dt=LONG), f"{GC}, long"
+    made, plain = make_solver(GC, SHARP), _keep(name, lambda: _step_weak_form(problem, control, SHARP))
+    return Case(name, lambda: made.solve(problem, control), problem, plain, 0.0, EQUAL_LOADS)
+
+
+def _augment(options: dict[str, Any], problem: Problem) -> Case:
+    """The proximal saddle, with poses corrected after each step or not."""
+    control, made, name = StepControl(dt=DT), make_solver(AL, options), f"{AL} {options}, {problem.name}"
+    plain = _keep(name, lambda: _step_weak_form(problem, control, options))
+    return Case(name, lambda: _solve_alone(made, problem, control), problem, plain, 0.0, EQUAL_LOADS, determined=True)
+
+
+def _step_weak_form(problem: Problem, control: StepControl, options: dict[str, Any]) -> Trajectory:
+    """Plain steps of the weak form, and corrections of poses after each where ``options`` have them."""
+    options = {name: x for name, x in options.items() if name != "code"}
+    step = _CorrectedStep if options.pop("correct_pose", "never") == "always" else ode_gc.Step
+    choices = make_solver(GC, {**options, "code": "plain"})
+    if step is ode_gc.Step:
+        return choices.solve(problem, control)
+    return move_reactions_to_nodes(march(problem, control, step(problem, choices, choices.make_settings(problem))))
+
+
+class _CorrectedStep(ode_gc.Step):
+    """A step, and the least change of its poses, in the norm of M, onto phi = 0."""
+
+    def __call__(self, dt: float, a: Any, old: Any) -> Any:
+        b, carried, reaction = super().__call__(dt, a, old)  # type: ignore[misc]
+        m, r, R, v = self.mechanism, b.r, b.R, b.v
+        for _ in range(4):
+            rows = m.rows(b.t, r, R, v)
+            pushed = np.array([m.divide_by_inertia(one) for one in rows.A])
+            change = (-np.linalg.solve(rows.A @ pushed.T, rows.phi) @ pushed).reshape(-1, 6)
+            r, R = r + change[:, :3], R @ so3.exp(change[:, 3:])
+        return self.make_node(b.t, r, R, v), carried, reaction
+
+
+def compare_determinants(system: MultibodySystem, where: str, found: Trajectory) -> None:
+    """Compare log10 det S, of rows scaled to a unit diagonal, with that at the end of each step."""
+    m = Mechanism(system)
+    for k in range(1, len(found.t)):
+        s = found.states[k]
+        A = m.rows(found.t[k], s.r, s.R, np.hstack((s.v, s.Omega))).A
+        S = A @ np.array([m.divide_by_inertia(one) for one in A]).T
+        size = np.sqrt(np.diag(S))
+        plain, told = np.log10(np.linalg.det(S / np.outer(size, size))), found.diagnostics["log_determinant"][k]
+        words = f"{where}: log10 of the determinant after step {k} is {told}, by its definition {plain}"
+        assert abs(told - plain) < DETERMINED, words
