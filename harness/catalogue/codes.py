@@ -1,11 +1,15 @@
-"""Digest the code that a run's numbers come from: of its solver, of its problem and of measuring, without running it.
+"""Digest the code that a run's numbers come from, without running it: its motion apart from what is measured of it.
+
+A motion, with its cost, comes from the code of its solver, of its problem, and of what runs both (``running``). What is
+measured of it comes from the code that measures series and judges them (``measuring``), and from the function of each
+column (``columns``, module ``column_codes``): runs stay when these change, and are measured again.
 
 The digest of a solver or problem covers its file and every module of the package that this imports, directly or
-indirectly; so does the digest of measuring, the code that calls solvers and measures their motions. It is computed from
-the syntax tree without docstrings and shapes of arrays, so that comments and formatting do not count either. Outside
-packages count by their locked version. Code that only looks up, checks, stores or shows is excluded (``ARRANGES``): no
-number of a run passes through it. Code that counts CPU time (``COSTS``) is part of measuring: a cost is a number of
-each run and can only be obtained by running again.
+indirectly; so do those of running and measuring. It is computed from the syntax tree without docstrings and shapes of
+arrays, so that comments and formatting do not count either. Outside packages count by their locked version. Code that
+only looks up, checks, stores or shows is excluded (``ARRANGES``): no number of a run passes through it. Code that
+counts CPU time (``COSTS``) is part of running: a cost is a number of each run and can only be obtained by running
+again.
 """
 
 import ast
@@ -19,9 +23,12 @@ from functools import cache, cached_property
 from pathlib import Path
 
 from ..base.cache import ROOT, make_cache_folder, read_sealed_file, write_sealed_file
+from ..columns.digests import ColumnDigests
+from .column_codes import DECLARED, digest_columns
 from .plugins import list_sources
+from .syntax import digest_texts, find_imports, flatten
 
-VERSION = 2  # version of a file's digest; raise it when the output of ``_flatten`` changes
+VERSION = 2  # version of a file's digest; raise it when the output of ``syntax.flatten`` changes
 LARGE = 2**20  # [bytes] of the cache between processes; a larger one is started anew
 # modules and folders through which no number of a run passes
 ARRANGES = (
@@ -33,12 +40,15 @@ ARRANGES = (
     "harness/base/naming",
     "harness/base/shapes",
     "harness/catalogue/codes",
+    "harness/catalogue/column_codes",
     "harness/catalogue/functions",
     "harness/catalogue/mechanism",
     "harness/catalogue/options",
     "harness/catalogue/plugins",
     "harness/catalogue/suites",
+    "harness/catalogue/syntax",
     "harness/catalogue/trial",
+    "harness/columns/digests",
     "harness/results",
     "harness/run/handover",
     "harness/run/job",
@@ -51,21 +61,16 @@ COSTS = (  # modules that count CPU time
     "harness/base/forked_process",
     "harness/base/isolation",
 )
-MEASURING = (  # modules that pass a problem to a solver and measure its motion, without those that they import
-    "harness/run/contract",
-    "harness/run/measuring",
-    "harness/run/presenting",
-    *COSTS,
-    SHARED,
-)
+# modules that pass a problem to a solver and count what it takes, without those that they import
+RUNNING = ("harness/run/contract", "harness/run/presenting", *COSTS, SHARED)
+MEASURING = ("harness/run/measuring",)  # measures and judges a motion
+MEASURES = ("harness/columns", "harness/judge", "harness/reference", *MEASURING)  # shape no motion
+WORDS = "harness/columns/declaring"  # what a column is called and where it is shown: shapes no number
 LISTED = ("harness/mechanics/joints/kinds", "solvers/engines/inside")  # folders whose files are listed, not imported
 MARKED = {"solver": ("solvers", "solvers/engines"), "problem": ("problems",)}  # folders by decorator of their entries
 LOCKED_AS = {"sksundae": "scikit-sundae", "scipy_dae": "scipy-dae", "yaml": "pyyaml"}  # package by module, if different
 # name and version in a line of the lock file
 LOCKED = re.compile(r"^([A-Za-z0-9_.-]+)==(\S+)", re.MULTILINE)
-# fields in which versions of Python differ for equal code
-WITHOUT = frozenset(("ctx", "kind", "type_comment", "type_params", "type_ignores"))
-SHAPED = ("Bool", "Complex", "Float", "Inexact", "Int", "Num", "Shaped")  # types of arrays in annotations
 
 
 @dataclass(frozen=True)
@@ -91,15 +96,16 @@ class Sources:
         self._fresh = False
 
     def digest_run_code(self, problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
-        """Return the digest of all code that shapes the numbers of a run of this solver on this problem.
+        """Return the digest of all code that shapes the motion and the cost of a run of this solver on this problem.
 
         A solver or problem of a plugin is covered by the digest of the files of ``plugins``.
         """
-        return digest_run(self.solvers.get(solver, ""), self.problems.get(problem, ""), self.measuring, plugins)
+        return digest_run(self.solvers.get(solver, ""), self.problems.get(problem, ""), self.running, plugins)
 
     def digest_all(self, plugins: Iterable[str] = ()) -> str:
-        """Return the digest of all solvers and problems, of measuring, and of the files of ``plugins``."""
-        return _digest_with([*itertools.chain(*self.solvers.items(), *self.problems.items()), self.measuring], plugins)
+        """Return the digest of all solvers and problems, of running and measuring, and of the files of ``plugins``."""
+        named = itertools.chain(*self.solvers.items(), *self.problems.items())
+        return _digest_with([*named, self.running, self.measuring], plugins)
 
     @cached_property
     def solvers(self) -> dict[str, str]:
@@ -112,27 +118,50 @@ class Sources:
         return self._digest_marked("problem")
 
     @cached_property
+    def running(self) -> str:
+        """The digest of the code that passes a problem to a solver, checks the result, and counts its cost."""
+        return self.digest_modules(*RUNNING, without=MEASURES)
+
+    @cached_property
     def measuring(self) -> str:
-        """The digest of the code that passes a problem to a solver, checks the result, and measures it and its cost."""
-        return self.digest_modules(*MEASURING)
+        """The digest of the code that measures and judges a motion, without the functions of single columns."""
+        return self.digest_modules(*MEASURING, without=(DECLARED, WORDS))
 
-    def digest_modules(self, *modules: str) -> str:
-        """Return the digest of modules, ``solvers/rattle``, with all they import and versions of outside packages."""
-        seen, outside = self.list_imported(*modules)
+    @cached_property
+    def columns(self) -> ColumnDigests:
+        """The digests of measuring and of the function of each measured column."""
+        return ColumnDigests(self.measuring, digest_columns(self.root, self.digest_modules, self.list_versions))
+
+    def digest_modules(self, *modules: str, without: tuple[str, ...] = ()) -> str:
+        """Return the digest of modules, ``solvers/rattle``, with all they import and versions of outside packages.
+
+        Modules and folders in ``without`` are left out.
+        """
+        found = self._digest_imported(*modules, without=without)
+        self._store()
+        return found
+
+    def _digest_imported(self, *modules: str, without: tuple[str, ...] = ()) -> str:
+        """Return what ``digest_modules`` returns, without storing the parsed modules."""
+        seen, outside = self.list_imported(*modules, without=without)
+        return digest_texts([*self.list_versions(outside), *itertools.chain(*sorted(seen.items()))])
+
+    def list_versions(self, outside: Iterable[str]) -> list[str]:
+        """Return the locked versions of outside packages, sorted."""
         locked, names = self._locked_versions, (LOCKED_AS.get(m, m) for m in outside)
-        versions = sorted(f"{n}=={locked[n]}" for n in names if n in locked)
-        return _digest([*versions, *itertools.chain(*sorted(seen.items()))])
+        return sorted(f"{n}=={locked[n]}" for n in names if n in locked)
 
-    def list_imported(self, *modules: str) -> tuple[dict[str, str], set[str]]:
+    def list_imported(self, *modules: str, without: tuple[str, ...] = ()) -> tuple[dict[str, str], set[str]]:
         """Return the files of modules and of all they import, with digests, and the names of outside packages.
 
-        Modules of ``ARRANGES`` and ``SHARED`` are left out unless they are asked for.
+        Modules of ``ARRANGES``, ``without`` and ``SHARED`` are left out unless they are asked for.
         """
         asked = [place for m in modules if (place := self._file(m))]
         seen, outside, waiting = dict[str, str](), set[str](), list(asked)
         while waiting:
             place = waiting.pop()
-            if place in seen or (place not in asked and (self._is_excluded(place) or place == f"{SHARED}.py")):
+            excluded = is_inside(place, (*ARRANGES, *without)) or place == f"{SHARED}.py"
+            if place in seen or (place not in asked and excluded):
                 continue
             source = self._source(place)
             seen[place] = source.digest
@@ -140,7 +169,6 @@ class Sources:
             waiting += [f for m in source.imports if (f := self._file(m))]
             if place.removesuffix("/__init__.py") in LISTED:
                 waiting += [str(p.relative_to(self.root)) for p in sorted((self.root / place).parent.glob("*.py"))]
-        self._store()
         return seen, outside
 
     def _digest_marked(self, kind: str) -> dict[str, str]:
@@ -151,7 +179,8 @@ class Sources:
                 place = f"{folder}/{path.stem}"
                 for mark in self._source(f"{place}.py").marks:
                     if mark.startswith(f"{kind}:"):
-                        out[mark.partition(":")[2]] = self.digest_modules(place)
+                        out[mark.partition(":")[2]] = self._digest_imported(place)
+        self._store()
         return dict(sorted(out.items()))
 
     @cached_property
@@ -159,11 +188,6 @@ class Sources:
         """The version of each outside package in the lock file; empty without one."""
         lock = self.root / "locks" / "requirements.lock"
         return dict(LOCKED.findall(lock.read_text(encoding="utf-8"))) if lock.is_file() else {}
-
-    @staticmethod
-    def _is_excluded(place: str) -> bool:
-        """Return whether the module in the file ``place`` is excluded, because no number of a run passes through it."""
-        return any(place == f"{a}.py" or place.startswith(f"{a}/") for a in ARRANGES)
 
     @cache  # noqa: B019 - one object a process
     def _file(self, module: str) -> str | None:
@@ -202,22 +226,32 @@ def digest_run_code(problem: str, solver: str, plugins: Iterable[str] = ()) -> s
     return package_sources().digest_run_code(problem, solver, plugins)
 
 
+def read_column_digests() -> ColumnDigests:
+    """Return the digests of the code of columns that are measured here; the column ``measured_by`` has their digest."""
+    return package_sources().columns
+
+
 @cache
 def digest_code(plugins: tuple[str, ...] = ()) -> str:
     """Return the digest of all code that shapes the numbers of runs, of this package and of ``plugins``."""
     return package_sources().digest_all(plugins)
 
 
-def digest_run(solver: str, problem: str, measuring: str, plugins: Iterable[str] = ()) -> str:
-    """Return the digest of the code of a run from those of its solver, its problem, measuring, and from plugins."""
-    return _digest_with([solver, problem, measuring], plugins)
+def digest_run(solver: str, problem: str, running: str, plugins: Iterable[str] = ()) -> str:
+    """Return the digest of the code of a run from those of its solver, its problem, what runs them, and plugins."""
+    return _digest_with([solver, problem, running], plugins)
+
+
+def is_inside(place: str, modules: Iterable[str]) -> bool:
+    """Return whether the file ``place`` is one of these modules, or in a folder of that name."""
+    return any(place == f"{a}.py" or place.startswith(f"{a}/") for a in modules)
 
 
 def _digest_with(parts: list[str], plugins: Iterable[str]) -> str:
     """Return the digest of ``parts`` and of the files of plugins, which are appended to ``parts``."""
     for path in itertools.chain.from_iterable(map(list_sources, plugins)):
         parts += [path.name, hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""]
-    return _digest(parts)
+    return digest_texts(parts)
 
 
 def _read_cached(keep: Path) -> dict[str, Source]:
@@ -233,46 +267,11 @@ def _parse_source(content: bytes, place: str) -> Source:
     """Return digest, imports and catalogue entries of a module with this content, in the file ``place``."""
     tree = ast.parse(content)
     inside, outside = dict[str, None](), dict[str, None]()
-    for module in _find_imports(tree, place.removesuffix(".py").split("/")):
+    for module in find_imports(tree, place.removesuffix(".py").split("/")):
         first, _, rest = module.partition("/")
         (inside if first == "" else outside)[rest if first == "" else first] = None
     marks = tuple(f"{kind}:{name}" for kind, name in _find_marks(tree))
-    return Source(_digest(_flatten(tree)), tuple(inside), tuple(outside), marks)
-
-
-def _find_imports(tree: ast.AST, place: list[str]) -> Iterator[str]:
-    """Yield the modules that a module imports, and names imported from them, as paths.
-
-    Outside packages are yielded by their first name. A path in this package begins with a slash,
-    ``/harness/base/files``, and the packages that contain it are yielded too, since importing it runs them. ``place``
-    is the path of the module, in parts.
-    """
-    for node in _walk_run(tree):
-        if isinstance(node, ast.Import):
-            named = [a.name.split(".") for a in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            base = (node.module or "").split(".") if node.module else []
-            base = ["mbsbench", *place[: len(place) - node.level], *base] if node.level else base
-            named = [base, *([*base, a.name] for a in node.names)]
-        else:
-            continue
-        for parts in named:
-            if parts[0] == "mbsbench":
-                yield from ("/" + "/".join(parts[1:k]) for k in range(2, len(parts) + 1))
-            else:
-                yield parts[0]
-
-
-def _walk_run(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield the nodes of a syntax tree except those under ``if TYPE_CHECKING``, which never run."""
-    waiting = [tree]
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
-            waiting += node.orelse
-            continue
-        yield node
-        waiting += ast.iter_child_nodes(node)
+    return Source(digest_texts(flatten(tree)), tuple(inside), tuple(outside), marks)
 
 
 def _find_marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
@@ -283,33 +282,3 @@ def _find_marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
                 name = call.args[0]
                 if isinstance(name, ast.Constant) and isinstance(name.value, str):
                     yield call.func.id, name.value
-
-
-def _flatten(node: object) -> Iterator[str]:
-    """Yield a syntax tree as texts that are equal in all versions of Python, without docstrings and array shapes."""
-    if isinstance(node, ast.AST):
-        yield type(node).__name__
-        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id in SHAPED:
-            return
-        for name, value in ast.iter_fields(node):
-            if value is None or value == [] or name in WITHOUT:
-                continue
-            yield f".{name}"
-            yield from _flatten(value)
-        yield ")"
-    elif isinstance(node, list):
-        for one in node:
-            if not (
-                isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant) and isinstance(one.value.value, str)
-            ):
-                yield from _flatten(one)
-    else:
-        yield f"{type(node).__name__} {node!r}"
-
-
-def _digest(parts: Iterable[str]) -> str:
-    """Return the first 16 hexadecimal digits of the sha256 of texts, each ended by a zero byte."""
-    digest = hashlib.sha256()
-    for part in parts:
-        digest.update(part.encode() + b"\0")
-    return digest.hexdigest()[:16]

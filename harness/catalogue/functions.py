@@ -20,6 +20,7 @@ from ..mechanics.consistency import InconsistentStart
 from ..mechanics.counting import CallCount, collect_counts
 from ..mechanics.dynamics import Rates
 from ..mechanics.jacobian import independent_rows
+from ..mechanics.marching import StepFailure, march
 from ..mechanics.state import State, States
 from ..mechanics.step_time import REMEDY, begin_step
 from ..mechanics.system import MultibodySystem
@@ -36,14 +37,6 @@ Refuses = Callable[[MultibodySystem, State], str | None]
 
 class StepFailed(Exception):
     """Signal in a step or an rhs that it cannot continue: the run ends as ``diverged``, with the message as reason."""
-
-
-class MarchStopped(Exception):
-    """Signal that a march cannot continue, with the status and message of its motion."""
-
-    def __init__(self, status: Status, message: str) -> None:
-        super().__init__(message)
-        self.status, self.message = status, message
 
 
 def step(name: str, *, order: float = math.nan, refuses: Refuses | None = None) -> Callable[[Callable[..., Any]], type]:
@@ -199,7 +192,7 @@ class _Rates(_FromFunction):
             with np.errstate(all="ignore"):
                 said = run.step()
             if run.status == "failed":
-                raise MarchStopped(Status.STEP_UNDERFLOW, str(said).rstrip(".").lower())
+                raise StepFailure(Status.STEP_UNDERFLOW, str(said).rstrip(".").lower())
             here = state(run.t, run.y)
             return run.t, here, rates(here).reaction
 
@@ -221,35 +214,30 @@ def _march(
     those of ``counters``. An error in a step becomes the status of the motion, which keeps the steps before it.
     """
     began = solver_seconds()
-    t, s = 0.0, problem.initial
-    times, states, reactions = [t], [s], [first]
-    status, message = Status.SUCCESS, "reached the end"
+    times, states, reactions = [0.0], [problem.initial], [first]
     count = begun or CallCount()
-    try:
-        while t < problem.t_end:
-            if len(times) > control.max_steps:
-                raise MarchStopped(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
-            _check_clock(control, began)
+
+    def take_step() -> None:
+        """Append the next step; raise ``StepFailure`` where it fails."""
+        try:
             with collect_counts(count):
-                t, s, reaction = advance(t, s)
-            s = dataclasses.replace(s, t=t)
-            if not all(np.all(np.isfinite(a)) for a in vars(s).values()):
-                raise MarchStopped(Status.DIVERGED, "the state is no longer finite")
-            times.append(t)
-            states.append(s)
-            reactions.append(reaction)
-            if control.spool is not None and control.spool.due():
-                new = slice(control.spool.rows, None)
-                control.spool.take(times[new], _stack_states(states[new]))
-    except MarchStopped as stop:
-        status, message = stop.status, stop.message
-    except (StepFailed, InconsistentStart, ArithmeticError) as error:  # the motion has diverged
-        status, message = Status.DIVERGED, str(error) or type(error).__name__
-    except np.linalg.LinAlgError as error:
-        redundant = describe_redundant_rows(problem) if "ingular" in str(error) else ""
-        status, message = Status.DIVERGED, f"{error}{redundant and f': {redundant}'}"
-    if status is not Status.SUCCESS:
-        message = f"stopped at t = {times[-1]:.6g} s: {message}"
+                t, s, reaction = advance(times[-1], states[-1])
+        except (StepFailed, InconsistentStart, ArithmeticError) as error:
+            raise StepFailure(Status.DIVERGED, str(error) or type(error).__name__) from None
+        except np.linalg.LinAlgError as error:
+            redundant = describe_redundant_rows(problem) if "ingular" in str(error) else ""
+            raise StepFailure(Status.DIVERGED, f"{error}{redundant and f': {redundant}'}") from None
+        s = dataclasses.replace(s, t=t)
+        if not all(np.all(np.isfinite(a)) for a in vars(s).values()):
+            raise StepFailure(Status.DIVERGED, "the state is no longer finite")
+        times.append(t)
+        states.append(s)
+        reactions.append(reaction)
+        if control.spool is not None and control.spool.due():
+            new = slice(control.spool.rows, None)
+            control.spool.take(times[new], _stack_states(states[new]))
+
+    status, message = march(times, problem, control, lambda: _check_clock(control, began), take_step)
     own = {"evaluations": count.evaluations, "factorisations": count.factorisations} if count.evaluations else {}
     none = np.full(problem.system.nrows, math.nan)
     known = [none if a is None else np.asarray(a, dtype=float) for a in reactions]
@@ -276,9 +264,9 @@ def describe_redundant_rows(problem: Problem) -> str:
 
 
 def _check_clock(control: StepControl, began: float) -> None:
-    """Raise MarchStopped if the CPU time since ``began`` [s] exceeds the limit of ``control``."""
+    """Raise StepFailure if the CPU time since ``began`` [s] exceeds the limit of ``control``."""
     if control.cpu_limit is not None and solver_seconds() - began > control.cpu_limit:
-        raise MarchStopped(Status.STALLED, f"the CPU limit of {control.cpu_limit:g} s was reached")
+        raise StepFailure(Status.STALLED, f"the CPU limit of {control.cpu_limit:g} s was reached")
 
 
 def _stack_states(states: list[State]) -> States:

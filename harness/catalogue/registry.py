@@ -6,6 +6,7 @@ A problem file has one function marked ``@problem``, a solver file one dataclass
 import dataclasses
 import importlib
 import inspect
+import json
 import math
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -338,6 +339,25 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
     given = {k: v for k, v in values.items() if v != entry.parameters[k][0]}
     asked = {"parameters": given, "presentation": presentation, "retrace": values["retrace"]}
     return dataclasses.replace(made, t_end=t_end, **asked)
+
+
+def share_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:
+    """Return the problem as ``make_problem`` does; one of our own is made once a process, for callers that only read.
+
+    A suite and its estimate of times ask for each variant a hundred times. Runs get the problem that ``make_problem``
+    makes for them alone: a solver's set-up must not find what another has left in it.
+    """
+    try:
+        text = json.dumps(parameters or {}, sort_keys=True)
+    except TypeError:  # a date of a suite file, which ``make_problem`` refuses in words
+        return make_problem(name, parameters)
+    return _make_shared_problem(name, text) if is_own_problem(name) else make_problem(name, parameters)
+
+
+@cache
+def _make_shared_problem(name: str, parameters: str) -> Problem:
+    """Return one of our own problems from its parameters as JSON."""
+    return make_problem(name, json.loads(parameters))
 
 
 def make_solver(name: str, options: Mapping[str, Any] | None = None) -> Solver:

@@ -20,7 +20,7 @@ import numpy as np
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.suites.spec import RunSpec
 from mbsbench.harness.catalogue.suites.suite import load_suite
-from mbsbench.harness.judge.metrics.identity import compute_fingerprint
+from mbsbench.harness.columns.identity import compute_fingerprint
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord
 

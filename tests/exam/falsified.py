@@ -5,9 +5,10 @@ from collections.abc import Callable
 import numpy as np
 
 from mbsbench import Problem, States, Status, Trajectory
+from mbsbench.harness.judge.distance import find_inaccuracy
+from mbsbench.harness.judge.law import list_broken_laws
 from mbsbench.harness.judge.metrics.measure import measure
 from mbsbench.harness.judge.metrics.summary import make_columns
-from mbsbench.harness.judge.metrics.verdict import find_inaccuracy, list_broken_laws
 
 from .judging import Sizes, errors
 from .motion import BEYOND

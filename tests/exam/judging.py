@@ -13,7 +13,7 @@ import numpy as np
 
 from mbsbench import Problem, States, Status
 from mbsbench.harness.judge.metrics.reactions import compute_loads_on_bodies
-from mbsbench.harness.results.records import RunRecord, parse_reasons
+from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
 
 from .building import Declared
@@ -130,9 +130,7 @@ class Finding:
 
 def laws_of(record: RunRecord) -> str:
     """By which laws it is called wrong or inaccurate, and of what."""
-    found = [
-        f"{reason.law} ({reason.name})" if reason.name else reason.law for reason in parse_reasons(record.wrong_because)
-    ]
+    found = [f"{reason.law} ({reason.name})" if reason.name else reason.law for reason in record.reasons]
     return ", ".join(dict.fromkeys(found))
 
 

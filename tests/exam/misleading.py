@@ -11,24 +11,12 @@ import sys
 from pathlib import Path
 
 from mbsbench.harness.base.files import FileError
-from mbsbench.harness.mechanics.types import ACCURATE, Law, Status
+from mbsbench.harness.mechanics.types import ACCURATE, Status
 from mbsbench.harness.results import store
-from mbsbench.harness.results.misleading import agrees_with_reference
-from mbsbench.harness.results.records import RunRecord, parse_reasons
+from mbsbench.harness.results.misleading import agrees_with_reference, breaks_state_law
+from mbsbench.harness.results.records import RunRecord
 
 from .judging import laws_of
-
-# laws of what is measured at each time, not by comparison: a motion that breaks one is no right motion
-KEPT = {
-    Law.FINITE,
-    Law.START,
-    Law.END,
-    Law.ENERGY,
-    Law.CONSTRAINT,
-    Law.CONSTRAINT_RATE,
-    Law.ORTHOGONALITY,
-    Law.INVARIANT,
-}
 
 
 def shares(r: RunRecord) -> dict[str, float]:
@@ -43,8 +31,8 @@ def shares(r: RunRecord) -> dict[str, float]:
 
 def is_accused(r: RunRecord) -> bool:
     """Whether it is called wrong though it is right by comparison and keeps all laws of states."""
-    laws = {reason.law for reason in parse_reasons(r.wrong_because)}
-    return r.status == Status.WRONG and agrees_with_reference(r) and not laws & KEPT
+    because = r.reasons
+    return r.status == Status.WRONG and agrees_with_reference(r) and not breaks_state_law(because)
 
 
 def is_believed(r: RunRecord) -> bool:

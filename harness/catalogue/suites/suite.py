@@ -221,7 +221,7 @@ def _make_problem(name: str, parameters: Mapping[str, Any]) -> Problem:
     Any exception of a plugin's problem becomes one; one of our own problems is a bug and keeps its traceback.
     """
     try:
-        return registry.make_problem(name, parameters)
+        return registry.share_problem(name, parameters)
     except (ValueError, OverflowError):
         raise
     except Exception as error:  # a plugin may raise anything; our own problems keep their traceback

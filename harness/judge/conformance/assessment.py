@@ -1,6 +1,5 @@
 """Plan the runs of ``try`` for a solver, and derive the findings on their results."""
 
-import json
 import math
 import os
 from collections import Counter
@@ -12,17 +11,19 @@ import numpy as np
 
 from ...base.code_meter import code_seconds_of_tree
 from ...catalogue import registry
-from ...catalogue.suites.spec import RunSpec, make_spec
+from ...catalogue.suites.spec import RunSpec
 from ...catalogue.trial import make_problem
 from ...mechanics.types import RIGHT_REACTION, Status, Trait
-from ...results.findings import Finding, state_finding
+from ...results.findings import Finding, leave_undetermined, state_finding
 from ...results.judgements.runs import Order
+from ...results.least_cost import find_cheapest
 from ...results.records import RunRecord
 from ...results.words import compute_reaction_share, describe_status, format_accurate_times, list_reasons
 from ...results.work import count_index_1_evaluations
+from ..cost import judge_growth
 from ..referee.certificates.drift import PERIODS, analyse_drift
 from ..referee.certificates.orders import certify
-from .presentations import LOOP, TREE, assess_symmetries, plan_symmetries
+from .presentations import LOOP, TREE, assess_symmetries, make_trial_run, plan_symmetries
 
 QUANTITIES = ("position", "orientation", "energy", "reaction")
 ENDED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
@@ -46,7 +47,6 @@ PERIOD = 0.97  # [s] period of that swing
 LONGEST = 300.0 * PERIOD
 LONG = {"dt": 0.01, "rtol": 1e-6}
 CLOCK = 5e-3  # [s] shorter runs say nothing about cost
-LINEAR = 1.5  # exponent of the cost per step in bodies; above, a chain of a hundred takes too long
 
 
 Run = TypeVar("Run", RunRecord, RunSpec)
@@ -62,13 +62,13 @@ def plan_runs(solver: str, wall: float) -> list[RunSpec]:
         for name, parameters in LADDERS.items():
             kind = registry.solvers()[who].control
             values = VALUES[name, kind] if who == solver else VALUES[name, kind][1::2]
-            out += [_make_spec(who, name, parameters, {kind: float(f"{x:.6g}")}, "ladder", wall) for x in values]
+            out += [make_trial_run(who, name, parameters, {kind: float(f"{x:.6g}")}, "ladder", wall) for x in values]
     out += plan_symmetries(solver, "four_bar_grid", LOOP, wall)
     for links in LINKS:
-        out.append(_make_spec(solver, "chain", {"links": links, "t_end": 0.02}, {}, "growth", wall))
+        out.append(make_trial_run(solver, "chain", {"links": links, "t_end": 0.02}, {}, "growth", wall))
     for name in registry.problems():
         own = make_problem(name)
-        out.append(_make_spec(solver, name, {"t_end": min(own.t_end, STEPS * own.dt)}, {}, "problems", wall))
+        out.append(make_trial_run(solver, name, {"t_end": min(own.t_end, STEPS * own.dt)}, {}, "problems", wall))
     return list({s.settings_id: s for s in out}.values())
 
 
@@ -132,7 +132,7 @@ def plan_long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> 
     if t_end < 1.2 * PERIODS * PERIOD:
         return None
     parameters = {**SWING, "t_end": float(f"{t_end:.3g}")}
-    return _make_spec(solver, "spherical_pendulum", parameters, {control: LONG[control]}, "long", 2.0 * seconds)
+    return make_trial_run(solver, "spherical_pendulum", parameters, {control: LONG[control]}, "long", 2.0 * seconds)
 
 
 def certify_ladders(solver: str, folder: Path, records: Sequence[RunRecord]) -> Sequence[Order]:
@@ -153,24 +153,9 @@ def assess_solver(
     yield _assess_energy(solver, records, folder, left)
     yield from _assess_laws(_select(solver, records, "problems"), ladder, rest)
     yield from _assess_work(solver, records, left)
-    yield from _assess_symmetries(solver, records, folder, left)
+    presented, cut = _select(solver, records, "symmetries"), len(_select(solver, left, "symmetries"))
+    yield from assess_symmetries(folder, presented, _describe_cut(cut, len(presented)))
     yield _assess_growth(_select(solver, records, "growth"), _select(solver, left, "growth"))
-
-
-def _make_spec(
-    solver: str,
-    problem: str,
-    parameters: Mapping[str, Any],
-    control: Mapping[str, Any],
-    label: str,
-    wall: float,
-    options: Mapping[str, Any] | None = None,
-) -> RunSpec:
-    """Return the run of a solver on a problem with ``parameters``, at most ``wall`` [s] of CPU time.
-
-    ``control`` is its step or tolerance, ``label`` the group of runs that it belongs to, such as ``ladder``.
-    """
-    return make_spec(make_problem(problem, parameters), solver, options, control, label=label, cpu_limit=wall)
 
 
 def _select(solver: str, runs: Sequence[Run], label: str) -> list[Run]:
@@ -181,8 +166,8 @@ def _select(solver: str, runs: Sequence[Run], label: str) -> list[Run]:
 def _describe_cut(left: int, run: int) -> str:
     """Describe why a finding is undetermined: the budget excluded ``left`` of its runs and allowed ``run``."""
     if not run:
-        return "not determined: no run of it within the budget"
-    return f"not determined: {left} of {left + run} runs of it are left out by the budget"
+        return "no run of it within the budget"
+    return f"{left} of {left + run} runs of it are left out by the budget"
 
 
 def _assess_problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
@@ -223,9 +208,9 @@ def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Find
     """
     ends = Counter(str(r.status or "unknown") for r in ladder if r.status not in ENDED)
     if not ladder or (left and not ends):
-        return state_finding(what, _describe_cut(left, len(ladder)), "a ladder")
+        return leave_undetermined(what, _describe_cut(left, len(ladder)), "a ladder")
     if ends and set(ends) <= {Status.STALLED, Status.UNFINISHED}:
-        return state_finding(what, "not determined: the runs were too slow for the budget", "a ladder")
+        return leave_undetermined(what, "the runs were too slow for the budget", "a ladder")
     words = ", ".join(f"{n} {status}" for status, n in sorted(ends.items()))
     said = f"no ladder of steps or tolerances finished{': ' if words else ''}{words}"
     return state_finding(what, said, "a ladder", good=False)
@@ -238,8 +223,8 @@ def _assess_energy(solver: str, records: Sequence[RunRecord], folder: Path, left
     """
     runs = _select(solver, records, "long")
     if not runs:
-        words = _describe_cut(1, 0) if left else f"not determined: {PERIODS} periods would take longer than the budget"
-        return state_finding("energy over many periods", words)
+        words = _describe_cut(1, 0) if left else f"{PERIODS} periods would take longer than the budget"
+        return leave_undetermined("energy over many periods", words)
     (d,) = analyse_drift(folder, runs)[:1]
     if not d.periods:
         return state_finding(
@@ -262,8 +247,8 @@ def _assess_laws(
     done = [r for r in ladder if r.claimed == Status.SUCCESS]
     known = [r for r in done if math.isfinite(r.reaction_size_N)]
     if not known:
-        none = "none returned: not judged" if done else "not determined: no run of the ladders succeeded"
-        yield state_finding("reactions", none if ladder else _describe_cut(len(left), 0))
+        none = "none returned" if done else "no run of the ladders succeeded"
+        yield leave_undetermined("reactions", none if ladder else _describe_cut(len(left), 0))
         return
     share = min(map(compute_reaction_share, known))
     good = True if share <= RIGHT_REACTION else None if left else False  # a finer setting may have been left out
@@ -278,10 +263,10 @@ def _assess_work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSp
         if not mine:
             continue
         best = min(mine, key=lambda r: r.motion_error_max_m)
-        rivals = [r for r in sound if r.solver != solver and r.motion_error_max_m <= best.motion_error_max_m]
+        rivals = [r for r in sound if r.solver != solver]
         words = f"{best.motion_error_max_m:.2g} m in {_describe_time(best)}"
-        if rivals:
-            r = min(rivals, key=lambda r: r.cpu_median_s)
+        r = find_cheapest(rivals, best.motion_error_max_m, lambda r: r.motion_error_max_m, lambda r: r.cpu_median_s)
+        if r is not None:
             words += f"; {r.solver} {r.motion_error_max_m:.2g} m in {_describe_time(r)}"
             if 0.0 < count_index_1_evaluations(best) < math.inf and math.isfinite(count_index_1_evaluations(r)):
                 words += (
@@ -299,24 +284,11 @@ def _describe_time(r: RunRecord) -> str:
     return f"{r.cpu_median_s:.2g} s" if r.cpu_median_s > CLOCK else f"less than {1e3 * CLOCK:g} ms"
 
 
-def _assess_symmetries(
-    solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec] = ()
-) -> Iterator[Finding]:
-    """Yield the symmetries that the solver breaks, and how many it keeps."""
-    runs, rest = _select(solver, records, "symmetries"), len(_select(solver, left, "symmetries"))
-    yield from assess_symmetries(folder, runs, _describe_cut(rest, len(runs)))
-
-
 def _assess_growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Finding:
     """Return how the CPU time of a step grows with the number of bodies of a chain: the exponent n^p."""
-    done = sorted(
-        (json.loads(r.problem_parameters).get("links", 15), r.cpu_median_s / r.steps) for r in runs if r.steps
-    )
+    quantity = "cost of a step in bodies"
+    done = sorted((r.parameters.get("links", 15), r.cpu_median_s / r.steps) for r in runs if r.steps)
     if len(done) < 3:
-        few = "not determined: too few chains finished, or all faster than the clock resolves"
-        return state_finding("cost of a step in bodies", _describe_cut(len(left), len(runs)) if left else few)
-    x, y = np.log(np.maximum(np.array(done[-3:], dtype=float), 1e-9)).T
-    power = float(np.polyfit(x, y, 1)[0])
-    each = ", ".join(f"{1e3 * seconds:.2g} ms at {n}" for n, seconds in done)
-    linear = True if power <= LINEAR else None  # a property of the solver, not a fault
-    return state_finding("cost of a step in bodies", f"{each}: n^{power:.1f}", f"n^{LINEAR:g} or less", linear)
+        few = "too few chains finished, or all faster than the clock resolves"
+        return leave_undetermined(quantity, _describe_cut(len(left), len(runs)) if left else few)
+    return judge_growth(quantity, *zip(*done, strict=True))

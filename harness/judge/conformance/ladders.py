@@ -1,67 +1,149 @@
-"""Measure how errors, reactions and open joints fall from run to run of a ladder of steps or tolerances."""
+"""Measure how errors and residuals fall from run to run of a ladder of steps or tolerances.
 
-import itertools
+Errors are of motions and reactions. Residuals of constraints are judged by what stays of them as steps or tolerances
+get smaller, where no error of the motion tells it.
+"""
+
 import math
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 
-from ...mechanics.types import Status
-from ...results.findings import Finding, judge_value, leave_open, make_failure
+from ...mechanics.types import ALLOWED, Law, Status
+from ...results.findings import Finding, judge_value, leave_open
+from ...results.records import RunRecord
+from ...results.series import Series
+from ..order import (
+    DIFFERENCED,
+    LEAST_ORDER,
+    ROUNDED,
+    SECOND_ORDER,
+    SLOPE,
+    bound_remainder,
+    find_least_fall,
+    is_of_motion,
+    judge_ladder,
+    take_power_away,
+)
 from .trials import Evidence, find_missing
 
-WITHIN = 0.2  # tolerance on the declared order
-LEAST_ORDER = 0.8  # least order if none is declared: a first-order scheme may show a little less
-ROUNDED = 1e-11  # error below which no order is observable
-ITERATED = 1e-8  # below, corrections that end at their tolerance may leave errors independent of the step
-REACTION_SEEN = 1e-7  # relative: below, errors of the reference's differences dominate
-SECOND_ORDER = 1.5  # between 1, as of reactions one step late, and 2, the least of correct second-order schemes
+RESIDUALS = (  # roles of runs that differ in the step or tolerance alone: of point rows, and of axis rows
+    ("finer 0", "finer 1", "finer 2", "finer 3"),
+    ("hinge 0", "hinge 1", "easy hinge"),
+)
+SAME_TIME = 1e-9  # relative: times of different steps are rounded differently
+Residual = tuple[np.ndarray, np.ndarray]  # times [s], and the size at each, in parts of what the motion reaches
 
 
 def check_order(e: Evidence) -> Finding:
-    """Measure the order in dt at the finest halving, the best if errors reach a floor; or the decrease with rtol."""
-    finer = e.select_runs("finer")
-    if missing := find_missing(*finer[1:]):
-        return missing
-    finer = [r for r in finer if r.claimed == Status.SUCCESS]  # the first run may be too coarse
-    errors = [max(r.position_error_max_m / r.length_scale_m, r.orientation_error_max_rad) for r in finer]
-    at = ", ".join(f"{r.dt_s if e.control == 'dt' else r.rtol:g}" for r in finer)
-    words = f"errors {', '.join(f'{x:.3g}' for x in errors)} (of the length, or rad) at {e.control} {at}"
-    if not np.all(np.isfinite(errors)):
-        return make_failure(words)
-    seen = [x for x in errors if x >= ROUNDED]
-    if len(seen) < 2:
-        return leave_open(f"rounding alone: {words}")
-    if e.control == "rtol":
-        least = math.sqrt(finer[0].rtol / finer[-1].rtol)  # errors follow rtol^(p/(p + 1)) at order p >= 1
-        return judge_value(errors[0] / max(errors[-1], ROUNDED), "times smaller", least=least, words=words)
-    orders = [math.log2(a / b) for a, b in itertools.pairwise(seen)]
-    order = orders[-1] if seen[-1] > ITERATED else max(orders)
-    if math.isnan(e.order):
-        return judge_value(order, "order, none declared", least=LEAST_ORDER, words=words)
-    higher = "higher than declared: " if order > e.order + WITHIN else ""
-    return judge_value(order, f"order, {e.order:g} declared", least=e.order - WITHIN, words=higher + words)
+    """Measure the order of the motion in dt at the finest halving, or the decrease of its errors with rtol."""
+
+    def error(r: RunRecord) -> float:
+        """Return the error of a run, of the length or in radians."""
+        return max(r.position_error_max_m / r.length_scale_m, r.orientation_error_max_rad)
+
+    return _judge_errors(e, error, "of the length, or rad,", ROUNDED, declared=e.order)
 
 
 def check_reaction_order(e: Evidence) -> Finding:
-    """Measure the order of reactions in dt at the finest halving, or the decrease of their errors with rtol."""
-    finer = e.select_runs("finer")
-    if missing := find_missing(*finer[1:]):
+    """Measure the order of reactions in dt at the finest halving, or the decrease of their errors with rtol.
+
+    It tells the order declared from that of reactions one step late, and theirs from none.
+    """
+
+    def error(r: RunRecord) -> float | None:
+        """Return the error of the reactions of a run, of the largest; None if it has none."""
+        share = r.reaction_error_max_N / r.reaction_size_N
+        return share if math.isfinite(share) else None
+
+    first = math.isnan(e.order) or e.order < SECOND_ORDER + SLOPE
+    return _judge_errors(e, error, "of the largest", DIFFERENCED, least=LEAST_ORDER if first else SECOND_ORDER)
+
+
+def _judge_errors(
+    e: Evidence, error: Callable[[RunRecord], float | None], what: str, resolved: float, **limits: float
+) -> Finding:
+    """Judge the ladder by the ``error`` of its runs, with these ``limits``; the first run may be too coarse."""
+    runs = e.select_runs("finer")
+    if missing := find_missing(*runs[1:]):
         return missing
-    finer = [r for r in finer if r.claimed == Status.SUCCESS and math.isfinite(r.reaction_size_N)]
-    shares = [r.reaction_error_max_N / r.reaction_size_N for r in finer]
-    seen = [(x, r) for x, r in zip(shares, finer, strict=True) if x >= REACTION_SEEN]
-    at = ", ".join(f"{r.dt_s if e.control == 'dt' else r.rtol:g}" for r in finer)
-    words = f"off by {', '.join(f'{x:.3g}' for x in shares)} of the largest at {e.control} {at}"
-    if len(seen) < 2:
-        return leave_open(f"rounding alone: {words}" if finer else "no reactions")
-    (a, coarse), (b, fine) = (seen[-2], seen[-1]) if e.control == "dt" else (seen[0], seen[-1])
-    if e.control == "rtol":
-        return judge_value(a / b, "times smaller", least=math.sqrt(coarse.rtol / fine.rtol), words=words)
-    order = math.log(a / b) / math.log(coarse.dt_s / fine.dt_s)
-    return judge_value(order, "order", least=_find_least_order(e), words=words)
+    done = [(e.find_setting(r), error(r)) for r in runs if r.claimed == Status.SUCCESS]
+    found = [(setting, x) for setting, x in done if x is not None]
+    if not found:
+        return leave_open("no reactions")
+    settings, errors = zip(*found, strict=True)
+    return judge_ladder(e.control, settings, errors, what, resolved=resolved, **limits)
 
 
-def _find_least_order(e: Evidence) -> float:
-    """Return the least order of reactions and of |phi|, which tells the order declared from one below, or from none."""
-    first = math.isnan(e.order) or e.order < SECOND_ORDER + WITHIN
-    return LEAST_ORDER if first else SECOND_ORDER
+def check_residuals(e: Evidence) -> Finding:
+    """Measure what stays of |phi|, |phi_dot| and |R^T R - 1| as steps are halved, in parts of the motion's size.
+
+    That is what is left at the finest step without the part in proportion to dt^order, and must fall with dt or be as
+    small as iterations leave it; with rtol it is the residual, which must fall with rtol. One that varies about one
+    size may be left by a tolerance of the solver: open.
+    """
+    if missing := find_missing(*e.select_runs("finer")[1:]):
+        return missing
+    found = [x for roles in RESIDUALS for x in _judge_residuals(e, roles)]
+    if not found:
+        return leave_open("too few runs with steps at the same times")
+    _, _, finding = max(found, key=lambda x: x[:2])
+    return finding
+
+
+def _judge_residuals(e: Evidence, roles: Sequence[str]) -> Iterator[tuple[bool, float, Finding]]:
+    """Yield the finding on what stays of each residual over the runs of these roles, if enough of them reached the end.
+
+    Each comes with whether it failed, and with what stays as a share of its limit.
+    """
+    at_hand = [(r, s) for k in roles if (r := e.records.get(k)) is not None and (s := e.series[k]) is not None]
+    runs = [(r, s) for r, s in at_hand if r.claimed == Status.SUCCESS]
+    if len(runs) < (3 if e.control == "dt" else 2):
+        return
+    settings = [e.find_setting(r) for r, _ in runs]
+    each = [_measure_residuals(r, series) for r, series in runs]
+    for name in each[-1]:
+        sizes = [one[name] for one in each if name in one]
+        if len(sizes) < len(runs):
+            continue
+        largest = [float(np.max(size)) for _, size in sizes]
+        if e.control == "rtol":
+            (t, left), most = sizes[-1], bound_remainder(largest[0], find_least_fall(settings))
+        else:
+            (_, coarse), (t, left) = (_find_remainder(one, other, e.order) for one, other in pairwise(sizes[-3:]))
+            if len(t) < 2 or len(coarse) < 2:
+                continue
+            most = bound_remainder(float(np.max(coarse)))
+        at = ", ".join(f"{x:g}" for x in settings)
+        words = f"{name} up to {', '.join(f'{x:.3g}' for x in largest)} of it at {e.control} {at}: {runs[-1][0].case}"
+        share = float(np.max(left))
+        exceeds = share > most
+        if exceeds and not is_of_motion(t, left):
+            yield False, share / most, leave_open(f"as a tolerance leaves it, {words}")
+        else:
+            yield exceeds, share / most, judge_value(share, "of the motion's size", most=most, words=words)
+
+
+def _measure_residuals(r: RunRecord, series: Series) -> dict[str, Residual]:
+    """Return the residuals of a run by name, each in parts of what the laws compare it with."""
+    joints = {"|phi|": (Law.CONSTRAINT, r.gap_share_max, "phi_norm")}
+    joints["|phi_dot|"] = Law.CONSTRAINT_RATE, r.gap_rate_share_max, "phi_dot_norm"
+    out = {"|R^T R - 1|": series.points("orthogonality")}
+    for name, (law, share, column) in joints.items():
+        t, norm = series.points(column)
+        top = float(np.max(norm))
+        if math.isfinite(share) and top > 0.0:  # the norms count rows in their own units, the shares count metres
+            out[name] = t, norm * (share * ALLOWED[law] / top)
+    return out
+
+
+def _find_remainder(coarse: Residual, fine: Residual, order: float) -> Residual:
+    """Return what stays of a residual, at the times of both runs, without its part in proportion to dt^order.
+
+    The second run has half the step of the first.
+    """
+    (t, size), (t_fine, size_fine) = coarse, fine
+    near = np.minimum(np.searchsorted(t_fine, t * (1.0 - SAME_TIME)), len(t_fine) - 1)
+    common = np.abs(t_fine[near] - t) <= SAME_TIME * t_fine[-1]
+    return t[common], take_power_away(size[common], size_fine[near[common]], order)

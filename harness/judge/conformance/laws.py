@@ -5,13 +5,14 @@ They are laws of the full system in (r, R), independent of the problem's own for
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
 from ...catalogue import registry
+from ...columns.measured import Scales
 from ...mechanics import motion, so3
 from ...mechanics.consistency import START_TOLERANCE, InconsistentStart, check_start
 from ...mechanics.dynamics import RANK
@@ -19,17 +20,17 @@ from ...mechanics.jacobian import constraint_jacobian
 from ...mechanics.naming import name_joint
 from ...mechanics.state import State, States
 from ...mechanics.system import MultibodySystem
-from ...mechanics.types import Invariant, Observable, Problem, Reference
+from ...mechanics.types import JUDGED, Invariant, Observable, Problem, Reference
 from ...reference.computation import compute_reference, is_computable
 from ...results.findings import Finding, judge_value, leave_open, make_failure
 from ...results.words import describe_span
-from ..metrics.scales import Scales, find_scales
+from ..distance import measure_distance
+from ..invariance import TURNED
+from ..law import PRODUCTS, SMALL, allow_differenced, allow_exact, judge_laws
+from ..metrics.scales import find_scales
 
 FIELDS = ("r", "R", "v", "Omega")  # fields of a state
 SAMPLES = 21  # times along the reference
-SMALL = 1e-8  # fraction of the problem's scales: error allowed for an exact motion, besides its stated error
-DIFFERENCED = 1e-8  # as SMALL, for derivatives from differences: (step x rate)^6 is below 1e-12
-ROUNDED = 1e-12  # rounding of a smooth motion, before division by a step
 # derivative of sixth order from samples a step apart
 DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 
@@ -108,11 +109,11 @@ class Subject:
     @property
     def allowed_share(self) -> float:
         """The error allowed for an exact motion with the largest stated error, as a fraction of its scales."""
-        return SMALL + 100.0 * self.largest_error / self.size.length
+        return allow_exact(self.largest_error / self.size.length)
 
     def allowed_difference(self, step: float) -> float:
         """Return the allowed fraction for derivatives taken from differences over ``step`` [s]."""
-        return DIFFERENCED + (ROUNDED + 100.0 * self.largest_error / self.size.length) / (step * self.rate)
+        return allow_differenced(self.largest_error / self.size.length, step * self.rate)
 
 
 def check_documentation(s: Subject) -> Finding:
@@ -147,9 +148,7 @@ def check_initial_state(s: Subject) -> Finding:
 def _count_freedom(made: Problem) -> str:
     """Describe rows, their rank and degrees of freedom at the start, from singular values of normalised rows."""
     system = made.system
-    A = constraint_jacobian(system, made.initial).toarray()
-    length = np.linalg.norm(A, axis=1, keepdims=True)
-    size = np.linalg.svd(A / np.where(length > 0.0, length, 1.0), compute_uv=False)
+    size = np.linalg.svd(_normalise_rows(system, made.initial), compute_uv=False)
     rank = int(np.sum(size > RANK * np.max(size, initial=0.0)))
     words = f"{system.nrows} rows of rank {rank}: {6 * system.nb - rank} degrees of freedom at the start"
     if rank == system.nrows:
@@ -163,9 +162,7 @@ def find_redundant_joints(system: MultibodySystem, state: State) -> list[int]:
 
     Joints are taken in the order of their numbers of rows, and kept if their rows are independent of those kept before.
     """
-    A = constraint_jacobian(system, state).toarray()
-    length = np.linalg.norm(A, axis=1, keepdims=True)
-    A = A / np.where(length > 0.0, length, 1.0)
+    A = _normalise_rows(system, state)
     rows = [np.arange(system.row_start[k], system.row_start[k + 1]) for k in range(system.nj)]
     kept: list[int] = []
     for k in sorted(range(system.nj), key=lambda k: len(rows[k])):
@@ -174,6 +171,13 @@ def find_redundant_joints(system: MultibodySystem, state: State) -> list[int]:
         if len(both) <= len(A.T) and size[-1] > RANK * size[0]:
             kept.append(k)
     return [k for k in range(system.nj) if k not in kept]
+
+
+def _normalise_rows(system: MultibodySystem, state: State) -> Float[np.ndarray, "nrows 6*nb"]:
+    """Return the constraint Jacobian with rows of unit length; rows of zeros stay."""
+    A = constraint_jacobian(system, state).toarray()
+    length = np.linalg.norm(A, axis=1, keepdims=True)
+    return A / np.where(length > 0.0, length, 1.0)
 
 
 def check_times(s: Subject) -> Finding:
@@ -221,13 +225,11 @@ def check_repeatability(s: Subject) -> Finding:
     pairs["masses"] = s.problem.system.mass, again.system.mass
     if reference is not None:
         pairs["the reference"] = s.best_states.r, reference.states(s.t).r
-    return _compare_worst(
-        {name: (float(np.max(np.abs(a - b), initial=0.0)), "") for name, (a, b) in pairs.items()}, 0.0
-    )
+    return judge_laws({name: (float(np.max(np.abs(a - b), initial=0.0)), "") for name, (a, b) in pairs.items()}, 0.0)
 
 
 def check_turned(s: Subject) -> Finding:
-    """Check that observables of the start agree to 1e-9 if the problem is rotated by exp(0.3, -0.2, 0.5)."""
+    """Check that observables of the start agree to ``TURNED`` if the problem is rotated by exp(0.3, -0.2, 0.5)."""
     turned = registry.make_problem(s.name, {"rotation": (0.3, -0.2, 0.5)})  # checks the rotated start
     here = s.problem.observe(States.one(s.problem.initial))
     there = turned.observe(States.one(turned.initial))
@@ -236,7 +238,7 @@ def check_turned(s: Subject) -> Finding:
         a, b = (float(np.ravel(values[name])[0]) for values in (here, there))
         words = f"is {a:.6g} at the start, {b:.6g} when everything is turned"
         found[name] = abs(a - b) / (1.0 + s.size.length + abs(a)), words
-    return _compare_worst(found, 1e-9)
+    return judge_laws(found, TURNED)
 
 
 def check_stated_error(s: Subject) -> Finding:
@@ -249,7 +251,7 @@ def check_stated_error(s: Subject) -> Finding:
         )
     good = bool(s.reference.route.strip()) and s.reference.horizon > 0.0
     words = f"route {s.reference.route!r}, horizon {s.reference.horizon:g} of {s.problem.t_end:g} s"
-    return judge_value(float(own.max()), "m", most=1e-3 * s.size.length, words=words, good=good)
+    return judge_value(float(own.max()), "m", most=JUDGED * s.size.length, words=words, good=good)
 
 
 def check_reference_start(s: Subject) -> Finding:
@@ -259,7 +261,7 @@ def check_reference_start(s: Subject) -> Finding:
     for name, unit in units.items():
         gap = float(np.max(np.abs(getattr(s.best_states[0], name) - getattr(p.initial, name)), initial=0.0))
         found[name] = gap / unit, f"differs by {gap:.3g} at t = 0"
-    return _compare_worst(found, s.allowed_share)
+    return judge_laws(found, s.allowed_share)
 
 
 def check_computed_reference(s: Subject) -> Finding:
@@ -267,12 +269,11 @@ def check_computed_reference(s: Subject) -> Finding:
     if s.computed_reference is None:
         return leave_open("none can be computed for this system")
     t = s.t[s.t <= s.computed_reference.horizon]
-    here, there, radius = s.best_states.at(slice(len(t))), s.computed_reference.states(t), s.problem.system.gyration
-    turned = radius * np.linalg.norm(here.R - there.R, axis=(-2, -1)) / np.sqrt(2.0)
-    gap = np.max(np.maximum(np.linalg.norm(here.r - there.r, axis=-1), turned), axis=-1)
+    there = s.computed_reference.states(t)
+    gap = measure_distance(s.best_states.at(slice(len(t))), there, s.problem.system.gyration)
     beyond = np.maximum(gap - s.stated_error[: len(t)] - s.computed_reference.error(t), 0.0)
     words = ", ".join(filter(None, (f"r and R are {np.max(gap):.3g} m apart", s.describe_span(t[-1]))))
-    return _compare_worst({"": (float(np.max(beyond)) / s.size.length, words)}, SMALL)
+    return judge_laws({"": (float(np.max(beyond)) / s.size.length, words)}, SMALL)
 
 
 def check_joints(s: Subject) -> Finding:
@@ -280,7 +281,7 @@ def check_joints(s: Subject) -> Finding:
     phi = float(np.max(np.abs(motion.constraint(s.problem.system, s.best_states)), initial=0.0))
     defect = float(np.max(so3.orthogonality_defect(s.best_states.R)))
     joints = phi / max(s.size.length, 1.0), f"reaches {phi:.3g}"
-    return _compare_worst({"|phi|": joints, "|R^T R - 1|": (defect, f"reaches {defect:.3g}")}, s.allowed_share)
+    return judge_laws({"|phi|": joints, "|R^T R - 1|": (defect, f"reaches {defect:.3g}")}, s.allowed_share)
 
 
 def check_energy(s: Subject) -> Finding:
@@ -288,7 +289,7 @@ def check_energy(s: Subject) -> Finding:
     if not s.problem.system.is_conservative:
         return leave_open("a damper, a load or a drive acts")
     spread = float(np.ptp(motion.energy(s.problem.system, s.best_states)))
-    return _compare_worst(
+    return judge_laws(
         {"T + V": (spread / s.size.energy, f"changes by {spread:.3g} J, of {s.size.energy:.3g} J")}, s.allowed_share
     )
 
@@ -305,16 +306,7 @@ def check_invariants(s: Subject) -> Finding:
         spread = float(np.ptp(values))
         words = (f"changes by {spread:.3g} {kept.unit}, of {scale:.3g}", s.describe_span(s.t[-1]))
         found[kept.name] = spread / scale, ", ".join(filter(None, words))
-    return _compare_worst(found, 10.0 * s.allowed_share)
-
-
-def _compare_worst(found: Mapping[str, tuple[float, str]], most: float) -> Finding:
-    """Return the finding on the largest of several relative errors, named by its key; NaN counts as the largest."""
-    if not found:
-        return leave_open("there are none")
-    name = max(found, key=lambda k: (math.isnan(found[k][0]), found[k][0]))
-    share, words = found[name]
-    return judge_value(share, "of its scale", most=most, words=f"{name} {words}".rstrip())
+    return judge_laws(found, PRODUCTS * s.allowed_share)
 
 
 def _sample_around(s: Subject) -> tuple[list[States], float]:
@@ -339,7 +331,7 @@ def check_rates(s: Subject) -> Finding:
         "dr/dt - v": (v / s.size.length / s.rate, f"reaches {v:.3g} m/s"),
         "dR/dt - R hat(Omega)": (Omega / s.rate, f"reaches {Omega:.3g} 1/s"),
     }
-    return _compare_worst(found, s.allowed_difference(step))
+    return judge_laws(found, s.allowed_difference(step))
 
 
 def check_newton_euler(s: Subject) -> Finding:
@@ -361,4 +353,4 @@ def check_newton_euler(s: Subject) -> Finding:
         worst.append(float(np.max(np.abs(left))))
     top = float(np.max(worst))
     found = {"m a - f": (top / scale, f"has {top:.3g} N (or N m) that are not joint forces")}
-    return _compare_worst(found, 10.0 * s.allowed_difference(step))
+    return judge_laws(found, PRODUCTS * s.allowed_difference(step))

@@ -9,15 +9,26 @@ from ...catalogue import registry
 from ...catalogue.suites.spec import RunSpec, make_spec
 from ...catalogue.trial import make_problem
 from ...mechanics.types.presentations import PRESENTATIONS
-from ...results.findings import Finding, state_finding
+from ...results.findings import Finding, count_holding
 from ...results.judgements.runs import Symmetry
 from ...results.records import RunRecord
 from ..referee.certificates.symmetries import check_symmetries
 
-LOOP: Mapping[str, Any] = {"rows": 1, "columns": 1, "t_end": 0.2}  # a grid of three bars on revolute joints
-TREE: Mapping[str, Any] = {"bodies": 3, "loops": 0, "springs": 0, "loads": 0, "t_end": 0.2}  # without redundant rows
-PRESENTED: tuple[Mapping[str, Any], ...] = tuple({p.name: p.tried} for p in PRESENTATIONS)
+Values = Mapping[str, Any]
+LOOP: Values = {"rows": 1, "columns": 1, "t_end": 0.2}  # a grid of three bars on revolute joints
+TREE: Values = {"bodies": 3, "loops": 0, "springs": 0, "loads": 0, "t_end": 0.2}  # without redundant rows
+PRESENTED: tuple[Values, ...] = tuple({p.name: p.tried} for p in PRESENTATIONS)
 EXPECTED = "frames, mirror, units, numbering, time"
+
+
+def make_trial_run(
+    solver: str, problem: str, given: Values, control: Values, label: str, wall: float, options: Values | None = None
+) -> RunSpec:
+    """Return the run of a solver on a problem with parameters ``given``, at most ``wall`` [s] of CPU time.
+
+    ``control`` is its step or tolerance, ``label`` the group of runs that it belongs to, such as ``ladder``.
+    """
+    return make_spec(make_problem(problem, given), solver, options, control, label=label, cpu_limit=wall)
 
 
 def plan_symmetries(solver: str, problem: str, parameters: Mapping[str, Any], wall: float) -> list[RunSpec]:
@@ -26,39 +37,30 @@ def plan_symmetries(solver: str, problem: str, parameters: Mapping[str, Any], wa
     base = {"dt": 0.01} if entry.control == "dt" else {"rtol": 1e-6}
     finer = {"dt": 0.005} if entry.control == "dt" else {"rtol": 1e-7}
 
-    def spec(change: Mapping[str, Any], control: Mapping[str, float], options: Mapping[str, Any]) -> RunSpec:
-        """Return the run of the changed problem with this step or tolerance and these options."""
-        made = make_problem(problem, {**parameters, **change})
-        return make_spec(made, solver, options, control, label="symmetries", cpu_limit=wall)
+    def present(change: Mapping[str, Any], control: Mapping[str, float], **options: float) -> RunSpec:
+        """Return the run of the problem with this change, step or tolerance, and options."""
+        return make_trial_run(solver, problem, {**parameters, **change}, control, "symmetries", wall, options)
 
-    out = [spec({}, control, {}) for control in (base, finer)]
+    out = [present({}, control) for control in (base, finer)]
     if entry.control == "dt" and (tolerance := entry.parameters.get("tolerance")):
-        out.append(spec({}, base, {"tolerance": float(f"{0.1 * tolerance[0]:.6g}")}))  # needed to compute the bound
-    return out + [spec(change, base, {}) for change in ({"perturb": 1e-8}, *PRESENTED)]
+        out.append(present({}, base, tolerance=float(f"{0.1 * tolerance[0]:.6g}")))  # needed to compute the bound
+    return out + [present(change, base) for change in ({"perturb": 1e-8}, *PRESENTED)]
 
 
 def assess_symmetries(folder: Path, runs: Sequence[RunRecord], none: str) -> Iterator[Finding]:
-    """Yield findings on broken symmetries and on how many hold; ``none`` is what a finding says if none was checked."""
+    """Yield findings on broken symmetries and on how many hold; ``none`` is why nothing is determined without any."""
     found = check_symmetries(folder, runs)
-    if not found:
-        yield state_finding("symmetries", none, EXPECTED)
-        return
     yield from (s.as_finding() for s in found if s.verdict in ("broken", "failed"))
-    yield _count_symmetries(found, {r.settings_id: r.message for r in runs})
+    yield _count_symmetries(found, {r.settings_id: r.message for r in runs}, none)
 
 
-def _count_symmetries(found: Sequence[Symmetry], messages: Mapping[str, str]) -> Finding:
+def _count_symmetries(found: Sequence[Symmetry], messages: Mapping[str, str], none: str = "") -> Finding:
     """Return the finding on how many symmetries hold, of those on which the solver did not refuse a run.
 
-    It is met if all hold, else open, since a broken symmetry has its own finding. ``messages`` are those of the runs by
-    settings_id, which say why a run was refused.
+    ``messages`` are those of the runs by settings_id, which say why a run was refused.
     """
     taken = [s for s in found if s.verdict != "refused"]
     refused = Counter((s.problem, s.message or messages.get(s.settings_ids[0], "")) for s in found if s not in taken)
     words = "; ".join(f"{n} refused on {problem}: {why}" for (problem, why), n in refused.items())
-    if not taken:
-        return state_finding("symmetries", f"not determined: {words}", EXPECTED)
     kept = sum(s.verdict == "holds" for s in taken)
-    counted = f"{kept} of {len(taken)} hold{words and f'; {words}'}"
-    good = True if kept == len(taken) else None
-    return state_finding("symmetries", counted, EXPECTED, good=good)
+    return count_holding("symmetries", kept, len(taken), words if found else none, EXPECTED)

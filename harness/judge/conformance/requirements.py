@@ -25,6 +25,5 @@ def assign_findings(subject: str, requirements: Sequence[Requirement], found: It
         repeated = bool(f.cause) and not f.holds and f.cause in causes
         causes |= {f.cause} if not f.holds else set()
         f = leave_open("not tested: see above") if repeated else f
-        required = replace(f.required, why=r.why, remedy=f.required.remedy or r.remedy)
-        out.append(replace(f, subject=subject, measured=replace(f.measured, quantity=r.name), required=required))
+        out.append(replace(f, subject=subject, quantity=r.name, why=r.why, remedy=f.remedy or r.remedy))
     return out

@@ -1,6 +1,5 @@
 """Measure requirements on the records and series of a solver's runs, one function per requirement."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,12 +14,11 @@ from ...results.findings import Finding, judge_value, leave_open, make_failure
 from ...results.records import RunRecord
 from ...results.series import Series
 from ...results.words import compute_reaction_share, describe_status, list_reasons, qualify_status
+from ..law import STEP, TORQUE
 from ..metrics.reactions import choose_instants, compute_exact_loads, compute_moments_on_bodies
 
 SLOW = "too slow to be judged, not wrong: the run has {:g} s of CPU; look where the time goes, or for tiny steps"
 CRASHED = "correct what raised the error, at the file and line given, and check again"
-LOOSE_TORQUE = 0.01  # a hundred times the error of the integral over steps
-LOOSE_STEP = 1e-6  # relative: a step is a difference of rounded times
 
 
 @dataclass(frozen=True)
@@ -35,6 +33,10 @@ class Evidence:
     def select_runs(self, roles: str) -> list[RunRecord]:
         """Return the runs whose role begins with ``roles``."""
         return [r for role, r in self.records.items() if role.startswith(roles)]
+
+    def find_setting(self, r: RunRecord) -> float:
+        """Return the step dt [s] or the tolerance rtol of a run, whichever sets the accuracy."""
+        return r.dt_s if self.control == "dt" else r.rtol
 
     @property
     def runs_with_steps(self) -> list[RunRecord]:
@@ -52,7 +54,7 @@ def check_endings(e: Evidence) -> Finding:
     if bad and bad[0].status != Status.REFUSED and "ingular" in f"{cause} {words}":
         remedy = "; ".join(filter(None, (describe_redundant_rows(_make_problem(bad[0])), remedy)))
     return judge_value(
-        len(bad), f"of {len(easy)} runs failed", most=0, words=words, tested=bool(easy), remedy=remedy, cause=cause
+        len(bad), f"of {len(easy)} runs failed", most=0, words=words, count=len(easy), remedy=remedy, cause=cause
     )
 
 
@@ -60,10 +62,10 @@ def check_accepts(e: Evidence) -> Finding:
     """Count easy runs that the solver neither refused nor crashed on; at least one is required."""
     easy = e.select_runs("easy")
     refused, crashed = ([r for r in easy if r.status == s] for s in (Status.REFUSED, Status.CRASHED))
-    if crashed and len(refused) + len(crashed) == len(easy):
-        return make_failure(_describe_first(crashed), cause=_describe_crash(crashed[0]), remedy=CRASHED)
+    if len(refused) + len(crashed) == len(easy) and (crash := _find_crash(crashed)):
+        return crash
     taken = len(easy) - len(refused) - len(crashed)
-    return judge_value(taken, f"of {len(easy)} runs taken", least=1, words=_describe_first(refused))
+    return judge_value(taken, f"of {len(easy)} runs taken", least=1, words=_describe_first(refused), count=len(easy))
 
 
 def check_drives(e: Evidence) -> Finding:
@@ -71,8 +73,8 @@ def check_drives(e: Evidence) -> Finding:
     r = e.records["driven"]
     if r.status in (Status.REFUSED, Status.UNFINISHED):
         return leave_open(_describe_first([r]))
-    if cause := _describe_crash(r):
-        return make_failure(_describe_first([r]), remedy=CRASHED, cause=cause)
+    if crash := _find_crash([r]):
+        return crash
     good = r.status == Status.SUCCESS
     if not good and any(x.status not in (Status.SUCCESS, Status.REFUSED) for x in e.select_runs("easy")):
         return leave_open("it fails without drives, too: see above")
@@ -103,7 +105,7 @@ def check_gyroscopic_torque(e: Evidence) -> Finding:
     torque = np.cross(Omega, momentum)
     impulse = np.cumsum(0.5 * (torque[1:] + torque[:-1]) * np.diff(series["t"])[:, None], axis=0)
     share = -float(np.sum((momentum[1:] - momentum[0]) * impulse) / np.sum(impulse**2))
-    return judge_value(share, "of Omega x J Omega", 1.0 - LOOSE_TORQUE, 1.0 + LOOSE_TORQUE, r.case)
+    return judge_value(share, "of Omega x J Omega", 1.0 - TORQUE, 1.0 + TORQUE, r.case)
 
 
 def check_reaction_shape(e: Evidence) -> Finding:
@@ -128,7 +130,7 @@ def check_reactions(e: Evidence) -> Finding:
     known = not math.isnan(share)
     words = f"off by {r.reaction_error_max_N:.3g} N of {r.reaction_size_N:.3g} N, {r.moment_error_max_Nm:.3g} N m of "
     words = f"{words}{r.moment_size_Nm:.3g} N m: {r.case}" if known else "no reactions"
-    return judge_value(share, "of the largest", -math.inf, RIGHT_REACTION, words, tested=known)
+    return judge_value(share, "of the largest", -math.inf, RIGHT_REACTION, words, count=int(known))
 
 
 def check_moments(e: Evidence) -> Finding:
@@ -159,7 +161,7 @@ def check_moments(e: Evidence) -> Finding:
 
 def check_recording(e: Evidence) -> Finding:
     """Measure the ratio of recorded steps to counted steps."""
-    shares = {r.case: r.steps / n for r in e.runs_with_steps if (n := json.loads(r.counters).get("steps", 0)) > 0}
+    shares = {r.case: r.steps / n for r in e.runs_with_steps if (n := r.counts.get("steps", 0)) > 0}
     if not shares:
         return leave_open("it has no counter named steps")
     case = max(shares, key=lambda k: abs(shares[k] - 1.0))
@@ -173,7 +175,7 @@ def check_step_limit(e: Evidence) -> Finding:
     if not gaps:
         return leave_open("no run has steps")
     case = max(gaps, key=lambda k: gaps[k])
-    return judge_value(gaps[case], f"of {limit}", most=1.0 + LOOSE_STEP, words=case)
+    return judge_value(gaps[case], f"of {limit}", most=1.0 + STEP, words=case)
 
 
 def check_repeatability(e: Evidence) -> Finding:
@@ -185,7 +187,7 @@ def check_repeatability(e: Evidence) -> Finding:
     if a is None or b is None:
         if one.status == two.status:
             return leave_open(_describe_first([two]))
-        return make_failure(_describe_first([two]), cause=_describe_crash(two), remedy=CRASHED)
+        return _find_crash([two]) or make_failure(_describe_first([two]), remedy=CRASHED)
     if len(a["t"]) != len(b["t"]):
         return judge_value(abs(len(a["t"]) - len(b["t"])), "steps more", most=0)
     apart = max(float(np.max(np.abs(a[k] - b[k]))) for k in ("t", "end_r", "end_R", "end_v", "end_Omega"))
@@ -203,8 +205,8 @@ def make_stop_check(
     def measure(e: Evidence) -> Finding:
         r = e.records[role]
         good = r.claimed == Status.STALLED or not itself
-        if cause := _describe_crash(r):
-            return make_failure(_describe_first([r]), remedy=CRASHED, cause=cause)
+        if crash := _find_crash([r]):
+            return crash
         return judge_value(
             r.steps, "steps", least, most, _describe_first([r]), good=good, tested=r.status != Status.REFUSED
         )
@@ -223,9 +225,15 @@ def find_missing(*runs: RunRecord) -> Finding | None:
     slow = [r for r in bad if r.status in (Status.STALLED, Status.UNFINISHED)]
     if not bad:
         return None
-    if cause := _describe_crash(bad[0]):
-        return make_failure(_describe_first(bad), remedy=CRASHED, cause=cause)
-    return make_failure(_describe_first(bad), remedy=SLOW.format(slow[0].cpu_limit_s) if slow else "")
+    return _find_crash(bad) or make_failure(
+        _describe_first(bad), remedy=SLOW.format(slow[0].cpu_limit_s) if slow else ""
+    )
+
+
+def _find_crash(runs: Sequence[RunRecord]) -> Finding | None:
+    """Return the failure of these runs if the first of them crashed, else None."""
+    cause = _describe_crash(runs[0]) if runs else ""
+    return make_failure(_describe_first(runs), remedy=CRASHED, cause=cause) if cause else None
 
 
 def _describe_crash(r: RunRecord) -> str:
@@ -235,7 +243,7 @@ def _describe_crash(r: RunRecord) -> str:
 
 def _make_problem(r: RunRecord) -> Problem:
     """Create the problem of a record's run."""
-    return registry.make_problem(r.problem, json.loads(r.problem_parameters))
+    return registry.make_problem(r.problem, r.parameters)
 
 
 def _describe_first(records: Sequence[RunRecord]) -> str:

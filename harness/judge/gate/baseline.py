@@ -30,7 +30,7 @@ HEAD = """\
 schema = 2"""
 HEADINGS = {  # columns of the table: metric, and its padded name without unit
     m: re.sub(r"(_error)?(_max)?(_J|_m|_rad|_N)?$", "", m).ljust(19 if "phi" in m else 10)
-    for m in (*rules.UNITS, "steps")
+    for m in (*rules.BOUNDED, "steps")
 }
 # widths of a line, by the factor that stands in its first cell
 WIDTHS = {f"{w.factor:g}": w for w in (rules.FIXED_STEP, rules.ERROR_CONTROL)}

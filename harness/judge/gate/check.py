@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from ...catalogue.suites.spec import RunSpec
 from ...mechanics.types import EndCause, Status
-from ...results.findings import Finding, MeasuredQuantity, RequiredLimits, Verdict
+from ...results.findings import Finding, Verdict
 from ...results.records import RunRecord
 from ...results.store import select_newest
 from ...results.words import describe_status, list_reasons, qualify_status
@@ -49,7 +49,7 @@ WORST = list(STATES)
 
 def has_moved(f: Finding) -> bool:
     """Return whether a value changed by more than 1 % and more than rounding; False if it was not measured."""
-    return abs(f.measured.value - f.before) > max(0.01 * abs(f.before), ROUNDED)
+    return abs(f.value - f.before) > max(0.01 * abs(f.before), ROUNDED)
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def judge(
 
     def order(f: Finding) -> tuple[int, bool, bool, str, str]:
         """Return the sort key of a finding: the worst first, causes before consequences."""
-        metric = f.measured.quantity
+        metric = f.quantity
         return WORST.index(f.verdict), _is_consequence(f, broken), metric != STATUS, f.subject, metric
 
     ordered = sorted(found, key=order)
@@ -184,12 +184,12 @@ def judge(
 
 def _list_broken(findings: Iterable[Finding]) -> set[str]:
     """Return the cases whose status does not hold, as a set."""
-    return {f.subject for f in findings if f.measured.quantity == STATUS and not f.holds}
+    return {f.subject for f in findings if f.quantity == STATUS and not f.holds}
 
 
 def _is_consequence(f: Finding, broken: Collection[str]) -> bool:
     """Return whether a finding is on a metric of a run whose status failed; ``broken`` are the cases of such runs."""
-    return f.subject in broken and f.measured.quantity not in (STATUS, NONE)
+    return f.subject in broken and f.quantity not in (STATUS, NONE)
 
 
 def tighten_bounds(
@@ -243,7 +243,7 @@ def _narrow(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None
 
 def _make_finding(verdict: Verdict, case: str, metric: str, why: str = "", bound: str = "") -> Finding:
     """Return a finding without a number: ``bound`` is what was required, in words, and ``why`` the reason."""
-    return Finding(MeasuredQuantity(metric), RequiredLimits(words=bound, why=why), verdict, case)
+    return Finding(metric, required=bound, verdict=verdict, subject=case, why=why)
 
 
 def _judge_status(case: str, record: RunRecord | None, expected: ExpectedStatus | None, missing: str) -> Finding:
@@ -270,8 +270,8 @@ def _judge_bound(b: Threshold, record: RunRecord | None, missing: str) -> Findin
         words = f"{SMALLER}; {b.reason}"
     if b.expect == "fail" and not math.isnan(value):
         verdict = Verdict.XPASS if b.holds(value) else Verdict.XFAIL
-    required = RequiredLimits(words=_describe_range(b), why=words)
-    return Finding(MeasuredQuantity(b.metric, value, b.unit), required, verdict, b.case, before=b.value)
+    bound = _describe_range(b)
+    return Finding(b.metric, value, b.unit, required=bound, verdict=verdict, subject=b.case, why=words, before=b.value)
 
 
 def _describe_range(b: Threshold) -> str:

@@ -5,7 +5,7 @@ import re
 from typing import Any
 from xml.etree import ElementTree
 
-from ...results.findings import Finding, MeasuredQuantity, RequiredLimits, Verdict
+from ...results.findings import Finding, Verdict
 from .check import STATES, GateFindings, has_moved
 
 LEFT_OUT = {Verdict.XFAIL: "expected to fail: ", Verdict.OPEN: ""}  # verdicts that JUnit calls skipped, with a prefix
@@ -26,20 +26,20 @@ def format_junit(result: GateFindings, suite: str) -> str:
 
     FAIL and XPASS become failures, XFAIL and SKIP are skipped; a gate that judged nothing has one failure.
     """
-    nothing = Finding(MeasuredQuantity("gate"), RequiredLimits(why="nothing judged"), Verdict.FAILED, suite)
+    nothing = Finding("gate", verdict=Verdict.FAILED, subject=suite, why="nothing judged")
     findings = result.findings if any(f.is_tested for f in result.findings) else (*result.findings, nothing)
     closed, skipped = sum(not f.holds for f in findings), sum(f.verdict in LEFT_OUT for f in findings)
     counts = {"tests": str(len(findings)), "failures": str(closed), "errors": "0", "skipped": str(skipped)}
     root = ElementTree.Element("testsuites", counts)
     group = ElementTree.SubElement(root, "testsuite", {"name": _escape_xml(f"gate {suite}"), **counts})
     for f in findings:
-        named = {"classname": _escape_xml(f.subject), "name": _escape_xml(f.measured.quantity)}
+        named = {"classname": _escape_xml(f.subject), "name": _escape_xml(f.quantity)}
         case = ElementTree.SubElement(group, "testcase", named)
         if f.verdict in LEFT_OUT:
-            ElementTree.SubElement(case, "skipped", {"message": _escape_xml(f"{LEFT_OUT[f.verdict]}{f.required.why}")})
+            ElementTree.SubElement(case, "skipped", {"message": _escape_xml(f"{LEFT_OUT[f.verdict]}{f.why}")})
         elif not f.holds:
             kind = {"type": STATES[f.verdict], "message": _escape_xml(_describe(f))}
-            ElementTree.SubElement(case, "failure", kind).text = _escape_xml(f.required.why)
+            ElementTree.SubElement(case, "failure", kind).text = _escape_xml(f.why)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
@@ -94,22 +94,22 @@ def _flatten(f: Finding) -> dict[str, Any]:
     return {
         "state": STATES[f.verdict],
         "case": f.subject,
-        "metric": f.measured.quantity,
-        "measured": f.measured.value,
+        "metric": f.quantity,
+        "measured": f.value,
         "value": f.before,
-        "bound": f.required.words,
-        "unit": f.measured.unit,
-        "why": f.required.why,
+        "bound": f.required,
+        "unit": f.unit,
+        "why": f.why,
         "moved": has_moved(f),
     }
 
 
 def _describe(f: Finding) -> str:
     """Return state, metric, value, bound and earlier value of a finding; without a value, the reason."""
-    if math.isnan(f.measured.value):
-        return f"{STATES[f.verdict]}: {f.required.why}"
-    number = f"{f.measured.value:.6g} {f.measured.unit}, bound {f.required.words}, was {f.before:.6g}"
-    return f"{STATES[f.verdict]}: {f.measured.quantity} is {number}"
+    if math.isnan(f.value):
+        return f"{STATES[f.verdict]}: {f.why}"
+    number = f"{f.value:.6g} {f.unit}, bound {f.required}, was {f.before:.6g}"
+    return f"{STATES[f.verdict]}: {f.quantity} is {number}"
 
 
 def _escape_markdown(text: str) -> str:

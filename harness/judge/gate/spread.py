@@ -9,7 +9,7 @@ import math
 import statistics
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from msgspec import structs
 
@@ -17,22 +17,17 @@ from ...mechanics.types import Status
 from ...results.records import RunRecord
 from .thresholds import FINGERPRINT, FIXED_STEP, Spread, Threshold, Thresholds, propose_bounds, round_to_four_digits
 
-
-@dataclass(frozen=True)
-class SpreadSample:
-    """A record of a case, and the kind of rounding that changed its run; empty for the unchanged run."""
-
-    kind: str
-    record: RunRecord
+# by case, its runs: the kind of rounding that changed each (empty for the unchanged one), and the record
+Samples = Mapping[str, Sequence[tuple[str, RunRecord]]]
 
 
-def find_unstable(samples: Mapping[str, Sequence[SpreadSample]]) -> dict[str, str]:
+def find_unstable(samples: Samples) -> dict[str, str]:
     """Return the cases whose samples differ in status, with the kinds of rounding that lead to each, in words."""
     out = {}
     for case, found in samples.items():
         kinds: dict[str, Counter[str]] = {}
-        for s in found:
-            kinds.setdefault(s.record.status, Counter())[s.kind or "unchanged"] += 1
+        for kind, record in found:
+            kinds.setdefault(record.status, Counter())[kind or "unchanged"] += 1
         if len(kinds) > 1:
             out[case] = "; ".join(f"{status} ({_list_kinds(n)})" for status, n in kinds.items())
     return out
@@ -43,7 +38,7 @@ def _list_kinds(kinds: Mapping[str, int]) -> str:
     return ", ".join(kind if n == 1 else f"{n} x {kind}" for kind, n in kinds.items())
 
 
-def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[SpreadSample]]) -> Thresholds:
+def widen_by_spread(old: Thresholds, samples: Samples) -> Thresholds:
     """Return ``old`` with bounds widened to enclose all samples of a case, where rounding alone would break them.
 
     A bound is widened if it, or the bound around one sample, excludes another sample. It stays if the value of its
@@ -51,18 +46,18 @@ def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[SpreadSample
     its case.
     """
     unstable = find_unstable(samples)
-    lawful = {c: found for c, found in samples.items() if c not in unstable and Status(found[0].record.status).lawful}
+    lawful = {c: found for c, found in samples.items() if c not in unstable and Status(found[0][1].status).lawful}
     bounds = []
     for was in old.bounds:
-        found = [(s.kind, b) for s in lawful.get(was.case, ()) for b in _propose_bound(was, s)]
-        around = _widen_around(was, found, lawful[was.case][0].record.control) if found else None
+        found = [(kind, b) for kind, record in lawful.get(was.case, ()) for b in _propose_bound(was, record)]
+        around = _widen_around(was, found, lawful[was.case][0][1].control) if found else None
         bounds.append(around if around and around.holds(was.value) else was)
     return structs.replace(old, bounds=tuple(bounds), spread=_summarise(lawful) or old.spread)
 
 
-def _propose_bound(was: Threshold, s: SpreadSample) -> list[Threshold]:
+def _propose_bound(was: Threshold, record: RunRecord) -> list[Threshold]:
     """Return the bound that one sample alone proposes for the metric of ``was``, as a list of at most one."""
-    found = propose_bounds([replace(s.record, case=was.case)])
+    found = propose_bounds([replace(record, case=was.case)])
     return [b for b in found if b.metric == was.metric]
 
 
@@ -91,21 +86,21 @@ def _widen_around(was: Threshold, found: Sequence[tuple[str, Threshold]], contro
     )
 
 
-def _summarise(lawful: Mapping[str, Sequence[SpreadSample]]) -> Spread | None:
+def _summarise(lawful: Samples) -> Spread | None:
     """Return the number and kinds of repeats, and the largest ratio by which rounding changed a number at a fixed step.
 
     The ratio is of the largest to the least value, of numbers with bounds by ``FIXED_STEP``. None without repeats.
     """
-    kinds = sorted({s.kind for found in lawful.values() for s in found if s.kind})
+    kinds = sorted({kind for found in lawful.values() for kind, _ in found if kind})
     if not kinds:
         return None
     most, case = 1.0, ""
     for name, found in lawful.items():
         values: dict[str, list[float]] = {}
-        for s in found:
-            for b in propose_bounds([s.record]):
+        for _, record in found:
+            for b in propose_bounds([record]):
                 if b.reason == FIXED_STEP.reason:
-                    values.setdefault(b.metric, []).append(float(getattr(s.record, b.metric)))
+                    values.setdefault(b.metric, []).append(float(getattr(record, b.metric)))
         for metric, all_of_it in values.items():
             if metric != FINGERPRINT and (ratio := max(all_of_it) / min(all_of_it)) > most:
                 most, case = ratio, f"{name} {metric}"

@@ -5,7 +5,6 @@ and writes their file.
 """
 
 import math
-import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,20 +15,20 @@ from msgspec.structs import replace
 
 from ...base.hints import suggest_name
 from ...base.shapes import Finite, Shape, Text
+from ...columns.declaring import find_unit
 from ...mechanics.types import Status
-from ...results.records import COLUMNS, RunRecord
+from ...results.records import COLUMNS, DECLARED, RunRecord
 
-UNITS = {
-    "energy_drift_max_J": "J",
-    "energy_scale_J": "J",
-    "phi_max": "m",
-    "phi_dot_max": "m/s",
-    "position_error_max_m": "m",
-    "orientation_error_max_rad": "rad",
-    "reaction_error_max_N": "N",
-}
-ERRORS = tuple(name for name in UNITS if name != "energy_scale_J")  # metrics that are better if smaller
-ENDS = re.compile(r"_(m_per_s|rad_per_s|MB|rad|Nm|J|W|N|m|s)$")  # end of a column's name: its unit
+BOUNDED = (  # metrics of every lawful run that get bounds
+    "energy_drift_max_J",
+    "energy_scale_J",
+    "phi_max",
+    "phi_dot_max",
+    "position_error_max_m",
+    "orientation_error_max_rad",
+    "reaction_error_max_N",
+)
+ERRORS = tuple(name for name in BOUNDED if DECLARED[name].better == "less")
 METRICS = tuple(c.name for c in COLUMNS if c.type in (float, int))
 
 
@@ -101,8 +100,7 @@ class Threshold(QuantityBound, frozen=True, kw_only=True):
     @property
     def unit(self) -> str:
         """The unit of the metric, empty if it has none."""
-        ending = ENDS.search(self.metric)
-        return UNITS.get(self.metric) or (ending[1].replace("_per_", "/") if ending else "")
+        return find_unit(self.metric, DECLARED[self.metric])
 
 
 class ExpectedStatus(Shape, frozen=True):
@@ -170,7 +168,8 @@ def require_same_problem(case: str, value: float) -> Threshold:
 def _bound_record(r: RunRecord) -> list[Threshold]:
     """Return bounds on all metrics that a record has, on its number of steps, and on the problem's fingerprint."""
     out = []
-    for metric, unit in UNITS.items():
+    for metric in BOUNDED:
+        unit = find_unit(metric, DECLARED[metric])
         value = round_to_four_digits(float(getattr(r, metric)))
         if not math.isfinite(value):
             continue

@@ -1,15 +1,16 @@
 """Measure a trajectory: one code for every solver, from (t, r, R, v, Omega) alone.
 
-``measure`` gives the series; the columns of a record are read off them in ``harness.judge.metrics.summary``.
+``measure`` gives the series; the functions in ``harness/columns/declared/`` read the columns of a record off them.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
+from ...columns.measured import JudgedBodies, MeasuredSeries, Scales
+from ...columns.numbers import count_predictable, find_largest
 from ...mechanics import so3
 from ...mechanics.index1 import is_dense
 from ...mechanics.motion import constraint, constraint_energy_norm, constraint_rate, energy, measure_gaps
@@ -17,18 +18,18 @@ from ...mechanics.projection import find_arms
 from ...mechanics.state import States
 from ...mechanics.system import MultibodySystem
 from ...mechanics.torsion import follow_turns
-from ...mechanics.types import GROWN, JUDGED, PREDICTABLE, Law, Problem, Reference, Trajectory
+from ...mechanics.types import Law, Problem, Reference, Trajectory
 from ...mechanics.work import compute_work
 from ...reference.computation import explain_end, find_reference
+from ...reference.held import recall_value
 from .mechanisms import extract_part, extract_state, extract_states, split_mechanisms
 from .passages import list_passages
-from .reactions import choose_instants, compute_exact_loads, compute_loads_on_bodies
+from .reactions import choose_instants, compute_loads_on_bodies
 from .rows import interpolate_rows, is_motion, measure_kinematic_defect
 from .scales import (
     KINETIC,
     STATES,
     RunSizes,
-    Scales,
     find_scales,
     load_compiled,
     measure_displacement,
@@ -36,72 +37,20 @@ from .scales import (
     measure_speeds,
     split_into_blocks,
 )
-from .truncation import Truncation, measure_truncation, measure_unexplained_velocity
+from .stored_loads import find_exact_loads
+from .truncation import measure_truncation, measure_unexplained_velocity
 
 JOINTS = (Law.CONSTRAINT, Law.CONSTRAINT_RATE)  # laws that are not judged for a literal start, which opens the joints
 KNOWN = 1e-6  # minimum horizon of a problem's own reference, as a fraction of t_end
 FEW = 150  # most instants at which reactions of a large system are compared
-RESOLVED = 0.5  # kinematic defect above which the steps may be too long to show an error
-PATH = 0.01  # share of the length scale that is added to a path, so that a body at rest has no defect
+# kinematic defect above which the steps may be too long to show an error. Half, twice: no column of twelve runs
+# changes.
+RESOLVED = 0.5
+# share of the length scale that is added to a path, so that a body at rest has no defect. Half, twice: the defect of a
+# pendulum changes by 0.05 and -0.09 %.
+PATH = 0.01
 # times at which the motion between steps is compared: over 25 periods the largest error is found to 1.2 % (half: 5 %)
 BETWEEN = 501
-
-
-@dataclass(frozen=True)
-class JudgedBodies:
-    """A set of bodies with the residuals of their laws, and the scales that residuals are compared with."""
-
-    bodies: Int[np.ndarray, " n"]  # numbers of the bodies
-    size: Scales
-    laws: Mapping[Law, Float[np.ndarray, " nt"]]  # residuals that are zero at each time in the exact motion
-
-
-@dataclass(frozen=True)
-class MeasuredSeries:
-    """The series measured at all accepted steps, (nt,) each.
-
-    Comparisons with the reference are NaN beyond its horizon, and None without a reference.
-    """
-
-    t: Float[np.ndarray, " nt"]
-    size: Scales
-    mechanisms: tuple["JudgedBodies", ...]  # each with its own scales; a single one is the whole system
-    energy: Float[np.ndarray, " nt"]  # T + V [J]
-    energy_error: Float[np.ndarray, " nt"]  # T + V less its initial value and the work, as far as that is certain
-    phi_norm: Float[np.ndarray, " nt"]  # |phi| of all rows, each in its own unit
-    phi_dot_norm: Float[np.ndarray, " nt"]  # |phi_dot|
-    eq81_norm: Float[np.ndarray, " nt"]  # [sqrt(J)] the norm of phi_dot, Eq. (81)
-    orthogonality: Float[np.ndarray, " nt"]  # |R^T R - 1|, worst body
-    steps_of_unknown_work: int = 0  # steps over which energy is not judged
-    out_of_plane: Float[np.ndarray, " nt"] | None = None  # [m] worst body, of planar problems
-    position_error: Float[np.ndarray, " nt"] | None = None  # [m] this and the next four: worst body
-    orientation_error: Float[np.ndarray, " nt"] | None = None  # [rad]
-    motion_error: Float[np.ndarray, " nt"] | None = (
-        None  # position and orientation in one: ``scales.measure_displacement``
-    )
-    velocity_error: Float[np.ndarray, " nt"] | None = None  # [m/s]
-    angular_velocity_error: Float[np.ndarray, " nt"] | None = None  # [rad/s]
-    reference_own_error: Float[np.ndarray, " nt"] | None = None  # [m] as the reference states it
-    rate_error: Float[np.ndarray, " nt"] | None = None  # error of velocities, rms over a body's matter [m/s]
-    kinematic_defect: float = float("nan")  # share of the path, worst body (module ``rows``)
-    kinematic_exact: float = 0.0  # the same of the exact motion at these times, where the run's exceeds ``RESOLVED``
-    truncation: Truncation = field(default_factory=Truncation)  # filled where there is a reference
-    motion_between: float = float("nan")  # [m] largest motion error between steps, while the motion is predictable
-    motion_between_s: float = float("nan")  # when
-    reaction_error: float = float("nan")  # [N], largest at the instants compared
-    reaction_error_s: float = float("nan")  # when
-    reaction_size: float = float("nan")  # [N] the exact force at that instant
-    reaction_size_s: float = float("nan")
-    moment_error: float = float("nan")  # [N m] error of the joints' moment on a body about its C, at the same instants
-    moment_error_s: float = float("nan")
-    moment_size: float = float("nan")  # [N m] the exact moment, or that of its force at the farthest joint
-    moment_size_s: float = float("nan")
-    reference_route: str = ""
-    reference_horizon: float = float("nan")
-    observables: dict[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
-    reference_observables: dict[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
-    invariants: dict[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()  # remarks on singular poses passed, and on a reference that ends early
 
 
 def measure(problem: Problem, trajectory: Trajectory) -> MeasuredSeries:
@@ -151,13 +100,6 @@ def _exact_defect(problem: Problem, reference: Reference | None, t: np.ndarray, 
         return 0.0
     exact = reference.states(np.minimum(t[:n], reference.horizon))
     return find_largest(measure_kinematic_defect(problem.system, t[:n], exact, PATH * length))
-
-
-def find_largest(a: Float[np.ndarray, " n"]) -> float:
-    """Return max |a|; NaN if empty, infinity if a value is NaN, since a motion that became NaN has no small error."""
-    if len(a) == 0:
-        return math.nan
-    return math.inf if np.any(np.isnan(a)) else float(np.max(np.abs(a)))
 
 
 def _judge_laws(
@@ -214,8 +156,8 @@ def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
     phi, phi_dot = constraint(system, s), constraint_rate(system, s)
     return (
         energy(system, s),
-        *(np.linalg.norm(a, axis=1) for a in (phi, phi_dot, measure_gaps(system, s) * metres, phi_dot * metres)),
-        constraint_energy_norm(system, s),
+        *(np.linalg.norm(a, axis=1) for a in (phi, phi_dot, measure_gaps(system, s, phi) * metres, phi_dot * metres)),
+        constraint_energy_norm(system, s, phi_dot),
         np.max(so3.orthogonality_defect(s.R), axis=1, initial=0.0),
     )
 
@@ -311,29 +253,34 @@ def _compare_between_rows(
     end = min(problem.t_end, reference.horizon, float(t[-1]))
     if len(t) < 2 or not end > 0.0 or not is_motion(s):
         return {}
-    at = np.linspace(0.0, end, BETWEEN)
-    at = at[: count_predictable(at, evaluate_stated_error(reference, at) / length)]
+    at, exact = sample_between(problem, reference, length, end)
     if len(at) == 0:
         raise ValueError(
             f"the reference's stated error is too large to judge any run (motion amplitude {length:.3g} m)"
         )
-    some = (
-        (interpolate_rows(t, s, at[k]), reference.states(at[k])) for k in split_into_blocks(len(at), problem.system.nb)
-    )
+    blocks = split_into_blocks(len(at), problem.system.nb)
+    some = ((interpolate_rows(t, s, at[k]), there) for k, there in zip(blocks, exact, strict=True))
     away = np.concatenate([np.max(measure_displacement(problem.system, *both), axis=1) for both in some])
     worst = int(np.argmax(away))  # the first NaN, if there is one
     return {"motion_between": find_largest(away), "motion_between_s": float(at[worst])}
 
 
-def count_predictable(t: Float[np.ndarray, " nt"], own: Float[np.ndarray, " nt"]) -> int:
-    """Return how many times from the start the reference is accurate enough for errors to be judged.
+def sample_between(
+    problem: Problem, reference: Reference, length: float, end: float
+) -> tuple[Float[np.ndarray, " n"], list[States]]:
+    """Return evenly spaced times up to ``end`` [s] while the exact motion is predictable, and its states in blocks.
 
-    ``own`` is the reference's stated error over the length scale: it must stay below ``PREDICTABLE``, or below
-    ``JUDGED`` without growing by more than ``GROWN`` since a tenth of the time.
+    They are the same for all runs that reach ``end``, and kept for a problem that is held. ``length`` [m] is the length
+    scale.
     """
-    tenth = np.maximum(np.searchsorted(t, 0.1 * t, side="right") - 1, min(1, len(t) - 1))
-    steady = (own <= JUDGED) & (own <= GROWN * own[tenth])
-    return int(np.sum(np.cumprod((own <= PREDICTABLE) | steady)))
+
+    def sample() -> tuple[np.ndarray, list[States]]:
+        """Evaluate the exact motion."""
+        at = np.linspace(0.0, end, BETWEEN)
+        at = at[: count_predictable(at, evaluate_stated_error(reference, at) / length)]
+        return at, [reference.states(at[k]) for k in split_into_blocks(len(at), problem.system.nb)]
+
+    return recall_value(problem, ("exact between", length, end), sample)
 
 
 def _reaction_error(
@@ -358,7 +305,7 @@ def _reaction_error(
     there = reference.states(at)
     if s.angles is not None:
         there = there.with_angles(s.angles[rows[known]])
-    exact = compute_exact_loads(system, there)
+    exact = find_exact_loads(problem, t, there)
     sure = ~np.any(np.isnan(exact), axis=(1, 2))
     if not np.any(sure):
         return {}

@@ -5,9 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...columns.measured import MeasuredMotion, MeasuredSeries, Scales
+from ...columns.numbers import count_predictable
 from ...mechanics.types import ACCURATE, Law
-from .measure import JOINTS, MeasuredSeries, count_predictable
-from .scales import Scales
+from .measure import JOINTS
+from .summary import list_values_along
 
 EVEN, BODIES = 64, 512  # most evenly picked steps; most states of single bodies in them, for large systems
 SHARES = {  # columns with the largest residual of each law over its limit
@@ -18,28 +20,22 @@ SHARES = {  # columns with the largest residual of each law over its limit
 }
 
 
-def find_peaks(m: MeasuredSeries, *, literal_start: bool = False) -> dict[str, int]:
+def find_peaks(run: MeasuredMotion) -> dict[str, int]:
     """Return the step at which each reported maximum occurs, by the name of its column.
 
-    For a law also the step at which it first exceeds its limit, as ``<column>:first``. With ``literal_start`` the
-    start, as printed, opens the joints, and laws on constraints are left out.
+    For a law also the step at which it first exceeds its limit, as ``<column>:first``. A literal start, as printed,
+    opens the joints, and laws on constraints are left out there.
     """
-    found = {
-        "energy_drift_max_J": _largest(m.energy_error),
-        "phi_max": _largest(m.phi_norm),
-        "phi_dot_max": _largest(m.phi_dot_norm),
-        "eq81_max_sqrtJ": _largest(m.eq81_norm),
-    }
+    m = run.series
+    found = {name: _largest(values) for name, _, values in list_values_along(run)}
     for law, name in SHARES.items():
-        if literal_start and law in JOINTS:
+        if run.problem.literal_start and law in JOINTS:
             continue
         shares = [np.abs(one.laws[law]) / one.size.limits[law] for one in m.mechanisms]
         worst = np.max(shares, axis=0)
         found[name] = _largest(worst)
         if np.any(broken := ~(worst <= 1.0)):
             found[f"{name}:first"] = int(np.argmax(broken))
-    if m.out_of_plane is not None:
-        found["out_of_plane_max_m"] = _largest(m.out_of_plane)
     return found | dict(_list_error_peaks(m))
 
 

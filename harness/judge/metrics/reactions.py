@@ -1,16 +1,22 @@
 """Compute joint forces and moments from recorded reactions, and those of the exact motion from its states."""
 
+from collections import Counter
+
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...mechanics.index1 import is_dense, solve_index_1
+from ...mechanics.index1 import is_dense, solve_index_1, solve_index_1_of_each
 from ...mechanics.motion import list_jacobian_parts
 from ...mechanics.projection import disturb_poses, find_arms, project_poses
 from ...mechanics.state import States
 from ...mechanics.system import MultibodySystem
 
-SAMPLES = 250  # instants at which reactions are compared, at most
-FINEST, SURE = 1e-9, 1e-3  # relative change of a pose, and the relative change of exact loads that it may cause
+# instants at which reactions are compared, at most. Half: the largest error of a top's reaction is found 0.06 %
+# smaller; twice: that of a pendulum's moment 0.2 % larger.
+SAMPLES = 250
+# relative change of a pose, and the relative change of exact loads that it may cause; half, twice: no column of twelve
+# runs changes
+FINEST, SURE = 1e-9, 1e-3
 
 
 def find_largest_joint_force(
@@ -50,9 +56,19 @@ def compute_loads_on_bodies(
     """Return A^T reaction by body: the joints' force [N, space] and moment about C [N m, body]."""
     out = np.zeros((len(reaction), system.nb, 6))
     for body, rows, *parts in list_jacobian_parts(system, s):
-        part = np.concatenate(parts, axis=-1)
-        for k, b in enumerate(body):
-            out[:, b] += reaction[:, rows[k], None] * part[:, k]
+        load = reaction[:, rows, None] * np.concatenate(parts, axis=-1)
+        turn = _count_repeats(body)
+        for k in range(np.max(turn, initial=-1) + 1):
+            out[:, body[turn == k]] += load[:, turn == k]
+    return out
+
+
+def _count_repeats(body: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
+    """Return how often the body of each entry occurs before it: entries of one count are of different bodies."""
+    seen, out = Counter[int](), np.zeros(len(body), dtype=np.int64)
+    for k, b in enumerate(body.tolist()):
+        out[k] = seen[b]
+        seen[b] += 1
     return out
 
 
@@ -64,14 +80,14 @@ def compute_exact_loads(system: MultibodySystem, exact: States) -> Float[np.ndar
     thousandth of the largest. Systems with sparse rows are not checked, which would take longer than all else.
     """
     near = project_poses(system, exact)
-    load = solve_index_1(system, near).load
     if not is_dense(system):
-        return load
+        return solve_index_1(system, near).load
     arms = find_arms(system)
     moved = disturb_poses(system, near, np.full(len(near), FINEST * float(np.max(arms))), seed=0)
+    load, changed = (x.load for x in solve_index_1_of_each(system, [near, moved]))
     weight = np.repeat(np.stack([np.ones(system.nb), 1.0 / arms], axis=1), 3, axis=1)  # moments as forces at the arm
     size = np.max(np.abs(weight * load), axis=(1, 2), initial=0.0)
-    apart = np.max(np.abs(weight * (solve_index_1(system, moved).load - load)), axis=(1, 2))
+    apart = np.max(np.abs(weight * (changed - load)), axis=(1, 2))
     load[~(apart <= SURE * np.nanmax(size, initial=0.0))] = np.nan
     return load
 

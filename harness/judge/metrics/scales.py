@@ -8,16 +8,18 @@ the centre of mass where nothing is joined to the ground. Separate mechanisms ha
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import ModuleType
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...columns.measured import Scales
 from ...mechanics.motion import kinetic_energy, potential_energy
 from ...mechanics.state import State, States
 from ...mechanics.system import GROUND, MultibodySystem
-from ...mechanics.types import ALLOWED, Law, Problem, Reference
+from ...mechanics.types import Law, Problem, Reference
+from ...reference.held import recall_value
 from .mechanisms import extract_part, extract_state, extract_states, is_free, subtract_common_motion
 
 STATES = 2**18  # most poses measured at a time, to bound the memory
@@ -27,40 +29,6 @@ SAMPLES = 2001
 REST = 1e-6  # motions smaller than this share of ``estimate_rest_scales`` count as rest
 KINETIC = 3  # column of T in ``Rows``
 Rows = Float[np.ndarray, "nt 6"]  # at each time: displacement, speed, momentum, T, V - V(0), V(0) - V
-
-
-@dataclass(frozen=True)
-class Scales:
-    """The largest displacement, speed, momentum and energy exchange of a motion, which errors are compared with."""
-
-    length: float  # [m] largest ``measure_displacement`` of a body from its start: errors are compared with it
-    speed: float  # [m/s] largest of a body (``measure_speeds``)
-    momentum: float  # [kg m/s] largest sum of mass times speed
-    energy: float  # [J] exchanged: the largest kinetic energy, or span of potential energy if that is larger
-    reach: float  # [m] ``length`` over the whole time, also where the exact motion is known for a part only
-    gap: float  # [m] ``reach``, at most ``bound_reach``: springs let a mechanism go farther than joints open
-    exact_at: tuple[float, ...] = field(default=(), kw_only=True)  # [s] when the exact motion reaches these sizes
-    run_at: tuple[int, ...] = field(default=(), kw_only=True)  # steps of the run that reach them
-
-    @property
-    def limits(self) -> Mapping[Law, float]:
-        """The limits of the laws that hold at each time: [J] energy, [m] constraint, [m/s] its rate, [-] rotations."""
-        scale = {Law.ENERGY: self.energy, Law.CONSTRAINT: self.gap, Law.CONSTRAINT_RATE: self.speed}
-        return {law: part * scale.get(law, 1.0) for law, part in ALLOWED.items()}
-
-    def of_unit(self, unit: str) -> float:
-        """Return the scale of an invariant with this SI unit, such as ``kg m2/s``; NaN for an unknown unit."""
-        turning = self.momentum * self.reach
-        known = {
-            "J": self.energy,
-            "m": self.length,
-            "m/s": self.speed,
-            "rad/s": self.speed / self.reach,
-            "kg m/s": self.momentum,
-            "kg m2/s": turning,
-            "N m s": turning,
-        }
-        return known.get(unit, math.nan)
 
 
 @dataclass(frozen=True)
@@ -152,8 +120,9 @@ def find_scales(
     known, t = measure_reach(system, start, States.one(start)), np.zeros(1)
     if exact is not None:
         t = np.append(0.0, np.linspace(0.0, min(problem.t_end, exact.horizon), SAMPLES))
-        some = (exact.states(t[1:][k]) for k in split_into_blocks(SAMPLES, problem.system.nb))
-        known = np.concatenate((known, *(measure_reach(system, start, extract_states(s, bodies)) for s in some)))
+        key = "exact reach", bodies.tobytes()
+        sampled = recall_value(problem, key, lambda: _sample_reach(problem, exact, t[1:], (system, start), bodies))
+        known = np.concatenate((known, sampled))
     run = run or RunSizes(known[:0], {}, 0)
     finite = np.isfinite(run.rows).all(axis=1)
     end = len(finite) if np.all(finite) else int(np.argmin(finite))
@@ -179,6 +148,18 @@ def find_scales(
         if not np.any(broken):
             return size
         end = int(np.argmax(broken))
+
+
+def _sample_reach(
+    problem: Problem,
+    exact: Reference,
+    t: Float[np.ndarray, " nt"],
+    part: tuple[MultibodySystem, State],
+    bodies: Int[np.ndarray, " n"],
+) -> Rows:
+    """Return the sizes that the exact motion of ``bodies``, of the ``part`` with its start, has at the times ``t``."""
+    some = (exact.states(t[k]) for k in split_into_blocks(len(t), problem.system.nb))
+    return np.concatenate([measure_reach(*part, extract_states(s, bodies)) for s in some])
 
 
 def estimate_rest_scales(system: MultibodySystem, start: State) -> Scales:

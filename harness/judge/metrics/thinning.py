@@ -12,8 +12,10 @@ MAX_ROWS = 100_000
 # poses, 18 numbers a body, so fewer than rows: more make files larger, fewer make drawn motions jump
 MAX_FRAMES = 2_000
 BLOCK, BODIES = 4096, 2**18  # rows at a time at most, and rows times bodies
-EVEN = 0.2  # share of the frames that is spread evenly in time
-FEWEST = 120  # fewest frames, even of a straight motion
+# share of the frames that is spread evenly in time. Chords of a top's 300 frames are 3 % nearer to the path at half,
+# and as near at twice.
+EVEN = 0.2
+FEWEST = 120  # fewest frames, even of a straight motion; half, twice: only runs of fewer rows than that change
 
 
 def choose_rows(nt: int, *peaks: Float[np.ndarray, " nt"], at_most: int = MAX_ROWS) -> Int[np.ndarray, " kept"]:

@@ -6,9 +6,10 @@ present code, judges both, and records in ``results/published/carried.json`` the
 are all equal, and the digests of judging if all verdicts and counts are equal.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 
 import msgspec
 
@@ -16,6 +17,7 @@ from ...base.confined_paths import ConfinedPath
 from ...base.files import parse_json, read_text
 from ...base.shapes import Shape, convert_shape
 from ...catalogue import codes
+from ...columns.digests import ColumnDigests
 from ...results.judgements.claims import CodeDigests
 from ...results.judgements.files import PUBLISHED
 from .currency import JUDGING
@@ -28,27 +30,40 @@ class Generation(Shape, frozen=True):
 
     solvers: dict[str, str]  # digest of the code of each solver, by its name
     problems: dict[str, str]  # digest of the code of each problem, by its name
-    measuring: str  # digest of the code that runs solvers and measures motions
+    measuring: str  # digest of the code that measures motions; in older states of all that runs and measures
     judging: str = ""  # digest of the code that judges claims; empty if not compared
     commit: str = ""
     shown: str = ""  # the runs with equal bits in this and the following generation
+    running: str = ""  # digest of the code that runs solvers; empty in older states
+    # digest of the function of each column, by its name; empty in older states
+    columns: dict[str, str] = msgspec.field(default_factory=dict)
+
+    @property
+    def measured(self) -> ColumnDigests:
+        """The digests of what measures: of the series and of each column."""
+        return ColumnDigests(self.measuring, self.columns)
 
     def has_equal_run_digests(self, other: "Generation") -> bool:
-        """Return whether both states of the code have equal digests of all that runs depend on; judging may differ."""
-        return all(getattr(self, k) == getattr(other, k) for k in ("solvers", "problems", "measuring"))
+        """Return whether ``other`` has the digests of all that runs depend on here; judging may differ.
+
+        It may have more columns: a column that is added changes no other.
+        """
+        same = all(getattr(self, k) == getattr(other, k) for k in ("solvers", "problems", "running", "measuring"))
+        return same and self.columns.items() <= other.columns.items()
 
     def includes(self, code: CodeDigests) -> bool:
         """Return whether ``code``, the digests that published verdicts record, are those of this state of the code.
 
-        The digest of judging may differ; solvers and problems that the verdicts do not use are not compared.
+        The digest of judging may differ; solvers, problems and columns that the verdicts do not have are not compared.
         """
-        parts = ((code.solvers, self.solvers), (code.problems, self.problems))
-        return code.measuring == self.measuring and all(own.items() <= known.items() for own, known in parts)
+        parts = ((code.solvers, self.solvers), (code.problems, self.problems), (code.columns, self.columns))
+        same = (code.running, code.measuring) == (self.running, self.measuring)
+        return same and all(own.items() <= known.items() for own, known in parts)
 
     def digest_run_code(self, problem: str, solver: str) -> str:
         """Return what the column ``code`` of a run by this code holds; empty for an unknown problem or solver."""
         known = self.solvers.get(solver), self.problems.get(problem)
-        return codes.digest_run(known[0] or "", known[1] or "", self.measuring) if all(known) else ""
+        return codes.digest_run(known[0] or "", known[1] or "", self.running or self.measuring) if all(known) else ""
 
 
 class CarriedCode(Shape, frozen=True):
@@ -61,7 +76,10 @@ class CarriedCode(Shape, frozen=True):
 def digest_present_code() -> Generation:
     """Return the digests of the installed code as a generation, without its commit."""
     here = codes.package_sources()
-    return Generation(here.solvers, here.problems, here.measuring, here.digest_modules(*JUDGING))
+    judging = here.digest_modules(*JUDGING)
+    return Generation(
+        here.solvers, here.problems, here.measuring, judging, running=here.running, columns=here.columns.columns
+    )
 
 
 def read_carried(path: ConfinedPath | Path = FILE) -> CarriedCode | None:
@@ -76,12 +94,14 @@ def read_carried(path: ConfinedPath | Path = FILE) -> CarriedCode | None:
 def list_equal() -> tuple[Generation, ...]:
     """List the states of the code whose runs have the same bits as runs of the present code, newest first.
 
-    The present state comes first; it is the only one if ``carried.json`` is missing or was written for other code.
+    The present state comes first; it is the only one if ``carried.json`` is missing or was written for other code. That
+    for which it was written may have fewer columns.
     """
     here, carried = digest_present_code(), read_carried()
     if carried is None or not carried.now.has_equal_run_digests(here):
         return (here,)
-    return (here, *reversed(carried.before))
+    written = () if carried.now.columns == here.columns else (carried.now,)
+    return (here, *written, *reversed(carried.before))
 
 
 def is_current_or_carried(problem: str, solver: str, code: str) -> bool:
@@ -90,6 +110,24 @@ def is_current_or_carried(problem: str, solver: str, code: str) -> bool:
     ``code`` is the column of the run's record, ``problem`` and ``solver`` are its names. An empty digest is of no code.
     """
     return code != "" and any(code == g.digest_run_code(problem, solver) for g in list_equal())
+
+
+def is_measuring_carried(measured_by: str, known: Mapping[str, ColumnDigests] = MappingProxyType({})) -> bool:
+    """Return whether the present code, or an earlier state of it that was carried over, measures what a run was.
+
+    ``measured_by`` is the column of the run's record; empty in an older record, whose column ``code`` covers it.
+    ``known`` are the states of the code in the folder of the run (``column_digests``).
+    """
+    if not measured_by:
+        return True
+    here, *others = (g.measured for g in list_equal())
+    if any(measured_by == state.digest for state in (here, *others)):
+        return True
+    if (then := known.get(measured_by)) is None:
+        return False
+    return not then.list_stale(here) or any(
+        then.measuring == g.measuring and then.columns.items() <= g.columns.items() for g in others
+    )
 
 
 def bring_forward(code: CodeDigests) -> CodeDigests:
@@ -109,7 +147,13 @@ def bring_forward(code: CodeDigests) -> CodeDigests:
     judges_alike = carried is not None and carried.now.judging == here.judging
     judging = here.judging if judges_alike and any(g.judging == code.judging for g in known) else code.judging
     return msgspec.structs.replace(
-        code, solvers=next(now), problems=next(now), measuring=here.measuring, judging=judging
+        code,
+        solvers=next(now),
+        problems=next(now),
+        running=here.running,
+        measuring=here.measuring,
+        judging=judging,
+        columns=here.columns,
     )
 
 

@@ -1,9 +1,9 @@
 """Check that runs and verdicts are of the present code: each records digests of the code it was computed from.
 
-A run is out of date if its solver, its problem or the measuring has changed, and is made again: its series do not hold
-the states that numbers are measured from, so that it cannot be measured again without solving. Verdicts are out of date
-with their runs, and if the rules of judging, the register or the suites have changed; then judging again suffices,
-except for new runs.
+A run is out of date if its solver, its problem or what runs them has changed, and is made again. If what measures its
+motion has changed, or the function of a column, the motion stays, and is measured again; a column that is added makes
+nothing out of date. Verdicts are out of date with their runs, and if the rules of judging, the register or the suites
+have changed; then judging again suffices, except for new runs.
 """
 
 import hashlib
@@ -14,12 +14,19 @@ import msgspec
 
 from ...catalogue import codes
 from ...catalogue.suites.spec import RunSpec
+from ...columns.digests import ColumnDigests
+from ...results.column_digests import find_stale_columns
 from ...results.judgements.claims import CodeDigests
 from ...results.records import RunRecord
 from ...results.reproduce import REFEREED
 from .claims.register import Register
 
-JUDGING = ("harness/judge/referee/claims/count", "harness/judge/referee/claims/steps", "harness/results/work")
+JUDGING = (  # what judges claims, with the measures that it looks up by name
+    "harness/judge/referee/claims/judging",
+    "harness/judge/referee/claims/metrics",
+    "harness/judge/referee/claims/equations",
+    "harness/results/work",
+)
 WORDS = ("quote", "caveats", "section", "figure", "claim")  # keys of a claim that no verdict depends on
 MOST = 6  # most names that a line lists
 
@@ -35,6 +42,8 @@ def code_now(register: Register, specs: Iterable[RunSpec]) -> CodeDigests:
         here.measuring,
         here.digest_modules(*JUDGING),
         hashlib.sha256(text.encode()).hexdigest()[:16],
+        here.running,
+        here.columns.columns,
     )
 
 
@@ -48,6 +57,26 @@ def find_older_runs(records: Iterable[RunRecord], plugins: Sequence[str] = ()) -
     ours = [r for r in records if r.solver in here.solvers and r.problem in here.problems and r.suite != REFEREED]
     now = {k: codes.digest_run_code(*k, plugins) for k in {(r.problem, r.solver) for r in ours}}
     return tuple(r for r in ours if r.code != now[r.problem, r.solver])
+
+
+def find_stale_runs(
+    records: Iterable[RunRecord], known: Mapping[str, ColumnDigests]
+) -> dict[RunRecord, tuple[str, ...]]:
+    """Return the runs that the present code would measure in another way, each with the columns concerned.
+
+    ``known`` are the states of the code in the folder of the runs. Motions from files are not considered.
+    """
+    here = codes.read_column_digests()
+    found = {r: find_stale_columns(r, known, here) for r in records if r.suite != REFEREED}
+    return {r: stale for r, stale in found.items() if stale}
+
+
+def describe_stale(stale: Mapping[RunRecord, Sequence[str]], folder: str) -> str:
+    """Describe in one line how many runs in ``folder`` other code measured, in which columns, and what to do."""
+    columns = _join_names({name for names in stale.values() for name in names})
+    runs = f"{len(stale)} {'run' if len(stale) == 1 else 'runs'} in {folder}"
+    was = "was" if len(stale) == 1 else "were"
+    return f"{runs} {was} measured by other code ({columns}): mbsbench remeasure {folder}"
 
 
 def describe_older(old: Sequence[RunRecord], folder: str) -> str:
@@ -65,11 +94,15 @@ def describe_changes(published: CodeDigests, now: CodeDigests, suite: str) -> st
     solvers, problems = (_find_changed(getattr(published, k), getattr(now, k)) for k in ("solvers", "problems"))
     judge = "mbsbench judge --publish"
     run = f"mbsbench run {suite} --resume, then {judge}"
+    again = f"mbsbench remeasure RESULTS, then {judge}"
+    columns = [k for k, v in published.columns.items() if now.columns.get(k) != v]
     every = " (all)" if len(solvers) == len(now.solvers) > 1 else ""
     parts: tuple[tuple[object, str, str], ...] = (
         (solvers, f"the code of {_join_names(solvers)}{every}", run),
         (problems, f"the problem {_join_names(problems)}", run),
-        (published.measuring != now.measuring, "what measures motions, of every solver", run),
+        (published.running != now.running, "what runs solvers and counts their cost", run),
+        (published.measuring != now.measuring, "what measures motions, of every solver", again),
+        (columns, f"the columns {_join_names(columns)}", again),
         (published.runs != now.runs, "the register or the suites", run),
         (published.judging != now.judging, "the rules of judging", judge),
     )

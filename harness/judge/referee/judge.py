@@ -1,9 +1,10 @@
 """Run all judgements of results, write them to ``<results>/judgement/``, and compare them with the published ones."""
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from msgspec.structs import replace
 
 from ...base.confined_paths import ConfinedPath
 from ...catalogue.suites.spec import RunSpec
@@ -19,15 +20,13 @@ from .certificates.drift import analyse_drift
 from .certificates.orders import certify
 from .certificates.symmetries import check_symmetries
 from .certificates.work import collect_work
-from .claims.count import judge
-from .claims.maps import read_dimensions, select
-from .claims.register import Register
+from .claims.frame import SeriesOf, read_dimensions, select
+from .claims.judging import judge
+from .claims.register import Register, read_register
 from .currency import describe_changes
 from .false_successes import find_false_successes
+from .registers import FIELD, PAPER, RegisterPlace
 
-WHOLE = "referee"  # the suite that everything is judged on
-# claims are tried on the runs of these suites; all are in ``referee``
-SUITES = ("paper", "claims", "readings", "controls", "work")
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
     (files.ORDERS.name, certify),
     (files.DRIFTS.name, analyse_drift),
@@ -36,81 +35,87 @@ OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
 )
 
 
-@dataclass(frozen=True)
-class VerdictChange:
-    """A claim whose verdicts changed; a verdict is empty if the claim was not judged."""
-
-    id: str
-    before: str
-    after: str
-
-
 def judge_results(folder: Path, register: Register, watch: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """Return every judgement on the results in ``folder`` by the name of its file, such as ``claims`` or ``drift``.
 
-    Runs that a resumed folder holds twice count once. ``watch`` is called with the name of each judgement as it
-    begins.
+    ``register`` has the claims of the paper; those of the field are judged too. Runs that a resumed folder holds twice
+    count once. ``watch`` is called with what each judgement finds as it begins.
     """
     records = select_latest(store.load(folder, check_series=False).records)
-    watch("claims")
-    out: dict[str, Any] = {"claims": judge(register, list_tried(), records, lambda r: store.read_run_series(folder, r))}
+    out: dict[str, Any] = {}
+    for place, claims in ((PAPER, register), (FIELD, read_register(FIELD.path))):
+        watch(f"claims {place.whose}")
+        out[place.file.name] = judge_register(claims, records, lambda r: store.read_run_series(folder, r), place)
     for name, function in OTHERS:
-        watch(name)
+        watch("observed orders" if name == files.ORDERS.name else name)
         out[name] = function(folder, records)
-    watch("wrong")
+    watch("false successes")
     out["wrong"] = find_false_successes(records, out.get(files.SYMMETRIES.name, ()))
     return out
 
 
-def list_tried() -> tuple[RunSpec, ...]:
-    """Return the runs of all suites that claims are tried on, each once."""
-    return tuple({c.settings_id: c for name in SUITES for c in load_suite(name).specs}.values())
+def judge_register(
+    register: Register, records: Iterable[RunRecord], series_of: SeriesOf, place: RegisterPlace = PAPER
+) -> tuple[JudgedClaim, ...]:
+    """Return the verdicts on the claims of a register, tried on the runs of the suites of its ``place``."""
+    found = judge(register, list_tried(place), records, series_of)
+    return tuple(replace(c, register=place.name) for c in found)
 
 
-def select_needed(register: Register) -> tuple[RunSpec, ...]:
+def list_tried(place: RegisterPlace = PAPER) -> tuple[RunSpec, ...]:
+    """Return the runs of all suites that the claims of a register are tried on, each once."""
+    return tuple({c.settings_id: c for name in place.suites for c in load_suite(name).specs}.values())
+
+
+def select_needed(register: Register, place: RegisterPlace = PAPER) -> tuple[RunSpec, ...]:
     """Return the runs that the maps of the register's claims select, without which verdicts cannot be judged."""
-    places = [read_dimensions(s) for s in list_tried()]
-    maps = {m.name: m for c in register.claims for m in (c.map, c.against, c.control) if m}.values()
-    return tuple({p.spec.settings_id: p.spec for m in maps for p in select(places, m.over)}.values())
+    tried = [read_dimensions(s) for s in list_tried(place)]
+    maps = {m.name: m for c in register.claims for m in c.maps if m}.values()
+    return tuple({p.spec.settings_id: p.spec for m in maps for p in select(tried, m.over)}.values())
 
 
-def list_published_runs() -> tuple[RunSpec, ...]:
-    """Return the runs that verdicts are published from: those of the suite ``referee``."""
-    return load_suite(WHOLE).specs
+def list_published_runs(place: RegisterPlace = PAPER) -> tuple[RunSpec, ...]:
+    """Return the runs that verdicts are published from.
+
+    Those of the paper come with orders, symmetries and more from its whole suite, ``referee``; those of the field from
+    the runs of its maps.
+    """
+    return load_suite(place.whole).specs if place is PAPER else select_needed(read_register(place.path), place)
 
 
-def find_missing(folder: Path, specs: Iterable[RunSpec]) -> list[RunSpec]:
-    """Return those of the runs ``specs`` for which the results in ``folder`` hold no record."""
-    held = {r.settings_id for r in store.load(folder, check_series=False).records}
+def find_missing(records: Iterable[RunRecord], specs: Iterable[RunSpec]) -> list[RunSpec]:
+    """Return those of the runs ``specs`` for which there is no record among ``records``."""
+    held = {r.settings_id for r in records}
     return [s for s in specs if s.settings_id not in held]
 
 
-def write_judgements(folder: ConfinedPath, judged: dict[str, Any], code: CodeDigests) -> list[Path]:
+def write_judgements(folder: ConfinedPath, judged: Mapping[str, Any], codes: Mapping[str, CodeDigests]) -> list[Path]:
     """Write a file per judgement atomically, and return the paths.
 
-    ``judged`` is the result of ``judge_results``; claims are written with ``code``, the digests of the code they
-    come from.
+    ``judged`` is the result of ``judge_results``, or a part of it. ``codes`` has, by the name of each file of claims
+    in it, the digests of the code they come from.
     """
-    judged = {**judged, files.CLAIMS.name: files.add_code(judged[files.CLAIMS.name], code)}
-    files_of = [folder / f"{name}.json" for name in judged]
-    for file, found in zip(files_of, judged.values(), strict=True):
-        file.write(format_judgement(found))
-    return [file.path for file in files_of]
+    out = []
+    for name, found in judged.items():
+        file = folder / f"{name}.json"
+        file.write(format_judgement(files.add_code(found, codes[name]) if name in codes else found))
+        out.append(file.path)
+    return out
 
 
-def describe_outdated(folder: ConfinedPath, now: CodeDigests) -> str:
+def describe_outdated(folder: ConfinedPath, now: CodeDigests, place: RegisterPlace = PAPER) -> str:
     """Describe in one line what changed since the verdicts in ``folder`` were published; empty if nothing did.
 
     The line gives the commands that renew them. ``now`` are the digests of the present code.
     """
-    return describe_changes(bring_forward(files.read_claims_code(folder)), now, WHOLE)
+    return describe_changes(bring_forward(files.read_claims_code(folder, place.file)), now, place.whole)
 
 
-def find_changes(before: Sequence[JudgedClaim], after: Sequence[JudgedClaim]) -> list[VerdictChange]:
-    """Return the claims whose verdicts differ, in the order of the register.
+def find_changes(before: Sequence[JudgedClaim], after: Sequence[JudgedClaim]) -> list[tuple[str, str, str]]:
+    """Return id and verdicts, before and after, of the claims whose verdicts differ, in the order of the register.
 
-    Those that are no longer judged come last.
+    Those that are no longer judged come last; a verdict is empty if the claim was not judged.
     """
     old, new = ({c.id: c.verdicts for c in claims} for claims in (before, after))
-    out = [VerdictChange(k, old.get(k, ""), v) for k, v in new.items() if old.get(k, "") != v]
-    return out + [VerdictChange(k, v, "") for k, v in old.items() if k not in new]
+    out = [(k, old.get(k, ""), v) for k, v in new.items() if old.get(k, "") != v]
+    return out + [(k, v, "") for k, v in old.items() if k not in new]

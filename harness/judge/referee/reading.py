@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from ...catalogue import registry
 from ...catalogue.suites.spec import RunSpec
 from .certificates.drift import READS, is_long
-from .claims.maps import is_in, own_duration, read_dimensions
+from .claims.frame import is_in, own_duration, read_dimensions
 from .claims.measures import series_read
 from .claims.register import Register
 
@@ -19,7 +19,7 @@ def make_series_selector(register: Register, tried: Iterable[RunSpec]) -> Callab
     maps = [
         (m.over, {s for t in c.tests for s in series_read(t.metric, t.arguments)})
         for c in register.claims
-        for m in (c.map, c.against, c.control)
+        for m in c.maps
         if m
     ]
 

@@ -1,8 +1,8 @@
 """Split a long run's energy error into an oscillation, a trend and a random walk, with intervals.
 
 The motion's own period is found from its most regular observable; means over whole periods remove the oscillation, and
-means over blocks of periods are passed to module trend. A verdict is a test of equivalence, not of significance: a run
-is bounded if the 95 % interval of the trend, over the whole span, stays below a tenth of the oscillation.
+means over blocks of periods are passed to module trend. A run is bounded if the 95 % interval of the trend, over the
+whole span, stays below a tenth of the oscillation (``law.judge_trend``).
 
 Integrals are of the straight lines through the kept steps: a thinned series keeps points of the curve, extremes among
 them, so that a mean of points would be wrong and the integral is not.
@@ -12,24 +12,21 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.integrate import cumulative_trapezoid
 
 from ....results import store
 from ....results.judgements.runs import Drift
 from ....results.records import RunRecord
 from ....results.series import MARKS, Series
+from ...law import judge_trend
 from ...metrics.periods import PERIODS, find_periods
 from .trend import FEWEST, Trend, fit_trend
 
 LONG = 100.0  # [s] of simulated time
 READS = ("energy_error", MARKS)  # series that are judged
 BLOCKS = 40  # most blocks: each must span several periods
-MATTERS = 0.1  # fraction of the oscillation below which a trend over the whole span does not matter
-ROUNDING = 1e-12  # fraction of the energy scale below which changes over a whole run are rounding
 
 
 @dataclass(frozen=True)
@@ -100,6 +97,8 @@ def split_error(t: Float[np.ndarray, " nt"], e: Float[np.ndarray, " nt"], marks:
 
 def _integrate(t: np.ndarray, e: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Return the integral of the straight lines through (t, e), from the first time to each time in ``at``."""
+    from scipy.integrate import cumulative_trapezoid  # here: it takes a third of a second to load
+
     whole = cumulative_trapezoid(e, t, initial=0)
     k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
     return whole[k] + 0.5 * (at - t[k]) * (e[k] + np.interp(at, t, e))
@@ -112,14 +111,5 @@ def _judge_run(r: RunRecord, found: Anatomy | None) -> Drift:
         return Drift(*head, "failed" if r.claimed != "success" else "too short", r.t_reached_s)
     t = found.trend
     energy = (found.oscillation, t.slope, t.low, t.high, t.walk, t.walk_low, t.walk_high)
-    return Drift(*head, _choose_verdict(r, found), found.span, found.periods, *energy)
-
-
-def _choose_verdict(r: RunRecord, a: Anatomy) -> Literal["bounded", "trend", "wanders", "undecided"]:
-    """Return what the energy error does over the whole span: stays bounded, has a trend, wanders, or is undecided."""
-    t = a.trend
-    if max(abs(t.low), abs(t.high)) * a.span <= max(MATTERS * a.oscillation, ROUNDING * r.energy_scale_J):
-        return "bounded"
-    if t.low > 0.0 or t.high < 0.0:
-        return "trend"
-    return "wanders" if t.walk > 0.0 else "undecided"
+    verdict = judge_trend(t.low * found.span, t.high * found.span, t.walk, found.oscillation, r.energy_scale_J)
+    return Drift(*head, verdict, found.span, found.periods, *energy)

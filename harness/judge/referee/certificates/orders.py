@@ -6,110 +6,62 @@ order in dt is compared with the declared one. With rtol, the order against the 
 are measured; solvers under error control declare no order.
 """
 
-import json
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import compress
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
 from ....catalogue import registry
 from ....mechanics.types import Status
 from ....results.judgements.runs import Note, Order, OrderVerdict
 from ....results.records import RunRecord
-from .fitting import FEWEST, Fit, fit_ladder, fit_scattered
+from ...distance import RESOLVED
+from ...order import DIFFERENCED, FEWEST, NOTHING, fit_errors, judge_fit
 
 CURVES = "work"  # label of runs that are points of a curve, not steps of a ladder
-WITHIN = 0.1  # largest distance from the declared order
-LOOSE = 0.2  # largest distance of the interval's ends from it
-EXACT = 1e-13  # fraction of the scale: rounding of some thousand steps; a tolerance of 1e-12 leaves more
-HELD = 1e-9  # fraction of the scale: errors below at every step are set by a tolerance, not by the step
-KEPT = 1e-7  # as HELD, if errors do not depend on the step at all
-OWN = 3.0  # multiple of the reference's stated error below which errors are not resolved
-DIFFERENCED = 1e-7  # fraction of the largest reaction: error of sixth-order differences of the exact motion
 
 
 @dataclass(frozen=True)
 class ErrorQuantity:
-    """A kind of error in records, with its scale, the part that the reference resolves, and a limit for fits."""
+    """A kind of error in records; ``is_compared`` with a reference, it is not known below what that resolves."""
 
     name: str
     symbol: str  # as in tables
     unit: str
     column: str  # column of the record that holds it
-    scale: Callable[[RunRecord], float]  # size of a large error
-    own: Callable[[RunRecord], float] = lambda r: 0.0  # error that the reference cannot resolve
+    is_compared: bool = True
     most: float = math.inf  # fraction of its scale above which an error is too large to fit
 
     def read_error(self, record: RunRecord) -> float:
         """Return this error of a run, from its record, in ``unit``."""
         return float(getattr(record, self.column))
 
+    def scale(self, r: RunRecord) -> float:
+        """Return the size of a large error of a run, in ``unit``: 1 m for a motion of no length, 1 N without joints."""
+        length = r.length_scale_m if r.length_scale_m > 0.0 else 1.0
+        speed, force = r.speed_scale_m_per_s, r.reaction_size_N if r.reaction_size_N > 0.0 else 1.0
+        sizes = {"m": length, "rad": 1.0, "m/s": speed, "rad/s": speed / length, "J": r.energy_scale_J, "N": force}
+        return sizes[self.unit]
 
-def _length(r: RunRecord) -> float:
-    """Return the reach of the run's motion [m], or 1 if it does not move."""
-    return r.length_scale_m if r.length_scale_m > 0.0 else 1.0
-
-
-def _reference_limit(r: RunRecord) -> float:
-    """Return the position error below which the reference resolves nothing [m]."""
-    return OWN * r.reference_own_error_m
-
-
-def _rate(r: RunRecord) -> float:
-    """Return speed over length of the motion [1/s], which converts a position error to a velocity error."""
-    return r.speed_scale_m_per_s / _length(r)
-
-
-def _speed(r: RunRecord) -> float:
-    """Return the largest speed of a body in the run [m/s]."""
-    return r.speed_scale_m_per_s
+    def find_resolution(self, r: RunRecord) -> float:
+        """Return the error that the reference of a run cannot resolve, in ``unit``."""
+        if self.unit == "N":
+            return DIFFERENCED * r.reaction_size_N
+        length = r.length_scale_m if r.length_scale_m > 0.0 else 1.0
+        return RESOLVED * r.reference_own_error_m / length * self.scale(r) if self.is_compared else 0.0
 
 
-WORST: tuple[OrderVerdict, ...] = (  # the verdict that comes first is that of the ladder
-    "below declared",
-    "not measured",
-    "refused",
-    "undecided",
-    "above declared",
-    "measured",
-    "certified",
-    "floor",
-    "exact",
-)
+WORST: tuple[OrderVerdict, ...] = get_args(OrderVerdict)  # the verdict that comes first is that of the ladder
 QUANTITIES = (
-    ErrorQuantity("position", "r", "m", "position_error_max_m", _length, _reference_limit, 0.3),
-    ErrorQuantity(
-        "orientation",
-        "R",
-        "rad",
-        "orientation_error_max_rad",
-        lambda r: 1.0,
-        lambda r: _reference_limit(r) / _length(r),
-        0.6,
-    ),
-    ErrorQuantity(
-        "velocity", "v", "m/s", "velocity_error_max_m_per_s", _speed, lambda r: _reference_limit(r) * _rate(r)
-    ),
-    ErrorQuantity(
-        "angular velocity",
-        "Omega",
-        "rad/s",
-        "angular_velocity_error_max_rad_per_s",
-        _rate,
-        lambda r: _reference_limit(r) / _length(r) * _rate(r),
-    ),
-    ErrorQuantity("energy", "E", "J", "energy_drift_max_J", lambda r: r.energy_scale_J),
-    ErrorQuantity("|phi|", "|phi|", "m", "phi_max", _length),
-    ErrorQuantity("|phi_dot|", "|phi_dot|", "m/s", "phi_dot_max", _speed),
-    ErrorQuantity(
-        "reaction",
-        "A^T lam",
-        "N",
-        "reaction_error_max_N",
-        lambda r: r.reaction_size_N if r.reaction_size_N > 0.0 else 1.0,
-        lambda r: DIFFERENCED * r.reaction_size_N,
-    ),
+    ErrorQuantity("position", "r", "m", "position_error_max_m", most=0.3),
+    ErrorQuantity("orientation", "R", "rad", "orientation_error_max_rad", most=0.6),
+    ErrorQuantity("velocity", "v", "m/s", "velocity_error_max_m_per_s"),
+    ErrorQuantity("angular velocity", "Omega", "rad/s", "angular_velocity_error_max_rad_per_s"),
+    ErrorQuantity("energy", "E", "J", "energy_drift_max_J", is_compared=False),
+    ErrorQuantity("|phi|", "|phi|", "m", "phi_max", is_compared=False),
+    ErrorQuantity("|phi_dot|", "|phi_dot|", "m/s", "phi_dot_max", is_compared=False),
+    ErrorQuantity("reaction", "A^T lam", "N", "reaction_error_max_N"),
 )
 
 
@@ -142,7 +94,7 @@ def _find_ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
         key = (r.problem, r.problem_parameters, r.solver, r.solver_options, r.control, str(r.max_step_s))
         groups.setdefault(key, {})[r.dt_s if r.control == "dt" else r.rtol] = r
     runs = [[own[step] for step in sorted(own, reverse=True)] for own in groups.values()]
-    return [run for run in runs if len(run) > FEWEST and not json.loads(run[0].problem_parameters).get("retrace")]
+    return [run for run in runs if len(run) > FEWEST and not run[0].parameters.get("retrace")]
 
 
 def _certify_ladder(run: Sequence[RunRecord]) -> list[Order]:
@@ -167,14 +119,19 @@ def _certify_quantity(run: Sequence[RunRecord], q: ErrorQuantity) -> Order | Non
     scale = max((q.scale(r) for r in done), default=math.nan)
     errors = [q.read_error(r) for r in done]
     steps = [r.dt_s if fixed else r.t_reached_s / r.steps for r in done]
-    good = [q.own(r) < e < q.most * scale and not _has_cut_steps(r) for r, e in zip(done, errors, strict=True)]
-    fit, rate = (NOTHING, NOTHING) if few else _fit(done, steps, errors, good, scale, fixed)
+    good = [
+        q.find_resolution(r) < e < q.most * scale and not _has_cut_steps(r) for r, e in zip(done, errors, strict=True)
+    ]
+    tolerance = max(map(_tolerance_share, done), default=0.0) if fixed else [r.rtol for r in done]
+    fit, rate = (NOTHING, NOTHING) if few else fit_errors(steps, errors, good, scale, tolerance)
     if not any(errors) and not few and math.isnan(first.declared_order):
         return None  # the quantity is constant
     notes = {Note.NO_SCALE: math.isnan(scale) and not few}
     if fit.kind != "exact":
         notes[Note.CUT] = any(_has_cut_steps(r) for r in done)
-        notes[Note.UNRESOLVED] = any(errors) and any(e <= q.own(r) for r, e in zip(done, errors, strict=True))
+        notes[Note.UNRESOLVED] = any(errors) and any(
+            e <= q.find_resolution(r) for r, e in zip(done, errors, strict=True)
+        )
     refused = few and all(r.claimed == Status.REFUSED for r in run)
     variant, *words = first.case.split(" ")
     of_good = iter(fit.used)
@@ -201,7 +158,7 @@ def _certify_quantity(run: Sequence[RunRecord], q: ErrorQuantity) -> Order | Non
         exponent_high=rate.high,
         verdict=("refused" if refused else "not measured")
         if few
-        else _choose_verdict(fit, first.declared_order, fixed),
+        else judge_fit(fit, first.declared_order, fixed=fixed),
         fit=fit.kind,
         slopes=fit.finer_slopes if any(fit.used) else fit.slopes,
         unfinished=len(failed),
@@ -214,29 +171,14 @@ def _certify_quantity(run: Sequence[RunRecord], q: ErrorQuantity) -> Order | Non
     )
 
 
-NOTHING = Fit("none")
-
-
-def _fit(
-    done: Sequence[RunRecord], steps: list[float], errors: list[float], good: list[bool], scale: float, fixed: bool
-) -> tuple[Fit, Fit]:
-    """Return the fit of errors against steps, and under error control the fit against rtol (else ``NOTHING``).
-
-    ``done`` are the successful runs, ``steps`` their steps [s], ``good`` whether each error can be fitted,
-    ``scale`` the size of a large error, ``fixed`` whether the ladder is of fixed steps.
-    """
-    if max(errors) <= EXACT * scale:
-        return Fit("exact"), NOTHING
-    if max(errors) <= HELD * scale:
-        return Fit("flat", floor=max(errors)), NOTHING
-    x, y, rtol = (list(compress(v, good)) for v in (steps, errors, (r.rtol for r in done)))
-    if fixed:
-        fit = fit_ladder(x, y, max(HELD, *(_tolerance_share(r) for r in done)) * scale)
-        held = fit.kind == "flat" and max(y) <= KEPT * scale
-        return (replace(fit, floor=max(y)) if held else fit), NOTHING
-    if len(y) <= FEWEST:
-        return NOTHING, NOTHING
-    return fit_scattered(x, y), fit_scattered(rtol, y)
+def read_tolerance(r: RunRecord) -> float:
+    """Return the tolerance of a run's error control, or of the equations of its fixed steps; NaN without either."""
+    if r.control != "dt":
+        return r.rtol
+    known = registry.solvers().get(r.solver)
+    default = math.nan if known is None else known.parameters.get("tolerance", (math.nan,))[0]
+    tolerance = r.options.get("tolerance", default)
+    return float(tolerance) if isinstance(tolerance, int | float) else math.nan
 
 
 def _tolerance_share(r: RunRecord) -> float:
@@ -244,33 +186,10 @@ def _tolerance_share(r: RunRecord) -> float:
 
     It is 0 for a solver without such a tolerance.
     """
-    known = registry.solvers().get(r.solver)
-    default = 0.0 if known is None else known.parameters.get("tolerance", (0.0,))[0]
-    tolerance = json.loads(r.solver_options).get("tolerance", default)
-    if not isinstance(tolerance, int | float) or not r.energy_scale_J > 0.0:
-        return 0.0
-    return tolerance / math.sqrt(r.energy_scale_J) * r.steps
+    share = read_tolerance(r) / math.sqrt(r.energy_scale_J) * r.steps if r.energy_scale_J > 0.0 else 0.0
+    return 0.0 if math.isnan(share) else share
 
 
 def _has_cut_steps(r: RunRecord) -> bool:
     """Return whether a run asked for a fixed step took other steps: the error then belongs to those."""
     return r.control == "dt" and r.steps != math.ceil(r.t_reached_s / r.dt_s - 1e-6)
-
-
-def _choose_verdict(fit: Fit, declared: float, fixed: bool) -> OrderVerdict:
-    """Return the verdict on a fitted order against the declared one (NaN if none); ``fixed`` means fixed steps."""
-    if fit.kind == "exact":
-        return "exact"
-    if fit.kind == "flat" and math.isfinite(fit.floor):
-        return "floor"
-    if fit.kind == "flat" and not math.isnan(declared):
-        return "below declared"
-    if fit.kind != "power":
-        return "undecided"
-    if not fixed or math.isnan(declared):
-        return "measured"
-    if abs(fit.order - declared) <= WITHIN and fit.low >= declared - LOOSE and fit.high <= declared + LOOSE:
-        return "certified"
-    if fit.low > declared + WITHIN:
-        return "above declared"
-    return "below declared" if fit.high < declared - WITHIN else "undecided"

@@ -7,7 +7,7 @@ steps ``HALVES`` times the change at half the step. Two runs of one motion may d
 step keeps a symmetry exactly, without that last part, is stated beside the verdict.
 
 A number that is not finite gives no verdict; nor does a bound above the mechanism's size, or one that is missed by less
-than its uncertainty.
+than its uncertainty. Of a broken symmetry ``false_successes`` says whether it misleads.
 
 Distances are of whole poses: the maximum over bodies of |r - r'| and of L times the angle from R to R', with L the
 mechanism's size.
@@ -18,64 +18,31 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from ....catalogue import registry
 from ....mechanics import so3
 from ....mechanics.types import Status
 from ....mechanics.types.presentations import PRESENTATIONS
 from ....results import store
-from ....results.judgements.runs import Symmetry, SymmetryVerdict, UnjudgedSymmetry
+from ....results.judgements.runs import PLANARITY, Symmetry, SymmetryVerdict, UnjudgedSymmetry
 from ....results.records import RunRecord
 from ....results.words import describe_ending
+from ...distance import measure_distance
+from ...invariance import SLACK, Yardstick
+from ..false_successes import weigh_break
+from .orders import read_tolerance
 
-SLACK = 10.0  # errors at one tolerance scatter by several times, since steps differ
-HALVES = 3.0  # one run may err by 4/3 of its change at half the step, the other as much in the opposite direction
-# relative uncertainty of a bound: the change at a tenth of the tolerance is the error minus about a tenth of it
-UNSURE = 0.1
 TENTH = (0.05, 0.2)  # range of tolerance ratios that count as a tenth
-ROUNDING = 2.2e-16  # relative, per step; steps add up
 CHANGES: Mapping[str, str] = {p.name: p.check for p in PRESENTATIONS}
 SHAPING = ("problem", "problem_parameters", "solver", "solver_options", "control", "dt_s", "rtol", "max_step_s")
 COMPARED = ("problem_parameters", "rtol", "dt_s")  # columns in which runs of a check differ, one at a time
-PLANARITY = "planar symmetry"
-
-
-@dataclass(frozen=True)
-class Yardstick:
-    """The allowed difference between two runs of a solver on a variant."""
-
-    level: float  # [m] change of the end at a tenth of the tolerance
-    halved: float  # [m] change of the end at half the step; 0 under error control
-    growth: float  # growth of a relative change of the start until the end
-    steps: int  # number of steps of the run
-    size: float  # [m] size of the mechanism
-
-    @property
-    def exact(self) -> float:
-        """The distance allowed if a scheme keeps a symmetry exactly [m]."""
-        return SLACK * self.level + self.rounding
-
-    @property
-    def bound(self) -> float:
-        """The distance allowed by the scheme's errors [m]."""
-        return self.exact + HALVES * self.halved
-
-    @property
-    def rounding(self) -> float:
-        """The distance that the rounding of every step, amplified until the end, may cause [m]."""
-        return SLACK * ROUNDING * self.steps * max(self.growth, 1.0) * self.size
-
-    @property
-    def return_factor(self) -> float:
-        """The factor on the allowed difference for a motion integrated back to its start: errors grow both ways."""
-        return 1.0 + max(self.growth, 1.0)
+End = tuple[np.ndarray, np.ndarray, np.ndarray]  # r [m] and R of all bodies, and gravity, in space
+ReadEnd = Callable[[RunRecord], End | None]
 
 
 def check_symmetries(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmetry, ...]:
@@ -86,7 +53,7 @@ def check_symmetries(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmet
     """
     known = {_make_key(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings_id))}
     runs = sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.settings_id))
-    ends = _Ends(folder)
+    read: ReadEnd = functools.cache(functools.partial(read_end, folder))  # each run once
     alike: dict[tuple, list[RunRecord]] = {}  # grouped, so that thousands of runs are not compared in pairs
     for r, column in itertools.product(runs, COMPARED):
         alike.setdefault(_make_key(r, column), []).append(r)
@@ -94,59 +61,44 @@ def check_symmetries(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmet
     for base in runs:
         kin, others, finer = (alike[_make_key(base, column)] for column in COMPARED)
         presented = [r for r in kin if _find_change(base, r)]
-        explicit = base if math.isnan(_tolerance(base)) else None  # no equations are solved to a tolerance
+        explicit = base if math.isnan(read_tolerance(base)) else None  # no equations are solved to a tolerance
         tighter = min(
-            (r for r in others if _is_tighter(base, r)), key=lambda r: _distance_from_tenth(base, r), default=explicit
+            (r for r in others if TENTH[0] < read_tolerance(r) / read_tolerance(base) < TENTH[1]),
+            key=lambda r: _distance_from_tenth(base, r),
+            default=explicit,
         )
-        nudged = min(
-            (r for r in kin if _is_perturbed(base, r)),
-            key=lambda r: (_read_perturbation(r), r.settings_id),
-            default=None,
-        )
+        perturbed = (r for r in kin if _is_perturbed(base, r))
+        nudged = min(perturbed, key=lambda r: (_read_perturbation(r), r.settings_id), default=None)
         halved = next((r for r in finer if 2.0 * r.dt_s == base.dt_s), None)
         if not presented or tighter is None or nudged is None or (halved is None and base.control == "dt"):
             continue
-        found.append((base, presented, _measure_yardstick(base, tighter, nudged, halved, ends)))
+        found.append((base, presented, _measure_yardstick(base, tighter, nudged, halved, read)))
     out: list[Symmetry] = []
     for base, presented, own in found:
         yard = own and replace(own, growth=_least_growth(base, [(b, y) for b, _, y in found if y is not None]))
         for r in sorted(presented, key=lambda r: (list(CHANGES).index(_find_change(base, r)), r.case)):
-            out.append(_judge(base, r, _find_change(base, r), yard, ends))
-        out += [e for r in (base, *presented) if (e := _judge_planarity(base, r, yard)) is not None]
+            out.append(weigh_break(_judge(base, r, _find_change(base, r), yard, read), base, r))
+        for r in (base, *presented):
+            if (row := _judge_planarity(base, r, yard)) is not None:
+                out.append(weigh_break(row, r, r))
     return tuple(out)
 
 
-class _Ends:
-    """The last poses of runs; each run is read once."""
+def _measure_distance(read: ReadEnd, one: RunRecord, other: RunRecord, turned: np.ndarray) -> float:
+    """Return the distance of the last poses of two runs [m]; NaN if one run has no series.
 
-    def __init__(self, folder: Path) -> None:
-        """Prepare to read the series in ``folder``; each run is read when it is first needed."""
-        self.of = functools.cache(functools.partial(self._read_end, folder))
-
-    @staticmethod
-    def _read_end(folder: Path, r: RunRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """Return r [m] and R of all bodies at a run's end, and gravity, in space; None if the run has no series."""
-        s = store.read_run_series(folder, r)
-        return None if s is None else (s["end_r"], s["end_R"], s["gravity"])
-
-    def measure_distance(self, one: RunRecord, other: RunRecord, turned: np.ndarray) -> float:
-        """Return the distance of the last poses of two runs [m]; NaN if one run has no series.
-
-        ``turned`` rotates the frame of ``one`` to that of ``other``, whose poses are rotated back. Angles are
-        multiplied by the mechanism's size; the largest distance of a body counts.
-        """
-        a, b = self.of(one), self.of(other)
-        if a is None or b is None:
-            return math.nan
-        r, R = b[0] @ turned, turned.T @ b[1]
-        gap = float(np.max(np.linalg.norm(r - a[0], axis=-1)))
-        return float(np.maximum(gap, one.length_scale_m * np.max(so3.angle_between(R, a[1]))))
+    ``turned`` rotates the frame of ``one`` to that of ``other``, whose poses are rotated back.
+    """
+    a, b = read(one), read(other)
+    if a is None or b is None:
+        return math.nan
+    return float(measure_distance((b[0] @ turned, turned.T @ b[1]), a[:2], one.length_scale_m))
 
 
-@functools.cache
-def _parse(text: str) -> Mapping[str, Any]:
-    """Return a JSON object as a read-only mapping, parsed once for each text."""
-    return MappingProxyType(json.loads(text))
+def read_end(folder: Path, r: RunRecord) -> End | None:
+    """Return the last poses of a run; None if it has no series."""
+    s = store.read_run_series(folder, r)
+    return None if s is None else (s["end_r"], s["end_R"], s["gravity"])
 
 
 def _make_key(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
@@ -156,7 +108,7 @@ def _make_key(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
     """
     shape = {k: str(getattr(r, k)) for k in SHAPING if k != left_out}
     if left_out == "rtol" and r.control == "dt":
-        options = {k: v for k, v in _parse(r.solver_options).items() if k != "tolerance"}
+        options = {k: v for k, v in r.options.items() if k != "tolerance"}
         shape["solver_options"] = json.dumps(options, sort_keys=True)
     return left_out, *shape.values()
 
@@ -166,7 +118,7 @@ def _find_change(base: RunRecord, r: RunRecord) -> str:
 
     It is empty unless exactly one parameter of the problem differs, and ``base`` is not presented otherwise itself.
     """
-    here, there = _parse(base.problem_parameters), _parse(r.problem_parameters)
+    here, there = base.parameters, r.parameters
     if any(k in CHANGES for k in here) or any(there.get(k) != v for k, v in here.items()):
         return ""
     more = [k for k in there if k not in here]
@@ -175,37 +127,22 @@ def _find_change(base: RunRecord, r: RunRecord) -> str:
 
 def _is_perturbed(base: RunRecord, r: RunRecord) -> bool:
     """Return whether ``r`` differs from ``base`` only by a perturbed start."""
-    return _read_perturbation(r) > 0.0 and {
-        k: v for k, v in _parse(r.problem_parameters).items() if k != "perturb"
-    } == _parse(base.problem_parameters)
+    others = {k: v for k, v in r.parameters.items() if k != "perturb"}
+    return _read_perturbation(r) > 0.0 and others == base.parameters
 
 
 def _read_perturbation(r: RunRecord) -> float:
     """Return the relative perturbation of a run's start; 0 if the start is not perturbed."""
-    return float(_parse(r.problem_parameters).get("perturb", 0.0))
-
-
-def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
-    """Return whether the tolerance of ``r`` is about a tenth of that of ``base``."""
-    return TENTH[0] < _tolerance(r) / _tolerance(base) < TENTH[1]
-
-
-def _tolerance(r: RunRecord) -> float:
-    """Return the tolerance of the error control, or of a fixed step's equations; NaN without either."""
-    if r.control != "dt":
-        return r.rtol
-    known = registry.solvers().get(r.solver)
-    usual = known.parameters["tolerance"][0] if known and "tolerance" in known.parameters else math.nan
-    return float(_parse(r.solver_options).get("tolerance", usual))
+    return float(r.parameters.get("perturb", 0.0))
 
 
 def _distance_from_tenth(base: RunRecord, r: RunRecord) -> tuple[float, str]:
     """Return how far the run's tolerance is from a tenth of that of ``base``: a sort key, with settings_id for ties."""
-    return abs(math.log(10.0 * _tolerance(r) / _tolerance(base))), r.settings_id
+    return abs(math.log(10.0 * read_tolerance(r) / read_tolerance(base))), r.settings_id
 
 
 def _measure_yardstick(
-    base: RunRecord, tighter: RunRecord, nudged: RunRecord, halved: RunRecord | None, ends: _Ends
+    base: RunRecord, tighter: RunRecord, nudged: RunRecord, halved: RunRecord | None, read: ReadEnd
 ) -> Yardstick | None:
     """Return the difference allowed to the presentations of ``base``; None if one of the runs did not succeed.
 
@@ -214,9 +151,9 @@ def _measure_yardstick(
     """
     if any(r is not None and r.claimed != "success" for r in (base, tighter, nudged, halved)):
         return None
-    level = ends.measure_distance(base, tighter, np.eye(3))
-    growth = ends.measure_distance(base, nudged, np.eye(3)) / (_read_perturbation(nudged) * base.length_scale_m)
-    step = 0.0 if halved is None else ends.measure_distance(base, halved, np.eye(3))
+    level = _measure_distance(read, base, tighter, np.eye(3))
+    growth = _measure_distance(read, base, nudged, np.eye(3)) / (_read_perturbation(nudged) * base.length_scale_m)
+    step = 0.0 if halved is None else _measure_distance(read, base, halved, np.eye(3))
     return Yardstick(level, step, growth, base.steps, base.length_scale_m)
 
 
@@ -231,17 +168,17 @@ def _least_growth(base: RunRecord, found: Iterable[tuple[RunRecord, Yardstick]])
 
 def _prepare_row(base: RunRecord, check: str, *runs: RunRecord) -> Callable[..., Symmetry]:
     """Return a function that makes the row of ``check`` for these runs, given the verdict and the measured numbers."""
-    options, variant = json.loads(base.solver_options), base.case.split(" ")[0]
+    options, variant = dict(base.options), base.case.split(" ")[0]
     ids = tuple(r.settings_id for r in runs)
     return functools.partial(Symmetry, base.solver, options, check, base.problem, variant, ids)
 
 
-def _judge(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, ends: _Ends) -> Symmetry:
+def _judge(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, read: ReadEnd) -> Symmetry:
     """Return the verdict on whether ``r`` ends where ``base`` ends; they differ by the presentation ``change`` alone.
 
     ``yard`` is the allowed difference, None if a run that it is measured from failed.
     """
-    value = _parse(r.problem_parameters)[change]
+    value = r.parameters[change]
     made = _prepare_row(base, CHANGES[change], base, r)
     if change.startswith("unit_"):
         made = functools.partial(made, factor=float(value))
@@ -251,22 +188,28 @@ def _judge(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, e
         return made("failed", UnjudgedSymmetry.BOUND)
     if r.claimed != "success":
         return made(_describe_ending(r), UnjudgedSymmetry.PRESENTED, r.status, describe_ending(r))
-    end = ends.of(base)
+    end = read(base)
     if change == "renumber" and end is not None and len(end[0]) == 1:
         return made("not applicable", UnjudgedSymmetry.SINGLE)
+    deviation = measure_deviation(base, r, read)
     if change == "retrace":
-        deviation = float(np.maximum(r.return_error_m, r.length_scale_m * r.return_error_rad))
+        yard = replace(yard, grown=yard.return_factor)
         if math.isnan(deviation):
-            return made(
-                "failed",
-                UnjudgedSymmetry.WAY_BACK,
-                "",
-                *json.loads(r.notes)[-1:],
-                bound=yard.bound * yard.return_factor,
-            )
-        return _compare(made, deviation, yard, yard.return_factor)
-    turned = np.eye(3) if end is None else _find_rotation(change, value, end[2])
-    return _compare(made, ends.measure_distance(base, r, turned), yard)
+            return made("failed", UnjudgedSymmetry.WAY_BACK, "", *r.note_lines[-1:], bound=yard.bound)
+    return _compare(made, deviation, yard)
+
+
+def measure_deviation(base: RunRecord, r: RunRecord, read: ReadEnd) -> float:
+    """Return how far ``r``, a presentation of ``base``, ends from it, or from its start after a way back [m].
+
+    NaN if one of them has no end.
+    """
+    change = _find_change(base, r)
+    if change == "retrace":
+        return float(np.maximum(r.return_error_m, r.length_scale_m * r.return_error_rad))
+    end = read(base)
+    turned = np.eye(3) if end is None else _find_rotation(change, r.parameters[change], end[2])
+    return _measure_distance(read, base, r, turned)
 
 
 def _judge_planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> Symmetry | None:
@@ -283,26 +226,21 @@ def _judge_planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> S
     return _compare(functools.partial(made, presented=CHANGES.get(change, "")), r.out_of_plane_max_m, yard)
 
 
-def _compare(made: Callable[..., Symmetry], deviation: float, yard: Yardstick, grown: float = 1.0) -> Symmetry:
+def _compare(made: Callable[..., Symmetry], deviation: float, yard: Yardstick) -> Symmetry:
     """Return the row of a check, with the verdict on a deviation [m] against the allowed difference.
 
-    ``made`` makes the row from verdict and numbers; ``grown`` multiplies all that is allowed.
+    ``made`` makes the row from verdict and numbers.
     """
-    exact, bound = yard.exact * grown, yard.bound * grown
-    if not math.isfinite(deviation) or not math.isfinite(bound):
-        return made(
-            "failed", UnjudgedSymmetry.END if not math.isfinite(deviation) else UnjudgedSymmetry.BOUND, bound=bound
-        )
-    kept = yard.halved > 0.0 and deviation <= exact
-    verdict: SymmetryVerdict = "broken"
-    if deviation <= (1.0 + UNSURE) * bound:
-        verdict = "undecided" if deviation > bound or (exact if kept else bound) > yard.size else "holds"
+    if not math.isfinite(deviation) or not math.isfinite(yard.bound):
+        lost = UnjudgedSymmetry.BOUND if math.isfinite(deviation) else UnjudgedSymmetry.END
+        return made("failed", lost, bound=yard.bound)
+    verdict = yard.judge(deviation)
     return made(
         verdict,
         deviation=deviation,
-        bound=bound,
-        exact=None if yard.halved == 0.0 else kept and verdict == "holds",
-        exact_bound=exact,
+        bound=yard.bound,
+        exact=None if yard.halved == 0.0 else yard.is_exact(deviation) and verdict == "holds",
+        exact_bound=yard.exact,
         level=yard.level,
         halved=yard.halved,
         rounding=yard.rounding / SLACK,

@@ -19,7 +19,8 @@ from jaxtyping import Float
 from scipy.optimize import bisect
 from scipy.special import chdtrc, stdtr
 
-LEVEL = 0.95  # the customary level: 0.9 makes an interval a sixth narrower, 0.99 a third wider
+from ...order import LEVEL
+
 TAIL = 0.5 - 0.5 * LEVEL  # probability outside the interval, on either side
 FEWEST = 8  # least number of blocks: six degrees of freedom
 RATIOS = np.concatenate(([0.0], np.logspace(-3.0, 4.0, 57)))  # values of lambda

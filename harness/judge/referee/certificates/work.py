@@ -8,22 +8,22 @@ that are predictable to their end; points are of all variants. Further profiles 
 """
 
 import itertools
-import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ....columns.declared.errors import find_judged_reference_error
 from ....mechanics.types import Status
 from ....results.judgements.runs import Targets, Work, WorkPoint, WorkProfile
-from ....results.records import RunRecord, find_judged_reference_error, is_literal
+from ....results.least_cost import choose_error, find_cheapest
+from ....results.records import RunRecord, is_literal
 from ....results.work import count_evaluations, count_index_1_evaluations, operations
+from ...distance import RESOLVED
+from ..claims.measures import reached_end
 from .symmetries import CHANGES
 
 TARGETS = tuple(10.0 ** (-0.5 * k) for k in range(2, 19))  # 1e-1 to 1e-9 of the size (or of 1 rad)
-OWN = 3.0  # multiple of the reference's stated error below which nothing is judged
-EXACT = 1e-12  # fraction of the size: if all positions are this exact, orientations are compared
-END = 1e-9  # relative: times are sums of steps, and a million roundings add up to 1e-10
 FEWEST = 2  # least number of solvers on a variant
 JUDGED = 0.9  # fraction of the simulated time that must be judged: a chaotic rest costs work uncompared
 REGULAR = 0.5  # fraction of the variants: a solver tried on fewer does not exclude variants
@@ -63,7 +63,7 @@ class Field:
     @property
     def targets(self) -> tuple[float, ...]:
         """The error levels of the variant, in ``unit``, that the reference is precise enough to judge."""
-        return tuple(target * self.size for target in TARGETS if target * self.size >= OWN * self.own)
+        return tuple(target * self.size for target in TARGETS if target * self.size >= RESOLVED * self.own)
 
 
 def collect_work(folder: Path, records: Iterable[RunRecord]) -> Work:
@@ -91,7 +91,7 @@ def _collect_fields(records: Iterable[RunRecord]) -> list[Field]:
     """
     groups: dict[tuple[str, str], list[RunRecord]] = {}
     for r in sorted(records, key=lambda r: (r.problem, r.case, r.finished)):
-        if not ({*CHANGES, "perturb"} & json.loads(r.problem_parameters).keys()) and not is_literal(r):
+        if not ({*CHANGES, "perturb"} & r.parameters.keys()) and not is_literal(r):
             groups.setdefault((r.problem, r.problem_parameters), []).append(r)
     fields = [f for own in groups.values() if (f := _make_field(own)) is not None]
     return [f for f in fields if len({r.solver for r in f.runs if _is_sound(r)}) >= FEWEST]
@@ -106,19 +106,16 @@ def _make_field(all_runs: Sequence[RunRecord]) -> Field | None:
     if not runs:
         return None
     tried = frozenset(r.solver for r in all_runs)
-    first = runs[0]
-    length = first.length_scale_m if first.length_scale_m > 0.0 else 1.0
-    own = max(find_judged_reference_error(r) for r in runs)
-    moved = any(r.position_error_judged_m > EXACT * length for r in runs)
-    variant = first.case.split(" ")[0]
-    if moved:
-        return Field(variant, runs, tried, "position error", "m", length, own)
-    return Field(variant, runs, tried, "orientation error", "rad", 1.0, own / length)
+    name, unit = choose_error(runs)
+    length = runs[0].length_scale_m if runs[0].length_scale_m > 0.0 else 1.0
+    own, variant = max(find_judged_reference_error(r) for r in runs), runs[0].case.split(" ")[0]
+    size, own = (length, own) if unit == "m" else (1.0, own / length)
+    return Field(variant, runs, tried, name.replace("_", " "), unit, size, own)
 
 
 def _is_sound(r: RunRecord) -> bool:
     """Return whether a run reached its end and kept all laws."""
-    return Status(r.status).lawful and r.t_reached_s >= r.t_end_s * (1.0 - END)
+    return Status(r.status).lawful and reached_end(r)
 
 
 def _make_points(f: Field) -> list[WorkPoint]:
@@ -170,8 +167,7 @@ def _make_profiles(
         reached = []
         for f in fields:
             runs = [r for r in f.runs if r.solver == solver and _is_sound(r) and counts(r) and not math.isnan(of(r))]
-            costs = [[of(r) for r in runs if f.error(r) <= target] for target in f.targets]
-            reached += [min(c) for c in costs if c]
+            reached += [of(r) for t in f.targets if (r := find_cheapest(runs, t, f.error, of)) is not None]
         if reached or name != "factorisations":
             out.append(WorkProfile(solver, name, total, tuple(sorted(reached))))
     return tuple(out)

@@ -1,5 +1,9 @@
 """Try the paper's claims, given as data, over maps of settings.
 
-The entry points are ``count.judge``, which judges a register from records, and ``evidence.evaluate(metric, record,
+The entry points are ``judging.judge``, which judges a register from records, and ``measures.evaluate(metric, record,
 series, arguments)``, which measures one number of one run.
 """
+
+from . import equations, metrics  # enter their measures
+
+__all__ = ["equations", "metrics"]

@@ -6,7 +6,6 @@ stopped before one step of its allowed size has no motion to judge. Such runs de
 certain when they ended.
 """
 
-import json
 import math
 from functools import cache
 
@@ -16,11 +15,11 @@ from ....catalogue import registry
 from ....mechanics.types import EndCause, Status
 from ....results.judgements.claims import Ending
 from ....results.provisional import is_provisional
-from ....results.records import RunRecord
+from ....results.records import RunRecord, parse_settings
 from ....results.series import Series
-from .measures import END, MEASURES, reached_end
+from .measures import END, reached_end
+from .metrics import START_UP
 from .register import Test
-from .steps import START_UP
 
 LAST = 0.1  # fraction of the steps, at the end, that define a run's pace
 STUCK = 0.01  # fraction of the requested step: a pace below it needs more than a hundred times the steps
@@ -32,20 +31,16 @@ def classify_ending(record: RunRecord, series: Series | None = None) -> Ending:
     if ended_by_machine(record):
         return Ending.MACHINE
     if ended_by_budget(record):
-        return Ending.FINAL if series is None or is_stuck(record, measure_pace(record, series)) else Ending.SLOW
+        # stuck: its steps have shrunk a hundredfold, and its end is far
+        pace = 0.0 if series is None else measure_pace(record, series)
+        rest = record.t_end_s - record.t_reached_s
+        is_stuck = pace < STUCK * find_largest_step(record) and rest > HOPELESS * record.max_steps * pace
+        return Ending.FINAL if series is None or is_stuck else Ending.SLOW
     if ended_by_open_joint(record):
         return Ending.APART
-    return Ending.FINAL if has_started(record) else Ending.NO_START
-
-
-def has_started(record: RunRecord) -> bool:
-    """Return whether a run took one step of its allowed size, reached its end, or was refused.
-
-    Else its start failed.
-    """
-    if reached_end(record) or record.status == Status.REFUSED:
-        return True
-    return record.steps > 0 and not record.t_reached_s < largest_step(record)
+    # one that reached its end or was refused is final, and so is one that took a step of its allowed size
+    started = record.steps > 0 and not record.t_reached_s < find_largest_step(record)
+    return Ending.FINAL if reached_end(record) or record.status == Status.REFUSED or started else Ending.NO_START
 
 
 def stops_in_start_up(record: RunRecord) -> bool:
@@ -62,13 +57,13 @@ def ended_by_open_joint(record: RunRecord) -> bool:
     stopped = record.status in (Status.DIVERGED, Status.SINGULAR) and not reached_end(record)
     if not stopped or record.control == "dt" or math.isnan(record.phi_end):
         return False
-    return bool(record.phi_end > _longest_arm(record.problem, record.problem_parameters))
+    return bool(record.phi_end > _measure_longest_arm(record.problem, record.problem_parameters))
 
 
 @cache
-def _longest_arm(problem: str, parameters: str) -> float:
+def _measure_longest_arm(problem: str, parameters: str) -> float:
     """Return the largest component of a joint's arm [m]; infinite without an arm."""
-    system = registry.make_problem(problem, json.loads(parameters)).system
+    system = registry.make_problem(problem, parse_settings(parameters)).system
     longest = max(float(np.max(np.abs(a), initial=0.0)) for a in (system.joint_s_i, system.joint_s_j))
     return longest or math.inf
 
@@ -92,55 +87,35 @@ def measure_pace(record: RunRecord, series: Series) -> float:
     return float(t[-1] - t[k]) / (record.steps * (1.0 - k / (len(t) - 1))) if len(t) > 1 else 0.0
 
 
-def is_stuck(record: RunRecord, pace: float) -> bool:
-    """Return whether a run has shrunk its steps a hundredfold and is far from its end, at ``pace`` [s] a step."""
-    rest = record.t_end_s - record.t_reached_s
-    return pace < STUCK * largest_step(record) and rest > HOPELESS * record.max_steps * pace
-
-
-def largest_step(record: RunRecord) -> float:
+def find_largest_step(record: RunRecord) -> float:
     """Return the step that the run may take: its limit or its dt, else the largest it took [s]."""
     return next((s for s in (record.max_step_s, record.dt_s) if not math.isnan(s)), record.step_max_s)
 
 
-def is_settled(test: Test, record: RunRecord, how: Ending, value: float) -> bool:
-    """Return whether a run that ended as ``how`` settles a test: continuing it could not change whether the test holds.
-
-    ``value`` is the number that the test measures on the run.
-    """
-    if covers_interval(test, record, how):
+def is_final(test: Test, record: RunRecord, how: Ending) -> bool:
+    """Return whether a run that ended as ``how`` is final, or completed the interval of time of the test."""
+    if how is Ending.FINAL:
         return True
-    m = MEASURES[test.metric]
-    if how is Ending.NO_START:
-        return False
+    return test.measure.until == "to" and record.t_reached_s >= _find_moment(test) * (1.0 - END)
+
+
+def reaches_time(test: Test, record: RunRecord) -> bool:
+    """Return whether the run reached the time of the test, or its end if the test concerns the whole run."""
+    moment = math.inf if test.measure.until == "end" else _find_moment(test)
+    return bool(record.t_reached_s >= min(moment, record.t_end_s) * (1.0 - END))  # False for NaN
+
+
+def is_decided(test: Test, record: RunRecord, value: float) -> bool:
+    """Return whether no continuation of a run could change if its number ``value`` lies in the band of the test."""
+    m = test.measure
     if m.until == "known" and math.isfinite(value):
         return True
     if not m.grows or "_max" not in test.arguments.get("name", "_max"):
         return False
     least = min(value, record.t_reached_s) if m.until == "known" else value  # events that have not happened come later
-    return least > test.band.high or (least >= test.band.low and math.isinf(test.band.high))
+    return least > test.at_most or (least >= test.at_least and math.isinf(test.at_most))  # False for NaN
 
 
-def ends_early(test: Test, record: RunRecord, value: float) -> bool:
-    """Return whether an early stop leaves the test open, because the missing rest might change its number ``value``.
-
-    Measures ``of_end`` concern the end itself and are decided by it.
-    """
-    if MEASURES[test.metric].of_end or reaches_time(test, record):
-        return False
-    return math.isnan(value) or not is_settled(test, record, Ending.EARLY, value)
-
-
-def reaches_time(test: Test, record: RunRecord) -> bool:
-    """Return whether the run reached the time of the test, or its end if the test concerns the whole run."""
-    until = test.arguments.get("to", test.arguments.get("at", math.inf))
-    moment = record.t_end_s if MEASURES[test.metric].until == "end" else min(until, record.t_end_s)
-    return bool(record.t_reached_s >= moment * (1.0 - END))  # False for NaN
-
-
-def covers_interval(test: Test, record: RunRecord, how: Ending) -> bool:
-    """Return whether a run that ended as ``how`` is final, or completed the interval of time of the test."""
-    if how is Ending.FINAL:
-        return True
-    until = test.arguments.get("to", test.arguments.get("at", math.inf))
-    return MEASURES[test.metric].until == "to" and record.t_reached_s >= until * (1.0 - END)
+def _find_moment(test: Test) -> float:
+    """Return the time at which the number of a test is known [s]; infinite if it concerns the whole run."""
+    return float(test.arguments.get("to", test.arguments.get("at", math.inf)))

@@ -1,28 +1,34 @@
-"""Measure a problem's equations, which no run changes: sizes, and the operators of Lagrange and Newton."""
+"""Measure a problem's equations at its start: sizes, operators, the condition of Newton's matrix, and Eq. (32)."""
 
-import json
+from functools import cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
+import scipy.linalg as sl
+from jaxtyping import Float
 
 from ....catalogue import registry
 from ....mechanics.jacobian import constraint_jacobian
+from ....mechanics.motion import applied_loads
+from ....mechanics.so3 import exp
+from ....mechanics.state import State, States
 from ....mechanics.system import MultibodySystem
-from ....results.records import RunRecord
+from ....results.records import RunRecord, parse_settings
 from ....results.series import Series
 from .measures import NAN, measure
 
 STATES = 5  # number of states at which the operators are compared
+LITTLE = 1e-6  # step of differences [m, rad, N s]: rounding and the second-order term are both 1e-9 of it
 
 
-@measure("of", series=False, until="known", of_problem=True, natural="firm")
+@measure(needs_series=False, until="known", of_problem=True, natural="firm")
 def number(record: RunRecord, series: Series | None, of: str) -> float:
     """Return how many bodies, joints, coordinates (six per body), constraint rows or freedoms the problem has.
 
     ``of`` is that word: ``bodies``, ``joints``, ``coordinates``, ``rows`` or ``freedoms``; any other gives NaN.
     """
-    problem = registry.make_problem(record.problem, json.loads(record.problem_parameters))
+    problem = registry.make_problem(record.problem, record.parameters)
     system = problem.system
     if of == "freedoms":
         return float(6 * system.nb - np.linalg.matrix_rank(constraint_jacobian(system, problem.initial).toarray()))
@@ -30,7 +36,7 @@ def number(record: RunRecord, series: Series | None, of: str) -> float:
     return float(sizes.get(of, NAN))
 
 
-@measure("of", series=False, until="known", of_problem=True, natural="firm")
+@measure(needs_series=False, until="known", of_problem=True, natural="firm")
 def operators(record: RunRecord, series: Series | None, of: str) -> float:
     """Return the largest relative difference between the operator of Lagrange, Eq. (45), and Newton's, for one body.
 
@@ -38,7 +44,7 @@ def operators(record: RunRecord, series: Series | None, of: str) -> float:
     basis`` (in Euler angles, converted to the body frame), ``body frame`` (of velocities in that frame), or
     ``corrected`` (the latter with the terms of Eq. (47), c_ki^m p_m v^k, added); any other gives NaN.
     """
-    compared = _operators(registry.make_problem(record.problem, json.loads(record.problem_parameters)).system)
+    compared = _operators(registry.make_problem(record.problem, record.parameters).system)
     random, worst = np.random.default_rng(0), 0.0
     for _ in range(STATES):
         newton, *others = (np.array(x).ravel() for x in compared(*random.uniform(0.3, 1.3, (3, 3))))
@@ -83,3 +89,127 @@ def _operators(system: MultibodySystem) -> Any:
 def _sign(i: int, k: int, m: int) -> int:
     """Return the structure constant of the body frame's axes, [e_i, e_k] = sign e_m: 1, -1 or 0."""
     return (i - k) * (k - m) * (m - i) // 2
+
+
+@measure(needs_series=False, until="known", natural="one")
+def condition(record: RunRecord, series: Series | None, of: str) -> float:
+    """Return the condition number of the unscaled Newton matrix at the run's step or step limit, in SI units.
+
+    ``of`` names the equations. ``ODE-GC``: (74), (75) for velocities and nu at the start. ``index 3``: one step of
+    the implicit Euler formula for poses, velocities and multipliers, leading terms only. NaN for any other, or if
+    the run has neither a step nor a step limit.
+    """
+    h = record.dt_s if record.dt_s == record.dt_s else record.max_step_s
+    make = {"ODE-GC": newton_matrix, "index 3": index3_matrix}.get(of)
+    return NAN if make is None or h != h else _condition(make, record.problem, record.problem_parameters, h)
+
+
+@measure(needs_series=False, until="known", of_problem=True)
+def eq_32(record: RunRecord, series: Series | None, of: str) -> float:
+    """Return the least M_bar = c . M c or C_bar = -c . (df/dv) c of Eq. (32) over all constraint rows, at the start.
+
+    ``of`` is ``inertia`` for M_bar or ``damping`` for C_bar; any other gives NaN. For a row a of the constraint
+    Jacobian, c is a / (a . a), Eq. (31).
+    """
+    problem = registry.make_problem(record.problem, record.parameters)
+    system, s = problem.system, problem.initial
+    A = constraint_jacobian(system, s).toarray()
+    c = A / np.sum(A * A, axis=1, keepdims=True)
+    if of == "inertia":
+        return float(np.min(np.einsum("ai,ij,aj->a", c, _mass(system), c)))
+    if of != "damping":
+        return NAN
+    v, still = _velocities(s), np.zeros(6 * system.nb)
+    loads = [_loads(system, _move_pose(s, still, v + sign * LITTLE * row)) for row in c for sign in (1.0, -1.0)]
+    slopes = (np.array(loads[::2]) - np.array(loads[1::2])) / (2.0 * LITTLE)
+    return float(np.min(-np.sum(slopes * c, axis=1))) + 0.0  # turns -0 into 0
+
+
+@cache
+def _condition(make: object, problem: str, parameters: str, h: float) -> float:
+    """Return the condition number of the matrix that ``make`` returns for a problem's start and a step ``h`` [s]."""
+    made = registry.make_problem(problem, parse_settings(parameters))
+    return float(np.linalg.cond(make(made.system, made.initial, h)))  # type: ignore[operator]
+
+
+def newton_matrix(system: MultibodySystem, s: State, dt: float) -> Float[np.ndarray, "n n"]:
+    """Return the Newton matrix d(residual)/d(v, nu) of the first ODE-GC step, of length ``dt`` [s], with mu0 = 0.
+
+    The derivatives are central differences; rotations are in body frames.
+    """
+    v, n = _velocities(s), 6 * system.nb
+    A = constraint_jacobian(system, s).toarray()
+    nu = -dt * np.linalg.lstsq(A.T, _loads(system, s), rcond=None)[0]
+    x = np.concatenate((v, nu))
+    moved = [_residual(system, s, dt, x + sign * LITTLE * e, n) for e in np.eye(len(x)) for sign in (1.0, -1.0)]
+    return (np.array(moved[::2]) - np.array(moved[1::2])).T / (2.0 * LITTLE)
+
+
+def _residual(system: MultibodySystem, s: State, dt: float, x: np.ndarray, n: int) -> np.ndarray:
+    """Return the residual of a step of ODE-GC from ``s`` at the unknowns ``x``: ``n`` velocities, then nu.
+
+    It is (74) with nu0 = 0 and without f_bar, and phi_dot of (75), both at the end of the step of ``dt`` [s]. Rotations
+    are in body frames.
+    """
+    v0, v1, nu = _velocities(s), x[:n], x[n:]
+    end = _move_pose(s, 0.5 * dt * (v0 + v1), v1)
+    wrench = _wrench(system, end, nu)
+    ahead, behind = (_wrench(system, _move_pose(end, sign * LITTLE * v1, v1), nu) for sign in (1.0, -1.0))
+    rate = (ahead - behind) / (2.0 * LITTLE)
+    before = _rotate_rows(s, _mass(system) @ v0 + 0.5 * dt * _loads(system, s))
+    after = _rotate_rows(end, _mass(system) @ v1 - 0.5 * dt * _loads(system, end))
+    change = after - before - wrench + 0.5 * dt * rate
+    return np.concatenate((_rotate_rows(end, change, back=True), constraint_jacobian(system, end) @ v1))
+
+
+def index3_matrix(system: MultibodySystem, s: State, h: float) -> Float[np.ndarray, "n n"]:
+    """Return the Newton matrix of an implicit Euler step of length ``h`` [s] for the index-3 equations, leading terms.
+
+    It is [[I/h, -I, 0], [0, M/h, -A^T], [A, 0, 0]] of q' = u, M u' = f + A^T lam, phi(q) = 0.
+    """
+    A, M, one = constraint_jacobian(system, s).toarray(), _mass(system), np.eye(6 * system.nb)
+    nr, n = A.shape
+    return np.block(
+        [
+            [one / h, -one, np.zeros((n, nr))],
+            [np.zeros((n, n)), M / h, -A.T],
+            [A, np.zeros((nr, n)), np.zeros((nr, nr))],
+        ]
+    )
+
+
+def _mass(system: MultibodySystem) -> np.ndarray:
+    """Return the mass matrix of all bodies: masses in space, inertias about C in body frames."""
+    blocks = zip(system.mass, system.inertia, strict=True)
+    return np.asarray(sl.block_diag(*(x for m, J in blocks for x in (m * np.eye(3), J))))
+
+
+def _velocities(s: State) -> np.ndarray:
+    """Return (v, Omega) of all bodies in one vector, six numbers per body."""
+    return np.concatenate((s.v, s.Omega), axis=1).ravel()
+
+
+def _move_pose(s: State, way: np.ndarray, v: np.ndarray) -> State:
+    """Return the state with its pose moved by ``way`` and with the velocities ``v``, vectors of all bodies.
+
+    ``way`` holds translations in space and rotation vectors in the body frame.
+    """
+    each, own = way.reshape(-1, 6), v.reshape(-1, 6)
+    return State(s.r + each[:, :3], s.R @ exp(each[:, 3:]), own[:, :3], own[:, 3:], s.t)
+
+
+def _loads(system: MultibodySystem, s: State) -> np.ndarray:
+    """Return the applied loads [N, N m] in one vector: forces in space, moments in body frames."""
+    return np.asarray(applied_loads(system, States.one(s))[0]).ravel()
+
+
+def _wrench(system: MultibodySystem, s: State, nu: np.ndarray) -> np.ndarray:
+    """Return D nu in the space frame: the forces and moments of the constraint rows with multipliers ``nu``."""
+    return _rotate_rows(s, constraint_jacobian(system, s).T @ nu)
+
+
+def _rotate_rows(s: State, wrench: np.ndarray, *, back: bool = False) -> np.ndarray:
+    """Rotate the moments in a vector of forces and moments from body frames to space or, with ``back``, back."""
+    each = wrench.reshape(-1, 6)
+    turned = np.einsum("bji,bj->bi" if back else "bij,bj->bi", s.R, each[:, 3:])
+    return np.concatenate((each[:, :3], turned), axis=1).ravel()

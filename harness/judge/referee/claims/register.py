@@ -14,12 +14,17 @@ from msgspec import Meta, field
 from ....base.files import FileError, parse_toml, read_text
 from ....base.hints import suggest_name
 from ....base.shapes import LARGEST, Shape, Text, convert_shape
-from .evidence import MEASURES
-from .predicates import COMBINE, COMPARE, NEAREST, Band
+from .bands import COMBINE, COMPARE, NEAREST, Band
+from .measures import MEASURES, Measure
 
 REGISTER = Path(__file__).resolve().parents[4] / "results" / "claims.toml"
 PRESENTATION = "presentation"  # a check that a problem is presented as in the paper, not a result about a solver
-CHOICES = {"metric": tuple(MEASURES), "combine": (*COMBINE, NEAREST, ""), "compare": (*COMPARE, "")}
+CHOICES: Mapping[str, Mapping[str, Any]] = {
+    "metric": MEASURES,
+    "combine": {**COMBINE, NEAREST: None},
+    "compare": COMPARE,
+}
+MAPS = ("map", "against", "control")  # keys of a claim that name a map
 Names = str | tuple[str, ...]
 
 
@@ -33,6 +38,25 @@ class Test(Shape, frozen=True):
     combine: str = ""  # how the values along ``across`` are combined
     compare: str = ""  # how the value is compared with those of the map ``against``
     arguments: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raise ValueError if an argument or the band is missing, or the band is empty."""
+        if absent := [k for k in self.measure.wants if k not in self.arguments]:
+            raise ValueError(f"metric {self.metric} needs {absent[0]}")
+        if math.isinf(self.at_least) and math.isinf(self.at_most):
+            raise ValueError("a band is needed: at_least, at_most or both")
+        if self.at_least > self.at_most:
+            raise ValueError(f"the band is empty: at_least {self.at_least:g} is above at_most {self.at_most:g}")
+
+    @property
+    def measure(self) -> Measure:
+        """The function that measures the number, with what it depends on."""
+        return MEASURES[self.metric]
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """The metric with its arguments; tests that differ in their bands alone share it."""
+        return self.metric, repr(sorted(self.arguments.items()))
 
     @property
     def band(self) -> Band:
@@ -72,6 +96,11 @@ class Need(Shape, frozen=True):
     observable: str = ""  # ``problem.name``
     given: str = ""  # data that only the authors have, in words
 
+    def __post_init__(self) -> None:
+        """Raise ValueError unless one thing is needed."""
+        if sum(map(bool, (self.solver, self.observable, self.given))) != 1:
+            raise ValueError("give one of solver, observable, given, and why")
+
 
 class Claim(Shape, frozen=True):
     """A claim of the paper."""
@@ -98,6 +127,42 @@ class Claim(Shape, frozen=True):
     kind: Literal["result", "presentation"] = "result"
     starting: bool = False  # True if about starting: a run that took no step counts
     summary: bool = False  # True for a statement of the abstract or the conclusions, shown first
+
+    def __post_init__(self) -> None:
+        """Raise ValueError if a key is given without the one that it goes with."""
+        if not self.needs and not (self.tests and self.map):
+            raise ValueError("add `map` and `[[tests]]`, or say under `needs` why the claim cannot be tested")
+        if len({t.combine == NEAREST for t in self.tests}) > 1:
+            raise ValueError(f"combine = {NEAREST!r} goes with all tests or none: one and the same run meets them")
+        for k, t in enumerate(self.tests):
+            for one, other in (("combine", "across"), ("compare", "against")):
+                if bool(getattr(t, one)) != bool(getattr(self, other)):
+                    raise ValueError(f"test {k + 1}: {one} goes with {other}, and {other} with {one}")
+        if (self.along != 2 or self.ranges) and not self.across:
+            raise ValueError("along and ranges go with across")
+        for key in ("at_equal_work", "must_act"):
+            if getattr(self, key) and self.against is None:
+                raise ValueError(f"{key} goes with against")
+
+    @property
+    def maps(self) -> tuple["Map | None", ...]:
+        """The maps of its runs, of those that they are compared with, and of its control."""
+        return self.map, self.against, self.control
+
+    @property
+    def one_suffices(self) -> bool:
+        """True if one value along ``across`` that meets all tests suffices for the claim."""
+        return any(t.combine == NEAREST for t in self.tests)
+
+    @property
+    def asks_when(self) -> bool:
+        """True if a number is the time at which a run stopped."""
+        return any(t.measure.of_stopped for t in self.tests)
+
+    @property
+    def is_of_problem(self) -> bool:
+        """True if the problem alone is measured, so that no setting of a solver matters."""
+        return all(t.measure.of_problem for t in self.tests)
 
 
 @dataclass(frozen=True)
@@ -127,102 +192,66 @@ def parse_register(text: str, where: str = "claims") -> Register:
     file = convert_shape(parse_toml(text, where), _File, where)
     maps: dict[str, Map] = {}
     for name, row in file.maps.items():
-        maps[name] = _map(name, row, maps, f"{where}: maps.{name}")
+        maps[name] = _read_map(name, row, maps, f"{where}: maps.{name}")
     claims: dict[str, Claim] = {}
     for k, row in enumerate(file.claims):
         at = f"{where}: claim {row['id']!r}" if isinstance(row.get("id"), str) else f"{where}: claim {k + 1}"
-        claim = _claim(row, maps, at)
+        tests = row.get("tests", [])
+        if isinstance(tests, list):
+            tests = [_read_test(t, f"{at}: test {j + 1}") if isinstance(t, dict) else t for j, t in enumerate(tests)]
+        named = {key: _find(row[key], maps, "map", f"{at}: {key}") for key in MAPS if key in row}
+        claim = convert_shape({**row, "tests": tests, **named}, Claim, at)
         if claim.id in claims:
             raise FileError(f"{at}: the id is taken")
         claims[claim.id] = claim
     return Register(tuple(claims.values()), maps, file.solvers)
 
 
-def _claim(row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Claim:
-    """Return the claim in a row of the register; raise FileError, which begins with its place ``at``, if invalid."""
-    tests = row.get("tests", [])
-    if isinstance(tests, list):
-        tests = [_test(t, f"{at}: test {k + 1}") if isinstance(t, dict) else t for k, t in enumerate(tests)]
-    named = {k: _find_map(row[k], maps, f"{at}: {k}") for k in ("map", "against", "control") if k in row}
-    claim = convert_shape({**row, "tests": tests, **named}, Claim, at)
-    for k, need in enumerate(claim.needs):
-        if sum(map(bool, (need.solver, need.observable, need.given))) != 1:
-            raise FileError(f"{at}: needs {k + 1}: give one of solver, observable, given, and why")
-    if not claim.needs and not (claim.tests and claim.map):
-        raise FileError(f"{at}: add `map` and `[[tests]]`, or say under `needs` why the claim cannot be tested")
-    if len({t.combine == NEAREST for t in claim.tests}) > 1:
-        raise FileError(f"{at}: combine = {NEAREST!r} goes with all tests or none: one and the same run meets them")
-    for k, t in enumerate(claim.tests):
-        if bool(t.combine) != bool(claim.across):
-            raise FileError(f"{at}: test {k + 1}: combine goes with across, and across with combine")
-        if ("along" in row or claim.ranges) and not claim.across:
-            raise FileError(f"{at}: along and ranges go with across")
-        if claim.at_equal_work and claim.against is None:
-            raise FileError(f"{at}: at_equal_work goes with against")
-        if claim.must_act and claim.against is None:
-            raise FileError(f"{at}: must_act goes with against")
-        if bool(t.compare) != (claim.against is not None):
-            raise FileError(f"{at}: test {k + 1}: compare goes with against, and against with compare")
-    return claim
+def _read_test(row: dict[str, Any], at: str) -> Test:
+    """Return the test in a row of a claim; raise FileError, which begins with its place ``at``, if it is invalid.
 
-
-def _test(row: dict[str, Any], at: str) -> Test:
-    """Return the test in a row of a claim; raise FileError if a name is unknown or an argument or band missing."""
-    metric = row.get("metric", "")
+    The keys that its metric takes are its arguments.
+    """
     for key, known in CHOICES.items():
-        if (given := row.get(key, known[-1])) not in known:
-            raise FileError(f"{at}: unknown {key} {given!r}{suggest_name(str(given), [k for k in known if k])}")
-    takes, wants = (MEASURES[metric].takes, MEASURES[metric].wants) if metric else ((), ())
-    arguments = {k: v for k, v in row.items() if k in takes}
+        if key in row:
+            _find(row[key], known, key, at)
+    takes = MEASURES[row["metric"]].takes if "metric" in row else ()
     rest = {k: v for k, v in row.items() if k not in takes}
-    test = convert_shape({**rest, "arguments": arguments}, Test, at)
-    if absent := [k for k in wants if k not in row]:
-        raise FileError(f"{at}: metric {metric} needs {absent[0]}")
-    if math.isinf(test.at_least) and math.isinf(test.at_most):
-        raise FileError(f"{at}: a band is needed: at_least, at_most or both")
-    if test.at_least > test.at_most:
-        raise FileError(f"{at}: the band is empty: at_least {test.at_least:g} is above at_most {test.at_most:g}")
-    return test
+    return convert_shape({**rest, "arguments": {k: v for k, v in row.items() if k in takes}}, Test, at)
 
 
-def _map(name: str, row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Map:
-    """Return the map in a row of the register, with selections of other maps inserted.
+def _read_map(name: str, row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Map:
+    """Return the map in a row of the register; raise FileError, which begins with its place ``at``, if it is invalid.
 
-    Raise FileError if it is invalid.
+    A selection with the key ``map`` stands for those of another map, with its other keys changed.
     """
     printed, over = row.get("printed", []), row.get("over")
     if isinstance(over, list):
-        over = [s for k, given in enumerate(over) for s in _selections(given, maps, f"{at}: selection {k + 1}")]
-    printed = [_one_a_key(p) for p in ([printed] if isinstance(printed, dict) else printed)]
+        selections = []
+        for k, given in enumerate(map(_split_keys, over)):
+            if isinstance(given, dict) and "map" in given:
+                base = _find(given.pop("map"), maps, "map", f"{at}: selection {k + 1}").over
+                selections += [{**s, **given} for s in base]
+            else:
+                selections.append(given)
+        over = selections
+    printed = [_split_keys(p) for p in ([printed] if isinstance(printed, dict) else printed)]
     found = convert_shape({**row, "name": name, "over": over, "printed": printed}, Map, at)
     for k, selection in enumerate(found.over):
         convert_shape(selection, Selection, f"{at}: selection {k + 1}")
-        for name, value in selection.items():
+        for key, value in selection.items():
             if isinstance(value, dict):
-                convert_shape(value, Range, f"{at}: selection {k + 1}: {name}")
+                convert_shape(value, Range, f"{at}: selection {k + 1}: {key}")
     return found
 
 
-def _selections(given: Any, maps: Mapping[str, Map], at: str) -> list[Any]:
-    """Return the selections that an entry of a map's ``over`` represents.
-
-    The entry is a selection itself, or its key ``map`` names another map, whose selections are taken with the other
-    keys of the entry changed.
-    """
-    own = _one_a_key(given)
-    if not isinstance(own, dict) or "map" not in own:
-        return [own]
-    rest = {k: v for k, v in own.items() if k != "map"}
-    return [{**s, **rest} for s in _find_map(own["map"], maps, at).over]
-
-
-def _one_a_key(given: Any) -> Any:
+def _split_keys(given: Any) -> Any:
     """Return a selection with keys of several names expanded: ``{ "a, b" = 1 }`` becomes ``{ a = 1, b = 1 }``."""
     return {n.strip(): v for k, v in given.items() for n in k.split(",")} if isinstance(given, dict) else given
 
 
-def _find_map(name: Any, maps: Mapping[str, Map], at: str) -> Map:
-    """Return the map of that name; raise FileError, with a similar name, if there is none."""
-    if name not in maps:
-        raise FileError(f"{at}: unknown map {name!r}{suggest_name(str(name), list(maps))}")
-    return maps[name]
+def _find(name: Any, known: Mapping[str, Any], what: str, at: str) -> Any:
+    """Return what is known under a name; raise FileError, with a similar name, if there is nothing."""
+    if name not in known:
+        raise FileError(f"{at}: unknown {what} {name!r}{suggest_name(str(name), list(known))}")
+    return known[name]

@@ -77,17 +77,17 @@ def measured(errors: list[float], order: float = 4.0):
 def test_a_floor_of_newton_iterations_is_no_lower_order():
     """Fourth order down to 1e-10, where corrections end; the floor is above rounding."""
     found = measured([1e-6, 1e-6 / 16.0, 3e-10, 2.5e-10])
-    assert found.holds and found.measured.value == pytest.approx(math.log2(1e-6 / 16.0 / 3e-10), rel=1e-12)
+    assert found.holds and found.value == pytest.approx(math.log2(1e-6 / 16.0 / 3e-10), rel=1e-12)
 
 
 def test_an_error_that_stays_far_above_such_a_floor_is_a_missing_term():
     """The first halving is of the declared order, then nothing helps."""
     found = measured([1e-2, 1e-2 / 16.0, 5e-4, 4.9e-4])
-    assert not found.holds and found.measured.value < 0.1
+    assert not found.holds and found.value < 0.1
 
 
 def test_a_slow_solver_is_called_slow():
     """Runs that their wall limit ended say nothing about signs."""
     runs = {f"finer {k}": RunRecord(status="stalled", claimed="stalled", cpu_limit_s=20.0) for k in range(4)}
     found = check_order(Evidence("dt", 2.0, runs, {}))
-    assert not found.holds and "too slow" in found.required.remedy and "20 s" in found.required.remedy
+    assert not found.holds and "too slow" in found.remedy and "20 s" in found.remedy

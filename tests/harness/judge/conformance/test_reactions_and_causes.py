@@ -9,7 +9,7 @@ from mbsbench.harness.judge.conformance import problem, solver, trials
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here
+from mbsbench.tests.factories import run_here
 
 PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
 MIDPOINT = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)[0]
@@ -53,7 +53,7 @@ def judged(text: str, folder, monkeypatch, *roles: str):
 def test_reactions_of_the_step_before_are_of_first_order(last, value, tmp_path, monkeypatch):
     """Late by dt: at the finest step within a twentieth of the largest, so that only their order shows it."""
     found = judged(MIDPOINT.replace(RETURN, last), tmp_path, monkeypatch, "finer", "easy hinge")
-    assert found[ORDER].measured.value == pytest.approx(value, abs=0.2) and found[ORDER].holds == (value == 2.0)
+    assert found[ORDER].value == pytest.approx(value, abs=0.2) and found[ORDER].holds == (value == 2.0)
 
 
 @pytest.mark.parametrize(("last", "fails"), [(AXES, MOMENTS), (HOLES, COLUMNS)])
@@ -74,8 +74,8 @@ def test_one_error_is_one_failure(tmp_path):
     records = tuple(run_here(Job(s, tmp_path / "run")) for s in solver.group_runs("midpoint").values())
     found = solver.check_solver("midpoint", tmp_path / "run", records)
     (failed,) = [f for f in found if not f.holds]
-    assert "TypeError" in failed.measured.words and "midpoint.py:" in failed.measured.words
-    assert failed.required.remedy == trials.CRASHED
+    assert "TypeError" in failed.words and "midpoint.py:" in failed.words
+    assert failed.remedy == trials.CRASHED
     assert not [f for f in found if f.is_tested and f.holds]
 
 
@@ -96,7 +96,7 @@ def test_a_problem_that_cannot_be_made_is_said_once(tmp_path):
     (name,) = [n for n in registry.problems() if not registry.is_own_problem(n)]
     found = problem.check_problem(name, (str(path),))
     failed = [f for f in found if not f.holds]
-    assert len(failed) == 1 and re.search(r"joint 'O': .*\(gyroscope.py:\d+\)", failed[0].measured.words)
+    assert len(failed) == 1 and re.search(r"joint 'O': .*\(gyroscope.py:\d+\)", failed[0].words)
     assert not [f for f in found if f.is_tested and f.holds]
 
 
@@ -111,4 +111,4 @@ def test_a_start_says_rows_rank_and_degrees_of_freedom():
 def laws_of_start(name: str) -> str:
     from mbsbench.harness.judge.conformance.laws import Subject, check_initial_state
 
-    return check_initial_state(Subject(name)).measured.words
+    return check_initial_state(Subject(name)).words

@@ -59,7 +59,7 @@ def test_the_worked_example_meets_the_requirements(example, command):
     done = command("check", str(example), timeout=180.0)
     assert done.returncode == 0, done.stdout + done.stderr
     refuses = "refuses" in example.read_text(encoding="utf-8")  # one whose refusals there are
-    assert ("16 of 16" if refuses else "15 of 16") + " requirements met" in done.stdout
+    assert ("17 of 17" if refuses else "16 of 17") + " requirements met" in done.stdout
     assert ("1 not tested" in done.stdout) is not refuses
 
 
@@ -196,4 +196,4 @@ def test_without_mujoco_a_mechanism_s_file_is_one_line(tmp_path, monkeypatch, ca
     (tmp_path / "arm.urdf").write_text('<robot name="arm"><link name="base"/></robot>')
     assert main(["solve", str(tmp_path / "arm.urdf"), "gc_weak_form"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "not installed: pip install 'mbsbench[engines]'" in line
+    assert "not installed: pip install 'mbsbench[mujoco]'" in line

@@ -16,6 +16,7 @@ from mbsbench.cli import gate as gate_command
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.base.files import FileError
 from mbsbench.harness.catalogue.suites.spec import RunSpec
+from mbsbench.harness.columns.identity import compute_fingerprint
 from mbsbench.harness.judge.gate.baseline import FOLDER, read_thresholds, write_thresholds
 from mbsbench.harness.judge.gate.check import judge, select_judged, tighten_bounds
 from mbsbench.harness.judge.gate.files import format_annotations, format_junit, format_markdown
@@ -31,7 +32,6 @@ from mbsbench.harness.judge.gate.thresholds import (
     Thresholds,
     propose_bounds,
 )
-from mbsbench.harness.judge.metrics.identity import compute_fingerprint
 from mbsbench.harness.mechanics.state import State as Pose
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.mechanics.types import Problem, Status, StepControl
@@ -98,11 +98,11 @@ def test_the_gate_closes(verdict):
 def test_a_value_below_its_lower_bound_is_said_to_be_better():
     """Of errors; the scale of a problem's energy is neither better nor worse."""
     errors = state(changed(phi_max=0.5), with_bound(lower=0.9)).findings[0]
-    assert errors.verdict is Verdict.FAILED and "better than it was" in errors.required.why
+    assert errors.verdict is Verdict.FAILED and "better than it was" in errors.why
     above = state(changed(phi_max=1.3), with_bound(lower=0.9)).findings[0]
-    assert "better" not in above.required.why
+    assert "better" not in above.why
     scale = with_bound(metric="energy_scale_J", lower=0.9)
-    assert "better" not in state(changed(energy_scale_J=0.5), scale).findings[0].required.why
+    assert "better" not in state(changed(energy_scale_J=0.5), scale).findings[0].why
 
 
 def test_a_run_without_a_step_passes_nothing():
@@ -151,7 +151,7 @@ def test_a_single_leftover_threshold_judges_no_run():
     records = changed(energy_drift_max_J=1e-3, energy_scale_J=1.0)
     verdict = state(records)
     assert not verdict.is_open
-    assert {f.measured.quantity for f in verdict.findings if f.verdict is Verdict.FAILED} == {
+    assert {f.quantity for f in verdict.findings if f.verdict is Verdict.FAILED} == {
         "energy_drift_max_J",
         "energy_scale_J",
     }
@@ -184,7 +184,7 @@ def test_a_result_of_other_code_counts_as_missing():
         assert judge(RUNS, records, BOUNDS, lambda *_: "now").is_open
         assert judge(RUNS, records, BOUNDS).verdict is Verdict.FAILED  # the newest of all is the one of other code
     closed = judge(RUNS, [old, here], BOUNDS, lambda *_: "now")
-    assert not closed.is_open and all("other code" in f.required.why for f in closed.findings if f.subject == CASE)
+    assert not closed.is_open and all("other code" in f.why for f in closed.findings if f.subject == CASE)
     assert not judge(RUNS, [old, here], BOUNDS, lambda *_: "later").is_open
 
 
@@ -213,8 +213,8 @@ def test_a_missing_figure_closes_the_gate():
     """Whatever was expected of it, and also where the status is a success."""
     for expect in ("pass", "fail"):
         found = state(changed(phi_max=math.nan), with_bound(expect=expect))
-        assert [f.measured.quantity for f in found.findings if f.verdict is Verdict.FAILED] == ["phi_max"]
-        assert "not measured" in found.findings[0].required.why
+        assert [f.quantity for f in found.findings if f.verdict is Verdict.FAILED] == ["phi_max"]
+        assert "not measured" in found.findings[0].why
 
 
 def test_causes_come_before_what_follows_from_them():
@@ -225,9 +225,9 @@ def test_causes_come_before_what_follows_from_them():
     ]
     bounds = Thresholds("t", (threshold(CASE), threshold(OTHER, lower=0.5)))
     found = state(zeros, bounds)
-    failed = [(f.subject, f.measured.quantity) for f in found.findings if f.verdict is Verdict.FAILED]
+    failed = [(f.subject, f.quantity) for f in found.findings if f.verdict is Verdict.FAILED]
     assert failed == [(OTHER, "status"), (CASE, "phi_max"), (OTHER, "phi_max")]
-    assert [(f.subject, f.measured.quantity) for f in found.consequences] == failed[2:]
+    assert [(f.subject, f.quantity) for f in found.consequences] == failed[2:]
     assert not state(changed(phi_max=9.0)).consequences and not state().consequences
 
 
@@ -481,7 +481,7 @@ def test_a_run_without_its_package_is_left_out_only_where_it_was_named():
     for without, opens in (((), False), (("b",), False), (("a",), True), (("a", "b"), True)):
         found = judge(RUNS, lacking, BOUNDS, without=without)
         assert found.is_open is opens and found.cases == 2
-        assert [f.measured.quantity for f in found.findings if f.subject == CASE] == ["status"]
+        assert [f.quantity for f in found.findings if f.subject == CASE] == ["status"]
     assert found.headline == "open for 1 of 2; 1 not measured here: a" and found.counts["SKIP"] == 1
     assert found.absent == {CASE: "a"} and found.notable == []
     expects = Thresholds("t", BOUNDS.bounds[1:], (ExpectedStatus(CASE, Status.REFUSED, "redundant rows"),))

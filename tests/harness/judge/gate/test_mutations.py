@@ -15,6 +15,7 @@ import pytest
 from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.reference import orbit
 from mbsbench.harness.results import environment
+from mbsbench.tests.factories import copy_checkout
 
 from .faults import FAULTS
 
@@ -25,7 +26,7 @@ from pathlib import Path
 import casadi, numba, numpy, pandas, scipy.integrate, scipy.spatial.transform  # once; the package itself in each child
 
 def judged(runs):
-    from mbsbench.harness.run.run import run_here
+    from mbsbench.tests.factories import run_here
     from mbsbench.harness.run.job import Job
     from mbsbench.harness.judge.gate.check import judge
     from mbsbench.harness.judge.gate.baseline import FOLDER, read_thresholds
@@ -39,7 +40,7 @@ def judged(runs):
     own = Thresholds("ci", *(tuple(b for b in part if b.case in cases) for part in (all_.bounds, all_.statuses)))
     with tempfile.TemporaryDirectory() as place:
         result = judge(specs, [run_here(Job(c, store.create_folder(Path(place)))) for c in specs], own)
-    sys.stderr.write("".join(f"{f.verdict} {f.measured.quantity} {f.measured.text}\\n" for f in result.notable[:3]))
+    sys.stderr.write("".join(f"{f.verdict} {f.quantity} {f.text}\\n" for f in result.notable[:3]))
     return result.is_open
 
 for line in sys.stdin:
@@ -60,14 +61,7 @@ for line in sys.stdin:
 def copy(tmp_path_factory):
     """The checkout without its results, at a place where the package has its name."""
     folder = tmp_path_factory.mktemp("copy") / "mbsbench"
-    listed = ("git", "ls-files", "--cached", "--others", "--exclude-standard")
-    done = subprocess.run(listed, cwd=environment.ROOT, capture_output=True, text=True, check=False)
-    if done.returncode:
-        pytest.skip("needs git and a checkout")
-    for name in done.stdout.splitlines():
-        if not name.startswith(("docs/", "tests/")) and (environment.ROOT / name).is_file():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes((environment.ROOT / name).read_bytes())
+    copy_checkout(folder, lambda name: not name.startswith(("docs/", "tests/")))
     if orbit.FOLDER.is_dir():  # references that are known already
         shutil.copytree(orbit.FOLDER, folder / orbit.FOLDER.relative_to(environment.ROOT))
     return folder

@@ -19,7 +19,7 @@ from mbsbench.harness.judge.gate import rounding
 from mbsbench.harness.judge.gate.baseline import read_thresholds, write_thresholds
 from mbsbench.harness.judge.gate.check import tighten_bounds
 from mbsbench.harness.judge.gate.rounding import FRAME, SIZE, START, TOLERANCE, list_core_types, repeat_run
-from mbsbench.harness.judge.gate.spread import SpreadSample, find_unstable, widen_by_spread
+from mbsbench.harness.judge.gate.spread import find_unstable, widen_by_spread
 from mbsbench.harness.judge.gate.thresholds import Spread, Threshold, Thresholds, propose_bounds
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.types import StepControl
@@ -42,11 +42,11 @@ def drift_bound(**change) -> Threshold:
 OLD = Thresholds("t", (drift_bound(),))
 
 
-def samples_of(*values: float, **change) -> dict[str, list[SpreadSample]]:
+def samples_of(*values: float, **change) -> dict[str, list[tuple[str, RunRecord]]]:
     """Runs of one case under error control, each with its energy drift [J] and a name of its own."""
     base = RunRecord(**{"status": "success", "control": "rtol", "energy_scale_J": 1.0, "length_scale_m": 1.0, **change})
     records = [dataclasses.replace(base, case=f"{CASE} {k}", energy_drift_max_J=v) for k, v in enumerate(values)]
-    return {CASE: [SpreadSample(KINDS[k % len(KINDS)], r) for k, r in enumerate(records)]}
+    return {CASE: [(KINDS[k % len(KINDS)], r) for k, r in enumerate(records)]}
 
 
 def test_bounds_lie_around_what_rounding_gives():
@@ -56,7 +56,7 @@ def test_bounds_lie_around_what_rounding_gives():
     assert (bound.value, bound.samples) == (2e-5, 3)
     assert bound.reason == "error control: 3 runs that differ by rounding (frame, start) gave 1e-05 to 4e-05"
     assert (bound.lower, bound.upper) == pytest.approx((4e-6, 1e-4))
-    (narrow,) = (b for b in propose_bounds([samples_of(1e-6)[CASE][0].record]) if b.metric == bound.metric)
+    (narrow,) = (b for b in propose_bounds([samples_of(1e-6)[CASE][0][1]]) if b.metric == bound.metric)
     assert tighten_bounds(new, [], [replace(narrow, case=CASE)], loosen=False) == new
     assert tighten_bounds(new, [], [replace(narrow, case=CASE)], loosen=True).bounds == (replace(narrow, case=CASE),)
 
@@ -88,18 +88,18 @@ def test_bounds_of_a_case_whose_status_rounding_decides_are_left():
     """It is named with the kinds of rounding that lead to each status; nor do runs that all fail have bounds."""
     failed = samples_of(1e-5, 4e-5, 2e-5)
     assert find_unstable(failed) == {}
-    failed[CASE][1] = SpreadSample(START, dataclasses.replace(failed[CASE][1].record, status="step_underflow"))
+    failed[CASE][1] = START, dataclasses.replace(failed[CASE][1][1], status="step_underflow")
     assert find_unstable(failed) == {CASE: "success (unchanged, frame); step_underflow (start)"}
     assert widen_by_spread(OLD, failed) == OLD
-    wrong = {CASE: [SpreadSample(s.kind, dataclasses.replace(s.record, status="wrong")) for s in failed[CASE]]}
+    wrong = {CASE: [(kind, dataclasses.replace(r, status="wrong")) for kind, r in failed[CASE]]}
     assert find_unstable(wrong) == {} and widen_by_spread(OLD, wrong) == OLD
 
 
 def test_the_file_says_what_was_measured(tmp_path):
     """How often, by what, and where a fixed step moved most; numbers that are nothing but rounding do not count."""
     samples = samples_of(1e-5, 1.01e-5, 1e-5, control="dt", steps=100)
-    for k, sample in enumerate(samples[CASE]):
-        samples[CASE][k] = SpreadSample(sample.kind, dataclasses.replace(sample.record, phi_max=1e-17 * (1 + k)))
+    for k, (kind, record) in enumerate(samples[CASE]):
+        samples[CASE][k] = kind, dataclasses.replace(record, phi_max=1e-17 * (1 + k))
     new = widen_by_spread(OLD, samples)
     assert new.spread == Spread(3, (FRAME, START), 1.01, f"{CASE} energy_drift_max_J")
     path = tmp_path / "t.toml"

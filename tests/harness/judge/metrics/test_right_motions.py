@@ -42,6 +42,7 @@ def test_rows_that_are_redundant_on_the_constraints_alone_accuse_nobody(bricard,
     found = judge(*bricard)
     assert not found.doubts and found.m.truncation.accelerations < 0.1 and found.m.truncation.reactions < 0.1
     monkeypatch.setattr(law, "project_poses", lambda system, s: s)
+    monkeypatch.setattr(law, "project_poses_of_each", lambda system, motions: motions)
     monkeypatch.setattr(projection, "project_poses", lambda system, s: s)
     monkeypatch.setattr(law, "SURE", np.inf)
     assert {r.law for r in judge(*bricard).doubts} == {Law.TRUNCATION}

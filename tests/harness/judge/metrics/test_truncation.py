@@ -7,6 +7,7 @@ import pytest
 
 from mbsbench import Joint, RigidBody, States, assemble, so3
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.judge.metrics import truncation
 from mbsbench.harness.judge.metrics.truncation import measure_truncation
 from mbsbench.harness.mechanics.motion import energy, kinetic_energy
 from mbsbench.harness.mechanics.types import Law, StepControl
@@ -122,6 +123,19 @@ def test_sound_solvers_are_far_from_the_limit(solver, name):
     run = made.solve(problem, control)
     found = judge(problem, run).m.truncation
     assert found.velocities < 0.5 and found.accelerations < 0.7 and not found.reactions > 0.9, found
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.02, 1.5])
+def test_the_rows_alone_bound_the_ratios_from_above(top, factor, monkeypatch):
+    """What is not evaluated beside them changes no verdict: a ratio above the limit is that of whole bounds."""
+    problem, run = top
+    run = dataclasses.replace(run, reaction=factor * run.reaction)
+    short = judge(problem, run).m.truncation
+    monkeypatch.setattr(truncation, "CLEAR", 0.0)
+    whole = judge(problem, run).m.truncation
+    for name, share in whole.shares.items():
+        assert share == short.shares[name] or share < short.shares[name] <= 0.5
+    assert (short.rate, short.rows) == (whole.rate, whole.rows)
 
 
 def test_a_body_at_rest_and_reactions_of_nothing_have_no_size_of_their_own():

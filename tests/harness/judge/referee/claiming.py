@@ -1,6 +1,6 @@
 """One claim, its map and its runs, made up: what verdicts are tested on."""
 
-from mbsbench.harness.judge.referee.claims.count import judge
+from mbsbench.harness.judge.referee.claims.judging import judge
 from mbsbench.harness.judge.referee.claims.register import parse_register
 from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdict, JudgedClaim, VerdictEvidence
 from mbsbench.tests.factories import make_record, parse_specs

@@ -5,6 +5,7 @@ from msgspec.structs import replace
 
 from mbsbench.harness.base.files import FileError, to_json
 from mbsbench.harness.catalogue.codes import digest_run_code
+from mbsbench.harness.columns.digests import ColumnDigests
 from mbsbench.harness.judge.referee import carried
 from mbsbench.harness.judge.referee.carried import (
     Generation,
@@ -12,6 +13,7 @@ from mbsbench.harness.judge.referee.carried import (
     bring_forward,
     digest_present_code,
     is_current_or_carried,
+    is_measuring_carried,
     read_carried,
 )
 from mbsbench.harness.results.judgements.claims import CodeDigests
@@ -53,13 +55,43 @@ def test_what_was_published_of_any_earlier_generation_counts(published):
         code = bring_forward(CodeDigests(old.solvers, old.problems, old.measuring, "j1", "runs"))
         judging = here.judging if old is FIRST else "j1"  # of the second nobody compared verdicts
         solvers, problems = {"rattle": here.solvers["rattle"]}, {"chain": here.problems["chain"]}
-        assert code == CodeDigests(solvers, problems, here.measuring, judging, "runs")
+        rest = {"running": here.running, "columns": here.columns}
+        assert code == CodeDigests(solvers, problems, here.measuring, judging, "runs", **rest)
 
 
 def test_other_code_is_not_carried(published):
     """A digest that no run has shown to be equal stays what it is, one part of it too."""
     other = CodeDigests({"rattle": "r1"}, {"chain": "c9"}, "m1", "judging", "runs")
     assert bring_forward(other) == other and not is_current_or_carried("chain", "rattle", "elsewhere")
+
+
+def test_a_column_that_is_added_leaves_all_that_was_carried(published):
+    """The state for which the file was written, with fewer columns, is one of equal bits, as those before it."""
+    known, here = read_carried(published), digest_present_code()
+    (added, _), *fewer = here.columns.items()
+    published.write_text(to_json(replace(known, now=replace(known.now, columns=dict(fewer)))))
+    carried.list_equal.cache_clear()
+    assert [g.columns.keys() for g in carried.list_equal()[:2]] == [here.columns.keys(), {*here.columns} - {added}]
+    assert len(carried.list_equal()) == 4
+    without = CodeDigests({}, {}, here.measuring, "j", "runs", here.running, dict(fewer))
+    assert bring_forward(without).columns == here.columns
+    assert is_measuring_carried(ColumnDigests(here.measuring, dict(fewer)).digest)
+    other = ColumnDigests(here.measuring, {**dict(fewer), added: "other"})
+    assert not is_measuring_carried(other.digest) and not is_measuring_carried(other.digest, {other.digest: other})
+
+
+def test_a_run_measured_with_fewer_columns_is_current_where_its_folder_tells_them():
+    """No file of what was carried is needed; one column that was measured in another way is enough for the opposite."""
+    here = digest_present_code().measured
+    name = "phi_max"
+    fewer = ColumnDigests(here.measuring, {k: v for k, v in here.columns.items() if k != name})
+    other = ColumnDigests(here.measuring, here.columns | {name: "other"})
+    known = {state.digest: state for state in (fewer, other)}
+    assert is_measuring_carried(here.digest) and is_measuring_carried("")
+    assert is_measuring_carried(fewer.digest, known) and not is_measuring_carried(fewer.digest)
+    assert not is_measuring_carried(other.digest, known)
+    assert (fewer.list_stale(here), other.list_stale(here)) == ((), (name,))
+    assert replace(other, measuring="other").list_stale(here) == tuple(other.columns)
 
 
 def test_a_change_after_the_last_carry_ends_it(published):

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mbsbench.harness.judge.referee.claims.count import judge
+from mbsbench.harness.judge.referee.claims.judging import judge
 from mbsbench.harness.judge.referee.claims.register import parse_register
 from mbsbench.harness.results.judgements.claims import Ending, ExcludedSettings
 from mbsbench.tests.factories import make_record, parse_specs

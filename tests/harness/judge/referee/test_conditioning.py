@@ -5,8 +5,8 @@ import pytest
 import scipy.linalg as sl
 
 from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.judge.referee.claims.conditioning import index3_matrix, newton_matrix
-from mbsbench.harness.judge.referee.claims.evidence import evaluate
+from mbsbench.harness.judge.referee.claims.equations import index3_matrix, newton_matrix
+from mbsbench.harness.judge.referee.claims.measures import evaluate
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.tests.comparing import assert_close
 from mbsbench.tests.factories import make_record

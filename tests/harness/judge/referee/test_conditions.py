@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from mbsbench.harness.judge.referee.claims.bands import COMBINE, COMPARE, Band
 from mbsbench.harness.judge.referee.claims.conditions import (
     decide_along,
     decision,
@@ -13,7 +14,6 @@ from mbsbench.harness.judge.referee.claims.conditions import (
     find_sufficient,
     separation,
 )
-from mbsbench.harness.judge.referee.claims.predicates import COMBINE, COMPARE, Band
 from mbsbench.harness.results.judgements.claims import Condition, SettingsCount
 
 DIMENSIONS = {
@@ -151,14 +151,15 @@ def test_values_that_suffice_cover_what_holds():
     random = np.random.default_rng(3)
     for _ in range(20):
         own = [({"a": a, "b": b, "c": c}, bool(random.random() < 0.4)) for a in (0, 1, 2) for b in "xy" for c in "uvw"]
-        found = find_sufficient(own)
+        found, rest = find_sufficient(own)
         for c in found:
             inside = [holds for at, holds in own if all(at[n] == v for n, v in c.at.items())]
             assert inside and all(inside) and len(inside) == c.settings
         covered = sum(holds and any(all(at[n] == v for n, v in c.at.items()) for c in found) for at, holds in own)
         d = decision(own)
-        assert d.by or covered + d.rest == sum(holds for _, holds in own)
-        assert find_sufficient(own[::-1]) == found
+        assert covered + rest == sum(holds for _, holds in own)
+        assert d.by or d.rest == rest
+        assert find_sufficient(own[::-1]) == (found, rest)
 
 
 def test_values_along_a_dimension_are_named_one_by_one_or_by_their_range():
@@ -187,6 +188,6 @@ def test_a_condition_names_the_problem_it_is_about():
 def test_an_option_is_said_of_the_solver_that_has_it():
     """c_R is one solver's: that the claim holds with it says nothing of the other."""
     points = [(at, at.get("direction") == "a" and at["max_step"] != 5e-3) for at, _ in MOTIONS]
-    for c in find_sufficient(points):
+    for c in find_sufficient(points)[0]:
         assert c.at["solver"] == "gc" and c.at["direction"] == "a"
     assert all(c.at.get("solver") == "gc" for c in decision(points).conditions if "direction" in c.at)

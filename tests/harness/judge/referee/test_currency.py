@@ -7,10 +7,18 @@ from msgspec.structs import replace
 
 from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.base.files import FileError
-from mbsbench.harness.catalogue.codes import digest_run_code
+from mbsbench.harness.catalogue.codes import digest_run_code, read_column_digests
+from mbsbench.harness.columns.digests import ColumnDigests
 from mbsbench.harness.judge.referee import judge as judging
 from mbsbench.harness.judge.referee.claims.register import parse_register, read_register
-from mbsbench.harness.judge.referee.currency import code_now, describe_changes, describe_older, find_older_runs
+from mbsbench.harness.judge.referee.currency import (
+    code_now,
+    describe_changes,
+    describe_older,
+    describe_stale,
+    find_older_runs,
+    find_stale_runs,
+)
 from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.judgements.claims import CodeDigests
 from mbsbench.harness.results.judgements.files import CLAIMS, read_judgement
@@ -19,7 +27,7 @@ from mbsbench.tests.stale import REMEDY
 
 from .claiming import HEAD, MAP, RUNS, TEST
 
-NOW = CodeDigests({"alpha": "1", "beta": "2"}, {"chain": "3"}, "4", "5", "6")
+NOW = CodeDigests({"alpha": "1", "beta": "2"}, {"chain": "3"}, "4", "5", "6", "7", {"a": "7", "b": "8"})
 
 
 @pytest.mark.published
@@ -36,7 +44,11 @@ def test_published_verdicts_are_of_this_code():
         ({"solvers": {"alpha": "0", "beta": "2"}}, "code of alpha: mbsbench run referee --resume, then mbsbench judge"),
         ({"solvers": {}}, "code of alpha, beta (all)"),
         ({"problems": {"chain": "0"}}, "problem chain"),
-        ({"measuring": "0"}, "what measures motions"),
+        ({"running": "0"}, "what runs solvers and counts their cost: mbsbench run referee --resume, then"),
+        ({"measuring": "0"}, "what measures motions, of every solver: mbsbench remeasure RESULTS, then mbsbench judge"),
+        ({"columns": {"a": "7", "b": "9"}}, "the columns b: mbsbench remeasure RESULTS, then mbsbench judge --publish"),
+        ({"columns": {"a": "7", "gone": "0"}}, "the columns gone: mbsbench remeasure"),
+        ({"columns": {"a": "7"}}, ""),
         ({"runs": "0"}, "register or the suites"),
         ({"judging": "0"}, "rules of judging: mbsbench judge --publish"),
     ],
@@ -55,6 +67,21 @@ def test_runs_of_other_code_are_named_by_their_solvers():
     assert find_older_runs([dataclasses.replace(old, solver="somebodys")]) == ()
     words = describe_older((old,), "results/local/x")
     assert f"code of {old.solver}: mbsbench run paper --resume --out results/local/x" in words and "\n" not in words
+
+
+def test_runs_that_were_measured_by_other_code_are_measured_again():
+    """One with fewer columns is current; one column that is measured in another way is named, with the command."""
+    here = read_column_digests()
+    fewer = ColumnDigests(here.measuring, dict(list(here.columns.items())[1:]))
+    other = ColumnDigests(here.measuring, here.columns | {"phi_max": "other"})
+    old, lacking, stale, unknown = (
+        make_record(x, measured_by=digest)
+        for x, digest in zip(RUNS, ("", fewer.digest, other.digest, "nobody knows"), strict=False)
+    )
+    found = find_stale_runs((old, lacking, stale, unknown), {s.digest: s for s in (here, fewer, other)})
+    assert found == {stale: ("phi_max",), unknown: tuple(here.columns)}
+    words = describe_stale({stale: ("phi_max",)}, "results/local/x")
+    assert words == "1 run in results/local/x was measured by other code (phi_max): mbsbench remeasure results/local/x"
 
 
 def test_words_of_a_claim_are_no_part_of_the_digest_and_bands_and_runs_are():

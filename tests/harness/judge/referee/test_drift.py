@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from mbsbench.harness.judge.law import MATTERS
 from mbsbench.harness.judge.metrics.periods import find_periods
 from mbsbench.harness.judge.metrics.thinning import choose_rows
-from mbsbench.harness.judge.referee.certificates.drift import MATTERS, split_energy_error, split_error
+from mbsbench.harness.judge.referee.certificates.drift import split_energy_error, split_error
 from mbsbench.harness.judge.referee.certificates.trend import FEWEST, fit_trend
 from mbsbench.tests.factories import make_series
 

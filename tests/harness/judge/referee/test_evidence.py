@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mbsbench.harness.judge.referee.claims.evidence import MEASURES, evaluate, evaluate_pair
+from mbsbench.harness.judge.referee.claims.measures import MEASURES, evaluate
 from mbsbench.tests.factories import change_series, make_record, make_series
 
 T = np.linspace(0.0, 10.0, 101)
@@ -133,24 +133,29 @@ def test_steps_are_judged_after_the_start_up_and_without_the_last():
     assert evaluate("irregularity", r, s, begin) == pytest.approx(2.0 / 59.0)
 
 
+def measure_apart(one, other, **arguments):
+    """The distance of two runs, each a record with its series."""
+    return evaluate("apart", *one, arguments, *other)
+
+
 def test_distance_of_two_runs_on_different_steps():
     """Two straight lines 3 and 4 m apart are 5 m apart."""
     one = make_record(), make_series(T, x=T, y=T)
     other = make_series(np.linspace(0.0, 10.0, 77), x=np.linspace(3.0, 13.0, 77), y=np.linspace(4.0, 14.0, 77))
-    assert evaluate_pair("apart", one, (make_record(), other), {"series": ["x", "y"]}) == pytest.approx(5.0)
+    assert measure_apart(one, (make_record(), other), series=["x", "y"]) == pytest.approx(5.0)
     holed = make_record(), change_series(other, x=np.full(77, np.nan))
-    assert math.isnan(evaluate_pair("apart", one, holed, {"series": ["z"]}))
+    assert math.isnan(measure_apart(one, holed, series=["z"]))
     bent = make_record(), make_series(T, x=np.where(T > 5.0, 100.0, 3.0), y=np.full(101, 4.0))
-    assert evaluate_pair("apart", bent, bent, {"series": ["x"], "to": 5.0}) == 0.0
-    assert evaluate_pair("apart", bent, (make_record(), other), {"series": ["x", "y"], "to": 5.0}) < 10.0
+    assert measure_apart(bent, bent, series=["x"], to=5.0) == 0.0
+    assert measure_apart(bent, (make_record(), other), series=["x", "y"], to=5.0) < 10.0
 
 
 def test_a_run_that_stopped_is_not_close_to_another():
     """Stopped at 4 of 10 s, on the other's path so far: neither as the one judged nor as the other is it near."""
     whole, stopped = (make_record(), make_series(T, x=T)), (make_record(t_reached_s=4.0), make_series(SHORT, x=SHORT))
     for one, other in ((stopped, whole), (whole, stopped), (stopped, stopped)):
-        assert math.isnan(evaluate_pair("apart", one, other, {"series": ["x"]}))
-    assert evaluate_pair("apart", whole, whole, {"series": ["x"]}) == 0.0
+        assert math.isnan(measure_apart(one, other, series=["x"]))
+    assert measure_apart(whole, whole, series=["x"]) == 0.0
 
 
 def test_a_run_that_stopped_in_the_passage_has_no_drop():

@@ -8,15 +8,15 @@ import pytest
 
 from mbsbench.harness.base.files import parse_toml
 from mbsbench.harness.catalogue.suites.suite import parse_suite
-from mbsbench.harness.judge.referee.claims.evidence import MEASURES, evaluate
-from mbsbench.harness.judge.referee.claims.maps import are_equal, read_dimensions, select
-from mbsbench.harness.judge.referee.claims.predicates import Band
+from mbsbench.harness.judge.referee.claims.bands import Band
+from mbsbench.harness.judge.referee.claims.frame import are_equal, read_dimensions, select
+from mbsbench.harness.judge.referee.claims.measures import MEASURES, evaluate
 from mbsbench.harness.judge.referee.claims.register import REGISTER, read_register
 from mbsbench.harness.judge.referee.judge import list_tried
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here
+from mbsbench.tests.factories import run_here
 
 PATH = REGISTER.with_name("objections.toml")
 OBJECTIONS: list[dict[str, Any]] = parse_toml(PATH.read_text(encoding="utf-8"), PATH.name)["objections"]

@@ -14,9 +14,10 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.catalogue.suites.suite import Suite
 from mbsbench.harness.judge.referee import judge as judging
-from mbsbench.harness.judge.referee.claims.count import judge
-from mbsbench.harness.judge.referee.claims.maps import read_dimensions, select
+from mbsbench.harness.judge.referee.claims.frame import read_dimensions, select
+from mbsbench.harness.judge.referee.claims.judging import judge
 from mbsbench.harness.judge.referee.claims.register import read_register
+from mbsbench.harness.judge.referee.registers import FIELD, PAPER
 from mbsbench.harness.mechanics.types import Law, Reason
 from mbsbench.harness.results import store
 from mbsbench.harness.results.envelopes import Envelope
@@ -36,9 +37,9 @@ RUNS = parse_specs(SUITE)
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """A run folder of made-up records and a register of one claim, judged on the suite of the tests alone."""
-    monkeypatch.setattr(judging, "list_tried", lambda: RUNS)
+    monkeypatch.setattr(judging, "list_tried", lambda *_: RUNS)
     monkeypatch.setattr(judging, "OTHERS", ())
-    monkeypatch.setattr(judging, "list_published_runs", lambda: RUNS)
+    monkeypatch.setattr(judging, "list_published_runs", lambda place=PAPER: RUNS if place is PAPER else ())
     register = tmp_path / "claims.toml"
     register.write_text(MAP + HEAD + TEST)
 
@@ -113,10 +114,13 @@ def test_a_run_that_a_resumed_folder_holds_twice_counts_once(made, tmp_path):
     assert not found["wrong"] and found["claims"][0].verdict == "reproduced"
 
 
+FIELD_CLAIMS = len(read_register(FIELD.path).claims)
 LACKS = (
     "1 of 1 claims lack runs and nothing was compared with the published verdicts; make them: "
     "mbsbench run referee --resume\n"
-)  # one line, however many claims
+    f"{FIELD_CLAIMS} of {FIELD_CLAIMS} claims of textbooks and manuals lack runs and nothing was compared with the "
+    "published verdicts; make them: mbsbench run field --resume\n"
+)  # a line a register, however many claims
 
 
 def test_results_that_lack_runs_are_judged_on_request_alone_and_never_published(made, tmp_path, capsys):
@@ -147,6 +151,34 @@ def test_claims_that_no_run_touches_are_not_shown(made, capsys):
     write(0.5, ())
     assert call("--partial") == 0
     assert capsys.readouterr().out == LACKS
+
+
+def test_each_register_is_judged_and_published_where_its_runs_are(made, tmp_path, monkeypatch, capsys):
+    """Results of the field's runs alone: its verdicts are published, and compared, and the paper's stay untouched."""
+    write, call, register = made
+    field = dataclasses.replace(FIELD, path=tmp_path / "field.toml")
+    field.path.write_text(
+        register.read_text().replace("spherical_pendulum", "heavy_top").replace('id = "c"', 'id = "f"')
+    )
+    own = {"paper": RUNS, "field": parse_specs(SUITE.replace("spherical_pendulum", "heavy_top"))}
+    monkeypatch.setattr(judging, "list_tried", lambda place=PAPER: own[place.name])
+    monkeypatch.setattr(judging, "list_published_runs", lambda place=PAPER: own[place.name])
+    for module in (judging, command):
+        monkeypatch.setattr(module, "FIELD", field)
+    folder = write(0.5, own["field"][:-2])
+    for arguments, lacks in ((), "lacks 12 of 12"), (("--publish",), "lacks 13 of 13"):
+        assert call(*arguments) == 2 and lacks in capsys.readouterr().err
+    write(0.5, own["field"])
+    assert call() == 0
+    said = capsys.readouterr().out
+    assert said.startswith(LACKS.splitlines()[0]) and "claims of textbooks and manuals: 1 reproduced, 0 repr" in said
+    assert json.loads((folder / "judgement" / "field.json").read_text())["claims"][0]["register"] == "field"
+    assert call("--publish") == 0
+    assert {p.name for p in (tmp_path / "published").iterdir()} == {"field.json"}
+    assert call() == 0 and "as published" in capsys.readouterr().out
+    write(1.5, own["field"])
+    assert call() == 1
+    assert "changed: f: beyond reproduced -> beyond not reproduced" in capsys.readouterr().out
 
 
 def test_published_verdicts_that_are_not_there_are_a_wrong_call(made, tmp_path, capsys):
@@ -190,14 +222,16 @@ def test_the_tally_is_that_of_results():
     rows = [judged("a", "not reproduced")] * 2 + [judged("b", "reproduced", "presentation")]
     words = "at the paper's settings: 0 reproduced, 0 reproduced if, 0 not reproduced, 0 cannot be told\n"
     words += "beyond them: 0 reproduced, 0 reproduced if, 2 not reproduced, 0 cannot be told"
-    assert command.count_verdicts(rows) == words + "\nchecks of the presentation: 1 of 1 reproduced"
+    assert command.count_verdicts(rows) == words + "\nchecks of the set-up: 1 of 1 reproduced"
     assert command.count_verdicts(rows[:2]) == words
+    words = "claims of textbooks and manuals: 0 reproduced, 0 reproduced if, 2 not reproduced, 0 cannot be told"
+    assert command.count_verdicts(rows[:2], FIELD) == words
 
 
 def test_claims_that_come_and_go_are_changes():
     before = [judged("a", "reproduced"), judged("b", "not reproduced")]
     after = [judged("b", "reproduced if"), judged("c", "reproduced")]
-    assert [dataclasses.astuple(c) for c in judging.find_changes(before, after)] == [
+    assert judging.find_changes(before, after) == [
         ("b", "beyond not reproduced", "beyond reproduced if"),
         ("c", "", "beyond reproduced"),
         ("a", "beyond reproduced", ""),

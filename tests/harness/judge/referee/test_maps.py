@@ -1,6 +1,6 @@
 """Runs stand where their settings put them, and no claim gathers runs it was not written for."""
 
-from mbsbench.harness.judge.referee.claims.maps import find_varied, is_printed, list_values, read_dimensions, select
+from mbsbench.harness.judge.referee.claims.frame import find_varied, is_printed, list_values, read_dimensions, select
 from mbsbench.tests.factories import parse_specs
 
 PENDULUM = """

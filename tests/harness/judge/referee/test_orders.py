@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.base.confined_paths import ConfinedPath
-from mbsbench.harness.judge.referee.certificates.fitting import fit_ladder, fit_scattered
+from mbsbench.harness.judge.order import fit_ladder, fit_scattered
 from mbsbench.harness.judge.referee.certificates.orders import QUANTITIES, certify, select_motion
 from mbsbench.harness.results.judgements.files import ORDERS, format_judgement, read_judgement
 from mbsbench.harness.results.store import create_folder
 from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here as run
 from mbsbench.reports.pages.judged.orders import describe_order
 from mbsbench.tests.factories import make_record, specify_run
+from mbsbench.tests.factories import run_here as run
 
 DT = 0.1 * 0.5 ** np.arange(10)
 NOWHERE = Path()
@@ -169,7 +169,7 @@ def test_velocities_have_scales_and_own_errors_of_their_unit():
     assert q["|phi_dot|"].scale(r) == pytest.approx(speed)
     assert q["angular velocity"].scale(r) == pytest.approx(speed / length)
     for rate, base in (("velocity", "position"), ("angular velocity", "orientation")):
-        assert q[rate].own(r) == pytest.approx(q[base].own(r) * speed / length)
+        assert q[rate].find_resolution(r) == pytest.approx(q[base].find_resolution(r) * speed / length)
 
 
 def test_velocity_errors_the_reference_cannot_resolve_are_left_out():

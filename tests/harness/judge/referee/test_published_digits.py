@@ -11,7 +11,7 @@ from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements.files import PUBLISHED
 from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here
+from mbsbench.tests.factories import run_here
 
 POINTS = json.loads((PUBLISHED / "work.json").path.read_text(encoding="utf-8"))["points"]
 CHEAPEST = {p["solver"]: p for p in sorted(POINTS, key=lambda p: -p["cpu_s"]) if p["status"] == "success"}

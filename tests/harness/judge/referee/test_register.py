@@ -7,10 +7,10 @@ import pytest
 
 from mbsbench.harness.base.files import FileError, parse_toml
 from mbsbench.harness.catalogue.suites.suite import load_suite
-from mbsbench.harness.judge.referee.claims.maps import is_printed, list_values, read_dimensions, select
-from mbsbench.harness.judge.referee.claims.points import is_comparable_control, is_partner
+from mbsbench.harness.judge.referee.claims.frame import is_printed, list_values, read_dimensions, select
 from mbsbench.harness.judge.referee.claims.register import REGISTER as PATH
 from mbsbench.harness.judge.referee.claims.register import parse_register, read_register
+from mbsbench.harness.judge.referee.claims.settings import is_comparable_control, is_partner
 from mbsbench.harness.judge.referee.judge import list_tried
 
 from .claiming import HEAD, MAP, TEST

@@ -5,18 +5,23 @@ import json
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from mbsbench.harness.base.files import FileError
+from mbsbench.harness.judge.invariance import Yardstick
 from mbsbench.harness.judge.referee.certificates import symmetries
-from mbsbench.harness.judge.referee.certificates.symmetries import Yardstick, _compare, _prepare_row, check_symmetries
-from mbsbench.harness.judge.referee.false_successes import find_false_successes
-from mbsbench.harness.mechanics.types import Law
-from mbsbench.harness.results.judgements.runs import UnjudgedSymmetry
+from mbsbench.harness.judge.referee.certificates.symmetries import _compare, _prepare_row, check_symmetries
+from mbsbench.harness.judge.referee.false_successes import find_false_successes, measure_own_error
+from mbsbench.harness.judge.referee.weighing import list_deciding, weigh_published
+from mbsbench.harness.mechanics.types import Law, Reason
+from mbsbench.harness.results.judgements.files import format_judgement
+from mbsbench.harness.results.judgements.runs import FalseSuccess, UnjudgedSymmetry
 from mbsbench.harness.results.store import create_folder
 from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here as run
 from mbsbench.reports.pages.judged.symmetries import describe_symmetry
 from mbsbench.tests.comparing import assert_close
 from mbsbench.tests.factories import change_series, make_record, specify_run
+from mbsbench.tests.factories import run_here as run
 
 START = {"t_end": 0.5, "omega_z": 3.0}
 PENDULUM = "spherical_pendulum"
@@ -101,7 +106,8 @@ def test_a_planted_deviation_is_broken_and_wrong_though_it_succeeds(folder, told
     """A run that is told in another frame but ends where another motion does."""
     records = told({"mirror": "X"})
     stranger = next(r for r in told({"yaw": 0.7}) if "yaw" in r.problem_parameters)
-    planted = dataclasses.replace(records[-1], series=stranger.series, series_sha256=stranger.series_sha256)
+    off = {"motion_error_judged_m": 0.1 * stranger.length_scale_m}
+    planted = dataclasses.replace(records[-1], series=stranger.series, series_sha256=stranger.series_sha256, **off)
     entry = card(folder, [*records[:-1], planted])["mirror image"]
     assert entry.verdict == "broken"
     assert entry.deviation > entry.bound
@@ -110,11 +116,52 @@ def test_a_planted_deviation_is_broken_and_wrong_though_it_succeeds(folder, told
     assert [e.settings_id for e in found] == [planted.settings_id]
     assert [(b.law, b.name) for b in found[0].because] == [(Law.SYMMETRY, "mirror image")]
     assert find_false_successes(records, check_symmetries(folder, records)) == ()
-    own = {"motion_error_judged_m": 2.0 * entry.deviation}
-    off = [dataclasses.replace(r, **own, judged_to_s=r.t_end_s) for r in told_of]
-    assert find_false_successes(off, check_symmetries(folder, told_of)) == ()  # below the run's own error
-    early = [dataclasses.replace(r, **own, judged_to_s=0.5 * r.t_end_s) for r in told_of]
-    assert len(find_false_successes(early, check_symmetries(folder, told_of))) == 1  # of which nobody knows the end
+
+
+def test_a_symmetry_that_a_right_motion_breaks_is_a_finding_of_its_own(folder, told):
+    """ODE-GC's direction goes by the axes of space: turned, the pendulum errs by more than three halvings explain.
+
+    Both motions are right to a thousandth of their size. No two ends are farther apart than the sum of their errors.
+    """
+    records = told({"rotation": [0.3, -0.5, 0.7]}, start={"t_end": 1.0})
+    base, turned = records[0], records[-1]
+    entry = card(folder, records)["rotation"]
+    assert entry.verdict == "broken" and entry.misleads is False, describe_symmetry(entry)
+    assert find_false_successes(records, check_symmetries(folder, records)) == ()
+    errors = [measure_own_error(entry, r) for r in (base, turned)]
+    assert entry.deviation <= sum(errors) and max(errors) < 1e-3 * base.length_scale_m
+    off = dataclasses.replace(turned, motion_error_judged_m=0.05 * base.length_scale_m)
+    found = find_false_successes([off], check_symmetries(folder, [*records[:-1], off]))
+    assert [b.law for w in found for b in w.because] == [Law.SYMMETRY]
+
+
+def test_published_verdicts_are_weighed_by_the_runs_that_decide(folder, told):
+    """What nobody is misled by goes; a false success by its energy stays without a run; another run is refused."""
+    records = told({"rotation": [0.3, -0.5, 0.7]}, start={"t_end": 1.0})
+    rows = tuple(replace(s, misleads=None, own_error=float("nan")) for s in check_symmetries(folder, records))
+    other = FalseSuccess("a", "a", "s", "p", (Reason(Law.ENERGY, 2.0, 1.0, "J"),))
+    accused = FalseSuccess("b", records[-1].settings_id, "s", "p", (Reason(Law.SYMMETRY, 2.0, 1.0, "m"),))
+    broken = [s for s in rows if s.verdict == "broken"]
+    assert list_deciding(rows, (other, accused)) == {k for s in broken for k in s.settings_ids}
+    weighed, found = weigh_published(folder, records, rows, (other, accused))
+    assert found == (other,) and same_rows(weighed, check_symmetries(folder, records))
+    misled = [dataclasses.replace(r, motion_error_judged_m=0.05 * r.length_scale_m) for r in records]
+    rows_of_misled, still = weigh_published(folder, misled, rows, (other, accused))
+    assert {w.settings_id for w in still} == {"a", records[-1].settings_id}
+    assert all(s.misleads for s in rows_of_misled if s.verdict == "broken")
+    with pytest.raises(FileError, match="lacks 1 of 2 runs"):
+        weigh_published(folder, records[:-1], rows, (other, accused))
+    changed = tuple(replace(s, deviation=1.001 * s.deviation) for s in rows)
+    with pytest.raises(FileError, match="is not the published run"):
+        weigh_published(folder, records, changed, (other, accused))
+    rates = FalseSuccess("b", records[-1].settings_id, "s", "p", (Reason(Law.TRUNCATION, 2.0, 1.0),))
+    with pytest.raises(FileError, match="is not the published run"):
+        weigh_published(folder, records, rows, (rates,))
+
+
+def same_rows(one, other):
+    """Whether rows are equal, NaN to NaN."""
+    return format_judgement(one) == format_judgement(other)
 
 
 def test_refusals_failures_and_missing_ways_back_are_distinguished(folder, told):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.base.confined_paths import ConfinedPath
-from mbsbench.harness.judge.referee.claims.predicates import Band
+from mbsbench.harness.judge.referee.claims.bands import Band
 from mbsbench.harness.results.judgements.claims import ClaimGap, CodeDigests, Ending, ExcludedSettings
 from mbsbench.harness.results.judgements.files import CLAIMS, add_code, format_judgement, read_judgement, shorten_claims
 from mbsbench.reports.model.claim_words import (

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from mbsbench.harness.judge.referee.claims.count import judge
+from mbsbench.harness.judge.referee.claims.judging import judge
 from mbsbench.harness.judge.referee.claims.register import parse_register
 from mbsbench.harness.results.judgements.files import format_judgement
 from mbsbench.reports.model.claim_words import describe_missing, explain_verdicts

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ...mechanics.types import Problem
-from ...mechanics.user_forces import ForceLaw
+from ..mechanics.types import Problem
+from ..mechanics.user_forces import ForceLaw
 
 LEAST = 1e-6  # in any unit: below it a number counts by its value, above by its digits
 GOLDEN = 0.6180339887498949  # its multiples, modulo 1, are all different

@@ -20,7 +20,7 @@ class Band:
 
     def holds(self, value: float) -> bool:
         """Return whether the value lies in the band; False for NaN."""
-        return self.low <= value <= self.high  # False for NaN
+        return self.low <= value <= self.high
 
     def move(self, factor: float, *, is_ratio: bool = False, end: float = math.inf) -> "Band":
         """Return the band widened by ``factor``, or narrowed if it is below 1; an infinite end stays.
@@ -29,7 +29,9 @@ class Band:
         the time if that is nearer. Two limits move away from their middle, in logarithms if both are above zero.
         """
         if math.isinf(self.low) or math.isinf(self.high):
-            return Band(_raise(self.low, 1.0 / factor, is_ratio, end), _raise(self.high, factor, is_ratio, end))
+            return Band(
+                _move_limit(self.low, 1.0 / factor, is_ratio, end), _move_limit(self.high, factor, is_ratio, end)
+            )
         if self.low > 0.0:
             middle, half = math.sqrt(self.low * self.high), math.sqrt(self.high / self.low) ** factor
             return Band(middle / half, middle * half)
@@ -44,48 +46,41 @@ class Band:
         return math.inf if math.isnan(value) else max(self.low - value, value - self.high)
 
 
-def _raise(limit: float, factor: float, is_ratio: bool, end: float) -> float:
+def _move_limit(limit: float, factor: float, is_ratio: bool, end: float) -> float:
     """Return the limit with its distance from the natural limit multiplied by ``factor``, or divided if it lies below.
 
     A ratio below 1 is moved by its inverse. For ``is_ratio`` and ``end`` see ``Band.move``.
     """
     if is_ratio and 0.0 < limit < 1.0:
-        return 1.0 / _raise(1.0 / limit, 1.0 / factor, is_ratio, end)
+        return 1.0 / _move_limit(1.0 / limit, 1.0 / factor, is_ratio, end)
     natural = 1.0 if is_ratio else end if abs(end - limit) < abs(limit) < math.inf else 0.0
     return natural + (limit - natural) * (factor if limit > natural else 1.0 / factor)
 
 
-def _ratio(above: float, below: float) -> float:
+def _divide(above: float, below: float) -> float:
     """Return above/below; 1 if both are equal; NaN if both are infinite, since both runs failed."""
     if math.isnan(above) or math.isnan(below) or (math.isinf(above) and math.isinf(below)):
         return NAN
     if above == below:
         return 1.0
-    if below == 0.0:
-        return math.inf
-    return above / below
+    return math.inf if below == 0.0 else above / below
 
 
-def _worst_step(values: Sequence[float]) -> float:
+def _largest_step(values: Sequence[float]) -> float:
     """Return the largest ratio of a value to the one before; below 1, each is smaller than the last.
 
     Two consecutive failures cannot be compared and could only increase it: if the others leave it below 1, it is
     NaN.
     """
-    ratios = [_ratio(b, a) for a, b in pairwise(values)]
+    ratios = [_divide(b, a) for a, b in pairwise(values)]
     known = [r for r in ratios if not math.isnan(r)]
     worst = max(known, default=NAN)
     return worst if len(known) == len(ratios) or worst >= 1.0 else NAN
 
 
-def _of_all(function: Callable[[Sequence[float]], float]) -> Callable[[Sequence[float]], float]:
-    """Return ``function`` extended to give NaN if any value is NaN: a run without the number must not be ignored."""
-
-    def reduce_values(values: Sequence[float]) -> float:
-        """Return ``function`` of the values; NaN if there are none, or one is NaN."""
-        return NAN if not values or any(math.isnan(v) for v in values) else float(function(values))
-
-    return reduce_values
+def _of_all(function: Callable[[Sequence[float]], float], values: Sequence[float]) -> float:
+    """Return ``function`` of the values; NaN if there are none, or one is NaN: a run without it must not be ignored."""
+    return NAN if not values or any(math.isnan(v) for v in values) else float(function(values))
 
 
 NEAREST = "nearest"  # combines runs, not values: the one value of the dimension that meets all tests best
@@ -94,28 +89,29 @@ RATIOS = ("last over first", "worst step")  # NaN if there is nothing to compare
 
 # values in the order of the dimension: the loosest tolerance first, others from the smallest
 COMBINE: dict[str, Callable[[Sequence[float]], float]] = {
-    "last over first": lambda v: _ratio(v[-1], v[0]) if len(v) > 1 else NAN,
-    "worst step": _of_all(_worst_step),
-    "largest": _of_all(max),
-    "smallest": _of_all(min),
-    "spread": _of_all(lambda v: max(v) - min(v)),
-    "relative spread": _of_all(lambda v: _ratio(max(v) - min(v), float(np.mean(np.abs(v))))),
+    "last over first": lambda v: _divide(v[-1], v[0]) if len(v) > 1 else NAN,
+    "worst step": lambda v: _of_all(_largest_step, v),
+    "largest": lambda v: _of_all(max, v),
+    "smallest": lambda v: _of_all(min, v),
+    "spread": lambda v: _of_all(lambda a: max(a) - min(a), v),
+    "relative spread": lambda v: _of_all(lambda a: _divide(max(a) - min(a), float(np.mean(np.abs(a)))), v),
 }
 
 BEST = "over best settings"  # any choice is admitted for the others, too: over the largest of each solver's least value
+OVER = ("over largest", "over smallest", BEST)  # ratios
 
-# compares a value with those of other runs
+# compares a value with those of other runs; distances are measured pair by pair (``TriedRun.find_distance``)
 COMPARE: dict[str, Callable[[float, Sequence[float]], float]] = {
-    "over largest": lambda a, others: _ratio(a, _of_all(max)(others)),
-    "over smallest": lambda a, others: _ratio(a, _of_all(min)(others)),
-    BEST: lambda a, others: _ratio(a, _of_all(max)(others)),  # others: of each solver the least, see ``take_best``
-    "minus largest": lambda a, others: a - _of_all(max)(others),
-    "smallest distance": lambda a, others: _of_all(min)(others),
-    "largest distance": lambda a, others: _of_all(max)(others),  # distances are measured pair by pair: see evidence
+    "over largest": lambda a, others: _divide(a, _of_all(max, others)),
+    "over smallest": lambda a, others: _divide(a, _of_all(min, others)),
+    BEST: lambda a, others: _divide(a, _of_all(max, others)),  # others: of each solver the least, see ``take_best``
+    "minus largest": lambda a, others: a - _of_all(max, others),
+    "smallest distance": lambda a, others: _of_all(min, others),
+    "largest distance": lambda a, others: _of_all(max, others),
 }
 
 
 def take_best(solvers: Sequence[str], values: Sequence[float]) -> list[float]:
     """Return the least of the values of each solver, NaN if one of them is; ``solvers`` names that of each value."""
     named = list(zip(solvers, values, strict=True))
-    return [_of_all(min)([v for s, v in named if s == solver]) for solver in dict.fromkeys(solvers)]
+    return [_of_all(min, [v for s, v in named if s == solver]) for solver in dict.fromkeys(solvers)]
