@@ -1,1 +1,1 @@
-"""Hold what every room stands on: files and caches, the machine and its arithmetic, clocks, limited processes."""
+"""Hold what every room stands on: files and caches, the machine, its arithmetic and code for it, clocks, processes."""

@@ -20,7 +20,7 @@ LOCAL = "results/local"
 SEAL = hashlib.sha256().digest_size  # [bytes] of the digest in front of a sealed file
 IN_CHECKOUT = {  # caches, and the folders that hold them in a checkout
     "catalogue": LOCAL,
-    "generated": "solvers/formulations/generated/__pycache__",
+    "generated": "harness/base/generated/__pycache__",
     "laws": "harness/judge/metrics/__pycache__",
     "machine": LOCAL,
     "references": LOCAL,

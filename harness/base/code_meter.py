@@ -21,6 +21,7 @@ from functools import wraps
 from typing import Any, TypeVar, cast
 
 from .clock import cpu_seconds
+from .private_interfaces import listen_to_compiler
 
 CODE_LIMIT = 600.0  # [s] CPU time for code generation in one run: that of all our own code takes a tenth of it
 PACKAGE = __name__.split(".")[0]
@@ -236,18 +237,7 @@ def listen_to_numba() -> None:
     """Count what numba compiles or loads from its cache, for plugins as well; the first call imports numba."""
     if _listening:
         return
-    from numba.core import event
-
-    class Listener(event.Listener):  # type: ignore[misc]
-        def on_start(self, event: Any) -> None:
-            _open_block()
-
-        def on_end(self, event: Any) -> None:
-            _close_block()
-
-    _listening.append(Listener())
-    for kind in ("numba:compile", "numba:compiler_lock"):  # the lock is held while code is loaded, too
-        event.register(kind, _listening[0])
+    _listening.append(listen_to_compiler(_open_block, _close_block))
 
 
 _listening: list[Any] = []

@@ -18,6 +18,8 @@ def is_accepted(character: str) -> bool:
 
 def find_unaccepted(text: str) -> str:
     """Return the first character that a name may not contain, in words such as ``U+0009 (tab)``; empty if none."""
+    if text.isascii() and text.isprintable():  # in one pass: a table of runs has some hundred thousand names
+        return ""
     character = next((c for c in text if not is_accepted(c)), "")
     known = NAMES.get(character) or (unicodedata.name(character, "").lower() if character else "")
     return f"U+{ord(character):04X}{f' ({known})' * bool(known)}" if character else ""

@@ -26,7 +26,7 @@ def check_body(name: str, mass: float, inertia: np.ndarray) -> None:
     if not (np.isfinite(mass) and mass > 0.0):
         raise ValueError(f"{name}: mass must be finite and > 0 kg (got {mass})")
     J = np.asarray(inertia, dtype=float)
-    if J.shape != (3, 3) or not np.all(np.isfinite(J)) or not np.allclose(J, J.T, rtol=1e-12, atol=0.0):
+    if J.shape != (3, 3) or not np.all(np.isfinite(J)) or np.any(np.abs(J - J.T) > 1e-12 * np.abs(J.T)):
         raise ValueError(f"{name}: inertia must be a finite symmetric 3 x 3 matrix (got {J.tolist()})")
     principal = np.linalg.eigvalsh(J)
     if principal[0] < -NONE * principal[2]:

@@ -44,6 +44,7 @@ def count_calls(*, factorises: bool) -> Callable[[Callable[P, T]], Callable[P, T
 
         @functools.wraps(function)
         def call(*arguments: P.args, **keywords: P.kwargs) -> T:
+            """Call the function, and count it unless another counted one calls it."""
             count = _count.get()
             if count is None or count.inside:
                 return function(*arguments, **keywords)

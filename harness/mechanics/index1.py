@@ -3,21 +3,24 @@
 M a = f + A^T reaction, A a = -A_dot v, unique in a and in A^T reaction where rows are redundant, too.
 """
 
-from collections.abc import Callable, Iterator
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from . import so3
+from .bordered import factor_bordered
 from .ends import apply_matrices
-from .motion import applied_loads, evaluate_acceleration_bias, list_jacobian_parts
+from .motion import applied_loads, choose_difference_step, evaluate_acceleration_bias, list_jacobian_parts
 from .state import States
 from .system import MultibodySystem
 
-CHUNK = 500  # instants whose A is in memory at once
+CHUNK = 500  # instants at once at most, and of which differences have one step
+ENTRIES = 2**18  # the same in entries of dense A: more does not stay in a processor's cache, and new memory costs time
 TOGETHER = 2e6  # the same in entries of sparse rows
 DENSE = 3e6  # nrows^2 6 nb, at most, of dense algebra: beyond it sparse factors cost less
 # share of the largest square of a row of B: rows that depend on each other to 3e-8 are refined within PASSES, where
@@ -25,7 +28,10 @@ DENSE = 3e6  # nrows^2 6 nb, at most, of dense algebra: beyond it sparse factors
 REGULAR = 1e-14
 PASSES = 30  # passes of refinement at most
 SETTLED = 1e-13  # relative change of L^T a at which refinement ends
-INDEPENDENT = 1e-4  # least to largest part of a row that earlier rows leave: rounding is then below 1e-11
+# least to largest part of a row that earlier rows leave: rounding is then below 1e-11. Half and twice of this, and of
+# the one before, change no bit of 40 accelerations each of Bricard's and Bennett's linkages, a grid of 5 x 5 four-bar
+# cells, two cells that pass singular poses, and a top.
+INDEPENDENT = 1e-4
 
 
 class Index1(NamedTuple):
@@ -38,18 +44,36 @@ class Index1(NamedTuple):
 
 def solve_index_1(system: MultibodySystem, s: States) -> Index1:
     """Solve index 1 at each time of ``s``: accelerations, reactions of the rows, and their loads on the bodies."""
-    n, nb, nrows = len(s), system.nb, system.nrows
+    return solve_index_1_of_each(system, [s])[0]
+
+
+def solve_index_1_of_each(system: MultibodySystem, motions: Sequence[States]) -> list[Index1]:
+    """Solve index 1 along several motions, bit for bit as along each: all at once, as few instants cost calls alone."""
+    s, nb, nrows = States.join(motions), system.nb, system.nrows
+    n = len(s)
     out = Index1(*(np.full(shape, np.nan) for shape in ((n, nb, 6), (n, nrows), (n, nb, 6))))
     inverse, few = _inverse_root(system), is_dense(system)
-    for k in range(0, n, CHUNK):
-        part = s.at(slice(k, k + CHUNK))
+    steps = np.concatenate([_choose_difference_steps(system, m) for m in motions])
+    for k in _split_into_chunks(system, n):
+        part = s.at(k)
         f = applied_loads(system, part)
         f[:, :, 3:] -= so3.cross(part.Omega, apply_matrices(system.inertia, part.Omega))
-        A_dot_v = evaluate_acceleration_bias(system, part)
-        (_fill_dense if few else _fill_sparse)(
-            system, part, inverse, f, A_dot_v, Index1(*(a[k : k + CHUNK] for a in out))
-        )
-    return out
+        A_dot_v = evaluate_acceleration_bias(system, part, steps[k])
+        (_fill_dense if few else _fill_sparse)(system, part, inverse, f, A_dot_v, Index1(*(a[k] for a in out)))
+    ends = np.cumsum([0, *map(len, motions)])
+    return [Index1(*(a[i:j] for a in out)) for i, j in itertools.pairwise(ends)]
+
+
+def _choose_difference_steps(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
+    """Return the steps [s] of differences at each time of a motion, equal for each ``CHUNK`` of its instants."""
+    parts = [s.at(slice(k, k + CHUNK)) for k in range(0, len(s), CHUNK)]
+    return np.concatenate([np.zeros(0), *(np.full(len(p), choose_difference_step(system, p)) for p in parts)])
+
+
+def _split_into_chunks(system: MultibodySystem, n: int) -> list[slice]:
+    """Return slices of ``n`` instants, of at most ``ENTRIES`` of dense A."""
+    size = int(np.clip(ENTRIES / max(1.0, 6.0 * system.nb * system.nrows), 1, CHUNK)) if is_dense(system) else CHUNK
+    return [slice(k, min(k + size, n)) for k in range(0, n, size)]
 
 
 def is_dense(system: MultibodySystem) -> bool:
@@ -141,11 +165,12 @@ def find_least_changes(
     weight = 1.0 / np.sqrt(system.mass)[:, None] * np.repeat([np.ones(system.nb), 1.0 / system.gyration], 3, 0).T
     y = np.zeros((len(s), 6 * system.nb))
     if is_dense(system):
-        for k in range(0, len(s), CHUNK):
-            B = (_rows(system, s.at(slice(k, k + CHUNK))) * weight).reshape(-1, system.nrows, 6 * system.nb)
+        for part in _split_into_chunks(system, len(s)):
+            B = (_rows(system, s.at(part)) * weight).reshape(-1, system.nrows, 6 * system.nb)
             size = np.linalg.norm(B, axis=2)
             size[size == 0.0] = 1.0
-            y[k : k + CHUNK], _ = factor_rows(B / size[..., None], dependent)(wanted[k : k + CHUNK] / size)
+            least = factor_rows(B / size[..., None], dependent, multipliers=False)
+            y[part] = least(wanted[part] / size)[0]
     else:
         for k, (_, B, square) in enumerate(_sparse_rows(system, s, sparse.diags_array(weight.ravel()).tocsr())):
             size = np.sqrt(square)
@@ -179,14 +204,13 @@ def _factor_sparse(
     n = B.shape[1]
     size = float(np.sqrt(np.max(square, initial=0.0))) or 1.0
     S: sparse.csr_array = (B / size).tocsr()
-    St = S.T.tocsr()
-    factor = splu(_border_rows(S, St, regular))
+    St, solve = factor_bordered(S, regular)
 
     def least(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the least x with B x = size c, and mu with x = B^T mu / size."""
         x, mu = np.zeros(n), np.zeros(len(c))
         for _ in range(passes):
-            step = factor.solve(np.append(-(x - St @ mu), c - S @ x))
+            step = solve(np.append(-(x - St @ mu), c - S @ x))
             x, mu = x + step[:n], mu - step[n:]
             if not np.linalg.norm(step[:n]) > SETTLED * np.linalg.norm(x):
                 break
@@ -195,30 +219,21 @@ def _factor_sparse(
     return size, least
 
 
-def _border_rows(S: sparse.csr_array, St: sparse.csr_array, regular: float) -> sparse.csc_array:
-    """Return [[1, S^T], [S, -``regular``]] by columns: SciPy's ``block_array`` of it, in a tenth of its time."""
-    (k, n), rows = S.shape, S.sorted_indices()
-    before, after = St.indptr[:-1], rows.indptr[1:]  # the diagonal comes first in the left columns, last in the right
-    data = np.insert(St.data, before, 1.0), np.insert(rows.data, after, -regular)
-    indices = np.insert(n + St.indices, before, np.arange(n)), np.insert(rows.indices, after, n + np.arange(k))
-    start = St.indptr + np.arange(n + 1), St.nnz + n + after + np.arange(1, k + 1)
-    arrays = np.concatenate(data), np.concatenate(indices), np.concatenate(start)
-    return sparse.csc_array(arrays, shape=(n + k, n + k))
-
-
 def factor_rows(
-    B: Float[np.ndarray, "n k m"], dependent: float = 1e-9
+    B: Float[np.ndarray, "n k m"], dependent: float = 1e-9, *, multipliers: bool = True
 ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Factor B; return a function that takes c (n, k) to the least x (n, m) with B x = c, and to mu with B^T mu = x.
 
     By QR where rows are far from dependent, by singular values, ten times as slow, elsewhere: those below the part
-    ``dependent`` of the largest are left out.
+    ``dependent`` of the largest are left out. Without ``multipliers``, mu may be left zero.
     """
     sure = np.zeros(len(B), dtype=bool)
     if 0 < B.shape[1] <= B.shape[2] and len(B):
         Q, R = np.linalg.qr(np.swapaxes(B, -1, -2))
         size = np.abs(np.diagonal(R, axis1=1, axis2=2))
         sure = np.min(size, axis=1) > INDEPENDENT * np.max(size, axis=1)
+        if np.all(sure):  # as most often: megabytes need not be copied
+            return partial(_apply_factors, Q, R, multipliers)
         Q, R = Q[sure], R[sure]
     back = np.linalg.pinv(B[~sure], rcond=dependent)
 
@@ -226,13 +241,19 @@ def factor_rows(
         """Return the least x with B x = c, and mu with B^T mu = x."""
         x, mu = np.zeros((len(B), B.shape[2])), np.zeros((len(B), B.shape[1]))
         if np.any(sure):
-            y = np.linalg.solve(np.swapaxes(R, -1, -2), c[sure][:, :, None])
-            x[sure], mu[sure] = (Q @ y)[:, :, 0], np.linalg.solve(R, y)[:, :, 0]
+            x[sure], mu[sure] = _apply_factors(Q, R, True, c[sure])
         x[~sure] = apply_matrices(back, c[~sure])
         mu[~sure] = apply_matrices(np.swapaxes(back, -1, -2), x[~sure])
         return x, mu
 
     return apply
+
+
+def _apply_factors(Q: np.ndarray, R: np.ndarray, multipliers: bool, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least x with (Q R)^T x = c and, with ``multipliers``, mu with Q R mu = x, else zeros."""
+    y = np.linalg.solve(np.swapaxes(R, -1, -2), np.ascontiguousarray(c)[:, :, None])
+    mu = np.linalg.solve(R, y)[:, :, 0] if multipliers else np.zeros_like(c)
+    return (Q @ y)[:, :, 0], mu
 
 
 def _solve_saddle(

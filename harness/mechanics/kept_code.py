@@ -6,7 +6,6 @@ functions outside it. All of them enter the digest, and a law that refers to any
 
 import contextlib
 import hashlib
-import pickle
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from ..base.cache import make_cache_folder, read_sealed_file, write_sealed_file
+from ..base import private_interfaces
+from ..base.cache import make_cache_folder
 from ..base.code_meter import making_code
 from ..base.machine import find_numba_target
 
-LARGEST = 2**26  # [bytes] largest file that is read: it is held in memory before its seal is checked
 LIBRARIES = ("numpy", "math", "cmath", "numba", "builtins", "operator")  # identified by their names and versions
 
 
@@ -33,45 +32,12 @@ def compile_callback(function: Callable[..., Any], returns: Any, *arguments: Any
 
     ``returns`` and ``arguments`` are numba's types of its result and parameters.
     """
-    from numba.core.ccallback import CFunc
-
-    callback = CFunc(function, (arguments, returns), {}, {})
+    path = None
     with contextlib.suppress(UndigestibleValue):
         key = digest_callback(function, arguments, returns)
         root = Path(__file__).resolve().parents[2]
-        callback._cache = CallbackCache(make_cache_folder("user_forces", root / "results" / "local") / f"{key}.pickle")
-    callback.compile()
-    return callback
-
-
-class CallbackCache:
-    """Numba's interface of a cache, for one callback in one file.
-
-    The file is a pickle, since numba's types and machine code have no plain form. It can run code, as its contents do
-    anyway, so only a file of this user is read, in a folder that no other may write to (``harness.base.cache``), and
-    only as it was written: a flipped bit of machine code is another force, or a crash.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def load_overload(self, signature: Any, target_context: Any) -> Any:
-        """Load the callback; None where the file is missing or damaged."""
-        from numba.core.compiler import CompileResult
-
-        target_context.refresh()
-        try:
-            return CompileResult._rebuild(target_context, *pickle.loads(read_sealed_file(self.path, LARGEST)))
-        except Exception:  # a file of another version is ignored, and the law is compiled anew
-            return None
-
-    def save_overload(self, signature: Any, compiled: Any) -> None:
-        """Write the compiled callback to the file, atomically, unless it refers to the memory of this process."""
-        from numba.core.serialize import dumps
-
-        if compiled.lifted or compiled.library.has_dynamic_globals:
-            return
-        write_sealed_file(self.path, dumps(compiled._reduce()))
+        path = make_cache_folder("user_forces", root / "results" / "local") / f"{key}.pickle"
+    return private_interfaces.compile_callback(function, returns, arguments, path)
 
 
 def digest_callback(function: Callable[..., Any], *more: object) -> str:

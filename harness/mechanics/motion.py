@@ -80,22 +80,38 @@ def list_user_loads(system: MultibodySystem, s: States) -> Iterator[tuple[int, n
         yield from ((body, values[:, e], values[:, 2 + e]) for e, body in enumerate((i, j)) if body != GROUND)
 
 
-REACH = 1e-2  # [rad] bodies turn at most over a difference, whose error is REACH^6 / 140 of the drift
+# [rad] bodies turn at most over a difference, whose error is REACH^6 / 140 of the drift. Half changes accelerations of
+# Bricard's linkage by 2e-13 of the largest, twice by 1e-11.
+REACH = 1e-2
 DIFFERENCE = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
+POSES = 2**11  # of a difference at once, times its places: more does not stay in a processor's cache
 PLACES = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)
 
 
-def evaluate_acceleration_bias(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
-    """Return A_dot v + (phi_t)_dot, the rate of phi_dot at constant velocities, by sixth-order differences."""
-    rates = (float(np.max(np.abs(a), initial=1.0)) for a in (s.Omega, system.joint_motion[:, 5]))
-    dt = REACH / max(rates)
+def choose_difference_step(system: MultibodySystem, s: States) -> float:
+    """Return the step [s] over which rates of a motion are differenced: no body turns by more than ``REACH`` in it."""
+    return REACH / max(float(np.max(np.abs(a), initial=1.0)) for a in (s.Omega, system.joint_motion[:, 5]))
 
-    def ahead(h: float) -> States:
-        """Return the states after ``h`` [s] at constant velocities."""
-        return States(s.r + h * s.v, s.R @ so3.exp(h * s.Omega), s.v, s.Omega, s.times + h, s.angles)
 
-    shifted = (c * constraint_rate(system, ahead(x * dt)) for x, c in zip(PLACES, DIFFERENCE, strict=True))
-    out: np.ndarray = sum(shifted) / dt
+def evaluate_acceleration_bias(
+    system: MultibodySystem, s: States, steps: Float[np.ndarray, " nt"] | None = None
+) -> Float[np.ndarray, "nt nrows"]:
+    """Return A_dot v + (phi_t)_dot, the rate of phi_dot at constant velocities, by sixth-order differences.
+
+    ``steps`` [s] are those of the differences at each time, by default ``choose_difference_step`` of the whole motion.
+    """
+    dt = np.full(len(s), choose_difference_step(system, s)) if steps is None else steps
+    if (most := max(1, POSES // system.nb)) < len(s):
+        some = (slice(k, k + most) for k in range(0, len(s), most))
+        return np.concatenate([evaluate_acceleration_bias(system, s.at(k), dt[k]) for k in some])
+    h = np.array(PLACES)[:, None] * dt  # all places at once: few instants cost the calls alone
+    x, n = h[:, :, None, None], len(PLACES)
+    r, R, times = s.r + x * s.v, s.R @ so3.exp(x * s.Omega), s.times + h
+    v, Omega = (np.tile(a, (n, 1, 1)) for a in (s.v, s.Omega))
+    angles = None if s.angles is None else np.tile(s.angles, (n, 1))
+    ahead = States(r.reshape(v.shape), R.reshape(-1, *R.shape[2:]), v, Omega, times.ravel(), angles)
+    rates = constraint_rate(system, ahead).reshape(n, len(s), system.nrows)
+    out: np.ndarray = sum(c * rate for rate, c in zip(rates, DIFFERENCE, strict=True)) / dt[:, None]
     return out
 
 
@@ -127,15 +143,19 @@ def constraint(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrow
     return _rows(system, s, velocity=False)
 
 
-def measure_gaps(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
+def measure_gaps(
+    system: MultibodySystem, s: States, phi: Float[np.ndarray, "nt nrows"] | None = None
+) -> Float[np.ndarray, "nt nrows"]:
     """Return phi as ``constraint`` does, but 2 - |phi| with its sign for joints assembled half a turn away.
 
     Half a turn away a row vanishes as well: of driven angles, sin(theta - f), and the last row of fixed and prismatic
     joints, the sine of the turn about the axis. The others have no second root, or one that is the same joint: the
-    axis of a hinge is a line.
+    axis of a hinge is a line. ``phi`` is that of ``constraint``, if it is known already.
     """
-    phi, push = constraint(system, s), evaluate_moving_rows(system, s)
-    axis = system.axis_rows()
+    phi = constraint(system, s) if phi is None else phi.copy()
+    if not np.any(system.joint_axes) and not np.any(system.joint_moving):
+        return phi
+    push, axis = evaluate_moving_rows(system, s), system.axis_rows()
     # first of the three axis rows of a joint
     last = np.flatnonzero(np.append(axis.joint[:-2] == axis.joint[2:], [False, False]))
     joint = axis.joint[last]
@@ -207,9 +227,15 @@ def list_jacobian_parts(
         )
 
 
-def constraint_energy_norm(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """Return the norm of Eq. (81), sqrt(phi_dot^T M_bar phi_dot) [sqrt(J)], at each time."""
-    return np.sqrt(np.sum(evaluate_scaling_masses(system, s) * constraint_rate(system, s) ** 2, axis=-1))
+def constraint_energy_norm(
+    system: MultibodySystem, s: States, rate: Float[np.ndarray, "nt nrows"] | None = None
+) -> Float[np.ndarray, " nt"]:
+    """Return the norm of Eq. (81), sqrt(phi_dot^T M_bar phi_dot) [sqrt(J)], at each time.
+
+    ``rate`` is phi_dot as ``constraint_rate`` returns it, if it is known already.
+    """
+    rate = constraint_rate(system, s) if rate is None else rate
+    return np.sqrt(np.sum(evaluate_scaling_masses(system, s) * rate**2, axis=-1))
 
 
 def point_position(s: States, body: int, p: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "nt 3"]:
@@ -261,8 +287,11 @@ def _rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
     out[:, point] = find_gap_vectors(system, s, joints, velocity=velocity)
     line, axis = system.line_rows(), system.axis_rows()
     out[:, line.row] = _evaluate_line_rows(system, s, line, velocity=velocity)[0]
-    push = evaluate_moving_rows(system, s)
-    out[:, push.row] = push.rate(system, s) if velocity else push.phi
+    if np.any(system.joint_moving):
+        push = evaluate_moving_rows(system, s)
+        out[:, push.row] = push.rate(system, s) if velocity else push.phi
+    if not len(axis.row):
+        return out
     ends = (system.joint_i[axis.joint], axis.u), (system.joint_j[axis.joint], axis.n)
     u, n = (turn_vectors(s, *end) for end in ends)
     if not velocity:

@@ -4,6 +4,8 @@ Rows that are redundant on the constraints alone (planar loops in space, linkage
 each other at a pose that is off by 1e-7, where accelerations of index 1 are meaningless.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 
@@ -13,6 +15,8 @@ from .motion import constraint
 from .state import States
 from .system import MultibodySystem
 
+# Half and twice of each change no bit of 40 poses each of Bricard's and Bennett's linkages, a grid of 5 x 5 four-bar
+# cells, two cells that pass singular poses, and a top.
 NEAR = 64.0 * np.finfo(float).eps  # share of the size: a pose that is as near as that is left as it is
 INDEPENDENT = 1e-5  # least to largest singular value of rows that move the pose: redundant ones are left out
 SETTLED = 0.5  # ratio to the residual before: one that falls less is rounding
@@ -33,11 +37,18 @@ def project_poses(system: MultibodySystem, s: States) -> States:
     Distances are weighted by mass and gyration. Newton's method ends where it converges, and undoes a step that
     increases a gap.
     """
+    return project_poses_of_each(system, [s])[0]
+
+
+def project_poses_of_each(system: MultibodySystem, motions: Sequence[States]) -> list[States]:
+    """Project the poses of several motions at once, bit for bit as ``project_poses`` does those of each."""
+    s = States.join(motions)
     if system.nrows == 0 or len(s) == 0:
-        return s
+        return list(motions)
     metres = np.ones(system.nrows)
     metres[system.turning_rows] = np.max(system.gyration)
-    near = NEAR * (float(np.max(np.abs(s.r), initial=0.0)) + float(np.max(find_arms(system))))
+    sizes = [float(np.max(np.abs(m.r), initial=0.0)) + float(np.max(find_arms(system))) for m in motions]
+    near = NEAR * np.repeat(sizes, list(map(len, motions)))
     r, R = s.r.copy(), s.R.copy()
     left, before = np.arange(len(s)), np.full(len(s), np.inf)
     last_r, last_R = r.copy(), R.copy()
@@ -47,7 +58,7 @@ def project_poses(system: MultibodySystem, s: States) -> States:
         size = np.max(np.abs(phi * metres), axis=1)
         worse = left[~(size < before)]
         r[worse], R[worse] = last_r[worse], last_R[worse]
-        off = np.isfinite(size) & (size > near) & (size < SETTLED * before)
+        off = np.isfinite(size) & (size > near[left]) & (size < SETTLED * before)
         left, here, phi, before = left[off], here.at(off), phi[off], size[off]
         if not len(left):
             break
@@ -55,7 +66,7 @@ def project_poses(system: MultibodySystem, s: States) -> States:
         change = find_least_changes(system, here, -phi, INDEPENDENT)
         r[left] += change[..., :3]
         R[left] = R[left] @ so3.exp(change[..., 3:])
-    return States(r, R, s.v, s.Omega, s.times, s.angles)
+    return States(r, R, s.v, s.Omega, s.times, s.angles).split(list(map(len, motions)))
 
 
 def disturb_poses(system: MultibodySystem, s: States, by: np.ndarray, seed: int) -> States:

@@ -1,5 +1,7 @@
 """Define poses and velocities of all bodies: the result of every solver, whatever its coordinates."""
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,6 +79,24 @@ class States:
         """Return the motion at the times that ``index`` selects, as in NumPy."""
         angles = None if self.angles is None else self.angles[index]
         return States(self.r[index], self.R[index], self.v[index], self.Omega[index], self.times[index], angles)
+
+    @staticmethod
+    def join(motions: "Sequence[States]") -> "States":
+        """Return the instants of several motions of the same bodies as one motion, the first one's first.
+
+        Angles of springs are kept if all motions have them.
+        """
+        if len(motions) == 1:
+            return motions[0]
+        names = ("r", "R", "v", "Omega", "times")
+        r, R, v, Omega, t = (np.concatenate([getattr(s, name) for s in motions]) for name in names)
+        angles = [s.angles for s in motions if s.angles is not None]
+        return States(r, R, v, Omega, t, np.concatenate(angles) if len(angles) == len(motions) else None)
+
+    def split(self, counts: Sequence[int]) -> "list[States]":
+        """Return the motions that ``join`` joined, from the number of instants of each."""
+        ends = np.cumsum([0, *counts])
+        return [self.at(slice(i, j)) for i, j in itertools.pairwise(ends)]
 
     @staticmethod
     def one(state: State) -> "States":

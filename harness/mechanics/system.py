@@ -6,6 +6,8 @@ Velocities are ``v = (r_dot [space], Omega [body])`` per body; in them the mass 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
@@ -43,6 +45,14 @@ class RigidBody:
     mass: float
     inertia: Float[np.ndarray, "3 3"]
     name: str = ""
+
+
+class _Derived(NamedTuple):
+    """Arrays that follow from those of a system."""
+
+    added_inertia: Float[np.ndarray, "nb 3 3"]
+    gyration: Float[np.ndarray, " nb"]
+    row_start: Int[np.ndarray, " starts"]
 
 
 @dataclass(frozen=True)
@@ -102,6 +112,17 @@ class MultibodySystem:
     @property
     def added_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
         """Inertia added about axes without any [kg m2]: 0 except for slender rods and point masses."""
+        return self._derived.added_inertia.copy()
+
+    @cached_property
+    def _derived(self) -> "_Derived":
+        """Arrays that follow from the others, computed once, as they are asked for often; properties return copies."""
+        added = self._add_inertia()
+        gyration = np.sqrt(np.einsum("bii->b", self.inertia + added) / (2.0 * self.mass))
+        return _Derived(added, gyration, np.concatenate(([0], np.cumsum(self.joint_rows))).astype(np.int64))
+
+    def _add_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
+        """Compute ``added_inertia``."""
         if not np.any(find_principal_inertias(self.inertia)[2]):
             return np.zeros_like(self.inertia)
         arm = np.zeros(self.nb + 1)  # the last one is the ground
@@ -120,7 +141,7 @@ class MultibodySystem:
     @property
     def gyration(self) -> Float[np.ndarray, " nb"]:
         """Radius of gyration [m] of each body, of ``regular_inertia``, by which angles convert to metres."""
-        return np.sqrt(np.einsum("bii->b", self.regular_inertia) / (2.0 * self.mass))
+        return self._derived.gyration.copy()
 
     @property
     def nb(self) -> int:
@@ -140,12 +161,12 @@ class MultibodySystem:
     @property
     def row_start(self) -> Int[np.ndarray, " starts"]:
         """First row of phi of each joint; the last entry is the number of rows."""
-        return np.concatenate(([0], np.cumsum(self.joint_rows))).astype(np.int64)
+        return self._derived.row_start.copy()
 
     @property
     def nrows(self) -> int:
         """Number of constraint rows, redundant ones included."""
-        return int(self.row_start[-1])
+        return int(self._derived.row_start[-1])
 
     @property
     def joint_revolute(self) -> Bool[np.ndarray, " nj"]:

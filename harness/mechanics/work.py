@@ -143,7 +143,7 @@ def _flow(system: MultibodySystem, s: States, h: np.ndarray, parts: int) -> np.n
 
 
 def _rates(system: MultibodySystem, s: States) -> tuple[np.ndarray, np.ndarray]:
-    """Return accelerations (nt, nb, 6) and power [W] of index 1, at poses projected onto the constraints."""
+    """Return accelerations (nt, nb, 6) and the power of forces [W] by the equations of index 1, at projected poses."""
     found = solve_index_1(system, project_poses(system, s))
     return found.a, compute_power(system, s, found.reaction)
 

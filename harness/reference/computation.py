@@ -33,6 +33,7 @@ from .collocation import Collocation, estimate_jacobian
 from .director_rows import ROWS
 from .directors import Directors
 from .extrapolation import Rate, vectorize_rate
+from .held import recall_value
 from .moving_rows import PUSHES
 from .newton_euler import NewtonEuler
 from .orbit import Orbit, Pair, Piece
@@ -45,12 +46,17 @@ FEWEST = 300  # fewest steps of route 2 that any budget pays for
 LARGEST = 40.0  # [s] by the cost model: systems for which ``FEWEST`` steps of route 2 take longer get no reference
 DAMPED = 10.0  # evaluations of either explicit route over the time 1 / |eigenvalue|, measured on the governor
 INVERSE = 1.5e-9  # [s] per n^3, for the matrices of a step by collocation
-CHUNK = 16  # steps of route 2 between two projections
+# steps of route 2 between two projections. Half and twice state 0.4 to 1 times the errors on a spring pendulum, a
+# damped linkage and a governor, at the same cost.
+CHUNK = 16
 WINDING = 2.0  # [rad] that a spring beyond half a turn may wind over a chunk, at its rate at the chunk's start
 TRIES = 12  # most attempts, each shorter, at a chunk in which springs wind more than half a turn
+REFERENCE = "reference"  # key of a held problem's reference
 SPENT = "its budget of time is spent"
 PARTED = "from there on its routes differ by more than a thousandth of the reach, as of chaotic motions"
-SHORT = 4  # as CHUNK, where rows are redundant: the rows in use, chosen at its start, may become dependent
+# as CHUNK, where rows are redundant: the rows in use, chosen at its start, may become dependent. On Bricard's linkage
+# half states an error of 3e-13 in place of 2e-12 m; twice needs a second run.
+SHORT = 4
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,11 @@ def find_reference(problem: Problem) -> Reference | None:
     None if the system is too large to compute one, if the computation fails, or for a literal start, which opens the
     joints.
     """
+    return recall_value(problem, REFERENCE, lambda: _find_reference(problem))
+
+
+def _find_reference(problem: Problem) -> Reference | None:
+    """Return the reference of a problem from its own exact motion, a closed form, the disk, or a computation."""
     exact = problem.reference()
     if exact is None and not problem.literal_start:
         exact = _import_hinged().find_hinged_motion(problem.system, problem.initial, problem.t_end)

@@ -15,18 +15,22 @@ from jaxtyping import Float
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 from ..mechanics.time_functions import evaluate_functions
+from .blocks import find_touched, list_blocks, multiply_blocks
 from .director_rows import ROWS, Joint, Row
 from .principal import is_light, rotate_to_principal_axes
 from .tape import Tape
 
-RANK = 1e-11  # share of the largest eigenvalue of S below which one counts as zero; they are squares of singular values
+# share of the largest eigenvalue of S below which one counts as zero; they are squares of singular values. Half and
+# twice change no reference of four problems, one of them with redundant rows.
+RANK = 1e-11
 PAIRS = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)])  # pairs of directors: the rigidity constraints
 EVEN, SKEW = np.zeros((6, 3, 3)), np.zeros((3, 3, 3))
 for _k, (_a, _b) in enumerate(PAIRS):
     EVEN[_k, [_a, _b], [_b, _a]] = 0.5
 for _k in range(3):
     SKEW[_k, _k - 2, _k - 1], SKEW[_k, _k - 1, _k - 2] = 1.0, -1.0
-# most Newton steps: each doubles the correct digits, so two take a consistent start's 1e-9 to rounding
+# most Newton steps: each doubles the correct digits, so two take a consistent start's 1e-9 to rounding; half and twice
+# change no reference of four problems
 SWEEPS = 5
 
 
@@ -48,7 +52,7 @@ class Directors:
         self.pinned, self.point = s.point_rows()
         self.line, self.axis = s.line_rows(), s.axis_rows()
         self.link = self.line.length > 0.0
-        self.moving = s.moving_rows()
+        self.moving, (self.blocks, self.bodies) = s.moving_rows(), list_blocks(find_touched(s))
         self.nrows = s.nrows
         self.pins = np.zeros((s.nrows, s.nb, 4, 3))  # point rows of J, which are constant
         for body, arm, sign in ((s.joint_i, s.joint_s_i, 1.0), (s.joint_j, s.joint_s_j, -1.0)):
@@ -208,7 +212,7 @@ class Directors:
         if not rows:
             return a
         gap = gap - _times(J, a.reshape(nt, n))
-        JH = np.matmul(J.reshape(nt, rows, -1, 1, 6), H[:, None]).reshape(nt, rows, n)
+        JH = multiply_blocks(J, H[:, self.bodies], self.blocks)
         S = JH @ np.swapaxes(J, 1, 2)
         even = 1.0 / np.sqrt(np.einsum("tkk->tk", S))  # rows of similar size, whatever the masses
         S, gap = even[:, :, None] * S * even[:, None], even * gap

@@ -17,11 +17,14 @@ from scipy.spatial.transform import Rotation
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 from ..mechanics.time_functions import evaluate_functions
+from .blocks import find_touched, list_blocks, multiply_blocks
 from .moving_rows import PUSHES, Body, Joint, MovingRowRates, cross
 from .principal import SAME, is_light, rotate_to_principal_axes
 from .tape import Tape
 
-RANK = 1e-9  # share of the largest pivot below which a row is redundant
+# share of the largest pivot below which a row is redundant; half and twice change no reference of four problems, one of
+# them with redundant rows
+RANK = 1e-9
 _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 SWEEPS = 5  # most Gauss-Newton steps; drift between two starts is near rounding, where two suffice
 
@@ -41,7 +44,6 @@ class NewtonEuler:
         self.system, self.axes = rotate_to_principal_axes(self.given)
         s = self.system
         self.nrows = s.nrows
-        self.rows = np.arange(s.nrows)
         sizes, self.principal = np.linalg.eigh(s.regular_inertia)
         self.principal[:, :, 2] *= np.linalg.det(self.principal)[:, None]  # right-handed
         apart = np.roll(sizes, -1, axis=1) - np.roll(sizes, -2, axis=1)
@@ -58,8 +60,15 @@ class NewtonEuler:
         for end, arm, sign in ((s.joint_i, s.joint_s_i, 1.0), (s.joint_j, s.joint_s_j, -1.0)):
             moving = [np.flatnonzero(end[j] != GROUND) for j in (self.pinned, self.line.joint, self.axis.joint)]
             self.ends.append((end, arm, sign, *moving))
-        self.moving = s.moving_rows()
+        self.moving, self.touched = s.moving_rows(), find_touched(s)
+        self._use_rows(np.arange(s.nrows))
         self._tape: Tape | None = None
+
+    def _use_rows(self, rows: Int[np.ndarray, " rank"]) -> None:
+        """Keep these rows as those in use, with the blocks that they touch and the inverse masses of these."""
+        self.rows = rows
+        self.blocks, bodies = list_blocks(self.touched[rows])
+        self.weights = self.weight[bodies]
 
     def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
         """Return a state as a vector of this route."""
@@ -117,7 +126,7 @@ class NewtonEuler:
             even /= np.maximum(np.linalg.norm(even, axis=1), np.finfo(float).tiny)[:, None]
             _, pivots, order = sl.qr(even.T, mode="economic", pivoting=True)
             size = np.abs(np.diag(pivots))
-            self.rows = np.sort(order[: int(np.sum(size > RANK * size[0]))])
+            self._use_rows(np.sort(order[: int(np.sum(size > RANK * size[0]))]))
             for _ in range(SWEEPS):
                 phi, A, _ = self._rows_at(r, _matrices(q), v, Omega, y[-1])
                 if np.max(np.abs(phi)) < 1e-15:
@@ -151,7 +160,7 @@ class NewtonEuler:
             return np.linalg.solve(K, np.concatenate((f.ravel(), even * wanted)))[:n].reshape(-1, 6)
         a = np.matmul(self.weight, f[..., None])[..., 0]
         if len(A):
-            WA = np.matmul(A.reshape(len(A), -1, 1, 6), self.weight).reshape(A.shape)
+            WA = multiply_blocks(A, self.weights, self.blocks)
             a -= (np.linalg.solve(A @ WA.T, A @ a.ravel() - wanted) @ WA).reshape(-1, 6)
         return a
 

@@ -9,20 +9,23 @@ import io
 import zipfile
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.integrate import solve_ivp
 
 from ..base.cache import make_cache_folder, read_sealed_file, write_sealed_file
 from ..base.machine import name_arithmetic
 from .collocation import Collocation
 from .extrapolation import Rate, gbs_adaptive
 
-SAFETY = 10.0  # bound over disagreement: one route may have all the error, and errors may cancel at the compared nodes
+# bound over disagreement: one route may have all the error, and errors may cancel at the compared nodes. Half and twice
+# state half and twice the errors, of 1e-13 to 9e-12 m on four problems; the horizons are the same.
+SAFETY = 10.0
 FLOOR = 1e-13  # [m] rounding of evaluation
 LARGEST = 2**31  # [bytes] largest file that is read; those written are below a tenth of it
 FOLDER = make_cache_folder("references", Path(__file__).resolve().parents[2] / "results" / "local")
@@ -123,6 +126,8 @@ def advance_routes(
     Raise ArithmeticError if one fails. ``tolerance`` is that of route 1, ``correction`` that of route 2, relative to
     ``units`` of y and z. The first step of route 2 is ``span / steps``.
     """
+    from scipy.integrate import solve_ivp  # here: it takes a third of a second to load
+
     t, y, end = at
     piece: Any = solve_ivp(
         lambda _, y: pair.first(y),
@@ -181,6 +186,23 @@ def join_chunks(pieces: Iterator[Piece], worst: Callable[[], float]) -> Orbit | 
     return Orbit(np.append(starts, end), y, F, np.array(bound_t), np.array(bound))
 
 
+class NotStoredError(Exception):
+    """Signal that an orbit is not on disk, within ``read_only_stored``."""
+
+
+_only_stored = ContextVar("_only_stored", default=False)
+
+
+@contextmanager
+def read_only_stored() -> Iterator[None]:
+    """Let ``load_or_compute`` raise ``NotStoredError`` instead of computing, as in a process that must not be busy."""
+    token = _only_stored.set(True)
+    try:
+        yield
+    finally:
+        _only_stored.reset(token)
+
+
 def load_or_compute(key: str | None, compute: Callable[[], Orbit | None]) -> Orbit | None:
     """Load the orbit of the digest ``key`` from disk, or compute and store it.
 
@@ -188,11 +210,15 @@ def load_or_compute(key: str | None, compute: Callable[[], Orbit | None]) -> Orb
     arithmetic: orbits computed natively or by other kernels differ in their last bits.
     """
     if key is None:
+        if _only_stored.get():
+            raise NotStoredError
         return compute()
     file = FOLDER / name_arithmetic() / f"{key[:24]}.npz"
     known = _read(file)
     if known is not None:
         return known if len(known.y) else None
+    if _only_stored.get():
+        raise NotStoredError
     found = compute()
     nothing = np.zeros(0)
     _write(file, found or Orbit(nothing, np.zeros((0, 0)), np.zeros((0, 7, 0)), nothing, nothing))

@@ -109,9 +109,11 @@ class Tape:
         found = [np.asarray(a) for a in function(state)]
         self._shapes = [a.shape for a in found]
         self._ends = np.cumsum([a.size for a in found])
-        out = ca.vertcat(*(_unwrap_number(a) for array in found for a in array.ravel()))
-        self._one = ca.Function("terms", [y], [ca.densify(out)])
-        self._of: dict[int, tuple[np.ndarray, tuple[np.ndarray, ...], Callable[[], None], Any]] = {}
+        out = ca.sparsify(ca.vertcat(*(_unwrap_number(a) for array in found for a in array.ravel())))
+        self._rows = np.array(out.sparsity().row(), dtype=np.int64)  # of the entries that are not zero in every state
+        self._one = ca.Function("terms", [y], [out.nz[:]])
+        # by number of states: memory of the states, of what is computed of them, and of all; its parts; how to run it
+        self._of: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, ...], Any, Any]] = {}
 
     def __call__(self, y: Float[np.ndarray, "nt n"]) -> tuple[np.ndarray, ...]:
         """Evaluate the arrays of ``function`` at states (nt, n), with the states as first axis.
@@ -121,12 +123,14 @@ class Tape:
         nt = len(y)
         if nt not in self._of:
             held, run = (self._one if nt == 1 else self._one.map(nt)).buffer()
-            given, found = np.empty(y.shape), np.empty((nt, int(self._ends[-1])))
+            given, found = np.empty(y.shape), np.empty((nt, len(self._rows)))
             held.set_arg(0, given.data)
             held.set_res(0, found.data)
-            split = zip(np.split(found, self._ends[:-1], axis=1), self._shapes, strict=True)
-            self._of[nt] = given, tuple(a.reshape(nt, *shape) for a, shape in split), run, held
-        given, parts, run, _ = self._of[nt]
+            whole = np.zeros((nt, int(self._ends[-1])))
+            split = zip(np.split(whole, self._ends[:-1], axis=1), self._shapes, strict=True)
+            self._of[nt] = given, found, whole, tuple(a.reshape(nt, *shape) for a, shape in split), run, held
+        given, found, whole, parts, run, _ = self._of[nt]
         given[:] = y
         run()
+        whole[:, self._rows] = found
         return parts

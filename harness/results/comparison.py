@@ -3,14 +3,13 @@
 Runs are matched by their settings, which exclude the code. Times, memory and paths are not compared.
 """
 
-import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 from ..mechanics.types import Status
-from .records import COLUMNS, RunRecord
+from .records import COLUMNS, Deviation, RunRecord
 from .store import select_newest
 
 NOT_COMPARED = {  # numbers that the machine or the settings determine
@@ -120,7 +119,8 @@ def _find_changes(a: RunRecord, b: RunRecord) -> list[Change]:
     if a.status != b.status:
         out.append(Change(a.case, "status", a.status, b.status, Likeness.CHANGED))
     pairs = [(name, float(getattr(a, name)), float(getattr(b, name))) for name in METRICS]
-    pairs += _pair_extents("observable_errors", a, b) + _pair_extents("invariant_drifts", a, b)
+    pairs += _pair_deviations("observable_errors", a.observables, b.observables)
+    pairs += _pair_deviations("invariant_drifts", a.invariants, b.invariants)
     for name, x, y in pairs:
         likeness = _compare_numbers(a, name, x, y)
         if likeness is not Likeness.SAME:
@@ -145,10 +145,11 @@ def _compare_numbers(a: RunRecord, name: str, x: float, y: float) -> Likeness:
     return Likeness.ROUNDING if abs(x - y) <= allowed * max(abs(x), abs(y)) + LEAST * scale else Likeness.CHANGED
 
 
-def _pair_extents(column: str, a: RunRecord, b: RunRecord) -> list[tuple[str, float, float]]:
-    """Return name and both maxima of each quantity that a JSON column has in both records."""
-    x, y = (json.loads(getattr(r, column)) for r in (a, b))
-    return [(f"{column}.{k}.max", float(x[k]["max"]), float(y[k]["max"])) for k in x if k in y]
+def _pair_deviations(
+    column: str, a: Mapping[str, Deviation], b: Mapping[str, Deviation]
+) -> list[tuple[str, float, float]]:
+    """Return name and both maxima of each quantity of a column that both records have."""
+    return [(f"{column}.{k}.max", a[k].max, b[k].max) for k in a if k in b]
 
 
 def _finite_or_one(x: float) -> float:

@@ -5,6 +5,7 @@ is wider by at most 1/1024 of the distance from the base. The base is 0 or, for 
 middle, so that a drawing shows their differences.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,15 +45,39 @@ class Envelope:
 
 def compute_envelope(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], spans: int = SPANS) -> Envelope:
     """Return the envelope of the finite values among ``a`` at ascending times ``t`` [s], over equal spans of time."""
-    begin, end = float(t[0]), float(t[-1])
-    low, high = np.full(spans, np.nan), np.full(spans, np.nan)
-    good, base = np.flatnonzero(np.isfinite(a)), 0.0
-    if len(good):
-        k = find_spans(t[good], begin, end, spans)
-        first = np.flatnonzero(np.diff(k, prepend=-1))  # rows of a span are consecutive
-        low[k[first]], high[k[first]] = np.minimum.reduceat(a[good], first), np.maximum.reduceat(a[good], first)
-        base = _find_base(float(np.nanmin(low)), float(np.nanmax(high)))
-    return Envelope(begin, end, np.stack((_encode(low - base, up=False), _encode(high - base, up=True))), base)
+    return compute_envelopes(t, {"": a}, spans)[""]
+
+
+def compute_envelopes(
+    t: Float[np.ndarray, " nt"], series: Mapping[str, Float[np.ndarray, " nt"]], spans: int = SPANS
+) -> dict[str, Envelope]:
+    """Return the envelope of each series, as ``compute_envelope`` does, by name.
+
+    Most series are finite at every time: their spans are found once.
+    """
+    begin, end, out = float(t[0]), float(t[-1]), dict[str, Envelope]()
+    every = _find_first_rows(t, begin, end, spans) if len(t) else None
+    for name, a in series.items():
+        low, high = np.full(spans, np.nan), np.full(spans, np.nan)
+        finite, base = np.isfinite(a), 0.0
+        whole = every is not None and bool(np.all(finite))
+        good = a if whole else a[finite]
+        if len(good):
+            k, first = every if every is not None and whole else _find_first_rows(t[finite], begin, end, spans)
+            low[k], high[k] = np.minimum.reduceat(good, first), np.maximum.reduceat(good, first)
+            base = _find_base(float(np.nanmin(low)), float(np.nanmax(high)))
+        codes = np.stack((_encode(low - base, up=False), _encode(high - base, up=True)))
+        out[name] = Envelope(begin, end, codes, base)
+    return out
+
+
+def _find_first_rows(
+    t: Float[np.ndarray, " n"], begin: float, end: float, spans: int
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """Return the spans that have a time, and the first row of each; rows of a span are consecutive."""
+    k = find_spans(t, begin, end, spans)
+    first = np.flatnonzero(np.diff(k, prepend=-1))
+    return k[first], first
 
 
 def find_spans(t: Float[np.ndarray, " n"], begin: float, end: float, spans: int) -> Int[np.ndarray, " n"]:

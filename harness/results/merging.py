@@ -9,6 +9,7 @@ from pathlib import Path
 from ..base.confined_paths import ConfinedPath, UnsafeFile
 from ..base.files import FileError
 from . import store
+from .column_digests import add_column_digests, read_column_digests
 from .comparison import compare
 from .provenance import describe_differences, find_differences, read_environment
 from .records import RunRecord
@@ -59,17 +60,22 @@ def merge(out: Path, sources: Sequence[Path]) -> MergeOutcome:
                 kept[record.run_id], origin[record.run_id] = record, source
                 added += 1
             _copy_environment(source, out)
+            add_column_digests(out, *read_column_digests(source).values())
         store.write_table(out, store.load(out, check_series=False).records)
     records = tuple(sorted(kept.values(), key=lambda r: (r.problem, r.solver, r.case)))
     return MergeOutcome(records, added, tuple(unreadable), tuple(conflicts), find_codes(records))
 
 
 def find_codes(records: Sequence[RunRecord]) -> tuple[str, ...]:
-    """Return the sorted code digests of all problem-solver pairs whose records have more than one."""
+    """Return the sorted code digests of all problem-solver pairs whose records have more than one.
+
+    Those of the code that measured the records are added if they differ.
+    """
     found = dict[tuple[str, str], set[str]]()
     for r in records:
         found.setdefault((r.problem, r.solver), set()).add(r.code)
-    return tuple(sorted(set().union(*(codes for codes in found.values() if len(codes) > 1))))
+    found["", ""] = {r.measured_by for r in records}
+    return tuple(sorted(set().union(*(codes for codes in found.values() if len(codes) > 1)) - {""}))
 
 
 def _copy_environment(source: Path, out: Path) -> None:

@@ -1,12 +1,33 @@
-"""Decide whether a run that claims success and breaks a law misleads its user."""
+"""Decide whether a run that claims success misleads its user, by the reasons that contradict it."""
 
 import math
+from collections.abc import Collection
 
-from ..mechanics.types import Law, Status
-from .records import RunRecord, parse_reasons
+from ..mechanics.types import Law, Reason, Status
+from .records import RunRecord
 
-RIGHT = 0.01  # relative errors of motion, velocities and reactions below which nobody is misled
-TO_THE_END = 0.98  # fraction of the time that must be compared with the exact motion
+# relative errors of motion, velocities and reactions below which nobody is misled. Of the 813 claimed successes of the
+# suites ``first`` and ``paper`` 473 are below it to the end; half: 428, twice: 515.
+RIGHT = 0.01
+TO_THE_END = 0.98  # fraction of the time that must be compared with the exact motion; half, or 1: the same 473
+# laws of what is measured at each time without a reference: no comparison excuses a motion that breaks one
+STATE_LAWS = frozenset(
+    (
+        Law.FINITE,
+        Law.START,
+        Law.END,
+        Law.ENERGY,
+        Law.CONSTRAINT,
+        Law.CONSTRAINT_RATE,
+        Law.ORTHOGONALITY,
+        Law.INVARIANT,
+    )
+)
+
+
+def is_compared_to_end(r: RunRecord) -> bool:
+    """Return whether errors are judged until the end of the run, but for the last hundredths of the time."""
+    return r.judged_to_s >= TO_THE_END * r.t_end_s
 
 
 def agrees_with_reference(r: RunRecord) -> bool:
@@ -15,18 +36,20 @@ def agrees_with_reference(r: RunRecord) -> bool:
     for error, size in ((r.reaction_error_max_N, r.reaction_size_N), (r.moment_error_max_Nm, r.moment_size_Nm)):
         if not math.isnan(error):
             pairs.append((error, size))
-    return r.judged_to_s >= TO_THE_END * r.t_end_s and all(error <= RIGHT * size for error, size in pairs)
+    return is_compared_to_end(r) and all(error <= RIGHT * size for error, size in pairs)
 
 
-def is_misleading(r: RunRecord) -> bool:
-    """Return whether the run is a false success: it claims success but breaks a law of states.
+def breaks_state_law(because: Collection[Reason]) -> bool:
+    """Return whether any of the reasons is a broken law of states: of energy, another invariant, joints, or numbers."""
+    return not STATE_LAWS.isdisjoint(reason.law for reason in because)
 
-    The law on rates alone counts only if the motion is not right. It judges a derivative of what was recorded; if the
-    motion is right by comparison, its derivative does not matter.
+
+def is_misleading(r: RunRecord, because: Collection[Reason]) -> bool:
+    """Return whether the run is a false success for the reasons ``because``: it claims success and its motion misleads.
+
+    A broken law of states always counts. All others judge derivatives of what was recorded, or compare it: where the
+    motion is right by comparison, they mislead nobody. Whether a symmetry misleads is weighed where it is checked.
     """
-    laws = {reason.law for reason in parse_reasons(r.wrong_because)}
-    return (
-        r.claimed == Status.SUCCESS
-        and r.status == Status.WRONG
-        and not (laws == {Law.TRUNCATION} and agrees_with_reference(r))
+    return r.claimed == Status.SUCCESS and (
+        breaks_state_law(because) or (len(because) > 0 and not agrees_with_reference(r))
     )

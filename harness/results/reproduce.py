@@ -1,6 +1,5 @@
 """Write the command that repeats a run, from its record."""
 
-import json
 import math
 import shlex
 from collections.abc import Sequence
@@ -25,9 +24,9 @@ def write_command(record: RunRecord, plugins: Sequence[str] = (), out: str = "")
     words = ["mbsbench", "solve", record.problem, record.solver]
     for plugin in plugins:
         words += ["--plugin", plugin]
-    for name, value in json.loads(record.problem_parameters).items():
+    for name, value in record.parameters.items():
         words += ["--problem-set", f"{name}={format_exactly(value)}"]
-    for name, value in {**json.loads(record.solver_options), **list_control(record)}.items():
+    for name, value in {**record.options, **list_control(record)}.items():
         words += ["--set", f"{name}={format_exactly(value)}"]
     words += ["--out", out or f"{record.run_id or record.problem}.npz"]
     return shlex.join(words)

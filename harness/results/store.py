@@ -38,6 +38,7 @@ OTHERS = (  # further files and folders of a results folder
     LOCK,
     ".spool",
     BEGUN,
+    "columns.json",
     "environment.json",
     "judgement",
     "report",

@@ -1,12 +1,11 @@
 """Describe the end of a run and why it is wrong, from its record, for the terminal and for pages."""
 
-import json
 import math
 import signal
 
 from ..base.text import escape_text
 from ..mechanics.types import ACCURATE, PASSAGE, RIGHT_REACTION, EndCause, Law, Reason, Status
-from .records import RunRecord, parse_reasons
+from .records import RunRecord
 
 ROUNDED = 1e-9  # fraction of energy over length: smaller joint loads are rounding, and errors are relative to this
 WHOLE = 0.999  # fraction of the time up to which a motion must be compared to count as compared
@@ -33,7 +32,7 @@ LAWS = {
 
 def list_reasons(record: RunRecord) -> list[str]:
     """Return the reasons why a run is not a success, at least one; for a success the solver's message, if any."""
-    found = [describe_breach(r) for r in parse_reasons(record.wrong_because)] or [describe_ending(record)]
+    found = [describe_breach(r) for r in record.reasons] or [describe_ending(record)]
     said = [w for w in found if w.strip()]
     return said or ([] if record.status == Status.SUCCESS else [f"{record.status or 'unknown'}, without a message"])
 
@@ -111,7 +110,7 @@ def qualify_status(record: RunRecord) -> str:
 
 def describe_passage(record: RunRecord) -> str:
     """Return ``passes a singular pose at t = 0.73 s`` if the motion passed a pose from which several go on, or ""."""
-    notes = [escape_text(n) for n in json.loads(record.notes or "[]")]
+    notes = [escape_text(n) for n in record.note_lines]
     begin, end = PASSAGE
     return next((n.split(end)[0] for n in notes if n.startswith(begin) and end in n), "")
 

@@ -200,6 +200,8 @@ def run_job(text: str, ticket: str = "") -> WorkerResult:
     if ticket in _stopped:
         return WorkerResult()
     here = codes.digest_run_code(job.spec.problem, job.spec.solver, job.plugins)
+    if here == job.code and job.measured_by not in ("", codes.read_column_digests().digest):
+        raise RuntimeError("its code that measures is not the runner's: use the same checkout and packages")
     if here != job.code:
         raise RuntimeError(f"its code {here} is not the runner's {job.code}: use the same checkout and packages")
     with tempfile.TemporaryDirectory() as place:

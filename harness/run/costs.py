@@ -57,6 +57,7 @@ class SolverCost(Shape, frozen=True):
     step_us: tuple[float, float, float]  # [us] a step
     steps: float = 0.0  # accepted steps at rtol = 1e-8 for each step of the problem's own size
     power: float = 0.0  # exponent of 1 / rtol in the number of steps
+    generate_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [s] of CPU for code of a system, made at its first run
 
 
 class Costs(Shape, frozen=True):
@@ -68,7 +69,7 @@ class Costs(Shape, frozen=True):
     load_s: float  # [s] to load the package and compiled code, before the first run
     laws_s: float  # [s] of CPU to compile the measuring code
     reference_s: float  # [s] to compute a reference
-    measure_s: float  # [s] to measure a short run
+    measure_s: tuple[float, float, float]  # [s] to measure a short run, at each of ``SIZES``
     measure_us: tuple[float, float, float]  # [us] for each further step
     commands: dict[str, tuple[float, float]]  # [s] of wall time of a command, and of each run, trial or step of a body
     solvers: dict[str, SolverCost]
@@ -123,12 +124,13 @@ def measure_slowness(jobs: int) -> Slowness:
 def count_running_processes() -> float:
     """Return the number of other processes that are running now, the median of five counts 20 ms apart.
 
-    The load of the last minute is no substitute: after a first pass, or a build, it was caused by this program.
+    Those that this process has started for the runs do not count. The load of the last minute is no substitute: after a
+    first pass, or a build, it was caused by this program.
     """
     looks = []
     for _ in range(5):
-        states = ((p.pid, p.info["status"]) for p in psutil.process_iter(["status"]))
-        looks.append(sum(status == psutil.STATUS_RUNNING for pid, status in states if pid != os.getpid()))
+        found = (p for p in psutil.process_iter(["status", "ppid"]) if os.getpid() not in (p.pid, p.info["ppid"]))
+        looks.append(sum(p.info["status"] == psutil.STATUS_RUNNING for p in found))
         time.sleep(0.02)
     return median(looks)
 
@@ -179,7 +181,7 @@ def _find_factors(spec: RunSpec, known: dict[str, CostFactors]) -> CostFactors:
     name = format_name(spec.problem, spec.parameters)
     if name not in known:
         known[name] = (
-            _find_factors_of_problem(registry.make_problem(spec.problem, spec.parameters))
+            _find_factors_of_problem(registry.share_problem(spec.problem, spec.parameters))
             if _has_own_problem(spec)
             else CostFactors(float(spec.parameters.get("t_end", UNKNOWN_T)), UNKNOWN_STEP, SIZES[0], True)
         )
@@ -203,9 +205,9 @@ def predict_run_cost(spec: RunSpec, facts: CostFactors, costs: Costs, slow: Slow
     It is that on the machine of the table, or on one that takes longer by the factors ``slow``. A short solve is
     repeated until ``spec.min_time``.
     """
-    measuring = (
-        costs.measure_s + _count_steps(spec, facts, costs) * interpolate_by_size(costs.measure_us, facts.size) * 1e-6
-    )
+    # rows are examined in smaller numbers where systems are larger
+    measuring = interpolate_by_size(costs.measure_s, min(facts.size, SIZES[-1]))
+    measuring += _count_steps(spec, facts, costs) * interpolate_by_size(costs.measure_us, facts.size) * 1e-6
     set_up = interpolate_by_size(_find_solver_cost(spec, costs).setup_s, facts.size)
     solve = predict_solve_cost(spec, facts, costs)
     loop = spec.min_time if solve < SHORT else 0.0
@@ -262,6 +264,7 @@ class Expectation:
     loading: float
     once: float  # to compile kernels and compute references that no cache holds
     jobs: int  # at a time
+    pages: float = 0.0  # [s] to judge the runs and write reports, by other commands; 0 where that is not announced
 
     @property
     def seconds(self) -> float:
@@ -270,9 +273,13 @@ class Expectation:
 
     @property
     def words(self) -> str:
-        """Text such as ``about 9 min 20 s, of it 1 min 5 s to compile kernels and compute references, this once``."""
+        """Text such as ``about 9 min 20 s, of it 1 min 5 s to compile kernels and compute references, this once``.
+
+        With ``pages``, these count, and the text says so.
+        """
         once = f", of it {format_duration(self.once)} to compile kernels and compute references, this once"
-        return f"about {format_duration(self.seconds)}{once * self.is_cold}"
+        pages = ", judging and reports included" if self.pages else ""
+        return f"about {format_duration(self.seconds + self.pages)}{pages}{once * self.is_cold}"
 
     @property
     def is_cold(self) -> bool:
@@ -314,8 +321,18 @@ def describe_command(name: str, count: int, jobs: int = 1) -> str:
 
     ``name`` is one of the commands of ``costs.toml``; ``jobs`` runs, trials or steps are done in parallel.
     """
+    return f"about {format_duration(max(1.0, predict_command(name, count, jobs)))}"
+
+
+def predict_command(name: str, count: int, jobs: int = 1) -> float:
+    """Return how long a command takes here [s]; arguments as of ``describe_command``."""
     start, each = read_costs().commands[name]
-    return f"about {format_duration(max(1.0, measure_slowness(jobs).other * (start + each * count / jobs)))}"
+    return measure_slowness(jobs).other * (start + each * count / jobs)
+
+
+def predict_pages(count: int) -> float:
+    """Return how long it takes here to judge ``count`` runs and to write their report, by ``report --judge`` [s]."""
+    return predict_command("judged_report", count)
 
 
 def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectation:
@@ -344,6 +361,9 @@ def _predict_shared_cost(specs: Sequence[RunSpec], costs: Costs, known: dict[str
     shared = SHARED if max(compiled, default=0.0) > SHARED else 0.0
     own = sum(c - shared if c > shared else c for c in compiled)
     laws = 0.0 if warm.contains(LAWS) else costs.laws_s
+    # code that is made for a system, by its first run
+    firsts = {(s.solver, find_nearest_size(_find_factors(s, known).size)) for s in specs if s.solver in cold}
+    own += sum(costs.solvers[name].generate_s[k] for name, k in firsts if name in costs.solvers)
     whole, longest = laws + references + shared + own, max([laws, min(references, costs.reference_s), *compiled])
     return max(whole / min(os.cpu_count() or 1, ABREAST), longest)
 

@@ -5,7 +5,6 @@ the digest of the new steps is compared with the one in the results.
 """
 
 import dataclasses
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -30,10 +29,10 @@ ENOUGH = 10.0  # times the CPU time that the run took: a limit that only a much 
 def rebuild_spec(record: RunRecord) -> RunSpec:
     """Return the spec of a record's run; raise ValueError if it is invalid or has other settings in this checkout."""
     try:
-        problem = make_problem(record.problem, json.loads(record.problem_parameters))
+        problem = make_problem(record.problem, record.parameters)
         control = list_control(record)
         limits = {"cpu_limit": control.pop("cpu_limit", math.nan), "memory": record.memory_limit_MB}
-        spec = make_spec(problem, record.solver, json.loads(record.solver_options), control, **limits)
+        spec = make_spec(problem, record.solver, record.options, control, **limits)
     except ValueError as error:
         raise ValueError(f"{record.case} cannot be run here: {error}") from None
     if spec.settings_id != record.settings_id:

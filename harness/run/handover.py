@@ -19,7 +19,7 @@ from ..base.shapes import Shape, convert_shape
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..mechanics.types import EndCause, Status, Trajectory
-from ..results.npz import read_npz, write_npz
+from ..results.npz import read_npz, write_scratch_npz
 from .contract import CLOCK
 
 # [bytes] of all arrays together: 28 million steps of a body; it bounds the memory of the process that reads
@@ -77,7 +77,7 @@ HIDDEN = 1.0
 
 
 def write(path: Path | ConfinedPath, handed: Handover) -> None:
-    """Write the file, completely or not at all; uncompressed, because it is read at once and then removed."""
+    """Write the file, completely or not at all."""
     arrays: dict[str, np.ndarray] = {}
     report, trajectory = handed.report, handed.trajectory
     if trajectory is not None:
@@ -95,7 +95,7 @@ def write(path: Path | ConfinedPath, handed: Handover) -> None:
         if trajectory.returned is not None:
             arrays |= {f"returned_{k}": getattr(trajectory.returned, k) for k in POSES}
     numbers = {k: np.asarray(a, dtype=float) for k, a in arrays.items()}
-    write_npz(path, {"report": np.asarray(to_json(report)), **numbers}, compressed=False)
+    write_scratch_npz(path, {"report": np.asarray(to_json(report)), **numbers})
 
 
 def read(path: Path | ConfinedPath, system: MultibodySystem, spent: float = math.inf) -> Handover | None:

@@ -17,7 +17,7 @@ from ..base.forked_process import ForkedProcess
 from ..catalogue import registry
 from ..mechanics.types import Status, StepControl
 from ..results import store
-from ..results.records import RunRecord
+from ..results.records import RunRecord, format_notes
 from ..results.reproduce import list_control
 from .contract import make_cost_columns
 from .presenting import present_solver
@@ -54,10 +54,10 @@ def take_turns(runs: Sequence[RunRecord], turns: int, budget: float = BUDGET) ->
 
     A run that would exceed ``budget`` [s] of CPU time has fewer turns.
     """
-    problem = registry.make_problem(runs[0].problem, json.loads(runs[0].problem_parameters))
+    problem = registry.make_problem(runs[0].problem, runs[0].parameters)
     calls = []
     for r in runs:
-        solver = present_solver(registry.make_solver(r.solver, json.loads(r.solver_options)), problem)
+        solver = present_solver(registry.make_solver(r.solver, r.options), problem)
         control = StepControl(**{k: v for k, v in list_control(r).items() if k != "cpu_limit"})
         short = dataclasses.replace(problem, t_end=min(problem.t_end, WARM_STEPS * (control.dt or problem.dt)))
         solver.solve(short, control)
@@ -105,5 +105,5 @@ def _replace_times(r: RunRecord, times: Sequence[float], runs: int) -> RunRecord
     return dataclasses.replace(
         r,
         **make_cost_columns(times, len(times)),
-        notes=json.dumps([*(n for n in json.loads(r.notes) if not n.startswith("CPU times: ")), note]),
+        notes=format_notes([*(n for n in r.note_lines if not n.startswith("CPU times: ")), note]),
     )

@@ -37,6 +37,7 @@ class Job:
     lossless: bool = False  # whether the series keeps the states of every step
     keep: tuple[str, ...] | None = None  # series that keep their rows in a brief file; None for a file of every step
     alone: bool = False  # must run without others in parallel: a signal from outside ended it before
+    measured_by: str = ""  # digest of the code that measures
 
     @property
     def id(self) -> str:
@@ -103,6 +104,7 @@ def make_job_record(job: Job, status: Status, **columns: Any) -> RunRecord:
         memory_limit_MB=spec.memory,
         status=str(status),
         code=job.code,
+        measured_by=job.measured_by,
         commit=job.commit,
         environment=job.environment,
         finished=environment.read_utc_time(fine=True),

@@ -8,21 +8,27 @@ from fnmatch import fnmatchcase
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..judge.metrics.measure import MeasuredSeries, count_covered, evaluate_stated_error
+from ..columns.measured import MeasuredMotion, MeasuredSeries
+from ..judge.metrics.measure import count_covered, evaluate_stated_error, sample_between
 from ..judge.metrics.peaks import choose_steps, choose_times, find_peaks, find_scale_times, interpolate_peak_times
 from ..judge.metrics.periods import find_periods
 from ..judge.metrics.reactions import find_largest_joint_force
+from ..judge.metrics.scales import find_scales
+from ..judge.metrics.stored_loads import hold_code
+from ..judge.metrics.summary import list_values_along
 from ..judge.metrics.thinning import choose_frames, choose_rows
 from ..mechanics.state import States
 from ..mechanics.torsion import count_turns, evaluate_torsion
 from ..mechanics.types import Problem, Reference, Status, Trajectory
-from ..reference.computation import ComputedReference, Source, describe_source, find_reference
-from ..results.envelopes import FEW, compute_envelope
+from ..reference.computation import REFERENCE, ComputedReference, Source, describe_source, find_reference
+from ..reference.held import forget_value, hold_values, recall_value
+from ..reference.orbit import read_only_stored
+from ..results.envelopes import FEW, compute_envelopes
 from ..results.packing import FINE
 from ..results.selection import leave_out_states
 from ..results.series import LARGEST, LAST, MARKS, Series
 
-SERIES = (  # fields of ``MeasuredSeries`` with a value for each step
+SERIES = (  # fields of ``MeasuredSeries`` with a value for each step; columns may declare more
     "energy",
     "energy_error",
     "phi_norm",
@@ -63,11 +69,10 @@ def build_series(
     reference, nb = find_reference(problem), problem.system.nb
     lossless = lossless and len(m.t) * (nb * STATE_BYTES + problem.system.nrows * 8) <= LARGEST_STATES
     brief = keep is not None and not lossless
-    peaks = find_peaks(m, literal_start=problem.literal_start)
+    peaks = find_peaks(MeasuredMotion(problem, trajectory, m))
     steps = choose_steps(m, peaks, nb, every=lossless)
     rows = np.union1d(choose_rows(len(m.t), m.energy_error, m.phi_norm), steps)
-    span = float(np.linalg.norm(problem.system.joint_s_i, axis=1).max(initial=0.0)) or m.size.length
-    span, near = (span / TURNED, TURNED * NEAR) if brief else (span, 0.0)
+    span, near = _choose_detail(problem, m.size.length, brief=brief)
     full = _series(problem, trajectory, m)
     kept = _select(full, keep or ()) if brief and len(m.t) > FEW else set(full)
     arrays = {k: full[k][rows] for k in full if k in kept}
@@ -80,7 +85,7 @@ def build_series(
     units |= {"obs_joint_force": "N", "ref_joint_force": "N"}
     units |= {f"inv_{i.name}": i.unit for i in problem.invariants}
     at = {name: float(m.t[k]) for name, k in peaks.items()} | interpolate_peak_times(m) | find_scale_times(m)
-    arrays |= _poses(m.t, trajectory, span, near) | _compress_exact_poses(reference, m.t, span, near)
+    arrays |= _poses(m.t, trajectory, span, near) | _compress_exact_poses(problem, reference, m.t, span, near)
     arrays |= _turns(problem, trajectory)
     arrays |= _states(trajectory, steps, m.t) | _samples(reference, choose_times(m, steps))
     if brief:
@@ -94,10 +99,38 @@ def build_series(
         {f"obs_{o.name}": o.symbol for o in problem.observables} | {"obs_joint_force": r"\max_j |F_j|"},
         at,
         _source(problem, reference),
-        {k: compute_envelope(m.t, a) for k, a in left.items()},
+        compute_envelopes(m.t, left),
         digest_steps(trajectory),
         m.size.length if brief else math.nan,
     )
+
+
+def _choose_detail(problem: Problem, length: float, *, brief: bool) -> tuple[float, float]:
+    """Return the ``span`` [m] and the fraction ``near`` of it by which poses are thinned (``_poses``).
+
+    ``length`` [m] is the length scale, used where no joint has an arm.
+    """
+    span = float(np.linalg.norm(problem.system.joint_s_i, axis=1).max(initial=0.0)) or length
+    return (span / TURNED, TURNED * NEAR) if brief else (span, 0.0)
+
+
+def hold_exact_motion(problem: Problem, code: str, *, brief: bool) -> None:
+    """Compute samples of a problem's exact motion for measuring and series, and hold them for forks of this process.
+
+    ``code`` is the digest of all code that measures, by which joint loads are stored (module ``stored_loads``).
+    Nothing is computed that is not on disk or in closed form: ``NotStoredError`` is raised then. The reference itself
+    is not held, as an orbit has megabytes, which would count as the memory of each solver's process.
+    """
+    hold_values(problem)
+    hold_code(problem, code)
+    with read_only_stored():
+        reference = find_reference(problem)
+    if reference is not None:
+        size = find_scales(problem, reference)
+        end = np.array([0.0, min(problem.t_end, reference.horizon)])
+        _compress_exact_poses(problem, reference, end, *_choose_detail(problem, size.length, brief=brief))
+        sample_between(problem, reference, size.length, float(end[-1]))
+    forget_value(problem, REFERENCE)
 
 
 def digest_steps(trajectory: Trajectory) -> str:
@@ -118,6 +151,7 @@ def _series(problem: Problem, trajectory: Trajectory, m: MeasuredSeries) -> dict
         "t": m.t,
         "dt": np.insert(np.diff(m.t), 0, math.nan),
         **{name: getattr(m, name) for name in SERIES},
+        **{name: a for _, name, a in list_values_along(MeasuredMotion(problem, trajectory, m)) if name not in SERIES},
         **{f"obs_{k}": a for k, a in m.observables.items()},
         **{f"ref_{k}": a for k, a in m.reference_observables.items()},
         **{f"inv_{k}": a - a[0] for k, a in m.invariants.items()},
@@ -171,7 +205,7 @@ def _turns(problem: Problem, trajectory: Trajectory) -> dict[str, np.ndarray]:
 
 
 def _compress_exact_poses(
-    reference: Reference | None, t: np.ndarray, span: float, near: float
+    problem: Problem, reference: Reference | None, t: np.ndarray, span: float, near: float
 ) -> dict[str, np.ndarray]:
     """Return poses of the exact motion as far as it is known and the run went; empty without a reference.
 
@@ -180,7 +214,16 @@ def _compress_exact_poses(
     known = t[: count_covered(reference, t)]
     if reference is None or len(known) < 2:
         return {}
-    at = np.linspace(known[0], min(known[-1], reference.horizon), FINE)
+    ends = float(known[0]), float(min(known[-1], reference.horizon))
+    key = "exact poses", *ends, span, near
+    return recall_value(problem, key, lambda: _thin_exact_poses(reference, ends, span, near))
+
+
+def _thin_exact_poses(
+    reference: Reference, ends: tuple[float, float], span: float, near: float
+) -> dict[str, np.ndarray]:
+    """Return poses of the exact motion between two times as ``_compress_exact_poses`` does."""
+    at = np.linspace(*ends, FINE)
     kept = choose_frames(at, lambda k: reference.states(at[k]), span, EXACT_FRAMES, near)
     return _compress_poses("exact", at[kept], reference.states(at[kept]))
 

@@ -11,9 +11,11 @@ from ..base.confined_paths import ConfinedPath
 from ..base.files import FileError
 from ..base.isolation import is_disk_full_error
 from ..catalogue import registry
-from ..judge.metrics.measure import MeasuredSeries, measure
+from ..columns.measured import MeasuredSeries
+from ..judge.distance import find_inaccuracy
+from ..judge.law import list_broken_laws
+from ..judge.metrics.measure import measure
 from ..judge.metrics.summary import make_columns
-from ..judge.metrics.verdict import find_inaccuracy, list_broken_laws
 from ..mechanics.types import EndCause, Problem, Reason, Status, Trajectory
 from ..results.records import RunRecord, format_reasons
 from ..results.series import name_file, write_series

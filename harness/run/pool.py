@@ -92,6 +92,7 @@ class LocalPool:
     tick: Callable[[], None] = lambda: None
     on_warmup: Callable[[dict[str, float], dict[str, float]], None] = lambda times, references: None
     environ: Mapping[str, str] = field(default_factory=dict)  # additional variables for the processes of runs
+    ahead: Supervised | None = None  # a supervisor that was started while the runs were not known yet
     _flying: dict[str, Job] = field(default_factory=dict)  # begun and not ended, by run_id
     _compiling: bool = False  # no run begins until code is compiled
     _attempts: dict[str, int] = field(default_factory=dict)  # times that a run has begun, by run_id
@@ -108,6 +109,9 @@ class LocalPool:
         """
         self._limit = limit
         self._run(list(jobs)[::-1], jobs)
+        if self.ahead is not None:  # nothing waited for it
+            self.ahead.discard()
+            self.ahead = None
         self._unbegun.check()
 
     def _run(self, waiting: list[Job], jobs: Sequence[Job]) -> None:
@@ -146,7 +150,8 @@ class LocalPool:
         Jobs that begin are removed from ``waiting``, and all others at the limit. Those that run when the supervisor
         dies stay in ``_flying``.
         """
-        supervisor, self._code_seconds = Supervised(self.environ), 0.0
+        supervisor, self.ahead = self.ahead or Supervised(self.environ), None
+        self._code_seconds = 0.0
         try:
             first = waiting[::-1]
             if first:  # before any limit on time starts

@@ -1,18 +1,14 @@
 """Define the messages between a runner and a supervisor process, one JSON line each, and the runner's side of them."""
 
-import contextlib
 import os
 import select
-import subprocess
-import sys
 from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 
-from ..base.machine import THREADS
+from ..base.line_process import ModuleProcess
 from ..catalogue.suites.spec import RunSpec
-from ..results.environment import ROOT
 from .job import Job
 
 
@@ -93,46 +89,34 @@ class SupervisorLost(RuntimeError):
         self.code = code
 
 
-class Supervised:
-    """A supervisor process, started with further variables ``environ``: ``send`` it orders, ``receive`` its news."""
+class Supervised(ModuleProcess):
+    """A supervisor process, started with further variables ``environ``: ``send`` it orders, ``receive`` its news.
+
+    Once its input is closed, by this process or by its end, it kills its runs and exits.
+    """
 
     def __init__(self, environ: Mapping[str, str] | None = None) -> None:
-        self.process = subprocess.Popen(
-            (sys.executable, "-m", "mbsbench.harness.run.supervisor"),
-            cwd=ROOT,
-            env={**os.environ, **THREADS, **(environ or {})},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            # a signal to our group must not reach it: this process closes its input, and it ends its runs itself
-            start_new_session=True,
-        )
+        super().__init__("harness.run.supervisor", environ)
         self.reader = Reader(News)
 
     def send(self, order: Message) -> None:
         """Send an order; do nothing if the process has ended, which ``receive`` reports once all its news is read."""
-        assert self.process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):
-            self.process.stdin.write(encode_message(order))
-            self.process.stdin.flush()
+        self.send_lines(encode_message(order))
 
     def receive(self, timeout: float | None = None) -> list[News]:
         """Return the news that arrives within ``timeout`` [s] (None: wait without limit), possibly none.
 
         Raise SupervisorLost if the process has ended and all its news is read.
         """
-        assert self.process.stdout is not None
-        ready, _, _ = select.select([self.process.stdout], [], [], timeout)
+        ready, _, _ = select.select([self.answers], [], [], timeout)
         if not ready:
             return []
-        chunk = os.read(self.process.stdout.fileno(), 2**16)
+        chunk = os.read(self.answers.fileno(), 2**16)
         if not chunk:
             raise SupervisorLost(self.process.wait())
         return self.reader.messages(chunk)
 
-    def close(self) -> None:
-        """Close the input of the supervisor, whereupon it kills its runs and exits, and wait for its end."""
-        assert self.process.stdin is not None and self.process.stdout is not None
-        with contextlib.suppress(OSError):  # it has ended, and unsent orders are lost with it
-            self.process.stdin.close()
-        self.process.wait()
-        self.process.stdout.close()
+    def discard(self) -> None:
+        """End the process at once, as one that was given no order: it has no runs."""
+        self.process.kill()
+        self.close()

@@ -2,12 +2,12 @@
 
 A changed law needs no new result: what a run cost, how it ended, and on which machine stay as recorded, and a note in
 the record says so. A run whose steps have other bits now is left unchanged, because it is another motion. So is one
-whose solver, problem or clocks have other code than they had, because its cost is not that of the present code.
+whose solver, problem or clocks have other code than they had, because its cost is not that of the present code. Columns
+that are newer than a record are filled in the same way.
 """
 
 import dataclasses
 import io
-import json
 import tarfile
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,15 +19,16 @@ from typing import Any
 from ..base.confined_paths import ConfinedPath
 from ..base.files import FileError
 from ..catalogue import codes
-from ..catalogue.codes import COSTS, Sources
+from ..catalogue.codes import Sources
 from ..catalogue.suites.includes import OWN_COPY
 from ..catalogue.suites.spec import RunSpec
 from ..catalogue.suites.suite import Suite, load_suite
 from ..mechanics.types import Status
 from ..results import environment, store
+from ..results.column_digests import add_column_digests
 from ..results.provenance import read_environment
 from ..results.provisional import list_record_files
-from ..results.records import RunRecord
+from ..results.records import RunRecord, format_notes
 from ..results.series import LARGEST, MARKS, OTHER, POSES, Series, name_file
 from .full_series import limit_steps, rebuild_spec
 from .runner import Request
@@ -90,8 +91,11 @@ class _KeptSeries:
 
 
 def find_outdated(records: Sequence[RunRecord], plugins: tuple[str, ...] = ()) -> list[RunRecord]:
-    """List the records that were measured by other code than the present."""
-    return [r for r in records if r.code != codes.digest_run_code(r.problem, r.solver, plugins)]
+    """List the records that were measured by other code than the present, also those that lack a newer column."""
+    here = codes.read_column_digests().digest
+    return [
+        r for r in records if r.measured_by != here or r.code != codes.digest_run_code(r.problem, r.solver, plugins)
+    ]
 
 
 def replace_outdated(
@@ -108,6 +112,7 @@ def replace_outdated(
     """
     done = RemeasuredRuns()
     with store.lock_folder(folder):
+        add_column_digests(folder, codes.read_column_digests())
         asked, specs = _list_asked(folder, plugins), dict[str, RunSpec]()
         with open_sources() as sources_of:
             for record in outdated:
@@ -204,7 +209,7 @@ def _check_origin(
         for what, old, new in (
             ("its solver", then.solvers.get(record.solver), now.solvers.get(record.solver)),
             ("its problem", then.problems.get(record.problem), now.problems.get(record.problem)),
-            ("the clocks of its cost", then.digest_modules(*COSTS), now.digest_modules(*COSTS)),
+            ("what runs it and counts its cost", then.running, now.running),
         )
         if old != new
     ]
@@ -289,24 +294,27 @@ def _replace(folder: Path, record: RunRecord, there: Path, new: RunRecord, run_i
     """
     judged = record.claimed == Status.SUCCESS
     status: dict[str, Any] = {} if judged else {"status": record.status, "wrong_because": "[]"}
-    note = f"measured again by code {new.code}; solved and timed by code {record.code}"
+    note = f"measured again by code {new.measured_by}; solved and timed by code {record.code}"
     files: dict[str, Any] = {"series": "", "stderr": ""}
+    contents = dict[str, bytes]()
     if new.series:
         files["series"] = name_file(run_id, brief=new.series.endswith(".xz"))
-        (ConfinedPath(folder) / files["series"]).write((ConfinedPath(there) / new.series).read(LARGEST))
+        contents[files["series"]] = (ConfinedPath(there) / new.series).read(LARGEST)
     if record.stderr:
         files["stderr"] = f"stderr/{run_id}.txt"
-        (ConfinedPath(folder) / files["stderr"]).write((ConfinedPath(folder) / record.stderr).read(store.NATIVE))
+        contents[files["stderr"]] = (ConfinedPath(folder) / record.stderr).read(store.NATIVE)
     found = dataclasses.replace(
         new,
         **{name: getattr(record, name) for name in KEPT},
         **status,
         **files,
         run_id=run_id,
-        notes=json.dumps([*json.loads(new.notes), note]),
+        notes=format_notes([*new.note_lines, note]),
         commit=environment.read_commit(),
     )
-    store.set_aside(folder, list_record_files(folder, record, WHY))
+    store.set_aside(folder, list_record_files(folder, record, WHY))  # first: the address of the run may be the same
+    for name, content in contents.items():
+        (ConfinedPath(folder) / name).write(content)
     store.list_as_started(folder, run_id)
     store.write_record(folder, found)
     return found

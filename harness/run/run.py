@@ -23,6 +23,7 @@ from ..base.forked_process import NOWHERE, SLACK, ForkedProcess, NotBegunError, 
 from ..base.isolation import CANNOT_WRITE, PATIENCE, adopt_orphans, end_descendants, limit_process, trim_output
 from ..catalogue import registry
 from ..mechanics.types import EndCause, Problem
+from ..reference.held import hold_values
 from ..results import records, store
 from ..results.records import RunRecord
 from .job import CUT_SHORT, GRACE, Job, make_cut_short_record, record_unfinished
@@ -39,12 +40,6 @@ SOLVING, UNBEGUN = "solving", "unbegun"  # sent earlier: the solver's process ha
 FULL = "no space left on the disk, or a file as large as ulimit -f allows"
 Send = Callable[[str], None]  # a line to the parent process
 Store = Callable[[Outcome], RunRecord]  # writes an outcome, and returns its record with the place of its files
-
-
-def run_here(job: Job) -> RunRecord:
-    """Run a job in this process, without limits; store its record and return it."""
-    solve_job(job)
-    return store_outcome(job, measure_run(job, make_cut_short_record(job, EndCause.EXIT)))
 
 
 def run_one(
@@ -64,6 +59,8 @@ def run_one(
     if problem is None and registry.is_own_problem(job.spec.problem):
         with contextlib.suppress(Exception):  # the solver's process will report it
             problem = make_problem(job)
+    if problem is not None:
+        hold_values(problem)  # its reference is read once
     listen_to_numba()  # measuring needs numba anyway, and the solver's process then inherits it
 
     def solve(send: Send) -> None:
@@ -125,9 +122,9 @@ def store_outcome(job: Job, outcome: Outcome) -> RunRecord:
     return record
 
 
-def run_and_store(job: Job, send: Send) -> None:
-    """Run a job, store its outcome in its results folder, and send the record."""
-    send_record(send, STORED, store_outcome(job, run_one(job, send)))
+def run_and_store(job: Job, send: Send, store: Store, problem: Problem | None = None, **limits: float) -> None:
+    """Run a job by ``run_one`` with these ``limits``, ``store`` its outcome, and send the record."""
+    send_record(send, STORED, store(run_one(job, send, problem, **limits)))
 
 
 def send_record(send: Send, what: str, record: RunRecord) -> None:

@@ -121,11 +121,11 @@ def read_run(path: Path) -> tuple[RunRecord, Trajectory]:
             States(*(arrays[name] for name in POSES)),
             Status(record.claimed or record.status),
             record.message,
-            json.loads(record.counters),
+            dict(record.counts),
             arrays.get("reaction"),
             {name[5:]: values for name, values in arrays.items() if name.startswith("diag_")},
             tuple(json.loads(str(arrays["events"]))),
-            tuple(json.loads(record.notes)),
+            record.note_lines,
             record.cpu_median_s,
             record.setup_s,
         )

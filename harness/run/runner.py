@@ -19,6 +19,7 @@ from ..catalogue.suites.spec import RunSpec
 from ..catalogue.suites.suite import Suite
 from ..mechanics.types import EndCause
 from ..results import environment, stamps, store
+from ..results.column_digests import add_column_digests
 from ..results.provisional import is_provisional, list_record_files
 from ..results.records import RunRecord
 from ..results.store import LoadedResults, UnreadableFile
@@ -99,6 +100,7 @@ def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Exec
             before = _set_foreign_aside(folder, before, lambda r: r.run_id in listed)
         (ConfinedPath(folder) / ".spool").remove_folder()  # of runs that a killed runner left half-way
         where, stamped = _write_stamp(request)
+        add_column_digests(folder, codes.read_column_digests())
         jobs = _make_jobs(request, folder.resolve(), where)
         own, whole = {job.id for job in jobs}, {spec.settings_id for spec in request.suite.specs}
         again, killed = _set_aside_provisional(folder, own, before.records)
@@ -180,7 +182,8 @@ def list_waiting(request: Request) -> list[RunSpec]:
     there = store.is_results(request.folder) and request.resume
     records = store.load(request.folder, check_series=False).records if there else ()
     done = {r.run_id for r in records if not is_provisional(r)}
-    return [job.spec for job in _make_jobs(request, request.folder, "") if job.id not in done]
+    jobs = _make_jobs(replace(request, keep=None), request.folder, "")  # series to keep are chosen for jobs that run
+    return [job.spec for job in jobs if job.id not in done]
 
 
 def _make_jobs(request: Request, folder: Path, where: str) -> list[Job]:
@@ -192,10 +195,19 @@ def _make_jobs(request: Request, folder: Path, where: str) -> list[Job]:
     specs = [s for s in suite.specs if request.only is None or s.settings_id in suite.parts[request.only]]
     specs = specs[k - 1 :: n][: request.limit]
     code = {k: codes.digest_run_code(*k, suite.plugins) for k in {(s.problem, s.solver) for s in specs}}
-    commit = environment.read_commit()
+    commit, measured_by = environment.read_commit(), codes.read_column_digests().digest
     of_suite = suite.plugins, where, suite.total_limit, request.lossless
     return [
-        Job(s, folder, suite.name, code[s.problem, s.solver], commit, *of_suite, request.keep and request.keep(s))
+        Job(
+            s,
+            folder,
+            suite.name,
+            code[s.problem, s.solver],
+            commit,
+            *of_suite,
+            request.keep and request.keep(s),
+            measured_by=measured_by,
+        )
         for s in specs
     ]
 

@@ -20,7 +20,7 @@ from .costs import LAWS, WarmCaches, name_reference, predict_times
 from .job import Job
 from .measuring import Outcome
 from .remaining_time import COMPILING, PREPARING, describe_motion, describe_wait
-from .run import MEASURE_LIMIT, MEASURING, NO_LIMIT, STORED, RunProcess, Send, run_one, send_record
+from .run import MEASURE_LIMIT, MEASURING, NO_LIMIT, RunProcess, Send, run_and_store
 from .run_file import write_run, write_without_motion
 from .spool import NUMBERS
 from .supervisor import read_outcome
@@ -58,8 +58,7 @@ def solve_to_file(
             if cpu_limit is None:
                 warm_up(list_runs_to_warm([spec], problem), problem)
             send(RUNNING)
-            outcome = run_one(job, send, problem, soft=1.0, measure_limit=measure_limit)
-            send_record(send, STORED, keep(outcome))
+            run_and_store(job, send, keep, problem, soft=1.0, measure_limit=measure_limit)
 
         def keep(outcome: Outcome) -> RunRecord:
             """Write the file of the run, and return its record, which refers to no file of standard error."""

@@ -5,6 +5,7 @@ standard input, news is written as lines (module protocol). At the end of its in
 runs in progress and exits.
 """
 
+import contextlib
 import dataclasses
 import os
 import select
@@ -22,6 +23,7 @@ from ..base.forked_process import NotBegunError, ProcessEnd
 from ..base.isolation import adopt_orphans, end_orphans, protect_process, trim_output
 from ..catalogue import registry
 from ..catalogue.mechanism import load_readers
+from ..mechanics.types import Problem
 from ..results import store
 from ..results.records import RunRecord
 from .job import Job
@@ -42,7 +44,9 @@ class Supervisor:
 
     def start(self, job: Job) -> None:
         """Start a process for the run; ``step`` reports its end."""
-        run = RunProcess(job, lambda send: run_and_store(job, send), stderr=_name_stderr(job))
+        problem = _create_problem(job)
+        keep = partial(store_outcome, job)
+        run = RunProcess(job, lambda send: run_and_store(job, send, keep, problem), stderr=_name_stderr(job))
         self.running[run.pid] = run
 
     def step(self, timeout: float = POLL, inputs: tuple[int, ...] = ()) -> Iterator[RunEnded]:
@@ -93,6 +97,19 @@ class Supervisor:
         for run in self.running.values():
             run.kill()
             os.waitpid(run.pid, 0)
+
+
+def _create_problem(job: Job) -> Problem | None:
+    """Return one of our own problems, created once here for all of its runs, which inherit it untouched; else None.
+
+    A problem of a plugin, or in a file of a mechanism, is created where limits hold.
+    """
+    spec = job.spec
+    if job.plugins or not registry.is_own_problem(spec.problem):
+        return None
+    with contextlib.suppress(Exception):  # its run will report it
+        return registry.share_problem(spec.problem, spec.parameters)
+    return None
 
 
 def _name_stderr(job: Job) -> ConfinedPath:

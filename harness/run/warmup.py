@@ -19,6 +19,7 @@ from ..base.code_meter import CODE_LIMIT
 from ..base.forked_process import TICK, ForkedProcess
 from ..base.naming import format_name
 from ..catalogue import registry
+from ..catalogue.codes import package_sources
 from ..catalogue.suites.spec import RunSpec
 from ..mechanics.types import Problem
 from ..mechanics.types.presentations import PRESENTATIONS
@@ -80,7 +81,7 @@ def _has_springs(spec: RunSpec, problem: Problem | None) -> bool:
     """
     try:
         made = problem if problem and problem.name == spec.problem else None
-        return len((made or registry.make_problem(spec.problem, spec.parameters)).system.spring_i) > 0
+        return len((made or registry.share_problem(spec.problem, spec.parameters)).system.spring_i) > 0
     except Exception:  # its runs will report it
         return False
 
@@ -211,4 +212,21 @@ def _compute(job: Job) -> Task:
         name = format_name(job.spec.problem, job.spec.parameters)
         send(json.dumps([{}, {name: time.monotonic() - began}]))
 
-    return Task(work, 6.0 * LARGEST)
+    return Task(work, 6.0 * LARGEST, run_here=lambda: _hold(job))
+
+
+def _hold(job: Job) -> None:
+    """Hold the exact motion of one of our own problems, sampled, in this process, for its runs to inherit.
+
+    No code of a plugin runs here, and a problem with force laws is left out: a solver compiles these in its set-up,
+    where it must not find them compiled.
+    """
+    from .kept_series import hold_exact_motion
+
+    spec = job.spec
+    if job.plugins or not registry.is_own_problem(spec.problem):
+        return
+    with contextlib.suppress(Exception):  # its runs will report it
+        problem = registry.share_problem(spec.problem, spec.parameters)
+        if not len(problem.system.user_i):
+            hold_exact_motion(problem, package_sources().measuring, brief=job.keep is not None and not job.lossless)

@@ -46,7 +46,7 @@ def catalogue():
 
 
 @pytest.fixture
-def begun_here():
+def begun_here(own_supervisor):
     """The processes that run and were started in this test: the browser of other tests is not among them."""
     before = psutil.Process().children()
     return lambda: [p for p in psutil.Process().children() if p not in before and p.status() != psutil.STATUS_ZOMBIE]

@@ -31,9 +31,9 @@ from mbsbench.harness.results.records import RunRecord, format_record, parse_rec
 from mbsbench.harness.results.series import read_series
 from mbsbench.harness.results.words import describe_ending, list_reasons
 from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.run import run_here
 from mbsbench.harness.run.supervisor import Supervisor
 from mbsbench.tests.comparing import assert_each
+from mbsbench.tests.factories import run_here
 
 DRAWN = int(os.environ.get("FUZZ", "0"))
 CALM = {"deadline": None, "derandomize": not DRAWN, "suppress_health_check": list(HealthCheck)}

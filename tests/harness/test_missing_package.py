@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from mbsbench.cli.__main__ import main
+
 NEED_IT = {"ida_index1", "ida_index2", "ida_index3", "cvode"}
 HIDE = 'import sys\nsys.modules["sksundae"] = None  # find_spec finds nothing, and an import fails\n'
 RUN = """
@@ -45,12 +47,12 @@ dt = 0.01
 
 @pytest.fixture
 def call(tmp_path):
-    """Python with arguments in an empty folder, without the package or (``whole``) with it."""
+    """Python with arguments in an empty folder, without the package."""
     (tmp_path / "hidden").mkdir()
     (tmp_path / "hidden" / "sitecustomize.py").write_text(HIDE, encoding="utf-8")
 
-    def run(*arguments, whole=False):
-        env = dict(os.environ) if whole else {**os.environ, "PYTHONPATH": str(tmp_path / "hidden")}
+    def run(*arguments):
+        env = {**os.environ, "PYTHONPATH": str(tmp_path / "hidden")}
         env["COLUMNS"] = "160"  # a table leaves its reasons out where it is narrow
         line = (sys.executable, *arguments)
         return subprocess.run(line, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=300.0, check=False)
@@ -81,23 +83,25 @@ def test_every_solver_runs_or_refuses_in_one_line(call, names):
     assert libraries >= 2  # of NumPy and SciPy
 
 
-def test_the_gate_is_open_for_the_others_only_where_the_package_was_named(call, tmp_path):
+def test_the_gate_is_open_for_the_others_only_where_the_package_was_named(call, tmp_path, monkeypatch, capsys):
     """Exit code 1 without the option, or with another name; 0 with it, and the words say for how many."""
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "two.toml").write_text(SUITE, encoding="utf-8")
-    gate = ("-m", "mbsbench.cli", "gate", "--suite", "two.toml", "--thresholds", "bounds.toml")
-    done = call(*gate, "--update", "--write", whole=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    done = call(*gate, "--out", "lacking")
+    gate = ("gate", "--suite", "two.toml", "--thresholds", "bounds.toml")
+    assert main([*gate, "--update", "--write"]) == 0
+    python = ("-m", "mbsbench.cli")
+    done = call(*python, *gate, "--out", "lacking")
     assert done.returncode == 1 and "CLOSED: 1 FAIL" in done.stdout and "--without" in done.stdout, done.stdout
     gate = (*gate, "--results", "lacking")
-    assert call(*gate, "--without", "another").returncode == 1
-    done = call(*gate, "--without", "scikit-sundae", "--junit", "gate.xml", "--markdown", "gate.md")
+    assert main([*gate, "--without", "another"]) == 1
+    done = call(*python, *gate, "--without", "scikit-sundae", "--junit", "gate.xml", "--markdown", "gate.md")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "gate open for 1 of 2; 1 not measured here: scikit-sundae" in done.stdout
     assert "open for 1 of 2" in (tmp_path / "gate.md").read_text()
     assert '<skipped message="not measured here: scikit-sundae is not installed' in (tmp_path / "gate.xml").read_text()
-    done = call(*gate, "--without", "scikit-sundae", "--json")
-    plain = json.loads(done.stdout)
+    capsys.readouterr()
+    assert main([*gate, "--without", "scikit-sundae", "--json"]) == 0
+    plain = json.loads(capsys.readouterr().out)
     assert plain["open"] and plain["cases"] == 2 and list(plain["not_measured"].values()) == ["scikit-sundae"]
 
 

@@ -37,10 +37,9 @@ STAYS = {  # names that others call, and names of data: why each is as it is
     "harness/run/spool.py due": "part of the contract of solvers, in a file",
     "harness/run/progress_line.py due": "part of the contract of solvers, for a line of progress",
     "harness/run/presenting.py due": "part of the contract of solvers, for a presented problem",
-    "harness/judge/referee/claims/evidence.py away": "a measure's name in claims.toml",
-    "harness/judge/referee/claims/evidence.py apart": "a measure's name in claims.toml",
-    "harness/judge/referee/claims/evidence.py reached": "a measure's name in claims.toml",
-    "reports/model/tables.py of": "read by templates of pages",
+    "harness/judge/referee/claims/metrics.py away": "a measure's name in claims.toml",
+    "harness/judge/referee/claims/metrics.py apart": "a measure's name in claims.toml",
+    "harness/judge/referee/claims/metrics.py reached": "a measure's name in claims.toml",
     "reports/model/accuracy.py of": "read by templates of pages",
 }
 SHORT = {  # of three letters or fewer, imported by other files

@@ -51,6 +51,7 @@ class OmittedContents(StrEnum):
     FLUID = "fluid"
     TENDONS = "tendons other than straight springs"
     MOCAP = "mocap bodies, which stand still here"
+    ASLEEP = "bodies asleep at the start, which move here"
 
 
 @dataclass(frozen=True)

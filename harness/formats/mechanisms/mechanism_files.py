@@ -94,7 +94,7 @@ def _compile_file(path: Path) -> CompiledMechanism:
     try:
         mj = importlib.import_module("mujoco")
     except ImportError:
-        raise ValueError("MuJoCo reads such files and is not installed: pip install 'mbsbench[engines]'") from None
+        raise ValueError("MuJoCo reads such files and is not installed: pip install 'mbsbench[mujoco]'") from None
     root = _root(path)
     robot = urdf.UrdfDocument(path) if root in (b"robot", b"") else None
     try:
@@ -174,7 +174,7 @@ def _count_omitted(mj: Any, m: Any) -> dict[OmittedContents, int]:
     ours = find_joints(mj, m)
     return {
         OmittedContents.ACTUATORS: m.nu,
-        OmittedContents.COLLIDING: int(np.sum((m.geom_contype | m.geom_conaffinity) != 0)),
+        OmittedContents.COLLIDING: _count_colliding(mj, m),
         OmittedContents.LIMITS: int(np.sum(m.jnt_limited) + np.sum(m.tendon_limited)),
         OmittedContents.STIFFNESS: _count_nonzero_rows(m.jnt_stiffness, m.jnt_stiffnesspoly)
         - len(ours.turning_springs)
@@ -190,7 +190,25 @@ def _count_omitted(mj: Any, m: Any) -> dict[OmittedContents, int]:
         OmittedContents.FLUID: int(m.opt.density != 0.0 or m.opt.viscosity != 0.0),
         OmittedContents.TENDONS: m.ntendon - straight,
         OmittedContents.MOCAP: m.nmocap,
+        OmittedContents.ASLEEP: _count_asleep(mj, m),
     }
+
+
+def _count_colliding(mj: Any, m: Any) -> int:
+    """Count the geoms that may touch another one, by their bits or by a pair that names them."""
+    off = mj.mjtDisableBit.mjDSBL_CONTACT | mj.mjtDisableBit.mjDSBL_CONSTRAINT
+    collides = (m.geom_contype | m.geom_conaffinity) != 0
+    if not m.opt.disableflags & off:
+        collides[m.pair_geom1] = collides[m.pair_geom2] = True
+    return int(np.sum(collides))
+
+
+def _count_asleep(mj: Any, m: Any) -> int:
+    """Count the bodies that sleep from the start until something wakes them, in versions of MuJoCo that have sleep."""
+    if not m.opt.enableflags & getattr(mj.mjtEnableBit, "mjENBL_SLEEP", 0):
+        return 0
+    asleep = m.tree_sleep_policy == int(mj.mjtSleepPolicy.mjSLEEP_INIT)
+    return int(np.sum(asleep[m.body_treeid[m.body_treeid >= 0]]))
 
 
 def _count_nonzero_rows(*values: np.ndarray) -> int:

@@ -13,13 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from ...judge.metrics.measure import MeasuredSeries, find_largest, measure
-from ...judge.metrics.verdict import find_inaccuracy
+from ...columns.measured import MeasuredSeries
+from ...columns.numbers import find_largest
+from ...judge.distance import find_inaccuracy
+from ...judge.metrics.measure import measure
 from ...mechanics import so3
 from ...mechanics.motion import constraint, constraint_rate, energy
 from ...mechanics.state import States
 from ...mechanics.types import Law, Problem, Reason, Status, Trajectory
-from ...results.records import COLUMNS, RunRecord, format_reasons, parse_reasons
+from ...results.records import COLUMNS, RunRecord, format_reasons
 
 ROUNDINGS = 3.0  # factor on the effect of one draw of roundings, to cover the largest: three standard deviations
 OF_LAW = {  # beginnings of the names of a record's columns that depend on a law
@@ -141,7 +143,7 @@ def judge_determined(
     status, claimed = Status(record.status), Status(record.claimed)
     reasons: list[Reason] = []
     if claimed is Status.SUCCESS:
-        found = list(parse_reasons(record.wrong_because))
+        found = list(record.reasons)
         broken = found if status is Status.WRONG else []
         reasons = [r for r in broken if known.judges(r) and r.value - unsure.get((r.law, r.name), 0.0) > r.limit]
         # laws without a limit, or independent of the uncertainty

@@ -19,7 +19,7 @@ from ...mechanics.state import States
 from ...mechanics.types import Law, Problem, Status, StepControl, Trajectory
 from ...reference.computation import find_reference
 from ...results import store
-from ...results.records import RunRecord
+from ...results.records import RunRecord, format_notes
 from ...results.reproduce import REFEREED
 from ...results.series import write_series
 from ...results.words import LAWS
@@ -87,7 +87,7 @@ def judge_file(
     record, m = judge_motion(job, problem, trajectory)
     record, m = judge_determined(record, m, known, unsure), known.blank_undetermined(m)
     if hints := suggest_reading(problem, found, given.reading, motion):
-        record = dataclasses.replace(record, notes=json.dumps([*json.loads(record.notes), *hints]))
+        record = dataclasses.replace(record, notes=format_notes([*record.note_lines, *hints]))
     else:
         check_left_out(problem, path, record)
     errors, drifts = (_drop_undetermined(x, known) for x in (record.observable_errors, record.invariant_drifts))
@@ -163,7 +163,8 @@ def _digest_file(table: Table, given: FileSettings) -> str:
 
     It replaces the code's digest in the run's id.
     """
-    parts = (codes.digest_code(), table.sha256, repr(given.reading), repr(given.columns))
+    code = codes.digest_code(), codes.read_column_digests().digest
+    parts = (*code, table.sha256, repr(given.reading), repr(given.columns))
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 

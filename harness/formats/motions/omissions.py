@@ -6,12 +6,12 @@ from pathlib import Path
 from ...base.files import FileError
 from ...catalogue import registry
 from ...mechanics.types import Law, Problem, Status
-from ...results.records import RunRecord, parse_reasons
+from ...results.records import RunRecord
 from ...results.words import list_reasons
 
 ACTS = re.compile(
     r"actuator|collid|collision|contact|limit|spring|damp|friction|armature|gravity|fluid|tendon|plugin|wind|decay"
-    r"|gripper|transmission|drive"
+    r"|gripper|transmission|drive|asleep"
 )
 # laws that a missing force can break
 BY_FORCES = {Law.ENERGY, Law.INVARIANT, Law.TRUNCATION, Law.REACTION, Law.MOMENT, Law.MOTION, Law.VELOCITY, Law.ROWS}
@@ -27,7 +27,7 @@ def check_left_out(problem: Problem, path: Path, record: RunRecord) -> None:
     made = getattr(registry.problems().get(problem.name), "make", None)
     omitted = getattr(getattr(made, "__self__", None), "omitted", {})
     acting = ", ".join(f"{what} ({n})" for what, n in omitted.items() if ACTS.search(what))
-    laws = {reason.law for reason in parse_reasons(record.wrong_because)}
+    laws = {reason.law for reason in record.reasons}
     if acting and record.status in (Status.WRONG, Status.INACCURATE) and laws <= BY_FORCES:
         reason = next(iter(list_reasons(record)), record.status)
         words = f"but parts of the file of {problem.name} are omitted: {acting}, which may be why; {REMEDY}"

@@ -197,7 +197,7 @@ def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
     plain = _add_forces(plain)
     return {
         "problem": record.problem,
-        "parameters": parse_json(record.problem_parameters, "parameters"),
+        "parameters": dict(record.parameters),
         "t_end_s": record.t_end_s,
         "literal_start": is_literal(record),
         "section": record.section,

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...base.files import parse_json
 from ...catalogue.registry import make_problem
 from ...mechanics import so3
 from ...mechanics.motion import angular_momentum, linear_momentum
 from ...mechanics.state import States
 from ...mechanics.types import Problem
+from ...results.records import parse_settings
 
 STATES, SEED, SAME = 8, 1, 1e-12  # random states at which invariants are compared; relative difference of equal ones
 
@@ -25,7 +25,7 @@ def describe_invariants(name: str, parameters: str) -> list[dict[str, Any]]:
     The list is empty if the problem cannot be made.
     """
     try:
-        problem = make_problem(name, parse_json(parameters, "parameters"))
+        problem = make_problem(name, parse_settings(parameters))
     except (ValueError, KeyError):  # from a plugin that is not loaded, or from an older version of the code
         return []
     if not problem.invariants:

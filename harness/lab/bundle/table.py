@@ -7,6 +7,7 @@ from typing import Any
 
 from ...base.files import encode_nonfinite
 from ...mechanics.types import Status
+from ...results.least_cost import find_cheapest
 from ...results.records import RunRecord
 
 JUDGED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
@@ -33,10 +34,12 @@ def _count(runs: Sequence[RunRecord]) -> dict[str, Any]:
     the text ``inf``.
     """
     good = [r for r in runs if r.status == Status.SUCCESS and math.isfinite(r.motion_error_judged_m)]
-    near = [r.cpu_median_s for r in good if r.motion_error_judged_m <= ACCURATE * r.length_scale_m]
+    best = find_cheapest(
+        good, 0.0, lambda r: r.motion_error_judged_m - ACCURATE * r.length_scale_m, lambda r: r.cpu_median_s
+    )
     return {
         "runs": len(runs),
         **{str(s): sum(r.status == s for r in runs) for s in JUDGED},
         "least_motion_error_m": encode_nonfinite(min((r.motion_error_judged_m for r in good), default=math.inf)),
-        "least_cpu_s": encode_nonfinite(min(near, default=math.inf)),
+        "least_cpu_s": encode_nonfinite(math.inf if best is None else best.cpu_median_s),
     }

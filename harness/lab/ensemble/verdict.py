@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...judge.distance import find_differing
 from .clouds import Cloud, Ensemble
 from .scores import Ranks, rank_histogram, score_against_truth
 
-LEVEL = 0.05  # probability of finding a difference in a perfect solver by any of its tests
 FEWEST = 10  # members that a comparison requires
 ALL_C = "all C"
 NO_DIFFERENCE = "no difference found"
@@ -59,14 +59,14 @@ def compare_clouds(e: Ensemble, cloud: Cloud, same: Cloud, other: Cloud) -> list
 def judge(found: list[CloudComparison]) -> str:
     """Return the verdict on all comparisons of a solver together.
 
-    It is ``NO_DIFFERENCE``, or names the quantities that differ, or says that members are missing or too few. Each test
-    has the level ``LEVEL`` divided by the number of tests.
+    It is ``NO_DIFFERENCE``, or names the quantities that differ, or says that members are missing or too few.
     """
     missing = max(c.missing for c in found)
-    tests = [(p, c) for c in found for p in (c.p_score, c.ranks.p if c.ranks else np.nan) if np.isfinite(p)]
+    both = [(p, c) for c in found for p in (c.p_score, c.ranks.p if c.ranks else np.nan) if np.isfinite(p)]
+    tests = [(p, f"{c.quantity} at {c.t_s:g} s") for p, c in both]
     if not tests:
         return "too few members"
-    if off := dict.fromkeys(f"{c.quantity} at {c.t_s:g} s" for p, c in tests if p * len(tests) < LEVEL):
+    if off := find_differing(tests):
         return f"differs from the truth: {', '.join(off)}"
     return f"incomplete: {missing} missing" if missing else NO_DIFFERENCE
 

@@ -115,6 +115,11 @@ def _start_process(settings: CampaignSettings, chunk: Sequence[Pair]) -> ForkedP
     return ForkedProcess(target, limit=60.0 + CPU * len(chunk), memory=MEMORY, code=CODE_LIMIT)
 
 
+def run_apart(work: Callable[[], str], cpu: float) -> str:
+    """Return what ``work`` returns in a separate process of at most ``cpu`` [s]; empty if that ends without it."""
+    return ForkedProcess(lambda send: send(work()), limit=cpu, memory=MEMORY, code=CODE_LIMIT).wait().sent
+
+
 def _make_end_outcome(pair: Pair, ended: ProcessEnd) -> OracleOutcome:
     """Return the outcome of a pair during which its process ended: failed at a limit, else crashed."""
     what = "memory" if ended.over == "memory" else f"{ended.over or 'cpu'} time"

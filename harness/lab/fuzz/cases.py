@@ -1,6 +1,5 @@
 """Write findings to disk: cases that the command repeats (JSON), mechanisms for other codes (MJCF), and a page."""
 
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -8,12 +7,11 @@ from pathlib import Path
 from textwrap import fill
 
 import msgspec
-import numpy as np
-from scipy.spatial.transform import Rotation
 
-from ....solvers.engines.export.tree import Kind as LimbKind
-from ....solvers.engines.export.tree import build_spanning_tree
 from ...base.files import read_text, write_text
+from ...mechanics.cut_trees.mjcf import write_mjcf
+from ...mechanics.cut_trees.plain import flatten_tree
+from ...mechanics.cut_trees.tree import build_spanning_tree
 from ...mechanics.system import GROUND
 from ...mechanics.types import Problem
 from .log import NOT_ASKED, SUMMARY
@@ -147,48 +145,11 @@ def format_mjcf(problem: Problem) -> str:
 
     Raise ValueError if it has joints other than hinges and balls.
     """
-    s, start = problem.system, problem.initial
-    if not s.is_pinned:
+    system, start = problem.system, problem.initial
+    if not system.is_pinned:
         raise ValueError("not written as MJCF: it has joints other than hinges and balls")
-    tree = build_spanning_tree(s, start)
-    root = ET.Element("mujoco", model="fuzz")
-    ET.SubElement(root, "compiler", angle="radian")
-    option = ET.SubElement(root, "option", gravity=_text(s.gravity), timestep=repr(problem.dt), integrator="RK4")
-    ET.SubElement(option, "flag", contact="disable")
-    parts = {GROUND: ET.SubElement(root, "worldbody")}
-    for limb in tree.limbs:
-        b, free = limb.body, limb.kind is LimbKind.FREE
-        place = start.r[b] if free else limb.s_parent - limb.R_0 @ limb.s_child
-        quaternion = Rotation.from_matrix(limb.R_0).as_quat(scalar_first=True)
-        part = ET.SubElement(parts[limb.parent], "body", name=_name(b), pos=_text(place), quat=_text(quaternion))
-        J = s.regular_inertia[b]
-        full = (J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
-        ET.SubElement(part, "inertial", pos="0 0 0", mass=repr(float(s.mass[b])), fullinertia=_text(full))
-        if free:
-            ET.SubElement(part, "freejoint")
-        else:
-            joint = ET.SubElement(part, "joint", type=limb.kind.name.lower(), pos=_text(limb.s_child))
-            if limb.kind is LimbKind.HINGE:
-                joint.set("axis", _text(limb.axis))
-        parts[b] = part
-    if tree.cuts:
-        rows = ET.SubElement(root, "equality")
-        for cut in tree.cuts:
-            row = ET.SubElement(rows, "connect", body1=_name(cut.i), anchor=_text(cut.s_i))
-            if cut.j != GROUND:
-                row.set("body2", _name(cut.j))
-    if len(s.spring_k):
-        tendons = ET.SubElement(root, "tendon")
-        for k, law in enumerate(zip(s.spring_k, s.spring_c, s.spring_d0, strict=True)):
-            stiffness, damping, length = (repr(float(x)) for x in law)
-            cord = ET.SubElement(tendons, "spatial", stiffness=stiffness, damping=damping, springlength=length)
-            for end, body, p in (("i", s.spring_i[k], s.spring_p_i[k]), ("j", s.spring_j[k], s.spring_p_j[k])):
-                ET.SubElement(parts[int(body)], "site", name=f"spring {k} {end}", pos=_text(p))
-                ET.SubElement(cord, "site", site=f"spring {k} {end}")
-    keys = ET.SubElement(root, "keyframe")
-    ET.SubElement(keys, "key", name="start", qpos=_text(tree.start), qvel=_text(tree.start_velocity))
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode") + "\n"
+    tree = flatten_tree(build_spanning_tree(system, start), system, start)
+    return write_mjcf(tree, problem.dt, lambda body: f"body {body + 1}", integrator="RK4")
 
 
 def _table(counts: Mapping[str, Mapping[str, int]]) -> list[str]:
@@ -207,13 +168,3 @@ def _describe_parts(m: RandomMechanism) -> str:
 def _name_end(body: int) -> str:
     """Return a body of a joint in words: ``ground``, or its number from 1."""
     return "ground" if body == GROUND else str(body + 1)
-
-
-def _name(body: int) -> str:
-    """Return the name of a body in the MJCF, numbered from 1."""
-    return f"body {body + 1}"
-
-
-def _text(a: Sequence[float] | np.ndarray) -> str:
-    """Return numbers as an attribute of MJCF, with all digits."""
-    return " ".join(repr(float(x)) for x in a)

@@ -1,18 +1,16 @@
 """Keep every trial of a campaign on disk, a line of JSON each, so that it can be interrupted, continued and counted."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
 
-from ...base.code_meter import CODE_LIMIT
 from ...base.files import FileError, read_text, write_text
-from ...base.forked_process import ForkedProcess
 from ...catalogue import registry
 from ...catalogue.codes import package_sources
-from .campaign import MEMORY, CampaignSettings
+from .campaign import CampaignSettings, run_apart
 from .oracle import FINDINGS, Behaviour, OracleOutcome, OracleVerdict
 
 NAME, SUMMARY = "trials.jsonl", "summary.json"
@@ -80,13 +78,13 @@ def ask_second_route(trial: Trial) -> Trial:
     The verdict is undecidable if the process ends without one.
     """
 
-    def target(send: Callable[[str], None]) -> None:
-        """Let the oracle decide, and send verdict and evidence."""
+    def decide() -> str:
+        """Let the oracle decide, and return verdict and evidence as JSON."""
         found, settings = trial.outcome, trial.settings
         oracle = settings.make_oracle(found.number)
-        send(json.dumps(oracle.decide(found.solver, registry.make_solver(found.solver, settings.options))))
+        return json.dumps(oracle.decide(found.solver, registry.make_solver(found.solver, settings.options)))
 
-    sent = ForkedProcess(target, limit=CPU, memory=MEMORY, code=CODE_LIMIT).wait().sent
+    sent = run_apart(decide, CPU)
     verdict, evidence = json.loads(sent) if sent else (OracleVerdict.UNDECIDABLE, "the second route did not answer")
     return replace(trial, verdict=OracleVerdict(verdict), evidence=evidence)
 

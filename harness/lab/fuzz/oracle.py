@@ -1,9 +1,9 @@
 """Examine whether a code computes one motion for all forms of a mechanism, and the true one.
 
 ``own`` is the code's own error: how far half the step (or a tolerance ``FINER`` times as small) moves its answer, in
-both forms together. A deviation counts beyond ``TIMES`` of it and ``floor`` of the size of the mechanism, with the
-coarse and with the fine step. The true motion is that of ``TRUTH`` at two tolerances, in both forms; where these
-differ, the outcome is undecided.
+both forms together. A deviation counts beyond ten times that and ``floor`` of the size of the mechanism, with the
+coarse and with the fine step (``judge.invariance``). The true motion is that of ``TRUTH`` at two tolerances, in both
+forms; where these differ, the outcome is undecided.
 """
 
 from contextlib import suppress
@@ -15,6 +15,8 @@ import numpy as np
 
 from ...base.shapes import LARGEST
 from ...catalogue import registry
+from ...judge.distance import measure_distance
+from ...judge.invariance import AMPLIFIED, Yardstick, do_routes_agree, is_confirmed
 from ...mechanics.dynamics import accelerations
 from ...mechanics.state import State
 from ...mechanics.types import Problem, Solver, Status, StepControl
@@ -22,14 +24,12 @@ from ...reference.computation import compute_reference, is_computable
 from .mechanism import RandomMechanism
 from .presenting import Form
 
-TIMES, FLOOR, FINER = 10.0, 1e-7, 32.0
+FLOOR, FINER = 1e-7, 32.0
 RTOL, CPU = 1e-7, 5.0  # tolerance of a code with error control; [s] for one motion
 TRUTH, TRUE, NEARLY = "rkmk_dop853", 1e-12, 1e-10
 SECOND = "scipy_strong_form"  # shares no equation with the first except the constraint rows
-AMPLIFIED = 1e3  # factor by which the answers of a less accurate code may differ more than those of the truth
 
 
-Answer = tuple[State, ...]
 Places = tuple[tuple[float, ...], ...]  # of C of each body [m]
 
 
@@ -103,26 +103,23 @@ class Oracle:
     def true_motion(self) -> tuple[State | None, float]:
         """The last state of the true motion, and how far its computations differ [m]; None, infinity if one fails."""
         solver = registry.make_solver(TRUTH)
-        ends = [
-            _final_state(self._motion(solver, form, StepControl(rtol=rtol, cpu_limit=CPU)))
-            for form, rtol in ((Form(), TRUE), (Form(), NEARLY), (self.form, TRUE))
-        ]
-        if any(end is None for end in ends):
+        forms = ((Form(), TRUE), (Form(), NEARLY), (self.form, TRUE))
+        found = [self._find_end(solver, form, StepControl(rtol=rtol, cpu_limit=CPU)) for form, rtol in forms]
+        ends = [end for end in found if isinstance(end, State)]
+        if len(ends) < len(found):
             return None, np.inf
-        one, *others = (end for end in ends if end is not None)
-        return one, max(self.measure_distance(one, other) for other in others)
+        return ends[0], max(self.measure_distance(ends[0], other) for other in ends[1:])
 
     def measure_distance(self, a: State, b: State) -> float:
         """Return the largest difference of two states over all bodies [m]: distance of C, or angle times gyration."""
-        turned = np.linalg.norm(a.R - b.R, axis=(1, 2)) / np.sqrt(2.0) * self.problem.system.gyration
-        return float(max(np.max(np.linalg.norm(a.r - b.r, axis=1)), np.max(turned)))
+        return float(measure_distance(a, b, self.problem.system.gyration))
 
     def examine(self, name: str, solver: Solver | None = None) -> OracleOutcome:
         """Solve the mechanism in both forms by the solver ``name``, and return how it behaves.
 
         Each form is solved twice: with the mechanism's step and half of it, or with two tolerances. A solver that
         refuses a weld as rows gets pins in its place. Sound is who agrees between the forms, and with the true motion,
-        to ``TIMES`` the difference that the finer solution makes. The solver has its default options unless given.
+        to ten times the difference that the finer solution makes. The solver has its default options unless given.
         """
         control = registry.find_entry("solver", name, registry.solvers()).control if solver is None else solver.control
         solver = registry.make_solver(name) if solver is None else solver
@@ -137,19 +134,12 @@ class Oracle:
         if refused:
             return replace(found, kind=Behaviour.PARTLY_REFUSED, words=refused, form=form)
         found = replace(found, form=form)
-        motions = [[self._motion(solver, f, step) for step in steps] for f in (Form(), form)]
-        reached = [[_final_state(m) is not None for m in pair] for pair in motions]
-        if not all(map(all, reached)):
-            words = next(
-                m if isinstance(m, str) else "it claims success but does not reach the end"
-                for pair in motions
-                for m in pair
-                if _final_state(m) is None
-            )
-            alone = sorted(map(any, reached)) == [False, True] and sorted(map(all, reached)) == [False, True]
+        motions = [[self._find_end(solver, f, step) for step in steps] for f in (Form(), form)]
+        ends = [[m for m in pair if isinstance(m, State)] for pair in motions]
+        if reasons := [m for pair in motions for m in pair if isinstance(m, str)]:
+            alone = sorted(map(len, ends)) == [0, len(steps)]
             known = self.true_motion[1] <= self.floor * self.mechanism.size
-            return replace(found, kind=Behaviour.ONE_SIDED if alone and known else Behaviour.FAILED, words=words)
-        ends = [[m[-1] for m in pair if not isinstance(m, str)] for pair in motions]
+            return replace(found, kind=Behaviour.ONE_SIDED if alone and known else Behaviour.FAILED, words=reasons[0])
         halves = [self.measure_distance(*pair) for pair in ends]
         true, spread = self.true_motion
         between = self.measure_distance(ends[0][0], ends[1][0]), self.measure_distance(ends[0][1], ends[1][1])
@@ -157,14 +147,15 @@ class Oracle:
         if true is None or spread > self.floor * self.mechanism.size:
             return replace(found, kind=Behaviour.UNDECIDED)
         floor = self.floor * self.mechanism.size + AMPLIFIED * spread
-        found = replace(found, limit=TIMES * sum(halves) + floor)
-        if min(between) > found.limit:
+        yard = Yardstick(level=sum(halves), halved=0.0, growth=0.0, steps=0, size=self.mechanism.size, least=floor)
+        found = replace(found, limit=yard.bound)
+        if yard.is_broken(min(between)):
             return replace(found, kind=Behaviour.PRESENTATION)
         for pair, half, which in zip(ends, halves, (Form(), form), strict=True):
             off = self.measure_distance(pair[0], true), self.measure_distance(pair[1], true)
-            limit = TIMES * half + floor
-            if min(off) > limit:
-                return replace(found, kind=Behaviour.TRUTH, deviation=off, own=half, limit=limit, form=which)
+            yard = replace(yard, level=half)
+            if yard.is_broken(min(off)):
+                return replace(found, kind=Behaviour.TRUTH, deviation=off, own=half, limit=yard.bound, form=which)
         return found
 
     def collect_answers(self, solver: Solver) -> tuple[dict[str, Places], tuple[str, ...]]:
@@ -202,15 +193,15 @@ class Oracle:
         end, sure, routes = reference
         true = self.true_motion[0]
         assert true is not None
-        other = _final_state(self._motion(registry.make_solver(SECOND), Form(), StepControl(rtol=1e-10, cpu_limit=CPU)))
-        second = np.inf if other is None else self.measure_distance(other, end)
+        other = self._find_end(registry.make_solver(SECOND), Form(), StepControl(rtol=1e-10, cpu_limit=CPU))
+        second = np.inf if isinstance(other, str) else self.measure_distance(other, end)
         # the second smallest, since the tested code may be one of them
-        if sorted((sure, second, self.measure_distance(true, end)))[1] > 0.1 * found.limit:
+        if not do_routes_agree(sorted((sure, second, self.measure_distance(true, end)))[1], found.limit):
             return OracleVerdict.UNDECIDABLE, "the other routes differ by more than a tenth of the limit"
         fine, off = _steps(solver.control, self.mechanism.dt)[1], {}
         for form in dict.fromkeys((Form(), found.form)):
-            mine = _final_state(self._motion(solver, form, fine))
-            off[str(form)] = np.inf if mine is None else self.measure_distance(mine, end)
+            mine = self._find_end(solver, form, fine)
+            off[str(form)] = np.inf if isinstance(mine, str) else self.measure_distance(mine, end)
         others = {SECOND: second, TRUTH: self.measure_distance(true, end)}
         words = "; ".join(
             f"{who}: " + (f"{x:.2g} m" if np.isfinite(x) else "it does not reach the end")
@@ -219,8 +210,8 @@ class Oracle:
         evidence = f"Distance from the reference ({routes}): {words}."
         if max(off.values()) == np.inf:
             return OracleVerdict.UNDECIDABLE, "the code does not reach the end again"
-        # two answers that differ by more than the limit cannot both be within 0.4 of it of the reference
-        return (OracleVerdict.CONFIRMED if max(off.values()) > 0.4 * found.limit else OracleVerdict.DISMISSED), evidence
+        confirmed = is_confirmed(max(off.values()), found.limit)
+        return (OracleVerdict.CONFIRMED if confirmed else OracleVerdict.DISMISSED), evidence
 
     def _find_refusal(self, solver: Solver, form: Form, step: StepControl) -> str | None:
         """Return why a solver refuses the problem in a form, or the exception that it raises; None if it accepts it."""
@@ -230,8 +221,8 @@ class Oracle:
         except Exception as error:  # a foreign code may raise anything: a result
             return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
-    def _motion(self, solver: Solver, form: Form, step: StepControl) -> "Answer | str":
-        """Solve; return a tuple of the last state, of the bodies as drawn, or the reason why the end is not reached."""
+    def _find_end(self, solver: Solver, form: Form, step: StepControl) -> State | str:
+        """Solve; return the last state of the bodies as drawn, or the reason why the end is not reached."""
         try:
             with np.errstate(all="ignore"):
                 found = form.solve(solver, self.problem, step)
@@ -240,7 +231,7 @@ class Oracle:
         last = found.states[-1]
         sound = all(np.all(np.isfinite(a)) for a in (last.r, last.R))
         if found.status is Status.SUCCESS and sound and abs(found.t[-1] / self.problem.t_end - 1.0) < 1e-9:
-            return (last,)
+            return last
         return f"{found.status}: {found.message}"
 
 
@@ -279,8 +270,3 @@ def _steps(control: str, dt: float) -> list[StepControl]:
     if control == "dt":
         return [StepControl(dt=step, cpu_limit=CPU) for step in (dt, 0.5 * dt)]
     return [StepControl(rtol=rtol, cpu_limit=CPU) for rtol in (RTOL, RTOL / FINER)]
-
-
-def _final_state(motion: "Answer | str") -> State | None:
-    """Return the last state of a motion; None where it is the reason why the end was not reached."""
-    return None if isinstance(motion, str) else motion[-1]

@@ -2,14 +2,12 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import msgspec
 
-from ...base.code_meter import CODE_LIMIT
-from ...base.forked_process import ForkedProcess
 from ...catalogue import registry
-from .campaign import MEMORY, CampaignSettings
+from .campaign import CampaignSettings, run_apart
 from .cases import Case
 from .log import Trial
 from .oracle import OracleOutcome, OracleVerdict
@@ -39,16 +37,16 @@ def make_case(settings: CampaignSettings, found: OracleOutcome) -> Case:
     """Shrink and confirm a deviation in a separate process, and return the case; not shrunk if that process fails."""
     first, options, floor = settings.make_oracle(found.number), settings.options, settings.floor
 
-    def target(send: Callable[[str], None]) -> None:
-        """Shrink the deviation, confirm it, and send the case."""
+    def shrink() -> str:
+        """Shrink the deviation, confirm it, and return the case as JSON."""
         solver = registry.make_solver(found.solver, options)
         smallest, outcome = shrink_outcome(first, found, lambda o: o.examine(found.solver, solver))
         verdict, evidence = smallest.decide(found.solver, solver)
         ends, notes = smallest.collect_answers(solver)
         case = Case(outcome, smallest.mechanism, smallest.form, verdict, evidence, options, floor, "", ends, notes)
-        send(msgspec.json.encode(case).decode())
+        return msgspec.json.encode(case).decode()
 
-    if sent := ForkedProcess(target, limit=CPU, memory=MEMORY, code=CODE_LIMIT).wait().sent:
+    if sent := run_apart(shrink, CPU):
         return msgspec.json.decode(sent, type=Case)
     return Case(found, first.mechanism, first.form, None, "", options, floor)
 

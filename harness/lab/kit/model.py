@@ -1,7 +1,6 @@
 """Define the model that the kit gives to an engine: the problem as numbers, as MJCF or as URDF, and a step."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,9 +9,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from ....solvers.engines.export.plain import flatten_tree
-from ....solvers.engines.export.tree import Kind, build_spanning_tree
 from ...catalogue.description import describe_problem
+from ...mechanics.cut_trees.mjcf import format_numbers, write_mjcf
+from ...mechanics.cut_trees.plain import flatten_tree
+from ...mechanics.cut_trees.tree import Kind, build_spanning_tree
 from ...mechanics.motion import evaluate_load
 from ...mechanics.state import States
 from ...mechanics.system import GROUND
@@ -91,55 +91,7 @@ class Model:
     @cached_property
     def mjcf(self) -> str:
         """The problem in MuJoCo's format; cut joints are ``connect``, the key frame ``start`` has the velocities."""
-        tree, system = self.tree, self.problem.system
-        top = ET.Element("mujoco")
-        ET.SubElement(top, "compiler", angle="radian")
-        option = ET.SubElement(top, "option", timestep=_text([self.dt]), gravity=_text(tree["gravity"]))
-        ET.SubElement(option, "flag", contact="disable")
-        parts = {GROUND: ET.SubElement(top, "worldbody")}
-        for limb in tree["limbs"]:
-            b, R_0 = limb["body"], limb["R_0"]
-            pos = limb["r"] if limb["kind"] == FREE else limb["s_parent"] - R_0 @ limb["s_child"]
-            part = ET.SubElement(parts[limb["parent"]], "body", name=f"body{b}", pos=_text(pos), quat=_quaternion(R_0))
-            parts[b] = part
-            moments = _text(limb["inertia"][[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-            ET.SubElement(part, "inertial", pos="0 0 0", mass=_text([limb["mass"]]), fullinertia=moments)
-            if limb["kind"] == FREE:
-                ET.SubElement(part, "freejoint")
-            elif limb["kind"] == Kind.BALL.name:
-                ET.SubElement(part, "joint", type="ball", pos=_text(limb["s_child"]))
-            for slides, axis in limb["moves"]:
-                spring = limb["torsion"] or {"stiffness": 0.0, "damping": 0.0, "rest_angle": 0.0}
-                ET.SubElement(
-                    part,
-                    "joint",
-                    type="slide" if slides else "hinge",
-                    pos=_text(limb["s_child"]),
-                    axis=_text(axis),
-                    stiffness=_text([spring["stiffness"]]),
-                    damping=_text([spring["damping"]]),
-                    springref=_text([spring["rest_angle"]]),
-                )
-        tendons = ET.SubElement(top, "tendon") if tree["springs"] else top
-        for k, s in enumerate(tree["springs"]):
-            cord = ET.SubElement(
-                tendons,
-                "spatial",
-                stiffness=_text([s["stiffness"]]),
-                damping=_text([s["damping"]]),
-                springlength=_text([s["rest_length"]]),
-            )
-            for end in "ij":
-                ET.SubElement(parts[int(s[end])], "site", name=f"spring{k}{end}", pos=_text(s[f"p_{end}"]))
-                ET.SubElement(cord, "site", site=f"spring{k}{end}")
-        rows = ET.SubElement(top, "equality") if tree["cuts"] else top
-        for cut in tree["cuts"]:
-            ends = {f"body{n}": "world" if cut[e] == GROUND else f"body{cut[e]}" for n, e in ((1, "i"), (2, "j"))}
-            ET.SubElement(rows, "connect", {"anchor": _text(cut["s_i"])} | ends)
-        key = ET.SubElement(top, "keyframe")
-        ET.SubElement(key, "key", name="start", qpos=_text(tree["start"]), qvel=_text(tree["start_velocity"]))
-        assert len(parts) == system.nb + 1
-        return ET.tostring(top, encoding="unicode")
+        return write_mjcf(self.tree, self.dt, "body{}".format)
 
     @property
     def floats(self) -> bool:
@@ -157,9 +109,9 @@ class Model:
         for x in self.links:
             name = f"body{x['body']}"
             inertial = ET.SubElement(ET.SubElement(top, "link", name=name), "inertial")
-            ET.SubElement(inertial, "origin", xyz=_text(x["centre"]))
-            ET.SubElement(inertial, "mass", value=_text([x["mass"]]))
-            J = {f"i{'xyz'[m]}{'xyz'[n]}": _text([x["inertia"][m, n]]) for m in range(3) for n in range(m, 3)}
+            ET.SubElement(inertial, "origin", xyz=format_numbers(x["centre"]))
+            ET.SubElement(inertial, "mass", value=format_numbers([x["mass"]]))
+            J = {f"i{'xyz'[m]}{'xyz'[n]}": format_numbers([x["inertia"][m, n]]) for m in range(3) for n in range(m, 3)}
             ET.SubElement(inertial, "inertia", J)
             if x["kind"] == FREE:
                 continue
@@ -170,16 +122,6 @@ class Model:
             ET.SubElement(joint, "parent", link="ground" if x["parent"] == GROUND else f"body{x['parent']}")
             ET.SubElement(joint, "child", link=name)
             rpy = Rotation.from_matrix(x["R_0"]).as_euler("xyz", suppress_warnings=True)
-            ET.SubElement(joint, "origin", xyz=_text(x["at"]), rpy=_text(rpy))
-            ET.SubElement(joint, "axis", xyz=_text(x["axes"][0] if x["axes"] else (1.0, 0.0, 0.0)))
+            ET.SubElement(joint, "origin", xyz=format_numbers(x["at"]), rpy=format_numbers(rpy))
+            ET.SubElement(joint, "axis", xyz=format_numbers(x["axes"][0] if x["axes"] else (1.0, 0.0, 0.0)))
         return ET.tostring(top, encoding="unicode")
-
-
-def _text(numbers: Iterable[float]) -> str:
-    """Return numbers as text of an XML attribute, with all digits."""
-    return " ".join(repr(float(x)) for x in numbers)
-
-
-def _quaternion(R: np.ndarray) -> str:
-    """Return a rotation matrix as the text of its quaternion w, x, y, z."""
-    return _text(Rotation.from_matrix(R).as_quat(scalar_first=True))

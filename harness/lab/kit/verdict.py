@@ -8,32 +8,30 @@ The allowed deviation from a law at time t is the sum of three parts::
     reference  its stated error, and the rounding of this evaluation in float64
 
 An error that does not fall with the step as the order promises exceeds this sum. Beyond that, the motion at the half
-step must be one that the referee calls a success.
+step must be one that the referee calls a success. The limits are those of ``judge.law`` and ``judge.order``.
 """
 
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...judge.distance import find_first_time, find_inaccuracy
+from ...judge.law import DEVIATIONS, PRECISIONS, allow_rounding, allow_start, list_broken_laws
 from ...judge.metrics.measure import measure
 from ...judge.metrics.summary import make_columns
-from ...judge.metrics.verdict import find_inaccuracy, list_broken_laws
+from ...judge.order import bound_fine_error
 from ...mechanics.state import States
 from ...mechanics.types import Law, Problem, Reason, Status, Trajectory
 from ...reference.computation import find_reference
+from ...results.findings import Finding, judge_value
 from .cases import make_case
 from .conditioning import evaluate_laws, measure_growth
 from .model import Model
 
-UNIT = {"float32": 2.0**-24, "float64": 2.0**-53}  # half a unit of the last digit
-DEVIATIONS = 3.0  # standard deviations of the draws of ``conditioning``
-NEXT_TERM = 2.0  # factor on Richardson's estimate, for the next term of the error
-EVALUATION = 32.0  # roundings in the evaluation of laws from poses and velocities
 STEP = 2e-3  # [s]
 # (r, q, v, omega) at the start and after each step, as ``check`` describes them
 Motion = Iterable[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
@@ -52,40 +50,34 @@ class EngineFailure(AssertionError):
     """Signal that the motion of an engine is not that of the case; the message has a line for each violated law."""
 
 
-@dataclass(frozen=True)
-class PassedCheck:
-    """Report a passed check: for each law the largest value divided by its allowance."""
-
-    case: str
-    shares: dict[str, float]
-    rounding: float  # [m] error at the end that rounding alone may leave
-
-
 def check(
     case: str, motion: Callable[[Model], Motion], *, order: float = 1.0, precision: str = "float64", dt: float = STEP
-) -> PassedCheck:
+) -> list[Finding]:
     """Step an engine's model of ``case`` at ``dt`` [s] and ``dt / 2``; raise EngineFailure where its motion is wrong.
 
     ``motion(model)`` yields (r, q, v, omega) of all bodies at the start and after each step of ``model.dt``: centres of
     mass (nb, 3), quaternions (w, x, y, z) or matrices to space, velocities of the centres, angular velocities, all in
-    the space frame. ``order`` is the order that the engine claims, ``precision`` that of its numbers. Return the
-    largest deviation from each law as a share of its allowance. Raise ValueError for an unknown case, order or
-    precision.
+    the space frame. ``order`` is the order that the engine claims, ``precision`` that of its numbers. Return a finding
+    on each law: its largest value divided by its allowance. Raise ValueError for an unknown case, order or precision.
     """
-    if precision not in UNIT:
+    if precision not in PRECISIONS:
         raise ValueError(f"precision must be float32 or float64 (got {precision!r})")
     if not (order >= 1.0 and math.isfinite(order)):
         raise ValueError(f"order must be a number >= 1 (got {order!r})")
     problem = make_case(case)
     steps = max(2, round(problem.t_end / dt))
-    coarse, fine = (_run(case, problem, motion, k * steps, UNIT[precision]) for k in (1, 2))
-    found, shares = _compare(case, problem, coarse, fine, order, UNIT[precision])
-    lines = [_describe(case, r) for r in (*found, *_judge(problem, fine, {r.law for r in found}))]
-    if lines:
+    coarse, fine = (_run(case, problem, motion, k * steps, PRECISIONS[precision]) for k in (1, 2))
+    found, broken = _compare(case, problem, coarse, fine, order, PRECISIONS[precision])
+    if lines := [_describe(case, r) for r in (*broken, *_judge(problem, fine, {r.law for r in broken}))]:
         raise EngineFailure("\n".join(lines))
+    return found
+
+
+def estimate_rounding(case: str, precision: str, dt: float = STEP) -> float:
+    """Return the error at the end [m] that rounding alone may leave at half the step ``dt`` [s]."""
+    steps = 2 * max(2, round(make_case(case).t_end / dt))
     _, growth = _measure_growth_once(case)
-    ulps = DEVIATIONS + len(fine) - 1
-    return PassedCheck(case, shares, UNIT[precision] * ulps * float(growth[Law.MOTION, ""][-1]))
+    return PRECISIONS[precision] * (DEVIATIONS + steps) * float(growth[Law.MOTION, ""][-1])
 
 
 def _run(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: int, unit: float) -> States:
@@ -124,7 +116,7 @@ def _run(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: 
     start = problem.initial
     for name in ("r", "R", "v", "Omega"):
         exact, given = getattr(start, name), getattr(found, name)[0]
-        off, allowed = float(np.max(np.abs(given - exact))), 16.0 * unit * (1.0 + float(np.max(np.abs(exact)))) + 1e-12
+        off, allowed = float(np.max(np.abs(given - exact))), allow_start(unit, float(np.max(np.abs(exact))))
         if off > allowed:
             raise EngineFailure(f"{case}: start: {name} is off by {off:.3g}, allowed {allowed:.2g}")
     return found
@@ -132,8 +124,8 @@ def _run(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: 
 
 def _compare(
     case: str, problem: Problem, coarse: States, fine: States, order: float, unit: float
-) -> tuple[list[Reason], dict[str, float]]:
-    """Return the laws broken at the half step, and for each law the largest value divided by its allowance.
+) -> tuple[list[Finding], list[Reason]]:
+    """Return for each law the finding on the largest value divided by its allowance, and the laws that are broken.
 
     ``coarse`` and ``fine`` are the motions at the step and at half of it, ``unit`` is the rounding of the engine's
     numbers.
@@ -144,25 +136,23 @@ def _compare(
     laws = {name: evaluate_laws(problem, s, exact) for name, s in (("coarse", coarse), ("fine", at_coarse))}
     apart = evaluate_laws(problem, coarse, at_coarse)
     grown, growth = _measure_growth_once(case)
-    found, shares = [], {}
+    found, broken = [], []
     for key, series in laws["fine"].items():
         law, name = key
         vector = law in (Law.MOTION, Law.VELOCITY)
         halved = apart[key] if vector else laws["coarse"][key] - series
         # the maximum over all times: transients last some steps, not a time
-        step = float(np.max(np.abs(halved))) * NEXT_TERM / (2.0**order - 1.0)
-        roundings = unit * (DEVIATIONS + np.linspace(0.0, steps, len(t))) + EVALUATION * UNIT["float64"]
-        rounding = roundings * np.interp(t, grown, growth[key])
+        step = bound_fine_error(float(np.max(np.abs(halved))), order)
+        rounding = allow_rounding(unit, np.linspace(0.0, steps, len(t))) * np.interp(t, grown, growth[key])
         allowed = step + rounding + own * growth[key][-1] / growth[Law.MOTION, ""][0]
         share = np.abs(series) / allowed
         worst = int(np.argmax(share))
-        words = name or WORDS[law][0]
-        shares[words] = float(share[worst])
-        if not shares[words] <= 1.0:
-            unit_ = WORDS[law][1] if law in WORDS else next(i.unit for i in problem.invariants if i.name == name)
-            first = int(np.argmax(share > 1.0))
-            found.append(Reason(law, float(abs(series[worst])), float(allowed[worst]), unit_, float(t[first]), name))
-    return found, shares
+        words, unit_ = WORDS.get(law) or (name, next(i.unit for i in problem.invariants if i.name == name))
+        found.append(judge_value(float(share[worst]), "of what is allowed", most=1.0, quantity=words))
+        if not found[-1].holds:
+            first = find_first_time(t, share > 1.0)
+            broken.append(Reason(law, float(abs(series[worst])), float(allowed[worst]), unit_, first, name))
+    return found, broken
 
 
 @cache

@@ -139,7 +139,7 @@ def _check_instances(given: tuple[RunRecord, ...], solver: str, drawn: tuple[Ins
     """
     found = [f"{r.case}: a run of {r.solver}" for r in given if r.solver != solver]
     wanted = {(i.problem, json.dumps(dict(i.parameters), sort_keys=True)) for i in drawn}
-    have = [(r.problem, json.dumps(json.loads(r.problem_parameters), sort_keys=True), r.dt_s, r.rtol) for r in given]
+    have = [(r.problem, json.dumps(dict(r.parameters), sort_keys=True), r.dt_s, r.rtol) for r in given]
     if {h[:2] for h in have} != wanted:
         found.append("its instances are not those drawn for its digest and seed")
     if len({str(h) for h in have}) != len(have) or len(have) != len(wanted) * len(next(iter(STEPS.values()))):

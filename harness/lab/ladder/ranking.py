@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from ...judge.invariance import describe_rerun
 from ...mechanics.types import Status
+from ...results.least_cost import find_cheapest
 from ...results.records import RunRecord
 from .bundling import Entry
 
@@ -18,7 +20,6 @@ FALSE = -1  # points of an instance with a false success; a solved one has 1, on
 DRAWS, SPREAD, SEED = 1000, 0.9, 1
 LIES = (Status.WRONG, Status.INACCURATE)  # statuses that count as false success
 INDEPENDENT, OURS, RE_RUN = LABELS = ("independent", "ours", "re-run by us")
-MOTION, COST = 0.01, 0.5  # allowed in a re-run: relative difference of errors, least fraction of our CPU time
 
 
 @dataclass(frozen=True)
@@ -72,16 +73,8 @@ def _differences(entry: Entry, known: Mapping[tuple[str, str], Entry]) -> tuple[
     ours = known.get((entry.digest, entry.seed))
     if ours is None:
         return ()
-    found, stated = list[str](), {_setting(r): r for r in entry.records}
-    for own in ours.records:
-        r = stated.get(_setting(own))
-        if r is None or r.status != own.status:
-            found.append(f"{own.case}: {own.status} when run again")
-        elif abs(r.motion_error_max_m - own.motion_error_max_m) > MOTION * own.motion_error_max_m:
-            found.append(f"{own.case}: an error of {own.motion_error_max_m:.3g} m when run again")
-        elif r.cpu_median_s < COST * own.cpu_median_s:
-            found.append(f"{own.case}: {own.cpu_median_s:.2g} s of CPU when run again")
-    return tuple(found)
+    stated = {_setting(r): r for r in entry.records}
+    return tuple(filter(None, (describe_rerun(stated.get(_setting(own)), own) for own in ours.records)))
 
 
 def _setting(r: RunRecord) -> str:
@@ -91,7 +84,7 @@ def _setting(r: RunRecord) -> str:
 
 def _instance(r: RunRecord) -> str:
     """Return a key that identifies a record's instance: its problem with all parameters."""
-    return f"{r.problem} {json.dumps(json.loads(r.problem_parameters), sort_keys=True)}"
+    return f"{r.problem} {json.dumps(dict(r.parameters), sort_keys=True)}"
 
 
 def _row(entry: Entry, label: str) -> RankedEntry:
@@ -104,9 +97,8 @@ def _row(entry: Entry, label: str) -> RankedEntry:
         instances.setdefault(_instance(r), []).append(r)
     false = sum(any(r.status in LIES for r in runs) for runs in instances.values())
     honest = [runs for runs in instances.values() if not any(r.status in LIES for r in runs)]
-    cheapest = [
-        min(met) for runs in honest if (met := [r.cpu_median_s for r in runs if compute_relative_error(r) <= TARGET])
-    ]
+    found = (find_cheapest(runs, TARGET, compute_relative_error, lambda r: r.cpu_median_s) for runs in honest)
+    cheapest = [r.cpu_median_s for r in found if r is not None]
     return RankedEntry(
         entry.file,
         entry.solver,

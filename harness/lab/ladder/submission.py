@@ -5,8 +5,6 @@ import json
 import math
 import os
 import pickle
-import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,13 +18,12 @@ from ...base.confined_paths import ConfinedPath, read_whole
 from ...base.files import FileError
 from ...base.forked_process import SLACK, ForkedProcess, ProcessEnd
 from ...base.isolation import trim_output
-from ...base.machine import THREADS
+from ...base.line_process import ModuleProcess
 from ...catalogue import codes, registry
 from ...catalogue.suites.spec import RunSpec
 from ...mechanics.types import EndCause, Problem, StepControl
 from ...reference import orbit
 from ...results import environment, records, store
-from ...results.environment import ROOT
 from ...results.records import RunRecord
 from ...run import handover
 from ...run.contract import make_cost_columns, select_repeat_times
@@ -104,34 +101,24 @@ def _can_fence() -> bool:
     return ended.sent.strip() == "True"
 
 
-class BlindWorker:
-    """The process that runs tasks blind, started and ended by a ``with`` statement."""
+class BlindWorker(ModuleProcess):
+    """The process that runs tasks blind, ended by a ``with`` statement."""
+
+    def __init__(self) -> None:
+        super().__init__("harness.lab.ladder.blind")
 
     def __enter__(self) -> "BlindWorker":
-        """Start the process."""
-        self.process = subprocess.Popen(
-            (sys.executable, "-m", "mbsbench.harness.lab.ladder.blind"),
-            cwd=ROOT,
-            env={**os.environ, **THREADS},
-            text=True,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-        )
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Close the process's input, and wait for its end."""
-        self.process.communicate()
+        self.close()
 
     def run(self, task: BlindTask) -> ProcessEnd:
         """Run a task in a process forked from this one, and return how it ended."""
-        assert self.process.stdin is not None and self.process.stdout is not None
         with tempfile.NamedTemporaryFile(delete=False) as file:
             file.write(pickle.dumps(task))
-        self.process.stdin.write(f"{file.name}\n")
-        self.process.stdin.flush()
-        return msgspec.json.decode(self.process.stdout.readline(), type=ProcessEnd)
+        self.send_lines(os.fsencode(f"{file.name}\n"))
+        return msgspec.json.decode(self.answers.readline(), type=ProcessEnd)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from ....solvers.formulations.joint_coordinates.tree import Limb, Tree
+from ...mechanics.joint_tree import Limb, Tree
 from ...mechanics.state import States
 
 

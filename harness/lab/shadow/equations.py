@@ -12,16 +12,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from ....solvers.formulations.generated import Code
-from ....solvers.formulations.generated.code import print_functions
-from ....solvers.formulations.joint_coordinates import code as joint_code
-from ....solvers.formulations.joint_coordinates.tree import Tree
+from ...base.generated import Code
+from ...base.generated.code import print_functions
+from ...catalogue.offers import find_offer
+from ...mechanics.joint_expressions import ExpressionWriter, JointExpressions
+from ...mechanics.joint_tree import Tree
 from ...mechanics.state import States
 from ...mechanics.system import MultibodySystem
 from .lanes import LANES, pack_lanes, unpack_lanes, vectorise_functions
 
 if TYPE_CHECKING:
-    from ....solvers.formulations.generated import Loop
+    from ...base.generated import Loop
 
 VERSION = 5  # of cached code: increase it when ``_functions`` changes
 ARGUMENTS = {"about": 2, "rate": 4, "tangent": 5, "project": 4, "frame": 6, "bodies": 7}
@@ -31,11 +32,11 @@ class FlowEquations:
     """The functions of the module, compiled for a mechanism, on arrays with states along the first axis."""
 
     def __init__(self, system: MultibodySystem, tree: Tree) -> None:
-        joint_code.make_code(system, tree)  # raises ValueError for mechanisms that it refuses
+        writer: ExpressionWriter = find_offer("expressions")
         self.system, self.tree = system, tree
         self.ny, self.nu = tree.nq + tree.nu, tree.nu
-        key = f"shadow {VERSION}\0{joint_code.digest_mechanism(system, tree)}"
-        self._code = Code(lambda: _print(_functions(system, tree)), key)
+        key = f"shadow {VERSION}\0{writer.digest(system, tree)}"  # ValueError for mechanisms that it refuses
+        self._code = Code(lambda: _print(_functions(writer.write(system, tree))), key)
         self._functions = {name: self._code.function(name, n) for name, n in ARGUMENTS.items()}
         about = np.zeros(1)
         self._call("about", 1, about)
@@ -97,41 +98,26 @@ def _print(functions: "dict[str, Loop]") -> str:
     return print_functions(functions) + vector
 
 
-def _functions(system: MultibodySystem, tree: Tree) -> "dict[str, Loop]":
+def _functions(e: JointExpressions) -> "dict[str, Loop]":
     """Return the functions of the module's list as symbolic loops over states, and ``about``, which counts the rows."""
     import casadi as ca
 
-    from ....solvers.formulations.generated import Loop
+    from ...base.generated import Loop
 
-    t, y = ca.SX.sym("t"), ca.SX.sym("y", tree.nq + tree.nu)
-    found = joint_code._equations(system, tree, t, y, [])
-    parts = joint_code.MechanismFunctions(system, tree, joint_code.choose_equations(system, tree, t, y))
-    rate, finish, record = parts.accelerate(), parts.finish(), parts.functions["record"]
+    t, y, nu = e.t, e.y, e.H.shape[0]
     dy, x = ca.SX.sym("dy", y.numel()), ca.SX.sym("x", 1 + y.numel())
-    along = ca.substitute(ca.jtimes(rate.outputs[0], y, dy), ca.vertcat(t, y), x)
-    rows = [found.rows[k - found.first] for k in sorted(found.order.rows) if k >= found.first]
-    # constraints on velocities have no phi
-    equations = [e for row in rows for e in (row.phi, row.rate) if not e.is_zero()]
-    nu = tree.nu
-    T = ca.jacobian(found.motion.q_dot(found.motion.u), y[tree.nq :])
-    slopes = ca.jacobian(ca.vertcat(ca.SX(0, 1), *equations), y) @ ca.diagcat(T, ca.SX.eye(nu))
-    H = ca.SX.zeros(nu, nu)
-    for k in range(nu):
-        for row, entry in found.K[k].items():
-            if row < nu:
-                H[row, k] = entry
-    still = [ca.SX.zeros(k.numel()) for k in record.inputs[2:]]
-    r, R, V = ca.substitute(list(record.outputs[:3]), list(record.inputs), [t, y, *still])
-    v, Omega = (ca.vertcat(*(V[6 * b + k : 6 * b + k + 3] for b in range(system.nb))) for k in (0, 3))
+    along = ca.substitute(ca.jtimes(e.rate, y, dy), ca.vertcat(t, y), x)
+    slopes = ca.jacobian(e.gaps, y) @ ca.diagcat(e.T, ca.SX.eye(nu))
+    v, Omega = (ca.vertcat(*(e.V[k + at : k + at + 3] for k in range(0, e.V.numel(), 6))) for at in (0, 3))
 
     def of_state(*outputs: ca.SX) -> Loop:
         return Loop(rows=[t, y], stored=[ca.densify(ca.vec(a)) for a in outputs])
 
     return {
-        "about": Loop(stored=[ca.SX(len(equations))]),
-        "rate": of_state(rate.outputs[0]),
+        "about": Loop(stored=[ca.SX(e.gaps.numel())]),
+        "rate": of_state(e.rate),
         "tangent": Loop(rows=[dy], blocks=[x], stored=[ca.densify(along)]),
-        "project": of_state(finish.outputs[0]),
-        "frame": of_state(T, H, slopes),
-        "bodies": of_state(r, R, v, Omega),
+        "project": of_state(e.closed),
+        "frame": of_state(e.T, e.H, slopes),
+        "bodies": of_state(e.r, e.R, v, Omega),
     }

@@ -1,14 +1,13 @@
 """Describe a shadow and a modified energy as findings."""
 
-from dataclasses import replace
-
 import numpy as np
 
+from ...judge.distance import GAP
 from ...mechanics.types import ACCURATE
-from ...results.findings import Finding, MeasuredQuantity, judge_value, state_finding
+from ...results.findings import Finding, judge_value, state_finding
 from ...results.shadows import SYMPLECTIC, NearestMotion
 from .modified_energy import ModifiedEnergy
-from .shadow import GAP, Shadow
+from .shadow import Shadow
 
 
 def describe_shadow(s: Shadow) -> list[Finding]:
@@ -31,13 +30,9 @@ def describe_shadow(s: Shadow) -> list[Finding]:
     )
     return [
         state_finding("true motion nearby", describe_extent(s), f"over {s.t_end:.6g} s", s.is_complete),
-        _name("largest gap left", judge_value(s.gap, "m", most=GAP)),
-        _name("largest distance of C", judge_value(float(np.max(C)), "m", most=most, words=at, tested=s.until > 0.0)),
-        *(
-            Finding(MeasuredQuantity(name, float(value), unit))
-            for name, value, unit in numbers
-            if s.until > 0.0 or not unit
-        ),
+        judge_value(s.gap, "m", most=GAP, quantity="largest gap left"),
+        judge_value(float(np.max(C)), "m", most=most, words=at, quantity="largest distance of C", tested=s.until > 0.0),
+        *(Finding(name, float(value), unit) for name, value, unit in numbers if s.until > 0.0 or not unit),
     ]
 
 
@@ -75,11 +70,6 @@ def describe_energy(m: ModifiedEnergy) -> list[Finding]:
     swing, shown = m.energy_range / m.scale, NearestMotion(modified_energy=m.energy_range / m.scale).symplectic
     words = f"symplectic: {shown}"
     return [
-        _name(name, judge_value(swing, "of the scale", most=SYMPLECTIC, words=words, tested=shown == "yes")),
-        Finding(MeasuredQuantity("swing of the energy", float(np.ptp(m.energy)) / m.scale, "of the scale")),
+        judge_value(swing, "of the scale", most=SYMPLECTIC, words=words, quantity=name, tested=shown == "yes"),
+        Finding("swing of the energy", float(np.ptp(m.energy)) / m.scale, "of the scale"),
     ]
-
-
-def _name(quantity: str, f: Finding) -> Finding:
-    """Return the finding with its quantity renamed."""
-    return replace(f, measured=replace(f.measured, quantity=quantity))

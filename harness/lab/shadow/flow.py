@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
-from ....solvers.formulations.methods.tableaux import DOPRI853
+from ...base.tableaux import DOPRI853
 from .equations import FlowEquations
 from .lanes import pack_lanes, unpack_lanes
 

@@ -16,14 +16,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ....solvers.formulations.generated.functions import GeneratedFunction
-from ....solvers.formulations.joint_coordinates import code as joint_code
-from ....solvers.formulations.joint_coordinates.tree import build_spanning_tree
+from ...base.generated import GeneratedFunction
+from ...catalogue.offers import find_offer
 from ...catalogue.registry import make_problem
+from ...mechanics.joint_expressions import JointExpressions
+from ...mechanics.joint_tree import build_spanning_tree
 from ...mechanics.state import State, States
 from ...mechanics.system import MultibodySystem
 from ...mechanics.types import Problem
 from ...results.npz import write_npz
+from .series import march_by_series
 from .taylor import Sums, TaylorSeries, split_doubles, sum_exactly
 
 TOLERANCE = {80: 2.0**-64, 113: 2.0**-112}
@@ -52,18 +54,14 @@ class PreciseFlow:
         import casadi as ca
 
         tree = build_spanning_tree(system, start)
-        joint_code.make_code(system, tree)  # raises ValueError for mechanisms that it refuses
-        found = joint_code.find_equations(system, tree, joint_code.digest_mechanism(system, tree))
-        written, self.rows = joint_code.MechanismFunctions(system, tree, found), len(found.rows)
-        rate, finish, record = written.accelerate(), written.finish(), written.functions["record"]
+        e: JointExpressions = find_offer("expressions").write(system, tree)
+        self.rows = e.rows
         self.tolerance = TOLERANCE[bits] if tolerance is None else tolerance
         self.order = math.ceil(1.0 - 0.5 * math.log(self.tolerance))
-        still = [ca.SX.zeros(k.numel()) for k in record.inputs[2:]]
-        poses = ca.substitute(list(record.outputs[:3]), list(record.inputs), [*record.inputs[:2], *still])
-        t, y = rate.inputs
-        self._rate = TaylorSeries(GeneratedFunction([t, y], [ca.SX(1), *rate.outputs]), bits, self.order, rates=True)
-        self._close = TaylorSeries(GeneratedFunction(finish.inputs, finish.outputs[:1]), bits)
-        self._poses = TaylorSeries(GeneratedFunction(record.inputs[:2], [ca.densify(a) for a in poses]), bits)
+        inputs = [e.t, e.y]
+        self._rate = TaylorSeries(GeneratedFunction(inputs, [ca.SX(1), e.rate]), bits, self.order, rates=True)
+        self._close = TaylorSeries(GeneratedFunction(inputs, [e.closed]), bits)
+        self._poses = TaylorSeries(GeneratedFunction(inputs, [ca.densify(a) for a in (e.r, e.R, e.V)]), bits)
         parts = np.zeros((1 + len(tree.start), 3))
         parts[1:, 0] = tree.start
         parts[0] = split_doubles(Fraction(start.t))
@@ -82,18 +80,16 @@ class PreciseFlow:
 
     def march(self, times: Sequence[Fraction]) -> Iterator[Sums]:
         """Yield the states at ``times`` [s], integrated from the start; decreasing times are integrated backwards."""
-        x, t = self.start, sum_exactly(self.start[0])
-        way = 1 if times[-1] >= t else -1
-        wanted = list(times)
-        while wanted:
-            self._rate.expand(x)
-            h = self._step()
-            while wanted and abs(wanted[0] - t) <= h:
-                yield self.close_loops(self._rate.sum_series(wanted.pop(0) - t))
-            t += way * h
-            x = self.close_loops(self._rate.sum_series(way * h))
+
+        def expand(x: Sums, t: Fraction) -> Fraction:
             x[0] = split_doubles(t)
+            self._rate.expand(x)
             self.steps += 1
+            return self._step()
+
+        evaluate = lambda t, time: self.close_loops(self._rate.sum_series(time - t))  # noqa: E731
+        steps = march_by_series(self.start, sum_exactly(self.start[0]), times[-1], times, expand, evaluate)
+        yield from (x for x, asked in steps if asked)
 
     def _step(self) -> Fraction:
         """Return the length [s] of the next step: the estimated radius of convergence over a little more than e^2.

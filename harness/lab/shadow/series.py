@@ -10,11 +10,12 @@ integers, in units of 2^-bits; time is in units of about the step, so that coeff
 are short. Such series follow motions for longer than doubles can.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
 from operator import mul
+from typing import Any
 
 GUARD = 24  # bits below the truncation error of a step
 # order per bit, near the cheapest, log(2) / 2, since work grows as its square and steps as 2^(-bits/order)
@@ -25,6 +26,24 @@ FORMULATIONS = ("angles", "directors")
 X, Y, C, S = range(4)
 Series = list[int]
 Rows = Sequence[Mapping[int, tuple[Fraction, ...]]]  # by body: factors of its x, y, c, s
+
+
+def march_by_series(
+    state: Any, t: Any, t_end: Any, wanted: Sequence[Any], expand: Callable[..., Any], evaluate: Callable[..., Any]
+) -> Iterator[tuple[Any, bool]]:
+    """Integrate from ``state`` at ``t``; yield (state, True) at each time wanted, (state, False) at the ends of steps.
+
+    The last step passes ``t_end``, which may be before ``t``. ``expand(state, t)`` makes the series and returns how far
+    it reaches, ``evaluate(t, time)`` returns its value at ``time``.
+    """
+    way, left = 1 if t_end >= t else -1, list(wanted)
+    while left or way * (t_end - t) > 0:
+        reach = expand(state, t)
+        while left and way * (left[0] - t) <= reach:
+            yield evaluate(t, left.pop(0)), True
+        state = evaluate(t, t + way * reach)
+        t += way * reach
+        yield state, False
 
 
 @dataclass(frozen=True)
@@ -71,15 +90,22 @@ class PlaneFlow:
 
         Times are in units of 2^-bits s; those of ``at`` increase. The last step ends at ``t_end`` or later.
         """
-        wanted = [t for t in at if t > state.t]
-        while state.t < t_end:
+        series, h = list[list[Series]](), 0
+
+        def expand(state: PreciseState, t: int) -> int:
+            nonlocal series, h
             series = self._series(state)
             h = self._step(series)
-            while wanted and wanted[0] <= state.t + h:
-                yield self._evaluate(series, state.t, wanted.pop(0)), True
-            state = self._evaluate(series, state.t, state.t + h)
-            self.unit = h * LOOSE[0] // LOOSE[1]
-            yield state, False
+            return h
+
+        if t_end <= state.t:
+            return
+        wanted = [t for t in at if t > state.t]
+        evaluate = lambda t, time: self._evaluate(series, t, time)  # noqa: E731  of the present series
+        for found, asked in march_by_series(state, state.t, t_end, wanted, expand, evaluate):
+            if not asked:
+                self.unit = h * LOOSE[0] // LOOSE[1]
+            yield found, asked
 
     def _series(self, state: PreciseState) -> list[list[Series]]:
         """Factor the rows at ``state``; return the Taylor coefficients of x, y, c, s of each body, time in ``unit``."""

@@ -12,7 +12,7 @@ from functools import cache
 
 import llvmlite.binding as llvm
 
-from ....solvers.formulations.generated import Code
+from ...base.generated import Code
 
 TYPES = {80: ("x86_fp80", "l"), 113: ("fp128", "f128")}  # type in LLVM, and suffix of the functions of libm
 PARTS = 3  # doubles in a number

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from ....solvers.formulations.joint_coordinates.counting import refuse_code
-from ....solvers.formulations.joint_coordinates.tree import build_spanning_tree
 from ...base.clock import cpu_seconds
+from ...catalogue.offers import find_offer
+from ...judge.distance import GAP
 from ...judge.metrics.scales import measure_displacement, measure_speeds
+from ...mechanics.joint_tree import build_spanning_tree
 from ...mechanics.motion import energy
 from ...mechanics.state import States
 from ...mechanics.types import Problem, Trajectory
@@ -22,7 +23,6 @@ from .refinement import Refinement
 SHARE = 0.25  # fraction of the time that the motion takes for its own extent: weight of velocities, as a power of 2
 SEGMENT = 1 / 3  # length of a segment relative to that time
 MOST_STEPS = 24  # steps of the flow in a segment: where the motion whips, segments are shorter
-GAP = 1e-8  # [m] in the metric: a motion with larger gaps is not a true one
 HALVINGS = 4  # halvings of the time, where no shadow is found
 FEWEST = 8  # nodes
 
@@ -77,7 +77,7 @@ def find_shadow(problem: Problem, trajectory: Trajectory, t_end: float | None = 
         raise ValueError(f"a shadow needs a motion of at least {FEWEST} rows (got {len(t)})")
     if not all(np.all(np.isfinite(a)) for a in (given.r, given.R, given.v, given.Omega)):
         raise ValueError("the motion has values that are not finite; give a --t-end before them")
-    if why := refuse_code(problem):
+    if why := find_offer("expressions").refuse(problem):
         raise ValueError(f"no shadow of {problem.name}: it {why.split(': use')[0]}")
     system, start = problem.system, States.one(problem.initial)
     far = measure_displacement(system, given, start)

@@ -16,8 +16,8 @@ from fractions import Fraction
 import numpy as np
 from jaxtyping import Float, Int
 
-from ....solvers.formulations.generated.functions import GeneratedFunction, record_function
-from ....solvers.formulations.generated.tape import Tape, find_needed
+from ...base.generated.functions import GeneratedFunction, record_function
+from ...base.generated.tape import Tape, find_needed
 from .series_code import FUNCTIONS, KINDS, PARTS, compile_machine
 
 Sums = Float[np.ndarray, "n 3"]

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ..so3 import cross
+
 Vector = Sequence[float] | Float[np.ndarray, " 3"]
 
 
@@ -71,9 +73,9 @@ def normalise(a: Vector, where: str) -> Float[np.ndarray, " 3"]:
 
 def choose_normals(a: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "2 3"]:
     """Return two orthonormal normals (rows) to the unit vector ``a``, from the coordinate axis furthest from it."""
-    n1 = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+    n1 = cross(a, np.eye(3)[np.argmin(np.abs(a))])
     n1 /= np.linalg.norm(n1)
-    return np.stack((n1, np.cross(a, n1)))
+    return np.stack((n1, cross(a, n1)))
 
 
 def project_normals(a: Float[np.ndarray, " 3"], across: Vector, where: str) -> Float[np.ndarray, "2 3"]:
@@ -83,4 +85,4 @@ def project_normals(a: Float[np.ndarray, " 3"], across: Vector, where: str) -> F
     """
     n1 = np.asarray(across, dtype=float) - (np.asarray(across, dtype=float) @ a) * a
     n1 = normalise(n1, f"{where}: across, less its part along the axis")
-    return np.stack((n1, np.cross(a, n1)))
+    return np.stack((n1, cross(a, n1)))

@@ -90,16 +90,20 @@ class Law(StrEnum):
     SYMMETRY = "symmetry"
 
 
-# Limits of laws, as fractions of their scale (energy, reach, speed; rotations need none); wide on purpose.
+# Limits of laws, as fractions of their scale (energy, reach, speed; rotations need none); wide on purpose. The numbers
+# behind each are how many of the 813 claimed successes of the suites ``first`` and ``paper`` are above half of the
+# limit, above the limit, and above twice the limit.
 ALLOWED = {
-    Law.ENERGY: 0.10,  # a tenth of the exchanged energy appears or disappears
-    Law.CONSTRAINT: 0.01,  # fraction of the reach, as far as joints allow it: the joint is visibly open
-    Law.CONSTRAINT_RATE: 0.05,  # velocities leave the joints by a twentieth of the fastest
-    Law.ORTHOGONALITY: 1e-3,  # |R^T R - 1|: such an R distorts lengths by as much
+    Law.ENERGY: 0.10,  # a tenth of the exchanged energy appears or disappears: 47, 25, 14
+    Law.CONSTRAINT: 0.01,  # fraction of the reach, as far as joints allow it: the joint is visibly open: 14, 14, 10
+    Law.CONSTRAINT_RATE: 0.05,  # velocities leave the joints by a twentieth of the fastest: 10, 6, 2
+    Law.ORTHOGONALITY: 1e-3,  # |R^T R - 1|: such an R distorts lengths by as much: none
 }
 
 
-RIGHT_REACTION = 0.05  # relative to the largest exact force or moment: reactions with larger errors are wrong
+# relative to the largest exact force or moment: reactions with larger errors are wrong. Of 686 claimed successes with
+# reactions, 232 are above half of it, 188 above it, 161 above twice as much.
+RIGHT_REACTION = 0.05
 PASSAGE = "passes ", ", where branches meet"  # start of a run's note on singular poses, and of its reason
 
 

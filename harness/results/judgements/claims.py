@@ -1,4 +1,4 @@
-"""Define the types of verdicts on claims of the paper, with their evidence."""
+"""Define the types of verdicts on claims of the paper and of the field, with their evidence."""
 
 import math
 from enum import StrEnum
@@ -8,7 +8,8 @@ import msgspec
 
 from ...base.shapes import Shape
 
-Value = bool | int | float | str | None  # value of a dimension of a map; None if a setting does not have the dimension
+# value of a dimension of a map, several numbers for a vector; None if a setting does not have the dimension
+Value = bool | int | float | str | tuple[float, ...] | None
 Band = tuple[float | None, float | None]  # least and largest number allowed; None: no limit at that end
 
 
@@ -179,7 +180,7 @@ class MapRow(Shape, frozen=True):
 
 
 class JudgedClaim(Shape, frozen=True):
-    """A claim of the paper with its verdict and evidence."""
+    """A claim of the paper, or of the field's textbooks and manuals, with its verdict and evidence."""
 
     id: str
     kind: str
@@ -204,6 +205,7 @@ class JudgedClaim(Shape, frozen=True):
     by_solver_beyond: dict[str, ClaimFinding] = msgspec.field(default_factory=dict)  # the finding ``beyond`` by solver
     control: Control | None = None
     summary: bool = False  # True for a statement of the abstract or the conclusions
+    register: Literal["paper", "field"] = "paper"  # whose claim it is
 
     @property
     def findings(self) -> tuple[ClaimFinding, ...]:
@@ -227,9 +229,12 @@ class CodeDigests(Shape, frozen=True):
 
     solvers: dict[str, str]
     problems: dict[str, str]
-    measuring: str
+    measuring: str  # without the functions of columns; in older files of all that runs and measures
     judging: str
     runs: str  # digest of the register and of the runs that its maps select
+    running: str = ""  # of what runs solvers; empty in older files
+    # of the function of each column; empty in older files
+    columns: dict[str, str] = msgspec.field(default_factory=dict)
 
 
 class PublishedClaims(Shape, frozen=True):

@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, is_dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
@@ -31,6 +31,7 @@ class File(Generic[T]):
 
 
 CLAIMS = File("claims", tuple[JudgedClaim, ...], SCHEMA)
+FIELD_CLAIMS = File("field", tuple[JudgedClaim, ...], SCHEMA)
 ORDERS = File("certificates", tuple[Order, ...])
 DRIFTS = File("drift", tuple[Drift, ...])
 SYMMETRIES = File("symmetries", tuple[Symmetry, ...])
@@ -45,19 +46,19 @@ def read_judgement(file: File[T], folder: ConfinedPath) -> T:
     return _restore_commands(_read(folder, file.name, PublishedClaims))  # type: ignore[return-value]
 
 
-def read_claims(folder: ConfinedPath) -> tuple[JudgedClaim, ...] | None:
+def read_claims(folder: ConfinedPath, file: File[tuple[JudgedClaim, ...]] = CLAIMS) -> tuple[JudgedClaim, ...] | None:
     """Read the claims judged in ``folder``; return None if there are none; raise FileError if they are invalid."""
     try:
-        return read_judgement(CLAIMS, folder)
+        return read_judgement(file, folder)
     except FileNotFoundError:
         return None
     except FileError as error:
         raise FileError(f"{error}; --publish writes it anew") from None
 
 
-def read_claims_code(folder: ConfinedPath) -> CodeDigests:
+def read_claims_code(folder: ConfinedPath, file: File[tuple[JudgedClaim, ...]] = CLAIMS) -> CodeDigests:
     """Return the digests of the code that judged the claims in ``folder``; raise as ``read_judgement`` does."""
-    return _read(folder, CLAIMS.name, PublishedClaims).code  # type: ignore[no-any-return]
+    return _read(folder, file.name, PublishedClaims).code  # type: ignore[no-any-return]
 
 
 def _read(folder: ConfinedPath, name: str, kind: Any) -> Any:
@@ -68,8 +69,13 @@ def _read(folder: ConfinedPath, name: str, kind: Any) -> Any:
     path = folder / f"{name}.json"
     if not path.is_there():
         raise FileNotFoundError(path.path)
-    where = f"{path.parent.name}/{path.name}"
-    plain = parse_json(read_text(path, "the judgement"), where)
+    return _parse(read_text(path, "the judgement"), f"{path.parent.name}/{path.name}", kind)
+
+
+@lru_cache(maxsize=2)  # of the published claims, a command asks for verdicts and for digests
+def _parse(text: str, where: str, kind: Any) -> Any:
+    """Return the content ``text`` of a file as the type ``kind``; raise FileError as ``_read`` does."""
+    plain = parse_json(text, where)
     schema = 1 if isinstance(plain, list) else plain.get("schema") if isinstance(plain, dict) else None
     if kind is PublishedClaims and schema in range(1, SCHEMA):
         raise FileError(f"{where}: of an older version (schema {schema}, expected {SCHEMA})")
@@ -77,7 +83,7 @@ def _read(folder: ConfinedPath, name: str, kind: Any) -> Any:
 
 
 def add_code(claims: Sequence[JudgedClaim], code: CodeDigests) -> PublishedClaims:
-    """Return the content of ``claims.json``: claims, the digests of their code, and the commands that repeat runs.
+    """Return the content of a file of claims: claims, the digests of their code, and the commands that repeat runs.
 
     The command of a run is moved from the rows of several claims to one place.
     """

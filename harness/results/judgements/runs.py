@@ -6,22 +6,24 @@ from typing import Any, Literal
 
 from ...base.shapes import Shape
 from ...mechanics.types import Reason
-from ..findings import Finding, MeasuredQuantity, RequiredLimits, Verdict
+from ..findings import Finding, Verdict
 
 NAN = math.nan
-OrderVerdict = Literal[
-    "certified",
-    "above declared",
+OrderVerdict = Literal[  # worst first
     "below declared",
-    "undecided",
-    "measured",
-    "exact",
-    "floor",
     "not measured",
     "refused",
+    "undecided",
+    "above declared",
+    "measured",
+    "certified",
+    "floor",
+    "exact",
 ]
 FitKind = Literal["power", "lost", "flat", "none", "exact"]
+DriftVerdict = Literal["bounded", "trend", "wanders", "undecided", "failed", "too short"]
 SymmetryVerdict = Literal["holds", "broken", "undecided", "failed", "refused", "not applicable"]
+REVERSAL, PLANARITY = "time reversal", "planar symmetry"  # checks that compare a run with its own start
 
 
 class JudgedSettings(Shape, frozen=True):
@@ -85,11 +87,15 @@ class Order(JudgedSettings, frozen=True):
             words = words or f"[{self.low:.2f}, {self.high:.2f}] in the {self.against}"
         open_ = math.isnan(self.declared) or self.quantity in ("energy", "reaction") or not self.is_measured
         good = None if open_ or self.verdict == "undecided" else self.verdict != "below declared"
-        measured = MeasuredQuantity(
-            f"order, {self.problem}, {self.quantity}", self.order, "", words=words or self.verdict
+        return Finding(
+            f"order, {self.problem}, {self.quantity}",
+            self.order,
+            words=words or self.verdict,
+            count=sum(self.used) if self.fit == "power" else len(self.error),
+            required="" if math.isnan(self.declared) else f"{self.declared:g} declared",
+            verdict=Verdict.from_outcome(good),
+            subject=f"{self.variant} {self.case}",
         )
-        required = RequiredLimits(words="" if math.isnan(self.declared) else f"{self.declared:g} declared")
-        return Finding(measured, required, Verdict.from_outcome(good), f"{self.variant} {self.case}")
 
 
 class Drift(JudgedSettings, frozen=True):
@@ -97,7 +103,7 @@ class Drift(JudgedSettings, frozen=True):
 
     settings_id: str
     status: str
-    verdict: Literal["bounded", "trend", "wanders", "undecided", "failed", "too short"]
+    verdict: DriftVerdict
     span_s: float
     periods: int = 0
     oscillation_J: float = NAN
@@ -144,6 +150,13 @@ class Symmetry(Shape, frozen=True):
     halved: float = NAN  # change of the end at half the step; 0 under error control
     rounding: float = NAN
     growth: float = NAN  # growth of a changed start until the end
+    own_error: float = NAN  # if broken: the error that the method makes anyway; NaN if not known until the end
+    misleads: bool | None = None  # if broken: False if the motion is right, or the break is below ``own_error``
+
+    @property
+    def contradicts(self) -> bool:
+        """True if the symmetry is broken and that misleads; one that was published without this does."""
+        return self.verdict == "broken" and self.misleads is not False
 
     @property
     def title(self) -> str:
@@ -154,11 +167,15 @@ class Symmetry(Shape, frozen=True):
     def as_finding(self) -> Finding:
         """Return the distance of the two ends as a finding, with its bound as the requirement."""
         good = {"holds": True, "broken": False, "failed": False}.get(self.verdict)
-        measured = MeasuredQuantity(
-            f"symmetry: {self.title}", self.deviation, "m", words=f"{self.verdict} {self.message}".strip()
-        )
+        words, verdict = f"{self.verdict} {self.message}".strip(), Verdict.from_outcome(good)
         return Finding(
-            measured, RequiredLimits(most=self.bound), Verdict.from_outcome(good), f"{self.solver} {self.variant}"
+            f"symmetry: {self.title}",
+            self.deviation,
+            "m",
+            words,
+            most=self.bound,
+            verdict=verdict,
+            subject=f"{self.solver} {self.variant}",
         )
 
 

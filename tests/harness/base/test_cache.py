@@ -76,8 +76,8 @@ def test_every_cache_is_listed_with_its_place():
         for name in call.findall(p.read_text(encoding="utf-8"))
     }
     assert asked == set(cache.IN_CHECKOUT)
+    from mbsbench.harness.base.generated import code
     from mbsbench.harness.reference import orbit
-    from mbsbench.solvers.formulations.generated import code
 
     found = {c.name: c.folder.resolve() for c in cache.list_caches()}
     assert found["references"] == orbit.FOLDER.resolve() and found["generated"] == code.FOLDER.resolve()

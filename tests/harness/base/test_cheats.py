@@ -29,7 +29,7 @@ AT_IMPORT += 'class Prepared(Exact):\n    """Has worked already."""\n'
 
 
 @pytest.fixture(scope="module")
-def records(tmp_path_factory):
+def records(own_supervisor, tmp_path_factory):
     """Of all ways, by where the work is done."""
     folder = tmp_path_factory.mktemp("cheats") / "run"
     found = run_suite_text(folder, SUITE, plugins=(PLUGIN, cheating.__file__))[0].records

@@ -62,7 +62,7 @@ EXPECTED = {
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory):
+def outcome(own_supervisor, tmp_path_factory):
     """All kinds in one run, shared by the tests below."""
     folder = tmp_path_factory.mktemp("bad") / "run"
     return folder, run_suite_text(folder, SUITE)[0]

@@ -101,7 +101,7 @@ def test_native_leaves_what_is_there():
     assert llvm == f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
 
 
-@pytest.mark.parametrize("given", [("--native",), ()], ids=["native", "pinned"])
+@pytest.mark.parametrize("given", [("--native",), pytest.param((), marks=pytest.mark.slow)], ids=["native", "pinned"])
 def test_the_option_of_a_command_reaches_its_runs(given, tmp_path):
     """It is looked for before NumPy is loaded; the record of the results says what was in force."""
     (tmp_path / "tiny.toml").write_text(TINY)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from mbsbench.harness.mechanics.fixed_order import apply, dot, inverse, product
-from mbsbench.solvers.formulations.joint_coordinates.tree import _rates_about
+from mbsbench.harness.mechanics.joint_tree import _rates_about
 from mbsbench.tests.comparing import assert_same
 
 

@@ -8,7 +8,9 @@ from scipy import sparse
 
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.judge.metrics.reactions import compute_exact_loads
-from mbsbench.harness.mechanics import index1
+from mbsbench.harness.mechanics import bordered, index1
+from mbsbench.harness.mechanics.projection import project_poses, project_poses_of_each
+from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.reference.computation import find_reference
 from mbsbench.tests.comparing import assert_same
 
@@ -65,6 +67,40 @@ def test_the_bordered_matrix_is_that_of_scipy():
     """The factor's pivots, and so its bits, follow from the order of the entries: no entry is elsewhere."""
     S = sparse.random_array((7, 12), density=0.3, rng=np.random.default_rng(2)).tocsr()
     borders = [[sparse.eye_array(12), S.T], [S, -1e-14 * sparse.eye_array(7)]]
-    expected, found = sparse.block_array(borders, format="csc"), index1._border_rows(S, S.T.tocsr(), 1e-14)
+    expected, found = sparse.block_array(borders, format="csc"), bordered.border_rows(S, S.T.tocsr(), 1e-14)
     for k in ("data", "indices", "indptr"):
         assert_same(getattr(found, k), getattr(expected, k), what=k)
+
+
+def test_a_known_order_of_unknowns_changes_no_bit():
+    """The second factor of a pattern takes the order of the first: solutions are those of a factor that knows none."""
+    random = np.random.default_rng(4)
+    S = sparse.random_array((40, 90), density=0.06, rng=random).tocsr()
+    S.data[:] = random.standard_normal(S.nnz)
+    for k in range(3):
+        b, regular = random.standard_normal(130), 10.0 ** (-7 * k)
+        bordered._recall_pattern.cache_clear()
+        fresh = bordered.factor_bordered(S, regular)[1](b)
+        St, solve = bordered.factor_bordered(S, regular)
+        assert_same(solve(b), fresh)
+        assert_same(St.toarray(), S.T.toarray())
+        S.data[:] = random.standard_normal(S.nnz)
+        fresh = bordered.splu(bordered.border_rows(S, S.T.tocsr(), regular)).solve(b)
+        assert_same(bordered.factor_bordered(S, regular)[1](b), fresh, what="other numbers")
+
+
+def test_motions_together_are_those_of_each():
+    """Projection and index 1 of a slow and a fast motion, whose differences have other steps."""
+    for name in ("chain", "slider_crank", "heavy_top"):
+        problem = make_problem(name)
+        one = States.one(problem.initial)
+        s = States(*(np.repeat(getattr(one, k), 3, axis=0) for k in ("r", "R", "v", "Omega")), np.arange(3.0))
+        fast = States(s.r + 1e-6, s.R, 30.0 * s.v, 30.0 * s.Omega, s.t)
+        near = project_poses_of_each(problem.system, [s, fast])
+        for x, y in zip(near, (project_poses(problem.system, m) for m in (s, fast)), strict=True):
+            assert_same(x.r, y.r)
+            assert_same(x.R, y.R)
+        found = index1.solve_index_1_of_each(problem.system, near)
+        for x, m in zip(found, near, strict=True):
+            for a, b in zip(x, index1.solve_index_1(problem.system, m), strict=True):
+                assert_same(a, b)

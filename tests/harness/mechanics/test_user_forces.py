@@ -15,7 +15,7 @@ from mbsbench import MultibodySystem, Problem, RigidBody, State, States, Status,
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue.description import describe_problem
 from mbsbench.harness.catalogue.registry import make_solver
-from mbsbench.harness.judge.metrics.identity import compute_fingerprint
+from mbsbench.harness.columns.identity import compute_fingerprint
 from mbsbench.harness.mechanics import kept_code, motion, work
 from mbsbench.tests.comparing import assert_same
 

@@ -11,7 +11,8 @@ import pytest
 import mbsbench
 from mbsbench.harness.base.cache import write_sealed_file
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.catalogue.codes import MEASURING, Sources
+from mbsbench.harness.catalogue.codes import ARRANGES, MEASURING, RUNNING, WORDS, Sources, is_inside
+from mbsbench.harness.judge.metrics.summary import DECLARED
 from mbsbench.harness.results.environment import ROOT
 
 COMPILED = ("solvers/formulations/compiled/evaluation.py",)
@@ -89,7 +90,7 @@ def test_comments_docstrings_and_layout_change_nothing(whole, edited):
     for place in ("solvers/rattle.py", COMPILED[0], "harness/judge/metrics/measure.py"):
         after = edited(place, reworded)
     assert not changed(whole.solvers, after.solvers) and not changed(whole.problems, after.problems)
-    assert after.measuring == whole.measuring
+    assert after.measuring == whole.measuring and after.running == whole.running
 
 
 def test_another_shape_in_an_annotation_changes_nothing(whole, edited):
@@ -125,7 +126,85 @@ def test_an_edit_of_a_problem_or_of_measuring_asks_for_theirs(whole, edited):
     assert "heavy_top" in asked and "chain" not in asked
     after = edited("harness/judge/metrics/scales.py", operator)
     assert after.measuring != whole.measuring and not changed(whole.solvers, after.solvers)
-    assert after.digest_run_code("chain", "rattle") != whole.digest_run_code("chain", "rattle")
+
+
+@pytest.mark.parametrize("place", ["metrics/measure", "metrics/scales", "law", "distance", "metrics/peaks"])
+def test_an_edit_of_what_measures_leaves_every_motion(whole, edited, place):
+    """Motions and costs stay; what is measured of them is out of date, all columns of it."""
+    after = edited(f"harness/judge/{place}.py", lambda text: text + "\nADDED = 1\n")
+    assert (after.solvers, after.problems, after.running) == (whole.solvers, whole.problems, whole.running)
+    assert after.digest_run_code("heavy_top", "rattle") == whole.digest_run_code("heavy_top", "rattle")
+    assert whole.columns.list_stale(after.columns) == tuple(whole.columns.columns)
+
+
+ADDED = """
+    energy_span_J: float = column(
+        "span of the energy error",
+        of=lambda run: float(np.ptp(run.series.energy_error)),
+        head="Span",
+        unit="J",
+    )
+"""
+BEFORE = "    energy_allowed_J: float = column("
+
+
+def test_a_column_that_is_added_makes_nothing_stale(whole, edited):
+    """Neither motions, nor what is measured of them, nor any other column, those in the same file least of all."""
+    text = "import numpy as np\n\nfrom ...mechanics.types import ALLOWED"
+    after = edited(
+        "harness/columns/declared/energy.py",
+        lambda t: t.replace("from ...mechanics.types import ALLOWED", text).replace(BEFORE, f"{ADDED}{BEFORE}"),
+    )
+    assert (after.solvers, after.problems, after.running) == (whole.solvers, whole.problems, whole.running)
+    assert after.measuring == whole.measuring
+    assert after.columns.columns.keys() - whole.columns.columns.keys() == {"energy_span_J"}
+    assert whole.columns.list_stale(after.columns) == ()
+    assert after.columns.list_stale(whole.columns) == ()
+    assert after.columns.digest != whole.columns.digest
+
+
+@pytest.mark.parametrize(
+    ("place", "before", "after", "stale"),
+    [
+        ("declared/energy.py", "run.series.energy_error[-1]", "run.series.energy_error[0]", {"energy_drift_end_J"}),
+        ("declared/energy.py", "QUARTER = 0.25", "QUARTER = 0.2", {"first", "last"}),
+        ("declared/errors.py", "run.take_judged(name)", "run.take_compared(name)", {"judged"}),
+        ("declared/constraints.py", "run.series.phi_norm,", "2 * run.series.phi_norm,", {"phi_max"}),
+        ("declared/way_back.py", "None if back is None", "None if back is not None", {"return_error"}),
+        ("numbers.py", "w * (t - t0) * (a - a0)", "w * (t + t0) * (a - a0)", None),
+        ("identity.py", "GOLDEN % 1.0", "GOLDEN % 2.0", {"problem_fingerprint"}),
+    ],
+)  # fmt: skip
+def test_another_function_of_a_column_asks_for_that_column_alone(whole, edited, place, before, after, stale):
+    """Wherever it stands: in its declaration, or in what that calls; ``numbers`` is used by what measures, too."""
+    other = edited(f"harness/columns/{place}", before, after)
+    assert other.running == whole.running
+    found = whole.columns.list_stale(other.columns)
+    if stale is None:
+        assert found == tuple(whole.columns.columns)
+        return
+    assert other.measuring == whole.measuring and found
+    assert all(any(word in name for word in stale) for name in found)
+    assert all(any(word in name for name in found) for word in stale)
+
+
+def test_words_and_places_of_a_column_are_none_of_its_number(whole, edited):
+    """Meaning, head, unit, order, table, limit: no number passes through them."""
+    for place, pair in (
+        ("energy", ('"energy error at the last step, with its sign"', '"other words"')),
+        ("energy", ("order=60", "order=65")),
+        ("constraints", ("limit=lambda r: r.phi_limit_m", "limit=lambda r: 2.0 * r.phi_limit_m")),
+        ("work", ('tables=("problem",)', "tables=()")),
+    ):
+        after = edited(f"harness/columns/declared/{place}.py", *pair)
+    after = edited("harness/columns/declaring.py", lambda text: text + "\nADDED = 1\n")
+    assert after.columns == whole.columns
+
+
+def test_every_measured_column_has_a_digest_and_no_other(whole):
+    """By the declarations as they are loaded, so that none is overlooked in the text."""
+    measured = {name for name, d in DECLARED.items() if d.of is not None or d.along is not None}
+    assert whole.columns.columns.keys() == measured and len(measured) > 60
 
 
 @pytest.mark.parametrize(
@@ -138,8 +217,10 @@ def test_an_edit_of_a_problem_or_of_measuring_asks_for_theirs(whole, edited):
     ],
 )
 def test_another_count_of_cpu_time_is_another_measurement(whole, edited, place, before, after):
-    """Costs are published, too: those counted in another way are out of date."""
-    assert edited(place, before, after).measuring != whole.measuring
+    """Costs are published, too: those counted in another way are out of date, with their runs."""
+    other = edited(place, before, after)
+    assert other.running != whole.running
+    assert other.digest_run_code("chain", "rattle") != whole.digest_run_code("chain", "rattle")
 
 
 def test_what_only_arranges_asks_for_nothing(whole, edited):
@@ -147,6 +228,7 @@ def test_what_only_arranges_asks_for_nothing(whole, edited):
     for place in ("harness/results/store.py", "harness/run/pool.py", "cli/judge.py"):
         after = edited(place, lambda text: text + "\nADDED = 1\n")
     assert (after.solvers, after.problems, after.measuring) == (whole.solvers, whole.problems, whole.measuring)
+    assert (after.running, after.columns) == (whole.running, whole.columns)
 
 
 def test_the_digest_covers_all_that_a_run_runs(whole):
@@ -155,11 +237,14 @@ def test_the_digest_covers_all_that_a_run_runs(whole):
     done = subprocess.run((sys.executable, "-c", code), cwd=ROOT, capture_output=True, text=True, check=True)
     files = [Path(f).resolve().relative_to(ROOT).as_posix() for f in done.stdout.split()]
     loaded = {f for f in files if not f.endswith("__init__.py")}
-    left_out = {p for p in loaded - whole.list_imported(*MEASURING)[0].keys() if not whole._is_excluded(p)}
+    covered = whole.list_imported(*RUNNING, *MEASURING)[0].keys()
+    by_column = "harness/columns/declared"  # each column has its own digest
+    left_out = {p for p in loaded - covered if not is_inside(p, (*ARRANGES, WORDS, by_column))}
     assert left_out == {
         *(f"harness/run/{name}.py" for name in ("protocol", "supervisor", "warmup")),
         *(f for f in loaded if f.startswith("harness/formats/mechanisms/")),  # files of others
         "harness/mechanics/types/presentations.py",  # names of options
+        "harness/base/line_process.py",  # carries lines between processes
     }
 
 

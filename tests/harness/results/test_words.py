@@ -60,7 +60,7 @@ def test_a_status_says_until_when_its_motion_was_compared(changed, words):
     assert describe_status(record) == words
     assert any(line.startswith("status") and words in line for line in summarize(record))
     if record.status == "success":
-        assert _judge_status("case", record, None, "").required.why == describe_comparison(record)
+        assert _judge_status("case", record, None, "").why == describe_comparison(record)
 
 
 QUALIFIED = dataclasses.replace(
@@ -94,8 +94,8 @@ def test_what_is_said_beside_a_status_is_said_wherever_it_is_shown(status, monke
     shown = {
         "solve": "\n".join(summarize(r)),
         "run": show_progress(r, monkeypatch),
-        "gate": _judge_status("a bar", r, expected, "").required.why,
-        "closed gate": _judge_status("a bar", r, ExpectedStatus("a bar", Status.REFUSED, ""), "").required.why,
+        "gate": _judge_status("a bar", r, expected, "").why,
+        "closed gate": _judge_status("a bar", r, ExpectedStatus("a bar", Status.REFUSED, ""), "").why,
         "page": StoredRun(r).qualifiers,
         "check": trials._describe_qualified([r]),
         "notebook": show_run(r),
@@ -118,4 +118,4 @@ def test_check_says_how_far_a_success_was_compared():
     evidence = trials.Evidence("dt", 2.0, {"easy motion": QUALIFIED, "driven": QUALIFIED}, {})
     for requirement in (trials.check_endings, trials.check_drives):
         found = requirement(evidence)
-        assert found.holds and BESIDE in found.measured.words
+        assert found.holds and BESIDE in found.words

@@ -10,7 +10,7 @@ import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.catalogue.suites.suite import parse_suite
+from mbsbench.harness.catalogue.suites.suite import load_suite, parse_suite
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.store import create_folder, write_record
 from mbsbench.harness.run import costs
@@ -174,14 +174,16 @@ def test_a_faster_core_starts_no_process_faster(monkeypatch):
 
 
 def test_rivals_are_the_other_processes_that_run_now(monkeypatch):
-    """Not this one, none that sleeps, and not a burst in one of five looks."""
+    """Not this one, none that it started or that sleeps, and not a burst in one of five looks."""
     looks = iter([2, 2, 9, 2, 0])
 
+    def make(pid, status="running", parent=0):
+        return SimpleNamespace(pid=pid, info={"status": status, "ppid": parent})
+
     def process_iter(attributes):
-        assert attributes == ["status"]
-        running = [SimpleNamespace(pid=-k, info={"status": "running"}) for k in range(1, 1 + next(looks))]
-        asleep = SimpleNamespace(pid=-100, info={"status": "sleeping"})
-        return [SimpleNamespace(pid=os.getpid(), info={"status": "running"}), asleep, *running]
+        assert attributes == ["status", "ppid"]
+        running = [make(-k) for k in range(1, 1 + next(looks))]
+        return [make(os.getpid()), make(-100, "sleeping"), make(-200, parent=os.getpid()), *running]
 
     monkeypatch.setattr("psutil.process_iter", process_iter)
     assert costs.count_running_processes() == 2
@@ -238,7 +240,7 @@ def test_those_at_once_are_known_not_to_take_long(cold):
     assert costs.select_quick(specs) == {"mujoco", "ida_index1", "rattle"}
 
 
-@pytest.mark.parametrize("command", ["judge", "report", "fuzz", "shadow"])
+@pytest.mark.parametrize("command", ["judge", "report", "judged_report", "fuzz", "shadow"])
 def test_a_command_takes_longer_for_more(cold, command):
     """Its start once, and as much for each run, trial or step of a body, shared by those at a time."""
     start, each = read_costs().commands[command]
@@ -252,10 +254,37 @@ def test_judging_and_reports_say_what_they_will_take(cold, tmp_path, capsys):
     suite, out = tmp_path / "few.toml", tmp_path / "few"
     suite.write_text(TEXT)
     assert main(["run", str(suite), "--out", str(out)]) == 0
+    assert "; to judge and report takes about 7 s more; results in" in capsys.readouterr().err
     for command, words in (
         (["judge", str(out), "--partial"], "2 runs to be judged: about 3 s"),
         (["report", str(out)], "pages of 2 runs: about 4 s"),
+        (["report", "--judge", str(out)], "pages of 2 runs: about 7 s"),
     ):
         capsys.readouterr()
         main(command)
         assert words in capsys.readouterr().err
+
+
+def test_the_first_part_of_a_suite_announces_the_whole(cold, tmp_path, capsys):
+    """Its runs, and judging and a report after this part and after the rest, as ``make bench`` does."""
+    (tmp_path / "part.toml").write_text(TEXT)
+    suite = tmp_path / "whole.toml"
+    suite.write_text('include = ["part.toml"]\n' + TEXT.replace("1e-4, 1e-6", "1e-5"))
+    assert main(["run", str(suite), "--only", "part", "--out", str(tmp_path / "out"), "--jobs", "1"]) == 0
+    told = " ".join(capsys.readouterr().err.split())
+    whole = predict_times(load_suite(str(suite)).specs, 1, "", tmp_path / "none")
+    pages = sum(costs.predict_command("judged_report", count) for count in (2, 3))
+    assert pages == pytest.approx(13.2, abs=0.2) and costs.predict_pages(2) + costs.predict_pages(3) == pages
+    assert "whole: 3 runs, 1 at a time: about " in told and ", judging and reports included" in told
+    assert replace(whole, pages=pages).words.startswith(f"about {format_duration(whole.seconds + pages)}, judging")
+
+
+def test_code_for_a_mechanism_counts_once(cold, monkeypatch):
+    """What a solver compiles for a chain at its first run there; at a second step of the same chain, none."""
+    monkeypatch.setattr(costs, "ABREAST", 1)  # side by side, the longest of all that is compiled may hide it
+    WarmCaches().add(["laws", "reference of chain"])
+
+    def predict(problem, *steps):
+        return predict_times([specify_run(problem, "rattle_joint", dt=dt) for dt in steps], 1, "", cold).once
+
+    assert predict("chain", 0.01) == predict("chain", 0.01, 0.02) > predict("heavy_top", 0.01) + 1.0

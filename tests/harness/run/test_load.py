@@ -32,7 +32,7 @@ def spin(until: float) -> None:
 
 
 @pytest.fixture(params=[1, pytest.param(0, marks=pytest.mark.slow)], ids=["one core", "all cores"])
-def busy(request):
+def busy(request, own_supervisor):
     """Have so many cores (0: all) for the test and what it starts, each wanted by ``BUSY`` others: their number."""
     until, cores = time.monotonic() + LONGEST, os.sched_getaffinity(0)
     own = set(sorted(cores)[: request.param or None])

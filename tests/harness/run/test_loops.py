@@ -169,8 +169,9 @@ def test_what_a_plugin_prepared_in_its_first_solve_is_its_cost(timed):
 @pytest.mark.beyond_core
 @pytest.mark.parametrize("name", TIMED)
 def test_suites_of_which_a_frontier_is_shown_time_in_loops(name):
-    """Every run, since which of them stand in the frontier is known afterwards."""
-    assert {spec.min_time for spec in load_suite(name).specs} == {0.2}
+    """Every run, since which of them stand in the frontier is known afterwards; ladders of the bench half as long."""
+    shortest = 0.1 if name.startswith("bench") else 0.2
+    assert {spec.min_time for spec in load_suite(name).specs} == {0.2, shortest}
 
 
 def test_a_run_in_a_loop_has_the_motion_and_the_counters_of_a_single_solve(tmp_path):

@@ -7,6 +7,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 
 from mbsbench.cli.__main__ import main
@@ -36,10 +37,10 @@ import os
 from dataclasses import dataclass
 from typing import ClassVar
 from mbsbench import Problem, StepControl, Trajectory, solver
-from mbsbench.harness.judge.metrics import verdict
+from mbsbench.harness.judge import law
 
 if os.environ.get("STRICTER"):
-    verdict.START = -1.0  # the law that changes, wherever this is loaded: no start is near enough
+    law.START = -1.0  # the law that changes, wherever this is loaded: no start is near enough
 
 
 @solver("none")
@@ -68,11 +69,11 @@ def strict(tmp_path_factory):
 
 @pytest.fixture
 def other_code(monkeypatch):
-    """All that is measured has another digest; solvers, problems and clocks are as they were."""
+    """What measures has another digest; solvers, problems and clocks are as they were, and so are addresses of runs."""
 
     def change():
-        whole = codes.digest_run_code
-        monkeypatch.setattr(codes, "digest_run_code", lambda *a, **k: whole(*a, **k)[::-1])
+        other = msgspec.structs.replace(codes.read_column_digests(), measuring="another law")
+        monkeypatch.setattr(codes, "read_column_digests", lambda: other)
         monkeypatch.setattr(remeasure, "open_sources", lambda: nullcontext(lambda commit: codes.package_sources()))
         monkeypatch.setenv("STRICTER", "1")
 
@@ -105,14 +106,15 @@ def test_a_law_that_changes_needs_no_new_motion(tmp_path, strict, other_code, ho
     assert after.keys() == before.keys()
     for case, old in before.items():
         new = after[case]
-        assert new.run_id != old.run_id and new.code != old.code and new.finished == old.finished
+        assert (new.run_id, new.code, new.finished) == (old.run_id, old.code, old.finished)
+        assert new.measured_by == codes.read_column_digests().digest != old.measured_by
         same = [m for m in METRICS if m not in ("series_rows",)]
         assert all(repr(getattr(new, m)) == repr(getattr(old, m)) for m in (*same, *remeasure.KEPT)), case
         assert new.status == ("wrong" if case.startswith("free_fall exact") else old.status)
         assert any("measured again by code" in words for words in json.loads(new.notes))
         assert bool(new.series) == bool(old.series) and new.stderr.startswith("stderr/") == bool(old.stderr)
         if old.series:
-            assert not (folder / old.series).exists()
+            assert (folder / "set_aside" / old.series.removeprefix("series/")).is_file()
             assert store.read_run_series(folder, new).is_brief == (how == "brief")
     if not again:
         return
@@ -138,7 +140,7 @@ def test_a_motion_with_other_bits_is_left_as_it_is(tmp_path, monkeypatch, other_
     said = capsys.readouterr().out
     assert "5 runs measured again, 0 were of this code" in said and "its steps are not the same bit for bit" in said
     after = read(folder)
-    (left,) = [case for case, r in after.items() if r.code == before[case].code]
+    (left,) = [case for case, r in after.items() if r.measured_by == before[case].measured_by]
     assert "dt=0.02" in left and repr(vars(after[left])) == repr(vars(before[left]))
 
 
@@ -164,9 +166,9 @@ def test_what_is_more_than_a_law_is_run_again(tmp_path, made, monkeypatch, other
     before = {p.name: p.read_bytes() for p in (folder / "runs").iterdir()}
     other_code()
     here = codes.package_sources()
-    then = SimpleNamespace(solvers=here.solvers, problems=here.problems, digest_modules=here.digest_modules)
+    then = SimpleNamespace(solvers=here.solvers, problems=here.problems, running=here.running)
     if what == "costs":
-        then.digest_modules = lambda *modules: "another"
+        then.running = "another"
     elif what in ("solvers", "problems"):
         setattr(then, what, {**getattr(here, what), "gc_weak_form": "another", "heavy_top": "another"})
     if what == "commit":
@@ -184,7 +186,7 @@ def test_what_is_more_than_a_law_is_run_again(tmp_path, made, monkeypatch, other
 WORDS = {
     "solvers": "the code of its solver has changed",
     "problems": "the code of its problem has changed",
-    "costs": "the code of the clocks of its cost has changed",
+    "costs": "the code of what runs it and counts its cost has changed",
     "plugins": "it was made with --plugin misbehaving.py",
     "commit": "of its code is not in this repository",
 }
@@ -204,11 +206,11 @@ def test_an_interruption_keeps_what_is_done(tmp_path, made, monkeypatch, other_c
         return solve(*a, **k)
 
     monkeypatch.setattr(command_module, "run_watched", once)
-    before = {r.run_id for r in read(folder).values()}
+    here = codes.read_column_digests().digest
     assert main(command(folder)) != 0
-    assert len(before & {r.run_id for r in read(folder).values()}) == 1
+    assert [r.measured_by == here for r in read(folder).values()].count(False) == 1
     assert main(command(folder)) == 0
-    assert not before & {r.run_id for r in read(folder).values()}
+    assert {r.measured_by for r in read(folder).values()} == {here}
 
 
 def test_the_code_of_a_commit_is_read_once(tmp_path):
@@ -217,7 +219,7 @@ def test_the_code_of_a_commit_is_read_once(tmp_path):
         head = environment.read_commit().removesuffix("+dirty")
         then = sources_of(head)
         assert then is sources_of(head) and then.root != codes.package_sources().root
-        assert then.solvers.keys() and then.digest_modules(*codes.COSTS)
+        assert then.solvers.keys() and then.running and then.measuring
         for commit in ("", "1" * 40, f"{head}+dirty", "HEAD", f"--output={tmp_path}/written", "../outside"):
             with pytest.raises(ValueError, match="run its suite again"):
                 sources_of(commit)

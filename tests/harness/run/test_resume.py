@@ -20,10 +20,9 @@ from mbsbench.harness.results import environment, store
 from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.pool import LocalPool, PoolError
 from mbsbench.harness.run.protocol import RunEnded, StartOrder, Supervised, SupervisorLost
-from mbsbench.harness.run.run import run_here
 from mbsbench.harness.run.runner import Request, find_last_folder, run_suite
 from mbsbench.tests.covering import few
-from mbsbench.tests.factories import PLUGIN, Silent, run_suite_text
+from mbsbench.tests.factories import PLUGIN, Silent, run_here, run_suite_text
 
 THREE = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"\ndt = [0.1, 0.2, 0.5]'
 

@@ -66,9 +66,7 @@ def test_running_runs_are_ended_and_the_rest_is_left(tmp_path):
     assert ended["hangs_later"].steps > 0 and ended["hangs_later"].series and ended["spins"].steps == 0
     assert len(watcher.left) == 4 and all("sleeps" in case or "raises" in case for case in watcher.left)
     verdict = judge(suite.specs, loaded.records, Thresholds("test"))
-    words = [
-        f.required.why for f in verdict.findings if f.measured.quantity == "status" and f.verdict is Verdict.FAILED
-    ]
+    words = [f.why for f in verdict.findings if f.quantity == "status" and f.verdict is Verdict.FAILED]
     assert not verdict.is_open and sum("run is missing" in w for w in words) == 4
     assert sum("limit of 600 s" in w for w in words) == 2
 

@@ -116,7 +116,7 @@ def test_a_split_body_is_two_bodies_that_can_exist():
 
 
 @pytest.mark.skipif(
-    importlib.util.find_spec("mujoco") is None, reason="mujoco reads MJCF: pip install mbsbench[engines]"
+    importlib.util.find_spec("mujoco") is None, reason="mujoco reads MJCF: pip install mbsbench[mujoco]"
 )
 def test_mjcf_is_the_same_mechanism(tmp_path):
     """MuJoCo's compiler makes of the file a system with the same energy and accelerations."""

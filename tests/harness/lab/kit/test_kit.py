@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from mbsbench import States, accelerations, advance, kit
+from mbsbench.harness.judge.law import DEVIATIONS, EVALUATION, PRECISIONS
 from mbsbench.harness.lab.kit.cases import make_case
 from mbsbench.harness.lab.kit.conditioning import measure_growth
-from mbsbench.harness.lab.kit.verdict import DEVIATIONS, EVALUATION, UNIT
 from mbsbench.harness.mechanics.types import Law
 from mbsbench.harness.reference.computation import find_reference
 
@@ -73,7 +73,7 @@ def test_single_precision_is_not_double():
     fails("error: off by", "free_fall", rounded)
 
 
-@pytest.mark.parametrize("precision", UNIT)
+@pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize(("share", "passes"), [(0.9, True), (1.1, False)])
 def test_the_verdict_turns_at_the_tolerance(precision, share, passes):
     """A shift of the free body that grows as the tolerance does: no other law sees it."""
@@ -82,7 +82,7 @@ def test_the_verdict_turns_at_the_tolerance(precision, share, passes):
 
     def shifted(s, t):
         step = np.linspace(0.0, 2000.0, len(t))  # of the half step, whichever run it is
-        allowed = UNIT[precision] * (DEVIATIONS + step) + EVALUATION * UNIT["float64"]
+        allowed = PRECISIONS[precision] * (DEVIATIONS + step) + EVALUATION * PRECISIONS["float64"]
         away = share * allowed * np.interp(t, grown, growth[Law.MOTION, ""]) * (t > 0.0)
         return States(s.r + away[:, None, None] * np.array([1.0, 0.0, 0.0]), s.R, s.v, s.Omega, t)
 
@@ -110,20 +110,20 @@ def signed(system):
     return dataclasses.replace(system, inertia=flipped)
 
 
-@pytest.mark.parametrize("precision", UNIT)
+@pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("case", ["pendulum", "slider_crank"])
 def test_a_mass_wrong_by_a_hundredth_fails(case, precision):
     wrong = midpoint(lambda s: dataclasses.replace(s, mass=s.mass * np.r_[np.ones(s.nb - 1), 1.01]))
     fails("error: off by", case, wrong, precision=precision, order=2)
 
 
-@pytest.mark.parametrize("precision", UNIT)
+@pytest.mark.parametrize("precision", PRECISIONS)
 def test_an_inertia_product_of_the_wrong_sign_fails(precision):
     kit.check("spin_products", midpoint(), order=2, precision=precision)
     fails("error: off by", "spin_products", midpoint(signed), order=2, precision=precision)
 
 
-@pytest.mark.parametrize("precision", UNIT)
+@pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("case", LOOPS)
 def test_a_loop_that_opens_by_a_millimetre_fails(case, precision):
     def opened(s, t):

@@ -3,9 +3,9 @@
 import casadi as ca
 import numpy as np
 
+from mbsbench.harness.base.generated import Code, Loop
+from mbsbench.harness.base.generated.code import print_functions
 from mbsbench.harness.lab.shadow.lanes import pack_lanes, unpack_lanes, vectorise_functions
-from mbsbench.solvers.formulations.generated import Code, Loop
-from mbsbench.solvers.formulations.generated.code import print_functions
 from mbsbench.tests.comparing import assert_same
 
 

@@ -48,7 +48,7 @@ def test_verdict_tells_symplectic_methods(solver, verdict):
     else:
         swing = describe_energy(find_modified_energy(problem, trajectory))[0]
         words = "symplectic: yes" if verdict is Verdict.MET else "symplectic: not shown"
-        assert (swing.verdict, swing.measured.words) == (verdict, words)
+        assert (swing.verdict, swing.words) == (verdict, words)
 
 
 @pytest.mark.parametrize(

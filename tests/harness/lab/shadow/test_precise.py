@@ -161,7 +161,7 @@ def test_functions_of_the_tape_have_their_series():
     """y_dot = f(y) of each, over a short step, in 113 bits and as mpmath integrates it."""
     import casadi as ca
 
-    from mbsbench.solvers.formulations.generated.functions import GeneratedFunction
+    from mbsbench.harness.base.generated.functions import GeneratedFunction
 
     y = ca.SX.sym("y", 2)
     f = ca.sin(y[0]) + ca.exp(-y[1]) * ca.log(2 + y[0]) + ca.sqrt(1 + y[1] ** 2) - ca.atan2(y[0], 2 + y[1])
@@ -202,7 +202,7 @@ def test_other_processors_and_functions_are_refused_in_one_line(monkeypatch):
     """80 bits are x86's own."""
     import casadi as ca
 
-    from mbsbench.solvers.formulations.generated.functions import GeneratedFunction
+    from mbsbench.harness.base.generated.functions import GeneratedFunction
 
     y = ca.SX.sym("y")
     with pytest.raises(ValueError, match="without Taylor series"):

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from mbsbench.harness.lab.shadow.shadow import GAP
+from mbsbench.harness.judge.distance import GAP
 from mbsbench.harness.results.environment import ROOT
 
 pytestmark = pytest.mark.published

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue import registry
+from mbsbench.harness.judge.distance import GAP
 from mbsbench.harness.lab.shadow.coordinates import compute_coordinates
 from mbsbench.harness.lab.shadow.corrections import Continuity
 from mbsbench.harness.lab.shadow.equations import FlowEquations
@@ -14,13 +15,13 @@ from mbsbench.harness.lab.shadow.findings import describe_shadow
 from mbsbench.harness.lab.shadow.flow import integrate_flow, transport_changes
 from mbsbench.harness.lab.shadow.plane import add_hinges
 from mbsbench.harness.lab.shadow.refinement import Refinement
-from mbsbench.harness.lab.shadow.shadow import GAP, find_shadow
+from mbsbench.harness.lab.shadow.shadow import find_shadow
 from mbsbench.harness.mechanics.forces import SpringDamper
+from mbsbench.harness.mechanics.joint_tree import build_spanning_tree
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from mbsbench.harness.results.findings import Verdict
-from mbsbench.solvers.formulations.joint_coordinates.tree import build_spanning_tree
 from mbsbench.tests.comparing import assert_close, assert_each, assert_same
 
 OMEGA = 3.0  # [rad/s]

@@ -1,0 +1,20 @@
+"""Embedded explicit Runge-Kutta pairs, first same as last: Dormand-Prince 5(4) and DOP853, as SciPy has them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import DOP853, RK45
+
+
+class Tableau(NamedTuple):
+    """The coefficients of a pair; ``error`` has one row, or two (E5, E3) for DOP853, with the end's slope last."""
+
+    c: np.ndarray  # (s,)
+    a: np.ndarray  # (s, s)
+    b: np.ndarray  # (s,)
+    error: np.ndarray  # (1 or 2, s + 1)
+    order: int
+
+
+DOPRI5 = Tableau(RK45.C.copy(), np.pad(RK45.A, ((0, 0), (0, 1))).copy(), RK45.B.copy(), RK45.E[None].copy(), 5)
+DOPRI853 = Tableau(DOP853.C.copy(), DOP853.A.copy(), DOP853.B.copy(), np.stack((DOP853.E5, DOP853.E3)), 8)
