@@ -15,8 +15,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
+from ..harness.mechanics.joint_expressions import ExpressionWriter
 from ..harness.mechanics.types import Problem, StepControl, Trajectory
 from .formulations.joint_coordinates.choice import refuse_loop_rows
+from .formulations.joint_coordinates.expressions import WRITER
 from .formulations.joint_coordinates.marching import integrate
 
 
@@ -28,6 +30,7 @@ class Dop853Joint:
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
+    expressions: ClassVar[ExpressionWriter] = WRITER  # offered to experiments
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return the refusal of a large mechanism with many closed loops, or None."""

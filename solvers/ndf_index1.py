@@ -68,6 +68,7 @@ class NdfIndex1(BaumgarteOptions):
         pieces = list[tuple[DaeSolver, ImplicitForm]]()
 
         def begin(layout: Layout, at: Problem) -> None:
+            """Begin a new integration from the start of ``at``, on the rows of ``layout``."""
             form = self.implicit(layout, "se" if self.accelerations == "eliminated" else "fi", self.alpha, self.beta)
             atol = tolerances(control.rtol or 0.0, layout.n, () if self.lambda_in_error_test else (layout.lam,))
             start = (at.initial.t, *self.compute_start(layout, at))
@@ -78,18 +79,21 @@ class NdfIndex1(BaumgarteOptions):
         y = pieces[0][0].y
 
         def advance() -> tuple[float, np.ndarray, np.ndarray]:
+            """Take a step, and return time, unknowns and reactions."""
             t, y, reaction = _take_step(pieces[-1][0], rows.layout)
             rows.update_rows(t, y)
             return t, y, reaction
 
         def count(steps: int) -> dict[str, int]:
+            """Return the counters, summed over all integrations."""
             spent = sum(form.difference_evaluations for _, form in pieces)
-            total = {name: sum(getattr(ndf, name) for ndf, _ in pieces) for name in ("nfev", "njev", "nlu", "_nlusove")}
+            names = ("nfev", "njev", "nlu", "solutions")
+            total = {name: sum(getattr(ndf, name) for ndf, _ in pieces) for name in names}
             return {
                 "evaluations": total["nfev"] + spent,
                 "jacobians": total["njev"],
                 "factorisations": total["nlu"],
-                "linear_solves": total["_nlusove"],  # scipy_dae's only count of Newton iterations
+                "linear_solves": total["solutions"],  # scipy_dae's only count of Newton iterations
                 "difference_evaluations": spent,
             }
 

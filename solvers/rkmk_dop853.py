@@ -8,11 +8,12 @@ stabilises or damps the motion.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
+from ..harness.base.tableaux import DOPRI853, Tableau
 from ..harness.catalogue.registry import solver
+from .formulations.compiled.public import accelerations
 from .formulations.methods.rkmk import ExplicitPair
-from .formulations.methods.tableaux import DOPRI853, Tableau
 
 
 @solver("rkmk_dop853")
@@ -22,3 +23,4 @@ class RkmkDop853(ExplicitPair):
 
     tableau: ClassVar[Tableau] = DOPRI853
     pair: ClassVar[str] = "8(5,3)"
+    accelerations: ClassVar[Any] = staticmethod(accelerations)  # offered to experiments

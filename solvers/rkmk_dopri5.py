@@ -10,9 +10,9 @@ stabilises or damps the motion.
 from dataclasses import dataclass
 from typing import ClassVar
 
+from ..harness.base.tableaux import DOPRI5, Tableau
 from ..harness.catalogue.registry import solver
 from .formulations.methods.rkmk import ExplicitPair
-from .formulations.methods.tableaux import DOPRI5, Tableau
 
 
 @solver("rkmk_dopri5")

@@ -11,10 +11,10 @@ from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
+from ...harness.mechanics.cut_trees.tree import DRIVES, KINDS
 from ...harness.mechanics.joints import JointKind
 from .export.engine import SPRINGS, TORSIONS, SupportedElements
 from .export.protocol import Adapter
-from .export.tree import DRIVES, KINDS
 
 
 @solver("dart")

@@ -12,12 +12,12 @@ from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
+from ...harness.mechanics.cut_trees.tree import DRIVES, build_spanning_tree
 from ...harness.mechanics.joints import JointKind, MovingKind
 from ...harness.mechanics.system import GROUND
 from ...harness.mechanics.types import Problem, StepControl
 from .export.engine import SupportedElements
 from .export.protocol import Adapter
-from .export.tree import DRIVES, build_spanning_tree
 
 DISCRETE = ("sap", "similar", "lagged", "tamsi")
 INTEGRATORS = {

@@ -29,6 +29,7 @@ from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics import so3
 from ...harness.mechanics.consistency import project
+from ...harness.mechanics.cut_trees.tree import DRIVES, KINDS, PARALLEL
 from ...harness.mechanics.joints import JointKind, MovingKind
 from ...harness.mechanics.joints.frames import choose_normals
 from ...harness.mechanics.naming import name_body, name_joint
@@ -42,7 +43,6 @@ from .export.engine import SupportedElements, describe_engine, import_package, r
 from .export.exudyn_rows import KeptRows, make_joint_frames
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, refuse_model
-from .export.tree import DRIVES, KINDS, PARALLEL
 
 INTEGRATORS = ("TrapezoidalIndex2", "GeneralizedAlpha")
 # outputs of a body and their sizes

@@ -1,7 +1,7 @@
 """MuJoCo: joint coordinates of a tree, cut joints as soft equality constraints, its own compiled loop.
 
-The tree is that of ``export.tree``: hinge, slide, ball and free joints. Each point of a cut joint is a ``connect``
-constraint. MuJoCo's constraints are soft: a row with gap r, velocity v and acceleration a follows
+The tree is that of ``mechanics.cut_trees``: hinge, slide, ball and free joints. Each point of a cut joint is a
+``connect`` constraint. MuJoCo's constraints are soft: a row with gap r, velocity v and acceleration a follows
 
     a + d (b v + k r) = (1 - d) a_0,   d = impedance,  b = 2/(d T),  k = 1/(d T)^2,  T = time_constant dt
 
@@ -31,6 +31,8 @@ from ...harness.catalogue import registry
 from ...harness.catalogue.mechanism import MechanismFile
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
+from ...harness.mechanics.cut_trees.plain import flatten_tree, list_hinge_springs
+from ...harness.mechanics.cut_trees.tree import DRIVES, EngineTree, Kind, build_spanning_tree
 from ...harness.mechanics.joints import JointKind, MovingKind
 from ...harness.mechanics.system import GROUND
 from ...harness.mechanics.types import Problem, States, Status, StepControl, Trajectory
@@ -39,8 +41,6 @@ from ..formulations.recording import Clock, ClockedSolver
 from .export.engine import VARYING, SupportedElements, import_package, refuse_unsupported
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, refuse_model
-from .export.plain import flatten_tree, list_hinge_springs
-from .export.tree import DRIVES, EngineTree, Kind, build_spanning_tree
 
 INTEGRATORS = {  # order in dt without constraints
     "RK4": 4.0,

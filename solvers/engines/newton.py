@@ -15,12 +15,12 @@ from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
+from ...harness.mechanics.cut_trees.tree import DRIVES, build_spanning_tree
 from ...harness.mechanics.joints import JointKind
 from ...harness.mechanics.types import Problem, StepControl
 from .export.engine import LOADS, SPRINGS, TORSIONS, VARYING, SupportedElements
 from .export.protocol import Adapter
 from .export.stepping import BodyAdapter
-from .export.tree import DRIVES, build_spanning_tree
 
 SOLVERS = ("Featherstone", "MuJoCo", "XPBD", "Kamino")
 MUJOCO = ("euler", "implicitfast", "rk4")

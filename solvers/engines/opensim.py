@@ -11,10 +11,10 @@ from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
+from ...harness.mechanics.cut_trees.tree import DRIVES, KINDS, LINKS
 from ...harness.mechanics.joints import MovingKind
 from .export.engine import SupportedElements
 from .export.protocol import Adapter
-from .export.tree import DRIVES, KINDS, LINKS
 
 INTEGRATORS = (
     "RungeKuttaMerson",

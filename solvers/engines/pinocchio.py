@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
+from ...harness.mechanics.cut_trees.tree import DRIVES, EngineTree, Kind, build_spanning_tree
 from ...harness.mechanics.joints import JointKind
 from ...harness.mechanics.system import GROUND
 from ...harness.mechanics.types import Problem, States, StepControl, Trajectory
@@ -36,7 +37,6 @@ from .export.engine import (
 )
 from .export.march import march
 from .export.model_check import EngineModel, refuse_model
-from .export.tree import DRIVES, EngineTree, Kind, build_spanning_tree
 
 INTEGRATORS = {"RKMK4": 4.0, "Euler": 1.0}
 STRETCH = 1_000  # steps times bodies between two readings of the clock

@@ -1,8 +1,8 @@
 """PyBullet: Bullet's multibody in joint coordinates, semi-implicit Euler, stepped by a loop in Python.
 
-The tree is that of ``export.tree``; points of cut joints are point-to-point constraints, solved by impulses. The motors
-that PyBullet adds to every joint are switched off. With ``settings`` "default" the damping of 0.04 of every body, the
-limit of 100 rad/s of a joint, erp and the iterations are as PyBullet ships them.
+The tree is that of ``mechanics.cut_trees``; points of cut joints are point-to-point constraints, solved by impulses.
+The motors that PyBullet adds to every joint are switched off. With ``settings`` "default" the damping of 0.04 of every
+body, the limit of 100 rad/s of a joint, erp and the iterations are as PyBullet ships them.
 """
 
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
+from ...harness.mechanics.cut_trees.tree import DRIVES
 from ...harness.mechanics.joints import JointKind
 from .export.engine import LOADS, VARYING, SupportedElements
 from .export.protocol import Adapter
-from .export.tree import DRIVES
 
 
 @solver("pybullet")

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...harness.base.code_meter import making_code
-from .generated import Code, Loop, Program, compile_functions
-from .generated.steps import set_to_zero
+from ...harness.base.generated import Code, Loop, Program, compile_functions
+from ...harness.base.generated.steps import set_to_zero
 from .layout import Layout
 from .symbolic import ELEMENTS, Element
 

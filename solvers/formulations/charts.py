@@ -22,7 +22,9 @@ from ...harness.mechanics.fixed_order import apply
 from ...harness.mechanics.naming import NamedSystem, name_body
 from ...harness.mechanics.state import State, States
 
-NORM_RATE = 1.0  # [1/s] rate at which |q| returns to 1: slower than every motion here, it never limits the step
+# [1/s] rate at which |q| returns to 1: slower than every motion here, it never limits the step. On a free body, a
+# pendulum and a top half and twice change the evaluations by -4 to 3 %, where the step's choice is disturbed.
+NORM_RATE = 1.0
 SINGULAR_CHART = 1e-6  # |sin(theta)| below which T^-1 amplifies rounding to 1e-10
 
 

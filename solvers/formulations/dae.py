@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...harness.base.code_meter import making_code
+from ...harness.base.generated import Code, Loop, Program, compile_functions
+from ...harness.base.generated.steps import Step, add_products, set_to_zero, take, take_negative
 from .assembly import Assembly
-from .generated import Code, Loop, Program, compile_functions
-from .generated.steps import Step, add_products, set_to_zero, take, take_negative
 from .layout import Layout
 from .saddle import InverseMass
 from .sparse_pattern import FixedPattern, FixedProduct

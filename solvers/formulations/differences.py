@@ -8,9 +8,7 @@ It has no memory: MATLAB's and SciPy's ``num_jac`` adapt a factor that grows wit
 from collections.abc import Callable
 
 import numpy as np
-import scipy.sparse as sp
 from jaxtyping import Float, Int
-from scipy.optimize._numdiff import group_columns
 
 from .dae import ImplicitForm
 from .layout import Layout
@@ -59,7 +57,14 @@ def group_columns_of_pattern(pattern: FixedPattern, used: np.ndarray) -> list[In
     One evaluation of a difference Jacobian changes all columns of a group. Each column joins the first group it fits.
     """
     entries = np.flatnonzero(used)
-    rows, columns = pattern.rows[entries], pattern.columns[entries]
-    structure = sp.csc_matrix((np.ones(len(entries)), (rows, columns)), shape=pattern.shape)
-    group = group_columns(structure, np.arange(pattern.shape[1]))[columns]
-    return [entries[group == k] for k in np.unique(group)]
+    entries = entries[np.argsort(pattern.columns[entries], kind="stable")]
+    taken, groups = list[np.ndarray](), list[list[np.ndarray]]()  # rows and entries of each group
+    for own in np.split(entries, np.flatnonzero(np.diff(pattern.columns[entries])) + 1) if len(entries) else []:
+        rows = pattern.rows[own]
+        k = next((k for k, others in enumerate(taken) if not others[rows].any()), len(taken))
+        if k == len(taken):
+            taken.append(np.zeros(pattern.shape[0], dtype=bool))
+            groups.append([])
+        taken[k][rows] = True
+        groups[k].append(own)
+    return [np.concatenate(group) for group in groups]

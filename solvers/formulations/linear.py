@@ -9,8 +9,8 @@ from jaxtyping import Int, Num
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
-from .generated import Program
-from .generated.steps import Step, call_lapack, make_integer
+from ...harness.base.generated import Program
+from ...harness.base.generated.steps import Step, call_lapack, make_integer
 from .sparse_pattern import FixedPattern
 
 BAND_WORK = 2e7  # products in a factorisation of a band, beyond which SuperLU is faster
@@ -98,6 +98,22 @@ class Factors:
             self.x[:] = self._superlu.solve(self.x)
 
 
+class BandCholesky:
+    """Steps that factorise a positive definite matrix of n rows in place, and solve with it in place, by LAPACK.
+
+    ``band`` has its lower half by columns, ``height`` entries in each, from the diagonal down; ``right`` is the right
+    side, and the solution after ``solve``; ``info`` is 0 unless a pivot is not positive.
+    """
+
+    def __init__(self, n: int, height: int) -> None:
+        self.band, self.right, self.info = np.zeros(height * n), np.zeros(n), make_integer(0)
+        uplo, size, lead = np.frombuffer(b"L", dtype=np.uint8), make_integer(n), make_integer(height)
+        shape = size, make_integer(height - 1)
+        self.factor = call_lapack("dpbtrf", uplo, *shape, self.band, lead, self.info)
+        others = make_integer(1), self.band, lead, self.right, size, make_integer(0)
+        self.solve = call_lapack("dpbtrs", uplo, *shape, *others)
+
+
 def solve_between(before: list[Step], factors: Sequence[Factors], after: list[Step], keeps: Any) -> Callable[[], None]:
     """Return a function that runs the steps ``before``, solves with each of ``factors``, and runs the steps ``after``.
 
@@ -109,6 +125,7 @@ def solve_between(before: list[Step], factors: Sequence[Factors], after: list[St
     last = Program([] if direct else after, keeps)
 
     def run() -> None:
+        """Run the steps before, solve, and run those after; in one program where no SuperLU takes part."""
         first.run()
         if not direct:
             for f in factors:

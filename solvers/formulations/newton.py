@@ -7,25 +7,25 @@ the norm of a correction is then not finite, and the iteration fails.
 import math
 from collections.abc import Callable
 from functools import cache
-from types import FunctionType, MethodType, ModuleType
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float
-from scipy_dae.integrate._dae import bdf, radau
-from scipy_dae.integrate._dae.bdf import BDFDAE
-from scipy_dae.integrate._dae.dae import DaeSolver
-from scipy_dae.integrate._dae.radau import RadauDAE
+from scipy_dae.integrate import BDFDAE, RadauDAE
 
 from ...harness.base.code_meter import making_code
+from ...harness.base.generated import Code, Loop, compile_functions
+from ...harness.base.generated.steps import take
+from ...harness.base.private_interfaces import replace_names_in_step
 from ...harness.mechanics.types import StepControl
 from .dae import ImplicitForm
-from .generated import Code, Loop, compile_functions
-from .generated.steps import take
 from .linear import Factors, solve_between
 from .recording import Clock
+
+DaeSolver = Any  # BDFDAE or RadauDAE
+MOST_ITERATIONS = 4  # of an NDF step, from which scipy_dae also finds the next one's length
 
 Norm = Callable[[Float[np.ndarray, " n"]], float]
 Newton = Callable[[DaeSolver, ImplicitForm, tuple[Factors, Factors], Norm, Clock], Callable]
@@ -42,10 +42,9 @@ def maximum(x: Float[np.ndarray, " n"]) -> float:
 
 
 class Scheme(NamedTuple):
-    """A method of scipy_dae: class, module, name of its Newton iteration, our replacement of that, and settings."""
+    """A method of scipy_dae: class, name of its Newton iteration, our replacement of that, and settings."""
 
     kind: type[DaeSolver]
-    module: ModuleType
     name: str
     newton: Newton
     settings: dict[str, Any]
@@ -65,32 +64,36 @@ class Scheme(NamedTuple):
         """Return the method of scipy_dae set up on ``form``, ready to step.
 
         ``start`` is (t [s], y, y'). Jacobians are evaluated at y' = 0 unless ``keep_y_dot``. The method's Newton
-        iteration is replaced by ``newton``, for which its step runs on a copy of its module's names. It counts
-        evaluations and factorisations. Jacobians are passed as nonzeros of the form's pattern, of which scipy_dae only
-        forms sums.
+        iteration is replaced by ``newton``. It counts evaluations, factorisations and solutions. Jacobians are passed
+        as nonzeros of the form's pattern, of which scipy_dae only forms sums.
         """
         factors = Factors(form.pattern), Factors(form.pattern, complex)
 
         def residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
+            """Return F(t, y, y'), unless the time is up."""
             clock.check()
             return form.residual(y, y_dot, t)
 
         def count_residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
+            """Return F(t, y, y') and count it as an evaluation."""
             method.nfev += 1
             return residual(t, y, y_dot)
 
         def jacobian(t: float, y: np.ndarray, y_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Return copies of the nonzeros of dF/dy and dF/dy', and count them."""
             method.njev += 1
             of_y, of_y_dot = form.jacobian(y, y_dot if keep_y_dot else np.zeros_like(y_dot), t)
             return of_y.copy(), of_y_dot.copy()
 
         def lu(data: np.ndarray) -> Factors:
+            """Factorise the matrix of these nonzeros, real or complex, and return its factors."""
             method.nlu += 1
             own = factors[np.iscomplexobj(data)]
             own.factorise(data)
             return own
 
         def solve_lu(own: Factors, right: np.ndarray) -> np.ndarray:
+            """Return the solution for a right side, both in the order of the unknowns."""
             _count(method, evaluations=0, solutions=1)
             own.x[:] = right[own.order]
             own.solve()
@@ -108,9 +111,9 @@ class Scheme(NamedTuple):
             **self.settings,
         )
         method.fun, method.jac, method.lu, method.solve_lu = count_residual, jacobian, lu, solve_lu
+        method.solutions = 0
         method.Jy, method.Jyp = jacobian(method.t, method.y, method.yp)
-        names = {**vars(self.module), "norm": norm, self.name: self.newton(method, form, factors, norm, clock)}
-        method._step_impl = MethodType(FunctionType(self.kind._step_impl.__code__, names), method)
+        replace_names_in_step(method, {"norm": norm, self.name: self.newton(method, form, factors, norm, clock)})
         return method
 
 
@@ -133,6 +136,7 @@ def ndf_newton(
     iterate = solve_between(before, [own], [(code.address("update"), update)], (code, form))
 
     def correct() -> float:
+        """Correct the iterate once, and return the norm of the correction."""
         clock.check()
         iterate()
         _count(method, evaluations=1, solutions=1)
@@ -149,10 +153,11 @@ def ndf_newton(
         scale: np.ndarray,
         tol: float,
     ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray]:
+        """Iterate from the predictor ``y`` until the norm of the correction is below ``tol``."""
         form.y[:], form.t[0], c[0], psi[:] = y, t, c_new, psi_new
         np.divide(1.0, scale, out=inverse_scale)
         d.fill(0.0)
-        converged, iterations, _ = _repeat(correct, bdf.NEWTON_MAXITER, tol)
+        converged, iterations, _ = _repeat(correct, MOST_ITERATIONS, tol)
         return converged, iterations, form.y.copy(), form.y_dot.copy(), d.copy()
 
     return solve
@@ -181,6 +186,7 @@ def radau_newton(
     iterate = solve_between(before, factors, after, (code, form))
 
     def correct() -> float:
+        """Correct the iterate once, and return the norm of the correction."""
         clock.check()
         iterate()
         _count(method, evaluations=3, solutions=2)
@@ -203,6 +209,7 @@ def radau_newton(
         A: np.ndarray,
         most: int,
     ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray, float | None]:
+        """Iterate from the stage rates ``Yp0`` until the norm of the correction is below ``tol``."""
         Yp[:], tau[:], hA[:] = Yp0, t + h * C, h * A.T
         np.add(y, h * A.dot(Yp), out=Y)
         np.divide(1.0, scale, out=inverse_scale)
@@ -236,7 +243,7 @@ def _repeat(correct: Callable[[], float], most: int, tol: float) -> tuple[bool, 
 def _count(method: DaeSolver, *, evaluations: int, solutions: int) -> None:
     """Add to the counts of scipy_dae's method."""
     method.nfev += evaluations
-    method._nlusove += solutions
+    method.solutions += solutions
 
 
 @cache
@@ -264,5 +271,5 @@ def _radau_loops() -> Code:
     return compile_functions({"transform": transform, "update": update})
 
 
-NDF_SCHEME = Scheme(BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
-RADAU_SCHEME = Scheme(RadauDAE, radau, "solve_collocation_system", radau_newton, {})
+NDF_SCHEME = Scheme(BDFDAE, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
+RADAU_SCHEME = Scheme(RadauDAE, "solve_collocation_system", radau_newton, {})

@@ -2,31 +2,27 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from ...harness.base.code_meter import Stopwatch, collect_garbage
+from ...harness.mechanics import marching
 from ...harness.mechanics.jacobian import constraint_jacobian
+from ...harness.mechanics.marching import StepFailure
 from ...harness.mechanics.motion import constraint
 from ...harness.mechanics.state import States
 from ...harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from .layout import Layout
 
-LOOK_EVERY = 100  # steps between two checks of phi; a check costs about ten steps of one body
+# steps between two checks of phi; a check costs about ten steps of one body. Half and twice end none of ten runs with
+# redundant rows at another step, nor does half of the next one.
+LOOK_EVERY = 100
 LOST_AXIS = 0.5  # axis rows are cosines: 30 degrees out
 NEAR_CHART_SINGULARITY = 0.05  # |sin(theta)| below which a failure mentions the chart's singularity
 DEPENDENT_ROWS = 1e-4  # smallest to largest singular value of A below which a failure is called singular
 LARGEST_SVD = 1000  # rows, 0.3 s; 2000 take 2 s, which a run at its limit does not have
-
-
-class StepFailure(Exception):
-    """Raised inside a step that cannot continue, with the status and message of the run."""
-
-    def __init__(self, status: Status, message: str) -> None:
-        super().__init__(message)
-        self.status, self.message = status, message
 
 
 @dataclass
@@ -116,28 +112,26 @@ def march(
     this call counts as set-up.
     """
     setup_time, times, ys, reactions = clock.restart(), [0.0], [y.copy()], [reaction.copy()]
-    status, message = Status.SUCCESS, "reached the end"
+
+    def take_step() -> None:
+        """Append the next step; raise ``StepFailure`` where it fails."""
+        with np.errstate(all="ignore"):  # an overflow leads to a failure that is reported
+            t, y, reaction = advance()
+        if not np.isfinite(y).all():
+            raise StepFailure(Status.DIVERGED, "the solution is no longer finite")
+        if not t > times[-1]:
+            raise StepFailure(Status.STEP_UNDERFLOW, "the step fell below the spacing of floating-point times")
+        times.append(t)
+        ys.append(y.copy())
+        reactions.append(reaction.copy())
+        if control.spool is not None and control.spool.due():
+            new = slice(control.spool.rows, None)
+            control.spool.take(times[new], _states(layout, np.array(ys[new])))
+        if len(times) % LOOK_EVERY == 0:
+            _check_constraints(layout, y)
+
     try:
-        while times[-1] < problem.t_end:
-            if len(times) > control.max_steps:
-                raise StepFailure(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
-            clock.check()
-            with np.errstate(all="ignore"):  # an overflow leads to a failure that is reported
-                t, y, reaction = advance()
-            if not np.isfinite(y).all():
-                raise StepFailure(Status.DIVERGED, "the solution is no longer finite")
-            if not t > times[-1]:
-                raise StepFailure(Status.STEP_UNDERFLOW, "the step fell below the spacing of floating-point times")
-            times.append(t)
-            ys.append(y.copy())
-            reactions.append(reaction.copy())
-            if control.spool is not None and control.spool.due():
-                new = slice(control.spool.rows, None)
-                control.spool.take(times[new], _states(layout, np.array(ys[new])))
-            if len(times) % LOOK_EVERY == 0:
-                _check_constraints(layout, y)
-    except StepFailure as failure:
-        status, message = failure.status, f"stopped at t = {times[-1]:.6g} s: {failure.message}"
+        status, message = marching.march(times, problem, control, clock.check, take_step)
     except MemoryError:
         status, message = Status.MEMORY, f"stopped at t = {times[-1]:.6g} s: out of memory"
     cpu_time, t_all, y_all, nt = clock.cpu_time(), np.array(times), np.array(ys), len(times)
@@ -208,3 +202,21 @@ def _explain_failure(layout: Layout, states: States, margin: np.ndarray, status:
             status = Status.SINGULAR
             said += f"; the kept rows are nearly dependent, singular values of A {size[-1]:.3g} to {size[0]:.3g}"
     return status, said
+
+
+def move_reactions_to_nodes(out: Trajectory) -> Trajectory:
+    """Return a copy of the trajectory with reactions at the nodes instead of means over the steps before them.
+
+    They are interpolated to second order, linear at the ends. A trajectory without reactions is returned as it is, and
+    without any step they are one row of NaN.
+    """
+    if out.reaction is None:  # the run was refused
+        return out
+    dt, mean = np.diff(out.t), out.reaction[1:]
+    if len(dt) < 2:
+        nodes = np.repeat(mean, 2, axis=0) if len(dt) else np.full((1, mean.shape[1]), np.nan)
+        return replace(out, reaction=nodes)
+    w = (dt[1:] / (dt[:-1] + dt[1:]))[:, None]
+    first = mean[0] - dt[0] * ((mean[1] - mean[0]) / (dt[0] + dt[1]))
+    last = mean[-1] + dt[-1] * ((mean[-1] - mean[-2]) / (dt[-1] + dt[-2]))
+    return replace(out, reaction=np.concatenate((first[None], w * mean[:-1] + (1.0 - w) * mean[1:], last[None])))

@@ -18,7 +18,9 @@ from .saddle import InverseMass, Saddle
 from .symbolic import make_jacobian_element
 from .system_elements import find_jacobian_pattern, iterate_joint_kinds
 
-WORN = 0.5  # share of a row's sine at the choice, at which the choice is made again
+# share of a row's sine at the choice, at which the choice is made again. On two of Bennett's linkages half takes 0 to
+# 18 % more evaluations, twice from 8 % fewer to 11 % more; three other mechanisms keep their bits.
+WORN = 0.5
 LARGEST = 100  # rows of phi that are monitored: beyond it singular values cost as much as hundreds of steps
 
 

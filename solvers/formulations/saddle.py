@@ -12,13 +12,20 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.base.code_meter import making_code
+from ...harness.base.generated import Code, Loop, Program, compile_functions
+from ...harness.base.generated.steps import (
+    Step,
+    add_products,
+    make_integer,
+    set_to_zero,
+    take,
+    take_negative,
+)
 from ...harness.mechanics.fixed_order import inverse
 from ...harness.mechanics.types import Status
 from .charts import Chart
-from .generated import Code, Loop, Program, compile_functions
-from .generated.steps import Step, add_products, call_lapack, make_integer, set_to_zero, take, take_negative
 from .layout import Layout
-from .linear import find_band
+from .linear import BandCholesky, find_band
 from .recording import StepFailure
 from .sparse_pattern import FixedPattern, FixedProduct
 
@@ -90,9 +97,8 @@ class Saddle:
             height = below + 1
             lower = np.flatnonzero((i >= j)[S.pattern.place])
             in_band = (j * height + i - j)[S.pattern.place[lower]]  # by columns, from the diagonal down
-            AW_data, band, right = np.zeros(AW.pattern.nnz), np.zeros(height * k), np.zeros(k)
-            uplo, size, one = np.frombuffer(b"L", dtype=np.uint8), make_integer(k), make_integer(1)
-            width, lead = make_integer(height - 1), make_integer(height)
+            AW_data, cholesky = np.zeros(AW.pattern.nnz), BandCholesky(k, height)
+            band, right, self._info = cholesky.band, cholesky.right, cholesky.info
             self._pivots = band[::height]
             factor += [
                 set_to_zero(AW_data),
@@ -100,13 +106,13 @@ class Saddle:
                 set_to_zero(band),
                 add_products(AW_data, S.p[lower], A, At_order[S.q[lower]], band, in_band),
                 take(band, np.arange(0, height * k, height), self._squares),
-                call_lapack("dpbtrf", uplo, size, width, band, lead, self._info),
+                cholesky.factor,
             ]
             every = np.arange(pattern.nnz)
             solve += [
                 take_negative(c, order, right),
                 add_products(A, every, free, pattern.columns, right, place[pattern.rows]),
-                call_lapack("dpbtrs", uplo, size, width, one, band, lead, right, size, make_integer(0)),
+                cholesky.solve,
                 take(right, place, self._lam),
                 add_products(A, every, self._lam, pattern.rows, back, pattern.columns),
             ]

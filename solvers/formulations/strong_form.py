@@ -18,10 +18,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.base.code_meter import making_code
+from ...harness.base.generated import Code, Loop, Program, compile_functions
+from ...harness.base.generated.steps import add_products, set_to_zero
 from ...harness.mechanics.system import GROUND
 from .assembly import Assembly, Batch
-from .generated import Code, Loop, Program, compile_functions
-from .generated.steps import add_products, set_to_zero
 from .layout import Layout
 from .rows.expressions import list_force_parameters
 from .saddle import InverseMass, Saddle

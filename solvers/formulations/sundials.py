@@ -17,8 +17,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...harness.base.code_meter import making_code
+from ...harness.base.generated import Program
+from ...harness.base.generated.residual import compile_residual
+from ...harness.base.private_interfaces import locate_sundials
 from ...harness.mechanics.types import NotInstalled
-from .generated import Code, Program
 from .packages import find_remedy
 
 ADDRESS, NUMBER, FLAG = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
@@ -29,9 +31,7 @@ REMEDY = (
 )
 OUT_OF_MEMORY = -21  # IDA_MEM_FAIL
 OUT_OF_TIME = (-8, -12)  # IDA's flags of a residual that fails, which it does here at the deadline alone
-CHECK_EVERY = 16  # residuals between two checks of the deadline, a power of two
 CREATORS = ("SUNDense", "SUNBand", "SUNSparse", "SUNLinSol_", "N_V", "IDACreate")  # return addresses, others flags
-WORK = ("evaluations", "deadline", "data_of", "y", "y_dot", "F", "bytes", "t", "run", "program")
 
 
 def refuse_if_missing() -> NotInstalled | None:
@@ -96,7 +96,7 @@ class Ida:
         matrix, solver = self._linear_algebra(linear_solver, n, y, context)
         self._memory = _allocate("IDACreate", context)
         self._free("IDAFree", ctypes.byref(self._memory))
-        code, limit = _compile_residual(), 2**62 if seconds is None else int((time.process_time() + seconds) * 1e6)
+        code, limit = compile_residual(), 2**62 if seconds is None else int((time.process_time() + seconds) * 1e6)
         own = (equations.y, equations.y_dot, equations.F)
         run, (program,) = equations.evaluate.step
         self._work = np.array(
@@ -255,63 +255,12 @@ def _check(flag: int) -> None:
 @cache
 def _index() -> Any:
     """Return the C type of SUNDIALS' indices, 32 or 64 bits as it was built."""
-    from sksundae._cy_common import INT_TYPE
-
-    return np.ctypeslib.as_ctypes_type(INT_TYPE)
+    return np.ctypeslib.as_ctypes_type(locate_sundials()[1])
 
 
 @cache
 def _function(name: str) -> Any:
     """Return SUNDIALS' function ``name`` as a ctypes function; its result is an address or a flag."""
-    from sksundae import _cy_ida
-
-    # its dependencies include all of SUNDIALS that is used here
-    function = getattr(ctypes.CDLL(_cy_ida.__file__), name)
+    function = getattr(ctypes.CDLL(locate_sundials()[0]), name)
     function.restype = ADDRESS if name.startswith(CREATORS) else FLAG
     return function
-
-
-@cache
-def _compile_residual() -> Code:
-    """Return the code of IDA's ``resfn``, which copies y and y' to our arrays, runs the program and copies F back.
-
-    It returns -1 after the deadline, which one of ``CHECK_EVERY`` calls checks.
-    """
-    loads = []
-    for k, name in enumerate(WORK):
-        kind = "i64" if name in ("evaluations", "deadline", "bytes") else "ptr"
-        loads += [f"  %{name}.at = getelementptr i64, ptr %work, i64 {k}", f"  %{name} = load {kind}, ptr %{name}.at"]
-    copy = "  call void @llvm.memcpy.p0.p0.i64(ptr {}, ptr {}, i64 %bytes, i1 false)"
-    return Code(
-        "\n".join(
-            [
-                "declare i64 @clock()",
-                "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)",
-                "define i32 @residual(double %time, ptr %yy, ptr %yp, ptr %rr, ptr %work) {",
-                *loads,
-                "  %count = add i64 %evaluations, 1",
-                "  store i64 %count, ptr %evaluations.at",
-                f"  %phase = and i64 %evaluations, {CHECK_EVERY - 1}",
-                "  %due = icmp eq i64 %phase, 0",
-                "  br i1 %due, label %look, label %go",
-                "look:",
-                "  %now = call i64 @clock()",
-                "  %late = icmp sgt i64 %now, %deadline",
-                "  br i1 %late, label %stop, label %go",
-                "stop:",
-                "  ret i32 -1",
-                "go:",
-                "  store double %time, ptr %t",
-                "  %yy.data = call ptr %data_of(ptr %yy)",
-                copy.format("%y", "%yy.data"),
-                "  %yp.data = call ptr %data_of(ptr %yp)",
-                copy.format("%y_dot", "%yp.data"),
-                "  call void %run(ptr %program)",
-                "  %rr.data = call ptr %data_of(ptr %rr)",
-                copy.format("%rr.data", "%F"),
-                "  ret i32 0",
-                "}",
-                "",
-            ]
-        )
-    )

@@ -21,7 +21,7 @@ from ...harness.mechanics.types import Problem, StepControl, Trajectory
 from .march import Node, begin, march
 from .mechanics import Mechanism, solve
 
-MOST_ITERATIONS = 60
+MOST_ITERATIONS = 60  # as in ``formulations/methods/iteration.py``, whose comment says what half and twice do
 
 
 class CarriedState(NamedTuple):

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from ...harness.mechanics.types import Problem, Status, StepControl
 from .march import Node
 
+# as in ``formulations/compiled/host.py`` and ``marching.py``, whose comments say what half and twice do
 FIRST_STEP = 1e-4  # [s]
 SAFETY, LEAST, MOST, MOST_AGAIN = 0.9, 0.2, 5.0, 0.9  # bounds on the change of step size
 SMALL = 1e-4  # least err_old

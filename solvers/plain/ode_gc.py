@@ -27,7 +27,8 @@ from .march import Grid, march
 from .mechanics import Mechanism, Rows
 
 DIFFERENCE = 1e-7  # change of the unknowns in Jacobians by differences
-ENOUGH = 0.25  # share of phi_dot: an augmentation that leaves more raises the penalty
+# share of phi_dot: an augmentation that leaves more raises the penalty; as in ``formulations/methods/gc_newton.py``
+ENOUGH = 0.25
 
 
 class Node(NamedTuple):

@@ -18,6 +18,7 @@ from ...harness.mechanics.types import Problem, StepControl, Trajectory
 from .march import Node, begin, march
 from .mechanics import Mechanism, solve
 
+# as in ``formulations/methods/iteration.py`` and ``rattle.py``, whose comments say what half and twice do
 MOST_ITERATIONS, DAMPER_PASSES = 60, 6
 EQUAL = 1e-14  # relative difference below which two principal inertias count as equal
 

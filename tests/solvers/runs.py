@@ -8,6 +8,7 @@ import numpy as np
 
 from mbsbench import Problem, Trajectory
 from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.judge.order import measure_slopes
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.reference.computation import find_reference
 from mbsbench.tests.factories import solve_run
@@ -34,7 +35,7 @@ def error(problem: Problem, out: Trajectory, of: str = "r") -> float:
 
 def orders(errors: Sequence[float]) -> np.ndarray:
     """Observed orders from halvings of the step."""
-    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    return measure_slopes(0.5 ** np.arange(len(errors)), errors)
 
 
 def drift(problem: Problem, out: Trajectory) -> np.ndarray:

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from mbsbench.solvers.formulations.compiled import algebra, entries, numba_code
+from mbsbench.harness.base.generated import code
+from mbsbench.solvers.formulations.compiled import algebra, entries
 from mbsbench.solvers.formulations.compiled.entries import BoundFunction
-from mbsbench.solvers.formulations.generated import code
 
 
 class Pair(NamedTuple):
@@ -61,19 +61,6 @@ def test_compiled_code_prints_no_number(monkeypatch, tmp_path, capsys):
         BoundFunction(print_number, pair)()
     BoundFunction(print_text, pair)()
     assert capsys.readouterr().out == "here\n" and pair.y[0] == 4.0
-
-
-def test_another_version_of_numba_compiles_the_same(monkeypatch, tmp_path):
-    """Its private methods stay as they are."""
-    monkeypatch.setattr(code, "FOLDER", tmp_path)
-    monkeypatch.setattr(entries, "_CODES", {})
-    monkeypatch.setattr(numba_code.numba, "__version__", "9.0.0")
-    own = numba_code.CPUCodeLibrary._optimize_final_module
-    seen = []
-    monkeypatch.setattr(numba_code, "_close", lambda library: seen.append(library))
-    pair = Pair(np.array([4.0]), np.zeros(1))
-    BoundFunction(take_root, pair)()
-    assert pair.y[0] == 2.0 and not seen and numba_code.CPUCodeLibrary._optimize_final_module is own
 
 
 SOLVE = """

@@ -15,7 +15,7 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver, solve
 from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.fixed_order import principal_axes
-from mbsbench.solvers.formulations import linear, saddle
+from mbsbench.solvers.formulations import linear
 from mbsbench.solvers.formulations.compiled.kernel import make_kernel, set_state
 from mbsbench.solvers.formulations.joint_coordinates import symplectic
 from mbsbench.solvers.formulations.joint_coordinates.collocation import (
@@ -218,8 +218,7 @@ def test_no_linear_algebra_of_a_library_is_in_a_run(
     for library, functions in ((np.linalg, OF_NUMPY), (scipy.linalg, OF_SCIPY)):
         for function in functions:
             monkeypatch.setattr(library, function, refuse)
-    for module in (linear, saddle):
-        monkeypatch.setattr(module, "call_lapack", refuse)
+    monkeypatch.setattr(linear, "call_lapack", refuse)
     make_gauss_lobatto_tableau.cache_clear()
     compute_extrapolation_weights.cache_clear()
     SymbolicMechanism(problem.system, (), (), chooses=False)  # whose numbers are in code that is kept from other runs

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mbsbench.solvers.formulations.generated import Code, Loop, Program, code, compile_functions, printing
+from mbsbench.harness.base.generated import Code, Loop, Program, code, compile_functions, printing
 
 a, b = ca.SX.sym("a"), ca.SX.sym("b")
 OPERATIONS = {
@@ -215,7 +215,7 @@ def test_another_process_finds_the_object(tmp_path):
     """The key is the same in a process of its own, which compiles nothing."""
     script = (
         "import casadi as ca, numpy as np, pathlib, sys\n"
-        "from mbsbench.solvers.formulations.generated import Program, code, compile_functions\n"
+        "from mbsbench.harness.base.generated import Program, code, compile_functions\n"
         "code.FOLDER = pathlib.Path(sys.argv[1])\n"
         "made = []\n"
         "original = code._compile\n"
@@ -237,7 +237,7 @@ def test_one_process_makes_an_object_while_others_wait_for_it(tmp_path):
     """Three begin at once; each object is made by one of them, and one that is not shared waits for nobody."""
     script = (
         "import pathlib, sys, time\n"
-        "from mbsbench.solvers.formulations.generated import code\n"
+        "from mbsbench.harness.base.generated import code\n"
         "code.FOLDER = pathlib.Path(sys.argv[1])\n"
         "original = code._compile\n"
         "def slow(*x):\n"

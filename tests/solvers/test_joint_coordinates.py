@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from mbsbench import Joint, RigidBody, assemble
+from mbsbench.harness.base.generated import Program
+from mbsbench.harness.base.generated import code as generated_code
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
+from mbsbench.harness.mechanics.joint_tree import MOTIONS, build_spanning_tree
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, kinetic_energy
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from mbsbench.harness.run.presenting import present_solver
-from mbsbench.solvers.formulations.generated import Program
-from mbsbench.solvers.formulations.generated import code as generated_code
 from mbsbench.solvers.formulations.joint_coordinates import code, marching, relay, symplectic
 from mbsbench.solvers.formulations.joint_coordinates.code import make_code
 from mbsbench.solvers.formulations.joint_coordinates.counting import least_operations, refuse_code
 from mbsbench.solvers.formulations.joint_coordinates.evaluation import Evaluation
-from mbsbench.solvers.formulations.joint_coordinates.tree import MOTIONS, build_spanning_tree
 from mbsbench.tests.comparing import assert_each, assert_same
 from mbsbench.tests.covering import diagonal
 from mbsbench.tests.factories import solve_run

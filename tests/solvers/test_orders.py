@@ -5,6 +5,7 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
+from mbsbench.tests.covering import one
 from mbsbench.tests.factories import solve_run
 
 from .runs import ACCEPTED, CONTESTANTS, SYMBOLIC, drift, end_of_strong_form, error, orders, sprung_linkage
@@ -15,7 +16,7 @@ TOP = "heavy_top", {"t_end": 1.0}
 CHAIN = "chain", {"t_end": 0.4}
 GRID = "four_bar_grid", {"t_end": 0.5}  # 400 rows of rank 325
 BRIEF = "four_bar_grid", {"t_end": 0.3}
-PAIRS = [(which, p) for which in CONTESTANTS for p in ((PENDULUM, 0.01), (TOP, 0.004), (CHAIN, 0.004), (BRIEF, 0.0125))]
+COARSEST = ((PENDULUM, 0.01), (TOP, 0.004), (CHAIN, 0.004), (BRIEF, 0.0125))
 LADDERS = [  # solver, options, problem, coarsest step, runs with halved steps, order, within
     *(
         ("rattle", {"composition": c}, PENDULUM, dt, n, order, 0.2)
@@ -42,7 +43,11 @@ LADDERS = [  # solver, options, problem, coarsest step, runs with halved steps, 
         (solver, {"composition": "suzuki4", "rate": 5.0}, ("chain", {"t_end": 0.6}), 0.02, 3, 4, 0.4)
         for solver in ("rattle", "gc_composed")
     ),  # steps that differ by the factor of turn rates over the first whip
-    *((*CONTESTANTS[which], p, dt, 4, make_solver(CONTESTANTS[which][0]).order, 0.2) for which, (p, dt) in PAIRS),
+    *(
+        one((solver, options, p, dt, 4, make_solver(solver).order, 0.2), i, k)
+        for i, (solver, options) in enumerate(CONTESTANTS.values())
+        for k, (p, dt) in enumerate(COARSEST)
+    ),
     *(("radau_ggl", {}, p, h, 4, 5, 0.2) for p, h in ((TOP, 0.02), (PENDULUM, 0.16), (BRIEF, 0.04))),
     ("rkmk_dopri5", {}, TOP, 8e-3, 4, 5, 0.2),
     ("rkmk_dop853", {}, TOP, 3.2e-2, 4, 8.5, 0.7),  # its error constant is small: poses fall like h^9 at rounding
@@ -132,9 +137,13 @@ WHIPS = [("heavy_top", {"t_end": 1.0}), ("chain", {"t_end": 0.8}), GRID]
 LOOSE_AND_TIGHT = [  # solver, options, problem, tolerances, the least factor between the errors, the first allowed
     *((solver, {}, PENDULUM, (1e-4, 1e-8), 50.0, np.inf) for solver in SYMBOLIC),  # an order of 0.4, even at index 3
     *(
-        pytest.param(("cvode", {"method": method}, p, (1e-6, 1e-8), 10.0, 1e-3), marks=pytest.mark.beyond_core)
-        for method in ("Adams", "BDF")
-        for p in (("heavy_top", {"t_end": 0.2}), ("chain", {"t_end": 0.1}))
+        pytest.param(("cvode", {"method": method}, p, (1e-6, 1e-8), 10.0, 1e-3), marks=[pytest.mark.beyond_core, *more])
+        for method, p, more in (
+            ("Adams", ("heavy_top", {"t_end": 0.2}), ()),
+            ("BDF", ("chain", {"t_end": 0.1}), ()),
+            ("BDF", ("heavy_top", {"t_end": 0.2}), (pytest.mark.slow,)),
+            ("Adams", ("chain", {"t_end": 0.1}), (pytest.mark.slow,)),
+        )
     ),
     *(("gc_extrapolated", {}, p, (1e-5, 1e-7), 30.0, 0.03) for p in WHIPS),
 ]
@@ -175,10 +184,10 @@ TIGHT = [  # solver, options, problem, tolerance, allowed: error [m], phi, A v, 
     *(("radau_ggl", {}, p, 1e-7, 1e-7, (1e-10, 1e-8, 1e-5)) for p in (*LONG, *MANY)),
     *(("gc_extrapolated", {}, p, 1e-7, 1e-3, (1e-10, 1e-8, np.inf)) for p in WHIPS),
     *(
-        (solver, {"coordinates": chart}, p, 1e-8, 1e-4 if p[0] == "heavy_top" else 1e-3, ENDLESS)
-        for solver in SYMBOLIC[:4]
-        for chart in ("quaternion", "euler313")
-        for p in LONG
+        one((solver, {"coordinates": chart}, p, 1e-8, 1e-4 if p[0] == "heavy_top" else 1e-3, ENDLESS), i, j, k)
+        for i, solver in enumerate(SYMBOLIC[:4])
+        for j, chart in enumerate(("quaternion", "euler313"))
+        for k, p in enumerate(LONG)
     ),
     *((solver, options, PENDULUM, 1e-8, 1e-4, ENDLESS) for solver, options in FORMS),
     *(

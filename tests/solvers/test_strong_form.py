@@ -9,12 +9,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from mbsbench.harness.base.generated import Program
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations.charts import CHARTS
-from mbsbench.solvers.formulations.generated import Program
 from mbsbench.solvers.formulations.layout import Layout
 from mbsbench.solvers.formulations.saddle import InverseMass
 from mbsbench.solvers.formulations.start import Accelerations

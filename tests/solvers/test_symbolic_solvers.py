@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mbsbench.harness.base.generated import Program
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import motion, so3
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.mechanics.types import Problem, Status, StepControl
 from mbsbench.solvers.formulations import ida, sundials
-from mbsbench.solvers.formulations.generated import Program
 from mbsbench.solvers.formulations.recording import Clock, StepFailure
 from mbsbench.tests.comparing import assert_each
 from mbsbench.tests.factories import solve_run

@@ -11,6 +11,7 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.consistency import perturb
 from mbsbench.harness.mechanics.index1 import solve_index_1
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
+from mbsbench.harness.mechanics.joint_tree import build_spanning_tree
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Trajectory
 from mbsbench.harness.run.presenting import present_solver
@@ -24,7 +25,6 @@ from mbsbench.solvers.formulations.joint_coordinates.collocation import (
 )
 from mbsbench.solvers.formulations.joint_coordinates.hamilton import make_hamilton_code
 from mbsbench.solvers.formulations.joint_coordinates.symplectic import SymplecticMarcher
-from mbsbench.solvers.formulations.joint_coordinates.tree import build_spanning_tree
 from mbsbench.tests.covering import diagonal, few
 from mbsbench.tests.factories import solve_run
 

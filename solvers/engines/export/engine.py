@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import ModuleType
 
+from ....harness.mechanics.cut_trees.tree import KINDS
 from ....harness.mechanics.naming import name_body
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.mechanics.time_functions import find_varying
-from .tree import KINDS
 
 SPRINGS, TORSIONS, LOADS, VARYING, USERS = (
     "springs",

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.base.code_meter import solver_seconds
+from ....harness.mechanics import marching
 from ....harness.mechanics.types import Problem, States, Status, StepControl, Trajectory
 from ...formulations.recording import Clock, StepFailure
 
@@ -43,46 +44,40 @@ def march(
     dt, t_end = control.dt, problem.t_end
     full, last = (int(t_end / dt + 1e-9), int(np.ceil(t_end / dt - 1e-9))) if dt else (0, 0)
     most = max(1, stretch // problem.system.nb)
-    parts, t, n, cpu = [States.one(problem.initial)], [np.zeros(1)], 0, 0.0
-    status, message = Status.SUCCESS, "reached the end"
+    parts, t, cpu = [States.one(problem.initial)], [0.0], 0.0
     setup, spool = clock.restart(), control.spool
-    try:
-        while t[-1][-1] < t_end:
-            if n >= control.max_steps:
-                raise StepFailure(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
-            clock.check()
-            k, h = min(most, control.max_steps - n), 0.0
-            if dt:
-                k, h = (min(k, full - n), dt) if n < full else (1, t_end - n * dt)
-            before, stopped = seconds(), None
-            try:
-                rows = advance(k, h)
-            except PartialStretch as failure:
-                rows, stopped = failure.rows, failure
-            cpu += seconds() - before
-            finite = np.isfinite(rows).all(axis=1)
-            sound = len(rows) if finite.all() else int(np.argmin(finite))
-            if sound:
-                if dt:
-                    t.append(
-                        np.where(np.arange(n + 1, n + sound + 1) < last, dt * np.arange(n + 1, n + sound + 1), t_end)
-                    )
-                else:
-                    t.append(rows[:sound, 0])
-                parts.append(states(rows[:sound] if dt else rows[:sound, 1:]))
-                n += sound
-            if sound < len(rows):
-                raise StepFailure(Status.DIVERGED, "the solution is no longer finite")
-            if stopped is not None:
-                raise stopped
-            if spool is not None and spool.due():
-                parts, t = [_join_states(parts)], [np.concatenate(t)]
-                spool.take(t[0][spool.rows :], parts[0].at(slice(spool.rows, n + 1)))
-    except StepFailure as failure:
-        status, message = failure.status, f"stopped at t = {t[-1][-1]:.6g} s: {failure.message}"
-    counters, setup = {"steps": n}, setup + clock.code_time()
+
+    def take_stretch() -> None:
+        """Append the steps of the next stretch; raise ``StepFailure`` where it fails."""
+        nonlocal cpu
+        n = len(t) - 1
+        k, h = min(most, control.max_steps - n), 0.0
+        if dt:
+            k, h = (min(k, full - n), dt) if n < full else (1, t_end - n * dt)
+        before, stopped = seconds(), None
+        try:
+            rows = advance(k, h)
+        except PartialStretch as failure:
+            rows, stopped = failure.rows, failure
+        cpu += seconds() - before
+        finite = np.isfinite(rows).all(axis=1)
+        sound = len(rows) if finite.all() else int(np.argmin(finite))
+        if sound:
+            steps = np.arange(n + 1, n + sound + 1)
+            t.extend((np.where(steps < last, dt * steps, t_end) if dt else rows[:sound, 0]).tolist())
+            parts.append(states(rows[:sound] if dt else rows[:sound, 1:]))
+        if sound < len(rows):
+            raise StepFailure(Status.DIVERGED, "the solution is no longer finite")
+        if stopped is not None:
+            raise stopped
+        if spool is not None and spool.due():
+            parts[:] = [_join_states(parts)]
+            spool.take(t[spool.rows :], parts[0].at(slice(spool.rows, n + sound + 1)))
+
+    status, message = marching.march(t, problem, control, clock.check, take_stretch)
+    counters, setup = {"steps": len(t) - 1}, setup + clock.code_time()
     return Trajectory(
-        np.concatenate(t), _join_states(parts), status, message, counters, notes=notes, cpu_time=cpu, setup_time=setup
+        np.array(t), _join_states(parts), status, message, counters, notes=notes, cpu_time=cpu, setup_time=setup
     )
 
 

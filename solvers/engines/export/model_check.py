@@ -25,6 +25,7 @@ import numpy as np
 import scipy.linalg as sl
 from jaxtyping import Float
 
+from ....harness.mechanics.cut_trees.tree import DEPENDENT, find_rank
 from ....harness.mechanics.dynamics import accelerations
 from ....harness.mechanics.jacobian import constraint_jacobian, independent_rows
 from ....harness.mechanics.motion import applied_loads, evaluate_spring_line, kinetic_energy, potential_energy
@@ -36,7 +37,6 @@ from ....harness.mechanics.types import Problem
 SAME = 1e-10  # rounding of intermediate sums is 1e-13 with 55 bodies
 SINGLE = float(np.finfo(np.float32).eps)
 SEED = 20
-DEPENDENT = 1e-9  # share of the largest singular value of constraint rows
 
 
 @dataclass(frozen=True)
@@ -178,12 +178,6 @@ def _sum_spring_terms(system: MultibodySystem, one: States) -> Float[np.ndarray,
 def _measure_wrenches(wrenches: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, "nb 2"]:
     """Return the magnitudes of the force and of the torque of each wrench."""
     return np.linalg.norm(wrenches.reshape(-1, 2, 3), axis=2)
-
-
-def find_rank(G: Float[np.ndarray, "nl nu"], largest: float = 0.0) -> int:
-    """Return the rank of constraint rows; entries that are rounding relative to ``largest`` count as zero."""
-    size = np.linalg.svd(G, compute_uv=False) if G.size else np.zeros(1)
-    return int(np.sum(size > DEPENDENT * max(size[0], largest)))
 
 
 def _solve_rigid(model: EngineModel, exact: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, " nu"]:

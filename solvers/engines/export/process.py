@@ -9,7 +9,6 @@ import atexit
 import json
 import os
 import signal
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ....harness.base.code_meter import add_code_below
+from ....harness.base.line_process import LineProcess
 from ....harness.mechanics.types import Status
 from ...formulations.recording import StepFailure
 
@@ -32,15 +32,14 @@ def find_environment(inside: str) -> Path | None:
     return python if python.exists() else None
 
 
-class Process:
+class Process(LineProcess):
     """A process that runs an engine; ``stepping`` and ``cpu`` are its CPU times [s] of steps and in total."""
 
     def __init__(self, inside: str, python: Path) -> None:
         self.stepping = self.cpu = 0.0  # [s] so far
         self._name, self._errors = inside, tempfile.TemporaryFile()  # noqa: SIM115  open as long as the process
         command = [str(python), "-I", str(INSIDE / "serve.py"), str(INSIDE / f"{inside}.py")]
-        pipe = subprocess.PIPE
-        self._child = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._errors)
+        super().__init__(command, stderr=self._errors)
         atexit.register(self.close)
 
     def request_answer(self, request: str, **arguments: Any) -> tuple[dict[str, Any], np.ndarray]:
@@ -49,19 +48,13 @@ class Process:
         ``stepping`` and ``cpu`` are updated. CPU time of a request other than "advance" is counted as making code.
         Raises ValueError where the engine refuses, ``StepFailure`` where its process has died.
         """
-        to, back = self._child.stdin, self._child.stdout
-        assert to is not None and back is not None
-        try:
-            to.write(json.dumps({"do": request, **arguments}).encode() + b"\n")
-            to.flush()
-        except BrokenPipeError:
-            raise self._report_failure() from None
-        line = back.readline()
+        self.send_lines(json.dumps({"do": request, **arguments}).encode() + b"\n")
+        line = self.answers.readline()
         if not line.endswith(b"\n"):
             raise self._report_failure()
         found = json.loads(line)
         shape = found.pop("shape", (0, 0))
-        rows = back.read(8 * shape[0] * shape[1])
+        rows = self.answers.read(8 * shape[0] * shape[1])
         if len(rows) < 8 * shape[0] * shape[1]:
             raise self._report_failure()
         stepping, cpu, self.stepping, self.cpu = self.stepping, self.cpu, found.pop("stepping"), found.pop("cpu")
@@ -71,16 +64,9 @@ class Process:
             raise ValueError(found["refusal"])
         return found, np.frombuffer(rows).reshape(shape)
 
-    def close(self) -> None:
-        """Close the pipes, which ends the process; kill it if it has not ended within ``PATIENCE``."""
-        for pipe in (self._child.stdin, self._child.stdout):
-            if pipe is not None:
-                pipe.close()
-        try:
-            self._child.wait(PATIENCE)
-        except subprocess.TimeoutExpired:
-            self._child.kill()
-            self._child.wait()
+    def close(self, patience: float | None = PATIENCE) -> None:
+        """Close the pipes, which ends the process; kill it if it has not ended within ``patience`` [s]."""
+        super().close(patience)
         atexit.unregister(self.close)
 
     def _report_failure(self) -> StepFailure:
@@ -91,7 +77,7 @@ class Process:
         self.close()
         _processes.pop((self._name, os.getpid()), None)
         self._errors.seek(0)
-        native, code = self._errors.read().decode(errors="replace"), self._child.returncode
+        native, code = self._errors.read().decode(errors="replace"), self.process.returncode
         sys.stderr.write(native)
         last = next((line.strip() for line in reversed(native.splitlines()) if line.strip()), "it wrote nothing")
         if code == -signal.SIGXCPU:

@@ -24,6 +24,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.base.code_meter import making_code
+from ....harness.mechanics.cut_trees.plain import flatten_tree
+from ....harness.mechanics.cut_trees.tree import build_spanning_tree
 from ....harness.mechanics.types import Problem, States, Status, StepControl, Trajectory
 from ...formulations.packages import ENGINES, find_remedy
 from ...formulations.recording import Clock, ClockedSolver, StepFailure
@@ -31,9 +33,7 @@ from ..inside.serve import step
 from .engine import SupportedElements, refuse_unsupported
 from .march import STRETCH, PartialStretch, march
 from .model_check import EngineModel, list_check_states, make_mass_blocks, refuse_forces, refuse_model
-from .plain import flatten_tree
 from .process import find_environment, get_process, sum_process_seconds
-from .tree import build_spanning_tree
 
 
 class Adapter(ClockedSolver):

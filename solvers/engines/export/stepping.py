@@ -16,11 +16,11 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from ....harness.mechanics.cut_trees.tree import make_matrices
 from ....harness.mechanics.dynamics import accelerations
 from ....harness.mechanics.types import Problem, States, StepControl
 from .model_check import SINGLE, list_check_states
 from .protocol import Adapter, Model
-from .tree import make_matrices
 
 ALLOWED = 100.0  # multiple of eps^(2/3)
 

@@ -139,3 +139,22 @@ def theta_dot(x, y, z, p, q, r):
         c = (1.0 - half / math.tan(half)) / s
     u, v, w = y * r - z * q, z * p - x * r, x * q - y * p
     return (p + 0.5 * u + c * (y * w - z * v), q + 0.5 * v + c * (z * u - x * w), r + 0.5 * w + c * (x * v - y * u))
+
+
+@compile_inline
+def set_dexp(x, y, z, scale, out):
+    """Set out (9,) := scale dexp(a), a = (x, y, z), by rows: exp(a + d) = exp(a) exp(dexp d) to first order.
+
+    dexp = 1 - (1 - cos a)/a^2 hat(a) + (a - sin a)/a^3 hat(a)^2; series where a^2 < 1e-2, cut at a^10.
+    """
+    s = x * x + y * y + z * z
+    f, g = evaluate_sine_ratios(s)
+    if s < 1e-2:
+        h = (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0)))) / 6.0
+    else:
+        h = (1.0 - f) / s
+    d = 1.0 - h * s
+    g, h, d = scale * g, scale * h, scale * d
+    out[0], out[1], out[2] = d + h * x * x, h * x * y + g * z, h * x * z - g * y
+    out[3], out[4], out[5] = h * x * y - g * z, d + h * y * y, h * y * z + g * x
+    out[6], out[7], out[8] = h * x * z + g * y, h * y * z - g * x, d + h * z * z

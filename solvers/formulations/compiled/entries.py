@@ -2,10 +2,12 @@
 
 A bundle is a named tuple of C-contiguous arrays, of records (NumPy structured arrays without dimension, whose fields
 are read and written by name), of integers and of bundles. A compiled function gets it as words, an int64 array of
-addresses and lengths. The word of a ``Program`` points to a list of calls that ``run`` executes.
+addresses and lengths. The word of a ``Program`` points to a list of calls that ``run`` executes. With
+``MBSBENCH_PYTHON=1`` they stay Python.
 """
 
 import hashlib
+import os
 import sys
 from collections import namedtuple
 from collections.abc import Callable, Iterator
@@ -16,10 +18,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ....harness.base import private_interfaces
 from ....harness.base.code_meter import making_code
-from ..generated import Code, Program
+from ....harness.base.generated import Code, Program
+from ....harness.base.generated.program import compile_runner
+from .python_code import USER_LAW, PythonFunction, raise_again
 
-MAKERS = (Path(__file__), Path(__file__).parent / "numba_code.py")  # the layout of words, and the code around them
+# the layout of words, and the code around them
+MAKERS = (Path(__file__), Path(__file__).parent / "numba_code.py", Path(private_interfaces.__file__))
+PYTHON = "MBSBENCH_PYTHON"  # environment variable: 1 for functions that Python's interpreter runs, for a debugger
 PACKAGE = __name__.rsplit(".", 2)[0]  # package whose modules enter a function's digest
 
 
@@ -85,29 +92,59 @@ def compile_separately(function: Callable[..., Any]) -> Any:
     return InlineFunction(function, {"fastmath": False})
 
 
-def run(entry: int) -> None:
-    """Run the calls of a program, given by its word ``Program.entry``; raise TypeError outside compiled functions."""
-    raise TypeError("run is called by compiled functions")
+_CHOICES: list[Callable[[Callable[..., None]], bool]] = [lambda function: os.environ.get(PYTHON) == "1"]
+
+
+def interpret_functions(choose: Callable[[Callable[..., None]], bool]) -> None:
+    """Let Python's interpreter run each function for which ``choose(function)`` holds, from now on in this process.
+
+    Nothing may have been compiled in this process: numba's functions take the place of those in the modules.
+    """
+    _CHOICES.append(choose)
+
+
+def is_interpreted(function: Callable[..., None]) -> bool:
+    """Return whether Python's interpreter runs a compiled function: all where ``MBSBENCH_PYTHON`` is 1."""
+    return _CHOICES[-1](function)
+
+
+def run(entry: "Program | int") -> None:
+    """Run a program, or that of a word ``Program.entry``. In machine code numba's ``run`` takes its place."""
+    if isinstance(entry, BoundFunction):
+        entry()
+    elif isinstance(entry, Program):
+        entry.run()
+    else:
+        compile_runner().function("run", 1)(int(entry) + 8)
+    raise_again()
 
 
 def call_law(address: int, t: float, state: np.ndarray, load: np.ndarray) -> None:
-    """Call law(t, state, load) of a user's force at its address; raise TypeError outside compiled functions."""
-    raise TypeError("call_law is called by compiled functions")
+    """Call law(t, state, load) of a user's force at its address. In machine code numba's takes its place."""
+    USER_LAW(int(address))(t, state.ctypes.data, load.ctypes.data)
 
 
 class BoundFunction(Program):
     """A compiled function with its bundle, called from Python, or from compiled code by ``run(bound.entry)``."""
 
     def __init__(self, function: Callable[..., None], bundle: Any) -> None:
-        """Compile or load ``function`` for those fields of the bundle that it names."""
+        """Compile or load ``function`` for those fields of the bundle that it names, or have it interpreted."""
         name = f"{function.__module__.rsplit('.', 1)[-1]}.{function.__qualname__}"
+        self._python = PythonFunction(function, bundle) if is_interpreted(function) else None
+        if self._python:
+            super().__init__([(self._python.address, [np.zeros(1)])], (self._python, bundle), name)
+            return
         part = select_fields(bundle, digest_callees(function).names)
         code = _compile_entry(function, name, part)
         self.words = np.array(pack_words(part), dtype=np.int64)
-        super().__init__([(code.address(name), [self.words])], keeps=(code, bundle))
+        super().__init__([(code.address(name), [self.words])], (code, bundle), name)
 
     def __call__(self) -> None:
-        self.run()
+        if self._python:
+            self._python()
+        else:
+            self.run()
+            raise_again()
 
 
 def select_fields(bundle: Any, names: frozenset[str]) -> Any:

@@ -76,11 +76,11 @@ def react(k):
     add_loads(k.body, k.row, k.pins, k.mass, k.way, k.Y, k.lam, k.v_dot)
 
 
-def project(k):
-    """Project poses onto phi = 0, then velocities onto A v + phi_t = 0, along M^-1 A^T, with the factor in the kernel.
+def close_joints(k):
+    """Move poses towards phi = 0 along M^-1 A^T: the least change in the norm of M that is right to first order.
 
-    It is one correction of each. The remaining violation is of second order, as long as ``k.L`` belongs to nearby
-    poses.
+    Rows and the factor of S are those in the kernel. The remaining phi is of second order, as long as ``k.L`` belongs
+    to nearby poses.
     """
     for a in range(len(k.rhs)):
         k.rhs[a] = -k.phi[a]
@@ -91,8 +91,6 @@ def project(k):
         for a in range(3):
             k.r[b, a] += k.change[b, a]
         turn_rotation(k.R[b], k.change[b, 3], k.change[b, 4], k.change[b, 5], k.R[b])
-    run(k.rows)
-    run(k.project_rates)
 
 
 def project_rates(k):

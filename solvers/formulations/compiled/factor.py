@@ -17,7 +17,9 @@ from .algebra import multiply
 from .blocks import WIDTH
 from .entries import compile_inline, compile_inline_fused
 
-DEPENDENT = 1e-9  # share of the row's own entry of S: rounding leaves 1e-15, the weakest true pivots here are 1e-4
+# share of the row's own entry of S: rounding leaves 1e-15, the weakest true pivots here are 1e-4. Of four runs of
+# RATTLE with redundant rows half changes none, twice 7 of 12,282 iterations of one.
+DEPENDENT = 1e-9
 ALIGNED = 1e-12  # a hinge's axis is an axis of space where its other components are below this: rows are not turned
 HINGE = 5  # rows of a part whose first three can be turned: point rows with two axis rows
 

@@ -11,12 +11,14 @@ from ....harness.catalogue.options import option
 from ....harness.mechanics.types import Problem, States, Status, StepControl, Trajectory
 from ..refusals import refuse_without_phi
 from . import marching, mechanism
-from .entries import BoundFunction, digest_callees
+from .entries import PYTHON, BoundFunction, digest_callees, is_interpreted
 from .kernel import Kernel, allocate_kernel, finish_kernel, forget_choice, make_kernel, set_state
 from .marching import March, Record, allocate_record, make_control, march
 from .row_choice import IN_USE
 
-FIRST_STEP = 1e-4  # [s] first step, which grows five-fold a step at most
+# [s] first step, which grows five-fold a step at most. Half takes up to one step more in ten runs of rkmk_dopri5, twice
+# up to two less, of 17 to 500.
+FIRST_STEP = 1e-4
 ROUNDINGS = 16.0  # roundings of the largest coordinate in a component of phi
 EVALUATIONS_THAT_PAY = 300_000  # kernel evaluations that cost as much as making code of the mechanism
 # bytes of steps between two readings of the clock: more overrun limits, fewer leave compiled code more often
@@ -237,9 +239,7 @@ class Marcher:
         if pays and self.kernel.state["chosen"] != IN_USE:
             self._change_code()
         record = allocate_record(n, len(self.kernel.mass), len(self.kernel.lam), len(self._diagnostics))
-        BoundFunction(
-            march, March(self.state, self.kernel, record, self._diagnostics, *(e.entry for e in self._entries))
-        )()
+        BoundFunction(march, March(self.state, self.kernel, record, self._diagnostics, *self._entries))()
         return Record(*(a[: self.state["recorded"]] for a in record))
 
     def explain(self, outcome: int) -> str:
@@ -268,10 +268,16 @@ def integrate(problem: Problem, control: StepControl, method: Method) -> Traject
         from ..recording import no_trajectory
 
         return no_trajectory(problem, Status.REFUSED, str(error))
-    if method.make_fallback:
-        return _march(problem, control, method, method.make_fallback(problem, marcher), watch)
-    out = _march(problem, control, method, marcher, watch)
-    return replace(out, notes=(*out.notes, *marcher.notes))
+    whole = method.make_fallback(problem, marcher) if method.make_fallback else marcher
+    out = _march(problem, control, method, whole, watch)
+    own = () if method.make_fallback else marcher.notes
+    return replace(out, notes=(*out.notes, *own, *list_interpreter_notes()))
+
+
+def list_interpreter_notes() -> tuple[str, ...]:
+    """Return the note of a run whose steps Python's interpreter runs; none for machine code."""
+    words = f"steps by Python's interpreter ({PYTHON}=1): last bits and times are its own"
+    return (words,) if is_interpreted(march) else ()
 
 
 def _march(problem: Problem, control: StepControl, method: Method, marcher: Any, watch: Stopwatch) -> Trajectory:

@@ -5,23 +5,27 @@ line, axis or moving rows alone. Parts are sorted by kind, so that each kind is 
 of each row of the system.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+import os
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ....harness.base.generated import Code, Program
 from ....harness.mechanics import joints
 from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.mechanics.user_forces import NUMBERS as NUMBERS_READ
-from ..generated import Code, Program
 from ..rows.kept_code import load_or_make_code, load_row_code
 from ..rows.numbers import list_force_parameters, list_joint_parameters
 from . import evaluation, factor, row_choice, user_forces
 from .blocks import WIDTH, Blocks, analyse_joint_blocks
-from .entries import BoundFunction, digest_callees
+from .entries import PYTHON, BoundFunction, digest_callees
+from .python_code import PythonLoop
 
+ROWS = f"{__package__.rsplit('.', 1)[0]}.rows"  # package of the expressions that loops are made of
 STATE = np.dtype([("shift", "f8"), ("rank", "i8"), ("first", "i8"), ("limit", "f8"), ("chosen", "i8"), ("poor", "f8")])
 UNKNOWN = -1, row_choice.POOR, 0, row_choice.POOR
 
@@ -87,7 +91,8 @@ class Kernel(NamedTuple):
     react: Any = 0  # v_dot and lam with rows and factor at hand
     accelerate: Any = 0  # rows, factorise, react
     reactions: Any = 0  # rows, react
-    project: Any = 0  # poses and velocities onto the constraints
+    close_joints: Any = 0  # poses onto phi = 0, with rows and factor at hand
+    project: Any = 0  # close_joints, rows, project_rates
     project_rates: Any = 0  # velocities alone, with rows and factor at hand
     divide: Any = 0  # w := M^-1 w
     push: Any = 0  # w += M^-1 A^T x
@@ -128,16 +133,18 @@ def finish_kernel(system: MultibodySystem, k: Kernel, needed: Collection[str]) -
     made: dict[str, Program] = {}
 
     def program(name: str) -> Program:
+        """Return the program of an entry, made once."""
         if name not in made:
             made[name] = one(name)
         return made[name]
 
     def one(name: str) -> Program:
+        """Make the program of an entry: loops by kind, entries behind each other, or one function."""
         if hasattr(loops, name):
-            return Program(getattr(loops, name)(), keeps=loops)
+            return Program(getattr(loops, name)(), loops, f"kernel.{name}")
         if name in JOINED:
             parts = [program(part) for part in JOINED[name]]
-            return Program([step for part in parts for step in part.steps], keeps=parts)
+            return Program([step for part in parts for step in part.steps], parts, f"kernel.{name}")
         if name == "leave_out":
             return BoundFunction(row_choice.leave_out, k) if len(k.dense) else Program([])
         points = "_points" if k.L.shape[1] == 3 else ""
@@ -145,10 +152,11 @@ def finish_kernel(system: MultibodySystem, k: Kernel, needed: Collection[str]) -
         found = BoundFunction(function, with_entries(digest_callees(function).names))
         if name == "factorise" and len(k.dense):
             choose = BoundFunction(getattr(row_choice, f"choose_rows{points}"), k)
-            return Program([*found.steps, *choose.steps], keeps=(found, choose))
+            return Program([*found.steps, *choose.steps], (found, choose), "kernel.factorise")
         return found
 
     def with_entries(names: Collection[str]) -> Kernel:
+        """Return the kernel with those of its entries that a function names."""
         found: dict[str, Any] = {x: program(x) for x in ENTRIES if x in names}
         return k._replace(**found)
 
@@ -156,7 +164,11 @@ def finish_kernel(system: MultibodySystem, k: Kernel, needed: Collection[str]) -
 
 
 FACTOR = ("factorise", "solve")
-JOINED = {"accelerate": ("rows", "factorise", "react"), "reactions": ("rows", "react")}
+JOINED = {
+    "accelerate": ("rows", "factorise", "react"),
+    "reactions": ("rows", "react"),
+    "project": ("close_joints", "rows", "project_rates"),
+}
 
 
 def set_state(k: Kernel, state: State) -> None:
@@ -304,6 +316,39 @@ class Loops:
             if way is not None:
                 k.way[group.rows] = np.tile(way, (len(group.body), 1))
 
+    def bind(
+        self,
+        maker: str,
+        signatures: Mapping[str, str],
+        list_arrays: "Callable[[ElementGroup, Code], dict[str, list[Any]]]",
+        *of: Any,
+        **choices: Any,
+    ) -> dict[str, Any]:
+        """Return programs for functions that ``maker`` makes for a kind of joint, each over all joints.
+
+        ``signatures`` has their names and, for their docstrings, what they read and write; ``list_arrays`` returns the
+        arguments of each for a group of joints with its code, after the number of joints; ``of`` and ``choices`` are
+        further arguments of ``maker``. With ``MBSBENCH_PYTHON=1`` Python runs them.
+        """
+        calls: dict[str, list[Step]] = {name: [] for name in signatures}
+        interpreted, (module, function) = os.environ.get(PYTHON) == "1", maker.split(".")
+        for group in self._groups:
+            code = load_or_make_code(maker, *group.key, *of, **choices)
+            self._keeps.append(code)
+            if interpreted:
+                loops = getattr(import_module(f"{ROWS}.{module}"), function)(*group.key, *of, **choices)
+            for name, arrays in list_arrays(group, code).items():
+                call: Step = code.address(name), [group.members, *arrays]
+                if interpreted:
+                    self._keeps.append(PythonLoop(loops[name], call[1]))
+                    call = self._keeps[-1].address, [np.zeros(1)]
+                calls[name].append(call)
+        made = dict[str, Any]()
+        for name, steps in calls.items():
+            made[name] = Program(steps, (self._keeps, self._k), f"{module}.{name}")
+            made[name].__doc__ = signatures[name]
+        return made
+
     def _step(self, group: "ElementGroup", code: Code, name: str, *arrays: np.ndarray) -> Step:
         """Return the call of function ``name`` of ``code`` over a group's members, as a step; nothing is run."""
         self._keeps.append(code)
@@ -331,7 +376,7 @@ class Loops:
                 "load_slopes",
                 k.lam[group.rows],
                 *list_places(group, (k.r, 3), (k.R, 9)),
-                *self._blocks(k.by_pose, group),
+                *self.list_blocks(k.by_pose, group),
             )
             for group in self._groups
         ]
@@ -400,7 +445,7 @@ class Loops:
                     load_or_make_code("loops.push_slopes", kind, group.ends == [0]),
                     [(k.r, 3), (k.R, 9), (k.v, 6)],
                 )
-                blocks = (x for a in (k.by_pose, k.by_rate) for x in self._blocks(a, group))
+                blocks = (x for a in (k.by_pose, k.by_rate) for x in self.list_blocks(a, group))
                 steps.append(self._step(group, code, "slopes", *list_places(group, *at), *blocks))
         return steps
 
@@ -412,12 +457,14 @@ class Loops:
         self._keeps.append(users)
         return users.steps
 
-    def _blocks(self, slopes: np.ndarray, group: "ElementGroup") -> Iterator[np.ndarray]:
-        """Yield, by loaded and moving end, the array ``slopes`` and the first indices in it of a group's blocks."""
-        for a in group.ends:
-            for b in group.ends:
-                place = [self._place[int(one[a]), int(one[b])] for one in group.body]
-                yield from (slopes, 36 * np.array(place, dtype=np.int64))
+    def list_blocks(self, slopes: np.ndarray, group: "ElementGroup", couple: bool = True) -> Iterator[np.ndarray]:
+        """Yield, by loaded and moving end, the array ``slopes`` and the first indices in it of a group's blocks.
+
+        Without ``couple`` these are the blocks of one end by itself.
+        """
+        for a, b in ((a, b) for a in group.ends for b in group.ends if couple or a == b):
+            place = [self._place[int(one[a]), int(one[b])] for one in group.body]
+            yield from (slopes, 36 * np.array(place, dtype=np.int64))
 
     def _group_parts(self) -> Iterator["ElementGroup"]:
         """Yield the parts of joints in groups of one kind, each computed by one loop."""

@@ -25,7 +25,10 @@ from .entries import compile_inline, run
 from .kernel import Kernel
 
 FULL, FINISHED, UNDERFLOW, NOT_FINITE, STUCK, TURNED = range(6)  # outcomes; a step's status is 0 or one of them
-# change of step: nearer 1 rejects more, less takes more steps; the ends bound what a wrong estimate can do
+# change of step: the share of the longest step that the estimate allows, and the bounds of the change. On ten runs of
+# rkmk_dopri5 half of the first takes 4 to 6 times the evaluations, all steps being shorter; twice takes 2 to 6 times as
+# many, most steps being rejected. Half of the second changes none, twice brings one rejection. Half of the third takes
+# up to 12 % more evaluations, as the first step is short, twice up to 7 % fewer.
 SAFETY, LEAST, MOST = 0.9, 0.2, 5.0
 SHORTEST = 1e-14  # share of the time below which a step no longer advances it
 
@@ -92,8 +95,8 @@ class March(NamedTuple):
     kernel: Kernel
     record: Record
     diagnostics: Any  # (n_diagnostics,) diagnostics of the last step
-    step: int  # entry: a trial step
-    finish: int  # entry: after an accepted one
+    step: Any  # entry: a trial step
+    finish: Any  # entry: after an accepted one
 
 
 def make_control(**values: float) -> np.ndarray:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ....harness.base.generated import Program
 from ....harness.mechanics.system import MultibodySystem
-from ..generated import Program
 from ..rows.kept_code import load_or_make_code, load_row_code
 from ..rows.means import BODY
 from .bundles import make_bundle

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....harness.base.code_meter import making_code
+from ....harness.base.generated import Code, Program
+from ....harness.base.generated.code import is_kept, print_functions
 from ....harness.mechanics import joints
 from ....harness.mechanics.system import MultibodySystem
-from ..generated import Code, Program
-from ..generated.code import is_kept, print_functions
 from ..rows.kept_code import digest_files, digest_makers
 from .entries import BoundFunction
 from .kernel import Kernel, finish_kernel, list_parts
@@ -56,6 +56,7 @@ SPLIT = {  # entries, and their functions in ``rows.split_mechanism``
     "project_rates": ("project_rates", "copy_bodies"),
     "accelerate": ("rows", "factorise", "react"),
     "reactions": ("rows", "react"),
+    "close_joints": ("close_joints", "copy_poses"),
     "project": ("close_joints", "copy_poses", "rows", "project_rates", "copy_bodies"),
 }
 
@@ -180,7 +181,7 @@ def _split_entries(
                 factorise.steps if f == "factorise" else [(code.address(f), of_entry.get(name, {}).get(f, given[f]))]
             )
         ]
-        entries[name] = Program(steps, (keeps, factorise))
+        entries[name] = Program(steps, (keeps, factorise), f"mechanism.{name}")
     if "leave_out" in needed and len(k.dense):
         entries["leave_out"] = BoundFunction(leave_out_of_code, k)
     return entries, operations
@@ -197,7 +198,7 @@ def make_mechanism_code(
 ) -> tuple[Code, int, list[int]]:
     """Return code of a mechanism, made or read from disk, the operations of an evaluation, and the sizes of its arrays.
 
-    ``step``: "" for accelerations, "iterate" (``rows.simplified_step``), "split" or "mean"; ``choices`` are its
+    ``step``: "" for accelerations, "iterate" (``rows.wrenches``), "split" or "mean"; ``choices`` are its
     settings. Raises ``NoMechanismCode`` where none can be made.
     """
     reason = refuse_mechanism(system, k)
@@ -226,10 +227,10 @@ def _print(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any
     """
     import casadi as ca
 
-    from ..generated.functions import GeneratedFunction, record_function
+    from ....harness.base.generated.functions import GeneratedFunction, record_function
     from ..rows.mechanism import JointPart, SymbolicMechanism
-    from ..rows.simplified_step import SimplifiedStep
     from ..rows.split_mechanism import MeanMechanism, SplitMechanism
+    from ..rows.wrenches import SimplifiedStep
 
     parts = [
         JointPart(

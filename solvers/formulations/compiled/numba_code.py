@@ -1,8 +1,7 @@
 """The interface to numba: bundles as numba's types, ``run``, functions as LLVM IR; imported when something compiles."""
 
-import contextlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -10,18 +9,14 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary, JITCPUCodegen
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
-from numba.np import arrayobj
 
+from ....harness.base.private_interfaces import WITHOUT_COUNTS, get_attribute_template, make_array_value, print_llvm
 from . import entries
 from .entries import PACKAGE, InlineFunction
 
-KNOWN = "0.68."  # the version whose private methods do what ``_lowered_only`` needs
 WORD = ir.IntType(64)
-OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+OPTIONS = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **WITHOUT_COUNTS}
 
 
 def print_function(function: Callable[..., None], name: str, bundle: Any) -> str:
@@ -37,14 +32,8 @@ def print_function(function: Callable[..., None], name: str, bundle: Any) -> str
         inner(view(words))
 
     signature = (types.CPointer(types.int64),)
-    with _lowered_only():
-        made = numba.njit(**OPTIONS)(entry)
-        made.compile(signature)
-    found = made.overloads[signature]
-    module = found.library._final_module
-    passes, builder = found.library.codegen._module_pass_manager()
-    passes.run(module, builder)
-    return f"{module}\n{_wrapper(name, found.fndesc.llvm_func_name)}\n"
+    text, entered = print_llvm(numba.njit(**OPTIONS)(entry), signature)
+    return f"{text}\n{_wrapper(name, entered)}\n"
 
 
 def _wrapper(name: str, function: str) -> str:
@@ -69,45 +58,6 @@ raise:
 done:
   ret void
 }}'''
-
-
-@contextlib.contextmanager
-def _lowered_only() -> Iterator[None]:
-    """Make numba link functions without optimising or compiling them, which is done once for all of an entry.
-
-    Numba has no option for it: five methods of the version ``KNOWN`` are replaced within this context. Another version
-    makes machine code in addition, which takes two or three times as long.
-    """
-    if not numba.__version__.startswith(KNOWN):
-        yield
-        return
-    aside: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
-        (CPUCodeLibrary, "_optimize_functions", _keep_layout),
-        (CPUCodeLibrary, "_optimize_final_module", lambda library: None),
-        (CPUCodeLibrary, "_finalize_final_module", _close),
-        (JITCodeLibrary, "get_pointer_to_function", lambda library, name: library._ensure_finalized() or 0),
-        (JITCPUCodegen, "set_env", lambda *given: None),
-    )
-    with global_compiler_lock:
-        own = [vars(owner)[name] for owner, name, _ in aside]
-        try:
-            for owner, name, instead in aside:
-                setattr(owner, name, instead)
-            yield
-        finally:
-            for (owner, name, _), method in zip(aside, own, strict=True):
-                setattr(owner, name, method)
-
-
-def _keep_layout(library: Any, module: Any) -> None:
-    """Set the module's data layout, in place of numba's optimisation."""
-    module.data_layout = library.codegen._data_layout
-
-
-def _close(library: Any) -> None:
-    """Mark a library as finalised without making machine code."""
-    library._finalize_dynamic_globals()
-    library._finalized = True
 
 
 class Bundle(types.Type):  # type: ignore[misc]
@@ -139,7 +89,7 @@ class BundleModel(models.PrimitiveModel):  # type: ignore[misc]
 
 
 @infer_getattr
-class BundleFields(AttributeTemplate):  # type: ignore[misc]
+class BundleFields(get_attribute_template()):  # type: ignore[misc]
     """Numba's typing of a bundle's fields."""
 
     key = Bundle
@@ -178,17 +128,12 @@ def _array_loader(context: Any, module: Any, kind: Any) -> Any:
     function.linkage = "linkonce_odr"
     function.attributes.add("alwaysinline")
     builder, words = ir.IRBuilder(function.append_basic_block()), function.args[0]
-    array = context.make_array(kind)(context, builder)
     data = builder.inttoptr(_load_word(builder, words, 0), context.get_data_type(kind.dtype).as_pointer())
     shape = [_load_word(builder, words, 1 + axis) for axis in range(kind.ndim)]
-    size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
-    strides = [ir.Constant(WORD, size)]
+    strides = [ir.Constant(WORD, context.get_abi_sizeof(context.get_data_type(kind.dtype)))]
     for length in shape[:0:-1]:
         strides.append(builder.mul(strides[-1], length))
-    arrayobj.populate_array(
-        array, data=data, shape=shape, strides=strides[::-1], itemsize=ir.Constant(WORD, size), meminfo=None
-    )
-    builder.ret(array._getvalue())
+    builder.ret(make_array_value(context, builder, kind, data, shape, strides[::-1]))
     return function
 
 

@@ -17,6 +17,10 @@ from .blocks import WIDTH
 from .entries import compile_inline, compile_inline_fused, run
 from .factor import DEPENDENT, assemble, eliminate, turn_rows, turn_rows_back
 
+# Half and twice of the numbers from POOR to AGAIN change at which steps of two of Bennett's linkages rows are
+# exchanged: RATTLE's iterations by at most 0.3 %, its ends after 5 s by 2e-13 m. Those of VAGUE change no bit, nor does
+# any of them on two four-bar cells and a mechanism with joints declared twice; Bricard's and a planar linkage and a
+# grid keep their bits at half and twice of POOR.
 POOR = 1e-2  # share of its own diagonal (a squared sine) of a kept row's pivot, at which others are searched for
 WORN = 0.1  # the same as a share of the least pivot at the start
 # multiple of a poor pivot at which the rows by order are used again: a step's repetitions keep its rows

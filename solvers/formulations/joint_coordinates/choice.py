@@ -1,16 +1,16 @@
 """Choice of the evaluation of a mechanism: code made for it or, where there is none, the recursion over its bodies."""
 
+from ....harness.mechanics.joint_tree import Tree
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.mechanics.types import Problem
 from ..recursion.evaluation import MOST_ROWS, TreeEvaluation, TreeMechanism, too_many_rows
 from ..recursion.phases import TreePhase
 from .code import CodeTooLarge, JointCode, make_code
-from .counting import refuse_code
+from .counting import build_tree, refuse_code
 from .elimination import EliminationOrder
 from .evaluation import Evaluation
 from .hamilton import HamiltonCode, make_hamilton_code
-from .tree import Tree, build_spanning_tree
 
 
 def choose_code(problem: Problem, tree: Tree) -> JointCode | TreeMechanism:
@@ -64,4 +64,4 @@ def refuse_loop_rows(problem: Problem) -> str | None:
 
 def count_rows(system: MultibodySystem, start: State) -> int:
     """Return the number of constraint rows of the joints that close the loops of a spanning tree."""
-    return sum(int(system.joint_rows[k]) for k in build_spanning_tree(system, start).cuts)
+    return sum(int(system.joint_rows[k]) for k in build_tree(system, start).cuts)

@@ -23,19 +23,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ....harness.base.code_meter import making_code
-from ....harness.mechanics import fixed_order
+from ....harness.base.generated import Code
+from ....harness.base.generated.code import print_functions
+from ....harness.mechanics import fixed_order, joint_tree
+from ....harness.mechanics.joint_tree import Tree
 from ....harness.mechanics.system import GROUND, MultibodySystem
-from ..generated import Code
-from ..generated.code import print_functions
 from ..rows.kept_code import digest_makers
 from .elimination import EliminationOrder, Factor, Matrix, NoInertia
 from .pivots import Pattern, order_rows
-from .tree import Tree
+from .remembering import remember_last
 
 if TYPE_CHECKING:
     import casadi as ca
 
-    from ..generated import GeneratedFunction
+    from ....harness.base.generated import GeneratedFunction
     from .loops import LoopRow
     from .motion import TreeMotion
 
@@ -139,7 +140,7 @@ def _print(system: MultibodySystem, tree: Tree, key: str, whole: bool) -> str:
     """
     import casadi as ca
 
-    from ..generated.functions import GeneratedFunction, record_function
+    from ....harness.base.generated.functions import GeneratedFunction, record_function
     from .stages import write_step
 
     def tell(operations: int, parts: "MechanismFunctions | None" = None) -> "dict[str, GeneratedFunction]":
@@ -196,11 +197,11 @@ def find_equations(system: MultibodySystem, tree: Tree, key: str) -> JointEquati
 def choose_equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX") -> JointEquations:
     """Return the equations of a tree with all or none of its balls opened, whichever has the shorter elimination."""
     balls = [limb.body for limb in tree.limbs if limb.ball and limb.parent != GROUND]
-    found = [_equations(system, tree, t, y, way) for way in ([], balls)[: 1 + bool(balls)]]
+    found = [write_equations(system, tree, t, y, way) for way in ([], balls)[: 1 + bool(balls)]]
     return min(found, key=lambda equations: equations.order.products)
 
 
-def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int]) -> JointEquations:
+def write_equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int]) -> JointEquations:
     """Return K of a tree with the balls of the bodies ``opened``, as expressions, and its order of elimination."""
     from . import loops
     from .motion import TreeMotion
@@ -233,7 +234,7 @@ class MechanismFunctions:
         """Write the functions; constant entries of K and L stay constants."""
         import casadi as ca
 
-        from ..generated import GeneratedFunction
+        from ....harness.base.generated import GeneratedFunction
         from .motion import coordinate_rates
         from .stages import write_measure
 
@@ -304,7 +305,7 @@ class MechanismFunctions:
         """Return the function (t, y) -> y_dot, least pivot, composed of ``entries``, ``factor`` and ``solve``."""
         import casadi as ca
 
-        from ..generated import GeneratedFunction
+        from ....harness.base.generated import GeneratedFunction
 
         t, y = self._found.t, self._found.y
         entries, factor, solve = (self._call(name) for name in ACCELERATION)
@@ -316,7 +317,7 @@ class MechanismFunctions:
         """Return the function (t, y) -> y projected onto the loops, y_dot, lam."""
         import casadi as ca
 
-        from ..generated import GeneratedFunction
+        from ....harness.base.generated import GeneratedFunction
 
         t, y = self._found.t, self._found.y
         entries, factor, solve, gaps, move, conclude = (
@@ -344,7 +345,7 @@ def _record(system: MultibodySystem, tree: Tree, rows: int) -> "GeneratedFunctio
     """
     import casadi as ca
 
-    from ..generated import GeneratedFunction
+    from ....harness.base.generated import GeneratedFunction
     from . import loops
     from .motion import TreeMotion, Wrench
 
@@ -414,6 +415,7 @@ def _join_column(x: list[Any]) -> "ca.SX":
     return ca.densify(ca.vertcat(*x)) if len(x) else ca.SX(0, 1)
 
 
+@remember_last
 def _digest(system: MultibodySystem, tree: Tree) -> str:
     """Return a digest of all numbers of a system and of its tree."""
     digest = hashlib.sha256(repr([limb[:4] for limb in tree.limbs]).encode())
@@ -429,6 +431,7 @@ def _digest(system: MultibodySystem, tree: Tree) -> str:
 @cache
 def _digest_generator() -> str:
     """Return a digest of the modules that generate the code, so that code of another version is made again."""
-    names = ("code", "elimination", "loops", "motion", "pivots", "stages", "tree")
-    paths = [*(Path(__file__).with_name(f"{name}.py") for name in names), Path(fixed_order.__file__)]
+    names = ("code", "elimination", "loops", "motion", "pivots", "stages")
+    paths = [Path(__file__).with_name(f"{name}.py") for name in names]
+    paths += [Path(joint_tree.__file__), Path(fixed_order.__file__)]
     return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()

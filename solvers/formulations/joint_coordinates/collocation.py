@@ -15,7 +15,9 @@ from jaxtyping import Float
 
 BITS = 90  # bits of a node: 37 more than a float has
 DEPTH = 4  # earlier steps from which a step is estimated
-DEGREE = 7  # degree of the polynomial of such an estimate, at most
+# degree of the polynomial of such an estimate, at most. Of six runs of gauss_joint half takes -2 to 18 % more sweeps,
+# with most on a chain; twice is the same, since the steps before give no more points.
+DEGREE = 7
 
 
 class CollocationTableau(NamedTuple):

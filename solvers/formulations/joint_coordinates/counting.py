@@ -8,15 +8,17 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.mechanics.jacobian import constraint_jacobian
+from ....harness.mechanics.joint_tree import Tree, build_spanning_tree, remove_rounding
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.mechanics.types import Problem
 from .code import MOST_OPERATIONS, refuse_size
 from .elimination import Matrix, NoInertia, find_order
-from .tree import Tree, build_spanning_tree, remove_rounding
+from .remembering import remember_last
 
 # operations an entry of H, a ball, a body; a product of the elimination
 OF_AN_ENTRY, OF_A_BALL, OF_A_BODY, OF_A_PRODUCT = 3, 150, 30, 6
+build_tree = remember_last(build_spanning_tree)
 MOST_BODIES = 1000  # above it bodies alone are counted, at ``OF_A_BODY`` each
 
 
@@ -31,6 +33,7 @@ def refuse_code(problem: Problem) -> str | None:
     return refuse_size(operations) if operations > MOST_OPERATIONS else None
 
 
+@remember_last
 def least_operations(system: MultibodySystem, start: State) -> int:
     """Return a lower bound on the operations of an evaluation by code.
 
@@ -38,7 +41,7 @@ def least_operations(system: MultibodySystem, start: State) -> int:
     """
     if system.nb > MOST_BODIES:
         return OF_A_BODY * system.nb
-    tree, depth, total = build_spanning_tree(system, start), {GROUND: 0}, 0
+    tree, depth, total = build_tree(system, start), {GROUND: 0}, 0
     for limb in tree.limbs:
         depth[limb.body] = limb.sizes[1] + (0 if limb.ball else depth[limb.parent])
         total += OF_AN_ENTRY * limb.sizes[1] * depth[limb.body] + OF_A_BALL * limb.ball

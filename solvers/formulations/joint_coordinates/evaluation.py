@@ -4,9 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ....harness.base.generated import Program
 from ..compiled.algebra import take_larger
 from ..compiled.entries import BoundFunction
-from ..generated import Program
 from .code import JointCode
 from .elimination import EliminationOrder
 from .pivots import factor_by_lists, find_safe_order, make_lists, solve_by_lists, solve_rows_by_lists
@@ -60,16 +60,26 @@ class Evaluation:
         return Program(steps, self)
 
     def finish(
-        self, t: np.ndarray, y: np.ndarray, after: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, guard: np.ndarray
+        self,
+        t: np.ndarray,
+        y: np.ndarray,
+        after: np.ndarray,
+        y_dot: np.ndarray,
+        lam: np.ndarray,
+        guard: np.ndarray,
+        *,
+        factored: bool = False,
     ) -> Program:
         """Return the program that projects ``y`` onto the loops, into ``after``, and computes ``y_dot`` and ``lam``.
 
         Accelerations and ``lam`` are those before the projection. ``guard`` gets the least pivot, and the largest phi
-        of rows left out.
+        of rows left out. With ``factored`` the last factor is that of K at ``y``, to rounding, and has set the least
+        pivot.
         """
         q_dot, u_dot = np.split(y_dot, [self.nq])
         q, step, phi, gaps = np.zeros(self.nq), np.zeros(len(u_dot)), np.zeros(self.made.rows), self._rhs
-        steps = self.entries(t, y, self._b, q_dot) + self.factor(guard[:1]) + self.solve(self._b, u_dot, lam)
+        factor = [] if factored else self.factor(guard[:1])
+        steps = self.entries(t, y, self._b, q_dot) + factor + self.solve(self._b, u_dot, lam)
         close = self.solve(gaps, step, self._lam) if self.made.rows else []
         steps += [
             *self.make_call("gaps", t, y, gaps),

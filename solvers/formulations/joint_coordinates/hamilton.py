@@ -30,10 +30,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ....harness.base.code_meter import making_code
+from ....harness.base.generated import Code, Program
+from ....harness.base.generated.code import print_functions
 from ....harness.mechanics.fixed_order import product
+from ....harness.mechanics.joint_tree import Limb, Tree, remove_rounding
 from ....harness.mechanics.system import MultibodySystem
-from ..generated import Code, Program
-from ..generated.code import print_functions
 from .code import (
     MOST_OPERATIONS,
     CodeTooLarge,
@@ -48,12 +49,11 @@ from .code import (
 )
 from .elimination import Factor, Matrix
 from .pivots import order_rows
-from .tree import Limb, Tree, remove_rounding
 
 if TYPE_CHECKING:
     import casadi as ca
 
-    from ..generated import GeneratedFunction
+    from ....harness.base.generated import GeneratedFunction
     from .code import JointEquations
     from .motion import TreeMotion
 
@@ -99,7 +99,7 @@ def _print(system: MultibodySystem, tree: Tree, equations: str, radial: bool) ->
     """Return the IR of the functions, and of ``about``, their sizes; of that alone where they are too large."""
     import casadi as ca
 
-    from ..generated.functions import GeneratedFunction, record_function
+    from ....harness.base.generated.functions import GeneratedFunction, record_function
 
     functions, rows, spins = _functions(system, tree, find_equations(system, tree, equations), radial)
     operations = len(record_function(functions["stage"]).tape.operations)
@@ -114,7 +114,7 @@ def _functions(
     """Return the functions listed in the module as expressions, the number of rows, and that of free spins."""
     import casadi as ca
 
-    from ..generated import GeneratedFunction
+    from ....harness.base.generated import GeneratedFunction
     from .motion import TreeMotion
     from .spins import find_spins
 

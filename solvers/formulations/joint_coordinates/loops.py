@@ -7,10 +7,10 @@ import casadi as ca
 import numpy as np
 
 from ....harness.mechanics.fixed_order import apply
+from ....harness.mechanics.joint_tree import Limb, remove_rounding
 from ....harness.mechanics.system import GROUND
 from ..rows.expressions import express_rows, list_joint_parameters
 from .motion import ZERO, TreeMotion, Wrench, weighted_sum
-from .tree import Limb, remove_rounding
 
 
 class LoopRow(NamedTuple):

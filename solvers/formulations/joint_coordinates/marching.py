@@ -16,6 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ....harness.base.generated import Program
+from ....harness.base.tableaux import DOPRI853
 from ....harness.mechanics.state import State
 from ....harness.mechanics.types import Problem, StepControl, Trajectory
 from ..compiled import host as kernel
@@ -23,20 +25,25 @@ from ..compiled.algebra import copy
 from ..compiled.entries import BoundFunction, compile_inline, run
 from ..compiled.host import FIRST_STEP, Method
 from ..compiled.marching import SAFETY, STUCK, make_control
-from ..generated import Program
+from ..methods.explicit_stages import evaluate_stages
 from ..methods.rkmk import make_pair_method
-from ..methods.tableaux import DOPRI853
 from .choice import choose_code, make_evaluation
 from .elimination import EliminationOrder
 from .evaluation import Evaluation
 from .relay import OPEN, JointMarcher, integrate_by_relay
 
-# ratios to the value at the start: where a step is projected, and in its stages
+# "Half" and "twice": tried with dop853_joint on Bricard's, Bennett's and a planar linkage, and on two four-bar cells,
+# which pass singular positions.
+# ratios to the value at the start: where a step is projected (half, twice: no bit changes), and in its stages
 LEAST_PIVOT, LEAST_IN_STAGES = 3e-6, 1e-8
-LOW = 3e-3  # the same: at it a singular position may be near
-# fewer take a step that is hard by itself for a poor order; more approach the position in tiny steps
+# the same: at it a singular position may be near. Half and twice change the cells by one evaluation of 375; twice takes
+# 8 % more on Bennett's linkage.
+LOW = 3e-3
+# fewer take a step that is hard by itself for a poor order; more approach the position in tiny steps. Half, twice: no
+# bit changes.
 MOST_CUTS = 10
-NEAR = 10.0  # error given to a step that comes too near, which cuts it to two thirds
+# error given to a step that comes too near, which cuts it to two thirds; half, twice: no bit changes
+NEAR = 10.0
 ONE = 1.0 + 1e-15  # error after which the next step is ``SAFETY`` of h
 TRIALS = np.array([0.8, 1.25, 0.65, 1.5, 0.5, 0.9, 0.4, 0.3, 0.2, 0.1, 0.05])
 
@@ -61,17 +68,17 @@ class Stages(NamedTuple):
     guard: Any  # (2,) least pivot and gap of the step
     limits: Any  # (4,) least pivot of stages and at the end, largest gap, pivot of a passage
     tries: Any  # (4,) rejections before this step; first length of a passage, or 0, and its trials; least pivot
-    accelerate: int
-    measure: int
-    whole: int
-    finish: int
-    record: int
+    accelerate: Any
+    measure: Any
+    whole: Any
+    finish: Any
+    record: Any
 
 
 def step(s: Any) -> None:
     """Evaluate the stages of a step of ``control.h`` and its error; project it if the error is small enough."""
     if not _is_stuck(s):
-        _complete_step(s, _evaluate_step(s, 0))
+        _complete_step(s, _evaluate_step(s, 1, _slope))  # the first slope is known from the step before
 
 
 def step_at_once(s: Any) -> None:
@@ -117,28 +124,35 @@ def _is_stuck(s: Any) -> bool:
 
 
 @compile_inline
-def _evaluate_step(s: Any, projections: int) -> float:
-    """Evaluate all stages, each after so many ``projections`` onto the loops, and the error; return the least pivot.
-
-    Without projections the first slope is known from the step before.
-    """
-    c, n = s.control, len(s.b)
-    least = 1.0
-    for i in range(0 if projections else 1, n):
-        _combine(s, s.a[i], i, s.y, c.h)
-        s.given[0] = c.t + c.h * s.c[i]
-        for _ in range(projections):
-            run(s.finish)
-            copy(s.after, s.y)
-        run(s.accelerate)
-        c.evaluations += 1 + projections
-        least = min(least, s.least[0])
-        copy(s.y_dot, s.slopes[i])
-    _combine(s, s.b, n, s.y, c.h)
+def _evaluate_step(s: Any, first: int, slope: Any) -> float:
+    """Evaluate the stages from ``first`` on by ``slope``, and the error; return the least pivot."""
+    s.tries[3] = 1.0
+    evaluate_stages(s, first, _combine, slope)
     _add_errors(s)
-    s.given[1], s.given[2] = c.h, c.rtol
+    s.given[1], s.given[2] = s.control.h, s.control.rtol
     run(s.measure)
-    return least
+    return s.tries[3]
+
+
+@compile_inline
+def _slope(s: Any, t: float, i: int) -> None:
+    """Evaluate slope ``i`` of the state ``y`` at ``t`` [s], and the least pivot so far."""
+    s.given[0] = t
+    run(s.accelerate)
+    s.control.evaluations += 1
+    s.tries[3] = min(s.tries[3], s.least[0])
+    copy(s.y_dot, s.slopes[i])
+
+
+@compile_inline
+def _slope_on_loops(s: Any, t: float, i: int) -> None:
+    """Evaluate slope ``i`` like ``_slope``, after two projections of the state onto the loops."""
+    s.given[0] = t
+    for _ in range(2):
+        run(s.finish)
+        copy(s.after, s.y)
+        s.control.evaluations += 1
+    _slope(s, t, i)
 
 
 @compile_inline
@@ -150,7 +164,7 @@ def _complete_step(s: Any, least: float) -> None:
     """
     c = s.control
     if not least > s.limits[3] and not s.error[0] <= 1.0:
-        least = _evaluate_step(s, 2)
+        least = _evaluate_step(s, 0, _slope_on_loops)
     c.error = s.error[0]
     near = not least > s.limits[0]
     s.guard[0], s.guard[1] = least, 0.0
@@ -171,15 +185,15 @@ def _complete_step(s: Any, least: float) -> None:
 
 
 @compile_inline
-def _combine(s: Any, weights: Any, n: int, out: Any, h: float) -> None:
-    """Set out = start + h sum weights slopes, over the first ``n`` slopes."""
-    copy(s.start, out)
+def _combine(s: Any, weights: Any, n: int, h: float) -> None:
+    """Set y = start + h sum weights slopes, over the first ``n`` slopes."""
+    copy(s.start, s.y)
     for i in range(n):
         w = h * weights[i]
         if w != 0.0:
             slope = s.slopes[i]
-            for k in range(len(out)):
-                out[k] += w * slope[k]
+            for k in range(len(s.y)):
+                s.y[k] += w * slope[k]
 
 
 @compile_inline
@@ -242,7 +256,7 @@ class PairMarcher(JointMarcher):
             guard,
             np.array([LEAST_IN_STAGES, LEAST_PIVOT, OPEN * (self.reach or 1.0), LOW]),
             np.array([0.0, 0.0, 0.0, 1.0]),
-            *(program.entry for program in self._programs),
+            *self._programs,
         )
         one = step_at_once if at_once else step
         self._entries = BoundFunction(one, self.stages), BoundFunction(finish, self.stages)

@@ -19,10 +19,10 @@ import numpy as np
 from ....harness.mechanics import forces
 from ....harness.mechanics.declaring import Pose
 from ....harness.mechanics.fixed_order import apply, dot, product
+from ....harness.mechanics.joint_tree import Limb, Tree, remove_rounding
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..rows.expressions import express_time_function, list_force_parameters
 from ..rows.symbols import Symbol
-from .tree import Limb, Tree, remove_rounding
 
 ZERO = ca.SX.zeros(3)
 DIRECTIONS = {"p_i": "i", "p_j": "j", "u": "i", "n": "j", "p": "i"}  # vectors of forces that are fixed in a body

@@ -158,12 +158,16 @@ def make_lists(pattern: Pattern, order: EliminationOrder, K: np.ndarray) -> Elim
     ]
     source = np.flatnonzero(np.array(at, dtype=np.int64) >= 0)
     ahead = next((a for a, k in enumerate(order.rows) if k >= pattern.first), n)
-    columns, of_places, updates = (np.array(x, dtype=np.int64) for x in (start, rows, [place[pair] for pair in update]))
+    columns = np.array(start, dtype=np.int64)
+    # indices without a sign: machine code need not look whether one counts from the end
+    of_places, updates, targets, sources = (
+        np.array(x, dtype=np.uint32) for x in (rows, [place[pair] for pair in update], np.array(at)[source], source)
+    )
     W, L = np.zeros((2, len(rows)))
     return EliminationLists(
         K,
-        source,
-        np.array(at, dtype=np.int64)[source],
+        sources,
+        targets,
         columns,
         of_places,
         updates,

@@ -25,9 +25,9 @@ from jaxtyping import Float
 
 from ....harness.mechanics.fixed_order import apply, dot, principal_axes
 from ....harness.mechanics.forces import DECLARED
+from ....harness.mechanics.joint_tree import NOISE, Limb, Tree, remove_rounding
 from ....harness.mechanics.system import MultibodySystem
 from .motion import TreeMotion
-from .tree import NOISE, Limb, Tree, remove_rounding
 
 
 class Spin(NamedTuple):

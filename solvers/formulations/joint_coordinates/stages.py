@@ -6,9 +6,9 @@ for quaternions.
 
 import casadi as ca
 
-from ..generated import GeneratedFunction
-from ..methods.tableaux import DOPRI853
-from .tree import Tree
+from ....harness.base.generated import GeneratedFunction
+from ....harness.base.tableaux import DOPRI853
+from ....harness.mechanics.joint_tree import Tree
 
 NOTHING = 1e-300  # makes an error of zero 0, not 0/0
 

@@ -24,7 +24,7 @@ from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import compile_inline, run
 from ..compiled.host import Method, choose_tolerance
 from ..compiled.marching import STUCK
-from .iteration import iterate
+from .iteration import MOST_ITERATIONS, classify_by_fall, iterate
 from .products import add_scaled, move, set_rates
 from .stiff_springs import make_explainer
 
@@ -95,7 +95,7 @@ def step(s):
     copy(k.v, s.v0)
     copy(k.v_dot, s.vdot0)
     clear(s.slack)
-    if not iterate(s, _sweep, s.scheme.tolerance):
+    if not iterate(s, _sweep, classify_by_fall, MOST_ITERATIONS):
         c.status = STUCK
 
 
@@ -112,16 +112,16 @@ def finish(s):
 
 
 @compile_inline
-def _sweep(s, i, slow):
+def _sweep(s, i, stale):
     """Correct vdot, lam and eta once; return the size of the residuals.
 
-    S is that of the first estimate of q_1 or, after a ``slow`` correction, of the present one; ``i`` counts
-    corrections.
+    S is that of the first estimate of q_1 or, where it is ``stale``, of the present one; ``i`` counts corrections.
     """
     k, h = s.kernel, s.control.h
+    s.control.iterations += 1
     _predict(s, k, h)
     run(k.rows)
-    if i == 0 or slow:
+    if i == 0 or stale:
         run(k.factorise)
         s.control.factorisations += 1
     return _correct(s, k, h)

@@ -28,7 +28,7 @@ from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from ..compiled.means import make_means
 from ..compiled.mechanism import use_mean_code
-from .iteration import iterate
+from .iteration import MOST_ITERATIONS, classify_by_fall, iterate
 from .products import add_scaled, set_rates
 from .stiff_springs import make_explainer
 
@@ -88,7 +88,7 @@ def step(s):
     copy(k.v, s.v0)
     copy(k.v, s.v)
     _add(1.0, s.gain, s.v)
-    if not iterate(s, _sweep, s.scheme.tolerance):
+    if not iterate(s, _sweep, classify_by_fall, MOST_ITERATIONS):
         c.status = STUCK
 
 
@@ -106,16 +106,17 @@ def finish(s):
 
 
 @compile_inline
-def _sweep(s, i, slow):
+def _sweep(s, i, stale):
     """Correct v and F once; return the size of the residuals.
 
-    S is that of the first estimate of the mean rows or, after a ``slow`` correction, of the present ones; ``i`` counts
+    S is that of the first estimate of the mean rows or, where it is ``stale``, of the present ones; ``i`` counts
     corrections.
     """
     k, m = s.kernel, s.means
+    s.control.iterations += 1
     _set_end(s, k, m)
     run(m.mean_rows)
-    if i == 0 or slow:
+    if i == 0 or stale:
         run(k.factorise)
         s.control.factorisations += 1
     return _correct(s, k, m)

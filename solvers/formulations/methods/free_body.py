@@ -15,6 +15,7 @@ from ..compiled.algebra import turn_rotation
 from ..compiled.bundles import make_bundle
 from ..compiled.entries import compile_inline
 
+# Half and twice of both change no bit of a free body and a top by lie_variational, at usual and at long steps.
 EQUAL = 1e-14  # share of the inertia below which two principal values count as equal
 NEWTON = 30  # corrections of the discrete free body
 

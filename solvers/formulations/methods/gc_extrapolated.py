@@ -17,10 +17,15 @@ from ..compiled.entries import compile_inline, run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from .choices import Settings
-from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, refresh_factor, restart, take_step
+from .gc_step import NEEDED, accept_step, begin_march, begin_step, find_end, make_step, refresh_factor, restart
 
-WIDEST = 2.5  # [rad] largest turn in one step: its logarithm is unique below pi
-# share of a step that did not converge, up to which the next ones may grow; that limit's growth a step
+# "Half" and "twice": tried on a free body, a pendulum, a top and a chain, each at rtol 1e-7 or 1e-8 and at 1e-3.
+# [rad] largest turn in one step: its logarithm is unique below pi. Half rejects 2 more of a top's 25 steps at 1e-3;
+# twice changes none.
+WIDEST = 2.5
+# share of a step that did not converge, up to which the next ones may grow; that limit's growth a step.
+# At 1e-3 half of the first takes 5 to 8 % more iterations, twice up to 25 % more with five times the rejections; at
+# 1e-8 neither changes one. Half of the second shortens steps until they underflow; twice is as twice of the first.
 NEAR, FORGET = 0.7, 1.05
 
 ARRAYS = {  # start of the whole step, accelerations and multipliers of index 1
@@ -119,7 +124,7 @@ def _attempt(m, H, n):
     for i in range(n):
         middle = (i + 0.5) * h
         begin_step(s, h)
-        if take_step(s, h, middle) < 0.0:
+        if find_end(s, h, middle) < 0.0:
             return False
         accept_step(s, h, middle)
     return True

@@ -6,447 +6,504 @@ With nu = M_bar mu, P = (m r_dot, R J Omega), D nu the spatial wrench of the row
     (75)  phi_dot1 + [dt/2 ((C_bar phi_dot + K_bar phi)_0 + (...)_1) - sigma0] / M_bar1 = 0
 
 w is the applied wrench plus D G with G = C_bar mu + K_bar lam - f_bar; nu0 = gauge nu1 + nu_start; rotational rows of
-(74) are rotated back by R1^T. The linear system is the proximal saddle ``[[J_vv, -D'], [A, (Xi M_bar)^-1]]``: with Xi
-infinite it is that of Sect. 4.2; with a finite penalty it is one correction and one augmentation (84), (85) of Sect.
-4.3 at once.
+(74) are rotated back by R1^T. Joints bring their part by functions of ``rows.wrenches``. The linear system is the
+proximal saddle ``[[J_vv, -D'], [A, (Xi M_bar)^-1]]``: with Xi infinite it is that of Sect. 4.2; with a finite penalty
+it is one correction and one augmentation (84), (85) of Sect. 4.3 at once.
 """
 
 import math
+from functools import partial
+from typing import Any
 
 import numpy as np
 
-from ..compiled.algebra import clear, copy, evaluate_sine_ratios, multiply, multiply_transposed, turn_rotation
-from ..compiled.entries import compile_inline, compile_separately, run
+from ....harness.base.generated import Code, Program
+from ....harness.mechanics.system import MultibodySystem
+from ..compiled.algebra import clear, copy, multiply, multiply_transposed, set_dexp, turn_rotation
+from ..compiled.block_lu import factor, solve
+from ..compiled.bundles import make_bundle
+from ..compiled.entries import BoundFunction, compile_inline, compile_separately, run
+from ..compiled.host import Method
+from ..compiled.kernel import ElementGroup, Kernel, Loops, list_places
 from ..compiled.marching import NOT_FINITE, STUCK
-from .choices import AFTER_CORRECTION, CORRECTED
-from .gc_step import move_poses
+from ..compiled.saddle_pattern import analyse_saddle
+from .choices import AFTER_CORRECTION, CORRECTED, DETERMINANT, ITERATIONS, LEVEL, PENALTY, RESIDUAL, SLIP, Settings
+from .gc_step import SINKING, allocate_step, move_poses, set_plan
+from .iteration import FAILED, GO_ON, SETTLED, STALE, iterate
 
-CONVERGED, LOOSE, SLOW, INFINITE, SINGULAR_MATRIX = range(5)
-NEAR = 3.0  # decades of the determinant below its largest, where rows that lose rank look like redundant ones
-SINKING = -0.05  # decades a step: a determinant that falls so fast may approach zero, and is computed in each step
-MOST_PASSES = 6  # passes of the filter of redundant rows; with a penalty of 1e3 each reduces the rest a hundredfold
-SMALL_LEAK = 0.1  # share of the tolerance: phi_dot that the next pass of the filter would remove
-ENOUGH = 0.25  # an augmentation that leaves more of phi_dot raises xi (Powell; Bertsekas)
+COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augmentations", "loose_steps")
+NEEDED = ("applied_forces", "applied_slopes", "spring_slopes")  # entries of the kernel
+CONVERGED, LOOSE, FAILED_STEP = range(3)
+# "Half" and "twice": tried on two four-bar cells, a grid, Bricard's and Bennett's linkages and a mechanism with joints
+# declared twice; three of the five keep their bits whatever is changed.
+# decades of the determinant below its largest, where rows that lose rank look like redundant ones. Half filters in
+# fewer steps of the joints declared twice, with 27 % fewer solutions, and moves their end by 5e-10 m; twice changes
+# none.
+NEAR = 3.0
+# passes of the filter of redundant rows; with a penalty of 1e3 each reduces the rest a hundredfold. Half, twice: none
+# changes.
+MOST_PASSES = 6
+# share of the tolerance: phi_dot that the next pass of the filter would remove. Half: 1 to 3 % more solutions; twice: 2
+# to 4 % fewer.
+SMALL_LEAK = 0.1
+# an augmentation that leaves more of phi_dot raises xi (Powell; Bertsekas); half and twice change no bit of a pendulum
+# and a top with the nested loop at a penalty of 1e3
+ENOUGH = 0.25
 
 TERMS = (  # values of all rows, in the kernel's order; suffix 0: at the start of the step, 1: at its end
-    "nu",
-    "nu_start",  # nu0 = gauge nu + nu_start
-    "lam0",
-    "mu0",
-    "sigma0",
-    "phi0",
-    "phi_dot0",
-    "f_bar0",
-    "c_bar0",
-    "k_bar0",
-    "phi1",
-    "phi_dot1",
-    "m_bar",
-    "f_bar1",
-    "c_bar1",
-    "k_bar1",
-    "G0",
-    "G1",
-    "dG",  # dG1/dnu1
-    "p",
-    "z",  # factors of D1 in (74), of D_dot1
-    "stiff",  # -dp/dnu1
-    "on_rate",
-    "on_phi",  # factors of phi_dot1 and phi1 in (75)
-    "nu_kept",  # multiplier of the nested loop
-    "left",  # the part of (75) that no velocity can change, see ``leave_redundant``
-    "softness",  # (Xi M_bar)^-1
-    "off",  # (75) over M_bar
-    "old",
-    "increment",  # nu of the last step, its change over the step before (0 after a change of the step)
+    *("nu_start", "lam0", "mu0", "sigma0", "phi0", "phi_dot0", "f_bar0", "c_bar0", "k_bar0", "G0"),
+    *("nu", "phi1", "phi_dot1", "m_bar", "f_bar1", "c_bar1", "k_bar1", "G1"),
+    *("residual", "on_phi_dot", "on_phi"),  # (75) over M_bar, and its factors of phi_dot1 and phi1
+    *("on_D", "on_D_dot", "dG", "stiffness"),  # factors of D1 and D_dot1 in (74); dG1/dnu1; -d(on_D)/dnu1
+    *("nu_kept", "left", "softness"),  # nu of the nested loop; part of (75) that no velocity changes; (Xi M_bar)^-1
+    *("nu_old", "nu_change"),  # nu of the last step, and its change (0 after a change of the step)
 )
 ARRAYS = {
-    "plan": "3",  # dt/2, B, gauge
-    "c": "2 nr 6",  # c_R on both ends, 0 on the ground
-    "y": "n",  # a vector like ``lu.x``
-    "passed": "nr",  # nu before a pass of the filter of redundant rows
-    "T": "nb 9",
+    "c_R": "2 nr 6",  # on both ends, 0 on the ground
+    "T": "nb 9",  # dt/2 dexp: the end turns by T dOmega1
     "r0": "nb 3",
     "R0": "nb 3 3",
     "v0": "nb 6",
     "force0": "nb 6",
     "known": "nb 6",  # the part of (74) that the end does not change, in space
-    "off": "nb 6",  # residual (74)
-    "old_v": "nb 6",  # velocities one step before the present ones
+    "residual": "nb 6",  # (74)
+    "v_old": "nb 6",  # velocities one step before the present ones
+    "passed": "nr",  # correction of nu before a pass of the filter of redundant rows
 }
-PARTS = (  # parts in order of making: each calls those before it
-    "complete",
-    "evaluate",
-    "assemble",
-    "begin_step",
-    "estimate",
-    "refresh",
-    "leave_redundant",
-    "correct",
-    "correct_pose",
-    "keep_end",
-)
+STATE = {  # fields of the scheme beside settings: ``xi``, the penalty of the present step, and
+    "factored": 0.0,  # length of the step that the factor is of, 0: none
+    "norm": 0.0,  # norm (80)
+    "slip": 0.0,  # norm (81)
+    "log_det": 0.0,  # log10 of the determinant
+    "fall": 0.0,  # its last change
+    "highest": -np.inf,  # its largest
+    "last": 0.0,  # length of the last step, 0: none
+    "nested": 0,  # 1 inside the nested loop
+    "outcome": 0,  # of the last try
+    "corrections": 0,  # iterations before it
+}
+OF_JOINTS = {  # functions of ``rows.wrenches.newton_loops``, with Z0 = D0 + B D_dot0
+    "measure": "kernel (t, r, R, v, force) -> terms (phi1, phi_dot1, m_bar, f_bar1)",
+    "direction": "kernel (t, r, R, v) -> c_R",
+    "begin": "kernel (t, r, R, v), plan, terms (nu_start, G0) -> known += Z0 nu_start - dt/2 D0 G0; Z0 kept",
+    "balance": "kernel (t, r, R, v), plan, terms -> residual += gauge Z0 nu + D1 on_D + D_dot1 on_D_dot, in the body",
+    "slopes": "kernel, plan, T, terms -> blocks of the saddle, Eq. (79): column, row; bodies +=",
+}
+TERMS_READ = ("nu", "on_D", "on_D_dot", "nu_start", "G0", "stiffness", "on_phi_dot", "on_phi")  # read by them
 
 
-def start(s):
+def make_newton_method(system: MultibodySystem, settings: Settings) -> Method:
+    """Make ODE-GC's method by full Newton iterations with these choices, for ``host.integrate``."""
+    return Method(
+        partial(make_step, system=system, settings=settings),
+        take_step,
+        finish,
+        start,
+        counters=COUNTERS,
+        most_cuts=settings.max_cuts,
+        diagnostic_names=settings.diagnostic_names,
+        explain=explain,
+        needs=NEEDED,
+    )
+
+
+def make_step(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, settings: Settings) -> Any:
+    """Make the bundle of one step: its arrays and entries; no step is taken."""
+    nr, pair_at = len(kernel.lam), {(int(a), int(b)): n for n, (a, b) in enumerate(kernel.pair)}
+    forces = [(getattr(system, f"{kind}_i"), getattr(system, f"{kind}_j")) for kind in ("spring", "torsion", "user")]
+    pushed = {(int(a), int(b)) for ends in forces for a, b in zip(*ends, strict=True)}
+    apart = [n for (a, b), n in pair_at.items() if a != b and (settings.couple or pushed & {(a, b), (b, a)})]
+    saddle, lu = analyse_saddle(kernel.body, kernel.row, kernel.pair, np.array(apart, dtype=np.int64))
+    couples = [[[pair_at.get((int(a), int(b)), -1) for b in ends] for a in ends] for ends in kernel.body]
+    step = allocate_step(
+        kernel,
+        control,
+        settings,
+        ARRAYS,
+        STATE | {"xi": settings.penalty, "pushed": bool(pushed or len(system.load_i))},
+        (*(part.__name__ for part in PARTS), *OF_JOINTS, "factor_saddle", "solve_saddle"),
+        terms=make_bundle("Terms", dict.fromkeys(TERMS, "nr"), {"nr": nr}),
+        couple=np.array(couples, dtype=np.int64).reshape(-1, 2, 2),  # of end e by end i: pairs of the kernel
+        saddle=saddle,
+        lu=lu,
+        row_at=np.repeat(lu.joint_at - kernel.row[:-1], np.diff(kernel.row)) + np.arange(nr),  # places in ``lu.x``
+        correction=np.zeros_like(lu.x),  # of all unknowns, in the order of ``lu.x``
+    )
+    step = step._replace(factor_saddle=BoundFunction(factor, lu), solve_saddle=BoundFunction(solve, lu))
+    step = step._replace(**bind_joints(system, step, settings))
+    unused = [part for part, used in OPTIONAL.items() if not getattr(settings, used)]
+    for part in PARTS:
+        step = step._replace(**{part.__name__: Program([]) if part in unused else BoundFunction(part, step)})
+    return step
+
+
+def bind_joints(system: MultibodySystem, step: Any, settings: Settings) -> dict[str, Any]:
+    """Return programs for the functions ``OF_JOINTS``, on the arrays of a step. All read the same arrays."""
+    kernel, loops = step.kernel, Loops(system, step.kernel)
+    couple, symmetric = bool(settings.couple), settings.gauge != 0.0
+    inertia = np.concatenate((kernel.mass[:, None], kernel.J.reshape(-1, 9), kernel.J_inv.reshape(-1, 9)), axis=1)
+    bodies = (kernel.r, 3), (kernel.R, 9), (kernel.v, 6), (kernel.force, 6), (inertia, 19), (step.T, 9)
+
+    def list_arrays(group: ElementGroup, code: Code) -> dict[str, list[Any]]:
+        own, six, n = group.rows, slice(6 * group.rows.start, 6 * group.rows.stop), int(group.members[0])
+        kept = np.zeros((n, 6 * len(group.ends) * (own.stop - own.start) // n))
+        in_rows = [getattr(step.terms, name)[own] for name in TERMS_READ]
+        given = [kernel.t, step.plan, group.numbers, kept, *in_rows, *list_places(group, *bodies)]
+        measured = [getattr(step.terms, name)[own] for name in ("phi1", "phi_dot1", "m_bar", "f_bar1")]
+        blocks = [part[e, six] for part in (step.saddle.column, step.saddle.row) for e in group.ends]
+        return {
+            "measure": [*given, *measured],
+            "direction": [*given, *(step.c_R[e, own] for e in group.ends)],
+            "begin": [*given, *([kept] if symmetric else []), *list_places(group, (step.known, 6))],
+            "balance": [*given, *list_places(group, (step.residual, 6))],
+            "slopes": [*given, *blocks, *loops.list_blocks(step.saddle.bodies, group, couple)],
+        }
+
+    choices = {"symmetric": symmetric, "use_f_bar": bool(settings.use_f_bar), "couple": couple}
+    return loops.bind("wrenches.newton_loops", OF_JOINTS, list_arrays, settings.direction, **choices)
+
+
+def explain(step: Any, outcome: int) -> str:
+    """Return the message for an ``outcome`` of a march that failed: the tolerance that was missed, and by how much."""
+    cuts = step.scheme["max_cuts"]
+    if outcome == NOT_FINITE:
+        return f"not a finite number with the step cut {cuts} times"
+    tolerance, residual, phi_dot = (step.scheme[name] for name in ("tolerance", "norm", "slip"))
+    return (
+        f"Newton's method does not reach {tolerance:g} sqrt(J) with the step cut {cuts} times "
+        f"(residual {residual:.3g}, constraint norm {phi_dot:.3g})"
+    )
+
+
+def start(step):
     """Compute the terms of the equations at the start, with its mu."""
-    k, g, o = s.kernel, s.scheme, s.terms
-    clear(o.nu)
-    run(s.complete)
-    if g.velocity:  # mu0 = c . M v / M_bar: the velocity along c_R
-        run(s.direction)
-        for j in range(len(k.body)):
-            for a in range(k.row[j], k.row[j + 1]):
+    kernel, terms = step.kernel, step.terms
+    clear(terms.nu)
+    run(step.complete)
+    if step.scheme.velocity:  # mu0 = c . M v / M_bar: the velocity along c_R
+        run(step.direction)
+        for j in range(len(kernel.body)):
+            for a in range(kernel.row[j], kernel.row[j + 1]):
                 total = 0.0
                 for e in range(2):
-                    b = k.body[j, e]
+                    b = kernel.body[j, e]
                     if b >= 0:
-                        c, v, J = s.c[e, a], k.v[b], k.J[b]
+                        c, v, J = step.c_R[e, a], kernel.v[b], kernel.J[b]
                         for q in range(3):
-                            total += k.mass[b] * c[q] * v[q]
+                            total += kernel.mass[b] * c[q] * v[q]
                             total += c[3 + q] * (J[q, 0] * v[3] + J[q, 1] * v[4] + J[q, 2] * v[5])
-                o.mu0[a] = total / o.m_bar[a]
-                o.nu_start[a] = total
-    run(s.keep_end)
+                terms.mu0[a] = total / terms.m_bar[a]
+                terms.nu_start[a] = total
+    run(step.keep_end)
 
 
-def step(s):
-    """Take one step of ``control.h``; a step that fails leaves the kernel at its start.
+def take_step(step):
+    """Take one step of ``control.h``; where it fails, set ``control.status`` and leave the kernel at its start.
 
-    ``control.status`` becomes STUCK where it fails, or where a body would turn further than the limit and the step may
-    still be cut; NOT_FINITE where the residual is not finite.
+    It also fails where a body would turn further than the limit, as long as the step may be cut.
     """
-    c, g, k = s.control, s.scheme, s.kernel
-    g.corrections = c.iterations
-    if math.sqrt(_fastest_square(k)) * c.h > g.max_turn and c.level < c.most_cuts:
-        c.status = STUCK
-    else:
-        g.h = c.h
-        copy(k.r, s.r0)
-        copy(k.R, s.R0)
-        copy(k.v, s.v0)
-        _attempt(s)
-        if g.outcome > LOOSE:
-            g.factored = 0.0
-            copy(s.r0, k.r)
-            copy(s.R0, k.R)
-            copy(s.v0, k.v)
-            k.t[0] = c.t
-            c.status = STUCK if np.isfinite(g.norm) else NOT_FINITE
+    control, scheme, kernel, omega2 = step.control, step.scheme, step.kernel, 0.0
+    scheme.corrections = control.iterations
+    for b in range(len(kernel.v)):
+        omega2 = max(omega2, kernel.v[b, 3] ** 2 + kernel.v[b, 4] ** 2 + kernel.v[b, 5] ** 2)
+    if math.sqrt(omega2) * control.h > scheme.max_turn and control.level < control.most_cuts:
+        control.status = STUCK
+        return
+    copy(kernel.r, step.r0)
+    copy(kernel.R, step.R0)
+    copy(kernel.v, step.v0)
+    scheme.outcome = _attempt(step, omega2)
+    if scheme.outcome == FAILED_STEP:
+        scheme.factored = 0.0
+        copy(step.r0, kernel.r)
+        copy(step.R0, kernel.R)
+        copy(step.v0, kernel.v)
+        kernel.t[0] = control.t
+        control.status = STUCK if np.isfinite(scheme.norm) else NOT_FINITE
 
 
-def finish(s):
-    """Accept the end of the step; set ``lam`` to the mean row force of the step, and its diagnostics.
-
-    mu, lam and sigma are carried where the settings say so.
-    """
-    c, g, k, o = s.control, s.scheme, s.kernel, s.terms
-    if g.outcome == LOOSE:
-        c.loose_steps += 1
-        g.factored = 0.0
-        if not g.always_nested:  # a step of the nested loop is loose when it runs out of augmentations, too
-            g.max_turn = min(g.max_turn, g.singular_turn)
-    if g.factored != 0.0 and g.closes_pose:
-        run(s.correct_pose)
-    same = g.last == g.h
-    for a in range(len(o.nu)):
-        nu0 = g.gauge * o.nu[a] + o.nu_start[a]
-        k.lam[a] = (o.nu[a] - nu0) / g.h + 0.5 * (o.G0[a] + o.G1[a])
-        if g.keep_nu:
-            o.increment[a] = o.nu[a] - o.nu_start[a]
-            o.nu_start[a] = o.nu[a]
+def finish(step):
+    """Accept the end of the step: set ``lam`` to the mean row force of the step, and carry mu, lam and sigma."""
+    control, scheme, terms, h = step.control, step.scheme, step.terms, step.control.h
+    if scheme.outcome == LOOSE:
+        control.loose_steps += 1
+        scheme.factored = 0.0
+        if not scheme.always_nested:  # a step of the nested loop is loose when it runs out of augmentations, too
+            scheme.max_turn = min(scheme.max_turn, scheme.singular_turn)
+    if scheme.factored != 0.0 and scheme.closes_pose:
+        run(step.correct_pose)
+    same = scheme.last == h
+    for a in range(len(terms.nu)):
+        nu0 = scheme.gauge * terms.nu[a] + terms.nu_start[a]
+        step.kernel.lam[a] = (terms.nu[a] - nu0) / h + 0.5 * (terms.G0[a] + terms.G1[a])
+        if scheme.keep_nu:
+            terms.nu_change[a] = terms.nu[a] - terms.nu_start[a]
+            terms.nu_start[a] = terms.nu[a]
         else:
-            o.increment[a] = o.nu[a] - o.old[a] if same else 0.0
-        o.old[a] = o.nu[a]
-        if g.corrective:
-            mu1 = o.nu[a] / o.m_bar[a]
-            o.lam0[a] += 0.5 * g.h * (o.mu0[a] + mu1)  # (67)
-            o.mu0[a] = mu1
-        if g.carry_sigma:
-            o.sigma0[a] = o.m_bar[a] * o.phi_dot1[a]  # (62)
-    copy(s.v0, s.old_v)
-    g.last = g.h
-    run(s.keep_end)
-    s.diagnostics[0], s.diagnostics[1], s.diagnostics[2], s.diagnostics[3] = (
-        c.iterations - g.corrections,
-        c.level,
-        g.norm,
-        g.slip,
-    )
-    if g.active:
-        s.diagnostics[4], s.diagnostics[5] = g.xi, g.log_det
+            terms.nu_change[a] = terms.nu[a] - terms.nu_old[a] if same else 0.0
+        terms.nu_old[a] = terms.nu[a]
+        if scheme.corrective:
+            mu1 = terms.nu[a] / terms.m_bar[a]
+            terms.lam0[a] += 0.5 * h * (terms.mu0[a] + mu1)  # (67)
+            terms.mu0[a] = mu1
+        if scheme.carry_sigma:
+            terms.sigma0[a] = terms.m_bar[a] * terms.phi_dot1[a]  # (62)
+    copy(step.v0, step.v_old)
+    scheme.last = h
+    run(step.keep_end)
+    step.diagnostics[ITERATIONS] = control.iterations - scheme.corrections
+    step.diagnostics[LEVEL] = control.level
+    step.diagnostics[RESIDUAL] = scheme.norm
+    step.diagnostics[SLIP] = scheme.slip
+    if scheme.active:
+        step.diagnostics[PENALTY] = scheme.xi
+        step.diagnostics[DETERMINANT] = scheme.log_det
 
 
-def keep_end(s):
+def keep_end(step):
     """Make the end of the step the start of the next one: forces and terms of suffix 1 are copied to suffix 0."""
-    o = s.terms
-    copy(s.kernel.force, s.force0)
-    copy(o.phi1, o.phi0)
-    copy(o.phi_dot1, o.phi_dot0)
-    copy(o.f_bar1, o.f_bar0)
-    copy(o.c_bar1, o.c_bar0)
-    copy(o.k_bar1, o.k_bar0)
-
-
-@compile_inline
-def _fastest_square(k):
-    """Return the largest |Omega|^2 of all bodies [rad^2/s^2]."""
-    square = 0.0
-    for b in range(len(k.v)):
-        square = max(square, k.v[b, 3] ** 2 + k.v[b, 4] ** 2 + k.v[b, 5] ** 2)
-    return square
+    terms = step.terms
+    copy(step.kernel.force, step.force0)
+    copy(terms.phi1, terms.phi0)
+    copy(terms.phi_dot1, terms.phi_dot0)
+    copy(terms.f_bar1, terms.f_bar0)
+    copy(terms.c_bar1, terms.c_bar0)
+    copy(terms.k_bar1, terms.k_bar0)
 
 
 @compile_separately
-def _attempt(s):
-    """Try one step from its start to its end, first estimate included; set ``outcome``.
+def _attempt(step, omega2):
+    """Try one step from its start to its end, first estimate included; return its outcome.
 
     Augmented Lagrangian: the proximal saddle does Newton's correction and the augmentation at once. Near a singular
     configuration it may not converge, as the violation phi = O(dt^2) makes phi_dot = 0 inconsistent along the direction
     that is being lost. There the step is repeated by the nested loop, with a penalty so low that this direction is left
-    to the multiplier carried from earlier steps, and it counts as done at ``accept``.
+    to the multiplier carried from earlier steps, and it counts as done at ``accept``. ``omega2`` [rad^2/s^2] is the
+    largest |Omega|^2 of all bodies.
     """
-    g, k = s.scheme, s.kernel
-    omega2 = _fastest_square(k)
-    run(s.begin_step)
-    run(s.estimate)
-    if g.xi != g.penalty:  # the last step was a soft one: its factor is not that of this step
-        g.factored = 0.0
-    g.xi = g.penalty
-    nested = g.always_nested
-    if not nested:
-        g.nested = 0
-        _newton(s)
-        if g.outcome != CONVERGED and g.active:
-            nested = 1
-            run(s.estimate)
-            g.factored = 0.0
-            if omega2 > 0.0:  # above about 0.3 of xi (omega dt)^2 the penalised matrix turns indefinite
-                g.xi = min(g.penalty, g.soft / (omega2 * g.h * g.h))
-    if nested:
-        _nested_loop(s)
+    scheme, h = step.scheme, step.control.h
+    run(step.begin_step)
+    run(step.estimate)
+    if scheme.xi != scheme.penalty:  # the last step was a soft one: its factor is not that of this step
+        scheme.factored = 0.0
+    scheme.xi = scheme.penalty
+    if not scheme.always_nested:
+        scheme.nested = 0
+        if _newton(step) and (not scheme.redundant or scheme.slip < scheme.accept):
+            return CONVERGED
+        if not scheme.active:
+            return FAILED_STEP
+        run(step.estimate)
+        scheme.factored = 0.0
+        if omega2 > 0.0:  # above about 0.3 of xi (omega dt)^2 the penalised matrix turns indefinite
+            scheme.xi = min(scheme.penalty, scheme.soft / (omega2 * h * h))
+    return _nested_loop(step)
 
 
 @compile_inline
-def _nested_loop(s):
-    """Run the paper's nested loop: Newton to convergence at a fixed multiplier, then (85), until phi_dot is small.
-
-    Set ``outcome``: LOOSE where the rounds end below ``accept``, SLOW above it.
-    """
-    g, o, before = s.scheme, s.terms, np.inf
-    copy(o.nu, o.nu_kept)
-    g.nested = 1
-    for _ in range(g.max_augmentations):
-        _newton(s)
-        if g.outcome != CONVERGED:
-            return
-        copy(o.nu, o.nu_kept)  # (85): mu - xi psi
-        s.control.augmentations += 1
-        if g.slip < g.tolerance:
-            return
-        if g.growth > 1.0 and g.slip > ENOUGH * before:
-            g.xi *= g.growth
-            g.factored = 0.0
-        before = g.slip
-    g.outcome = LOOSE if g.slip < g.accept else SLOW
+def _nested_loop(step):
+    """Return the outcome of the paper's loop: Newton at a fixed multiplier, then (85); LOOSE below ``accept`` alone."""
+    scheme, terms, before = step.scheme, step.terms, np.inf
+    copy(terms.nu, terms.nu_kept)
+    scheme.nested = 1
+    for _ in range(scheme.max_augmentations):
+        if not _newton(step):
+            return FAILED_STEP
+        copy(terms.nu, terms.nu_kept)  # (85): mu - xi psi
+        step.control.augmentations += 1
+        if scheme.slip < scheme.tolerance:
+            return CONVERGED
+        if scheme.growth > 1.0 and scheme.slip > ENOUGH * before:
+            scheme.xi *= scheme.growth
+            scheme.factored = 0.0
+        before = scheme.slip
+    return LOOSE if scheme.slip < scheme.accept else FAILED_STEP
 
 
 @compile_separately
-def _newton(s):
-    """Correct the end of the step until the residual is below the tolerance; set ``outcome``.
+def _newton(step):
+    """Correct the end of the step until the residual is below the tolerance; return whether it gets there.
 
-    A kept factorisation is renewed when it no longer contracts. ``final`` says which iterate is the step's end: the
-    first that passes the tests, the same corrected once more by (79), or the first that passes after a correction.
+    ``final`` says which iterate is the step's end: the first that passes the tests, the same corrected once more by
+    (79), or the first that passes after a correction.
     """
-    g, o, before = s.scheme, s.terms, np.inf
+    clear(step.terms.left)
+    if iterate(step, _sweep, _classify, step.scheme.max_newton + 1):
+        return step.scheme.final != CORRECTED or np.isfinite(_sweep(step, 1, False))
+    step.scheme.factored = 0.0
+    return False
+
+
+@compile_inline
+def _sweep(step, i, stale):
+    """Correct the end of the step, but for ``i`` = 0; return the norm (80) of its residual, NaN for a singular matrix.
+
+    The matrix is that of an earlier estimate, of this step or of one before, unless that is ``stale``.
+    """
+    scheme = step.scheme
+    if i > 0:
+        if stale or scheme.factored != step.control.h or scheme.refresh <= 0.0:
+            run(step.refresh)
+            if step.lu.state.singular:
+                return np.nan
+        run(step.correct)
+    run(step.evaluate)
+    return scheme.norm
+
+
+@compile_inline
+def _classify(step, i, norm, last):
+    """Return the state of the iteration: settled by (80), and by (81) where that says more; stale where it is slow."""
+    scheme = step.scheme
+    if not np.isfinite(norm):
+        return FAILED
     # without sigma (80) implies (81), with C_bar or K_bar (81) cannot hold, and Sect. 4.3 asks (81) after (85)
-    both = g.carry_sigma and not g.corrective and not g.nested
-    redundant = g.redundant and not g.nested
-    clear(o.left)
-    g.outcome = SLOW
-    least = 1 if g.final == AFTER_CORRECTION else 0
-    for iteration in range(g.max_newton + 1):
-        run(s.evaluate)
-        if not np.isfinite(g.norm):
-            g.outcome = INFINITE
-            return
-        if iteration >= least and g.norm < g.tolerance and (not both or g.slip < g.tolerance):
-            if g.final == CORRECTED:
-                if g.factored != g.h or g.refresh <= 0.0:
-                    run(s.refresh)
-                    if s.lu.state.singular:
-                        g.outcome = SINGULAR_MATRIX
-                        return
-                run(s.correct)
-                run(s.evaluate)
-                if not np.isfinite(g.norm):
-                    g.outcome = INFINITE
-                    return
-            g.outcome = SLOW if redundant and not g.slip < g.accept else CONVERGED
-            return
-        if iteration == g.max_newton:
-            break
-        stale = g.factored != g.h or g.refresh <= 0.0 or g.norm > g.refresh * before
-        stale = stale or (iteration == 0 and g.fall < SINKING)
-        if stale:
-            run(s.refresh)
-            if s.lu.state.singular:
-                g.outcome = SINGULAR_MATRIX
-                return
-        before = g.norm
-        run(s.correct)
-    g.factored = 0.0
+    both = scheme.carry_sigma and not scheme.corrective and not scheme.nested
+    enough = i > 0 or scheme.final != AFTER_CORRECTION
+    if enough and norm < scheme.tolerance and (not both or scheme.slip < scheme.tolerance):
+        return SETTLED
+    slow = scheme.refresh > 0.0 and norm > scheme.refresh * last
+    return STALE if slow or (i == 0 and scheme.fall < SINKING) else GO_ON
 
 
-def begin_step(s):
+def begin_step(step):
     """Compute G0, and the part of (74) that the end of the step does not change."""
-    g, k, o = s.scheme, s.kernel, s.terms
-    half = 0.5 * g.h
-    s.plan[0], s.plan[1], s.plan[2] = half, half * g.b_term, g.gauge
-    for a in range(len(o.nu)):
-        o.G0[a] = -g.use_f_bar * o.f_bar0[a]
-        if g.corrective:
-            lam_bar = o.lam0[a] - (g.penalty * o.phi0[a] if g.lambda_bar else 0.0)
-            o.G0[a] += o.c_bar0[a] * o.mu0[a] + o.k_bar0[a] * lam_bar
-    for b in range(len(k.mass)):
-        v, f, out = s.v0[b], s.force0[b], s.known[b]
-        p = multiply(k.J[b], v[3], v[4], v[5])
-        L = multiply(s.R0[b], p[0] + half * f[3], p[1] + half * f[4], p[2] + half * f[5])
+    scheme, kernel, terms, half = step.scheme, step.kernel, step.terms, 0.5 * step.control.h
+    set_plan(step, step.control.h)
+    for a in range(len(terms.nu)):
+        terms.G0[a] = -scheme.use_f_bar * terms.f_bar0[a]
+        if scheme.corrective:
+            lam_bar = terms.lam0[a] - (scheme.penalty * terms.phi0[a] if scheme.lambda_bar else 0.0)
+            terms.G0[a] += terms.c_bar0[a] * terms.mu0[a] + terms.k_bar0[a] * lam_bar
+    for b in range(len(kernel.mass)):
+        v, f, out = step.v0[b], step.force0[b], step.known[b]
+        p = multiply(kernel.J[b], v[3], v[4], v[5])
+        L = multiply(step.R0[b], p[0] + half * f[3], p[1] + half * f[4], p[2] + half * f[5])
         for q in range(3):
-            out[q], out[3 + q] = -k.mass[b] * v[q] - half * f[q], -L[q]
-    k.t[0] = s.control.t
-    run(s.begin)
+            out[q], out[3 + q] = -kernel.mass[b] * v[q] - half * f[q], -L[q]
+    kernel.t[0] = step.control.t
+    run(step.begin)
 
 
-def estimate(s):
+def estimate(step):
     """Estimate velocities and nu at the end: extrapolated from the last two steps, or those of the start."""
-    g, k, o = s.scheme, s.kernel, s.terms
-    ratio = g.extrapolate * g.h / g.last if g.last > 0.0 else 0.0
-    for b in range(len(k.mass)):
+    scheme, terms = step.scheme, step.terms
+    ratio = scheme.extrapolate * step.control.h / scheme.last if scheme.last > 0.0 else 0.0
+    for b in range(len(step.v0)):
         for q in range(6):
-            k.v[b, q] = s.v0[b, q] + ratio * (s.v0[b, q] - s.old_v[b, q])
-    for a in range(len(o.nu)):
-        if g.keep_nu:
-            o.nu[a] = o.nu_start[a] + ratio * o.increment[a]
+            step.kernel.v[b, q] = step.v0[b, q] + ratio * (step.v0[b, q] - step.v_old[b, q])
+    for a in range(len(terms.nu)):
+        if scheme.keep_nu:
+            terms.nu[a] = terms.nu_start[a] + ratio * terms.nu_change[a]
         else:
-            o.nu[a] = ratio * (o.old[a] + ratio * o.increment[a])
+            terms.nu[a] = ratio * (terms.nu_old[a] + ratio * terms.nu_change[a])
 
 
-def complete(s):
+def complete(step):
     """Compute the forces and the terms of suffix 1 from the poses and velocities of the kernel."""
-    k, g, o = s.kernel, s.scheme, s.terms
-    run(k.applied_forces)
-    run(s.measure)
-    if g.by_forces:
-        run(k.spring_slopes)
-        run(s.direction)
-        for j in range(len(k.body)):
-            for a in range(k.row[j], k.row[j + 1]):
-                by_rate, by_pose = 0.0, 0.0
-                for e in range(2):
-                    for i in range(2):
-                        pair = s.couple[j, e, i]
-                        if pair >= 0:
-                            for q in range(6):
-                                for p in range(6):
-                                    weight = s.c[e, a, q] * s.c[i, a, p]
-                                    by_rate -= weight * k.by_rate[pair, q, p]
-                                    by_pose -= weight * k.by_pose[pair, q, p]
-                # a negative K_bar drives phi away exponentially
-                o.c_bar1[a] = by_rate + g.c_bar * o.m_bar[a]
-                o.k_bar1[a] = max(by_pose, 0.0) + g.k_bar * o.m_bar[a]
-    elif g.corrective:
-        for a in range(len(o.nu)):
-            o.c_bar1[a] = g.c_bar * o.m_bar[a]
-            o.k_bar1[a] = g.k_bar * o.m_bar[a]
+    kernel, scheme, terms, c_R = step.kernel, step.scheme, step.terms, step.c_R
+    run(kernel.applied_forces)
+    run(step.measure)
+    if scheme.by_forces:
+        run(kernel.spring_slopes)
+        run(step.direction)
+    for j in range(len(kernel.body) if scheme.corrective else 0):
+        for a in range(kernel.row[j], kernel.row[j + 1]):
+            by_rate, by_pose = 0.0, 0.0
+            for e in range(2):
+                for i in range(2):
+                    pair = step.couple[j, e, i]
+                    if scheme.by_forces and pair >= 0:
+                        for q in range(6):
+                            for p in range(6):
+                                weight = c_R[e, a, q] * c_R[i, a, p]
+                                by_rate -= weight * kernel.by_rate[pair, q, p]
+                                by_pose -= weight * kernel.by_pose[pair, q, p]
+            # a negative K_bar drives phi away exponentially
+            terms.c_bar1[a] = by_rate + scheme.c_bar * terms.m_bar[a]
+            terms.k_bar1[a] = max(by_pose, 0.0) + scheme.k_bar * terms.m_bar[a]
 
 
-def evaluate(s):
+def evaluate(step):
     """Compute the residual of the present estimate, and its norms [sqrt(J)].
 
     (80): sqrt(R_v . M^-1 R_v + R_mu . M_bar R_mu), R_mu being (75) over M_bar; (81): sqrt(phi_dot . M_bar phi_dot).
     """
-    g, k, o, half = s.scheme, s.kernel, s.terms, 0.5 * s.scheme.h
-    k.t[0] = s.control.t + g.h
-    move_poses(s)
-    run(s.complete)
-    xi, by_lam = (g.penalty, 2.0) if g.lambda_bar else (0.0, 1.0)  # the nested loop has -xi dphi1 = dt/2 dmu1, too
+    scheme, kernel, terms, half = step.scheme, step.kernel, step.terms, 0.5 * step.control.h
+    kernel.t[0] = step.control.t + step.control.h
+    move_poses(step)
+    run(step.complete)
+    xi, by_lam = (scheme.penalty, 2.0) if scheme.lambda_bar else (0.0, 1.0)  # nested: -xi dphi1 = dt/2 dmu1, too
     total, slip = 0.0, 0.0
-    for a in range(len(o.nu)):
-        m = o.m_bar[a]
-        slip += m * o.phi_dot1[a] * o.phi_dot1[a]
-        if g.nested:  # (84): mu - xi psi in place of mu
-            o.nu[a] = o.nu_kept[a] - g.xi * m * o.phi_dot1[a]
-        o.G1[a] = -g.use_f_bar * o.f_bar1[a]
-        o.dG[a], o.on_rate[a], o.on_phi[a] = 0.0, 1.0, 0.0
-        off = o.phi_dot1[a]
-        if g.carry_sigma:
-            off -= o.sigma0[a] / m
-        if g.corrective:
-            mu1 = o.nu[a] / m
-            lam1 = o.lam0[a] + half * (o.mu0[a] + mu1)  # (67)
-            o.G1[a] += o.c_bar1[a] * mu1 + o.k_bar1[a] * (lam1 - xi * o.phi1[a])
-            o.dG[a] = (o.c_bar1[a] + by_lam * half * o.k_bar1[a]) / m
-            o.on_rate[a] = 1.0 + half * o.c_bar1[a] / m
-            o.on_phi[a] = half * o.k_bar1[a] / m
-            before = o.c_bar0[a] * o.phi_dot0[a] + o.k_bar0[a] * o.phi0[a]
-            after = o.c_bar1[a] * o.phi_dot1[a] + o.k_bar1[a] * o.phi1[a]
-            off += half * (before + after) / m
-        o.off[a] = 0.0 if g.nested else off - o.left[a]
-        o.p[a] = -o.nu[a] - half * o.G1[a]
-        o.z[a] = s.plan[1] * o.nu[a]
-        o.stiff[a] = 1.0 + half * o.dG[a]
-        total += m * o.off[a] * o.off[a]
-    for b in range(len(k.mass)):
-        v, f, out, w = k.v[b], k.force[b], s.off[b], s.known[b]
-        back, p = multiply_transposed(k.R[b], w[3], w[4], w[5]), multiply(k.J[b], v[3], v[4], v[5])
+    for a in range(len(terms.nu)):
+        m_bar = terms.m_bar[a]
+        slip += m_bar * terms.phi_dot1[a] * terms.phi_dot1[a]
+        if scheme.nested:  # (84): mu - xi psi in place of mu
+            terms.nu[a] = terms.nu_kept[a] - scheme.xi * m_bar * terms.phi_dot1[a]
+        terms.G1[a] = -scheme.use_f_bar * terms.f_bar1[a]
+        terms.dG[a], terms.on_phi_dot[a], terms.on_phi[a] = 0.0, 1.0, 0.0
+        off = terms.phi_dot1[a]
+        if scheme.carry_sigma:
+            off -= terms.sigma0[a] / m_bar
+        if scheme.corrective:
+            mu1 = terms.nu[a] / m_bar
+            lam1 = terms.lam0[a] + half * (terms.mu0[a] + mu1)  # (67)
+            terms.G1[a] += terms.c_bar1[a] * mu1 + terms.k_bar1[a] * (lam1 - xi * terms.phi1[a])
+            terms.dG[a] = (terms.c_bar1[a] + by_lam * half * terms.k_bar1[a]) / m_bar
+            terms.on_phi_dot[a] = 1.0 + half * terms.c_bar1[a] / m_bar
+            terms.on_phi[a] = half * terms.k_bar1[a] / m_bar
+            before = terms.c_bar0[a] * terms.phi_dot0[a] + terms.k_bar0[a] * terms.phi0[a]
+            after = terms.c_bar1[a] * terms.phi_dot1[a] + terms.k_bar1[a] * terms.phi1[a]
+            off += half * (before + after) / m_bar
+        terms.residual[a] = 0.0 if scheme.nested else off - terms.left[a]
+        terms.on_D[a] = -terms.nu[a] - half * terms.G1[a]
+        terms.on_D_dot[a] = step.plan.rate * terms.nu[a]
+        terms.stiffness[a] = 1.0 + half * terms.dG[a]
+        total += m_bar * terms.residual[a] * terms.residual[a]
+    for b in range(len(kernel.mass)):
+        v, f, out, w = kernel.v[b], kernel.force[b], step.residual[b], step.known[b]
+        back, p = multiply_transposed(kernel.R[b], w[3], w[4], w[5]), multiply(kernel.J[b], v[3], v[4], v[5])
         for q in range(3):
-            out[q] = w[q] + k.mass[b] * v[q] - half * f[q]
+            out[q] = w[q] + kernel.mass[b] * v[q] - half * f[q]
             out[3 + q] = back[q] - half * f[3 + q] + p[q]
-    run(s.balance)
-    for b in range(len(k.mass)):
-        out = s.off[b]
-        turn = multiply(k.J_inv[b], out[3], out[4], out[5])
+    run(step.balance)
+    for b in range(len(kernel.mass)):
+        out = step.residual[b]
+        turn = multiply(kernel.J_inv[b], out[3], out[4], out[5])
         for q in range(3):
-            total += out[q] * out[q] / k.mass[b]
+            total += out[q] * out[q] / kernel.mass[b]
             total += out[3 + q] * turn[q]
-    g.norm, g.slip = math.sqrt(total), math.sqrt(slip)
-    s.control.residuals += 1
+    scheme.norm, scheme.slip = math.sqrt(total), math.sqrt(slip)
+    step.control.residuals += 1
 
 
-def assemble(s):
+def assemble(step):
     """Assemble the matrix of Eq. (79) at the present estimate."""
-    k, g, o, half = s.kernel, s.scheme, s.terms, 0.5 * s.scheme.h
-    K = s.saddle.bodies
+    kernel, scheme, terms, half = step.kernel, step.scheme, step.terms, 0.5 * step.control.h
+    K = step.saddle.bodies
     clear(K)
-    for b in range(len(k.mass)):
-        _set_differential(
-            half * (s.v0[b, 3] + k.v[b, 3]),
-            half * (s.v0[b, 4] + k.v[b, 4]),
-            half * (s.v0[b, 5] + k.v[b, 5]),
-            half,
-            s.T[b],
-        )
-        J, T, v = k.J[b], s.T[b], k.v[b]
+    for b in range(len(kernel.mass)):
+        J, T, v, v0 = kernel.J[b], step.T[b], kernel.v[b], step.v0[b]
+        set_dexp(half * (v0[3] + v[3]), half * (v0[4] + v[4]), half * (v0[5] + v[5]), half, T)
         p0, p1, p2 = multiply(J, v[3], v[4], v[5])
         for q in range(3):
-            K[b, q, q] = k.mass[b]
+            K[b, q, q] = kernel.mass[b]
             x, y, z = T[q], T[3 + q], T[6 + q]  # d(R J Omega) = R (J dOmega - J Omega x theta)
             K[b, 3, 3 + q] = J[0, q] - (p1 * z - p2 * y)
             K[b, 4, 3 + q] = J[1, q] - (p2 * x - p0 * z)
             K[b, 5, 3 + q] = J[2, q] - (p0 * y - p1 * x)
-    run(s.slopes)
-    for j in range(len(k.body)):
-        n = k.row[j + 1] - k.row[j]
+    run(step.slopes)
+    for j in range(len(kernel.body)):
+        first, n = kernel.row[j], kernel.row[j + 1] - kernel.row[j]
         for a in range(n):
-            o.softness[k.row[j] + a] = 1.0 / (g.xi * o.m_bar[k.row[j] + a]) if g.active else 0.0
-            s.saddle.joint[j, a * n + a] = o.softness[k.row[j] + a]
-    if g.pushed:
-        run(k.applied_slopes)
-        for p in range(len(k.pair)):
-            b = k.pair[p, 1]
-            T, f, by_pose, by_rate = s.T[b], k.force[b], k.by_pose[p], k.by_rate[p]
-            if b == k.pair[p, 0]:  # turned back after differentiation: R^T d(R torque) = d torque - torque x theta
+            terms.softness[first + a] = 1.0 / (scheme.xi * terms.m_bar[first + a]) if scheme.active else 0.0
+            step.saddle.joint[j, a * n + a] = terms.softness[first + a]
+    if scheme.pushed:
+        run(kernel.applied_slopes)
+        for p in range(len(kernel.pair)):
+            b = kernel.pair[p, 1]
+            T, f, by_pose, by_rate = step.T[b], kernel.force[b], kernel.by_pose[p], kernel.by_rate[p]
+            if b == kernel.pair[p, 0]:  # turned back after differentiation: R^T d(R torque) = d torque - torque x theta
                 by_pose[3, 4] += f[5]
                 by_pose[3, 5] -= f[4]
                 by_pose[4, 3] -= f[5]
@@ -460,76 +517,48 @@ def assemble(s):
                     K[p, a, 3 + q] -= half * (x * T[q] + y * T[3 + q] + z * T[6 + q] + by_rate[a, 3 + q])
 
 
-@compile_inline
-def _set_differential(x, y, z, scale, out):
-    """Set out (9,) := scale dexp(a), a = (x, y, z), by rows: exp(a + d) = exp(a) exp(dexp d) to first order.
-
-    dexp = 1 - (1 - cos a)/a^2 hat(a) + (a - sin a)/a^3 hat(a)^2; series where a^2 < 1e-2, cut at a^10.
-    """
-    s = x * x + y * y + z * z
-    f, g = evaluate_sine_ratios(s)
-    if s < 1e-2:
-        h = (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0)))) / 6.0
-    else:
-        h = (1.0 - f) / s
-    d = 1.0 - h * s
-    g, h, d = scale * g, scale * h, scale * d
-    out[0], out[1], out[2] = d + h * x * x, h * x * y + g * z, h * x * z - g * y
-    out[3], out[4], out[5] = h * x * y - g * z, d + h * y * y, h * y * z + g * x
-    out[6], out[7], out[8] = h * x * z + g * y, h * y * z - g * x, d + h * z * z
-
-
-def refresh(s):
+def refresh(step):
     """Assemble and factorise the matrix of Eq. (79) at the present estimate; ``lu.state.singular`` tells a failure.
 
-    With a penalty, its determinant is monitored.
+    With a penalty, its determinant is monitored: the product of the constraint rows' |pivots| times M_bar, which is
+    det(A M^-1 D' + (Xi M_bar)^-1) in scaled rows. Each redundant row gives a constant 1/xi; near a loss of rank the
+    rest falls by the square of a singular value, whatever the elimination order.
     """
-    g = s.scheme
-    run(s.assemble)
-    s.control.factorisations += 1
-    run(s.factor_saddle)
-    g.factored = 0.0 if s.lu.state.singular else g.h
-    if g.active and g.xi == g.penalty:  # soft steps weigh the redundant rows differently
-        total = _log_determinant(s)
-        g.fall = total - g.log_det
-        g.log_det = total
-        g.highest = max(g.highest, total)
+    scheme = step.scheme
+    run(step.assemble)
+    step.control.factorisations += 1
+    run(step.factor_saddle)
+    scheme.factored = 0.0 if step.lu.state.singular else step.control.h
+    if scheme.active and scheme.xi == scheme.penalty:  # soft steps weigh the redundant rows differently
+        total = 0.0
+        for a in range(len(step.row_at)):
+            total += math.log10(step.lu.pivot[step.row_at[a]] * step.terms.m_bar[a])
+        scheme.fall = total - scheme.log_det
+        scheme.log_det = total
+        scheme.highest = max(scheme.highest, total)
 
 
-@compile_inline
-def _log_determinant(s):
-    """Return log10 of the product of the constraint rows' |pivots| times M_bar.
-
-    It is det(A M^-1 D' + (Xi M_bar)^-1) in scaled rows: a constant 1/xi for each redundant row times the squares of the
-    singular values, so near a loss of rank it falls by sigma^2 whatever the elimination order.
-    """
-    total = 0.0
-    for a in range(len(s.row_at)):
-        total += math.log10(s.lu.pivot[s.row_at[a]] * s.terms.m_bar[a])
-    return total
-
-
-def correct(s):
+def correct(step):
     """Apply Newton's correction (78) to velocities and nu, with the kept factorisation."""
-    g, k, lu, x = s.scheme, s.kernel, s.lu, s.lu.x
-    for b in range(len(k.mass)):
+    scheme, lu, x = step.scheme, step.lu, step.lu.x
+    for b in range(len(step.residual)):
         for q in range(6):
-            x[lu.body_at[b] + q] = -s.off[b, q]
-    for a in range(len(s.row_at)):
-        x[s.row_at[a]] = -s.terms.off[a]
-    run(s.solve_saddle)
-    s.control.solves += 1
-    if g.redundant and not g.nested and g.log_det > g.highest - NEAR:
-        run(s.leave_redundant)
-    for b in range(len(k.mass)):
+            x[lu.body_at[b] + q] = -step.residual[b, q]
+    for a in range(len(step.row_at)):
+        x[step.row_at[a]] = -step.terms.residual[a]
+    run(step.solve_saddle)
+    step.control.solves += 1
+    if scheme.redundant and not scheme.nested and scheme.log_det > scheme.highest - NEAR:
+        run(step.leave_redundant)
+    for b in range(len(step.residual)):
         for q in range(6):
-            k.v[b, q] += x[lu.body_at[b] + q]
-    for a in range(len(s.row_at)):
-        s.terms.nu[a] += x[s.row_at[a]]
-    s.control.iterations += 1
+            step.kernel.v[b, q] += x[lu.body_at[b] + q]
+    for a in range(len(step.row_at)):
+        step.terms.nu[a] += x[step.row_at[a]]
+    step.control.iterations += 1
 
 
-def leave_redundant(s):
+def leave_redundant(step):
     """Remove from a correction the nu of redundant rows, which A^T maps to zero; their residual goes to ``left``.
 
     Such rows agree on the constraint manifold only: off it, by phi = O(dt^3) within a step, they require velocities
@@ -539,46 +568,47 @@ def leave_redundant(s):
     result is filtered again until this changes phi_dot by less than the tolerance, since otherwise a low penalty would
     leave phi_dot that velocities can remove.
     """
-    g, lu, o = s.scheme, s.lu, s.terms
-    copy(lu.x, s.y)
-    clear(lu.x)
-    for a in range(len(s.row_at)):
-        lu.x[s.row_at[a]] = s.y[s.row_at[a]]
+    terms, x, row_at = step.terms, step.lu.x, step.row_at
+    copy(x, step.correction)
     for _ in range(MOST_PASSES):
-        for a in range(len(s.row_at)):
-            s.passed[a] = lu.x[s.row_at[a]]
-        clear(lu.x)
-        for a in range(len(s.row_at)):
-            lu.x[s.row_at[a]] = o.softness[a] * s.passed[a]
-        run(s.solve_saddle)
-        s.control.solves += 1
+        for a in range(len(row_at)):
+            step.passed[a] = x[row_at[a]]
+        clear(x)
+        for a in range(len(row_at)):
+            x[row_at[a]] = terms.softness[a] * step.passed[a]
+        run(step.solve_saddle)
+        step.control.solves += 1
         change = 0.0
-        for a in range(len(s.row_at)):
-            off = o.softness[a] * (lu.x[s.row_at[a]] - s.passed[a])
-            change += o.m_bar[a] * off * off
-        if math.sqrt(change) < SMALL_LEAK * g.tolerance:
+        for a in range(len(row_at)):
+            off = terms.softness[a] * (x[row_at[a]] - step.passed[a])
+            change += terms.m_bar[a] * off * off
+        if math.sqrt(change) < SMALL_LEAK * step.scheme.tolerance:
             break
-    for a in range(len(s.row_at)):
-        o.left[a] -= o.softness[a] * lu.x[s.row_at[a]]
-    for a in range(len(lu.x)):
-        lu.x[a] = s.y[a] - lu.x[a]
+    for a in range(len(row_at)):
+        terms.left[a] -= terms.softness[a] * x[row_at[a]]
+    for a in range(len(x)):
+        x[a] = step.correction[a] - x[a]
 
 
-def correct_pose(s):
-    """Correct the poses of the end, by the least change that reduces phi to zero to first order.
+def correct_pose(step):
+    """Correct the poses of the end once with the kept factorisation: the least change onto phi = 0 to first order.
 
-    It is one correction with the kept factorisation. At a singular configuration phi = O(dt^2) is not harmless: with
-    phi along the lost direction the mechanism cannot pass it, and misses by sqrt(phi).
+    With phi = O(dt^2) along the direction lost in a singular configuration the mechanism would miss it by sqrt(phi).
     """
-    k, lu = s.kernel, s.lu
+    kernel, lu = step.kernel, step.lu
     clear(lu.x)
-    for a in range(len(s.row_at)):
-        lu.x[s.row_at[a]] = -s.terms.phi1[a]
-    run(s.solve_saddle)
-    for b in range(len(k.mass)):
+    for a in range(len(step.row_at)):
+        lu.x[step.row_at[a]] = -step.terms.phi1[a]
+    run(step.solve_saddle)
+    for b in range(len(kernel.mass)):
         x = lu.x[lu.body_at[b] : lu.body_at[b] + 6]
         for q in range(3):
-            k.r[b, q] += x[q]
-        turn_rotation(k.R[b], x[3], x[4], x[5], k.R[b])
-    s.control.solves += 1
-    run(s.complete)
+            kernel.r[b, q] += x[q]
+        turn_rotation(kernel.R[b], x[3], x[4], x[5], kernel.R[b])
+    step.control.solves += 1
+    run(step.complete)
+
+
+# entries, each after those that it runs
+OPTIONAL = {leave_redundant: "redundant", correct_pose: "closes_pose"}  # and the settings in which they run
+PARTS = (complete, evaluate, assemble, begin_step, estimate, refresh, leave_redundant, correct, correct_pose, keep_end)

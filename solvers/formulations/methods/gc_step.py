@@ -1,4 +1,4 @@
-"""The step of ODE-GC by a simplified Newton method on S = A M^-1 A^T, for gravity as the only applied force (compiled).
+"""ODE-GC's step by a simplified Newton method on S = A M^-1 A^T, for gravity as the only applied force (compiled).
 
 Given v1 and nu1: poses by (66), impulses of (74) in space with nu0 = gauge nu1 + nu_start, B = dt/2::
 
@@ -8,7 +8,8 @@ Given v1 and nu1: poses by (66), impulses of (74) in space with nu0 = gauge nu1 
 The method contracts by O(dt omega), and the change of v1 in the norm of M is the residual (80) before it. So a step is
 done when the change is below the tolerance. S is factorised anew where the change falls too slowly; where that does not
 help, or the rank of the rows differs from that at the start, the step does not converge. Redundant rows get no
-multiplier: the motion is that of the proximal saddle.
+multiplier: the motion is that of the proximal saddle. Joints bring their part by loops, or the whole mechanism has code
+for it, both of ``rows.wrenches``.
 """
 
 import math
@@ -16,50 +17,76 @@ from typing import Any
 
 import numpy as np
 
+from ....harness.base.generated import Code, Program
 from ....harness.mechanics.system import MultibodySystem
+from ..compiled import bundles
 from ..compiled.algebra import clear, copy, multiply, multiply_transposed, turn_rotation
-from ..compiled.bundles import make_bundle, make_record
+from ..compiled.bundles import make_record
 from ..compiled.entries import BoundFunction, compile_inline, run
-from ..compiled.kernel import Kernel
+from ..compiled.evaluation import times_inverse_mass
+from ..compiled.kernel import ElementGroup, Kernel, Loops, list_places
 from ..compiled.mechanism import list_choice_arrays, make_choosing_program, make_mechanism_code
 from ..compiled.row_choice import NEVER
-from ..generated import Program
-from .choices import DIAGNOSTICS, Settings
-from .gc_wrenches import WrenchLoops
+from .choices import Settings
+from .iteration import FAILED, GO_ON, SETTLED, STALE, iterate
 
-EARLY = 0.1  # replaces ``refresh``: by code a factor costs less than an iteration
-DEPTH, DEEP = 4, 7  # past steps from which the next one is estimated: by loops over joints, by code
-MOST = 30  # iterations a step: more help those that converge slowly, fewer end hopeless ones sooner
-REFRESHES = 2  # factors of S in a step
+# "Half" and "twice": tried on a free body, a pendulum, a top and a chain, each at its usual step and at one 10 to 50
+# times as long, with 4,100 iterations in all, by loops over joints; EARLY and DEEP by code, without the free body.
+# replaces ``refresh``: by code a factor costs less than an iteration. Half takes up to 40 % more factors and changes
+# the iterations by 1 %; twice takes 16 to 64 % fewer factors, and 2 to 13 % more iterations.
+EARLY = 0.1
+# past steps from which the next one is estimated: by loops over joints, by code. Half of the first takes 2 to 195 %
+# more iterations, twice from 38 % fewer to 69 % more; half of the second (3) takes 12 to 82 % more, twice from 21 %
+# fewer to 84 % more.
+DEPTH, DEEP = 4, 7
+# iterations a step, the last not tested: more help those that converge slowly, fewer end hopeless ones sooner. Half
+# saves the chain 6 % of its iterations in steps that are cut anyway; twice changes no run.
+MOST = 31
+# factors of S in a step. Half takes up to a third fewer factors and at most 3 % fewer iterations; twice up to 10 % more
+# factors at long steps, and 3 % more iterations.
+REFRESHES = 2
 ON_OTHER_ROWS = 8  # the same after rows were chosen anew: an estimate from other rows is farther off
 PASSES = 2  # passes of the pose correction: the factor is that of the step's first estimate
 NEEDED = ("rows", "factorise", "solve")  # entries that loops need; code has its own
-SINKING = -0.05  # decades a step: a determinant that falls so fast may approach zero, and is computed in each step
+# decades a step: a determinant that falls so fast may approach zero, and is computed in each step. Half takes 11 % more
+# factors on Bennett's linkage, twice 12 % fewer and 2 % more iterations; ends move by 3e-6 m.
+SINKING = -0.05
 
 ARRAYS = {  # suffix 0: the start of the step
-    "u": "nb 6",  # r_dot, omega
-    "load": "nb 6",
-    "nu_start": "nr",
-    "nu": "nr",
-    "f_bar": "nr",
-    "f_bar0": "nr",
-    "slip": "nr",  # M_bar phi_dot^2
     "r0": "nb 3",
     "R0": "nb 3 3",
     "v0": "nb 6",
     "known": "nb 6",  # the part of w that the end does not change
-    "acceleration": "depth nb 6",  # means over the last steps, in turn
-    "impulse": "depth nr",  # (nu1 - nu0) / dt of these steps
-    "middle": "depth",
-    "share": "depth",  # [s] their middles; their weights in the estimate of the next step
-    "found": "2",  # rank and log10 det S of the last factor
+    "in_space": "nb 6",  # velocities r_dot, omega
+    "load": "nb 6",
+    "nu": "nr",
+    "nu_start": "nr",
+    "f_bar0": "nr",
+    "slip": "nr",  # M_bar phi_dot^2
     "square": "1",  # [J] of the last change
 }
-ENTRIES = (
-    "impulses",
-    "rates",
-    "loads",
-    "start",  # entries of ``gc_wrenches``
+PAST = {  # of the last steps, in turn
+    "acceleration": "nb 6",
+    "impulse": "nr",  # (nu1 - nu0) / dt
+    "middle": "",  # [s]
+    "weight": "",  # in the estimate of the next step
+}
+STATE = {
+    "log_det": 0.0,  # log10 det S
+    "fall": 0.0,  # its last change
+    "known": 0,  # past steps known
+    "factored": 0,  # 1 where there is a factor
+    "refreshed": 0,  # factors in this step
+    "rank": 0,  # of the rows at the start
+    "begun": 0,  # 1 where the next step has begun
+}
+OF_JOINTS = {  # functions of ``rows.wrenches.wrench_loops``, with Z0 = D0 + B D_dot0
+    "start": "kernel (t, r, R), plan, in_space -> known -= dt/2 D0 f_bar0; f_bar0, slip; Z0 kept for impulses",
+    "impulses": "kernel (t, r, R), plan, in_space, nu -> kernel.w += (D1 - B D_dot1) nu - Z0 nu0 - dt/2 D1 f_bar1",
+    "rates": "in_space -> kernel.rhs = -D1^T in_space, by D1 of impulses",
+    "loads": "kernel.rhs -> load += D1 rhs",
+}
+PARTS = (
     "begin",  # ``known``, ``f_bar0`` and other results of the start of a step
     "factor",  # S at the poses of the kernel, ``found``
     "iterate",  # v and nu at the poses of the kernel, ``square``
@@ -67,342 +94,326 @@ ENTRIES = (
 )
 
 
-def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choices: Settings) -> Any:
+def allocate_step(
+    kernel: Kernel, control: np.ndarray, settings: Settings, arrays: Any, state: Any, entries: Any, **given: Any
+) -> Any:
+    """Make the bundle of a step of ODE-GC: zero ``arrays``, scheme of settings and ``state``, entries still unset.
+
+    Its plan has dt/2, B = dt/2 times the switch of the B term (``rate``), and the gauge.
+    """
+    given["scheme"] = make_record(**settings.numbers(), **state)
+    given["plan"] = make_record(half=0.0, rate=0.0, gauge=settings.gauge)
+    given["diagnostics"] = np.zeros(len(settings.diagnostic_names))
+    return bundles.make_step(kernel, control, arrays=arrays, entries=entries, **given)
+
+
+def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, settings: Settings) -> Any:
     """Make the bundle of one step: its arrays, and entries by loops or by code; no step is taken."""
-    nb, depth = len(kernel.mass), DEEP if choices.whole else DEPTH
-    scheme = make_record(
-        # log10 det S and its last change; steps known of the past, whether there is a factor, the rank of the rows at
-        # the start, whether the next step has begun
-        **choices.numbers(),
-        log_det=0.0,
-        fall=0.0,
-        known=0,
-        factored=0,
-        rank=0,
-        begun=0,
-    )
-    weight = system.mass[:, None] * system.gravity
-    numbers = np.concatenate(
-        (weight, system.mass[:, None], kernel.J_inv.reshape(nb, 9), kernel.J.reshape(nb, 9)), axis=1
-    )
-    step = make_bundle(
-        "Step",
-        ARRAYS,
-        {"nb": nb, "nr": len(kernel.lam), "depth": depth},
-        ENTRIES,
-        control=control,
-        kernel=kernel,
-        scheme=scheme,
-        diagnostics=np.zeros(len(DIAGNOSTICS)),
-        plan=np.array([0.0, 0.0, choices.gauge]),
-        numbers=numbers,
-    )
-    if choices.whole:
-        return _set_code_entries(system, step, choices)
-    loops = WrenchLoops(system, kernel)
-    loops.step = step
-    made = loops.entries(choices.direction, use_f_bar=bool(choices.use_f_bar))
-    step = step._replace(start=made.pop("begin"), **made)
-    correct = BoundFunction(correct_poses, kernel) if choices.closes_pose else Program([])
+    nb, mass, depth = len(kernel.mass), system.mass[:, None], DEEP if settings.whole else DEPTH
+    past = {name: f"{depth} {shape}" for name, shape in PAST.items()}
+    given = {
+        "found": make_record(rank=0.0, log_det=0.0),  # of the last factor: its rank, log10 det S
+        "bodies": np.hstack((mass * system.gravity, mass, kernel.J_inv.reshape(nb, 9), kernel.J.reshape(nb, 9))),
+    }
+    step = allocate_step(kernel, control, settings, ARRAYS | past, STATE, (*OF_JOINTS, *PARTS), **given)
+    return (_bind_code if settings.whole else _bind_loops)(system, step, settings)
+
+
+def _bind_loops(system: MultibodySystem, step: Any, settings: Settings) -> Any:
+    """Return the step with entries by loops over joints and bodies; x of ``rates`` and ``loads`` is the kernel's."""
+    kernel, loops, use_f_bar = step.kernel, Loops(system, step.kernel), bool(settings.use_f_bar)
+    moving = (kernel.r, 3), (kernel.R, 9), (step.in_space, 6)
+
+    def list_arrays(group: ElementGroup, code: Code) -> dict[str, list[Any]]:
+        sizes = np.zeros(2)
+        code.function("sizes", 1)(sizes.ctypes.data)
+        kept0, kept1 = (np.zeros((int(group.members[0]), int(size))) for size in sizes)
+        given, own, rhs = [kernel.t, step.plan, group.numbers], group.rows, kernel.rhs[group.rows]
+        weighed = list(list_places(group, *moving, (step.bodies, 22)))
+        moved = weighed if use_f_bar else list_places(group, *moving)
+        known, w, load, u = (list_places(group, (x, 6)) for x in (step.known, kernel.w, step.load, step.in_space))
+        f_bar0 = [step.f_bar0[own]] if use_f_bar else []
+        return {
+            "start": [*given, *weighed, kept0, step.slip[own], *f_bar0, *known],
+            "impulses": [*given, kept0, step.nu[own], step.nu_start[own], *moved, kept1, *w],
+            "rates": [kept1, *u, rhs],
+            "loads": [kept1, rhs, *load],
+        }
+
+    choices = {"use_f_bar": use_f_bar}
+    step = step._replace(**loops.bind("wrenches.wrench_loops", OF_JOINTS, list_arrays, settings.direction, **choices))
     return step._replace(
         begin=BoundFunction(begin_by_loops, step),
         factor=BoundFunction(factor_by_loops, step),
         iterate=BoundFunction(iterate_by_loops, step),
-        correct=correct,
+        correct=BoundFunction(correct_by_loops, kernel) if settings.closes_pose else Program([]),
     )
 
 
-def _set_code_entries(system: MultibodySystem, s: Any, choices: Settings) -> Any:
-    """Return the step ``s`` with ``begin``, ``factor``, ``iterate`` and ``correct`` set to code for this mechanism.
+def _bind_code(system: MultibodySystem, step: Any, settings: Settings) -> Any:
+    """Return the step with entries by code for this mechanism, ``rows.wrenches.SimplifiedStep``: the same equations.
 
-    The code computes the same equations as the loops; its functions and the order of their arguments are those of
-    ``rows.simplified_step``. ``iterate`` makes one simplified Newton step and copies v and nu back; ``correct`` moves
-    the poses onto phi = 0 in ``PASSES`` passes, or does nothing without ``closes_pose``.
-    ``s.scheme["refresh"]`` becomes ``EARLY`` in place, since by code a factor costs less than an iteration. With
-    ``choices.active`` no rows are chosen anew: where kept rows become dependent, the proximal saddle takes over. Raises
-    ``NoMechanismCode`` where the mechanism has no code.
+    ``refresh`` becomes ``EARLY``. With ``active`` no rows are chosen anew: where kept rows become dependent, the
+    proximal saddle takes over. Raises ``NoMechanismCode`` where the mechanism has no code.
     """
-    k, names, given = s.kernel, ("gauge", "b_term", "direction", "use_f_bar", "keep_nu"), choices.numbers()
-    s.scheme["refresh"] = EARLY
-    if choices.active:
+    k, names, given = step.kernel, ("gauge", "b_term", "direction", "use_f_bar", "keep_nu"), settings.numbers()
+    step.scheme["refresh"] = EARLY
+    if settings.active:
         k = k._replace(dense=k.dense[:0])
     bounds, shares = list_choice_arrays(k)
     code, _, (kept, size) = make_mechanism_code(system, k, "iterate", **{name: given[name] for name in names})
     start, factor, poses = np.zeros(kept), np.zeros(size), [k.t, k.r, k.R]
-    moved, v, nu = [np.zeros_like(k.r), np.zeros_like(k.R)], np.zeros_like(k.v), np.zeros_like(s.nu)
+    r, R, v, nu = (np.zeros_like(x) for x in (k.r, k.R, k.v, step.nu))
 
     def program(*calls: tuple[str, list[np.ndarray]]) -> Program:
         return Program([(code.address(name), arrays) for name, arrays in calls], (code, k))
 
-    correct = ("correct", [*poses, factor, *moved]), ("copy_poses", [*moved, *poses[1:]])
-    return s._replace(
-        begin=program(("begin", [k.t, s.plan, k.r, k.R, k.v, s.nu_start, s.known, start, s.slip, s.f_bar0])),
-        factor=make_choosing_program(k, code, "factor", [*poses, *bounds, factor, s.found, *shares], poses),
-        iterate=program(
-            ("iterate", [k.t, s.plan, k.r, k.R, k.v, s.known, start, s.nu, factor, v, nu, s.square]),
-            ("copy", [v, nu, k.v, s.nu]),
-        ),
-        correct=program(*correct * PASSES * choices.closes_pose),
+    at_start = [step.nu_start, step.known, start, step.slip, step.f_bar0]
+    iterated = [step.known, start, step.nu, factor, v, nu, step.square]
+    correct = ("correct", [*poses, factor, r, R]), ("copy_poses", [r, R, k.r, k.R])
+    return step._replace(
+        begin=program(("begin", [k.t, step.plan, k.r, k.R, k.v, *at_start])),
+        factor=make_choosing_program(k, code, "factor", [*poses, *bounds, factor, step.found, *shares], poses),
+        iterate=program(("iterate", [k.t, step.plan, k.r, k.R, k.v, *iterated]), ("copy", [v, nu, k.v, step.nu])),
+        correct=program(*correct * PASSES * settings.closes_pose),
     )
 
 
 @compile_inline
-def begin_march(s):
-    """Prepare the first step: acceleration and multipliers of index 1 replace those of an earlier step.
-
-    The rank of S there becomes that of the march.
-    """
-    run(s.kernel.accelerate)
-    run(s.factor)
-    s.scheme.rank = s.found[0]
-    s.scheme.factored = 0
-    restart(s, s.kernel.v_dot, s.kernel.lam)
+def begin_march(step):
+    """Prepare the first step from acceleration and multipliers of index 1; the rank of S becomes that of the march."""
+    run(step.kernel.accelerate)
+    run(step.factor)
+    step.scheme.rank = step.found.rank
+    step.scheme.factored = 0
+    restart(step, step.kernel.v_dot, step.kernel.lam)
 
 
 @compile_inline
-def refresh_factor(s):
+def refresh_factor(step):
     """Keep the factor of S that ``accelerate`` has made for the next step, or make it by code; return its rank."""
-    s.scheme.factored = 1
-    if s.scheme.whole:
-        run(s.factor)
-        return s.found[0]
-    return float(s.kernel.state.rank)
+    step.scheme.factored = 1
+    if step.scheme.whole:
+        run(step.factor)
+        return step.found.rank
+    return float(step.kernel.state.rank)
 
 
 @compile_inline
-def restart(s, v_dot, lam):
+def restart(step, v_dot, lam):
     """Restart the estimate of the next step from ``v_dot`` and ``lam`` alone, as means of a step before it."""
-    copy(v_dot, s.acceleration[0])
-    copy(lam, s.impulse[0])
-    s.scheme.known = 1
-    s.middle[0] = 0.0
+    copy(v_dot, step.acceleration[0])
+    copy(lam, step.impulse[0])
+    step.scheme.known = 1
+    step.middle[0] = 0.0
 
 
 @compile_inline
-def _spin(k, u):
-    """Set u := (r_dot, R Omega), the velocities of ``k`` in space."""
-    for b in range(len(k.mass)):
-        omega = multiply(k.R[b], k.v[b, 3], k.v[b, 4], k.v[b, 5])
+def _turn_to_space(kernel, v, in_space):
+    """Set in_space := (r_dot, R Omega), the velocities ``v`` in space."""
+    for b in range(len(kernel.mass)):
+        omega = multiply(kernel.R[b], v[b, 3], v[b, 4], v[b, 5])
         for a in range(3):
-            u[b, a], u[b, 3 + a] = k.v[b, a], omega[a]
+            in_space[b, a], in_space[b, 3 + a] = v[b, a], omega[a]
 
 
 @compile_inline
-def move_poses(s):
+def _to_velocities(kernel, w):
+    """Convert impulses ``w`` in space to velocities, w := M^-1 R^T w."""
+    for b in range(len(kernel.mass)):
+        w[b, 3], w[b, 4], w[b, 5] = multiply_transposed(kernel.R[b], w[b, 3], w[b, 4], w[b, 5])
+    times_inverse_mass(kernel.mass, kernel.J_inv, w)
+
+
+@compile_inline
+def set_plan(step, h):
+    """Set the plan to that of a step of h [s]."""
+    step.plan.half = 0.5 * h
+    step.plan.rate = 0.5 * h * step.scheme.b_term
+
+
+@compile_inline
+def move_poses(step):
     """Set the poses (66) at the end of the step from the velocities at both ends."""
-    k, half = s.kernel, s.plan[0]
-    for b in range(len(k.mass)):
+    kernel, half = step.kernel, step.plan.half
+    for b in range(len(kernel.mass)):
+        v0, v1 = step.v0[b], kernel.v[b]
         for a in range(3):
-            k.r[b, a] = s.r0[b, a] + half * (s.v0[b, a] + k.v[b, a])
-        turn_rotation(
-            s.R0[b],
-            half * (s.v0[b, 3] + k.v[b, 3]),
-            half * (s.v0[b, 4] + k.v[b, 4]),
-            half * (s.v0[b, 5] + k.v[b, 5]),
-            k.R[b],
-        )
+            kernel.r[b, a] = step.r0[b, a] + half * (v0[a] + v1[a])
+        turn_rotation(step.R0[b], half * (v0[3] + v1[3]), half * (v0[4] + v1[4]), half * (v0[5] + v1[5]), kernel.R[b])
 
 
 @compile_inline
-def begin_step(s, h):
+def begin_step(step, h):
     """Begin a step of h [s] at the state of the kernel: copy it, and compute what does not depend on the end."""
-    k = s.kernel
-    s.plan[0], s.plan[1] = 0.5 * h, 0.5 * h * s.scheme.b_term
-    copy(k.r, s.r0)
-    copy(k.R, s.R0)
-    copy(k.v, s.v0)
-    run(s.begin)
+    set_plan(step, h)
+    copy(step.kernel.r, step.r0)
+    copy(step.kernel.R, step.R0)
+    copy(step.kernel.v, step.v0)
+    run(step.begin)
 
 
-def begin_by_loops(s):
+def begin_by_loops(step):
     """Compute the impulses ``known`` of a step, which do not depend on its end, by loops over joints."""
-    k, h = s.kernel, 2.0 * s.plan[0]
-    for b in range(len(k.mass)):
-        v = k.v[b]
-        p = multiply(k.J[b], v[3], v[4], v[5])
-        L = multiply(k.R[b], p[0], p[1], p[2])
+    kernel, h = step.kernel, 2.0 * step.plan.half
+    for b in range(len(kernel.mass)):
+        v = kernel.v[b]
+        p = multiply(kernel.J[b], v[3], v[4], v[5])
+        L = multiply(kernel.R[b], p[0], p[1], p[2])
         for a in range(3):
-            k.w[b, a], k.w[b, 3 + a] = k.mass[b] * v[a] + h * s.numbers[b, a], L[a]
-    _spin(k, s.u)
-    run(s.start)
-    copy(s.f_bar, s.f_bar0)
-    copy(k.w, s.known)
+            step.known[b, a], step.known[b, 3 + a] = kernel.mass[b] * v[a] + h * step.bodies[b, a], L[a]
+    _turn_to_space(kernel, kernel.v, step.in_space)
+    run(step.start)
 
 
 @compile_inline
-def _estimate(s, h, t):
-    """Estimate v1 and nu1 of a step of h [s].
-
-    Accelerations and row forces of earlier steps are extrapolated to its middle, at ``t`` [s].
-    """
-    k, known = s.kernel, min(s.scheme.known, len(s.middle))
+def _estimate(step, h, t):
+    """Estimate v1 and nu1 of a step of h [s] by earlier accelerations and row forces, extrapolated to its middle t."""
+    kernel, known = step.kernel, min(step.scheme.known, len(step.middle))
     for d in range(known):
-        s.share[d] = h
+        step.weight[d] = h
         for c in range(known):
             if c != d:
-                s.share[d] *= (t - s.middle[c]) / (s.middle[d] - s.middle[c])
-    share = 1.0 / (1.0 - s.scheme.gauge)
-    copy(s.v0, k.v)
-    for a in range(len(s.nu)):
-        s.nu[a] = share * s.nu_start[a]
+                step.weight[d] *= (t - step.middle[c]) / (step.middle[d] - step.middle[c])
+    share = 1.0 / (1.0 - step.scheme.gauge)
+    copy(step.v0, kernel.v)
+    for a in range(len(step.nu)):
+        step.nu[a] = share * step.nu_start[a]
     for d in range(known):
-        weight = s.share[d]
-        for a in range(k.v.size):
-            k.v.flat[a] += weight * s.acceleration[d].flat[a]
-        for a in range(len(s.nu)):
-            s.nu[a] += share * weight * s.impulse[d, a]
+        weight = step.weight[d]
+        for a in range(kernel.v.size):
+            kernel.v.flat[a] += weight * step.acceleration[d].flat[a]
+        for a in range(len(step.nu)):
+            step.nu[a] += share * weight * step.impulse[d, a]
 
 
-@compile_inline
-def _to_velocities(s):
-    """Convert the impulses w to velocities, w := M^-1 R^T w; set ``u`` to these in space, and ``load`` to 0."""
-    k = s.kernel
-    for b in range(len(k.mass)):
-        p = multiply_transposed(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5])
-        Omega = multiply(k.J_inv[b], p[0], p[1], p[2])
-        omega = multiply(k.R[b], Omega[0], Omega[1], Omega[2])
-        for a in range(3):
-            k.w[b, a] /= k.mass[b]
-            s.load[b, a] = s.load[b, 3 + a] = 0.0
-            k.w[b, 3 + a], s.u[b, a], s.u[b, 3 + a] = Omega[a], k.w[b, a], omega[a]
-
-
-def factor_by_loops(s):
-    """Factorise S at the poses of the kernel by loops; set ``found`` to its rank and the log10 of a determinant.
-
-    The determinant is that of the kept rows of S, scaled to a unit diagonal.
-    """
-    k, total = s.kernel, 0.0
-    run(k.rows)
-    run(k.factorise)
-    for col in range(len(k.blocks.joint)):
-        for c in range(k.blocks.size[col]):
-            inverse = k.L[k.blocks.start[col], c, c]
+def factor_by_loops(step):
+    """Factorise S at the poses of the kernel by loops; set ``found``, log10 det S of kept rows with a unit diagonal."""
+    kernel, blocks, total = step.kernel, step.kernel.blocks, 0.0
+    run(kernel.rows)
+    run(kernel.factorise)
+    for col in range(len(blocks.joint)):
+        for c in range(blocks.size[col]):
+            inverse = kernel.L[blocks.start[col], c, c]
             if inverse > 0.0:
-                total -= math.log10(inverse * inverse * k.diagonal[k.blocks.row[col] + c])
-    s.found[0], s.found[1] = k.state.rank, total
+                total -= math.log10(inverse * inverse * kernel.diagonal[blocks.row[col] + c])
+    step.found.rank = kernel.state.rank
+    step.found.log_det = total
 
 
 @compile_inline
-def _factor(s):
-    """Factorise S at the poses of the kernel; return whether it has the rank of the march's start.
-
-    nu of rows left out of the factor is set to zero.
-    """
-    run(s.factor)
-    copy(s.nu, s.kernel.rhs)
-    run(s.kernel.leave_out)
-    copy(s.kernel.rhs, s.nu)
-    s.control.factorisations += 1
-    s.scheme.factored = 1
-    s.scheme.fall = s.found[1] - s.scheme.log_det
-    s.scheme.log_det = s.found[1]
-    return s.found[0] == s.scheme.rank
+def _factor(step):
+    """Factorise S, and set nu of rows left out to zero; return whether S has the rank of the march's start."""
+    scheme, found = step.scheme, step.found
+    run(step.factor)
+    copy(step.nu, step.kernel.rhs)
+    run(step.kernel.leave_out)
+    copy(step.kernel.rhs, step.nu)
+    step.control.factorisations += 1
+    scheme.factored = 1
+    scheme.fall = found.log_det - scheme.log_det
+    scheme.log_det = found.log_det
+    return found.rank == scheme.rank
 
 
-def iterate_by_loops(s):
+def iterate_by_loops(step):
     """Correct v and nu of the end once by loops over joints; set ``square`` [J] to the square of the change of v."""
-    k, share = s.kernel, 1.0 / (1.0 - s.scheme.gauge)
-    _spin(k, s.u)
-    copy(s.known, k.w)
-    run(s.impulses)
-    _to_velocities(s)
-    run(s.rates)
-    run(k.solve)
-    for a in range(len(s.nu)):
-        s.nu[a] += share * k.rhs[a]
-    run(s.loads)
-    s.square[0] = _take_velocities(s)
-
-
-@compile_inline
-def _take_velocities(s):
-    """Set v := w + M^-1 R^T load; return the square of its change in the norm of M [J]."""
-    k, total = s.kernel, 0.0
-    for b in range(len(k.mass)):
-        m = s.load[b]
-        t = multiply_transposed(k.R[b], m[3], m[4], m[5])
-        turn = multiply(k.J_inv[b], t[0], t[1], t[2])
+    kernel, share, total = step.kernel, 1.0 / (1.0 - step.scheme.gauge), 0.0
+    _turn_to_space(kernel, kernel.v, step.in_space)
+    copy(step.known, kernel.w)
+    run(step.impulses)
+    _to_velocities(kernel, kernel.w)
+    _turn_to_space(kernel, kernel.w, step.in_space)
+    run(step.rates)
+    run(kernel.solve)
+    for a in range(len(step.nu)):
+        step.nu[a] += share * kernel.rhs[a]
+    clear(step.load)
+    run(step.loads)
+    _to_velocities(kernel, step.load)
+    for b in range(len(kernel.mass)):
+        change = step.load[b]
+        for a in range(6):
+            x = kernel.w[b, a] + change[a]
+            change[a] = x - kernel.v[b, a]
+            kernel.v[b, a] = x
+        p = multiply(kernel.J[b], change[3], change[4], change[5])
         for a in range(3):
-            x = k.w[b, a] + m[a] / k.mass[b]
-            d = x - k.v[b, a]
-            total += k.mass[b] * d * d
-            k.v[b, a] = x
-        d0, d1, d2 = k.w[b, 3] + turn[0], k.w[b, 4] + turn[1], k.w[b, 5] + turn[2]
-        x, y, z = d0 - k.v[b, 3], d1 - k.v[b, 4], d2 - k.v[b, 5]
-        k.v[b, 3], k.v[b, 4], k.v[b, 5] = d0, d1, d2
-        p = multiply(k.J[b], x, y, z)
-        total += x * p[0]
-        total += y * p[1]
-        total += z * p[2]
-    return total
+            total += kernel.mass[b] * change[a] * change[a]
+        for a in range(3):
+            total += change[3 + a] * p[a]
+    step.square[0] = total
+
+
+def correct_by_loops(kernel):
+    """Move the poses onto phi = 0 with the present factor, in ``PASSES`` passes."""
+    for _ in range(PASSES):
+        run(kernel.rows)
+        run(kernel.close_joints)
 
 
 @compile_inline
-def take_step(s, h, t):
-    """Solve the step begun, of h [s] with its middle at t; return the last change of v1 [sqrt(J)].
+def find_end(step, h, t):
+    """Find the end of the step begun, of h [s] with its middle at t; return the last change of v1 [sqrt(J)].
 
     Return -1 where it does not converge, or where S has not the rank of the march's start.
     """
-    g = s.scheme
-    _estimate(s, h, t)
-    change, before, refreshed = np.inf, np.inf, 0
-    if g.fall < SINKING or g.rank < len(s.nu):
+    scheme = step.scheme
+    _estimate(step, h, t)
+    move_poses(step)
+    scheme.refreshed = 0
+    if scheme.fall < SINKING or scheme.rank < len(step.nu):
         # near a loss of rank, or with redundant rows, whose factor is exact at its own poses alone
-        g.factored = 0
-    for _ in range(MOST + 1):
-        move_poses(s)
-        if change < g.tolerance:
-            return change
-        if g.factored == 0:
-            refreshed += 1
-            if not _factor(s):
-                return -1.0
-        run(s.iterate)
-        change = math.sqrt(s.square[0])
-        s.control.iterations += 1
-        s.control.residuals += 1
-        s.control.solves += 1
-        if not np.isfinite(change):
-            return -1.0
-        if change >= g.tolerance and change > g.refresh * before:
-            most = REFRESHES if s.kernel.state.chosen == NEVER else ON_OTHER_ROWS
-            if refreshed >= most and change > 0.5 * before:
-                return -1.0
-            if refreshed < most:
-                g.factored = 0
-        before = change
-    return -1.0
+        scheme.factored = 0
+    return math.sqrt(step.square[0]) if iterate(step, _sweep, _classify, MOST) else -1.0
 
 
 @compile_inline
-def accept_step(s, h, t):
+def _sweep(step, i, stale):
+    """Correct v, nu and the poses of the end once; return the change of v [sqrt(J)], NaN where S has lost rank.
+
+    S is factorised anew where it is ``stale`` or not that of this step; ``i`` counts sweeps.
+    """
+    control, scheme = step.control, step.scheme
+    if stale or scheme.factored == 0:
+        scheme.refreshed += 1
+        if not _factor(step):
+            return np.nan
+    run(step.iterate)
+    control.iterations += 1
+    control.residuals += 1
+    control.solves += 1
+    move_poses(step)
+    return math.sqrt(step.square[0])
+
+
+@compile_inline
+def _classify(step, i, change, last):
+    """Return the state of the iteration: where ``change`` falls slowly, S is stale, up to a number of factors."""
+    scheme = step.scheme
+    if not np.isfinite(change) or i + 1 == MOST:
+        return FAILED
+    if change < scheme.tolerance:
+        return SETTLED
+    if change > scheme.refresh * last:
+        if scheme.refreshed < (REFRESHES if step.kernel.state.chosen == NEVER else ON_OTHER_ROWS):
+            return STALE
+        if change > 0.5 * last:
+            return FAILED
+    return GO_ON
+
+
+@compile_inline
+def accept_step(step, h, t):
     """Store the means of the step of h [s] just solved, with its middle at t, for the estimate of the next ones."""
-    k = s.kernel
-    s.scheme.known += 1
-    d = (s.scheme.known - 1) % len(s.middle)
-    for b in range(len(k.mass)):
+    scheme = step.scheme
+    scheme.known += 1
+    d = (scheme.known - 1) % len(step.middle)
+    for b in range(len(step.v0)):
         for a in range(6):
-            s.acceleration[d, b, a] = (k.v[b, a] - s.v0[b, a]) / h
-    for a in range(len(s.nu)):
-        s.impulse[d, a] = ((1.0 - s.scheme.gauge) * s.nu[a] - s.nu_start[a]) / h
-        if s.scheme.keep_nu:
-            s.nu_start[a] = s.nu[a]
-    s.middle[d] = t
-
-
-def correct_poses(k):
-    """Correct the poses by the least change, in the norm of M, that reduces phi to zero, with the present factor."""
-    for _ in range(PASSES):
-        run(k.rows)
-        for a in range(len(k.rhs)):
-            k.rhs[a] = -k.phi[a]
-        run(k.solve)
-        for a in range(len(k.rhs)):
-            k.x[a] = k.rhs[a]
-        clear(k.w)
-        run(k.push)
-        for b in range(len(k.mass)):
-            for a in range(3):
-                k.r[b, a] += k.w[b, a]
-            turn_rotation(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5], k.R[b])
+            step.acceleration[d, b, a] = (step.kernel.v[b, a] - step.v0[b, a]) / h
+    for a in range(len(step.nu)):
+        step.impulse[d, a] = ((1.0 - scheme.gauge) * step.nu[a] - step.nu_start[a]) / h
+        if scheme.keep_nu:
+            step.nu_start[a] = step.nu[a]
+    step.middle[d] = t

@@ -23,11 +23,13 @@ from ..compiled.entries import compile_inline, run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import NOT_FINITE, STUCK, TURNED
-from .iteration import MOST_ITERATIONS
+from .iteration import FAILED, GO_ON, MOST_ITERATIONS, SETTLED, iterate
 from .products import add_scaled, move, set_rates
 
 STAGES = 5
-DIRECTIONS, NUMBERS = 200, 4_000_000  # directions kept at most, and numbers in all of them
+# directions kept at most, and numbers in all of them; half and twice of the first change no bit of a chain of 48 rows,
+# of two four-bar cells and of Bricard's linkage, which have fewer
+DIRECTIONS, NUMBERS = 200, 4_000_000
 _S = math.sqrt(6.0)
 A = np.array([
     [0.0, 0.0, 0.0, 0.0, 0.0],
@@ -62,7 +64,8 @@ def prepare(kernel: Kernel, control: np.ndarray, *, tolerance: float) -> Any:
     nr = len(kernel.lam)
     depth = max(1, min(DIRECTIONS, nr, NUMBERS // max(nr, 1)))
     tried = {"tried": f"{depth} nr", "reached": f"{depth} nr"}
-    scheme = make_record(tolerance=tolerance)
+    # stage whose multipliers are sought, and h a_(i+1)i, by which they change the velocities of the next one
+    scheme = make_record(tolerance=tolerance, stage=0, weight=0.0)
     # the last stage is the end
     return make_step(kernel, control, arrays=ARRAYS | tried, scheme=scheme, a=A, c=A.sum(axis=1))
 
@@ -133,47 +136,59 @@ def _next_stage(s, k, c, i):
     move(s.r0, s.R0, s.q, k.r, k.R)
     k.t[0] = c.t + c.h * s.c[i + 1]
     run(k.rows)
-    return _find_multipliers(s, k, c.h * s.a[i + 1, i], i)
+    s.scheme.stage, s.scheme.weight = i, c.h * s.a[i + 1, i]
+    return _find_multipliers(s, k)
 
 
 @compile_inline
-def _find_multipliers(s, k, weight, i):
-    """Correct lam of stage i so that A V + phi_t = 0 at the poses of ``k``; return the step's status, 0 on success.
-
-    ``weight`` is h a_(i+1)i, by which lam changes V.
-    """
-    depth = len(s.tried)
+def _find_multipliers(s, k):
+    """Correct lam of the stage so that A V + phi_t = 0 at the poses of ``k``; return the step's status, 0 if it is."""
     copy(k.v, k.w)
     run(k.slips)
     _solve(k, s.left)
-    for n in range(depth + MOST_ITERATIONS):
-        p, q, share = s.tried[n % depth], s.reached[n % depth], 1.0
-        copy(s.left, p)
-        s.control.iterations += 1
-        last = _apply_multipliers(k, p) <= s.scheme.tolerance
-        if not last:  # q = S^-1 A M^-1 A_i^T p, made orthogonal to those of the tries before
-            set_rates(k)
-            _solve(k, q)
-            for j in range(min(n, depth)):
-                if j != n % depth:
-                    shared = _product(q, s.reached[j])
-                    add_scaled(-shared, s.reached[j], q)
-                    add_scaled(-shared, s.tried[j], p)
-            size = math.sqrt(_product(q, q))
-            if not size > 0.0:
-                return STUCK
-            for a in range(len(q)):
-                p[a], q[a] = p[a] / size, q[a] / size
-            share = _product(q, s.left)
-            add_scaled(-share, q, s.left)
-            _apply_multipliers(k, p)
-        for b in range(len(k.v)):
-            add_scaled(share, k.w[b], k.v[b])
-            add_scaled(share / weight, k.w[b], s.gains[i, b])
-        add_scaled(share / weight, p, k.lam)
-        if last:
-            return 0
-    return STUCK
+    return 0 if iterate(s, _sweep, _classify, len(s.tried) + MOST_ITERATIONS) else STUCK
+
+
+@compile_inline
+def _classify(s, i, size, last):
+    """Return the state of the conjugate residuals: they end with a correction of velocities within the tolerance."""
+    if not math.isfinite(size):
+        return FAILED
+    return SETTLED if size <= s.scheme.tolerance else GO_ON
+
+
+@compile_inline
+def _sweep(s, n, stale):
+    """Correct lam by the direction ``n``; return the largest change of velocities by the whole residual.
+
+    NaN where that direction vanishes.
+    """
+    k, g, depth = s.kernel, s.scheme, len(s.tried)
+    p, q, share = s.tried[n % depth], s.reached[n % depth], 1.0
+    copy(s.left, p)
+    s.control.iterations += 1
+    change = _apply_multipliers(k, p)
+    if not change <= g.tolerance:  # q = S^-1 A M^-1 A_i^T p, made orthogonal to those of the tries before
+        set_rates(k)
+        _solve(k, q)
+        for j in range(min(n, depth)):
+            if j != n % depth:
+                shared = _product(q, s.reached[j])
+                add_scaled(-shared, s.reached[j], q)
+                add_scaled(-shared, s.tried[j], p)
+        size = math.sqrt(_product(q, q))
+        if not size > 0.0:
+            return np.nan
+        for a in range(len(q)):
+            p[a], q[a] = p[a] / size, q[a] / size
+        share = _product(q, s.left)
+        add_scaled(-share, q, s.left)
+        _apply_multipliers(k, p)
+    for b in range(len(k.v)):
+        add_scaled(share, k.w[b], k.v[b])
+        add_scaled(share / g.weight, k.w[b], s.gains[g.stage, b])
+    add_scaled(share / g.weight, p, k.lam)
+    return change
 
 
 @compile_inline

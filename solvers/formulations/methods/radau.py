@@ -12,6 +12,10 @@ Simplified Newton with one S, that of the second stage's first estimate; d_i = M
 
 so that stages decouple without complex systems. Spring-dampers are soft rows of the same step (module ``springs``), so
 that their stiffness does not limit it. The last stage is the end of the step.
+
+The iteration ends where phi, h (A v + phi_t) and h^2 dvdot are below a tolerance [m]. With short steps, as far from the
+origin or in a tiny mechanism, that may leave v so far off A v + phi_t = 0 that the error test fails for any next step.
+Such a start is moved back (module ``radau_error``), and from then on iterations go on while they gain a digit.
 """
 
 import math
@@ -30,7 +34,9 @@ from ..compiled.host import Method, choose_tolerance
 from ..compiled.kernel import Kernel
 from ..compiled.marching import SAFETY
 from ..compiled.soft_rows import remove_springs, stack_kernels
+from .iteration import FAILED, GO_ON, SETTLED, classify_by_fall, iterate
 from .products import add_scaled, move
+from .radau_error import close_start, estimate_error
 from .springs import ENTRIES, add_entries, make_soft_rows, set_rates
 
 _S = math.sqrt(6.0)
@@ -41,7 +47,6 @@ A = np.array([
 ])  # fmt: skip
 C = np.array([(4.0 - _S) / 10.0, (4.0 + _S) / 10.0, 1.0])
 ERROR = np.array([-13.0 - 7.0 * _S, -13.0 + 7.0 * _S, -1.0]) / 3.0
-GAMMA = 1.0 / (3.0 + 3.0 ** (2.0 / 3.0) - 3.0 ** (1.0 / 3.0))  # the real eigenvalue of A
 MOST_ITERATIONS = 25  # more help iterations that converge slowly, fewer end hopeless ones sooner
 NEEDED = ("rows", "factorise", "solve", "leave_out", "forces", "divide", "push", "slips")
 ARRAYS = {  # the first axis is that of the stages
@@ -79,11 +84,11 @@ def make_radau_method(problem: Problem, rtol: float, code: str) -> Method:
 def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float, code: str) -> Any:
     """Make the bundle of a step: kernels of the stages without spring-dampers, and the springs as soft rows.
 
-    In its scheme, ``before`` is the length of the last step.
+    In its scheme, ``before`` is the length of the last step; ``exact`` is 1 once a start was moved back.
     """
     stages, made = stack_kernels(remove_springs(system), 3, NEEDED, code)
     springs = make_soft_rows(system, len(kernel.lam), A, made)
-    scheme = make_record(tolerance=tolerance, before=0.0, changed=0.0)
+    scheme = make_record(tolerance=tolerance, before=0.0, changed=0.0, exact=0)
     return add_entries(
         make_step(
             kernel,
@@ -128,19 +133,12 @@ def step(s):
     _guess(s, c.h)
     for i in range(3):
         s.stages.t[i, 0] = c.t + s.c[i] * c.h
-    last = np.inf
-    for i in range(MOST_ITERATIONS):
-        size = _iterate(s, c.h, i == 0)
-        c.iterations += 1
-        c.factorisations += i == 0
-        if not np.isfinite(size) or (i > 1 and size > 2.0 * last):
-            break
-        last = size
-        converged = size <= s.scheme.tolerance
-        if converged:
-            _set_poses(s, c.h, converged)  # not True, for which numba would compile another function
-            c.error = _error(s, c.h, c.rtol)
-            break
+    converged = iterate(s, _sweep, _classify, MOST_ITERATIONS)
+    if converged:
+        _set_poses(s, c.h, converged)  # not True, for which numba would compile another function
+        c.error = estimate_error(s, c.h, c.rtol)
+        if c.error > 1.0 and close_start(s):
+            s.scheme.exact = 1
 
 
 def finish(s):
@@ -211,11 +209,27 @@ def _set_poses(s, h, with_slack):
 
 
 @compile_inline
-def _iterate(s, h, first):
+def _classify(s, i, size, last):
+    """Return the state of the iteration of the stages.
+
+    It fails where ``size`` doubles from the third sweep on. An ``exact`` one may grow and fall below the tolerance.
+    """
+    if not np.isfinite(size) or (i > 1 and size > take_larger(2.0 * last, s.scheme.tolerance)):
+        return FAILED
+    if s.scheme.exact:
+        return classify_by_fall(s, i, size, last)
+    return SETTLED if size <= s.scheme.tolerance else GO_ON
+
+
+@compile_inline
+def _sweep(s, i, stale):
     """Correct vdot, lam, eta and p of all stages once; return the size of the residuals.
 
-    ``first``: factorise S, and compute the response of the springs.
+    The first sweep factorises S, and computes the response of the springs; ``i`` counts sweeps.
     """
+    h, first = s.control.h, i == 0
+    s.control.iterations += 1
+    s.control.factorisations += first
     _set_poses(s, h, not first)
     g, size = s.stages, 0.0
     for i in range(3):
@@ -273,26 +287,3 @@ def _correct_stage(s, g, h, i):
     for b in range(len(s.kernel.v)):
         add_scaled(1.0, g.w[i, b], s.vdot[i, b])
     return find_largest(g.w[i])
-
-
-@compile_inline
-def _error(s, h, rtol):
-    """Return the step's error relative to its tolerance: an RMS over ``rtol (1 + |y|)``, for angles over ``rtol``.
-
-    The estimate is gamma (h y'_0 + e . (y_i - y_0)).
-    """
-    total, start, g = 0.0, s.kernel, s.stages
-    for b in range(len(start.v)):
-        for a in range(12):
-            if a < 6:
-                x = h * start.v[b, a]
-                for i in range(3):
-                    x += s.estimate[i] * s.y[i, b, a]
-                size = max(abs(start.r[b, a]), abs(g.r[2, b, a])) if a < 3 else 0.0
-            else:
-                x = h * start.v_dot[b, a - 6]
-                for i in range(3):
-                    x += s.estimate[i] * (g.v[i, b, a - 6] - start.v[b, a - 6])
-                size = max(abs(start.v[b, a - 6]), abs(g.v[2, b, a - 6]))
-            total += (GAMMA * x / (rtol * (1.0 + size))) ** 2
-    return math.sqrt(total / (12.0 * len(start.v)))

@@ -21,10 +21,12 @@ from ..compiled.entries import compile_inline, run
 from ..compiled.host import Method, choose_tolerance
 from ..compiled.marching import STUCK
 from .free_body import find_principal_axes, turn_discretely, turn_freely
-from .iteration import iterate
+from .iteration import MOST_ITERATIONS, classify_by_fall, iterate
 from .stiff_springs import make_explainer
 
-DAMPER_PASSES = 6  # passes over forces at the new velocities: each leaves about h c / (2 m) of the error before it
+# passes over forces at the new velocities: each leaves about h c / (2 m) of the error before it. On a damped linkage at
+# dt = 5 ms, half moves the end after 3 s by 5e-8 m, twice by 2e-14 m; at 50 ms by 6e-5 and 2e-9 m.
+DAMPER_PASSES = 6
 ARRAYS = {
     "r0": "nb 3",
     "R0": "nb 3 3",
@@ -93,7 +95,7 @@ def _sub_step(s, k, c, h):
     run(k.keep_rows)
     k.t[0] += h
     s.scheme.h = h
-    if not iterate(s, _sweep, s.scheme.tolerance):
+    if not iterate(s, _sweep, classify_by_fall, MOST_ITERATIONS):
         return False
     copy(k.w, k.v)
     run(k.rows)
@@ -110,9 +112,10 @@ def _sub_step(s, k, c, h):
 
 
 @compile_inline
-def _sweep(s, i, slow):
+def _sweep(s, i, stale):
     """Correct the impulse by the last phi, and move to the end; return the size of phi there."""
     k, h = s.kernel, s.scheme.h
+    s.control.iterations += 1
     if i > 0:
         run(k.solve)
         for a in range(len(s.impulse)):

@@ -14,13 +14,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
+from ....harness.base.tableaux import Tableau
 from ....harness.mechanics.types import Problem, StepControl, Trajectory
 from ...plain import rkmk
 from ..compiled.algebra import clear, copy, orthogonalise_rotations, theta_dot, turn_rotation
 from ..compiled.bundles import make_step
 from ..compiled.entries import compile_inline, run
 from ..compiled.host import WITH_PLAIN, MarchedSolver, Method, code_option
-from .tableaux import Tableau
+from .explicit_stages import evaluate_stages
 
 ARRAYS = {  # columns are r (3), theta (3), v (6)
     "start": "nb 12",
@@ -72,10 +73,7 @@ def start(s):
 def step(s):
     """Compute the stages of a step of ``control.h`` and its error; leave the kernel at the last stage."""
     c, n = s.control, len(s.b)
-    for i in range(1, n):
-        _combine(s, s.a[i], i, c.h)
-        _slope(s, c.t + c.h * s.c[i], i)
-    _combine(s, s.b, n, c.h)
+    evaluate_stages(s, 1, _combine, _slope)
     _slope(s, c.t + c.h, n)
     c.error = _error(s, c.h, c.rtol)
 

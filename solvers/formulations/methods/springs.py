@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
+from ....harness.base.generated import Program
 from ....harness.mechanics.fixed_order import product
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import clear, copy, find_largest, take_larger
 from ..compiled.bundles import make_bundle
 from ..compiled.entries import BoundFunction, compile_inline, run
 from ..compiled.soft_rows import make_springs
-from ..generated import Program
 from .products import add_scaled
 
 ARRAYS = {

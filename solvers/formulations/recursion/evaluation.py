@@ -5,13 +5,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ....harness.base.generated import Program
+from ....harness.mechanics.joint_tree import Tree
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.entries import BoundFunction
-from ..generated import Program
 from ..joint_coordinates.elimination import DEPENDENT, EliminationOrder
 from ..joint_coordinates.pivots import AGAIN, ROUNDING, LostRank
 from ..joint_coordinates.stages import list_tolerance_blocks
-from ..joint_coordinates.tree import Tree
 from .accelerations import AcceleratedTree, CoupledTree, ProjectedTree, accelerate_tree, couple_tree, project_tree
 from .limbs import ClosedTree, make_mechanism, select_rows
 from .recording import ErrorParts, make_record, measure_error, record_tree

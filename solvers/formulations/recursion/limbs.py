@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....harness.mechanics.fixed_order import apply, product
+from ....harness.mechanics.joint_tree import Limb, Tree
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..compiled.entries import BoundFunction
 from ..compiled.kernel import Kernel, allocate_kernel, finish_kernel
-from ..joint_coordinates.tree import Limb, Tree
 from .sweeps import factor_inertia, find_response, place_bodies
 
 MOST = 6  # velocities of a limb at most, for one that floats

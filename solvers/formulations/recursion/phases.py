@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from ....harness.base.generated import Program
 from ..compiled.entries import BoundFunction
-from ..generated import Program
 from ..joint_coordinates.spins import find_spins
 from .evaluation import TreeEvaluation, TreeMechanism
 from .hamilton import Phase, close_phase, enter_phase, factor_phase, find_gaps, find_row_force, find_slopes, solve_phase

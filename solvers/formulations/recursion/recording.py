@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ....harness.mechanics.joint_tree import Tree
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import copy, multiply
 from ..compiled.entries import run
-from ..joint_coordinates.tree import Tree
 from .accelerations import add_centripetal, set_loads
 from .closing_rows import add_row
 from .limbs import ClosedTree, ClosingRows, Limbs

@@ -6,7 +6,7 @@ body j. A pose is displaced by d = (dr, dtheta): r + dr, R exp(hat(dtheta)). Wit
     phi_dot = A V + phi_t,   gamma = A_dot V + (phi_t)_dot,   W = A^T lam, the load of the rows on both bodies
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace
@@ -188,3 +188,39 @@ def make_matrix(a: ca.SX) -> ca.SX:
 def list_by_rows(a: ca.SX) -> ca.SX:
     """Return the entries of a matrix, row by row, as a dense column."""
     return ca.vec(ca.densify(a).T)
+
+
+def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
+    """Return the distinct entries of a matrix that vary, and a function that fills the matrix from them.
+
+    Two entries count as one where they are equal, or opposite, at three sets of random numbers.
+    """
+    Z = ca.densify(Z)
+    symbols = ca.symvar(Z)
+    random = np.random.default_rng(1)
+    probe = ca.Function("probe", symbols, [Z])
+    at = np.stack([np.array(probe(*random.standard_normal(len(symbols)))).reshape(-1, order="F") for _ in range(3)])
+    found: list[np.ndarray] = []
+    values: list[ca.SX] = []
+    which = []
+    for c in range(Z.numel()):
+        if Z[c].is_constant():
+            which.append((0, -1))
+            continue
+        size = 1e-12 * np.max(np.abs(at[:, c]))
+        for known, other in enumerate(found):
+            sign = next((g for g in (1, -1) if np.max(np.abs(at[:, c] - g * other)) <= size), 0)
+            if sign:
+                which.append((sign, known))
+                break
+        else:
+            which.append((1, len(found)))
+            found.append(at[:, c])
+            values.append(Z[c])
+
+    def fill(kept: Any) -> ca.SX:
+        """Return Z, filled from the distinct entries."""
+        inside = [sign * kept[known] if sign else Z[c] for c, (sign, known) in enumerate(which)]
+        return ca.reshape(ca.vertcat(*inside), *Z.shape)
+
+    return values, fill

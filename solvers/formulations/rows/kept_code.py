@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ....harness.base import generated
 from ....harness.base.code_meter import making_code
+from ....harness.base.generated import Code
+from ....harness.base.generated.code import print_functions
 from ....harness.mechanics import declaring, fixed_order, forces, joints
-from ..generated import Code
-from ..generated.code import print_functions
 
 
 class RowCode(NamedTuple):
@@ -32,25 +33,6 @@ def load_row_code(kind: str, rows: tuple[int, ...], ground: bool) -> RowCode:
     code.function("constants", 1)(constants.ctypes.data)
     way = constants[2:].reshape(len(rows), 3) if constants[0] else None
     return RowCode(code, way, bool(constants[1]))
-
-
-def load_newton_code(*of: Any, **choices: bool) -> Code:
-    """Return the code of ODE-GC's full Newton method for a kind of joint.
-
-    ``of`` and ``choices`` are the arguments of ``newton.newton_loops``.
-    """
-    return load_or_make_code("newton.newton_loops", *of, **choices)
-
-
-def load_wrench_code(*of: Any, use_f_bar: bool) -> tuple[Code, int, int]:
-    """Return the code of ODE-GC's simplified method for a kind of joint, and two counts.
-
-    These are the numbers of matrix entries that it keeps of the start and of the end of a step. ``of`` and
-    ``use_f_bar`` are the arguments of ``wrenches.wrench_loops``.
-    """
-    code, sizes = load_or_make_code("wrenches.wrench_loops", *of, use_f_bar=use_f_bar), np.zeros(2)
-    code.function("sizes", 1)(sizes.ctypes.data)
-    return code, int(sizes[0]), int(sizes[1])
 
 
 @cache
@@ -76,8 +58,8 @@ def load_or_make_code(maker: str, kind: str = "", *of: Any, **choices: Any) -> C
 @making_code
 def digest_makers() -> str:
     """Return a digest of the files of all modules that make code and of all declarations, and CasADi's version."""
-    here = Path(__file__).resolve().parent
-    folders = (here, here.parent / "generated", Path(joints.__file__).parent / "kinds", Path(forces.__file__).parent)
+    files = __file__, generated.__file__, forces.__file__
+    folders = [*(Path(file).resolve().parent for file in files), Path(joints.__file__).parent / "kinds"]
     paths = [path for folder in folders for path in sorted(folder.glob("*.py"))]
     return digest_files((*map(str, paths), str(declaring.__file__), str(fixed_order.__file__))) + version("casadi")
 

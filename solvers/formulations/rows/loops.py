@@ -7,7 +7,7 @@ from itertools import chain
 
 import casadi as ca
 
-from ..generated import GeneratedFunction, Loop
+from ....harness.base.generated import GeneratedFunction, Loop
 from .expressions import PushExpressions, RowExpressions, express_push, express_rows, list_by_rows, make_matrix
 
 
@@ -19,7 +19,7 @@ def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Gener
     ``of`` are the numbers of the rows; with ``ground`` body j is the ground, and there is body i alone.
     """
     e, bodies = express_rows(kind, of), _make_body_symbols(ground, 4)
-    A, phi, gamma, phi_t = _substitute_bodies(e, [e.A, e.phi, e.gamma, e.phi_t], bodies)
+    A, phi, gamma, phi_t = substitute_bodies(e, [e.A, e.phi, e.gamma, e.phi_t], bodies)
     X = [A[:, 6 * k + 3 : 6 * k + 6] for k in range(len(bodies))]
     Y = [x @ make_matrix(body[3]) for x, body in zip(X, bodies, strict=True)]
     way = A[:, :3]
@@ -39,7 +39,7 @@ def row_slopes(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop |
     ``rate_slopes``: d(phi_dot)/d(pose) (n, 6), by body i and by body j.
     """
     e, bodies = express_rows(kind, of), _make_body_symbols(ground, 3)
-    K, slopes = _substitute_bodies(e, [e.load_slopes, e.rate_slopes], bodies, e.lam)
+    K, slopes = substitute_bodies(e, [e.load_slopes, e.rate_slopes], bodies, e.lam)
     poses = [part for body in bodies for part in body[:2]]
     stored = [list_by_rows(slopes[:, 6 * k : 6 * k + 6]) for k in range(len(bodies))]
     return {
@@ -51,7 +51,7 @@ def row_slopes(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop |
 def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
     """Return the function ``push`` of a kind of force, to be compiled: it adds the load to those of the bodies."""
     e, bodies = express_push(kind), _make_body_symbols(ground, 3)
-    (load,) = _substitute_bodies(e, [e.load], bodies)
+    (load,) = substitute_bodies(e, [e.load], bodies)
     added = [load[6 * k : 6 * k + 6] for k in range(len(bodies))]
     return {"push": Loop(whole=[e.t], rows=[e.numbers], blocks=[*chain(*bodies)], added_blocks=added)}
 
@@ -62,7 +62,7 @@ def push_slopes(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
     It adds the slopes of the load by poses, then by velocities, to blocks in the order of ``load_slopes``.
     """
     e, bodies = express_push(kind), _make_body_symbols(ground, 3)
-    by_pose, by_rate = _substitute_bodies(e, [e.pose_slopes, e.velocity_slopes], bodies)
+    by_pose, by_rate = substitute_bodies(e, [e.pose_slopes, e.velocity_slopes], bodies)
     added = [*_list_blocks(by_pose, ground), *_list_blocks(by_rate, ground)]
     return {"slopes": Loop(whole=[e.t], rows=[e.numbers], blocks=[*chain(*bodies)], added_blocks=added)}
 
@@ -96,7 +96,7 @@ def _make_body_symbols(ground: bool, n: int) -> list[list[ca.SX]]:
     return [[ca.SX.sym(f"{name}_{end}", size) for name, size in parts] for end in ("i" if ground else "ij")]
 
 
-def _substitute_bodies(
+def substitute_bodies(
     e: RowExpressions | PushExpressions, of: list[ca.SX], bodies: list[list[ca.SX]], *rest: ca.SX
 ) -> list[ca.SX]:
     """Return the expressions ``of`` with the symbols of ``bodies`` in place of the general ones.

@@ -11,7 +11,7 @@ from typing import Any
 
 import casadi as ca
 
-from ..generated import GeneratedFunction, Loop
+from ....harness.base.generated import GeneratedFunction, Loop
 from .expressions import RowExpressions, express_load, express_rows, list_by_rows, make_matrix, stack_column
 from .numbers import count_force_parameters
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import casadi as ca
 
+from ....harness.base.generated import GeneratedFunction
 from ....harness.mechanics.system import GROUND
-from ..generated import GeneratedFunction
-from .expressions import express_rows, list_by_rows
+from .expressions import distinct_entries, express_rows, list_by_rows
 from .means import express_mean_rows
 from .mechanism import (
     SymbolicMechanism,
@@ -21,7 +21,6 @@ from .mechanism import (
     make_column,
     multiply_row,
 )
-from .wrenches import distinct_entries
 
 
 class SplitMechanism(SymbolicMechanism):
@@ -54,6 +53,7 @@ class SplitMechanism(SymbolicMechanism):
             return make_column([values[k] for k in range(n)])
 
         def react() -> GeneratedFunction:
+            """Return the function of accelerations and reactions."""
             free = [self._divide_by_mass(b, load) for b, load in enumerate(self._loads(at))]
             lam = factor.solve({k: -row.gamma - multiply_row(row, free) for k, row in rows.items()})
             return GeneratedFunction(
@@ -61,16 +61,19 @@ class SplitMechanism(SymbolicMechanism):
             )
 
         def close_joints() -> GeneratedFunction:
+            """Return the function of poses moved onto phi = 0."""
             closed = self._close_joints(at, rows, factor)
             return GeneratedFunction([at.r, at.R, A, phi, kept], [closed.r, closed.R])
 
         def project_rates() -> GeneratedFunction:
+            """Return the function of velocities moved onto phi_dot = 0, and of the impulses that move them."""
             impulse = factor.solve({k: -row.phi_t - multiply_row(row, by_body) for k, row in rows.items()})
             return GeneratedFunction(
                 [A, phi_t, kept, w], [ca.vertcat(*self._add_response(by_body, rows, impulse)), listed(impulse)]
             )
 
         def slips() -> GeneratedFunction:
+            """Return the function of -phi_dot."""
             slip = {k: -row.phi_t - multiply_row(row, by_body) for k, row in rows.items()}
             return GeneratedFunction([A, phi_t, w], [listed(slip)])
 
@@ -118,6 +121,7 @@ class SplitMechanism(SymbolicMechanism):
             values += own
 
         def fill(kept: ca.SX) -> dict[int, dict[int, ca.SX]]:
+            """Return the blocks of A by row and body, from its distinct entries."""
             out: dict[int, dict[int, ca.SX]] = {}
             for of, bodies, filled, first in parts:
                 made = filled(kept[first:])

@@ -27,6 +27,7 @@ def _binary(of: Callable[[Any, Any], Any], *, swapped: bool) -> Callable[[Symbol
     """Return the method of ``Symbol`` for an operation of two arguments; ``swapped``: with their order reversed."""
 
     def combine(a: Symbol, b: Any) -> Any:
+        """Return the operation on the expressions of both arguments."""
         if isinstance(b, np.ndarray):
             return NotImplemented  # element by element, by NumPy
         y = b.x if isinstance(b, Symbol) else b

@@ -1,140 +1,48 @@
-"""Loops of ODE-GC's simplified method over joints of one kind: wrenches of rows in space, and their rates.
+"""Loops over joints of a kind for ODE-GC's Eqs. (74), (75) and (79), and code of a step for one mechanism.
 
-With D the wrenches (force, torque about C) of the rows on both bodies, in space, and u = (r_dot, omega), so that
-phi_dot = D^T u, B = dt/2 times the switch of the B term of Eq. (71), f_bar and M_bar by Eqs. (30), (31) under gravity::
-
-    begin     at the start of a step: w -= dt/2 D0 f_bar0; M_bar phi_dot^2, f_bar0, and entries of D0 + B D_dot0 for
-    impulses  w += (D1 - B D_dot1) nu1 - (D0 + B D_dot0) nu0 - dt/2 D1 f_bar1; f_bar1, and entries of D1 for
-    rates     x := -D^T u
-    loads     load += D x
-
-Entries of a matrix that are equal or opposite are kept once: three for the torques of a joint's point rows.
+D are the wrenches of the rows on both bodies (force, torque about C), D_dot their rates along the motion, M_bar, f_bar
+and c_R those of Eqs. (30), (31), B is dt/2 times the switch of the B term of Eq. (71), Z0 = D0 + B D_dot0; suffix 0 is
+the start of a step, 1 its end. ``OF_JOINTS`` of ``methods.gc_step`` and ``methods.gc_newton`` says what each function
+reads and writes. The simplified method is in space, under gravity alone; the full one has torques in the body, and its
+motion at the end turns by theta = T dOmega1. It leaves out the slopes of M_bar and of C_bar, K_bar, and those of f_bar
+by the forces: of order dt^2.
 """
 
 from collections.abc import Callable, Sequence
+from functools import cache
+from math import prod
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..generated import GeneratedFunction, Loop
-from .expressions import RowExpressions, differentiate_pose, express_rows, make_matrix
+from ....harness.base.generated import GeneratedFunction, Loop
+from ....harness.mechanics.fixed_order import inverse
+from .expressions import (
+    differentiate_by_pose,
+    differentiate_pose,
+    distinct_entries,
+    express_rows,
+    list_by_rows,
+    make_matrix,
+)
+from .loops import substitute_bodies
+from .mechanism import (
+    JointPart,
+    SymbolicMechanism,
+    SymbolicState,
+    join_ends,
+    list_exact_joint_parameters,
+    make_column,
+    multiply_row,
+    snap_zeros,
+)
+from .numbers import NUMBERS
 
 ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
-BODY = (("r", 3), ("R", 9), ("u", 6), ("numbers", 22))  # numbers: m g, m, J^-1, J
-
-
-def wrench_loops(
-    kind: str, rows: tuple[int, ...], ground: bool, direction: int, *, use_f_bar: bool
-) -> dict[str, Loop | GeneratedFunction]:
-    """Return the functions of the module's table for a kind of joint, and ``sizes``, to be compiled.
-
-    ``sizes`` returns the numbers of entries kept of the start and of the end of a step. ``rows`` are the numbers of the
-    rows; with ``ground`` body j is the ground. ``direction`` is that of c in Eq. (31); ``use_f_bar``: with f_bar of Eq.
-    (30).
-    """
-    e, n = express_rows(kind, rows, space=True), 1 if ground else 2
-    x, nu_start = (ca.SX.sym(name, len(rows)) for name in ("x", "nu_start"))
-    plan = ca.SX.sym("plan", 3)
-    bodies = [[ca.SX.sym(f"{part}_{end}", size) for part, size in BODY] for end in "ij"]
-    still = [ca.SX.zeros(3), ca.vec(ca.densify(ca.SX.eye(3))), ca.SX.zeros(6)]
-    ends = [bodies[0][:3], still if ground else bodies[1][:3]]
-    moved = ca.vertcat(e.x, e.t), ca.vertcat(differentiate_pose(e.x, e.V, space=True), 1)
-    rate = ca.jtimes(e.A.T @ x, *moved)
-    m_bar, f_bar = measure_rows_in_space(e, bodies[:n], direction)
-    f_bar = f_bar if use_f_bar else ca.SX.zeros(len(rows))
-    slip = m_bar * e.phi_dot**2
-    Z = e.A.T + plan[1] * ca.jacobian(rate, x)
-    w = e.A.T @ (x - plan[0] * f_bar) - plan[1] * rate
-    others = [part for body in bodies for part in body[3:]]
-    free = ca.Function(
-        "free", [e.x, e.V, e.t, e.numbers, plan, x, *others], [Z, e.A.T, w, f_bar, -plan[0] * (e.A.T @ f_bar), slip]
-    )
-    poses = ca.vertcat(*ends[0][:2], *ends[1][:2]), ca.vertcat(ends[0][2], ends[1][2])
-    Z, D, w, f_bar, first, slip = (ca.simplify(a) for a in free.call([*poses, e.t, e.numbers, plan, x, *others]))
-    entries0, Z_kept = _name_entries(Z[: 6 * n, :])
-    entries, D_kept = _name_entries(D[: 6 * n, :])
-    given = [entries0[0], entries[0]]
-    w = w[: 6 * n] - Z_kept @ (plan[2] * x + nu_start)
-    u = ca.vertcat(*[ends[b][2] for b in range(n)])
-    blocks = [part for b in range(n) for part in bodies[b][: 4 if use_f_bar else 3]]
-    last = [ca.densify(f_bar)] if use_f_bar else []
-    return {
-        "begin": Loop(
-            whole=[e.t, plan],
-            rows=[e.numbers],
-            blocks=[part for b in bodies[:n] for part in b],
-            stored=[entries0[1], ca.densify(slip), *last],
-            added_blocks=list_by_ends(first[: 6 * n]),
-        ),
-        "impulses": Loop(
-            whole=[e.t, plan],
-            rows=[e.numbers, given[0], x, nu_start],
-            blocks=blocks,
-            stored=[entries[1], *last],
-            added_blocks=list_by_ends(w),
-        ),
-        "rates": Loop(rows=[given[1]], blocks=[ends[b][2] for b in range(n)], stored=[ca.densify(-D_kept.T @ u)]),
-        "loads": Loop(rows=[given[1], x], added_blocks=list_by_ends(D_kept @ x)),
-        "sizes": GeneratedFunction([], [ca.DM([entries0[0].numel(), entries[0].numel()])]),
-    }
-
-
-def list_by_ends(w: ca.SX) -> list[ca.SX]:
-    """Return the load ``w`` (6 or 12,) as a list of the six entries of each body."""
-    return [ca.densify(w[at : at + 6]) for at in range(0, w.numel(), 6)]
-
-
-def _name_entries(Z: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
-    """Return symbols and values of the entries of a matrix that vary, and the matrix in these symbols."""
-    values, fill = distinct_entries(Z)
-    kept = ca.SX.sym("kept", len(values))
-    return (kept, ca.vertcat(*values)), fill(kept)
-
-
-def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
-    """Return the distinct entries of a matrix that vary, and a function that fills the matrix from them.
-
-    Two entries count as one where they are equal, or opposite, at three sets of random numbers.
-    """
-    Z = ca.densify(Z)
-    symbols = ca.symvar(Z)
-    random = np.random.default_rng(1)
-    probe = ca.Function("probe", symbols, [Z])
-    at = np.stack([np.array(probe(*random.standard_normal(len(symbols)))).reshape(-1, order="F") for _ in range(3)])
-    found: list[np.ndarray] = []
-    values: list[ca.SX] = []
-    which = []
-    for c in range(Z.numel()):
-        if Z[c].is_constant():
-            which.append((0, -1))
-            continue
-        size = 1e-12 * np.max(np.abs(at[:, c]))
-        for known, other in enumerate(found):
-            sign = next((g for g in (1, -1) if np.max(np.abs(at[:, c] - g * other)) <= size), 0)
-            if sign:
-                which.append((sign, known))
-                break
-        else:
-            which.append((1, len(found)))
-            found.append(at[:, c])
-            values.append(Z[c])
-
-    def fill(kept: Any) -> ca.SX:
-        inside = [sign * kept[known] if sign else Z[c] for c, (sign, known) in enumerate(which)]
-        return ca.reshape(ca.vertcat(*inside), *Z.shape)
-
-    return values, fill
-
-
-def measure_rows_in_space(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX]:
-    """Return M_bar and f_bar of rows in space under gravity; ``bodies`` are symbols of each end that end in numbers.
-
-    These are the ``numbers`` of ``BODY``: m g, m, J^-1, J.
-    """
-    turn = [ca.diagcat(ca.SX.eye(3), make_matrix(e.x[12 * end + 3 : 12 * end + 12])) for end in range(2)]
-    ends = [(x[3], make_matrix(x[13:22]), make_matrix(x[4:13]), ca.vertcat(x[:3], ca.SX(3, 1))) for *_, x in bodies]
-    return measure_rows(e.A @ ca.diagcat(*turn), ends, direction)[:2]
+IN_SPACE = (("r", 3), ("R", 9), ("u", 6), ("numbers", 22))  # numbers: m g, m, J^-1, J
+BODY = (("r", 3), ("R", 9), ("v", 6), ("force", 6), ("inertia", 19), ("T", 9))  # inertia: m, J, J^-1
+IN_A_PRODUCT = 16  # ratios of pivots, each above 1e-9, of which one logarithm is taken
 
 
 def measure_rows(
@@ -161,3 +69,266 @@ def measure_rows(
         c.append(ca.horzcat(z, y))
     m_bar = inertia / (size * size) if direction == ALONG_A else 1 / size
     return m_bar, force / size, [x / ca.repmat(size, 1, 6) for x in c]
+
+
+@cache
+def express_wrenches(kind: str, of: tuple[int, ...], ends: int, direction: int) -> ca.Function:
+    """Return the wrenches in space of rows of a kind of joint as a CasADi function, under gravity alone.
+
+    It takes poses, velocities in space, t, numbers of the joint and of both bodies, B and nu, and returns Z = D + B
+    D_dot (6 or 12, n), D, f_bar, M_bar phi_dot^2 and D_dot nu. ``ends``: bodies that move, 1 or 2.
+    """
+    e, nu, B = express_rows(kind, of, space=True), ca.SX.sym("nu", len(of)), ca.SX.sym("B")
+    bodies = [ca.SX.sym(f"numbers_{end}", 22) for end in "ij"]
+    rate = ca.jtimes(e.A.T @ nu, ca.vertcat(e.x, e.t), ca.vertcat(differentiate_pose(e.x, e.V, space=True), 1))
+    turn = [ca.diagcat(ca.SX.eye(3), make_matrix(e.x[12 * end + 3 : 12 * end + 12])) for end in range(2)]
+    inertias = [
+        (x[3], make_matrix(x[13:22]), make_matrix(x[4:13]), ca.vertcat(x[:3], ca.SX(3, 1))) for x in bodies[:ends]
+    ]
+    m_bar, f_bar, _ = measure_rows(e.A @ ca.diagcat(*turn), inertias, direction)
+    Z = e.A.T + B * ca.jacobian(rate, nu)
+    given = [e.x, e.V, e.t, e.numbers, *bodies, B, nu]
+    found = [Z[: 6 * ends, :], e.A.T[: 6 * ends, :], f_bar, m_bar * e.phi_dot**2, rate[: 6 * ends]]
+    return ca.Function("wrenches", given, found)
+
+
+def wrench_loops(
+    kind: str, rows: tuple[int, ...], ground: bool, direction: int, *, use_f_bar: bool
+) -> dict[str, Loop | GeneratedFunction]:
+    """Return the functions ``OF_JOINTS`` of ``methods.gc_step`` for a kind of joint, and ``sizes``, to be compiled.
+
+    ``sizes`` returns the numbers of entries kept of the start and of the end of a step. ``rows`` are the numbers of the
+    rows; with ``ground`` body j is the ground. ``direction`` is that of c in Eq. (31); ``use_f_bar``: with f_bar of Eq.
+    (30).
+    """
+    bodies = [[ca.SX.sym(f"{part}_{end}", size) for part, size in IN_SPACE] for end in ("i" if ground else "ij")]
+    i, j = [*bodies, [ca.SX.zeros(3), ca.vec(ca.densify(ca.SX.eye(3))), ca.SX.zeros(6), ca.SX.zeros(22)]][:2]
+    t, numbers, plan = ca.SX.sym("t"), ca.SX.sym("p", NUMBERS), ca.SX.sym("plan", 3)
+    x, nu_start = (ca.SX.sym(name, len(rows)) for name in ("x", "nu_start"))
+    poses, velocities = ca.vertcat(*i[:2], *j[:2]), ca.vertcat(i[2], j[2])
+    wrench = express_wrenches(kind, rows, len(bodies), direction)
+    Z, D, f_bar, slip, rate = wrench(poses, velocities, t, numbers, i[3], j[3], plan[1], x)
+    f_bar = f_bar if use_f_bar else ca.SX.zeros(len(rows))
+    w, first = D @ (x - plan[0] * f_bar) - plan[1] * rate, -plan[0] * (D @ f_bar)
+    Z, D, w, f_bar, first, slip = (ca.simplify(a) for a in (Z, D, w, f_bar, first, slip))
+    (kept0, values0), Z_kept = _name_entries(Z)
+    (kept, values), D_kept = _name_entries(D)
+    u = ca.vertcat(*[body[2] for body in bodies])
+    return {
+        "start": Loop(
+            whole=[t, plan],
+            rows=[numbers],
+            blocks=[part for body in bodies for part in body],
+            stored=[values0, ca.densify(slip), *([ca.densify(f_bar)] if use_f_bar else [])],
+            added_blocks=list_by_ends(first),
+        ),
+        "impulses": Loop(
+            whole=[t, plan],
+            rows=[numbers, kept0, x, nu_start],
+            blocks=[part for body in bodies for part in body[: 4 if use_f_bar else 3]],
+            stored=[values],
+            added_blocks=list_by_ends(w - Z_kept @ (plan[2] * x + nu_start)),
+        ),
+        "rates": Loop(rows=[kept], blocks=[body[2] for body in bodies], stored=[ca.densify(-D_kept.T @ u)]),
+        "loads": Loop(rows=[kept, x], added_blocks=list_by_ends(D_kept @ x)),
+        "sizes": GeneratedFunction([], [ca.DM([kept0.numel(), kept.numel()])]),
+    }
+
+
+def newton_loops(
+    kind: str, rows: tuple[int, ...], ground: bool, direction: int, *, symmetric: bool, use_f_bar: bool, couple: bool
+) -> dict[str, Loop]:
+    """Return the functions ``OF_JOINTS`` of ``methods.gc_newton`` for a kind of joint, to be compiled.
+
+    ``rows`` are the numbers of its rows; with ``ground`` body j is the ground. ``direction`` is that of c in Eq. (31);
+    ``symmetric``: in the symmetric gauge; ``use_f_bar``: with f_bar of Eq. (30); ``couple``: with slopes of each body's
+    load by the other body, and of f_bar.
+    """
+    e, n, ends = express_rows(kind, rows), len(rows), 1 if ground else 2
+    i, j = ([ca.SX.sym(f"{part}_{end}", size) for part, size in BODY] for end in "ij")
+    both = [i, [ca.SX.zeros(3), ca.vec(ca.SX.eye(3)), *(ca.SX.zeros(size) for _, size in BODY[2:])] if ground else j]
+    moving = both[:ends]
+    plan = ca.SX.sym("plan", 3)
+    half, B, gauge = plan[0], plan[1], plan[2]
+    names = "nu", "on_D", "on_D_dot", "nu_start", "G0", "stiffness", "on_phi_dot", "on_phi"
+    symbols = nu, on_D, on_D_dot, nu_start, G0, stiffness, on_phi_dot, on_phi = [ca.SX.sym(name, n) for name in names]
+    inertias = [(b[4][0], make_matrix(b[4][1:10]), make_matrix(b[4][10:19]), b[3]) for b in moving]
+    m_bar, f_bar, c = measure_rows(e.A, inertias, direction)
+    D = e.A.T  # torques in the body
+    D_dot = ca.jtimes(D, ca.vertcat(e.x, e.t), ca.vertcat(differentiate_pose(e.x, e.V), 1))
+    turns = slice(3, 6), slice(9, 12)  # of both bodies
+    for turn in turns:
+        D_dot[turn, :] += ca.skew(e.V[turn]) @ D[turn, :]
+    load = D @ on_D + D_dot @ on_D_dot
+    by_pose, by_rate = differentiate_by_pose(load, e.x), ca.jacobian(load, e.V)
+    if couple and use_f_bar and direction != TRANSLATION:
+        by_pose = by_pose + D @ (half * differentiate_by_pose(f_bar, e.x))
+
+    def differentiate(by_pose: ca.SX, by_rate: ca.SX) -> ca.SX:
+        """Return slopes by the velocities at the end of the step, (., 12): dr = dt/2 dr_dot, theta = T dOmega."""
+        parts = []
+        for move, turn, body in zip((slice(0, 3), slice(6, 9)), turns, both, strict=True):
+            parts.append(half * by_pose[:, move] + by_rate[:, move])
+            parts.append(by_pose[:, turn] @ make_matrix(body[5]) + by_rate[:, turn])
+        return ca.horzcat(*parts)
+
+    K = differentiate(by_pose, by_rate)
+    for turn, body in zip(turns, both, strict=True):  # R^T d(R torque) = d torque - torque x theta
+        K[turn, turn] += -ca.skew(load[turn]) @ make_matrix(body[5])
+    row = ca.diag(on_phi_dot) @ differentiate(differentiate_by_pose(e.phi_dot, e.x), ca.jacobian(e.phi_dot, e.V))
+    row += ca.diag(on_phi) @ differentiate(differentiate_by_pose(e.phi, e.x), ca.SX(n, 12))
+    in_space = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), make_matrix(b[1])) for b in both])
+
+    def express(*of: ca.SX) -> list[ca.SX]:
+        """Return expressions simplified, with the symbols of the bodies in place of general poses and velocities."""
+        rest = [part for body in moving for part in (body[1], *body[3:])]
+        return substitute_bodies(e, [ca.densify(x) for x in of], moving, *rest, plan, *symbols)
+
+    Z0, first = express((in_space @ (D + B * D_dot))[: 6 * ends, :], (in_space @ D)[: 6 * ends, :] @ (-half * G0))
+    pushed, phi, rate, m_bar, f_bar, *c = express(load[: 6 * ends], e.phi, e.phi_dot, m_bar, f_bar, *c)
+    column, row, K = express((-D @ ca.diag(stiffness) + B * D_dot)[: 6 * ends, :], row, K)
+    kept, Z0_kept = ca.SX.sym("kept", Z0.numel()), ca.SX(Z0)
+    for entry in range(Z0.numel()):
+        if not Z0[entry].is_constant():
+            Z0_kept[entry] = kept[entry]
+    if symmetric:
+        turned_back = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), make_matrix(b[1]).T) for b in moving])
+        pushed = pushed + turned_back @ (Z0_kept @ (gauge * nu))
+        column = column + gauge * (turned_back @ Z0_kept)
+    blocks = [(a, b) for a in range(ends) for b in range(ends) if couple or a == b]
+    parts = [column[6 * b : 6 * b + 6, :] for b in range(ends)] + [row[:, 6 * b : 6 * b + 6] for b in range(ends)]
+    given = {"whole": [e.t, plan], "rows": [e.numbers, kept, *symbols], "blocks": [x for body in moving for x in body]}
+    return {
+        "measure": Loop(**given, stored=[phi, rate, m_bar, f_bar]),
+        "direction": Loop(**given, stored=[list_by_rows(x) for x in c]),
+        "begin": Loop(
+            **given, stored=[ca.vec(Z0)] if symmetric else [], added_blocks=list_by_ends(Z0 @ nu_start + first)
+        ),
+        "balance": Loop(**given, added_blocks=list_by_ends(pushed)),
+        "slopes": Loop(
+            **given,
+            stored=[list_by_rows(x) for x in parts],
+            added_blocks=[list_by_rows(K[6 * a : 6 * a + 6, 6 * b : 6 * b + 6]) for a, b in blocks],
+        ),
+    }
+
+
+def list_by_ends(w: ca.SX) -> list[ca.SX]:
+    """Return the load ``w`` (6 or 12,) as a list of the six entries of each body."""
+    return [ca.densify(w[at : at + 6]) for at in range(0, w.numel(), 6)]
+
+
+def _name_entries(Z: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
+    """Return symbols and values of the entries of a matrix that vary, and the matrix in these symbols."""
+    values, fill = distinct_entries(Z)
+    kept = ca.SX.sym("kept", len(values))
+    return (kept, ca.vertcat(*values)), fill(kept)
+
+
+class SimplifiedStep(SymbolicMechanism):
+    """The functions of the simplified method's step for a system of spherical and revolute joints under gravity."""
+
+    def make_functions(  # type: ignore[override]
+        self, *, gauge: float, b_term: float, direction: int, use_f_bar: int, keep_nu: int
+    ) -> tuple[dict[str, GeneratedFunction], list[int]]:
+        """Return the functions of a step, and the numbers of entries kept of the start and of the factor.
+
+        ``begin`` (t, plan, r, R, v, nu_start) -> (known, kept, slip, f_bar) at the start of a step;
+        ``factor`` (t, r, R) -> (factor, (rank, log10 det S over its diagonal)), where rows are chosen
+        (t, r, R, bounds) -> (factor, found, inverse shares), with ``couple`` (t, r, R) -> scaled S;
+        ``iterate`` (t, plan, r, R, v, known, kept, nu, factor) -> (v, nu, (change^2,)) at the end;
+        ``correct`` (t, r, R, factor) -> (r, R); ``copy`` (v, nu) and ``copy_poses`` (r, R).
+        """
+        nb, n, at, plan = self.system.nb, len(self.order), self.state(), ca.SX.sym("plan", 3)
+        half, none = plan[0], ca.SX(0)
+        B = b_term * half
+        nu, nu_start, known = ca.SX.sym("nu", n), ca.SX.sym("nu_start", n), ca.SX.sym("known", 6 * nb)
+        R = [make_matrix(part) for part in ca.vertsplit(at.R, 9)]
+        velocities = ca.vertsplit(at.v, 6)
+        spun = at._replace(v=ca.vertcat(*(x for b, v in enumerate(velocities) for x in (v[:3], R[b] @ v[3:]))))
+        first, w = [self._momentum(b, v, R[b], half) for b, v in enumerate(velocities)], ca.vertsplit(known, 6)
+        values: list[ca.SX] = []
+        starts: list[tuple[int, Callable[[Any], ca.SX]]] = []
+        f_bars, slips = [none] * n, [none] * n
+        joints = [(part, slice(part.first, part.first + len(part.of))) for part in self.parts]
+        for part, own in joints:
+            Z, D, f_bar, slip, _ = self._express_part(part, direction, spun, B)
+            load = D @ (-half * f_bar) if use_f_bar else ca.SX.zeros(Z.shape[0])
+            if keep_nu:
+                load -= Z @ nu_start[own]
+            self._add_to_bodies(first, part, load)
+            distinct, fill = distinct_entries(Z)
+            starts.append((len(values), fill))
+            values += distinct
+            slips[own] = ca.vertsplit(slip)
+            f_bars[own] = ca.vertsplit(f_bar) if use_f_bar else [none] * len(part.of)
+        kept = ca.SX.sym("kept", max(1, len(values)))
+        for (part, own), (at_first, fill) in zip(joints, starts, strict=True):
+            Z, D, f_bar, *_ = self._express_part(part, direction, spun, -B)
+            distinct, filled = distinct_entries(Z - gauge * fill(kept[at_first:]) if gauge else Z)
+            load = filled(distinct) @ nu[own]
+            self._add_to_bodies(w, part, load - half * (D @ f_bar) if use_f_bar else load)
+
+        rows, poses = self._rows(at), [at.t, at.r, at.R]
+        factor, shares, couple = self._make_factor(rows, poses)
+        free = [self._divide_by_mass(b, ca.vertcat(p[:3], R[b].T @ p[3:])) for b, p in enumerate(w)]
+        whole = [factor.inverse[k] > 0 for k in self.order]
+        ratios = [ca.if_else(whole[c], factor.pivots[c] / factor.diagonal[k], 1) for c, k in enumerate(self.order)]
+        products = [prod(ratios[c : c + IN_A_PRODUCT]) for c in range(0, n, IN_A_PRODUCT)]
+        log_det = sum((ca.log(x) for x in products), ca.SX(0)) / np.log(10.0)
+        found = ca.vertcat(sum(whole, ca.SX(0)), log_det)
+        numbers = factor.exchange_numbers()
+        told = ca.SX.sym("factor", numbers.numel())
+        factor.exchange_numbers(told)
+        x = factor.solve({k: -multiply_row(row, free) for k, row in rows.items()})
+        v = self._add_response(free, rows, x)
+        square = sum((self._energy(b, a - o) for b, (a, o) in enumerate(zip(v, velocities, strict=True))), ca.SX(0))
+        change = make_column([x[k] for k in range(n)])
+        closed = self._close_joints(at, rows, factor)
+        made = [ca.vertcat(*first), ca.vertcat(*values) if values else ca.SX(1, 1), *map(make_column, (slips, f_bars))]
+        iterated = [ca.vertcat(*v), nu + change * (1.0 / (1.0 - gauge)), square]
+        return {
+            "begin": GeneratedFunction([at.t, plan, at.r, at.R, at.v, nu_start], made),
+            "factor": GeneratedFunction([*poses, *self._bounds], [numbers, found, *shares]),
+            **couple,
+            "iterate": GeneratedFunction([at.t, plan, at.r, at.R, at.v, known, kept, nu, told], iterated),
+            "correct": GeneratedFunction([*poses, told], [closed.r, closed.R]),
+            "copy": GeneratedFunction([at.v, nu], [at.v, nu]),
+            "copy_poses": GeneratedFunction(poses[1:], poses[1:]),
+        }, [kept.numel(), numbers.numel()]
+
+    def _momentum(self, b: int, v: ca.SX, R: ca.SX, half: ca.SX) -> ca.SX:
+        """Return (m r_dot + dt m g, R J Omega) of body ``b``: its momentum in space plus the impulse of gravity."""
+        weight = 2.0 * half * ca.SX(ca.DM(self.system.mass[b] * self.system.gravity))
+        return ca.vertcat(self.system.mass[b] * v[:3] + weight, R @ (self._inertia(b) @ v[3:]))
+
+    def _energy(self, b: int, v: ca.SX) -> ca.SX:
+        """Return v . M v of body ``b``, twice the kinetic energy at its velocities ``v`` (6,)."""
+        return self.system.mass[b] * ca.dot(v[:3], v[:3]) + ca.dot(v[3:], self._inertia(b) @ v[3:])
+
+    def _inertia(self, b: int) -> ca.DM:
+        """Return the inertia of body ``b`` about C, with exact zeros instead of rounding."""
+        return ca.sparsify(ca.DM(snap_zeros(self.system.regular_inertia[b])))
+
+    def _express_part(self, part: JointPart, direction: int, spun: SymbolicState, B: ca.SX) -> list[ca.SX]:
+        """Return the results of ``express_wrenches`` for a joint's rows; ``spun`` has velocities in space."""
+        s, bodies = self.system, [ca.DM.zeros(22), ca.DM.zeros(22)]
+        for end, b in enumerate(part.body):
+            if b >= 0:
+                J = s.regular_inertia[b]
+                numbers = (
+                    s.mass[b] * s.gravity,
+                    s.mass[b : b + 1],
+                    snap_zeros(inverse(J)).ravel(),
+                    snap_zeros(J).ravel(),
+                )
+                bodies[end] = ca.DM(np.concatenate(numbers))
+        given = [*join_ends(spun, part.body), spun.t, list_exact_joint_parameters(s, part.joint), *bodies, B]
+        wrench = express_wrenches(part.kind, part.of, 2 if part.body[1] >= 0 else 1, direction)
+        return list(wrench(*given, ca.SX.zeros(len(part.of))))
+
+    def _add_to_bodies(self, w: list[ca.SX], part: JointPart, load: ca.SX) -> None:
+        """Add the ``load`` of a joint to the entries of its bodies in ``w``, which is changed."""
+        for e, b in enumerate(part.body):
+            if b >= 0:
+                w[b] = w[b] + load[6 * e : 6 * e + 6]

@@ -16,12 +16,12 @@ from mbsbench.harness.catalogue import plugins, registry
 from mbsbench.harness.catalogue.codes import digest_code
 from mbsbench.harness.formats.mechanisms import mechanism_files
 from mbsbench.harness.formats.mechanisms.mechanism import CompiledMechanism, OmittedContents
+from mbsbench.harness.mechanics.cut_trees.tree import build_spanning_tree
 from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.solvers.engines import mujoco as engine
 from mbsbench.solvers.engines.export.model_check import SAME, EngineModel, measure_differences
-from mbsbench.solvers.engines.export.tree import build_spanning_tree
 from mbsbench.tests.comparing import assert_close
 
 from .systems import PROBLEMS

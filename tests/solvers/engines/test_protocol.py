@@ -157,7 +157,7 @@ import pathlib, time
 from mbsbench.solvers.engines.export import process
 process.INSIDE = pathlib.Path({str(tmp_path)!r})
 one = process.Process("pendulum", pathlib.Path({str(tmp_path / "engines/pendulum/bin/python")!r}))
-print(one._child.pid, flush=True)
+print(one.process.pid, flush=True)
 time.sleep(60)
 """
     parent = subprocess.Popen([sys.executable, "-c", asleep], stdout=subprocess.PIPE, text=True)

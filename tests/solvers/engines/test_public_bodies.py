@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mbsbench import make_problem
+from mbsbench import accelerations, make_problem
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.formats.mechanisms import mechanism_files
+from mbsbench.harness.formats.motions import omissions
 from mbsbench.tests.comparing import assert_close
 
 from .test_mechanism_files import written
@@ -255,3 +256,31 @@ def test_a_body_too_small_for_the_compiler_is_refused_and_made_no_rod(tmp_path):
     body = f'<body name="b"><freejoint/><inertial pos="0 0 0" mass="1e-9" fullinertia="{full}"/></body>'
     with pytest.raises(ValueError, match="inertia"):
         mechanism_files.read_mechanism(written(tmp_path, WORLD.format(body, ""), "tiny.xml")).system()
+
+
+@pytest.mark.parametrize(
+    ("sleep", "expected"), [("enable", {"bodies asleep at the start, which move here": 2}), ("disable", {})]
+)
+def test_bodies_asleep_at_the_start_are_named(tmp_path, sleep, expected):
+    """MuJoCo keeps a tree with sleep="init" at rest, even in the air, until something touches it; here it falls.
+
+    So https://mujoco.readthedocs.io/en/stable/XMLreference.html#body-sleep and computation, "Sleeping islands".
+    """
+    body = f'<body name="a" sleep="init"><freejoint/>{BAR}<body name="b" pos="1 0 0"><joint/>{BAR}</body></body>'
+    text = WORLD.format(body + PEER, f'<option><flag sleep="{sleep}"/></option>')
+    mechanism = mechanism_files.read_mechanism(written(tmp_path, text))
+    assert mechanism.omitted == expected
+    assert all(map(omissions.ACTS.search, mechanism.omitted))
+    problem = mechanism.problem()
+    assert_close(accelerations(problem.system, problem.initial).v_dot[-1], (0.0, 0.0, -9.81), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("flag", "expected"), [("", {"colliding geoms": 2}), ('<option><flag contact="disable"/></option>', {})]
+)
+def test_geoms_that_a_pair_lets_touch_are_named(tmp_path, flag, expected):
+    """A pair collides whatever the bits of its geoms: https://mujoco.readthedocs.io/en/stable/XMLreference.html#contact-pair."""
+    geoms = (f'<geom name="{name}" size=".1" contype="0" conaffinity="0" mass="0"/>' for name in ("x", "y"))
+    bodies = "".join(f"<body><freejoint/>{BAR}{geom}</body>" for geom in geoms)
+    text = WORLD.format(bodies, f'<contact><pair geom1="x" geom2="y"/></contact>{flag}')
+    assert mechanism_files.read_mechanism(written(tmp_path, text)).omitted == expected

@@ -180,6 +180,6 @@ def test_a_model_of_bullet_that_is_replaced_is_freed():
         for _ in range(models):
             assert solver.refuses(problem, CONTROL) is None
         one = process.get_process("pybullet", process.find_environment("pybullet"))
-        lines = Path(f"/proc/{one._child.pid}/status").read_text().splitlines()
+        lines = Path(f"/proc/{one.process.pid}/status").read_text().splitlines()
         used.append(int(next(line for line in lines if line.startswith("VmData")).split()[1]))
     assert used[1] - used[0] < 100_000  # kB

@@ -9,6 +9,7 @@ import scipy.linalg as sl
 
 from mbsbench import Joint, RigidBody, State, assemble
 from mbsbench.harness.lab.fuzz.drawing import draw_mechanism
+from mbsbench.harness.mechanics.cut_trees.tree import EngineTree, Kind, build_spanning_tree
 from mbsbench.harness.mechanics.motion import (
     applied_loads,
     constraint,
@@ -22,7 +23,6 @@ from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.mechanics.torsion import evaluate_torsion
 from mbsbench.solvers.engines.export.model_check import EngineModel, measure_differences, refuse_model
-from mbsbench.solvers.engines.export.tree import EngineTree, Kind, build_spanning_tree
 
 from .systems import PROBLEMS
 

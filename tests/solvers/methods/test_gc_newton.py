@@ -15,7 +15,7 @@ from mbsbench.solvers.formulations.compiled.entries import Program
 from mbsbench.solvers.formulations.compiled.kernel import make_kernel, set_state
 from mbsbench.solvers.formulations.compiled.marching import make_control
 from mbsbench.solvers.formulations.methods.choices import Settings
-from mbsbench.solvers.formulations.methods.gc_newton_arrays import NEEDED, make_step
+from mbsbench.solvers.formulations.methods.gc_newton import NEEDED, make_step
 from mbsbench.tests.comparing import assert_close
 from mbsbench.tests.covering import diagonal
 
@@ -55,7 +55,6 @@ def arbitrary_step(system: MultibodySystem, direction: int = 0, **choices: float
     control = make_control(h=DT, dt=DT, t_end=1.0)
     s = make_step(k, control, system=system, settings=Settings(direction=direction, **choices))
     set_state(k, arbitrary(system, 5))
-    s.scheme["h"] = DT
     Program.run(s.complete)
     Program.run(s.keep_end)
     s.r0[:], s.R0[:], s.v0[:] = k.r, k.R, k.v
@@ -79,9 +78,9 @@ def residual(s: Any, x: np.ndarray) -> np.ndarray:
     s.kernel.v[:] = x[:nv].reshape(s.kernel.v.shape)
     s.terms.nu[:] = x[nv:]
     Program.run(s.evaluate)
-    R_v = s.off.copy()
+    R_v = s.residual.copy()
     R_v[:, 3:] = np.einsum("bij,bj->bi", s.kernel.R, R_v[:, 3:])
-    return np.concatenate((R_v.ravel(), s.terms.off))
+    return np.concatenate((R_v.ravel(), s.terms.residual))
 
 
 def slopes(s: Any, of: Callable[[Any, np.ndarray], np.ndarray] = residual) -> np.ndarray:
@@ -137,11 +136,15 @@ def test_newton_matrix_is_the_derivative_of_the_residual(choices, name):
     assert np.max(np.abs(dense(s) - wanted)) < 2e-8
 
 
-def test_translation_direction_has_its_derivative_too():
-    """c = (e_k, 0) for spherical joints: f_bar is constant."""
+CARRIED = {"gauge": 0.0, "keep_nu": 1, "carry_sigma": 1}
+
+
+@pytest.mark.parametrize("choices", [{}, CARRIED, CARRIED | {"corrective": 1, "c_bar": 2.0, "k_bar": 5.0}], ids=str)
+def test_translation_direction_has_its_derivative_too(choices):
+    """c = (e_k, 0) for spherical joints: f_bar and M_bar are constant, and with M_bar the given C_bar and K_bar."""
     bodies = [RigidBody(1.0, np.diag([0.1, 0.2, 0.25])), RigidBody(2.0, np.diag([0.3, 0.2, 0.25]))]
     pins = [Joint(0, (0.1, 0.2, 0.3)), Joint(1, (0.0, 0.3, 0.1), 0, (-0.2, 0.0, 0.1))]
-    s = arbitrary_step(assemble(bodies, pins, (0, 0, -9.81)), direction=2)
+    s = arbitrary_step(assemble(bodies, pins, (0, 0, -9.81)), direction=2, **choices)
     wanted = slopes(s)
     assert np.max(np.abs(dense(s) - wanted)) < 2e-8
 

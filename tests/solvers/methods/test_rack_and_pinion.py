@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from mbsbench import Joint, JointKind, Problem, RigidBody, State, StepControl, assemble
+from mbsbench.harness.base.tableaux import DOPRI853
 from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.mechanics.types import Status, Trajectory
 from mbsbench.solvers.formulations.compiled.host import integrate
 from mbsbench.solvers.formulations.methods.rkmk import make_pair_method
-from mbsbench.solvers.formulations.methods.tableaux import DOPRI853
 
 X, Y, Z, O = (*np.eye(3), np.zeros(3))
 MASS, J, RADIUS, G, SLOPE, T_END = 1.3, 0.04, 0.1, 9.81, 1.2, 1.0

@@ -4,19 +4,21 @@ Each step is that of the plain method over the time that the compiled one chose.
 errors: where an error is at rounding, as over the first steps, rounding chooses the next step.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from mbsbench import StepControl
+from mbsbench import State, States, StepControl
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.types import Status
 from mbsbench.solvers.formulations.compiled import marching
 from mbsbench.solvers.plain import radau_ggl, rkmk
 from mbsbench.solvers.plain.error_control import ErrorControl
 from mbsbench.solvers.plain.march import march
+from mbsbench.solvers.plain.mechanics import Mechanism, move, solve
 from mbsbench.tests.comparing import assert_close
 from mbsbench.tests.covering import diagonal, few
 from mbsbench.tests.factories import solve_run
@@ -70,6 +72,41 @@ def compare(problem, solver, codes=("kernel",)):
 def step_plainly(solver, problem, control, t):
     """The plain steps between given times."""
     return march(problem, control, STEPS[solver](problem), Replay(t))
+
+
+def move_off(problem, by=1e-8):
+    """The problem from a start off phi = 0 and A v + phi_t = 0, by that along M^-1 A^T, in m and m/s of each row."""
+    m, s = Mechanism(problem.system), problem.initial
+    v = np.hstack((s.v, s.Omega))
+    A = m.rows(s.t, s.r, s.R, v).A
+    x = by * np.cos(1.0 + np.arange(m.nr))
+    gap = m.divide_by_inertia(A.T @ solve(m.schur(A, A), x)).reshape(-1, 6)
+    return _begin_at(problem, *move(s.r, s.R, gap), v - 3.0 * gap)
+
+
+def close_start(problem):
+    """The problem from its start moved onto phi = 0 and A v + phi_t = 0, by the least changes in the norm of M."""
+    m, s = Mechanism(problem.system), problem.initial
+    r, R, v = s.r, s.R, np.hstack((s.v, s.Omega))
+    for _ in range(3):
+        rows = m.rows(s.t, r, R, v)
+        S = m.schur(rows.A, rows.A)
+        change, gain = (m.divide_by_inertia(rows.A.T @ solve(S, -x)).reshape(-1, 6) for x in (rows.phi, rows.phi_dot))
+        (r, R), v = move(r, R, change), v + gain
+    return _begin_at(problem, r, R, v)
+
+
+def _begin_at(problem, r, R, v):
+    return replace(problem, initial=State(r, R, v[:, :3], v[:, 3:], problem.initial.t))
+
+
+def leave_start_out(found):
+    """A run without its first node, unless that is all it has."""
+    s = found.states
+    if len(found.t) == 1:
+        return found
+    states = States(s.r[1:], s.R[1:], s.v[1:], s.Omega[1:])
+    return replace(found, t=found.t[1:], states=states, reaction=found.reaction[1:])
 
 
 def compare_steps(where, found, plain, within):

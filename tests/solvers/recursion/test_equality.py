@@ -8,13 +8,13 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
+from mbsbench.harness.mechanics.joint_tree import Tree, build_spanning_tree
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import GROUND, MultibodySystem
 from mbsbench.solvers.formulations.joint_coordinates.code import make_code
 from mbsbench.solvers.formulations.joint_coordinates.evaluation import Evaluation
 from mbsbench.solvers.formulations.joint_coordinates.hamilton import make_hamilton_code
 from mbsbench.solvers.formulations.joint_coordinates.symplectic import make_closing
-from mbsbench.solvers.formulations.joint_coordinates.tree import Tree, build_spanning_tree
 from mbsbench.solvers.formulations.recursion.evaluation import TreeMechanism
 from mbsbench.solvers.formulations.recursion.phases import TreePhase
 
@@ -153,7 +153,7 @@ def check_canonical(make: Any, *, radial: bool) -> None:
         z, y_closed = np.stack((y[:nq], p)), np.zeros(len(y))
         own.bind("enter", tree.start, entered).run()
         own.bind("stage", t, z[0], z[1], q_dot, p_dot).run()
-        closing = make_closing(evaluation, own)
+        closing = make_closing(evaluation, own, np.zeros(1))
         closing.close(t, z, y_closed, rows).run()
         own.bind("push", t, z[0], rows, closed).run()
         own.bind("gaps", t, moved, gaps).run()

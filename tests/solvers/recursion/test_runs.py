@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mbsbench.harness.base.generated import code as generated_code
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics.joint_tree import build_spanning_tree
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.mechanics.types import Problem, Status, StepControl
 from mbsbench.solvers.formulations.compiled import algebra
 from mbsbench.solvers.formulations.compiled.entries import InlineFunction
-from mbsbench.solvers.formulations.generated import code as generated_code
 from mbsbench.solvers.formulations.joint_coordinates import choice, marching, relay, symplectic
-from mbsbench.solvers.formulations.joint_coordinates.tree import build_spanning_tree
 from mbsbench.solvers.formulations.recursion import accelerations, closing_rows, evaluation, hamilton, sweeps, twists
 from mbsbench.solvers.formulations.recursion.accelerations import CoupledTree
 from mbsbench.solvers.formulations.recursion.evaluation import TreeMechanism

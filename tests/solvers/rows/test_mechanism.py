@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mbsbench.harness.base.generated import code as objects
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
@@ -16,7 +17,6 @@ from mbsbench.harness.mechanics.types import Problem, Status, StepControl, Traje
 from mbsbench.harness.run.presenting import present_solver
 from mbsbench.solvers.formulations.compiled import host, mechanism
 from mbsbench.solvers.formulations.compiled.kernel import Kernel, allocate_kernel, make_kernel, set_state
-from mbsbench.solvers.formulations.generated import code as objects
 from mbsbench.tests.comparing import assert_same
 from mbsbench.tests.factories import solve_run
 
