@@ -1,12 +1,14 @@
 """Run ``mbsbench``, the command line; exit code 0: done, 1: a run or gate failed, 2: wrong call (one line)."""
 
+import argparse
 import contextlib
 import io
 import os
 import signal
 import sys
+from functools import cache
 from importlib import import_module
-from typing import NoReturn
+from typing import Any, NoReturn
 
 if not hasattr(os, "fork"):  # before the imports below fail one by one on modules that Windows lacks
     sys.exit("error: mbsbench runs solvers in forked processes, which Windows does not have: use WSL")
@@ -37,8 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
     if "--native" in words:  # before a command loads NumPy, which reads its environment once
         machine.unpin_arithmetic()
     try:
-        parser, commands = make_parser()
-        add_commands(commands)
+        parser, commands = _make_commands()
         if not words or words[0] in ("-h", "--help"):
             sys.stdout.write(parser.format_help())
             return 0
@@ -65,6 +66,14 @@ def main(arguments: list[str] | None = None) -> int:
         code, explanation = _explain(error)
         sys.stderr.write(f"error: {' '.join(explanation.split())}\n")
         return code
+
+
+@cache
+def _make_commands() -> tuple[argparse.ArgumentParser, Any]:
+    """Return the parser and its commands, made once a process."""
+    parser, commands = make_parser()
+    add_commands(commands)
+    return parser, commands
 
 
 def _explain(error: Exception) -> tuple[int, str]:

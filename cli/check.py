@@ -41,8 +41,8 @@ def _print_findings(findings: list[Finding], name: str) -> None:
     print_findings(findings)
     broken = [f for f in findings if not f.holds]
     for f in broken:
-        out.print(Text(f"FAIL  {f.measured.quantity}", "bold red"))
-        out.print(f"      why:    {f.required.why}\n      remedy: {f.required.remedy}")
+        out.print(Text(f"FAIL  {f.quantity}", "bold red"))
+        out.print(f"      why:    {f.why}\n      remedy: {f.remedy}")
     untested = sum(not f.is_tested for f in findings)
     met = f"{len(findings) - len(broken) - untested} of {len(findings)} requirements met"
     out.print(met + (f", {untested} not tested" if untested else ""))

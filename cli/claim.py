@@ -1,7 +1,7 @@
-"""List the paper's claims, show one with its verdicts and settings, or make and judge its runs (``claim``)."""
+"""List the claims of the paper and of the field, show one with its settings, or make and judge its runs (``claim``)."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,14 +10,14 @@ from ..harness.base.confined_paths import ConfinedPath
 from ..harness.base.hints import suggest_name
 from ..harness.catalogue.suites.suite import Suite
 from ..harness.judge.referee import judge as judging
-from ..harness.judge.referee.claims.count import judge
 from ..harness.judge.referee.claims.register import Register, read_register
 from ..harness.judge.referee.currency import code_now
+from ..harness.judge.referee.registers import PLACES, RegisterPlace
 from ..harness.results import store
 from ..harness.results.judgements.claims import JudgedClaim
 from ..harness.results.judgements.files import FOLDER, PUBLISHED, format_judgement, read_claims
 from ..harness.run.runner import Request, find_last_folder, name_new_folder
-from ..reports.model import claim_words
+from ..reports.model import claim_groups, claim_words
 from .arguments import UsageError, count_jobs, find_results
 from .progress import run_watched
 from .terminal import make_console, make_error_console, plural, print_json
@@ -28,63 +28,81 @@ def run(arguments: argparse.Namespace) -> int:
 
     Without an id, list the claims.
     """
-    register = read_register()
+    registers = {place: read_register(place.path) for place in PLACES}
     if arguments.claim is None:
-        return _list_claims(arguments, register)
+        return _list_claims(arguments, registers)
     if arguments.all:
         raise UsageError("--all lists every claim: leave out ID")
-    known = {c.id: c for c in register.claims}
+    known = {c.id: (place, c) for place, register in registers.items() for c in register.claims}
     if arguments.claim not in known:
         raise UsageError(f"unknown claim {arguments.claim!r}{suggest_name(arguments.claim, list(known))}")
-    alone = replace(register, claims=(known[arguments.claim],))
+    place, claim = known[arguments.claim]
+    alone = replace(registers[place], claims=(claim,))
     for name in ("out", "jobs"):
         if getattr(arguments, name) and not arguments.make:
             raise UsageError(f"--{name} needs --run")
     if arguments.make and arguments.results:
         raise UsageError("--run makes results: give --out DIR, not RESULTS")
-    published = {c.id: c for c in read_claims(PUBLISHED) or ()}.get(arguments.claim)
+    published = {c.id: c for c in read_claims(PUBLISHED, place.file) or ()}.get(arguments.claim)
     changed = False
     if arguments.make:
-        found = _run_claim(arguments, alone)
+        found = _run_claim(arguments, alone, place)
         changed = published is not None and published.verdicts != found.verdicts
     else:
-        found = _read_claim(arguments, published)
+        found = _read_claim(arguments, published, place)
     if arguments.json:
         make_console().print(format_judgement(found), end="")
         return int(changed)
-    for line in _describe_claim(found, len(judging.select_needed(alone))):
+    for line in _describe_claim(found, len(judging.select_needed(alone, place))):
         make_console().print(line, markup=False, highlight=False)
     for line in claim_words.list_rows(found) if arguments.rows else ():
         make_console().print(line, markup=False, highlight=False, soft_wrap=True)
     if arguments.make and published:
         make_console().print(f"published: {published.verdicts}" if changed else "as published")
     elif not (arguments.make or arguments.results):
-        _print_warning(judging.describe_outdated(PUBLISHED, code_now(register, judging.list_published_runs())))
+        _warn_if_outdated({place: registers[place]})
     return int(changed)
 
 
-def _list_claims(arguments: argparse.Namespace, register: Register) -> int:
-    """Print the published claims, those that carry the paper or all, each with its verdict; return 0."""
+def _list_claims(arguments: argparse.Namespace, registers: Mapping[RegisterPlace, Register]) -> int:
+    """Print the published claims by group, those that carry the paper and the field's or all, with verdicts; return 0.
+
+    The groups are in the order of the page.
+    """
     for name in ("make", "rows", "out", "jobs"):
         if getattr(arguments, name):
             raise UsageError(f"--{name.replace('make', 'run')} needs the ID of a claim; mbsbench claim lists them")
-    published = read_claims(PUBLISHED)
-    if published is None:
+    published = [c for place in registers for c in read_claims(PUBLISHED, place.file) or ()]
+    if not published:
         raise UsageError("no verdicts are published; mbsbench judge RESULTS --publish does so")
-    claims = claim_words.order_claims(published)
     if arguments.json:
-        print_json({"claims": [_summarise(c) for c in claims]})
+        print_json({"claims": [_summarise(c) for c in claim_groups.order_claims(published)]})
         return 0
-    out = make_console()
-    shown = [c for c in claims if c.summary or arguments.all]
-    for c in shown:
-        out.print(f"{c.id}: {c.claim}", markup=False, highlight=False)
-        out.print(f"    {claim_words.describe_verdict(c)}", markup=False, highlight=False)
-    if others := len(claims) - len(shown):
+    out, groups = make_console(), claim_groups.group_claims(published)
+    shown = groups if arguments.all else {k: v for k, v in groups.items() if k in claim_groups.FIRST}
+    for k, (title, claims) in enumerate(shown.items()):
+        if k:
+            out.print()
+        out.print(f"{title}:", markup=False, highlight=False, style="bold")
+        for c in claims:
+            out.print(f"{c.id}: {c.claim}", markup=False, highlight=False)
+            number = claim_groups.describe_shown(c)
+            words = f"{claim_words.describe_verdict(c)}{f' Shown: {number}.' if number else ''}"
+            out.print(f"    {words}", markup=False, highlight=False)
+    if others := len(published) - sum(map(len, shown.values())):
         words = f"{plural(others, 'more claim')}: mbsbench claim --all lists them"
         out.print(f"{words}; mbsbench claim ID shows one with its settings", markup=False, highlight=False)
-    _print_warning(judging.describe_outdated(PUBLISHED, code_now(register, judging.list_published_runs())))
+    _warn_if_outdated(registers)
     return 0
+
+
+def _warn_if_outdated(registers: Mapping[RegisterPlace, Register]) -> None:
+    """Print, on standard error, what changed in the code since the verdicts on these registers were published."""
+    for place, register in registers.items():
+        if read_claims(PUBLISHED, place.file) is not None:
+            now = code_now(register, judging.list_published_runs(place))
+            if words := judging.describe_outdated(PUBLISHED, now, place):
+                make_error_console().print(words, highlight=False)
 
 
 def _summarise(c: JudgedClaim) -> dict[str, object]:
@@ -92,6 +110,7 @@ def _summarise(c: JudgedClaim) -> dict[str, object]:
     sides = {"paper": c.paper, "beyond": c.beyond}
     return {
         "id": c.id,
+        "register": c.register,
         "summary": c.summary,
         "kind": c.kind,
         "section": c.section,
@@ -102,13 +121,7 @@ def _summarise(c: JudgedClaim) -> dict[str, object]:
     }
 
 
-def _print_warning(words: str) -> None:
-    """Print ``words`` on standard error; nothing if they are empty."""
-    if words:
-        make_error_console().print(words, highlight=False)
-
-
-def _read_claim(arguments: argparse.Namespace, published: JudgedClaim | None) -> JudgedClaim:
+def _read_claim(arguments: argparse.Namespace, published: JudgedClaim | None, place: RegisterPlace) -> JudgedClaim:
     """Return the claim as judged in RESULTS, else as published; raise UsageError if there is no verdict."""
     again = f"mbsbench claim {arguments.claim} --run makes its runs"
     if not arguments.results:
@@ -116,7 +129,7 @@ def _read_claim(arguments: argparse.Namespace, published: JudgedClaim | None) ->
             raise UsageError(f"nothing is published on {arguments.claim}; {again}")
         return published
     folder = find_results(arguments.results)
-    found = {c.id: c for c in read_claims(ConfinedPath(folder) / FOLDER) or ()}.get(arguments.claim)
+    found = {c.id: c for c in read_claims(ConfinedPath(folder) / FOLDER, place.file) or ()}.get(arguments.claim)
     if found is None:
         raise UsageError(
             f"{folder} holds no verdict on {arguments.claim}: mbsbench judge {folder} --partial, or {again}"
@@ -124,23 +137,22 @@ def _read_claim(arguments: argparse.Namespace, published: JudgedClaim | None) ->
     return found
 
 
-def _run_claim(arguments: argparse.Namespace, register: Register) -> JudgedClaim:
+def _run_claim(arguments: argparse.Namespace, register: Register, place: RegisterPlace) -> JudgedClaim:
     """Run those runs of the claim's map that the results folder lacks, and return the verdict on the whole map."""
-    specs, name = judging.select_needed(register), f"claim-{arguments.claim}"
+    specs, name = judging.select_needed(register, place), f"claim-{arguments.claim}"
     folder = Path(arguments.out) if arguments.out else find_last_folder(name) or name_new_folder(name)
     request = Request(Suite(name, "the runs of one claim", specs, ""), folder, count_jobs(arguments.jobs), resume=True)
     if specs:
         loaded, watcher = run_watched(request, quiet=arguments.json)
         watcher.finish(folder, loaded)
     records = loaded.records if specs else ()
-    return judge(register, judging.list_tried(), records, partial(store.read_run_series, folder))[0]
+    return judging.judge_register(register, records, partial(store.read_run_series, folder), place)[0]
 
 
 def _describe_claim(c: JudgedClaim, runs: int) -> Iterator[str]:
     """Yield the lines that explain a judged claim; ``runs`` is the number of runs that its map selects."""
     yield f"{c.id}: {c.claim}"
-    figures = f", Fig. {claim_words.join_figures(c)}" if c.figure else ""
-    yield f"the paper{f', Sect. {c.section}' if c.section[:1].isdigit() else ''}{figures}: “{c.quote}”"
+    yield claim_words.describe_origin(c)
     for where, f in claim_words.list_sides(c):
         yield f"{where}: {'; '.join(filter(None, (claim_words.format_verdict(f), claim_words.format_share(f))))}"
     if words := claim_words.describe_control(c):
@@ -150,6 +162,8 @@ def _describe_claim(c: JudgedClaim, runs: int) -> Iterator[str]:
     for k, t in enumerate(c.tests):
         number = f"{claim_words.format_measured(t)}; band: {claim_words.format_band(t)} ({claim_words.name_metric(t)})"
         yield f"{'and' if k else 'measured'}: {number}"
+    if setting := claim_groups.name_shown(c):
+        yield f"{'these are' if len(c.tests) > 1 else 'this is'} of {setting}: {claim_groups.find_command(c)}"
     if c.missing:
         yield f"missing: {claim_words.describe_missing(c)}"
     if words := claim_words.explain_verdicts(c):

@@ -136,6 +136,7 @@ def _add_report(commands: Any) -> None:
     p.add_argument("results", nargs="*", default=["latest"], metavar="RESULTS", help=results)
     out = "where to write a comparison (default: report/ in the second)"
     p.add_argument("--out", type=Path, metavar="DIR", help=out)
+    p.add_argument("--judge", action="store_true", help="also do what judge --partial does, beside the pages of runs")
 
 
 def _add_check(commands: Any) -> None:

@@ -35,10 +35,10 @@ def print_findings(findings: Iterable[Finding], *below: str, json: bool = False)
         (
             Text(f.verdict, STYLE[f.verdict]),
             f.subject,
-            f.measured.quantity,
-            f.measured.text,
-            f.required.text,
-            "" if f.measured.words == f.measured.text else f.measured.words,
+            f.quantity,
+            f.text,
+            f.limits,
+            "" if f.words == f.text else f.words,
         )
         for f in found
     ]

@@ -38,9 +38,10 @@ from ..harness.judge.gate.files import (
     make_json_object,
 )
 from ..harness.judge.gate.rounding import Repeat, list_core_types, repeat_run
-from ..harness.judge.gate.spread import SpreadSample, find_unstable, widen_by_spread
+from ..harness.judge.gate.spread import find_unstable, widen_by_spread
 from ..harness.judge.gate.thresholds import Thresholds, propose_bounds
 from ..harness.results import store
+from ..harness.results.column_digests import find_stale_columns, read_column_digests
 from ..harness.results.findings import Finding, Verdict
 from ..harness.results.history import GATES, make_rows, write_rows
 from ..harness.results.provenance import read_environment
@@ -157,11 +158,18 @@ def _load_records(results: Path) -> tuple[RunRecord, ...]:
     return loaded.records
 
 
+def _disown_stale(folder: Path, records: Sequence[RunRecord]) -> tuple[RunRecord, ...]:
+    """Return the records, without the digest of their code where the present code would measure a column otherwise."""
+    known, here = read_column_digests(folder), codes.read_column_digests()
+    return tuple(dataclasses.replace(r, code="") if find_stale_columns(r, known, here) else r for r in records)
+
+
 def _find_results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[str, Any], tuple[RunRecord, ...]]:
     """Run the suite, unless --results names a folder; return the folder's name, its stamp and its records."""
     if arguments.results:
         folder = arguments.results
-        return folder.resolve().name, read_environment(folder), _load_records(folder)
+        records = _load_records(folder)
+        return folder.resolve().name, read_environment(folder), _disown_stale(folder, records)
     with tempfile.TemporaryDirectory() as place:
         name = name_new_folder(suite.name).name
         folder = Path(arguments.out) if arguments.out else Path(place) / name
@@ -190,27 +198,27 @@ def _print_findings(result: GateFindings, *, everything: bool) -> None:
 
 def _describe_change(f: Finding) -> Finding:
     """Return the finding with words on its change from the baseline and, if it did not pass, on the bound's reason."""
-    value, was = f.measured.value, f.before
+    value, was = f.value, f.before
     change = "missing" if math.isnan(value) else f"x {value / was:.3g}" if was else f"{value - was:+.3g}"
     words = [] if math.isnan(was) else [f"was {was:.3g} ({change})"]
-    words += [f.required.why] if f.verdict is not Verdict.MET else []
-    return dataclasses.replace(f, measured=dataclasses.replace(f.measured, words="; ".join(words)))
+    words += [f.why] if f.verdict is not Verdict.MET else []
+    return dataclasses.replace(f, words="; ".join(words))
 
 
 def _repeat_runs(
     arguments: argparse.Namespace, suite: Suite, judged: Sequence[RunRecord]
-) -> dict[str, list[SpreadSample]]:
-    """Repeat the suite's runs with perturbed starts and other arithmetic; return all records by case.
+) -> dict[str, list[tuple[str, RunRecord]]]:
+    """Repeat the suite's runs with perturbed starts and other arithmetic; return all records by case, with their kind.
 
     ``judged`` are the unperturbed runs, which come first. Runs for each type of core are made separately. A repeat
     identical to one of an earlier round, such as other kernels with an unperturbed start, is one sample.
     """
     known = {r.settings_id: r for r in judged}
     repeats: dict[str, dict[str, Repeat]] = {}
-    samples: dict[str, list[SpreadSample]] = {}
+    samples: dict[str, list[tuple[str, RunRecord]]] = {}
     for spec in suite.specs:
         if spec.settings_id in known:
-            samples[spec.case] = [SpreadSample("", known[spec.settings_id])]
+            samples[spec.case] = [("", known[spec.settings_id])]
             for repeat in repeat_run(spec, arguments.spread, list_core_types()):
                 repeats.setdefault(repeat.core, {}).setdefault(repeat.spec.settings_id, repeat)
     for core in repeats.values():
@@ -222,7 +230,7 @@ def _repeat_runs(
             loaded, _ = run_watched(request, quiet=False, pool=pool)
         of = {r.settings_id: r for r in loaded.records}
         for r in own:
-            samples[r.case].append(SpreadSample(r.kind, of[r.spec.settings_id]))
+            samples[r.case].append((r.kind, of[r.spec.settings_id]))
     return samples
 
 

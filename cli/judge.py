@@ -1,22 +1,38 @@
-"""Judge the paper's claims from a results folder, and show what changed since publication (``judge``)."""
+"""Judge the claims of the paper and of the field from a results folder, and show what changed since publication."""
 
 import argparse
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.text import Text
 
 from ..harness.base.confined_paths import ConfinedPath
-from ..harness.catalogue.suites.spec import RunSpec
 from ..harness.judge.referee import judge as judging
-from ..harness.judge.referee.carried import is_current_or_carried
+from ..harness.judge.referee.carried import is_current_or_carried, is_measuring_carried
 from ..harness.judge.referee.certificates.orders import select_motion
-from ..harness.judge.referee.claims.register import PRESENTATION, REGISTER, read_register
-from ..harness.judge.referee.currency import code_now, describe_older, find_older_runs
-from ..harness.judge.referee.judge import VerdictChange, find_changes, judge_results, write_judgements
+from ..harness.judge.referee.claims.register import PRESENTATION, Register, read_register
+from ..harness.judge.referee.currency import (
+    code_now,
+    describe_older,
+    describe_stale,
+    find_older_runs,
+    find_stale_runs,
+)
+from ..harness.judge.referee.judge import find_changes, judge_results, write_judgements
+from ..harness.judge.referee.registers import FIELD, PAPER, RegisterPlace
 from ..harness.results import store
-from ..harness.results.judgements.claims import SCHEMA, ClaimFinding, ClaimGap, ClaimVerdict, JudgedClaim
+from ..harness.results.column_digests import read_column_digests
+from ..harness.results.judgements.claims import (
+    SCHEMA,
+    ClaimFinding,
+    ClaimGap,
+    ClaimVerdict,
+    CodeDigests,
+    JudgedClaim,
+)
 from ..harness.results.judgements.files import (
     FOLDER,
     ORDERS,
@@ -28,6 +44,7 @@ from ..harness.results.judgements.files import (
 )
 from ..harness.results.judgements.runs import Order
 from ..harness.results.provenance import read_environment
+from ..harness.results.records import RunRecord
 from ..harness.run.costs import describe_command
 from ..reports.model import claim_words
 from .arguments import UsageError, check_not_installed
@@ -41,114 +58,195 @@ STYLE = {
     ClaimVerdict.NOT_REPRODUCED: "bold red",
     ClaimVerdict.CANNOT_BE_TOLD: "dim",
 }
-AGAIN = f"mbsbench run {judging.WHOLE} --resume"
-COLUMNS = (
-    Column("claim", fold=True),
-    Column("figure", rank=2, right=False),
+SIDES = (
     Column("at the paper's settings", right=False, fold=True, least=12),
     Column("beyond them", right=False, fold=True, least=12),
+)
+NUMBERS = (
     Column("distinct of rows", rank=3, fold=True, least=8),
     Column("measured", fold=True, least=12, rank=1),
     Column("band", rank=2, fold=True, least=12),
 )
 
 
+@dataclass(frozen=True)
+class _Verdicts:
+    """The verdicts on one register, beside those that are published."""
+
+    place: RegisterPlace
+    claims: tuple[JudgedClaim, ...]
+    code: CodeDigests
+    before: tuple[JudgedClaim, ...] | None  # as published; None if nothing is, or is to be published now
+    whole: tuple[JudgedClaim, ...]  # claims that lack no run, and have one in these results
+    changed: list[tuple[str, str, str]]  # id, verdicts before and now
+    stale: str  # what changed in the code since publication; empty if nothing did, or nothing is compared
+
+
+def refuse_other_code(folder: Path, records: Sequence[RunRecord]) -> None:
+    """Raise UsageError if ``records`` of a results folder are of other code, or were measured by other code."""
+    older = find_older_runs(records, [str(p) for p in read_environment(folder).get("plugins") or ()])
+    if old := [r for r in older if not is_current_or_carried(r.problem, r.solver, r.code)]:
+        raise UsageError(describe_older(old, str(folder)))
+    states = read_column_digests(folder)
+    carried = {d for d in {r.measured_by for r in records} if is_measuring_carried(d, states)}
+    uncarried = [r for r in records if r.measured_by not in carried]
+    if changed_columns := find_stale_runs(uncarried, states):
+        raise UsageError(describe_stale(changed_columns, str(folder)))
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Judge and print the claims; return 1 if the published verdicts differ or are of older code, else 0."""
-    register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
+    registers = {
+        PAPER: read_register(Path(arguments.claims) if arguments.claims else PAPER.path),
+        FIELD: read_register(FIELD.path),
+    }
     folder = arguments.results
     published = ConfinedPath(Path(arguments.published)) if arguments.published else PUBLISHED
     loaded = store.load(folder, check_series=False)
     print_unreadable(loaded.unreadable)
     if arguments.publish:
         check_not_installed(published.path, "--published DIR")
-        _require_runs(folder, judging.list_published_runs(), "that verdicts are published from")
-    elif not arguments.partial:
-        _require_runs(
-            folder, judging.select_needed(register), "that the claims are tried on", ", or judge these: --partial"
-        )
-    older = find_older_runs(loaded.records, [str(p) for p in read_environment(folder).get("plugins") or ()])
-    if old := [r for r in older if not is_current_or_carried(r.problem, r.solver, r.code)]:
-        raise UsageError(describe_older(old, str(folder)))
-    before = None if arguments.publish else read_claims(published)
-    if before is None and arguments.published and not arguments.publish:
+    asked = _choose_registers(arguments, registers, loaded.records)
+    refuse_other_code(folder, loaded.records)
+    before = {p: None if arguments.publish else read_claims(published, p.file) for p in registers}
+    if before[PAPER] is None and arguments.published and not arguments.publish:
         raise UsageError(f"--published {published} holds no verdicts (claims.json); --publish writes these there")
     size = len(loaded.records)
     announce_suite(f"{plural(size, 'run')} to be judged: {describe_command('judge', size)}", make_error_console())
     with store.hold_folder(folder):
-        judged = judge_results(folder, register, lambda part: make_error_console().print(f"judging: {part}"))
-        code = code_now(register, judging.list_published_runs())
-        write_judgements(ConfinedPath(folder) / FOLDER, judged, code)
-    lacking = {c.id for c in judged["claims"] if any(m.gap is ClaimGap.RUNS for m in c.missing)}
+        judged = judge_results(folder, registers[PAPER], lambda part: make_error_console().print(f"judging: {part}"))
+        codes = {p.file.name: code_now(r, judging.list_published_runs(p)) for p, r in registers.items()}
+        write_judgements(ConfinedPath(folder) / FOLDER, judged, codes)
     here = {r.settings_id for r in loaded.records}
-    whole = [c for c in judged["claims"] if c.id not in lacking and here.intersection(c.settings_ids)]
-    compares = before is not None and bool(whole)
-    stale = judging.describe_outdated(published, code) if compares else ""
-    changed = [c for c in find_changes(before, judged["claims"]) if c.id not in lacking] if before is not None else []
+    found = [_compare(p, judged[p.file.name], codes[p.file.name], before[p], here, published) for p in registers]
     orders = select_motion(judged.get(ORDERS.name, ()))
     if arguments.json:
-        told = add_code(judged["claims"], code)
-        plain = {"schema": SCHEMA, "code": code, "claims": told.claims, "commands": told.commands, "orders": orders}
-        make_console().print(format_judgement(plain), end="")
+        make_console().print(format_judgement(_collect_plain(found, orders)), end="")
     else:
-        known = whole if arguments.partial else judged["claims"]
-        if known:
-            show_claims(known, changed, before is not None, arguments.publish)
-        show_orders(orders)
-        if others := len(judged["claims"]) - len(known):
-            compared = "were not" if known else "nothing was"
-            make_console().print(
-                f"{others} of {len(judged['claims'])} claims lack runs and {compared} compared with the "
-                f"published verdicts; make them: {AGAIN}",
-                soft_wrap=True,
-            )
+        for v in found:
+            _print_verdicts(v, v.claims if v.place in asked and not arguments.partial else v.whole, arguments.publish)
+            if v.place is PAPER:
+                show_orders(orders)
     if arguments.publish:
         published.root.mkdir(parents=True, exist_ok=True)
-        write_judgements(published, {**judged, "claims": shorten_claims(judged["claims"])}, code)
+        write_judgements(published, _select_published(judged, asked), codes)
         make_error_console().print(f"published: {published}")
-    if stale:
-        make_error_console().print(stale)
-    return 1 if changed or stale else 0
+    for v in found:
+        if v.stale:
+            make_error_console().print(v.stale)
+    return 1 if any(v.changed or v.stale for v in found) else 0
 
 
-def _require_runs(folder: Path, specs: Sequence[RunSpec], what: str, remedy: str = "") -> None:
-    """Raise UsageError if the results lack any of the runs ``specs``; ``what`` and ``remedy`` complete its sentence."""
-    if missing := judging.find_missing(folder, specs):
-        raise UsageError(
-            f"{folder} lacks {len(missing)} of {len(specs)} runs {what} (the first: {missing[0].case}); "
-            f"make them: {AGAIN}{remedy}"
+def _choose_registers(
+    arguments: argparse.Namespace, registers: Mapping[RegisterPlace, Register], records: Sequence[RunRecord]
+) -> list[RegisterPlace]:
+    """Return the registers of whose claims no run is missing; without --partial raise UsageError if there is none.
+
+    With --publish, those whose verdicts may be published from these results.
+    """
+    if arguments.partial and not arguments.publish:
+        return []
+    wanted = {
+        p: judging.list_published_runs(p) if arguments.publish else judging.select_needed(r, p)
+        for p, r in registers.items()
+    }
+    missing = {p: judging.find_missing(records, specs) for p, specs in wanted.items()}
+    if whole := [p for p in registers if wanted[p] and not missing[p]]:
+        return whole
+    what = "that verdicts are published from" if arguments.publish else "that the claims are tried on"
+    remedy = "" if arguments.publish else ", or judge these: --partial"
+    absent = missing[PAPER]
+    raise UsageError(
+        f"{arguments.results} lacks {len(absent)} of {len(wanted[PAPER])} runs {what} (the first: {absent[0].case}); "
+        f"make them: {_make_remedy(PAPER)}{remedy}"
+    )
+
+
+def _make_remedy(place: RegisterPlace) -> str:
+    """Return the command that makes the runs of a register's claims."""
+    return f"mbsbench run {place.whole} --resume"
+
+
+def _compare(
+    place: RegisterPlace,
+    claims: tuple[JudgedClaim, ...],
+    code: CodeDigests,
+    before: tuple[JudgedClaim, ...] | None,
+    here: set[str],
+    published: ConfinedPath,
+) -> _Verdicts:
+    """Return the verdicts on one register, with what changed since those ``before`` were published.
+
+    ``here`` are the settings_ids of the results, ``code`` are the digests of the present code; claims that lack runs
+    are not compared.
+    """
+    lacking = {c.id for c in claims if any(m.gap is ClaimGap.RUNS for m in c.missing)}
+    whole = tuple(c for c in claims if c.id not in lacking and here.intersection(c.settings_ids))
+    if before is None:
+        return _Verdicts(place, claims, code, None, whole, [], "")
+    changed = [c for c in find_changes(before, claims) if c[0] not in lacking]
+    stale = judging.describe_outdated(published, code, place) if whole else ""
+    return _Verdicts(place, claims, code, before, whole, changed, stale)
+
+
+def _collect_plain(found: Sequence[_Verdicts], orders: Sequence[Order]) -> dict[str, Any]:
+    """Return both registers' claims and the orders as plain data: the paper's claims at the top, then the field's."""
+    files = {v.place: add_code(v.claims, v.code) for v in found}
+    parts = {p: {"code": f.code, "claims": f.claims, "commands": f.commands} for p, f in files.items()}
+    return {"schema": SCHEMA, **parts[PAPER], FIELD.file.name: parts[FIELD], "orders": orders}
+
+
+def _select_published(judged: Mapping[str, Any], places: Sequence[RegisterPlace]) -> dict[str, Any]:
+    """Return the judgements that are published: claims shortened, and with the paper's all others."""
+    own = {p.file.name: shorten_claims(judged[p.file.name]) for p in places}
+    registers = {PAPER.file.name, FIELD.file.name}
+    others = {k: v for k, v in judged.items() if k not in registers} if PAPER in places else {}
+    return {**own, **others}
+
+
+def _print_verdicts(v: _Verdicts, known: Sequence[JudgedClaim], publishing: bool) -> None:
+    """Print the verdicts on the ``known`` claims of a register, and how many lack runs."""
+    if known:
+        show_claims(known, v.changed, v.before is not None, publishing, v.place)
+    if others := len(v.claims) - len(known):
+        compared = "were not" if known else "nothing was"
+        whose = "" if v.place is PAPER else f" {v.place.whose}"
+        make_console().print(
+            f"{others} of {len(v.claims)} claims{whose} lack runs and {compared} compared with the "
+            f"published verdicts; make them: {_make_remedy(v.place)}",
+            soft_wrap=True,
         )
 
 
-def show_claims(claims: Sequence[JudgedClaim], changed: list[VerdictChange], compared: bool, publishing: bool) -> None:
+def show_claims(
+    claims: Sequence[JudgedClaim],
+    changed: Sequence[tuple[str, str, str]],
+    compared: bool,
+    publishing: bool,
+    place: RegisterPlace = PAPER,
+) -> None:
     """Print the table of verdicts, the count of each, and the changes from the published ones.
 
     ``compared`` states that published verdicts exist; ``publishing``, that these will be published, so that no remedy
-    is named.
+    is named. A claim of the field has one verdict, one of the paper two, and figures.
     """
     rows = []
     for c in claims:
         first = c.tests[0] if c.tests else None
         numbers = (claim_words.format_measured(first), claim_words.format_band(first)) if first else ("", "")
         count = f"{sum(f.settings for f in c.findings)} of {sum(f.rows for f in c.findings)}"
-        rows.append(
-            (
-                c.id,
-                claim_words.join_figures(c),
-                format_verdict(c.paper),
-                format_verdict(c.beyond),
-                count,
-                claim_words.describe_missing(c) or numbers[0],
-                numbers[1],
-            )
-        )
-    below = [count_verdicts(claims)]
-    below += [f"changed: {c.id}: {c.before or 'not published'} -> {c.after or 'no longer judged'}" for c in changed]
+        sides = (claim_words.join_figures(c), format_verdict(c.paper)) if place is PAPER else ()
+        measured = claim_words.describe_missing(c) or numbers[0]
+        rows.append((c.id, *sides, format_verdict(c.beyond), count, measured, numbers[1]))
+    below = [count_verdicts(claims, place)]
+    below += [f"changed: {k}: {old or 'not published'} -> {new or 'no longer judged'}" for k, old, new in changed]
     if compared:
         below.append(f"{len(changed)} claims differ from the published ones" if changed else "as published")
     elif not publishing:
         below.append("nothing is published yet; use --publish to do so")
-    print_table(COLUMNS, rows, *below)
+    figure = Column("figure", rank=2, right=False)
+    verdicts = (figure, *SIDES) if place is PAPER else (Column("verdict", right=False, fold=True, least=12),)
+    print_table((Column("claim", fold=True), *verdicts, *NUMBERS), rows, *below)
 
 
 def show_orders(orders: Sequence[Order]) -> None:
@@ -166,14 +264,15 @@ def format_verdict(f: ClaimFinding | None) -> Text:
     return Text(words, STYLE[f.verdict] if f else "dim")
 
 
-def count_verdicts(claims: Sequence[JudgedClaim]) -> str:
-    """Count each verdict; checks of the problems' presentation are counted separately."""
+def count_verdicts(claims: Sequence[JudgedClaim], place: RegisterPlace = PAPER) -> str:
+    """Count each verdict; checks of the set-up, theorems about a problem, are counted separately."""
     results = [c for c in claims if c.kind != PRESENTATION]
+    sides = tuple(zip(claim_words.WHERE, ("paper", "beyond"), strict=True))
     out = []
-    for k, where in enumerate(claim_words.WHERE):
-        found = Counter(f.verdict for c in results if (f := (c.paper, c.beyond)[k]))
+    for where, side in sides if place is PAPER else ((f"claims {place.whose}", "beyond"),):
+        found = Counter(f.verdict for c in results if (f := getattr(c, side)))
         out.append(f"{where}: " + ", ".join(f"{found[v]} {v}" for v in STYLE))
     checks = [c for c in claims if c.kind == PRESENTATION]
     good = sum(c.verdict == ClaimVerdict.REPRODUCED for c in checks)
-    out += [f"checks of the presentation: {good} of {len(checks)} reproduced"] if checks else []
+    out += [f"checks of the set-up: {good} of {len(checks)} reproduced"] if checks else []
     return "\n".join(out)

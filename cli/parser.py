@@ -1,10 +1,12 @@
 """Parse the command line; every wrong call is answered in one line."""
 
 import argparse
+import re
 from typing import Any, NoReturn
 
 from ..harness.base.hints import suggest_name
 
+TITLE, METAVAR = "commands", "COMMAND"
 WORDS = "Benchmark of integrators for constrained multibody dynamics: run, measure, judge, report."
 GROUPS = {  # groups of commands, in the order of --help
     "run": "solve run advise ensemble",
@@ -21,28 +23,6 @@ class UsageError(ValueError):
     """A wrong call, reported in one line with exit code 2."""
 
 
-class GroupedHelp(argparse.HelpFormatter):
-    """A help formatter that lists the commands under the headings of ``GROUPS``, each with its summary."""
-
-    def _format_action(self, action: argparse.Action) -> str:
-        """Return the help on one argument, where commands are listed by group and those of no group last."""
-        if not isinstance(action, argparse._SubParsersAction):
-            return super()._format_action(action)
-        entries = {a.dest: a for a in action._get_subactions()}
-        grouped = {title: names.split() for title, names in GROUPS.items()}
-        rest = [name for name in entries if not any(name in own for own in grouped.values())]
-        parts = [(title, [n for n in own if n in entries]) for title, own in [*grouped.items(), ("more", rest)]]
-        self._indent()
-        lines = [
-            line
-            for title, own in parts
-            if own
-            for line in (f"  {title}:\n", *(self._format_action(entries[n]) for n in own))
-        ]
-        self._dedent()
-        return "".join(lines)
-
-
 class Parser(argparse.ArgumentParser):
     """An argparse parser with errors in one line; for an unknown option it names the nearest one of the command.
 
@@ -52,12 +32,14 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, *arguments: Any, **given: Any) -> None:
         """Create the parser with abbreviated options switched off."""
         super().__init__(*arguments, **{"allow_abbrev": False, **given})
+        self.color = False  # Python 3.14 would write escapes around the headings
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         """Parse the arguments; raise UsageError for an unknown option, with the nearest known one."""
         found, left = super().parse_known_args(args, namespace)
         for name in (word.partition("=")[0] for word in left if word.startswith("--")):
-            self.error(f"unknown option {name}{suggest_name(name, list(self._option_string_actions))}")
+            known = ["--help", *re.findall(r"--[\w-]+", self.format_usage())]
+            self.error(f"unknown option {name}{suggest_name(name, known)}")
         return found, left
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
@@ -81,11 +63,25 @@ def list_commands(commands: Any) -> list[str]:
     return [n for n in grouped if n in commands.choices] + [n for n in commands.choices if n not in grouped]
 
 
+class MainParser(Parser):
+    """The parser of ``mbsbench``, whose help lists the commands under the headings of ``GROUPS``."""
+
+    def format_help(self) -> str:
+        """Return the help, with commands listed by group and those of no group last."""
+        head, _, rest = super().format_help().partition(f"{TITLE}:\n  {METAVAR}\n")
+        listed, end, tail = rest.partition("\n\n")
+        entries = {entry.split()[0]: entry for entry in re.split(r"\n(?=    \S)", listed)}
+        grouped = {group: [n for n in names.split() if n in entries] for group, names in GROUPS.items()}
+        grouped["more"] = [n for n in entries if not any(n in own for own in grouped.values())]
+        lines = [line for group, own in grouped.items() if own for line in (f"  {group}:", *(entries[n] for n in own))]
+        return "\n".join((f"{head}{TITLE}:", *lines)) + end + tail
+
+
 def make_parser() -> tuple[Parser, Any]:
     """Return the parser of ``mbsbench``, and the object that commands are added to."""
-    parser = Parser(prog="mbsbench", description=WORDS, epilog=MORE, formatter_class=GroupedHelp)
+    parser = MainParser(prog="mbsbench", description=WORDS, epilog=MORE)
     parser.add_argument(
         "--version", action="store_true", help="print the version, and what a report of a fault needs to say"
     )
     parser.add_argument("--verbose", action="store_true", help="with --version: also the places of caches and results")
-    return parser, parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=Parser)
+    return parser, parser.add_subparsers(title=TITLE, metavar=METAVAR, required=True, parser_class=Parser)

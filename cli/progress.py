@@ -45,8 +45,12 @@ class ProgressDisplay:
         announces: bool = True,
         is_local: bool = True,
         budget: str = "",
+        later: int = 0,
+        afterwards: str = "",
     ) -> None:
         self.budget = budget  # words on the limit of a command that runs several suites
+        self.later = later  # runs of the suite that this command leaves to a later one
+        self.afterwards = afterwards  # words on what commands that follow will take
         self.console, self.live, self.size, self.resumable = console, live, size, resumable
         self.is_local = is_local  # True if runs are on this machine, whose speed is known
         self.announces = announces  # True to announce the suite; a command with several suites does so itself
@@ -58,7 +62,7 @@ class ProgressDisplay:
         self.estimate, self.once = RemainingTime({}), 0.0  # once: [s] to compile kernels and compute references
         self.warming = False  # True while no run has begun
         self.compiling = False  # True while the wait for the first run is not mentioned
-        self.worst = (0.0, "")  # largest energy drift relative to its energy scale, and its run
+        self.worst = (0.0, "", "")  # largest energy drift relative to its energy scale, its run, and that run's status
         self.left = 0  # runs not started because of total_limit
         self.set_aside: tuple[UnreadableFile, ...] = ()  # before any run began
 
@@ -77,7 +81,7 @@ class ProgressDisplay:
         kept = f", {self.before} already done" if self.before else ""
         if self.announces and not further:
             where = f"; results in {folder}" if self.resumable else ""
-            time_needed = describe_time(expected) if self.is_local else ""
+            time_needed = describe_time(expected) + self.afterwards * bool(waiting) if self.is_local else ""
             announce_suite(f"{plural(total, 'run')}{kept}{time_needed}{where}", self.console)
         self.set_aside = unreadable
         for line in list_unreadable("set aside", [(item.path.name, item.why) for item in unreadable]):
@@ -100,10 +104,12 @@ class ProgressDisplay:
             self.estimate.note_time(job.spec, time.monotonic() - begun[1])
         relative = record.energy_drift_max_J / record.energy_scale_J
         if record.status != Status.REFUSED and relative > self.worst[0]:
-            self.worst = (relative, job.spec.case)
+            self.worst = (relative, job.spec.case, record.status)
         words = f"{record.status:<14} {record.wall_s:6.1f} s  {job.spec.case}"
         said = [qualify_status(record)]
-        if record.status not in (Status.SUCCESS, Status.REFUSED):
+        if record.status == Status.REFUSED:
+            said.insert(0, record.message)
+        elif record.status != Status.SUCCESS:
             because = list_reasons(record)
             said.insert(0, f"{because[0]}{f', and {len(because) - 1} more' if because[1:] else ''}")
         if beside := "; ".join(filter(None, said)):
@@ -179,7 +185,10 @@ class ProgressDisplay:
         if not (running or waiting):
             return words
         share, left = (f(running, waiting) for f in (self.estimate.compute_done_share, self._estimate_left))
-        return f"{words}, {100.0 * share:.0f} % of the work, about {format_duration(left)} left"
+        later = (
+            f"; {plural(self.later, 'run')} of the suite follow{'s' if self.later == 1 else ''}" if self.later else ""
+        )
+        return f"{words}, {100.0 * share:.0f} % of the work, about {format_duration(left)} left{later}"
 
     def _estimate_left(self, running: Sequence[tuple[RunSpec, float]], waiting: Sequence[RunSpec]) -> float:
         """Return the wall time that the running and the waiting runs still take [s]."""
@@ -195,8 +204,9 @@ class ProgressDisplay:
         return [job.spec for job in self.waiting.values()]
 
     def describe_drift(self) -> str:
-        """Return words on the largest energy drift so far, relative to its run's energy scale, with the run."""
-        return f"{self.worst[0]:.2g} of the energy scale, {self.worst[1]}"
+        """Return words on the largest energy drift so far, relative to its run's energy scale, with run and status."""
+        share, case, status = self.worst
+        return f"{share:.2g} of the energy scale, {case} ({status})"
 
     def _print_line(self, words: str, style: str = "") -> None:
         """Print a line above the status lines."""
@@ -228,6 +238,7 @@ def run_watched(
     announces: bool = True,
     is_local: bool = True,
     budget: str = "",
+    afterwards: str = "",
     pool: Callable[..., Executor] = LocalPool,
 ) -> tuple[LoadedResults, ProgressDisplay]:
     """Run a suite with progress on standard error, unless ``quiet``; return its results and the display.
@@ -235,12 +246,22 @@ def run_watched(
     On a terminal there are status lines. A suite that is not ``resumable`` has a temporary folder or one named
     elsewhere. With ``announces=False`` the command itself has said what it will run. Without ``is_local`` the runs are
     on a cluster and take an unknown time. ``budget`` names in words the limit of the command that ends the suite, in
-    place of the suite's own; ``pool`` makes the executor of its jobs.
+    place of the suite's own, ``afterwards`` what the commands that usually follow will take; ``pool`` makes the
+    executor of its jobs.
     """
     console = Console(quiet=quiet, stderr=True)
     plain = quiet or not console.is_terminal or console.is_dumb_terminal
     with nullcontext() if plain else Live(console=console, auto_refresh=False, transient=True) as live:
+        later = len(request.suite.specs) - len(request.suite.parts[request.only]) if request.only else 0
         watcher = ProgressDisplay(
-            console, live, request.jobs, resumable=resumable, announces=announces, is_local=is_local, budget=budget
+            console,
+            live,
+            request.jobs,
+            resumable=resumable,
+            announces=announces,
+            is_local=is_local,
+            budget=budget,
+            later=later,
+            afterwards=afterwards,
         )
         return run_suite(request, watcher, pool), watcher

@@ -1,6 +1,11 @@
-"""Write the web pages of a results folder, or the comparison of two (``report``)."""
+"""Write the web pages of a results folder, judged meanwhile if asked, or the comparison of two (``report``)."""
 
 import argparse
+import multiprocessing
+import os
+import traceback
+from collections.abc import Callable
+from pathlib import Path
 
 from ..harness.base.confined_paths import ConfinedPath
 from ..harness.results import store
@@ -8,6 +13,16 @@ from ..harness.run.costs import describe_command
 from .arguments import UsageError, find_results
 from .progress import announce_suite
 from .terminal import make_console, make_error_console, plural
+
+FAILED = 70  # exit code of a judge that ends by an exception, as sysexits.h has it
+
+
+class NotJudgedError(Exception):
+    """Signal that the results could not be judged, with the exit code of ``judge``."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"judge ended with code {code}")
+        self.code = code
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -17,6 +32,8 @@ def run(arguments: argparse.Namespace) -> int:
     folders = [find_results(name) for name in arguments.results]
     if arguments.out is not None and len(folders) < 2:
         raise UsageError("--out needs two results folders to compare; the report of one is written into it")
+    if arguments.judge and len(folders) > 1:
+        raise UsageError("--judge needs one results folder: judge those of a comparison before")
     from ..reports.model.results import read_results  # here: they take a second to load
     from ..reports.pages.compare import write_compare
     from ..reports.site import write_site
@@ -26,8 +43,17 @@ def run(arguments: argparse.Namespace) -> int:
         if len(folders) == 1:
             results = read_results(folders[0])
             size = len(results.runs)
-            announce_suite(f"pages of {plural(size, 'run')}: {describe_command('report', size)}", make_error_console())
-            index = write_site(results, ConfinedPath(folders[0]) / "report")
+            takes = describe_command("judged_report" if arguments.judge else "report", size)
+            announce_suite(f"pages of {plural(size, 'run')}: {takes}", make_error_console())
+            if arguments.judge:
+                from .judge import refuse_other_code  # here: a report alone does not judge
+
+                refuse_other_code(folders[0], [run.record for run in results.runs])  # before pages are removed
+            judging = _judge_beside(folders[0]) if arguments.judge else lambda: None
+            try:
+                index = write_site(results, ConfinedPath(folders[0]) / "report", judging)
+            except NotJudgedError as error:  # the reason has been printed
+                return error.code
             if results.to_come:
                 to_come = (
                     f"{results.to_come} of {results.suite_runs} runs of the suite are still to come; "
@@ -42,3 +68,33 @@ def run(arguments: argparse.Namespace) -> int:
     if to_come:
         make_console().print(to_come)
     return 0
+
+
+def _judge_beside(folder: Path) -> Callable[[], None]:
+    """Begin ``judge --partial`` in a forked process; return the function that waits for its end.
+
+    That raises NotJudgedError unless the results were judged, whatever the verdicts.
+    """
+    judging = multiprocessing.get_context("fork").Process(target=_judge, args=(folder,), daemon=True)
+    judging.start()
+
+    def wait() -> None:
+        """Wait until the results are judged."""
+        judging.join()
+        if (code := judging.exitcode) not in (0, 1):
+            raise NotJudgedError(2 if code is None or code < 0 else code)
+
+    return wait
+
+
+def _judge(folder: Path) -> None:
+    """Judge the results, with what is printed of the verdicts left out, and exit with the code of the command."""
+    from .__main__ import main
+
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    try:
+        code = main(["judge", "--partial", str(folder)])
+    except Exception:
+        traceback.print_exc()
+        code = FAILED  # 1 would say that verdicts differ
+    raise SystemExit(code)

@@ -4,13 +4,16 @@ import argparse
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from ..harness.catalogue.suites.suite import load_suite
 from ..harness.results import store
 from ..harness.results.records import RunRecord
-from ..harness.run.costs import predict_times
+from ..harness.run.costs import predict_pages, predict_times
 from ..harness.run.pool import LocalPool
+from ..harness.run.protocol import Supervised
+from ..harness.run.remaining_time import format_duration
 from ..harness.run.runner import Executor, Request, find_last_folder, list_waiting, name_new_folder
 from ..harness.run.started_runs import WHY as FOREIGN
 from .arguments import UsageError, count_jobs, load_plugins
@@ -26,6 +29,17 @@ def run(arguments: argparse.Namespace) -> int:
 
     Return 1 if a limit left out runs, if other code wrote records, or if runs could not be timed in turns.
     """
+    if arguments.dry_run or arguments.cluster is not None:
+        return _run_suite(arguments, choose_executor(arguments.cluster))
+    ahead = Supervised()  # it loads its modules while this process reads the suite and estimates times
+    try:
+        return _run_suite(arguments, partial(LocalPool, ahead=ahead))
+    finally:
+        ahead.discard()
+
+
+def _run_suite(arguments: argparse.Namespace, pool: Callable[..., Executor]) -> int:
+    """Run the suite as ``run`` does, with the executor of jobs that ``pool`` makes."""
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     folder = Path(arguments.out) if arguments.out else None
     if folder is None and arguments.resume:
@@ -58,8 +72,9 @@ def run(arguments: argparse.Namespace) -> int:
         warn_of_own_bits()
     if arguments.only is not None and not arguments.json:
         make_error_console().print(_describe_suite(request, is_local=arguments.cluster is None))
-    pool, is_local = choose_executor(arguments.cluster), arguments.cluster is None
-    loaded, watcher = run_watched(request, quiet=arguments.json, pool=pool, is_local=is_local)
+    is_local = arguments.cluster is None
+    afterwards = _describe_pages(request) if is_local else ""
+    loaded, watcher = run_watched(request, quiet=arguments.json, pool=pool, is_local=is_local, afterwards=afterwards)
     watcher.finish(request.folder, loaded)
     late = [item for item in loaded.unreadable if item.why == FOREIGN and item not in watcher.set_aside]
     for line in list_unreadable("set aside", [(item.path.name, item.why) for item in late]):
@@ -69,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if arguments.json:
         counted = Counter(r.status for r in loaded.records)
-        drift = dict(zip(("relative", "case"), watcher.worst, strict=True)) if watcher.worst[1] else None
+        drift = dict(zip(("relative", "case"), watcher.worst[:2], strict=True)) if watcher.worst[1] else None
         plain = {"folder": str(request.folder), "runs": len(loaded.records), "statuses": dict(counted)}
         not_combined = list(suite.not_combined)
         print_json({**plain, "not_begun": watcher.left, "worst_drift": drift, "not_combined": not_combined})
@@ -96,10 +111,23 @@ def _print_plan(request: Request, *, as_json: bool) -> int:
     return 0
 
 
+def _describe_pages(request: Request) -> str:
+    """Describe how long judging and the report will take once the requested runs are made."""
+    suite = request.suite
+    count = len(suite.specs) if request.only is None else len(suite.parts[request.only])
+    return f"; to judge and report takes about {format_duration(predict_pages(count))} more"
+
+
 def _describe_suite(request: Request, *, is_local: bool) -> str:
-    """Describe the number of runs of the suite and their time on this machine, before a part of it is run."""
-    waiting = list_waiting(replace(request, only=None))
-    time_needed = describe_time(predict_times(waiting, request.jobs, request.suite.name)) if is_local else ""
+    """Describe the number of runs of the suite and their time on this machine, before a part of it is run.
+
+    The time includes judging and a report after this part and after the rest, as ``make bench`` does.
+    """
+    suite, waiting = request.suite, list_waiting(replace(request, only=None))
+    expected = predict_times(waiting, request.jobs, suite.name)
+    part = len(suite.parts[request.only]) if request.only else 0
+    whole = replace(expected, pages=predict_pages(part) + predict_pages(len(suite.specs)))
+    time_needed = describe_time(whole) if is_local else ""
     return f"{request.suite.name}: {plural(len(waiting), 'run')}{time_needed}; now those of {request.only}"
 
 

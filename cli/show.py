@@ -6,7 +6,7 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,11 @@ from rich.text import Text
 from ..harness.base.files import FileError
 from ..harness.base.hints import suggest_name
 from ..harness.base.text import escape_text
+from ..harness.columns.declaring import find_key
 from ..harness.mechanics.types import Status
 from ..harness.results import records, store
 from ..harness.results.provenance import read_environment
-from ..harness.results.records import COLUMNS, RunRecord, parse_reasons
+from ..harness.results.records import COLUMNS, DECLARED, RunRecord, find_limit
 from ..harness.results.reproduce import write_command
 from ..harness.results.series import OTHER, POSES
 from ..harness.results.store import UnreadableFile
@@ -67,20 +68,26 @@ SPARK = 12  # characters of the energy error over time
 PREFIX = 7  # characters of the run_id in the table
 RUN_ID = re.compile(r"[0-9a-f]{4,16}")  # full, or its first digits
 NAMED = 4  # most runs named in a message
-SHOWN = {
-    "energy_drift_max_J": Column("|dE| [J]"),
-    "position_error": Column("error [m]", rank=2),
-    "error_until": Column("error to [s]", rank=2),
-    "orientation_error": Column("error [rad]", rank=4),
-    "phi_max": Column("|phi| [m]", rank=5),
-    "phi_dot_max": Column("|phi'| [m/s]", rank=6),
-    "cpu_min_s": Column("CPU [s]", rank=3),
+DERIVED = {  # columns of the table that are no field of a record, with their places
+    "position_error": (90, Column("error [m]", rank=2)),
+    "error_until": (91, Column("error to [s]", rank=2)),
+    "orientation_error": (100, Column("error [rad]", rank=4)),
 }
 ERRORS: dict[str, Callable[[RunRecord], float]] = {  # as in the reports
     "position_error": lambda r: select_judged_error(r, "position_error", "m"),
     "error_until": find_error_end,
     "orientation_error": lambda r: select_judged_error(r, "orientation_error", "rad"),
 }
+
+
+def _list_columns() -> dict[str, Column]:
+    """Return the columns of the table with numbers: those that declare to be in it, and errors as reports show them."""
+    own = {k: (d.order, Column(d.tables["show"] or k, d.rank)) for k, d in DECLARED.items() if "show" in d.tables}
+    found = sorted((DERIVED | own).items(), key=lambda item: item[1][0])
+    return {name: column for name, (_, column) in found}
+
+
+SHOWN = _list_columns()
 
 
 def show_run(folder: Path, record: RunRecord, command: str) -> None:
@@ -91,11 +98,11 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
     out.print(
         Text.assemble((describe_status(record), choose_status_style(record.status)), f": {ending}" if ending else "")
     )
-    for reason in parse_reasons(record.wrong_because):
+    for reason in record.reasons:
         out.print(Text(f"  because: {describe_breach(reason)}"))
     if error := describe_errors(record):
         out.print(Text(f"error {error}"))
-    for words in json.loads(record.notes):
+    for words in record.note_lines:
         out.print(Text(f"  note: {escape_text(words)}"))
     _print_heading(out, "Settings")
     for name, value in _list_settings(record).items():
@@ -134,8 +141,8 @@ def print_steps(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> No
 def _list_settings(r: RunRecord) -> dict[str, str]:
     """Return problem, solver and settings of a record by name, without those that were not set."""
     out = {
-        "problem": _format_assignments(r.problem, r.problem_parameters),
-        "solver": _format_assignments(r.solver, r.solver_options),
+        "problem": _format_assignments(r.problem, r.parameters),
+        "solver": _format_assignments(r.solver, r.options),
     }
     for name in SETTINGS:
         value = getattr(r, name)
@@ -144,9 +151,9 @@ def _list_settings(r: RunRecord) -> dict[str, str]:
     return {**out, "run_id": r.run_id, "code, commit": f"{r.code}, {r.commit or 'none'}", "finished": r.finished}
 
 
-def _format_assignments(name: str, text: str) -> str:
-    """Join a name and its parameters, given as JSON text: ``chain links=6``."""
-    return " ".join([name, *(f"{k}={json.dumps(v)}" for k, v in json.loads(text).items())])
+def _format_assignments(name: str, given: Mapping[str, Any]) -> str:
+    """Join a name and its parameters or options: ``chain links=6``."""
+    return " ".join([name, *(f"{k}={json.dumps(v)}" for k, v in given.items())])
 
 
 def _print_series(out: Console, folder: Path, record: RunRecord) -> None:
@@ -176,24 +183,17 @@ def _print_numbers(out: Console, record: RunRecord) -> None:
     for c in COLUMNS:
         value = getattr(record, c.name)
         if c.type in (float, int) and c.name not in NOT_NUMBERS and not math.isnan(value):
-            rows.append((f"  {c.name}", f"{value:.6g}", str(c.metadata["doc"])))
-    for name in ("invariant_drifts", "observable_errors"):
-        for key, entry in json.loads(getattr(record, name)).items():
-            rows.append((f"  {name[:-1]}: {key}", f"{_read_entry(entry, 'max'):.6g}", f"{entry.get('unit', '')}, max"))
+            limit = find_limit(record, c.name)
+            words = f"; limit {limit:.6g}" if 0.0 < limit < math.inf else ""
+            rows.append((f"  {c.name}", f"{value:.6g}", f"{DECLARED[c.name].doc}{words}"))
+    for words, found in (("invariant_drift", record.invariants), ("observable_error", record.observables)):
+        rows += [(f"  {words}: {name}", f"{d.max:.6g}", f"{d.unit}, max") for name, d in found.items()]
     columns = (
         Column("  column", fold=True),
         Column("value"),
         Column("meaning", fold=True, least=20),
     )
     out.print(fit_table(columns, rows, out.width))
-
-
-def _read_entry(entry: Any, key: str) -> float:
-    """Return a number of an invariant or observable in a record's JSON; NaN if it is missing or no number."""
-    try:
-        return float(entry[key])
-    except (TypeError, KeyError, ValueError):
-        return math.nan
 
 
 def _print_heading(out: Console, words: str) -> None:
@@ -220,7 +220,8 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.run_name is not None:
         show_run(folder, chosen[0], write_command(chosen[0], plugins))
     else:
-        _print_runs(chosen, [_draw_energy(folder, r, unreadable) for r in chosen])
+        key = arguments.sort and find_sort_column(arguments.sort)
+        _print_runs(chosen, [_draw_energy(folder, r, unreadable) for r in chosen], key)
     print_unreadable(unreadable)
     return 1 if unreadable else 0
 
@@ -240,13 +241,23 @@ def _select_runs(found: Sequence[RunRecord], arguments: argparse.Namespace) -> l
                 raise UsageError(f"--{name}: no run has {name} {word!r}{suggest_name(word, known)}")
         chosen = [r for r in chosen if getattr(r, name) in wanted]
     if arguments.sort is not None:
-        key = SORTS.get(arguments.sort, arguments.sort)
-        numeric = [c.name for c in records.COLUMNS if c.type in (float, int)]
+        key, numeric = find_sort_column(arguments.sort), list_sort_columns()
         if key not in numeric and key not in ERRORS:
             raise UsageError(f"--sort: unknown column {key!r}{suggest_name(key, [*SORTS, *numeric])}")
         size = {r.run_id: abs(_read_column(r, key)) for r in chosen}
         chosen.sort(key=lambda r: math.inf if math.isnan(size[r.run_id]) else -size[r.run_id])
     return chosen[: arguments.limit]
+
+
+def list_sort_columns() -> list[str]:
+    """Return the names of the columns of records that are numbers."""
+    return [c.name for c in records.COLUMNS if c.type in (float, int)]
+
+
+def find_sort_column(given: str) -> str:
+    """Return the column that is meant: ``given`` is its name, its key in tables, or a word of ``SORTS``."""
+    keys = {find_key(name, DECLARED[name]): name for name in reversed(list_sort_columns()) if DECLARED[name].head}
+    return SORTS.get(given) or (given if given in (*list_sort_columns(), *ERRORS) else keys.get(given, given))
 
 
 def find_run(found: Sequence[RunRecord], given: str, folder: Path) -> RunRecord:
@@ -294,20 +305,24 @@ def _read_column(r: RunRecord, name: str) -> float:
     return ERRORS[name](r) if name in ERRORS else float(getattr(r, name))
 
 
-def _print_runs(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
-    """Print a row per run with a sparkline of its energy error, then the reasons of runs that are no success."""
+def _print_runs(chosen: Sequence[RunRecord], sparks: Sequence[str], key: str | None = None) -> None:
+    """Print a row per run with a sparkline of its energy error, then the reasons of runs that are no success.
+
+    The column ``key`` by which they are sorted is in the table, too.
+    """
+    shown = SHOWN if key is None or key in SHOWN or key == "steps" else {**SHOWN, key: Column(key)}
     columns = [
         Column("run", rank=1, right=False),
         Column("case", fold=True),
         Column("status", right=False),
         Column("steps", rank=7),
-        next(iter(SHOWN.values())),
+        next(iter(shown.values())),
         Column("dE over time", right=False),
-        *list(SHOWN.values())[1:],
+        *list(shown.values())[1:],
     ]
     rows: list[tuple[Text | str, ...]] = []
     for r, spark in zip(chosen, sparks, strict=True):
-        first, *rest = [number(_read_column(r, name)) for name in SHOWN]
+        first, *rest = [number(_read_column(r, name)) for name in shown]
         status = Text(r.status, choose_status_style(r.status))
         rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, spark, *rest))
     failed = [r for r in chosen if r.status != Status.SUCCESS]

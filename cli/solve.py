@@ -128,11 +128,11 @@ def make_json_numbers(r: RunRecord) -> dict[str, Any]:
     from ..harness.run.run_file import SUMMARY
 
     numbers = {"case": r.case, **{name: getattr(r, name) for name in SUMMARY}, "cpu_s": r.cpu_min_s}
-    unpacked = {name: json.loads(numbers.pop(name)) for name in ("counters", "notes")}
+    unpacked = {"counters": dict(r.counts), "notes": list(r.note_lines)}
     return {
-        **_replace_nonfinite(numbers),
+        **_replace_nonfinite({k: x for k, x in numbers.items() if k not in unpacked}),
         **unpacked,
-        "reasons": [_replace_nonfinite(x) for x in json.loads(r.wrong_because)],
+        "reasons": [_replace_nonfinite(vars(reason)) for reason in r.reasons],
     }
 
 
@@ -157,4 +157,4 @@ def summarize(r: RunRecord) -> list[str]:
     if r.cpu_min_s > 0.0 or (r.steps and not math.isnan(r.cpu_min_s)):
         set_up = "" if math.isnan(r.setup_s) else f" (set-up {r.setup_s:.3g} s)"
         out.append(f"CPU time           {r.cpu_min_s:.3g} s{set_up}")
-    return out + [f"note               {escape_text(n)}" for n in json.loads(r.notes)]
+    return out + [f"note               {escape_text(n)}" for n in r.note_lines]

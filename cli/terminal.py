@@ -176,7 +176,7 @@ def _choose_bar(x: float, low: float, high: float) -> str:
     """Return the block character for ``x`` between ``low`` and ``high``; a blank for NaN."""
     if math.isnan(x):
         return " "
-    share = (x - low) / (high - low) if high > low else 0.0
+    share = (0.5 * x - 0.5 * low) / (0.5 * high - 0.5 * low) if high > low else 0.0  # halves: a span may overflow
     return BARS[round(min(max(share, 0.0), 1.0) * (len(BARS) - 1))]
 
 

@@ -39,8 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
         again, _ = run_watched(request, quiet=arguments.json, resumable=False)
         stamps = read_environment(folder), read_environment(Path(place) / "run")
     found = compare(sample, again.records)
-    codes = {r.settings_id: r.code for r in again.records}
-    exact = is_same_platform(*stamps) and all(r.code == codes.get(r.settings_id) for r in sample)
+    codes = {r.settings_id: (r.code, r.measured_by) for r in again.records}
+    exact = is_same_platform(*stamps) and all((r.code, r.measured_by) == codes.get(r.settings_id) for r in sample)
     good = found.is_identical if exact else found.alike
     show_comparison(found, [d for d in find_differences(*stamps) if d.what != "suite"], json=arguments.json)
     if arguments.json:

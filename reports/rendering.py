@@ -1,6 +1,7 @@
 """Render the templates of pages and of drawings inside them, and write a page as one file."""
 
 import math
+from collections.abc import Iterable
 from functools import cache
 from inspect import isfunction
 from pathlib import Path
@@ -33,6 +34,12 @@ def make_environment() -> Environment:
         {k: f for k, f in vars(words).items() if isfunction(f)}, term=term, num=_format_cell, nan=math.nan
     )
     return out
+
+
+def load_templates(names: Iterable[str]) -> None:
+    """Compile templates of these names, for the processes that are forked later to inherit."""
+    for name in set(names):
+        make_environment().get_template(name)
 
 
 def render(template: str, **values: Any) -> str:

@@ -1,5 +1,6 @@
 """Build the report of results: a site in one folder that opens from disk, and its tables for papers."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from ..harness.base.confined_paths import ConfinedPath
@@ -17,12 +18,17 @@ def build_report(results_folder: Path) -> Path:
     return write_site(results, ConfinedPath(Path(results_folder)) / "report")
 
 
-def write_site(results: StoredResults, folder: ConfinedPath) -> Path:
-    """Write all pages of the results into ``folder``; return the path of the first."""
+def write_site(
+    results: StoredResults, folder: ConfinedPath, await_judgement: Callable[[], None] = lambda: None
+) -> Path:
+    """Write all pages of the results into ``folder``; return the path of the first.
+
+    ``await_judgement`` returns when the judgement is written, which another process may do meanwhile.
+    """
     _clear_folder(folder)
     copy_assets(folder, sorted(path.name for path in ASSETS.iterdir()))
     site = Site(results, folder)
-    write_pages(site)
+    write_pages(site, await_judgement)
     site.finish()
     write_tables(results.variants, folder / "tables")
     site.data(WRITTEN, len(results.runs))  # written last: an open page of an earlier report waits for it

@@ -1,7 +1,6 @@
 """Judge the motion in a file that any other code computed, as all runs are judged (``referee``)."""
 
 import argparse
-import json
 import math
 import re
 from pathlib import Path
@@ -113,7 +112,7 @@ def _print_files(paths: list[Path], judged: list[RunRecord | FileError], folder:
             rows.append((str(path), Text("not judged", "bold red"), "-", "-", "-"))
             continue
         below += [f"{r.case}: {'; '.join(list_reasons(r))}"] if r.status != Status.SUCCESS else []
-        below += [f"{r.case}: {escape_text(n)}" for n in json.loads(r.notes)]
+        below += [f"{r.case}: {escape_text(n)}" for n in r.note_lines]
         until = number(r.accurate_until_s) if not math.isnan(r.accurate_until_s) else "-"
         numbers = (number(select_judged_error(r, "position_error", "m")), number(r.energy_drift_max_J), until)
         below += [f"{r.case}: {describe_status(r)}"] if qualify_status(r) else []

@@ -1,7 +1,6 @@
 """Find the true motion nearest to a computed one, and the modified energy of a fixed-step method (``shadow``)."""
 
 import argparse
-import json
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -86,7 +85,7 @@ def _read_motion(arguments: argparse.Namespace) -> Motion:
 def _read_run(path: Path) -> tuple[str, Problem, Trajectory]:
     """Return case, problem and trajectory of the run in an NPZ file."""
     record, trajectory = read_run(path)
-    return record.case, make_problem(record.problem, json.loads(record.problem_parameters)), trajectory
+    return record.case, make_problem(record.problem, record.parameters), trajectory
 
 
 def find_nearest(problem: Problem, path: Path) -> dict[str, Any]:

@@ -32,7 +32,11 @@
       };
       const shown = table ? table.choose(fits, page, keep) : items.filter((item) => !(item.hidden = !fits(item))).length;
       if (!table) keep(0);
-      for (const part of list.querySelectorAll("[data-part]")) part.hidden = !part.querySelector("[data-item]:not([hidden])");
+      const chosen = words.length > 0 || selects.some((s) => s.value !== "*"); // what is found in a folded part is shown
+      for (const part of list.querySelectorAll("[data-part]")) {
+        part.hidden = !part.querySelector("[data-item]:not([hidden])");
+        if (chosen && part.tagName === "DETAILS") part.open = true;
+      }
       if (said) said.textContent = `${shown} of ${items.length} shown`;
     };
     fields.forEach((f) => f.addEventListener(f === search ? "input" : "change", () => apply()));

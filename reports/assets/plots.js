@@ -43,6 +43,7 @@
   };
   const limits = (plot, which, own, floor) => {
     const axis = plot[which], log = Boolean(axis.log);
+    if (axis.names) return [-0.5, axis.names.length - 0.5];
     let [low, high] = [axis.low, axis.high];
     const ends = which === "y" ? own.flatMap((t) => t.reach || []) : []; // of what is shown, not of what is hidden
     if (ends.length && Number.isFinite(low)) {
@@ -71,18 +72,21 @@
     return Array.from({ length: 1 + Math.floor(high / step + 1e-9) - Math.ceil(low / step - 1e-9) }, (_, k) => (Math.ceil(low / step - 1e-9) + k) * step);
   };
 
+  const ticksAt = (axis, range, most) => (axis.names ? axis.names.map((_, k) => k).filter((k) => k >= range[0] && k <= range[1]) : ticksOf(axis.log, range, most));
+  const tickWords = (axis, v) => (axis.names ? axis.names[v] : tick(v));
+
   // the picture of a plot `w` by `h` pixels; `places` remembers where its points are
   const drawing = (plot, w, h, paper = false) => {
     const own = seen(plot), lit = paper ? new Set(own.map((t) => t.solver)) : focus(plot), floor = { x: floorOf(own, "x"), y: floorOf(own, "y") };
     const whole = { x: limits(plot, "x", own, floor.x), y: limits(plot, "y", own, floor.y) }, range = { ...whole, ...plot.zoom };
-    const yTicks = ticksOf(plot.y.log, range.y, 6), left = 16 + Math.max(22, ...yTicks.map((v) => LETTER * tick(v).length + 6)), top = paper ? 30 : 8, right = w - 12, bottom = h - 38;
+    const yTicks = ticksAt(plot.y, range.y, 6), left = 16 + Math.max(22, ...yTicks.map((v) => LETTER * tickWords(plot.y, v).length + 6)), top = paper ? 30 : 8, right = w - 12, bottom = h - 38;
     const map = (which, a, b) => { const log = plot[which].log, f = log ? Math.log10 : (v) => v, [lo, hi] = range[which].map(f); return (v) => a + ((f(v) - lo) / (hi - lo || 1)) * (b - a); };
     const [X, Y] = [map("x", left, right), map("y", bottom, top)], parts = [], over = [], labels = [], places = [];
     const at = (which, v, points) => (plot[which].log && !(v > 0) ? (v === 0 && points ? Math.max(floor[which], range[which][0]) : NaN) : v);
     const text = (x, y, words, more = "") => `<text x="${x.toFixed(1)}" y="${y.toFixed(1)}" ${more}>${escaped(words)}</text>`;
-    const xTicks = ticksOf(plot.x.log, range.x, Math.max(2, Math.floor((right - left) / 70)));
-    for (const v of yTicks) parts.push(`<path class="grid" d="M${left} ${Y(v).toFixed(1)}H${right}"/>`, text(left - 6, Y(v) + 4, tick(v), 'text-anchor="end"'));
-    for (const v of xTicks) parts.push(`<path class="grid" d="M${X(v).toFixed(1)} ${top}V${bottom}"/>`, text(X(v), bottom + 15, tick(v), 'text-anchor="middle"'));
+    const xTicks = ticksAt(plot.x, range.x, Math.max(2, Math.floor((right - left) / 70)));
+    for (const v of yTicks) parts.push(`<path class="grid" d="M${left} ${Y(v).toFixed(1)}H${right}"/>`, text(left - 6, Y(v) + 4, tickWords(plot.y, v), 'text-anchor="end"'));
+    for (const v of xTicks) parts.push(`<path class="grid" d="M${X(v).toFixed(1)} ${top}V${bottom}"/>`, text(X(v), bottom + 15, tickWords(plot.x, v), 'text-anchor="middle"'));
     parts.push(`<path class="axis" d="M${left} ${top}V${bottom}H${right}"/>`, text((left + right) / 2, h - 6, axisTitle(plot.x), 'text-anchor="middle" class="name"'),
       `<text transform="translate(12 ${(top + bottom) / 2}) rotate(-90)" text-anchor="middle" class="name">${escaped(axisTitle(plot.y))}</text>`);
     for (const [words, values] of Object.entries(plot.marks || {})) for (const v of values) parts.push(`<path class="mark-line" d="M${X(v).toFixed(1)} ${top}V${bottom}"/>`, text(X(v) - 4, bottom - 6, words, 'text-anchor="end" class="halo"'));
@@ -172,7 +176,7 @@
     return best;
   };
   const words = (plot, t, k) => {
-    const value = (axis, v, which) => `${axis.title} ${v === 0 && axis.log && t.mode !== "lines" ? `0, drawn at ${number(floorOf(seen(plot), which))}` : number(v)} ${axis.unit || ""}`;
+    const value = (axis, v, which) => axis.names ? axis.names[v] : `${axis.title} ${v === 0 && axis.log && t.mode !== "lines" ? `0, drawn at ${number(floorOf(seen(plot), which))}` : number(v)} ${axis.unit || ""}`;
     return [t.name, value(plot.x, t.x[k], "x"), value(plot.y, t.y[k], "y"), t.words && t.words[k], END_WORDS[endOf(t, k)]].filter(Boolean);
   };
   const tip = MBS.element("div", { className: "tip", hidden: true });
@@ -227,7 +231,8 @@
     const quote = (v) => (/[",\n]/.test(v) ? `"${String(v).replace(/"/g, '""')}"` : v);
     const band = plot.traces.some((t) => t.low);
     const rows = [["series", axisTitle(plot.x), axisTitle(plot.y), ...(band ? ["lowest", "highest"] : []), "end"].map(quote)];
-    for (const t of plot.traces.filter(visible)) t.x.forEach((x, k) => rows.push([quote(t.name), x, t.y[k], ...(band ? [t.low ? t.low[k] : "", t.high ? t.high[k] : ""] : []), endOf(t, k)]));
+    const put = (axis, v) => (axis.names ? quote(axis.names[v]) : v);
+    for (const t of plot.traces.filter(visible)) t.x.forEach((x, k) => rows.push([quote(t.name), put(plot.x, x), put(plot.y, t.y[k]), ...(band ? [t.low ? t.low[k] : "", t.high ? t.high[k] : ""] : []), endOf(t, k)]));
     return rows.map((r) => r.map((v) => v ?? "").join(",")).join("\n") + "\n";
   };
   // for papers: the light theme, whatever the page wears, all lines in colour with their names
@@ -247,9 +252,9 @@
     table.createCaption().textContent = `${plot.title}, as selected`;
     table.caption.className = "hidden";
     table.createTHead().append(row(points ? ["Series", x, y, "End"] : ["Series", `Smallest ${y}`, `Largest ${y}`, `at ${x}`, `Last ${y}`, `at ${x}`], "th"));
-    const body = table.createTBody();
+    const body = table.createTBody(), told = (axis, v) => (axis.names ? axis.names[v] : number(v));
     for (const t of own) {
-      if (points) t.x.forEach((v, k) => body.append(row([t.name, v === 0 && plot.x.title === "CPU time" ? "below the clock" : number(v), number(t.y[k]), END_WORDS[endOf(t, k)] || ""])));
+      if (points) t.x.forEach((v, k) => body.append(row([t.name, v === 0 && plot.x.title === "CPU time" ? "below the clock" : told(plot.x, v), told(plot.y, t.y[k]), END_WORDS[endOf(t, k)] || ""])));
       else if (t.y.length) {
         const extreme = (before) => t.y.reduce((best, v, k) => (before(v, t.y[best]) ? k : best), 0), last = t.y.length - 1;
         const low = extreme((a, b) => a < b), high = extreme((a, b) => a > b);
@@ -323,8 +328,8 @@
     plot.table = figure.querySelector("details.numbers");
     plot.table.addEventListener("toggle", () => { if (plot.table.open) { begin(plot); fill(plot); } });
     const tools = figure.querySelector(".tools");
-    if (!plot.x.link) tools.append(toggle(plot, "x"));
-    tools.append(toggle(plot, "y"), button("reset", `reset: show all of ${plot.title}`, () => zoom(plot, null)),
+    for (const which of ["x", "y"]) if (!plot[which].link && !plot[which].names) tools.append(toggle(plot, which));
+    tools.append(button("reset", `reset: show all of ${plot.title}`, () => zoom(plot, null)),
       button("SVG", `SVG: save ${plot.title}`, () => { begin(plot); save(`${plot.name}.svg`, "image/svg+xml", svg(plot)); }),
       button("CSV", `CSV: save the numbers of ${plot.title}`, () => { begin(plot); save(`${plot.name}.csv`, "text/csv", csv(plot)); }));
     pointer(plot);

@@ -2,11 +2,18 @@
 (async () => {
   const table = document.querySelector("[data-runs]");
   if (!table) return;
-  const { rows, solvers, problems, labels } = await MBS.unpack(MBS.runs);
+  const { rows, solvers, problems, labels, shows } = await MBS.unpack(MBS.runs);
   const form = document.querySelector("[data-filters]");
   const turned = MBS.pager(document.querySelector("[data-pager]"), (by) => { changed(page + by); form.scrollIntoView(); });
-  const RUN = 0, KIND = 1, STATUS = 2, SOLVER = 3, PROBLEM = 4, LABEL = 5, SETTINGS = 6, WHY = 7, T = 8, ENERGY = 9, ERROR = 10, PHI = 11, WORK = 12, CPU = 13, DRIFT = 14;
-  const columns = [SOLVER, PROBLEM, SETTINGS, LABEL, STATUS, T, ENERGY, DRIFT, ERROR, PHI, WORK, CPU];
+  const RUN = 0, KIND = 1, STATUS = 2, SOLVER = 3, PROBLEM = 4, LABEL = 5, SETTINGS = 6, WHY = 7, FIRST = 8;
+  const columns = [SOLVER, PROBLEM, SETTINGS, LABEL, STATUS, ...shows.map((_, k) => FIRST + k)];
+  // numbers as the functions of reports/model/words.py of these names write them
+  const written = {
+    format_count: (v) => Math.round(v).toLocaleString("en").replace(/,/g, "\u202f"),
+    time: String,
+    format_cpu_time: (v) => (v === 0 ? "below the clock" : MBS.number(v)),
+    format_signed: (v) => (v > 0 ? "+" : "") + MBS.number(v),
+  };
   const named = { [SOLVER]: (v) => solvers[v][0], [PROBLEM]: (v) => problems[v][0], [LABEL]: (v) => labels[v] };
   const ROWS = MBS.PAGE;
   const asked = new URLSearchParams(location.search);
@@ -22,15 +29,15 @@
     } else if (column === PROBLEM) { td.className = "name"; td.append(link(...problems[value])); }
     else if (column === SETTINGS) { td.className = "words"; td.append(link(value, `runs/${row[RUN]}.html`)); }
     else if (column === STATUS) { td.className = "status"; td.append(MBS.element("span", { textContent: value, className: `mark ${row[KIND]}` })); if (row[WHY]) td.append(MBS.element("small", { textContent: row[WHY] })); }
-    else if (column === LABEL || column === DRIFT) { td.className = "short"; td.textContent = column === LABEL ? labels[value] : value; }
-    else { td.className = "n"; td.textContent = column === WORK && value !== null ? Math.round(value).toLocaleString("en").replace(/,/g, "\u202f") : column === T && value !== null ? String(value) : column === CPU && value === 0 ? "below the clock" : MBS.number(value); }
+    else if (column === LABEL || !shows[column - FIRST]) { td.className = "short"; td.textContent = column === LABEL ? labels[value] : value; }
+    else { td.className = "n"; td.textContent = value === null ? MBS.number(value) : (written[shows[column - FIRST]] || MBS.number)(value); }
     return td;
   };
   const chosen = () => {
     const wanted = Object.fromEntries(new FormData(form)), words = wanted.text.toLowerCase().split(/\s+/).filter(Boolean);
     const out = rows.filter((r) => (!wanted.status || r[KIND] === wanted.status) && (!wanted.solver || r[SOLVER] === Number(wanted.solver))
       && (!wanted.problem || r[PROBLEM] === Number(wanted.problem)) && (!wanted.label || r[LABEL] === Number(wanted.label))
-      && words.every((w) => `${named[SOLVER](r[SOLVER])} ${named[PROBLEM](r[PROBLEM])} ${r[SETTINGS]} ${r[WHY]} ${r[STATUS]} ${r[DRIFT]}`.toLowerCase().includes(w)));
+      && words.every((w) => `${named[SOLVER](r[SOLVER])} ${named[PROBLEM](r[PROBLEM])} ${r[SETTINGS]} ${r[WHY]} ${r[STATUS]} ${r.slice(FIRST).filter((v) => typeof v === "string").join(" ")}`.toLowerCase().includes(w)));
     if (sorting.column === null) return out;
     const key = (r) => (named[sorting.column] ? named[sorting.column](r[sorting.column]) : r[sorting.column]);
     return out.sort((a, b) => MBS.ordered(key(a) ?? "", key(b) ?? "", sorting.up));

@@ -41,7 +41,7 @@ def write_page(path: Path, title: str, found: Sequence[Finding], names: Sequence
         draw_chart("Paths of centres of mass: computed, and true (dashed).", [paths], looks),
     ]
     stamp = f"{NOTE} Commit {environment.read_commit()[:12] or 'not recorded'}."
-    summary = summarise_nearest(s, None).words or found[0].measured.text
+    summary = summarise_nearest(s, None).words or found[0].text
     write_file(path, "trial.html", title=title, card=None, summary=summary, findings=found, charts=charts, stamp=stamp)
 
 

@@ -4,11 +4,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ...harness.results.records import find_judged_reference_error
+from ...harness.columns.declared.errors import find_judged_reference_error
+from ...harness.results.least_cost import choose_error
+from ...harness.results.misleading import TO_THE_END
 from ...harness.results.words import select_judged_error
 from .results import StoredRun
-
-EXACT = 1e-12  # fraction of the mechanism's size: smaller position errors are rounding
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,8 @@ def choose_measure(runs: Sequence[StoredRun]) -> ErrorMeasure | None:
     words = "" if until is None else f" to {until:.4g} s"
     if until is not None:
         own = max((e for c in known if not math.isnan(e := find_judged_reference_error(c.record))), default=math.nan)
-    position = ErrorMeasure(f"position error{words}", "position_error", "m", own, until)
-    if max(map(position.of, known)) > EXACT * length:
-        return position
-    return ErrorMeasure(f"orientation error{words}", "orientation_error", "rad", own / length, until)
+    name, unit = choose_error([c.record for c in known])
+    return ErrorMeasure(f"{name.replace('_', ' ')}{words}", name, unit, own if unit == "m" else own / length, until)
 
 
 def find_judged_end(runs: Sequence[StoredRun]) -> float | None:
@@ -53,7 +51,7 @@ def find_judged_end(runs: Sequence[StoredRun]) -> float | None:
     """
     times = [c.record.judged_to_s for c in runs if not math.isnan(c.record.judged_to_s)]
     ends = [min(c.record.t_reached_s, c.record.reference_horizon_s) for c in runs if c.record.reference]
-    if not times or not ends or max(times) > 0.98 * max(ends):
+    if not times or not ends or max(times) > TO_THE_END * max(ends):
         return None
     return max(times)
 

@@ -1,7 +1,5 @@
 """Put the grounds of a judged claim into words, once for the command, the pages and the captions."""
 
-from collections.abc import Iterable
-
 from ...harness.results.judgements import claims as judged
 from .condition_words import (
     describe_choice,
@@ -13,7 +11,6 @@ from .condition_words import (
     is_met_by_choice,
     spell_out,
 )
-from .results import make_natural_key
 from .words import join_words, number, plural, unit
 
 __all__ = [
@@ -24,7 +21,9 @@ __all__ = [
     "spell_out",
 ]  # re-exported for the pages
 WHERE = ("at the paper's settings", "beyond them")
-FACTOR = 1.5  # factor by which borderline bands are widened and narrowed (harness.judge.referee.claims.predicates)
+HERE = "here"  # of a claim of the field, which has no printed settings: at all that were tried
+MOST_NAMED = 2  # most combinations of values that a sentence names
+FACTOR = 1.5  # factor by which borderline bands are widened and narrowed (harness.judge.referee.claims.bands)
 LEFT_OUT = {
     judged.Ending.MACHINE: "a limit on time or memory ended them, which another machine might not meet",
     judged.Ending.UNCOMPARED: "their runs cannot be compared "
@@ -87,33 +86,47 @@ def explain_verdicts(c: judged.JudgedClaim) -> str:
 
 
 def list_sides(c: judged.JudgedClaim) -> tuple[tuple[str, judged.ClaimFinding], ...]:
-    """Return the findings that exist, each with words on its settings: at the paper's settings, or beyond them."""
-    return tuple((where, f) for where, f in zip(WHERE, (c.paper, c.beyond), strict=True) if f)
+    """Return the findings that exist, each with words on its settings: at the paper's settings, or beyond them.
+
+    A claim of the field has one finding, on all settings tried.
+    """
+    where = WHERE if c.register == "paper" else (HERE, HERE)
+    return tuple((words, f) for words, f in zip(where, (c.paper, c.beyond), strict=True) if f)
 
 
-def order_claims(claims: Iterable[judged.JudgedClaim]) -> list[judged.JudgedClaim]:
-    """Return the claims as they are listed: those of abstract and conclusions first, then by section and figure."""
-    return sorted(claims, key=lambda c: (not c.summary, make_natural_key(c.section), c.figure))
+def describe_origin(c: judged.JudgedClaim) -> str:
+    """Describe where a claim stands: section, figures and words of the paper, or a source and what it states."""
+    if c.register == "field":
+        return f"{c.section}: {c.quote}"
+    figures = f", Fig. {join_figures(c)}" if c.figure else ""
+    return f"the paper{f', Sect. {c.section}' if c.section[:1].isdigit() else ''}{figures}: “{c.quote}”"
 
 
 def describe_verdict(c: judged.JudgedClaim) -> str:
-    """Return both verdicts of a claim, and for how many of the settings tried it holds, as one sentence."""
-    sides = (f"{where} {', '.join(filter(None, (format_verdict(f), format_share(f))))}" for where, f in list_sides(c))
+    """Return both verdicts of a claim, and for how many of the settings tried it holds, as one sentence.
+
+    Of combinations of values that suffice it names the first ones.
+    """
+    parts = ((where, (format_verdict(f, MOST_NAMED), format_share(f))) for where, f in list_sides(c))
+    sides = (f"{where} {', '.join(filter(None, words))}" for where, words in parts)
     words = "; ".join(sides) or f"{c.verdict}: {describe_missing(c)}"
     return f"{words[0].upper()}{words[1:]}."
 
 
-def format_verdict(f: judged.ClaimFinding) -> str:
-    """Format a verdict with its condition or reason: ``reproduced if gain 5``, ``cannot be told, because ...``."""
+def format_verdict(f: judged.ClaimFinding, most: int | None = None) -> str:
+    """Format a verdict with its condition or reason: ``reproduced if gain 5``, ``cannot be told, because ...``.
+
+    Of combinations of values that suffice at most ``most`` are named, if given.
+    """
     if f.verdict is judged.ClaimVerdict.CANNOT_BE_TOLD and f.missing:
         return f"{f.verdict}, because {_describe_gap(f.missing[0])}"
     if f.verdict is judged.ClaimVerdict.CANNOT_BE_TOLD and f.left_out:
         why = (f"{plural(x.settings, 'setting')}: {LEFT_OUT[x.why]}" for x in f.left_out)
         return f"{f.verdict}, because no setting counts ({'; '.join(why)})"
     if f.verdict is judged.ClaimVerdict.REPRODUCED_IF and f.decision:
-        return describe_choice(f.decision) if is_met_by_choice(f) else describe_condition(f.decision)
+        return describe_choice(f.decision) if is_met_by_choice(f) else describe_condition(f.decision, most)
     if f.verdict is judged.ClaimVerdict.REPRODUCED and f.decision:
-        return f"{f.verdict}: there are such {describe_condition(f.decision).removeprefix('reproduced ')}"
+        return f"{f.verdict}: there are such {describe_condition(f.decision, most).removeprefix('reproduced ')}"
     return str(f.verdict)
 
 

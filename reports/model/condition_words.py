@@ -19,6 +19,8 @@ def format_value(name: str, given: judged.Value) -> str:
         return FLAGS.get(name, (spell_out(name), f"no {spell_out(name)}"))[not given]
     if given is None:
         return f"no {spell_out(name)}"
+    if isinstance(given, tuple):
+        return f"({', '.join(f'{x:g}' for x in given)})"
     return given if isinstance(given, str) else f"{given:g}"
 
 
@@ -33,10 +35,10 @@ def spell_out(name: str) -> str:
     return name.replace("_", " ")
 
 
-def describe_condition(d: judged.Decision) -> str:
+def describe_condition(d: judged.Decision, most: int | None = None) -> str:
     """Format a conditional verdict: ``reproduced if tolerance at most 1e-05``, ``reproduced unless gain 0``.
 
-    Without such a condition on one or two dimensions, combinations of values that suffice are listed.
+    Without such a condition on one or two dimensions, combinations of values that suffice are listed, at most ``most``.
     """
     if d.by:
         return f"reproduced {'unless' if d.unless else 'if'} {format_separation(d)}"
@@ -44,7 +46,9 @@ def describe_condition(d: judged.Decision) -> str:
         return "reproduced if choices are made as in the rows that hold"
     terms = [" and ".join(_list_values(n, vs) for n, vs in at.items()) for at in _join_terms(d.any_of)]
     more = f", and in {plural(d.rest, 'setting')} more" if d.rest else ""
-    return f"reproduced if {', or if '.join(terms)}{more}"
+    if most and len(terms) > most:
+        more = ", and in other settings"
+    return f"reproduced if {', or if '.join(terms[:most])}{more}"
 
 
 def is_met_by_choice(f: judged.ClaimFinding) -> bool:

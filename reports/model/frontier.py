@@ -4,9 +4,9 @@ import math
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, Literal
 
+from ...harness.results.least_cost import find_least_cost
 from ...harness.results.records import find_cpu_range
 from .accuracy import ErrorMeasure, choose_measure
 from .catalogue import is_engine
@@ -163,20 +163,6 @@ def find_least_time(runs: Sequence[StoredRun], measure: ErrorMeasure, target: fl
 def _pick_timed(runs: Sequence[StoredRun]) -> list[StoredRun]:
     """Return the runs that reached their end with all laws kept and have a CPU time."""
     return [c for c in runs if c.status in SOUND and c.record.cpu_median_s > 0.0]
-
-
-def find_least_cost(ladder: Sequence[tuple[float, float]], target: float) -> tuple[float, bool, int] | None:
-    """Return the least cost for ``target``, whether it is an upper bound, and the index of the run that reaches it.
-
-    ``ladder`` holds pairs of error and cost, the coarsest first. Costs are interpolated log-log between a run that
-    misses ``target`` and a next one that reaches it.
-    """
-    out = [(cost, True, k) for k, (error, cost) in enumerate(ladder) if error <= target]
-    for k, ((ea, low), (eb, high)) in enumerate(pairwise(ladder), 1):
-        if ea > target >= eb:
-            share = math.log(ea / target) / math.log(ea / eb) if eb > 0.0 else 1.0
-            out.append((min(high, low * (high / low) ** share), False, k))
-    return min(out, key=lambda found: found[:2], default=None)
 
 
 def format_length(value: float, unit: str) -> str:

@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from ...harness.mechanics.types import ACCURATE, ALLOWED, Law, Reason
-from ...harness.results.records import find_judged_reference_error, parse_reasons
+from ...harness.mechanics.types import Law, Reason
+from ...harness.results.records import find_limit
 from ...harness.results.words import describe_breach, find_broken_law
 from .results import StoredRun
 from .words import number
@@ -57,7 +57,7 @@ def describe_break(e: Reason) -> str:
 
 def find_margin(run: StoredRun) -> Margin | None:
     """Return the error of a run that is the largest fraction of its limit; None if no error with a limit is known."""
-    broken = parse_reasons(run.record.wrong_because)
+    broken = run.record.reasons
     laws = {e.law for e in broken}
     found = [Margin(e) for e in (*broken, *_recompute_reasons(run)) if e in broken or e.law not in laws]
     return max(found, key=lambda m: m.part, default=None)
@@ -69,20 +69,15 @@ def _recompute_reasons(run: StoredRun) -> list[Reason]:
     Unless the run stopped, errors above their limits are left out: the run was judged by wider limits, those of each of
     several mechanisms.
     """
-    r, own = run.record, find_judged_reference_error(run.record)
+    r = run.record
     rows = (
-        Reason(Law.ENERGY, r.energy_drift_max_J, ALLOWED[Law.ENERGY] * r.energy_scale_J, "J"),
+        Reason(Law.ENERGY, r.energy_drift_max_J, find_limit(r, "energy_drift_max_J"), "J"),
         _make_constraint_reason(Law.CONSTRAINT, r.gap_share_max, r.phi_max, r.phi_limit_m, "m"),
         _make_constraint_reason(
             Law.CONSTRAINT_RATE, r.gap_rate_share_max, r.phi_dot_max, r.phi_dot_limit_m_per_s, "m/s"
         ),
-        Reason(Law.ORTHOGONALITY, r.orthogonality_max, ALLOWED[Law.ORTHOGONALITY]),
-        Reason(
-            Law.MOTION,
-            r.motion_error_judged_m,
-            ACCURATE["accurate_until_s"] * r.length_scale_m + (0.0 if math.isnan(own) else own),
-            "m",
-        ),
+        Reason(Law.ORTHOGONALITY, r.orthogonality_max, find_limit(r, "orthogonality_max")),
+        Reason(Law.MOTION, r.motion_error_judged_m, find_limit(r, "motion_error_judged_m"), "m"),
     )
     return [e for e in rows if e.value >= 0.0 and e.limit > 0.0 and (run.has_stopped or e.value <= e.limit)]
 

@@ -6,11 +6,23 @@ from typing import Any
 
 import numpy as np
 
+from ...harness.columns.declaring import find_series_name
+from ...harness.results.records import DECLARED
 from ...harness.results.series import Series
 from .curves import SPANS_UPPER, Curve, find_band, find_extrema, find_maxima
 from .results import StoredRun
 
-NORMS = ("energy_error", "phi_norm", "phi_dot_norm", "position_error", "orientation_error", "out_of_plane")
+# series of columns that declare a figure, and those of which there is a plot anyway
+DECLARED_NORMS = tuple(find_series_name(name, d) for name, d in DECLARED.items() if d.figure)
+NORMS = (
+    "energy_error",
+    "phi_norm",
+    "phi_dot_norm",
+    "position_error",
+    "orientation_error",
+    "out_of_plane",
+    *DECLARED_NORMS,
+)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
-"""Hold a results folder as reports see it: runs with their JSON unpacked, sorted into variants and labels."""
+"""Hold a results folder as reports see it: runs, sorted into variants and labels."""
 
-import json
 import re
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -28,17 +27,13 @@ K = TypeVar("K", bound=Hashable)
 STDERR_SHOWN = 4000  # last characters shown: a native library prints the reason last
 UNKNOWN = "not recorded"
 SERIES = 200  # series without poses in the cache: half a megabyte each
+WHOLE = 36  # series with poses in the cache: those of a theatre
 STAMPED = ("numpy", "scipy")  # packages named in the stamp
-
-
-def _unpack_column(column: str) -> cached_property[Mapping[str, Any]]:
-    """Return a cached property that holds the JSON of a column of the run's record as a mapping."""
-    return cached_property(lambda run: json.loads(getattr(run.record, column)))
 
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A record with its JSON columns unpacked, the end of its standard error, and the true motion near it."""
+    """A record, the end of its standard error, and the true motion near it."""
 
     record: RunRecord
     stderr: str = ""
@@ -54,17 +49,20 @@ class StoredRun:
         """The solver with its options, without the step or tolerance."""
         return format_name(self.record.solver, self.options)
 
-    # by name: parameters and options as given, counts, errors of observables and drifts of invariants with units
-    parameters = _unpack_column("problem_parameters")
-    options = _unpack_column("solver_options")
-    counters = _unpack_column("counters")
-    observable_errors = _unpack_column("observable_errors")
-    invariant_drifts = _unpack_column("invariant_drifts")
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """The parameters of the problem that differ from its defaults."""
+        return self.record.parameters
 
-    @cached_property
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """The options of the solver that differ from its defaults."""
+        return self.record.options
+
+    @property
     def notes(self) -> Sequence[str]:
         """The notes of the solver on the run."""
-        return [str(n) for n in json.loads(self.record.notes)]
+        return self.record.note_lines
 
     @cached_property
     def reasons(self) -> Sequence[str]:
@@ -204,12 +202,13 @@ class StoredResults:
     def series(self, run: StoredRun, *, poses: bool = True) -> Series | None:
         """Return the stored time histories of a run, None if it has none; raise FileError for a damaged file.
 
-        Without ``poses`` the other histories are kept in memory, since several pages draw them.
+        Those read last are kept in memory, since several pages draw them; without ``poses`` more of them.
         """
         r = run.record
-        if poses or not r.series:
-            return store.read_run_series(self.folder, r)
-        return _read_without_poses(self.folder, r.series, r.series_sha256)
+        if not r.series:
+            return None
+        key = self.folder, r.series, r.series_sha256
+        return _read_whole(*key) if poses or key in _whole else _read_without_poses(*key)
 
     def readable_series(self, run: StoredRun) -> Series | None:
         """Return the stored time histories of a run; None if there are none or the file is damaged."""
@@ -251,6 +250,24 @@ def read_results(folder: Path, *, check_series: bool = True) -> StoredResults:
 def _read_without_poses(folder: Path, name: str, sha256: str) -> Series:
     """Read a series file without its poses; cached, since several pages draw it."""
     return read_series(ConfinedPath(folder) / name, sha256, poses=False)
+
+
+_whole: dict[tuple[Path, str, str], Series] = {}  # the series read last, with their poses
+
+
+def _read_whole(folder: Path, name: str, sha256: str) -> Series:
+    """Read a series file with its poses, unless it is among those read last."""
+    key = folder, name, sha256
+    if key not in _whole:
+        if len(_whole) >= WHOLE:
+            del _whole[next(iter(_whole))]
+        _whole[key] = read_series(ConfinedPath(folder) / name, sha256)
+    return _whole[key]
+
+
+def forget_series() -> None:
+    """Remove from memory the series that are kept with their poses, as those of a large system fill it."""
+    _whole.clear()
 
 
 def group_by(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:

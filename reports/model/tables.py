@@ -1,23 +1,17 @@
-"""Define the columns of every table, and write tables for papers: CSV with every digit, LaTeX with few."""
+"""Write tables for papers: CSV with every digit, LaTeX with few."""
 
 import csv
 import io
 import math
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 from ...harness.base.confined_paths import ConfinedPath
-from ...harness.results.records import find_cpu_range
-from ...harness.results.shadows import SYMPLECTIC
-from ...harness.results.words import select_judged_error
-from . import words
-from .accuracy import choose_measure, energy_kind
+from .accuracy import choose_measure
+from .columns import COLUMNS, PageColumn
 from .results import StoredRun, Variant, group_by_solver
-from .words import BELOW_CLOCK, NONE, format_cpu_time, mark_status
+from .words import BELOW_CLOCK, NONE
 
-Value = float | str
 WRAPPED = {  # columns with long words
     "settings": r">{\raggedright\arraybackslash}p{17mm}",
     "status": r">{\raggedright\arraybackslash}p{13mm}",
@@ -39,62 +33,6 @@ LATEX = {
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
 }
-
-
-def _spread(c: StoredRun) -> Value:
-    """Format the quartiles of the CPU times [s] and the number of repeats; a dash for a single timing."""
-    low, high = map(format_cpu_time, find_cpu_range(c.record))
-    return f"{low} to {high} ({c.record.repeats})" if c.record.repeats > 1 else NONE
-
-
-OTHERS: Mapping[str, Callable[[StoredRun], Value]] = {  # columns that are not fields of a record
-    "settings": lambda c: c.settings(),
-    "status": lambda c: mark_status(c.status).word,
-    "energy_kind": energy_kind,
-    "symplectic": lambda c: c.nearest.symplectic if c.nearest else "",
-    "cpu_spread": _spread,
-}
-
-
-@dataclass(frozen=True)
-class PageColumn:
-    """A column as defined in ``columns.toml``."""
-
-    key: str
-    head: str
-    doc: str
-    unit: str = ""
-    record: str = ""  # its source is one of: a field of the record, a judged error, a field of the nearest motion
-    error: str = ""
-    nearest: str = ""
-    show: str = "number"  # name of the function of ``words`` that formats it
-    latex: str = ""  # head in LaTeX; empty to leave the column out
-
-    def of(self, run: StoredRun) -> Value:
-        """Return the unformatted value of the column for a run; NaN or an empty text if it has none."""
-        if self.record:
-            return getattr(run.record, self.record)
-        if self.error:
-            return select_judged_error(run.record, self.error, self.unit)
-        if self.nearest:
-            value: float | None = getattr(run.nearest, self.nearest, None)
-            return math.nan if value is None else value
-        return OTHERS[self.key](run)
-
-    def text(self, run: StoredRun) -> str:
-        """Format the value as the table shows it."""
-        value = self.of(run)
-        return (value or NONE) if isinstance(value, str) else getattr(words, self.show)(value)
-
-    @property
-    def heading(self) -> str:
-        """The head with the unit."""
-        return f"{self.head} [{self.unit}]" if self.unit else self.head
-
-
-FILE = Path(__file__).parent / "columns.toml"
-TEXT = FILE.read_text(encoding="utf-8").replace("SYMPLECTIC", f"{SYMPLECTIC:g}")
-COLUMNS = tuple(PageColumn(key, **given) for key, given in tomllib.loads(TEXT).items())
 
 
 def list_printed_columns(runs: Sequence[StoredRun]) -> Sequence[PageColumn]:

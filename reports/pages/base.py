@@ -1,8 +1,9 @@
 """Define the parts of a page of the report's site, and all that a page module needs to know.
 
 A module of a folder in ``reports/pages/`` with a function ``write(results, site) -> Page | None`` is called once
-(``RANK`` of the module, 0 without one, puts it later; ``APART = True`` calls it in another process beside all others,
-with a ``site`` that knows no other page). It adds its page to the site and returns it, or returns None ::
+(``RANK`` of the module, 0 without one, puts it later). It adds its page to the site and returns it, or returns None.
+If the module also has ``write_variant(results, site, variant)``, that is called before for each variant, in another
+process, with a ``site`` that knows no other page; what it returns is ``site.parts[<module>][<slug>]`` then ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
@@ -21,14 +22,14 @@ writes it deflated, for ``await MBS.unpack(MBS[name])``, where ``MBS.numbers(x)`
 classic, deferred and in the order given: opened from a disk, neither modules nor ``fetch`` work.
 """
 
+import contextlib
 import importlib
 import multiprocessing
-import pickle
 import pkgutil
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, TypeVar
@@ -37,18 +38,30 @@ from ...harness.base.confined_paths import ConfinedPath
 from ...harness.base.files import FileError
 from ...harness.results.judgements import files
 from ...harness.results.judgements.files import PUBLISHED, File, read_judgement
-from ..model.accuracy import energy_kind
+from ..model.columns import list_page_columns
 from ..model.frontier import Frontier, find_frontiers
-from ..model.results import StoredResults, StoredRun, Variant, format_stamp, group_by, list_recorded_packages, make_slug
+from ..model.heat import HeatMap, make_heat_map
+from ..model.results import (
+    StoredResults,
+    StoredRun,
+    Variant,
+    forget_series,
+    format_stamp,
+    group_by,
+    list_recorded_packages,
+    make_slug,
+)
 from ..model.scores import score
 from ..plots.browser import format_bundle, format_script, shorten_plots
 from ..plots.spec import LineStyle, Plot, choose_styles, group_by_family
-from ..rendering import FOLDER, render
+from ..rendering import FOLDER, load_templates, render
 
 ASSETS = FOLDER / "assets"
 PLOTTING = ("assets/plots.js",)
 JUDGE = "mbsbench judge"
 WRITTEN = "written"  # the data file, written last, with the number of runs of a complete report
+PROCESSES = 2  # beside this one
+JUDGEMENTS = 12  # judgement files in the cache: those of the results and the published ones
 T = TypeVar("T")
 
 
@@ -90,6 +103,8 @@ class Site:
     scenes: dict[str, dict[str, Any]] = field(default_factory=dict)  # by variant: its stage with the words beside it
     cards: dict[str, Any] = field(default_factory=dict)  # by solver: its certificate card
     pending: Pending = field(default_factory=dict)
+    # by module with ``write_variant`` and by variant: what that returned
+    parts: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def write(
         self,
@@ -148,6 +163,11 @@ class Site:
         return find_frontiers(self.results)
 
     @cached_property
+    def heat_map(self) -> HeatMap | None:
+        """The solvers by the problems of the plain comparison; None without any."""
+        return make_heat_map(self.results)
+
+    @cached_property
     def looks(self) -> dict[str, LineStyle]:
         """The colour and marker by solver, the same on every page."""
         return choose_styles(self.results.solvers)
@@ -156,12 +176,24 @@ class Site:
         """Return all pages added so far, those of the navigation first."""
         return sorted((p for p, _, _ in self.pending.values()), key=lambda p: (not p.nav, p.order, p.title))
 
+    def load_templates(self) -> None:
+        """Compile the templates of the pages added so far, for the process that is forked to render half of them."""
+        load_templates(template for _, template, _ in self.pending.values())
+
     def finish(self) -> None:
         """Render all pages and write them, with the navigation and the values that all templates know."""
+        self.load_templates()
         shared = self._shared_values()
         nav = [p for p in self.pages() if p.nav]
         self.data("pages", [[p.title, p.file] for p in nav if p.file != "index.html"])
-        for page, template, values in self.pending.values():
+        with ProcessPoolExecutor(1, multiprocessing.get_context("fork"), _inherit, (self, shared, nav)) as pool:
+            beside = pool.submit(_render_half)
+            self.render_pages(0, shared, nav)
+            beside.result()
+
+    def render_pages(self, share: int, shared: Mapping[str, Any], nav: Sequence[Page]) -> None:
+        """Render and write one of both halves of the pages, ``share`` 0 or 1."""
+        for page, template, values in list(self.pending.values())[share::2]:
             scripts = ["assets/site.js", *(["data/pages.js"] if page.root else []), *values["scripts"]]
             given = {**shared, **values, "scripts": scripts, "page": page, "root": page.root, "pages": nav}
             (self.folder / page.file).write(render(template, **given), durable=False)
@@ -176,6 +208,7 @@ class Site:
         """Return the values and functions that every template may use."""
         results, slugs = self.results, {p.title: p.slug for p in self.results.variants}
         related = group_by(self.pages(), lambda p: p.about)
+        drifts = read_judged(results.folder, files.DRIFTS).found or ()
         return {
             "results": results,
             "looks": self.looks,
@@ -184,7 +217,8 @@ class Site:
             "run_title": results.environment.get("results_folder") or results.folder.name,
             "stamp": format_stamp(results),
             "packages": list_recorded_packages(results),
-            "energy_kind": energy_kind,
+            "drifts_of": lambda variant: [d for d in drifts if d.variant == variant.title],
+            "page_columns": list_page_columns,
             "score_of": score,
             "slug_of": lambda run: slugs[run.variant],
             "related": lambda about: related.get(about, []),
@@ -199,26 +233,76 @@ def load_page_modules() -> list[ModuleType]:
     return sorted(modules, key=lambda m: (getattr(m, "RANK", 0), m.__name__))
 
 
-def write_pages(site: Site) -> None:
-    """Call every page module, which adds its pages to the site; those marked ``APART`` in a second process."""
-    apart = {m.__name__: getattr(m, "APART", False) for m in load_page_modules()}
-    with ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as pool:
-        untouched = pickle.dumps(site)  # pickled here: the pool's thread would pickle while pages are added
-        beside = pool.submit(_call_in_process, [m for m in apart if apart[m]], untouched)
-        _call_modules([m for m in apart if not apart[m]], site)
-        site.add_pages(beside.result())
+def write_pages(site: Site, await_judgement: Callable[[], None] = lambda: None) -> None:
+    """Call every page module, which adds its pages to the site; variants are written in two more processes.
+
+    A variant is the task of one process, which reads its series once for all modules. ``await_judgement`` returns when
+    the judgement is written, which pages of variants do not need.
+    """
+    modules = load_page_modules()
+    by_variant = [m for m in modules if hasattr(m, "write_variant")]
+    late = {m.__name__ for m in modules if m in by_variant or getattr(m, "RANK", 0) > 0}
+    _ = site.frontiers, site.heat_map  # found here once: the processes inherit them
+    order = sorted(range(len(site.results.variants)), key=lambda k: -len(site.results.variants[k].runs))
+    with ProcessPoolExecutor(PROCESSES, multiprocessing.get_context("fork"), _inherit, (site,)) as pool:
+        beside = {k: pool.submit(_write_variant, k, tuple(m.__name__ for m in by_variant)) for k in order}
+        try:
+            await_judgement()
+            _call_modules([m for m in modules if m.__name__ not in late], site)
+            site.load_templates()  # here and below while the others are busy
+            for k, variant in enumerate(site.results.variants):
+                made = beside[k].result()
+                site.add_pages(made.pending)
+                site.load_templates()
+                site.scenes |= made.scenes
+                site.drawn |= made.drawn
+                for name, part in made.parts.items():
+                    site.parts.setdefault(name, {})[variant.slug] = part
+        except BaseException:  # such as an interruption: no other variant is begun
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    _call_modules([m for m in modules if m.__name__ in late], site)
+    forget_series()
 
 
-def _call_in_process(modules: Sequence[str], untouched: bytes) -> Pending:
-    """Call these page modules with a copy of the site, in another process; return the pages that they added."""
-    return _call_modules(modules, pickle.loads(untouched))
+@dataclass(frozen=True)
+class VariantPages:
+    """The pages of one variant, its stage and curves, and what each module returned for it."""
+
+    pending: Pending
+    scenes: dict[str, dict[str, Any]]
+    drawn: dict[str, str]
+    parts: dict[str, Any]
 
 
-def _call_modules(modules: Sequence[str], site: Site) -> Pending:
-    """Call these page modules, which add their pages to the site; return all pages of the site."""
-    for name in modules:
-        importlib.import_module(name).write(site.results, site)
-    return site.pending
+_inherited: list[Any] = []  # in a process of a pool: the site, and what else its tasks share
+
+
+def _inherit(*values: Any) -> None:
+    """Keep what this forked process inherits."""
+    _inherited[:] = values
+
+
+def _render_half() -> None:
+    """Render the second half of the pages of the inherited site."""
+    site, shared, nav = _inherited
+    site.render_pages(1, shared, nav)
+
+
+def _write_variant(k: int, modules: Sequence[str]) -> VariantPages:
+    """Call the modules for variant ``k`` in a process of the pool."""
+    site: Site = _inherited[0]
+    site.pending, site.scenes, site.drawn = {}, {}, {}
+    variant = site.results.variants[k]
+    parts = {name: importlib.import_module(name).write_variant(site.results, site, variant) for name in modules}
+    forget_series()
+    return VariantPages(site.pending, site.scenes, site.drawn, parts)
+
+
+def _call_modules(modules: Sequence[ModuleType], site: Site) -> None:
+    """Call these page modules, which add their pages to the site."""
+    for module in modules:
+        module.write(site.results, site)
 
 
 @dataclass(frozen=True)
@@ -255,11 +339,25 @@ def read_judged(results: Path, file: File[T]) -> JudgementFile[T]:
 def read_or_explain(folder: ConfinedPath, file: File[T], command: str) -> JudgementFile[T]:
     """Read a judgement in ``folder``, or explain why there is none and name the ``command`` that creates it."""
     try:
-        return JudgementFile(read_judgement(file, folder))
+        return JudgementFile(_read_once(file, folder, _find_age(folder / f"{file.name}.json")))
     except FileNotFoundError:
         return JudgementFile(why=f"There is no {folder.name}/{file.name}.json yet. To make it: {command}")
     except FileError as error:
         return JudgementFile(why=f"{error}. To make it anew: {command}")
+
+
+@lru_cache(JUDGEMENTS)
+def _read_once(file: File[T], folder: ConfinedPath, age: tuple[int, int]) -> T:
+    """Read a judgement once for all pages that show it; ``age`` tells one file from the next of its name."""
+    return read_judgement(file, folder)
+
+
+def _find_age(place: ConfinedPath) -> tuple[int, int]:
+    """Return when a file was written [ns], and its size [bytes]; zeros where there is none."""
+    with contextlib.suppress(OSError):
+        found = place.path.lstat()
+        return found.st_mtime_ns, found.st_size
+    return 0, 0
 
 
 def address_run(run: StoredRun) -> str:

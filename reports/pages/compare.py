@@ -10,9 +10,9 @@ from pathlib import Path
 from ...harness.base.confined_paths import ConfinedPath
 from ...harness.results.comparison import METRICS, Change, Likeness, compare, is_repeatable
 from ...harness.results.judgements.claims import ClaimVerdict, JudgedClaim
-from ...harness.results.judgements.files import CLAIMS
+from ...harness.results.judgements.files import CLAIMS, FIELD_CLAIMS
 from ...harness.results.provenance import find_differences, read_environment
-from ...harness.results.records import RunRecord, find_cpu_range
+from ...harness.results.records import DECLARED, RunRecord, find_cpu_range
 from ..model.curves import find_maxima
 from ..model.results import StoredResults, StoredRun, group_by, make_slug, read_results
 from ..model.words import mark_status, number
@@ -33,7 +33,7 @@ PHYSICS = {  # column: words, unit, the record's column that scales it
     "out_of_plane_max_m": ("out of plane", "m", "length_scale_m"),
     "orthogonality_max": ("|RᵀR−1|", "", ""),
     "t_reached_s": ("time reached", "s", "t_end_s"),
-}
+} | {name: (d.head, d.unit, d.scale) for name, d in DECLARED.items() if d.scale is not None}
 WORK = {
     "steps": "steps",
     "rejected": "rejected steps",
@@ -234,7 +234,7 @@ def _rank_physics(a: RunRecord, b: RunRecord, c: Change) -> RankedChange | None:
     if a.status != b.status and not math.isfinite(weight):
         return None
     alike = math.isnan(x) or math.isnan(y) or gap <= SAME * max(abs(x), abs(y))
-    worse = None if alike else y < x if c.metric == "t_reached_s" else abs(y) > abs(x)
+    worse = None if alike else y < x if DECLARED[c.metric].better == "more" else abs(y) > abs(x)
     share = f"{number(100.0 * weight)} %" if weight >= LITTLE else f"less than {100.0 * LITTLE:g} %"
     size = f"{share} of the problem's scale" if math.isfinite(weight) else "came or went"
     limit = a.energy_allowed_J
@@ -293,7 +293,10 @@ def write_page(a: StoredResults, b: StoredResults, site: Site) -> Page:
 def list_changes(a: StoredResults, b: StoredResults) -> dict[Rank, list[RankedChange]]:
     """Return the changes from ``a`` to ``b`` by rank, the most important first; ranks without a change are left out."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
-    verdicts = (read_judged(results.folder, CLAIMS).found or () for results in (a, b))
+    verdicts = (
+        [c for file in (CLAIMS, FIELD_CLAIMS) for c in read_judged(results.folder, file).found or ()]
+        for results in (a, b)
+    )
     rows = [
         *list_changed_statuses(before, after),
         *list_changed_claims(*verdicts),

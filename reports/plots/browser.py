@@ -133,7 +133,7 @@ def shorten_plots(plots: Sequence[Plot], looks: Mapping[str, LineStyle]) -> dict
 
 def _list_axis_fields(axis: Axis) -> dict[str, Any]:
     """Return the fields of an axis that are set, without its symbol for print."""
-    return {k: v for k, v in vars(axis).items() if v == v and v != "" and v is not False and k != "symbol"}
+    return {k: v for k, v in vars(axis).items() if v == v and v not in ("", ()) and v is not False and k != "symbol"}
 
 
 def _list_trace_fields(

@@ -1,13 +1,14 @@
 """Plot curves over time: the laws that the exact motion keeps, the step, errors, observables, invariants."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...harness.mechanics.types import ALLOWED, Law, Status
-from ...harness.results.records import RunRecord
+from ...harness.columns.declaring import find_key, find_series_name
+from ...harness.mechanics.types import Law, Status
+from ...harness.results.records import DECLARED, find_limit
 from ..model.accuracy import find_judged_end
 from ..model.curves import SPANS_UPPER, Curve, find_log_limits, find_range
 from ..model.motion import MotionCurves, read_curves
@@ -17,11 +18,8 @@ from .lines import Line, find_shared_options, make_lines, make_traces
 from .spec import MOST, Axis, Chapter, Plot, Trace
 
 BLOWN_UP = 1e-9  # a reference below this fraction of the shown range is zero and gives no scale
-LIMITS: Mapping[Law, tuple[str, Callable[[RunRecord], float]]] = {
-    Law.ENERGY: ("J", lambda r: ALLOWED[Law.ENERGY] * r.energy_scale_J),
-    Law.CONSTRAINT: ("m", lambda r: r.phi_limit_m),
-    Law.CONSTRAINT_RATE: ("m/s", lambda r: r.phi_dot_limit_m_per_s),
-}
+# columns whose limits are drawn over time
+LIMITED = {Law.ENERGY: "energy_drift_max_J", Law.CONSTRAINT: "phi_max", Law.CONSTRAINT_RATE: "phi_dot_max"}
 ALIKE = 0.01  # relative difference below which limits of runs are one line
 JUDGED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
 
@@ -141,7 +139,8 @@ def draw_runs(results: StoredResults, runs: Sequence[StoredRun], all_runs: Seque
 def plot_laws(d: Drawing) -> Chapter | None:
     """Return the chapter with plots of energy error, |phi|, |phi_dot| and step; None if no run has any of them."""
     energy, length = d.find_scale("energy_scale_J"), d.find_scale("length_scale_m")
-    limits = {law: make_limit_line([line.run for line in d.lines], law, d.axis.high) for law in LIMITS}
+    runs = [line.run for line in d.lines]
+    limits = {law: make_limit_line(runs, name, d.axis.high) for law, name in LIMITED.items()}
     return _chapter(
         "Laws and step",
         "Quantities that the exact motion conserves, and the accepted steps.",
@@ -184,6 +183,25 @@ def plot_laws(d: Drawing) -> Chapter | None:
             ),
         ],
     )
+
+
+def plot_declared(d: Drawing) -> Chapter | None:
+    """Return the chapter with a plot of each column that declares a figure; None if no run has any of them."""
+    plots: list[Plot] = []
+    for name, declared in DECLARED.items():
+        if declared.figure:
+            series = find_series_name(name, declared)
+            sizes = [float(c.y.max()) for _, c in d.match_lines(series, d.lines)]
+            plots += d.plot_log(
+                series,
+                find_key(name, declared).replace("_", "-"),
+                declared.head,
+                f"{declared.figure}: {d.largest}.",
+                Axis(declared.head, declared.unit),
+                max((size for size in sizes if math.isfinite(size)), default=1.0) or 1.0,
+                make_limit_line([line.run for line in d.lines], name, d.axis.high),
+            )
+    return _chapter("Further quantities", "Quantities that columns declare.", plots)
 
 
 def plot_errors(d: Drawing) -> Chapter | None:
@@ -251,7 +269,7 @@ def plot_invariants(d: Drawing) -> Chapter | None:
     """Return the chapter with plots of the departure of each invariant from its start; None without invariants."""
     plots: list[Plot] = []
     for name, in_unit in d.find_curves("inv_").items():
-        starts = [abs(float(c.invariant_drifts.get(name, {}).get("start", 0.0))) for c in d.runs]
+        starts = [abs(c.record.invariants[name].start) for c in d.runs if name in c.record.invariants]
         size = max((s for s in starts if 0.0 < s < float("inf")), default=1.0)
         caption = f"Departure from the start ({number(size)} {in_unit}), {d.largest}."
         plots += d.plot_log(f"inv_{name}", f"inv-{name}", name, caption, Axis(f"|{name} − start|", in_unit), size)
@@ -281,13 +299,13 @@ def find_value_limits(shown: Sequence[Curve], exact: Curve | None, reach: float 
     return low - margin, high + margin
 
 
-def make_limit_line(runs: Sequence[StoredRun], law: Law, end: float) -> list[Trace]:
-    """Return the line from 0 to ``end`` that the errors of ``runs`` must not cross; none if the law judges no run.
+def make_limit_line(runs: Sequence[StoredRun], column: str, end: float) -> list[Trace]:
+    """Return the line from 0 to ``end`` that a column of ``runs`` must not cross; none if no run has a limit.
 
     Each run is judged by its own size: if limits differ, the least is drawn and named so.
     """
-    unit, of = LIMITS[law]
-    found = [at for r in runs if r.status in JUDGED and (at := of(r.record)) > 0.0]
+    unit = DECLARED[column].unit
+    found = [at for r in runs if r.status in JUDGED and (at := find_limit(r.record, column)) > 0.0]
     if not found:
         return []
     at, alike = min(found), max(found) <= (1.0 + ALIKE) * min(found)

@@ -190,6 +190,10 @@ def set_limits(ax: Axes, plot: Plot) -> None:
     """Set the limits, once all panels that share the axes are drawn: a limit on one side fixes the other."""
     ax.set_xlim(*(v if v == v else None for v in (plot.x.low, plot.x.high)))
     ax.set_ylim(*(v if v == v else None for v in (plot.y.low, plot.y.high)))
+    for which, axis in ((ax.xaxis, plot.x), (ax.yaxis, plot.y)):
+        if axis.names:
+            which.set_ticks(range(len(axis.names)), [strip_math(name) for name in axis.names])
+            which.set_view_interval(-0.5, len(axis.names) - 0.5, ignore=True)
 
 
 def _draw_trace(ax: Axes, trace: Trace, look: LineStyle, floors: tuple[float, float], phase: float) -> None:

@@ -119,7 +119,12 @@ class _Frame:
         right, top = 1.0 - width - DIGIT_X, 1.0 - height
         u, v = np.meshgrid(np.linspace(0.0, right, GRID), np.linspace(bottom + DIGIT_Y, top, GRID))
         corners = np.column_stack([u.ravel(), v.ravel()])
-        free = np.array([not np.any(_find_covered(drawn - c, width, height)) for c in corners])
+        free = np.concatenate(
+            [
+                ~np.any(_find_covered(drawn - some[:, None], width, height), axis=1)
+                for some in np.array_split(corners, GRID)  # bounds the memory
+            ]
+        )
         if not np.any(free):
             return None
         centres = corners[free] + np.array([width, height]) * (2.0 / 3.0, 1.0 / 3.0)
@@ -141,6 +146,6 @@ class _Frame:
 
 def _find_covered(points: Points, width: float, height: float) -> np.ndarray:
     """Return the mask of points, relative to the lower left corner, in the triangle, at its digits, or too close."""
-    u, v = points.T
+    u, v = points[..., 0], points[..., 1]
     inside = (u > -CLEAR) & (u < width + DIGIT_X) & (v > -DIGIT_Y) & (v < height + CLEAR)
     return inside & (v < (u * height / width) + CLEAR * (1.0 + height / width))

@@ -34,7 +34,11 @@ MOST = 7  # most solvers in colour
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis with ``title`` and ``unit`` as text; axes of a page with the same link (such as "time") zoom together."""
+    """An axis with ``title`` and ``unit`` as text; axes of a page with the same link (such as "time") zoom together.
+
+    An axis with ``names`` has these in place of the numbers 0, 1, ...; with ``left`` zero, ``right`` and markers of a
+    trace, that is a bar for each name.
+    """
 
     title: str
     unit: str = ""
@@ -43,6 +47,7 @@ class Axis:
     high: float = float("nan")
     link: str = ""
     symbol: str = ""  # the title in LaTeX, for print
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

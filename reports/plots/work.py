@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from ...harness.results.judgements.runs import WorkProfile
+from ...harness.results.least_cost import find_least_cost
 from ...harness.results.records import find_cpu_range
 from ...harness.results.work import count_evaluations, count_index_1_evaluations, operations
 from ..model.accuracy import ErrorMeasure, choose_measure
 from ..model.frontier import EQUAL, SOUND
-from ..model.frontier import find_least_cost as cheapest
 from ..model.results import StoredRun, Variant, group_by
 from ..model.words import format_decade, join_words, number, plural, seconds
 from .spec import Axis, Chapter, Plot, Trace, choose_end_mark, choose_focus
@@ -164,7 +164,7 @@ def describe_race(points: Sequence[PlottedWork], work: str, error: str, unit: st
     best: dict[str, float] = {}
     for own in group_by((p for p in sound if p.works[work] > 0.0), lambda p: (p.solver, p.method)).values():
         ladder = [(p.errors[error], p.works[work]) for p in sorted(own, key=lambda p: -p.run.step_or_tolerance)]
-        if found := cheapest(ladder, target):
+        if found := find_least_cost(ladder, target):
             best[own[0].solver] = min(found[0], best.get(own[0].solver, math.inf))
     costs = sorted((v, s) for s, v in best.items())
     focus = choose_focus([*(s for _, s in costs), *(s for s in solvers if s not in best)])

@@ -10,7 +10,7 @@ import pytest
 from mbsbench import make_problem
 from mbsbench.cli import advise as command
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.judge.cheapest import Candidate
+from mbsbench.harness.judge.cost import Candidate
 from mbsbench.harness.mechanics.types import Problem
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.store import LoadedResults

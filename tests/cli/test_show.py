@@ -18,9 +18,10 @@ from mbsbench.cli.arguments import UsageError
 from mbsbench.cli.show import find_run
 from mbsbench.cli.terminal import BARS, Column, draw_sparkline, draw_timeline, fit_table
 from mbsbench.harness.judge.referee.claims.register import read_register
+from mbsbench.harness.judge.referee.registers import PLACES
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements import files
-from mbsbench.reports.model import claim_words
+from mbsbench.reports.model import claim_groups, claim_words
 from mbsbench.tests.factories import PLUGIN, run_suite_text
 
 from .terminal import ESCAPE, in_terminal, seen
@@ -232,40 +233,53 @@ def test_a_claim_is_shown_as_published(capsys):
     found = f"at the paper's settings: {published.paper.verdict}", f"beyond them: {published.beyond.verdict}"
     for words in (published.claim, published.quote, *found, "why: ", "tried with gauge", "claim 6-gc-planar --run"):
         assert words in said
+    row = claim_groups.find_shown(published)
+    assert row.command in " ".join(said.split()) and row.measured == published.tests[0].measured
     assert main(["claim", "6-gc-planar", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["id"] == "6-gc-planar"
 
 
 def test_claims_are_listed_those_that_carry_the_paper_first(capsys):
-    """What abstract and conclusions say, each with its verdict in a sentence; the others are counted, then named."""
-    published = files.read_claims(files.PUBLISHED)
-    main_ones = [c for c in published if c.summary]
+    """What abstract and conclusions say, then textbooks, each with verdict and number; the others are counted first."""
+    published = [c for p in PLACES for c in files.read_claims(files.PUBLISHED, p.file) or ()]
+    groups = claim_groups.group_claims(published)
+    main_ones = [c for title in claim_groups.FIRST for c in groups.get(title, ())]
+    names = {c.id for c in published} | {f"{title}:" for title in claim_groups.GROUPS}
+
+    def list_names(text):
+        return [name for line in text.splitlines() if (name := line.partition(": ")[0]) in names]
+
     assert main(["claim"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    said = " ".join(" ".join(lines).split())
-    assert [name for line in lines if (name := line.partition(": ")[0]) in {c.id for c in published}] == [
-        c.id for c in claim_words.order_claims(published) if c.summary
+    text = capsys.readouterr().out
+    said = " ".join(text.split())
+    assert list_names(text) == [
+        name
+        for title in claim_groups.FIRST
+        if title in groups
+        for name in (f"{title}:", *(c.id for c in groups[title]))
     ]
     for c in main_ones:
         assert c.claim in said and claim_words.describe_verdict(c) in said
-        assert all(str(f.verdict) in claim_words.describe_verdict(c) for f in c.findings)
+        assert all(str(f.verdict).removesuffix(" if") in claim_words.describe_verdict(c) for f in c.findings)
+        assert not c.tests or claim_groups.describe_shown(c) in said
     others = len(published) - len(main_ones)
-    assert f"{others} more claims: mbsbench claim --all lists them" in said and len(main_ones) < 20
+    assert f"{others} more claims: mbsbench claim --all lists them" in said and len(main_ones) < 30
     assert main(["claim", "--all"]) == 0
-    listed = {line.partition(": ")[0] for line in capsys.readouterr().out.splitlines()}
-    assert listed >= {c.id for c in published}
+    every = [name for title, own in groups.items() for name in (f"{title}:", *(c.id for c in own))]
+    assert list_names(capsys.readouterr().out) == every and len(every) == len(published) + len(groups)
 
 
 def test_claims_are_listed_as_json(capsys):
     """All of them, in the same order, with both verdicts."""
-    published = {c.id: c for c in files.read_claims(files.PUBLISHED)}
+    published = {c.id: c for p in PLACES for c in files.read_claims(files.PUBLISHED, p.file) or ()}
     assert main(["claim", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["claims"]
-    assert [c["id"] for c in found] == [c.id for c in claim_words.order_claims(published.values())]
+    assert [c["id"] for c in found] == [c.id for c in claim_groups.order_claims(published.values())]
     for c in found:
         own = published[c["id"]]
         assert (c["paper"], c["beyond"]) == tuple(f and str(f.verdict) for f in (own.paper, own.beyond))
         assert c["summary"] == own.summary and c["words"] == claim_words.describe_verdict(own)
+        assert c["register"] == own.register
 
 
 @pytest.mark.slow

@@ -3,7 +3,9 @@
 import dataclasses
 import json
 import os
+from collections.abc import Iterable
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord, format_reasons
 from mbsbench.harness.results.series import Series, write_series
 from mbsbench.reports import site
+from mbsbench.reports.pages.base import Site
 from mbsbench.tests.factories import make_measured_record, make_swing
 
 from .browser import AXE, CHROMIUM, Browser
@@ -203,3 +206,13 @@ def closed_tabs(request):
     yield
     if "browser" in request.fixturenames:
         request.getfixturevalue("browser").close_tabs()
+
+
+def write_modules(written: Site, modules: Iterable[ModuleType]) -> None:
+    """Call page modules as a report does: for each variant first, here in this process."""
+    called = tuple(modules)
+    for module in (m for m in called if hasattr(m, "write_variant")):
+        made = ((v.slug, module.write_variant(written.results, written, v)) for v in written.results.variants)
+        written.parts[module.__name__] = dict(made)
+    for module in called:
+        module.write(written.results, written)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from mbsbench.harness.mechanics.types import Law
 from mbsbench.reports.model import curves
 from mbsbench.reports.model.motion import read_curves
 from mbsbench.reports.model.results import StoredRun, read_results
@@ -195,11 +194,11 @@ def test_each_run_has_its_own_limit():
 
     def name(*sizes: float) -> str:
         runs = [StoredRun(make_measured_record(f"a{k}", energy_scale_J=size)) for k, size in enumerate(sizes)]
-        return make_limit_line([*runs, stopped], Law.ENERGY, 2.0)[0].name
+        return make_limit_line([*runs, stopped], "energy_drift_max_J", 2.0)[0].name
 
     assert name(1.0, 1.005) == "limit 0.100 J"
     assert name(9.0, 1.0) == "least limit 0.100 J, each run its own"
-    assert make_limit_line([stopped], Law.ENERGY, 2.0) == []
+    assert make_limit_line([stopped], "energy_drift_max_J", 2.0) == []
 
 
 def test_finest_settings_are_solid_and_stand_for_their_solver(tmp_path):
@@ -434,3 +433,56 @@ def test_panels_that_share_an_axis_show_all_of_each():
     x, y = np.array([0.0, 1.0]), Axis("draws", low=0.0)
     plots = [Plot(f"p{k}", "", "", Axis("rank"), y, [Trace("a", x, top * x)]) for k, top in enumerate((1.0, 5.0))]
     assert all(ax.get_ylim()[1] >= 5.0 and ax.get_ylim()[0] == 0.0 for ax in draw_plots(plots, {}).axes)
+
+
+COSTS = np.array([3.0, 1.0, 2.0])
+NAMED = Plot(
+    "costs",
+    "Costs",
+    "",
+    Axis("CPU time", "s", low=0.0),
+    Axis("solver", names=("gc_weak_form", "rattle", "ida_index1")),
+    [Trace("cost", COSTS, np.arange(3.0), mode="markers", left=np.zeros(3), right=COSTS)],
+)
+
+
+def test_bars_stand_at_their_names_in_print():
+    figure = draw_plots([NAMED], {})
+    FigureCanvasAgg(figure).draw()
+    (ax,) = figure.axes
+    assert [t.get_text() for t in ax.get_yticklabels()] == list(NAMED.y.names)
+    (bars,) = (c for c in ax.collections if hasattr(c, "get_segments"))
+    ends = {round(float(s[0][1])): (float(s[0][0]), float(s[1][0])) for s in bars.get_segments()}
+    assert ends == {0: (0.0, 3.0), 1: (0.0, 1.0), 2: (0.0, 2.0)}
+
+
+def test_bars_stand_at_their_names_on_a_page(browser, report, tmp_path):
+    """Their lengths are as the numbers, and each lies at the height of its name."""
+    script = format_bundle("data/costs", shorten_plots([NAMED], {}))
+    scripts = "".join(f'<script src="{report}/assets/{name}.js"></script>' for name in ("site", "plots"))
+    figure = (
+        '<figure><div class="canvas" data-plot="costs" data-from="data/costs" style="width: 500px; height: 200px">'
+        '</div><div class="tools"></div><details class="numbers"><summary></summary><div></div></details></figure>'
+    )
+    page = tmp_path / "costs.html"
+    page.write_text(f"<!doctype html><title>costs</title>{figure}<script>{script}</script>{scripts}")
+    tab = browser.open(page)
+    tab.until("window.MBS?.plotted")
+    found = json.loads(
+        tab.evaluate(
+            """(() => {
+              const box = document.createElement("div");
+              box.innerHTML = MBS.plotted.svg("costs");
+              const all = (what) => [...box.querySelectorAll(what)];
+              const heights = Object.fromEntries(all("text").map((t) => [t.textContent, +t.getAttribute("y")]));
+              const numbers = (path) => path.getAttribute("d").match(/[\\d.]+/g).map(Number);
+              const bars = all("path[stroke-width='4']").map(numbers);
+              return JSON.stringify({ heights, bars });
+            })()"""
+        )
+    )
+    assert len(found["bars"]) == 3
+    for name, (_, y, _) in zip(NAMED.y.names, found["bars"], strict=True):
+        assert abs(found["heights"][name] - 4 - y) < 0.2
+    lengths = np.array([b - a for a, _, b in found["bars"]])
+    assert lengths / lengths[1] == pytest.approx(COSTS, abs=0.02)

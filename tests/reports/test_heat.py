@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.base.files import write_text
-from mbsbench.harness.judge.metrics.scales import Scales
+from mbsbench.harness.columns.measured import Scales
 from mbsbench.harness.mechanics.types import ALLOWED, Law, Reason
 from mbsbench.harness.results.records import format_reasons
 from mbsbench.harness.results.series import Series

@@ -88,6 +88,7 @@ def test_a_runs_page_explains_its_numbers(report, browser):
 def test_hostile_names_stay_text_in_plots(report, browser):
     """A solver's name is no markup, in legends, labels and tables made by scripts."""
     tab = browser.open(report / "runs/gg01.html")
+    tab.evaluate("document.querySelector('.plots .canvas').scrollIntoView()")  # plots are drawn where they are seen
     tab.until(FIRST)
     assert tab.evaluate("document.querySelectorAll('main script, main img').length") == 0
     tab.goto(report / "runs.html")

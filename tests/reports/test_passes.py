@@ -52,13 +52,25 @@ def test_the_first_pass_runs_its_part_and_the_second_the_rest_once(tmp_path, cap
 
     assert main([*run, "--resume"]) == 0
     assert "2 already done" in capsys.readouterr().err
+    assert not (folder / "judgement").exists()
     both = {r.dt_s: r.finished for r in store.load(folder).records}
     assert sorted(both) == [0.005, 0.01, 0.02] and both.items() >= first.items()
-    assert main(["report", str(folder)]) == 0
+    assert main(["report", "--judge", str(folder)]) == 0
     assert "to come" not in capsys.readouterr().out
+    assert {path.stem for path in (folder / "judgement").iterdir()} >= {"claims", "certificates", "drift"}
     assert "data-written" not in page.read_text(encoding="utf-8") and written_of(page) == "3"
     assert main([*run, "--only", "part", "--resume"]) == 0
     assert len(pd.read_parquet(folder / "runs.parquet")) == 3
+
+
+def test_results_that_cannot_be_judged_get_no_report(tmp_path, capfd):
+    """One line, that of ``judge``, and its exit code; without --judge the pages are written."""
+    put(tmp_path, make_measured_record("aa01", "rattle", problem="heavy_top", code="of another version"))
+    assert main(["report", "--judge", str(tmp_path)]) == 2
+    assert [line.startswith("error: 1 runs in") for line in capfd.readouterr().err.splitlines()[-1:]] == [True]
+    index = tmp_path / "report" / "index.html"
+    assert not index.exists() and main(["report", str(tmp_path)]) == 0 and index.exists()
+    assert main(["report", "--judge", str(tmp_path)]) == 2 and index.exists()  # the pages before stay
 
 
 def test_only_names_a_suite_that_is_included(tmp_path, capsys):
@@ -80,8 +92,7 @@ def test_make_bench_judges_and_reports_both_passes():
     words = [call.partition(" >")[0] for call in calls if call]
     suite = words[0].split()[1]
     assert suite in ("bench", "bench_engines")
-    pass_ = ["judge --partial", "report"]
-    assert words == [f"run {suite} --only first", *pass_, f"run {suite} --resume", *pass_]
+    assert words == [f"run {suite} --only first", "report --judge", f"run {suite} --resume", "report --judge"]
 
 
 def test_the_first_page_has_the_numbers_of_each_solver_on_each_problem(matrices):

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from mbsbench import solve
-from mbsbench.harness.judge.referee.carried import is_current_or_carried
+from mbsbench.harness.judge.referee.carried import is_current_or_carried, is_measuring_carried
 from mbsbench.harness.mechanics.types import ALLOWED, Law
+from mbsbench.harness.results.column_digests import read_column_digests
 from mbsbench.harness.results.records import parse_reasons
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import number
@@ -35,7 +36,8 @@ def pictures():
 @pytest.mark.parametrize("name", ["costs", "chain"])
 def test_pictures_of_results_are_of_runs_by_this_code(pictures, name):
     """The runs they are drawn from take minutes, so that the digest of its code stands for it."""
-    (code,) = re.findall(r"<!-- code of its runs: (\w+) -->", (IMAGES / f"{name}.svg").read_text(encoding="utf-8"))
+    comment = r"<!-- code of its runs: (\w+)(?:, measured by (\w+))? -->"
+    (code,) = re.findall(comment, (IMAGES / f"{name}.svg").read_text(encoding="utf-8"))
     assert code in pictures.list_present_digests(), f"docs/images/{name}.svg: {REMEDY}"
 
 
@@ -46,6 +48,7 @@ def test_false_successes_of_engines_are_of_this_code(pictures):
     for r in (c.record for c in runs):
         assert (r.claimed, r.status) == ("success", "wrong") and parse_reasons(r.wrong_because)
         assert is_current_or_carried(r.problem, r.solver, r.code), f"{r.case} of results/published/engines: {REMEDY}"
+        assert is_measuring_carried(r.measured_by, read_column_digests(pictures.ENGINES)), f"{r.case}: {REMEDY}"
 
 
 def test_the_picture_of_costs_names_engines_with_their_cpu_time(pictures, tmp_path):
@@ -105,8 +108,8 @@ def test_the_caption_of_the_loop_names_its_setting_and_has_its_numbers(pictures)
     )
     assert f"its energy is off by {energy[0]} J, we allow {energy[1]} J" in readme
     assert (
-        f"At 1e-6 it keeps the laws and is {number(1e3 * fair.position_error_max_m, 2)} mm off, "
-        f"at 1e-8 {number(1e3 * good.position_error_max_m, 2)} mm."
+        f"it keeps the laws at 1e-6, {number(1e3 * fair.position_error_max_m, 2)} mm off, "
+        f"and at 1e-8, {number(1e3 * good.position_error_max_m, 2)} mm off."
     ) in readme
     drawn = (IMAGES / "loop.svg").read_text(encoding="utf-8")
     assert all(f">{role}, {setting}<" in drawn for role, *_, setting in pictures.ROLES) and "rtol = 1e-5" in words

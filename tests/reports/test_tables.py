@@ -9,8 +9,9 @@ import pytest
 from mbsbench.harness.results.shadows import NearestMotion
 from mbsbench.reports import site
 from mbsbench.reports.model.accuracy import choose_measure
+from mbsbench.reports.model.columns import COLUMNS
 from mbsbench.reports.model.results import StoredRun, read_results
-from mbsbench.reports.model.tables import COLUMNS, escape_latex, format_as_csv, format_as_latex, format_latex_number
+from mbsbench.reports.model.tables import escape_latex, format_as_csv, format_as_latex, format_latex_number
 from mbsbench.reports.model.words import format_count, format_signed, number, seconds, unit
 from mbsbench.reports.plots.work import list_points
 from mbsbench.tests.factories import make_measured_record, make_swing

@@ -82,7 +82,7 @@ def test_a_card_names_setting_problem_and_time_in_full(built, tmp_path):
     broken_law = "the energy error reaches 0.450 J, 4.5 times the 0.100 J allowed"
     assert f"claims success over 2 s; {broken_law}" in card
     put(tmp_path, make_measured_record("ff01", "ida_index3", **broken(Law.ENERGY, 0.45, 0.1, "J")), make_swing())
-    cards, count = list_false_successes(read_results(tmp_path), "recommended")
+    cards, count, _ = list_false_successes(read_results(tmp_path), "recommended")
     assert count == 1 and any("SUNDIALS" in c["code"] for c in cards)
     page = site.build_report(tmp_path).read_text(encoding="utf-8")
     assert "SUNDIALS" not in re.search(r'<h2 id="wrong">(.*?)</h2>', page)[1]
@@ -118,9 +118,20 @@ def test_reasons_that_have_no_words_of_their_own_are_still_told(tmp_path):
     """A law by its name alone, without a time."""
     why = format_reasons([Reason(Law.SYMMETRY, 2.0, 1.0, "m", name="mirrored motion")])
     put(tmp_path, make_measured_record("aa01", "alpha", "wrong", wrong_because=why), make_swing())
-    cards, _ = list_false_successes(read_results(tmp_path), "recommended")
+    cards, _, _ = list_false_successes(read_results(tmp_path), "recommended")
     (card,) = [c for c in cards if not c["published"]]
     assert card["broken"] == "mirrored motion reaches 2.00 m, 2.0 times the 1.00 m allowed"
+
+
+def test_a_right_motion_has_no_card(tmp_path):
+    """Its rates break a law, and all that is compared agrees: the first page accuses nobody of that."""
+    why = format_reasons([Reason(Law.TRUNCATION, 97.0, 1.0, name="error of accelerations")])
+    right = {"motion_error_judged_m": 1e-4, "rate_error_judged_m_per_s": 1e-4, "speed_scale_m_per_s": 1.0}
+    for motion, count in ((1e-4, 0), (0.02, 1)):
+        columns = {**right, "motion_error_judged_m": motion, "judged_to_s": 2.0, "wrong_because": why}
+        put(tmp_path, make_measured_record("aa01", "alpha", "wrong", **columns), make_swing())
+        cards, wrong, _ = list_false_successes(read_results(tmp_path), "recommended")
+        assert wrong == 1 and len([c for c in cards if not c["published"]]) == count
 
 
 def test_solvers_that_lead_as_often_are_all_named(tmp_path):

@@ -113,15 +113,25 @@ def thin_poses(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]
     return np.unique(np.minimum(rows, n - 1))
 
 
-def choose_poses(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
-    """Return few rows that draw all stored poses to within ``NEAR`` times ``size`` [m] and ``TURNED``.
+@dataclass(frozen=True)
+class ChosenPoses:
+    """The rows of the poses that draw a motion, and how far what they draw is off the stored poses at most."""
+
+    rows: Int[np.ndarray, " n"]
+    distance: float  # [m]
+    angle: float  # [rad]
+
+
+def choose_poses(poses: Poses, at_most: int, size: float) -> ChosenPoses:
+    """Choose few rows that draw all stored poses to within ``NEAR`` times ``size`` [m] and ``TURNED``.
 
     Starting from a few rows, the pose that is drawn worst in each gap is added, until all are near or ``at_most`` is
     reached.
     """
     rows = thin_poses(poses, min(FIRST, at_most), size)
+    ends = _find_neighbours(poses, rows)
+    distance, angle = measure_deviations(poses, rows)
     while len(rows) < at_most:
-        distance, angle = measure_deviations(poses, rows)
         away = np.maximum(distance / (NEAR * size), angle / TURNED)
         worst = np.argsort(-away, kind="stable")
         _, first = np.unique(np.searchsorted(rows, worst, side="right"), return_index=True)  # the worst of each gap
@@ -130,7 +140,22 @@ def choose_poses(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n
         if not len(wanted):
             break
         rows = np.union1d(rows, wanted[: at_most - len(rows)])
-    return rows
+        before, ends = ends, _find_neighbours(poses, rows)
+        moved = np.flatnonzero(np.any(ends != before, axis=0))  # all others are drawn by the same two poses as before
+        distance[moved], angle[moved] = measure_deviations(poses, rows, moved)
+    return ChosenPoses(rows, float(np.max(distance)), float(np.max(angle)))
+
+
+def _find_neighbours(poses: Poses, kept: Int[np.ndarray, " n"]) -> Int[np.ndarray, "2 nf"]:
+    """Return the rows of the two kept poses between which each pose is interpolated."""
+    k, j = _find_gap(poses.t[kept], poses.t)
+    return np.stack((kept[k], kept[j]))
+
+
+def _find_gap(known: Float[np.ndarray, " n"], t: Float[np.ndarray, " m"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the numbers of the two ``known`` times between which each time ``t`` lies."""
+    k = np.clip(np.searchsorted(known, t, side="right") - 1, 0, max(len(known) - 2, 0))
+    return k, np.minimum(k + 1, len(known) - 1)
 
 
 def measure_turns(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "m nb"]:
@@ -170,8 +195,7 @@ def measure_rates(poses: Poses, body: int) -> Float[np.ndarray, "m 3"]:
 
 def interpolate_poses(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
     """Interpolate positions linearly and orientations on the great circle, as the page does between two poses."""
-    k = np.clip(np.searchsorted(poses.t, t, side="right") - 1, 0, max(len(poses) - 2, 0))
-    j = np.minimum(k + 1, len(poses) - 1)
+    k, j = _find_gap(poses.t, t)
     gap = poses.t[j] - poses.t[k]
     u = np.clip(np.divide(t - poses.t[k], gap, out=np.zeros(len(t)), where=gap > 0.0), 0.0, 1.0)[:, None, None]
     q = normalize(poses.q)
@@ -239,10 +263,14 @@ def measure_deviation(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[float,
 
 
 def measure_deviations(
-    poses: Poses, kept: Int[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
-    """Return for each stored pose the worst body's distance [m] and angle [rad] from the motion drawn by ``kept``."""
-    return _compare_poses(interpolate_poses(poses.select_rows(kept), poses.t), poses)
+    poses: Poses, kept: Int[np.ndarray, " n"], of: Int[np.ndarray, " m"] | None = None
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Return for each stored pose the worst body's distance [m] and angle [rad] from the motion drawn by ``kept``.
+
+    With ``of`` for the poses of these rows only.
+    """
+    some = poses if of is None else poses.select_rows(of)
+    return _compare_poses(interpolate_poses(poses.select_rows(kept), some.t), some)
 
 
 def _compare_poses(a: Poses, b: Poses) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:

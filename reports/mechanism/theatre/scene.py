@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ....harness.results.series import Series
@@ -15,11 +15,11 @@ from ...plots.spec import LineStyle
 from . import poses as packing
 from .poses import (
     Box,
+    ChosenPoses,
     Poses,
     bound_points,
     choose_poses,
     fill_gaps,
-    measure_deviation,
     round_mantissa,
     select_finite,
     thin_poses,
@@ -142,8 +142,7 @@ def make_scene(
 
     def pack_player(k: int, p: Player, most: int) -> dict[str, Any]:
         """Return the data of player ``k`` in at most ``most`` poses, with the error of drawing it by these."""
-        kept, rows = _pack_poses(p.poses, box, body, most)
-        distance, angle = measure_deviation(p.poses, rows)
+        kept, chosen = _pack_poses(p.poses, box, body, most)
         r, strips = p.run.record, round_mantissa(make_strips(p.series, p.run, t_end, spans, kinds))
         return {
             "solver": r.solver,
@@ -160,8 +159,8 @@ def make_scene(
             "stored": len(p.poses) - p.added,
             "added": p.added,
             "unknown": p.unknown,
-            "off_m": distance,
-            "off_rad": angle,
+            "off_m": chosen.distance,
+            "off_rad": chosen.angle,
             "strips": strips.ravel(),
             "marks": list_marks(p.series, p.run, k),
         }
@@ -196,12 +195,12 @@ def choose_exact(shown: Sequence[Player]) -> Poses | None:
     return max(alike, key=lambda e: float(e.t[-1]), default=None)
 
 
-def _pack_poses(poses: Poses, box: Box, body: float, at_most: int) -> tuple[dict[str, Any], Int[np.ndarray, " n"]]:
-    """Return at most ``at_most`` poses in the page's format, and their rows; ``body`` [m] is the size of a body."""
-    rows = choose_poses(poses, at_most, body)
-    kept = poses.select_rows(rows)
+def _pack_poses(poses: Poses, box: Box, body: float, at_most: int) -> tuple[dict[str, Any], ChosenPoses]:
+    """Return at most ``at_most`` poses in the page's format, and which they are; ``body`` [m] is the size of a body."""
+    chosen = choose_poses(poses, at_most, body)
+    kept = poses.select_rows(chosen.rows)
     both = np.concatenate((packing.quantise_positions(kept.r, box), packing.quantise_quaternions(kept.q)), axis=-1)
-    return {"t": kept.t, "poses": packing.flatten_columns(both.reshape(len(kept), -1)), "frames": len(kept)}, rows
+    return {"t": kept.t, "poses": packing.flatten_columns(both.reshape(len(kept), -1)), "frames": len(kept)}, chosen
 
 
 def _bound_scene(sound: Sequence[Player], shapes: Sequence[BodyShape], ground: Float[np.ndarray, "n 3"]) -> Box:

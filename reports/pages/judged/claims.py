@@ -1,4 +1,4 @@
-"""Show every claim of the paper with its two verdicts, its measured value against its band, and its map."""
+"""Show every claim of the paper and of the field with its verdicts, its value against its band, and its map."""
 
 import math
 from collections import Counter
@@ -9,8 +9,8 @@ from typing import Any
 from markupsafe import Markup
 
 from ....harness.results.judgements.claims import ClaimGap, ClaimVerdict, JudgedClaim, MapRow, Value
-from ....harness.results.judgements.files import CLAIMS, PUBLISHED
-from ...model import claim_words
+from ....harness.results.judgements.files import CLAIMS, FIELD_CLAIMS, PUBLISHED, File
+from ...model import claim_groups, claim_words
 from ...model.claim_words import format_setting
 from ...model.results import StoredResults, StoredRun, group_by, make_natural_key, make_slug
 from ...model.words import Mark, mark_status, number, unit
@@ -30,7 +30,6 @@ VERDICTS: Mapping[ClaimVerdict, Mark] = {
     ClaimVerdict.CANNOT_BE_TOLD: Mark("?", "cannot be told", "refused"),
 }
 LISTED = 40  # most runs listed beside the map
-SUMMARY = "What abstract and conclusions say"
 
 
 def make_grids(rows: Sequence[MapRow], by_settings: Mapping[str, StoredRun]) -> list[dict[str, Any]]:
@@ -99,7 +98,7 @@ def _sort_values(given: Sequence[Value], *, falling: bool) -> tuple[str, ...]:
 
 def _format_value(value: Value) -> str:
     """Format the value of a dimension; "none" for None."""
-    return "none" if value is None else value if isinstance(value, str) else f"{value:g}"
+    return "none" if value is None else claim_words.format_value("", value)
 
 
 @dataclass(frozen=True)
@@ -120,11 +119,21 @@ class ClaimView:
         return VERDICTS[self.of.verdict]
 
     @property
+    def group(self) -> str:
+        """The group that lists the claim, one of ``claim_groups.GROUPS``."""
+        return claim_groups.name_group(self.of)
+
+    @property
     def section(self) -> str:
-        """The heading that lists the claim: its section of the paper, or that for abstract and conclusions."""
-        if self.of.summary:
-            return SUMMARY
+        """The heading that lists the claim: its group or, of what else the paper says, its section."""
+        if self.group != claim_groups.OTHERS:
+            return self.group
         return f"Sect. {self.of.section}" if self.of.section[:1].isdigit() else self.of.section
+
+    @property
+    def shown(self) -> tuple[str, str]:
+        """The setting whose numbers are shown, in words, and the command that repeats its run; empty without one."""
+        return claim_groups.name_shown(self.of), claim_groups.find_command(self.of)
 
     @property
     def sides(self) -> tuple[tuple[str, Mark, str], ...]:
@@ -142,21 +151,21 @@ class ClaimView:
 
     @property
     def presentation(self) -> bool:
-        """True if the claim is no result but checks that the problem is presented as in the paper."""
-        return self.of.kind == "presentation"
+        """True if the claim is no result about a solver but a check of the set-up."""
+        return self.group == claim_groups.CHECKS
 
 
 def select_claims(
     claims: Sequence[JudgedClaim], by_settings: Mapping[str, StoredRun], published: Sequence[JudgedClaim] = ()
 ) -> tuple[ClaimView, ...]:
-    """Return the claims for the page: those of abstract and conclusions, then by section and figure.
+    """Return the claims for the page, in the order of their groups.
 
     A claim without runs in these results is shown with its published verdict.
     """
     taken: set[str] = set()
     kept = {c.id: c for c in published}
     instead = {c.id: kept[c.id] for c in claims if lacks_runs(c) and c.id in kept}
-    ordered = claim_words.order_claims(instead.get(c.id, c) for c in claims)
+    ordered = claim_groups.order_claims(instead.get(c.id, c) for c in claims)
     shown = (_show_claim(c, by_settings, make_slug(c.id, taken)) for c in ordered)
     return tuple(replace(s, published=True, grids=[], runs=()) if s.of.id in instead else s for s in shown)
 
@@ -171,12 +180,16 @@ def count_judged(claims: Iterable[JudgedClaim]) -> int:
     return sum(c.verdict is not ClaimVerdict.CANNOT_BE_TOLD for c in claims if not lacks_runs(c))
 
 
-def describe_origins(claims: Sequence[JudgedClaim], published: int) -> str:
-    """Describe how many claims are judged from these runs, ``published`` for lack of runs, or tested by no run."""
+def describe_origins(claims: Sequence[JudgedClaim], published: int, whose: str = "") -> str:
+    """Describe how many claims are judged from these runs, ``published`` for lack of runs, or tested by no run.
+
+    ``whose`` follows the word claims.
+    """
     lacking = sum(map(lacks_runs, claims))
     here = count_judged(claims)
+    known = f"{len(claims)} claims{f' {whose}' if whose else ''}"
     parts = [
-        f"{here or 'None'} of {len(claims)} claims {'is' if here in (0, 1) else 'are'} judged from these runs",
+        f"{here or 'None'} of {known} {'is' if here in (0, 1) else 'are'} judged from these runs",
         f"for {lacking} they lack runs: {published} of these show the published verdict, marked so",
         f"{len(claims) - lacking - here} can be tested by no run, for the reason given there",
     ]
@@ -184,7 +197,7 @@ def describe_origins(claims: Sequence[JudgedClaim], published: int) -> str:
 
 
 def count_verdicts(claims: Iterable[ClaimView]) -> list[tuple[Mark, int]]:
-    """Count the claims of each verdict, without checks of presentation; verdicts without a claim are kept."""
+    """Count the claims of each verdict, without checks of the set-up; verdicts without a claim are kept."""
     found = Counter(c.of.verdict for c in claims if not c.presentation)
     return [(m, found[v]) for v, m in VERDICTS.items()]
 
@@ -231,32 +244,57 @@ def _show_claim(c: JudgedClaim, by_settings: Mapping[str, StoredRun], anchor: st
     return ClaimView(c, anchor, line, tuple(runs), tuple(solvers), make_grids(c.map, by_settings))
 
 
-def write(results: StoredResults, site: Site) -> Page | None:
-    """Add ``claims.html`` to the site and return the page."""
-    found = read_judged_or_published(results.folder, CLAIMS)
-    published = read_or_explain(PUBLISHED, CLAIMS, f"{JUDGE} --publish")
+@dataclass(frozen=True)
+class RegisterView:
+    """The claims of one register as the page shows them, with what is said of where their verdicts come from."""
+
+    file: str  # name of the file of its verdicts
+    claims: tuple[ClaimView, ...]
+    why: str  # why there is no verdict at all
+    kept: str  # why some or all verdicts are the published ones
+    instead: bool  # True if all are the published ones
+    differences: list[dict[str, Any]]  # from the published verdicts
+    published_why: str  # why there are no published verdicts to compare with
+    judged_here: int
+
+
+def view_register(results: StoredResults, file: File[tuple[JudgedClaim, ...]], whose: str = "") -> RegisterView:
+    """Return the claims of the register whose verdicts are in ``file``, judged from these results or as published.
+
+    ``whose`` names the register in a sentence.
+    """
+    found = read_judged_or_published(results.folder, file)
+    published = read_or_explain(PUBLISHED, file, f"{JUDGE} --publish")
     claims = select_claims(found.found or (), results.by_settings, published.found or ())
     if found.published:
         claims = tuple(replace(c, published=True, grids=[], runs=()) for c in claims)
     lacking = sum(c.published for c in claims)
     own = () if found.published else [c for c in found.found or () if not lacks_runs(c)]
     here = {c.id for c in own}
-    kept = found.published or (describe_origins(found.found or (), lacking) if lacking else "")
-    page = Page("Claims", "claims.html", nav=bool(claims), order=20)
+    kept = found.published or (describe_origins(found.found or (), lacking, whose) if lacking else "")
     before = [c for c in published.found or () if c.id in here or not lacking] if own else []
+    different = list_differences(own, before, claims)
+    why, instead = published.why if claims else "", bool(found.published)
+    return RegisterView(file.name, claims, found.why, kept, instead, different, why, count_judged(own))
+
+
+def write(results: StoredResults, site: Site) -> Page | None:
+    """Add ``claims.html`` to the site and return the page."""
+    paper, field = view_register(results, CLAIMS), view_register(results, FIELD_CLAIMS, "of textbooks and manuals")
+    claims = sorted((*paper.claims, *field.claims), key=lambda c: claim_groups.GROUPS.index(c.group))
+    page = Page("Claims", "claims.html", nav=bool(claims), order=20)
     return site.write(
         page,
         "claims.html",
         scripts=["assets/judgement.js"],
-        why=found.why,
-        kept=kept,
+        registers=[paper, field],
         claims=claims,
-        counts=count_verdicts(claims),
-        checks=[c for c in claims if c.presentation],
+        counts=count_verdicts(paper.claims),
         say=claim_words,
-        sections=group_by(claims, lambda c: c.section),
+        split=claim_groups.split_claim,
+        groups={k: group_by(own, lambda c: c.section) for k, own in group_by(claims, lambda c: c.group).items()},
+        first=claim_groups.FIRST,
+        others=claim_groups.OTHERS,
+        sections=dict.fromkeys(c.section for c in claims),
         solvers=sorted({s for c in claims for s in c.solvers}),
-        differences=list_differences(own, before, claims),
-        published_why=published.why,
-        judged_here=count_judged(own),
     )

@@ -11,6 +11,7 @@ import numpy as np
 
 from ....harness.results.judgements.files import WORK
 from ....harness.results.judgements.runs import WorkPoint, WorkProfile
+from ....harness.results.least_cost import fit_growth
 from ...model.accuracy import choose_measure
 from ...model.frontier import Frontier, select_broad, select_shared_target, sort_engines_first
 from ...model.motion import count_bodies
@@ -158,8 +159,7 @@ class Growth:
     @cached_property
     def fit(self) -> tuple[float, float]:
         """The exponent and the logarithm of the factor of the least-squares power law through all sizes."""
-        slope, factor = np.polyfit(np.log(self.bodies), np.log(self.cpu_per_step), 1)
-        return float(slope), float(factor)
+        return fit_growth(self.bodies, self.cpu_per_step)
 
     @property
     def words(self) -> str:

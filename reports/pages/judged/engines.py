@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ....harness.results.least_cost import find_cheapest
 from ...model.accuracy import ErrorMeasure, choose_measure
 from ...model.results import StoredResults, StoredRun, Variant, group_by
 from ...model.words import format_decade
@@ -15,7 +16,7 @@ from ..base import Page, Site
 
 SHIPPED, TUNED = "as shipped", "tuned"  # labels of the runs
 TARGET = 1e-3  # error that tuning aims at, in the unit of the problem's error
-MADE_BY = re.compile(r"[a-z][\w-]* \d+\.\d.*")  # package and version, which every run of an engine notes
+MADE_BY = re.compile(r"[a-z][\w-]* \d+\.\d\S*")  # package and version, which every run of an engine notes
 SOUND = ("success", "inaccurate", "wrong")  # statuses of runs that reached the end
 
 
@@ -112,8 +113,7 @@ def name_contestant(run: StoredRun) -> str:
 def _make_pair(contest: Contest, who: str, runs: Sequence[StoredRun]) -> ContestPair:
     """Return a contestant's run as shipped, and the best of all its ``runs``, as a pair."""
     shipped = next((c for c in runs if c.record.label == SHIPPED), None)
-    within = [c for c in runs if contest.error(c) <= TARGET]
-    best = min(within, key=lambda c: c.record.cpu_median_s, default=None) or min(runs, key=contest.rank)
+    best = find_cheapest(runs, TARGET, contest.error, lambda c: c.record.cpu_median_s) or min(runs, key=contest.rank)
     return ContestPair(who, shipped, best, sum(c.record.label == TUNED for c in runs))
 
 

@@ -3,12 +3,14 @@
 from collections import Counter
 from collections.abc import Sequence
 
-from ....harness.results.judgements.runs import Symmetry, UnjudgedSymmetry
+from ....harness.results.judgements.runs import PLANARITY, REVERSAL, Symmetry, UnjudgedSymmetry
 from ...model.words import Mark
 
+TOLERABLE = "tolerable"  # a broken symmetry that does not mislead
 MARKS = {  # worst first
     "broken": Mark("✗", "broken", "wrong"),
     "failed": Mark("★", "the run failed", "failed"),
+    TOLERABLE: Mark("≠", "broken, not misleading", "inaccurate"),
     "undecided": Mark("○", "not decided", "refused"),
     "refused": Mark("⊘", "refused", "refused"),
     "holds": Mark("✓", "holds", "good"),
@@ -22,13 +24,23 @@ UNJUDGED = {
     UnjudgedSymmetry.WAY_BACK: "{message}",
     UnjudgedSymmetry.END: "no end to compare",
 }
-MISSES = {"time reversal": "misses the start", "planar symmetry": "leaves the plane"}
+MISSES = {REVERSAL: "misses the start", PLANARITY: "leaves the plane"}
+
+
+def mark_symmetry(s: Symmetry) -> Mark:
+    """Return the mark of the outcome of a check; a broken symmetry that does not mislead has its own."""
+    return MARKS[_name_outcome(s)]
+
+
+def _name_outcome(s: Symmetry) -> str:
+    """Return the key of an outcome in ``MARKS``."""
+    return TOLERABLE if s.verdict == "broken" and not s.contradicts else s.verdict
 
 
 def tally(found: Sequence[Symmetry]) -> tuple[Mark, str]:
     """Return the mark of the worst outcome among the runs that a symmetry was checked on, and how many keep it."""
-    count = Counter(s.verdict for s in found)
-    worst = next(mark for verdict, mark in MARKS.items() if count[verdict])  # type: ignore[index]
+    count = Counter(map(_name_outcome, found))
+    worst = next(mark for outcome, mark in MARKS.items() if count[outcome])
     tried = len(found) - count["not applicable"]
     return worst, f"{count['holds']} of {tried}" if tried else ""
 
@@ -45,7 +57,7 @@ def describe_symmetry(s: Symmetry) -> str:
     allowed = f"{missed} of {s.bound:.1e} m allowed"
     times = f"{s.deviation / s.bound:.3g} times the {s.bound:.1e} m allowed" if s.bound > 0.0 else "nothing allowed"
     if s.verdict == "broken":
-        said = f"{missed}, {times}"
+        said = f"{missed}, {times}{_qualify(s)}"
     elif s.verdict == "undecided" and s.deviation > s.bound:
         said = f"{missed}, {times}, which is known to a tenth"
     elif s.verdict == "undecided":
@@ -57,3 +69,12 @@ def describe_symmetry(s: Symmetry) -> str:
     else:
         said = f"not exactly, within its error: {allowed}"
     return f"{said} ({', '.join(parts)})"
+
+
+def _qualify(s: Symmetry) -> str:
+    """Return the words on why a broken symmetry does not mislead; empty if it does."""
+    if s.contradicts:
+        return ""
+    if s.deviation <= s.own_error:
+        return f"; not misleading: the run as it stands errs by {s.own_error:.1e} m"
+    return "; not misleading: motion, velocities and reactions are right to 1 % of their size"

@@ -10,7 +10,6 @@ from jaxtyping import Float
 from markupsafe import Markup
 
 from ....harness.mechanics.types import Status
-from ....harness.results.records import parse_reasons
 from ....harness.results.series import Series
 from ....harness.results.words import find_broken_law
 from ...model.results import StoredResults, StoredRun, group_by, group_by_solver
@@ -92,7 +91,7 @@ def group_broken(runs: Sequence[StoredRun]) -> dict[str, tuple[tuple[StoredRun, 
 
     def first_law(run: StoredRun) -> str:
         """Return the law that the run breaks, the first if there are several."""
-        return next(map(find_broken_law, parse_reasons(run.record.wrong_because)), "unknown")
+        return next(map(find_broken_law, run.record.reasons), "unknown")
 
     found = group_by((c for c in runs if c.status == "wrong"), first_law)
     ordered = sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))

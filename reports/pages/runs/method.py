@@ -2,9 +2,9 @@
 
 from ....harness.mechanics.types import ACCURATE, ALLOWED, Reason
 from ....harness.results.words import find_broken_law
+from ...model.columns import COLUMNS
 from ...model.glossary import GLOSSARY
 from ...model.results import StoredResults
-from ...model.tables import COLUMNS
 from ..base import Page, Site
 
 

@@ -4,17 +4,18 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ....harness.mechanics.types import ACCURATE
 from ....harness.results.judgements.files import CLAIMS, PUBLISHED
-from ....harness.results.records import parse_reasons
+from ....harness.results.misleading import is_misleading
 from ....harness.results.reproduce import write_command
 from ...mechanism.stage import project_moment
 from ...model.accuracy import ErrorMeasure, choose_measure
 from ...model.catalogue import is_engine, name_external_code
 from ...model.curves import find_maxima
 from ...model.frontier import choose_target, select_broad, tabulate_costs
-from ...model.heat import HeatCell, HeatMap, make_heat_map
+from ...model.heat import HeatCell, HeatMap
 from ...model.margin import LEVELS, describe_break, find_margin
-from ...model.results import StoredResults, StoredRun, group_by, read_results
+from ...model.results import StoredResults, StoredRun, Variant, group_by, read_results
 from ...model.scores import name_unpredictable
 from ...model.tracking import list_tracking_times
 from ...model.variants import find_plain_label, format_problem_counts
@@ -35,9 +36,15 @@ ENGINES = PUBLISHED.path / "engines"  # false successes of engines, shown for re
 SENTENCES = 6
 
 
+def write_variant(results: StoredResults, site: Site, variant: Variant) -> dict[str, dict[str, Steps] | None]:
+    """Return the energy error over time of each run of a variant that has a cell of the heat map, by run_id."""
+    shown = (b for row in (site.heat_map.rows if site.heat_map else ()) for b in row.boxes if b)
+    return {b.run.record.run_id: _draw_energy(results, b.run) for b in shown if b.run.variant == variant.title}
+
+
 def write(results: StoredResults, site: Site) -> Page | None:
     """Add ``index.html`` to the site and return the page."""
-    label, picture = find_plain_label(results), make_heat_map(results)
+    label, picture = find_plain_label(results), site.heat_map
     found = select_broad(results, site.frontiers)
     races = tabulate_costs(results, found, site.url)
     stages = [site.scenes[p.title] for p in choose_miniatures(picture, label) if p.title in site.scenes]
@@ -48,7 +55,11 @@ def write(results: StoredResults, site: Site) -> Page | None:
     target = choose_target(races[first]) if races else 0
     problems, rows = (picture.problems, picture.rows) if picture else ((), ())
     boxes = [(row.solver, p, b) for row in rows for p, b in zip(problems, row.boxes, strict=True) if b]
-    cells = {f"{solver} {p.slug}": _describe_cell(results, site, b, choose_measure(p.runs)) for solver, p, b in boxes}
+    strips = {run: strip for found in site.parts.get(__name__, {}).values() for run, strip in found.items()}
+    cells = {
+        f"{solver} {p.slug}": _describe_cell(results, site, b, choose_measure(p.runs), strips[b.run.record.run_id])
+        for solver, p, b in boxes
+    }
     tables = [
         (p, [b.run for row in rows if (b := row.boxes[k])], choose_measure(p.runs)) for k, p in enumerate(problems)
     ]
@@ -66,7 +77,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
         "assets/stage.js",
         "assets/overview.js",
     ]
-    cards, wrong = list_false_successes(results, label)
+    cards, wrong, accused = list_false_successes(results, label)
     # per problem, the variant that most solvers ran
     by_problem = group_by(site.work, lambda title: title.partition("[")[0])
     panels = [site.work[titles[0]] for titles in by_problem.values()][:PANELS]
@@ -87,6 +98,8 @@ def write(results: StoredResults, site: Site) -> Page | None:
         panels_title=cost.state_cheapest(found),
         cards=cards,
         wrong=wrong,
+        accused=accused,
+        accurate_until=ACCURATE["accurate_until_s"],
         strips=draw_strips(picture, site.looks),
         verdicts=collect_verdicts(results),
         mechanisms=format_problem_counts(results),
@@ -94,14 +107,21 @@ def write(results: StoredResults, site: Site) -> Page | None:
     )
 
 
-def _describe_cell(results: StoredResults, site: Site, b: HeatCell, measure: ErrorMeasure | None) -> dict[str, Any]:
+def _draw_energy(results: StoredResults, run: StoredRun) -> dict[str, Steps] | None:
+    """Return the energy error of a run over time, in few points; None without a series of it."""
+    r = run.record
+    series = results.series(run, poses=False) if r.series else None
+    if series is None or "energy_error" not in series or not len(series["t"]):
+        return None
+    curve = find_maxima(*series.points("energy_error"), r.t_end_s, STRIP)
+    return {"t": Steps(curve.t), "y": Steps(curve.y, log=True)}
+
+
+def _describe_cell(
+    results: StoredResults, site: Site, b: HeatCell, measure: ErrorMeasure | None, strip: dict[str, Steps] | None
+) -> dict[str, Any]:
     """Return the data of one cell of the heat map: words, address, command, energy error over time, and facts."""
     r = b.run.record
-    series = results.series(b.run, poses=False) if r.series else None
-    strip = None
-    if series is not None and "energy_error" in series and len(series["t"]):
-        curve = find_maxima(*series.points("energy_error"), r.t_end_s, STRIP)
-        strip = {"t": Steps(curve.t), "y": Steps(curve.y, log=True)}
     error = f"{number(measure.of(b.run))} {measure.unit}" if measure else "no reference"
     facts = (
         ("CPU", seconds(r.cpu_median_s)),
@@ -119,11 +139,13 @@ def _describe_cell(results: StoredResults, site: Site, b: HeatCell, measure: Err
     }
 
 
-def list_false_successes(results: StoredResults, label: str) -> tuple[list[dict[str, Any]], int]:
-    """Return a card for the largest violation of each solver, external code first, and the number of wrong runs.
+def list_false_successes(results: StoredResults, label: str) -> tuple[list[dict[str, Any]], int, int]:
+    """Return cards of false successes, the number of wrong runs, and of solvers of which a card could be shown.
 
-    At most ``CARDS`` are returned. If these results have no engine, the published false successes of engines are shown
-    too, but not counted.
+    A card is the largest violation of a solver: of its runs in the group ``label`` if there are any, of these at
+    default options if there are any. External code comes first; at most ``CARDS`` are returned. A run that is wrong by
+    rates alone and right by comparison misleads nobody and has no card. If these results have no engine, the published
+    false successes of engines are shown too, but not counted.
     """
     wrong = [c for c in results.runs if c.status == "wrong"]
     engines = any(is_engine(s) for s in results.solvers)
@@ -135,14 +157,15 @@ def list_false_successes(results: StoredResults, label: str) -> tuple[list[dict[
         size = m.part if m and math.isfinite(m.part) else 0.0
         return not name_external_code(c.record.solver), c.record.label != label, bool(c.options), -size, c.record.run_id
 
-    worst = [min(own, key=key) for own in group_by([*wrong, *published], lambda c: c.record.solver).values()]
-    return [_make_card(results, c, c in published) for c in sorted(worst, key=key)[:CARDS]], len(wrong)
+    shown = [c for c in (*wrong, *published) if is_misleading(c.record, c.record.reasons)]
+    worst = [min(own, key=key) for own in group_by(shown, lambda c: c.record.solver).values()]
+    return [_make_card(results, c, c in published) for c in sorted(worst, key=key)[:CARDS]], len(wrong), len(worst)
 
 
 def _make_card(results: StoredResults, run: StoredRun, published: bool) -> dict[str, Any]:
     """Describe a false success: the law that it breaks, and its motion at the end of the time that is judged."""
     m, r = find_margin(run), run.record
-    reason = m.error if m else parse_reasons(r.wrong_because)[0]
+    reason = m.error if m else r.reasons[0]
     drawn = min(t for t in (r.t_reached_s, r.reference_horizon_s, r.judged_to_s) if t > 0.0)
     seen = project_moment(results, run, drawn) if r.series and not published else None
     words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"

@@ -6,8 +6,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ....harness.results.judgements.files import DRIFTS
-from ....harness.results.records import find_judged_reference_error
+from ....harness.columns.declared.errors import find_judged_reference_error
 from ...mechanism.segments import draw_picture
 from ...mechanism.stage import make_stage
 from ...model.accuracy import choose_measure, find_judged_end
@@ -22,11 +21,11 @@ from ...model.scores import name_unpredictable
 from ...model.tracking import list_tracking_times
 from ...model.variants import find_plain_label, format_problem_counts, group_by_label, group_variants, select_variants
 from ...model.words import mark_status, unit
-from ...plots.laws import Drawing, plot_errors, plot_invariants, plot_laws, plot_observables
+from ...plots.laws import Drawing, plot_declared, plot_errors, plot_invariants, plot_laws, plot_observables
 from ...plots.lines import EVER, choose_lines
 from ...plots.spec import choose_focus
 from ...plots.work import make_work_chapter
-from ..base import Page, Site, read_judged
+from ..base import Page, Site
 from ..svg import draw_sketch
 
 MOST_EVENTS = 20  # most events of one run in the table
@@ -46,20 +45,13 @@ def tabulate_extras(
     Each has a title, units by name and a row of numbers per run.
     """
     for title, found in (
-        ("Largest distance of observables from the reference", [c.observable_errors for c in runs]),
-        ("Largest departure of invariants from their start", [c.invariant_drifts for c in runs]),
+        ("Largest distance of observables from the reference", [c.record.observables for c in runs]),
+        ("Largest departure of invariants from their start", [c.record.invariants for c in runs]),
     ):
         if any(found):
-            units = {n: unit(str(e.get("unit", ""))) for of in found for n, e in of.items()}
-            yield title, units, [(c, [_largest(of.get(n)) for n in units]) for c, of in zip(runs, found, strict=True)]
-
-
-def _largest(found: Any) -> float:
-    """Return the largest value in a record's entry on an observable or invariant; NaN if it has none."""
-    try:
-        return float(found["max"])
-    except (KeyError, TypeError, ValueError):
-        return math.nan
+            units = {n: unit(e.unit) for of in found for n, e in of.items()}
+            rows = ([of[n].max if n in of else math.nan for n in units] for of in found)
+            yield title, units, list(zip(runs, rows, strict=True))
 
 
 def tabulate_events(motions: Iterable[MotionCurves]) -> dict[str, Any]:
@@ -81,15 +73,12 @@ def draw_start(results: StoredResults, variant: Variant) -> Markup | None:
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Add ``mechanisms.html``, and ``problem-<slug>.html`` of every variant, to the site; return the first."""
+    """Add ``mechanisms.html`` to the site and return it."""
     label = find_plain_label(results)
     plain = {p.title for p in select_variants(results, label)}
-    for variant in results.variants:  # one problem at a time, because its series are large
-        _write_variant(results, site, variant, label, SPANS_UPPER if variant.title in plain else SPANS_VARIANT)
+    sketches = site.parts.get(__name__, {})
     cards = [
-        (p, draw_start(results, p), describe_extremes(make_cells(p, label)))
-        for p in results.variants
-        if p.title in plain
+        (p, sketches[p.slug], describe_extremes(make_cells(p, label))) for p in results.variants if p.title in plain
     ]
     return site.write(
         Page("Mechanisms", "mechanisms.html", nav=True, order=10),
@@ -102,9 +91,11 @@ def write(results: StoredResults, site: Site) -> Page | None:
     )
 
 
-def _write_variant(results: StoredResults, site: Site, variant: Variant, label: str, spans: int) -> None:
-    """Add the page of one variant to the site, with its curves in ``spans`` spans of time."""
-    plain = spans == SPANS_UPPER  # a problem at its default presentation
+def write_variant(results: StoredResults, site: Site, variant: Variant) -> Markup | None:
+    """Add ``problem-<slug>.html`` of one variant to the site; return the drawing of its start."""
+    label = find_plain_label(results)
+    plain = any(p.title == variant.title for p in select_variants(results, label))  # at its default presentation
+    spans = SPANS_UPPER if plain else SPANS_VARIANT
     lines = choose_lines(variant, site.url, EVER if plain else EVER_VARIANT)
     read = ((k.run, results.series(k.run, poses=False)) for k in lines)
     motions = {run.record.run_id: read_curves(run, series, spans) for run, series in read}
@@ -112,13 +103,14 @@ def _write_variant(results: StoredResults, site: Site, variant: Variant, label: 
     drawing = Drawing(variant.runs, lines, motions, spans, choose_focus(b.run.record.solver for b in boxes), label)
     made = (
         make_work_chapter(variant, site.url),
-        *(make(drawing) for make in (plot_laws, plot_errors, plot_observables, plot_invariants)),
+        *(make(drawing) for make in (plot_laws, plot_declared, plot_errors, plot_observables, plot_invariants)),
     )
     chapters = [c for c in made if c is not None]
     groups = group_by_label(variant, label)
     scene = write_stage(results, site, variant, label) if plain else None
     if scene is not None:
         site.scenes[variant.title] = scene
+    sketch = draw_start(results, variant)
     where = f"runs.html?problem={results.variants.index(variant)}&label="
     site.write(
         Page(variant.title, site.url(variant), brief=not plain),
@@ -130,14 +122,13 @@ def _write_variant(results: StoredResults, site: Site, variant: Variant, label: 
         work=next((c for c in chapters if c.plots[0].x.log), None),
         measure=choose_measure(variant.runs),
         first=next((p for c in chapters for p in c.plots if p.name == "energy"), None),
-        drifts=[d for d in read_judged(results.folder, DRIFTS).found or () if d.variant == variant.title],
         plots=[p for c in chapters for p in c.plots],
         left_out=len(variant.runs) - len(lines),
         bodies=max((m.bodies for m in motions.values()), default=0),
         until=find_judged_end(variant.runs),
         own=find_judged_reference_error,
         sentence=describe_extremes(boxes),
-        sketch=draw_start(results, variant),
+        sketch=sketch,
         about=describe_mechanism(variant.problem),
         hard=explain_difficulty(variant.problem),
         groups=groups,
@@ -148,6 +139,7 @@ def _write_variant(results: StoredResults, site: Site, variant: Variant, label: 
         events=tabulate_events(motions.values()),
     )
     site.drawn.update((name, variant.slug) for name, m in motions.items() if m.has_steps)
+    return sketch
 
 
 def choose_miniatures(picture: HeatMap | None, label: str) -> list[Variant]:
@@ -171,7 +163,8 @@ def choose_roles(variant: Variant, label: str, site: Site) -> list[tuple[StoredR
     """Choose the runs to animate: an accurate cheap one, the paper's method, and a false success or else the last.
 
     Each is returned with words on its role. The false success is of an implicit method if there is one, since most
-    codes in use are implicit; the last is that of lowest rank.
+    codes in use are implicit, and of those at default options in the group ``label`` if there is one; the last is that
+    of lowest rank.
     """
     best_first = [b.run for b in sort_cells(make_cells(variant, label))]
     cheap, cheapest = "among the cheapest accurate", _cheapest_first(variant, site)
@@ -185,7 +178,12 @@ def choose_roles(variant: Variant, label: str, site: Site) -> list[tuple[StoredR
     wrong = sorted(
         (c for c in variant.runs if c.status == "wrong"),
         reverse=True,
-        key=lambda c: (site.looks[c.record.solver].family == "implicit", sizes[c.record.run_id], c.record.run_id),
+        key=lambda c: (
+            site.looks[c.record.solver].family == "implicit",
+            c.record.label == label and not c.options,
+            sizes[c.record.run_id],
+            c.record.run_id,
+        ),
     )
     last, end = (wrong, "a false success") if wrong else (best_first[1:][-1:], "nearest to a limit, or beyond")
     out: dict[str, tuple[StoredRun, str]] = {}
@@ -234,7 +232,7 @@ def _describe_role(run: StoredRun, role: str, site: Site) -> dict[str, str]:
         "solver": r.solver,
         "code": name_external_code(r.solver),
         "words": role,
-        "step": run.step_words,
+        "step": run.settings(),
         "url": site.url(run),
         "claimed": r.claimed.replace("_", " "),
         "measured": measured.word,

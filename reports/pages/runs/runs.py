@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from ....harness.results.reproduce import write_command
-from ...model.accuracy import choose_measure, energy_kind
+from ...model.accuracy import choose_measure
+from ...model.columns import COLUMNS, list_page_columns
 from ...model.results import StoredResults, StoredRun
-from ...model.tables import COLUMNS
 from ...model.variants import find_plain_label, select_variants
 from ...model.words import NONE, mark_status, number
 from ..base import PLOTTING, Page, Site
@@ -21,7 +21,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
     """Add ``runs/<run>.html`` of every run and ``runs.html`` to the site, none in the navigation; None without runs."""
     if not results.runs:
         return None
-    meanings = site.data("meanings", {c.heading: c.doc for c in COLUMNS})
+    meanings = site.data("meanings", {c.heading: c.meaning for c in COLUMNS})
     variants = {c.record.run_id: p for p in results.variants for c in p.runs}
     for run in results.runs:
         slug = site.drawn.get(run.record.run_id)
@@ -44,26 +44,33 @@ def write(results: StoredResults, site: Site) -> Page | None:
 
 
 def _list_numbers(run: StoredRun) -> list[tuple[str, str]]:
-    """List heading and value of every number that this run has, and the solver's counters that are not columns."""
-    out = [(c.heading, text) for c in COLUMNS if c.key not in LEFT_OUT and (text := c.text(run)) != NONE]
-    own = {k: float(v) for k, v in run.counters.items() if isinstance(v, int | float)}
+    """List heading and value of every number that this run has, and the solver's counters that are not columns.
+
+    A value with a limit has it beside it.
+    """
+    found = ((c, c.text(run)) for c in COLUMNS if c.key not in LEFT_OUT)
+    out = [
+        (c.heading, f"{text} (limit {limit})" if (limit := c.limit(run)) else text) for c, text in found if text != NONE
+    ]
+    own = {k: float(v) for k, v in run.record.counts.items()}
     known = {k: getattr(run.record, RECORDED.get(k, k), None) for k in own}
     return out + [(f"counted: {k.replace('_', ' ')}", number(v)) for k, v in own.items() if v != known[k]]
 
 
 def _tabulate_runs(results: StoredResults, site: Site, runs: Sequence[StoredRun]) -> dict[str, Any]:
-    """Return ``runs`` as rows of numbers and texts; problems, solvers and labels are indices into lists."""
+    """Return ``runs`` as rows of numbers and texts; problems, solvers and labels are indices into lists.
+
+    The last entries of a row are those of the columns that declare to be in this table.
+    """
     titles = [p.title for p in results.variants]
     variants, labels, solvers = (
         {name: k for k, name in enumerate(names)} for names in (titles, results.labels(), results.solvers)
     )
-    measures = [choose_measure(p.runs) for p in results.variants]
+    columns = [list_page_columns("runs", choose_measure(p.runs)) for p in results.variants]
     rows = []
     for c in runs:
         r, m = c.record, mark_status(c.status)
-        measure = measures[variants[c.variant]]
-        error = measure.of(c) if measure else None
-        values = [r.t_reached_s, r.energy_drift_max_J, error, r.phi_max, r.evaluations, r.cpu_median_s]
+        values = [k.of(c) for k in columns[variants[c.variant]]]
         rows.append(
             [
                 r.run_id,
@@ -74,8 +81,7 @@ def _tabulate_runs(results: StoredResults, site: Site, runs: Sequence[StoredRun]
                 labels[r.label],
                 c.settings(),
                 "" if c.is_success else " ".join(c.reasons[0].split())[:160],
-                *(None if v is None or v != v else float(f"{v:.{DIGITS}g}") for v in values),
-                energy_kind(c),
+                *(v if isinstance(v, str) else None if v != v else float(f"{v:.{DIGITS}g}") for v in values),
             ]
         )
     return {
@@ -83,4 +89,5 @@ def _tabulate_runs(results: StoredResults, site: Site, runs: Sequence[StoredRun]
         "solvers": [[s, site.url(s), site.looks[s].colour] for s in results.solvers],
         "problems": [[p.title, site.url(p)] for p in results.variants],
         "labels": list(results.labels()),
+        "shows": [k.show for k in list_page_columns("runs")],
     }

@@ -9,7 +9,6 @@ from ....harness.results.judgements.runs import Drift, Order
 from ....harness.results.words import describe_breach
 from ...model.catalogue import describe_method
 from ...model.frontier import Frontier, select_broad, select_shared_target
-from ...model.heat import make_heat_map
 from ...model.results import StoredResults, StoredRun, format_exactly, group_by, group_by_solver, make_natural_key
 from ...model.scores import SolverScore, rank_solvers, score
 from ...model.tracking import TrackingTime, list_tracking_times
@@ -31,7 +30,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
     label = find_plain_label(results)
     plain = {p.title for p in select_variants(results, label)}
     judged = [read_judged_or_published(results.folder, file) for file in FILES]
-    picture = make_heat_map(results)
+    picture = site.heat_map
     follow = [f for p in (picture.problems if picture else ()) for f in list_tracking_times(p)]
     costs = select_shared_target(select_broad(results, site.frontiers))
     loud = sorted(results.runs, key=lambda c: (c.record.label != label, c.variant not in plain))

@@ -10,10 +10,10 @@ from ...model.results import StoredResults, Variant
 from ...model.variants import find_plain_label, has_same_motion, select_variants
 from ..base import Page, Site
 
+RANK = -1  # first: it reads poses too, and the others find what it has read in memory
 ALL_BYTES = 12_000_000  # bytes of the data files of all theatres
 MOST = 24  # most theatres of a report, unless the plain comparison has more variants
 ROUNDS = 3  # rounds of shrinking a page: its size is not proportional to its poses
-APART = True  # in its own process: it takes as long as all other pages together
 SCRIPTS = (
     "assets/three.bundle.min.js",
     "assets/theatre-poses.js",
@@ -25,18 +25,22 @@ SCRIPTS = (
 )
 
 
+def write_variant(results: StoredResults, site: Site, variant: Variant) -> dict[str, Any] | None:
+    """Write the data file of a variant's theatre and return what its page needs; None if it gets no theatre."""
+    shown = any(p.slug == variant.slug for p in _list_variants(results))
+    return _write_theatre(results, site, variant, POSE_BYTES) if shown else None
+
+
 def write(results: StoredResults, site: Site) -> Page | None:
     """Add a page with the motions of each variant to the site, and a file with their poses beside it.
 
     Variants above their share of ``ALL_BYTES`` get fewer poses. Return the first page, or None where no run has poses.
     """
-    stages = {
-        p.slug: t for p in _list_variants(results) if (t := _write_theatre(results, site, p, POSE_BYTES)) is not None
-    }
+    stages = {slug: own for slug, own in site.parts.get(__name__, {}).items() if own is not None}
     level = find_size_limit([t["size"] for t in stages.values()], ALL_BYTES)
     pages = []
-    for own in (stages[p.slug] for p in results.variants if p.slug in stages):
-        play, variant = own["play"], own["variant"]
+    for variant, own in ((p, stages[p.slug]) for p in results.variants if p.slug in stages):
+        play = own["play"]
         most = max(p["frames"] for p in play["players"])  # as if each run had as many poses as the longest
         poses = min(float(POSE_BYTES), float(BODY_BYTES * play["bodies"] * len(play["players"]) * most))
         for _ in range(ROUNDS):
@@ -45,7 +49,6 @@ def write(results: StoredResults, site: Site) -> Page | None:
                 own = _write_theatre(results, site, variant, poses) or own
         page = Page(f"Theatre: {variant.title}", f"{own['name']}.html", order=60, about=variant.slug, brief=True)
         worst = {f"worst_{k}": max(p[f"off_{k}"] for p in own["play"]["players"]) for k in ("m", "rad")}
-        own["play"] = _without_arrays(own["play"])  # the arrays are in the data file
         pages.append(
             site.write(page, "theatre.html", [*SCRIPTS[:-1], own["path"], SCRIPTS[-1]], own=own, rule=RULE, **worst)
         )
@@ -78,7 +81,7 @@ def _write_theatre(results: StoredResults, site: Site, variant: Variant, pose_by
         "name": name,
         "path": path,
         "size": (site.folder / path).size(),
-        "play": play,
+        "play": _without_arrays(play),  # the arrays are in the data file
         "players": [p.run for p in cast],
         "left_out": left_out,
         "addable": [p.run for p in more],

@@ -11,7 +11,7 @@ from mbsbench.reports.pages.base import FOLDER, Site
 from mbsbench.reports.pages.judged import claims, cost
 from mbsbench.reports.pages.runs import atlas, runs, solvers
 
-from ..conftest import every_kind
+from ..conftest import every_kind, write_modules
 from .synthetic import judge
 
 PAGES = {"claims.html": claims, "cost.html": cost, "atlas.html": atlas, "solver-alpha.html": solvers}
@@ -24,8 +24,7 @@ def render(results: StoredResults, modules) -> dict[str, str]:
     shutil.copytree(FOLDER / "assets", folder / "assets")
     (folder / "data").mkdir()
     site = Site(results, ConfinedPath(folder))
-    for module in dict.fromkeys(modules):
-        module.write(results, site)
+    write_modules(site, dict.fromkeys(modules))
     site.finish()
     return {path.name: path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.html"))}
 

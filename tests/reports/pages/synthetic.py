@@ -27,6 +27,7 @@ from mbsbench.harness.results.judgements.claims import (
 from mbsbench.harness.results.judgements.files import (
     CLAIMS,
     DRIFTS,
+    FIELD_CLAIMS,
     ORDERS,
     SYMMETRIES,
     WORK,
@@ -133,7 +134,7 @@ POINT = WorkPoint(
 
 
 def claims(runs: Sequence[str]) -> tuple[JudgedClaim, ...]:
-    """One of each verdict, one with a map of two charts and two starts, a check of the presentation, one attack."""
+    """One of each verdict, one of the abstract, one with a map of charts and starts, a check of the set-up, attacks."""
     at = tuple(
         MapRow(
             runs[k % len(runs)],
@@ -189,7 +190,17 @@ def claims(runs: Sequence[str]) -> tuple[JudgedClaim, ...]:
     needs = (MissingReason(ClaimGap.NEED, "the commercial code"), MissingReason(ClaimGap.RUNS, "case 3", "m", 2, 5))
     return (
         claim("first-claim", "reproduced"),
-        claim("second-claim", "not reproduced", tests=(replace(TEST, measured=3.0, band=(None, 0.05)),), section="5.4"),
+        claim(
+            "second-claim",
+            "not reproduced",
+            tests=(replace(TEST, measured=3.0, band=(None, 0.05)),),
+            section="5.4",
+            summary=True,
+            map=(
+                replace(ROW, holds=False, measured=7.0, command="mbsbench solve pendulum beta"),
+                replace(ROW, holds=False, measured=3.0, command="mbsbench solve pendulum alpha"),
+            ),
+        ),
         claim(
             "conditional-claim",
             "reproduced if",
@@ -237,6 +248,17 @@ def claims(runs: Sequence[str]) -> tuple[JudgedClaim, ...]:
             settings_ids=(HOSTILE, "unknown"),
         ),
     )
+
+
+def field(runs: Sequence[str]) -> tuple[JudgedClaim, ...]:
+    """A statement of a textbook that one of two settings bears out, and an attack."""
+    some = ClaimFinding(ClaimVerdict.REPRODUCED_IF, 1, 2, 2, 0, Decision({"gain": (5.0,)}))
+    own = replace(
+        CLAIM, register="field", figure=(), settings_ids=tuple(runs[:1]), map=(ROW, replace(ROW, holds=False))
+    )
+    book = replace(own, id="field-claim", section="A. Author, A book (1996), Sect. 1", quote="It grows.", beyond=some)
+    hostile = replace(own, id=f"field {HOSTILE}", section=HOSTILE, quote=HOSTILE, claim=HOSTILE)
+    return book, replace(hostile, map=(replace(ROW, measured=0.02, command=HOSTILE),))
 
 
 def orders(runs: Sequence[str]) -> tuple[Order, ...]:
@@ -373,7 +395,15 @@ def wrong(runs: Sequence[str]) -> tuple[FalseSuccess, ...]:
     )
 
 
-FILES = ((CLAIMS, claims), (ORDERS, orders), (DRIFTS, drift), (SYMMETRIES, symmetries), (WORK, work), (WRONG, wrong))
+FILES = (
+    (CLAIMS, claims),
+    (FIELD_CLAIMS, field),
+    (ORDERS, orders),
+    (DRIFTS, drift),
+    (SYMMETRIES, symmetries),
+    (WORK, work),
+    (WRONG, wrong),
+)
 
 
 def judge(folder: Path, runs: Sequence[str]) -> None:
@@ -382,5 +412,5 @@ def judge(folder: Path, runs: Sequence[str]) -> None:
     where.mkdir(parents=True, exist_ok=True)
     for file, make in FILES:
         made = make(runs)
-        text = format_judgement(add_code(made, CODE) if file is CLAIMS else made)
+        text = format_judgement(add_code(made, CODE) if file.schema else made)
         (where / f"{file.name}.json").write_text(text, encoding="utf-8")

@@ -5,14 +5,25 @@ import re
 
 from msgspec.structs import replace
 
-from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimGap, ClaimVerdict, Decision, MissingReason
+from mbsbench.harness.results.judgements.claims import (
+    ClaimFinding,
+    ClaimGap,
+    ClaimVerdict,
+    Condition,
+    Decision,
+    MissingReason,
+)
+from mbsbench.reports.model import claim_groups
 from mbsbench.reports.model.claim_words import (
     describe_count,
     describe_decision,
     describe_missing,
+    describe_origin,
+    describe_verdict,
     explain_verdicts,
     format_band,
     format_measured,
+    format_verdict,
     list_rows,
 )
 from mbsbench.reports.pages.judged.claims import VERDICTS, count_verdicts, list_differences, make_grids, select_claims
@@ -56,7 +67,7 @@ def test_counts_are_those_of_the_file_and_name_absent_verdicts():
     assert {m.word: n for m, n in count_verdicts([])}["not reproduced"] == 0
 
 
-def test_checks_of_the_presentation_are_no_results():
+def test_checks_of_the_set_up_are_no_results():
     """They are on the page, but not in the tally of what was found about solvers."""
     found = select_claims(rows(), NONE)
     assert [c.of.id for c in found if c.presentation] == ["presentation-claim"] and len(found) == len(rows())
@@ -182,3 +193,68 @@ def test_rows_are_listed_with_number_finding_and_command():
     row = replace(own.map[0], command="mbsbench solve x", control=0.5, printed=True, holds=True, measured=0.25)
     (words,) = list_rows(replace(own, map=(row,)))
     assert words.startswith("printed, holds: 0.250 m, control 0.500") and words.endswith(": mbsbench solve x")
+
+
+def test_groups_are_those_of_abstract_then_the_fields_then_the_papers_others_then_checks():
+    """In this order on the page and in the terminal; the field's in the order of its file."""
+    own = [*rows(), *synthetic.field(["aa01"])]
+    found = claim_groups.group_claims(reversed(own))
+    assert list(found) == list(claim_groups.GROUPS)
+    assert [[c.id for c in g] for g in found.values()][:2] == [
+        ["second-claim"],
+        [c.id for c in reversed(synthetic.field([""]))],
+    ]
+    assert [c.id for c in found[claim_groups.CHECKS]] == ["presentation-claim"]
+    assert [c.id for c in claim_groups.order_claims(own)] == [
+        c.id for g in claim_groups.group_claims(own).values() for c in g
+    ]
+
+
+def test_the_number_shown_is_that_of_its_row_and_of_its_command():
+    """A printed row before others; which one it is, the verdict says: against it, nearest, or the best."""
+    second = rows()[1]
+    assert claim_groups.find_command(second) == "mbsbench solve pendulum alpha"
+    assert (
+        claim_groups.describe_shown(second) == "3.00 m (asked: at most 0.05 m), of the setting that comes nearest to it"
+    )
+    test = replace(synthetic.TEST, measured=0.02)
+    good, bad = (replace(synthetic.ROW, measured=x, holds=h) for x, h in ((0.02, True), (0.5, False)))
+    twice = replace(synthetic.CLAIM, tests=(test,), map=(good, replace(good, measured=0.01)))
+    assert claim_groups.name_shown(twice) == "the setting that speaks most against it"
+    assert claim_groups.name_shown(replace(twice, map=(good, bad))) == "the setting that meets it best"
+    printed = replace(good, printed=True, more=2)
+    one = replace(twice, map=(bad, printed), because=replace(twice.because, across="step"))
+    assert claim_groups.name_shown(one) == "the one printed setting that counts, from 3 runs along step"
+    assert claim_groups.find_shown(replace(twice, tests=())) is None is claim_groups.find_shown(replace(twice, map=()))
+
+
+def test_a_sentence_names_two_of_many_combinations_and_their_rest():
+    """All are named where the claim is explained."""
+    at = tuple(Condition({"problem": p, "gain": float(k)}, 1, 1) for k, p in enumerate("abc"))
+    finding = ClaimFinding(ClaimVerdict.REPRODUCED_IF, 7, 9, 9, decision=Decision({}, any_of=at, rest=4))
+    c = replace(synthetic.CLAIM, beyond=finding)
+    assert describe_verdict(c) == (
+        "Beyond them reproduced if a and gain 0, or if b and gain 1, and in other settings, for 7 of 9 tried."
+    )
+    assert format_verdict(finding) == (
+        "reproduced if a and gain 0, or if b and gain 1, or if c and gain 2, and in 4 settings more"
+    )
+    two = replace(finding, decision=Decision({}, any_of=at[:2]))
+    assert format_verdict(two, 2) == format_verdict(two) == "reproduced if a and gain 0, or if b and gain 1"
+
+
+def test_what_is_ours_is_split_from_the_statement():
+    """The statement is the heading; a claim that is ours as a whole is not split."""
+    says = lambda text: claim_groups.split_claim(replace(synthetic.CLAIM, claim=text))  # noqa: E731
+    assert says("It grows. Ours: by a tenth.") == ("It grows.", "Ours: by a tenth.")
+    assert says("Our question: does it grow?") == ("Our question: does it grow?", "")
+
+
+def test_a_claim_of_the_field_has_one_verdict_and_a_source():
+    """No settings are printed; its words are not quoted."""
+    book, _ = synthetic.field(["aa01"])
+    assert describe_verdict(book) == "Here reproduced if gain 5, for 1 of 2 tried."
+    assert describe_origin(book) == "A. Author, A book (1996), Sect. 1: It grows."
+    assert explain_verdicts(book).startswith("Here it holds for 1 of 2 tried")
+    view = select_claims([book], NONE)[0]
+    assert view.sides[0][0] == "here" and view.section == view.group == claim_groups.FIELD

@@ -42,7 +42,7 @@ def test_axe_finds_no_violation(axe, folder, name):
 
 
 def test_all_published_claims_fit_a_phone_and_are_searched(browser, tmp_path):
-    """Folded they are less than ten screens; words find a claim, a link opens it."""
+    """Those that carry the paper, the field's, the rest folded: less than ten screens; words find one, a link too."""
     put(tmp_path, make_measured_record("aa01"), make_swing(40))
     render(read_results(tmp_path), [PAGES["claims.html"]])
     tab = browser.open(tmp_path / "report" / "claims.html", width=390, height=844)
@@ -52,19 +52,24 @@ def test_all_published_claims_fit_a_phone_and_are_searched(browser, tmp_path):
     search = "document.querySelector('.filters input[type=search]')"
     tab.evaluate(f"{search}.value = 'one step'; {search}.dispatchEvent(new Event('input'))")
     assert 0 < tab.evaluate(f"{shown}.length") < whole
-    first = tab.evaluate(f"{shown}[0].id")
+    folded = "[...document.querySelectorAll('details[data-item]')].filter((e) => !e.hidden)"
+    first = tab.evaluate(f"{folded}[0].id")
+    assert tab.evaluate(
+        f"document.getElementById('{first}').closest('.group').open"
+    )  # what is found is not folded away
+    tab.evaluate("document.querySelectorAll('.group').forEach((e) => { e.open = false; })")
     tab.evaluate(f"location.hash = '#{first}'")
-    tab.until(f"document.getElementById('{first}').open")
+    tab.until(f"document.getElementById('{first}').open && document.getElementById('{first}').closest('.group').open")
     assert tab.evaluate("document.documentElement.scrollWidth") <= 390 and tab.faults == []
 
 
 def test_claims_filter_and_their_map_obeys_the_arrow_keys(browser, folder):
     tab = browser.open(folder / "claims.html")
     shown = "[...document.querySelectorAll('[data-item]')].filter((e) => !e.hidden).length"
-    assert tab.evaluate(shown) == 7
+    assert tab.evaluate(shown) == 9
     tab.evaluate(CHOOSE % "reproduced if")
-    assert tab.evaluate(shown) == 1
-    assert tab.evaluate("document.querySelector('.filters [role=status]').textContent") == "1 of 7 shown"
+    assert tab.evaluate(shown) == 2
+    assert tab.evaluate("document.querySelector('.filters [role=status]').textContent") == "2 of 9 shown"
     boxes = "document.querySelectorAll('[data-grid] .box')"
     assert tab.evaluate(f"[...{boxes}].filter((b) => b.tabIndex === 0).length") == tab.evaluate(
         "document.querySelectorAll('[data-grid]').length"

@@ -37,7 +37,8 @@ def test_no_page_is_empty_after_a_bench(tmp_path, judged):
     if judged == "of nothing":
         (tmp_path / "judgement").mkdir()
         for file in FILES:
-            nothing = {"work": '{"points": []}', "claims": format_judgement(add_code((), synthetic.CODE))}
+            none = format_judgement(add_code((), synthetic.CODE))
+            nothing = {"work": '{"points": []}', "claims": none, "field": none}
             (tmp_path / "judgement" / f"{file}.json").write_text(nothing.get(file, "[]"))
     pages = render(read_results(tmp_path), [PAGES[n] for n in ("claims.html", "solver-alpha.html")])
     for html in (pages["claims.html"], pages["solver-alpha.html"]):

@@ -190,7 +190,7 @@ def test_claims_of_a_figure_are_in_its_caption(tmp_path):
     judged = next(c for c in published if c.id == "9-energy-drop")
     refuted = ClaimFinding(ClaimVerdict.NOT_REPRODUCED, 0, 2, 2)
     own = (replace(judged, paper=refuted, beyond=None),)
-    write_judgements(ConfinedPath(tmp_path) / FOLDER, {"claims": own}, CodeDigests({}, {}, "", "", ""))
+    write_judgements(ConfinedPath(tmp_path) / FOLDER, {"claims": own}, {"claims": CodeDigests({}, {}, "", "", "")})
     (claim,) = one(tmp_path, "fig09").claims
     assert (claim.paper, claim.beyond) == (("not reproduced", "for none of 2 tried"), ("", ""))
     assert claim.tests[0][1] == format_band(judged.tests[0])

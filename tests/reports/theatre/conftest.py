@@ -13,7 +13,7 @@ from mbsbench.reports.pages.base import FOLDER, Site
 from mbsbench.reports.pages.runs import theatre as page
 from mbsbench.tests.factories import make_measured_record, make_series
 
-from ..conftest import HOSTILE, because, put
+from ..conftest import HOSTILE, because, put, write_modules
 
 ALONG_X = np.array([0.5, 0.0, 0.0])
 JOINTS = {"joint_i": [0, 0], "joint_j": [-1, 1], "joint_s_i": [-ALONG_X, ALONG_X], "joint_s_j": [0 * ALONG_X, -ALONG_X]}
@@ -107,6 +107,6 @@ def staged_pages(results: StoredResults) -> Path:
     site = Site(results, ConfinedPath(folder))
     shutil.copytree(FOLDER / "assets", folder / "assets")
     (folder / "data").mkdir()
-    page.write(results, site)
+    write_modules(site, [page])
     site.finish()
     return folder

@@ -69,12 +69,14 @@ def test_as_few_poses_as_the_eye_needs():
     counts = []
     for rate in (0.5, 5.0, 40.0):
         poses = spinning(rate, n=6000)
-        rows = choose_poses(poses, 5000, 1.0)
+        chosen = choose_poses(poses, 5000, 1.0)
+        rows = chosen.rows
         distance, angle = measure_deviation(poses, rows)
+        assert (distance, angle) == (chosen.distance, chosen.angle)
         assert distance <= NEAR and angle <= TURNED
         counts.append(len(rows))
     assert counts[0] < counts[1] < counts[2] <= 5000
-    assert len(choose_poses(spinning(300.0, n=1500), 100, 1.0)) <= 100
+    assert len(choose_poses(spinning(300.0, n=1500), 100, 1.0).rows) <= 100
 
 
 def test_poses_go_where_they_are_needed():
@@ -83,7 +85,7 @@ def test_poses_go_where_they_are_needed():
     angle = 6.0 * np.clip((t - 0.5) / 0.01, 0.0, 1.0) + 0.05 * t
     r = np.stack((np.cos(angle), np.sin(angle), 0 * t), axis=-1)[:, None]
     poses = Poses(t, r, about_z(angle)[:, None])
-    rows = choose_poses(poses, 60, 1.0)
+    rows = choose_poses(poses, 60, 1.0).rows
     assert (
         len(rows) <= 60
         and measure_deviation(poses, rows)[0] < 0.1 * measure_deviation(poses, thin_poses(poses, 60, 1.0))[0] + NEAR

@@ -237,7 +237,7 @@ def test_the_page_has_the_poses_of_the_series(open_, staged):
         const m = new MBS.theatre.Motion(play.players.find((p) => p.run === "a1"), play);
         return {times.tolist()}.map((t) => [...m.at(t)]); }})()""")
     body = np.array(found).reshape(len(times), 2, 4, 3)
-    wanted = interpolate_poses(poses.select_rows(choose_poses(poses, 2000, 1.0)), times)
+    wanted = interpolate_poses(poses.select_rows(choose_poses(poses, 2000, 1.0).rows), times)
     quantum = np.array(tab.evaluate('MBS["theatre-pendulum"].quantum'))
     assert_each(np.abs(body[:, :, 3] - wanted.r), "<=", 0.51 * quantum + 1e-6)  # the page holds float32
     x, y, z, w = np.moveaxis(wanted.q, -1, 0)
