@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 from ...harness.mechanics.state import States
 from ...harness.mechanics.types import ReferenceKind
-from ...harness.reference.extrapolation import vectorize_rate
 from ...harness.reference.orbit import SAFETY, Orbit, Pair, Piece, advance_routes, join_chunks, load_or_compute
 from .linkage import Linkage, make_rates_by_angles, make_rates_by_nodes
 
@@ -59,9 +58,7 @@ def certify_linkage(link: Linkage, y0: Float[np.ndarray, " coordinates"], t_max:
         return float(np.max(np.linalg.norm(apart, axis=1)))
 
     data = (link.length, link.gravity, link.end, link.rod_mass.tolist(), link.node_mass.tolist())
-    pair = Pair(
-        make_rates_by_angles(link), vectorize_rate(make_rates_by_nodes(link)), y0, link.convert_to_nodes(y0), gap
-    )
+    pair = Pair(make_rates_by_angles(link), make_rates_by_nodes(link), y0, link.convert_to_nodes(y0), gap)
     return certify_orbit(pair, repr(("linkage", data)), t_max, span)
 
 

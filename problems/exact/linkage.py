@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 Rate = Callable[[Float[np.ndarray, " ny"]], Float[np.ndarray, " ny"]]
+Rates = Callable[[Float[np.ndarray, "k ny"]], Float[np.ndarray, "k ny"]]  # of several states at once
 
 
 @dataclass(frozen=True)
@@ -64,24 +65,24 @@ def make_rates_by_angles(link: Linkage) -> Rate:
     pull = link.gravity / link.length * (beyond + 0.5 * M)
     held = 0 if link.end is None else 2
 
+    matrix, right = np.zeros((n + held, n + held)), np.zeros(n + held)  # written anew by each call
+
     def rate(y: np.ndarray) -> np.ndarray:
         """Return the rates and accelerations of the angles."""
         cos, sin, square = np.cos(y[:n]), np.sin(y[:n]), y[n:] ** 2
-        matrix = np.zeros((n + held, n + held))
-        matrix[:n, :n] = c * (np.outer(cos, cos) + np.outer(sin, sin))
-        right = np.zeros(n + held)
+        matrix[:n, :n] = c * (cos[:, None] * cos + sin[:, None] * sin)
         right[:n] = cos * (c @ (sin * square)) - sin * (c @ (cos * square)) - pull * cos
         if held:
-            matrix[:n, n:] = np.stack((-sin, cos), axis=1)
-            matrix[n:, :n] = matrix[:n, n:].T
+            matrix[:n, n] = matrix[n, :n] = -sin
+            matrix[:n, n + 1] = matrix[n + 1, :n] = cos
             right[n:] = cos @ square, sin @ square
         return np.concatenate((y[n:], np.linalg.solve(matrix, right)[:n]))
 
     return rate
 
 
-def make_rates_by_nodes(link: Linkage, precision: type = np.float64) -> Rate:
-    """Return the function from a state (positions [m], velocities) of the moving nodes to its time derivative.
+def make_rates_by_nodes(link: Linkage, precision: type = np.float64) -> Rates:
+    """Return the function from states (k, positions [m] and velocities) of the moving nodes to their time derivatives.
 
     It computes in ``precision``: longdouble to certify.
     """
@@ -93,22 +94,29 @@ def make_rates_by_nodes(link: Linkage, precision: type = np.float64) -> Rate:
     inverse = _solve(mass[:m, :m], np.eye(m, dtype=precision))
     fall = -link.gravity * inverse @ ((M + after) / 2 + H)[:m]
     k = np.arange(m)
-    far = np.array([(0.0, 0.0) if link.end is None else link.end])
+    # rows of the inverse mass matrix for the far and the near node of each rod, 0 for a node that is fixed
+    both: np.ndarray = np.zeros((2, n, m, 1), dtype=precision)
+    both[0, :m, :, 0], both[1, 1:, :, 0] = inverse, inverse[: n - 1]
+    far, near = both
 
     def rate(y: np.ndarray) -> np.ndarray:
-        """Return the velocities and accelerations of the nodes."""
-        p, v = y.reshape(2, m, 2)
-        origin = np.zeros((1, 2))
-        d = np.diff(np.concatenate((origin, p, far) if n > m else (origin, p)), axis=0)
-        d_dot = np.diff(np.concatenate((origin, v, origin) if n > m else (origin, v)), axis=0)
-        G: np.ndarray = np.zeros((n, m, 2), dtype=precision)
-        G[k, k] = d[:m]
-        G[k[: n - 1] + 1, k[: n - 1]] = -d[1:]
-        GM = np.einsum("kic,ij->kjc", G, inverse).reshape(n, -1)
-        lam = _solve(GM @ G.reshape(n, -1).T, -np.sum(d_dot**2, axis=1) - G[:, :, 1] @ fall)
-        a = (GM.T @ lam).reshape(m, 2)
-        a[:, 1] += fall
-        return np.concatenate((v.ravel(), a.ravel()))
+        """Return the velocities and accelerations of the nodes in each state."""
+        x: np.ndarray = np.zeros((len(y), 2, n + 1, 2), dtype=precision)  # with the fixed ends
+        x[:, :, 1 : m + 1] = y.reshape(len(y), 2, m, 2)
+        if link.end is not None:
+            x[:, 0, n] = link.end
+        d, d_dot = np.moveaxis(x[:, :, 1:] - x[:, :, :-1], 1, 0)
+        G: np.ndarray = np.zeros((len(y), n, m, 2), dtype=precision)
+        G[:, k, k] = d[:, :m]
+        G[:, k[: n - 1] + 1, k[: n - 1]] = -d[:, 1:]
+        along = d[:, :, None]
+        GM = (along * far + (0.0 - along * near)).reshape(len(y), n, -1)  # G M^-1: a rod has two nodes
+        square = d_dot * d_dot
+        S = GM @ np.swapaxes(G.reshape(GM.shape), 1, 2)
+        lam = _solve(S, (-(square[..., 0] + square[..., 1]) - G[..., 1] @ fall)[..., None])
+        a = (np.swapaxes(GM, 1, 2) @ lam).reshape(len(y), m, 2)
+        a[:, :, 1] += fall
+        return np.concatenate((y[:, 2 * m :], a.reshape(len(y), -1)), axis=1)
 
     return rate
 

@@ -71,6 +71,11 @@ EDITS = {  # what is forged, and what the checker must name
     "a joint without rows": (add_joint, "joint without rows"),
     "a frame that mirrors": (mirror_frame, "frame"),
     "a start that mirrors": (mirror_start, "start_R"),
+    "a gyration of a kilometre, beside which any motion is rest": (put(gyration=[1e3]), "gyration"),
+    "a unit of another quantity": (
+        lambda record, run, problem: problem["invariants"][0].update(unit="J"),
+        "invariant L_Y",
+    ),
     "an inertia of no matter": (put(inertia=[np.diag([1.0, 1.0, 3.0]).tolist()]), "inertia"),
     "a claim of no status": (lambda record, run, problem: record.update(status="well", claimed="well"), "claimed"),
     "a claimed inaccuracy": (
@@ -189,7 +194,17 @@ def doubt(state):
     return state
 
 
-EXACT = {"beside all steps": (rush, "reference: times"), "of a large error": (doubt, "reference: errors that fall")}
+def leap(state):
+    """A pose that a second at its speed would not reach."""
+    state[1:4] += 10.0
+    return state
+
+
+EXACT = {
+    "beside all steps": (rush, "reference: times"),
+    "of a large error": (doubt, "reference: errors that fall"),
+    "far from its neighbours": (leap, "reference: pace"),
+}
 
 
 @pytest.mark.parametrize("what", EXACT)
@@ -207,8 +222,10 @@ def test_a_motion_compared_with_nothing_is_counted_in_words(bundle, tmp_path):
         return matrix
 
     with np.errstate(all="ignore"):
-        report = checker.Report(write(tmp_path / "b.zip", edit_matrix(bundle, "references/", raise_errors)))
+        files = edit(bundle, lambda record, run, problem: record.update(judged_to_s=0.0))
+        report = checker.Report(write(tmp_path / "b.zip", edit_matrix(files, "references/", raise_errors)))
     assert "compared with an exact motion at fewer than three steps" in report.weak
+    assert "compared with an exact motion for under half of their time" in report.weak
 
 
 def test_an_exact_motion_that_is_far_faster_is_counted_in_words(bundle, tmp_path):

@@ -32,8 +32,9 @@ def test_limits_of_the_status_are_those_of_the_page():
     columns |= {"reaction_size_N": FORCE, "moment_size_Nm": MOMENT, "reference_own_error_judged_m": STATED}
     run = SimpleNamespace(
         record=columns,
-        scales={"length": LENGTH, "gap_rate": SPEED, "energy": ENERGY},
+        scales={"length": LENGTH, "speed": SPEED, "energy": ENERGY},
         is_one_mechanism=True,
+        has_every_step=True,
         t=np.zeros(1),
         states=np.zeros((1, 20)),
         p=SimpleNamespace(t_end=4.0, start=np.zeros((1, 20))),

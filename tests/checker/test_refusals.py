@@ -141,8 +141,12 @@ def test_scales_of_rest_are_computed(bundle, hanging, tmp_path, how):
     assert set(columns) <= set(found)
 
 
-def test_a_pendulum_that_hangs_still_is_accepted(hanging, tmp_path):
-    assert check(write(tmp_path / "b.zip", hanging)) == []
+def test_a_pendulum_that_hangs_still_is_accepted_and_called_at_rest(hanging, tmp_path):
+    """Longer arms would call any motion rest, and its limits would be theirs: a reader is told of each."""
+    with np.errstate(all="ignore"):
+        report = checker.Report(write(tmp_path / "b.zip", hanging))
+    assert report.findings == []
+    assert "that stay at rest: within 1e-6 of their longest arm, which is their length" in report.weak
 
 
 REFUSED = {  # matrices that are none of the problem: folder, change

@@ -34,6 +34,13 @@ MOTIONS = {  # problem, parameters, solver, options, step
         {},
         {"rtol": 1e-3},
     ),
+    "two mechanisms, whose scales are set at times of their own": (
+        "random_mechanism",
+        {"bodies": 2, "loops": 0, "springs": 0, "loads": 0},
+        "rkmk_dop853",
+        {},
+        {"rtol": 1e-6},
+    ),
     "a singular set of rows on the way": ("andrews", {"t_end": 0.02}, "rkmk_dop853", {}, {"rtol": 1e-6}),
 }
 
