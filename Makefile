@@ -22,12 +22,8 @@ moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; whil
 	if test -t 2; then printf '\r%d s ' $$n >&2; fi; sleep 1; n=$$((n + 1)); done; \
 	if test -t 2; then echo >&2; fi; wait $$job
 apt = { apt-get update -qq && apt-get install -y -qq --no-install-recommends $(1); } >&2
-# what make bench runs, and what follows each of its passes
+# what make bench runs
 BENCH = $(if $(wildcard $(ENGINES)),bench_engines,bench)
-define judged
-@status=0; $(BIN)/mbsbench judge --partial >/dev/null || status=$$?; test $$status -le 1 || exit $$status
-$(BIN)/mbsbench report
-endef
 QEMU := $(VENV)/qemu
 BACKPORTS := [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian
 APART := -o Dir::Etc::sourcelist=$(CURDIR)/$(QEMU)/list -o Dir::Etc::sourceparts=- -o Dir::State::lists=$(CURDIR)/$(QEMU)/lists \
@@ -103,7 +99,7 @@ attacks: $(READY) ## mutate results folders, bundles, tables and models a thousa
 	MUTATIONS=1000 $(BIN)/python -m pytest -q -s tests/attacks
 	$(BIN)/python -m tests.attacks.cases
 
-mutants: $(READY) ## turn every sign and factor of four compiled steps, one at a time: the contract with the plain ones must see each; a minute
+mutants: $(READY) ## turn every sign and factor of the compiled steps, one at a time: the contract with the plain ones must see each; some minutes of processor time
 	$(BIN)/python -m mbsbench.tests.solvers.plain.mutants
 
 exam: $(READY) ## run or continue the exam of verdicts: sixteen mechanisms by all solvers, judged by true motions of their own; an hour
@@ -143,9 +139,9 @@ browser: ## install Chromium for the tests of pages (apt, as root), or set CHROM
 
 bench: $(READY) ## run the suite `bench` (with engines where `make engines` has been run) in two passes, each judged and reported: the main result
 	$(BIN)/mbsbench run $(BENCH) --only first
-	$(judged)
+	$(BIN)/mbsbench report --judge
 	$(BIN)/mbsbench run $(BENCH) --resume
-	$(judged)
+	$(BIN)/mbsbench report --judge
 
 paper: $(READY) ## judge the paper (an hour on two cores): run or resume the suite `referee`; verdicts, figures, report
 	$(BIN)/mbsbench run referee --resume

@@ -4,7 +4,6 @@
 """
 
 import dataclasses
-import json
 import math
 import tempfile
 import warnings
@@ -21,13 +20,14 @@ from .harness.base.confined_paths import ConfinedPath
 from .harness.base.hints import suggest_name
 from .harness.base.naming import format_name
 from .harness.catalogue import registry
-from .harness.catalogue.codes import digest_run_code
+from .harness.catalogue.codes import digest_run_code, read_column_digests
 from .harness.catalogue.suites.spec import RunSpec, check_step, make_step_control
 from .harness.judge.metrics.measure import measure
 from .harness.mechanics.consistency import check_start
 from .harness.mechanics.moving_rows import check_lengths
 from .harness.mechanics.types import Problem, Solver, Status, Trajectory
 from .harness.results import environment, store
+from .harness.results.frame import make_frame
 from .harness.results.records import RunRecord
 from .harness.results.series import Series, write_series
 from .harness.results.words import describe_errors, describe_status
@@ -64,7 +64,7 @@ class Run:
     @cached_property
     def problem(self) -> Problem:
         """The problem that was solved; made from the catalogue by the record's parameters if it was not given."""
-        return self.given or registry.make_problem(self.record.problem, json.loads(self.record.problem_parameters))
+        return self.given or registry.make_problem(self.record.problem, self.record.parameters)
 
     @cached_property
     def series(self) -> Series | None:
@@ -126,8 +126,12 @@ class Results:
     unreadable: tuple[store.UnreadableFile, ...]  # damaged files or files of another version, with the reason
 
     def table(self) -> "pd.DataFrame":
-        """Return a table with one row per run and the columns of ``RunRecord``."""
+        """Return a table with one row per run and the columns of ``RunRecord``, as ``runs.parquet`` has it."""
         return store.table(run.record for run in self.runs)
+
+    def frame(self) -> "pd.DataFrame":
+        """Return that table with parameters, options and counts as columns of their own: ``frame["option.gauge"]``."""
+        return make_frame(run.record for run in self.runs)
 
     def __repr__(self) -> str:
         count = {str(s): sum(run.status is s for run in self.runs) for s in Status}
@@ -171,7 +175,8 @@ def solve(
     spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), entry.changed_options(made), **limits)
     if cpu_limit is not None:  # compile before its clock starts
         warm_up(list_runs_to_warm([spec]))
-    job = Job(spec, Path(), "", digest_run_code(variant.name, entry.name), environment.read_commit())
+    code, measured_by = digest_run_code(variant.name, entry.name), read_column_digests().digest
+    job = Job(spec, Path(), "", code, environment.read_commit(), measured_by=measured_by)
     with threadpool_limits(1), ProgressLine() as line:
         spool = ProgressSpool(variant, line) if line.watched else None
         handover = solve_here(variant, made, dataclasses.replace(steps, cpu_limit=cpu_limit, spool=spool))
@@ -283,7 +288,7 @@ def _draw_figure(given: list[tuple[RunRecord, Series]]) -> "Figure":
 
 def _describe_motion(run: Run) -> str:
     """Name the problem with its parameters except the end time: runs that agree in this may share a plot."""
-    parameters = json.loads(run.record.problem_parameters)
+    parameters = run.record.parameters
     return format_name(run.record.problem, {k: v for k, v in parameters.items() if k != "t_end"})
 
 

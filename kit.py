@@ -9,11 +9,12 @@ import importlib.util
 import sys
 from pathlib import Path
 
+from .harness.judge.law import PRECISIONS
 from .harness.lab.kit.cases import CASES
 from .harness.lab.kit.model import Model
-from .harness.lab.kit.verdict import UNIT, EngineFailure, PassedCheck, check
+from .harness.lab.kit.verdict import EngineFailure, check, estimate_rounding
 
-__all__ = ["CASES", "EngineFailure", "Model", "PassedCheck", "check"]
+__all__ = ["CASES", "EngineFailure", "Model", "check"]
 
 
 def main() -> int:
@@ -22,7 +23,7 @@ def main() -> int:
     parser.add_argument("motion", metavar="FILE.py:FUNCTION", help="yields r, q, v, omega of all bodies, step by step")
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)} (default: all)")
     parser.add_argument("--order", type=float, default=1.0, help="that the engine claims (default: 1)")
-    parser.add_argument("--precision", choices=UNIT, default="float64", help="of its numbers (default: float64)")
+    parser.add_argument("--precision", choices=PRECISIONS, default="float64", help="of its numbers (default: float64)")
     parser.add_argument("--dt", type=float, default=2e-3, help="step [s]; it runs at half of it, too (default: 0.002)")
     given = parser.parse_args()
     path, _, function = given.motion.rpartition(":")
@@ -36,9 +37,10 @@ def main() -> int:
     failed = 0
     for case in given.cases or CASES:
         try:
-            passed = check(case, getattr(module, function), order=given.order, precision=given.precision, dt=given.dt)
-            law, share = max(passed.shares.items(), key=lambda x: x[1])
-            words = f"at most {share:.2g} of what is allowed ({law}); rounding alone: {passed.rounding:.2g} m"
+            found = check(case, getattr(module, function), order=given.order, precision=given.precision, dt=given.dt)
+            worst = max(found, key=lambda f: f.value)
+            rounding = estimate_rounding(case, given.precision, given.dt)
+            words = f"at most {worst.value:.2g} of what is allowed ({worst.quantity}); rounding alone: {rounding:.2g} m"
             print(f"{case}: passed, {words}")  # noqa: T201  its output is the answer
         except EngineFailure as error:
             failed += 1

@@ -38,6 +38,7 @@ def main(folder: Path, seed: str) -> None:
     run_suite(Request(suite, folder, os.cpu_count() or 1), MagicMock())
     here = codes.package_sources()
     digests = {"solvers": here.solvers, "problems": here.problems, "measuring": here.measuring}
+    digests |= {"running": here.running, "columns": here.columns.columns}
     claims = judge_results(folder, read_register())["claims"]
     verdicts = {c.id: [c.verdicts, *([f.holds, f.settings, f.rows] for f in c.findings)] for c in claims}
     sys.stdout.write(json.dumps({**digests, "judging": here.digest_modules(*JUDGING), "verdicts": verdicts}))

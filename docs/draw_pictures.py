@@ -1,8 +1,8 @@
 """Draw pictures of the README and of docs/judging.md, from the newest or given results; the loop from two new runs.
 
-``make pictures`` writes all. Each states the digest of the code of its runs, which a test compares with the present
-code. From results with engines it also writes a false success of each into results/published/engines, for pages without
-engines, if the pictures are those of the pages.
+``make pictures`` writes all. Each states the digest of the code of its runs, and of the code that measured what it
+shows, which a test compares with the present code. From results with engines it also writes a false success of each
+into results/published/engines, for pages without engines, if the pictures are those of the pages.
 """
 
 import mbsbench  # noqa: F401  before NumPy: it pins the arithmetic
@@ -20,8 +20,10 @@ import numpy as np
 from mbsbench import solve
 from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.catalogue.suites.suite import load_suite
+from mbsbench.harness.columns.digests import ColumnDigests
 from mbsbench.harness.judge.referee.carried import list_equal
 from mbsbench.harness.mechanics.types import ALLOWED, Law
+from mbsbench.harness.results.column_digests import add_column_digests, read_column_digests
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.results.store import LOCAL, write_record
@@ -39,6 +41,17 @@ from mbsbench.reports.plots.spec import choose_styles
 from mbsbench.reports.publication import list_figures
 
 LABEL, PROBLEM, ENERGY = "recommended", "chain", "chain-recommended-energy"
+DRAWN = (  # columns that decide what the pictures show
+    "energy_drift_max_J",
+    "energy_scale_J",
+    "judged_to_s",
+    "position_error_judged_m",
+    "position_error_max_m",
+    "orientation_error_judged_rad",
+    "orientation_error_max_rad",
+    "reference_own_error_judged_m",
+    "reference_own_error_m",
+)
 COSTS, SUITE, TARGET = "costs", "bench_engines", 1e-3  # [m, rad]
 NAMED = {"gc_weak_form": "ODE-GC of the paper", "ida_index3": "SUNDIALS IDA, index 3"}
 ROLES = (
@@ -61,10 +74,32 @@ def digest_codes(codes: Iterable[str]) -> str:
     return hashlib.sha256(" ".join(sorted(set(codes))).encode()).hexdigest()[:16]
 
 
-def list_present_digests() -> list[str]:
-    """List that digest for the runs of suite ``SUITE``, by the present code and by each code with equal bits."""
+def digest_drawn(state: ColumnDigests) -> str:
+    """Return the digest of the code that measures what pictures show: series, and the columns ``DRAWN``."""
+    return digest_codes([state.measuring, *(f"{name} {state.columns.get(name, '')}" for name in DRAWN)])
+
+
+def list_present_digests() -> list[tuple[str, str]]:
+    """List both digests for the runs of suite ``SUITE``, by the present code and by each code with equal bits.
+
+    The second is empty for older code, whose first digest covers it.
+    """
     specs = load_suite(SUITE).specs
-    return [digest_codes(g.digest_run_code(s.problem, s.solver) for s in specs) for g in list_equal()]
+    return [
+        (
+            digest_codes(g.digest_run_code(s.problem, s.solver) for s in specs),
+            digest_drawn(g.measured) if g.running else "",
+        )
+        for g in list_equal()
+    ]
+
+
+def describe_code(results: StoredResults) -> str:
+    """Return the comment of a picture that names the code of its runs."""
+    known = read_column_digests(results.folder)
+    measured = {digest_drawn(known[d]) if (d := c.record.measured_by) in known else d for c in results.runs} - {""}
+    words = f", measured by {measured.pop() if len(measured) == 1 else digest_codes(measured)}" if measured else ""
+    return f"<!-- code of its runs: {digest_codes(r.record.code for r in results.runs)}{words} -->"
 
 
 def draw_results(folder: Path, out: Path) -> None:
@@ -75,9 +110,9 @@ def draw_results(folder: Path, out: Path) -> None:
         raise SystemExit(f"error: {folder} holds no runs of the chain: make engines bench")
     draw = next(draw for name, _, _, draw in list_figures(results, variant) if name == ENERGY)
     (path,) = save(draw, ConfinedPath(out), PROBLEM, ("svg",))
-    code = digest_codes(r.record.code for r in results.runs)
+    code = describe_code(results)
     for place, text in ((path, path.read_text(encoding="utf-8")), (out / f"{COSTS}.svg", draw_costs(results))):
-        place.write_text(f"{text}<!-- code of its runs: {code} -->\n", encoding="utf-8")
+        place.write_text(f"{text}{code}\n", encoding="utf-8")
 
 
 OWN = Path(__file__).resolve().parent / "images"
@@ -86,12 +121,13 @@ OWN = Path(__file__).resolve().parent / "images"
 def publish_engines(folder: Path) -> None:
     """Replace the published false successes of engines by the worst one of each engine in these results."""
     results = read_results(folder, check_series=False)
-    cards, _ = list_false_successes(results, find_plain_label(results))
+    cards, _, _ = list_false_successes(results, find_plain_label(results))
     (ENGINES / "runs").mkdir(parents=True, exist_ok=True)
     for old in (ENGINES / "runs").glob("*.json"):
         old.unlink()
     for run in (c["run"] for c in cards if is_engine(c["run"].record.solver)):
         write_record(ENGINES, replace(run.record, series="", stderr=""))
+    add_column_digests(ENGINES, *read_column_digests(folder).values())
 
 
 def draw_costs(results: StoredResults) -> str:

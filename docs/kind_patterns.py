@@ -71,7 +71,7 @@ def find_newton_loops(module: Module) -> Found:
         for loop in [n for n in own if isinstance(n, Loop)]:
             repeats = isinstance(loop, ast.While) or "range" in list_called_names(loop.iter)
             sized = any(isinstance(n, ast.Compare) for n in ast.walk(loop)) or list_called_names(loop) & {
-                "classify_iteration",
+                "classify",
                 "_judge",
             }
             leaves = isinstance(loop, ast.While) or any(isinstance(n, LEAVES) for n in ast.walk(loop))
@@ -180,6 +180,38 @@ def find_presentations(module: Module) -> Found:
                 words |= {k.arg for k in node.keywords if k.arg} if isinstance(node, ast.Call) else set()
                 if len(words & PRESENTED) >= 4:
                     yield name, node.lineno
+
+
+LOGARITHMS = {"log", "log2", "log10"}
+FITS = {"polyfit", "theilslopes", "linregress"}
+
+
+def find_orders(module: Module) -> Found:
+    """Find powers between numbers: ratios of logarithms, logarithms to 2 of a ratio, fitted lines, 2^order."""
+    for name, _, own in list_bodies(module.tree):
+        for node in own:
+            found = False
+            if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
+                found = all(list_called_names(side) & LOGARITHMS for side in (node.left, node.right))
+            elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+                base = node.left.value if isinstance(node.left, ast.Constant) else None
+                found = base == 2 and "order" in list_names(node.right)
+            elif isinstance(node, ast.Call):
+                ratio = any(isinstance(a, ast.BinOp) and isinstance(a.op, ast.Div) for a in ast.walk(node))
+                found = read_name(node.func) in FITS or (read_name(node.func) == "log2" and ratio)
+            if found:
+                yield name, node.lineno
+
+
+def find_cheapest(module: Module) -> Found:
+    """Find selections of what reaches an error: comprehensions whose condition is that an error is at most a number."""
+    for name, _, own in list_bodies(module.tree):
+        for node in own:
+            tests = [t for condition in getattr(node, "ifs", ()) for t in ast.walk(condition)]
+            for test in [t for t in tests if isinstance(t, ast.Compare)]:
+                error = any("error" in n for n in list_names(test.left))
+                if error and isinstance(test.ops[0], ast.LtE):
+                    yield name, test.lineno
 
 
 IR = re.compile(
@@ -292,6 +324,84 @@ def find_shared_names(module: Module) -> Found:
             yield name, scope.lineno
 
 
+VERDICT_WORDS = {"Verdict", "ClaimVerdict", "OracleVerdict", "Behaviour"}
+
+
+def find_verdicts(module: Module) -> Found:
+    """Find files that pass a verdict: a number beside its limits, a reason, or a word of a verdict that is chosen."""
+    for _, scope, own in list_bodies(module.tree):
+        compared = {id(n) for c in own if isinstance(c, ast.Compare) for n in ast.walk(c)}
+        for node in own if isinstance(scope, ast.FunctionDef) else ():
+            chosen = isinstance(node, ast.Attribute) and read_name(node.value) in VERDICT_WORDS
+            if (chosen and id(node) not in compared) or (isinstance(node, ast.Call) and is_decision(node)):
+                yield "", node.lineno  # type: ignore[attr-defined]
+
+
+def is_decision(call: ast.Call) -> bool:
+    """Return whether a call makes a verdict of a number and its limits, or of whether something is good."""
+    called, bounded = read_name(call.func), len(call.args) > 2 or any(k.arg in ("most", "least") for k in call.keywords)
+    return called == "from_outcome" or (called in ("judge_value", "Reason") and bounded)
+
+
+JUDGES = (
+    "harness/judge/",
+    "harness/lab/",
+    "harness/formats/motions/",
+    "harness/results/",
+    "harness/columns/",
+    "kit.py",
+)
+MEASURES = tuple(f"harness/judge/{x}" for x in ("law", "distance", "order", "invariance", "cost", "metrics/"))
+ORDERED = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+
+
+def find_limits(module: Module) -> Found:
+    """Find comparisons with a number, in a room that handles runs, beside the five measures and what they measure.
+
+    Numbers of things and times up to rounding (``t_end * (1.0 - END)``) do not count.
+    """
+    if module.path.startswith(MEASURES) or not module.path.startswith(JUDGES):
+        return
+    for name, _, own in list_bodies(module.tree):
+        for node in own:
+            if isinstance(node, ast.Compare) and any(isinstance(o, ORDERED) for o in node.ops):
+                inside = list(ast.walk(node))
+                counts = list_called_names(node) & {"len", "random"} or any(map(is_almost_one, inside))
+                if not counts and any(map(is_limit, inside)):
+                    yield name, node.lineno
+
+
+def is_limit(node: ast.AST) -> bool:
+    """Return whether a node is a number that is neither whole nor zero, or the name of a constant that is one."""
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, float) and not node.value.is_integer()
+    return isinstance(node, ast.Name | ast.Attribute) and read_name(node) in list_limits()
+
+
+def is_almost_one(node: ast.AST) -> bool:
+    """Return whether a node is a sum or difference of 1 and something else, as of a time up to rounding."""
+    one = isinstance(node, ast.BinOp) and isinstance(node.left, ast.Constant) and node.left.value == 1.0
+    return one and isinstance(node.op, ast.Add | ast.Sub)  # type: ignore[attr-defined]
+
+
+@cache
+def list_limits() -> set[str]:
+    """Return the names of constants of the product that are numbers with a point, as SMALL = 1e-8."""
+    out = set()
+    for module in read_modules():
+        for node in module.tree.body:
+            if isinstance(node, ast.Assign):
+                pairs = [(t, node.value) for t in node.targets]
+                both = [(t, v) for t, v in pairs if isinstance(t, ast.Tuple) and isinstance(v, ast.Tuple)]
+                pairs += [pair for t, v in both for pair in zip(t.elts, v.elts, strict=False)]
+                out |= {
+                    read_name(t)
+                    for t, v in pairs
+                    if read_name(t).isupper() and isinstance(v, ast.Constant) and isinstance(v.value, float)
+                }
+    return out
+
+
 FINDERS: dict[str, Callable[[Module], Found]] = {
     "spanning trees": find_spanning_trees,
     "tableaus of DOP853": find_tableaus,
@@ -304,6 +414,10 @@ FINDERS: dict[str, Callable[[Module], Found]] = {
     "cache folders": find_caches,
     "runs of one run": find_runs_of_one,
     "lists of presentations": find_presentations,
+    "observed orders": find_orders,
+    "cheapest for an error": find_cheapest,
+    "verdicts": find_verdicts,
+    "limits beside the five measures": find_limits,
     "roads to machine code": find_compilers,
     "private interfaces of libraries": find_private_uses,
     "names that classes share": find_shared_names,

@@ -25,6 +25,7 @@ from packaging.version import Version
 from mbsbench.harness.judge.referee import judge
 from mbsbench.harness.judge.referee.claims.register import read_register
 from mbsbench.harness.judge.referee.currency import code_now
+from mbsbench.harness.judge.referee.registers import PLACES
 from mbsbench.harness.lab.bundle.contents import VERSION as BUNDLE
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.judgements.claims import SCHEMA as CLAIMS
@@ -76,8 +77,10 @@ def check_tree(root: Path) -> Iterator[str]:
 
 def check_published(root: Path) -> Iterator[str]:
     """Yield the published verdicts and pictures that are of other code than this."""
-    if words := judge.describe_outdated(PUBLISHED, code_now(read_register(), judge.list_published_runs())):
-        yield f"{words}; {REMEDY}"
+    for place in PLACES:
+        now = code_now(read_register(place.path), judge.list_published_runs(place))
+        if words := judge.describe_outdated(PUBLISHED, now, place):
+            yield f"{words}; {REMEDY}"
     for name in ("costs", "chain"):
         text = (root / "docs" / "images" / f"{name}.svg").read_text(encoding="utf-8")
         if not {*re.findall(r"code of its runs: (\w+)", text)} & {*draw_pictures.list_present_digests()}:

@@ -1,7 +1,7 @@
 """Hook into mkdocs.yml: the site has the files of the repository at their places, so that its links hold on both.
 
-Pages are the Markdown of the top folder and of ``docs/``, the public names of ``mbsbench``, and the table of verdicts,
-which is made from ``results/published/claims.json``.
+Pages are the Markdown of the top folder, of ``docs/`` and of the checker, the public names of ``mbsbench``, and the
+table of verdicts, which is made from ``results/published/claims.json``.
 """
 
 import re
@@ -23,13 +23,14 @@ TITLES = {  # of the pages on the public names
     "types": "Problems, motions and their status",
     "solvers": "Compiled equations",
 }
+CHECKER = "checker/README.md"  # its page is beside it, for both are copied together
 HIDDEN = {".py", ".toml", ".j2"}  # of docs/, unless a page links to it
 
 
 def on_files(given: Files, config: MkDocsConfig) -> Files:
     """Return the pages, the other files in docs/ and each file that a page links to; set ``config.nav``."""
     pages = [ROOT / "README.md", *sorted(p for p in ROOT.glob("*.md") if p.stem != "README")]
-    pages += sorted((ROOT / "docs").rglob("*.md"))
+    pages += [*sorted((ROOT / "docs").rglob("*.md")), ROOT / CHECKER]
     linked = {(p.parent / link).resolve() for p in pages for link in LINK.findall(p.read_text(encoding="utf-8"))}
     beside = {p for p in (ROOT / "docs").rglob("*") if p.suffix not in HIDDEN and "__pycache__" not in p.parts}
     wanted = [*pages, *sorted({p for p in linked | beside if p.is_file() and p.is_relative_to(ROOT)} - {*pages})]
@@ -38,6 +39,7 @@ def on_files(given: Files, config: MkDocsConfig) -> Files:
     files += [File.generated(config, path, content=text) for path, text in made.items()]
     groups = {"Guide": "docs/*.md", "Decisions": "docs/decisions/*.md", "Project": "[!R]*.md"}
     found = {title: [str(p.relative_to(ROOT)) for p in sorted(ROOT.glob(at))] for title, at in groups.items()}
+    found["Guide"].append(CHECKER)
     config.nav = [{"Overview": "README.md"}, *({k: v} for k, v in found.items()), {"API": sorted(made)}]
     theme = [f for f in given if f.src_dir != config.docs_dir]
     return Files([*theme, *files])

@@ -4,9 +4,12 @@ The checks triple the time of tests and of what they fork, so `make test-shapes`
 core (`make core`) tests of what it lacks are left out: those that import it, and those marked ``beyond_core``.
 """
 
+import gc
 import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from jaxtyping import install_import_hook
@@ -32,6 +35,8 @@ if os.environ.get("SHAPES") == "1":
 from mbsbench.harness.base.machine import THREADS  # noqa: E402 - below the hook, which sees what comes later
 
 os.environ.update(THREADS)
+if TYPE_CHECKING:
+    from mbsbench.tests.kept_supervisor import Keeper
 
 # a copy without all three is one of the core; a tree that has lost one of them fails
 CORE_ALONE = not any(
@@ -57,3 +62,33 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if beyond:
         config.hook.pytest_deselected(items=beyond)
         items[:] = [item for item in items if item not in beyond]
+
+
+def pytest_collection_finish() -> None:
+    """Exempt what all tests share from garbage collection: it takes half a second, and a fork copies what it marks."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def supervisors() -> "Iterator[Keeper]":
+    """All suites of a session are run by one supervisor after another, but for those that ask for their own."""
+    from mbsbench.harness.run import pool
+    from mbsbench.tests.kept_supervisor import Keeper
+
+    keeper = Keeper()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pool, "Supervised", keeper.take)
+        yield keeper
+    keeper.end()
+
+
+@pytest.fixture(scope="module")
+def own_supervisor(supervisors: "Keeper") -> Iterator[None]:
+    """Each suite has a supervisor of its own, as ``mbsbench run`` has, and none is left from before."""
+    from mbsbench.harness.run import pool, protocol
+
+    supervisors.end()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pool, "Supervised", protocol.Supervised)
+        yield

@@ -8,8 +8,9 @@ rm -rf .venv/core
 mkdir -p "$copy"
 git ls-files --cached --others --exclude-standard | tar -cf - -T - | tar -xf - -C "$copy"
 cd "$copy"
-rm -rf harness/lab harness/formats solvers/engines reports/lab cli/lab cli/formats kit.py
+rm -rf harness/lab harness/formats harness/mechanics/cut_trees solvers/engines reports/lab cli/lab cli/formats kit.py
 ( cd harness/catalogue/suites && rm -f engines.toml bench_engines.toml engine_defaults.toml frontier.toml )  # runs of engines
+sed -i '/^# MuJoCo/,$d' harness/catalogue/suites/field.toml  # the last of its runs, of an engine
 rm -rf tests/harness/lab tests/harness/formats tests/solvers/engines tests/cli/lab
 git init --quiet . && git add --all
 git -c user.name=core -c user.email=core@localhost commit --quiet --message "the core alone"

@@ -25,6 +25,14 @@ def diagonal(*axes: Sequence[Any]) -> list[Any]:
     return [_param(tuple(a[k] for a, k in zip(axes, at, strict=True)), at in kept) for at in places]
 
 
+def one(value: Any, *places: int) -> Any:
+    """One value made at these places of axes, a tuple too; slow is every other one of the product.
+
+    Of three axes or more those that are left have every pair of values.
+    """
+    return _param((value,), sum(places) % 2 == 0)
+
+
 def _param(case: Any, kept: bool) -> Any:
     """One or several values, with the marker of slow tests or without."""
     values = case if isinstance(case, tuple) else (case,)

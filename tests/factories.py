@@ -2,26 +2,33 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import shutil
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from mbsbench import Problem, Status, StepControl, Trajectory
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.catalogue.suites.spec import RunSpec, make_spec
 from mbsbench.harness.catalogue.suites.suite import parse_suite
+from mbsbench.harness.mechanics.types import EndCause
 from mbsbench.harness.results import store
+from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.results.store import LoadedResults
-from mbsbench.harness.run.job import Job
+from mbsbench.harness.run.job import Job, make_cut_short_record
+from mbsbench.harness.run.measuring import measure_run
 from mbsbench.harness.run.pool import LocalPool
 from mbsbench.harness.run.presenting import present_solver
-from mbsbench.harness.run.run import run_here
+from mbsbench.harness.run.run import store_outcome
 from mbsbench.harness.run.runner import Request, SuiteObserver, run_suite
+from mbsbench.harness.run.worker import solve_job
 
 PLUGIN = Path(__file__).parent / "harness" / "misbehaving.py"
 MEASURED: dict[str, Any] = {  # columns of a run of a pendulum, a number in each that pages show
@@ -152,6 +159,12 @@ def run_suite_text(
     return run_suite(Request(suite, folder, jobs, **request), watcher, pool), watcher
 
 
+def run_here(job: Job) -> RunRecord:
+    """Run a job in this process, without limits; store its record and return it."""
+    solve_job(job)
+    return store_outcome(job, measure_run(job, make_cut_short_record(job, EndCause.EXIT)))
+
+
 def store_run(folder: Path, spec: RunSpec, *, lossless: bool = True) -> RunRecord:
     """Run one spec as a suite does, in a results folder; return its record."""
     return run_here(Job(spec, store.create_folder(folder), "some", "code", "commit", lossless=lossless))
@@ -170,3 +183,20 @@ def solve_run(
     assert out.status is Status.SUCCESS, out.message
     assert out.t[-1] == problem.t_end
     return out
+
+
+def copy_checkout(place: Path, keeps: Callable[[str], bool]) -> Path:
+    """Copy the files of the checkout whose names ``keeps``, with their byte code, to ``place``; return it."""
+    listed = ("git", "ls-files", "--cached", "--others", "--exclude-standard")
+    done = subprocess.run(listed, cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.skip("needs git and a checkout")
+    for name in (n for n in done.stdout.splitlines() if keeps(n) and (ROOT / n).is_file()):
+        path = ROOT / name
+        to = (place / name).parent
+        to.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(path, to)
+        for code in path.parent.glob(f"__pycache__/{path.stem}.cpython-*.pyc") if path.suffix == ".py" else ():
+            (to / "__pycache__").mkdir(exist_ok=True)
+            shutil.copy2(code, to / "__pycache__")
+    return place

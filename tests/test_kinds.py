@@ -9,6 +9,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "docs"))
 import kind_patterns
 import list_kinds
+import list_types
 import syntax_trees
 
 NEWTON = """
@@ -18,6 +19,7 @@ def step(s):
         {test}
         s.x -= solve(s.J, r)
 """
+CROSSING, OF_A_RUN, OF_A_VERDICT = 175, 26, 27
 SAMPLES = {  # a text that is of the kind, and one that looks like it
     "spanning trees": (
         "def f(s):\n  queue = [GROUND]\n  for b in queue:\n    queue.extend(near[b])",
@@ -39,6 +41,19 @@ SAMPLES = {  # a text that is of the kind, and one that looks like it
         "PARTS = ('split', 'rotation', 'mirror', 'duplicate', 'renumber')",
         "PARTS = ('mirror', 'other')",
     ),
+    "observed orders": ("p = [math.log2(a / b) for a, b in pairs]", "bits = math.log2(n)"),
+    "cheapest for an error": (
+        "near = [r for r in runs if r.error <= target]",
+        "near = [r for r in runs if r.error > 0]",
+    ),
+    "verdicts": (
+        "def f(x):\n  return judge_value(x, 'm', most=3.0)",
+        "def f(x):\n  return judge_value(x, 'm'), x is Verdict.MET",
+    ),
+    "limits beside the five measures": (
+        "def f(x):\n  return x < 0.1",
+        "def f(x):\n  return x < 3.0 and t > end * (1.0 - 1e-9) and len(x) > 0.5",
+    ),
     "roads to machine code": ("text = 'define void @f(ptr %x) {'", "'define what f returns'"),
     "private interfaces of libraries": ("from scipy.optimize._numdiff import group_columns", "from ._own import x"),
 }
@@ -52,7 +67,10 @@ def test_every_place_is_listed_and_every_listed_place_is_there():
 
 @pytest.mark.parametrize("kind", SAMPLES)
 def test_a_pattern_finds_its_kind_alone(kind):
-    found = [[*kind_patterns.FINDERS[kind](syntax_trees.Module("x.py", ast.parse(text)))] for text in SAMPLES[kind]]
+    found = [
+        [*kind_patterns.FINDERS[kind](syntax_trees.Module("harness/lab/x.py", ast.parse(text)))]
+        for text in SAMPLES[kind]
+    ]
     assert found[0], f"{kind}: expected to be found in:\n{SAMPLES[kind][0]}"
     assert not found[1], f"{kind}: expected not to be found in:\n{SAMPLES[kind][1]}, got {found[1]}"
 
@@ -77,3 +95,17 @@ def known(kind):
 def test_reasons_of_independence_are_not_counted():
     reasons = {"": True, "on the rotation group": True, "plain: its equations": False, "other: a unit": False}
     assert {reason: list_kinds.is_counted(reason) for reason in reasons} == reasons
+
+
+def test_types_cross_no_more_rooms_than_they_do():
+    """Whoever adds one takes another away, or raises the number with a reason."""
+    assert len(list_types.find_crossing()) <= CROSSING
+    assert len(list_types.list_run_types()) <= OF_A_RUN
+    assert len(list_types.list_verdict_types()) <= OF_A_VERDICT
+
+
+def test_a_type_is_found_where_it_is_handed_on():
+    """``Status`` is imported from a package that hands it on, by rooms on every floor."""
+    rooms = {t.name: rooms for t, rooms in list_types.find_crossing().items()}
+    assert {"harness/run", "solvers", "reports"} <= {*rooms["Status"]}
+    assert "Trend" not in rooms and "GateFindings" in rooms

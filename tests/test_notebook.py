@@ -73,7 +73,7 @@ def test_numbers_are_those_of_a_run_of_the_harness(tmp_path, run):
     from mbsbench.harness.catalogue.suites.spec import make_spec
     from mbsbench.harness.results import store
     from mbsbench.harness.run.job import Job
-    from mbsbench.harness.run.run import run_here as worker
+    from mbsbench.tests.factories import run_here as worker
 
     problem = make_problem("torque_free_body", {"t_end": 0.1})
     spec = make_spec(problem, "gc_weak_form", control={"dt": 0.01})

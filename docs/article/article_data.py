@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from matplotlib.figure import Figure
 
-from mbsbench.harness.lab.ensemble.verdict import LEVEL
+from mbsbench.harness.judge.distance import find_differing
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdict, Condition, JudgedClaim
 from mbsbench.harness.results.judgements.files import (
@@ -25,9 +25,9 @@ from mbsbench.harness.results.judgements.files import (
     read_judgement,
 )
 from mbsbench.harness.results.judgements.runs import Drift, WorkPoint
+from mbsbench.harness.results.least_cost import find_least_cost
 from mbsbench.reports.model.catalogue import is_engine
 from mbsbench.reports.model.claim_words import FACTOR, format_measured, format_separation, quantify
-from mbsbench.reports.model.frontier import find_least_cost
 from mbsbench.reports.model.words import number, plural
 from mbsbench.reports.plots.paper import DOUBLE, INK, SINGLE, sheet
 from mbsbench.reports.plots.spec import choose_styles
@@ -317,13 +317,13 @@ def shadow(solver: str) -> float:
 
 
 def ensembles_that_differ() -> str:
-    """Return text such as ``3 of 9``: ensembles that chance explains in less than ``LEVEL`` of cases, by all tests."""
+    """Return text such as ``3 of 9``: ensembles that chance explains in fewer cases than ``find_differing`` allows."""
     found = [
         [score["p"] for score in of.values() if isinstance(score, dict) and score["p"] is not None]
         for of in chaos()["ensembles"].values()
     ]
     found = [p for p in found if p]  # ensembles that ended early cannot be compared
-    return f"{sum(min(p) * len(p) < LEVEL for p in found)} of {len(found)}"
+    return f"{sum(bool(find_differing([(x, '') for x in p])) for p in found)} of {len(found)}"
 
 
 def growth(problem: str) -> float:

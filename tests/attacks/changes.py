@@ -1,7 +1,7 @@
 """The table of changes to a bundle: field x change x what the checker must say, and the fields that no bundle decides.
 
 Every column of a record, every key of a problem, of its numbers, of a run and of the head has its row: a test fails for
-a field without one.
+a field without one. A column that no bundle decides says why where it is declared (``unchecked``).
 """
 
 import json
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from mbsbench.harness.mechanics.types import EndCause, Status
+from mbsbench.harness.results.records import DECLARED
 
 Change = Callable[[Any], Any]
 
@@ -94,6 +95,7 @@ def reasons(key: str) -> Change:
 
 
 RECORDS: dict[str, Row] = {
+    **{name: undecided(d.unchecked) for name, d in DECLARED.items() if d.unchecked},  # as their declarations say
     "run_id": Row({"another": to("0" * 16)}, "without a record"),
     "settings_id": undecided(ADDRESS),
     "case": undecided(WORDS),
@@ -187,7 +189,6 @@ RECORDS: dict[str, Row] = {
     },
     "out_of_plane_max_m": Row(NUMBER, base="planar"),
     "reference_horizon_s": Row(NUMBER, base="linkage"),
-    "energy_allowed_J": undecided("a limit of the problem that judges nothing"),
     "reference": Row({"another": to("closed form"), "none": to("")}),
     "observable_errors": Row(
         {f"{key} {how}": drifts(key, change) for key in ("max", "end") for how, change in MOVED.items()}, "observable"
@@ -197,12 +198,7 @@ RECORDS: dict[str, Row] = {
         | {"none": to("{}")},
         "invariant",
     ),
-    **{f"return_error_{unit}": undecided("not kept") for unit in ("m", "rad", "m_per_s", "rad_per_s")},
     "steps": Row(COUNT),
-    **{
-        name: undecided(OWN_WORD)
-        for name in ("rejected", "newton_iterations", "evaluations", "jacobians", "factorisations", "counters")
-    },
     "repeats": Row({"none": to(0), "below zero": to(-1)}, undecided=MACHINE),
     "cpu_min_s": cost(**{"above the median": to(1e6)}),
     "cpu_q1_s": cost(**{"above the median": to(1e6)}),
@@ -220,6 +216,7 @@ RECORDS: dict[str, Row] = {
     "series_rows": Row({"more than steps": to(10**6)}, undecided="fewer where the file is thinned"),
     "stderr": undecided("a file of the folder"),
     "code": Row({"another": to("0" * 16)}),
+    "measured_by": undecided(ADDRESS),
     "commit": undecided(ADDRESS),
     "environment": Row({"another": to("0" * 12)}, "without the packages and the machine", weakens=True),
     "finished": undecided("a clock's word"),

@@ -16,9 +16,9 @@ import pytest
 
 from mbsbench.cli import list as catalogue
 from mbsbench.harness.base import cache
+from mbsbench.harness.base.private_interfaces import CallbackCache
 from mbsbench.harness.catalogue import codes
 from mbsbench.harness.mechanics import kept_code
-from mbsbench.harness.mechanics.kept_code import CallbackCache
 from mbsbench.harness.reference import orbit
 
 PLACES = ("checkout", "chosen", "installed")

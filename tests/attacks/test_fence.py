@@ -179,7 +179,7 @@ def targets(tmp_path):
             one.listen()
     (tmp_path / "outside").mkdir()
     (tmp_path / "outside" / "file").write_text("there")
-    sleeping = subprocess.Popen((sys.executable, "-c", "import time; time.sleep(60)"), start_new_session=True)
+    sleeping = subprocess.Popen(("sleep", "60"), start_new_session=True)
     ports = [one.getsockname()[1] for one in made[:2]]
     try:
         yield Targets(*ports, name, tmp_path / "outside" / "file", sleeping.pid)

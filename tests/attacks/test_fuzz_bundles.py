@@ -9,14 +9,9 @@ import pytest
 
 from mbsbench.harness.lab.ladder.bundling import read_entry
 
-from .bundles import make_bundles, write
+from .bundles import write
 from .cases import checker
 from .fuzzing import COUNT, Tally, mutate, mutate_json
-
-
-@pytest.fixture(scope="module")
-def members(tmp_path_factory):
-    return make_bundles(tmp_path_factory.mktemp("fuzzed"))
 
 
 def change(files: dict[str, bytes], random: np.random.Generator) -> dict[str, bytes]:
@@ -32,7 +27,7 @@ def change(files: dict[str, bytes], random: np.random.Generator) -> dict[str, by
 
 
 @pytest.mark.parametrize("reader", ["checker", "ladder"])
-def test_mutated_bundles_end_in_words(members, tmp_path, reader):
+def test_mutated_bundles_end_in_words(bundles, tmp_path, reader):
     """Exit code 0, 1 or 2, nothing else."""
     tally, path = Tally(f"bundles, {reader}"), tmp_path / "b.zip"
 
@@ -45,11 +40,11 @@ def test_mutated_bundles_end_in_words(members, tmp_path, reader):
     least = COUNT if reader == "checker" else -(-COUNT // 10)  # the ladder starts the checker each time
     for seed in range(least):
         random = np.random.default_rng([seed, len(reader)])
-        files = members[("thin", "lossless")[seed % 2]]
+        files = bundles[("thin", "lossless")[seed % 2]]
         write(path, change(files, random))
         if seed % 5 == 4:  # the archive itself
             path.write_bytes(mutate(path.read_bytes(), random))
         tally.run(f"seed {seed}", check if reader == "checker" else enter)
     tally.close(least)
     assert set(tally.codes) <= {0, 1, 2}
-    assert zipfile.is_zipfile(write(path, members["thin"]))
+    assert zipfile.is_zipfile(write(path, bundles["thin"]))

@@ -14,11 +14,11 @@ from pathlib import Path
 
 from mbsbench.harness.base.code_meter import CODE_LIMIT, listen_to_numba
 from mbsbench.harness.base.forked_process import ForkedProcess
+from mbsbench.harness.base.generated import code
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.suites.spec import RunSpec
 from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.run import worker
-from mbsbench.solvers.formulations.generated import code
 
 PROBLEMS, REPEATS = 2, 5
 AGAIN = 2  # times that a cold run which stands out is made again: code would stand out each time

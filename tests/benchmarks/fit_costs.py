@@ -64,8 +64,8 @@ def fit(records: Iterable[RunRecord], compiled: dict[str, float]) -> str:
         f"load_s = {kept.load_s:.3g}",
         f"laws_s = {compiled['']:.3g}",
         f"reference_s = {kept.reference_s:.3g}",
-        f"measure_s = {measuring[0]:.3g}",
-        f"measure_us = [{', '.join(f'{1e6 * x:.3g}' for x in measuring[1:])}]",
+        f"measure_s = [{', '.join(f'{x:.3g}' for x in measuring[:3])}]",
+        f"measure_us = [{', '.join(f'{1e6 * x:.3g}' for x in measuring[3:])}]",
         "",
         "[commands]",
         *(f"{name} = [{start:.3g}, {each:.3g}]" for name, (start, each) in kept.commands.items()),
@@ -83,6 +83,8 @@ def fit(records: Iterable[RunRecord], compiled: dict[str, float]) -> str:
             power = fit_power(own)
             unit = [r.steps * dt / r.t_reached_s * (r.rtol / TOLERANCE) ** power for r, _, dt in own]
             out += [f"steps = {median(unit):.3g}", f"power = {power:.3g}"]
+        if any(made := kept.solvers[name].generate_s if name in kept.solvers else ()):
+            out.append(f"generate_s = [{', '.join(f'{x:.3g}' for x in made)}]")
         out.append("")
     return "\n".join(out)
 
@@ -100,8 +102,8 @@ def by_size(rows: Sequence[tuple[RunRecord, int, float]], cost: Callable[[RunRec
 
 
 def fit_measuring(rows: Sequence[tuple[RunRecord, int, float]]) -> list[float]:
-    """Return the time to measure a run [s], and for each step more at each size [s], of least relative squares."""
-    A = np.array([[1.0, *(r.steps if size == k else 0.0 for k in range(len(SIZES)))] for r, size, _ in rows])
+    """Return the times to measure a run at each size [s], and for each step more [s], of least relative squares."""
+    A = np.array([[n if size == k else 0.0 for n in (1.0, r.steps) for k in range(len(SIZES))] for r, size, _ in rows])
     b = np.array([r.measure_s for r, *_ in rows])
     weight = 1.0 / np.sqrt(b)  # between equal shares and equal seconds
     return [float(x) for x in nnls(A * weight[:, None], b * weight)[0]]

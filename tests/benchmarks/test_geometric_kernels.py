@@ -8,7 +8,7 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.solvers.formulations.compiled.entries import Program
 from mbsbench.solvers.formulations.compiled.kernel import Kernel, make_kernel, set_state
 from mbsbench.solvers.formulations.compiled.marching import make_control
-from mbsbench.solvers.formulations.methods.gc_newton_arrays import NEEDED, make_newton_method
+from mbsbench.solvers.formulations.methods.gc_newton import NEEDED, make_newton_method
 
 CASES = {"pendulum": ("spherical_pendulum", 1e-2), "chain": ("chain", 1e-3), "grid": ("four_bar_grid", 1e-2)}
 
@@ -22,8 +22,7 @@ def case(request) -> tuple[Any, Kernel]:
     settings = settings._replace(active=1, penalty=1e7)
     made = make_kernel(problem.system, NEEDED)
     set_state(made, problem.initial)
-    step = make_newton_method(problem.system, settings, 16, 0.0, "zero").prepare(made, make_control(h=dt, dt=dt))
-    step.scheme["h"] = dt
+    step = make_newton_method(problem.system, settings).prepare(made, make_control(h=dt, dt=dt))
     step.r0[:], step.R0[:], step.v0[:] = made.r, made.R, made.v
     for entry in (step.complete, step.keep_end, step.begin_step, step.estimate, step.evaluate, step.refresh):
         Program.run(entry)

@@ -287,7 +287,7 @@ def compile_kernel() -> str:
     """Compile a small kernel, kept nowhere, and return the digest of its machine code."""
     import casadi
 
-    from mbsbench.solvers.formulations.generated import code
+    from mbsbench.harness.base.generated import code
 
     q = casadi.SX.sym("q", 6)
     pose = casadi.vertcat(*(casadi.sin(x) * y + casadi.sqrt(x * x + y) / y for x in q.nz for y in q.nz))
