@@ -1,7 +1,7 @@
 """ODE-GC: the three-field weak form with geometrically consistent steps, Natsiavas, Passas, Paraskevopoulos (2022).
 
-Sect. 4.2, Eqs. (61) to (81), and the loop of Sect. 4.3, Eqs. (84), (85). A step goes from node m (suffix 0) to m + 1
-(suffix 1)::
+Sect. 4.2, Eqs. (61), (62) and (66) to (81), and the loop of Sect. 4.3, Eqs. (84), (85). A step goes from node m
+(suffix 0) to m + 1 (suffix 1)::
 
     (66)  q1 = q0 o exp(dt/2 (v0 + v1))                autoparallels of SO(3): rotations about a fixed axis
     (67)  lam1 = lam0 + dt/2 (mu0 + mu1)
@@ -27,8 +27,7 @@ from .march import Grid, march
 from .mechanics import Mechanism, Rows
 
 DIFFERENCE = 1e-7  # change of the unknowns in Jacobians by differences
-# share of phi_dot: an augmentation that leaves more raises the penalty; as in ``formulations/methods/gc_newton.py``
-ENOUGH = 0.25
+ENOUGH = 0.25  # of phi_dot: an augmentation that leaves more raises the penalty, as in ``methods/gc_newton.py``
 
 
 class Node(NamedTuple):
@@ -75,11 +74,11 @@ class Estimate(NamedTuple):
 class Step:
     """The step for one problem.
 
-    ``choices`` are the options of ``solvers.gc_weak_form`` or ``solvers.gc_augmented_lagrangian``; ``settings`` are
-    the ``Settings`` that follow from them. Read here are ``keep_nu`` and ``carry_sigma``: mu and sigma are carried on
-    (as printed); ``gauge``: -1 symmetric, else 0; ``corrective``: C_bar or K_bar is not zero; ``by_forces``: by Eq.
-    (32); ``active``: Sect. 4.3; ``tolerance`` of (80), (81); ``accept``: norm (81) at which a step is accepted where
-    the loop of Sect. 4.3 reaches its limit of rounds [sqrt(J)].
+    ``choices`` are the solver's options, ``settings`` the ``Settings`` that follow from them. Read here are
+    ``keep_nu`` and ``carry_sigma``: mu and sigma are carried on (as printed); ``gauge``: -1 symmetric, else 0;
+    ``corrective``: C_bar or K_bar is not zero; ``by_forces``: by Eq. (32); ``active``: Sect. 4.3; ``tolerance`` of
+    (80), (81); ``accept``: norm (81) at which a step is accepted where the loop of Sect. 4.3 reaches its limit of
+    rounds [sqrt(J)].
     """
 
     def __init__(self, problem: Problem, choices: Any, settings: Any) -> None:
@@ -91,7 +90,7 @@ class Step:
         """Return the first node, the state carried to the first step, and NaN: reactions are means over steps."""
         state, m = problem.initial, self.mechanism
         node = self.make_node(state.t, state.r, state.R, np.concatenate((state.v, state.Omega), axis=1))
-        mu, none = np.zeros(m.nr), np.zeros(m.nr)
+        mu = none = np.zeros(m.nr)  # sigma0 = 0: the start keeps phi_dot = 0
         if self.choices.mu0 == "velocity":  # mu0 = c . M v / M_bar: the velocity along c_R
             c = self.directions(node.rows)
             mu = c @ m.turn_to_bodies(node.R, node.p) / node.M_bar
@@ -119,9 +118,8 @@ class Step:
                 at = slice(6 * m.system.joint_i[joint], 6 * m.system.joint_i[joint] + 3)
                 c[row, at] = a[row, at]
             return c
-        along = (
-            a if self.choices.direction == "a" else np.array([m.divide_by_inertia(one) for one in a]).reshape(a.shape)
-        )
+        by_mass = self.choices.direction == "mass"
+        along = np.array([m.divide_by_inertia(one) for one in a]).reshape(a.shape) if by_mass else a
         return along / np.sum(a * along, axis=1)[:, None]
 
     def residual(
@@ -136,23 +134,24 @@ class Step:
         R1 = a.R @ so3.exp(half * (a.v[:, 3:] + v1[:, 3:]))
         b = self.make_node(a.t + dt, r1, R1, v1)
         if kept is not None:
-            nu1 = kept - self.xi * b.M_bar * b.rows.phi_dot  # (84): mu - xi psi
+            nu1 = kept - self.xi * b.M_bar * b.rows.phi_dot  # (84): mu_bar = mu - xi psi, times M_bar
         mu1 = nu1 / b.M_bar
         lam1 = old.lam + half * (old.mu + mu1)  # (67)
         nu0 = self.settings.gauge * nu1 + old.nu  # carried on; 0; or - nu1
         xi = self.xi if kept is not None and self.choices.lambda_bar else 0.0
-        B = float(self.choices.b_term)
+        with_B = float(self.choices.b_term)  # 0 leaves B^T M_bar mu out of (71)
         G0 = a.C_bar * old.mu + a.K_bar * (old.lam - xi * a.rows.phi) - a.f_bar  # (84): lam - xi phi
         G1 = b.C_bar * mu1 + b.K_bar * (lam1 - xi * b.rows.phi) - b.f_bar
-        L0 = a.f + a.rows.D @ G0 - B * a.rows.D_dot @ nu0  # (71)
-        L1 = b.f + b.rows.D @ G1 - B * b.rows.D_dot @ nu1
+        L0 = a.f + a.rows.D @ G0 - with_B * a.rows.D_dot @ nu0  # (71)
+        L1 = b.f + b.rows.D @ G1 - with_B * b.rows.D_dot @ nu1
         R_v = (b.p - b.rows.D @ nu1) - (a.p - a.rows.D @ nu0) - half * (L0 + L1)  # (74)
         sigma1 = b.M_bar * b.rows.phi_dot  # (62)
         sigma0 = old.sigma if self.settings.carry_sigma else np.zeros(m.nr)
         before, after = (x.C_bar * x.rows.phi_dot + x.K_bar * x.rows.phi for x in (a, b))  # (73)
         R_mu = sigma1 - sigma0 + half * (before + after)  # (75)
         self.counters["residuals"] += 1
-        return Estimate(b, nu1, mu1, lam1, (nu1 - nu0) / dt + 0.5 * (G0 + G1), m.turn_to_bodies(R1, R_v), R_mu)
+        reaction = (nu1 - nu0) / dt + 0.5 * (G0 + G1)  # mean of nu' + C_bar mu + K_bar lam - f_bar
+        return Estimate(b, nu1, mu1, lam1, reaction, m.turn_to_bodies(R1, R_v), R_mu)
 
     def measure_residual(self, x: Estimate) -> float:
         """Return the norm of an estimate's residual, Eq. (80) [sqrt(J)]; in Sect. 4.3 it does not include (75)."""

@@ -7,7 +7,7 @@ from ..compiled.entries import compile_inline, run
 @compile_inline
 def set_rates(k):
     """Set ``k.x`` := A w, the rates of the constraint rows at the velocities ``k.w``, without phi_t."""
-    run(k.slips)
+    run(k.slips)  # x := -(A w + phi_t), as a right-hand side of S
     for a in range(len(k.x)):
         k.x[a] = -k.x[a] - k.slip[a]
 

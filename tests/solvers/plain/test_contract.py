@@ -93,7 +93,10 @@ def compare_runs(problem, where, found, plain, left=0.0, loads=EQUAL_LOADS, by_m
             differing.append((wrong[0], order, f"{QUANTITIES[name]} of body {worst[0]}", *numbers))
     if differing:
         step, _, quantity, by_code, by_hand = min(differing)
-        raise AssertionError(f"{where}: {quantity} after step {step} is {by_code!r}, by the plain method {by_hand!r}")
+        others = [other for at, _, other, *_ in sorted(differing)[1:] if at == step]
+        there = f"{', '.join(others)} differ there, too" if others else "all others agree there"
+        numbers = f"is {by_code!r}, by the plain method {by_hand!r}"
+        raise AssertionError(f"{where}: {quantity} after step {step} {numbers}; {there}")
     (compare_mean_loads if by_means else compare_loads)(problem, where, found, plain, loads)
 
 
