@@ -208,8 +208,7 @@ class Step:
         Newton's method at fixed multipliers and the update (85) alternate until (81) holds; after the last round the
         norm (81) has to be below ``accept``. ``xi`` is set to the penalty, and grows with it.
         """
-        kept, before, found = nu1, np.inf, None
-        self.xi = self.choices.penalty
+        kept, before, found, self.xi = nu1, np.inf, None, self.choices.penalty
         for _ in range(self.choices.max_augmentations):
             found = self.newton(dt, a, old, v1, nu1, kept)
             if found is None:
