@@ -736,6 +736,29 @@ class Problem:
             states = self.move(states, each * slope, each * gain, h)
         return states
 
+    def find_size(self):
+        """Return how many numbers A^T A has, by which the work of the equations grows."""
+        return 6 * self.nb * max(self.row_is_joint.sum(), 1) ** 2
+
+    def compare_with_equations(self, first, last):
+        """Return whether it is clear where the equations lead from states, and if not to others.
+
+        They lead elsewhere by over a tenth of the changes of rates and a thousandth of rates, which
+        may be constant, both with rounding. It is clear where half as many steps of the fourth
+        order lead to the same, to a hundredth of these; not for systems that take too long.
+        """
+        if self.find_size() > 2e6 or self.has_user_forces:
+            return False, False
+        h = last[:, TIME] - first[:, TIME]
+        fine, coarse = (self.follow(first, h, count) for count in (8, 4))
+        off, unclear, change, rates = (
+            self.find_speed(unpack(fine).rates - unpack(others).rates).sum()
+            for others in (last, coarse, first, 0 * first)
+        )
+        change += 1e-3 * rates + 1e-9 * norm(self.gravity).max() * h.sum()  # of rest: rounding
+        is_clear = unclear <= 0.01 * change
+        return bool(is_clear), bool(is_clear and off > 0.1 * change)
+
     def project(self, states):
         """Return states with the nearest poses on phi = 0, by mass and gyration [Truncation].
 
@@ -889,9 +912,7 @@ class TruncationLaw:
         turning = norm(b.Omega).max(1)
         fastest = np.max([turning[:-2], turning[1:-1], turning[2:]], 0)  # [rad/s]
         k = 1 + np.flatnonzero(fastest * np.maximum(h[:-1], h[1:]) < 0.5)
-        numbers = 6 * problem.nb * max(problem.row_is_joint.sum(), 1) ** 2
-        self.is_small = numbers <= 2e6  # so that following the equations takes seconds, too
-        self.inner, self.most = k, min(max(int(2e8 / numbers), 4), 100)
+        self.inner, self.most = k, min(max(int(2e8 / problem.find_size()), 4), 100)
         self.steps = choose_evenly(k, self.most)
 
     def find_ratios(self):
@@ -1029,24 +1050,13 @@ class TruncationLaw:
     def contradicts_equations(self, exact, k):
         """Return whether equations of motion lead from exact states k to others than the next.
 
-        It is by over a tenth of the changes of rates and a thousandth of rates, which may be
-        constant; where steps are too long to tell, this is noted.
+        Where steps are too long to tell, this is noted.
         """
         k = choose_evenly(k, 12)
-        first, last = exact[k], exact[k + 1]
-        change, off, unclear = 0, np.inf, np.inf
-        if self.is_small:
-            h = last[:, TIME] - first[:, TIME]
-            fine, coarse = (self.p.follow(first, h, count) for count in (32, 16))
-            off, unclear, change, rates = (
-                self.p.find_speed(unpack(fine).rates - unpack(others).rates).sum()
-                for others in (last, coarse, first, 0 * first)
-            )
-            change += 1e-3 * rates
-        is_clear = unclear <= 0.01 * change
+        is_clear, is_false = self.p.compare_with_equations(exact[k], exact[k + 1])
         if not is_clear:
             self.doubts.append("the exact motion breaks it, too, at steps too long to tell")
-        return is_clear and off > 0.1 * change
+        return is_false
 
 
 def choose_evenly(k, most):
@@ -1104,10 +1114,17 @@ class Run:
         self.check_observables()
         self.check_status()
 
+    def check_time(self, column, value, full):
+        """Check a time [s] of a state: columns of ends are those at that very time, not near it."""
+        if full:
+            self.require(column, self.record[column] == value, self.record[column], value)
+        else:
+            self.compare(column, value, 0.0, full)
+
     def check_steps(self):
         """Check times, and steps less the last, which ends at t_end [Times and steps]."""
         record, every, t = self.record, self.has_every_step, self.t
-        self.compare("t_reached_s", float(t[-1]), 0.0, every)
+        self.check_time("t_reached_s", float(t[-1]), every)
         starts = t[0] == 0 or "start" in self.stated_reasons or not (every and self.is_claimed)
         self.require("time of the first state", starts, t[0], 0.0)
         steps = np.diff(t)
@@ -1326,7 +1343,7 @@ class Run:
                 self.require(column, np.isnan(record[column]), record[column], "nan")
             return
         covered = self.t[self.t <= self.p.covered_to]
-        self.compare("compared_to_s", float(covered[-1]), 0.0, every)
+        self.check_time("compared_to_s", float(covered[-1]), every)
         has_all = full or not (self.report.lossless and every)
         self.require("exact states", has_all, len(at), len(covered))
         stated, length = self.stated_error, record["length_scale_m"]
@@ -1337,7 +1354,7 @@ class Run:
         tenth = np.maximum(tenth, full and len(at) > 1)
         limit = np.where(stated <= 100 * stated[tenth], 1e-3, 1e-9) * length
         self.judged_count = max(np.logical_and.accumulate(stated < limit).sum(), 1)
-        self.compare("judged_to_s", at[self.judged_count - 1], 0, full)
+        self.check_time("judged_to_s", float(at[self.judged_count - 1]), full)
         known = full and (self.knows_shares or self.is_one_mechanism)
         for column, level in ACCURATE.items():
             off = ~(self.motion_error <= level * length + stated)
@@ -1505,7 +1522,8 @@ class Run:
         scales = self.scales
         turning, spin = scales["momentum"] * scales["reach"], scales["speed"] / scales["reach"]
         units = {"J": scales["energy"], "m": scales["length"], "m/s": scales["speed"]}
-        units |= {"rad/s": spin, "kg m/s": scales["momentum"], "kg m2/s": turning, "N m s": turning}
+        units |= dict.fromkeys(UNITS["momentum"], scales["momentum"])
+        units |= dict.fromkeys(UNITS["spin"], turning) | dict.fromkeys(UNITS["rate"], spin)
         for name, drift in drifts.items():
             about = {"quantity": "", "along": ZERO, "unit": drift["unit"]} | described.get(name, {})
             unit = about["unit"]
@@ -1524,8 +1542,10 @@ class Run:
                 what, full = f"invariant {name}: {key}", key != "max" or self.has_every_step
                 self.compare(what, value if is_known else None, slack, full, float(drift[key]))
             limit = 0.1 * max(scale, abs(start))
-            if limit != 0:  # else of a unit without a scale, from 0: nothing to compare with
+            if limit != 0:
                 self.breaks_invariant |= not float(drift["max"]) <= limit
+            elif float(drift["max"]) != 0:
+                self.report.undecided.append(("its unit has no scale", f"invariant {name}"))
 
     def check_rows(self, series):
         """Check that the series of a lossless bundle are those of its states [Series]."""
@@ -1637,6 +1657,8 @@ class Run:
             truncation.steps = np.sort(random.choice(inner, count, replace=False))
             ratio, _ = truncation.find_ratios()
             self.require("truncation at drawn steps", ratio <= DRAWN, ratio, f"at most {DRAWN}")
+            doubts = [(why, "truncation at drawn steps") for why in truncation.doubts]
+            self.report.undecided += doubts
         jumps = truncation.jumps > DRAWN
         self.report.weaken(jumps, "whose reactions jump from step to step, which hides false ones")
 
@@ -1875,7 +1897,8 @@ class Report:
         J1, J2, J3 = np.linalg.eigvalsh(J).T
         least = np.sqrt(np.linalg.trace(J) / (2 * p.mass))
         # a point mass has a share of its arm; one that is too large would call any motion rest
-        arm = max(p.joint_arm.max(), p.length[p.is_joint].max(initial=0), least.max()) or 1
+        rod = p.length[np.isin(p.kinds, LONG)].max(initial=0)  # no other joint reads its length
+        arm = max(p.joint_arm.max(), rod, least.max()) or 1
         most = np.where(J3 > 0, SLENDER * least, arm)
         near = (p.gyration >= least * (1 - RELATIVE)) & (p.gyration <= most * (1 + RELATIVE))
         self.require("gyration", near.all(), p.gyration, f"{least} or {most}")
@@ -1910,6 +1933,23 @@ class Report:
                 known = known and isinstance(body, int) and 0 <= body < p.nb
                 self.require(f"invariant {about['name']}", known, about, "a quantity along a unit")
 
+    def check_equations(self, p):
+        """Check that the equations of motion lead from exact states to the next [Exact motion].
+
+        From twelve of the half that the next ones are closest to, drawn by a digest of all.
+        """
+        h = np.diff(p.exact[:, TIME])
+        close = np.flatnonzero((h > 0) & (h <= np.median(h))) if len(h) else h
+        seed = int.from_bytes(hashlib.sha256(p.exact.tobytes()).digest())
+        k = np.sort(np.random.default_rng(seed).permutation(close)[:12]).astype(int)
+        is_clear, is_false = False, False
+        if len(k):
+            is_clear, is_false = p.compare_with_equations(p.exact[k], p.exact[k + 1])
+        self.require("reference: equations", not is_false, "another motion", "that of its forces")
+        if not is_clear:
+            why = "too large, or its states too far apart, to follow its equations"
+            self.undecided.append((why, "reference"))
+
     def check_exact_motion(self, p, runs, files):
         """Check that the exact motion keeps the laws to its stated errors [Exact motion].
 
@@ -1943,6 +1983,7 @@ class Report:
         if t[0] == 0:
             off = np.abs(p.exact - p.start)[0, 1:-1].max() / (1e-9 * (1 + size + speed))
             laws["start"] = allowed * off  # whatever the stated error is
+        self.check_equations(p)
         if "Lagrange's top" in p.route:
             laws["closed form"] = allowed * p.find_top_error() / (RELATIVE + 2 * stated / size)
         elif "proved" in p.route:

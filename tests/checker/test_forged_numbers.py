@@ -1,5 +1,6 @@
 """Numbers that no row of phi binds, that are no numbers, or that are words: the checker names each one forged."""
 
+import io
 import json
 
 import numpy as np
@@ -66,6 +67,18 @@ def mirror_start(record, run, problem):
     problem["numbers"]["start_R"] = (np.array(problem["numbers"]["start_R"]) @ MIRROR).tolist()
 
 
+def end_beside(record, run, problem):
+    """An end a rounding after the last state, and a gap there that no state has."""
+    record.update(t_reached_s=float(np.nextafter(record["t_reached_s"], 1e9)), phi_end=99.0)
+
+
+def judge_beside(record, run, problem):
+    """A horizon 1e-7 before the state that it is of, and an error without that state."""
+    at = record["judged_to_s"] * (1.0 - 1e-7)
+    record.update(judged_to_s=at)
+    run["peaks_s"]["judged_to_s"] = at
+
+
 EDITS = {  # what is forged, and what the checker must name
     "a stiffness of a joint": (put(joint_k=[1e9]), "joint_k"),
     "a joint without rows": (add_joint, "joint without rows"),
@@ -87,6 +100,13 @@ EDITS = {  # what is forged, and what the checker must name
         "ended_by",
     ),
     "a length of 0": (lambda record, run, problem: record.update(length_scale_m=0.0), "length above 0"),
+    "a gyration behind a length that its joint does not read": (
+        put(gyration=[1e9], joint_length=[1e9], inertia=np.zeros((1, 3, 3)).tolist()),
+        "gyration",
+    ),
+    "an end beside the last state, where nothing is compared": (end_beside, "t_reached_s"),
+    "a horizon of judging beside a state": (judge_beside, "judged_to_s"),
+    "an exact motion under another gravity": (put(gravity=[0.0, -19.62, 0.0]), "reference: equations"),
 }
 
 
@@ -255,3 +275,21 @@ def test_ratios_that_nothing_determines_say_so():
         assert checker.find_ratio(ones[:2], ones[:2]) == checker.find_ratio(np.nan * ones, ones) == -1.0
         assert checker.find_ratio(1e308 * ones, 1e308 * ones) == np.inf
         assert checker.find_ratio(ones, 2.0 * ones) == 0.5
+
+
+def test_a_momentum_in_newton_seconds_is_judged(bundle, tmp_path):
+    """A swing changes its momentum, whatever the unit is called: what is said to be conserved is not."""
+    ((_, states),) = ((name, np.load(io.BytesIO(bundle[name]))) for name in bundle if name.startswith("runs/"))
+
+    def state_momentum(record, run, problem):
+        found = problem["numbers"]["mass"][0] * states[13]
+        off = found - found[0]
+        assert found[0] == 0.0 and np.abs(off).max() > 0.0
+        about = {"quantity": "momentum", "along": [1.0, 0.0, 0.0], "unit": "N s"}
+        problem["invariants"] = [problem["invariants"][0] | about]
+        name = problem["invariants"][0]["name"]
+        drift = {"start": found[0], "end": off[-1], "max": np.abs(off).max(), "unit": "N s"}
+        record["invariant_drifts"] = json.dumps({name: drift})
+
+    found = check(write(tmp_path / "b.zip", edit(bundle, state_momentum)))
+    assert {line[18:56].strip() for line in found} == {"status", "wrong_because"}, found
