@@ -750,7 +750,7 @@ class Problem:
         if self.find_size() > 2e6 or self.has_user_forces:
             return False, False
         h = last[:, TIME] - first[:, TIME]
-        fine, coarse = (self.follow(first, h, count) for count in (8, 4))
+        fine, coarse = (self.follow(first, h, count) for count in (4, 2))
         off, unclear, change, rates = (
             self.find_speed(unpack(fine).rates - unpack(others).rates).sum()
             for others in (last, coarse, first, 0 * first)
