@@ -124,7 +124,11 @@ def find_last_message(native: str) -> str:
 
 
 def make_json_numbers(r: RunRecord) -> dict[str, Any]:
-    """Return the numbers of a record as a dict for JSON: null if missing, ``"inf"`` if unbounded."""
+    """Return the numbers of a record as a dict for JSON: null if missing, ``"inf"`` if unbounded.
+
+    Those of a summary have names of their own; ``record`` has all columns.
+    """
+    from ..harness.results.records import format_record
     from ..harness.run.run_file import SUMMARY
 
     numbers = {"case": r.case, **{name: getattr(r, name) for name in SUMMARY}, "cpu_s": r.cpu_min_s}
@@ -133,6 +137,7 @@ def make_json_numbers(r: RunRecord) -> dict[str, Any]:
         **_replace_nonfinite({k: x for k, x in numbers.items() if k not in unpacked}),
         **unpacked,
         "reasons": [_replace_nonfinite(vars(reason)) for reason in r.reasons],
+        "record": _replace_nonfinite(json.loads(format_record(r))),
     }
 
 

@@ -105,7 +105,7 @@ def test_the_record_and_the_table_of_runs_have_it_and_an_older_record_has_none(f
     exact = [(u * math.sqrt(1.0 + u * u) + math.asinh(u)) / 20.0 for u in (0.0, 20.0)]
     assert 0.0 < (exact[1] - exact[0]) / new - 1.0 < 1e-4 and math.isnan(old)
     assert found["frame"][0] == new and found["frame"][1] != found["frame"][1]
-    assert found["compared"] and found["attacks"] == "not every step is kept"
+    assert found["compared"] and found["attacks"] == "no run is judged or ranked by it"
 
 
 def test_its_value_at_each_step_is_stored_and_the_step_of_the_largest_is_kept(found):
