@@ -108,4 +108,4 @@ def test_a_type_is_found_where_it_is_handed_on():
     """``Status`` is imported from a package that hands it on, by rooms on every floor."""
     rooms = {t.name: rooms for t, rooms in list_types.find_crossing().items()}
     assert {"harness/run", "solvers", "reports"} <= {*rooms["Status"]}
-    assert "Trend" not in rooms and "GateFindings" in rooms
+    assert "Trend" not in rooms and "Suite" in rooms

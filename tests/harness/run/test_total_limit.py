@@ -4,7 +4,7 @@ import time
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue.suites.suite import parse_suite
-from mbsbench.harness.judge.gate.check import judge
+from mbsbench.harness.judge.gate.check import is_open, judge
 from mbsbench.harness.judge.gate.thresholds import Thresholds
 from mbsbench.harness.mechanics.types import EndCause
 from mbsbench.harness.results import store
@@ -66,8 +66,8 @@ def test_running_runs_are_ended_and_the_rest_is_left(tmp_path):
     assert ended["hangs_later"].steps > 0 and ended["hangs_later"].series and ended["spins"].steps == 0
     assert len(watcher.left) == 4 and all("sleeps" in case or "raises" in case for case in watcher.left)
     verdict = judge(suite.specs, loaded.records, Thresholds("test"))
-    words = [f.why for f in verdict.findings if f.quantity == "status" and f.verdict is Verdict.FAILED]
-    assert not verdict.is_open and sum("run is missing" in w for w in words) == 4
+    words = [f.why for f in verdict if f.quantity == "status" and f.verdict is Verdict.FAILED]
+    assert not is_open(verdict) and sum("run is missing" in w for w in words) == 4
     assert sum("limit of 600 s" in w for w in words) == 2
 
 
