@@ -86,6 +86,12 @@ class OracleOutcome:
         return min(self.deviation) / self.limit if self.limit else 0.0
 
 
+def describe_outcome(o: OracleOutcome) -> str:
+    """Describe an outcome in a line: solver, mechanism, behaviour, form, and how far it is off."""
+    numbers = f"{min(o.deviation):.2g} m, own error {o.own:.2g} m" if o.limit else o.words
+    return f"{o.solver}, mechanism {o.number}: {o.kind} ({o.form}): {numbers}"
+
+
 @dataclass(frozen=True)
 class Oracle:
     """A mechanism in two forms, as drawn and in ``form``, on which codes are examined."""
