@@ -53,8 +53,7 @@ from ..harness.results.history import GATES, make_rows, write_rows
 from ..harness.results.provenance import read_environment
 from ..harness.results.records import RunRecord
 from ..harness.results.reproduce import REFEREED
-from ..harness.run.pool import LocalPool
-from ..harness.run.runner import Request, name_new_folder
+from ..harness.run.runner import Request, choose_pool, name_new_folder
 from .arguments import UsageError, check_not_installed, count_jobs, find_results, load_plugins
 from .findings import STYLE, print_findings
 from .keeping import make_series_choice
@@ -230,10 +229,10 @@ def _repeat_runs(
                 repeats.setdefault(core, {}).setdefault(changed.settings_id, (spec.case, kind, changed))
     for core, own in repeats.items():
         extra = dataclasses.replace(suite, specs=tuple(changed for _, _, changed in own.values()), total_limit=None)
-        pool = partial(LocalPool, environ=choose_kernels(core))
+        pool = choose_pool(environ=choose_kernels(core))
         with tempfile.TemporaryDirectory() as place:
-            request = Request(extra, Path(place) / "spread", count_jobs(arguments.jobs))
-            loaded, _ = run_watched(request, quiet=False, pool=pool)
+            request = Request(extra, Path(place) / "spread", count_jobs(arguments.jobs), pool=pool)
+            loaded, _ = run_watched(request, quiet=False)
         of = {r.settings_id: r for r in loaded.records}
         for settings, (case, kind, _) in own.items():
             samples[case].append((kind, of[settings]))

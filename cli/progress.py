@@ -3,7 +3,7 @@
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -18,11 +18,10 @@ from ..harness.mechanics.types import Status
 from ..harness.results.records import RunRecord
 from ..harness.results.store import LoadedResults, UnreadableFile
 from ..harness.results.words import list_reasons, qualify_status
-from ..harness.run.costs import Expectation, predict_times
+from ..harness.run.costs import predict_times
 from ..harness.run.job import Job
-from ..harness.run.pool import LocalPool
 from ..harness.run.remaining_time import PREPARING, RemainingTime, describe_wait, format_duration
-from ..harness.run.runner import Executor, Request, run_suite
+from ..harness.run.runner import Request, run_suite
 from .terminal import Console, choose_status_style, list_unreadable, make_error_console, plural
 
 LISTED = 50  # most runs listed that were not started
@@ -81,7 +80,7 @@ class ProgressDisplay:
         kept = f", {self.before} already done" if self.before else ""
         if self.announces and not further:
             where = f"; results in {folder}" if self.resumable else ""
-            time_needed = describe_time(expected) + self.afterwards * bool(waiting) if self.is_local else ""
+            time_needed = expected.words_after_count + self.afterwards * bool(waiting) if self.is_local else ""
             announce_suite(f"{plural(total, 'run')}{kept}{time_needed}{where}", self.console)
         self.set_aside = unreadable
         for line in list_unreadable("set aside", [(item.path.name, item.why) for item in unreadable]):
@@ -225,11 +224,6 @@ def announce_suite(words: str, out: Console) -> None:
         out.print(Text(line), highlight=False, soft_wrap=True)
 
 
-def describe_time(expected: Expectation) -> str:
-    """Describe how long runs will take on this machine, to be added to a line; empty if no run is expected."""
-    return f", {expected.jobs} at a time: {expected.words}" if expected.runs else ""
-
-
 def run_watched(
     request: Request,
     *,
@@ -239,15 +233,13 @@ def run_watched(
     is_local: bool = True,
     budget: str = "",
     afterwards: str = "",
-    pool: Callable[..., Executor] = LocalPool,
 ) -> tuple[LoadedResults, ProgressDisplay]:
     """Run a suite with progress on standard error, unless ``quiet``; return its results and the display.
 
     On a terminal there are status lines. A suite that is not ``resumable`` has a temporary folder or one named
     elsewhere. With ``announces=False`` the command itself has said what it will run. Without ``is_local`` the runs are
     on a cluster and take an unknown time. ``budget`` names in words the limit of the command that ends the suite, in
-    place of the suite's own, ``afterwards`` what the commands that usually follow will take; ``pool`` makes the
-    executor of its jobs.
+    place of the suite's own, ``afterwards`` what the commands that usually follow will take.
     """
     console = Console(quiet=quiet, stderr=True)
     plain = quiet or not console.is_terminal or console.is_dumb_terminal
@@ -264,4 +256,4 @@ def run_watched(
             later=later,
             afterwards=afterwards,
         )
-        return run_suite(request, watcher, pool), watcher
+        return run_suite(request, watcher), watcher

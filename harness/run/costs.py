@@ -282,6 +282,11 @@ class Expectation:
         return f"about {format_duration(self.seconds + self.pages)}{pages}{once * self.is_cold}"
 
     @property
+    def words_after_count(self) -> str:
+        """Words to be added to a number of runs, such as ``, 2 at a time: about 9 min``; empty if none is expected."""
+        return f", {self.jobs} at a time: {self.words}" if self.runs else ""
+
+    @property
     def is_cold(self) -> bool:
         """True if something has to be compiled or computed that later calls find in the caches."""
         return self.once >= QUICK

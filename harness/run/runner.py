@@ -5,8 +5,9 @@ import datetime
 import json
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Protocol
@@ -26,6 +27,7 @@ from ..results.store import LoadedResults, UnreadableFile
 from . import origin
 from .job import Job
 from .pool import LocalPool, PoolError, TimeLimit
+from .protocol import Supervised
 from .started_runs import StartedRuns, is_same, list_foreign
 
 
@@ -78,12 +80,38 @@ class Request:
     lossless: bool = False  # whether series keep the states of every step
     is_newest: bool = False  # whether ``latest`` will point to it, which it does not for a folder chosen by the user
     keep: Callable[[RunSpec], tuple[str, ...] | None] | None = None  # names of series whose rows a brief file keeps
+    pool: Callable[..., Executor] = LocalPool  # makes the executor of its jobs
 
 
-def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Executor] = LocalPool) -> LoadedResults:
+def choose_pool(address: str | None = None, environ: Mapping[str, str] | None = None) -> Callable[..., Executor]:
+    """Return what makes the executor of jobs: local processes, or the cluster's workers at ``address``.
+
+    ``environ`` has additional variables for local processes.
+    """
+    if address is None:
+        return partial(LocalPool, environ=environ or {})
+    from .cluster import DaskPool
+
+    return lambda size, *watching: DaskPool(address, *watching)
+
+
+@contextlib.contextmanager
+def begin_local_pool() -> Iterator[Callable[..., Executor]]:
+    """Start a process of a local pool, and yield what makes the pool.
+
+    The process loads its modules while the caller reads the suite and estimates times.
+    """
+    ahead = Supervised()
+    try:
+        yield partial(LocalPool, ahead=ahead)
+    finally:
+        ahead.discard()
+
+
+def run_suite(request: Request, watcher: SuiteObserver) -> LoadedResults:
     """Run what is not done yet; return the records of this suite's runs, with damaged files listed separately.
 
-    ``pool`` makes the executor, ``watcher`` is called as runs start and end. Raise FileError where the folder has
+    ``watcher`` is called as runs start and end. Raise FileError where the folder has
     results that are not to be continued, and PoolError where runs have no result, or where results changed while the
     suite ran.
     """
@@ -140,7 +168,7 @@ def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Exec
             return loaded
 
         try:
-            pool(request.jobs, note_start, note_end, watcher.on_tick, watcher.on_warmup).run(waiting, limit)
+            request.pool(request.jobs, note_start, note_end, watcher.on_tick, watcher.on_warmup).run(waiting, limit)
         except BaseException:  # on Ctrl-C, too, the runs that have ended are collected
             with contextlib.suppress(OSError):  # on a full disk; the reason has been reported already
                 collect_results()

@@ -13,7 +13,6 @@ import pytest
 from markupsafe import escape
 
 from mbsbench.cli.__main__ import main
-from mbsbench.cli.progress import run_watched
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.catalogue.suites.spec import make_spec
@@ -27,6 +26,7 @@ from mbsbench.harness.results.judgements.runs import Order, Symmetry, UnjudgedSy
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.pool import LocalPool
+from mbsbench.harness.run.runner import Request
 from mbsbench.reports.trial import write_page
 from mbsbench.tests.factories import PLUGIN, run_here
 
@@ -303,7 +303,7 @@ def test_what_a_budget_cut_short_is_counted_and_not_passed(tmp_path, capsys, mon
     ]
     command = import_module("mbsbench.cli.try")
     monkeypatch.setattr(assessment, "plan_runs", lambda *_, **__: specs)
-    monkeypatch.setattr(command, "run_watched", partial(run_watched, pool=Over))
+    monkeypatch.setattr(command, "Request", partial(Request, pool=Over))
     line = ["try", "sleeps", "--plugin", str(PLUGIN), "--no-report", "--jobs", "1", "--budget", "50"]
     assert main([*line, "--out", str(tmp_path / "out"), "--json"]) == 1
     found = [json.loads(x) for x in capsys.readouterr().out.splitlines()]

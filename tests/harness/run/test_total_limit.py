@@ -50,7 +50,7 @@ class Over(LocalPool):
 def stopped_run(folder):
     watcher = Silent()
     suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
-    return suite, run_suite(Request(suite, folder, 2), watcher, Over), watcher
+    return suite, run_suite(Request(suite, folder, 2, pool=Over), watcher), watcher
 
 
 def test_running_runs_are_ended_and_the_rest_is_left(tmp_path):

@@ -24,7 +24,6 @@ from mbsbench.harness.results.envelopes import Envelope
 from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.records import format_reasons
 from mbsbench.harness.results.series import EnvelopedSeries
-from mbsbench.harness.run.pool import LocalPool
 from mbsbench.harness.run.runner import Request, run_suite
 from mbsbench.tests.factories import Silent, make_record, make_series, parse_specs
 
@@ -281,7 +280,7 @@ def twice(tmp_path_factory):
     out = []
     for jobs in (1, 2):
         folder = tmp_path_factory.mktemp(f"jobs{jobs}")
-        loaded = run_suite(Request(part, folder, jobs), Silent(), LocalPool)
+        loaded = run_suite(Request(part, folder, jobs), Silent())
         out.append(judge(few, runs_tried, loaded.records, partial(store.read_run_series, folder)))
     return out
 
