@@ -45,7 +45,7 @@ from ..harness.judge.gate.files import (
 )
 from ..harness.judge.gate.rounding import choose_kernels, list_core_types, repeat_run
 from ..harness.judge.gate.spread import find_unstable, widen_by_spread
-from ..harness.judge.gate.thresholds import Thresholds, propose_bounds
+from ..harness.judge.gate.thresholds import propose_bounds
 from ..harness.results import store
 from ..harness.results.column_digests import find_stale_columns, read_column_digests
 from ..harness.results.findings import Finding, Verdict
@@ -82,10 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--spread takes a number of repeats > 0, needs runs of a suite, and excludes --loosen")
     if arguments.update:
         check_not_installed(path, "--thresholds FILE")
-    is_new = arguments.update and not path.exists()
-    thresholds = Thresholds(suite.name) if is_new else read_thresholds(path)
-    if thresholds.suite != suite.name:
-        raise UsageError(f"{path} holds thresholds of the suite {thresholds.suite!r}, not of {suite.name!r}")
+    thresholds = read_thresholds(path, suite.name, is_new=arguments.update and not path.exists())
     if not arguments.results or arguments.spread:
         warn_of_own_bits()
     name, stamp, records = _find_results(arguments, suite)
@@ -98,13 +95,13 @@ def run(arguments: argparse.Namespace) -> int:
             raise UsageError(f"no result of this code to take thresholds of {suite.name!r} from; nothing was written")
         if arguments.spread:
             samples = _repeat_runs(arguments, suite, judged)
-            _propose_thresholds(path, widen_by_spread(thresholds, samples), write=arguments.write)
+            _propose_thresholds(path, write_thresholds(widen_by_spread(thresholds, samples)), write=arguments.write)
             unstable = find_unstable(samples)
             for case, words in unstable.items():
                 make_error_console().print(f"error: {case}: rounding decides the status: {words}; its bounds stay")
             return 2 if unstable else 0
         new = tighten_bounds(thresholds, judged, propose_bounds(judged), loosen=arguments.loosen)
-        return _propose_thresholds(path, new, write=arguments.write)
+        return _propose_thresholds(path, write_thresholds(new), write=arguments.write)
     found = judge(specs, records, thresholds, code, arguments.without)
     if arguments.json:
         print_json(make_json_object(found, suite.name))
@@ -239,9 +236,8 @@ def _repeat_runs(
     return samples
 
 
-def _propose_thresholds(path: Path, thresholds: Thresholds, *, write: bool) -> int:
-    """Print the proposed thresholds as a diff, or ``write`` them to ``path``; return 0."""
-    new = write_thresholds(thresholds)
+def _propose_thresholds(path: Path, new: str, *, write: bool) -> int:
+    """Print the text of the proposed thresholds as a diff, or ``write`` it to ``path``; return 0."""
     parse_thresholds(new, path)  # checked first, so that the gate can read what is written
     before = path.read_text(encoding="utf-8") if path.exists() else ""
     out = make_console()
