@@ -113,10 +113,10 @@ def replace_outdated(
     with store.lock_folder(folder):
         add_column_digests(folder, codes.read_column_digests())
         asked, specs = _list_asked(folder, plugins), dict[str, RunSpec]()
-        with open_sources() as sources_of:
+        with open_sources() as folder_of:
             for record in outdated:
                 try:
-                    _check_origin(folder, record, plugins, sources_of)
+                    _check_origin(folder, record, plugins, folder_of)
                     specs[record.run_id] = _find_spec(record, asked)
                 except ValueError as error:
                     done.left.append((record, str(error)))
@@ -185,10 +185,10 @@ def open_sources() -> Iterator[Callable[[str], Path]]:
         yield read
 
 
-def _check_origin(folder: Path, record: RunRecord, plugins: tuple[str, ...], sources_of: Callable[[str], Path]) -> None:
+def _check_origin(folder: Path, record: RunRecord, plugins: tuple[str, ...], folder_of: Callable[[str], Path]) -> None:
     """Raise ValueError where a run cannot be measured again: it was killed, or more than the laws has changed.
 
-    The plugins, and the code of its solver, problem and costs, must be those of the run. ``sources_of`` gives the folder
+    The plugins, and the code of its solver, problem and costs, must be those of the run. ``folder_of`` gives that
     of a commit's code.
     """
     if record.series and not record.claimed:
@@ -200,7 +200,7 @@ def _check_origin(folder: Path, record: RunRecord, plugins: tuple[str, ...], sou
     if made_with != sorted(Path(p).name for p in plugins):
         asked = " ".join(f"--plugin {name}" for name in made_with)
         raise ValueError(f"it was made {f'with {asked}' if asked else 'without plugins'}: give the same plugins")
-    then = codes.list_run_digests(record.problem, record.solver, sources_of(record.commit))
+    then = codes.list_run_digests(record.problem, record.solver, folder_of(record.commit))
     now = codes.list_run_digests(record.problem, record.solver)
     changed = [what for what, digest in now.items() if then[what] != digest]
     if changed:

@@ -212,13 +212,13 @@ def test_an_interruption_keeps_what_is_done(tmp_path, made, monkeypatch, other_c
 
 def test_the_code_of_a_commit_is_read_once(tmp_path):
     """Its digests are those of its files; an unknown commit is refused in words."""
-    with remeasure.open_sources() as sources_of:
+    with remeasure.open_sources() as folder_of:
         head = environment.read_commit().removesuffix("+dirty")
-        then = sources_of(head)
-        assert then is sources_of(head) and then != codes.ROOT
+        then = folder_of(head)
+        assert then is folder_of(head) and then != codes.ROOT
         assert all(codes.list_run_digests("heavy_top", "rattle", then).values())
         for commit in ("", "1" * 40, f"{head}+dirty", "HEAD", f"--output={tmp_path}/written", "../outside"):
             with pytest.raises(ValueError, match="run its suite again"):
-                sources_of(commit)
+                folder_of(commit)
             assert environment.list_changed_files(commit, head) == []
     assert not list(tmp_path.iterdir())  # what a results folder says is no option of git
