@@ -123,7 +123,7 @@ class Results:
 
     folder: Path
     runs: tuple[Run, ...]
-    unreadable: tuple[store.UnreadableFile, ...]  # damaged files or files of another version, with the reason
+    unreadable: Mapping[Path, str]  # damaged files or files of another version, with the reason
 
     def table(self) -> "pd.DataFrame":
         """Return a table with one row per run and the columns of ``RunRecord``, as ``runs.parquet`` has it."""
@@ -139,7 +139,7 @@ class Results:
         return f"<Results {self.folder}: {len(self.runs)} runs{f' ({words})' if words else ''}>"
 
     def _repr_html_(self) -> str:
-        unreadable = {item.path.name: item.why for item in self.unreadable}
+        unreadable = {path.name: why for path, why in self.unreadable.items()}
         return show_results(str(self.folder), [run.record for run in self.runs], unreadable)
 
 

@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = compare(*(part.records for part in loaded))
     inputs = find_differences(*map(read_environment, folders))
     show_comparison(found, inputs, arguments.limit, json=arguments.json)
-    print_unreadable(u for part in loaded for u in part.unreadable)
+    print_unreadable({path: why for part in loaded for path, why in part.unreadable.items()})
     return 0 if found.is_identical else 1
 
 

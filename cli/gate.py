@@ -151,10 +151,8 @@ def _load_records(results: Path) -> tuple[RunRecord, ...]:
     """
     loaded = store.load(results)
     if loaded.unreadable:
-        n, first = len(loaded.unreadable), loaded.unreadable[0]
-        raise UsageError(
-            f"{n} file{'s' * (n > 1)} cannot be judged: {first.path}: {first.why}; run it again, or remove it"
-        )
+        n, (first, why) = len(loaded.unreadable), next(iter(loaded.unreadable.items()))
+        raise UsageError(f"{n} file{'s' * (n > 1)} cannot be judged: {first}: {why}; run it again, or remove it")
     if doubts := [f"{r.case}: {words}" for r in loaded.records if (words := describe_contradiction(r))]:
         raise UsageError(f"{plural(len(doubts), 'record')} cannot be judged: {doubts[0]}; run it again, or remove it")
     return loaded.records

@@ -3,7 +3,7 @@
 import math
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from ..harness.base.isolation import describe_lacking
 from ..harness.catalogue.suites.spec import RunSpec
 from ..harness.mechanics.types import Status
 from ..harness.results.records import RunRecord
-from ..harness.results.store import LoadedResults, UnreadableFile
+from ..harness.results.store import LoadedResults
 from ..harness.results.words import list_reasons, qualify_status
 from ..harness.run.costs import predict_times
 from ..harness.run.job import Job
@@ -63,9 +63,9 @@ class ProgressDisplay:
         self.compiling = False  # True while the wait for the first run is not mentioned
         self.worst = (0.0, "", "")  # largest energy drift relative to its energy scale, its run, and that run's status
         self.left = 0  # runs not started because of total_limit
-        self.set_aside: tuple[UnreadableFile, ...] = ()  # before any run began
+        self.set_aside: Mapping[Path, str] = {}  # before any run began
 
-    def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[UnreadableFile, ...]) -> None:
+    def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: Mapping[Path, str]) -> None:
         """Print the number of runs, their expected time on this machine, and the unreadable files that are set aside.
 
         ``waiting`` are the runs without a result, of ``total`` in the suite.
@@ -83,7 +83,7 @@ class ProgressDisplay:
             time_needed = expected.words_after_count + self.afterwards * bool(waiting) if self.is_local else ""
             announce_suite(f"{plural(total, 'run')}{kept}{time_needed}{where}", self.console)
         self.set_aside = unreadable
-        for line in list_unreadable("set aside", [(item.path.name, item.why) for item in unreadable]):
+        for line in list_unreadable("set aside", [(path.name, why) for path, why in unreadable.items()]):
             self._print_line(line)
         self.on_tick()
 

@@ -71,8 +71,12 @@ def _run_suite(arguments: argparse.Namespace, make_request: Callable[..., Reques
     afterwards = _describe_pages(request) if is_local else ""
     loaded, watcher = run_watched(request, quiet=arguments.json, is_local=is_local, afterwards=afterwards)
     watcher.finish(request.folder, loaded)
-    late = [item for item in loaded.unreadable if item.why == FOREIGN and item not in watcher.set_aside]
-    for line in list_unreadable("set aside", [(item.path.name, item.why) for item in late]):
+    late = [
+        (path.name, why)
+        for path, why in loaded.unreadable.items()
+        if why == FOREIGN and watcher.set_aside.get(path) != why
+    ]
+    for line in list_unreadable("set aside", late):
         make_error_console().print(line)
     failures = (
         _time_in_turns(request.folder, loaded.records, arguments.in_turns, suite.plugins) if arguments.in_turns else []

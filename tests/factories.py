@@ -141,7 +141,7 @@ class Silent(SuiteObserver):
         self.total = 0
 
     def begin(self, folder, total, waiting, unreadable):
-        self.set_aside, self.total = [u.path.name for u in unreadable], total
+        self.set_aside, self.total = [path.name for path in unreadable], total
 
     def on_end(self, job, record):
         self.ran.append(job.spec.case)

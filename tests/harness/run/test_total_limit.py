@@ -104,7 +104,7 @@ def test_the_series_of_such_a_record_goes_aside_too(tmp_path):
     record = RunRecord(run_id="abc", status="stalled", ended_by="total_limit", series="series/abc.npz", stderr="")
     store.write_record(folder, record)
     (folder / record.series).write_bytes(b"x")
-    assert [u.path.name for u in list_record_files(folder, record)] == ["abc.json", "abc.npz"]
+    assert [path.name for path in list_record_files(folder, record)] == ["abc.json", "abc.npz"]
 
 
 def test_the_run_says_what_is_left(tmp_path, capsys):
