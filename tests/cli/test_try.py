@@ -22,7 +22,7 @@ from mbsbench.harness.mechanics.types import Trait
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.findings import Finding, Verdict
-from mbsbench.harness.results.judgements.runs import Gap, Order, Symmetry
+from mbsbench.harness.results.judgements.runs import Order, Symmetry, Unjudged
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.pool import LocalPool
@@ -205,7 +205,7 @@ def test_a_ladder_cut_by_the_budget_is_neither_met_nor_failed():
 
 def test_symmetries_of_which_none_was_tested_are_not_ok():
     """Refused, all nine: not determined, with the reason; those of a mechanism that is taken count alone."""
-    one = Symmetry("own", {}, "yaw", "four_bar_grid", "v", ("a", "b"), "refused", Gap.BASE, message="no loops")
+    one = Symmetry("own", {}, "yaw", "four_bar_grid", "v", ("a", "b"), "refused", Unjudged.BASE, message="no loops")
     none = presentations._count_symmetries([one] * 9, {})
     assert not none.is_tested and none.words == "not determined: 9 refused on four_bar_grid: no loops"
     held = msgspec.structs.replace(one, problem="random_mechanism", verdict="holds", message="")

@@ -35,7 +35,7 @@ class JudgedSettings(Shape, frozen=True):
     case: str
 
 
-class Gap(StrEnum):
+class Unjudged(StrEnum):
     """The reason why a judgement has no number, or leaves runs out."""
 
     # of an order: runs of a ladder of steps that are left out
@@ -74,7 +74,7 @@ class Order(JudgedSettings, frozen=True):
     fit: FitKind
     slopes: tuple[float, ...]  # slopes finer than the points used; all if no range of steps was found
     unfinished: int  # runs of the ladder that did not succeed
-    notes: tuple[Gap, ...]
+    notes: tuple[Unjudged, ...]
     t_end_s: float
     settings_ids: tuple[str, ...]
     status: str = ""  # status and message of the finest failed run, if too few succeeded
@@ -133,7 +133,7 @@ class Symmetry(Shape, frozen=True):
     variant: str
     settings_ids: tuple[str, ...]
     verdict: SymmetryVerdict
-    unjudged: Gap | None = None
+    unjudged: Unjudged | None = None
     status: str = ""
     message: str = ""
     presented: str = ""  # the presentation in which planarity is checked
