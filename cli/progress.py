@@ -20,7 +20,7 @@ from ..harness.results.store import LoadedResults
 from ..harness.results.words import list_reasons, qualify_status
 from ..harness.run.costs import predict_times
 from ..harness.run.job import Job
-from ..harness.run.remaining_time import PREPARING, RemainingTime, describe_wait, format_duration
+from ..harness.run.remaining_time import PREPARING, describe_wait, format_duration
 from ..harness.run.runner import Request, run_suite
 from .terminal import Console, choose_status_style, list_unreadable, make_error_console, plural
 
@@ -58,7 +58,7 @@ class ProgressDisplay:
         self.begun = math.inf  # when the first run began
         self.waiting: dict[str, Job] = {}
         self.running: dict[str, tuple[Job, float]] = {}  # each with its start (time.monotonic)
-        self.estimate, self.once = RemainingTime({}), 0.0  # once: [s] to compile kernels and compute references
+        self.estimate = predict_times([], size)
         self.warming = False  # True while no run has begun
         self.compiling = False  # True while the wait for the first run is not mentioned
         self.worst = (0.0, "", "")  # largest energy drift relative to its energy scale, its run, and that run's status
@@ -76,7 +76,7 @@ class ProgressDisplay:
         further = bool(self.before) and not self.resumable  # True for a later stage of the same command
         self.compiling = self.warming and not further
         expected = predict_times([job.spec for job in waiting], self.size, waiting[0].suite if waiting else "")
-        self.estimate, self.once = RemainingTime(expected.runs), expected.once
+        self.estimate = expected
         kept = f", {self.before} already done" if self.before else ""
         if self.announces and not further:
             where = f"; results in {folder}" if self.resumable else ""
@@ -131,8 +131,8 @@ class ProgressDisplay:
         now = time.monotonic()
         if self.compiling and now - self.opened > PATIENCE:
             self.compiling = False
-            if self.once > PATIENCE:  # otherwise the time is that of loading, as at every start
-                self._print_line(describe_wait(PREPARING, now - self.opened, self.once))
+            if self.estimate.once > PATIENCE:  # otherwise the time is that of loading, as at every start
+                self._print_line(describe_wait(PREPARING, now - self.opened, self.estimate.once))
         if self.live is not None:
             self.live.update(Group(*self.format_status(now)), refresh=True)
         elif now - self.reported > EVERY and self.running:
@@ -172,7 +172,7 @@ class ProgressDisplay:
             of = format_duration(now - since + self.estimate.estimate_remaining(job.spec, now - since))
             lines.append(Text(f"  {now - since:.0f} s of about {of}: {job.spec.case}", "dim"))
         if self.warming:
-            lines.append(Text(f"  {describe_wait(PREPARING, now - self.opened, self.once)}", "dim"))
+            lines.append(Text(f"  {describe_wait(PREPARING, now - self.opened, self.estimate.once)}", "dim"))
         for line in lines:
             line.no_wrap, line.overflow = True, "ellipsis"
         return lines
