@@ -34,7 +34,7 @@ from .harness.results.words import describe_errors, describe_status
 from .harness.run.job import Job
 from .harness.run.kept_series import build_series
 from .harness.run.measuring import Outcome, judge_handover
-from .harness.run.progress_line import ProgressLine, ProgressSpool
+from .harness.run.progress_line import ProgressLine
 from .harness.run.run_file import read_run, write_run
 from .harness.run.warmup import list_runs_to_warm, warm_up
 from .harness.run.worker import solve as solve_here
@@ -123,7 +123,7 @@ class Results:
 
     folder: Path
     runs: tuple[Run, ...]
-    unreadable: tuple[store.UnreadableFile, ...]  # damaged files or files of another version, with the reason
+    unreadable: Mapping[Path, str]  # damaged files or files of another version, with the reason
 
     def table(self) -> "pd.DataFrame":
         """Return a table with one row per run and the columns of ``RunRecord``, as ``runs.parquet`` has it."""
@@ -139,7 +139,7 @@ class Results:
         return f"<Results {self.folder}: {len(self.runs)} runs{f' ({words})' if words else ''}>"
 
     def _repr_html_(self) -> str:
-        unreadable = {item.path.name: item.why for item in self.unreadable}
+        unreadable = {path.name: why for path, why in self.unreadable.items()}
         return show_results(str(self.folder), [run.record for run in self.runs], unreadable)
 
 
@@ -178,8 +178,8 @@ def solve(
     code, measured_by = digest_run_code(variant.name, entry.name), read_column_digests().digest
     job = Job(spec, Path(), "", code, environment.read_commit(), measured_by=measured_by)
     with threadpool_limits(1), ProgressLine() as line:
-        spool = ProgressSpool(variant, line) if line.watched else None
-        handover = solve_here(variant, made, dataclasses.replace(steps, cpu_limit=cpu_limit, spool=spool))
+        control = dataclasses.replace(steps, cpu_limit=cpu_limit, spool=line.make_spool(variant))
+        handover = solve_here(variant, made, control)
     outcome = judge_handover(job, variant, handover)
     record, trajectory, m = dataclasses.replace(outcome.record, stderr=""), outcome.trajectory, outcome.measured
     series = None if trajectory is None or m is None else build_series(variant, trajectory, m)
@@ -258,10 +258,8 @@ def _resolve_solver(
 
 def _draw_figure(given: list[tuple[RunRecord, Series]]) -> "Figure":
     """Draw runs as the reports do, from a temporary results folder to which they are written."""
-    from .reports.model.motion import read_curves
     from .reports.model.results import read_results
-    from .reports.plots.laws import Drawing, plot_errors, plot_laws
-    from .reports.plots.lines import find_shared_options, make_lines
+    from .reports.plots.laws import draw_runs, plot_errors, plot_laws
     from .reports.plots.paper import apply_style, draw_plots
     from .reports.plots.spec import choose_styles
 
@@ -277,8 +275,7 @@ def _draw_figure(given: list[tuple[RunRecord, Series]]) -> "Figure":
             store.write_record(folder, kept)
         results = read_results(folder)
         runs = sorted(results.runs, key=lambda run: int(run.record.run_id))
-        motions = {run.record.run_id: read_curves(run, results.series(run)) for run in runs}
-    drawing = Drawing(runs, make_lines(runs, find_shared_options(runs)), motions)
+        drawing = draw_runs(results, runs, runs)
     chapters = [c for c in (plot_laws(drawing), plot_errors(drawing)) if c]
     with apply_style():
         return draw_plots(

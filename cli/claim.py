@@ -1,7 +1,7 @@
 """List the claims of the paper and of the field, show one with its settings, or make and judge its runs (``claim``)."""
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,8 +10,6 @@ from ..harness.base.confined_paths import ConfinedPath
 from ..harness.base.hints import suggest_name
 from ..harness.catalogue.suites.suite import Suite
 from ..harness.judge.referee import judge as judging
-from ..harness.judge.referee.claims.register import Register, read_register
-from ..harness.judge.referee.currency import code_now
 from ..harness.judge.referee.registers import PLACES, RegisterPlace
 from ..harness.results import store
 from ..harness.results.judgements.claims import JudgedClaim
@@ -28,16 +26,15 @@ def run(arguments: argparse.Namespace) -> int:
 
     Without an id, list the claims.
     """
-    registers = {place: read_register(place.path) for place in PLACES}
     if arguments.claim is None:
-        return _list_claims(arguments, registers)
+        return _list_claims(arguments)
     if arguments.all:
         raise UsageError("--all lists every claim: leave out ID")
-    known = {c.id: (place, c) for place, register in registers.items() for c in register.claims}
+    known = {c.id: place for place in PLACES for c in place.read().claims}
     if arguments.claim not in known:
         raise UsageError(f"unknown claim {arguments.claim!r}{suggest_name(arguments.claim, list(known))}")
-    place, claim = known[arguments.claim]
-    alone = replace(registers[place], claims=(claim,))
+    place = known[arguments.claim]
+    alone = replace(place, only=arguments.claim)
     for name in ("out", "jobs"):
         if getattr(arguments, name) and not arguments.make:
             raise UsageError(f"--{name} needs --run")
@@ -46,25 +43,25 @@ def run(arguments: argparse.Namespace) -> int:
     published = {c.id: c for c in read_claims(PUBLISHED, place.file) or ()}.get(arguments.claim)
     changed = False
     if arguments.make:
-        found = _run_claim(arguments, alone, place)
+        found = _run_claim(arguments, alone)
         changed = published is not None and published.verdicts != found.verdicts
     else:
         found = _read_claim(arguments, published, place)
     if arguments.json:
         make_console().print(format_judgement(found), end="")
         return int(changed)
-    for line in _describe_claim(found, len(judging.select_needed(alone, place))):
+    for line in _describe_claim(found, len(judging.select_needed(alone))):
         make_console().print(line, markup=False, highlight=False)
     for line in claim_words.list_rows(found) if arguments.rows else ():
         make_console().print(line, markup=False, highlight=False, soft_wrap=True)
     if arguments.make and published:
         make_console().print(f"published: {published.verdicts}" if changed else "as published")
     elif not (arguments.make or arguments.results):
-        _warn_if_outdated({place: registers[place]})
+        _warn_if_outdated([place])
     return int(changed)
 
 
-def _list_claims(arguments: argparse.Namespace, registers: Mapping[RegisterPlace, Register]) -> int:
+def _list_claims(arguments: argparse.Namespace) -> int:
     """Print the published claims by group, those that carry the paper and the field's or all, with verdicts; return 0.
 
     The groups are in the order of the page.
@@ -72,7 +69,7 @@ def _list_claims(arguments: argparse.Namespace, registers: Mapping[RegisterPlace
     for name in ("make", "rows", "out", "jobs"):
         if getattr(arguments, name):
             raise UsageError(f"--{name.replace('make', 'run')} needs the ID of a claim; mbsbench claim lists them")
-    published = [c for place in registers for c in read_claims(PUBLISHED, place.file) or ()]
+    published = [c for place in PLACES for c in read_claims(PUBLISHED, place.file) or ()]
     if not published:
         raise UsageError("no verdicts are published; mbsbench judge RESULTS --publish does so")
     if arguments.json:
@@ -92,17 +89,15 @@ def _list_claims(arguments: argparse.Namespace, registers: Mapping[RegisterPlace
     if others := len(published) - sum(map(len, shown.values())):
         words = f"{plural(others, 'more claim')}: mbsbench claim --all lists them"
         out.print(f"{words}; mbsbench claim ID shows one with its settings", markup=False, highlight=False)
-    _warn_if_outdated(registers)
+    _warn_if_outdated(PLACES)
     return 0
 
 
-def _warn_if_outdated(registers: Mapping[RegisterPlace, Register]) -> None:
+def _warn_if_outdated(places: Sequence[RegisterPlace]) -> None:
     """Print, on standard error, what changed in the code since the verdicts on these registers were published."""
-    for place, register in registers.items():
-        if read_claims(PUBLISHED, place.file) is not None:
-            now = code_now(register, judging.list_published_runs(place))
-            if words := judging.describe_outdated(PUBLISHED, now, place):
-                make_error_console().print(words, highlight=False)
+    for place in places:
+        if read_claims(PUBLISHED, place.file) is not None and (words := judging.describe_outdated(PUBLISHED, place)):
+            make_error_console().print(words, highlight=False)
 
 
 def _summarise(c: JudgedClaim) -> dict[str, object]:
@@ -137,16 +132,16 @@ def _read_claim(arguments: argparse.Namespace, published: JudgedClaim | None, pl
     return found
 
 
-def _run_claim(arguments: argparse.Namespace, register: Register, place: RegisterPlace) -> JudgedClaim:
+def _run_claim(arguments: argparse.Namespace, alone: RegisterPlace) -> JudgedClaim:
     """Run those runs of the claim's map that the results folder lacks, and return the verdict on the whole map."""
-    specs, name = judging.select_needed(register, place), f"claim-{arguments.claim}"
+    specs, name = judging.select_needed(alone), f"claim-{arguments.claim}"
     folder = Path(arguments.out) if arguments.out else find_last_folder(name) or name_new_folder(name)
     request = Request(Suite(name, "the runs of one claim", specs, ""), folder, count_jobs(arguments.jobs), resume=True)
     if specs:
         loaded, watcher = run_watched(request, quiet=arguments.json)
         watcher.finish(folder, loaded)
     records = loaded.records if specs else ()
-    return judging.judge_register(register, records, partial(store.read_run_series, folder), place)[0]
+    return judging.judge_register(alone, records, partial(store.read_run_series, folder))[0]
 
 
 def _describe_claim(c: JudgedClaim, runs: int) -> Iterator[str]:

@@ -6,8 +6,9 @@ import dataclasses
 from rich.text import Text
 
 from ..harness.results import store
-from ..harness.results.comparison import Comparison, Likeness, compare
-from ..harness.results.provenance import Difference, describe_differences, find_differences, read_environment
+from ..harness.results.comparison import Comparison, compare, measure_change, read_change
+from ..harness.results.findings import Finding
+from ..harness.results.provenance import describe_differences, find_differences, read_environment
 from .arguments import UsageError
 from .commands import CHANGES
 from .terminal import Column, plural, print_json, print_table, print_unreadable
@@ -20,7 +21,7 @@ COLUMNS = (
     Column("after"),
     Column("relative", rank=2),
 )
-STYLE = {Likeness.CHANGED: "bold red", Likeness.ROUNDING: "yellow", Likeness.SAME: "green"}
+CHANGED, ROUNDING = ("changed", "bold red"), ("rounding", "yellow")  # likeness of two numbers, and its style
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -32,27 +33,35 @@ def run(arguments: argparse.Namespace) -> int:
     found = compare(*(part.records for part in loaded))
     inputs = find_differences(*map(read_environment, folders))
     show_comparison(found, inputs, arguments.limit, json=arguments.json)
-    print_unreadable(u for part in loaded for u in part.unreadable)
+    print_unreadable({path: why for part in loaded for path, why in part.unreadable.items()})
     return 0 if found.is_identical else 1
 
 
-def show_comparison(found: Comparison, inputs: list[Difference], limit: int = CHANGES, *, json: bool = False) -> None:
+def show_comparison(found: Comparison, inputs: list[Finding], limit: int = CHANGES, *, json: bool = False) -> None:
     """Print the changes, at most ``limit``, the largest first, and the inputs that differ; or all of them as JSON."""
     if json:
-        changes = [{**dataclasses.asdict(c), "likeness": str(c.likeness)} for c in found.changes]
         plain = {"same": found.is_identical, "alike": found.alike, **dataclasses.asdict(found)}
-        print_json({**plain, "inputs": [dataclasses.asdict(d) for d in inputs], "changes": changes})
+        differ = [{"what": d.quantity, "before": d.required, "after": d.words, "detail": d.why} for d in inputs]
+        print_json({**plain, "inputs": differ, "changes": list(map(_flatten, found.changes))})
         return
     rows: list[tuple[Text | str, ...]] = []
     for c in found.changes[:limit]:
-        values = [v if isinstance(v, str) else f"{v:.6g}" for v in (c.before, c.after)]
-        rows.append((Text(c.likeness, STYLE[c.likeness]), c.case, c.metric, *values, f"{c.size:.2g}"))
+        values = [v if isinstance(v, str) else f"{v:.6g}" for v in read_change(c)]
+        likeness = Text(*(ROUNDING if c.holds else CHANGED))
+        rows.append((likeness, c.subject, c.quantity, *values, f"{measure_change(c):.2g}"))
     below = [f"only before: {case}" for case in found.only_before]
     below += [f"only after: {case}" for case in found.only_after]
     if len(found.changes) > limit:
         below.insert(0, f"{len(found.changes) - limit} smaller changes are not shown (--limit)")
-    changed = len({c.case for c in found.changes})
+    changed = len({c.subject for c in found.changes})
     below.append(f"{plural(found.compared, 'run')} in both, {found.compared - changed} of them bit for bit identical")
     if inputs or not found.is_identical:
         below.append(f"possible causes: {describe_differences(inputs)}")
     print_table(COLUMNS, rows, *below)
+
+
+def _flatten(c: Finding) -> dict[str, float | str]:
+    """Return a change as plain values by name, for ``--json``."""
+    before, after = read_change(c)
+    likeness, _ = ROUNDING if c.holds else CHANGED
+    return {"case": c.subject, "metric": c.quantity, "before": before, "after": after, "likeness": likeness}

@@ -23,10 +23,16 @@ from ..harness.judge.gate.baseline import FOLDER, parse_thresholds, read_thresho
 from ..harness.judge.gate.check import (
     STATES,
     WORST,
-    GateFindings,
     describe_contradiction,
+    describe_counts,
+    describe_gate,
+    find_worst,
+    is_open,
     judge,
+    list_absent,
+    select_consequences,
     select_judged,
+    select_notable,
     tighten_bounds,
 )
 from ..harness.judge.gate.files import (
@@ -37,9 +43,9 @@ from ..harness.judge.gate.files import (
     format_markdown,
     make_json_object,
 )
-from ..harness.judge.gate.rounding import Repeat, list_core_types, repeat_run
+from ..harness.judge.gate.rounding import choose_kernels, list_core_types, repeat_run
 from ..harness.judge.gate.spread import find_unstable, widen_by_spread
-from ..harness.judge.gate.thresholds import Thresholds, propose_bounds
+from ..harness.judge.gate.thresholds import propose_bounds
 from ..harness.results import store
 from ..harness.results.column_digests import find_stale_columns, read_column_digests
 from ..harness.results.findings import Finding, Verdict
@@ -47,8 +53,7 @@ from ..harness.results.history import GATES, make_rows, write_rows
 from ..harness.results.provenance import read_environment
 from ..harness.results.records import RunRecord
 from ..harness.results.reproduce import REFEREED
-from ..harness.run.pool import LocalPool
-from ..harness.run.runner import Request, name_new_folder
+from ..harness.run.runner import Request, choose_pool, name_new_folder
 from .arguments import UsageError, check_not_installed, count_jobs, find_results, load_plugins
 from .findings import STYLE, print_findings
 from .keeping import make_series_choice
@@ -77,10 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--spread takes a number of repeats > 0, needs runs of a suite, and excludes --loosen")
     if arguments.update:
         check_not_installed(path, "--thresholds FILE")
-    is_new = arguments.update and not path.exists()
-    thresholds = Thresholds(suite.name) if is_new else read_thresholds(path)
-    if thresholds.suite != suite.name:
-        raise UsageError(f"{path} holds thresholds of the suite {thresholds.suite!r}, not of {suite.name!r}")
+    thresholds = read_thresholds(path, suite.name, is_new=arguments.update and not path.exists())
     if not arguments.results or arguments.spread:
         warn_of_own_bits()
     name, stamp, records = _find_results(arguments, suite)
@@ -93,30 +95,30 @@ def run(arguments: argparse.Namespace) -> int:
             raise UsageError(f"no result of this code to take thresholds of {suite.name!r} from; nothing was written")
         if arguments.spread:
             samples = _repeat_runs(arguments, suite, judged)
-            _propose_thresholds(path, widen_by_spread(thresholds, samples), write=arguments.write)
+            _propose_thresholds(path, write_thresholds(widen_by_spread(thresholds, samples)), write=arguments.write)
             unstable = find_unstable(samples)
             for case, words in unstable.items():
                 make_error_console().print(f"error: {case}: rounding decides the status: {words}; its bounds stay")
             return 2 if unstable else 0
         new = tighten_bounds(thresholds, judged, propose_bounds(judged), loosen=arguments.loosen)
-        return _propose_thresholds(path, new, write=arguments.write)
-    result = judge(specs, records, thresholds, code, arguments.without)
+        return _propose_thresholds(path, write_thresholds(new), write=arguments.write)
+    found = judge(specs, records, thresholds, code, arguments.without)
     if arguments.json:
-        print_json(make_json_object(result, suite.name))
+        print_json(make_json_object(found, suite.name))
     else:
-        _print_findings(result, everything=arguments.all)
-        if not result.is_open:
+        _print_findings(found, everything=arguments.all)
+        if not is_open(found):
             make_error_console().print(REMEDY, soft_wrap=True, highlight=False)
     if os.environ.get("GITHUB_ACTIONS") == "true":
-        for line in format_annotations(result, suite.name):
+        for line in format_annotations(found, suite.name):
             make_error_console().print(line)
     for file, made in ((arguments.junit, format_junit), (arguments.markdown, format_markdown)):
         if file:
-            write_text(file, made(result, suite.name))
-    worst = {f.subject: STATES[f.verdict] for f in reversed(result.findings)}  # the worst come first
+            write_text(file, made(found, suite.name))
+    worst = {f.subject: STATES[f.verdict] for f in reversed(found)}  # the worst come first
     with contextlib.suppress(OSError):  # a folder that cannot be written only costs the history
         write_rows(store.LOCAL / GATES / f"{name}.jsonl", make_rows(name, stamp, judged, worst))
-    return 0 if result.is_open else 1
+    return 0 if is_open(found) else 1
 
 
 def _check_call(arguments: argparse.Namespace) -> None:
@@ -149,10 +151,8 @@ def _load_records(results: Path) -> tuple[RunRecord, ...]:
     """
     loaded = store.load(results)
     if loaded.unreadable:
-        n, first = len(loaded.unreadable), loaded.unreadable[0]
-        raise UsageError(
-            f"{n} file{'s' * (n > 1)} cannot be judged: {first.path}: {first.why}; run it again, or remove it"
-        )
+        n, (first, why) = len(loaded.unreadable), next(iter(loaded.unreadable.items()))
+        raise UsageError(f"{n} file{'s' * (n > 1)} cannot be judged: {first}: {why}; run it again, or remove it")
     if doubts := [f"{r.case}: {words}" for r in loaded.records if (words := describe_contradiction(r))]:
         raise UsageError(f"{plural(len(doubts), 'record')} cannot be judged: {doubts[0]}; run it again, or remove it")
     return loaded.records
@@ -178,22 +178,23 @@ def _find_results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Map
         return name, read_environment(folder), loaded.records
 
 
-def _print_findings(result: GateFindings, *, everything: bool) -> None:
+def _print_findings(found: Sequence[Finding], *, everything: bool) -> None:
     """Print findings, the worst last, where a log of CI is read first; consequences are only counted.
 
     ``everything`` also prints findings that passed unmoved, and the consequences: bounds that failed only because their
     run did not end as expected.
     """
-    implied = [] if everything else result.consequences
-    shown = [f for f in (result.findings if everything else result.notable) if f not in implied]
+    implied = [] if everything else select_consequences(found)
+    shown = [f for f in (found if everything else select_notable(found)) if f not in implied]
     print_findings(map(_describe_change, sorted(shown, key=lambda f: WORST.index(f.verdict), reverse=True)))
     if implied:
         words = f"{plural(len(implied), 'bound')} more of runs that did not end as expected"
         make_console().print(f"{words} failed with them (--all shows them)")
-    if more := sum(f.verdict is Verdict.MET and f not in shown for f in result.findings):
+    if more := sum(f.verdict is Verdict.MET and f not in shown for f in found):
         make_console().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
-    words = f"{result.headline} ({result.summary})" if result.absent else f"{result.headline}: {result.summary}"
-    make_console().print(Text(f"gate {words}", STYLE[result.verdict]), soft_wrap=True)
+    gate, counts = describe_gate(found), describe_counts(found)
+    words = f"{gate} ({counts})" if list_absent(found) else f"{gate}: {counts}"
+    make_console().print(Text(f"gate {words}", STYLE[find_worst(found)]), soft_wrap=True)
 
 
 def _describe_change(f: Finding) -> Finding:
@@ -214,29 +215,27 @@ def _repeat_runs(
     identical to one of an earlier round, such as other kernels with an unperturbed start, is one sample.
     """
     known = {r.settings_id: r for r in judged}
-    repeats: dict[str, dict[str, Repeat]] = {}
+    repeats: dict[str, dict[str, tuple[str, str, RunSpec]]] = {}  # by core type and settings
     samples: dict[str, list[tuple[str, RunRecord]]] = {}
     for spec in suite.specs:
         if spec.settings_id in known:
             samples[spec.case] = [("", known[spec.settings_id])]
-            for repeat in repeat_run(spec, arguments.spread, list_core_types()):
-                repeats.setdefault(repeat.core, {}).setdefault(repeat.spec.settings_id, repeat)
-    for core in repeats.values():
-        own = tuple(core.values())
-        extra = dataclasses.replace(suite, specs=tuple(r.spec for r in own), total_limit=None)
-        pool = partial(LocalPool, environ=own[0].environ)
+            for kind, changed, core in repeat_run(spec, arguments.spread, list_core_types()):
+                repeats.setdefault(core, {}).setdefault(changed.settings_id, (spec.case, kind, changed))
+    for core, own in repeats.items():
+        extra = dataclasses.replace(suite, specs=tuple(changed for _, _, changed in own.values()), total_limit=None)
+        pool = choose_pool(environ=choose_kernels(core))
         with tempfile.TemporaryDirectory() as place:
-            request = Request(extra, Path(place) / "spread", count_jobs(arguments.jobs))
-            loaded, _ = run_watched(request, quiet=False, pool=pool)
+            request = Request(extra, Path(place) / "spread", count_jobs(arguments.jobs), pool=pool)
+            loaded, _ = run_watched(request, quiet=False)
         of = {r.settings_id: r for r in loaded.records}
-        for r in own:
-            samples[r.case].append((r.kind, of[r.spec.settings_id]))
+        for settings, (case, kind, _) in own.items():
+            samples[case].append((kind, of[settings]))
     return samples
 
 
-def _propose_thresholds(path: Path, thresholds: Thresholds, *, write: bool) -> int:
-    """Print the proposed thresholds as a diff, or ``write`` them to ``path``; return 0."""
-    new = write_thresholds(thresholds)
+def _propose_thresholds(path: Path, new: str, *, write: bool) -> int:
+    """Print the text of the proposed thresholds as a diff, or ``write`` it to ``path``; return 0."""
     parse_thresholds(new, path)  # checked first, so that the gate can read what is written
     before = path.read_text(encoding="utf-8") if path.exists() else ""
     out = make_console()

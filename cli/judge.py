@@ -3,7 +3,7 @@
 import argparse
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,8 @@ from ..harness.base.confined_paths import ConfinedPath
 from ..harness.judge.referee import judge as judging
 from ..harness.judge.referee.carried import is_current_or_carried, is_measuring_carried
 from ..harness.judge.referee.certificates.orders import select_motion
-from ..harness.judge.referee.claims.register import PRESENTATION, Register, read_register
+from ..harness.judge.referee.claims.register import PRESENTATION
 from ..harness.judge.referee.currency import (
-    code_now,
     describe_older,
     describe_stale,
     find_older_runs,
@@ -96,36 +95,36 @@ def refuse_other_code(folder: Path, records: Sequence[RunRecord]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Judge and print the claims; return 1 if the published verdicts differ or are of older code, else 0."""
-    registers = {
-        PAPER: read_register(Path(arguments.claims) if arguments.claims else PAPER.path),
-        FIELD: read_register(FIELD.path),
-    }
+    paper = replace(PAPER, path=Path(arguments.claims)) if arguments.claims else PAPER
+    places = (paper, FIELD)
+    for place in places:
+        place.read()  # raises FileError before anything is judged
     folder = arguments.results
     published = ConfinedPath(Path(arguments.published)) if arguments.published else PUBLISHED
     loaded = store.load(folder, check_series=False)
     print_unreadable(loaded.unreadable)
     if arguments.publish:
         check_not_installed(published.path, "--published DIR")
-    asked = _choose_registers(arguments, registers, loaded.records)
+    asked = _choose_registers(arguments, places, loaded.records)
     refuse_other_code(folder, loaded.records)
-    before = {p: None if arguments.publish else read_claims(published, p.file) for p in registers}
-    if before[PAPER] is None and arguments.published and not arguments.publish:
+    before = {p: None if arguments.publish else read_claims(published, p.file) for p in places}
+    if before[paper] is None and arguments.published and not arguments.publish:
         raise UsageError(f"--published {published} holds no verdicts (claims.json); --publish writes these there")
     size = len(loaded.records)
     announce_suite(f"{plural(size, 'run')} to be judged: {describe_command('judge', size)}", make_error_console())
     with store.hold_folder(folder):
-        judged = judge_results(folder, registers[PAPER], lambda part: make_error_console().print(f"judging: {part}"))
-        codes = {p.file.name: code_now(r, judging.list_published_runs(p)) for p, r in registers.items()}
+        judged = judge_results(folder, places, lambda part: make_error_console().print(f"judging: {part}"))
+        codes = {p.file.name: judging.digest_code(p) for p in places}
         write_judgements(ConfinedPath(folder) / FOLDER, judged, codes)
     here = {r.settings_id for r in loaded.records}
-    found = [_compare(p, judged[p.file.name], codes[p.file.name], before[p], here, published) for p in registers]
+    found = [_compare(p, judged[p.file.name], codes[p.file.name], before[p], here, published) for p in places]
     orders = select_motion(judged.get(ORDERS.name, ()))
     if arguments.json:
         make_console().print(format_judgement(_collect_plain(found, orders)), end="")
     else:
         for v in found:
             _print_verdicts(v, v.claims if v.place in asked and not arguments.partial else v.whole, arguments.publish)
-            if v.place is PAPER:
+            if v.place is paper:
                 show_orders(orders)
     if arguments.publish:
         published.root.mkdir(parents=True, exist_ok=True)
@@ -138,7 +137,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _choose_registers(
-    arguments: argparse.Namespace, registers: Mapping[RegisterPlace, Register], records: Sequence[RunRecord]
+    arguments: argparse.Namespace, places: Sequence[RegisterPlace], records: Sequence[RunRecord]
 ) -> list[RegisterPlace]:
     """Return the registers of whose claims no run is missing; without --partial raise UsageError if there is none.
 
@@ -146,18 +145,15 @@ def _choose_registers(
     """
     if arguments.partial and not arguments.publish:
         return []
-    wanted = {
-        p: judging.list_published_runs(p) if arguments.publish else judging.select_needed(r, p)
-        for p, r in registers.items()
-    }
+    wanted = {p: judging.list_published_runs(p) if arguments.publish else judging.select_needed(p) for p in places}
     missing = {p: judging.find_missing(records, specs) for p, specs in wanted.items()}
-    if whole := [p for p in registers if wanted[p] and not missing[p]]:
+    if whole := [p for p in places if wanted[p] and not missing[p]]:
         return whole
     what = "that verdicts are published from" if arguments.publish else "that the claims are tried on"
     remedy = "" if arguments.publish else ", or judge these: --partial"
-    absent = missing[PAPER]
+    asked, absent = wanted[places[0]], missing[places[0]]
     raise UsageError(
-        f"{arguments.results} lacks {len(absent)} of {len(wanted[PAPER])} runs {what} (the first: {absent[0].case}); "
+        f"{arguments.results} lacks {len(absent)} of {len(asked)} runs {what} (the first: {absent[0].case}); "
         f"make them: {_make_remedy(PAPER)}{remedy}"
     )
 
@@ -185,22 +181,22 @@ def _compare(
     if before is None:
         return _Verdicts(place, claims, code, None, whole, [], "")
     changed = [c for c in find_changes(before, claims) if c[0] not in lacking]
-    stale = judging.describe_outdated(published, code, place) if whole else ""
+    stale = judging.describe_outdated(published, place, code) if whole else ""
     return _Verdicts(place, claims, code, before, whole, changed, stale)
 
 
 def _collect_plain(found: Sequence[_Verdicts], orders: Sequence[Order]) -> dict[str, Any]:
     """Return both registers' claims and the orders as plain data: the paper's claims at the top, then the field's."""
-    files = {v.place: add_code(v.claims, v.code) for v in found}
+    files = {v.place.name: add_code(v.claims, v.code) for v in found}
     parts = {p: {"code": f.code, "claims": f.claims, "commands": f.commands} for p, f in files.items()}
-    return {"schema": SCHEMA, **parts[PAPER], FIELD.file.name: parts[FIELD], "orders": orders}
+    return {"schema": SCHEMA, **parts[PAPER.name], FIELD.file.name: parts[FIELD.name], "orders": orders}
 
 
 def _select_published(judged: Mapping[str, Any], places: Sequence[RegisterPlace]) -> dict[str, Any]:
     """Return the judgements that are published: claims shortened, and with the paper's all others."""
     own = {p.file.name: shorten_claims(judged[p.file.name]) for p in places}
     registers = {PAPER.file.name, FIELD.file.name}
-    others = {k: v for k, v in judged.items() if k not in registers} if PAPER in places else {}
+    others = {k: v for k, v in judged.items() if k not in registers} if PAPER.name in [p.name for p in places] else {}
     return {**own, **others}
 
 
@@ -210,7 +206,7 @@ def _print_verdicts(v: _Verdicts, known: Sequence[JudgedClaim], publishing: bool
         show_claims(known, v.changed, v.before is not None, publishing, v.place)
     if others := len(v.claims) - len(known):
         compared = "were not" if known else "nothing was"
-        whose = "" if v.place is PAPER else f" {v.place.whose}"
+        whose = "" if v.place.name == PAPER.name else f" {v.place.whose}"
         make_console().print(
             f"{others} of {len(v.claims)} claims{whose} lack runs and {compared} compared with the "
             f"published verdicts; make them: {_make_remedy(v.place)}",
@@ -235,7 +231,7 @@ def show_claims(
         first = c.tests[0] if c.tests else None
         numbers = (claim_words.format_measured(first), claim_words.format_band(first)) if first else ("", "")
         count = f"{sum(f.settings for f in c.findings)} of {sum(f.rows for f in c.findings)}"
-        sides = (claim_words.join_figures(c), format_verdict(c.paper)) if place is PAPER else ()
+        sides = (claim_words.join_figures(c), format_verdict(c.paper)) if place.name == PAPER.name else ()
         measured = claim_words.describe_missing(c) or numbers[0]
         rows.append((c.id, *sides, format_verdict(c.beyond), count, measured, numbers[1]))
     below = [count_verdicts(claims, place)]
@@ -245,7 +241,7 @@ def show_claims(
     elif not publishing:
         below.append("nothing is published yet; use --publish to do so")
     figure = Column("figure", rank=2, right=False)
-    verdicts = (figure, *SIDES) if place is PAPER else (Column("verdict", right=False, fold=True, least=12),)
+    verdicts = (figure, *SIDES) if place.name == PAPER.name else (Column("verdict", right=False, fold=True, least=12),)
     print_table((Column("claim", fold=True), *verdicts, *NUMBERS), rows, *below)
 
 
@@ -269,7 +265,7 @@ def count_verdicts(claims: Sequence[JudgedClaim], place: RegisterPlace = PAPER) 
     results = [c for c in claims if c.kind != PRESENTATION]
     sides = tuple(zip(claim_words.WHERE, ("paper", "beyond"), strict=True))
     out = []
-    for where, side in sides if place is PAPER else ((f"claims {place.whose}", "beyond"),):
+    for where, side in sides if place.name == PAPER.name else ((f"claims {place.whose}", "beyond"),):
         found = Counter(f.verdict for c in results if (f := getattr(c, side)))
         out.append(f"{where}: " + ", ".join(f"{found[v]} {v}" for v in STYLE))
     checks = [c for c in claims if c.kind == PRESENTATION]

@@ -1,26 +1,26 @@
 """Select the series of a suite's runs that keep every step: those that are judged, and those magnified in figures."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from ..harness.catalogue.suites.spec import RunSpec
 from ..harness.catalogue.suites.suite import Suite
 from ..harness.judge.referee.claims.frame import own_duration
-from ..harness.judge.referee.claims.register import read_register
 from ..harness.judge.referee.judge import list_tried
 from ..harness.judge.referee.reading import make_series_selector
 from ..harness.judge.referee.registers import PLACES
-from ..reports.paper.lines import RequestedRun, find_magnified_series
+from ..reports.paper.lines import find_magnified_series
 
 
 def make_series_choice(suite: Suite) -> Callable[[RunSpec], tuple[str, ...]]:
     """Return a function from a run to the names, or name patterns, of its series that are kept in full."""
-    judged = [make_series_selector(read_register(place.path), list_tried(place)) for place in PLACES]
+    judged = [make_series_selector(place.read(), list_tried(place)) for place in PLACES]
     magnified = find_magnified_series(suite.specs, _duration)
     return lambda spec: tuple(
         sorted(magnified.get(spec.settings_id, set()).union(*(select(spec) for select in judged)))
     )
 
 
-def _duration(asked: RequestedRun) -> float:
-    """Return the simulated time of a requested run [s]: its own, else the problem's default."""
-    return float(asked.parameters.get("t_end") or own_duration(asked.problem))
+def _duration(problem: str, parameters: Mapping[str, Any]) -> float:
+    """Return the simulated time of a run [s]: that of its parameters, else the problem's default."""
+    return float(parameters.get("t_end") or own_duration(problem))

@@ -12,7 +12,7 @@ def run(arguments: argparse.Namespace) -> int:
     done = merge(Path(arguments.out), arguments.sources)
     code = 1 if done.unreadable or done.conflicts else 0
     if arguments.json:
-        unreadable = [{"path": str(u.path), "why": u.why} for u in done.unreadable]
+        unreadable = [{"path": str(path), "why": why} for path, why in done.unreadable.items()]
         plain = {"runs": len(done.records), "added": done.added, "unreadable": unreadable}
         print_json({**plain, "conflicts": done.conflicts, "codes": done.codes})
         return code

@@ -3,7 +3,7 @@
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -16,13 +16,12 @@ from ..harness.base.isolation import describe_lacking
 from ..harness.catalogue.suites.spec import RunSpec
 from ..harness.mechanics.types import Status
 from ..harness.results.records import RunRecord
-from ..harness.results.store import LoadedResults, UnreadableFile
+from ..harness.results.store import LoadedResults
 from ..harness.results.words import list_reasons, qualify_status
-from ..harness.run.costs import Expectation, predict_times
+from ..harness.run.costs import predict_times
 from ..harness.run.job import Job
-from ..harness.run.pool import LocalPool
-from ..harness.run.remaining_time import PREPARING, RemainingTime, describe_wait, format_duration
-from ..harness.run.runner import Executor, Request, run_suite
+from ..harness.run.remaining_time import PREPARING, describe_wait, format_duration
+from ..harness.run.runner import Request, run_suite
 from .terminal import Console, choose_status_style, list_unreadable, make_error_console, plural
 
 LISTED = 50  # most runs listed that were not started
@@ -59,14 +58,14 @@ class ProgressDisplay:
         self.begun = math.inf  # when the first run began
         self.waiting: dict[str, Job] = {}
         self.running: dict[str, tuple[Job, float]] = {}  # each with its start (time.monotonic)
-        self.estimate, self.once = RemainingTime({}), 0.0  # once: [s] to compile kernels and compute references
+        self.estimate = predict_times([], size)
         self.warming = False  # True while no run has begun
         self.compiling = False  # True while the wait for the first run is not mentioned
         self.worst = (0.0, "", "")  # largest energy drift relative to its energy scale, its run, and that run's status
         self.left = 0  # runs not started because of total_limit
-        self.set_aside: tuple[UnreadableFile, ...] = ()  # before any run began
+        self.set_aside: Mapping[Path, str] = {}  # before any run began
 
-    def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[UnreadableFile, ...]) -> None:
+    def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: Mapping[Path, str]) -> None:
         """Print the number of runs, their expected time on this machine, and the unreadable files that are set aside.
 
         ``waiting`` are the runs without a result, of ``total`` in the suite.
@@ -77,14 +76,14 @@ class ProgressDisplay:
         further = bool(self.before) and not self.resumable  # True for a later stage of the same command
         self.compiling = self.warming and not further
         expected = predict_times([job.spec for job in waiting], self.size, waiting[0].suite if waiting else "")
-        self.estimate, self.once = RemainingTime(expected.runs), expected.once
+        self.estimate = expected
         kept = f", {self.before} already done" if self.before else ""
         if self.announces and not further:
             where = f"; results in {folder}" if self.resumable else ""
-            time_needed = describe_time(expected) + self.afterwards * bool(waiting) if self.is_local else ""
+            time_needed = expected.words_after_count + self.afterwards * bool(waiting) if self.is_local else ""
             announce_suite(f"{plural(total, 'run')}{kept}{time_needed}{where}", self.console)
         self.set_aside = unreadable
-        for line in list_unreadable("set aside", [(item.path.name, item.why) for item in unreadable]):
+        for line in list_unreadable("set aside", [(path.name, why) for path, why in unreadable.items()]):
             self._print_line(line)
         self.on_tick()
 
@@ -132,8 +131,8 @@ class ProgressDisplay:
         now = time.monotonic()
         if self.compiling and now - self.opened > PATIENCE:
             self.compiling = False
-            if self.once > PATIENCE:  # otherwise the time is that of loading, as at every start
-                self._print_line(describe_wait(PREPARING, now - self.opened, self.once))
+            if self.estimate.once > PATIENCE:  # otherwise the time is that of loading, as at every start
+                self._print_line(describe_wait(PREPARING, now - self.opened, self.estimate.once))
         if self.live is not None:
             self.live.update(Group(*self.format_status(now)), refresh=True)
         elif now - self.reported > EVERY and self.running:
@@ -173,7 +172,7 @@ class ProgressDisplay:
             of = format_duration(now - since + self.estimate.estimate_remaining(job.spec, now - since))
             lines.append(Text(f"  {now - since:.0f} s of about {of}: {job.spec.case}", "dim"))
         if self.warming:
-            lines.append(Text(f"  {describe_wait(PREPARING, now - self.opened, self.once)}", "dim"))
+            lines.append(Text(f"  {describe_wait(PREPARING, now - self.opened, self.estimate.once)}", "dim"))
         for line in lines:
             line.no_wrap, line.overflow = True, "ellipsis"
         return lines
@@ -225,11 +224,6 @@ def announce_suite(words: str, out: Console) -> None:
         out.print(Text(line), highlight=False, soft_wrap=True)
 
 
-def describe_time(expected: Expectation) -> str:
-    """Describe how long runs will take on this machine, to be added to a line; empty if no run is expected."""
-    return f", {expected.jobs} at a time: {expected.words}" if expected.runs else ""
-
-
 def run_watched(
     request: Request,
     *,
@@ -239,15 +233,13 @@ def run_watched(
     is_local: bool = True,
     budget: str = "",
     afterwards: str = "",
-    pool: Callable[..., Executor] = LocalPool,
 ) -> tuple[LoadedResults, ProgressDisplay]:
     """Run a suite with progress on standard error, unless ``quiet``; return its results and the display.
 
     On a terminal there are status lines. A suite that is not ``resumable`` has a temporary folder or one named
     elsewhere. With ``announces=False`` the command itself has said what it will run. Without ``is_local`` the runs are
     on a cluster and take an unknown time. ``budget`` names in words the limit of the command that ends the suite, in
-    place of the suite's own, ``afterwards`` what the commands that usually follow will take; ``pool`` makes the
-    executor of its jobs.
+    place of the suite's own, ``afterwards`` what the commands that usually follow will take.
     """
     console = Console(quiet=quiet, stderr=True)
     plain = quiet or not console.is_terminal or console.is_dumb_terminal
@@ -264,4 +256,4 @@ def run_watched(
             later=later,
             afterwards=afterwards,
         )
-        return run_suite(request, watcher, pool), watcher
+        return run_suite(request, watcher), watcher

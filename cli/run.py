@@ -11,14 +11,12 @@ from ..harness.catalogue.suites.suite import load_suite
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.run.costs import predict_pages, predict_times
-from ..harness.run.pool import LocalPool
-from ..harness.run.protocol import Supervised
 from ..harness.run.remaining_time import format_duration
-from ..harness.run.runner import Executor, Request, find_last_folder, list_waiting, name_new_folder
+from ..harness.run.runner import Request, begin_local_pool, choose_pool, find_last_folder, list_waiting, name_new_folder
 from ..harness.run.started_runs import WHY as FOREIGN
 from .arguments import UsageError, count_jobs, load_plugins
 from .keeping import make_series_choice
-from .progress import describe_time, run_watched, warn_of_own_bits
+from .progress import run_watched, warn_of_own_bits
 from .terminal import list_unreadable, make_console, make_error_console, number, plural, print_json
 
 LISTED = 8  # most solvers listed with keys that they do not take
@@ -30,16 +28,13 @@ def run(arguments: argparse.Namespace) -> int:
     Return 1 if a limit left out runs, if other code wrote records, or if runs could not be timed in turns.
     """
     if arguments.dry_run or arguments.cluster is not None:
-        return _run_suite(arguments, choose_executor(arguments.cluster))
-    ahead = Supervised()  # it loads its modules while this process reads the suite and estimates times
-    try:
-        return _run_suite(arguments, partial(LocalPool, ahead=ahead))
-    finally:
-        ahead.discard()
+        return _run_suite(arguments, partial(Request, pool=choose_pool(arguments.cluster)))
+    with begin_local_pool() as pool:
+        return _run_suite(arguments, partial(Request, pool=pool))
 
 
-def _run_suite(arguments: argparse.Namespace, pool: Callable[..., Executor]) -> int:
-    """Run the suite as ``run`` does, with the executor of jobs that ``pool`` makes."""
+def _run_suite(arguments: argparse.Namespace, make_request: Callable[..., Request]) -> int:
+    """Run the suite as ``run`` does, with the executor of jobs that ``make_request`` chooses."""
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     folder = Path(arguments.out) if arguments.out else None
     if folder is None and arguments.resume:
@@ -54,7 +49,7 @@ def _run_suite(arguments: argparse.Namespace, pool: Callable[..., Executor]) -> 
         known = ", ".join(suite.parts) or "none"
         raise UsageError(f"--only must be a suite that {suite.name} includes: {known} (got {arguments.only!r})")
     target, part = folder or name_new_folder(suite.name), parse_shard(arguments.shard)
-    request = Request(
+    request = make_request(
         suite,
         target,
         count_jobs(arguments.jobs),
@@ -74,10 +69,14 @@ def _run_suite(arguments: argparse.Namespace, pool: Callable[..., Executor]) -> 
         make_error_console().print(_describe_suite(request, is_local=arguments.cluster is None))
     is_local = arguments.cluster is None
     afterwards = _describe_pages(request) if is_local else ""
-    loaded, watcher = run_watched(request, quiet=arguments.json, pool=pool, is_local=is_local, afterwards=afterwards)
+    loaded, watcher = run_watched(request, quiet=arguments.json, is_local=is_local, afterwards=afterwards)
     watcher.finish(request.folder, loaded)
-    late = [item for item in loaded.unreadable if item.why == FOREIGN and item not in watcher.set_aside]
-    for line in list_unreadable("set aside", [(item.path.name, item.why) for item in late]):
+    late = [
+        (path.name, why)
+        for path, why in loaded.unreadable.items()
+        if why == FOREIGN and watcher.set_aside.get(path) != why
+    ]
+    for line in list_unreadable("set aside", late):
         make_error_console().print(line)
     failures = (
         _time_in_turns(request.folder, loaded.records, arguments.in_turns, suite.plugins) if arguments.in_turns else []
@@ -105,7 +104,7 @@ def _print_plan(request: Request, *, as_json: bool) -> int:
     out = make_console()
     for s in waiting:
         out.print(f"{number(expected.runs[s.settings_id], 2):>8} s  {s.case}")
-    out.print(f"{plural(len(waiting), 'run')}{describe_time(expected)}")
+    out.print(f"{plural(len(waiting), 'run')}{expected.words_after_count}")
     if request.suite.not_combined:
         out.print(describe_not_combined(request.suite.not_combined))
     return 0
@@ -127,7 +126,7 @@ def _describe_suite(request: Request, *, is_local: bool) -> str:
     expected = predict_times(waiting, request.jobs, suite.name)
     part = len(suite.parts[request.only]) if request.only else 0
     whole = replace(expected, pages=predict_pages(part) + predict_pages(len(suite.specs)))
-    time_needed = describe_time(whole) if is_local else ""
+    time_needed = whole.words_after_count if is_local else ""
     return f"{request.suite.name}: {plural(len(waiting), 'run')}{time_needed}; now those of {request.only}"
 
 
@@ -148,15 +147,6 @@ def describe_not_combined(rest: Sequence[str]) -> str:
     """Return a line on the solvers that do not take a key of their suite's group, as the entries of ``rest`` say."""
     more = f", and {len(rest) - LISTED} more" if rest[LISTED:] else ""
     return f"not combined: {', '.join(rest[:LISTED])}{more}"
-
-
-def choose_executor(address: str | None) -> Callable[..., Executor]:
-    """Return the factory of the executor of jobs: local processes, or the cluster's workers at ``address``."""
-    if address is None:
-        return LocalPool
-    from ..harness.run.cluster import DaskPool
-
-    return lambda size, *watching: DaskPool(address, *watching)
 
 
 def parse_shard(given: str | None) -> tuple[int, int]:

@@ -24,7 +24,6 @@ from ..harness.results.provenance import read_environment
 from ..harness.results.records import COLUMNS, DECLARED, RunRecord, find_limit
 from ..harness.results.reproduce import write_command
 from ..harness.results.series import OTHER, POSES
-from ..harness.results.store import UnreadableFile
 from ..harness.results.words import (
     describe_breach,
     describe_ending,
@@ -211,7 +210,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise UsageError("--steps prints the steps of one RUN as CSV: give it, and no --json")
         print_steps(folder, find_run(loaded.records, arguments.run_name, folder), load_plugins(arguments.plugin))
         return 0
-    unreadable = list(loaded.unreadable)
+    unreadable = dict(loaded.unreadable)
     chosen = _select_runs(loaded.records, arguments)
     if arguments.json:
         for record in chosen:
@@ -290,12 +289,12 @@ def _suggest_runs(found: Sequence[RunRecord], given: str, folder: Path) -> str:
     return f", which has {', '.join(some) or 'none'}{more}"
 
 
-def _draw_energy(folder: Path, record: RunRecord, unreadable: list[UnreadableFile]) -> str:
+def _draw_energy(folder: Path, record: RunRecord, unreadable: dict[Path, str]) -> str:
     """Draw the energy error of a run over time; empty without a series. A damaged file is added to ``unreadable``."""
     try:
         series = store.read_run_series(folder, record)
     except FileError as error:
-        unreadable.append(UnreadableFile(folder / record.series, str(error)))
+        unreadable[folder / record.series] = str(error)
         return ""
     return "" if series is None else draw_timeline(*series.points("energy_error"), record.t_end_s, SPARK)
 

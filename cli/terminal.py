@@ -4,8 +4,9 @@ import itertools
 import math
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import rich.console
@@ -17,8 +18,6 @@ from ..harness.base.files import to_json
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from ..harness.results.store import UnreadableFile
 
 PIPED = 200  # width without a terminal: keeps a case on one line, for grep
 STYLE = {"success": "green", "refused": "cyan", "wrong": "bold red"}  # colours of statuses; others are yellow
@@ -62,9 +61,9 @@ def choose_status_style(status: str) -> str:
     return STYLE.get(str(status), "yellow")
 
 
-def print_unreadable(items: "Iterable[UnreadableFile]", out: Console | None = None) -> None:
+def print_unreadable(items: Mapping[Path, str], out: Console | None = None) -> None:
     """Print files that could not be read, and why; on standard error unless ``out`` is given."""
-    for line in list_unreadable("unreadable", [(str(item.path), item.why) for item in items]):
+    for line in list_unreadable("unreadable", [(str(path), why) for path, why in items.items()]):
         (out or make_error_console()).print(line)
 
 

@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     codes = {r.settings_id: (r.code, r.measured_by) for r in again.records}
     exact = is_same_platform(*stamps) and all((r.code, r.measured_by) == codes.get(r.settings_id) for r in sample)
     good = found.is_identical if exact else found.alike
-    show_comparison(found, [d for d in find_differences(*stamps) if d.what != "suite"], json=arguments.json)
+    show_comparison(found, [d for d in find_differences(*stamps) if d.quantity != "suite"], json=arguments.json)
     if arguments.json:
         print_unreadable(loaded.unreadable)
         return 0 if good and not loaded.unreadable else 1

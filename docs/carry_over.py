@@ -20,7 +20,7 @@ from mbsbench.harness.base import machine
 from mbsbench.harness.base.files import to_json
 from mbsbench.harness.judge.referee.carried import FILE, Generation, add_generation, digest_present_code, read_carried
 from mbsbench.harness.mechanics.types import Status
-from mbsbench.harness.results.comparison import compare, is_repeatable
+from mbsbench.harness.results.comparison import compare, is_repeatable, read_change
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.store import load, select_newest
 
@@ -42,13 +42,16 @@ def main(parent: str) -> int:
     comparison = compare(*found)
     in_both = {r.case for r in made[0]} & {r.case for r in made[1]}
     unpaired = {*comparison.only_before, *comparison.only_after}
-    cases = {c.case for c in comparison.changes} | (unpaired & in_both)  # made by both, but a limit ended one of them
+    cases = {c.subject for c in comparison.changes} | (
+        unpaired & in_both
+    )  # made by both, but a limit ended one of them
     for case in sorted(unpaired - in_both):
         _say(f"not compared, since one of the two suites lacks it: {case}")
     differing = sorted({r.solver for r in (*found[0], *found[1]) if r.case in cases})
     for case in sorted(cases):
-        first = next((c for c in comparison.changes if c.case == case), None)
-        _say(f"differs: {case}{f': {first.metric} {first.before} -> {first.after}' if first else ''}")
+        first = next((c for c in comparison.changes if c.subject == case), None)
+        words = f": {first.quantity} {' -> '.join(map(str, read_change(first)))}" if first else ""
+        _say(f"differs: {case}{words}")
     both = {r.settings_id for r in found[0]}
     equal = [r for r in found[1] if r.settings_id in both and r.solver not in differing and r.status != Status.REFUSED]
     if not equal:

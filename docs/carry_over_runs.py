@@ -12,7 +12,6 @@ from unittest.mock import MagicMock  # an observer that prints nothing
 
 from mbsbench.harness.catalogue import codes
 from mbsbench.harness.catalogue.suites.suite import Suite, load_suite
-from mbsbench.harness.judge.referee.claims.register import read_register
 from mbsbench.harness.judge.referee.currency import JUDGING
 from mbsbench.harness.judge.referee.judge import judge_results
 from mbsbench.harness.run.runner import Request, run_suite
@@ -39,7 +38,7 @@ def main(folder: Path, seed: str) -> None:
     here = codes.package_sources()
     digests = {"solvers": here.solvers, "problems": here.problems, "measuring": here.measuring}
     digests |= {"running": here.running, "columns": here.columns.columns}
-    claims = judge_results(folder, read_register())["claims"]
+    claims = judge_results(folder)["claims"]
     verdicts = {c.id: [c.verdicts, *([f.holds, f.settings, f.rows] for f in c.findings)] for c in claims}
     sys.stdout.write(json.dumps({**digests, "judging": here.digest_modules(*JUDGING), "verdicts": verdicts}))
 

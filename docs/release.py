@@ -23,8 +23,6 @@ from packaging.requirements import Requirement
 from packaging.version import Version
 
 from mbsbench.harness.judge.referee import judge
-from mbsbench.harness.judge.referee.claims.register import read_register
-from mbsbench.harness.judge.referee.currency import code_now
 from mbsbench.harness.judge.referee.registers import PLACES
 from mbsbench.harness.lab.bundle.contents import VERSION as BUNDLE
 from mbsbench.harness.results.environment import ROOT
@@ -78,8 +76,7 @@ def check_tree(root: Path) -> Iterator[str]:
 def check_published(root: Path) -> Iterator[str]:
     """Yield the published verdicts and pictures that are of other code than this."""
     for place in PLACES:
-        now = code_now(read_register(place.path), judge.list_published_runs(place))
-        if words := judge.describe_outdated(PUBLISHED, now, place):
+        if words := judge.describe_outdated(PUBLISHED, place):
             yield f"{words}; {REMEDY}"
     for name in ("costs", "chain"):
         text = (root / "docs" / "images" / f"{name}.svg").read_text(encoding="utf-8")

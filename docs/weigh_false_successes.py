@@ -14,8 +14,6 @@ from mbsbench.cli.progress import run_watched
 from mbsbench.harness.base.files import FileError
 from mbsbench.harness.catalogue.suites.suite import Suite
 from mbsbench.harness.judge.referee import judge as judging
-from mbsbench.harness.judge.referee.claims.register import read_register
-from mbsbench.harness.judge.referee.currency import code_now
 from mbsbench.harness.judge.referee.weighing import list_deciding, weigh_published
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements.files import PUBLISHED, SYMMETRIES, WRONG, format_judgement, read_judgement
@@ -28,7 +26,7 @@ DESCRIPTION = "runs that decide which false successes mislead"
 
 def main(words: list[str]) -> int:
     """Make the runs, write both files, and print what changed; return 0."""
-    if outdated := judging.describe_outdated(PUBLISHED, code_now(read_register(), judging.list_published_runs())):
+    if outdated := judging.describe_outdated(PUBLISHED):
         raise FileError(outdated)
     symmetries, wrong = read_judgement(SYMMETRIES, PUBLISHED), read_judgement(WRONG, PUBLISHED)
     deciding = list_deciding(symmetries, wrong)

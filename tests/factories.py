@@ -24,7 +24,6 @@ from mbsbench.harness.results.series import Series
 from mbsbench.harness.results.store import LoadedResults
 from mbsbench.harness.run.job import Job, make_cut_short_record
 from mbsbench.harness.run.measuring import measure_run
-from mbsbench.harness.run.pool import LocalPool
 from mbsbench.harness.run.presenting import present_solver
 from mbsbench.harness.run.run import store_outcome
 from mbsbench.harness.run.runner import Request, SuiteObserver, run_suite
@@ -142,7 +141,7 @@ class Silent(SuiteObserver):
         self.total = 0
 
     def begin(self, folder, total, waiting, unreadable):
-        self.set_aside, self.total = [u.path.name for u in unreadable], total
+        self.set_aside, self.total = [path.name for path in unreadable], total
 
     def on_end(self, job, record):
         self.ran.append(job.spec.case)
@@ -152,11 +151,11 @@ class Silent(SuiteObserver):
 
 
 def run_suite_text(
-    folder: Path, text: str, jobs: int = 2, *, plugins=(PLUGIN,), pool=LocalPool, **request
+    folder: Path, text: str, jobs: int = 2, *, plugins=(PLUGIN,), **request
 ) -> tuple[LoadedResults, Silent]:
     """Run the text of a suite in a folder: what is there then, and what the watcher saw."""
     suite, watcher = parse_suite(text, "test", "test", plugins=tuple(map(str, plugins))), Silent()
-    return run_suite(Request(suite, folder, jobs, **request), watcher, pool), watcher
+    return run_suite(Request(suite, folder, jobs, **request), watcher), watcher
 
 
 def run_here(job: Job) -> RunRecord:

@@ -19,7 +19,7 @@ def step(s):
         {test}
         s.x -= solve(s.J, r)
 """
-CROSSING, OF_A_RUN, OF_A_VERDICT = 175, 26, 27
+CROSSING, OF_A_RUN, OF_A_VERDICT = 142, 25, 24
 SAMPLES = {  # a text that is of the kind, and one that looks like it
     "spanning trees": (
         "def f(s):\n  queue = [GROUND]\n  for b in queue:\n    queue.extend(near[b])",
@@ -108,4 +108,4 @@ def test_a_type_is_found_where_it_is_handed_on():
     """``Status`` is imported from a package that hands it on, by rooms on every floor."""
     rooms = {t.name: rooms for t, rooms in list_types.find_crossing().items()}
     assert {"harness/run", "solvers", "reports"} <= {*rooms["Status"]}
-    assert "Trend" not in rooms and "GateFindings" in rooms
+    assert "Trend" not in rooms and "Suite" in rooms

@@ -16,7 +16,6 @@ from mbsbench import Problem, Results, Run, Status, load, make_problem, solve
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.mechanics.types import Law, Reason
 from mbsbench.harness.results.records import format_reasons
-from mbsbench.harness.results.store import UnreadableFile
 from mbsbench.harness.results.words import describe_errors, list_reasons
 from mbsbench.notebook import FEW, LEFT
 from mbsbench.reports.plots.spec import choose_styles
@@ -199,8 +198,8 @@ def test_a_notebook_shows_problems_records_and_results(run):
     shown = run.record._repr_html_()
     assert shown.startswith(run._repr_html_())
     assert all(f"<td{LEFT}>{name}</td>" in shown for name in vars(run.record))
-    damaged = UnreadableFile(Path("runs/a.json"), "it is no JSON")
-    many = Results(Path("here"), (run,) * (FEW + 3), (damaged,))._repr_html_()
+    damaged = {Path("runs/a.json"): "it is no JSON"}
+    many = Results(Path("here"), (run,) * (FEW + 3), damaged)._repr_html_()
     assert many.count(f"<td{LEFT}>{run.record.case}</td>") == FEW and "and 3 more" in many
     assert f"here: {FEW + 3} runs ({FEW + 3} success)" in many and "it is no JSON" in many
 
@@ -210,7 +209,7 @@ def test_names_and_messages_are_text_in_a_notebook(run):
     evil = "<script>alert(1)</script>\x1b[2J\u202e"
     record = dataclasses.replace(run.record, case=evil, status="crashed", message=evil)
     problem = dataclasses.replace(make_problem("heavy_top"), source=evil, parameters={evil: evil})
-    results = Results(Path(evil), (dataclasses.replace(run, record=record),), (UnreadableFile(Path(evil), evil),))
+    results = Results(Path(evil), (dataclasses.replace(run, record=record),), {Path(evil): evil})
     for shown in (x._repr_html_() for x in (record, results, results.runs[0], problem)):
         assert "&lt;script&gt;" in shown
         assert not re.search("<script|<img|<link|<style|src=|href=|http|\x1b|\u202e|colou?r", shown.lower())

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from ...harness.formats.motions.conventions import CHOICES, UNSAID, Reading
+from ...harness.formats.motions.conventions import CHOICES, UNSAID, USUAL
 from ..arguments import add_plugin, add_problem, parse_positive_float
 from ..commands import add_subcommand
 
@@ -47,7 +47,7 @@ def add_reading_options(p: argparse.ArgumentParser) -> None:
         "--columns", metavar="OURS=THEIRS,...", help="names of columns; for a file without a header, OURS in order"
     )
     for name, choices in CHOICES.items():
-        usual = getattr(Reading, name)
+        usual = USUAL[name]
         words = f"{MEANING[name]} (default: {'not stated' if usual == UNSAID else usual})"
         p.add_argument(f"--{name}", choices=choices, default=usual, help=words)
     tolerance = "difference allowed at the start, in SI units (default: by the digits printed)"

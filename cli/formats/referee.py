@@ -2,22 +2,19 @@
 
 import argparse
 import math
-import re
 from pathlib import Path
 
 from rich.text import Text
 
 from ...harness.base.files import FileError
 from ...harness.base.text import escape_text
-from ...harness.catalogue import registry
 from ...harness.catalogue.trial import make_problem
-from ...harness.formats.motions.conventions import CHOICES, Reading
-from ...harness.formats.motions.judge import FileSettings, judge_file, list_tables, open_results
-from ...harness.mechanics.types import Status, StepControl
+from ...harness.formats.motions.judge import choose_settings, judge_file, list_tables, open_results
+from ...harness.mechanics.types import Status
 from ...harness.results import store
 from ...harness.results.records import RunRecord
 from ...harness.results.words import describe_status, list_reasons, qualify_status, select_judged_error
-from ..arguments import UsageError, load_problem
+from ..arguments import load_problem
 from ..solve import make_json_numbers, summarize
 from ..terminal import Column, choose_status_style, make_console, number, print_json, print_table
 
@@ -41,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     given = [Path(f) for f in arguments.files]
     paths = [p for f in given for p in list_tables(f)]
     folder = None if arguments.into is None else open_results(_find_folder(arguments.into))
-    asked = parse_settings(arguments, given[0])
+    asked = choose_settings(given[0], vars(arguments))
     judged: list[RunRecord | FileError] = []
     for path in paths:
         try:
@@ -70,26 +67,6 @@ def _exit_code(one: RunRecord | FileError) -> int:
         return 2
     codes = {Status.SUCCESS: 0, Status.INACCURATE: INACCURATE}
     return codes.get(Status(one.status), 1)
-
-
-def parse_settings(arguments: argparse.Namespace, first: Path) -> FileSettings:
-    """Return how files are read and recorded, from the options of the command; ``first`` is the first file.
-
-    The name of the code is by default that of the first file, with the suffix ``_file`` if a solver of the catalogue
-    has that name.
-    """
-    reading = Reading(**{name: getattr(arguments, name) for name in CHOICES})
-    columns = tuple(c.strip() for c in (arguments.columns or "").split(",") if c.strip())
-    if len({"=" in c for c in columns}) > 1:
-        raise UsageError("--columns takes OURS=THEIRS, ..., or the names of all columns of a file without a header")
-    settings = {k: v for k in ("dt", "rtol") if (v := getattr(arguments, k, None)) is not None}
-    if len(settings) > 1:
-        raise UsageError("give at most one of --dt and --rtol")
-    stem = re.sub(r"[^\w.+-]+", "_", first.stem)
-    name = getattr(arguments, "name", None) or (f"{stem}_file" if stem in registry.solvers() else stem)
-    return FileSettings(
-        name, reading, columns, StepControl(**settings) if settings else None, arguments.start_tolerance
-    )
 
 
 def _find_folder(name: str) -> Path:

@@ -6,12 +6,10 @@ from dataclasses import asdict, replace
 
 from rich.text import Text
 
-from ...harness.catalogue import registry
-from ...harness.catalogue.suites.spec import RunSpec, make_step_control
+from ...harness.catalogue.suites.spec import RunSpec
 from ...harness.catalogue.trial import make_problem
-from ...harness.lab.ensemble.clouds import Cloud, ConfiguredSolver, Ensemble, make_ensemble, run_cloud
+from ...harness.lab.ensemble.clouds import Cloud, configure_solver, configure_truth, make_ensemble, run_cloud
 from ...harness.lab.ensemble.verdict import ALL_C, NO_DIFFERENCE, CloudComparison, compare_clouds, judge
-from ...harness.mechanics.types import Problem
 from ...harness.run.costs import expect_solves
 from ..arguments import UsageError, count_jobs, load_problem, parse_assignments, parse_positive_float
 from ..commands import CONTROL
@@ -46,8 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     given = parse_assignments(arguments.set, "--set")
     if unknown := [k for k in given if k not in CONTROL]:
         raise UsageError(f"--set takes {', '.join(CONTROL)} (got {', '.join(unknown)})")
-    codes = [_configure_solver(problem, solver, given) for solver in arguments.solvers]
-    truth = _prefer_own_code(problem, _configure_solver(problem, arguments.truth, {"rtol": str(TRUE_RTOL)}))
+    codes = [configure_solver(problem, solver, given) for solver in arguments.solvers]
+    truth = configure_truth(problem, arguments.truth, TRUE_RTOL)
     if truth.control.rtol is None:
         raise UsageError(f"--truth must be controlled by rtol ({arguments.truth} is controlled by dt)")
     times = [parse_positive_float(t, "--at") for t in arguments.at.split(",")] if arguments.at else []
@@ -57,64 +55,36 @@ def run(arguments: argparse.Namespace) -> int:
         specs = [RunSpec(problem.name, c.name, c.control, dict(problem.parameters)) for c in (truth, *codes)]
         time = expect_solves([(s, n if k else 2 * n) for k, s in enumerate(specs)], jobs).words
         make_error_console().print(f"{plural(n, 'start')} of {plural(len(codes), 'solver')}, {jobs} at a time: {time}")
-    same, other = (_run_cloud(e, truth, range(first, first + n), jobs, first == 0) for first in (0, n))
-    clouds = [_run_cloud(e, code, range(n), jobs) for code in codes]
+    clouds = []
+    for code, first in ((truth, 0), (truth, n), *((code, 0) for code in codes)):
+        clouds.append(run_cloud(e, code, range(first, first + n), jobs))
+        if len(clouds) == 1 and len(clouds[0].failures) == n:
+            raise UsageError(f"no true motion by {code.name}: {clouds[0].failures[0]}; give another --truth")
+        _describe_cloud(clouds[-1])
+    same, other, *clouds = clouds
     perfect = [replace(c, solver=PERFECT) for c in compare_clouds(e, same, same, other)]
     found = [perfect, *(compare_clouds(e, cloud, same, other) for cloud in clouds)]
     verdicts = [judge(rows) for rows in found]
     _print_scores(found, verdicts, as_json=arguments.json)
     if arguments.html:
-        from ...reports.lab.ensemble import ScoredCloud, write_page
+        from ...reports.lab.ensemble import write_page
 
         title = f"{name}: {plural(n, 'start')}, spread {arguments.spread:g}"
-        write_page(
-            arguments.html,
-            title,
-            e,
-            (same, other),
-            [
-                ScoredCloud(cloud, rows, verdict)
-                for cloud, rows, verdict in zip(clouds, found[1:], verdicts[1:], strict=True)
-            ],
-            perfect,
-        )
+        scored = list(zip(clouds, found[1:], verdicts[1:], strict=True))
+        write_page(arguments.html, title, e, (same, other), scored, perfect)
         make_error_console().print(f"page: {arguments.html}")
     return 1 if any(v != NO_DIFFERENCE for v in verdicts[1:]) else 0
 
 
-def _configure_solver(problem: Problem, solver: str, given: dict[str, str]) -> ConfiguredSolver:
-    """Return a solver at its default options with those of the ``given`` step controls that apply to it."""
-    entry = registry.find_entry("solver", solver, registry.solvers())
-    others = {"dt": ("rtol", "max_step"), "rtol": ("dt",)}[entry.control]
-    control = make_step_control(solver, entry.control, problem, {k: v for k, v in given.items() if k not in others})
-    setting = f"{entry.control}={getattr(control, entry.control):g}"
-    return ConfiguredSolver(solver, setting, registry.make_solver(solver), control)
-
-
-def _prefer_own_code(problem: Problem, code: ConfiguredSolver) -> ConfiguredSolver:
-    """Return the solver with code generated for the mechanism, if it has any: thousands of members repay the time."""
-    if "code" not in registry.find_entry("solver", code.name, registry.solvers()).parameters:
-        return code
-    solver = registry.make_solver(code.name, {"code": "mechanism"})
-    return code if solver.refuses(problem, code.control) else replace(code, solver=solver)
-
-
-def _run_cloud(e: Ensemble, code: ConfiguredSolver, members: range, jobs: int, is_needed: bool = False) -> Cloud:
-    """Run the solver from the starts numbered ``members``; print its CPU time and failures, and return its cloud.
-
-    Raise UsageError if the cloud ``is_needed`` (it is the truth) and no member reached the end.
-    """
-    cloud = run_cloud(e, code, members, jobs)
-    if is_needed and len(cloud.failures) == len(members):
-        raise UsageError(f"no true motion by {code.name}: {cloud.failures[0]}; give another --truth")
-    out = make_error_console()
-    each = cloud.cpu_s / len(members)
-    out.print(f"{code.name} {code.setting}: {plural(len(members), 'member')}, {each:.3g} s of CPU time each")
+def _describe_cloud(cloud: Cloud) -> None:
+    """Print the CPU time of a cloud and its failures."""
+    out, members = make_error_console(), len(cloud.C)
+    each = cloud.cpu_s / members
+    out.print(f"{cloud.label}: {plural(members, 'member')}, {each:.3g} s of CPU time each")
     for line in cloud.failures[:SHOWN]:
         out.print(f"  {line}")
     if len(cloud.failures) > SHOWN:
         out.print(f"  {len(cloud.failures)} members did not reach the end")
-    return cloud
 
 
 def _print_scores(found: Sequence[list[CloudComparison]], verdicts: Sequence[str], *, as_json: bool) -> None:

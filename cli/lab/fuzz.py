@@ -5,20 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...harness.catalogue import registry
-from ...harness.lab.fuzz.campaign import CampaignSettings, run_campaign
-from ...harness.lab.fuzz.cases import NONE, read_case, write_cases, write_page
-from ...harness.lab.fuzz.log import (
-    COLUMNS,
-    Trial,
-    append_trial,
-    ask_second_route,
-    digest_solver,
-    read_trials,
-    write_summary,
-)
-from ...harness.lab.fuzz.oracle import FINDINGS, SHOWN, Behaviour, OracleOutcome, OracleVerdict
-from ...harness.lab.fuzz.presenting import Form
-from ...harness.lab.fuzz.report import choose_cases, describe_outcome
+from ...harness.lab.fuzz.campaign import choose_settings
+from ...harness.lab.fuzz.cases import NONE, read_case
+from ...harness.lab.fuzz.log import COLUMNS, CONFIRMED, list_left, run_trials
+from ...harness.lab.fuzz.oracle import FINDINGS, describe_outcome
+from ...harness.lab.fuzz.report import write_findings
 from ...harness.run.costs import describe_command
 from ...harness.run.runner import name_new_folder
 from ..arguments import UsageError, count_jobs, load_plugins, parse_assignments
@@ -37,32 +28,19 @@ def run(arguments: argparse.Namespace) -> int:
     names = list(dict.fromkeys(arguments.solvers))
     for name in names:
         registry.make_solver(name, options)  # raises for options that it does not take
-    form = Form.parse(parse_assignments(arguments.form, "--form")) if arguments.form else None
-    settings = CampaignSettings(arguments.seed, arguments.floor, options, form)
+    form = parse_assignments(arguments.form, "--form") if arguments.form else None
+    settings = choose_settings(arguments.seed, arguments.floor, options, form)
     folder = Path(arguments.out) if arguments.out else name_new_folder("fuzz")
-    done = {trial.key for trial in read_trials(folder) if trial.code == digest_solver(trial.outcome.solver)}
     numbers = range(arguments.first, arguments.first + arguments.mechanisms)
     pairs = [(n, s) for n in numbers for s in ([names[n % len(names)]] if arguments.in_turns else names)]
-    left = [
-        (n, s) for n, s in pairs if Trial(settings, "", OracleOutcome(s, Behaviour.SOUND, number=n)).key not in done
-    ]
+    left = list_left(folder, settings, pairs)
     jobs, before = count_jobs(arguments.jobs), len(pairs) - len(left)
     kept = f", {before} already done" if before else ""
     time_needed = f": {describe_command('fuzz', len(left), jobs)}, and what has to be compiled" if left else ""
     announce_suite(f"{plural(len(pairs), 'trial')}{kept}, {jobs} at a time{time_needed}", make_error_console())
-    for outcome in run_campaign(settings, left, jobs):
-        append_trial(folder, Trial(settings, digest_solver(outcome.solver), outcome))
-        if outcome.kind in SHOWN and not arguments.json:
-            make_error_console().print(describe_outcome(outcome))
-    for trial in read_trials(folder):
-        if trial.is_deviation and trial.verdict is None:
-            append_trial(folder, ask_second_route(trial))
-    trials = read_trials(folder)
-    counts = write_summary(folder, trials)
-    cases = choose_cases(trials, arguments.shrink)
-    write_cases(folder, cases)
-    write_page(folder)
-    confirmed = counts["all"][OracleVerdict.CONFIRMED]
+    run_trials(folder, settings, left, jobs, (lambda _: None) if arguments.json else make_error_console().print)
+    counts, cases = write_findings(folder, arguments.shrink)
+    confirmed = counts["all"][CONFIRMED]
     if arguments.json:
         print_json({"counts": counts, "cases": [c.name for c in cases], "confirmed": confirmed, "out": str(folder)})
         return 1 if confirmed else 0

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ...harness.catalogue.trial import make_problem
-from ...harness.formats.motions.judge import read_trajectory
+from ...harness.formats.motions.judge import choose_settings, read_trajectory
 from ...harness.lab.shadow.findings import describe_energy, describe_shadow, summarise_nearest, summarise_shadow
 from ...harness.lab.shadow.modified_energy import find_modified_energy
 from ...harness.lab.shadow.shadow import find_shadow
@@ -21,7 +21,6 @@ from ...harness.run.run_file import read_run
 from ...harness.run.solve_file import solve_to_file
 from ..arguments import UsageError, find_results, load_plugins, load_problem
 from ..findings import print_findings
-from ..formats.referee import parse_settings
 from ..progress import announce_suite
 from ..show import find_run
 from ..terminal import make_console, make_error_console, plural
@@ -68,7 +67,8 @@ def _read_motion(arguments: argparse.Namespace) -> Motion:
     if arguments.problem is not None:
         name, parameters, _ = load_problem(arguments)
         problem = make_problem(name, parameters)
-        return f"{name} {path.name}", problem, read_trajectory(problem, path, parse_settings(arguments, path)), None
+        settings = choose_settings(path, vars(arguments))
+        return f"{name} {path.name}", problem, read_trajectory(problem, path, settings), None
     load_plugins(arguments.plugin)
     if path.suffix == ".npz":
         return *_read_run(path), None

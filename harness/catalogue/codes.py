@@ -226,6 +226,22 @@ def digest_run_code(problem: str, solver: str, plugins: Iterable[str] = ()) -> s
     return package_sources().digest_run_code(problem, solver, plugins)
 
 
+def list_run_digests(problem: str, solver: str, root: Path = ROOT) -> dict[str, str]:
+    """Return the digests of the code in the folder ``root`` that a run is made by, each by the words for its part."""
+    here = package_sources() if root == ROOT else _open_sources(root)
+    return {
+        "its solver": here.solvers.get(solver, ""),
+        "its problem": here.problems.get(problem, ""),
+        "what runs it and counts its cost": here.running,
+    }
+
+
+@cache
+def _open_sources(root: Path) -> Sources:
+    """Return the sources of the package in another folder, one object in each process."""
+    return Sources(root)
+
+
 def read_column_digests() -> ColumnDigests:
     """Return the digests of the code of columns that are measured here; the column ``measured_by`` has their digest."""
     return package_sources().columns

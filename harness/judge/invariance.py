@@ -68,7 +68,7 @@ class Yardstick:
 
     def is_broken(self, deviation: float) -> bool:
         """Return whether a deviation [m] exceeds the bound by more than its uncertainty."""
-        return not deviation <= (1.0 + UNSURE) * self.bound
+        return is_beyond(deviation, self.bound)
 
     def judge(self, deviation: float) -> SymmetryVerdict:
         """Return the verdict on a deviation [m] of two runs: undecided if any two ends are closer than the bound."""
@@ -84,6 +84,16 @@ def find_return_factor(growth: float) -> float:
     ``growth`` is that of a changed start until the end.
     """
     return 1.0 + max(growth, 1.0)
+
+
+def allow_error(own: float, least: float) -> float:
+    """Return the distance allowed between answers of a code [m] by its ``own`` error and what is ``least`` allowed."""
+    return SLACK * own + least
+
+
+def is_beyond(deviation: float, bound: float) -> bool:
+    """Return whether a deviation [m] exceeds a bound by more than the uncertainty of that."""
+    return not deviation <= (1.0 + UNSURE) * bound
 
 
 def do_routes_agree(apart: float, bound: float) -> bool:

@@ -6,9 +6,9 @@ Runs are matched by their settings, which exclude the code. Times, memory and pa
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 from ..mechanics.types import Status
+from .findings import Finding, Verdict
 from .records import COLUMNS, Deviation, RunRecord
 from .store import select_newest
 
@@ -47,38 +47,15 @@ FIXED_STEP = 1e-6  # relative: rounding accumulated over the steps
 ERROR_CONTROL = 0.6  # relative, a factor of 2.5: another libm may change which steps are accepted
 
 
-class Likeness(StrEnum):
-    """The degree to which two numbers agree: equal bit for bit, different by rounding, or changed."""
-
-    SAME = "same"  # bit for bit
-    ROUNDING = "rounding"  # within the difference allowed between two machines
-    CHANGED = "changed"
-
-
-@dataclass(frozen=True)
-class Change:
-    """A metric of a run that differs between two sets of results; for the metric "status", the two are words."""
-
-    case: str
-    metric: str
-    before: float | str
-    after: float | str
-    likeness: Likeness
-
-    @property
-    def size(self) -> float:
-        """The relative change; infinite if a status changed or a number appeared or vanished."""
-        a, b = self.before, self.after
-        if isinstance(a, str) or isinstance(b, str) or not (math.isfinite(a) and math.isfinite(b)):
-            return math.inf
-        return abs(b - a) / max(abs(a), abs(b), 1e-300)
-
-
 @dataclass(frozen=True)
 class Comparison:
-    """All differences between two sets of results, the largest first."""
+    """All differences between two sets of results: a finding on each number or status, the largest first.
 
-    changes: tuple[Change, ...]
+    It is met if the numbers differ by rounding, within the difference allowed between two machines, and failed if they
+    changed. The words of a status are those after; those before are what is required.
+    """
+
+    changes: tuple[Finding, ...]
     only_before: tuple[str, ...]
     only_after: tuple[str, ...]
     compared: int  # number of runs compared
@@ -91,7 +68,7 @@ class Comparison:
     @property
     def alike(self) -> bool:
         """True if both sets have the same runs, and no number differs by more than it may between two machines."""
-        changed = any(c.likeness is Likeness.CHANGED for c in self.changes)
+        changed = any(not c.holds for c in self.changes)
         return not (changed or self.only_before or self.only_after)
 
 
@@ -101,11 +78,23 @@ def compare(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> Comparis
     both = [s for s in a if s in b]
     changes = [c for s in both for c in _find_changes(a[s], b[s])]
     return Comparison(
-        tuple(sorted(changes, key=lambda c: (-c.size, c.case, c.metric))),
+        tuple(sorted(changes, key=lambda c: (-measure_change(c), c.subject, c.quantity))),
         tuple(r.case for s, r in a.items() if s not in b),
         tuple(r.case for s, r in b.items() if s not in a),
         len(both),
     )
+
+
+def measure_change(c: Finding) -> float:
+    """Return the relative change; infinite if a status changed or a number appeared or vanished."""
+    if not (math.isfinite(c.before) and math.isfinite(c.value)):
+        return math.inf
+    return abs(c.value - c.before) / max(abs(c.before), abs(c.value), 1e-300)
+
+
+def read_change(c: Finding) -> tuple[float | str, float | str]:
+    """Return what was before and what is after a change, two words or two numbers."""
+    return (c.required, c.words) if c.words else (c.before, c.value)
 
 
 def is_repeatable(record: RunRecord) -> bool:
@@ -113,36 +102,32 @@ def is_repeatable(record: RunRecord) -> bool:
     return record.status not in (Status.STALLED, Status.UNFINISHED, Status.MEMORY) and record.claimed != Status.STALLED
 
 
-def _find_changes(a: RunRecord, b: RunRecord) -> list[Change]:
+def _find_changes(a: RunRecord, b: RunRecord) -> list[Finding]:
     """Return the differences in status and numbers between two records of one run."""
     out = []
     if a.status != b.status:
-        out.append(Change(a.case, "status", a.status, b.status, Likeness.CHANGED))
+        out.append(Finding("status", words=b.status, required=a.status, verdict=Verdict.FAILED, subject=a.case))
     pairs = [(name, float(getattr(a, name)), float(getattr(b, name))) for name in METRICS]
     pairs += _pair_deviations("observable_errors", a.observables, b.observables)
     pairs += _pair_deviations("invariant_drifts", a.invariants, b.invariants)
     for name, x, y in pairs:
-        likeness = _compare_numbers(a, name, x, y)
-        if likeness is not Likeness.SAME:
-            out.append(Change(a.case, name, x, y, likeness))
+        if not (x == y or (math.isnan(x) and math.isnan(y))):
+            verdict = Verdict.from_outcome(_is_rounding(a, name, x, y))
+            out.append(Finding(name, y, verdict=verdict, subject=a.case, before=x))
     return out
 
 
-def _compare_numbers(a: RunRecord, name: str, x: float, y: float) -> Likeness:
-    """Return the likeness of the numbers ``x`` and ``y`` in the column ``name`` of two records of one run.
+def _is_rounding(a: RunRecord, name: str, x: float, y: float) -> bool:
+    """Return whether ``x`` and ``y``, in the column ``name`` of two records of one run, differ as on two machines.
 
     The allowed difference covers rounding or, under error control, another choice of steps. With a fixed step the
     number of steps must be equal.
     """
-    if x == y or (math.isnan(x) and math.isnan(y)):
-        return Likeness.SAME
-    if not (math.isfinite(x) and math.isfinite(y)):
-        return Likeness.CHANGED
+    if not (math.isfinite(x) and math.isfinite(y)) or (name == "steps" and a.control == "dt"):
+        return False
     scale = max(_finite_or_one(a.energy_scale_J), _finite_or_one(a.length_scale_m), 1.0)
     allowed = FIXED_STEP if a.control == "dt" else ERROR_CONTROL
-    if name == "steps" and a.control == "dt":
-        return Likeness.CHANGED
-    return Likeness.ROUNDING if abs(x - y) <= allowed * max(abs(x), abs(y)) + LEAST * scale else Likeness.CHANGED
+    return abs(x - y) <= allowed * max(abs(x), abs(y)) + LEAST * scale
 
 
 def _pair_deviations(

@@ -2,7 +2,7 @@
 
 import contextlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +25,7 @@ class MergeOutcome:
 
     records: tuple[RunRecord, ...]
     added: int
-    unreadable: tuple[store.UnreadableFile, ...]
+    unreadable: Mapping[Path, str]
     conflicts: tuple[str, ...]  # runs whose numbers differ between folders; the first is kept
     codes: tuple[str, ...]  # digests of code, for problems and solvers with runs of several
 
@@ -44,9 +44,9 @@ def merge(out: Path, sources: Sequence[Path]) -> MergeOutcome:
         there = store.load(out)
         kept = {r.run_id: r for r in there.records}
         origin = dict.fromkeys(kept, out)
-        unreadable, conflicts, added = list(there.unreadable), [], 0
+        unreadable, conflicts, added = dict(there.unreadable), [], 0
         for source, loaded in zip(sources, found, strict=True):
-            unreadable += loaded.unreadable
+            unreadable |= loaded.unreadable
             for record in loaded.records:
                 if record.run_id in kept:
                     if not compare([kept[record.run_id]], [record]).is_identical:
@@ -63,7 +63,7 @@ def merge(out: Path, sources: Sequence[Path]) -> MergeOutcome:
             add_column_digests(out, *read_column_digests(source).values())
         store.write_table(out, store.load(out, check_series=False).records)
     records = tuple(sorted(kept.values(), key=lambda r: (r.problem, r.solver, r.case)))
-    return MergeOutcome(records, added, tuple(unreadable), tuple(conflicts), find_codes(records))
+    return MergeOutcome(records, added, unreadable, tuple(conflicts), find_codes(records))
 
 
 def find_codes(records: Sequence[RunRecord]) -> tuple[str, ...]:

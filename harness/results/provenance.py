@@ -2,13 +2,13 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..base.confined_paths import ConfinedPath
 from ..base.files import FileError, parse_json, read_text
 from . import environment
+from .findings import Finding
 
 WORDS = {  # compared keys of a stamp, in words
     "code": "code that shapes results",
@@ -28,16 +28,6 @@ WORDS = {  # compared keys of a stamp, in words
 }
 
 
-@dataclass(frozen=True)
-class Difference:
-    """An input that differs between two stamps."""
-
-    what: str  # in words
-    before: str
-    after: str
-    detail: str = ""  # files that changed, if the code differs
-
-
 def read_environment(folder: Path, name: str = "environment.json") -> dict[str, Any]:
     """Return a stamp of a results folder; empty if it cannot be read; raise UnsafeFile for a link."""
     path = ConfinedPath(folder) / name
@@ -48,21 +38,25 @@ def read_environment(folder: Path, name: str = "environment.json") -> dict[str, 
     return plain if isinstance(plain, dict) else {}
 
 
-def find_differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Difference]:
-    """Return the inputs in which two stamps differ; if a whole stamp is missing, that is the only difference."""
+def find_differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Finding]:
+    """Return a finding on each input in which two stamps differ: its words are those after, required those before.
+
+    If a whole stamp is missing, that is the only difference. The reason names files that changed, if the code differs.
+    """
     if not (before and after):
-        return [Difference("environment.json", *("there" if s else "missing" for s in (before, after)))]
+        there = ["there" if s else "missing" for s in (before, after)]
+        return [Finding("environment.json", words=there[1], required=there[0])]
     out = []
     for key, words in WORDS.items():
         a, b = before.get(key), after.get(key)
         if environment.format_setting(a) != environment.format_setting(b):
             detail = _list_changed_files(before, after) if key == "code" else ""
-            out.append(Difference(words, _format(a), _format(b), detail))
+            out.append(Finding(words, words=_format(b), required=_format(a), why=detail))
     a, b = (s.get("packages") if isinstance(s.get("packages"), dict) else {} for s in (before, after))
     assert isinstance(a, dict) and isinstance(b, dict)
     for name in sorted({*a, *b}):
         if a.get(name) != b.get(name):
-            out.append(Difference(f"package {name}", _format(a.get(name)), _format(b.get(name))))
+            out.append(Finding(f"package {name}", words=_format(b.get(name)), required=_format(a.get(name))))
     return out
 
 
@@ -81,11 +75,11 @@ def describe_processor(stamp: Mapping[str, Any]) -> str:
     return f"{stamp.get('cpu') or ''}{words}"
 
 
-def describe_differences(found: Sequence[Difference]) -> str:
+def describe_differences(found: Sequence[Finding]) -> str:
     """Describe the differences between two stamps in a sentence; without any, name what may differ nevertheless."""
     if not found:
         return "no input differs: a solver is not deterministic, or a limit on time or memory was reached"
-    return "; ".join(f"{d.what} {d.before} -> {d.after}" + (f" ({d.detail})" if d.detail else "") for d in found)
+    return "; ".join(f"{d.quantity} {d.required} -> {d.words}" + (f" ({d.why})" if d.why else "") for d in found)
 
 
 def _list_changed_files(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..base.confined_paths import ConfinedPath
 from ..mechanics.types import EndCause, Status
 from .records import RunRecord
-from .store import UnreadableFile, make_end_key
+from .store import make_end_key
 
 PROVISIONAL = (  # causes outside a run, which say nothing about it
     EndCause.TOTAL_LIMIT,
@@ -40,13 +40,11 @@ def _pick_latest(same: list[RunRecord]) -> RunRecord:
     return (whole if succeeded else same)[-1]
 
 
-def list_record_files(folder: Path, record: RunRecord, why: str = "") -> list[UnreadableFile]:
+def list_record_files(folder: Path, record: RunRecord, why: str = "") -> dict[Path, str]:
     """Return the files of a record that are to be set aside, the record first, each with the reason.
 
     ``why`` is the reason; by default, that the run was cut short and is repeated.
     """
     why = why or f"the run was cut short ({record.ended_by}) and is repeated"
     names = (f"runs/{record.run_id}.json", record.series, record.stderr)
-    return [
-        UnreadableFile(folder / name, why) for name in names if name and (ConfinedPath(folder) / name).is_own_file()
-    ]
+    return {folder / name: why for name in names if name and (ConfinedPath(folder) / name).is_own_file()}

@@ -21,16 +21,9 @@ from ..base import files
 from ..base.files import FileError
 from ..base.shapes import Shape, convert_shape
 from ..base.text import find_unaccepted
-from ..columns.declared.constraints import ConstraintColumns
-from ..columns.declared.cost import CostColumns
-from ..columns.declared.ending import EndingColumns
-from ..columns.declared.energy import EnergyColumns
-from ..columns.declared.errors import ErrorColumns
-from ..columns.declared.origin import SCHEMA, OriginColumns
-from ..columns.declared.settings import SettingColumns
-from ..columns.declared.way_back import WayBackColumns
-from ..columns.declared.work import WorkColumns
+from ..columns.declared.origin import SCHEMA
 from ..columns.declaring import Declaration, read_declaration
+from ..columns.record import Columns
 from ..mechanics.types import Reason
 
 T = TypeVar("T")
@@ -48,19 +41,8 @@ class Deviation:
     unit: str
 
 
-# the fields of the last class come first
 @dataclass(frozen=True, repr=False)
-class RunRecord(
-    OriginColumns,
-    CostColumns,
-    WorkColumns,
-    WayBackColumns,
-    ErrorColumns,
-    ConstraintColumns,
-    EnergyColumns,
-    EndingColumns,
-    SettingColumns,
-):
+class RunRecord(Columns):
     """The record of a run; NaN or an empty string if a quantity does not exist, e.g. an error without a reference."""
 
     @property

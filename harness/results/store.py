@@ -10,7 +10,7 @@ import hashlib
 import itertools
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -60,19 +60,11 @@ class RecordFile(Shape, frozen=True):
 
 
 @dataclass(frozen=True)
-class UnreadableFile:
-    """A file that is invalid, foreign or outdated, with the reason; it may be set aside."""
-
-    path: Path
-    why: str
-
-
-@dataclass(frozen=True)
 class LoadedResults:
-    """The content of a results folder: valid records, and files that could not be read."""
+    """The content of a results folder: valid records, and files that are invalid or foreign, with the reason."""
 
     records: tuple[RunRecord, ...]
-    unreadable: tuple[UnreadableFile, ...]
+    unreadable: Mapping[Path, str]
 
 
 def is_results(folder: Path) -> bool:
@@ -242,7 +234,7 @@ def load(folder: Path, *, check_series: bool = True) -> LoadedResults:
     runs = ConfinedPath(folder) / "runs"
     if not runs.is_folder():
         raise FileError(f"{folder} holds no results (it has no runs/)")
-    good, bad = [], [UnreadableFile(*changed) for changed in find_changed(folder)]
+    good, bad = [], dict(find_changed(folder))
     for name, content in runs.contents(LARGEST):
         place = runs / name
         try:
@@ -250,17 +242,17 @@ def load(folder: Path, *, check_series: bool = True) -> LoadedResults:
                 raise FileError(f"cannot read record {place}: {content.strerror or content}")
             record = parse_record(name, content)
         except FileError as error:
-            bad.append(UnreadableFile(place.path, str(error)))
+            bad[place.path] = str(error)
             continue
         try:
             if check_series and record.series:
                 read_series(ConfinedPath(folder) / record.series, record.series_sha256)
             good.append(record)
         except FileError as error:
-            bad.append(UnreadableFile(place.path, f"its series file {record.series}: {error}"))
+            bad[place.path] = f"its series file {record.series}: {error}"
             if (ConfinedPath(folder) / record.series).kind():
-                bad.append(UnreadableFile(folder / record.series, str(error)))
-    return LoadedResults(tuple(sorted(good, key=lambda r: (r.problem, r.solver, r.case))), tuple(bad))
+                bad[folder / record.series] = str(error)
+    return LoadedResults(tuple(sorted(good, key=lambda r: (r.problem, r.solver, r.case))), bad)
 
 
 def select_newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
@@ -277,17 +269,17 @@ def make_end_key(record: RunRecord) -> tuple[str, bool]:
     return record.finished, record.status != Status.SUCCESS
 
 
-def set_aside(folder: Path, unreadable: Iterable[UnreadableFile]) -> None:
+def set_aside(folder: Path, unreadable: Mapping[Path, str]) -> None:
     """Move files to ``set_aside/``, under free names, with a note that gives the reasons; nothing is deleted."""
-    items, aside = list(unreadable), ConfinedPath(folder) / "set_aside"
-    if not items:
+    if not unreadable:
         return
+    aside = ConfinedPath(folder) / "set_aside"
     aside.make_folder()
     taken, lines = set(aside.names()), []
-    for item in items:
-        name = _free_name(item.path.name, taken)
-        (ConfinedPath(folder) / item.path.relative_to(folder).as_posix()).move_to(aside / name)
-        lines.append(f"{name}: {item.why}\n")
+    for path, why in unreadable.items():
+        name = _free_name(path.name, taken)
+        (ConfinedPath(folder) / path.relative_to(folder).as_posix()).move_to(aside / name)
+        lines.append(f"{name}: {why}\n")
     (aside / _free_name("why.txt", taken)).write("".join(lines))
 
 

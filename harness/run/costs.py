@@ -13,7 +13,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -34,13 +34,12 @@ from ..mechanics.types import Problem
 from ..reference.computation import Source, describe_source
 from ..results import store
 from .contract import SHORT
-from .remaining_time import format_duration, read_durations, schedule_end
+from .remaining_time import QUICK, Expectation, format_duration, read_durations
 from .warmup import ABREAST, list_motions, list_runs_to_warm
 
 TABLE = Path(__file__).with_name("costs.toml")
 # number of bodies plus constraint rows of the systems for which the table was measured: one body, the chain, the grid
 SIZES = (4.0, 63.0, 455.0)
-QUICK = 1.0  # [s] of compilation that is too short to be reported
 SOON = 3.0  # [s] most that a run may take to count as quick: other runs may wait for it
 TOLERANCE = 1e-8  # rtol at which the table counts steps
 SHARED = 6.2  # [s] of compilation that all solvers of index 1 share: the kernels of accelerations
@@ -256,37 +255,6 @@ def _find_solver_cost(spec: RunSpec, costs: Costs) -> SolverCost:
     return costs.solvers.get(spec.solver) or _find_median_cost(alike)
 
 
-@dataclass(frozen=True)
-class Expectation:
-    """Hold the expected wall times [s] of runs on this machine, and of the preparations before the first."""
-
-    runs: Mapping[str, float]  # by ``settings_id``
-    loading: float
-    once: float  # to compile kernels and compute references that no cache holds
-    jobs: int  # at a time
-    pages: float = 0.0  # [s] to judge the runs and write reports, by other commands; 0 where that is not announced
-
-    @property
-    def seconds(self) -> float:
-        """Wall time from the call to the last result [s]."""
-        return self.loading + self.once + schedule_end([], list(self.runs.values()), self.jobs)
-
-    @property
-    def words(self) -> str:
-        """Text such as ``about 9 min 20 s, of it 1 min 5 s to compile kernels and compute references, this once``.
-
-        With ``pages``, these count, and the text says so.
-        """
-        once = f", of it {format_duration(self.once)} to compile kernels and compute references, this once"
-        pages = ", judging and reports included" if self.pages else ""
-        return f"about {format_duration(self.seconds + self.pages)}{pages}{once * self.is_cold}"
-
-    @property
-    def is_cold(self) -> bool:
-        """True if something has to be compiled or computed that later calls find in the caches."""
-        return self.once >= QUICK
-
-
 def select_quick(specs: Sequence[RunSpec]) -> set[str]:
     """Return the solvers of ``specs`` that have a run shorter than ``SOON`` and need no long compilation.
 
@@ -303,6 +271,8 @@ def predict_times(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: P
     Times recorded in results folders of ``local`` take precedence, those of ``suite`` first. No run is executed; a loop
     of some milliseconds is timed and the running processes are counted.
     """
+    if not specs:
+        return Expectation({}, jobs=jobs)
     costs, slow = read_costs(), measure_slowness(jobs)
     earlier = read_durations(local or store.LOCAL, suite)
     known: dict[str, CostFactors] = {}
@@ -311,8 +281,6 @@ def predict_times(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: P
         for s in specs
     }
     runs = {settings: seconds + slow.other * costs.store_s for settings, seconds in own.items()}
-    if not specs:
-        return Expectation(runs, 0.0, 0.0, jobs)
     return Expectation(runs, slow.other * costs.load_s, slow.solving * _predict_shared_cost(specs, costs, known), jobs)
 
 

@@ -82,7 +82,7 @@ def _check_origin(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> 
         )
     there, here = _read_stamp(folder, record), origin.describe_environment("", "", 1, plugins)
     if not is_same_platform(there, here):
-        found = [d for d in find_differences(there, here) if d.what not in ("suite", "plugins")]
+        found = [d for d in find_differences(there, here) if d.quantity not in ("suite", "plugins")]
         raise FileError(
             f"{name_run(record)} does not store every step and cannot be solved again bit for bit here: "
             f"{describe_differences(found)}"

@@ -59,6 +59,11 @@ class Handover:
         return {"paper_label": label, "declared_order": order, **cost, **repeats}
 
 
+def report_exception(message: str) -> Handover:
+    """Return what a process hands over whose solver raised, or whose file cannot be used."""
+    return Handover(SolverReport(by=EndCause.EXCEPTION, message=message), None)
+
+
 COST = (  # columns of the record that ``SolverReport.cost`` gives
     "repeats",
     "cpu_min_s",

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from ..mechanics.state import States
-from ..mechanics.types import Problem
+from ..mechanics.types import Problem, Spool
 from .remaining_time import describe_motion
 
 QUIET = 1.0  # [s] without a line: most solves end sooner, and a line that flashes up cannot be read
@@ -45,6 +45,10 @@ class ProgressLine:
         if self._width:
             self._write(f"{'':{self._width}}\r")
             self._width = 0
+
+    def make_spool(self, problem: Problem) -> Spool | None:
+        """Return the spool of a solver that shows here how far it has got; None if nobody watches."""
+        return ProgressSpool(problem, self) if self.watched else None
 
     @staticmethod
     def _write(text: str) -> None:

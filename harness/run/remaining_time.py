@@ -4,6 +4,7 @@ import contextlib
 import heapq
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..base.confined_paths import ConfinedPath
@@ -11,6 +12,7 @@ from ..catalogue.suites.spec import RunSpec
 from ..results import store
 
 RUNS = 3  # results folders that are read: more cost the reading of their records, and older ones have older code
+QUICK = 1.0  # [s] of compilation that is too short to be reported
 # [s] of imagined runs that took as long as expected: without it the first to end, which say little, would set the pace
 PRIOR = 2.0
 
@@ -30,24 +32,54 @@ def read_durations(local: Path = store.LOCAL, suite: str = "") -> dict[str, floa
     return out
 
 
-class RemainingTime:
-    """An estimate of the time that runs will still take, from the time [s] ``expected`` of each, by ``settings_id``.
+@dataclass
+class Expectation:
+    """The expected wall times [s] of runs on this machine, and of the preparations before the first.
 
-    Expected times are scaled by the pace so far: the time that the ended runs took over the time expected of them.
+    Times of runs are scaled by the pace so far: the time that the ended runs took over the time expected of them.
     """
 
-    def __init__(self, expected: Mapping[str, float]) -> None:
-        self.expected = expected
-        self.spent = self.foreseen = PRIOR  # [s] of runs that have ended
+    runs: Mapping[str, float]  # by ``settings_id``
+    loading: float = 0.0
+    once: float = 0.0  # to compile kernels and compute references that no cache holds
+    jobs: int = 1  # at a time
+    pages: float = 0.0  # [s] to judge the runs and write reports, by other commands; 0 where that is not announced
+    spent: float = PRIOR  # [s] that runs took that have ended
+    foreseen: float = PRIOR  # [s] that was expected of them
+
+    @property
+    def seconds(self) -> float:
+        """Wall time from the call to the last result [s]."""
+        return self.loading + self.once + schedule_end([], list(self.runs.values()), self.jobs)
+
+    @property
+    def words(self) -> str:
+        """Text such as ``about 9 min 20 s, of it 1 min 5 s to compile kernels and compute references, this once``.
+
+        With ``pages``, these count, and the text says so.
+        """
+        once = f", of it {format_duration(self.once)} to compile kernels and compute references, this once"
+        pages = ", judging and reports included" if self.pages else ""
+        return f"about {format_duration(self.seconds + self.pages)}{pages}{once * self.is_cold}"
+
+    @property
+    def words_after_count(self) -> str:
+        """Words to be added to a number of runs, such as ``, 2 at a time: about 9 min``; empty if none is expected."""
+        return f", {self.jobs} at a time: {self.words}" if self.runs else ""
+
+    @property
+    def is_cold(self) -> bool:
+        """True if something has to be compiled or computed that later calls find in the caches."""
+        return self.once >= QUICK
 
     def note_time(self, spec: RunSpec, seconds: float) -> None:
         """Add the wall time [s] of a run that has ended."""
         self.spent += seconds
-        self.foreseen += self.expected.get(spec.settings_id, seconds)
+        self.foreseen += self.runs.get(spec.settings_id, seconds)
 
     def estimate_run(self, spec: RunSpec) -> float:
         """Return the expected wall time [s] of a run at the pace so far; 0 if none was expected."""
-        return self.expected.get(spec.settings_id, 0.0) * self.spent / self.foreseen
+        return self.runs.get(spec.settings_id, 0.0) * self.spent / self.foreseen
 
     def estimate_remaining(self, spec: RunSpec, since: float) -> float:
         """Return the time [s] that a run will still take, ``since`` [s] after its start.

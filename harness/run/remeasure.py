@@ -19,7 +19,6 @@ from typing import Any
 from ..base.confined_paths import ConfinedPath
 from ..base.files import FileError
 from ..catalogue import codes
-from ..catalogue.codes import Sources
 from ..catalogue.suites.includes import OWN_COPY
 from ..catalogue.suites.spec import RunSpec
 from ..catalogue.suites.suite import Suite, load_suite
@@ -114,10 +113,10 @@ def replace_outdated(
     with store.lock_folder(folder):
         add_column_digests(folder, codes.read_column_digests())
         asked, specs = _list_asked(folder, plugins), dict[str, RunSpec]()
-        with open_sources() as sources_of:
+        with open_sources() as folder_of:
             for record in outdated:
                 try:
-                    _check_origin(folder, record, plugins, sources_of)
+                    _check_origin(folder, record, plugins, folder_of)
                     specs[record.run_id] = _find_spec(record, asked)
                 except ValueError as error:
                     done.left.append((record, str(error)))
@@ -165,34 +164,32 @@ def _remeasure_records(
 
 
 @contextmanager
-def open_sources() -> Iterator[Callable[[str], Sources]]:
-    """Provide a function that returns the code of a commit, which it extracts once into a temporary folder.
+def open_sources() -> Iterator[Callable[[str], Path]]:
+    """Provide a function that returns the folder of a commit's code, which it extracts once into a temporary one.
 
     The function raises ValueError if the repository does not have the commit.
     """
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
-        known = dict[str, Sources]()
+        known = dict[str, Path]()
 
-        def read(commit: str) -> Sources:
-            """Return the code of ``commit``, extracted at the first call."""
+        def read(commit: str) -> Path:
+            """Return the folder of ``commit``, extracted at the first call."""
             if commit not in known:
                 content = io.BytesIO(environment.archive_commit(commit))
                 root = Path(place) / commit
                 with tarfile.TarFile(fileobj=content) as archive:
                     archive.extractall(root, filter="data")
-                known[commit] = Sources(root)
+                known[commit] = root
             return known[commit]
 
         yield read
 
 
-def _check_origin(
-    folder: Path, record: RunRecord, plugins: tuple[str, ...], sources_of: Callable[[str], Sources]
-) -> None:
+def _check_origin(folder: Path, record: RunRecord, plugins: tuple[str, ...], folder_of: Callable[[str], Path]) -> None:
     """Raise ValueError where a run cannot be measured again: it was killed, or more than the laws has changed.
 
-    The plugins, and the code of its solver, problem and costs, must be those of the run. ``sources_of`` gives the code
-    of a commit.
+    The plugins, and the code of its solver, problem and costs, must be those of the run. ``folder_of`` gives that
+    of a commit's code.
     """
     if record.series and not record.claimed:
         raise ValueError("its process was ended before its solver returned: run its suite again")
@@ -203,16 +200,9 @@ def _check_origin(
     if made_with != sorted(Path(p).name for p in plugins):
         asked = " ".join(f"--plugin {name}" for name in made_with)
         raise ValueError(f"it was made {f'with {asked}' if asked else 'without plugins'}: give the same plugins")
-    then, now = sources_of(record.commit), codes.package_sources()
-    changed = [
-        what
-        for what, old, new in (
-            ("its solver", then.solvers.get(record.solver), now.solvers.get(record.solver)),
-            ("its problem", then.problems.get(record.problem), now.problems.get(record.problem)),
-            ("what runs it and counts its cost", then.running, now.running),
-        )
-        if old != new
-    ]
+    then = codes.list_run_digests(record.problem, record.solver, folder_of(record.commit))
+    now = codes.list_run_digests(record.problem, record.solver)
+    changed = [what for what, digest in now.items() if then[what] != digest]
     if changed:
         raise ValueError(f"the code of {' and '.join(changed)} has changed, so that its cost may differ: run it again")
 

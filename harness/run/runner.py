@@ -5,9 +5,9 @@ import datetime
 import json
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -22,10 +22,11 @@ from ..results import environment, stamps, store
 from ..results.column_digests import add_column_digests
 from ..results.provisional import is_provisional, list_record_files
 from ..results.records import RunRecord
-from ..results.store import LoadedResults, UnreadableFile
+from ..results.store import LoadedResults
 from . import origin
 from .job import Job
 from .pool import LocalPool, PoolError, TimeLimit
+from .protocol import Supervised
 from .started_runs import StartedRuns, is_same, list_foreign
 
 
@@ -42,7 +43,7 @@ class Executor(Protocol):
 class SuiteObserver(Protocol):
     """An observer of a suite's progress."""
 
-    def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[UnreadableFile, ...]) -> None:
+    def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: Mapping[Path, str]) -> None:
         """Begin a suite of ``total`` runs; those ``waiting`` will be run, the others have results already.
 
         ``unreadable`` are files that were set aside: damaged, foreign or outdated ones.
@@ -78,14 +79,39 @@ class Request:
     lossless: bool = False  # whether series keep the states of every step
     is_newest: bool = False  # whether ``latest`` will point to it, which it does not for a folder chosen by the user
     keep: Callable[[RunSpec], tuple[str, ...] | None] | None = None  # names of series whose rows a brief file keeps
+    pool: Callable[..., Executor] = LocalPool  # makes the executor of its jobs
 
 
-def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Executor] = LocalPool) -> LoadedResults:
+def choose_pool(address: str | None = None, environ: Mapping[str, str] | None = None) -> Callable[..., Executor]:
+    """Return what makes the executor of jobs: local processes, or the cluster's workers at ``address``.
+
+    ``environ`` has additional variables for local processes.
+    """
+    if address is None:
+        return partial(LocalPool, environ=environ or {})
+    from .cluster import DaskPool
+
+    return lambda size, *watching: DaskPool(address, *watching)
+
+
+@contextlib.contextmanager
+def begin_local_pool() -> Iterator[Callable[..., Executor]]:
+    """Start a process of a local pool, and yield what makes the pool.
+
+    The process loads its modules while the caller reads the suite and estimates times.
+    """
+    ahead = Supervised()
+    try:
+        yield partial(LocalPool, ahead=ahead)
+    finally:
+        ahead.discard()
+
+
+def run_suite(request: Request, watcher: SuiteObserver) -> LoadedResults:
     """Run what is not done yet; return the records of this suite's runs, with damaged files listed separately.
 
-    ``pool`` makes the executor, ``watcher`` is called as runs start and end. Raise FileError where the folder has
-    results that are not to be continued, and PoolError where runs have no result, or where results changed while the
-    suite ran.
+    ``watcher`` is called as runs start and end. Raise FileError where the folder has results that are not to be
+    continued, and PoolError where runs have no result, or where results changed while the suite ran.
     """
     folder, total = request.folder, request.suite.total_limit
     limit = TimeLimit(total) if total else None
@@ -104,10 +130,10 @@ def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Exec
         jobs = _make_jobs(request, folder.resolve(), where)
         own, whole = {job.id for job in jobs}, {spec.settings_id for spec in request.suite.specs}
         again, killed = _set_aside_provisional(folder, own, before.records)
-        again += _set_outdated_aside(folder, jobs, before.records)
-        done = {r.run_id for r in before.records} - {u.path.stem for u in again}
+        again |= _set_outdated_aside(folder, jobs, before.records)
+        done = {r.run_id for r in before.records} - {path.stem for path in again}
         waiting = [replace(job, alone=job.id in killed) for job in jobs if job.id not in done]
-        watcher.begin(folder, len(jobs), waiting, (*before.unreadable, *again))
+        watcher.begin(folder, len(jobs), waiting, {**before.unreadable, **again})
         promised: dict[str, RunRecord | None] = {r.run_id: r for r in before.records if r.run_id in done}
         begun.begin(promised)
 
@@ -131,16 +157,15 @@ def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Exec
             now = store.load(folder, check_series=False)  # a resumed folder may hold runs of another suite or code
             now = _set_foreign_aside(folder, now, lambda r: is_same(r, promised.get(r.run_id)))
             begun.end()
-            loaded = LoadedResults(
-                tuple(r for r in now.records if r.run_id in own), (*before.unreadable, *now.unreadable)
-            )
+            unreadable = {**before.unreadable, **now.unreadable}
+            loaded = LoadedResults(tuple(r for r in now.records if r.run_id in own), unreadable)
             store.write_table(folder, tuple(r for r in now.records if r.settings_id in whole))
             if request.is_newest:
                 store.point_latest(folder)
             return loaded
 
         try:
-            pool(request.jobs, note_start, note_end, watcher.on_tick, watcher.on_warmup).run(waiting, limit)
+            request.pool(request.jobs, note_start, note_end, watcher.on_tick, watcher.on_warmup).run(waiting, limit)
         except BaseException:  # on Ctrl-C, too, the runs that have ended are collected
             with contextlib.suppress(OSError):  # on a full disk; the reason has been reported already
                 collect_results()
@@ -171,10 +196,21 @@ def run_suite(request: Request, watcher: SuiteObserver, pool: Callable[..., Exec
 def _set_foreign_aside(folder: Path, loaded: LoadedResults, is_ours: Callable[[RunRecord], bool]) -> LoadedResults:
     """Set aside the records that no run of this suite wrote, with their files; return the results without them."""
     foreign = list_foreign(folder, [r for r in loaded.records if not is_ours(r)])
-    store.set_aside(folder, chain.from_iterable(foreign))
-    gone = {files[0].path.stem for files in foreign if files}
+    store.set_aside(folder, _join_files(foreign))
+    first = _list_first(foreign)
+    gone = {path.stem for path in first}
     kept = tuple(r for r in loaded.records if r.run_id not in gone)
-    return LoadedResults(kept, (*loaded.unreadable, *(files[0] for files in foreign if files)))
+    return LoadedResults(kept, {**loaded.unreadable, **first})
+
+
+def _join_files(found: Sequence[Mapping[Path, str]]) -> dict[Path, str]:
+    """Return the files of several records, each with its reason."""
+    return {path: why for files in found for path, why in files.items()}
+
+
+def _list_first(found: Sequence[Mapping[Path, str]]) -> dict[Path, str]:
+    """Return the first file of each record, its own, with the reason."""
+    return dict(next(iter(files.items())) for files in found if files)
 
 
 def list_waiting(request: Request) -> list[RunSpec]:
@@ -212,7 +248,7 @@ def _make_jobs(request: Request, folder: Path, where: str) -> list[Job]:
     ]
 
 
-def _set_outdated_aside(folder: Path, jobs: Sequence[Job], records: Sequence[RunRecord]) -> tuple[UnreadableFile, ...]:
+def _set_outdated_aside(folder: Path, jobs: Sequence[Job], records: Sequence[RunRecord]) -> dict[Path, str]:
     """Set aside the results of these jobs that other code or other limits produced, since they are run again.
 
     Return the record file of each, with the reason.
@@ -223,13 +259,13 @@ def _set_outdated_aside(folder: Path, jobs: Sequence[Job], records: Sequence[Run
     for r in old:
         what = "limits" if r.code == own[r.settings_id].code else "code"
         items.append(list_record_files(folder, r, f"the run was made with other {what} and is repeated"))
-    store.set_aside(folder, chain.from_iterable(items))
-    return tuple(i[0] for i in items)
+    store.set_aside(folder, _join_files(items))
+    return _list_first(items)
 
 
 def _set_aside_provisional(
     folder: Path, specs: set[str], records: Sequence[RunRecord]
-) -> tuple[tuple[UnreadableFile, ...], set[str]]:
+) -> tuple[dict[Path, str], set[str]]:
     """Set aside records, of the run_ids ``specs``, that only say how an earlier attempt at a run ended.
 
     Return their files, and the run_ids to run alone: those that were killed. A run that is killed again although it ran
@@ -237,8 +273,8 @@ def _set_aside_provisional(
     """
     found = [r for r in records if r.run_id in specs and is_provisional(r) and not _was_killed_twice(folder, r)]
     files = [list_record_files(folder, r) for r in found]
-    store.set_aside(folder, chain.from_iterable(files))
-    return tuple(f[0] for f in files), {r.run_id for r in found if r.ended_by == EndCause.KILLED}
+    store.set_aside(folder, _join_files(files))
+    return _list_first(files), {r.run_id for r in found if r.ended_by == EndCause.KILLED}
 
 
 def _was_killed_twice(folder: Path, record: RunRecord) -> bool:

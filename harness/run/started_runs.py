@@ -12,7 +12,7 @@ from pathlib import Path
 from ..base.confined_paths import ConfinedPath
 from ..results.provisional import list_record_files
 from ..results.records import RunRecord, format_record
-from ..results.store import BEGUN, UnreadableFile
+from ..results.store import BEGUN
 
 LARGEST = 2**26  # [bytes] of a list, enough for a million runs
 WHY = "no runner let this run begin, or it ended with another record: something else wrote its record"
@@ -50,6 +50,6 @@ def is_same(found: RunRecord, promised: RunRecord | None) -> bool:
     return promised is not None and format_record(found) == format_record(promised)
 
 
-def list_foreign(folder: Path, records: Iterable[RunRecord]) -> list[list[UnreadableFile]]:
+def list_foreign(folder: Path, records: Iterable[RunRecord]) -> list[dict[Path, str]]:
     """Return, for each record that something else wrote, the list of its files with that reason."""
     return [list_record_files(folder, r, WHY) for r in records]

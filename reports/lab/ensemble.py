@@ -1,7 +1,7 @@
 """Write the page of ``mbsbench ensemble``: scores, clouds over time, members at score times and rank histograms."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,83 +20,77 @@ DOTS = 250  # members drawn in one scatter panel
 DRAWN = 2  # observables drawn
 
 
-@dataclass(frozen=True)
-class ScoredCloud:
-    """A solver's cloud of motions with its comparisons to the true cloud, and the verdict on them in words."""
-
-    cloud: Cloud
-    rows: Sequence[CloudComparison]  # one per score time and quantity
-    verdict: str  # whether it differs from the true cloud, in words
-
-    @property
-    def label(self) -> str:
-        """The solver's name and its setting, as legends show it."""
-        return f"{self.cloud.code.name} {self.cloud.code.setting}"
-
-
 def write_page(
     path: Path,
     title: str,
     e: Ensemble,
     true: tuple[Cloud, Cloud],
-    scored: Sequence[ScoredCloud],
+    scored: Sequence[tuple[Cloud, Sequence[CloudComparison], str]],
     perfect: Sequence[CloudComparison],
 ) -> None:
     """Write the page to ``path``; ``true`` holds the reference clouds from the same starts and from other starts.
 
-    ``perfect`` are the comparisons of one reference cloud with the other: the scores of a solver without errors.
+    ``scored`` has the cloud of each solver, its comparisons with the true one at each time and quantity, and the
+    verdict on them in words; ``perfect`` are the comparisons of one reference cloud with the other: the scores of a
+    solver without errors.
     """
     spread = np.nan_to_num(np.nanstd(true[1].values[:, :, -1], axis=0))
     moving = [i for i in range(len(e.observables)) if spread[i] > 1e-9 * (1.0 + spread.max())][:DRAWN]
-    own = choose_styles(s.cloud.code.name for s in scored)
-    charts = [draw_chart(caption, plots, own) for s in scored for caption, plots in _plots(e, true[1], s, moving)]
-    rows = sorted([*perfect, *(c for s in scored for c in s.rows)], key=lambda c: (c.t_s, c.quantity))
+    own = choose_styles(cloud.code.name for cloud, _, _ in scored)
+    charts = [
+        draw_chart(caption, plots, own)
+        for cloud, found, _ in scored
+        for caption, plots in _plots(e, true[1], cloud, found, moving)
+    ]
+    rows = sorted([*perfect, *(c for _, found, _ in scored for c in found)], key=lambda c: (c.t_s, c.quantity))
     stamp = f"Commit {environment.read_commit()[:12] or 'not recorded'}."
     write_file(path, "ensemble.html", title=title, scored=scored, rows=rows, charts=charts, number=number, stamp=stamp)
 
 
-def _plots(e: Ensemble, true: Cloud, s: ScoredCloud, moving: Sequence[int]) -> Iterator[tuple[str, list[Plot]]]:
+def _plots(
+    e: Ensemble, true: Cloud, own: Cloud, found: Sequence[CloudComparison], moving: Sequence[int]
+) -> Iterator[tuple[str, list[Plot]]]:
     """Yield a caption and its panels for each chart of one solver: its cloud with the true one, and rank histograms."""
-    clouds = [_plot_bands(e, true, s, i) for i in moving] + (
-        [_plot_members(e, true, s, moving, k) for k in range(len(e.at))] if len(moving) > 1 else []
+    clouds = [_plot_bands(e, true, own, i) for i in moving] + (
+        [_plot_members(e, true, own, moving, k) for k in range(len(e.at))] if len(moving) > 1 else []
     )
-    yield f"{s.label}: bands of 50 and 90 % of the members with their median, and members; truth is black.", clouds
-    ranked = sorted((c for c in s.rows if c.ranks), key=lambda c: c.ranks.p if c.ranks else 1.0)
+    yield f"{own.label}: bands of 50 and 90 % of the members with their median, and members; truth is black.", clouds
+    ranked = sorted((c for c in found if c.ranks), key=lambda c: c.ranks.p if c.ranks else 1.0)
     # the quantities least likely to come from a perfect solver
     telling = list(dict.fromkeys(c.quantity for c in ranked))[:DRAWN]
-    histograms = [_plot_ranks(s, c) for c in s.rows if c.ranks and c.quantity in telling]
+    histograms = [_plot_ranks(own.label, c) for c in found if c.ranks and c.quantity in telling]
     if histograms:
         words = "ranks of true draws, of what differs most; between the black lines 95 % of a perfect solver's bars."
-        yield f"{s.label}: {words}", histograms
+        yield f"{own.label}: {words}", histograms
 
 
-def _plot_bands(e: Ensemble, true: Cloud, s: ScoredCloud, i: int) -> Plot:
+def _plot_bands(e: Ensemble, true: Cloud, own: Cloud, i: int) -> Plot:
     """Plot observable ``i`` over time: bands of both clouds with medians, marked at all score times but the last."""
     o, traces = e.observables[i], list[Trace]()
-    for cloud, solver in ((true, ""), (s.cloud, s.cloud.code.name)):
+    for cloud, solver in ((true, ""), (own, own.code.name)):
         drawn = cloud.drawn[:, i]
         drawn = drawn[np.isfinite(drawn).all(axis=1)]
         if len(drawn):
             median = np.median(drawn, axis=0)
             for share in SHARES:
                 low, high = np.quantile(drawn, share, axis=0)
-                traces.append(Trace(s.label if solver else TRUE, e.times, median, solver, low=low, high=high))
+                traces.append(Trace(own.label if solver else TRUE, e.times, median, solver, low=low, high=high))
     marks = {"scores": e.at[:-1]}
     return Plot(f"fan-{i}", o.name, "", Axis("t", "s", symbol="t"), _axis(e, i), traces, marks=marks)
 
 
-def _plot_members(e: Ensemble, true: Cloud, s: ScoredCloud, moving: Sequence[int], k: int) -> Plot:
+def _plot_members(e: Ensemble, true: Cloud, own: Cloud, moving: Sequence[int], k: int) -> Plot:
     """Plot the members of both clouds at score time ``k`` in the plane of the first two observables that spread."""
     a, b = moving[:2]
     traces = [
         Trace(name, cloud.values[:DOTS, a, k], cloud.values[:DOTS, b, k], solver, mode="markers")
-        for cloud, name, solver in ((true, TRUE, ""), (s.cloud, s.label, s.cloud.code.name))
+        for cloud, name, solver in ((true, TRUE, ""), (own, own.label, own.code.name))
     ]
     x, y = (replace(_axis(e, i), link=f"{e.at[k]:g}") for i in (a, b))  # panels of two times share no range
     return Plot(f"dots-{k}", f"members at {e.at[k]:g} s", "", x, y, traces)
 
 
-def _plot_ranks(s: ScoredCloud, c: CloudComparison) -> Plot:
+def _plot_ranks(label: str, c: CloudComparison) -> Plot:
     """Plot the rank histogram of one comparison, with lines that enclose 95 % of a perfect solver's bars."""
     assert c.ranks is not None
     counts = c.ranks.counts
@@ -107,7 +101,7 @@ def _plot_ranks(s: ScoredCloud, c: CloudComparison) -> Plot:
     bars = np.repeat(counts, 2)
     ends = np.array([0.0, 1.0])
     traces = [
-        Trace(s.label, edges, bars, c.solver, low=np.zeros_like(bars), high=bars, marked=False),
+        Trace(label, edges, bars, c.solver, low=np.zeros_like(bars), high=bars, marked=False),
         *(Trace("95 % of a perfect solver's bars", ends, np.full(2, share + d)) for d in (-wide, wide)),
     ]
     title = f"{c.quantity} at {c.t_s:g} s, p = {number(c.ranks.p, 2)}"

@@ -156,7 +156,7 @@ class StoredResults:
     folder: Path
     environment: Mapping[str, Any]
     runs: tuple[StoredRun, ...]
-    unreadable: tuple[store.UnreadableFile, ...]
+    unreadable: Mapping[Path, str]
     made_again: int = 0  # runs replaced by a later one with the same settings
     cut_short: int = 0  # runs replaced by an earlier one with the same settings
 
@@ -241,9 +241,9 @@ def read_results(folder: Path, *, check_series: bool = True) -> StoredResults:
         last = text if len(text) <= STDERR_SHOWN else "[...]\n" + text[-STDERR_SHOWN:]
         runs.append(StoredRun(r, last, choose_nearest(r, near)))
     runs.sort(key=lambda c: (c.record.solver, c.method, -c.step_or_tolerance, c.record.case))
-    bad = [store.UnreadableFile(folder / "runs" / f"{run}.json", why) for run, why in faults.items()]
+    unreadable = {**loaded.unreadable, **{folder / "runs" / f"{run}.json": why for run, why in faults.items()}}
     earlier = len(sound) - len(shown) - later
-    return StoredResults(folder, read_environment(folder), tuple(runs), (*loaded.unreadable, *bad), earlier, later)
+    return StoredResults(folder, read_environment(folder), tuple(runs), unreadable, earlier, later)
 
 
 @lru_cache(SERIES)

@@ -8,7 +8,8 @@ from enum import IntEnum
 from pathlib import Path
 
 from ...harness.base.confined_paths import ConfinedPath
-from ...harness.results.comparison import METRICS, Change, Likeness, compare, is_repeatable
+from ...harness.results.comparison import METRICS, compare, is_repeatable
+from ...harness.results.findings import Finding
 from ...harness.results.judgements.claims import ClaimVerdict, JudgedClaim
 from ...harness.results.judgements.files import CLAIMS, FIELD_CLAIMS
 from ...harness.results.provenance import find_differences, read_environment
@@ -126,7 +127,7 @@ def list_changed_physics(before: Sequence[RunRecord], after: Sequence[RunRecord]
 
     Changes are weighed by the problem's scale.
     """
-    found = (_rank_physics(a, b, c) for a, b, c in _list_changed_numbers(before, after) if c.metric in PHYSICS)
+    found = (_rank_physics(a, b, c) for a, b, c in _list_changed_numbers(before, after) if c.quantity in PHYSICS)
     return gather_by_run([r for r in found if r])
 
 
@@ -134,8 +135,8 @@ def list_changed_work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -
     """Return one change per run whose steps or evaluations differ, the largest ratio first."""
     out = []
     for a, _, c in _list_changed_numbers(before, after):
-        if c.metric in WORK and not isinstance(c.before, str) and not isinstance(c.after, str):
-            x, y = c.before, c.after
+        if c.quantity in WORK:
+            x, y = c.before, c.value
             ratio = y / x if x > 0.0 else math.inf if y > 0.0 else 1.0
             ratio = ratio if math.isfinite(x) and math.isfinite(y) else math.nan
             weight = abs(math.log(ratio)) if ratio > 0.0 else 99.0
@@ -144,7 +145,7 @@ def list_changed_work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -
                     Rank.WORK,
                     a.settings_id,
                     a.case,
-                    WORK[c.metric],
+                    WORK[c.quantity],
                     number(x),
                     number(y),
                     format_ratio(ratio),
@@ -213,32 +214,32 @@ def format_ratio(ratio: float) -> str:
 
 def _list_changed_numbers(
     before: Sequence[RunRecord], after: Sequence[RunRecord]
-) -> list[tuple[RunRecord, RunRecord, Change]]:
+) -> list[tuple[RunRecord, RunRecord, Finding]]:
     """Return the changes of numbers beyond rounding, each with the two records."""
     out = []
     unknown = set.union(*find_unmeasured(before, after))
     for a, b in pair_runs(before, after):
         found = compare([a], [b]).changes
-        out += [(a, b, c) for c in found if c.likeness is Likeness.CHANGED and c.metric not in {"status", *unknown}]
+        out += [(a, b, c) for c in found if not c.holds and c.quantity not in {"status", *unknown}]
     return out
 
 
-def _rank_physics(a: RunRecord, b: RunRecord, c: Change) -> RankedChange | None:
+def _rank_physics(a: RunRecord, b: RunRecord, c: Finding) -> RankedChange | None:
     """Describe the change of a number of the motion; None if the change of status explains it."""
-    words, unit, column = PHYSICS[c.metric]
-    x, y = (math.nan if isinstance(v, str) else v for v in (c.before, c.after))
+    words, unit, column = PHYSICS[c.quantity]
+    x, y = c.before, c.value
     scale = float(getattr(a, column)) if column else 1.0
     scale = scale if scale > 0.0 and math.isfinite(scale) else 1.0
-    gap = abs(abs(y) - abs(x)) if c.metric.endswith("_end_J") else abs(y - x)
+    gap = abs(abs(y) - abs(x)) if c.quantity.endswith("_end_J") else abs(y - x)
     weight = gap / scale if math.isfinite(gap) else math.inf
     if a.status != b.status and not math.isfinite(weight):
         return None
     alike = math.isnan(x) or math.isnan(y) or gap <= SAME * max(abs(x), abs(y))
-    worse = None if alike else y < x if DECLARED[c.metric].better == "more" else abs(y) > abs(x)
+    worse = None if alike else y < x if DECLARED[c.quantity].better == "more" else abs(y) > abs(x)
     share = f"{number(100.0 * weight)} %" if weight >= LITTLE else f"less than {100.0 * LITTLE:g} %"
     size = f"{share} of the problem's scale" if math.isfinite(weight) else "came or went"
     limit = a.energy_allowed_J
-    if c.metric == "energy_drift_max_J" and (x > limit) != (y > limit) and limit > 0.0:
+    if c.quantity == "energy_drift_max_J" and (x > limit) != (y > limit) and limit > 0.0:
         weight, size = math.inf, f"crosses the benchmark's limit of {number(limit)} J"
     shown, now = (f"{v} {unit}".strip() for v in format_distinguishably(x, y))
     return RankedChange(Rank.PHYSICS, a.settings_id, a.case, words, shown, now, size, worse, weight)
@@ -267,8 +268,8 @@ def write_page(a: StoredResults, b: StoredResults, site: Site) -> Page:
     before, after = ([c.record for c in results.runs] for results in (a, b))
     found, parts = compare(before, after), list_changes(a, b)
     unmeasured = find_unmeasured(before, after)
-    known = [c for c in found.changes if c.metric not in set.union(*unmeasured)]
-    touched, changed = {c.case for c in known}, {c.case for c in known if c.likeness is Likeness.CHANGED}
+    known = [c for c in found.changes if c.quantity not in set.union(*unmeasured)]
+    touched, changed = {c.subject for c in known}, {c.subject for c in known if not c.holds}
     linked = {r.settings_id for rows in parts.values() for r in rows}
     return site.write(
         Page("Comparison", "compare.html", nav=True, order=90),

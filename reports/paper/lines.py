@@ -115,17 +115,20 @@ def select_runs(pick: RunSelection, specs: Sequence[RequestedRun]) -> list[Reque
 
 
 def find_magnified_series(
-    specs: Sequence[RequestedRun], duration: Callable[[RequestedRun], float], figures: Iterable[PaperFigure] = FIGURES
+    specs: Sequence[RequestedRun],
+    duration: Callable[[str, Mapping[str, Any]], float],
+    figures: Iterable[PaperFigure] = FIGURES,
 ) -> dict[str, set[str]]:
-    """Return by settings_id the names of the series of which a panel draws less than half of the ``duration`` [s].
+    """Return by settings_id the names of the series of which a panel draws less than half.
 
     The stored envelope of a series suffices to draw a whole run, but has too few spans for a small part of it.
+    ``duration`` returns the simulated time of a run [s] from its problem and the parameters of that.
     """
     out: dict[str, set[str]] = {}
     for figure in figures:
         panels = [p for p in figure.panels() if isinstance(p, Panel)]
         for spec in (s for pick in figure.picks for s in select_runs(pick, specs)):
-            part = [p for p in panels if p.window[1] - p.window[0] < 0.5 * duration(spec)]
+            part = [p for p in panels if p.window[1] - p.window[0] < 0.5 * duration(spec.problem, spec.parameters)]
             out.setdefault(spec.settings_id, set()).update(name for p in part for name in (*p.of, p.exact) if name)
     return out
 

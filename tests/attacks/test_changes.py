@@ -115,7 +115,7 @@ def test_readers_say_that_the_stamp_does_not_fit(copied, capsys, name, change):
     """Which file, and why; exit code 1. The runs themselves are shown."""
     change(copied)
     loaded = store.load(copied)
-    assert [u.path.name for u in loaded.unreadable] == [name] and len(loaded.records) == 2
+    assert [path.name for path in loaded.unreadable] == [name] and len(loaded.records) == 2
     assert main(["show", str(copied)]) == 1
     out = capsys.readouterr()
     assert name in out.out + out.err

@@ -131,7 +131,7 @@ def test_solvers_that_are_there_at_once_make_the_first_table(capsys, monkeypatch
             )
             for s in request.suite.specs
         ]
-        return LoadedResults(tuple(records), ()), None
+        return LoadedResults(tuple(records), {}), None
 
     monkeypatch.setattr(command, "run_watched", watched)
     monkeypatch.setattr(command, "select_quick", lambda specs: {"mujoco"})
@@ -162,7 +162,7 @@ def test_it_says_what_share_of_the_motion_the_error_is(capsys, monkeypatch):
             cpu_median_s=0.1,
             length_scale_m=1.4e-3,
         )
-        return LoadedResults((record,), ()), None
+        return LoadedResults((record,), {}), None
 
     monkeypatch.setattr(command, "run_watched", watched)
     line = ["advise", "chain", "--t-end", "0.1", "--solver", "rattle", "--error"]

@@ -13,7 +13,6 @@ import pytest
 from markupsafe import escape
 
 from mbsbench.cli.__main__ import main
-from mbsbench.cli.progress import run_watched
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.catalogue.suites.spec import make_spec
@@ -23,10 +22,11 @@ from mbsbench.harness.mechanics.types import Trait
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.findings import Finding, Verdict
-from mbsbench.harness.results.judgements.runs import Order, Symmetry, UnjudgedSymmetry
+from mbsbench.harness.results.judgements.runs import Order, Symmetry, Unjudged
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.pool import LocalPool
+from mbsbench.harness.run.runner import Request
 from mbsbench.reports.trial import write_page
 from mbsbench.tests.factories import PLUGIN, run_here
 
@@ -205,9 +205,7 @@ def test_a_ladder_cut_by_the_budget_is_neither_met_nor_failed():
 
 def test_symmetries_of_which_none_was_tested_are_not_ok():
     """Refused, all nine: not determined, with the reason; those of a mechanism that is taken count alone."""
-    one = Symmetry(
-        "own", {}, "yaw", "four_bar_grid", "v", ("a", "b"), "refused", UnjudgedSymmetry.BASE, message="no loops"
-    )
+    one = Symmetry("own", {}, "yaw", "four_bar_grid", "v", ("a", "b"), "refused", Unjudged.BASE, message="no loops")
     none = presentations._count_symmetries([one] * 9, {})
     assert not none.is_tested and none.words == "not determined: 9 refused on four_bar_grid: no loops"
     held = msgspec.structs.replace(one, problem="random_mechanism", verdict="holds", message="")
@@ -303,7 +301,7 @@ def test_what_a_budget_cut_short_is_counted_and_not_passed(tmp_path, capsys, mon
     ]
     command = import_module("mbsbench.cli.try")
     monkeypatch.setattr(assessment, "plan_runs", lambda *_, **__: specs)
-    monkeypatch.setattr(command, "run_watched", partial(run_watched, pool=Over))
+    monkeypatch.setattr(command, "Request", partial(Request, pool=Over))
     line = ["try", "sleeps", "--plugin", str(PLUGIN), "--no-report", "--jobs", "1", "--budget", "50"]
     assert main([*line, "--out", str(tmp_path / "out"), "--json"]) == 1
     found = [json.loads(x) for x in capsys.readouterr().out.splitlines()]

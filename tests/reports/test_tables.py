@@ -138,7 +138,7 @@ def test_a_later_run_with_a_damaged_series_hides_no_earlier_one(tmp_path):
     (tmp_path / "series" / "damaged.npz").write_bytes(b"no archive")
     found = read_results(tmp_path)
     assert [c.record.run_id for c in found.runs] == ["good"] and found.made_again == 0
-    assert [u.path.name for u in found.unreadable] == ["damaged.json"]
+    assert [path.name for path in found.unreadable] == ["damaged.json"]
 
 
 def test_the_stated_error_of_the_reference_is_told_where_errors_are_judged(tmp_path):

@@ -49,6 +49,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "omega": ("body", "space"),
     "euler": ("none", *SEQUENCES, *(x.lower() for x in SEQUENCES)),
 }
+USUAL = {name: str(getattr(Reading, name)) for name in CHOICES}  # choices by default
 OF_QUANTITY = {  # units of a quantity, and whether they are per time
     "t": (OF_TIME, False),
     "r": (OF_LENGTH, False),

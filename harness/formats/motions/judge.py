@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from ...run.measuring import judge_motion
 from . import fmu
 from .checks import check_motion
 from .columns import Quantities, find_quantities
-from .conventions import Reading
+from .conventions import CHOICES, Reading
 from .determinacy import DeterminedQuantities, find_determined, judge_determined, measure_uncertainty
 from .hints import suggest_reading
 from .omissions import check_left_out
@@ -52,6 +53,24 @@ class FileSettings:
     control: StepControl | None = None  # None: the spacing of the rows is used as the step
     tolerance: float | None = None  # of the start, in SI; None: according to the printed digits
     label: str = REFEREED
+
+
+def choose_settings(first: Path, given: Mapping[str, Any]) -> FileSettings:
+    """Return how files are read and recorded, from the options ``given`` by name; ``first`` is the first file.
+
+    The name of the code is by default that of the first file, with the suffix ``_file`` if a solver of the catalogue
+    has that name. Raise ValueError for options that cannot be combined.
+    """
+    reading = Reading(**{name: given[name] for name in CHOICES})
+    columns = tuple(c.strip() for c in (given["columns"] or "").split(",") if c.strip())
+    if len({"=" in c for c in columns}) > 1:
+        raise ValueError("--columns takes OURS=THEIRS, ..., or the names of all columns of a file without a header")
+    settings = {k: v for k in ("dt", "rtol") if (v := given.get(k)) is not None}
+    if len(settings) > 1:
+        raise ValueError("give at most one of --dt and --rtol")
+    stem = re.sub(r"[^\w.+-]+", "_", first.stem)
+    name = given.get("name") or (f"{stem}_file" if stem in registry.solvers() else stem)
+    return FileSettings(name, reading, columns, StepControl(**settings) if settings else None, given["start_tolerance"])
 
 
 def list_tables(path: Path) -> list[Path]:

@@ -55,9 +55,15 @@ class _File(Shape, frozen=True):
     problem: dict[str, _Problem] = field(default_factory=dict)
 
 
-def read_thresholds(path: Path) -> Thresholds:
-    """Read a file of thresholds and check every entry; raise FileError if it is invalid."""
-    return parse_thresholds(read_text(path, "thresholds"), path)
+def read_thresholds(path: Path, suite: str = "", *, is_new: bool = False) -> Thresholds:
+    """Read a file of thresholds and check every entry; raise FileError if it is invalid, or of another ``suite``.
+
+    Of a file that ``is_new`` they are empty.
+    """
+    found = Thresholds(suite) if is_new else parse_thresholds(read_text(path, "thresholds"), path)
+    if suite and found.suite != suite:
+        raise FileError(f"{path} holds thresholds of the suite {found.suite!r}, not of {suite!r}")
+    return found
 
 
 def parse_thresholds(text: str, path: Path) -> Thresholds:

@@ -5,11 +5,11 @@ that the caller named is not installed) > PASS. FAIL and XPASS close the gate: a
 corrected in the commit that changes the result. A run without its package fails, unless that package was named.
 """
 
+import dataclasses
 import datetime
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Sequence
 
 from msgspec.structs import replace
 
@@ -52,58 +52,56 @@ def has_moved(f: Finding) -> bool:
     return abs(f.value - f.before) > max(0.01 * abs(f.before), ROUNDED)
 
 
-@dataclass(frozen=True)
-class GateFindings:
-    """All findings of the gate, on metrics and statuses of cases: the worst first, causes before consequences."""
+def find_worst(findings: Sequence[Finding]) -> Verdict:
+    """Return the worst verdict of the gate's findings, which come first; FAILED if nothing was judged."""
+    return next((f.verdict for f in findings if f.is_tested), Verdict.FAILED)
 
-    findings: tuple[Finding, ...]
-    absent: Mapping[str, str] = field(default_factory=dict)  # missing package, by the case that it leaves unmeasured
 
-    @property
-    def verdict(self) -> Verdict:
-        """The worst verdict; FAILED if nothing was judged."""
-        return next((f.verdict for f in self.findings if f.is_tested), Verdict.FAILED)
+def is_open(findings: Sequence[Finding]) -> bool:
+    """Return whether something was judged and nothing failed; failures that are expected do not count."""
+    return find_worst(findings) in (Verdict.XFAIL, Verdict.MET)
 
-    @property
-    def is_open(self) -> bool:
-        """True if something was judged and nothing failed; failures that are expected do not count."""
-        return self.verdict in (Verdict.XFAIL, Verdict.MET)
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """The number of findings in each state, the worst first."""
-        return {state: sum(f.verdict is v for f in self.findings) for v, state in STATES.items()}
+def count_states(findings: Sequence[Finding]) -> dict[str, int]:
+    """Return the number of findings in each state, the worst first."""
+    return {state: sum(f.verdict is v for f in findings) for v, state in STATES.items()}
 
-    @property
-    def cases(self) -> int:
-        """The number of cases, including those that were not measured."""
-        return len({f.subject for f in self.findings})
 
-    @property
-    def headline(self) -> str:
-        """The state ``open`` or ``CLOSED``; if some cases were not measured, with their number and packages."""
-        word, n = "open" if self.is_open else "CLOSED", len(self.absent)
-        if not n:
-            return word
-        share = f" for {self.cases - n} of {self.cases}" if self.is_open else ""
-        return f"{word}{share}; {n} not measured here: {', '.join(sorted(set(self.absent.values())))}"
+def count_cases(findings: Sequence[Finding]) -> int:
+    """Return the number of cases, including those that were not measured."""
+    return len({f.subject for f in findings})
 
-    @property
-    def summary(self) -> str:
-        """The counts of what was judged, in words, such as ``2 FAIL, 30 PASS``."""
-        counted = {state: n for state, n in self.counts.items() if n and state != STATES[Verdict.OPEN]}
-        return ", ".join(f"{n} {state}" for state, n in counted.items()) or "nothing was judged"
 
-    @property
-    def consequences(self) -> list[Finding]:
-        """The failed bounds of runs whose status failed too: numbers of a run that was cut short."""
-        broken = _list_broken(self.findings)
-        return [f for f in self.findings if f.verdict is Verdict.FAILED and _is_consequence(f, broken)]
+def list_absent(findings: Sequence[Finding]) -> dict[str, str]:
+    """Return the missing package by the case that it leaves unmeasured."""
+    return {f.subject: f.cause for f in findings if f.verdict is Verdict.OPEN}
 
-    @property
-    def notable(self) -> list[Finding]:
-        """The findings that did not pass, and those whose value has moved; skipped ones are left out."""
-        return [f for f in self.findings if f.verdict not in (Verdict.MET, Verdict.OPEN) or has_moved(f)]
+
+def describe_gate(findings: Sequence[Finding]) -> str:
+    """Return ``open`` or ``CLOSED``; if some cases were not measured, with their number and packages."""
+    word, absent = "open" if is_open(findings) else "CLOSED", list_absent(findings)
+    if not absent:
+        return word
+    cases, n = count_cases(findings), len(absent)
+    share = f" for {cases - n} of {cases}" if is_open(findings) else ""
+    return f"{word}{share}; {n} not measured here: {', '.join(sorted(set(absent.values())))}"
+
+
+def describe_counts(findings: Sequence[Finding]) -> str:
+    """Return the counts of what was judged, in words, such as ``2 FAIL, 30 PASS``."""
+    counted = {state: n for state, n in count_states(findings).items() if n and state != STATES[Verdict.OPEN]}
+    return ", ".join(f"{n} {state}" for state, n in counted.items()) or "nothing was judged"
+
+
+def select_consequences(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the failed bounds of runs whose status failed too: numbers of a run that was cut short."""
+    broken = _list_broken(findings)
+    return [f for f in findings if f.verdict is Verdict.FAILED and _is_consequence(f, broken)]
+
+
+def select_notable(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings that did not pass, and those whose value has moved; skipped ones are left out."""
+    return [f for f in findings if f.verdict not in (Verdict.MET, Verdict.OPEN) or has_moved(f)]
 
 
 def select_judged(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[RunRecord, ...]:
@@ -130,12 +128,12 @@ def judge(
     thresholds: Thresholds,
     code: CodeOf | None = None,
     without: Collection[str] = (),
-) -> GateFindings:
-    """Judge the status and all thresholds of every run, and return the findings.
+) -> tuple[Finding, ...]:
+    """Judge the status and all thresholds of every run; return the findings, the worst first, causes before effects.
 
     A run without a threshold and a threshold without a run fail. With ``code``, a result of other code counts as
     missing; of several results of a run the newest is judged. A run that was refused because a package is not installed
-    is skipped if the package is in ``without``, and fails otherwise.
+    is skipped if the package is in ``without``, with the package as the finding's cause, and fails otherwise.
     """
     by_settings = {r.settings_id: r for r in select_judged(records, code)}
     other = {r.settings_id for r in records} - {*by_settings}
@@ -149,13 +147,14 @@ def judge(
     for b in thresholds.bounds:
         bounded.setdefault(b.case, set()).add(b.metric)
     statuses = {e.case: e for e in thresholds.statuses}
-    absent: dict[str, str] = {}
+    absent: set[str] = set()
     for case, record in by_case.items():
         if record is not None and record.status == Status.REFUSED and (package := record.missing_package):
-            absent[case] = package
+            absent.add(case)
             words = record.message if package in without else UNNAMED.format(record.message, package)
             verdict = Verdict.OPEN if package in without else Verdict.FAILED
-            found.append(_make_finding(verdict, case, STATUS, ABSENT.format(words)))
+            skipped = _make_finding(verdict, case, STATUS, ABSENT.format(words))
+            found.append(dataclasses.replace(skipped, cause=package if verdict is Verdict.OPEN else ""))
             continue
         found.append(_judge_status(case, record, statuses.get(case), missing[case]))
         wanted = statuses[case].status if case in statuses else Status.SUCCESS
@@ -178,8 +177,7 @@ def judge(
         metric = f.quantity
         return WORST.index(f.verdict), _is_consequence(f, broken), metric != STATUS, f.subject, metric
 
-    ordered = sorted(found, key=order)
-    return GateFindings(tuple(ordered), {case: package for case, package in absent.items() if package in without})
+    return tuple(sorted(found, key=order))
 
 
 def _list_broken(findings: Iterable[Finding]) -> set[str]:

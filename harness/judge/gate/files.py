@@ -2,11 +2,23 @@
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree
 
 from ...results.findings import Finding, Verdict
-from .check import STATES, GateFindings, has_moved
+from .check import (
+    STATES,
+    count_cases,
+    count_states,
+    describe_counts,
+    describe_gate,
+    find_worst,
+    has_moved,
+    is_open,
+    list_absent,
+    select_notable,
+)
 
 LEFT_OUT = {Verdict.XFAIL: "expected to fail: ", Verdict.OPEN: ""}  # verdicts that JUnit calls skipped, with a prefix
 NOT_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")  # characters that XML 1.0 cannot hold
@@ -21,13 +33,13 @@ JUNIT_BEGUN = (  # written for a gate that has no verdict yet
 MARKDOWN_BEGUN = "## Gate: not finished\n\nIt was ended before its verdict, or is still at work.\n"
 
 
-def format_junit(result: GateFindings, suite: str) -> str:
-    """Return the result as JUnit XML with a test case for each finding.
+def format_junit(findings: Sequence[Finding], suite: str) -> str:
+    """Return the gate's findings as JUnit XML with a test case for each finding.
 
     FAIL and XPASS become failures, XFAIL and SKIP are skipped; a gate that judged nothing has one failure.
     """
     nothing = Finding("gate", verdict=Verdict.FAILED, subject=suite, why="nothing judged")
-    findings = result.findings if any(f.is_tested for f in result.findings) else (*result.findings, nothing)
+    findings = findings if any(f.is_tested for f in findings) else (*findings, nothing)
     closed, skipped = sum(not f.holds for f in findings), sum(f.verdict in LEFT_OUT for f in findings)
     counts = {"tests": str(len(findings)), "failures": str(closed), "errors": "0", "skipped": str(skipped)}
     root = ElementTree.Element("testsuites", counts)
@@ -44,12 +56,12 @@ def format_junit(result: GateFindings, suite: str) -> str:
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def format_markdown(result: GateFindings, suite: str) -> str:
+def format_markdown(findings: Sequence[Finding], suite: str) -> str:
     """Return Markdown for a merge request: a headline, and a table of findings that did not pass or have moved."""
-    out = [f"## Gate `{suite}`: {result.headline}", "", f"{result.summary}.", ""]
-    if result.notable:
+    out = [f"## Gate `{suite}`: {describe_gate(findings)}", "", f"{describe_counts(findings)}.", ""]
+    if notable := select_notable(findings):
         out += ["| state | case | metric | measured | was | bound | unit | why |", "|---|---|---|---|---|---|---|---|"]
-        for row in map(_flatten, result.notable):
+        for row in map(_flatten, notable):
             numbers = {k: "" if math.isnan(row[k]) else f"{row[k]:.4g}" for k in ("measured", "value")}
             texts = {**row, **numbers, "why": "moved" if row["state"] == "PASS" else row["why"]}
             shown = ("state", "case", "metric", "measured", "value", "bound", "unit", "why")
@@ -58,10 +70,10 @@ def format_markdown(result: GateFindings, suite: str) -> str:
     return "\n".join(out)
 
 
-def format_annotations(result: GateFindings, suite: str) -> list[str]:
+def format_annotations(findings: Sequence[Finding], suite: str) -> list[str]:
     """Return an error command of GitHub Actions for each case that closes the gate, with its first cause."""
     closing: dict[str, list[Finding]] = {}
-    for f in result.findings:
+    for f in findings:
         if not f.holds:
             closing.setdefault(f.subject, []).append(f)
     out = []
@@ -76,17 +88,17 @@ def _escape(text: str, more: str = "") -> str:
     return re.sub(f"[%\r\n{more}]", lambda found: f"%{ord(found[0]):02X}", text)
 
 
-def make_json_object(result: GateFindings, suite: str) -> dict[str, Any]:
-    """Return the result as a dict for ``--json``."""
+def make_json_object(findings: Sequence[Finding], suite: str) -> dict[str, Any]:
+    """Return the gate's findings as a dict for ``--json``."""
     head = {
         "suite": suite,
-        "open": result.is_open,
-        "state": STATES[result.verdict],
-        "counts": result.counts,
-        "cases": result.cases,
-        "not_measured": dict(result.absent),
+        "open": is_open(findings),
+        "state": STATES[find_worst(findings)],
+        "counts": count_states(findings),
+        "cases": count_cases(findings),
+        "not_measured": list_absent(findings),
     }
-    return {**head, "findings": [_flatten(f) for f in result.findings]}
+    return {**head, "findings": [_flatten(f) for f in findings]}
 
 
 def _flatten(f: Finding) -> dict[str, Any]:

@@ -9,7 +9,7 @@ depend on the axes. It is a presentation, whose errors are compared elsewhere, a
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count, islice
 
 import numpy as np
@@ -25,20 +25,10 @@ START, FRAME, TOLERANCE = "start", "frame", "tolerance"
 CORES = {"Haswell": "avx2", "Zen": "avx2", "Sandybridge": "avx", "SkylakeX": "avx512vl"}
 
 
-@dataclass(frozen=True)
-class Repeat:
-    """A run ``spec`` of a ``case``, changed by one kind of rounding, with the BLAS kernels of ``core``."""
-
-    case: str
-    kind: str
-    spec: RunSpec
-    core: str = ""  # core type of OpenBLAS; empty for the kernels that the harness pins
-
-    @property
-    def environ(self) -> dict[str, str]:
-        """The environment variables of its processes, by name."""
-        # the first is read by processes of the harness, the second by those without pinned kernels
-        return {CORE: self.core, "OPENBLAS_CORETYPE": self.core} if self.core else {}
+def choose_kernels(core: str) -> dict[str, str]:
+    """Return the environment variables, of processes with the BLAS kernels of ``core``; empty without one."""
+    # the first is read by processes of the harness, the second by those without pinned kernels
+    return {CORE: core, "OPENBLAS_CORETYPE": core} if core else {}
 
 
 def list_core_types() -> tuple[str, ...]:
@@ -46,16 +36,16 @@ def list_core_types() -> tuple[str, ...]:
     return tuple(core for core, needed in CORES.items() if needed in read_processor_flags())
 
 
-def repeat_run(spec: RunSpec, times: int, cores: Sequence[str]) -> list[Repeat]:
-    """Return ``times`` repeats of a run, changed by each kind of rounding in turn.
+def repeat_run(spec: RunSpec, times: int, cores: Sequence[str]) -> list[tuple[str, RunSpec, str]]:
+    """Return ``times`` repeats of a run, changed by each kind of rounding in turn: kind, settings, core type.
 
-    Repeats with the BLAS kernels of ``cores`` have a perturbed start from the second round on, to differ from the
-    first.
+    The core type of OpenBLAS is empty for the kernels that the harness pins. Repeats with the kernels of ``cores`` have
+    a perturbed start from the second round on, to differ from the first.
     """
     return list(islice(_list_repeats(spec, cores), times))
 
 
-def _list_repeats(spec: RunSpec, cores: Sequence[str]) -> Iterator[Repeat]:
+def _list_repeats(spec: RunSpec, cores: Sequence[str]) -> Iterator[tuple[str, RunSpec, str]]:
     """Yield repeats of a run without end.
 
     A start that is perturbed already, or opens its joints on purpose, is not moved: that would project it.
@@ -66,13 +56,13 @@ def _list_repeats(spec: RunSpec, cores: Sequence[str]) -> Iterator[Repeat]:
         moved = {"perturb": SIZE, "seed": seed} if moves else {}
         turn = np.array(given.get("rotation", (0.0, 0.0, 0.0))) + SIZE * np.random.default_rng(seed).standard_normal(3)
         if moves:
-            yield Repeat(spec.case, START, _replace_parameters(spec, moved))
-        yield Repeat(spec.case, FRAME, _replace_parameters(spec, {"rotation": tuple(map(float, turn))}))
+            yield START, _replace_parameters(spec, moved), ""
+        yield FRAME, _replace_parameters(spec, {"rotation": tuple(map(float, turn))}), ""
         if spec.control.rtol is not None:
             rtol = spec.control.rtol * (1.0 + (-1) ** seed * seed * OF_TOLERANCE)
-            yield Repeat(spec.case, TOLERANCE, replace(spec, control=replace(spec.control, rtol=rtol)))
+            yield TOLERANCE, replace(spec, control=replace(spec.control, rtol=rtol)), ""
         for core in cores:
-            yield Repeat(spec.case, f"BLAS {core}", _replace_parameters(spec, moved if seed > 1 else {}), core)
+            yield f"BLAS {core}", _replace_parameters(spec, moved if seed > 1 else {}), core
 
 
 def _replace_parameters(spec: RunSpec, changes: Mapping[str, object]) -> RunSpec:

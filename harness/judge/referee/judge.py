@@ -22,10 +22,9 @@ from .certificates.symmetries import check_symmetries
 from .certificates.work import collect_work
 from .claims.frame import SeriesOf, read_dimensions, select
 from .claims.judging import judge
-from .claims.register import Register, read_register
-from .currency import describe_changes
+from .currency import code_now, describe_changes
 from .false_successes import find_false_successes
-from .registers import FIELD, PAPER, RegisterPlace
+from .registers import PAPER, PLACES, RegisterPlace
 
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
     (files.ORDERS.name, certify),
@@ -35,17 +34,19 @@ OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
 )
 
 
-def judge_results(folder: Path, register: Register, watch: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
+def judge_results(
+    folder: Path, places: Sequence[RegisterPlace] = PLACES, watch: Callable[[str], None] = lambda _: None
+) -> dict[str, Any]:
     """Return every judgement on the results in ``folder`` by the name of its file, such as ``claims`` or ``drift``.
 
-    ``register`` has the claims of the paper; those of the field are judged too. Runs that a resumed folder holds twice
-    count once. ``watch`` is called with what each judgement finds as it begins.
+    ``places`` are the registers of claims. Runs that a resumed folder holds twice count once. ``watch`` is called with
+    what each judgement finds as it begins.
     """
     records = select_latest(store.load(folder, check_series=False).records)
     out: dict[str, Any] = {}
-    for place, claims in ((PAPER, register), (FIELD, read_register(FIELD.path))):
+    for place in places:
         watch(f"claims {place.whose}")
-        out[place.file.name] = judge_register(claims, records, lambda r: store.read_run_series(folder, r), place)
+        out[place.file.name] = judge_register(place, records, lambda r: store.read_run_series(folder, r))
     for name, function in OTHERS:
         watch("observed orders" if name == files.ORDERS.name else name)
         out[name] = function(folder, records)
@@ -54,11 +55,9 @@ def judge_results(folder: Path, register: Register, watch: Callable[[str], None]
     return out
 
 
-def judge_register(
-    register: Register, records: Iterable[RunRecord], series_of: SeriesOf, place: RegisterPlace = PAPER
-) -> tuple[JudgedClaim, ...]:
-    """Return the verdicts on the claims of a register, tried on the runs of the suites of its ``place``."""
-    found = judge(register, list_tried(place), records, series_of)
+def judge_register(place: RegisterPlace, records: Iterable[RunRecord], series_of: SeriesOf) -> tuple[JudgedClaim, ...]:
+    """Return the verdicts on the claims of a register, tried on the runs of its suites."""
+    found = judge(place.read(), list_tried(place), records, series_of)
     return tuple(replace(c, register=place.name) for c in found)
 
 
@@ -67,10 +66,10 @@ def list_tried(place: RegisterPlace = PAPER) -> tuple[RunSpec, ...]:
     return tuple({c.settings_id: c for name in place.suites for c in load_suite(name).specs}.values())
 
 
-def select_needed(register: Register, place: RegisterPlace = PAPER) -> tuple[RunSpec, ...]:
+def select_needed(place: RegisterPlace) -> tuple[RunSpec, ...]:
     """Return the runs that the maps of the register's claims select, without which verdicts cannot be judged."""
     tried = [read_dimensions(s) for s in list_tried(place)]
-    maps = {m.name: m for c in register.claims for m in c.maps if m}.values()
+    maps = {m.name: m for c in place.read().claims for m in c.maps if m}.values()
     return tuple({p.spec.settings_id: p.spec for m in maps for p in select(tried, m.over)}.values())
 
 
@@ -80,7 +79,12 @@ def list_published_runs(place: RegisterPlace = PAPER) -> tuple[RunSpec, ...]:
     Those of the paper come with orders, symmetries and more from its whole suite, ``referee``; those of the field from
     the runs of its maps.
     """
-    return load_suite(place.whole).specs if place is PAPER else select_needed(read_register(place.path), place)
+    return load_suite(place.whole).specs if place.name == PAPER.name else select_needed(place)
+
+
+def digest_code(place: RegisterPlace = PAPER) -> CodeDigests:
+    """Return the digests of the present code, as verdicts on the claims of a register would record them."""
+    return code_now(place.read(), list_published_runs(place))
 
 
 def find_missing(records: Iterable[RunRecord], specs: Iterable[RunSpec]) -> list[RunSpec]:
@@ -103,12 +107,14 @@ def write_judgements(folder: ConfinedPath, judged: Mapping[str, Any], codes: Map
     return out
 
 
-def describe_outdated(folder: ConfinedPath, now: CodeDigests, place: RegisterPlace = PAPER) -> str:
+def describe_outdated(folder: ConfinedPath, place: RegisterPlace = PAPER, now: CodeDigests | None = None) -> str:
     """Describe in one line what changed since the verdicts in ``folder`` were published; empty if nothing did.
 
-    The line gives the commands that renew them. ``now`` are the digests of the present code.
+    The line gives the commands that renew them. ``now`` are the digests of the present code if they
+    are known.
     """
-    return describe_changes(bring_forward(files.read_claims_code(folder, place.file)), now, place.whole)
+    published = bring_forward(files.read_claims_code(folder, place.file))
+    return describe_changes(published, now or digest_code(place), place.whole)
 
 
 def find_changes(before: Sequence[JudgedClaim], after: Sequence[JudgedClaim]) -> list[tuple[str, str, str]]:

@@ -4,13 +4,13 @@ Both are TOML files that the same functions read and judge (``claims``). They di
 tried on, and in the file of their verdicts.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from ...results.judgements.claims import JudgedClaim
 from ...results.judgements.files import CLAIMS, FIELD_CLAIMS, File
-from .claims.register import REGISTER
+from .claims.register import REGISTER, Register, read_register
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,13 @@ class RegisterPlace:
     suites: tuple[str, ...]  # claims are tried on the runs of these
     whole: str  # the suite that has every run of its claims
     file: File[tuple[JudgedClaim, ...]]
+    only: str = ""  # the id of the one claim that is read; empty for all
+
+    def read(self) -> Register:
+        """Read the register, with all its claims or with one."""
+        register = read_register(self.path)
+        own = tuple(c for c in register.claims if self.only in ("", c.id))
+        return replace(register, claims=own)
 
 
 PAPER = RegisterPlace(

@@ -4,7 +4,7 @@ import dataclasses
 import math
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,8 @@ from jaxtyping import Float
 
 from ...base.code_meter import listen_to_numba, solver_seconds
 from ...base.forked_process import TICK, ForkedProcess
+from ...catalogue import registry
+from ...catalogue.suites.spec import make_step_control
 from ...mechanics.consistency import perturb
 from ...mechanics.motion import energy
 from ...mechanics.state import State, States
@@ -60,6 +62,27 @@ class ConfiguredSolver:
     control: StepControl
 
 
+def configure_solver(problem: Problem, solver: str, given: Mapping[str, str]) -> ConfiguredSolver:
+    """Return a solver at its default options with those of the ``given`` step controls that apply to it."""
+    entry = registry.find_entry("solver", solver, registry.solvers())
+    others = {"dt": ("rtol", "max_step"), "rtol": ("dt",)}[entry.control]
+    control = make_step_control(solver, entry.control, problem, {k: v for k, v in given.items() if k not in others})
+    setting = f"{entry.control}={getattr(control, entry.control):g}"
+    return ConfiguredSolver(solver, setting, registry.make_solver(solver), control)
+
+
+def configure_truth(problem: Problem, solver: str, rtol: float) -> ConfiguredSolver:
+    """Return the solver of the true motions, with code for the mechanism if it has any.
+
+    Thousands of members repay the time to make it.
+    """
+    code = configure_solver(problem, solver, {"rtol": str(rtol)})
+    if "code" not in registry.find_entry("solver", solver, registry.solvers()).parameters:
+        return code
+    own = registry.make_solver(solver, {"code": "mechanism"})
+    return code if own.refuses(problem, code.control) else dataclasses.replace(code, solver=own)
+
+
 @dataclass(frozen=True)
 class Cloud:
     """The motions of all members by one solver; NaN where a member did not get so far."""
@@ -70,6 +93,11 @@ class Cloud:
     drawn: Float[np.ndarray, "n observables nt"]  # at the times of pictures
     failures: tuple[str, ...]  # a line for each member that did not reach the end
     cpu_s: float  # of all members, without code generation
+
+    @property
+    def label(self) -> str:
+        """The solver's name and its setting, as legends show it."""
+        return f"{self.code.name} {self.code.setting}"
 
 
 def make_ensemble(problem: Problem, spread: float, seed: int, at: Sequence[float]) -> Ensemble:

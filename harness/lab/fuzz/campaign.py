@@ -60,6 +60,11 @@ class CampaignSettings:
         return Oracle(m, self.form or draw_form(self.seed, number, m), self.floor)
 
 
+def choose_settings(seed: int, floor: float, options: dict[str, str], form: dict[str, str] | None) -> CampaignSettings:
+    """Return the settings of a campaign; ``form`` is given by its words, such as ``split=2``, or drawn."""
+    return CampaignSettings(seed, floor, options, Form.parse(form) if form else None)
+
+
 def run_campaign(settings: CampaignSettings, pairs: Sequence[Pair], jobs: int) -> Iterator[OracleOutcome]:
     """Run the solver of each pair on its mechanism, in up to ``jobs`` processes; yield each outcome when it is known.
 

@@ -1,7 +1,7 @@
 """Keep every trial of a campaign on disk, a line of JSON each, so that it can be interrupted, continued and counted."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,8 +10,8 @@ import msgspec
 from ...base.files import FileError, read_text, write_text
 from ...catalogue import registry
 from ...catalogue.codes import package_sources
-from .campaign import CampaignSettings, run_apart
-from .oracle import FINDINGS, Behaviour, OracleOutcome, OracleVerdict
+from .campaign import CampaignSettings, Pair, run_apart, run_campaign
+from .oracle import FINDINGS, SHOWN, Behaviour, OracleOutcome, OracleVerdict, describe_outcome
 
 NAME, SUMMARY = "trials.jsonl", "summary.json"
 CPU = 180.0  # [s] for the second route: the reference of a difficult mechanism takes a minute
@@ -72,6 +72,29 @@ def append_trial(folder: Path, trial: Trial) -> None:
         file.write(msgspec.json.encode(trial) + b"\n")
 
 
+def list_left(folder: Path, settings: CampaignSettings, pairs: Sequence[Pair]) -> list[Pair]:
+    """Return the pairs that have no trial with these settings and the present code in ``folder``."""
+    done = {trial.key for trial in read_trials(folder) if trial.code == digest_solver(trial.outcome.solver)}
+    sound = ((pair, OracleOutcome(pair[1], Behaviour.SOUND, number=pair[0])) for pair in pairs)
+    return [pair for pair, outcome in sound if Trial(settings, "", outcome).key not in done]
+
+
+def run_trials(
+    folder: Path, settings: CampaignSettings, pairs: Sequence[Pair], jobs: int, tell: Callable[[str], None]
+) -> None:
+    """Run the pairs, add each trial to the log in ``folder``, and judge deviations by other routes.
+
+    ``tell`` is called with a line on each outcome that a reader should see at once.
+    """
+    for outcome in run_campaign(settings, pairs, jobs):
+        append_trial(folder, Trial(settings, digest_solver(outcome.solver), outcome))
+        if outcome.kind in SHOWN:
+            tell(describe_outcome(outcome))
+    for trial in read_trials(folder):
+        if trial.is_deviation and trial.verdict is None:
+            append_trial(folder, ask_second_route(trial))
+
+
 def ask_second_route(trial: Trial) -> Trial:
     """Judge the deviation of a trial by other routes in a separate process; return the trial with its verdict.
 
@@ -103,6 +126,7 @@ def count_trials(trials: Iterable[Trial]) -> dict[str, dict[str, int]]:
 
 
 NOT_ASKED = "not asked"
+CONFIRMED = str(OracleVerdict.CONFIRMED)  # name of their column
 COLUMNS = ("trials", *map(str, Behaviour), "deviations", *map(str, OracleVerdict), NOT_ASKED)
 
 

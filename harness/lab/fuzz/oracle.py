@@ -16,7 +16,7 @@ import numpy as np
 from ...base.shapes import LARGEST
 from ...catalogue import registry
 from ...judge.distance import measure_distance
-from ...judge.invariance import AMPLIFIED, Yardstick, do_routes_agree, is_confirmed
+from ...judge.invariance import AMPLIFIED, allow_error, do_routes_agree, is_beyond, is_confirmed
 from ...mechanics.dynamics import accelerations
 from ...mechanics.state import State
 from ...mechanics.types import Problem, Solver, Status, StepControl
@@ -86,6 +86,12 @@ class OracleOutcome:
         return min(self.deviation) / self.limit if self.limit else 0.0
 
 
+def describe_outcome(o: OracleOutcome) -> str:
+    """Describe an outcome in a line: solver, mechanism, behaviour, form, and how far it is off."""
+    numbers = f"{min(o.deviation):.2g} m, own error {o.own:.2g} m" if o.limit else o.words
+    return f"{o.solver}, mechanism {o.number}: {o.kind} ({o.form}): {numbers}"
+
+
 @dataclass(frozen=True)
 class Oracle:
     """A mechanism in two forms, as drawn and in ``form``, on which codes are examined."""
@@ -147,15 +153,14 @@ class Oracle:
         if true is None or spread > self.floor * self.mechanism.size:
             return replace(found, kind=Behaviour.UNDECIDED)
         floor = self.floor * self.mechanism.size + AMPLIFIED * spread
-        yard = Yardstick(level=sum(halves), halved=0.0, growth=0.0, steps=0, size=self.mechanism.size, least=floor)
-        found = replace(found, limit=yard.bound)
-        if yard.is_broken(min(between)):
+        found = replace(found, limit=allow_error(sum(halves), floor))
+        if is_beyond(min(between), found.limit):
             return replace(found, kind=Behaviour.PRESENTATION)
         for pair, half, which in zip(ends, halves, (Form(), form), strict=True):
             off = self.measure_distance(pair[0], true), self.measure_distance(pair[1], true)
-            yard = replace(yard, level=half)
-            if yard.is_broken(min(off)):
-                return replace(found, kind=Behaviour.TRUTH, deviation=off, own=half, limit=yard.bound, form=which)
+            bound = allow_error(half, floor)
+            if is_beyond(min(off), bound):
+                return replace(found, kind=Behaviour.TRUTH, deviation=off, own=half, limit=bound, form=which)
         return found
 
     def collect_answers(self, solver: Solver) -> tuple[dict[str, Places], tuple[str, ...]]:

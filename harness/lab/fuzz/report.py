@@ -2,19 +2,32 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 import msgspec
 
 from ...catalogue import registry
 from .campaign import CampaignSettings, run_apart
-from .cases import Case
-from .log import Trial
+from .cases import Case, write_cases, write_page
+from .log import Trial, read_trials, write_summary
 from .oracle import OracleOutcome, OracleVerdict
 from .presenting import Form
 from .shrinking import shrink_outcome
 
 CPU = 300.0  # [s] to shrink a case
+
+
+def write_findings(folder: Path, most: int) -> tuple[Mapping[str, Mapping[str, int]], list[Case]]:
+    """Write summary, cases and page of the trials in ``folder``; return the counts by solver, and the cases.
+
+    Of each sort of confirmed deviation at most ``most`` are cases.
+    """
+    trials = read_trials(folder)
+    counts, cases = write_summary(folder, trials), choose_cases(trials, most)
+    write_cases(folder, cases)
+    write_page(folder)
+    return counts, cases
 
 
 def choose_cases(trials: Iterable[Trial], most: int) -> list[Case]:
@@ -49,12 +62,6 @@ def make_case(settings: CampaignSettings, found: OracleOutcome) -> Case:
     if sent := run_apart(shrink, CPU):
         return msgspec.json.decode(sent, type=Case)
     return Case(found, first.mechanism, first.form, None, "", options, floor)
-
-
-def describe_outcome(o: OracleOutcome) -> str:
-    """Describe an outcome in a line: solver, mechanism, behaviour, form, and how far it is off."""
-    numbers = f"{min(o.deviation):.2g} m, own error {o.own:.2g} m" if o.limit else o.words
-    return f"{o.solver}, mechanism {o.number}: {o.kind} ({o.form}): {numbers}"
 
 
 def _name_changes(form: Form) -> str:

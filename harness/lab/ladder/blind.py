@@ -21,10 +21,9 @@ from ...base.forked_process import ForkedProcess, ProcessEnd
 from ...base.isolation import protect_process
 from ...catalogue import registry
 from ...catalogue.mechanism import load_readers
-from ...mechanics.types import EndCause, Problem, Solver, StepControl
+from ...mechanics.types import Problem, Solver, StepControl
 from ...run import handover, worker
 from ...run.contract import locate_error
-from ...run.handover import Handover, SolverReport
 from ...run.presenting import present_problem
 from ...run.run import Send
 from .fence import confine_to_folder
@@ -104,8 +103,7 @@ def attempt_solve(task: BlindTask, send: Send) -> None:
     except Exception as error:  # an entry may raise anything: a result
         traceback.print_exc()
         message = f"{type(error).__name__}: {error}".split("\n")[0][:500]
-        report = SolverReport(by=EndCause.EXCEPTION, message=message + "".join(locate_error(error, s) for s in made))
-        handed = Handover(report, None)
+        handed = handover.report_exception(message + "".join(locate_error(error, s) for s in made))
     handover.write(task.folder / OUT, handed)
 
 

@@ -27,7 +27,7 @@ from ...results import environment, records, store
 from ...results.records import RunRecord
 from ...run import handover
 from ...run.contract import make_cost_columns, select_repeat_times
-from ...run.handover import LARGEST, Handover, SolverReport
+from ...run.handover import LARGEST
 from ...run.job import GRACE, Job, make_cut_short_record, record_unfinished
 from ...run.measuring import Outcome, judge_handover
 from ...run.presenting import restore_trajectory
@@ -239,12 +239,12 @@ def _measure(run: _SolvedRun) -> RunRecord:
     try:
         handed = handover.read(job.handover, hide_problem(problem, job.spec.control)[0].system, ended.cpu)
     except FileError as error:
-        handed = Handover(SolverReport(by=EndCause.EXCEPTION, message=str(error)), None)
+        handed = handover.report_exception(str(error))
     if handed is not None and handed.report.claimed is None:
         outcome = Outcome(make_cut_short_record(job, handed.report.by, message=handed.report.message, **cost), problem)
     elif handed is not None:
         motion = None if handed.trajectory is None else restore_trajectory(handed.trajectory, problem)
         peak = max(e.peak for e in run.ended)
         about = {**cost, "cpu_process_s": ended.cpu, "peak_memory_MB": peak}
-        outcome = judge_handover(job, problem, Handover(handed.report, motion), ended.cpu, **about)
+        outcome = judge_handover(job, problem, replace(handed, trajectory=motion), ended.cpu, **about)
     return store_outcome(job, outcome)

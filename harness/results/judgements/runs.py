@@ -35,12 +35,20 @@ class JudgedSettings(Shape, frozen=True):
     case: str
 
 
-class Note(StrEnum):
-    """The reason why runs of a ladder of steps were left out."""
+class Unjudged(StrEnum):
+    """The reason why a judgement has no number, or leaves runs out."""
 
+    # of an order: runs of a ladder of steps that are left out
     NO_SCALE = "no scale"
     CUT = "cut steps"
     UNRESOLVED = "unresolved errors"
+    # of a check of a symmetry
+    BASE = "run as it stands"  # this run ended with ``status``
+    PRESENTED = "presented run"  # this run ended with ``status``
+    BOUND = "bound"  # a run that the bound is computed from failed, or has no end
+    SINGLE = "single body"  # nothing to renumber
+    WAY_BACK = "way back"
+    END = "end"
 
 
 class Order(JudgedSettings, frozen=True):
@@ -66,7 +74,7 @@ class Order(JudgedSettings, frozen=True):
     fit: FitKind
     slopes: tuple[float, ...]  # slopes finer than the points used; all if no range of steps was found
     unfinished: int  # runs of the ladder that did not succeed
-    notes: tuple[Note, ...]
+    notes: tuple[Unjudged, ...]
     t_end_s: float
     settings_ids: tuple[str, ...]
     status: str = ""  # status and message of the finest failed run, if too few succeeded
@@ -115,17 +123,6 @@ class Drift(JudgedSettings, frozen=True):
     walk_high: float = NAN
 
 
-class UnjudgedSymmetry(StrEnum):
-    """The reason why a check of a symmetry has no number."""
-
-    BASE = "run as it stands"  # this run ended with ``status``
-    PRESENTED = "presented run"  # this run ended with ``status``
-    BOUND = "bound"  # a run that the bound is computed from failed, or has no end
-    SINGLE = "single body"  # nothing to renumber
-    WAY_BACK = "way back"
-    END = "end"
-
-
 class Symmetry(Shape, frozen=True):
     """A check of one solver on one variant: the distance between the ends of two runs [m], and its bound."""
 
@@ -136,7 +133,7 @@ class Symmetry(Shape, frozen=True):
     variant: str
     settings_ids: tuple[str, ...]
     verdict: SymmetryVerdict
-    unjudged: UnjudgedSymmetry | None = None
+    unjudged: Unjudged | None = None
     status: str = ""
     message: str = ""
     presented: str = ""  # the presentation in which planarity is checked

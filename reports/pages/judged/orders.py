@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ....harness.results.judgements.runs import Note, Order
+from ....harness.results.judgements.runs import Order, Unjudged
 from ...model.results import group_by, make_natural_key, make_slug
 from ...model.words import Mark, plural
 from ...plots.slopes import NEAR, add_triangles
@@ -14,9 +14,9 @@ from ...plots.spec import Axis, Plot, Trace
 FLOOR = 3.0  # points below this many times the floor are said to lie on it
 USED, EARLY, FLOORED = "used", "pre-asymptotic", "at the floor"
 NOTES = {
-    Note.NO_SCALE: "the records give no scale of its velocities",
-    Note.CUT: "steps that were cut are left out",
-    Note.UNRESOLVED: "errors that the reference cannot resolve are left out",
+    Unjudged.NO_SCALE: "the records give no scale of its velocities",
+    Unjudged.CUT: "steps that were cut are left out",
+    Unjudged.UNRESOLVED: "errors that the reference cannot resolve are left out",
 }
 VERDICTS = {  # verdicts of certificates and of drifts
     "certified": ("✓", "good"),

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 
-from ....harness.results.judgements.runs import PLANARITY, REVERSAL, Symmetry, UnjudgedSymmetry
+from ....harness.results.judgements.runs import PLANARITY, REVERSAL, Symmetry, Unjudged
 from ...model.words import Mark
 
 TOLERABLE = "tolerable"  # a broken symmetry that does not mislead
@@ -17,12 +17,12 @@ MARKS = {  # worst first
     "not applicable": Mark("–", "not applicable", "none"),
 }
 UNJUDGED = {
-    UnjudgedSymmetry.BASE: "the run as it stands ended with {status}: {message}",
-    UnjudgedSymmetry.PRESENTED: "{status}: {message}",
-    UnjudgedSymmetry.BOUND: "no bound: one of the runs that it is measured by failed or has no end",
-    UnjudgedSymmetry.SINGLE: "one body and one joint have no order",
-    UnjudgedSymmetry.WAY_BACK: "{message}",
-    UnjudgedSymmetry.END: "no end to compare",
+    Unjudged.BASE: "the run as it stands ended with {status}: {message}",
+    Unjudged.PRESENTED: "{status}: {message}",
+    Unjudged.BOUND: "no bound: one of the runs that it is measured by failed or has no end",
+    Unjudged.SINGLE: "one body and one joint have no order",
+    Unjudged.WAY_BACK: "{message}",
+    Unjudged.END: "no end to compare",
 }
 MISSES = {REVERSAL: "misses the start", PLANARITY: "leaves the plane"}
 

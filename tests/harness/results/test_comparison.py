@@ -7,7 +7,8 @@ import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.results import store
-from mbsbench.harness.results.comparison import Likeness, compare, is_repeatable
+from mbsbench.harness.results.comparison import compare, is_repeatable
+from mbsbench.harness.results.findings import Verdict
 from mbsbench.harness.results.provenance import describe_differences, find_differences, is_same_platform
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.tests.factories import PLUGIN
@@ -29,23 +30,23 @@ BASE = RunRecord(
 
 
 @pytest.mark.parametrize(
-    ("change", "likeness"),
+    ("change", "verdict"),
     [
         ({}, None),
         ({"wall_s": 3.0}, None),
-        ({"energy_drift_max_J": 1e-3 * (1 + 1e-9)}, Likeness.ROUNDING),
-        ({"energy_drift_max_J": 1.01e-3}, Likeness.CHANGED),
-        ({"steps": 11}, Likeness.CHANGED),
-        ({"status": "wrong"}, Likeness.CHANGED),
-        ({"phi_max": float("nan")}, Likeness.CHANGED),
-        ({"phi_max": float("inf")}, Likeness.CHANGED),
+        ({"energy_drift_max_J": 1e-3 * (1 + 1e-9)}, Verdict.MET),
+        ({"energy_drift_max_J": 1.01e-3}, Verdict.FAILED),
+        ({"steps": 11}, Verdict.FAILED),
+        ({"status": "wrong"}, Verdict.FAILED),
+        ({"phi_max": float("nan")}, Verdict.FAILED),
+        ({"phi_max": float("inf")}, Verdict.FAILED),
     ],
 )
-def test_differences_are_distinguished(change, likeness):
+def test_differences_are_distinguished(change, verdict):
     """Times are not compared; a last digit is rounding; one step, a status or a lost number is a change."""
     found = compare([BASE], [dataclasses.replace(BASE, **change)])
-    assert {c.likeness for c in found.changes} == ({likeness} if likeness else set())
-    assert found.alike == (likeness is not Likeness.CHANGED) and found.is_identical == (likeness is None)
+    assert {c.verdict for c in found.changes} == ({verdict} if verdict else set())
+    assert found.alike == (verdict is not Verdict.FAILED) and found.is_identical == (verdict is None)
 
 
 def test_runs_that_come_and_go_are_named():

@@ -98,7 +98,7 @@ def test_foreign_records_are_refused(tmp_path):
     (tmp_path / "runs" / "binary.json").write_bytes(b"\x80\x04N.")
     loaded = store.load(tmp_path)
     assert len(loaded.records) == 1
-    assert {u.path.stem for u in loaded.unreadable} == {"other", "binary", *others}
+    assert {path.stem for path in loaded.unreadable} == {"other", "binary", *others}
 
 
 @pytest.mark.parametrize(

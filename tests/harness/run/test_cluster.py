@@ -14,8 +14,8 @@ from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.words import describe_ending
 from mbsbench.harness.run.job import Job
-from mbsbench.harness.run.pool import LocalPool, PoolError
-from mbsbench.harness.run.runner import Request, run_suite
+from mbsbench.harness.run.pool import PoolError
+from mbsbench.harness.run.runner import Request, choose_pool, run_suite
 from mbsbench.tests.factories import PLUGIN, Silent
 
 from ..conftest import TIMED
@@ -74,9 +74,9 @@ def test_a_killed_worker_costs_nothing(cluster, tmp_path):
                 workers[0].send_signal(signal.SIGKILL)
 
     watcher = Killer()
-    far = run_suite(Request(suite, tmp_path / "far", 2), watcher, lambda size, *w: DaskPool(str(file), *w))
+    far = run_suite(Request(suite, tmp_path / "far", 2, pool=choose_pool(str(file))), watcher)
     assert workers[0].wait(timeout=10) == -signal.SIGKILL and len(watcher.ran) == 20
-    near = run_suite(Request(suite, tmp_path / "near", 2), Silent(), LocalPool)
+    near = run_suite(Request(suite, tmp_path / "near", 2), Silent())
     a, b = (store.table(x.records).drop(columns=TIMED) for x in (far, near))
     assert a.equals(b)
     stderr = next(r.stderr for r in far.records if r.solver == "segfaults")
@@ -135,7 +135,7 @@ def test_a_limit_on_the_whole_run_reaches_the_workers(cluster, tmp_path):
     suite = parse_suite(text, "test", "test", plugins=(str(PLUGIN),))
     watcher = Silent()
     began = time.monotonic()
-    done = run_suite(Request(suite, tmp_path / "run", 2), watcher, lambda size, *w: DaskPool(str(file), *w))
+    done = run_suite(Request(suite, tmp_path / "run", 2, pool=choose_pool(str(file))), watcher)
     assert time.monotonic() - began < 60.0
     assert len(done.records) == 2 and all("total_limit of 12 s" in describe_ending(r) for r in done.records)
     assert {r.status for r in done.records} == {"unfinished"} and len(watcher.left) == 4

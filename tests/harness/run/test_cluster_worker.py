@@ -16,7 +16,7 @@ from mbsbench.harness.run import cluster
 from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.pool import PoolError
 from mbsbench.harness.run.protocol import RunEnded
-from mbsbench.harness.run.runner import Request, run_suite
+from mbsbench.harness.run.runner import Request, choose_pool, run_suite
 from mbsbench.tests.factories import PLUGIN, Silent
 
 TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "raises", "spins"]\ncpu_limit = 100\n'
@@ -123,12 +123,12 @@ def test_one_run_costs_a_clusters_suite_no_other(tmp_path, monkeypatch, how):
         return told
 
     monkeypatch.setattr(cluster._Supervisor, "run", run)
-    request = Request(suite, tmp_path / "run", 1)
+    request = Request(suite, tmp_path / "run", 1, pool=choose_pool(""))
     try:
         with pytest.raises(PoolError, match=words):
-            run_suite(request, Silent(), lambda size, *w: cluster.DaskPool("", *w))
+            run_suite(request, Silent())
         assert len(begun) == 2 and len(store.load(request.folder).records) == count
-        done = run_suite(replace(request, resume=True), Silent(), lambda size, *w: cluster.DaskPool("", *w))
+        done = run_suite(replace(request, resume=True), Silent())
     finally:
         cluster._provide_supervisor().close()
     assert {r.status for r in done.records} == {"success", "step_underflow"} and len(begun) == 4 - count

@@ -4,7 +4,7 @@ import pytest
 
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.store import create_folder, write_record
-from mbsbench.harness.run.remaining_time import RemainingTime, format_duration, read_durations, schedule_end
+from mbsbench.harness.run.remaining_time import Expectation, format_duration, read_durations, schedule_end
 from mbsbench.tests.factories import PLUGIN, parse_specs
 
 
@@ -23,7 +23,7 @@ def test_places_take_the_next_in_order():
 def test_what_is_left_goes_at_the_pace_of_what_has_ended():
     """Runs expected at 1, 10 and 40 s; after 200 s of runs that were expected at 100, the others take twice as long."""
     short, long, longest, *_ = list_falls()
-    e = RemainingTime({short.settings_id: 100.0, long.settings_id: 10.0, longest.settings_id: 40.0})
+    e = Expectation({short.settings_id: 100.0, long.settings_id: 10.0, longest.settings_id: 40.0})
     assert e.estimate_run(long) == 10.0 and e.estimate_left([], [long, long], 2) == 10.0
     e.note_time(short, 200.0)
     assert e.estimate_run(long) == pytest.approx(20.0, rel=0.02) and e.estimate_run(longest) == pytest.approx(
@@ -34,7 +34,7 @@ def test_what_is_left_goes_at_the_pace_of_what_has_ended():
 def test_the_first_short_run_does_not_set_the_pace():
     """A run of 0.1 s that took 0.4 s says nothing on one of a minute."""
     short, long, *_ = list_falls()
-    e = RemainingTime({short.settings_id: 0.1, long.settings_id: 60.0})
+    e = Expectation({short.settings_id: 0.1, long.settings_id: 60.0})
     e.note_time(short, 0.4)
     assert e.estimate_run(long) < 75.0
 
@@ -42,14 +42,14 @@ def test_the_first_short_run_does_not_set_the_pace():
 def test_a_late_run_is_never_about_to_end():
     """The last of 58, expected at 2 s: after 40 s it is not "about 0 s" from its end."""
     late, *_ = list_falls()
-    e = RemainingTime({late.settings_id: 2.0})
+    e = Expectation({late.settings_id: 2.0})
     assert [e.estimate_remaining(late, since) for since in (1.0, 20.0, 60.0)] == [1.0, 10.0, 30.0]
 
 
 def test_progress_counts_work():
     """57 of 58 runs are done, of 0.1 s each; the last takes a minute: most of the work is to come."""
     short, long, *_ = list_falls()
-    e = RemainingTime({short.settings_id: 0.1, long.settings_id: 40.0})
+    e = Expectation({short.settings_id: 0.1, long.settings_id: 40.0})
     for _ in range(57):
         e.note_time(short, 0.1)
     assert e.compute_done_share([], [long]) == pytest.approx(5.7 / 45.7)

@@ -5,7 +5,6 @@ import json
 import shutil
 from contextlib import nullcontext
 from dataclasses import replace
-from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -74,7 +73,7 @@ def other_code(monkeypatch):
     def change():
         other = msgspec.structs.replace(codes.read_column_digests(), measuring="another law")
         monkeypatch.setattr(codes, "read_column_digests", lambda: other)
-        monkeypatch.setattr(remeasure, "open_sources", lambda: nullcontext(lambda commit: codes.package_sources()))
+        monkeypatch.setattr(remeasure, "open_sources", lambda: nullcontext(lambda commit: codes.ROOT))
         monkeypatch.setenv("STRICTER", "1")
 
     return change
@@ -165,24 +164,22 @@ def test_what_is_more_than_a_law_is_run_again(tmp_path, made, monkeypatch, other
         shutil.copytree(made, folder)
     before = {p.name: p.read_bytes() for p in (folder / "runs").iterdir()}
     other_code()
-    here = codes.package_sources()
-    then = SimpleNamespace(solvers=here.solvers, problems=here.problems, running=here.running)
-    if what == "costs":
-        then.running = "another"
-    elif what in ("solvers", "problems"):
-        setattr(then, what, {**getattr(here, what), "gc_weak_form": "another", "heavy_top": "another"})
+    here, part = codes.list_run_digests, PARTS.get(what)
+    another = {part: "another"} if part else {}
+    monkeypatch.setattr(codes, "list_run_digests", lambda *a: {**here(*a[:2]), **(another if a[2:] else {})})
     if what == "commit":
         monkeypatch.undo()
         monkeypatch.setattr(command_module, "find_outdated", lambda records, plugins: list(records))
         monkeypatch.setattr(store, "select_newest", lambda records: [replace(r, commit="0" * 40) for r in records])
     else:
-        monkeypatch.setattr(remeasure, "open_sources", lambda: nullcontext(lambda commit: then))
+        monkeypatch.setattr(remeasure, "open_sources", lambda: nullcontext(lambda commit: codes.ROOT))
     assert main(command(folder)) == 1
     said = capsys.readouterr().out
     assert "0 runs measured again" in said and WORDS[what] in said
     assert {p.name: p.read_bytes() for p in (folder / "runs").iterdir()} == before
 
 
+PARTS = {"solvers": "its solver", "problems": "its problem", "costs": "what runs it and counts its cost"}
 WORDS = {
     "solvers": "the code of its solver has changed",
     "problems": "the code of its problem has changed",
@@ -215,13 +212,13 @@ def test_an_interruption_keeps_what_is_done(tmp_path, made, monkeypatch, other_c
 
 def test_the_code_of_a_commit_is_read_once(tmp_path):
     """Its digests are those of its files; an unknown commit is refused in words."""
-    with remeasure.open_sources() as sources_of:
+    with remeasure.open_sources() as folder_of:
         head = environment.read_commit().removesuffix("+dirty")
-        then = sources_of(head)
-        assert then is sources_of(head) and then.root != codes.package_sources().root
-        assert then.solvers.keys() and then.running and then.measuring
+        then = folder_of(head)
+        assert then is folder_of(head) and then != codes.ROOT
+        assert all(codes.list_run_digests("heavy_top", "rattle", then).values())
         for commit in ("", "1" * 40, f"{head}+dirty", "HEAD", f"--output={tmp_path}/written", "../outside"):
             with pytest.raises(ValueError, match="run its suite again"):
-                sources_of(commit)
+                folder_of(commit)
             assert environment.list_changed_files(commit, head) == []
     assert not list(tmp_path.iterdir())  # what a results folder says is no option of git

@@ -279,7 +279,7 @@ def test_runs_of_older_code_are_set_aside_and_made_anew(tmp_path, monkeypatch):
 
     def made(resume):
         watcher = Silent()
-        loaded = run_suite(Request(suite, tmp_path, 1, resume), watcher, LocalPool)
+        loaded = run_suite(Request(suite, tmp_path, 1, resume), watcher)
         return watcher, {r.solver: r for r in loaded.records}
 
     _, before = made(resume=False)

@@ -4,7 +4,7 @@ import time
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue.suites.suite import parse_suite
-from mbsbench.harness.judge.gate.check import judge
+from mbsbench.harness.judge.gate.check import is_open, judge
 from mbsbench.harness.judge.gate.thresholds import Thresholds
 from mbsbench.harness.mechanics.types import EndCause
 from mbsbench.harness.results import store
@@ -50,7 +50,7 @@ class Over(LocalPool):
 def stopped_run(folder):
     watcher = Silent()
     suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
-    return suite, run_suite(Request(suite, folder, 2), watcher, Over), watcher
+    return suite, run_suite(Request(suite, folder, 2, pool=Over), watcher), watcher
 
 
 def test_running_runs_are_ended_and_the_rest_is_left(tmp_path):
@@ -66,8 +66,8 @@ def test_running_runs_are_ended_and_the_rest_is_left(tmp_path):
     assert ended["hangs_later"].steps > 0 and ended["hangs_later"].series and ended["spins"].steps == 0
     assert len(watcher.left) == 4 and all("sleeps" in case or "raises" in case for case in watcher.left)
     verdict = judge(suite.specs, loaded.records, Thresholds("test"))
-    words = [f.why for f in verdict.findings if f.quantity == "status" and f.verdict is Verdict.FAILED]
-    assert not verdict.is_open and sum("run is missing" in w for w in words) == 4
+    words = [f.why for f in verdict if f.quantity == "status" and f.verdict is Verdict.FAILED]
+    assert not is_open(verdict) and sum("run is missing" in w for w in words) == 4
     assert sum("limit of 600 s" in w for w in words) == 2
 
 
@@ -104,7 +104,7 @@ def test_the_series_of_such_a_record_goes_aside_too(tmp_path):
     record = RunRecord(run_id="abc", status="stalled", ended_by="total_limit", series="series/abc.npz", stderr="")
     store.write_record(folder, record)
     (folder / record.series).write_bytes(b"x")
-    assert [u.path.name for u in list_record_files(folder, record)] == ["abc.json", "abc.npz"]
+    assert [path.name for path in list_record_files(folder, record)] == ["abc.json", "abc.npz"]
 
 
 def test_the_run_says_what_is_left(tmp_path, capsys):

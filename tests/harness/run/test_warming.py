@@ -6,7 +6,6 @@ from rich.console import Console
 
 from mbsbench.cli.progress import ProgressDisplay
 from mbsbench.harness.catalogue.suites.suite import parse_suite
-from mbsbench.harness.run.pool import LocalPool
 from mbsbench.harness.run.runner import Request, run_suite
 from mbsbench.tests.comparing import assert_each
 from mbsbench.tests.factories import Silent
@@ -38,7 +37,7 @@ class Listening(Silent):
 def test_each_solver_is_news_of_its_own_before_the_first_run(tmp_path):
     """Two minutes of compilation show where they are."""
     watcher = Listening()
-    run_suite(Request(parse_suite(TEXT, "test", "test"), tmp_path / "results", 2), watcher, LocalPool)
+    run_suite(Request(parse_suite(TEXT, "test", "test"), tmp_path / "results", 2), watcher)
     *prepared, first, second = watcher.news
     assert first == second == "run"
     assert sorted(prepared) == ["rk45_strong_form", "scipy_strong_form", "spherical_pendulum[t_end=0.1]"]

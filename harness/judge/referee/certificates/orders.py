@@ -14,7 +14,7 @@ from typing import get_args
 
 from ....catalogue import registry
 from ....mechanics.types import Status
-from ....results.judgements.runs import Note, Order, OrderVerdict
+from ....results.judgements.runs import Order, OrderVerdict, Unjudged
 from ....results.records import RunRecord
 from ...distance import RESOLVED
 from ...order import DIFFERENCED, FEWEST, NOTHING, fit_errors, judge_fit
@@ -126,10 +126,10 @@ def _certify_quantity(run: Sequence[RunRecord], q: ErrorQuantity) -> Order | Non
     fit, rate = (NOTHING, NOTHING) if few else fit_errors(steps, errors, good, scale, tolerance)
     if not any(errors) and not few and math.isnan(first.declared_order):
         return None  # the quantity is constant
-    notes = {Note.NO_SCALE: math.isnan(scale) and not few}
+    notes = {Unjudged.NO_SCALE: math.isnan(scale) and not few}
     if fit.kind != "exact":
-        notes[Note.CUT] = any(_has_cut_steps(r) for r in done)
-        notes[Note.UNRESOLVED] = any(errors) and any(
+        notes[Unjudged.CUT] = any(_has_cut_steps(r) for r in done)
+        notes[Unjudged.UNRESOLVED] = any(errors) and any(
             e <= q.find_resolution(r) for r, e in zip(done, errors, strict=True)
         )
     refused = few and all(r.claimed == Status.REFUSED for r in run)

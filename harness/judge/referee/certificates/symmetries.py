@@ -29,7 +29,7 @@ from ....mechanics import so3
 from ....mechanics.types import Status
 from ....mechanics.types.presentations import PRESENTATIONS
 from ....results import store
-from ....results.judgements.runs import PLANARITY, Symmetry, SymmetryVerdict, UnjudgedSymmetry
+from ....results.judgements.runs import PLANARITY, Symmetry, SymmetryVerdict, Unjudged
 from ....results.records import RunRecord
 from ....results.words import describe_ending
 from ...distance import measure_distance
@@ -183,19 +183,19 @@ def _judge(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, r
     if change.startswith("unit_"):
         made = functools.partial(made, factor=float(value))
     if base.claimed != "success":
-        return made(_describe_ending(base), UnjudgedSymmetry.BASE, base.status, describe_ending(base))
+        return made(_describe_ending(base), Unjudged.BASE, base.status, describe_ending(base))
     if yard is None:
-        return made("failed", UnjudgedSymmetry.BOUND)
+        return made("failed", Unjudged.BOUND)
     if r.claimed != "success":
-        return made(_describe_ending(r), UnjudgedSymmetry.PRESENTED, r.status, describe_ending(r))
+        return made(_describe_ending(r), Unjudged.PRESENTED, r.status, describe_ending(r))
     end = read(base)
     if change == "renumber" and end is not None and len(end[0]) == 1:
-        return made("not applicable", UnjudgedSymmetry.SINGLE)
+        return made("not applicable", Unjudged.SINGLE)
     deviation = measure_deviation(base, r, read)
     if change == "retrace":
         yard = replace(yard, grown=yard.return_factor)
         if math.isnan(deviation):
-            return made("failed", UnjudgedSymmetry.WAY_BACK, "", *r.note_lines[-1:], bound=yard.bound)
+            return made("failed", Unjudged.WAY_BACK, "", *r.note_lines[-1:], bound=yard.bound)
     return _compare(made, deviation, yard)
 
 
@@ -232,7 +232,7 @@ def _compare(made: Callable[..., Symmetry], deviation: float, yard: Yardstick) -
     ``made`` makes the row from verdict and numbers.
     """
     if not math.isfinite(deviation) or not math.isfinite(yard.bound):
-        lost = UnjudgedSymmetry.BOUND if math.isfinite(deviation) else UnjudgedSymmetry.END
+        lost = Unjudged.BOUND if math.isfinite(deviation) else Unjudged.END
         return made("failed", lost, bound=yard.bound)
     verdict = yard.judge(deviation)
     return made(

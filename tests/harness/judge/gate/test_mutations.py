@@ -28,7 +28,7 @@ import casadi, numba, numpy, pandas, scipy.integrate, scipy.spatial.transform  #
 def judged(runs):
     from mbsbench.tests.factories import run_here
     from mbsbench.harness.run.job import Job
-    from mbsbench.harness.judge.gate.check import judge
+    from mbsbench.harness.judge.gate.check import is_open, judge, select_notable
     from mbsbench.harness.judge.gate.baseline import FOLDER, read_thresholds
     from mbsbench.harness.judge.gate.thresholds import Thresholds
     from mbsbench.harness.results import store
@@ -39,9 +39,9 @@ def judged(runs):
     cases, all_ = {c.case for c in specs}, read_thresholds(FOLDER / "ci.toml")
     own = Thresholds("ci", *(tuple(b for b in part if b.case in cases) for part in (all_.bounds, all_.statuses)))
     with tempfile.TemporaryDirectory() as place:
-        result = judge(specs, [run_here(Job(c, store.create_folder(Path(place)))) for c in specs], own)
-    sys.stderr.write("".join(f"{f.verdict} {f.quantity} {f.text}\\n" for f in result.notable[:3]))
-    return result.is_open
+        found = judge(specs, [run_here(Job(c, store.create_folder(Path(place)))) for c in specs], own)
+    sys.stderr.write("".join(f"{f.verdict} {f.quantity} {f.text}\\n" for f in select_notable(found)[:3]))
+    return is_open(found)
 
 for line in sys.stdin:
     child = os.fork()

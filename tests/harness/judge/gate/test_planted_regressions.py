@@ -14,7 +14,7 @@ import pytest
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.judge.gate.baseline import FOLDER, read_thresholds
-from mbsbench.harness.judge.gate.check import judge
+from mbsbench.harness.judge.gate.check import find_worst, judge
 from mbsbench.harness.judge.gate.thresholds import Thresholds
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.mechanics.types import Status, StepControl
@@ -65,7 +65,7 @@ def state_of(spec, run, folder: Path) -> Verdict:
     assert record.status != Status.CRASHED, record.message  # a gate red for a bug of ours proves nothing
     record = dataclasses.replace(record, case=spec.case, settings_id=spec.settings_id)
     bounds = tuple(b for b in THRESHOLDS.bounds if b.case == spec.case)
-    return judge([spec], [record], Thresholds("ci", bounds)).verdict
+    return find_worst(judge([spec], [record], Thresholds("ci", bounds)))
 
 
 @pytest.mark.parametrize(("spec", "worse"), list(planted()))

@@ -18,7 +18,15 @@ from mbsbench.harness.catalogue.suites.spec import RunSpec
 from mbsbench.harness.judge.gate import rounding
 from mbsbench.harness.judge.gate.baseline import read_thresholds, write_thresholds
 from mbsbench.harness.judge.gate.check import tighten_bounds
-from mbsbench.harness.judge.gate.rounding import FRAME, SIZE, START, TOLERANCE, list_core_types, repeat_run
+from mbsbench.harness.judge.gate.rounding import (
+    FRAME,
+    SIZE,
+    START,
+    TOLERANCE,
+    choose_kernels,
+    list_core_types,
+    repeat_run,
+)
 from mbsbench.harness.judge.gate.spread import find_unstable, widen_by_spread
 from mbsbench.harness.judge.gate.thresholds import Spread, Threshold, Thresholds, propose_bounds
 from mbsbench.harness.mechanics import so3
@@ -116,17 +124,17 @@ def test_kinds_of_rounding_come_in_turn():
     """Every run has another name, or other kernels; a second round with these meets another start."""
     kinds = [START, FRAME, TOLERANCE, "BLAS Haswell", "BLAS Sandybridge"]
     found = repeat_run(specify_pendulum(PENDULUM, 1e-8), 10, CORES)
-    assert [r.kind for r in found] == 2 * kinds
-    assert len({(r.spec.settings_id, r.core) for r in found}) == 10
-    assert [r.kind for r in repeat_run(specify_pendulum(PENDULUM), 4, CORES)] == [START, FRAME, *kinds[3:]]
-    assert found[0].environ == {}
+    assert [kind for kind, _, _ in found] == 2 * kinds
+    assert len({(spec.settings_id, core) for _, spec, core in found}) == 10
+    assert [kind for kind, _, _ in repeat_run(specify_pendulum(PENDULUM), 4, CORES)] == [START, FRAME, *kinds[3:]]
+    assert choose_kernels(found[0][2]) == {}
 
 
 @pytest.mark.skipif(not machine.list_variables(), reason="this processor is none that the pin knows")
 @pytest.mark.parametrize("native", ["0", "1"])
 def test_repeats_with_other_kernels_differ_in_them_alone(native):
     """Code that is compiled for another processor would be a second kind of rounding; natively both are the host's."""
-    (repeat,) = (r for r in repeat_run(specify_pendulum(PENDULUM), 4, CORES) if r.core == "Sandybridge")
+    (core,) = {core for _, _, core in repeat_run(specify_pendulum(PENDULUM), 4, CORES)} & {"Sandybridge"}
     targets = "m.find_llvm_target(), m.find_numba_target(), m.list_features()"
     program = f"from mbsbench.harness.base import machine as m; print({targets})"
     shown = "import numpy; print(m.list_kernels())"
@@ -140,7 +148,7 @@ def test_repeats_with_other_kernels_differ_in_them_alone(native):
             text=True,
             check=True,
         ).stdout.splitlines()
-        for environ in ({}, repeat.environ)
+        for environ in ({}, choose_kernels(core))
     )
     assert plain[0] == other[0] and "Sandybridge" in other[1] and "Sandybridge" not in plain[1]
     assert native == "1" or "haswell" in other[0]
@@ -150,20 +158,20 @@ def test_repeats_with_other_kernels_differ_in_them_alone(native):
 def test_each_kind_moves_a_problem_by_roundings_and_no_more(parameters):
     """Of the start, gravity and joints; what was zero is not when the frame is turned."""
     plain = make_problem("spherical_pendulum", parameters)
-    for r in repeat_run(specify_pendulum(parameters, 1e-8), 8, ()):
-        moved = make_problem("spherical_pendulum", r.spec.parameters)
+    for kind, spec, _ in repeat_run(specify_pendulum(parameters, 1e-8), 8, ()):
+        moved = make_problem("spherical_pendulum", spec.parameters)
         changes = [np.max(np.abs(getattr(moved.initial, n) - getattr(plain.initial, n))) for n in ("r", "R", "Omega")]
         changes.append(np.max(np.abs(moved.system.gravity - plain.system.gravity)))
         assert max(changes) < 100.0 * SIZE
-        assert (max(changes) > 0.0) == (r.kind != TOLERANCE)
-        assert abs(r.spec.control.rtol / 1e-8 - 1.0) < 1e-12
-        if r.kind == FRAME:
+        assert (max(changes) > 0.0) == (kind != TOLERANCE)
+        assert abs(spec.control.rtol / 1e-8 - 1.0) < 1e-12
+        if kind == FRAME:
             assert 0.0 < np.max(np.abs(so3.log(plain.frame.T @ moved.frame))) < 10.0 * SIZE
 
 
 def test_a_start_that_breaks_the_constraints_on_purpose_is_not_moved():
     """It would be projected, and be another problem."""
-    kinds = [r.kind for r in repeat_run(specify_pendulum({**PENDULUM, "literal_start": True}), 4, CORES)]
+    kinds = [kind for kind, _, _ in repeat_run(specify_pendulum({**PENDULUM, "literal_start": True}), 4, CORES)]
     assert kinds == [FRAME, "BLAS Haswell", "BLAS Sandybridge", FRAME]
 
 

@@ -10,7 +10,7 @@ from mbsbench.harness.base.files import FileError
 from mbsbench.harness.catalogue.codes import digest_run_code, read_column_digests
 from mbsbench.harness.columns.digests import ColumnDigests
 from mbsbench.harness.judge.referee import judge as judging
-from mbsbench.harness.judge.referee.claims.register import parse_register, read_register
+from mbsbench.harness.judge.referee.claims.register import parse_register
 from mbsbench.harness.judge.referee.currency import (
     code_now,
     describe_changes,
@@ -33,7 +33,7 @@ NOW = CodeDigests({"alpha": "1", "beta": "2"}, {"chain": "3"}, "4", "5", "6", "7
 @pytest.mark.published
 def test_published_verdicts_are_of_this_code():
     """The remedy is in the words: make the runs concerned anew, or judge again, and publish."""
-    outdated = judging.describe_outdated(files.PUBLISHED, code_now(read_register(), judging.list_published_runs()))
+    outdated = judging.describe_outdated(files.PUBLISHED)
     assert not outdated, f"{outdated}\n{REMEDY}"
 
 

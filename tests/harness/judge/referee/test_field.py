@@ -9,7 +9,7 @@ from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.judge.referee import judge as judging
 from mbsbench.harness.judge.referee.claims.frame import list_values, read_dimensions, select
 from mbsbench.harness.judge.referee.claims.measures import MEASURES
-from mbsbench.harness.judge.referee.claims.register import parse_register, read_register
+from mbsbench.harness.judge.referee.claims.register import read_register
 from mbsbench.harness.judge.referee.claims.settings import is_partner
 from mbsbench.harness.judge.referee.currency import code_now
 from mbsbench.harness.judge.referee.registers import FIELD, PAPER
@@ -41,12 +41,11 @@ def tried():
     return [read_dimensions(s) for s in judging.list_tried(FIELD)]
 
 
-def judge_alone(name, record_of, register=REGISTER):
+def judge_alone(name, record_of, place=FIELD):
     """The verdict on one claim, from the records that ``record_of`` makes of the runs of its maps."""
-    (claim,) = (c for c in register.claims if c.id == name)
-    alone = dataclasses.replace(register, claims=(claim,))
-    records = [record_of(s) for s in judging.select_needed(alone, FIELD)]
-    (found,) = judging.judge_register(alone, records, lambda r: None, FIELD)
+    alone = dataclasses.replace(place, only=name)
+    records = [record_of(s) for s in judging.select_needed(alone)]
+    (found,) = judging.judge_register(alone, records, lambda r: None)
     return found
 
 
@@ -82,16 +81,17 @@ def test_groups_and_partners_are_there(tried):
         assert not c.across or len(list_values(p.dimensions.get(c.across) for p in own)) > 1, c.id
 
 
-def test_a_claim_is_added_by_the_file_alone():
+def test_a_claim_is_added_by_the_file_alone(tmp_path):
     """Its runs are those of a suite; no function learns of it. The verdict is that of the errors' order."""
-    register = parse_register(TEXT + NEW)
-    assert len(register.claims) == len(REGISTER.claims) + 1
+    place = dataclasses.replace(FIELD, path=tmp_path / "field.toml")
+    place.path.write_text(TEXT + NEW)
+    assert len(place.read().claims) == len(REGISTER.claims) + 1
 
     def of_order(p):
         return lambda s: make_record(s, steps=round(5.0 / s.control.dt), position_error_judged_m=s.control.dt**p)
 
     for order, verdict in ((4.0, ClaimVerdict.REPRODUCED), (2.0, ClaimVerdict.NOT_REPRODUCED)):
-        found = judge_alone("hem4", of_order(order), register)
+        found = judge_alone("hem4", of_order(order), place)
         assert (found.verdict, found.register, found.paper) == (verdict, "field", None)
 
 
@@ -139,7 +139,6 @@ def test_a_setting_that_is_a_vector_can_be_read_back(tmp_path):
 @pytest.mark.published
 def test_published_verdicts_are_of_this_code():
     """As those of the paper are."""
-    now = code_now(REGISTER, judging.list_published_runs(FIELD))
-    outdated = judging.describe_outdated(files.PUBLISHED, now, FIELD)
+    outdated = judging.describe_outdated(files.PUBLISHED, FIELD)
     assert not outdated, f"{outdated}\n{REMEDY}"
     assert [c.id for c in files.read_claims(files.PUBLISHED, FIELD.file)] == [c.id for c in REGISTER.claims]

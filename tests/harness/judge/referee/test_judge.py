@@ -24,7 +24,6 @@ from mbsbench.harness.results.envelopes import Envelope
 from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.records import format_reasons
 from mbsbench.harness.results.series import EnvelopedSeries
-from mbsbench.harness.run.pool import LocalPool
 from mbsbench.harness.run.runner import Request, run_suite
 from mbsbench.tests.factories import Silent, make_record, make_series, parse_specs
 
@@ -39,7 +38,7 @@ def made(tmp_path, monkeypatch):
     """A run folder of made-up records and a register of one claim, judged on the suite of the tests alone."""
     monkeypatch.setattr(judging, "list_tried", lambda *_: RUNS)
     monkeypatch.setattr(judging, "OTHERS", ())
-    monkeypatch.setattr(judging, "list_published_runs", lambda place=PAPER: RUNS if place is PAPER else ())
+    monkeypatch.setattr(judging, "list_published_runs", lambda place=PAPER: RUNS if place.name == PAPER.name else ())
     register = tmp_path / "claims.toml"
     register.write_text(MAP + HEAD + TEST)
 
@@ -101,7 +100,7 @@ def test_a_run_that_a_resumed_folder_holds_twice_counts_once(made, tmp_path):
         for x in specs:
             own = make_record(x, run_id=code + x.settings_id[1:16], finished=code, series="", **columns)
             store.write_record(folder, own)
-        return judging.judge_results(folder, read_register(register))
+        return judging.judge_results(folder, (dataclasses.replace(PAPER, path=register), FIELD))
 
     wrong = {"status": "wrong", "claimed": "success", "wrong_because": format_reasons([Reason(Law.ENERGY, 2.0, 1.0)])}
     for code in "12":
@@ -163,8 +162,7 @@ def test_each_register_is_judged_and_published_where_its_runs_are(made, tmp_path
     own = {"paper": RUNS, "field": parse_specs(SUITE.replace("spherical_pendulum", "heavy_top"))}
     monkeypatch.setattr(judging, "list_tried", lambda place=PAPER: own[place.name])
     monkeypatch.setattr(judging, "list_published_runs", lambda place=PAPER: own[place.name])
-    for module in (judging, command):
-        monkeypatch.setattr(module, "FIELD", field)
+    monkeypatch.setattr(command, "FIELD", field)
     folder = write(0.5, own["field"][:-2])
     for arguments, lacks in ((), "lacks 12 of 12"), (("--publish",), "lacks 13 of 13"):
         assert call(*arguments) == 2 and lacks in capsys.readouterr().err
@@ -281,7 +279,7 @@ def twice(tmp_path_factory):
     out = []
     for jobs in (1, 2):
         folder = tmp_path_factory.mktemp(f"jobs{jobs}")
-        loaded = run_suite(Request(part, folder, jobs), Silent(), LocalPool)
+        loaded = run_suite(Request(part, folder, jobs), Silent())
         out.append(judge(few, runs_tried, loaded.records, partial(store.read_run_series, folder)))
     return out
 

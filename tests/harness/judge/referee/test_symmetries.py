@@ -15,7 +15,7 @@ from mbsbench.harness.judge.referee.false_successes import find_false_successes,
 from mbsbench.harness.judge.referee.weighing import list_deciding, weigh_published
 from mbsbench.harness.mechanics.types import Law, Reason
 from mbsbench.harness.results.judgements.files import format_judgement
-from mbsbench.harness.results.judgements.runs import FalseSuccess, UnjudgedSymmetry
+from mbsbench.harness.results.judgements.runs import FalseSuccess, Unjudged
 from mbsbench.harness.results.store import create_folder
 from mbsbench.harness.run.job import Job
 from mbsbench.reports.pages.judged.symmetries import describe_symmetry
@@ -213,7 +213,7 @@ def test_what_has_no_end_pose_is_no_success_of_a_check(folder, told, monkeypatch
     monkeypatch.setattr(symmetries.store, "read_run_series", series_of)
     entry = card(folder, records)["mirror image"]
     assert entry.verdict == "failed", describe_symmetry(entry)
-    assert entry.unjudged in (UnjudgedSymmetry.END, UnjudgedSymmetry.BOUND)
+    assert entry.unjudged in (Unjudged.END, Unjudged.BOUND)
 
 
 def test_a_bound_above_the_size_decides_nothing_and_a_broken_row_says_by_how_much():
