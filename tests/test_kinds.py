@@ -77,7 +77,7 @@ def test_a_pattern_finds_its_kind_alone(kind):
 
 def test_a_new_place_and_a_lost_one_are_faults(monkeypatch):
     found = dict(list_kinds.find_places("Newton loops"))
-    lost = found.pop("solvers/formulations/methods/iteration.py iterate")
+    lost = found.pop("harness/base/iteration.py iterate")
     found["problems/new.py f"] = syntax_trees.Place("problems/new.py", "f", 7)
     monkeypatch.setattr(list_kinds, "find_places", lambda kind: found if kind == "Newton loops" else known(kind))
     monkeypatch.setattr(list_kinds, "find_by_name", lambda key: None if key == lost.key else lost)

@@ -1,6 +1,7 @@
 """Embedded explicit Runge-Kutta pairs, first same as last: Dormand-Prince 5(4) and DOP853, as SciPy has them."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import DOP853, RK45
@@ -18,3 +19,25 @@ class Tableau(NamedTuple):
 
 DOPRI5 = Tableau(RK45.C.copy(), np.pad(RK45.A, ((0, 0), (0, 1))).copy(), RK45.B.copy(), RK45.E[None].copy(), 5)
 DOPRI853 = Tableau(DOP853.C.copy(), DOP853.A.copy(), DOP853.B.copy(), np.stack((DOP853.E5, DOP853.E3)), 8)
+
+
+def evaluate_stages(
+    s: Any,
+    pair: Any,
+    t: Any,
+    h: Any,
+    first: int,
+    combine: Callable[[Any, Any, int, Any], None],
+    slope: Callable[[Any, Any, int], None],
+) -> None:
+    """Evaluate the slopes of a step of h [s] from stage ``first`` on, and leave the state at its end.
+
+    ``pair`` has the coefficients a, b, c. ``combine(s, weights, n, h)`` sets the state to the start of the step and h
+    times the weighted sum of the first n slopes; ``slope(s, t, i)`` evaluates that of the state at t, and stores it as
+    slope i. It runs on arrays, writes expressions, and is compiled into steps.
+    """
+    n = len(pair.b)
+    for i in range(first, n):
+        combine(s, pair.a[i], i, h)
+        slope(s, t + h * pair.c[i], i)
+    combine(s, pair.b, n, h)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from . import so3
+from .consistency import close_gaps
 from .index1 import find_least_changes
 from .motion import constraint
 from .state import States
@@ -21,6 +22,9 @@ NEAR = 64.0 * np.finfo(float).eps  # share of the size: a pose that is as near a
 INDEPENDENT = 1e-5  # least to largest singular value of rows that move the pose: redundant ones are left out
 SETTLED = 0.5  # ratio to the residual before: one that falls less is rounding
 PASSES = 8  # Gauss-Newton passes, which square the residual
+NONE_LEFT = np.finfo(float).tiny  # below each gap that is not near: reached where no pose is left
+
+Poses = tuple[np.ndarray, np.ndarray]  # r and R, changed in place
 
 
 def find_arms(system: MultibodySystem) -> Float[np.ndarray, " nb"]:
@@ -49,23 +53,34 @@ def project_poses_of_each(system: MultibodySystem, motions: Sequence[States]) ->
     metres[system.turning_rows] = np.max(system.gyration)
     sizes = [float(np.max(np.abs(m.r), initial=0.0)) + float(np.max(find_arms(system))) for m in motions]
     near = NEAR * np.repeat(sizes, list(map(len, motions)))
-    r, R = s.r.copy(), s.R.copy()
+    last_r, last_R = s.r.copy(), s.R.copy()
     left, before = np.arange(len(s)), np.full(len(s), np.inf)
-    last_r, last_R = r.copy(), R.copy()
-    for _ in range(PASSES):
-        here = States(r[left], R[left], s.v[left], s.Omega[left], s.times[left])
-        phi = constraint(system, here)
+
+    def place(r: np.ndarray, R: np.ndarray) -> States:
+        """Return the states that are left at their poses."""
+        return States(r[left], R[left], s.v[left], s.Omega[left], s.times[left])
+
+    def measure(poses: Poses) -> np.ndarray:
+        """Return phi of the poses that are left: neither near nor at rounding; undo the move of those that grow."""
+        nonlocal left, before
+        phi = constraint(system, place(*poses))
         size = np.max(np.abs(phi * metres), axis=1)
         worse = left[~(size < before)]
-        r[worse], R[worse] = last_r[worse], last_R[worse]
+        poses[0][worse], poses[1][worse] = last_r[worse], last_R[worse]
         off = np.isfinite(size) & (size > near[left]) & (size < SETTLED * before)
-        left, here, phi, before = left[off], here.at(off), phi[off], size[off]
-        if not len(left):
-            break
+        left, before = left[off], size[off]
+        return np.asarray(phi[off])
+
+    def correct(poses: Poses, phi: np.ndarray) -> Poses:
+        """Move the poses that are left by the least changes that close their gaps to first order."""
+        r, R = poses
         last_r[left], last_R[left] = r[left], R[left]
-        change = find_least_changes(system, here, -phi, INDEPENDENT)
+        change = find_least_changes(system, place(r, R), -phi, INDEPENDENT)
         r[left] += change[..., :3]
         R[left] = R[left] @ so3.exp(change[..., 3:])
+        return poses
+
+    r, R = close_gaps((s.r.copy(), s.R.copy()), measure, correct, NONE_LEFT, PASSES)
     return States(r, R, s.v, s.Omega, s.times, s.angles).split(list(map(len, motions)))
 
 

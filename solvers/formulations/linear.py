@@ -41,6 +41,34 @@ def find_band(pattern: FixedPattern) -> BandOrder:
     return BandOrder(order, place, row, column, int(np.max(row - column)), int(np.max(column - row)))
 
 
+class BandFactors:
+    """Steps that factorise a banded matrix of n rows in place, and solve with it in place, by LAPACK.
+
+    ``band`` has the matrix by columns, ``height`` entries in each. With both widths it is LU with pivots, of real or
+    complex matrices: a column has ``below`` places that fill in, then the entries from the uppermost down, and a zero
+    pivot gives inf. Without ``above`` it is Cholesky of positive definite ones: a column has its lower half, from the
+    diagonal down. ``right`` is the right side, and the solution after ``solve``; ``info`` is 0 unless a pivot is zero,
+    or, of Cholesky, not positive.
+    """
+
+    def __init__(self, n: int, below: int, above: int | None = None, kind: type = float) -> None:
+        self.height = below + 1 if above is None else 2 * below + above + 1
+        self.band: np.ndarray = np.zeros(n * self.height, dtype=kind)
+        self.right: np.ndarray = np.zeros(n, dtype=kind)
+        self.info, size, lead = make_integer(0), make_integer(n), make_integer(self.height)
+        widths = [make_integer(width) for width in (below, above) if width is not None]
+        held: list[np.ndarray] = [self.band, lead]
+        if above is None:
+            routine = "dpb"
+            first = second = [np.frombuffer(b"L", dtype=np.uint8), size, *widths]
+        else:
+            routine = "zgb" if kind is complex else "dgb"
+            first, second = [size, size, *widths], [np.frombuffer(b"N", dtype=np.uint8), size, *widths]
+            held.append(np.zeros(n, dtype=np.int32))  # rows exchanged
+        self.factor = call_lapack(f"{routine}trf", *first, *held, self.info)
+        self.solve = call_lapack(f"{routine}trs", *second, make_integer(1), *held, self.right, size, make_integer(0))
+
+
 class Factors:
     """LU factors of a matrix of fixed ``pattern``, real or complex, which solve systems in place.
 
@@ -50,36 +78,17 @@ class Factors:
     """
 
     def __init__(self, pattern: FixedPattern, kind: type = float) -> None:
-        band, n = find_band(pattern), pattern.shape[0]
+        order, n = find_band(pattern), pattern.shape[0]
         self._pattern, self.steps = pattern, list[Step]()
-        self.x: np.ndarray = np.zeros(n, dtype=kind)
-        self.order, self.place = band.order, band.place
-        if band.work > BAND_WORK:
+        if order.work > BAND_WORK:
+            self.x: np.ndarray = np.zeros(n, dtype=kind)
             self.order = self.place = np.arange(n)
             return
-        height, letter = 2 * band.below + band.above + 1, "z" if kind is complex else "d"
-        self._band: np.ndarray = np.zeros(n * height, dtype=kind)
-        self._entries = (height - 1) * band.column + band.row + band.below + band.above
-        size, below, above, lead = (make_integer(k) for k in (n, band.below, band.above, height))
-        pivots, info = np.zeros(n, dtype=np.int32), make_integer(0)
-        factor = call_lapack(f"{letter}gbtrf", size, size, below, above, self._band, lead, pivots, info)
-        self.steps = [
-            call_lapack(
-                f"{letter}gbtrs",
-                np.frombuffer(b"N", dtype=np.uint8),
-                size,
-                below,
-                above,
-                make_integer(1),
-                self._band,
-                lead,
-                pivots,
-                self.x,
-                size,
-                info,
-            )
-        ]
-        self._factor, self._solve = Program([factor]), Program(self.steps)
+        self.order, self.place = order.order, order.place
+        factors = BandFactors(n, order.below, order.above, kind)
+        self._band, self.x, self.steps = factors.band, factors.right, [factors.solve]
+        self._entries = (factors.height - 1) * order.column + order.row + order.below + order.above
+        self._factor, self._solve = Program([factors.factor]), Program(self.steps)
 
     def factorise(self, data: Num[np.ndarray, " nnz"]) -> None:
         """Factorise the matrix with nonzeros ``data``, in the order of the pattern."""
@@ -96,22 +105,6 @@ class Factors:
             self._solve.run()
         else:
             self.x[:] = self._superlu.solve(self.x)
-
-
-class BandCholesky:
-    """Steps that factorise a positive definite matrix of n rows in place, and solve with it in place, by LAPACK.
-
-    ``band`` has its lower half by columns, ``height`` entries in each, from the diagonal down; ``right`` is the right
-    side, and the solution after ``solve``; ``info`` is 0 unless a pivot is not positive.
-    """
-
-    def __init__(self, n: int, height: int) -> None:
-        self.band, self.right, self.info = np.zeros(height * n), np.zeros(n), make_integer(0)
-        uplo, size, lead = np.frombuffer(b"L", dtype=np.uint8), make_integer(n), make_integer(height)
-        shape = size, make_integer(height - 1)
-        self.factor = call_lapack("dpbtrf", uplo, *shape, self.band, lead, self.info)
-        others = make_integer(1), self.band, lead, self.right, size, make_integer(0)
-        self.solve = call_lapack("dpbtrs", uplo, *shape, *others)
 
 
 def solve_between(before: list[Step], factors: Sequence[Factors], after: list[Step], keeps: Any) -> Callable[[], None]:

@@ -18,6 +18,7 @@ from scipy_dae.integrate import BDFDAE, RadauDAE
 from ...harness.base.code_meter import making_code
 from ...harness.base.generated import Code, Loop, compile_functions
 from ...harness.base.generated.steps import take
+from ...harness.base.iteration import FAILED, GO_ON, SETTLED, iterate
 from ...harness.base.private_interfaces import replace_names_in_step
 from ...harness.mechanics.types import StepControl
 from .dae import ImplicitForm
@@ -133,12 +134,12 @@ def ndf_newton(
         take(form.F, own.order, own.x),
     ]
     update = [count, inverse_scale, own.x, own.place, scaled, form.y, every, d, every]
-    iterate = solve_between(before, [own], [(code.address("update"), update)], (code, form))
+    run = solve_between(before, [own], [(code.address("update"), update)], (code, form))
 
     def correct() -> float:
         """Correct the iterate once, and return the norm of the correction."""
         clock.check()
-        iterate()
+        run()
         _count(method, evaluations=1, solutions=1)
         return norm(scaled)
 
@@ -183,12 +184,12 @@ def radau_newton(
     before.append((code.address("transform"), [count, TI, F, real.order[:, None] + stages, real.x, parts]))
     update = [count, T, hA, inverse_scale, real.x, real.place, parts, 2 * pair.place[:, None] + np.arange(2)]
     after = [(code.address("update"), [*update, scaled, Yp, at, Y, at.copy()])]
-    iterate = solve_between(before, factors, after, (code, form))
+    run = solve_between(before, factors, after, (code, form))
 
     def correct() -> float:
         """Correct the iterate once, and return the norm of the correction."""
         clock.check()
-        iterate()
+        run()
         _count(method, evaluations=3, solutions=2)
         return norm(scaled.ravel())
 
@@ -226,18 +227,20 @@ def _repeat(correct: Callable[[], float], most: int, tol: float) -> tuple[bool, 
     ``correct`` applies a correction and returns its norm; the rate is the quotient of the last two, None after one. The
     iteration ends early where ``most`` cannot be enough.
     """
-    before, rate = 0.0, None
-    for k in range(most):
-        size = correct()
-        rate = size / before if k else None
+    made = 0
+    rate: float | None = None
+
+    def classify(s: None, i: int, size: float, before: float) -> int:
+        """Return whether an iteration has converged, fails or goes on, by its rate."""
+        nonlocal made, rate
+        made, rate = i + 1, size / before if i else None
         if not math.isfinite(size):
-            break
-        if rate is not None and (rate >= 1.0 or rate ** (most - k) / (1.0 - rate) * size > tol):
-            break
-        if size == 0.0 or (rate is not None and rate / (1.0 - rate) * size < tol):
-            return True, k + 1, rate
-        before = size
-    return False, k + 1, rate
+            return FAILED
+        if rate is not None and (rate >= 1.0 or rate ** (most - i) / (1.0 - rate) * size > tol):
+            return FAILED
+        return SETTLED if size == 0.0 or (rate is not None and rate / (1.0 - rate) * size < tol) else GO_ON
+
+    return iterate(None, lambda s, i, stale: correct(), classify, most), made, rate
 
 
 def _count(method: DaeSolver, *, evaluations: int, solutions: int) -> None:

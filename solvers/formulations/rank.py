@@ -19,7 +19,7 @@ from ...harness.base.generated import Program
 from ...harness.mechanics.jacobian import factor_with_pivots, scale_jacobian
 from ...harness.mechanics.state import State
 from ...harness.mechanics.system import GROUND, MultibodySystem
-from .linear import BandCholesky
+from .linear import BandFactors
 
 ADDED = 1e-13  # added to the unit diagonal: a thousand roundings; half, twice: no bit changes, nor by those of DISTANT
 # squared distances below, above; an independent row of d makes dependent ones of ADDED / d
@@ -73,7 +73,7 @@ def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray
     i, j = entries.row, entries.col
     lower = i >= j
     height = int(np.max(i - j)) + 1
-    cholesky = BandCholesky(system.nrows, height)
+    cholesky = BandFactors(system.nrows, height - 1)
     cholesky.band[j[lower] * height + (i - j)[lower]] = entries.data[lower]
     cholesky.band[::height] += ADDED
     Program([cholesky.factor]).run()

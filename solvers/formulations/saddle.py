@@ -25,7 +25,7 @@ from ...harness.mechanics.fixed_order import inverse
 from ...harness.mechanics.types import Status
 from .charts import Chart
 from .layout import Layout
-from .linear import BandCholesky, find_band
+from .linear import BandFactors, find_band
 from .recording import StepFailure
 from .sparse_pattern import FixedPattern, FixedProduct
 
@@ -97,7 +97,7 @@ class Saddle:
             height = below + 1
             lower = np.flatnonzero((i >= j)[S.pattern.place])
             in_band = (j * height + i - j)[S.pattern.place[lower]]  # by columns, from the diagonal down
-            AW_data, cholesky = np.zeros(AW.pattern.nnz), BandCholesky(k, height)
+            AW_data, cholesky = np.zeros(AW.pattern.nnz), BandFactors(k, below)
             band, right, self._info = cholesky.band, cholesky.right, cholesky.info
             self._pivots = band[::height]
             factor += [

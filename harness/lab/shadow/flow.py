@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...base.tableaux import DOPRI853
+from ...base.tableaux import DOPRI853, evaluate_stages
 from .equations import FlowEquations
 from .lanes import pack_lanes, unpack_lanes
 
@@ -100,13 +100,18 @@ def _take_stages(
     rate: Callable[..., Arrays], t: np.ndarray, h: np.ndarray, parts: Arrays, slopes: Arrays, first: int = 0
 ) -> Arrays:
     """Evaluate the stages of a step of DOP853 from the ``first`` on into ``slopes``; return the parts at its end."""
-    steps = [h.reshape(-1, *[1] * (x.ndim - 1)) for x in parts]
+    steps, state = [h.reshape(-1, *[1] * (x.ndim - 1)) for x in parts], parts
 
-    def combine(w: np.ndarray) -> Arrays:
-        sums = (np.tensordot(w, K[: len(w)], 1) for K in slopes)
-        return [x + step * total for x, step, total in zip(parts, steps, sums, strict=True)]
+    def combine(s: None, weights: np.ndarray, n: int, h: np.ndarray) -> None:
+        """Set the state to the parts at the start and h times the weighted sum of the first n slopes."""
+        nonlocal state
+        sums = (np.tensordot(weights[:n], K[:n], 1) for K in slopes)
+        state = [x + step * total for x, step, total in zip(parts, steps, sums, strict=True)]
 
-    for i in range(first, len(DOPRI853.b)):
-        for K, slope in zip(slopes, rate(t + DOPRI853.c[i] * h, *combine(DOPRI853.a[i, :i])), strict=True):
-            K[i] = slope
-    return combine(DOPRI853.b)
+    def slope(s: None, t: np.ndarray, i: int) -> None:
+        """Store the slopes of the state at t as those of stage i."""
+        for K, found in zip(slopes, rate(t, *state), strict=True):
+            K[i] = found
+
+    evaluate_stages(None, DOPRI853, t, h, first, combine, slope)
+    return state

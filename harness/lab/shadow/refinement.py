@@ -3,13 +3,16 @@
 First the gaps are closed, by damped Gauss-Newton steps of smallest correction (error-oriented damping, Deuflhard 2004,
 sect. 4.4); then the motion is moved along the true ones to the nearest, which minimises the sum of squares. No shift of
 time is allowed: states are compared at the same times. The search for the nearest stops early (``NEAREST``,
-``SETTLED``): RATTLE on the chain at 1e-3 s over 20 s has an rms distance of 0.693 mm, of 0.684 mm with bounds a
+``LEAST_GAIN``): RATTLE on the chain at 1e-3 s over 20 s has an rms distance of 0.693 mm, of 0.684 mm with bounds a
 hundredth and a tenth as large. Both are true motions, and bound the distance of the nearest from above.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from ...base.iteration import FAILED, GO_ON, SETTLED, STALE, iterate
 from .corrections import Continuity, Frames
 from .equations import FlowEquations
 from .flow import ROUGH, TOLERANCE, integrate_flow, transport_changes
@@ -20,12 +23,28 @@ ASTRAY = 64  # most steps of a segment, where a regular motion takes 24: one tha
 PROJECTIONS = 4  # Newton steps onto the joints, each of which doubles the correct digits: 1e-1 becomes 1e-16
 # six halvings of a correction: each costs a flow and gains half as much, fewer give up sooner
 LEAST_DAMPING = 1 / 64
+# least factor of a correction, and share of it by which the next one is smaller at least
+DAMPED, UNDAMPED = (LEAST_DAMPING, 1 / 8), (1.0, 1 / 2)
 MOST_ITERATIONS = 20  # corrections: more follow gaps that close slowly, fewer give up on motions that have a shadow
 MOST_TANGENTS = 10  # most computations of tangents to close gaps; generalised alpha on the chain over 20 s takes 9
 MOST_APPROACHES = 6  # most steps: the distance of the nearest is bounded from above wherever the search stops
 NEAREST = 1e-1  # relative to the distance: a step whose square is negligible
-SETTLED = 1e-3  # relative to the distance: the least gain of a step
+LEAST_GAIN = 1e-3  # relative to the distance: the least gain of a step
 NEARLY = 1e-4  # relative to the distance: gaps allowed during the search for the nearest motion
+
+
+@dataclass
+class Corrections:
+    """Corrections that close gaps: their tangents, and what is known of the next one.
+
+    Those with ``rough`` are undamped, and have known tangents alone; they end where these do not halve them.
+    """
+
+    linear: Continuity | None = None  # conditions from known tangents
+    rough: bool = False
+    tangents: int = MOST_TANGENTS  # that may still be computed
+    z: Float[np.ndarray, "nodes m"] | None = None  # the next correction
+    fall: float = np.inf  # ratio of its size to that of the last one
 
 
 class Refinement:
@@ -41,7 +60,7 @@ class Refinement:
         self._h = np.diff(t)
         w = 0.5 * (np.append(self._h, 0.0) + np.insert(self._h, 0, 0.0))
         self._w = w / np.sum(w)
-        self._steps, self._rough = np.ones((2, len(self._h)), dtype=np.int64)
+        self._steps = [*np.ones((2, len(self._h)), dtype=np.int64)]  # of the flow in each segment; the second are rough
         self._set_nodes(given)
         self.frames = Frames.compute(E, t, self.y, tau)
 
@@ -53,15 +72,15 @@ class Refinement:
         for _ in range(PROJECTIONS):
             y = self.E.project(self.t, y)
         self.y = y
-        how = (self._rough, ROUGH) if rough else (self._steps, TOLERANCE)
-        ends = integrate_flow(self.E, self.t[:-1], self._h, y[:-1], *how, ASTRAY)
+        tolerance = ROUGH if rough else TOLERANCE
+        ends = integrate_flow(self.E, self.t[:-1], self._h, y[:-1], self._steps[rough], tolerance, ASTRAY)
         self.jumps = ends - y[1:]
 
     def _linearise(self) -> Continuity:
         """Compute bases and tangents at the nodes; return the conditions on corrections that close the gaps."""
         self.frames = Frames.compute(self.E, self.t, self.y, self.tau)
         directions = np.swapaxes(self.frames.basis[:-1], 1, 2)
-        Y = transport_changes(self.E, self.t[:-1], self._h, self.y[:-1], directions, self._steps)
+        Y = transport_changes(self.E, self.t[:-1], self._h, self.y[:-1], directions, self._steps[False])
         return Continuity(self.frames.coordinates[1:] @ np.swapaxes(Y, 1, 2), self._w)
 
     @property
@@ -81,37 +100,65 @@ class Refinement:
         ``linear`` are conditions from known tangents, which saves computing the first ones.
         """
         try:
-            return np.isfinite(self.gap) and self._close(linear)
+            return self._close(Corrections(linear))
         except np.linalg.LinAlgError:  # raised where the mechanism is singular
             return False
 
-    def _close(self, linear: Continuity | None) -> bool:
-        """Close the gaps by at least one correction, and return whether they are below ``CLOSED``.
+    def _close(self, c: Corrections) -> bool:
+        """Close the gaps by at least one correction of the given motion, and return whether that succeeded.
 
         Without a correction an accurate motion would be its own shadow. Raise LinAlgError where the mechanism is
         singular.
         """
-        left = MOST_TANGENTS
-        for _ in range(MOST_ITERATIONS):
-            if (self.iterations and self.gap < CLOSED) or not np.isfinite(self.gap) or (linear is None and left == 0):
-                break
-            if linear is None:
-                linear, left = self._linearise(), left - 1
-            self.iterations += 1
-            z = linear.find_least_corrections(-self.gaps)
-            size, after, y, steps, damping = linear.measure_size(z), np.inf, self.y, self._steps, 1.0
-            while damping == 1.0 or not (after <= (1.0 - damping / 4.0) * size or self.gap < CLOSED):
-                if damping < LEAST_DAMPING:
-                    return False
-                self._steps = steps.copy()  # a motion that went astray took many steps
-                self._set_nodes(y + damping * self.frames.move(z))
-                after = (
-                    linear.measure_size(linear.find_least_corrections(-self.gaps)) if np.isfinite(self.gap) else np.inf
-                )
-                damping *= 0.5
-            corrections = np.log(CLOSED / max(self.gap, CLOSED)) / np.log(after / size) if after < size else np.inf
-            linear = linear if TANGENTS * corrections < z.shape[1] else None  # new tangents would cost more
-        return self.gap < CLOSED
+        if self.iterations and self._is_closed(c):
+            return True
+        return np.isfinite(self.gap) and iterate(c, self._correct, self._classify, MOST_ITERATIONS)
+
+    def _correct(self, c: Corrections, i: int, stale: bool) -> float:
+        """Correct the nodes once, damped until the next correction is smaller; return the largest gap [m].
+
+        It is infinite where that is not so even with the least damping.
+        """
+        if c.linear is None or stale:
+            c.linear, c.tangents, c.z = self._linearise(), c.tangents - 1, None
+        self.iterations += not c.rough
+        z = c.linear.find_least_corrections(-self.gaps) if c.z is None else c.z
+        size, move, y, steps = c.linear.measure_size(z), self.frames.move(z), self.y, self._steps[c.rough]
+        damping, least, gain = (1.0, *(UNDAMPED if c.rough else DAMPED))
+        while damping >= least:
+            self._steps[c.rough] = steps.copy()  # a motion that went astray took many steps
+            self._set_nodes(y + damping * move, c.rough)
+            if self._is_closed(c):
+                return self.gap
+            if np.isfinite(self.gap):
+                c.z = c.linear.find_least_corrections(-self.gaps)
+                after = c.linear.measure_size(c.z)
+                if after <= (1.0 - gain * damping) * size:
+                    c.fall = after / size
+                    return self.gap
+            damping *= 0.5
+        return np.inf
+
+    def _classify(self, c: Corrections, i: int, size: float, last: float) -> int:
+        """Return whether the gaps are closed, cannot be closed, or remain: with new tangents where these pay."""
+        if not np.isfinite(size):
+            return FAILED
+        if self._is_closed(c):
+            return SETTLED
+        corrections = np.log(CLOSED / size) / np.log(c.fall)  # that are left with these tangents
+        if c.rough or (c.z is not None and TANGENTS * corrections < c.z.shape[1]):
+            return GO_ON
+        return STALE if c.tangents else FAILED
+
+    def _is_closed(self, c: Corrections) -> bool:
+        """Return whether no gap is too large, with ``rough`` relative to the distance from the given motion."""
+        if not c.rough or c.linear is None:
+            return self.gap < CLOSED
+        return self.gap < max(CLOSED, NEARLY * self._measure_distance(c.linear))
+
+    def _measure_distance(self, linear: Continuity) -> float:
+        """Return the distance [m] from the given motion."""
+        return linear.measure_size(self.frames.measure(self.y - self.given))
 
     def approach(self) -> None:
         """Move a closed motion towards the nearest true one; restore it if the gaps cannot be closed again."""
@@ -143,27 +190,22 @@ class Refinement:
                 if damping < LEAST_DAMPING:
                     self._set_nodes(y)
                     return linear
-            if before - after < SETTLED * before:
+            if before - after < LEAST_GAIN * before:
                 return None
             bend = after**2 - before**2 + 2.0 * damping * slope  # curvature of the square along the step, a parabola
             damping = min(1.0, slope * damping**2 / bend) if bend > 0.0 else 1.0
         return None
 
     def _step(self, linear: Continuity, y: np.ndarray) -> float:
-        """Move to the motion ``y`` and close its gaps between pieces by Newton steps of ``linear``.
+        """Move to the motion ``y`` and close its gaps between pieces by undamped corrections of ``linear``.
 
         Return the distance [m] from the given motion; infinite where gaps remain: the caller must then place the motion
         anew. Counts an iteration.
         """
-        steps = self._rough.copy()
+        steps = self._steps[True].copy()
         self._set_nodes(y, rough=True)
         self.iterations += 1
-        last = np.inf
-        while self.gap >= max(CLOSED, NEARLY * linear.measure_size(self.frames.measure(self.y - self.given))):
-            z = linear.find_least_corrections(-self.gaps)
-            if not linear.measure_size(z) < 0.5 * last:
-                self._rough = steps  # keep the steps, as in ``_close``
-                return np.inf
-            last = linear.measure_size(z)
-            self._set_nodes(self.y + self.frames.move(z), rough=True)
-        return linear.measure_size(self.frames.measure(self.y - self.given))
+        if self._close(Corrections(linear, rough=True)):
+            return self._measure_distance(linear)
+        self._steps[True] = steps  # a motion that went astray took many steps
+        return np.inf

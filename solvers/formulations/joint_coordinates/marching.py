@@ -127,7 +127,7 @@ def _is_stuck(s: Any) -> bool:
 def _evaluate_step(s: Any, first: int, slope: Any) -> float:
     """Evaluate the stages from ``first`` on by ``slope``, and the error; return the least pivot."""
     s.tries[3] = 1.0
-    evaluate_stages(s, first, _combine, slope)
+    evaluate_stages(s, s, s.control.t, s.control.h, first, _combine, slope)
     _add_errors(s)
     s.given[1], s.given[2] = s.control.h, s.control.rtol
     run(s.measure)

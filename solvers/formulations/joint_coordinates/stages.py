@@ -5,9 +5,10 @@ for quaternions.
 """
 
 import casadi as ca
+import numpy as np
 
 from ....harness.base.generated import GeneratedFunction
-from ....harness.base.tableaux import DOPRI853
+from ....harness.base.tableaux import DOPRI853, evaluate_stages
 from ....harness.mechanics.joint_tree import Tree
 
 NOTHING = 1e-300  # makes an error of zero 0, not 0/0
@@ -35,19 +36,27 @@ def write_step(accelerate: GeneratedFunction, measure: GeneratedFunction) -> Gen
     f, error = (ca.Function("f", x.inputs, x.outputs) for x in (accelerate, measure))
     n = accelerate.inputs[1].numel()
     given, start, first = ca.SX.sym("given", 3), ca.SX.sym("start", n), ca.SX.sym("first", n)
-    t, h, slopes, least = given[0], given[1], [first], ca.SX(1)
+    y, slopes, least = start, [first], ca.SX(1)
 
-    def combine_slopes(weights: "list[float]") -> ca.SX:
+    def combine_slopes(weights: np.ndarray) -> ca.SX:
         """Return the sum of the slopes so far times these weights."""
-        terms = [w * slope for w, slope in zip(weights, slopes, strict=False) if w]
+        terms = [w * slope for w, slope in zip(weights.tolist(), slopes, strict=False) if w]
         return sum(terms[1:], terms[0])
 
-    for a, c in zip(DOPRI853.a[1:].tolist(), DOPRI853.c[1:].tolist(), strict=True):
-        slope, pivot = f(t + c * h, start + h * combine_slopes(a))
-        slopes.append(slope)
+    def combine(s: None, weights: np.ndarray, n: int, h: ca.SX) -> None:
+        """Set y to the start and h times the weighted sum of the slopes."""
+        nonlocal y
+        y = start + h * combine_slopes(weights)
+
+    def slope(s: None, t: ca.SX, i: int) -> None:
+        """Append the slope at y and t, and note its least pivot."""
+        nonlocal least
+        found, pivot = f(t, y)
+        slopes.append(found)
         least = ca.fmin(least, pivot)
-    y = start + h * combine_slopes(DOPRI853.b.tolist())
-    sums = ca.vertcat(*(combine_slopes(row) for row in DOPRI853.error.tolist()))
+
+    evaluate_stages(None, DOPRI853, given[0], given[1], 1, combine, slope)
+    sums = ca.vertcat(*(combine_slopes(row) for row in DOPRI853.error))
     return GeneratedFunction([given, start, first], [y, error(given, start, y, sums), least])
 
 

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ....harness.base import iteration
+from ....harness.base.iteration import FAILED, GO_ON, SETTLED, STALE
 from ..compiled.entries import compile_inline
 
 # Tried on 24 short runs of RATTLE, generalised alpha and the energy-momentum method, six of which end early as a step
@@ -11,25 +13,8 @@ MOST_ITERATIONS = 60
 # times the factors for 1 % less sweeps, with a damped linkage at long steps; twice takes fewer factors, 6 % more
 # sweeps.
 SLOW = 0.5
-GO_ON, STALE, SETTLED, FAILED = range(4)  # STALE: go on with a new factor
 
-
-@compile_inline
-def iterate(s, sweep, classify, most):
-    """Repeat ``size = sweep(s, i, stale)`` until it settles or fails, ``most`` times at most; return if it settled.
-
-    ``sweep`` corrects the unknowns of the step ``s`` once, counts itself, and returns the size of residual and
-    correction, not finite where it cannot go on; ``i`` counts sweeps. ``classify(s, i, size, last)`` returns GO_ON,
-    STALE, SETTLED or FAILED for that size and the one before; STALE makes the next sweep's ``stale`` true.
-    """
-    last, state = np.inf, GO_ON
-    for i in range(most):
-        size = sweep(s, i, state == STALE)
-        state = classify(s, i, size, last)
-        last = size
-        if state >= SETTLED:
-            break
-    return state == SETTLED
+iterate = compile_inline(iteration.iterate)
 
 
 @compile_inline

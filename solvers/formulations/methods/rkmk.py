@@ -73,7 +73,7 @@ def start(s):
 def step(s):
     """Compute the stages of a step of ``control.h`` and its error; leave the kernel at the last stage."""
     c, n = s.control, len(s.b)
-    evaluate_stages(s, 1, _combine, _slope)
+    evaluate_stages(s, s, c.t, c.h, 1, _combine, _slope)
     _slope(s, c.t + c.h, n)
     c.error = _error(s, c.h, c.rtol)
 

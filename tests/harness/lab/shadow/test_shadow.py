@@ -103,9 +103,9 @@ def test_a_motion_that_goes_astray_costs_later_ones_nothing():
     assert refinement.close()
     linear, y = refinement._linearise(), refinement.y
     assert np.isfinite(refinement._step(linear, y))
-    before = refinement._rough.copy()
+    before = refinement._steps[True].copy()
     assert refinement._step(linear, y + 30.0 * np.random.default_rng(4).normal(size=y.shape)) == np.inf
-    assert_same(refinement._rough, before)
+    assert_same(refinement._steps[True], before)
 
 
 @pytest.mark.parametrize("factor", [1.01, 1.0 + 1e-10])  # of the frequency; by the latter no gap is open
