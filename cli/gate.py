@@ -47,7 +47,7 @@ from ..harness.judge.gate.rounding import choose_kernels, list_core_types, repea
 from ..harness.judge.gate.spread import find_unstable, widen_by_spread
 from ..harness.judge.gate.thresholds import propose_bounds
 from ..harness.results import store
-from ..harness.results.column_digests import find_stale_columns, read_column_digests
+from ..harness.results.column_digests import find_stale_columns, read_stored_digests
 from ..harness.results.findings import Finding, Verdict
 from ..harness.results.history import GATES, make_rows, write_rows
 from ..harness.results.provenance import read_environment
@@ -160,7 +160,7 @@ def _load_records(results: Path) -> tuple[RunRecord, ...]:
 
 def _disown_stale(folder: Path, records: Sequence[RunRecord]) -> tuple[RunRecord, ...]:
     """Return the records, without the digest of their code where the present code would measure a column otherwise."""
-    known, here = read_column_digests(folder), codes.read_column_digests()
+    known, here = read_stored_digests(folder), codes.read_column_digests()
     return tuple(dataclasses.replace(r, code="") if find_stale_columns(r, known, here) else r for r in records)
 
 
@@ -173,7 +173,7 @@ def _find_results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Map
     with tempfile.TemporaryDirectory() as place:
         name = name_new_folder(suite.name).name
         folder = Path(arguments.out) if arguments.out else Path(place) / name
-        request = Request(suite, folder, count_jobs(arguments.jobs), keep=make_series_choice(suite))
+        request = Request(suite, folder, count_jobs(arguments.jobs), choose_rows=make_series_choice(suite))
         loaded, _ = run_watched(request, quiet=arguments.json)
         return name, read_environment(folder), loaded.records
 

@@ -23,7 +23,7 @@ from ..harness.judge.referee.currency import (
 from ..harness.judge.referee.judge import find_changes, judge_results, write_judgements
 from ..harness.judge.referee.registers import FIELD, PAPER, RegisterPlace
 from ..harness.results import store
-from ..harness.results.column_digests import read_column_digests
+from ..harness.results.column_digests import read_stored_digests
 from ..harness.results.judgements.claims import (
     SCHEMA,
     ClaimFinding,
@@ -86,7 +86,7 @@ def refuse_other_code(folder: Path, records: Sequence[RunRecord]) -> None:
     older = find_older_runs(records, [str(p) for p in read_environment(folder).get("plugins") or ()])
     if old := [r for r in older if not is_current_or_carried(r.problem, r.solver, r.code)]:
         raise UsageError(describe_older(old, str(folder)))
-    states = read_column_digests(folder)
+    states = read_stored_digests(folder)
     carried = {d for d in {r.measured_by for r in records} if is_measuring_carried(d, states)}
     uncarried = [r for r in records if r.measured_by not in carried]
     if changed_columns := find_stale_runs(uncarried, states):

@@ -32,16 +32,16 @@ def run(arguments: argparse.Namespace) -> int:
         f"{plural(len(outdated), 'run')} of {folder} to be solved once more and measured{took}", make_error_console()
     )
     done = replace_outdated(folder, outdated, count_jobs(arguments.jobs), solve, plugins)
-    same = len(records) - len(outdated)
+    same, unreadable = len(records) - len(outdated), {**loaded.unreadable, **done.set_aside}
     if arguments.json:
         left = {r.run_id: why for r, why in done.left}
         print_json({"measured_again": len(done.records), "of_this_code": same, "left": left})
-        return 1 if left or loaded.unreadable else 0
+        return 1 if left or unreadable else 0
     out = make_console()
     out.print(f"{plural(len(done.records), 'run')} measured again, {same} were of this code", highlight=False)
     for record, why in done.left[:NAMED]:
         out.print(f"not measured again: {name_run(record)}: {why}", highlight=False, soft_wrap=True)
     if len(done.left) > NAMED:
         out.print(f"and {len(done.left) - NAMED} more")
-    print_unreadable(loaded.unreadable, out)
-    return 1 if done.left or loaded.unreadable else 0
+    print_unreadable(unreadable, out)
+    return 1 if done.left or unreadable else 0

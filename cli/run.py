@@ -59,7 +59,7 @@ def _run_suite(arguments: argparse.Namespace, make_request: Callable[..., Reques
         part,
         arguments.lossless,
         is_newest=arguments.out is None,
-        keep=None if arguments.lossless else make_series_choice(suite),
+        choose_rows=None if arguments.lossless else make_series_choice(suite),
     )
     if arguments.dry_run:
         return _print_plan(request, as_json=arguments.json)

@@ -23,7 +23,7 @@ from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.columns.digests import ColumnDigests
 from mbsbench.harness.judge.referee.carried import list_equal
 from mbsbench.harness.mechanics.types import ALLOWED, Law
-from mbsbench.harness.results.column_digests import add_column_digests, read_column_digests
+from mbsbench.harness.results.column_digests import add_column_digests, read_stored_digests
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.results.store import LOCAL, write_record
@@ -96,7 +96,7 @@ def list_present_digests() -> list[tuple[str, str]]:
 
 def describe_code(results: StoredResults) -> str:
     """Return the comment of a picture that names the code of its runs."""
-    known = read_column_digests(results.folder)
+    known = read_stored_digests(results.folder)
     measured = {digest_drawn(known[d]) if (d := c.record.measured_by) in known else d for c in results.runs} - {""}
     words = f", measured by {measured.pop() if len(measured) == 1 else digest_codes(measured)}" if measured else ""
     return f"<!-- code of its runs: {digest_codes(r.record.code for r in results.runs)}{words} -->"
@@ -127,7 +127,7 @@ def publish_engines(folder: Path) -> None:
         old.unlink()
     for run in (c["run"] for c in cards if is_engine(c["run"].record.solver)):
         write_record(ENGINES, replace(run.record, series="", stderr=""))
-    add_column_digests(ENGINES, *read_column_digests(folder).values())
+    add_column_digests(ENGINES, *read_stored_digests(folder).values())
 
 
 def draw_costs(results: StoredResults) -> str:

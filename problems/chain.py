@@ -22,7 +22,7 @@ from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody
 from ..harness.mechanics.types import Observable, Problem, Trait
 from .exact.certification import CertifiedMotion
 from .exact.linkage import Linkage
-from .exact.linkage_motion import certify_linkage_motion, find_planar_angles
+from .exact.linkage_motion import PLANE_XY, certify_linkage_motion, find_planar_angles
 
 ENERGY_ALLOWED = 1.0  # [J] rule of the benchmark
 SOUGHT = 8.0  # [s] the certificate of the default chain ends earlier
@@ -71,7 +71,7 @@ def chain(
             Observable("energy_of_mean", r"E(\bar v)", "J", partial(evaluate_energy_of_mean, system)),
             Observable("out_of_plane", "|Z|_{max}", "m", lambda s: np.max(np.abs(s.r[:, :, 2]), axis=1)),
         ),
-        reference_from=partial(_motion, link),
+        reference_from=partial(_certify_motion, link),
         planar_normal=np.array([0.0, 0.0, 1.0]),
         energy_allowed=ENERGY_ALLOWED,
     )
@@ -127,15 +127,18 @@ def make_frames(alpha: Float[np.ndarray, "*nt links"]) -> Float[np.ndarray, "*nt
     return so3.exp(turn) @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
-def _motion(link: Linkage, start: State) -> CertifiedMotion | None:
-    """Return the certified planar motion from ``start``; None if it leaves the plane or has too many links."""
-    planar = find_planar_angles(start, np.eye(3))
-    return (
-        None if planar is None else certify_linkage_motion(link, *planar, SOUGHT, partial(_bodies, link.length, start))
-    )
+def _certify_motion(link: Linkage, start: State) -> CertifiedMotion | None:
+    """Return the certified planar motion from ``start``; None if the start is not planar or has too many links.
+
+    A motion that starts in the plane, with velocities in it, stays there: only the start is examined.
+    """
+    planar = find_planar_angles(start, PLANE_XY)
+    if planar is None:
+        return None
+    return certify_linkage_motion(link, *planar, SOUGHT, partial(_find_states, link.length, start))
 
 
-def _bodies(
+def _find_states(
     length: float, start: State, alpha: Float[np.ndarray, "nt links"], rate: Float[np.ndarray, "nt links"]
 ) -> States:
     """Return the states of bars at angles ``alpha`` [rad] and rates ``rate`` [rad/s]; each keeps its initial roll."""

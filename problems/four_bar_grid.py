@@ -82,7 +82,7 @@ def four_bar_grid(
         section="Sect. 5.5",
         source="Sect. 5.5; axial inertia chosen",
         observables=tuple(observables),
-        reference_from=partial(_motion, system, rows, columns, length, gravity),
+        reference_from=partial(_certify_motion, system, rows, columns, length, gravity),
         planar_normal=np.array([1.0, 0.0, 0.0]),
         energy_allowed=ENERGY_ALLOWED,
     )
@@ -160,7 +160,7 @@ def _rate(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
     return lambda s: s.Omega[:, body, 2]
 
 
-def _motion(
+def _certify_motion(
     system: MultibodySystem, rows: int, columns: int, length: float, gravity: float, start: State
 ) -> CertifiedMotion | None:
     """Return the certified motion from ``start``, as one rod a row.
@@ -176,10 +176,10 @@ def _motion(
         return None
     mass = system.mass.reshape(rows, -1)
     link = Linkage(mass[:, :verticals].sum(axis=1), mass[:, verticals:].sum(axis=1), length, gravity)
-    return certify_linkage_motion(link, angle[:, 0], rate[:, 0], SOUGHT, partial(_bodies, columns, length))
+    return certify_linkage_motion(link, angle[:, 0], rate[:, 0], SOUGHT, partial(_find_states, columns, length))
 
 
-def _bodies(
+def _find_states(
     columns: int, length: float, angle: Float[np.ndarray, "nt rows"], rate: Float[np.ndarray, "nt rows"]
 ) -> States:
     """Return the states of all bars from angles of the rods to OY [rad] and rates [rad/s]."""

@@ -92,7 +92,7 @@ def free_body(
         invariants=tuple(
             Invariant(f"L_{a}_about_C", "kg m2/s", partial(_spin, system, k)) for k, a in enumerate("XYZ")
         ),
-        reference_from=partial(_motion, system),
+        reference_from=partial(_find_exact_motion, system),
     )
 
 
@@ -108,7 +108,7 @@ def _spin(system: MultibodySystem, k: int, s: States) -> Float[np.ndarray, " nt"
 
 
 @run_in_balls
-def _motion(system: MultibodySystem, start: State) -> ThrownBody | None:
+def _find_exact_motion(system: MultibodySystem, start: State) -> ThrownBody | None:
     """Return the exact motion from ``start``; None where Euler's top has no formula here (the separatrix)."""
     inertia, nowhere = system.inertia[0], np.zeros(3)
     body = PinnedBody(float(system.mass[0]), inertia, inertia, nowhere, nowhere, nowhere)

@@ -21,7 +21,7 @@ from ..harness.mechanics.system import GROUND, Joint, assemble
 from ..harness.mechanics.types import Observable, Problem, Trait
 from .exact.certification import CertifiedMotion
 from .exact.linkage import Linkage
-from .exact.linkage_motion import certify_linkage_motion, find_planar_angles
+from .exact.linkage_motion import PLANE_XY, certify_linkage_motion, find_planar_angles
 from .exact.planar import AXIS, OZ, make_planar_states, make_slender_bar
 
 MASS, LENGTH, AXIAL = 1.0, 1.0, 1e-4  # [kg], [m], [kg m2] of every bar
@@ -52,7 +52,7 @@ def n_four_bar(
     return Problem(
         "n_four_bar",
         system,
-        _bodies(windows, *start)[0],
+        _find_states(windows, *start)[0],
         t_end=10.0,
         dt=1e-2,
         section="",
@@ -61,12 +61,12 @@ def n_four_bar(
             Observable("B0_x", "X_{B0}", "m", lambda s: point_position(s, 0, B0)[:, 0]),
             Observable("B0_y", "Y_{B0}", "m", lambda s: point_position(s, 0, B0)[:, 1]),
         ),
-        reference_from=partial(_motion, windows, rod),
+        reference_from=partial(_certify_motion, windows, rod),
         planar_normal=np.array([0.0, 0.0, 1.0]),
     )
 
 
-def _bodies(windows: int, angle: Float[np.ndarray, "nt 1"], rate: Float[np.ndarray, "nt 1"]) -> States:
+def _find_states(windows: int, angle: Float[np.ndarray, "nt 1"], rate: Float[np.ndarray, "nt 1"]) -> States:
     """Return all bars' states from the angle of the uprights to OX [rad] and its rate [rad/s]."""
     k, upright = np.arange(2 * windows + 1), np.arange(2 * windows + 1) <= windows
     up = LENGTH * np.stack((np.cos(angle), np.sin(angle)), axis=-1) * np.where(upright, 0.5, 1.0)[:, None]
@@ -76,13 +76,14 @@ def _bodies(windows: int, angle: Float[np.ndarray, "nt 1"], rate: Float[np.ndarr
     return make_planar_states(centre, np.where(upright, angle, 0.0), v, np.where(upright, rate, 0.0))
 
 
-def _motion(windows: int, rod: Linkage, start: State) -> CertifiedMotion | None:
+def _certify_motion(windows: int, rod: Linkage, start: State) -> CertifiedMotion | None:
     """Return the certified motion from ``start``, as one rod.
 
-    None if the uprights are not parallel, since the start may be on another branch, or not planar.
+    None if in the start the uprights are not parallel, since it may be on another branch, or bodies or velocities are
+    out of the plane; a motion that starts in it stays there.
     """
-    planar = find_planar_angles(start, np.eye(3))
+    planar = find_planar_angles(start, PLANE_XY)
     if planar is None or any(np.ptp(a[: windows + 1]) > PARALLEL for a in planar):
         return None
     angle, rate = (a[:1] for a in planar)
-    return certify_linkage_motion(rod, angle, rate, SOUGHT, partial(_bodies, windows))
+    return certify_linkage_motion(rod, angle, rate, SOUGHT, partial(_find_states, windows))

@@ -62,7 +62,7 @@ def pumped_pendulum(
             Observable("theta", r"\theta", "rad", lambda s: np.arctan2(s.r[:, 0, 0], -s.r[:, 0, 1])),
             Observable("length", "L", "m", lambda s: np.linalg.norm(s.r[:, 0], axis=1)),
         ),
-        reference_from=partial(_motion, numbers, start, math.radians(angle)) if tuning <= FASTEST else None,
+        reference_from=partial(_certify_motion, numbers, start, math.radians(angle)) if tuning <= FASTEST else None,
         planar_normal=np.array([0.0, 0.0, 1.0]),
     )
 
@@ -77,7 +77,9 @@ def _ball(numbers: Float[np.ndarray, "1 7"], y: Float[np.ndarray, "nt 3"]) -> St
     return planar.make_planar_states((L[:, None] * along)[:, None], still, v[:, None], still)
 
 
-def _motion(numbers: Float[np.ndarray, "1 7"], own: State, theta: float, start: State) -> CertifiedMotion | None:
+def _certify_motion(
+    numbers: Float[np.ndarray, "1 7"], own: State, theta: float, start: State
+) -> CertifiedMotion | None:
     """Return the certified motion from ``own``, the problem's start; None from another start.
 
     From another start the ball may turn and leave the plane. ``theta`` [rad] is the angle at ``own``, ``numbers`` are

@@ -26,7 +26,8 @@ from ..harness.mechanics.system import GROUND, Load, RigidBody, SpringDamper, as
 from ..harness.mechanics.types import Observable, Problem
 
 KINDS = tuple(k for k in JointKind if k not in (JointKind.FIXED, JointKind.NORMAL))
-APART = 0.3  # [m] distance between the points of sliding joints
+APART = 0.3  # [m] between the points of joints that slide, and what a link is longer than its bodies' C are apart
+SPREAD = 0.3  # [m] standard deviation of a joint's point from the middle of its bodies, and of a spring's end from C
 Poses = tuple[Float[np.ndarray, "places 3"], Float[np.ndarray, "places 3 3"]]  # poses of all bodies, then of the ground
 
 
@@ -85,7 +86,7 @@ def random_mechanism(
         [
             SpringDamper(
                 i,
-                size * 0.3 * p[0],
+                size * SPREAD * p[0],
                 GROUND,
                 size * (r[i] + p[1]) + away,
                 weight[i] / size * k,
@@ -134,23 +135,30 @@ def draw_body(random: np.random.Generator) -> RigidBody:
 
 
 def draw_closed_joint(kind: JointKind, i: int, j: int, poses: Poses, random: np.random.Generator) -> Joint:
-    """Draw a joint of this kind between two bodies, at a random point, that is closed in these poses."""
+    """Draw a joint of this kind between bodies i and j, at a random point, that is closed in these poses.
+
+    ``GROUND``, -1, is the last of the ``poses``. What is drawn is in space: the point [m], a unit axis, and a unit
+    vector ``across`` it. Spherical joints and links have no axis, a point on a line or on a plane has one in j alone, a
+    universal joint and normal axes have one in each body, normal to each other, all others one in common; fixed and
+    prismatic joints also have the direction across.
+    """
     r, R = poses
-    axis, x = so3.exp(random.standard_normal(3))[0], 0.5 * (r[i] + r[j]) + 0.3 * random.standard_normal(3)
+    axis = so3.exp(random.standard_normal(3))[0]
+    point_j = 0.5 * (r[i] + r[j]) + SPREAD * random.standard_normal(3)
     across = np.cross(axis, random.standard_normal(3))
     across /= np.linalg.norm(across)
     length = float(np.linalg.norm(r[i] - r[j])) + APART if kind == JointKind.DISTANCE else 0.0
-    way = {
+    offset = {  # [m] of the point of i from that of j
         JointKind.CYLINDRICAL: APART * axis,
         JointKind.PRISMATIC: APART * axis,
         JointKind.ON_LINE: APART * axis,
         JointKind.ON_PLANE: APART * across,
         JointKind.DISTANCE: length * axis,
     }.get(kind, np.zeros(3))
-    s_i, s_j = R[i].T @ (x + way - r[i]), R[j].T @ (x - r[j])
+    s_i, s_j = R[i].T @ (point_j + offset - r[i]), R[j].T @ (point_j - r[j])
     axis_j = None if kind in (JointKind.SPHERICAL, JointKind.DISTANCE) else R[j].T @ axis
-    alone = axis_j is None or kind in (JointKind.ON_LINE, JointKind.ON_PLANE)
-    axis_i = None if alone else R[i].T @ (across if kind in (JointKind.UNIVERSAL, JointKind.NORMAL) else axis)
-    turned = kind in (JointKind.FIXED, JointKind.PRISMATIC)
-    across_i, across_j = (R[i].T @ across, R[j].T @ across) if turned else (None, None)
+    has_none_in_i = axis_j is None or kind in (JointKind.ON_LINE, JointKind.ON_PLANE)
+    axis_i = None if has_none_in_i else R[i].T @ (across if kind in (JointKind.UNIVERSAL, JointKind.NORMAL) else axis)
+    has_across = kind in (JointKind.FIXED, JointKind.PRISMATIC)
+    across_i, across_j = (R[i].T @ across, R[j].T @ across) if has_across else (None, None)
     return Joint(i, s_i, j, s_j, axis_i, axis_j, f"{kind} {i + 1}", kind, across_i, across_j, length)

@@ -11,7 +11,7 @@ from pathlib import Path
 from ..harness.base.confined_paths import ConfinedPath
 from ..harness.results.findings import Finding
 from ..harness.results.judgements.runs import Order
-from .model.frontier import find_frontiers, select_shared_target
+from .model.frontier import find_frontiers, select_at_shared_target
 from .model.results import StoredResults, format_stamp, group_by, read_results
 from .model.tracking import list_tracking_times
 from .pages.judged.orders import find_fit_ends, plot_ladders, put_triangles, sort_by_case
@@ -38,7 +38,7 @@ def write_page(
     """
     results = read_results(folder, check_series=False)
     follow = [f for variant in results.variants for f in list_tracking_times(variant)]
-    card = describe_solver(solver, orders, (), follow, select_shared_target(find_frontiers(results)))
+    card = describe_solver(solver, orders, (), follow, select_at_shared_target(find_frontiers(results)))
     write_file(
         path,
         "trial.html",

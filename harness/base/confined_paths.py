@@ -256,7 +256,11 @@ class ConfinedPath:
 
 
 def confine_path(path: Path | ConfinedPath) -> ConfinedPath:
-    """Return a user's path as its name below its folder; return a ConfinedPath unchanged."""
+    """Return a path that the user named as its last name below its folder; return a ConfinedPath unchanged.
+
+    The way to the folder is trusted: it is the user's, and links on it are followed. The last name is not: it may have
+    been replaced by others, and methods of the path refuse a link or a device in its place.
+    """
     if isinstance(path, ConfinedPath):
         return path
     path = path if path.name not in ("", "..") else Path(os.path.abspath(path))  # "." has no name of its own

@@ -155,8 +155,12 @@ class _Rates(_FromFunction):
     method: str = option("DOP853", "method of scipy.integrate", choices=tuple(METHODS))
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate (r, quaternion, v, Omega) and record the accepted steps of the method; atol equals rtol."""
-        began, nb = solver_seconds(), problem.system.nb
+        """Integrate (r, quaternion, v, Omega), Omega in the body frame, and record the method's accepted steps.
+
+        atol equals rtol. What fails before the first step is raised, since there is no motion to keep: StepFailure if
+        CPU time is over, StepFailed and others from the author's function.
+        """
+        start_time, nb = solver_seconds(), problem.system.nb
         cuts = np.cumsum([3, 4, 3]) * nb
 
         def rates(s: State) -> Rates:
@@ -173,22 +177,25 @@ class _Rates(_FromFunction):
             return State(r, Rotation.from_quat(q, scalar_first=True).as_matrix(), v, Omega, t)
 
         def y_dot(t: float, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-            """Return the time derivative of scipy's vector y at ``t`` [s], unless the CPU time is over."""
-            _check_clock(control, began)
+            """Return the time derivative of scipy's vector y at ``t`` [s]; raise StepFailure if CPU time is over."""
+            _check_clock(control, start_time)
             d, q = rates(state(t, y)), y[cuts[0] : cuts[1]].reshape(nb, 4)
             turning = np.concatenate((np.zeros((nb, 1)), d.Omega), axis=1)
             return np.concatenate([a.ravel() for a in (d.v, 0.5 * _product(q, turning), d.v_dot, d.Omega_dot)])
 
-        s = problem.initial
-        q = Rotation.from_matrix(s.R).as_quat(scalar_first=True)
-        y = np.concatenate([a.ravel() for a in (s.r, q, s.v, s.Omega)])
+        start = problem.initial
+        q = Rotation.from_matrix(start.R).as_quat(scalar_first=True)
+        y = np.concatenate([a.ravel() for a in (start.r, q, start.v, start.Omega)])
         limits: dict[str, Any] = {"rtol": control.rtol, "atol": control.rtol, "max_step": control.max_step or np.inf}
-        with collect_counts(CallCount()) as begun:
-            first = rates(s).reaction
+        with collect_counts(CallCount()) as calls:
+            first = rates(start).reaction
             run = METHODS[self.method](y_dot, 0.0, y, problem.t_end, **limits)
 
         def advance(t: float, s: State) -> tuple[float, State, np.ndarray | None]:
-            """Return time, state and reaction after the next step that scipy accepts."""
+            """Return time, state and reaction after scipy's next step; raise StepFailure if it cannot take one.
+
+            scipy keeps time and state itself, so that those given, which are the same, are not read.
+            """
             with np.errstate(all="ignore"):
                 said = run.step()
             if run.status == "failed":
@@ -196,7 +203,7 @@ class _Rates(_FromFunction):
             here = state(run.t, run.y)
             return run.t, here, rates(here).reaction
 
-        return _march(problem, control, advance, first, lambda: {"evaluations": run.nfev}, begun)
+        return _march(problem, control, advance, first, lambda: {"evaluations": run.nfev}, calls)
 
 
 def _march(
@@ -205,17 +212,17 @@ def _march(
     advance: Advance,
     first: np.ndarray | None,
     counters: Callable[[], dict[str, int]],
-    begun: CallCount | None = None,
+    calls: CallCount | None = None,
 ) -> Trajectory:
     """March by ``advance`` from the problem's start to its end, and return the motion with all accepted steps.
 
     ``first`` is the reaction at the start (None: unknown), ``counters()`` returns at the end what the method counted.
-    ``begun`` has the calls of ``accelerations`` before the first step; if there are any calls, their numbers replace
+    ``calls`` has the calls of ``accelerations`` before the first step; if there are any calls, their numbers replace
     those of ``counters``. An error in a step becomes the status of the motion, which keeps the steps before it.
     """
-    began = solver_seconds()
+    start_time = solver_seconds()
     times, states, reactions = [0.0], [problem.initial], [first]
-    count = begun or CallCount()
+    count = calls or CallCount()
 
     def take_step() -> None:
         """Append the next step; raise ``StepFailure`` where it fails."""
@@ -237,7 +244,7 @@ def _march(
             new = slice(control.spool.rows, None)
             control.spool.take(times[new], _stack_states(states[new]))
 
-    status, message = march(times, problem, control, lambda: _check_clock(control, began), take_step)
+    status, message = march(times, problem, control, lambda: _check_clock(control, start_time), take_step)
     own = {"evaluations": count.evaluations, "factorisations": count.factorisations} if count.evaluations else {}
     none = np.full(problem.system.nrows, math.nan)
     known = [none if a is None else np.asarray(a, dtype=float) for a in reactions]
@@ -248,7 +255,7 @@ def _march(
         message,
         {"steps": len(times) - 1, **counters(), **own},
         reaction=None if all(a is None for a in reactions) else np.array(known),
-        cpu_time=solver_seconds() - began,
+        cpu_time=solver_seconds() - start_time,
     )
 
 
@@ -263,9 +270,9 @@ def describe_redundant_rows(problem: Problem) -> str:
     )
 
 
-def _check_clock(control: StepControl, began: float) -> None:
-    """Raise StepFailure if the CPU time since ``began`` [s] exceeds the limit of ``control``."""
-    if control.cpu_limit is not None and solver_seconds() - began > control.cpu_limit:
+def _check_clock(control: StepControl, start_time: float) -> None:
+    """Raise StepFailure if the CPU time since ``start_time`` [s] exceeds the limit of ``control``."""
+    if control.cpu_limit is not None and solver_seconds() - start_time > control.cpu_limit:
         raise StepFailure(Status.STALLED, f"the CPU limit of {control.cpu_limit:g} s was reached")
 
 

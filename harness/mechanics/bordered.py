@@ -19,7 +19,10 @@ ONE = 1.0  # stands in for the numbers of the first block, and its negative for 
 
 
 def factor_bordered(S: sparse.csr_array, regular: float) -> tuple[sparse.csr_array, Solve]:
-    """Return S^T, and a function that solves K y = b with e = ``regular`` for y."""
+    """Return S^T, and a function that takes b (n + k,) to the solution y of K y = b; e in K is ``regular``.
+
+    S has k rows and n columns. S^T (n, k), a part of K, is returned by rows: callers multiply by it.
+    """
     pattern = _recall_pattern(S.indptr.tobytes(), S.indices.tobytes(), S.shape)
     if pattern.order is None:
         St = S.T.tocsr()

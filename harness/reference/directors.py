@@ -97,7 +97,7 @@ class Directors:
         nt, nb = len(z), self.system.nb
         J, H, f, gap, Z, bend = self._terms(z) if self._tape is None else self._tape(z)
         if len(self.system.user_i):
-            laws = self._laws(z)
+            laws = self._sum_user_forces(z)
             f = f + np.concatenate((laws[:, :, :3], _times(np.swapaxes(Z, -1, -2), laws[:, :, 3:])), axis=2)
         a = self._solve(J, H, f, gap)
         a = np.concatenate((a[:, :, :3], bend + _times(Z, a[:, :, 3:])), axis=2)
@@ -370,8 +370,8 @@ class Directors:
             self._twist(Q, x, x_dot, k)
         return Q[:, :-1].reshape(len(x), s.nb, 12)
 
-    def _laws(self, z: np.ndarray) -> np.ndarray:
-        """Return the generalised forces (nt, nb, 12) of users' laws."""
+    def _sum_user_forces(self, z: np.ndarray) -> np.ndarray:
+        """Return the sum of users' forces and torques as generalised forces on each body (nt, nb, 12)."""
         s, here, x = self.system, self.states(z), self._parts(z)[0]
         Q = np.zeros_like(x)
         for i, j, law in zip(s.user_i, s.user_j, s.user_law, strict=True):

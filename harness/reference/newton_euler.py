@@ -94,7 +94,7 @@ class NewtonEuler:
         s = self.system
         A, gamma, f, q_dot, v = self._terms(y) if self._tape is None else (a[0] for a in self._tape(y[None]))
         if len(s.user_i):
-            f = f + self._laws(y)
+            f = f + self._sum_user_forces(y)
         a = self._solve(A, f, gamma)
         return np.concatenate((v, q_dot, a[:, :3].ravel(), a[:, 3:].ravel(), [1.0]))
 
@@ -340,13 +340,14 @@ class NewtonEuler:
                 np.add.at(f[:, 3:], body, sign * np.einsum("jab,ja->jb", turned[body], T))
         return f[:-1]
 
-    def _laws(self, y: np.ndarray) -> np.ndarray:
-        """Return the contribution of users' laws to f (nb, 6)."""
+    def _sum_user_forces(self, y: np.ndarray) -> np.ndarray:
+        """Return the sum of users' forces [N] in space and torques [N m] about principal axes, on each body (nb, 6)."""
         here, f = self.states(y[None]), np.zeros((self.system.nb, 6))
         for i, j, law in zip(self.system.user_i, self.system.user_j, self.system.user_law, strict=True):
             F_i, F_j, T_i, T_j = law.evaluate(here, i, j)[0]
             for body, F, T in ((i, F_i, T_i), (j, F_j, T_j)):
                 if body != GROUND:
+                    # a law gives torques in space; R^T takes them to the given frame of the body
                     f[body] += np.concatenate((F, self.axes[body].T @ here.R[0, body].T @ T))
         return f
 

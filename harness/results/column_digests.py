@@ -9,33 +9,73 @@ from pathlib import Path
 
 from ..base.confined_paths import ConfinedPath
 from ..base.files import FileError, parse_json, read_text, to_json
+from ..base.hints import format_value
 from ..base.shapes import convert_shape
 from ..columns.digests import ColumnDigests
 from .records import RunRecord
+from .store import set_aside
 
 FILE = "columns.json"
 
 
-def read_column_digests(folder: Path) -> dict[str, ColumnDigests]:
+def read_stored_digests(folder: Path) -> dict[str, ColumnDigests]:
     """Return the states of the code that measured the runs of a folder, by their digests.
 
-    Entries that are invalid, or filed under another digest than their own, are left out.
+    An entry that is invalid, or filed under another digest than its own, is left out, and so is a file that is no table
+    of entries: runs measured by those states count as measured by unknown code. ``find_faults`` says what is left out.
+    """
+    states, _ = _read(folder)
+    return states
+
+
+def find_faults(folder: Path) -> dict[Path, str]:
+    """Return the first reason why ``read_stored_digests`` leaves out a part of the file, by its path; empty if none."""
+    _, faults = _read(folder)
+    return faults
+
+
+def add_column_digests(folder: Path, *states: ColumnDigests) -> dict[Path, str]:
+    """Add states of the code that measures to the file of a folder; call with the folder's lock held.
+
+    A file that is written anew keeps its valid entries; one that has others is moved to ``set_aside/`` first, so that
+    nothing of it is lost. Return what was set aside, with the reason.
+    """
+    known, faults = _read(folder)
+    new = {state.digest: state for state in states}
+    if new.keys() <= known.keys():
+        return {}
+    set_aside(folder, faults)
+    (ConfinedPath(folder) / FILE).write(f"{to_json(known | new)}\n")
+    return faults
+
+
+def _read(folder: Path) -> tuple[dict[str, ColumnDigests], dict[Path, str]]:
+    """Return the valid entries of a folder's file, and the file with the reason of its first fault, if it has one.
+
+    Each entry is converted by itself, so that a fault in one leaves the others.
     """
     place = ConfinedPath(folder) / FILE
+    if not place.is_there():
+        return {}, {}
     try:
-        found = parse_json(read_text(place, "the digests of columns"), FILE) if place.is_there() else {}
-        states = convert_shape(found, dict[str, ColumnDigests], FILE)
-    except FileError:
-        return {}
-    return {digest: state for digest, state in states.items() if state.digest == digest}
-
-
-def add_column_digests(folder: Path, *states: ColumnDigests) -> None:
-    """Add states of the code that measures to the file of a folder; call with the folder's lock held."""
-    known = read_column_digests(folder)
-    new = {state.digest: state for state in states}
-    if not new.keys() <= known.keys():
-        (ConfinedPath(folder) / FILE).write(f"{to_json(known | new)}\n")
+        entries = parse_json(read_text(place, "the digests of columns"), FILE)
+        if not isinstance(entries, dict):
+            raise FileError(f"{FILE}: must be a table of digests")
+    except FileError as error:
+        return {}, {place.path: str(error)}
+    states, reasons = dict[str, ColumnDigests](), list[str]()
+    for digest, entry in entries.items():
+        where = f"{FILE}: {format_value(digest)}"
+        try:
+            state = convert_shape(entry, ColumnDigests, where)
+        except FileError as error:
+            reasons.append(str(error))
+            continue
+        if state.digest == digest:
+            states[digest] = state
+        else:
+            reasons.append(f"{where}: the digest of this entry is {state.digest}")
+    return states, {place.path: reasons[0]} if reasons else {}
 
 
 def find_stale_columns(record: RunRecord, known: Mapping[str, ColumnDigests], now: ColumnDigests) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..base.confined_paths import ConfinedPath, UnsafeFile
 from ..base.files import FileError
 from . import store
-from .column_digests import add_column_digests, read_column_digests
+from .column_digests import add_column_digests, find_faults, read_stored_digests
 from .comparison import compare
 from .provenance import describe_differences, find_differences, read_environment
 from .records import RunRecord
@@ -60,7 +60,8 @@ def merge(out: Path, sources: Sequence[Path]) -> MergeOutcome:
                 kept[record.run_id], origin[record.run_id] = record, source
                 added += 1
             _copy_environment(source, out)
-            add_column_digests(out, *read_column_digests(source).values())
+            unreadable |= find_faults(source)
+            unreadable |= add_column_digests(out, *read_stored_digests(source).values())
         store.write_table(out, store.load(out, check_series=False).records)
     records = tuple(sorted(kept.values(), key=lambda r: (r.problem, r.solver, r.case)))
     return MergeOutcome(records, added, unreadable, tuple(conflicts), find_codes(records))

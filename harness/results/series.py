@@ -212,8 +212,9 @@ def _check_content(arrays: Mapping[str, np.ndarray], names: Collection[str]) -> 
         if is_time and not (np.all(np.isfinite(a)) and np.all(np.diff(a) >= 0.0)):
             raise ValueError(f"{name} must be finite and must not decrease")
     for group in TOGETHER:
-        if missing := [name for name in group if name not in names] if not group.isdisjoint(names) else []:
-            raise ValueError(f"{', '.join(sorted(missing))}: missing, although {min(group & set(names))} is there")
+        present = group & set(names)
+        if present and present != group:
+            raise ValueError(f"{', '.join(sorted(group - present))}: missing, although {min(present)} is there")
 
 
 def _check_lengths(arrays: Mapping[str, np.ndarray]) -> None:

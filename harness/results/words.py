@@ -7,7 +7,9 @@ from ..base.text import escape_text
 from ..mechanics.types import ACCURATE, PASSAGE, RIGHT_REACTION, EndCause, Law, Reason, Status
 from .records import RunRecord
 
-ROUNDED = 1e-9  # fraction of energy over length: smaller joint loads are rounding, and errors are relative to this
+# fraction of the energy scale (for a moment [J = N m]), or of it over the length scale (for a force [N]): smaller joint
+# loads are rounding, and errors are relative to this
+ROUNDED = 1e-9
 WHOLE = 0.999  # fraction of the time up to which a motion must be compared to count as compared
 WORKERS = 3  # Dask gives up a run after losing this many workers
 LAWS = {
@@ -117,21 +119,24 @@ def describe_passage(record: RunRecord) -> str:
 
 def describe_reactions(record: RunRecord) -> str:
     """Return text such as ``reactions off by 176 %`` if joint loads of a lawful motion are wrong, else ""."""
-    share, lawful = compute_reaction_share(record), record.status in (Status.SUCCESS, Status.INACCURATE)
-    return f"reactions off by {100.0 * share:.3g} %" if lawful and share > RIGHT_REACTION else ""
+    error, lawful = compute_reaction_error(record), record.status in (Status.SUCCESS, Status.INACCURATE)
+    return f"reactions off by {100.0 * error:.3g} %" if lawful and error > RIGHT_REACTION else ""
 
 
-def compute_reaction_share(record: RunRecord) -> float:
-    """Return the largest relative error of the joints' force or moment on a body; NaN if it is unknown."""
-    r, shares = record, []
+def compute_reaction_error(record: RunRecord) -> float:
+    """Return the larger of the relative errors of the joints' force and moment on a body; NaN if both are unknown.
+
+    Each is relative to the largest such load of the exact motion, but at least to ``ROUNDED`` of its scale.
+    """
+    r, relative = record, []
     for error, size, scale in (
         (r.reaction_error_max_N, r.reaction_size_N, r.energy_scale_J / (r.length_scale_m or math.nan)),
         (r.moment_error_max_Nm, r.moment_size_Nm, r.energy_scale_J),
     ):
         # avoids a division by about zero where no joint carries a load
         size = max(size, ROUNDED * scale) if scale > 0.0 else size
-        shares.append(error / size if size > 0.0 else math.nan)
-    known = [x for x in shares if not math.isnan(x)]  # older records have forces but no moments
+        relative.append(error / size if size > 0.0 else math.nan)
+    known = [x for x in relative if not math.isnan(x)]  # older records have forces but no moments
     return max(known, default=math.nan)
 
 

@@ -74,10 +74,14 @@ AT_ONCE = 50  # runs that are solved before the first of them is replaced, so th
 
 @dataclass
 class RemeasuredRuns:
-    """The runs that were measured again, with their new records, and those left unchanged, with the reason."""
+    """The runs that were measured again, with their new records, and those left unchanged, with the reason.
+
+    ``set_aside`` are damaged files of the folder that were replaced.
+    """
 
     records: list[RunRecord] = field(default_factory=list)
     left: list[tuple[RunRecord, str]] = field(default_factory=list)
+    set_aside: Mapping[Path, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -111,7 +115,7 @@ def replace_outdated(
     """
     done = RemeasuredRuns()
     with store.lock_folder(folder):
-        add_column_digests(folder, codes.read_column_digests())
+        done.set_aside = add_column_digests(folder, codes.read_column_digests())
         asked, specs = _list_asked(folder, plugins), dict[str, RunSpec]()
         with open_sources() as folder_of:
             for record in outdated:
@@ -152,7 +156,7 @@ def _remeasure_records(
         different = tuple({s.settings_id: s for s in again.values()}.values())
         suite = Suite("again", "finished runs solved again", different, "", plugins)
         there = place / ("lossless" if lossless else "thinned")
-        run(Request(suite, there, jobs, lossless=lossless, keep=_make_row_lookup(rows)))
+        run(Request(suite, there, jobs, lossless=lossless, choose_rows=_make_row_lookup(rows)))
         found = {r.settings_id: r for r in store.load(there, check_series=False).records}
         for record in alike:
             new = found.get(again[record.run_id].settings_id)
@@ -264,16 +268,18 @@ def _list_rows(series: Series) -> tuple[str, ...] | None:
 def _find_difference(record: RunRecord, steps: str, new: RunRecord | None, there: Path) -> str:
     """Return how the repeated run differs from the record; empty if it does not.
 
-    ``steps`` is the digest of the record's steps, ``new`` the record of the repeated run in the folder ``there``.
+    ``steps`` is the digest of the record's steps, ``new`` the record of the repeated run in the folder ``there``. A
+    status that follows from the same steps may differ, since another law judges them; without steps it may not.
     """
     if new is None:
         return "it has no result when solved again"
     again = store.read_run_series(there, new, poses=False)
-    if (again is None) != (not record.series) or record.claimed != new.claimed:
+    same_kind = (again is None) == (not record.series) and record.claimed == new.claimed
+    if not same_kind or (again is None and record.status != new.status):
         return f"it is {new.status} when solved again"
     if again is not None and again.steps_sha256 != steps:
         return "its steps are not the same bit for bit when solved again: it is another motion, run its suite again"
-    return "" if again is not None or record.status == new.status else f"it is {new.status} when solved again"
+    return ""
 
 
 def _replace(folder: Path, record: RunRecord, there: Path, new: RunRecord, run_id: str) -> RunRecord:

@@ -78,7 +78,8 @@ class Request:
     shard: tuple[int, int] = (1, 1)  # (k, n): run the k-th of every n runs
     lossless: bool = False  # whether series keep the states of every step
     is_newest: bool = False  # whether ``latest`` will point to it, which it does not for a folder chosen by the user
-    keep: Callable[[RunSpec], tuple[str, ...] | None] | None = None  # names of series whose rows a brief file keeps
+    # the names of the series whose rows the brief file of a run keeps; None for a file of every step
+    choose_rows: Callable[[RunSpec], tuple[str, ...] | None] | None = None
     pool: Callable[..., Executor] = LocalPool  # makes the executor of its jobs
 
 
@@ -126,14 +127,14 @@ def run_suite(request: Request, watcher: SuiteObserver) -> LoadedResults:
             before = _set_foreign_aside(folder, before, lambda r: r.run_id in listed)
         (ConfinedPath(folder) / ".spool").remove_folder()  # of runs that a killed runner left half-way
         where, stamped = _write_stamp(request)
-        add_column_digests(folder, codes.read_column_digests())
+        damaged = {**before.unreadable, **add_column_digests(folder, codes.read_column_digests())}
         jobs = _make_jobs(request, folder.resolve(), where)
         own, whole = {job.id for job in jobs}, {spec.settings_id for spec in request.suite.specs}
         again, killed = _set_aside_provisional(folder, own, before.records)
         again |= _set_outdated_aside(folder, jobs, before.records)
         done = {r.run_id for r in before.records} - {path.stem for path in again}
         waiting = [replace(job, alone=job.id in killed) for job in jobs if job.id not in done]
-        watcher.begin(folder, len(jobs), waiting, {**before.unreadable, **again})
+        watcher.begin(folder, len(jobs), waiting, {**damaged, **again})
         promised: dict[str, RunRecord | None] = {r.run_id: r for r in before.records if r.run_id in done}
         begun.begin(promised)
 
@@ -157,8 +158,7 @@ def run_suite(request: Request, watcher: SuiteObserver) -> LoadedResults:
             now = store.load(folder, check_series=False)  # a resumed folder may hold runs of another suite or code
             now = _set_foreign_aside(folder, now, lambda r: is_same(r, promised.get(r.run_id)))
             begun.end()
-            unreadable = {**before.unreadable, **now.unreadable}
-            loaded = LoadedResults(tuple(r for r in now.records if r.run_id in own), unreadable)
+            loaded = LoadedResults(tuple(r for r in now.records if r.run_id in own), {**damaged, **now.unreadable})
             store.write_table(folder, tuple(r for r in now.records if r.settings_id in whole))
             if request.is_newest:
                 store.point_latest(folder)
@@ -218,30 +218,34 @@ def list_waiting(request: Request) -> list[RunSpec]:
     there = store.is_results(request.folder) and request.resume
     records = store.load(request.folder, check_series=False).records if there else ()
     done = {r.run_id for r in records if not is_provisional(r)}
-    jobs = _make_jobs(replace(request, keep=None), request.folder, "")  # series to keep are chosen for jobs that run
+    jobs = _make_jobs(replace(request, choose_rows=None), request.folder, "")  # rows are chosen for jobs that run
     return [job.spec for job in jobs if job.id not in done]
 
 
 def _make_jobs(request: Request, folder: Path, where: str) -> list[Job]:
     """Return a job for each requested run, with the digest of the code that its numbers come from.
 
-    ``where`` names the environment in records.
+    Of the suite's runs those of the included suite ``only`` are requested, of these those of the shard, and of these
+    the first ``limit``. ``where`` names the environment in records.
     """
-    suite, (k, n) = request.suite, request.shard
-    specs = [s for s in suite.specs if request.only is None or s.settings_id in suite.parts[request.only]]
-    specs = specs[k - 1 :: n][: request.limit]
-    code = {k: codes.digest_run_code(*k, suite.plugins) for k in {(s.problem, s.solver) for s in specs}}
+    suite, (shard, shards) = request.suite, request.shard
+    part = [s for s in suite.specs if request.only is None or s.settings_id in suite.parts[request.only]]
+    specs = part[shard - 1 :: shards][: request.limit]
+    pairs = {(s.problem, s.solver) for s in specs}
+    code = {pair: codes.digest_run_code(*pair, suite.plugins) for pair in pairs}
     commit, measured_by = environment.read_commit(), codes.read_column_digests().digest
-    of_suite = suite.plugins, where, suite.total_limit, request.lossless
     return [
         Job(
             s,
             folder,
-            suite.name,
-            code[s.problem, s.solver],
-            commit,
-            *of_suite,
-            request.keep and request.keep(s),
+            suite=suite.name,
+            code=code[s.problem, s.solver],
+            commit=commit,
+            plugins=suite.plugins,
+            environment=where,
+            total_limit=suite.total_limit,
+            lossless=request.lossless,
+            keep=request.choose_rows and request.choose_rows(s),
             measured_by=measured_by,
         )
         for s in specs

@@ -143,18 +143,21 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 def to_extended(x: arb) -> np.longdouble:
-    """Return the ball's midpoint to 64 bits, within an ulp; raise BallTooWide if it is not finite."""
+    """Return the ball's midpoint as a long double, within an ulp; raise BallTooWide if the ball is not finite.
+
+    The significand of a long double has 64 bits on x86, 53 to 113 elsewhere.
+    """
     if not x.is_finite():
         raise BallTooWide
     total, rest = np.longdouble(0.0), x.mid()
-    for _ in range(3):
+    for _ in range(3):  # parts of 53 bits, of which three hold any of these significands
         part = float(rest)
         total, rest = total + np.longdouble(part), rest - part
     return total
 
 
 def round_to_extended(x: acb) -> np.clongdouble:
-    """Return the midpoint of a complex ball, both parts to 64 bits."""
+    """Return the midpoint of a complex ball, both parts as ``to_extended`` rounds them."""
     return np.clongdouble(to_extended(x.real)) + np.clongdouble(1j) * to_extended(x.imag)
 
 

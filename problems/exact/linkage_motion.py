@@ -11,6 +11,7 @@ from .linkage import Linkage
 
 MOST_RODS = 30  # about ten seconds; each evaluation costs n^3
 CHUNK = 0.25  # [s] span between comparisons of the two routes
+PLANE_XY = np.eye(3)  # a plane of ``find_planar_angles``: that of x and y in space
 PLANAR = 1e-12  # [1], [rad/s] rounding of a start rotated to its own frame; a perturbed start exceeds it
 
 Bodies = Callable[[Float[np.ndarray, "nt n"], Float[np.ndarray, "nt n"]], States]  # angles [rad], rates [rad/s]

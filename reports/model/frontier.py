@@ -123,8 +123,12 @@ def sort_engines_first(found: Sequence[Frontier]) -> list[Frontier]:
     return sorted(found, key=lambda f: f.variant not in led)
 
 
-def select_shared_target(found: Sequence[Frontier]) -> list[Frontier]:
-    """Return the frontiers of one error: the tightest that half of all solver-problem pairs reach, else the loosest."""
+def select_at_shared_target(found: Sequence[Frontier]) -> list[Frontier]:
+    """Return the frontiers of all problems at one error; empty without any.
+
+    It is the tightest that at least half of all pairs of a solver and a problem reach, else the loosest. Pairs whose
+    runs were all refused do not count.
+    """
     by_target = {t: [f for f in found if f.target == t] for t in sorted({f.target for f in found})}
     pairs = {f.variant: len(f.places) + len(f.missed) for f in found}
     reached = (own for own in by_target.values() if 2 * sum(len(f.places) for f in own) >= sum(pairs.values()))

@@ -86,7 +86,7 @@ class HeatRow:
 
     @property
     def counted(self) -> int:
-        """The number of problems that it ran and finished, successfully or not."""
+        """The number of problems on which it has an outcome: all but those not run or not finished here."""
         return sum(b is not None and not b.run.is_unfinished for b in self.boxes)
 
     @property
@@ -105,14 +105,22 @@ class HeatMap:
 
     @property
     def title(self) -> str:
-        """The number of solvers within all limits, of those that ran every problem to its end, or else of all."""
-        complete = [row for row in self.rows if row.counted == len(self.problems)] or self.rows
-        whole = sum(row.succeeded == len(self.problems) for row in complete)
-        apart = " (each set of parameters counted)" * (len({v.problem for v in self.problems}) < len(self.problems))
-        name = self.problems[0].title if len(self.problems) == 1 else f"all {len(self.problems)} problems{apart}"
-        ran = "" if len(complete) == len(self.rows) else f" that ran {name}"
-        stay = f"{'stays' if whole == 1 else 'stay'} within every limit{'' if ran else f' on {name}'}"
-        return f"{whole} of {plural(len(complete), 'solver')}{ran} {stay}, each at its finest setting"
+        """The sentence above the map: how many solvers stay within every limit on all problems.
+
+        They are counted among the solvers that have an outcome on every problem, be it a stop or a refusal, or else
+        among all.
+        """
+        count = len(self.problems)
+        compared = [row for row in self.rows if row.counted == count] or self.rows
+        within = sum(row.succeeded == count for row in compared)
+        note = " (each set of parameters counted)" * (len({v.problem for v in self.problems}) < count)
+        problems = self.problems[0].title if count == 1 else f"all {count} problems{note}"
+        verb = "stays" if within == 1 else "stay"
+        if len(compared) == len(self.rows):
+            who, where = plural(len(compared), "solver"), f" on {problems}"
+        else:
+            who, where = f"{plural(len(compared), 'solver')} with an outcome on {problems}", ""
+        return f"{within} of {who} {verb} within every limit{where}, each at its finest setting"
 
 
 def sort_cells(boxes: Iterable[HeatCell]) -> list[HeatCell]:

@@ -22,7 +22,10 @@ REASON = 90  # most characters of a reason
 
 @dataclass(frozen=True)
 class SolverScore:
-    """The numbers of finished runs by outcome; ``bounded`` and ``drifting`` count successes by energy error."""
+    """The numbers of runs by outcome, and how the energy error of the successes behaves.
+
+    A success whose record does not decide between oscillation and drift is in neither ``bounded`` nor ``drifting``.
+    """
 
     succeeded: int
     inaccurate: int
@@ -53,13 +56,16 @@ class SolverScore:
         return join_words([f"{n} {name}" for name in KINDS.values() if (n := getattr(self, name))]) or "no run"
 
 
-def score(runs: Iterable[StoredRun]) -> SolverScore:
-    """Count the outcomes of runs; unfinished runs are not counted."""
-    own = list(runs)
-    kinds = Counter(mark_status(c.status).kind for c in own)
-    energy = Counter(is_drifting(c) for c in own if c.is_success)
-    ended = {name: kinds[kind] for kind, name in KINDS.items()}
-    return SolverScore(**ended, bounded=energy[False], drifting=energy[True])
+def count_outcomes(runs: Iterable[StoredRun]) -> SolverScore:
+    """Count how runs ended, and the successes whose energy error is bounded or drifts.
+
+    Unfinished runs are not counted: a limit of the harness ended them, which is not held against their solver.
+    """
+    given = list(runs)
+    kinds = Counter(mark_status(run.status).kind for run in given)
+    drifts = Counter(is_drifting(run) for run in given if run.is_success)  # None where undecided
+    outcomes = {name: kinds[kind] for kind, name in KINDS.items()}
+    return SolverScore(**outcomes, bounded=drifts[False], drifting=drifts[True])
 
 
 def rank_solvers(results: StoredResults) -> list[dict[str, Any]]:
@@ -77,8 +83,8 @@ def rank_solvers(results: StoredResults) -> list[dict[str, Any]]:
             {
                 "solver": solver,
                 "paper_label": ", ".join(dict.fromkeys(r.record.paper_label for r in heads or own[:1])),
-                "finest": score(heads),
-                "everything": score(own),
+                "finest": count_outcomes(heads),
+                "everything": count_outcomes(own),
                 "breaks_on": [(c, truncate(c.reasons[0], REASON) + _describe_finer(p, c)) for p, c in failures],
             }
         )

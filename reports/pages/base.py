@@ -51,7 +51,7 @@ from ..model.results import (
     list_recorded_packages,
     make_slug,
 )
-from ..model.scores import score
+from ..model.scores import count_outcomes
 from ..plots.browser import format_bundle, format_script, shorten_plots
 from ..plots.spec import LineStyle, Plot, choose_styles, group_by_family
 from ..rendering import FOLDER, load_templates, render
@@ -219,7 +219,7 @@ class Site:
             "packages": list_recorded_packages(results),
             "drifts_of": lambda variant: [d for d in drifts if d.variant == variant.title],
             "page_columns": list_page_columns,
-            "score_of": score,
+            "score_of": count_outcomes,
             "slug_of": lambda run: slugs[run.variant],
             "related": lambda about: related.get(about, []),
             "families": group_by_family(self.looks),

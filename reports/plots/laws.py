@@ -114,9 +114,8 @@ class Drawing:
             if not any(t.y.any() for t in own):
                 caption = f"Exactly zero throughout. {caption}"
             found = self.find_extremes(curve, until)
-            ends = " to ".join(f"{number(v)} {axis.unit} ({who})" for v, who in found)
-            finding = f"{title} at the finest settings: {ends}"
-            focus = tuple(dict.fromkeys([*(who for _, who in found), *self.focus]))[:MOST]
+            finding = f"{title} at the finest settings: {_describe_extremes(found, axis.unit)}"
+            focus = tuple(dict.fromkeys([*(solver for _, solver in found), *self.focus]))[:MOST]
             axis = replace(axis, log=True, low=low, high=high)
             yield Plot(
                 name,
@@ -128,6 +127,11 @@ class Drawing:
                 focus=focus if self.focus else (),
                 finding=finding if found else "",
             )
+
+
+def _describe_extremes(found: Sequence[tuple[float, str]], unit_name: str) -> str:
+    """Return the smallest and largest values in words, each with its solver: ``1.2 m (a) to 3.4 m (b)``."""
+    return " to ".join(" ".join(filter(None, (number(value), unit_name, f"({solver})"))) for value, solver in found)
 
 
 def draw_runs(results: StoredResults, runs: Sequence[StoredRun], all_runs: Sequence[StoredRun]) -> Drawing:
@@ -209,14 +213,11 @@ def plot_errors(d: Drawing) -> Chapter | None:
     length, until, own = d.find_scale("length_scale_m"), find_judged_end(d.runs), d.find_longest("reference_own_error")
     floor = [] if own is None else [Trace("the reference's stated error", own.t, own.y, dash=2)]
     far = f"Worst body, {d.largest}, up to the end of the reference."
-    known = d.known_axis, until or math.inf
+    t, judged_to = d.known_axis, until or math.inf
+    position, turn = Axis("|r − r exact|", "m"), Axis("∠(R, R exact)", "rad")
     plots = [
-        *d.plot_log(
-            "position_error", "position", "Position error", far, Axis("|r − r exact|", "m"), length, floor, *known
-        ),
-        *d.plot_log(
-            "orientation_error", "orientation", "Orientation error", far, Axis("∠(R, R exact)", "rad"), 1.0, (), *known
-        ),
+        *d.plot_log("position_error", "position", "Position error", far, position, length, floor, t, judged_to),
+        *d.plot_log("orientation_error", "orientation", "Orientation error", far, turn, 1.0, t=t, until=judged_to),
     ]
     note = "Distance from the exact motion."
     if until is not None:
@@ -235,10 +236,10 @@ def plot_observables(d: Drawing) -> Chapter | None:
         low, high = find_value_limits([c for _, c in drawn], exact)
         known = [] if exact is None else [Trace("reference", exact.t, exact.y, reach=find_range(exact, (low, high)))]
         caption = f"Smallest and largest of each span; {'the thin line is the' if known else 'there is no'} reference."
+        # cut at an axis's length beyond either end, so that a line that leaves the axis leaves it steeply
         own = make_traces(drawn, (2 * low - high, 2 * high - low))
         axis = Axis(name, in_unit, low=low, high=high)
-        ends = (f"{number(v)} {in_unit} ({who})".replace("  ", " ") for v, who in d.find_extremes(f"away_{name}"))
-        off = " to ".join(ends)
+        off = _describe_extremes(d.find_extremes(f"away_{name}"), in_unit)
         finding = f"{name} at the finest settings: off by {off}" if off else ""
         plots.append(
             Plot(
@@ -259,8 +260,7 @@ def plot_observables(d: Drawing) -> Chapter | None:
             f"Magnitude, {d.largest}.",
             Axis("|difference|", in_unit),
             high - low,
-            (),
-            d.known_axis,
+            t=d.known_axis,
         )
     return _chapter("Observables", "Quantities that the problem defines for comparison.", plots)
 

@@ -24,7 +24,7 @@ parameters = { t_end = 0.1 }
 def test_results_are_read_by_numpy_alone_and_solved_again_here(tmp_path, keep, monkeypatch, capsys):
     """The numbers are those of the record; the same run in this process has the same bits."""
     folder = tmp_path / "results" / "local" / "latest"
-    loaded, _ = run_suite_text(folder, SUITE, keep=keep)
+    loaded, _ = run_suite_text(folder, SUITE, choose_rows=keep)
     (record,) = loaded.records
     assert record.series.endswith(".npz" if keep is None else ".npz.xz")
     code = f"{READ}\nimport sys; assert 'mbsbench' not in sys.modules"

@@ -9,9 +9,14 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.reports import site
-from mbsbench.reports.model.frontier import describe_cheapest, find_frontiers, select_shared_target, sort_engines_first
+from mbsbench.reports.model.frontier import (
+    describe_cheapest,
+    find_frontiers,
+    select_at_shared_target,
+    sort_engines_first,
+)
 from mbsbench.reports.model.results import StoredRun, Variant, read_results
-from mbsbench.reports.model.scores import find_finest, name_unpredictable, rank_solvers, score
+from mbsbench.reports.model.scores import count_outcomes, find_finest, name_unpredictable, rank_solvers
 from mbsbench.reports.model.tracking import list_tracking_times
 from mbsbench.reports.model.variants import OTHER_PARAMETERS, find_plain_label, group_variants, select_variants
 from mbsbench.reports.pages.judged.cost import state_cheapest
@@ -202,7 +207,7 @@ def test_cost_and_followed_time_are_those_of_the_runs(tmp_path):
     ladder(tmp_path, "beta", 4.0, 1e-3)
     results = read_results(tmp_path)
     follow = [f for v in results.variants for f in list_tracking_times(v)]
-    card = describe_solver("alpha", (), (), follow, select_shared_target(find_frontiers(results)))
+    card = describe_solver("alpha", (), (), follow, select_at_shared_target(find_frontiers(results)))
     assert re.match(r"×2.0 the cheapest at \S+ m, reached on 1 of 1 problem", facts(card)["cost"])
     least = f"least pendulum, 1.5 of 2 s at dt = {0.1 / 2 ** HALVINGS[-1]:g} s"
     assert facts(card)["followed"] == f"0 of 1 motion to the end of the reference; {least}"
@@ -296,6 +301,6 @@ def only(folder, label):
 
 def test_scores_count_every_kind_of_ending(built):
     results = read_results(built[0])
-    s = score(results.runs)
+    s = count_outcomes(results.runs)
     assert (s.succeeded, s.wrong, s.refused) == (3, 1, 1) and s.runs == len(results.runs)
     assert sum(share for _, _, share in s.shares) == 100.0

@@ -155,7 +155,7 @@ def test_a_solver_beside_the_comparison_has_its_row(folder):
     assert found is not None and len(found.problems) == 2
     row = next(row for row in found.rows if row.solver == "zeta")
     assert [b and b.run.record.run_id for b in row.boxes] == ["zeta1", None] and row.succeeded == 1
-    words = "2 of 4 solvers that ran all 2 problems stay within every limit, each at its finest setting"
+    words = "2 of 4 solvers with an outcome on all 2 problems stay within every limit, each at its finest setting"
     assert found.title == words
 
 

@@ -9,7 +9,7 @@ import pytest
 from mbsbench import solve
 from mbsbench.harness.judge.referee.carried import is_current_or_carried, is_measuring_carried
 from mbsbench.harness.mechanics.types import ALLOWED, Law
-from mbsbench.harness.results.column_digests import read_column_digests
+from mbsbench.harness.results.column_digests import read_stored_digests
 from mbsbench.harness.results.records import parse_reasons
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import number
@@ -48,7 +48,7 @@ def test_false_successes_of_engines_are_of_this_code(pictures):
     for r in (c.record for c in runs):
         assert (r.claimed, r.status) == ("success", "wrong") and parse_reasons(r.wrong_because)
         assert is_current_or_carried(r.problem, r.solver, r.code), f"{r.case} of results/published/engines: {REMEDY}"
-        assert is_measuring_carried(r.measured_by, read_column_digests(pictures.ENGINES)), f"{r.case}: {REMEDY}"
+        assert is_measuring_carried(r.measured_by, read_stored_digests(pictures.ENGINES)), f"{r.case}: {REMEDY}"
 
 
 def test_the_picture_of_costs_names_engines_with_their_cpu_time(pictures, tmp_path):

@@ -57,7 +57,7 @@ def find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample]) -> tuple
     chosen, rank = list[Joint](), 0
     holding = [j for j in known if j.j == GROUND or j.sort != JointKind.ON_LINE or not masses[j.j]]
     for joint in sorted(holding, key=lambda j: -sum(ROWS[j.sort])):
-        if (more := _rank(bodies, [*chosen, joint], samples[1])) > rank:
+        if (more := _compute_rank(bodies, [*chosen, joint], samples[1])) > rank:
             chosen, rank = [*chosen, joint], more
     free = 6 * len(bodies) - 3 * sum(masses) - samples[1].twists.shape[1]
     if rank != free:
@@ -80,7 +80,7 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
     turning = [j for j in joints if j.sort in (JointKind.REVOLUTE, JointKind.CYLINDRICAL)]
     sliding = [j for j in joints if j.sort in (JointKind.PRISMATIC, JointKind.CYLINDRICAL, JointKind.ON_LINE)]
     for one in samples:
-        inertia = _inertia_forces(bodies, one).ravel()
+        inertia = _compute_inertia_forces(bodies, one).ravel()
         needed.append(one.twists.T @ inertia)
         terms = max(terms, float(np.max(np.abs(one.twists).T @ np.abs(inertia), initial=0.0)))
         found = [np.array([[*(b.mass * e), 0.0, 0.0, 0.0] for b in bodies]) for e in np.eye(3)]
@@ -88,7 +88,7 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
             angle, rate, push = _measure_angle(j, one.state, samples[0].state)
             found += [push, -angle * push, -rate * push]
         for j in sliding:
-            displacement, rate, push = _slide(j, one.state, samples[0].state)
+            displacement, rate, push = _measure_displacement(j, one.state, samples[0].state)
             found += [push, -displacement * push, -rate * push]
         columns.append(np.array([one.twists.T @ f.ravel() for f in found]).T)
     A, b = np.concatenate(columns), np.concatenate(needed)
@@ -121,9 +121,11 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
             f"(unexplained: {np.max(missing) / np.max(np.abs(b)):.2g} of the largest)"
         )
     parts = x[3:].reshape(-1, 3)
-    torsions = [_torsion(j, samples[0].state, *p) for j, p in zip(turning, parts, strict=False) if np.any(p)]
+    torsions = [
+        _make_torsion_spring(j, samples[0].state, *p) for j, p in zip(turning, parts, strict=False) if np.any(p)
+    ]
     springs = [
-        _make_point_spring(j, samples, *p) if j.j in points else _spring(j, *p)
+        _make_point_spring(j, samples, *p) if j.j in points else _make_line_spring(j, *p)
         for j, p in zip(sliding, parts[len(turning) :], strict=True)
         if np.any(p)
     ]
@@ -136,7 +138,7 @@ def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int,
 
     if j != GROUND and np.any(bodies[i].inertia) and not np.any(bodies[j].inertia):
         i, j = j, i
-    ends = [(_pose(s.state, i), _pose(s.state, j)) for s in samples]
+    ends = [(_find_pose(s.state, i), _find_pose(s.state, j)) for s in samples]
     Q = np.array([R_j.T @ R_i for (_, R_i), (_, R_j) in ends])
     d = np.array([R_j.T @ (r_i - r_j) for (r_i, _), (r_j, R_j) in ends])
     name = f"{bodies[j].name if j != GROUND else 'ground'}-{bodies[i].name}"
@@ -225,19 +227,19 @@ def _find_meeting_points(
     return x[:3], x[3:], bool(np.max(np.abs(A @ x - b)) <= NEAR * (np.max(np.abs(d)) + np.max(np.abs(x))))
 
 
-def _pose(s: State, b: int) -> tuple[np.ndarray, np.ndarray]:
+def _find_pose(s: State, b: int) -> tuple[np.ndarray, np.ndarray]:
     """Return position of C and rotation of body ``b``; zero and the identity for the ground."""
     return (np.zeros(3), np.eye(3)) if b == GROUND else (s.r[b], s.R[b])
 
 
-def _rank(bodies: Sequence[RigidBody], joints: Sequence[Joint], one: Sample) -> int:
+def _compute_rank(bodies: Sequence[RigidBody], joints: Sequence[Joint], one: Sample) -> int:
     """Return the rank of the constraint rows of ``joints`` in the state of one sample."""
     A = scale_jacobian(assemble(bodies, joints), one.state).toarray()
     size = np.linalg.svd(A, compute_uv=False)
     return int(np.sum(size > RANK * size[0]))
 
 
-def _inertia_forces(bodies: Sequence[RigidBody], one: Sample) -> Float[np.ndarray, "nb 6"]:
+def _compute_inertia_forces(bodies: Sequence[RigidBody], one: Sample) -> Float[np.ndarray, "nb 6"]:
     """Return mass times acceleration with the gyroscopic torque of each body: force [N, space] and torque [N m, body].
 
     These are m r_ddot and J Omega_dot + Omega x J Omega.
@@ -253,7 +255,7 @@ def _measure_angle(joint: Joint, s: State, start: State) -> tuple[float, float, 
 
     A wrench is (force in space, torque in the body's frame) of each body; j has the opposite torque.
     """
-    (_, R_i), (_, R_j) = _pose(s, joint.i), _pose(s, joint.j)
+    (_, R_i), (_, R_j) = _find_pose(s, joint.i), _find_pose(s, joint.j)
     axis, e, u = _choose_directions(joint, start)
     now = R_j.T @ R_i @ u
     push = np.zeros((s.nb, 6))
@@ -265,13 +267,13 @@ def _measure_angle(joint: Joint, s: State, start: State) -> tuple[float, float, 
     return float(np.arctan2(now @ np.cross(axis, e), now @ e)), float(rate), push
 
 
-def _slide(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
+def _measure_displacement(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
     """Return the displacement [m] of i along the axis, its rate, and the wrenches of a force of 1 N along it on i.
 
     The displacement is that of the joint's points; ``start`` is unused and keeps the signature of ``_measure_angle``,
     which returns wrenches in the same form.
     """
-    (r_i, R_i), (r_j, R_j) = _pose(s, joint.i), _pose(s, joint.j)
+    (r_i, R_i), (r_j, R_j) = _find_pose(s, joint.i), _find_pose(s, joint.j)
     direction = np.asarray(joint.axis_j)
     axis = R_j @ direction
     point = r_i + R_i @ joint.s_i
@@ -288,34 +290,40 @@ def _choose_directions(joint: Joint, start: State) -> tuple[np.ndarray, np.ndarr
     axis = np.asarray(joint.axis_j)
     axis = axis / np.linalg.norm(axis)
     e = choose_normals(axis)[0]
-    return axis, e, _pose(start, joint.i)[1].T @ _pose(start, joint.j)[1] @ e
+    return axis, e, _find_pose(start, joint.i)[1].T @ _find_pose(start, joint.j)[1] @ e
 
 
-def _torsion(joint: Joint, start: State, push: float, k: float, c: float) -> TorsionSpring:
-    """Return the spring about the joint's axis with torque push - k angle - c rate on i; angle 0 is the start."""
+def _make_torsion_spring(joint: Joint, start: State, constant: float, k: float, c: float) -> TorsionSpring:
+    """Return the spring about the joint's axis with torque constant - k angle - c rate [N m] on i.
+
+    The angle [rad] is 0 at the start. Raise ValueError for a constant torque without stiffness.
+    """
     axis, e, u = _choose_directions(joint, start)
-    rest = _find_rest(joint, push, k)
+    rest = _find_rest(joint, constant, k)
     return TorsionSpring(joint.i, u, joint.j, axis, e, k, rest, c, round(-rest / (2.0 * np.pi)))
 
 
-def _spring(joint: Joint, push: float, k: float, c: float) -> SpringDamper:
-    """Return the spring along the joint's axis with force push - k displacement - c rate on i.
+def _make_line_spring(joint: Joint, constant: float, k: float, c: float) -> SpringDamper:
+    """Return the spring along the joint's axis with force constant - k displacement - c rate [N] on i.
 
-    It begins at a point of the axis far behind j, so that its length stays positive.
+    Force and displacement [m], that of ``_measure_displacement``, are positive along ``axis_j``. The spring begins at a
+    point of the axis ``far`` [m] behind that of j, so that its length, far + displacement, stays positive. Raise
+    ValueError for a constant force without stiffness.
     """
-    rest = _find_rest(joint, push, k)
+    rest = _find_rest(joint, constant, k)
     far = BEHIND * (1.0 + abs(rest))
     behind = np.asarray(joint.s_j) - far * np.asarray(joint.axis_j)
     return SpringDamper(joint.i, joint.s_i, joint.j, behind, k, far + rest, c)
 
 
-def _make_point_spring(joint: Joint, samples: Sequence[Sample], push: float, k: float, c: float) -> SpringDamper:
-    """Return the spring of two point masses on one line with force push - k displacement - c rate on i.
+def _make_point_spring(joint: Joint, samples: Sequence[Sample], constant: float, k: float, c: float) -> SpringDamper:
+    """Return the spring of two point masses on one line with force constant - k displacement - c rate [N] on i.
 
     It joins the masses themselves, which have no other points. Raise ValueError if it has a rest length above 0
-    and the masses pass each other.
+    and the masses pass each other, and for a constant force without stiffness.
     """
-    coordinates, rest = [_slide(joint, one.state, one.state)[0] for one in samples], _find_rest(joint, push, k)
+    coordinates = [_measure_displacement(joint, one.state, one.state)[0] for one in samples]
+    rest = _find_rest(joint, constant, k)
     side = np.sign(coordinates[0])
     if rest and np.any(np.sign(coordinates) != side):
         raise ValueError(
@@ -324,8 +332,11 @@ def _make_point_spring(joint: Joint, samples: Sequence[Sample], push: float, k: 
     return SpringDamper(joint.i, joint.s_i, joint.j, joint.s_j, k, side * rest, c)
 
 
-def _find_rest(joint: Joint, push: float, k: float) -> float:
-    """Return the coordinate [m or rad] where the load push - k x vanishes; raise ValueError for a constant load."""
-    if push and not k:
+def _find_rest(joint: Joint, constant: float, k: float) -> float:
+    """Return the coordinate x [m or rad] where the load constant - k x vanishes; 0 without a load.
+
+    Raise ValueError for a constant load without stiffness, which no spring has.
+    """
+    if constant and not k:
         raise ValueError(f"a constant load at joint {joint.name!r} is not supported; gravity, springs and dampers are")
-    return push / k if k else 0.0
+    return constant / k if k else 0.0

@@ -55,7 +55,7 @@ class Document:
             [e for e in engines if e.get("default", "").lower() in ("true", "1")] or engines, ET.Element("physics")
         )
         self.gravity = self._gravity(world, engine)
-        self.dt = _numbers(engine, "max_step_size", STEP, 1)[0]
+        self.dt = _read_numbers(engine, "max_step_size", STEP, 1)[0]
         if not self.dt > 0.0:
             raise ElementRefusal(engine.findall("max_step_size")[0], f"the step must be > 0 s (got {self.dt})")
         self.links: list[Link] = []
@@ -68,11 +68,11 @@ class Document:
         """Return gravity [m/s2, space] of the world or, in versions that have it there, of its physics."""
         inner = engine.find("gravity")
         if inner is None:
-            return np.array(_numbers(world, "gravity", GRAVITY, 3))
+            return np.array(_read_numbers(world, "gravity", GRAVITY, 3))
         if self.version not in IN_PHYSICS:
             raise ElementRefusal(inner, f"in version {self.version} gravity is a child of world; move it there")
-        found = np.array(_numbers(engine, "gravity", GRAVITY, 3))
-        if world.find("gravity") is not None and not np.array_equal(found, _numbers(world, "gravity", GRAVITY, 3)):
+        found = np.array(_read_numbers(engine, "gravity", GRAVITY, 3))
+        if world.find("gravity") is not None and not np.array_equal(found, _read_numbers(world, "gravity", GRAVITY, 3)):
             raise ElementRefusal(inner, "the world has another gravity; give one")
         return found
 
@@ -111,11 +111,11 @@ class _Model:
         given = ET.Element("inertial") if inertial is None else inertial
         if given.get("auto", "").lower() in ("true", "1"):
             raise ElementRefusal(given, "give mass and inertia as numbers; auto takes them from shapes")
-        xx, yy, zz = (_numbers(given, f"inertia/i{k}", "1", 1)[0] for k in ("xx", "yy", "zz"))
-        xy, xz, yz = (_numbers(given, f"inertia/i{k}", "0", 1)[0] for k in ("xy", "xz", "yz"))
+        xx, yy, zz = (_read_numbers(given, f"inertia/i{k}", "1", 1)[0] for k in ("xx", "yy", "zz"))
+        xy, xz, yz = (_read_numbers(given, f"inertia/i{k}", "0", 1)[0] for k in ("xy", "xz", "yz"))
         C = self.frame(e) @ _pose(given)
         J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        return Link(name, _numbers(given, "mass", "1", 1)[0], J, C, np.zeros(3), np.zeros(3))
+        return Link(name, _read_numbers(given, "mass", "1", 1)[0], J, C, np.zeros(3), np.zeros(3))
 
     def _joint(self, e: ET.Element) -> Connection:
         """Return the joint of an element with its spring and damper; if limits lock it, it is fixed."""
@@ -131,7 +131,9 @@ class _Model:
         spring = dict.fromkeys(("spring_stiffness", "spring_reference", "damping"), 0.0)
         for axis in (a for tag in ("axis", "axis2") for a in e.findall(tag)):
             dynamics = axis.find("dynamics")
-            values = {} if dynamics is None else {k: _numbers(dynamics, k, "0", 1)[0] for k in (*spring, "friction")}
+            values = (
+                {} if dynamics is None else {k: _read_numbers(dynamics, k, "0", 1)[0] for k in (*spring, "friction")}
+            )
             if self._is_locked(e, axis, kind):
                 kind, values = JointKind.FIXED, {}
                 self.document.locked += 1
@@ -156,12 +158,12 @@ class _Model:
 
     def _is_locked(self, e: ET.Element, axis: ET.Element, kind: JointKind) -> bool:
         """Return whether limits leave a joint no motion; limits that leave some are counted as omitted."""
-        low, high = _numbers(axis, "limit/lower", "-inf", 1)[0], _numbers(axis, "limit/upper", "inf", 1)[0]
+        low, high = _read_numbers(axis, "limit/lower", "-inf", 1)[0], _read_numbers(axis, "limit/upper", "inf", 1)[0]
         given, counted = axis.find("limit"), self.document.omitted
         if e.get("type") == "continuous" or kind in (JointKind.SPHERICAL, JointKind.FIXED) or given is None:
             return False
         counted["limits of effort and speed"] += any(
-            0.0 <= _numbers(given, k, "inf", 1)[0] < FAR for k in ("effort", "velocity")
+            0.0 <= _read_numbers(given, k, "inf", 1)[0] < FAR for k in ("effort", "velocity")
         )
         if low > high:
             raise ElementRefusal(given, f"lower must be at most upper (got {low:g}, {high:g})")
@@ -181,7 +183,7 @@ class _Model:
         axis = e.find(tag)
         if axis is None:
             return np.array([0.0, 0.0, 1.0])
-        xyz, way = axis.find("xyz"), np.array(_numbers(axis, "xyz", "0 0 1", 3))
+        xyz, way = axis.find("xyz"), np.array(_read_numbers(axis, "xyz", "0 0 1", 3))
         expressed = "" if xyz is None else xyz.get("expressed_in", "")
         if is_true(axis, "use_parent_model_frame") or self.document.version in IN_MODEL:
             expressed = "__model__"
@@ -241,7 +243,7 @@ def _text(e: ET.Element, tag: str, default: str) -> str:
     return (e.findtext(tag) or default).strip()
 
 
-def _numbers(e: ET.Element, tag: str, default: str, count: int) -> list[float]:
+def _read_numbers(e: ET.Element, tag: str, default: str, count: int) -> list[float]:
     """Return the ``count`` numbers of child ``tag`` of ``e``, or ``default``; refuse any other content.
 
     They must be finite, except limits, which may be infinite.
@@ -268,7 +270,7 @@ def _pose(e: ET.Element) -> Frame:
         raise ElementRefusal(pose, "attribute 'frame' is not supported; version 1.7 has relative_to")
     quaternion = pose.get("rotation_format", "euler_rpy") == "quat_xyzw"
     count = 7 if quaternion else 6
-    x = _numbers(e, "pose", " ".join(["0"] * count), count)
+    x = _read_numbers(e, "pose", " ".join(["0"] * count), count)
     if quaternion:
         if not any(x[3:]):
             raise ElementRefusal(pose, "a quaternion must not be zero")

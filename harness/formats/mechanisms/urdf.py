@@ -137,11 +137,11 @@ class UrdfDocument:
         for e in self._root.findall("link/inertial"):
             for tag in {"mass", "inertia"} - {part.tag for part in e}:
                 raise ElementRefusal(e, f"expected mass and inertia (got no {tag})")
-            _number(e.findall("mass")[0], "value", given=True)
+            _read_number(e.findall("mass")[0], "value", given=True)
             inertia = e.findall("inertia")[0]
-            six = {k: _number(inertia, k, given=True) for k in SIX}
+            six = {k: _read_number(inertia, k, given=True) for k in SIX}
             for name, twin in TRANSPOSED.items():
-                if name in inertia.attrib and _number(inertia, name) != six[twin]:
+                if name in inertia.attrib and _read_number(inertia, name) != six[twin]:
                     raise ElementRefusal(
                         inertia, f"{name} must be {twin} (got {inertia.get(name)}, {inertia.get(twin)})"
                     )
@@ -151,7 +151,7 @@ class UrdfDocument:
             *self._root.findall("joint/axis"),
         ):
             for name in {"xyz", "rpy"} & {*e.keys()}:
-                _parse_vector(e, name)
+                _require_vector(e, name)
         for joint in self._joints:
             if joint.get("type") not in KINDS:
                 raise ElementRefusal(joint, f"type must be one of {', '.join(KINDS)} (got {joint.get('type')!r})")
@@ -184,9 +184,9 @@ class UrdfDocument:
         free = [j for j in self._joints if j.get("type") == "floating" and _read_end(j, "parent") != self._root_link()]
         for name, link in self._links.items() if free else ():
             mass, inertia = (link.find(f"inertial/{tag}") for tag in ("mass", "inertia"))
-            if mass is None or inertia is None or _number(mass, "value") != 0.0:
+            if mass is None or inertia is None or _read_number(mass, "value") != 0.0:
                 continue
-            if any(_number(inertia, k) for k in SIX):
+            if any(_read_number(inertia, k) for k in SIX):
                 raise ElementRefusal(
                     link,
                     f"{name!r} has inertia and no mass, which is not supported beside joint "
@@ -237,7 +237,7 @@ class UrdfDocument:
         if limit is None or not {"lower", "upper"} & {*limit.keys()}:
             self.omitted["joints without lower and upper limit, which are free here"] += 1
             return False
-        low, high = (_number(limit, k) for k in ("lower", "upper"))
+        low, high = (_read_number(limit, k) for k in ("lower", "upper"))
         if low > high:
             raise ElementRefusal(limit, f"lower must be at most upper (got {low:g}, {high:g})")
         if low == high != 0.0:
@@ -253,7 +253,7 @@ class UrdfDocument:
         mass = Counter[str]()
         for name, link in self._links.items():
             given = link.find("inertial/mass")
-            mass[self._find_carrier(name)] += 0.0 if given is None else _number(given, "value")  # type: ignore[assignment]
+            mass[self._find_carrier(name)] += 0.0 if given is None else _read_number(given, "value")  # type: ignore[assignment]
         for name, joint in self._parent.items():
             if joint.get("type") != "fixed" and not mass[name] > 0.0:
                 raise ElementRefusal(
@@ -277,7 +277,7 @@ class UrdfDocument:
         """Yield name, inertia element and inertia [kg m2] of each link that has one."""
         for name, link in self._links.items():
             if (e := link.find("inertial/inertia")) is not None:
-                xx, yy, zz, xy, xz, yz = (_number(e, k) for k in SIX)
+                xx, yy, zz, xy, xz, yz = (_read_number(e, k) for k in SIX)
                 yield name, e, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
@@ -286,23 +286,23 @@ def _read_end(joint: ET.Element, what: str) -> str:
     return next((e.get("link", "") for e in joint.findall(what)), "")
 
 
-def _parse_vector(e: ET.Element, name: str) -> None:
+def _require_vector(e: ET.Element, name: str) -> None:
     """Raise ElementRefusal unless the attribute ``name`` has three finite numbers."""
     given = e.get(name, "").split()
     if len(given) != 3:
         raise ElementRefusal(e, f"{name} must be three numbers (got {e.get(name)!r})")
     for text in given:
-        _finite(e, name, text)
+        _parse_finite(e, name, text)
 
 
-def _number(e: ET.Element, name: str, given: bool = False) -> float:
+def _read_number(e: ET.Element, name: str, given: bool = False) -> float:
     """Return the attribute ``name`` as a finite number; a missing one is 0, or refused if it must be ``given``."""
     if given and name not in e.attrib:
         raise ElementRefusal(e, f"expected attribute {name!r}")
-    return _finite(e, name, e.get(name, "0"))
+    return _parse_finite(e, name, e.get(name, "0"))
 
 
-def _finite(e: ET.Element, name: str, text: str) -> float:
+def _parse_finite(e: ET.Element, name: str, text: str) -> float:
     """Return ``text``, the value of attribute ``name``, as a finite number, or raise ElementRefusal."""
     try:
         value = float(text)

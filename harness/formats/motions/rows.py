@@ -52,7 +52,10 @@ def _rows_differ(found: Quantities, twice: np.ndarray) -> np.ndarray:
 
 
 def _remove_gaps(found: Quantities) -> Quantities:
-    """Return the quantities without rows of non-numbers that numbers follow; rows at the end stay: the run diverged."""
+    """Return the quantities without rows of non-numbers that numbers follow; rows at the end stay: the run diverged.
+
+    All stay if they are more than the part ``GAPS`` of the rows, or if the first is among them: the start is needed.
+    """
     finite = np.isfinite(found.t)
     for a in found.quantities.values():
         finite &= np.isfinite(a).reshape(len(a), -1).all(axis=1)

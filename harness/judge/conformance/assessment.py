@@ -18,7 +18,7 @@ from ...results.findings import Finding, leave_undetermined, state_finding
 from ...results.judgements.runs import Order
 from ...results.least_cost import find_cheapest
 from ...results.records import RunRecord
-from ...results.words import compute_reaction_share, describe_status, format_accurate_times, list_reasons
+from ...results.words import compute_reaction_error, describe_status, format_accurate_times, list_reasons
 from ...results.work import count_index_1_evaluations
 from ..cost import judge_growth
 from ..referee.certificates.drift import PERIODS, analyse_drift
@@ -250,9 +250,9 @@ def _assess_laws(
         none = "none returned" if done else "no run of the ladders succeeded"
         yield leave_undetermined("reactions", none if ladder else _describe_cut(len(left), 0))
         return
-    share = min(map(compute_reaction_share, known))
-    good = True if share <= RIGHT_REACTION else None if left else False  # a finer setting may have been left out
-    yield state_finding("reactions at the finest setting", f"off by {100.0 * share:.2g} %", "5 %", good)
+    error = min(map(compute_reaction_error, known))
+    good = True if error <= RIGHT_REACTION else None if left else False  # a finer setting may have been left out
+    yield state_finding("reactions at the finest setting", f"off by {100.0 * error:.2g} %", "5 %", good)
 
 
 def _assess_work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Finding]:

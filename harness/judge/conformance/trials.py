@@ -13,7 +13,7 @@ from ...reference.computation import find_reference
 from ...results.findings import Finding, judge_value, leave_open, make_failure
 from ...results.records import RunRecord
 from ...results.series import Series
-from ...results.words import compute_reaction_share, describe_status, list_reasons, qualify_status
+from ...results.words import compute_reaction_error, describe_status, list_reasons, qualify_status
 from ..law import STEP, TORQUE
 from ..metrics.reactions import choose_instants, compute_exact_loads, compute_moments_on_bodies
 
@@ -126,11 +126,11 @@ def check_reactions(e: Evidence) -> Finding:
     r = e.select_runs("finer")[-1]
     if missing := find_missing(r):
         return missing
-    share = compute_reaction_share(r)
-    known = not math.isnan(share)
+    error = compute_reaction_error(r)
+    known = not math.isnan(error)
     words = f"off by {r.reaction_error_max_N:.3g} N of {r.reaction_size_N:.3g} N, {r.moment_error_max_Nm:.3g} N m of "
     words = f"{words}{r.moment_size_Nm:.3g} N m: {r.case}" if known else "no reactions"
-    return judge_value(share, "of the largest", -math.inf, RIGHT_REACTION, words, count=int(known))
+    return judge_value(error, "of the largest", -math.inf, RIGHT_REACTION, words, count=int(known))
 
 
 def check_moments(e: Evidence) -> Finding:

@@ -62,8 +62,8 @@ def judge(found: list[CloudComparison]) -> str:
     It is ``NO_DIFFERENCE``, or names the quantities that differ, or says that members are missing or too few.
     """
     missing = max(c.missing for c in found)
-    both = [(p, c) for c in found for p in (c.p_score, c.ranks.p if c.ranks else np.nan) if np.isfinite(p)]
-    tests = [(p, f"{c.quantity} at {c.t_s:g} s") for p, c in both]
+    known = [(p, c) for c in found for p in (c.p_score, c.ranks.p if c.ranks else np.nan) if np.isfinite(p)]
+    tests = [(p, f"{c.quantity} at {c.t_s:g} s") for p, c in known]
     if not tests:
         return "too few members"
     if off := find_differing(tests):

@@ -1,6 +1,7 @@
 """Confine a submission by means of Linux: one folder to write to, no answers, no socket, no other process.
 
-landlock(7) restricts files and signals; the calls that it leaves open are refused (module ``calls``).
+landlock(7) restricts files, TCP and abstract sockets; calls that it leaves open are refused (module ``calls``). Memory
+and signals of other processes are out of reach already: ``isolate_process`` separates every run's process from them.
 """
 
 import ctypes
@@ -31,13 +32,18 @@ class _PathBeneath(ctypes.Structure):
 def confine_to_folder(folder: Path, hidden: Sequence[Path]) -> bool:
     """Confine this process and its children: they write below ``folder`` only, and read no file below ``hidden``.
 
-    Return whether the system enforces all of it, including signals to other processes (Linux 6.12 and later), sockets,
-    attributes of files and priorities of other processes. Root must also lose its rights to a separate namespace.
+    They may still read and write the null device, and read all other files. Sockets but pairs of streams, attributes of
+    files, shared memory and priorities of other processes are refused, too. Call it in a process that
+    ``isolate_process`` separated.
+
+    Return whether the system enforces all of that and of ``isolate_process``, which takes Linux 6.12 for signals. If
+    not, what it does enforce stays in force. A process of root counts as confined only in a user namespace of its own,
+    where it has lost root's rights over everything outside.
     """
     if not sys.platform.startswith("linux"):
         return False
-    system, user = ctypes.CDLL(None).syscall, os.getuid()
-    apart = _isolate_memory()
+    system, is_root = ctypes.CDLL(None).syscall, os.getuid() == 0
+    in_namespace = _isolate_memory()
     version = system(CREATE_RULESET, None, ctypes.c_size_t(0), 1)
     if version < 1:
         return False
@@ -60,7 +66,7 @@ def confine_to_folder(folder: Path, hidden: Sequence[Path]) -> bool:
     done = system(RESTRICT_SELF, ruleset, 0) == 0
     os.close(ruleset)
     refused = refuse_calls()
-    return done and refused and version >= SIGNALS and (apart or bool(user))
+    return done and refused and version >= SIGNALS and (in_namespace or not is_root)
 
 
 def _isolate_memory() -> bool:

@@ -226,8 +226,9 @@ def _measure_in_process(run: _SolvedRun) -> RunRecord:
 def _measure(run: _SolvedRun) -> RunRecord:
     """Measure the outcome of a run against its instance, store the record and return it.
 
-    Its cost is the CPU time of the whole process. That includes code generation, because a submission could report any
-    of its own time as such.
+    Without a handover the record says how the process ended; with one that is unreadable or has no claimed status, that
+    the solver failed; else the motion is judged. Its cost is the CPU time of the whole process. That includes code
+    generation, because a submission could report any of its own time as such.
     """
     job, ended = run.job, run.ended[-1]
     problem = _problem(job)

@@ -13,7 +13,7 @@ from ....harness.results.judgements.files import WORK
 from ....harness.results.judgements.runs import WorkPoint, WorkProfile
 from ....harness.results.least_cost import fit_growth
 from ...model.accuracy import choose_measure
-from ...model.frontier import Frontier, select_broad, select_shared_target, sort_engines_first
+from ...model.frontier import Frontier, select_at_shared_target, select_broad, sort_engines_first
 from ...model.motion import count_bodies
 from ...model.results import StoredResults, StoredRun, group_by, group_by_solver
 from ...model.words import format_decade, join_words, mark_status, number, plural, seconds, time
@@ -68,7 +68,7 @@ def state_cheapest(found: Sequence[Frontier]) -> str:
 
     Only problems with a decided cheapest solver count; solvers that lead on equally many are all named.
     """
-    if not (own := select_shared_target(found)):
+    if not (own := select_at_shared_target(found)):
         return "What accuracy costs"
     firsts = Counter(f.places[0].run.record.solver for f in own if not f.doubt)
     most = max(firsts.values(), default=0)

@@ -13,7 +13,7 @@ from ....harness.mechanics.types import Status
 from ....harness.results.series import Series
 from ....harness.results.words import find_broken_law
 from ...model.results import StoredResults, StoredRun, group_by, group_by_solver
-from ...model.scores import SolverScore, score
+from ...model.scores import SolverScore, count_outcomes
 from ...model.words import claim_success, number, plural
 from ...plots.spec import LineStyle
 from ..base import Page, Site
@@ -35,7 +35,7 @@ def tabulate_survival(runs: Sequence[StoredRun]) -> dict[str, tuple[SolverScore,
     """Return by solver how its runs ended and the least fraction of the time at which one stopped; 1 if none did."""
     ended = {name: [c for c in own if not c.is_unfinished] for name, own in sorted(group_by_solver(runs).items())}
     return {
-        name: (score(own), min((compute_reached_fraction(c) for c in own if c.has_stopped), default=1.0))
+        name: (count_outcomes(own), min((compute_reached_fraction(c) for c in own if c.has_stopped), default=1.0))
         for name, own in ended.items()
     }
 
@@ -207,7 +207,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
         "atlas.html",
         scripts=["assets/judgement.js"],
         groups=group_stops(results, stopped, site.looks),
-        title=state_stops(score(results.runs)),
+        title=state_stops(count_outcomes(results.runs)),
         survival=tabulate_survival(results.runs),
         broken=group_broken(results.runs),
         refused=group_families([c for c in results.runs if c.status == "refused"]),

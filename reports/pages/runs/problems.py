@@ -12,7 +12,7 @@ from ...mechanism.stage import make_stage
 from ...model.accuracy import choose_measure, find_judged_end
 from ...model.catalogue import describe_mechanism, explain_difficulty, name_external_code
 from ...model.curves import SPANS_UPPER
-from ...model.frontier import select_shared_target
+from ...model.frontier import select_at_shared_target
 from ...model.heat import HeatMap, describe_extremes, make_cells, sort_cells
 from ...model.margin import find_margin
 from ...model.motion import MotionCurves, read_curves
@@ -201,7 +201,7 @@ def _cheapest_first(variant: Variant, site: Site) -> list[StoredRun]:
         return {name: value for name, value in v.runs[0].parameters.items() if name != "t_end"}
 
     same = {v.title for v in site.results.variants if v.problem == variant.problem and start(v) == start(variant)}
-    found = select_shared_target([f for f in site.frontiers if f.variant in same])
+    found = select_at_shared_target([f for f in site.frontiers if f.variant in same])
     order = [p.run.record.solver for f in sorted(found, key=lambda f: -len(f.places)) for p in f.places]
     sound = [c for c in variant.runs if c.is_success and c.record.solver in order]
     return sorted(sound, key=lambda c: (order.index(c.record.solver), c.record.cpu_median_s))

@@ -8,9 +8,9 @@ from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRO
 from ....harness.results.judgements.runs import Drift, Order
 from ....harness.results.words import describe_breach
 from ...model.catalogue import describe_method
-from ...model.frontier import Frontier, select_broad, select_shared_target
+from ...model.frontier import Frontier, select_at_shared_target, select_broad
 from ...model.results import StoredResults, StoredRun, format_exactly, group_by, group_by_solver, make_natural_key
-from ...model.scores import SolverScore, rank_solvers, score
+from ...model.scores import SolverScore, count_outcomes, rank_solvers
 from ...model.tracking import TrackingTime, list_tracking_times
 from ...model.variants import find_plain_label, group_by_label, select_variants
 from ...model.words import format_decade, number, plural, time
@@ -32,7 +32,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
     judged = [read_judged_or_published(results.folder, file) for file in FILES]
     picture = site.heat_map
     follow = [f for p in (picture.problems if picture else ()) for f in list_tracking_times(p)]
-    costs = select_shared_target(select_broad(results, site.frontiers))
+    costs = select_at_shared_target(select_broad(results, site.frontiers))
     loud = sorted(results.runs, key=lambda c: (c.record.label != label, c.variant not in plain))
     for name, runs in group_by_solver(results.runs).items():
         orders, drifts, symmetries, wrong = ([x for x in j.found or () if x.solver == name] for j in judged)
@@ -61,7 +61,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
             work=work,
             borrowed="plots-cost" if work else "",
             runs=runs,
-            score=score(runs),
+            score=count_outcomes(runs),
             most=CHIPS,
             options=_options(runs),
             reasons=reasons,
@@ -95,7 +95,7 @@ def _options(runs: Sequence[StoredRun]) -> dict[str, SolverScore]:
         for words in [f"{k} = {format_exactly(v)}" for k, v in c.options.items()] or ["all at their defaults"]:
             found.setdefault(words, []).append(c)
     ordered = sorted(found, key=lambda words: (words != "all at their defaults", words))
-    return {words: score(found[words]) for words in ordered}
+    return {words: count_outcomes(found[words]) for words in ordered}
 
 
 def describe_solver(

@@ -109,7 +109,7 @@ def _drop_rounding(K: Matrix, nu: int) -> None:
 
 
 class EliminationLists(NamedTuple):
-    """The bundle of an elimination by lists: columns of L, each with its pivot first, indices, and work arrays."""
+    """The bundle ``s`` of an elimination by lists: columns of L, each with its pivot first; indices; work arrays."""
 
     K: Any
     source: Any  # (m,) entries of K
@@ -120,7 +120,7 @@ class EliminationLists(NamedTuple):
     value: Any  # (n,) pivots where the order was found
     W: Any  # (size,) D and L D
     L: Any  # (size,) 1/D and L
-    least: Any  # (1,) pivot over its value
+    least: Any  # (1,) least pivot over its value, at most 1
     b: Any  # (nu + rows,) right-hand side
     x: Any  # (size of K,)
     u: Any  # (nu,) results
@@ -185,7 +185,12 @@ def make_lists(pattern: Pattern, order: EliminationOrder, K: np.ndarray) -> Elim
 
 
 def factor_by_lists(s: Any) -> None:
-    """Factorise ``K`` into ``L`` in the order of the lists; set ``least``, the least pivot over its ``value``."""
+    """Factorise ``K`` = L D L^T in the order of the lists ``s``, and set ``least``, the least pivot over its ``value``.
+
+    Of each column the array ``L`` has 1/D first, in place of the diagonal of L, which is 1, then the entries below it.
+    ``least`` is at most 1, for pivots that are nowhere less than where the order was found; the march compares it with
+    limits below 1.
+    """
     clear(s.W)
     for n in range(len(s.source)):
         s.W[s.target[n]] = s.K[s.source[n]]

@@ -31,7 +31,7 @@ KEPT = ("energy_error", "obs_C_*")
 
 def run_all(folder, keep):
     specs = tuple(specify_run(p, s, q, **c) for p, q, s, c in RUNS)
-    request = Request(Suite("some", "a few runs", specs, ""), folder, 1, keep=keep and (lambda spec: keep))
+    request = Request(Suite("some", "a few runs", specs, ""), folder, 1, choose_rows=keep and (lambda spec: keep))
     run_watched(request, quiet=True)
     return {r.settings_id: r for r in store.load(folder).records}
 

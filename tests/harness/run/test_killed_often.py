@@ -105,7 +105,7 @@ def test_kills_and_suspensions_lose_nothing(tmp_path, RUNS, KILLS, SUSPENSIONS):
     assert f"{len(kept) - len(again)} already done" in out or len(kept) == len(again), out
     assert all(done(folder)[name] == when for name, when in kept.items() if name.removesuffix(".json") not in again)
     calm = load_suite(str(suite))
-    run_suite(Request(calm, tmp_path / "calm", 2, keep=make_series_choice(calm)), Silent())
+    run_suite(Request(calm, tmp_path / "calm", 2, choose_rows=make_series_choice(calm)), Silent())
     loaded = [store.load(x) for x in (folder, tmp_path / "calm")]
     killed, calm = (store.table(x.records).drop(columns=TIMED) for x in loaded)
     assert len(killed) == RUNS and killed.equals(calm), killed.compare(calm).to_string()

@@ -64,7 +64,7 @@ def test_what_the_harness_ended_is_in_no_count():
     from mbsbench.harness.results.records import RunRecord
     from mbsbench.harness.results.words import list_reasons
     from mbsbench.reports.model.results import StoredRun
-    from mbsbench.reports.model.scores import score
+    from mbsbench.reports.model.scores import count_outcomes
     from mbsbench.reports.model.words import mark_status
 
     good = RunRecord(run_id="a", solver="alpha", status="success", claimed="success", ended_by="solver")
@@ -76,7 +76,7 @@ def test_what_the_harness_ended_is_in_no_count():
         ended_by="cpu_limit",
         message="CPU limit of 60 s reached at t = 3 s",
     )
-    counted = score([StoredRun(good), StoredRun(cut)])
+    counted = count_outcomes([StoredRun(good), StoredRun(cut)])
     assert (counted.runs, counted.succeeded, counted.stopped) == (1, 1, 0) and counted.words == "1 succeeded"
     assert mark_status("unfinished").word == "not finished here" and list_reasons(cut)[0].startswith(
         "not finished here: CPU limit"

@@ -95,7 +95,7 @@ def test_a_law_that_changes_needs_no_new_motion(tmp_path, strict, other_code, ho
     """Numbers, costs and files are those of before; the status is that of the law; a suite finds all of it done."""
     folder, plugins = tmp_path / "run", (PLUGIN, strict)
     keep = (lambda spec: ("energy_error",)) if how == "brief" else None
-    run_suite_text(folder, TEXT, 1, lossless=how == "lossless", keep=keep, plugins=plugins)
+    run_suite_text(folder, TEXT, 1, lossless=how == "lossless", choose_rows=keep, plugins=plugins)
     before = read(folder)
     assert {r.status for r in before.values()} >= {"success", "crashed", "refused", "step_underflow"}
     other_code()
@@ -118,7 +118,9 @@ def test_a_law_that_changes_needs_no_new_motion(tmp_path, strict, other_code, ho
     if not again:
         return
     assert main(command(folder, *plugins)) == 0  # nothing is left to do
-    _, watcher = run_suite_text(folder, TEXT, 1, lossless=how == "lossless", keep=keep, resume=True, plugins=plugins)
+    _, watcher = run_suite_text(
+        folder, TEXT, 1, lossless=how == "lossless", choose_rows=keep, resume=True, plugins=plugins
+    )
     assert watcher.ran == [] and watcher.set_aside == []
 
 

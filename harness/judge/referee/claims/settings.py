@@ -1,4 +1,4 @@
-"""Judge a claim at each setting of its map: group runs, join those to compare with, measure, and hold to the bands.
+"""Judge a claim at each setting of its map: group runs, find their partners, measure, and compare with the bands.
 
 A setting is left open, and out of the count, if its runs settle nothing: a limit ended them (module endings), they
 ended before the time of the claim, runs to be compared have no numbers, no partner or the same steps, or they lack
@@ -23,7 +23,7 @@ LOOSEST_FIRST = ("tolerance", "step", "max_step")  # dimensions whose values are
 # dimensions in which a control must equal the run that it is compared with
 BESIDE = ("problem", "omega_z", "literal_start", "release", "duration", "frame", "chart", "tolerance", "max_step")
 ACTS = 0.01  # relative change of the mean step below which a reduction had no effect
-Joined = Mapping[str, Sequence[TriedRun]]  # the runs that each, by settings_id, is compared with
+Partners = Mapping[str, Sequence[TriedRun]]  # the runs that each, by settings_id, is compared with
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +60,16 @@ def find_settings(claim: Claim, own: Iterable[TriedRun], others: Sequence[TriedR
         groups.setdefault(repr(rest), []).append(p)
     out = []
     for group in groups.values():
-        joined = {p.settings_id: _join(claim, p, others) for p in group}
+        partners_of = {p.settings_id: _find_partners(claim, p, others) for p in group}
         if not claim.across:
-            out.append(_judge_setting(claim, group, joined))
+            out.append(_judge_setting(claim, group, partners_of))
             continue
         ordered = sorted(group, key=lambda p: p.dimensions.get(claim.across) or 0.0)
         if claim.across in LOOSEST_FIRST:
             ordered.reverse()
         for part, wanted in _split_ranges(claim, ordered):
             if len(part) > 1:
-                found = (_find_nearest if claim.one_suffices else _judge_setting)(claim, part, joined)
+                found = (_find_nearest if claim.one_suffices else _judge_setting)(claim, part, partners_of)
                 values = {p.dimensions.get(claim.across) for p in part}
                 whole = len(values) >= wanted if isinstance(wanted, int) else values >= set(wanted)
                 out.append(found if whole else leave_open(found))
@@ -136,28 +136,28 @@ def keep_cheaper(p: TriedRun, found: list[TriedRun]) -> list[TriedRun]:
     return [q for q in found if operations(q.record) <= operations(p.record)] or cheapest
 
 
-# rare keys of a claim, each a function of a run and the runs that it is compared with, in the order applied
-JOINS: dict[str, Callable[[TriedRun, list[TriedRun]], list[TriedRun]]] = {
+# rare keys of a claim: functions that select from the partners of a run, in the order applied
+PARTNER_RULES: dict[str, Callable[[TriedRun, list[TriedRun]], list[TriedRun]]] = {
     "must_act": keep_acting,
     "at_equal_work": keep_cheaper,
 }
 
 
-def _join(claim: Claim, p: TriedRun, others: Sequence[TriedRun]) -> list[TriedRun]:
-    """Return the runs that ``p`` is compared with."""
+def _find_partners(claim: Claim, p: TriedRun, others: Sequence[TriedRun]) -> list[TriedRun]:
+    """Return the partners of ``p``: the runs that it is compared with, by the claim's rules."""
     found = [q for q in others if is_partner(claim, p, q)]
-    for key, keep in JOINS.items():
+    for key, keep in PARTNER_RULES.items():
         found = keep(p, found) if getattr(claim, key) else found
     return found
 
 
-def _judge_setting(claim: Claim, runs: Sequence[TriedRun], joined: Joined) -> Setting:
+def _judge_setting(claim: Claim, runs: Sequence[TriedRun], partners_of: Partners) -> Setting:
     """Return one setting: the number of each test, whether the claim holds, and why if it is left open."""
-    beside = [q for p in runs for q in joined[p.settings_id]]
+    beside = [q for p in runs for q in partners_of[p.settings_id]]
     used = [*runs, *beside]
-    numbers = tuple(_find_number(claim, t, runs, joined) for t in claim.tests)
+    numbers = tuple(_find_number(claim, t, runs, partners_of) for t in claim.tests)
     tested = list(zip(claim.tests, numbers, strict=True))
-    each = [_hold(claim, t, v, runs, beside) for t, v in tested]
+    each = [_judge_test(claim, t, v, runs, beside) for t, v in tested]
     holds = False if False in each else None if None in each else True
     if any(h is None and t.measure.of_stopped for h, t in zip(each, claim.tests, strict=True)):
         holds = None  # it did not stop by itself, and the claim is about such stops
@@ -183,13 +183,13 @@ def _judge_setting(claim: Claim, runs: Sequence[TriedRun], joined: Joined) -> Se
     )
 
 
-def _find_nearest(claim: Claim, runs: Sequence[TriedRun], joined: Joined) -> Setting:
+def _find_nearest(claim: Claim, runs: Sequence[TriedRun], partners_of: Partners) -> Setting:
     """Return the setting of a group of runs in which one run that meets all tests suffices.
 
     Its numbers are those at a value along ``across`` that meets all tests or, without any, at the one that comes
     nearest.
     """
-    each = [_judge_setting(claim, [p], joined) for p in runs]
+    each = [_judge_setting(claim, [p], partners_of) for p in runs]
 
     def rank(s: Setting) -> tuple[int, int, float]:
         """Return the sort key of a run's setting, largest for the one that meets the claim best."""
@@ -210,10 +210,12 @@ def _find_nearest(claim: Claim, runs: Sequence[TriedRun], joined: Joined) -> Set
     )
 
 
-def _hold(claim: Claim, test: Test, value: float, own: Sequence[TriedRun], beside: Sequence[TriedRun]) -> bool | None:
-    """Return whether one test holds for its number ``value``; None if its runs leave it open.
+def _judge_test(
+    claim: Claim, test: Test, value: float, own: Sequence[TriedRun], beside: Sequence[TriedRun]
+) -> bool | None:
+    """Judge one test by its number ``value``: return whether it holds; None if its runs leave it open.
 
-    ``own`` are the setting's runs, ``beside`` those that they are compared with. A run of its own settles the test even
+    ``own`` are the setting's runs, ``beside`` their partners. A run of its own settles the test even
     if it was cut short, once no continuation could change the outcome.
     """
     first, *rest = (*own, *beside)
@@ -225,9 +227,13 @@ def _hold(claim: Claim, test: Test, value: float, own: Sequence[TriedRun], besid
         or not (final and all(is_final(test, p.record, find_ending(claim, p)) for p in rest))
     ):
         return None
-    dearer = (reached_end(p.record) and operations(q.record) > operations(p.record) for p in own for q in beside)
-    if claim.at_equal_work and all(dearer):
-        return None if test.band.measure_excess(value) < 0.0 else False  # not met with more work, so not with less
+    # true without partners, too: a test that compares has no number then, and is open already
+    pairs = ((p.record, q.record) for p in own for q in beside)
+    only_dearer = all(reached_end(p) and operations(q) > operations(p) for p, q in pairs)
+    if claim.at_equal_work and only_dearer:
+        # What a partner missed with more work than the setting's own run it would miss with as much: the test fails. A
+        # number inside the band may be due to that work: it is left open; one at an end of the band counts as missed.
+        return None if test.band.measure_excess(value) < 0.0 else False
     return test.band.holds(value)
 
 
@@ -261,14 +267,14 @@ def find_ending(claim: Claim, p: TriedRun) -> Ending:
     return Ending.FINAL if claim.starting and p.ending is Ending.NO_START else p.ending
 
 
-def _find_number(claim: Claim, test: Test, runs: Sequence[TriedRun], joined: Joined) -> float:
+def _find_number(claim: Claim, test: Test, runs: Sequence[TriedRun], partners_of: Partners) -> float:
     """Return the number of a test at a setting: that of its run, or combined over its runs along ``across``.
 
     If the test compares, each run's number is first compared with those of its partners.
     """
     if test.combine in RATIOS and claim.across in LOOSEST_FIRST:
         runs = _leave_reduced(test, runs)
-    values = [_compare_run(test, p, joined[p.settings_id]) for p in runs]
+    values = [_compare_run(test, p, partners_of[p.settings_id]) for p in runs]
     return values[0] if test.combine in ("", NEAREST) else COMBINE[test.combine](values)
 
 
