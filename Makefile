@@ -32,7 +32,7 @@ COMPARE := $(BIN)/python -m mbsbench.tests.processors.compare_bits
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test release core attacks mutants exam test-shapes test-python test-published test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
+.PHONY: help setup test release core attacks mutants exam test-shapes test-python test-versions test-published test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -71,6 +71,9 @@ test-python: $(READY) ## with PYTHON=python3.13 or another: try a wheel of this,
 	cd $(OTHER) && bin/mbsbench solve heavy_top rk45_strong_form --problem-set t_end=0.2 --out heavy_top.npz
 	$(OTHER)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	$(OTHER)/bin/python -m pytest -q -p no:cacheprovider -n 2 --benchmark-disable -m "not slow" $(SHORTEST)
+
+test-versions: $(READY) ## try the oldest and the newest versions on PyPI that pyproject.toml allows, and say what broke; ten minutes
+	$(BIN)/python -m mbsbench.tests.versions $(SHORTEST)
 
 test-slow: $(CLUSTER) ## run all tests, with those of a cluster (installs Dask)
 	$(BIN)/python -m pytest -q -n 2 --benchmark-disable
