@@ -27,7 +27,7 @@ from .march import Grid, march
 from .mechanics import Mechanism, Rows
 
 DIFFERENCE = 1e-7  # change of the unknowns in Jacobians by differences
-ENOUGH = 0.25  # of phi_dot: an augmentation that leaves more raises the penalty, as in ``methods/gc_newton.py``
+ENOUGH = 0.25  # share of phi_dot: an augmentation that leaves more raises the penalty
 
 
 class Node(NamedTuple):
@@ -102,7 +102,7 @@ class Step:
         rows, f = m.rows(t, r, R, v), m.loads(t, r, R, v).ravel()
         c = self.directions(rows)
         M_bar = np.array([np.sum(one * m.multiply_by_inertia(one)) for one in c])  # (30)
-        f_bar = c @ self.mechanism.turn_to_bodies(R, f) if choices.f_bar else np.zeros(m.nr)  # (30)
+        f_bar = c @ m.turn_to_bodies(R, f) if choices.f_bar else np.zeros(m.nr)  # (30)
         C_bar, K_bar = choices.c_bar * M_bar, choices.k_bar * M_bar
         if self.settings.by_forces:
             by_rate, by_pose = m.spring_slopes(r, R, v, c)

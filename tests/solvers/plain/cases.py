@@ -29,6 +29,7 @@ from mbsbench.solvers.plain.mechanics import Mechanism
 from ..arbitrary_joints import moving_rows, one_joint
 from ..arbitrary_systems import consistent, with_user_forces
 from .laws import Law, make_laws
+from .newton_laws import make_newton_laws
 from .test_contract import AS_PRINTED, EQUAL_LOADS, NESTED, SHARP, compare_runs, problem_of
 from .test_error_controlled import (
     CLOSE,
@@ -172,7 +173,7 @@ def make_cases(solvers: Collection[str]) -> list[Case | Law]:
     """Make all cases of some solvers, with the plain runs, and the laws of that name."""
     problems = make_problems()
     fixed = [one for one in FIXED if one[0] in solvers]
-    found: list[Case | Law] = list(make_laws(solvers))
+    found: list[Case | Law] = [*make_laws(solvers), *make_newton_laws(solvers)]
     found += [_fix(solver, options, problems[name]) for solver, options, names in fixed for name in names]
     found += [_alternate(solver, options, problems["linkage"]) for solver, options in BY_TURNS if solver in solvers]
     if AL in solvers:

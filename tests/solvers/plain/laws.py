@@ -18,7 +18,7 @@ from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.joints import KINDS, JointKind
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.solvers.formulations.compiled import algebra, block_lu
-from mbsbench.solvers.formulations.compiled.entries import BoundFunction, Program
+from mbsbench.solvers.formulations.compiled.entries import BoundFunction
 from mbsbench.solvers.formulations.compiled.kernel import list_parts, make_kernel, set_state
 from mbsbench.solvers.formulations.compiled.saddle_pattern import analyse_saddle
 from mbsbench.solvers.formulations.methods import free_body, radau, radau_error
@@ -27,7 +27,6 @@ from mbsbench.solvers.plain.mechanics import Mechanism, move, solve
 
 from ..arbitrary_joints import all_joints, moving_rows, one_joint
 from ..arbitrary_systems import consistent, linkage, with_user_forces
-from ..methods import test_gc_newton
 
 ROUNDED = 1e-15  # of single operations
 LEFT = 1e-12  # of the size of a quantity: what rounding leaves of solutions with S
@@ -72,8 +71,6 @@ def make_laws(rooms: Collection[str]) -> list[Law]:
     found += [_of_free_body(solver) for solver in ("rattle", "lie_variational") if solver in rooms]
     if "radau_ggl" in rooms:
         found.append(_of_radau())
-    if "gc_weak_form" in rooms:
-        found += [_of_newton_matrix(name, choices) for name, own in NEWTON.items() for choices in own]
     if "saddle" in rooms:
         found.append(_of_saddle())
     return found
@@ -315,35 +312,6 @@ def _of_radau() -> Law:
         return dict(zip(plain, found, strict=True))
 
     return Law("radau_ggl, coefficients", evaluate, plain, ROUNDED)
-
-
-NEWTON = {  # settings of ODE-GC's full Newton step, beside those of the system
-    "pins": ({}, {"gauge": 0.0, "corrective": 1, "c_bar": 2.0, "k_bar": 5.0, "use_f_bar": 0}),
-    "springs": ({"use_f_bar": 0},),
-}
-
-
-def _of_newton_matrix(name: str, choices: dict[str, float]) -> Law:
-    """The matrix of Eq. (79): central differences of the residual of (74) and (75).
-
-    With C_bar or K_bar the step begins at phi = phi_dot = mu = lam = 0: slopes of M_bar are left out of the matrix.
-    """
-
-    def begin() -> Any:
-        s = test_gc_newton.arbitrary_step(test_gc_newton.SYSTEMS[name], **choices)
-        if "corrective" in choices:
-            for x in (s.terms.lam0, s.terms.mu0, s.terms.phi0, s.terms.phi_dot0):
-                x[:] = 0.0
-            Program.run(s.begin_step)
-        return s
-
-    def evaluate() -> dict[str, np.ndarray]:
-        s = begin()
-        Program.run(s.evaluate)
-        return {"entry of Newton's matrix": test_gc_newton.dense(s)}
-
-    plain = {"entry of Newton's matrix": test_gc_newton.slopes(begin())}
-    return Law(f"gc_weak_form {choices}, {name}", evaluate, plain, 2e-8)
 
 
 def _of_saddle() -> Law:

@@ -3,11 +3,13 @@
 import pytest
 
 from .laws import make_laws
+from .newton_laws import make_newton_laws
 
-ROOMS = ("kernel", "rotations", "rattle", "lie_variational", "radau_ggl", "gc_weak_form", "saddle")
+ROOMS = ("kernel", "rotations", "rattle", "lie_variational", "radau_ggl", "saddle")
+LAWS = [*make_laws(ROOMS), *make_newton_laws(("gc_weak_form", "gc_augmented_lagrangian"))]
 
 
-@pytest.mark.parametrize("law", make_laws(ROOMS), ids=lambda law: law.name)
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 def test_law(law):
     """Each quantity is that of plain NumPy."""
     law.compare(law.solve())

@@ -11,7 +11,7 @@ import pytest
 
 from mbsbench.harness.results.environment import ROOT
 
-from .mutants import FILES, OPEN, SOLVERS, find_reason, read_reasons
+from .mutants import FILES, SOLVERS, find_reason, read_reasons
 from .mutating import list_mutants
 
 STATE = "(?:position r|pose R|velocity v|velocity Omega)"
@@ -52,7 +52,7 @@ def test_a_sample_of_all_mutants_is_killed_or_explained():
 def test_each_explanation_is_of_a_mutant_that_there_is():
     """A reason whose line has changed is out of date."""
     mutants = {file: list_mutants(SOLVERS / file, file) for file in FILES}
-    assert sum(map(len, mutants.values())) > 2000 and set(FILES) > OPEN
+    assert sum(map(len, mutants.values())) > 2000
     for one in read_reasons():
         own = [m for m in mutants[one["file"]] if find_reason(m, [one])]
         assert own and len(one["reason"].split()) > 3, one
