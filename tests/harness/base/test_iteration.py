@@ -14,6 +14,7 @@ SLOW = 0.1
 
 def correct(s, i, stale):
     """Correct x towards the root of x^2 = 2, with a new slope where it is stale; return the size of the correction."""
+    assert stale == s.slow
     if stale:
         s.slope, s.slopes = 2.0 * s.x, s.slopes + 1
     change = (2.0 - s.x * s.x) / s.slope
@@ -23,24 +24,30 @@ def correct(s, i, stale):
 
 def classify(s, i, size, last):
     """Ask for a new slope where a correction is not much smaller than the last."""
+    s.slow = size > SLOW * last
     if not math.isfinite(size):
         return FAILED
     if size < 1e-15:
         return SETTLED
-    return STALE if size > SLOW * last else GO_ON
+    return STALE if s.slow else GO_ON
+
+
+def start(x=1.0):
+    """Return an iteration that starts at x, with a poor slope."""
+    return SimpleNamespace(x=x, slope=4.0, slopes=0, slow=False)
 
 
 def test_an_iteration_settles_and_its_slope_is_renewed_where_it_is_slow():
     """The first slope is poor: kept, it gains one digit in three sweeps."""
-    s = SimpleNamespace(x=1.0, slope=4.0, slopes=0)
+    s = start()
     assert iterate(s, correct, classify, 20)
     assert s.x == pytest.approx(math.sqrt(2.0), abs=1e-15)
     assert 1 <= s.slopes < s.sweeps < 12, (s.slopes, s.sweeps)
 
 
 def test_an_iteration_ends_where_it_fails_and_where_sweeps_end():
-    assert not iterate(SimpleNamespace(x=1.0, slope=4.0, slopes=0), correct, classify, 3)
-    s = SimpleNamespace(x=math.inf, slope=4.0, slopes=0)
+    assert not iterate(start(), correct, classify, 3)
+    s = start(math.inf)
     assert not iterate(s, correct, classify, 20) and s.sweeps == 1
 
 
