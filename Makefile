@@ -72,7 +72,7 @@ test-python: $(READY) ## with PYTHON=python3.13 or another: try a wheel of this,
 	$(OTHER)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	$(OTHER)/bin/python -m pytest -q -p no:cacheprovider -n 2 --benchmark-disable -m "not slow" $(SHORTEST)
 
-test-versions: $(READY) ## try the oldest and the newest versions on PyPI that pyproject.toml allows, and say what broke; ten minutes
+test-versions: $(READY) ## try the oldest and the newest versions on PyPI that pyproject.toml allows, and say what broke
 	$(BIN)/python -m mbsbench.tests.versions $(SHORTEST)
 
 test-slow: $(CLUSTER) ## run all tests, with those of a cluster (installs Dask)

@@ -24,6 +24,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from mbsbench.harness.base.private_interfaces import KNOWN
+from mbsbench.harness.results.records import parse_record_json
 
 ROOT = Path(__file__).resolve().parents[1]
 PLACE = ROOT / ".venv" / "versions"
@@ -72,7 +73,7 @@ def try_environment(place: Path, wanted: Sequence[str], tests: Sequence[str]) ->
     venv.create(place, with_pip=True)
     python = str(place / "bin" / "python")
     for words in (wanted, ("--no-deps", "--no-build-isolation", "--editable", str(ROOT))):
-        done = _run(python, *PIP, "install", "--progress-bar", "off", *words)
+        done = _run(python, *PIP, "install", "--no-compile", "--progress-bar", "off", *words)
         if done.returncode:
             said = re.findall(r"^(?:ERROR: |    )(\S.+)", done.stdout + done.stderr, re.MULTILINE)
             return Tried({}, [f"pip: {line}" for line in said or [f"ended with {done.returncode}"]])
@@ -93,8 +94,11 @@ def run_solvers(place: Path) -> list[str]:
     solvers = sorted(p.stem for p in (ROOT / "solvers").glob("*.py") if p.stem != "__init__")
     (place / "versions.toml").write_text(SUITE.format(json.dumps(solvers)), encoding="utf-8")
     done = _run(f"{place}/bin/mbsbench", "run", f"{place}/versions.toml", "--out", f"{place}/results")
-    records = [json.loads(p.read_text(encoding="utf-8")) for p in (place / "results" / "runs").glob("*.json")]
-    ended = {r["solver"]: (r["status"], r["message"]) for r in records}
+    records = [
+        parse_record_json(json.loads(p.read_text(encoding="utf-8"))["record"])
+        for p in (place / "results" / "runs").glob("*.json")
+    ]
+    ended = {r.solver: (r.status, r.message) for r in records}
     pairs = ((s, ended.get(s, ("no record", done.stderr[-300:]))) for s in solvers)
     return [f"{s}: {status} {message}" for s, (status, message) in pairs if status != "success"]
 
